@@ -1,4 +1,4 @@
-"""`python -m plant_emulator`: the same as the command `plant`."""
+"""Run the command `plant` as `python -m plant_emulator`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The console script `plant`."""
+"""Defines the console script `plant`."""
 
 from firmware_py.program import TYPE_CHECKING, Program
 

@@ -1,4 +1,7 @@
-"""Randomness of one run: a generator of its own for every source, so that none disturbs another."""
+"""Random numbers of one run.
+
+Each source has its own generator, so that no source affects another.
+"""
 
 import enum
 from typing import Final
@@ -6,11 +9,15 @@ from typing import Final
 import numpy as np
 
 BLOCK: Final = 1024
-"""Numbers are drawn so many at a time; one call of a generator costs as much as a plant step."""
+"""Random numbers are generated in blocks of this size, because one generator call costs as much as
+a whole plant step."""
 
 
 class NoiseSource(enum.IntEnum):
-    """Everything that is drawn. A new source goes to the end: the number is part of its seed."""
+    """All sources of randomness.
+
+    Append new sources at the end, because the number is part of the seed.
+    """
 
     BRAKE_DEAD_TIME = 0
     BRAKE_LAG = 1
@@ -32,19 +39,19 @@ class NoiseSource(enum.IntEnum):
 
 
 class Generators:
-    """The generators of one seed."""
+    """One independent generator for each noise source, derived from one seed."""
 
     def __init__(self, seed: int) -> None:
         children = np.random.SeedSequence(seed).spawn(len(NoiseSource))
         self._children = dict(zip(NoiseSource, children, strict=True))
 
     def of(self, source: NoiseSource) -> np.random.Generator:
-        """A fresh generator, which draws the same numbers each time it is asked for."""
+        """Return a fresh generator; every call with the same source gives the same sequence."""
         return np.random.Generator(np.random.PCG64(self._children[source]))
 
 
 class Uniform:
-    """Draws spread evenly over [low, high)."""
+    """Samples uniformly distributed over [low, high)."""
 
     __slots__ = ("_block", "_generator", "_low", "_span")
 
@@ -55,7 +62,7 @@ class Uniform:
         self._block: list[float] = []
 
     def reseed(self, generator: np.random.Generator) -> None:
-        """Draw what is still to come from another generator."""
+        """Take all further samples from another generator."""
         self._generator = generator
         self._block = []
 
@@ -67,7 +74,7 @@ class Uniform:
 
 
 class Gaussian:
-    """Normal draws about zero; those beyond `clip` become `clip`."""
+    """Normally distributed samples with mean zero, limited to ±`clip`."""
 
     __slots__ = ("_block", "_clip", "_generator", "_sigma")
 
@@ -82,7 +89,7 @@ class Gaussian:
         self._block: list[float] = []
 
     def reseed(self, generator: np.random.Generator) -> None:
-        """Draw what is still to come from another generator."""
+        """Take all further samples from another generator."""
         self._generator = generator
         self._block = []
 

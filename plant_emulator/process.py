@@ -1,4 +1,7 @@
-"""The plant as a device: commands in, the world a step further, frames and telegrams out."""
+"""The plant as a device on the bus.
+
+It receives commands, steps the world, and sends frames and telegrams.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -58,33 +61,36 @@ TRUTH_COLUMNS: Final = (
     "odometer_error_m",
     "tags_read",
 )
-"""Of the truth log. Speed and acceleration are the whole train's; speed is 0 only at standstill.
-`car_speeds_mps` has one number for each car, from the front, with blanks between them."""
+"""Columns of the truth log. Speed and acceleration are those of the whole train; the speed is
+exactly 0 only at standstill. `car_speeds_mps` has one number for each car, from the front,
+separated by blanks."""
 
 TRUTH_STEPS: Final = 5
-"""A row every 50 ms, and one whenever the train comes to rest or leaves it."""
+"""Plant steps between rows of the truth log (50 ms). The log gets one more row whenever the train
+stops or starts."""
 SLOW_STEPS: Final = 5
-"""Every 50 ms the radio is answered and silence reported."""
+"""Plant steps (50 ms) between two checks of the radio and of missing commands."""
 ROUND_STEPS: Final = ROUND_MS // GRID_MS
 CATCH_UP_STEPS: Final = 100
-"""Held up for longer, the plant gives the rest up: it counts it and goes on from now."""
+"""Maximum number of late steps that the plant makes up for. It skips and counts all steps beyond
+that and continues from the present instant."""
 NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1_000_000
 MS_PER_DAY: Final = 86_400_000
 DAYS_1970_TO_1984: Final = 5113
 COMMAND_MISSING: Final = 0x8130
-"""EMCY code of CiA 301 for a partner that is not heard any more."""
+"""EMCY code of CiA 301 for a partner whose frames are missing."""
 COMMUNICATION_REGISTER: Final = 0x11
 
 
 class TruthLog(Protocol):
-    """Takes one value for each of TRUTH_COLUMNS."""
+    """Takes one row with a value for each of TRUTH_COLUMNS."""
 
     def row(self, *values: object) -> None: ...
 
 
 class CommandListener(Protocol):
-    """A unit that waits for its command."""
+    """An actuator unit that supervises the arrival of its command."""
 
     @property
     def silent(self) -> bool: ...
@@ -94,7 +100,7 @@ class CommandListener(Protocol):
 
 
 class PlantDevice:
-    """Everything on the far side of the controller's wires. Run `executive`."""
+    """The whole plant on the other end of the controller's wires. Run `executive` to run it."""
 
     def __init__(
         self,
@@ -109,13 +115,14 @@ class PlantDevice:
         faults: Sequence[FaultPlan] = (),
         observer: Observer | None = None,
     ) -> None:
-        """Args:
-        open_port: asked once for each node; in lockstep it gives every node a port of its own,
-            between processes one port may serve them all.
-        faults: those of the bus and of the controller's process are only told to who listens to
-            `schedule`.
-        observer: told the truth before the first step and after each.
-        epoch_offset_ns: what has to be added to an instant to give nanoseconds since 1970.
+        """Args: open_port: called once for each node.
+
+        In lockstep it returns a separate port for every node;
+         between processes one port may serve all of them.
+        faults: faults of the bus and of the controller's process are only passed on to the
+         listeners of `schedule`.
+        observer: receives the truth before the first step and after each step. epoch_offset_ns:
+        difference between nanoseconds since 1970 and the plant's clock.
         """
         self.scenario = scenario
         self.world = World(
@@ -143,9 +150,9 @@ class PlantDevice:
         self._slots = timetable(self._absent)
         self._steps = 0
         self.lost_steps = 0
-        """Steps that were given up because the process was held up for too long."""
+        """Steps that the plant skipped because its process was delayed for too long."""
         self.late_steps = 0
-        """Steps that were made up for."""
+        """Steps that the plant ran late, in one go."""
         self._standing = True
         self._life = NodeState.BOOT_UP
         self._frames = self._frame_sources()
@@ -157,7 +164,8 @@ class PlantDevice:
         )
         self._silent = [False] * len(self._units)
         self.schedule = Schedule(faults)
-        """Says which faults act; it is asked only if there are faults or an observer."""
+        """Tells which faults are active. It is evaluated only if there are faults or an
+        observer."""
         self._serial_faults: SerialFaults | None = None
         self._radio_faults: RadioFaults | None = None
         self._stage = self._staged(observer) if faults or observer is not None else None
@@ -217,7 +225,7 @@ class PlantDevice:
         )
 
     def step(self, now_ns: int) -> None:
-        """Hear, move the world up to now, and send what the timetable says."""
+        """Receive commands, advance the world to `now_ns`, and send the frames that are due."""
         wire, world, frames = self.wire, self.world, self._frames
         if self._stage is not None:
             self._attend_faults(self._stage, now_ns)
@@ -242,7 +250,7 @@ class PlantDevice:
             self._radio_faults.poll(now_ns)
 
     def _change_wires(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """Put a faulty line or radio between, when the first of its faults begins."""
+        """Insert the faulty serial line or radio when its first fault begins."""
         if plan.kind.place is FaultPlace.SERIAL:
             if self._serial_faults is None:
                 self._tags = self._serial_faults = SerialFaults(self._tags, self.world.seed)
@@ -254,7 +262,9 @@ class PlantDevice:
 
     @property
     def touched(self) -> Counter[int]:
-        """By index of the fault: how much of the train and its wires it changed so far."""
+        """Number of values of the train and its wires that each fault has changed, by the fault's
+        index.
+        """
         layers = (self._stage, self._serial_faults, self._radio_faults)
         found: Counter[int] = Counter()
         for layer in layers:
@@ -267,7 +277,9 @@ class PlantDevice:
 
     @property
     def authority_end_m(self) -> float:
-        """Farthest end of all authorities given; before the first, the train's front at start."""
+        """Farthest end of all authorities sent so far; before the first one, the train's front at
+        the start.
+        """
         farthest_m = self.zone.farthest_end_m
         return self.scenario.start.stop_m if farthest_m is None else farthest_m
 
@@ -286,9 +298,9 @@ class PlantDevice:
             self._display.hear(command, heard_ns)
 
     def _catch_up(self, now_ns: int) -> Iterable[Sending]:
-        """Move the world to now and answer what is to be sent.
+        """Advance the world to now and return the frames to send.
 
-        What would have been sent in steps that come late goes out once, as things are now.
+        Each frame that was due during late steps is sent once, with the present values.
         """
         due = (now_ns - self.world.now_ns) // STEP_NS
         if due == 1:
@@ -320,7 +332,9 @@ class PlantDevice:
         return self._slots[steps % ROUND_STEPS]
 
     def _report_silence(self, now_ns: int) -> None:
-        """Once when a unit's command went missing, and once when it is there again."""
+        """Send an emergency message when a unit's command goes missing, and another when it
+        returns.
+        """
         for index, (node, unit) in enumerate(self._units):
             if unit.silent is not self._silent[index]:
                 self._silent[index] = unit.silent
@@ -362,16 +376,16 @@ class PlantDevice:
 
     @property
     def elapsed_s(self) -> float:
-        """Of the world, since its start."""
+        """Time of the world since its start, s."""
         return (self.world.now_ns - self._start_ns) / NS_PER_S
 
     @property
     def command_losses(self) -> dict[str, int]:
-        """How often each unit's command went missing."""
+        """Number of times that each unit lost its command, by node."""
         return {node.name: unit.losses for node, unit in self._units}
 
     def stop(self, now_ns: int) -> None:
-        """The nodes say that they leave the bus."""
+        """Announce on the bus that all nodes stop."""
         self._life = NodeState.STOPPED
         for node in PLANT_NODES:
             if node not in self._absent:

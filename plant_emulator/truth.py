@@ -1,4 +1,4 @@
-"""What is true of the train at one instant, for monitors, conditions of faults and the feed."""
+"""True state of the train at one instant, for monitors, conditions of faults and the feed."""
 
 import struct
 from bisect import bisect_right
@@ -11,7 +11,7 @@ from zenoh_config.messages import SpeedRestriction
 
 NS_PER_S: Final = 1_000_000_000
 PASSED_M: Final = 20.0
-"""So far behind a stopping point a train is taken to have missed it and to go for the next."""
+"""Distance behind a stopping point beyond which the next stop becomes the target, m."""
 SIGNALS: Final[tuple[str, ...]] = (
     "accel_mps2",
     "adhesion_ratio",
@@ -53,11 +53,14 @@ SIGNALS: Final[tuple[str, ...]] = (
     "traction_cut",
     "voltage_v",
 )
-"""What conditions and monitors can ask for, in the order of a packed sample."""
+"""Signals that conditions and monitors can use, in the order of a packed sample."""
 
 
 class Truth:
-    """One sample, filled anew by `read`; its attributes are signals of conditions and monitors."""
+    """One sample of the true state.
+
+    `read` refills it; its attributes are the signals of conditions and monitors.
+    """
 
     __slots__ = (
         "_edges_m",
@@ -73,55 +76,59 @@ class Truth:
 
     def __init__(self) -> None:
         self.t_s = 0.0
-        """Since the start of the run."""
+        """Time since the start of the run, s."""
         self.front_m = 0.0
-        """Chainage of the front coupler."""
+        """Chainage of the front coupler, m."""
         self.rear_m = 0.0
         self.speed_mps = 0.0
-        """Of the whole train, signed; exactly zero at standstill."""
+        """Speed of the whole train, signed; exactly zero at standstill."""
         self.accel_mps2 = 0.0
         self.drive_n = 0.0
-        """Tractive effort at the rail, signed."""
+        """Tractive effort at the rail, signed, N."""
         self.brake_n = 0.0
-        """Brake force at the rail, never negative."""
+        """Brake force at the rail, never negative, N."""
         self.gradient_permille = 0.0
-        """Mean under the train."""
+        """Mean gradient under the train."""
         self.adhesion_ratio = 0.0
         self.emergency = 0.0
-        """1 while the brake unit wants the emergency brake."""
+        """1 while the brake unit demands the emergency brake."""
         self.emergency_mps2 = 0.0
-        """What the emergency brake gives."""
+        """Deceleration that the emergency brake gives at present."""
         self.holding = 0.0
-        """1 while the holding brake gives anything."""
+        """1 while the holding brake exerts any force."""
         self.civil_limit_mps = 0.0
-        """The lowest of the line's limits under the train."""
+        """Lowest civil limit under the train."""
         self.doors_locked = 1.0
-        """The train line through all door locks."""
+        """1 while the train line through all door locks is closed."""
         self.left_open = 0.0
-        """1 from unlocking to locking."""
+        """1 from unlocking to locking of the left doors."""
         self.right_open = 0.0
         self.voltage_v = 0.0
         self.odometer_error_m = 0.0
         self.tags_read = 0.0
         self.authority_end_m = 0.0
-        """Farthest end of all authorities given; before the first, the train's front at start."""
+        """Farthest end of all authorities sent so far; before the first one, the train's front at
+        the start."""
         self.authority_now_m = 0.0
-        """End of the newest authority; before the first, the train's front at start."""
+        """End of the newest authority; before the first one, the train's front at the start."""
         self.authority_rear_m = 0.0
-        """How far back it lets the rear go; where the rear is for certain, if not at all."""
+        """Rear limit of the newest authority. Without such a limit it is the place that the rear
+        has surely passed."""
         self.temporary_limit_mps = 0.0
-        """The lowest of temporary restrictions under the train; without one the line's limit."""
+        """Lowest temporary speed restriction under the train; without a restriction, the civil
+        limit."""
         self.fire = 0.0
-        """1 while a detector of the train has tripped."""
+        """1 while any fire detector of the train has tripped."""
         self.obstacle = 0.0
-        """1 while the deflector is touched."""
+        """1 while an obstacle touches the deflector."""
         self.to_stop_m = 0.0
-        """To the next stopping point ahead by the line's map; that of the last once behind it."""
+        """Distance to the next stopping point of the line's map, m. Behind the last stopping point
+        it is negative."""
         self.traction_cut = 1.0
-        """1 while the contactor of the motors is open."""
+        """1 while the traction contactor is open."""
         self._world: World | None = None
-        # What depends on the place alone is kept for the piece of line [low, high) of the front,
-        # on which the gradient under the train grows evenly.
+        # Values that depend on the place alone are cached for a range [low, high) of the front.
+        # Within it the mean gradient under the train is linear in the place.
         self._edges_m: list[float] = []
         self._restrictions: tuple[SpeedRestriction, ...] = ()
         self._nothing_ordered()
@@ -130,22 +137,25 @@ class Truth:
         self._low_gradient_permille = self._slope_permille_per_m = 0.0
 
     def _nothing_ordered(self) -> None:
-        """Orders are those that the centre said last; before the first, of a train at rest."""
+        """Set the order signals of a train at rest, which hold until the control centre sends its
+        first orders.
+        """
         self.order_awake = 1.0
         self.order_creep = 0.0
         self.order_emergency = 0.0
         self.order_hold = 0.0
         self.order_releases = 0.0
-        """Resets of an emergency by the centre so far."""
+        """Number of emergency resets by the control centre so far."""
         self.order_restricted = 0.0
         self.order_skip_next = 0.0
         self.order_stop_next = 0.0
         self.doors_authorised_left = 0.0
         self.doors_authorised_right = 0.0
         self.platform_doors_locked = 1.0
-        """1 while all platform doors are closed and proven locked; 1 where there are none."""
+        """1 while all platform doors are closed and proven locked, and where there are no platform
+        doors."""
         self.platform_doors_open = 0.0
-        """1 while any is not closed."""
+        """1 while any platform door is not closed."""
 
     def read(self, world: World, start_ns: int, authority_end_m: float) -> None:
         consist, brake, doors = world.consist, world.brake, world.doors
@@ -190,10 +200,10 @@ class Truth:
         return least_mps
 
     def hear(self, railway: Railway, start_m: float) -> None:
-        """What the wayside has said last, and how its doors are.
+        """Update the signals that show the latest wayside messages and the platform doors.
 
         Args:
-            start_m: where the front was at the start.
+            start_m: chainage of the front at the start.
         """
         authority, orders = railway.zone.latest, railway.centre.latest
         self.authority_now_m = start_m if authority is None else authority.end_m
@@ -207,7 +217,7 @@ class Truth:
         self._restrictions = orders.restrictions
 
     def _enter(self, world: World, front_m: float) -> None:
-        """Take over the piece of line that the train has come upon."""
+        """Cache the values of the range that the front has entered."""
         line, length_m = world.line, world.length_m
         if world is not self._world:
             self._world = world
@@ -231,13 +241,13 @@ class Truth:
         return _RECORD.pack(*(getattr(self, name) for name in SIGNALS))
 
     def unpack(self, data: bytes) -> None:
-        """Raises struct.error for anything but what `pack` made."""
+        """Restore a sample from the bytes of `pack`. Raises struct.error for any other bytes."""
         for name, value in zip(SIGNALS, _RECORD.unpack(data), strict=True):
             setattr(self, name, value)
 
 
 def _edges_m(world: World) -> list[float]:
-    """Where the front stands when something changes that depends on the place alone, sorted."""
+    """Sorted chainages of the front at which a value that depends on the place alone changes."""
     line, length_m = world.line, world.length_m
     changes_m = {edge_m for each in line.gradients for edge_m in (each.start_m, each.end_m)}
     changes_m |= {edge_m for each in line.speed_sections for edge_m in (each.start_m, each.end_m)}
@@ -252,8 +262,8 @@ _ORDERS: Final = (
     ("doors_authorised_left", "doors_left"),
     ("doors_authorised_right", "doors_right"),
 )
-"""Signals, and the fields of the orders that they show."""
+"""Each order signal with the field of the orders that it shows."""
 FAR_M: Final = 1.0e5
-"""A train so far beyond the ends of its line is of no interest."""
+"""Distance beyond both ends of the line that the cached ranges cover, m. No train runs that far."""
 LOCKED: Final = DoorState.LOCKED
 _RECORD: Final = struct.Struct(f"<{len(SIGNALS)}d")

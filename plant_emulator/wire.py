@@ -1,4 +1,6 @@
-"""The train's nodes on the bus: who sends what when, and which commands they listen to."""
+"""The train's nodes on the bus: the timetable of their frames and the commands that they
+receive.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
@@ -20,9 +22,9 @@ from can_dbc.traction import TractionCommand, TractionStatus
 from firmware_py.ports import CanPort
 
 GRID_MS: Final = 10
-"""The nodes send on the grid of the plant's steps."""
+"""Step of the plant, ms. The nodes send only at its multiples."""
 ROUND_MS: Final = 1000
-"""The timetable repeats after this; every period divides it."""
+"""Length of the timetable, ms; every period divides it."""
 COMMANDS: Final[tuple[type[Frame], ...]] = (
     BrakeCommand,
     TractionCommand,
@@ -32,9 +34,9 @@ COMMANDS: Final[tuple[type[Frame], ...]] = (
 COMMAND_IDS: Final = frozenset(
     message.frame_id for kind in COMMANDS for message in binding_of(kind).messages
 )
-"""What a port has to let through that serves all nodes."""
+"""Identifiers that a port for all nodes must receive."""
 EARS: Final = Node.BCU
-"""All commands are taken in by one node's port: on a real bus every node hears every frame."""
+"""The node whose port receives all commands. On a real bus every node receives every frame."""
 PLANT_NODES: Final[tuple[Node, ...]] = tuple(node for node in Node if node is not Node.VOBC)
 
 PHASES_MS: Final[Mapping[type[Frame], int]] = {
@@ -54,21 +56,22 @@ PHASES_MS: Final[Mapping[type[Frame], int]] = {
     TimeOfDay: 550,
     **{HEARTBEATS[node]: 100 * node.value - 30 for node in PLANT_NODES},
 }
-"""When in its period a frame is sent, spread so that the nodes do not all send at once."""
+"""Offset of each frame within its period. The offsets differ so that the nodes do not all send at
+once."""
 
 OpenPort = Callable[[Node, frozenset[int]], CanPort]
-"""Connects a node that wants to hear these identifiers; the same port may serve several nodes."""
+"""Opens a port for a node that receives these identifiers; one port may serve several nodes."""
 
 
 class ReceivedCommand(NamedTuple):
-    """A command that passed every check, and when its last bit was received."""
+    """A command that passed every check, and the instant at which its last bit was received."""
 
     command: Frame
     heard_ns: int
 
 
 class Sending(NamedTuple):
-    """One line of the timetable."""
+    """One entry of the timetable: a frame and the node that sends it."""
 
     kind: type[Frame]
     node: Node
@@ -79,11 +82,11 @@ class CommandSink(Protocol):
 
 
 class Wire:
-    """Frames out through each node's own port, commands in through one."""
+    """Sends frames through each node's own port and receives all commands through one port."""
 
     def __init__(self, open_port: OpenPort, also: tuple[type[Frame], ...] = ()) -> None:
-        """Args:
-        also: frames that are handed over besides the commands, and not counted as such.
+        """Args: also: frames that the sink receives besides the commands; they are not counted as
+        commands.
         """
         self._decoder = Decoder((*COMMANDS, *also))
         self._also = also
@@ -94,19 +97,19 @@ class Wire:
         }
         self._ears = self._ports[EARS]
         self.refused = 0
-        """Frames that could not be believed; `refusals` has the reasons."""
+        """Number of rejected frames; `refusals` lists the reasons."""
         self.commands = 0
 
     @property
     def refusals(self) -> Mapping[str, int]:
-        """How often what was refused, by identifier and reason."""
+        """Rejection counts by identifier and reason."""
         counted: Counter[str] = Counter()
         for (identifier, reason), count in self._decoder.rejections.items():
             counted[f"{identifier:#05x} {reason.name.lower().replace('_', ' ')}"] += count
         return counted
 
     def hear(self, now_ns: int, sink: CommandSink) -> None:
-        """Hand over the commands that became complete, in the order of the bus."""
+        """Pass each complete command to `sink`, in the order in which the bus carried them."""
         frames = self._ears.receive(now_ns)
         if not frames:
             return
@@ -132,11 +135,10 @@ class Wire:
 
 
 def timetable(absent: Collection[Node] = ()) -> tuple[tuple[Sending, ...], ...]:
-    """What is sent in each slot of GRID_MS of a round, lower identifiers first.
+    """Return the frames to send in each slot of GRID_MS, lower identifiers first.
 
-    Nodes that are `absent` send nothing.
-
-    Raises ValueError for a period in the DBC files that does not fit onto the grid.
+    `absent` nodes send nothing. Raises ValueError for a period in the DBC files that is not a
+    multiple of the grid.
     """
     slots: list[list[Sending]] = [[] for _ in range(ROUND_MS // GRID_MS)]
     for kind in sorted(PHASES_MS, key=can_id):

@@ -1,4 +1,4 @@
-"""One train on its line: actuators push it, sensors watch it, and nothing here knows of buses."""
+"""One train on its line. Actuators move it and sensors measure it; no code here knows of buses."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ NOTHING: Final[Mapping[str, Any]] = {}
 
 @dataclass(frozen=True, slots=True)
 class TrainScenario:
-    """One train on one line, and where it is let go to."""
+    """One train on one line with its start and its destination."""
 
     train: TrainConfig
     line: LineMap
@@ -49,11 +49,11 @@ class TrainScenario:
     seed: int
     desk_mode: CabMode = CabMode.AUTO
     driver: str | None = None
-    """A model of a driver at the desk, by its name in `plant_emulator.desk.drivers`."""
+    """Name of the driver model at the desk, see `plant_emulator.desk.drivers`."""
     desk_recording: DeskRecording | None = None
-    """What is played at the desk."""
+    """The recording that is replayed at the desk."""
     desk_elsewhere: bool = False
-    """The desk is a node of its own: nothing of it is sent here."""
+    """The desk is a separate node, so this plant sends no desk frames."""
 
 
 def plan_scenario(
@@ -71,12 +71,14 @@ def plan_scenario(
     desk_recording: str | None = None,
     desk_elsewhere: bool = False,
 ) -> TrainScenario:
-    """Load what is named and check that it fits; None takes the file's or the whole line.
+    """Load train and line and check that they fit each other.
+
+    None selects the file's value or the whole line.
 
     Args:
-        desk_mode: as such or by its name in lower case.
-        driver: by name: obedient, reckless or late.
-        desk_recording: the file of a recording that is played at the desk.
+        desk_mode: the mode, or its name in lower case.
+        driver: name of a driver model: obedient, reckless or late.
+        desk_recording: file of a recording to replay at the desk.
         real: changes of the consist's file by dotted key, see `firmware_py.settings.override`.
 
     Raises SettingsError.
@@ -102,7 +104,9 @@ def plan_scenario(
             f"start at {track.start_m:g} m"
         )
     if (driver is not None) + (desk_recording is not None) + desk_elsewhere > 1:
-        raise SettingsError("driver, desk_recording, desk elsewhere: only one can be at the desk")
+        raise SettingsError(
+            "driver, desk_recording, desk elsewhere: choose only one operator of the desk"
+        )
     return TrainScenario(
         train,
         track,
@@ -117,7 +121,10 @@ def plan_scenario(
 
 
 class World:
-    """The truth. Commands go to the units, frames come from them; `step` moves all by STEP_S."""
+    """The true state of train and line.
+
+    The units receive commands and give frames; `step` advances everything by STEP_S.
+    """
 
     def __init__(
         self,
@@ -129,10 +136,10 @@ class World:
         start_ns: int = 0,
         desk_mode: CabMode = CabMode.AUTO,
     ) -> None:
-        """A train at rest with its front at `front_m`, braked and closed."""
+        """Create a train at rest with its front at `front_m`, brakes applied and doors closed."""
         generators = Generators(seed)
         self.seed = seed
-        """Of what is drawn from now on."""
+        """Seed of all random numbers generated from now on."""
         self.train = train
         self.length_m = train.length_m
         self.line = line
@@ -149,16 +156,16 @@ class World:
         self._make_actuators(generators)
         self._make_sensors(generators, front_m)
         self.desk = unattended(desk_mode)
-        """As it is said on the bus."""
+        """The desk frame as the bus shows it."""
         self._untouched_desk = self.desk
         self._desk_faults: Sequence[Mapping[str, Any]] = ()
         self.alarms = TrainAlarms(no_obstacle=True, no_fire=True)
         self.cold = ColdDetector(front_m)
         self.adhesion_ratio = train.rail.adhesion_ratio
         self.drive_n = 0.0
-        """Tractive effort that reached the rail in the last step, signed."""
+        """Tractive effort that the rail transmitted in the last step, signed, N."""
         self.brake_n = 0.0
-        """Brake force that the rail could bear in the last step, never negative."""
+        """Brake force that the rail transmitted in the last step, never negative, N."""
 
     def _make_actuators(self, generators: Generators) -> None:
         train, consist = self.train, self.consist
@@ -190,7 +197,8 @@ class World:
             electric_efficiency_ratio=train.brake.service.electric.efficiency_ratio,
         )
         self.loops: Loops | None = None
-        """None where traction and service brake take their reference from the bus."""
+        """The analogue loops; None if traction and service brake take their reference from the
+        bus."""
         self._analogue_ns = round(timeout_s(AnalogueCommand) * 1e9)
         self._unready_until_ns = FAR_NS
         if train.loop.connected:
@@ -227,7 +235,7 @@ class World:
         )
 
     def step(self) -> None:
-        """Move on by STEP_S, under what has been heard so far."""
+        """Advance by STEP_S with the commands received so far."""
         start_ns = self.now_ns
         end_ns = start_ns + STEP_NS
         brake, consist = self.brake, self.consist
@@ -250,7 +258,7 @@ class World:
             end_ns,
             speed_mps,
             emergency=brake.emergency_wanted,
-            # The sealed switch bridges the loop of the door locks.
+            # The sealed bypass switch bridges the loop through the door locks.
             doors_locked=self.doors.locked or self.desk.door_bypass_requested,
         )
         self._press_on_rail(drive_n, speed_mps)
@@ -266,9 +274,10 @@ class World:
         self.now_ns = end_ns
 
     def hear_currents(self, command: AnalogueCommand, heard_ns: int) -> None:
-        """For the module; units without loops that hear it say as long that they are not ready.
+        """Pass the commanded currents to the loops.
 
-        A controller that sends it takes the train for another one than it is.
+        On a train without loops, brake and traction report not ready while this command arrives,
+        because such a controller expects another train.
         """
         if self.loops is not None:
             self.loops.hear(command, heard_ns)
@@ -289,11 +298,11 @@ class World:
         traction.refer(pull_mps2 * inertia_kg, now_ns)
 
     def reseed(self, seed: int) -> None:
-        """From now on all that is drawn anew comes from another seed.
+        """Generate all further random numbers from another seed.
 
-        What is drawn once for the whole run stays: running resistance, scale of odometer and radar,
-        bias of the accelerometer. The brake draws its lags and gains once more with the first
-        application that finds it at rest, so that continuations brake like runs of their own.
+        Values that are sampled once a run stay: running resistance, scale of odometer and radar,
+        bias of the accelerometer. The brake samples its lags and gains once more at the next
+        application from rest, so that continuations brake like runs of their own.
         """
         generators = Generators(seed)
         self.seed = seed
@@ -303,13 +312,16 @@ class World:
         self.tag_reader.reseed(generators)
 
     def connect_supply(self, no_load_v: float | None, *, breaker_closed: bool) -> None:
-        """A fault: another source behind the line, or an open breaker; None is the own source."""
+        """A fault: the line feeds from another source or the breaker is open.
+
+        None stands for the train's normal source.
+        """
         self.power.connect(no_load_v, breaker_closed=breaker_closed)
         self.traction.powered = self.power.live
         self.traction.feed(self.power.effort_ratio)
 
     def put_desk(self, desk: Desk) -> None:
-        """What hands make of it; faults come on top."""
+        """Set the desk as operated by hand; active desk faults override it."""
         self._untouched_desk = desk
         for change in self._desk_faults:
             desk = replace(desk, **change)
@@ -317,33 +329,36 @@ class World:
 
     @property
     def own_desk(self) -> Desk:
-        """What hands make of it, without the faults."""
+        """The desk as operated by hand, without the faults."""
         return self._untouched_desk
 
     def disturb_desk(self, changes: Sequence[Mapping[str, Any]]) -> None:
-        """Faults: fields of the frame that are as given from now on, whatever hands do."""
+        """Faults: from now on these fields of the desk frame are fixed, whatever the driver
+        does.
+        """
         self._desk_faults = changes
         self.put_desk(self._untouched_desk)
 
     def excuse(self, held_up_ns: int) -> None:
-        """What the units did not hear while the bench stood still is nobody's silence."""
+        """Extend all command timeouts by the time for which the bench itself was stopped."""
         for unit in (self.brake, self.traction, self.doors):
             unit.excuse(held_up_ns)
         if self.loops is not None:
             self.loops.excuse(held_up_ns)
 
     def pass_over(self, steps: int) -> None:
-        """Let time go by in which nothing moves, for a process that was held up for too long."""
+        """Skip time without any movement, for a process that was delayed for too long."""
         self.now_ns += steps * STEP_NS
 
     def _press_on_rail(self, drive_n: float, speed_mps: float) -> None:
-        """Let adhesion take its part, and load the train with the rest."""
+        """Limit the forces by adhesion and apply the result to the train."""
         adhesion_ratio, brake = self.adhesion_ratio, self.brake
         trailer_n = self.trailer_wheels.braked(brake.trailer_n, adhesion_ratio, speed_mps)
         if drive_n == 0.0:
             motor_n = self.motor_wheels.braked(brake.motor_n, adhesion_ratio, speed_mps)
         else:
-            # Wheels that pull against their own brake: only the pull can make them spin.
+            # While the wheels pull against their own brake, only the tractive effort can make them
+            # spin.
             drive_n = self.motor_wheels.driven(drive_n, adhesion_ratio, speed_mps)
             motor_n = min(brake.motor_n, self.motor_wheels.most_n(adhesion_ratio))
         self.drive_n = drive_n
@@ -358,22 +373,24 @@ class World:
 
     @property
     def front_m(self) -> float:
-        """Chainage of the front coupler."""
+        """Chainage of the front coupler, m."""
         return self.consist.car_fronts_m[0]
 
     @property
     def speed_mps(self) -> float:
-        """Of the whole train; exactly zero at standstill."""
+        """Speed of the whole train; exactly zero at standstill."""
         return self.consist.speed_mps
 
     @property
     def odometer_error_m(self) -> float:
-        """What tacho A has counted too much since the start, for a wheel of nominal diameter."""
+        """Distance counted by tacho A, for a wheel of nominal diameter, minus the true distance
+        since the start.
+        """
         return self.tachos.counted_m - (self.front_m - self._start_m)
 
     @property
     def gradient_permille(self) -> float:
-        """Mean under the train."""
+        """Mean gradient under the train."""
         front_m = self.front_m
         return self.line.mean_gradient_permille(front_m - self.train.length_m, front_m)
 

@@ -223,7 +223,7 @@ def test_it_says_which_faults_are_not_its_own(tmp_path: Path) -> None:
     said, errors = plant.communicate(timeout=WAIT_S)
 
     assert (plant.returncode, errors) == (0, "")
-    assert "fault 0, frame_drop: not the plant's; nobody brings it about" in said
+    assert "fault 0, frame_drop: not applied by the plant; no component applies it" in said
 
 
 @pytest.mark.usefixtures("hub")

@@ -160,7 +160,7 @@ def test_two_desks_on_one_bus_are_refused_and_a_plant_makes_room_for_one() -> No
             process.communicate(timeout=WAIT_S)
     assert second.returncode == 3
     assert errors == (
-        f"plant: {SPEC}: somebody is the desk already; run the plant with --desk external\n"
+        f"plant: {SPEC}: another desk is already on the bus; run the plant with --desk external\n"
     )
     assert first is not None
     assert (first.returncode, plant.returncode) == (0, 0)
@@ -222,5 +222,5 @@ def test_a_recording_is_not_written_over(
     path = tmp_path / "kept.desk"
     path.write_text("# mine\n", encoding="utf-8")
     assert main(["desk", "--bus", SPEC, "--driver", "late", "--record", str(path)]) == 2
-    assert "exists; it is not written over" in capsys.readouterr().err
+    assert "the file exists and is not overwritten" in capsys.readouterr().err
     assert path.read_text(encoding="utf-8") == "# mine\n"

@@ -53,7 +53,7 @@ def test_what_cannot_be_asked_of_a_line_is_said_at_once(
     ("words", "complaint"),
     [
         (["--trains", "8"], "--trains 8: on changping there are 1 to 7"),
-        (["--trains", "2", "--line", "florence"], "nothing is known of the traffic on florence"),
+        (["--trains", "2", "--line", "florence"], "florence has no traffic file"),
     ],
 )
 def test_a_line_that_cannot_bear_the_trains_is_named(

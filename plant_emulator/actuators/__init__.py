@@ -1,1 +1,4 @@
-"""What acts on the train: traction, brakes, doors, each reacting to its command and to silence."""
+"""Actuators of the train: traction, brakes and doors.
+
+Each reacts to its command and to a missing command.
+"""

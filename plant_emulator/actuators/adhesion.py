@@ -1,4 +1,7 @@
-"""Wheel and rail: what wheels ask beyond adhesion does not move the train, it moves the wheels."""
+"""Adhesion between wheel and rail.
+
+Force beyond adhesion accelerates the wheels instead of the train.
+"""
 
 from math import copysign
 from typing import Final
@@ -6,11 +9,12 @@ from typing import Final
 from plant_emulator.train_config import RailConfig
 
 LEAST_ROTATING_RATIO: Final = 0.01
-"""Of the weight, so that wheels without rotating mass in the consist file do not jump."""
+"""Minimum rotating mass as a share of the weight. It bounds wheel acceleration if the consist file
+gives no rotating mass."""
 
 
 class WheelGroup:
-    """The wheels of one group of cars that are driven and braked alike."""
+    """The wheels of a group of cars that are driven and braked alike."""
 
     __slots__ = ("_config", "_rotating_kg", "_step_s", "_weight_n", "slip_mps")
 
@@ -22,13 +26,15 @@ class WheelGroup:
         self._weight_n = weight_n
         self._rotating_kg = max(rotating_kg, LEAST_ROTATING_RATIO * weight_n / 9.81)
         self.slip_mps = 0.0
-        """Speed of the tread less speed of the train, signed in running direction."""
+        """Slip: speed of the tread minus speed of the train, signed in running direction."""
 
     def most_n(self, adhesion_ratio: float) -> float:
         return adhesion_ratio * self._weight_n
 
     def driven(self, drive_n: float, adhesion_ratio: float, speed_mps: float) -> float:
-        """The part of a signed tractive effort that reaches the rail; the rest spins the wheels."""
+        """Return the part of a signed tractive effort that reaches the rail; the rest spins the
+        wheels.
+        """
         most_n = adhesion_ratio * self._weight_n
         if -most_n <= drive_n <= most_n:
             self._recover()
@@ -38,7 +44,9 @@ class WheelGroup:
         return passed_n
 
     def braked(self, brake_n: float, adhesion_ratio: float, speed_mps: float) -> float:
-        """The part of a brake force, never negative, that the rail bears; the rest slows wheels."""
+        """Return the part of a non-negative brake force that the rail transmits; the rest slows the
+        wheels.
+        """
         most_n = adhesion_ratio * self._weight_n
         if brake_n <= most_n or speed_mps == 0.0:
             self._recover()
@@ -52,7 +60,7 @@ class WheelGroup:
         slip_mps = self.slip_mps + accel_mps2 * self._step_s
         slip_mps = max(-caught_mps, min(caught_mps, slip_mps))
         if accel_mps2 * speed_mps < 0.0 and abs(slip_mps) > abs(speed_mps):
-            # Brakes stop a wheel, they do not turn it backwards.
+            # A brake can stop a wheel but cannot turn it backwards.
             slip_mps = copysign(speed_mps, slip_mps)
         self.slip_mps = slip_mps
 

@@ -1,6 +1,6 @@
-"""Brake control unit and brakes: service brake, emergency brake, holding brake.
+"""Brake control unit with service brake, emergency brake and holding brake.
 
-Each has its own delay and build-up; the strongest of the three acts, they do not add.
+Each brake has its own delay and build-up. The strongest of the three acts; they do not add.
 """
 
 import math
@@ -13,12 +13,12 @@ from plant_emulator.noise import Generators
 from plant_emulator.train_config import BrakeConfig
 
 HOLDING_CONFIRMED: Final = 0.9
-"""Share of its force from which the holding brake counts as applied."""
+"""Share of full force from which the holding brake counts as applied."""
 OFF_RATIO: Final = 0.02
 
 
 class BrakeUnit:
-    """Everything that brakes the train. Not hearing its command, it applies the emergency brake."""
+    """All brakes of the train. The unit applies the emergency brake when its command is missing."""
 
     __slots__ = (
         "_command",
@@ -61,7 +61,7 @@ class BrakeUnit:
         inertia_kg: float,
         motor_ratio: float,
     ) -> None:
-        """The train is found with emergency and holding brake fully applied."""
+        """Start with emergency and holding brake fully applied."""
         self._config = config
         self._inertia_kg = inertia_kg
         self._motor_ratio = motor_ratio
@@ -88,44 +88,47 @@ class BrakeUnit:
         self._release_extra_ns = 0
         self._service_ratio = 1.0
         self.working_ratio = 1.0
-        """Share of all brakes that gives anything. Pressures are as if all did: the unit does not
-        know; only the mean cylinder pressure shows it."""
+        """Share of the brakes that works. The unit does not know of failed brakes: only the mean
+        cylinder pressure shows them."""
         self._loop_mps2: float | None = None
-        """Reference of the service brake; None where it comes with the command."""
+        """Reference of the service brake from its loop; None if the reference comes with the
+        command."""
         self.ready = True
-        """The unit follows what it is told; it says so on the bus."""
+        """The unit follows its reference. The status frame carries this flag."""
         self._steady = False
-        """No force will change before the command does, so there is nothing to compute."""
+        """No force changes before the command does, so the step needs no computation."""
         self.emergency_wanted = True
-        """The train line to traction: asked for by command or by silence, from that instant on."""
+        """Emergency demand on the train line to traction, set by command or by a missing
+        command."""
         self.emergency_mps2 = config.emergency.decel_mps2
         self.holding_mps2 = config.holding.decel_mps2
         self.electric_n = 0.0
         self.motor_n = 0.0
-        """Brake force on the motor cars together, electric part included, before adhesion."""
+        """Brake force of all motor cars, electric part included, before adhesion."""
         self.trailer_n = 0.0
         self.friction_n = 0.0
 
     @property
     def losses(self) -> int:
-        """How often the command went missing."""
+        """Number of times that the command went missing."""
         return self._watch.losses
 
     @property
     def silent(self) -> bool:
-        """The command was there and is missing now."""
+        """The command was present before and is missing now."""
         return self._watch.silent
 
     def excuse(self, held_up_ns: int) -> None:
-        """The bench stood still for so long; that is not the controller's silence."""
+        """Extend the command timeout by the time for which the bench itself was stopped."""
         self._watch.excuse(held_up_ns)
 
     def hear(self, command: BrakeCommand, heard_ns: int) -> None:
-        """A valid pair has been received.
+        """Accept a valid pair of command frames.
 
-        What silence asked for while the train rolls only a command to brake ends, or rest: old
-        commands that somebody repeats while the controller is gone release nothing. A controller
-        that is there asks for the brake as soon as it sees it on, and one that starts anew at once.
+        After a timeout on a rolling train, only a command to brake or standstill ends the emergency
+        brake. Old commands that another node repeats after the controller is gone therefore release
+        nothing. A working controller commands the brake as soon as it sees it applied; a restarted
+        one does so at once.
         """
         if heard_ns > self._watch.expires_ns:
             self._fall_silent(self._watch.expires_ns)
@@ -145,7 +148,7 @@ class BrakeUnit:
 
     @property
     def holding_wanted(self) -> bool:
-        """The holding brake is asked for."""
+        """The holding brake is demanded."""
         return self._holding_on
 
     @property
@@ -155,11 +158,11 @@ class BrakeUnit:
 
     @property
     def said_mps2(self) -> float:
-        """What the command asks of the service brake."""
+        """Deceleration of the service brake in the command."""
         return self._command.service_decel_mps2
 
     def refer(self, decel_mps2: float, at_ns: int) -> None:
-        """The service brake's reference comes from a loop, and is this from now on."""
+        """Take the service brake's reference from a loop, with this value from now on."""
         if decel_mps2 != self._loop_mps2:
             self._loop_mps2 = decel_mps2
             self._steady = False
@@ -172,7 +175,7 @@ class BrakeUnit:
             delay_s = config.dead_time_s if wanted else config.release_s
             due_ns = at_ns + round(delay_s * NS_PER_S)
             if wanted:
-                # A release that is still on its way must not hold up the next application.
+                # A pending release must not delay the next application.
                 self._emergency_dead = DeadTime(self._emergency_dead.value)
                 due_ns += self._emergency_extra_ns
             self._emergency_dead.ask(due_ns, 1.0 if wanted else 0.0)
@@ -197,10 +200,11 @@ class BrakeUnit:
         electric_possible: bool,
         electric_limit_w: float = math.inf,
     ) -> None:
-        """Forces over the step, before adhesion.
+        """Compute the forces over the step, before adhesion.
 
         Args:
-            electric_limit_w: what line and resistor take from the motors, counted at the rail.
+            electric_limit_w: power that line and resistor accept from the motors, measured at the
+                rail.
         """
         speed_mps = abs(speed_mps)
         self._rolls = speed_mps > 0.0
@@ -231,28 +235,31 @@ class BrakeUnit:
             and built_up == self._emergency_lag.value == self._emergency_dead.value
             and self._holding_dead.settled
             and held == self._holding_lag.value == self._holding_dead.value
-            # A train that rolls under a commanded holding brake may yet become slow enough for it.
+            # A rolling train with a commanded holding brake may still become slow enough for it to
+            # engage.
             and (self._holding_on or self._command.holding_released)
         )
 
     def weaken_service(self, gain_ratio: float) -> None:
-        """A fault: the share of its force that the service brake gives."""
+        """A fault: the service brake gives only this share of its force."""
         self._service_ratio = gain_ratio
         self.service.weaken(gain_ratio * self.working_ratio)
         self._steady = False
 
     def fail(self, working_ratio: float) -> None:
-        """A fault: the share of all brakes that gives anything."""
+        """A fault: only this share of all brakes works."""
         self.working_ratio = working_ratio
         self.weaken_service(self._service_ratio)
 
     def stick(self, stuck: bool) -> None:
-        """A fault: the service brake stays as it is."""
+        """A fault: the service brake keeps its present force."""
         self.service.stuck = stuck
         self._steady = False
 
     def delay_service(self, extra_s: float) -> None:
-        """A fault: so much later than it should, like the other three; also what is under way."""
+        """A fault: changes of the service brake are delayed by this time, including those already
+        pending.
+        """
         self.service.delay(extra_s)
         self._steady = False
 
@@ -272,7 +279,9 @@ class BrakeUnit:
         self._release_extra_ns = extra_ns
 
     def _fall_silent(self, at_ns: int) -> None:
-        """Silence counts as the most restrictive command; the service brake stays as it is."""
+        """Apply the most restrictive command after a timeout; the service brake keeps its
+        demand.
+        """
         self._obey(
             BrakeCommand(
                 service_decel_mps2=self._command.service_decel_mps2,
@@ -293,7 +302,7 @@ class BrakeUnit:
         return BrakeStatus(
             applied_decel_mps2=applied_mps2,
             cylinder_pressure_kpa=config.full_pressure_kpa * self.friction_n / full_n,
-            # One that is on its way comes, even if the command is back before it bites.
+            # A pending application takes effect even if the release returns before it.
             emergency_applied=self.emergency_wanted
             or emergency_ratio > OFF_RATIO
             or not self._emergency_dead.settled,

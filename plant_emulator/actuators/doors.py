@@ -1,4 +1,4 @@
-"""Door control unit: each side opens only by command and enable together."""
+"""Door control unit. Each side opens only if its command and its enable are both set."""
 
 from typing import Final
 
@@ -10,12 +10,12 @@ SAFE_COMMAND: Final = DoorCommand(
     enable_left=False, enable_right=False, open_left=False, open_right=False
 )
 OBSTRUCTED_AT: Final = 0.5
-"""An obstacle is met when the doors are still open by this much."""
+"""Share of opening at which closing doors meet an obstacle."""
 INSTANT_S: Final = 1.0e-9
 
 
 class DoorSide:
-    """All doors of one side as one."""
+    """All doors of one side, modelled as one door."""
 
     __slots__ = (
         "_config",
@@ -33,13 +33,14 @@ class DoorSide:
         self._step_s = step_s
         self._timer_s = 0.0
         self.obstacles = config.obstructed_closings
-        """How many closings will still meet an obstacle."""
+        """Number of further closings that will meet an obstacle."""
         self.open_ratio = 0.0
         self.state = DoorState.LOCKED
         self.blocked = False
         """A fault: every closing meets an obstacle."""
         self.deaf = False
-        """A fault: closed and closing doors do not open; those that open already go on."""
+        """A fault: closed and closing doors do not open; doors that are already opening
+        continue."""
 
     def step(self, wanted_open: bool) -> None:
         state = self.state
@@ -55,7 +56,7 @@ class DoorSide:
             self._close()
 
     def ask_anew(self) -> None:
-        """Unlocking that was given up begins from the start next time."""
+        """Restart the unlocking time after an interrupted unlocking."""
         if self.state is DoorState.LOCKED:
             self._timer_s = 0.0
 
@@ -94,7 +95,7 @@ class DoorSide:
 
 
 class DoorUnit:
-    """Not hearing its command it closes and locks."""
+    """The door unit closes and locks all doors when its command is missing."""
 
     __slots__ = (
         "_command",
@@ -118,24 +119,24 @@ class DoorUnit:
         self.left = DoorSide(config, step_s)
         self.right = DoorSide(config, step_s)
         self.locked = True
-        """The train line through all door locks."""
+        """The train line through all door locks is closed."""
 
     @property
     def losses(self) -> int:
-        """How often the command went missing."""
+        """Number of times that the command went missing."""
         return self._watch.losses
 
     @property
     def silent(self) -> bool:
-        """The command was there and is missing now."""
+        """The command was present before and is missing now."""
         return self._watch.silent
 
     def excuse(self, held_up_ns: int) -> None:
-        """The bench stood still for so long; that is not the controller's silence."""
+        """Extend the command timeout by the time for which the bench itself was stopped."""
         self._watch.excuse(held_up_ns)
 
     def hear(self, command: DoorCommand, heard_ns: int) -> None:
-        """A valid pair has been received."""
+        """Accept a valid pair of command frames."""
         self._watch.heard(heard_ns)
         if command is not self._command:
             self._obey(command)
@@ -152,16 +153,18 @@ class DoorUnit:
         self._right_wanted = self._right_forced or (command.enable_right and command.open_right)
 
     def wanted_open(self, side: DoorSide) -> bool:
-        """Whether command or fault wants a side of this unit open."""
+        """Return whether command or fault wants this side open."""
         return self._left_wanted if side is self.left else self._right_wanted
 
     def force_open(self, *, left: bool, right: bool) -> None:
-        """A fault: these sides open whatever the command says."""
+        """A fault: these sides open whatever the command is."""
         self._left_forced, self._right_forced = left, right
         self._want()
 
     def lose_lock_line(self, lost: bool) -> None:
-        """A fault: the train line through the locks is interrupted, however the doors are."""
+        """A fault: the train line through the locks is interrupted, whatever the state of the
+        doors.
+        """
         self._line_lost = lost
         if lost:
             self.locked = False

@@ -1,10 +1,10 @@
-"""Where traction and service brake take their reference from: the bus, or loops of 4 to 20 mA.
+"""Source of the reference of traction and service brake: the bus, or current loops of 4 to 20 mA.
 
-On loops a module on the bus sets the currents that the controller asks for, and each unit reads its
-own. What the protected commands say stays in force for all but the amount: emergency and holding
-brake, permission and direction of traction. The amount in them is what a unit holds its loop
-against. A unit that does not trust its loop says that it is not ready; the brake then gives the
-stronger of both, traction nothing.
+With loops, a module on the bus sets the currents that the controller commands, and each unit reads
+its own. The protected commands stay in force for everything but the amount: emergency and holding
+brake, permission and direction of traction. A unit compares its loop with the amount in the
+protected command. If they disagree, the unit reports not ready: the brake then gives the stronger
+of both, and traction gives nothing.
 """
 
 from typing import Final
@@ -17,16 +17,16 @@ from plant_emulator.train_config import LoopConfig
 LIVE_ZERO_MA: Final = 4.0
 FULL_MA: Final = 18.0
 OVER_MA: Final = 20.0
-"""Over this the brake is applied in full and traction is cut."""
+"""Above this current the brake is fully applied and traction is cut."""
 CONVERTER_MA: Final = 24.0
-"""Range of the unit's converter."""
+"""Range of the unit's analogue-to-digital converter."""
 
 
 def effort_ratio(read_ma: float, *, over_ratio: float) -> float:
-    """Share of full effort that a current stands for.
+    """Convert a current into a share of full effort.
 
     Args:
-        over_ratio: what a current over the range stands for.
+        over_ratio: effort for a current above the range.
     """
     if read_ma > OVER_MA:
         return over_ratio
@@ -71,27 +71,31 @@ class Loop:
         self._offset_ma, self._gain, self._noise = offset_ma, gain_ratio, noise
         self._step_ma = CONVERTER_MA / ((1 << config.adc_bits) - 1)
         self.broken = False
-        """A fault: the wire carries nothing."""
+        """A fault: the wire carries no current."""
         self._short_ma: float | None = None
         self._fault_ma = 0.0
         self.read_ma = 0.0
         self.reference_mps2 = 0.0
-        """What the unit makes of it."""
+        """Reference that the unit derives from the current."""
         self.trusted = False
         self._since_ns: int | None = None
-        """Since when it has looked other than `trusted` says."""
+        """Instant from which the loop has looked different from `trusted`; None while both
+        agree."""
         self._waits_ns = round(config.patience_s * NS_PER_S)
-        """Until that is believed."""
+        """Time after which the unit accepts such a change."""
 
     def disturb(self, *, offset_ma: float, short_ma: float | None, broken: bool) -> None:
-        """Faults: a broken wire carries nothing, one shorted to a supply what that drives."""
+        """Set the faults.
+
+        A broken wire carries no current; a shorted one carries the current of its supply.
+        """
         self._fault_ma, self._short_ma, self.broken = offset_ma, short_ma, broken
 
     def step(self, set_ma: float | None, said_mps2: float, now_ns: int) -> None:
-        """Read once.
+        """Read the loop once.
 
         Args:
-            set_ma: by the module; None where it has nobody to ask.
+            set_ma: current that the module sets; None while it receives no command.
             said_mps2: the amount in the protected command.
         """
         self.read_ma = read_ma = self._converted(self._wire_ma(set_ma) + self._noise.draw())
@@ -126,7 +130,7 @@ class Loop:
 
 
 class Loops:
-    """Both loops behind one module; it listens to the bus, the units to their wires."""
+    """Both loops behind one module. The module listens to the bus and the units to their wires."""
 
     __slots__ = ("_command", "_watch", "brake", "traction")
 
@@ -153,7 +157,7 @@ class Loops:
         )
 
     def excuse(self, held_up_ns: int) -> None:
-        """The bench stood still for so long; that is not the controller's silence."""
+        """Extend the command timeout by the time for which the bench itself was stopped."""
         self._watch.excuse(held_up_ns)
 
     def hear(self, command: AnalogueCommand, heard_ns: int) -> None:
@@ -161,7 +165,7 @@ class Loops:
         self._watch.heard(heard_ns)
 
     def step(self, now_ns: int, *, traction_mps2: float, brake_mps2: float) -> None:
-        """Set and read both.
+        """Set and read both loops.
 
         Args:
             traction_mps2, brake_mps2: amounts in the protected commands.

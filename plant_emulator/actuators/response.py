@@ -1,4 +1,4 @@
-"""How late and how slowly an actuator follows its command, and what it does without one."""
+"""Delay and lag of an actuator, and its reaction to a missing command."""
 
 from collections import deque
 from math import exp
@@ -7,37 +7,37 @@ from typing import Final
 NS_PER_S: Final = 1_000_000_000
 FAR_NS: Final = 1 << 62
 SETTLED_RATIO: Final = 1.0e-6
-"""A lag that is this close to its target has arrived."""
+"""Relative distance to its target at which a lag counts as settled."""
 
 
 class DeadTime:
-    """A demand that arrives later. Between two steps it is averaged, so no instant is rounded."""
+    """A demand that takes effect later. Averaging over each step avoids rounding the instant."""
 
     __slots__ = ("_due", "value")
 
     def __init__(self, value: float = 0.0) -> None:
         self.value = value
-        """What has arrived."""
+        """The demand in effect."""
         self._due: deque[tuple[int, float]] = deque()
 
     @property
     def settled(self) -> bool:
-        """Nothing is under way."""
+        """No demand is pending."""
         return not self._due
 
     def ask(self, due_ns: int, value: float) -> None:
-        """Let `value` arrive at `due_ns`, or with what was asked earlier if that comes later."""
+        """Let `value` take effect at `due_ns`, but not before demands that were made earlier."""
         self._due.append((due_ns, value))
 
     def shift(self, by_ns: int, value: float | None = None) -> None:
-        """Let what is under way arrive so much later; only what has this value, if one is given."""
+        """Delay all pending demands by `by_ns`, or only those with this `value`."""
         self._due = deque(
             (due_ns + by_ns if value is None or asked == value else due_ns, asked)
             for due_ns, asked in self._due
         )
 
     def mean(self, start_ns: int, end_ns: int) -> float:
-        """Mean of what has arrived over [start, end); steps must follow each other."""
+        """Return the mean demand over [start, end). Calls must cover consecutive steps."""
         if not self._due or self._due[0][0] >= end_ns:
             return self.value
         total, at_ns = 0.0, start_ns
@@ -58,10 +58,10 @@ class Lag:
     def __init__(self, lag_s: float, step_s: float, value: float = 0.0) -> None:
         self._keep_ratio = exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
         self.value = value
-        """At the end of the last step."""
+        """Output at the end of the last step."""
 
     def step(self, target: float) -> float:
-        """Mean of the output over the step, by its two ends."""
+        """Return the mean output over the step, from its two ends."""
         before = self.value
         if before == target:
             return target
@@ -75,7 +75,7 @@ class Lag:
 
 
 class DelayLine:
-    """An input that changes with every step, shifted by a fixed number of steps."""
+    """Delays an input that changes every step by a fixed number of steps."""
 
     __slots__ = ("_waiting",)
 
@@ -84,7 +84,7 @@ class DelayLine:
 
     @property
     def empty(self) -> bool:
-        """Nothing but zeros is under way."""
+        """Only zeros are in the line."""
         return not any(self._waiting)
 
     def step(self, value: float) -> float:
@@ -96,17 +96,17 @@ class DelayLine:
 
 
 class Hold:
-    """Gives back the greatest of what it was given over the last while."""
+    """Returns the greatest input of the last `hold_ns`."""
 
     __slots__ = ("_hold_ns", "_kept")
 
     def __init__(self, hold_ns: int) -> None:
         self._hold_ns = hold_ns
         self._kept: deque[tuple[int, float]] = deque()
-        """Until when, and what; falling values, of which the first is the answer."""
+        """Expiry and value of each candidate, in falling order; the first is the answer."""
 
     def greatest(self, now_ns: int, value: float) -> float:
-        """By magnitude, of `value` and what was given over the last while."""
+        """Return the input of greatest magnitude among `value` and those of the last `hold_ns`."""
         kept = self._kept
         while kept and abs(kept[-1][1]) <= abs(value):
             kept.pop()
@@ -117,7 +117,7 @@ class Hold:
 
 
 class CommandWatch:
-    """Remembers when a command was last heard; silence beyond the timeout is acted on once."""
+    """Supervises the arrival of a command and reports a timeout once."""
 
     __slots__ = ("_timeout_ns", "expires_ns", "losses", "silent")
 
@@ -125,22 +125,23 @@ class CommandWatch:
         assert timeout_ns > 0
         self._timeout_ns = timeout_ns
         self.expires_ns = FAR_NS
-        """When silence will have lasted too long; far away while that has been acted on already."""
+        """Instant at which the command times out; far in the future after the timeout has been
+        handled."""
         self.losses = 0
         self.silent = False
-        """A command that was there before is missing."""
+        """The command was present before and is missing now."""
 
     def heard(self, heard_ns: int) -> None:
         self.expires_ns = heard_ns + self._timeout_ns
         self.silent = False
 
     def excuse(self, held_up_ns: int) -> None:
-        """Who was held up itself heard nothing in that time, and it counts as nobody's silence."""
+        """Extend the timeout by the time for which the receiver itself was stopped."""
         if self.expires_ns != FAR_NS:
             self.expires_ns += held_up_ns
 
     def lost(self) -> None:
-        """The silence has been acted upon."""
+        """Record that the timeout has been handled."""
         self.losses += 1
         self.silent = True
         self.expires_ns = FAR_NS

@@ -7,11 +7,11 @@ from plant_emulator.noise import Generators, NoiseSource, Uniform
 from plant_emulator.train_config import DeadTimeKind, ServiceBrakeConfig
 
 OFF_MPS2: Final = 0.01
-"""A brake that gives no more than this counts as released."""
+"""Deceleration up to which a brake counts as released."""
 
 
 class ServiceBrake:
-    """From the demand to the brake forces on motor cars and on the others."""
+    """Computes the brake forces of motor cars and trailers from the demanded deceleration."""
 
     __slots__ = (
         "_asked_mps2",
@@ -49,9 +49,7 @@ class ServiceBrake:
         inertia_kg: float,
         motor_ratio: float,
     ) -> None:
-        """Args:
-        motor_ratio: share of the train's mass that motor cars have.
-        """
+        """Args: motor_ratio: share of the train's mass on motor cars."""
         self._config = config
         self._inertia_kg = inertia_kg
         self._motor_ratio = motor_ratio
@@ -67,21 +65,22 @@ class ServiceBrake:
         self._extra_ns = 0
         self._gain_fault_ratio = 1.0
         self._redraws: Generators | None = None
-        """Where lags and gains are drawn from when next the brake is applied from rest."""
+        """Generators for new lags and gains at the next application from rest; None if no change is
+        due."""
         self._draw(generators)
         fade_mps = config.electric.fade_begin_mps - config.electric.fade_end_mps
         self._fade_per_mps = 1.0 / fade_mps
         self._asked_mps2 = 0.0
         self.decel_mps2 = 0.0
-        """What the unit believes it gives: the demand, delayed and built up."""
+        """Deceleration that the unit assumes it gives: the demand after delay and build-up."""
         self.electric_n = 0.0
         self.motor_friction_n = 0.0
         self.trailer_friction_n = 0.0
         self.stuck = False
-        """A fault: the deceleration stays as it is. Motors and friction go on sharing it."""
+        """A fault: the deceleration keeps its value. Motors and friction continue to share it."""
 
     def _draw(self, generators: Generators) -> None:
-        """What stays from one drawing to the next, for a brake at rest."""
+        """Sample the values that hold until the next reseeding. The brake must be at rest."""
         config, draws, step_s = self._config, generators.of, self._step_s
         self._lag = Lag(config.lag_s.draw(draws(NoiseSource.BRAKE_LAG)), step_s)
         self._gain = config.gain_ratio.draw(draws(NoiseSource.BRAKE_GAIN)) * self._inertia_kg
@@ -93,30 +92,35 @@ class ServiceBrake:
         self._pneumatic_lags = (Lag(air.lag_s, step_s), Lag(air.lag_s, step_s))
 
     def reseed(self, generators: Generators) -> None:
-        """Draw anew from other generators: every application its dead time, and lags and gains once
-        more with the first application that finds the brake at rest."""
+        """Take further samples from other generators.
+
+        Each application samples its dead time; lags and gains are sampled once more at the next
+        application from rest.
+        """
         self._dead_times.reseed(generators.of(NoiseSource.BRAKE_DEAD_TIME))
         self._redraws = generators
 
     def weaken(self, gain_ratio: float) -> None:
-        """A fault: forces are this share of what they were."""
+        """A fault: the brake gives only this share of its force."""
         self._gain_fault_ratio = gain_ratio
         self._force_gain = self._gain * gain_ratio
 
     def delay(self, extra_s: float) -> None:
-        """A fault: every change of the demand comes so much later, those under way included."""
+        """A fault: changes of the demand are delayed by this time, including those already
+        pending.
+        """
         extra_ns = round(extra_s * NS_PER_S)
         self._dead_time.shift(extra_ns - self._extra_ns)
         self._extra_ns = extra_ns
 
     @property
     def dead_time_s(self) -> float:
-        """Of the present application or the last one."""
+        """Dead time of the present application, or of the last one, s."""
         return self._dead_time_ns / NS_PER_S
 
     @property
     def at_rest(self) -> bool:
-        """Nothing is asked, nothing is under way, nothing is left."""
+        """No demand is present or pending, and no force is left."""
         return (
             self._asked_mps2 == self.decel_mps2 == 0.0
             and self.motor_friction_n == self.trailer_friction_n == 0.0
@@ -126,12 +130,12 @@ class ServiceBrake:
 
     @property
     def held_back(self) -> bool:
-        """A brake that is stuck gives something else than what has been asked."""
+        """The brake is stuck at another deceleration than the one demanded."""
         return self.stuck and abs(self._dead_time.value - self.decel_mps2) > OFF_MPS2
 
     @property
     def works(self) -> bool:
-        """It is asked for, or still gives more than a released brake."""
+        """A demand is present, or the brake still gives more than a released brake."""
         return self._asked_mps2 > 0.0 or self.decel_mps2 > OFF_MPS2
 
     def ask(self, decel_mps2: float, at_ns: int) -> None:
@@ -158,8 +162,8 @@ class ServiceBrake:
         total_n = decel_mps2 * self._force_gain
         electric_n = self._electric(total_n, speed_mps, electric_limit_w)
         self.electric_n = electric_n
-        # Motor cars brake their own mass first, electrically and then with friction; only what the
-        # motors do beyond that is done for the other cars.
+        # Motor cars brake their own mass first, electrically and then by friction. Only the
+        # electric force beyond that brakes the other cars.
         motor_n = max(0.0, total_n * self._motor_ratio - electric_n)
         trailer_n = max(0.0, total_n - electric_n - motor_n)
         shifts, lags, gain = self._pneumatic_shifts, self._pneumatic_lags, self._pneumatic_gain

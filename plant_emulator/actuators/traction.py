@@ -14,10 +14,10 @@ _SIGNS: Final = {Direction.NEUTRAL: 0.0, Direction.FORWARD: 1.0, Direction.REVER
 
 
 class TractionUnit:
-    """Effort exists only while the command permits it and both train lines do.
+    """Gives tractive effort only while the command and both train lines permit it.
 
-    The train lines are wires, not frames: one from the brake, which takes away traction and the
-    electric brake with every emergency, one through the door locks, which takes away traction.
+    The train lines are wires, not frames. The line from the brake cuts traction and the electric
+    brake in every emergency. The line through the door locks cuts traction.
     """
 
     __slots__ = (
@@ -52,26 +52,27 @@ class TractionUnit:
         self._config = config
         self._command = SAFE_COMMAND
         self._loop_n: float | None = None
-        """Amount of effort; None where it comes with the command."""
+        """Amount of effort from the loop; None if the amount comes with the command."""
         self.ready = True
-        """The unit follows what it is told; it says so on the bus."""
+        """The unit follows its reference. The status frame carries this flag."""
         self._watch = CommandWatch(timeout_ns)
         self._dead_time = DeadTime()
         self._lag = Lag(config.lag_s, step_s)
         self._slew_step_n = config.slew_n_per_s * step_s
         self._cut_ns = round(config.cut_s * NS_PER_S)
         self._cut_due_ns: int | None = None
-        """When the contactor will have opened; None while it is closed and stays so."""
+        """Instant at which the contactor opens; None while no opening is pending."""
         self._electric_cut_ns: int | None = None
         self._target_n = 0.0
         self.force_n = 0.0
-        """Tractive effort at the wheels, signed in running direction, mean of the last step."""
+        """Mean tractive effort at the wheels over the last step, signed in running direction, N."""
         self.traction_cut = True
         self.electric_brake_possible = True
         self.effort_ratio = config.effort_ratio
-        """Share of the rated effort that heat, motors and line voltage leave."""
+        """Share of the rated effort that is available after limits by heat, failed motors and line
+        voltage."""
         self.powered = True
-        """The line feeds the inverters; without it there is no effort at all."""
+        """The line feeds the inverters. Without it the motors give no effort."""
         self._voltage_ratio = 1.0
         self._faulty = False
         self._gain_ratio = 1.0
@@ -83,20 +84,20 @@ class TractionUnit:
 
     @property
     def losses(self) -> int:
-        """How often the command went missing."""
+        """Number of times that the command went missing."""
         return self._watch.losses
 
     @property
     def silent(self) -> bool:
-        """The command was there and is missing now."""
+        """The command was present before and is missing now."""
         return self._watch.silent
 
     def excuse(self, held_up_ns: int) -> None:
-        """The bench stood still for so long; that is not the controller's silence."""
+        """Extend the command timeout by the time for which the bench itself was stopped."""
         self._watch.excuse(held_up_ns)
 
     def hear(self, command: TractionCommand, heard_ns: int) -> None:
-        """A valid pair has been received."""
+        """Accept a valid pair of command frames."""
         self._watch.heard(heard_ns)
         if command is not self._command:
             self._obey(command, heard_ns)
@@ -107,7 +108,7 @@ class TractionUnit:
         self._ask(was_n, at_ns)
 
     def refer(self, force_n: float, at_ns: int) -> None:
-        """The amount of effort comes from a loop, and is this from now on."""
+        """Take the amount of effort from a loop, with this value from now on."""
         if force_n != self._loop_n:
             was_n = self._asked_n()
             self._loop_n = force_n
@@ -120,7 +121,7 @@ class TractionUnit:
 
     @property
     def said_n(self) -> float:
-        """The amount of effort in the command."""
+        """The amount of effort in the command, N."""
         return self._command.force_n
 
     def _asked_n(self) -> float:
@@ -133,19 +134,20 @@ class TractionUnit:
             self._dead_time.ask(at_ns + round(self._config.dead_time_s * NS_PER_S), asked_n)
 
     def feed(self, voltage_ratio: float) -> None:
-        """The share of effort that the line voltage leaves, 0..1."""
+        """Limit the effort to the share that the line voltage permits, 0..1."""
         self._voltage_ratio = voltage_ratio
         self.effort_ratio = self._config.effort_ratio * voltage_ratio
 
     def weaken(self, gain_ratio: float) -> None:
-        """A fault: the share of what is asked that the motors give."""
+        """A fault: the motors give only this share of the demand."""
         self._gain_ratio = gain_ratio
         self._note_faults()
 
     def delay_removal(self, late_s: float) -> None:
-        """A fault: what the command takes away, effort or permission, goes so much later.
+        """A fault: reductions of effort and withdrawals of the permission take effect this much
+        later.
 
-        The train lines act at once all the same.
+        The train lines still act at once.
         """
         self._late_ns = round(late_s * NS_PER_S)
         self._hold = Hold(self._late_ns) if self._late_ns > 0 else None
@@ -153,10 +155,10 @@ class TractionUnit:
         self._note_faults()
 
     def run_away(self, force_n: float | None, *, obeys_cut_off: bool) -> None:
-        """A fault: motors push with this force whatever the command says; None ends it.
+        """A fault: the motors push with this force whatever the command is; None ends the fault.
 
-        A contactor that still obeys its train lines opens for emergency brake and unlocked doors.
-        Motors that push cannot brake.
+        A contactor that still obeys its train lines opens for an emergency brake and for unlocked
+        doors. Motors that push cannot brake.
         """
         self._runaway_n, self._obeys_cut_off = force_n, obeys_cut_off
         self._note_faults()
@@ -169,10 +171,10 @@ class TractionUnit:
     def step(
         self, start_ns: int, end_ns: int, speed_mps: float, *, emergency: bool, doors_locked: bool
     ) -> float:
-        """Tractive effort over the step, before adhesion.
+        """Compute the tractive effort over the step, before adhesion.
 
         Args:
-            emergency: the brake's train line says that the emergency brake is asked for.
+            emergency: the brake's train line demands the emergency brake.
         """
         if end_ns > self._watch.expires_ns:
             self._obey(SAFE_COMMAND, self._watch.expires_ns)
@@ -195,7 +197,7 @@ class TractionUnit:
             if change_n != 0.0:
                 self._target_n += max(-self._slew_step_n, min(self._slew_step_n, change_n))
         else:
-            # The inverters are blocked at once; the contactor only follows.
+            # The inverters block at once; the contactor opens later.
             self._target_n = 0.0
         self.force_n = self._lag.step(self._target_n)
         return self.force_n

@@ -1,4 +1,4 @@
-"""`plant`: a train without a controller, served on a bus, a serial line and a radio."""
+"""`plant`: serves a train without a controller on a bus, a serial line and a radio."""
 
 from plant_emulator.cli.command import main
 

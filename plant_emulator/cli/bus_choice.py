@@ -1,11 +1,11 @@
-"""Which bus is meant by `auto`."""
+"""Chooses the bus for `auto`."""
 
 from firmware_py.buses import BusError, resolve_auto
 from plant_emulator.cli.options import AUTO
 
 
 def chosen_bus(wanted: str) -> str:
-    """Raises BusError when there is none."""
+    """Return the bus specification. Raises BusError if there is no bus."""
     if wanted != AUTO:
         return wanted
     choice = resolve_auto()

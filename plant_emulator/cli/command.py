@@ -1,4 +1,4 @@
-"""`plant`: a train without a controller, served on a bus, a serial line and a radio."""
+"""`plant`: serves a train without a controller on a bus, a serial line and a radio."""
 
 import argparse
 import json
@@ -54,7 +54,7 @@ GARBAGE_MS: Final = 10_000.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Whatever the user got wrong is one line, never a traceback."""
+    """Run the command. User errors give one line, never a traceback."""
     require_assertions("plant")
     words = words_of("plant", argv)
     if words[:1] == ["run"] and "--wayside" in words:
@@ -71,7 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.trains is not None:
             return _serve_trains(options)
         if options.supply is not None:
-            raise SettingsError("--supply: only with --trains; one train has a source of its own")
+            raise SettingsError("--supply: only with --trains; a single train has its own source")
         elsewhere = options.desk in ELSEWHERE
         scenario = plan_scenario(
             line=options.line or "florence",
@@ -100,12 +100,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_ENVIRONMENT
     except Exception:
         traceback.print_exc()
-        _complain("the plant failed; the controller has to take it for a train that went silent")
+        _complain(
+            "the plant failed; to the controller this looks like a train that stopped sending"
+        )
         return EXIT_FAILED
 
 
 def _serve_trains(options: argparse.Namespace) -> int:
-    # Only with several trains the network is there, which may bring a compiler along.
+    # Import the network only for several trains, because it may load a compiler.
     from plant_emulator.cli.line_command import serve_trains
 
     options.line = options.line or "changping"
@@ -176,7 +178,7 @@ def _device(
     clock: WallClock,
     stack: ExitStack,
 ) -> PlantDevice:
-    """Open everything, and say what is served. What is opened is closed by the stack."""
+    """Open all ports and print what the plant serves. The stack closes the ports."""
     spec = chosen_bus(options.bus)
     refuse_second_plant(spec, clock, desk_elsewhere=scenario.desk_elsewhere)
     can = open_can(spec, clock=clock, node="PLANT", accept_ids=_wanted_ids(scenario))
@@ -213,15 +215,17 @@ def _device(
 
 
 def _say_what_is_told(faults: Sequence[FaultPlan], feed: FeedSender | None) -> None:
-    """The plant has neither the bus nor the controller in its hands."""
+    """Report faults of bus and controller, which the plant cannot apply itself."""
     for plan in faults:
         if plan.kind.place in BENCH_PLACES:
-            told = "the truth feed is told when it is to act" if feed else "nobody brings it about"
-            say(f"fault {plan.index}, {plan.kind.name}: not the plant's; {told}")
+            told = "the truth feed reports when to apply it" if feed else "no component applies it"
+            say(f"fault {plan.index}, {plan.kind.name}: not applied by the plant; {told}")
 
 
 def _wanted_ids(scenario: TrainScenario) -> frozenset[int]:
-    """What the one port of all nodes lets through: a driver sees the display, too."""
+    """Identifiers that the shared port of all nodes receives: commands, and display frames for a
+    driver model.
+    """
     if scenario.driver is None:
         return COMMAND_IDS
     return COMMAND_IDS | {can_id(kind) for kind in DISPLAYED}

@@ -1,4 +1,6 @@
-"""`plant desk`: the driver's desk as a node of its own, driven from keyboard, file or model."""
+"""`plant desk`: the driver's desk as a separate node, operated from keyboard, recording or driver
+model.
+"""
 
 import argparse
 import sys
@@ -30,12 +32,12 @@ EXIT_OK: Final = 0
 DESK_MS: Final = 100.0
 LIFE_MS: Final = 1000.0
 LISTEN_NS: Final = 250_000_000
-"""Longer than two periods of a desk that is there already."""
+"""Time to listen for another desk; longer than two of its periods."""
 NS_PER_S: Final = 1_000_000_000
 
 
 def attend(options: argparse.Namespace) -> int:
-    """Raises SettingsError, BusError or OSError."""
+    """Run the command. Raises SettingsError, BusError or OSError."""
     mode = CabMode[options.mode.upper()]
     recording = None if options.play is None else load_recording(options.play)
     by_hand = recording is None and options.driver is None
@@ -85,7 +87,7 @@ def _refuse_second_desk(spec: str, clock: Clock) -> None:
         clock.wait_until(clock.now_ns() + LISTEN_NS)
         if probe.receive(clock.now_ns()):
             raise BusError(
-                f"{spec}: somebody is the desk already; run the plant with --desk external"
+                f"{spec}: another desk is already on the bus; run the plant with --desk external"
             )
 
 
@@ -94,14 +96,14 @@ def _record(name: str | None, stack: ExitStack) -> TextIO | None:
         return None
     path = Path(name)
     if path.exists():
-        raise SettingsError(f"--record {name}: exists; it is not written over")
+        raise SettingsError(f"--record {name}: the file exists and is not overwritten")
     record = stack.enter_context(path.open("x", encoding="utf-8"))
     record.write(HEADER)
     return record
 
 
 class DeskNode:
-    """The desk on the bus. Run `executive`; call `stop` as the last thing."""
+    """The desk node on the bus. Run `executive`, and call `stop` at the end."""
 
     def __init__(
         self,
@@ -113,9 +115,8 @@ class DeskNode:
         record: TextIO | None,
         start_ns: int,
     ) -> None:
-        """Args:
-        who: recording or model; None: the keys of the terminal.
-        record: takes a line for each change.
+        """Args: who: recording or driver model; None: the keys of the terminal. record: file that
+        receives a line for each change.
         """
         self._can, self._who, self._terminal, self._record = can, who, terminal, record
         self._start_ns = start_ns
@@ -134,7 +135,7 @@ class DeskNode:
         return self._hands.gone
 
     def cycle(self, now_ns: int) -> None:
-        """Look, act, say; then note and show what was said."""
+        """Receive the display frames, send the desk, then record and show it."""
         self._look(now_ns)
         desk = self._desk(now_ns)
         for identifier, data in self._encoder.encode(desk):
@@ -165,7 +166,7 @@ class DeskNode:
         self._life = NodeState.OPERATIONAL
 
     def stop(self, now_ns: int) -> None:
-        """The node says that it leaves the bus."""
+        """Announce on the bus that the node stops."""
         with suppress(BusError):
             self._say_life(now_ns, NodeState.STOPPED)
 

@@ -1,4 +1,4 @@
-"""The plant's end of its feed: datagrams to a Unix socket that somebody else listens on."""
+"""The plant's end of its feed: sends datagrams to a Unix socket of a listener."""
 
 import contextlib
 import os
@@ -12,17 +12,20 @@ from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import Truth
 
 PATH_BYTES_MAX: Final = 107
-"""A Unix socket's name has no room for more."""
+"""Longest path of a Unix socket."""
 BUFFER_BYTES: Final = 1 << 20
 CHANGES_MAX: Final = 4096
-"""So many wait for a listener; older ones are given up, each counted when it was first refused."""
+"""Maximum number of changes that wait for a listener; the oldest ones are dropped."""
 
 
 class FeedSender:
-    """Never waits: what nobody takes is counted."""
+    """Sends without waiting; datagrams that no listener takes are counted."""
 
     def __init__(self, path: str) -> None:
-        """Nobody needs to listen yet. Raises SettingsError for a path that no socket can have."""
+        """Open the feed; a listener may appear later.
+
+        Raises SettingsError for an impossible path.
+        """
         size = len(os.fsencode(path))
         if size > PATH_BYTES_MAX:
             raise SettingsError(
@@ -31,9 +34,10 @@ class FeedSender:
             )
         self.sent = 0
         self.lost = 0
-        """Datagrams that found no listener, or a full one."""
+        """Number of datagrams that found no listener or a full one."""
         self._changes: deque[bytes] = deque()
-        """Not taken yet. A listener that misses one would let a fault act for ever, or never."""
+        """Changes that were not delivered yet. A listener that missed one would apply a fault for
+        ever, or never."""
         self._path = path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -41,13 +45,13 @@ class FeedSender:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
 
     def truth(self, truth: Truth, now_ns: int) -> None:
-        """An observer of the plant."""
+        """Send a sample of the truth; this is an observer of the plant."""
         if self._changes:
             self._send_changes()
         self._send(pack_truth(truth, now_ns))
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """A listener of the plant's schedule. What is not taken is said again before the truth."""
+        """Send a change of a fault. An undelivered change is sent again before the next truth."""
         if len(self._changes) == CHANGES_MAX:
             self._changes.popleft()
         self._changes.append(pack_change(plan.index, active, now_ns))

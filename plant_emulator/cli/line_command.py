@@ -1,4 +1,6 @@
-"""`plant run --trains N`: all trains of a line in real time, each on its bus, and their network."""
+"""`plant run --trains N`: serves all trains of a line in real time, each on its own bus, and their
+network.
+"""
 
 import argparse
 import json
@@ -34,7 +36,7 @@ from plant_emulator.wire import COMMAND_IDS
 from plant_emulator.world import TrainScenario
 
 NUMBER: Final = "#"
-"""Stands in the name of a bus for the number of the train."""
+"""Placeholder for the train's number in the name of a bus."""
 BUSES: Final = f"embedded:train{NUMBER}"
 GARBAGE_MS: Final = 10_000.0
 TELL_MS: Final = 10_000.0
@@ -50,7 +52,7 @@ ALONE: Final = {
     "truth_feed": "--truth-feed",
     "line_radio": "--line-radio",
 }
-"""Options that speak of one train."""
+"""Options that apply to a single train only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ class _Plan:
 
 
 def serve_trains(options: argparse.Namespace) -> int:
-    """Serve until asked to end; the exit code.
+    """Serve until asked to end and return the exit code.
 
     Raises SettingsError, BusError, RadioError, SerialError, OSError.
     """
@@ -122,7 +124,7 @@ def _plan(options: argparse.Namespace) -> _Plan:
 
 
 class _Wires(NamedTuple):
-    """Of one train."""
+    """The ports of one train."""
 
     can: CanPort
     tags: SerialPort
@@ -162,7 +164,7 @@ class _Line:
         ]
 
     def _wires(self, index: int) -> _Wires:
-        """On its bus, which is brought up if it is an embedded one that nobody serves."""
+        """Open the train's ports. An embedded bus that is not served yet is started."""
         plan, clock, stack = self._plan, self._clock, self._stack
         spec, train = plan.buses[index], plan.starts[index].train
         bus = parse_spec(spec)
@@ -215,7 +217,7 @@ class _Line:
         ]
 
     def couple(self, now_ns: int) -> None:
-        """Ask all trains, solve, answer all."""
+        """Collect all trains' loads, solve the network, and return the results to the trains."""
         if not self._began and all(plant.wire.commands for plant in self.plants):
             self._began = True
             say("every train has a controller: the timetable begins")
@@ -228,7 +230,7 @@ class _Line:
             words.tell()
 
     def tell(self, now_ns: int) -> None:
-        """What the network does, now and then."""
+        """Print the state of the network periodically."""
         volts = [plant.world.power.voltage_v for plant in self.plants]
         given_kw = sum(self._coupling.substations_w) / 1e3
         moving = sum(plant.world.speed_mps != 0.0 for plant in self.plants)

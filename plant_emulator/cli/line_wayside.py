@@ -1,4 +1,6 @@
-"""`plant wayside`: arbiters, objects, axle counters of a line whose trains command themselves."""
+"""`plant wayside`: arbiters, objects and axle counters of a line whose trains command
+themselves.
+"""
 
 import argparse
 from collections.abc import Mapping
@@ -35,19 +37,23 @@ DOORS_MS: Final = 10.0
 GARBAGE_MS: Final = 1000.0
 REFUSED_MS: Final = 1000.0
 REFUSED_EVERY: Final = 10
-"""So many looks at what was refused pass before the same reason is told again."""
+"""Minimum number of checks between two reports of the same refusal reason."""
 ORDERS_PER_S: Final = 10
-"""At most, to one train: orders are numbered on from the time of day, above all said before."""
+"""Maximum orders per second to one train. Sequence numbers start from the time of day, so they
+exceed those of earlier starts."""
 ORDERS_SPAN_S: Final = 2**28
 AXLES: Final = 16
 INBOX_MESSAGES: Final = 8192
-"""Heard between two looks: each train tells the rails where it is 50 times a second."""
+"""Maximum number of messages between two steps: each train reports its place 50 times a second."""
 NS_PER_S: Final = 1_000_000_000
 M = TypeVar("M")
 
 
 def serve_line(options: argparse.Namespace) -> int:
-    """Serve until asked to end; the exit code. Raises SettingsError, RadioError, OSError."""
+    """Serve until asked to end and return the exit code.
+
+    Raises SettingsError, RadioError, OSError.
+    """
     if options.parent is not None:
         die_with_parent(options.parent)
     areas = load_areas(options.line)
@@ -123,7 +129,7 @@ class _Line:
         )
         stack.callback(self._port.close)
         self._masters: dict[tuple[int, int], tuple[int, int]] = {}
-        """By arbiter and area: holder and term."""
+        """Holder and term, by arbiter and area."""
         self._failed = 0
         self._refused = RefusalNotes()
 
@@ -135,7 +141,7 @@ class _Line:
         self._tell()
 
     def refused(self, now_ns: int) -> None:
-        """What was heard and not acted on, so that a line that is set up wrongly shows."""
+        """Report refused messages, so that a wrongly configured line becomes visible."""
         for words in self._refused.looks(self._wayside.refused()):
             say(words)
 
@@ -143,7 +149,7 @@ class _Line:
         self._centre.step_doors(now_ns)
 
     def _tell(self) -> None:
-        """Who was granted what, whenever that changes."""
+        """Print each grant when it changes."""
         for address, arbiter in self._wayside.arbiters.items():
             for lease in arbiter.memory.areas:
                 now = (lease.holder, lease.promised)
@@ -159,15 +165,15 @@ class _Line:
 
 
 class RefusalNotes:
-    """Each reason is told when it comes up, and then once in a while how often it did."""
+    """Reports each refusal reason when it first appears, and then periodically with its count."""
 
     def __init__(self) -> None:
         self._looks = 0
         self._told: dict[str, tuple[int, int]] = {}
-        """By reason: how many, and at which look."""
+        """Count and number of the check at the last report, by reason."""
 
     def looks(self, counts: Mapping[str, int]) -> list[str]:
-        """Words for what is to be told now; counts only grow."""
+        """Return the lines to report now; counts only grow."""
         self._looks += 1
         said = []
         for reason, count in counts.items():
@@ -180,15 +186,18 @@ class RefusalNotes:
 
 
 def _readable(store: CheckedStore[M], fresh: M) -> M:
-    """Raises SettingsError for what was decreed and cannot be read: nobody may forget it."""
+    """Read the stored commands.
+
+    Raises SettingsError if they are unreadable, because a command must not be forgotten.
+    """
     found = _found(store, fresh)
     if found is None:
-        raise SettingsError(f"{store.detail}; decree anew after removing it")
+        raise SettingsError(f"{store.detail}; remove the file and give the commands again")
     return found
 
 
 def _found(store: CheckedStore[M], fresh: M) -> M | None:
-    """A new one begins; one that cannot be read is None."""
+    """Return the stored memory, a fresh one if none exists, or None if it is unreadable."""
     if store.state is NvramState.ABSENT:
         return fresh
     if store.value is None:
@@ -199,7 +208,7 @@ def _found(store: CheckedStore[M], fresh: M) -> M | None:
 def feed_of(
     options: argparse.Namespace, line_name: str, world: World, clock: WallClock, stack: ExitStack
 ) -> Executive:
-    """A train's plant tells the line's axle counters where it truly is."""
+    """Return the executive that reports the train's true place to the line's axle counters."""
     secure = None
     if options.secure is not None:
         secure = load_credentials(options.secure, train_name(options.train), clock.epoch_ns())

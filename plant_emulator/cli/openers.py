@@ -1,4 +1,4 @@
-"""Opens the wires of one train in real time: bus, line of its tag reader, radio of its wayside."""
+"""Opens the ports of one train in real time: bus, tag reader's line, wayside radio."""
 
 from contextlib import ExitStack
 from typing import Final
@@ -24,11 +24,11 @@ from plant_emulator.cli.words import say
 from plant_emulator.wayside.railway import subscriptions
 
 LISTEN_NS: Final = 250_000_000
-"""Longer than the slowest vital status of a plant that is there already."""
+"""Time to listen for another plant; longer than the period of its slowest vital status."""
 
 
 def refuse_second_plant(spec: str, clock: Clock, *, desk_elsewhere: bool) -> None:
-    """Raises BusError when somebody already speaks for the train on this bus."""
+    """Raise BusError if another plant already sends on this bus."""
     others = {Node.VOBC.name, Node.DESK.name} if desk_elsewhere else {Node.VOBC.name}
     ours = {can_id(kind): sender(kind) for kind in kinds() if sender(kind) not in others}
     with ExitStack() as stack:

@@ -12,48 +12,49 @@ from zenoh_config.timers import TIMER_SETS
 
 AUTO: Final = "auto"
 PRIORITY: Final = 70
-"""Under the controller's: the train does not wait for its driver, but it may be a little late."""
+"""Real-time priority, below the controller's: a train may be a little late, the controller may
+not."""
 PRIORITY_MAX: Final = 99
 
 DESCRIPTION: Final = "A train without a controller, on a bus, a serial line and a radio."
 EPILOG: Final = """\
-The train stands braked until a controller speaks. Stop it with Ctrl-C; it also ends with whoever
-started it.
+The train stands braked until a controller sends commands. The plant ends with Ctrl-C, or with the
+process that started it.
 exit codes: 0 ended by SIGTERM or after --duration; 1 the plant failed; 2 wrong usage or
 configuration; 3 bus, serial line, radio or disk missing; 130 ended by Ctrl-C
 """
 
 
 DESK_EPILOG: Final = """\
-Without --play and --driver the keyboard drives, and the terminal shows the desk; q leaves it. A
-desk that falls silent brakes the train. Recordings are described in docs/guide/desk.md.
+Without --play and --driver you drive by keyboard, and the terminal shows the desk; q leaves it.
+The train brakes when the desk stops sending. Recordings are described in docs/guide/desk.md.
 exit codes: 0 left, or after --duration; 1 it failed; 2 wrong usage or a recording that cannot be
-played; 3 bus or terminal missing, or somebody else is the desk
+played; 3 bus or terminal missing, or another desk on the bus
 """
 ELSEWHERE: Final = ("external", "none")
 
 
 def parser() -> argparse.ArgumentParser:
-    """Of `plant` and its verbs."""
+    """Return the parser of `plant` and its verbs."""
     top = argparse.ArgumentParser(prog="plant", description=DESCRIPTION)
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
     verbs.add_parser("consists", help="list the trains that ship with the plant")
     plant = verbs.add_parser(
         "run",
         help="serve a train in real time",
-        description="Serve a train and its wayside in real time, for whatever controller comes.",
+        description="Serve a train and its wayside in real time, for a controller that connects.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     _add_train(plant.add_argument_group("the train and its line"))
     _add_wires(plant.add_argument_group("the wires"))
-    _add_faults(plant.add_argument_group("what goes wrong"))
+    _add_faults(plant.add_argument_group("faults"))
     _add_line(plant.add_argument_group("trains that command themselves"))
     _add_trains(plant.add_argument_group("several trains on one line"))
     plant.add_argument(
         "--wayside",
         action="store_true",
-        help="no train but the wayside of a line, with the options of `plant wayside`",
+        help="serve the wayside of a line instead of a train, with the options of `plant wayside`",
     )
     _add_desk(verbs)
     _add_wayside(verbs)
@@ -62,10 +63,12 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_line(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "--line-radio", metavar="ENDPOINT", help="tell the axle counters of `plant wayside` there"
+        "--line-radio",
+        metavar="ENDPOINT",
+        help="report the train's place to the axle counters of `plant wayside` there",
     )
     group.add_argument("--secure", metavar="FOLDER", help="certificates of a secured line")
-    group.add_argument("--train", type=_train, default=1, metavar="N", help="which one it is")
+    group.add_argument("--train", type=_train, default=1, metavar="N", help="number of the train")
 
 
 def _add_trains(group: argparse._ArgumentGroup) -> None:
@@ -73,10 +76,12 @@ def _add_trains(group: argparse._ArgumentGroup) -> None:
         "--trains",
         type=_train,
         metavar="N",
-        help="so many, each on a bus of its own (default: embedded:train#), all on the network of "
-        "the line, which says where they stand",
+        help="serve this many trains, each on its own bus (default: embedded:train#), "
+        "on the network of the line, whose timetable gives their places",
     )
-    group.add_argument("--supply", choices=("strong", "weak"), help="network; default: the line's")
+    group.add_argument(
+        "--supply", choices=("strong", "weak"), help="network; default: that of the line"
+    )
 
 
 def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -84,7 +89,7 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
         "wayside",
         help="serve the wayside of a line whose trains command themselves",
         description="Serve arbiters, objects, axle counters and centre of a line whose trains "
-        "command themselves, in real time; says who is granted which area.",
+        "command themselves, in real time, and print each grant of an area.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -105,9 +110,15 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
         help="SCHED_FIFO where the rights allow it; 0, the default: none",
     )
     wayside.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
-    wayside.add_argument("--memory", metavar="FOLDER", help="what must survive a power cut")
     wayside.add_argument(
-        "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
+        "--memory", metavar="FOLDER", help="folder for data that must survive a power cut"
+    )
+    wayside.add_argument(
+        "--duration",
+        dest="duration_s",
+        type=_seconds,
+        metavar="SECONDS",
+        help="end after this time",
     )
 
 
@@ -120,31 +131,39 @@ def _add_train(group: argparse._ArgumentGroup) -> None:
         metavar="NAME|FILE",
         help="see `plant consists`; default: florence4, with --trains that of the line",
     )
-    group.add_argument("--seed", type=_seed, default=1, help="of all noise; default: 1")
+    group.add_argument("--seed", type=_seed, default=1, help="seed of all noise; default: 1")
     group.add_argument(
-        "--load-ratio", type=_ratio, metavar="0..1", help="passengers; default: the consist's"
+        "--load-ratio",
+        type=_ratio,
+        metavar="0..1",
+        help="load by passengers; default: that of the consist",
     )
     group.add_argument(
         "--odometer-error",
         type=_odometer_error,
         metavar="RATIO",
-        help="fixed instead of drawn; 0.05 counts 5 %% too much",
+        help="fixed error instead of a random one; 0.05 counts 5 %% too much",
     )
     group.add_argument(
-        "--from", dest="start", metavar="STATION", help="where it stands; default: the first"
+        "--from",
+        dest="start",
+        metavar="STATION",
+        help="station where it starts; default: the first",
     )
     group.add_argument(
-        "--to", dest="end", metavar="STATION", help="how far it may go; default: the last"
+        "--to", dest="end", metavar="STATION", help="station to which it may run; default: the last"
     )
     group.add_argument(
         "--desk",
         choices=[*(mode.name.lower() for mode in CabMode), *ELSEWHERE],
         default="auto",
-        help="its mode; external: `plant desk` is the desk, none: there is none; default: auto",
+        help="mode of the desk; external: `plant desk` is the desk, none: no desk; default: auto",
     )
-    group.add_argument("--driver", choices=list(DRIVERS), help="a model of one drives")
+    group.add_argument("--driver", choices=list(DRIVERS), help="a driver model drives")
     group.add_argument(
-        "--desk-recording", metavar="FILE", help="played at the desk, see docs/guide/desk.md"
+        "--desk-recording",
+        metavar="FILE",
+        help="recording to replay at the desk, see docs/guide/desk.md",
     )
 
 
@@ -152,7 +171,7 @@ def _add_desk(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     desk = verbs.add_parser(
         "desk",
         help="drive a train by hand",
-        description="Be the driver's desk of a train whose plant runs with --desk external.",
+        description="Serve the driver's desk of a train whose plant runs with --desk external.",
         epilog=DESK_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -163,19 +182,21 @@ def _add_desk(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
         help="auto, socketcan:vcan0, embedded:vcan0; default: auto",
     )
     who = desk.add_mutually_exclusive_group()
-    who.add_argument("--play", metavar="FILE", help="a recording drives, not the keyboard")
-    who.add_argument("--driver", choices=list(DRIVERS), help="a model of a driver drives")
-    desk.add_argument(
-        "--record", metavar="FILE", help="write what is done at the desk, to be played again"
-    )
+    who.add_argument("--play", metavar="FILE", help="a recording drives instead of the keyboard")
+    who.add_argument("--driver", choices=list(DRIVERS), help="a driver model drives")
+    desk.add_argument("--record", metavar="FILE", help="record the desk, for --play")
     desk.add_argument(
         "--mode",
         choices=[mode.name.lower() for mode in CabMode],
         default="manual",
-        help="of the key at first; default: manual",
+        help="initial position of the key; default: manual",
     )
     desk.add_argument(
-        "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
+        "--duration",
+        dest="duration_s",
+        type=_seconds,
+        metavar="SECONDS",
+        help="end after this time",
     )
 
 
@@ -196,12 +217,16 @@ def _add_wires(group: argparse._ArgumentGroup) -> None:
         "--radio",
         default=AUTO,
         metavar="ENDPOINT",
-        help=f"where this train's wayside listens; auto: {DEFAULT_ENDPOINT}, or a free port; "
-        "with --line-radio nowhere, since the line's wayside does",
+        help=f"endpoint of this train's wayside; auto: {DEFAULT_ENDPOINT}, or a free port; "
+        "with --line-radio none, because the line's wayside answers",
     )
-    group.add_argument("--out", metavar="FOLDER", help="for truth.csv and plant.json")
+    group.add_argument("--out", metavar="FOLDER", help="folder for truth.csv and plant.json")
     group.add_argument(
-        "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
+        "--duration",
+        dest="duration_s",
+        type=_seconds,
+        metavar="SECONDS",
+        help="end after this time",
     )
     group.add_argument(
         "--priority",
@@ -217,12 +242,12 @@ def _add_faults(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--faults",
         metavar="FILE",
-        help="scenario file; its [[fault]] tables are brought about, the rest is passed over",
+        help="scenario file; its [[fault]] tables are applied, the rest is ignored",
     )
     group.add_argument(
         "--truth-feed",
         metavar="PATH",
-        help="Unix datagram socket that is told the truth at every step and what faults begin",
+        help="Unix datagram socket that receives the truth at every step and changes of faults",
     )
 
 
@@ -261,7 +286,7 @@ def _seed(text: str) -> int:
 def _train(text: str) -> int:
     number = text.removeprefix("T")
     if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
-        raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")
+        raise argparse.ArgumentTypeError(f"{text} is not a train; write 1..{LAST_TRAIN}, or T1 ...")
     return int(number)
 
 

@@ -1,4 +1,4 @@
-"""A terminal as the desk needs it: keys without waiting, and a screen that is drawn over."""
+"""Terminal functions for the desk: reading keys without waiting, and redrawing the screen."""
 
 import curses
 import os
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Final
 
 ESCAPE_MS: Final = "25"
-"""How long the library waits for the rest of an arrow key."""
+"""Time that the curses library waits for the rest of an arrow key's bytes."""
 NO_KEY: Final = -1
 NAMES: Final = {
     curses.KEY_UP: "up",
@@ -19,18 +19,19 @@ NAMES: Final = {
 ASCII_MAX: Final = 126
 ESCAPE: Final = 27
 ARROWS: Final = {"A": "up", "B": "down", "C": "right", "D": "left"}
-"""Last letter of an arrow key's bytes, for terminals that send other ones than they declare."""
+"""Last byte of an arrow key's sequence, for terminals whose sequences differ from their
+declaration."""
 INTRODUCERS: Final = "[O"
 
 
 class TerminalArea:
-    """Drawn into from the top; what does not fit is cut off."""
+    """An area of text drawn from the top; text that does not fit is cut off."""
 
     def __init__(self, window: "curses.window") -> None:
         self._window = window
 
     def pressed(self) -> Iterator[str]:
-        """Keys since the last call, by the names in `plant_emulator.desk.hands`."""
+        """Keys since the last call, by their names in `plant_emulator.desk.hands`."""
         return key_names(iter(self._window.getch, NO_KEY))
 
     def show(self, lines: Sequence[str]) -> None:
@@ -38,16 +39,16 @@ class TerminalArea:
         height, width = window.getmaxyx()
         window.erase()
         for row, line in enumerate(lines[:height]):
-            # The last cell of a window cannot be written without scrolling it.
+            # curses cannot write a window's last cell without scrolling.
             window.addnstr(row, 0, line, max(0, width - 1))
         window.refresh()
 
 
 def key_names(codes: Iterable[int]) -> Iterator[str]:
-    """Names of keys from the codes of the terminal's library.
+    """Return the names of keys from the key codes of curses.
 
-    What follows an escape that the library made no key of (a function key, an arrow with Control)
-    is one key, and none of the desk's: its letters must neither start the train nor change a mode.
+    An escape sequence that curses does not know (a function key, an arrow with Control) counts as
+    one key without a meaning. Its letters must neither start the train nor change a mode.
     """
     rest = iter(codes)
     for code in rest:
@@ -62,7 +63,7 @@ def key_names(codes: Iterable[int]) -> Iterator[str]:
 
 
 def _sequence(rest: Iterator[int]) -> str:
-    """What belongs to an escape: an introducer, parameters, and a letter or `~`."""
+    """Return the rest of an escape sequence: an introducer, parameters, and a letter or `~`."""
     text = ""
     for code in rest:
         text += chr(code)
@@ -75,7 +76,7 @@ def _sequence(rest: Iterator[int]) -> str:
 
 @contextmanager
 def open_terminal() -> Iterator[TerminalArea]:
-    """Gives the terminal back as it was, whatever happens. Raises OSError without one."""
+    """Open the terminal and always restore it at the end. Raises OSError without a terminal."""
     os.environ.setdefault("ESCDELAY", ESCAPE_MS)
     try:
         window = curses.initscr()
@@ -97,7 +98,7 @@ def open_terminal() -> Iterator[TerminalArea]:
 
 @contextmanager
 def _without_cursor() -> Iterator[None]:
-    """Some terminals cannot hide it."""
+    """Hide the cursor, on terminals that can."""
     try:
         before = curses.curs_set(0)
     except curses.error:

@@ -1,4 +1,4 @@
-"""What the plant says of its train while it runs, and at the end."""
+"""Messages about the train while the plant runs, and its summary at the end."""
 
 from dataclasses import asdict
 
@@ -12,10 +12,10 @@ def say(words: str) -> None:
 
 
 class TrainNotices:
-    """Says what happens to the train: silence, emergency, standstill, doors, faults."""
+    """Prints events of the train: missing commands, emergency, standstill, doors, faults."""
 
     def __init__(self, plant: PlantDevice, of: str = "") -> None:
-        """`of`: whose words they are, where there are several trains."""
+        """`of`: the train's name, if there are several trains."""
         self._plant, self._of = plant, f"{of}, " if of else ""
         self._facts = self._look()
         self._commanded = False
@@ -33,14 +33,14 @@ class TrainNotices:
     def tell(self) -> None:
         if not self._commanded and self._plant.wire.commands:
             self._commanded = True
-            self._say("a controller speaks")
+            self._say("a controller sends commands")
         facts = self._look()
         if facts == self._facts:
             return
         world = self._plant.world
         spoken = (
             ("commands are missing", "commands are back"),
-            ("emergency brake asked", "emergency brake released"),
+            ("emergency brake demanded", "emergency brake released"),
             (f"stands at {world.front_m:.3f} m", f"leaves {world.front_m:.3f} m"),
             ("doors closed and locked", "doors unlocked"),
         )
@@ -62,7 +62,7 @@ class TrainNotices:
 
 
 def summarise(plant: PlantDevice, feed: FeedSender | None) -> dict[str, object]:
-    """How the plant kept up, what it did not believe, and what it could not tell."""
+    """Return a summary of delays, refused messages and lost data."""
     never = [f"{plan.index} {plan.kind.name}" for plan in plant.schedule.never_began]
     return {
         "late_steps": plant.late_steps,

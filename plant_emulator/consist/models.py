@@ -1,4 +1,4 @@
-"""Models of the train by name: how many masses it has and what each of them takes part in."""
+"""Models of the train by name: the masses, and the share of each in drive and brake forces."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ from plant_emulator.train_config import ConsistModel, TrainConfig
 
 @dataclass(frozen=True, slots=True)
 class Car:
-    """One moving mass of a model, with its share of what all drive or brake together."""
+    """One moving mass of a model, with its shares of drive and brake forces."""
 
     mass_kg: float
     inertia_kg: float
-    """With rotating masses."""
+    """Mass including the equivalent of rotating masses."""
     length_m: float
     drive_share: float
-    """Of the tractive effort."""
+    """Share of the tractive effort."""
     motor_brake_share: float
-    """Of the brake force on motor cars."""
+    """Share of the brake force on motor cars."""
     trailer_brake_share: float
-    """Of the brake force on the other cars."""
+    """Share of the brake force on the other cars."""
 
     @property
     def weight_n(self) -> float:
@@ -29,7 +29,9 @@ class Car:
 
 
 def multi_mass(train: TrainConfig) -> tuple[Car, ...]:
-    """Every car a mass of its own; force is shared by mass among the cars that take part."""
+    """Model every car as a mass; the cars that take part share each force in proportion to their
+    mass.
+    """
     masses_kg = [car.tare_kg + train.load_ratio * car.passengers_kg for car in train.cars]
     motor_kg = sum(m for m, car in zip(masses_kg, train.cars, strict=True) if car.motor)
     trailer_kg = sum(masses_kg) - motor_kg
@@ -47,7 +49,7 @@ def multi_mass(train: TrainConfig) -> tuple[Car, ...]:
 
 
 def point_mass(train: TrainConfig) -> tuple[Car, ...]:
-    """One rigid body as long as the train."""
+    """Model the train as one rigid body of its full length."""
     inertia_kg = train.mass_kg * (1.0 + train.rotating_mass_percent / 100.0)
     return (Car(train.mass_kg, inertia_kg, train.length_m, 1.0, 1.0, 1.0),)
 

@@ -1,14 +1,15 @@
-"""The moving train: masses, couplers, running resistance, gradient and friction that really holds.
+"""Motion of the train: masses, couplers, running resistance, gradient, and friction with exact
+standstill.
 
-One step from t to t + h goes half a step with the old speed, evaluates all forces there, changes
-the speed, and goes the other half with the new speed. Friction (brakes, the constant part of the
-running resistance, curves) is not a force but the most that may be taken from the speed: a car that
-friction could stop or hold within the step has exactly zero speed after it. So a braked train
-stands without creeping, and a train that nothing holds rolls.
+One step from t to t + h moves half a step with the old speed, evaluates all forces there, updates
+the speed, and moves the other half with the new speed. Friction (brakes, curves, the constant part
+of the running resistance) is not a force but a limit on how much speed it can remove. A car that
+friction can stop or hold within the step has exactly zero speed after it. So a braked train stands
+without creeping, and a train without friction rolls.
 
 The error is of second order in h. Over the first 20 s of a coupler oscillation of florence4 after a
-step of 100 kN, at h = 10 ms, no car is more than 0.02 mm or 0.1 mm/s off the exact solution, and
-the energy balance of a run closes within 0.01 % of the work done (tests hold this down).
+step of 100 kN, at h = 10 ms, no car deviates more than 0.02 mm or 0.1 mm/s from the exact solution.
+The energy balance of a run closes within 0.01 % of the work done. Tests check both.
 """
 
 import math
@@ -21,11 +22,12 @@ from plant_emulator.consist.track import CarTrack
 from plant_emulator.train_config import TrainConfig
 
 STIFF_STEP: Final = 0.1
-"""Largest product of a sub-step and the fastest coupler rate (rad/s or 1/s)."""
+"""Largest product of sub-step and fastest coupler rate (rad/s or 1/s) that keeps the integration
+accurate."""
 
 
 class Consist:
-    """Position, speed and acceleration of every car; moved by `step`."""
+    """Position, speed and acceleration of every car, advanced by `step`."""
 
     __slots__ = (
         "_brake_n",
@@ -71,10 +73,10 @@ class Consist:
         step_s: float,
         resistance_ratio: float = 1.0,
     ) -> None:
-        """A train at rest with slack couplers.
+        """Create a train at rest with slack couplers.
 
         Args:
-            resistance_ratio: true running resistance over that of the consist file.
+            resistance_ratio: true running resistance divided by that of the consist file.
         """
         self.cars: Final = MODELS[train.model](train)
         self.step_s: Final = step_s
@@ -88,14 +90,15 @@ class Consist:
         self._trailer_shares = [car.trailer_brake_share for car in self.cars]
         count = len(self.cars)
         self.car_fronts_m = [front_m] * count
-        """Where the front would be by each car, were the couplers slack; [0] is the front."""
+        """For each car, the chainage of the train's front if all couplers were slack; [0] is the
+        true front."""
         self.car_speeds_mps = [0.0] * count
         self.car_accels_mps2 = [0.0] * count
-        """Mean over the last sub-step."""
+        """Mean acceleration over the last sub-step."""
         self.speed_mps = 0.0
-        """Of the centre of inertia; exactly zero at standstill."""
+        """Speed of the centre of inertia; exactly zero at standstill."""
         self.accel_mps2 = 0.0
-        """Of the centre of inertia, mean over the last step."""
+        """Acceleration of the centre of inertia, mean over the last step."""
         self._drive_n = [0.0] * count
         self._brake_n = [0.0] * count
         self._loads_n = (0.0, 0.0, 0.0)
@@ -135,7 +138,7 @@ class Consist:
             self._enter(index, front_m)
 
     def _enter(self, index: int, x_m: float) -> None:
-        """Take over the piece of track that a car has come upon."""
+        """Load the forces of the track piece that a car has entered."""
         piece = self._tracks[index].piece(x_m)
         self._low_m[index], self._high_m[index] = piece.low_m, piece.high_m
         self._gravity_n[index] = piece.gravity_n
@@ -145,12 +148,15 @@ class Consist:
 
     @property
     def front_m(self) -> float:
-        """Chainage of the front coupler."""
+        """Chainage of the front coupler, m."""
         return self.car_fronts_m[0]
 
     @property
     def motor_m(self) -> float:
-        """Mean of where the motor cars are; drive times its change is the work of the motors."""
+        """Mean place of the motor cars, weighted by drive share.
+
+        Drive force times its change is the motors' work.
+        """
         fronts_m = self.car_fronts_m
         mean_m = 0.0
         for index, share in self._driven:
@@ -159,22 +165,24 @@ class Consist:
 
     @property
     def slope_mps2(self) -> float:
-        """Gravity along the track under the first car, positive where it climbs."""
+        """Gravity along the track under the first car, positive uphill."""
         force_n = self._gravity_n[0] + self._gravity_n_per_m[0] * self.car_fronts_m[0]
         return force_n / self.cars[0].mass_kg
 
     @property
     def drives_n(self) -> Sequence[float]:
-        """Signed force that drives each car in the steps to come."""
+        """Signed drive force of each car in the following steps, N."""
         return self._drive_n
 
     @property
     def brakes_n(self) -> Sequence[float]:
-        """Most that the brakes of each car take in the steps to come, whichever way it goes."""
+        """Largest brake force of each car in the following steps, against the motion in either
+        direction, N.
+        """
         return self._brake_n
 
     def load(self, drive_n: float, motor_brake_n: float, trailer_brake_n: float) -> None:
-        """Set what acts from now on: tractive effort, signed, and brake force, never negative."""
+        """Set the forces from now on: signed tractive effort and non-negative brake forces."""
         if drive_n != self._loads_n[0]:
             for index, share in enumerate(self._drive_shares):
                 self._drive_n[index] = drive_n * share
@@ -186,15 +194,15 @@ class Consist:
             self._loads_n = (drive_n, motor_brake_n, trailer_brake_n)
 
     def step(self) -> None:
-        """Move on by `step_s`."""
+        """Advance by `step_s`."""
         before_mps = self.speed_mps
         for _ in range(self._sub_steps):
             self._sub_step()
         self.accel_mps2 = (self.speed_mps - before_mps) / self.step_s
 
     def _sub_step(self) -> None:
-        # The hot loop of the plant: one pass over the cars from the front, kept flat. `ahead_n` and
-        # `behind_n` are the tensions of the two couplers of the car.
+        # The hot loop of the plant: one pass over the cars from the front, without helper calls.
+        # `ahead_n` and `behind_n` are the tensions of the car's two couplers.
         fronts_m, speeds_mps, accels_mps2 = (
             self.car_fronts_m,
             self.car_speeds_mps,
@@ -242,7 +250,7 @@ class Consist:
                 new_mps = 0.0
             fronts_m[index] = middle_m + half_s * new_mps
             speeds_mps[index] = new_mps
-            # A car that came to rest is not slowed any further.
+            # A car at standstill has no acceleration left.
             accels_mps2[index] = (new_mps - old_mps) / step_s if new_mps != 0.0 else 0.0
             momentum += inertia_kg[index] * new_mps
             ahead_n = behind_n
@@ -254,20 +262,20 @@ class Consist:
         return not any(self.car_speeds_mps)
 
     def kinetic_j(self) -> float:
-        """Rotating masses included."""
+        """Kinetic energy, rotating masses included."""
         return sum(
             0.5 * inertia_kg * speed_mps**2
             for inertia_kg, speed_mps in zip(self._inertia_kg, self.car_speeds_mps, strict=True)
         )
 
     def coupler_j(self) -> float:
-        """Stored in the springs."""
+        """Energy stored in the coupler springs."""
         pairs = zip(self.car_fronts_m, self.car_fronts_m[1:], strict=False)
         return sum(0.5 * self._stiffness_n_per_m * (one - other) ** 2 for one, other in pairs)
 
 
 def _sub_steps(train: TrainConfig, cars: Sequence[Car], step_s: float) -> int:
-    """Enough that the stiffest coupler between the lightest cars is resolved."""
+    """Return how many sub-steps resolve the stiffest coupler between the lightest cars."""
     if len(cars) == 1:
         return 1
     least_kg = min(car.inertia_kg for car in cars)

@@ -1,7 +1,7 @@
-"""What gradients and curves do to one car, as piecewise linear functions of where it is.
+"""Gravity and curve resistance of one car as piecewise linear functions of its place.
 
-Height and curves are taken over the whole length of the car, so a car feels a gradient to the share
-of its length that lies on it.
+Both are averaged over the car's length, so that a gradient acts on the share of the car that stands
+on it.
 """
 
 from bisect import bisect_right
@@ -17,7 +17,9 @@ SHARP_CURVE_M: Final = 300.0
 
 
 def curve_resistance_n_per_kn(radius_m: float) -> float:
-    """Röckl: 650 / (R - 55) for R of 300 m and more, 500 / (R - 30) below."""
+    """Return the curve resistance by Röckl: 650 / (R - 55) from R = 300 m on, 500 / (R - 30)
+    below.
+    """
     assert radius_m > 30.0
     if radius_m < SHARP_CURVE_M:
         return 500.0 / (radius_m - 30.0)
@@ -26,20 +28,22 @@ def curve_resistance_n_per_kn(radius_m: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Forces on a car in low_m <= x < high_m: gravity_n + gravity_n_per_m * x, curve likewise."""
+    """Forces on a car in low_m <= x < high_m: gravity_n + gravity_n_per_m * x; curve resistance
+    likewise.
+    """
 
     low_m: float
     high_m: float
     gravity_n: float
-    """Against running direction, so positive uphill."""
+    """Force against the running direction, so positive uphill."""
     gravity_n_per_m: float
     curve_n: float
-    """Against the motion, whichever way it goes."""
+    """Force against the motion in either direction."""
     curve_n_per_m: float
 
 
 class CarTrack:
-    """The track under one car. Its place x is that of the train's front were the train rigid."""
+    """The track under one car. Its place x is that of the train's front in a rigid train."""
 
     def __init__(
         self, line: LineMap, *, behind_front_m: float, length_m: float, weight_n: float
@@ -52,7 +56,9 @@ class CarTrack:
         self._edges_m = self._edges()
 
     def _edges(self) -> list[float]:
-        """Where an end of the car meets a change of the track; between them all is linear in x."""
+        """Return the places at which an end of the car meets a change of the track; all forces are
+        linear in x between them.
+        """
         gradients = [(section.start_m, section.end_m) for section in self._line.gradients]
         curves = [(section.start_m, section.end_m) for section in self._line.curves]
         changes_m = {end_m for section in gradients + curves for end_m in section}
@@ -60,12 +66,12 @@ class CarTrack:
         return sorted({change_m + offset_m for change_m in changes_m for offset_m in offsets_m})
 
     def piece(self, x_m: float) -> Piece:
-        """The linear piece that holds at x."""
+        """Return the linear piece that contains x."""
         index = bisect_right(self._edges_m, x_m)
         low_m = self._edges_m[index - 1] if index > 0 else -inf
         high_m = self._edges_m[index] if index < len(self._edges_m) else inf
         if low_m == -inf or high_m == inf:
-            # Beyond the first and the last change nothing changes any more.
+            # The track does not change beyond its first and its last change.
             return Piece(low_m, high_m, self.gravity_n(x_m), 0.0, self.curve_n(x_m), 0.0)
         span_m = high_m - low_m
         gravity_n = self.gravity_n(low_m)
@@ -93,7 +99,7 @@ class CarTrack:
 
 
 def _curve_n_per_kn(curves: Sequence[CurveSection], rear_m: float, front_m: float) -> float:
-    """Mean over a stretch of the line."""
+    """Mean curve resistance over a stretch of the line."""
     total = 0.0
     for curve in curves:
         under_m = min(front_m, curve.end_m) - max(rear_m, curve.start_m)

@@ -1,1 +1,1 @@
-"""Whoever sits at the driver's desk: nobody, a recording, a model of a driver, or a person."""
+"""The operator of the driver's desk: none, a recording, a driver model or a person."""

@@ -1,4 +1,4 @@
-"""Who is at the desk of a run: a recording or a model of a driver; nobody needs neither."""
+"""Chooses the operator of the desk in a run: a recording, a driver model, or none."""
 
 from collections.abc import Callable
 from typing import Final
@@ -13,17 +13,17 @@ from plant_emulator.desk.recording import DeskRecording
 NS_PER_S: Final = 1_000_000_000
 
 Attendant = Callable[[DeskDisplay, int], Desk]
-"""Is asked whenever the desk speaks: what it shows, and the instant."""
+"""Returns the desk frame to send, from the display and the present instant."""
 
 
 def attendant(
     driver: str | None, recording: DeskRecording | None, *, mode: CabMode, start_ns: int
 ) -> Attendant | None:
-    """None for a desk that nobody touches.
+    """Return the operator of the desk, or None for an unattended desk.
 
     Args:
-        mode: of the desk before the first line of a recording.
-        start_ns: the instant that a recording counts from.
+        mode: mode of the desk before the first line of a recording.
+        start_ns: the instant from which a recording counts.
     """
     if driver is not None:
         return DRIVERS[driver]().drive
@@ -38,7 +38,7 @@ def attendant(
 
 
 def check_driver(name: str) -> str:
-    """The name of a driver there is; raises SettingsError."""
+    """Return the name of a known driver model; raises SettingsError for any other name."""
     if name not in DRIVERS:
         raise SettingsError(f"driver: {name!r}: {nearest(name, list(DRIVERS))}")
     return name

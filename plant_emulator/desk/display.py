@@ -1,4 +1,4 @@
-"""What the desk's display shows: the controller's own words, as they come over the train bus."""
+"""The desk's display: the controller's latest frames from the train bus."""
 
 from typing import Final, TypeVar
 
@@ -13,9 +13,9 @@ KINDS: Final[tuple[type[Frame], ...]] = (
     VobcPosition,
     VobcTarget,
 )
-"""Frames that a driver goes by."""
+"""Frames that a driver model uses."""
 SCREEN_KINDS: Final[tuple[type[Frame], ...]] = (*KINDS, DoorCommand)
-"""Frames that a person is shown."""
+"""Frames that the screen shows to a person."""
 FRESH_NS: Final = 500_000_000
 """Age beyond which a frame is not shown: two and a half periods of the slowest, VOBC_TARGET."""
 NS_PER_S: Final = 1_000_000_000
@@ -24,7 +24,7 @@ Shown = TypeVar("Shown", bound=Frame)
 
 
 class DeskDisplay:
-    """The last frame of each kind, as long as it is fresh."""
+    """Stores the last frame of each kind and returns it while it is fresh."""
 
     __slots__ = ("_heard",)
 
@@ -32,30 +32,32 @@ class DeskDisplay:
         self._heard: dict[type[Frame], tuple[Frame, int]] = {}
 
     def hear(self, frame: Frame, now_ns: int) -> None:
-        """Frames of other kinds are passed over."""
+        """Store a frame; frames of other kinds are ignored."""
         if isinstance(frame, SCREEN_KINDS):
             self._heard[type(frame)] = (frame, now_ns)
 
     def latest(self, kind: type[Shown], now_ns: int) -> Shown | None:
-        """None before the first frame of a kind, and once the last one is too old."""
+        """Return the last frame of a kind; None before the first, and when it is too old."""
         frame, heard_ns = self._heard.get(kind, (None, 0))
         if not isinstance(frame, kind) or now_ns - heard_ns > FRESH_NS:
             return None
         return frame
 
     def speeds(self, now_ns: int) -> VobcMotion | None:
-        """None when the display is dark."""
+        """Return the speeds on the display; None when the display is dark."""
         return self.latest(VobcMotion, now_ns)
 
     def silence(self, now_ns: int) -> str:
-        """What the controller stopped sending and since when; empty while all is fresh."""
+        """Describe which frames the controller stopped sending and since when; empty while all are
+        fresh.
+        """
         lost = {
             kind: now_ns - heard_ns
             for kind, (_, heard_ns) in self._heard.items()
             if now_ns - heard_ns > FRESH_NS
         }
         if not self._heard:
-            return "controller not heard yet"
+            return "no frame from the controller yet"
         if len(lost) == len(self._heard):
             return f"controller silent for {min(lost.values()) // NS_PER_S} s"
         return ", ".join(

@@ -1,4 +1,4 @@
-"""Models of drivers. They see what the display shows and nothing else of the train."""
+"""Driver models. They use only what the display shows."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -12,22 +12,24 @@ from plant_emulator.desk.hands import unattended
 
 FULL_PERCENT: Final = 100.0
 PERCENT_PER_MPS: Final = 60.0
-"""How hard an obedient driver corrects an error of speed."""
+"""Lever gain of an obedient driver per speed error."""
 KEPT_MPS: Final = 1.0
-"""And stays under the permitted speed by so much."""
+"""Margin that an obedient driver keeps below the permitted speed, m/s."""
 SEEN_AHEAD_S: Final = 3.0
-"""A driver sees where a falling limit will be in a while."""
+"""Time for which an obedient driver extrapolates a falling limit, s."""
 EASY_MPS2: Final = 0.5
-"""An obedient driver brakes so gently towards the end of the authority."""
+"""Deceleration of an obedient driver towards the end of the authority."""
 EASY_GAP_M: Final = 20.0
-"""And means to stop so far before it."""
+"""Distance before the end of the authority at which an obedient driver intends to stop."""
 LATE_AHEAD_S: Final = 1.5
-"""A late one sees no further than his brake takes to bite."""
+"""Time for which a late driver extrapolates a falling limit; it equals the build-up of the
+brake."""
 LATE_KEPT_MPS: Final = 0.5
 LATE_RELEASE_MPS: Final = 1.5
-"""He lets go again when he is under the emergency limit by so much."""
+"""Margin below the emergency limit at which a late driver releases the brake again."""
 FALL_MAX_MPS2: Final = 2.0
-"""A limit that falls faster was changed, not approached."""
+"""Largest fall of a limit that counts as approaching it. A faster fall means that the limit was
+changed."""
 STANDING_MPS: Final = 0.1
 RESET_EVERY_NS: Final = 3_000_000_000
 RESET_FOR_NS: Final = 1_000_000_000
@@ -35,13 +37,13 @@ NS_PER_S: Final = 1_000_000_000
 
 
 class Driver(Protocol):
-    """Is asked whenever the desk speaks."""
+    """Returns the desk frame to send, whenever the desk sends one."""
 
     def drive(self, display: DeskDisplay, now_ns: int) -> Desk: ...
 
 
 class Trend:
-    """How fast a shown limit falls; never negative."""
+    """Estimates how fast a shown limit falls; never negative."""
 
     def __init__(self) -> None:
         self._limit_mps = 0.0
@@ -61,10 +63,10 @@ class Trend:
 
 
 class Obedient:
-    """Stays under the permitted speed, and resets an emergency once the train stands."""
+    """Keeps below the permitted speed, and resets an emergency when the train stands."""
 
     def __init__(self) -> None:
-        # The emergency limit begins to fall before the permitted speed does.
+        # Both trends matter: the emergency limit begins to fall before the permitted speed does.
         self._trends = (Trend(), Trend())
 
     def drive(self, display: DeskDisplay, now_ns: int) -> Desk:
@@ -94,14 +96,14 @@ class Obedient:
 
 
 class Reckless:
-    """Full power, whatever the display shows."""
+    """Drives with full power, whatever the display shows."""
 
     def drive(self, display: DeskDisplay, now_ns: int) -> Desk:
         return _desk(FULL_PERCENT)
 
 
 class LateDriver:
-    """Full power up to the speed at which the emergency brake would come, and full brake there."""
+    """Drives with full power until just below the emergency limit, then brakes fully."""
 
     def __init__(self) -> None:
         self._trend = Trend()
@@ -128,7 +130,7 @@ DRIVERS: Final[Mapping[str, Callable[[], Driver]]] = {
 
 
 def _easy_mps(target: VobcTarget | None) -> float:
-    """From which a gentle brake still stops before the end of the authority."""
+    """Speed from which gentle braking stops the train before the end of the authority."""
     if target is None:
         return math.inf
     left_m = target.distance_to_authority_m - EASY_GAP_M

@@ -1,4 +1,4 @@
-"""Hands on the desk: from keys to lever, switches and buttons."""
+"""Translates key presses into the desk's lever, switches and buttons."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -7,13 +7,13 @@ from typing import Final
 from can_dbc.cab import CabMode, Desk
 
 PRESS_NS: Final = 1_000_000_000
-"""So long a button is held down that springs back."""
+"""Time for which a spring-loaded button stays pressed after its key."""
 NOTCH_PERCENT: Final = 10.0
 FULL_PERCENT: Final = 100.0
 
 
 def unattended(mode: CabMode) -> Desk:
-    """The desk of a train that nobody drives: everything permissive, no button pressed."""
+    """Return the desk of an unattended train: all inputs permissive, no button pressed."""
     return Desk(
         mode=mode,
         lever_percent=0.0,
@@ -28,7 +28,7 @@ def unattended(mode: CabMode) -> Desk:
 
 @dataclass(frozen=True, slots=True)
 class Hands:
-    """The desk as it was left, and until when buttons are held down that spring back."""
+    """The desk as last operated, and until when its spring-loaded buttons stay pressed."""
 
     desk: Desk
     departure_until_ns: int = 0
@@ -45,7 +45,7 @@ class Hands:
 
 
 def press(hands: Hands, key: str, now_ns: int) -> Hands:
-    """What one key does; unknown ones do nothing."""
+    """Apply the action of one key; unknown keys have none."""
     action = _ACTIONS.get(key)
     return hands if action is None else action(hands, now_ns)
 
@@ -103,7 +103,7 @@ KEYS: Final[tuple[tuple[str, str, Callable[[Hands, int], Hands]], ...]] = (
     ("p", "passenger alarm", _flip("no_passenger_alarm")),
     ("q", "leave the desk", _leave),
 )
-"""Key, what it says on the screen, and what it does."""
+"""Key, its description on the screen, and its action."""
 _ACTIONS: Final[Mapping[str, Callable[[Hands, int], Hands]]] = {
     key: action for key, _, action in KEYS
 }

@@ -1,11 +1,11 @@
-"""Recordings of a desk: a text of one line for each change, and how it is played.
+"""Recordings of a desk: text with one line for each change.
 
     # comment
     0.0   mode=manual lever_percent=40
     12.5  lever_percent=-60 reset_requested=true
 
-A line has seconds since the start and the fields of the frame DESK that change then; the others
-stay as they were. Seconds never fall. Before the first line the desk is unattended.
+Each line has the seconds since the start and the fields of the frame DESK that change. The other
+fields keep their values. The seconds never decrease. Before the first line the desk is unattended.
 """
 
 import enum
@@ -32,17 +32,17 @@ HEADER: Final = "# Desk: seconds since the start, then what changes. See docs/gu
 class DeskChange:
     t_s: float
     values: tuple[tuple[str, Any], ...]
-    """Fields of the frame, and what they are from then on."""
+    """Changed fields of the frame with their new values."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeskRecording:
-    """Changes in the order of time."""
+    """Changes of the desk in order of time."""
 
     changes: tuple[DeskChange, ...]
 
     def at(self, t_s: float, before: Desk) -> Desk:
-        """The desk at an instant; `before`: what it is before the first change."""
+        """Return the desk at an instant; `before` is the desk before the first change."""
         values: dict[str, Any] = {}
         for change in self.changes:
             if change.t_s > t_s:
@@ -56,7 +56,7 @@ class DeskRecording:
 
 
 def load_recording(name: str) -> DeskRecording:
-    """Raises SettingsError with file, line and key."""
+    """Load a recording. Raises SettingsError with file, line and key."""
     try:
         text = Path(name).read_text(encoding="utf-8")
     except FileNotFoundError as error:
@@ -67,7 +67,7 @@ def load_recording(name: str) -> DeskRecording:
 
 
 def parse_recording(text: str, source: str) -> DeskRecording:
-    """Raises SettingsError with source, line and key."""
+    """Parse a recording. Raises SettingsError with source, line and key."""
     changes: list[DeskChange] = []
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split(COMMENT)[0].split()
@@ -125,9 +125,9 @@ def _number(text: str) -> float:
 
 
 def change_line(t_s: float, before: Desk | None, now: Desk) -> str:
-    """The line of a recording that says what changed, all of it without a desk before it.
+    """Return the recording's line for the changed fields; without `before`, for all fields.
 
-    Empty when nothing did.
+    Returns an empty text if no field changed.
     """
     values = {
         name: _text(getattr(now, name))

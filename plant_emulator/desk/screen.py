@@ -28,11 +28,11 @@ KEYS_A_LINE: Final = 4
 KEY_WIDTH: Final = 19
 NOTHING: Final = "--"
 FAR_M: Final = 100_000.0
-"""A target that is shown no more."""
+"""Distance from which on the screen shows no target, m."""
 
 
 def lines(display: DeskDisplay, desk: Desk, now_ns: int, note: str = "") -> list[str]:
-    """What is shown now; `note` is the last line."""
+    """Return the lines of the screen; `note` is the last one."""
     seen = display.speeds(now_ns)
     body = [
         "METRO DRIVER'S DESK".center(WIDTH).rstrip(),
@@ -86,14 +86,16 @@ def _mode(mode: VobcMode | None) -> str:
 
 
 def _departure(mode: VobcMode | None, motion: VobcMotion | None) -> str:
-    """Nothing is said of it while the train is under way."""
+    """Show the departure inhibits; none while the train is moving."""
     if mode is None or motion is None or abs(motion.speed_mps) > 0.0:
         return NOTHING
     return _flags(mode.departure_inhibits) if mode.departure_inhibits else "permitted"
 
 
 def _doors(mode: VobcMode | None, doors: DoorCommand | None) -> str:
-    """The enabled sides, else what withholds them; away from platforms nothing does."""
+    """Show the enabled sides, or else why doors are withheld; away from platforms neither
+    exists.
+    """
     if doors is not None and (doors.enable_left or doors.enable_right):
         sides = (("left", doors.enable_left), ("right", doors.enable_right))
         return "enabled " + " and ".join(name for name, enabled in sides if enabled)

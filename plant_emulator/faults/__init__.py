@@ -1,1 +1,1 @@
-"""Faults: what can be wrong (catalogue), when it is (window, schedule), and how it is written."""
+"""Faults: their catalogue, when each is active, and how scenario files describe them."""

@@ -1,4 +1,4 @@
-"""What the fault layers of the links share: the faults that act now, and what is held until due."""
+"""What the fault layers of the links share: the active faults, and a queue for delayed items."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -16,11 +16,11 @@ NS_PER_S: Final = 1_000_000_000
 
 
 class Acting(NamedTuple):
-    """One fault that acts now."""
+    """One active fault."""
 
     plan: FaultPlan
     draws: np.random.Generator
-    """Its own; goes on where it was when a fault acts again."""
+    """Random numbers of this fault alone; they continue when the fault becomes active again."""
     since_ns: int
 
     @property
@@ -29,17 +29,17 @@ class Acting(NamedTuple):
 
 
 class ActingFaults:
-    """The faults of one place that act now, in the order of the scenario."""
+    """The active faults of one place, in the order of the scenario."""
 
     def __init__(self, place: FaultPlace, seed: int) -> None:
         self._place, self._seed = place, seed
         self._draws: dict[int, np.random.Generator] = {}
         self._acting: list[Acting] = []
         self.touched: Counter[int] = Counter()
-        """By index of the fault: how many frames, telegrams or messages it changed."""
+        """Number of frames, telegrams or messages that each fault changed, by the fault's index."""
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> bool:
-        """Whether that concerns this place at all."""
+        """Start or end a fault. Returns whether the fault acts at this place."""
         if plan.kind.place is not self._place:
             return False
         rest = [each for each in self._acting if each.plan.index != plan.index]
@@ -50,7 +50,7 @@ class ActingFaults:
         return True
 
     def reseed(self, seed: int) -> None:
-        """What begins from now on draws from another seed."""
+        """Take the random numbers of all faults that begin from now on from another seed."""
         self._seed = seed
         self._draws.clear()
 
@@ -60,7 +60,7 @@ class ActingFaults:
         return self._draws[plan.index]
 
     def of(self, parameters: type) -> Iterator[tuple[Acting, Any]]:
-        """Those with parameters of this class, and the parameters."""
+        """Yield the active faults with parameters of this class, and the parameters."""
         for acting in self._acting:
             if isinstance(acting.plan.parameters, parameters):
                 yield acting, acting.plan.parameters
@@ -73,7 +73,7 @@ class ActingFaults:
 
 
 class DelayQueue(Generic[T]):
-    """Things that wait for their instant; those of one instant keep their order."""
+    """Holds items until their due instant; items of the same instant keep their order."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, T]] = []
@@ -84,7 +84,7 @@ class DelayQueue(Generic[T]):
         heappush(self._heap, (due_ns, self._number, thing))
 
     def due(self, now_ns: int) -> Iterator[tuple[int, T]]:
-        """What is due by now, with its instant, and is held no more."""
+        """Remove and yield each item that is due by now, with its due instant."""
         while self._heap and self._heap[0][0] <= now_ns:
             due_ns, _, thing = heappop(self._heap)
             yield due_ns, thing
@@ -102,14 +102,21 @@ def after_ns(now_ns: int, wait_s: float) -> int:
 
 
 def hits(draws: np.random.Generator, share_ratio: float) -> bool:
-    """One draw, whatever the share, so that another share leaves later draws as they were."""
+    """Return True with this probability.
+
+    It takes one random number for any ratio, so that another ratio leaves later random numbers
+    unchanged.
+    """
     return draws.random() < share_ratio
 
 
 def flipped(
     data: bytes, bits: int, draws: np.random.Generator, spared: Collection[int] = ()
 ) -> bytes:
-    """As many different bits of `data` inverted, or all there are; `spared` ones never."""
+    """Return `data` with this many different bits inverted, or with all if there are fewer.
+
+    `spared` bits are never inverted.
+    """
     places = [place for place in range(8 * len(data)) if place not in spared]
     chosen = draws.choice(len(places), size=min(bits, len(places)), replace=False)
     word = int.from_bytes(data, "little")

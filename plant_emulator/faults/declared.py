@@ -1,4 +1,4 @@
-"""All kinds of faults, by place. Importing this module fills the catalogue."""
+"""Declares all kinds of faults by place. Importing this module fills the catalogue."""
 
 from plant_emulator.faults import (  # noqa: F401
     declared_bus,

@@ -8,7 +8,7 @@ from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 
 
 class FrameDirection(enum.Enum):
-    """Which frames, seen from the controller."""
+    """Direction of the frames that a fault affects."""
 
     TO_TRAIN = "to_train"
     TO_VOBC = "to_vobc"
@@ -16,20 +16,22 @@ class FrameDirection(enum.Enum):
 
 
 class DamagePlace(enum.Enum):
-    """Where the bits are flipped, and so who can see it."""
+    """Place where the bits are flipped, which decides which check detects it."""
 
     ON_WIRE = "on_wire"
-    """The bus's own check sees it: error frame, error counters, the sender repeats."""
+    """Bits flip on the wire: the bus detects it, sends an error frame, counts it, and the sender
+    repeats."""
     AFTER_CRC = "after_crc"
-    """In a mailbox or gateway: the bus sees a good frame, the codec's CRC does not fit."""
+    """Bits flip in a mailbox or gateway: the bus accepts the frame and the codec's CRC does not
+    match."""
     BEFORE_CRC = "before_crc"
-    """In the sender's memory: every check passes and the value is wrong."""
+    """Bits flip in the sender's memory: every check passes and the value is wrong."""
 
 
 @fault("frame_drop", FaultPlace.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class FrameDrop:
-    """Frames vanish between the controller and the train."""
+    """Frames between the controller and the train are lost."""
 
     frames: str = "*"
     way: FrameDirection = FrameDirection.BOTH
@@ -42,7 +44,7 @@ class FrameDrop:
 @fault("frame_delay", FaultPlace.BUS, Hazard.MISLOCATED, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class FrameDelay:
-    """Frames arrive late, each by the delay and up to the jitter more; their order stays."""
+    """Frames arrive late, each by the delay plus up to the jitter; their order does not change."""
 
     frames: str = "*"
     way: FrameDirection = FrameDirection.BOTH
@@ -64,7 +66,7 @@ class FrameDuplicate:
     share_ratio: float = 1.0
     copies: int = 1
     gap_s: float = 0.001
-    """Between one copy and the next."""
+    """Time between one copy and the next."""
 
     def __post_init__(self) -> None:
         check_range(self, "share_ratio", 0.0, 1.0)
@@ -75,7 +77,7 @@ class FrameDuplicate:
 @fault("frame_reorder", FaultPlace.BUS, Hazard.MISLOCATED, Hazard.WRONG_COMMAND)
 @dataclass(frozen=True, slots=True)
 class FrameReorder:
-    """A share of the frames is held back so that later ones overtake them."""
+    """A share of the frames is delayed so that later ones overtake them."""
 
     frames: str = "*"
     way: FrameDirection = FrameDirection.BOTH
@@ -90,12 +92,14 @@ class FrameReorder:
 @fault("frame_replay", FaultPlace.BUS, Hazard.WRONG_COMMAND)
 @dataclass(frozen=True, slots=True)
 class FrameReplay:
-    """What was said before the fault is said again, in its old rhythm, beside what is said now."""
+    """Frames from before the fault are repeated in their old timing, in addition to the current
+    ones.
+    """
 
     frames: str = "*"
     way: FrameDirection = FrameDirection.TO_TRAIN
     memory_s: float = 1.0
-    """How much of the past is repeated, over and over."""
+    """Length of the recording that is repeated in a loop."""
 
     def __post_init__(self) -> None:
         check_range(self, "memory_s", 0.01, 60.0)
@@ -120,14 +124,14 @@ class FrameCorrupt:
 @fault("masquerade", FaultPlace.BUS, Hazard.WRONG_COMMAND)
 @dataclass(frozen=True, slots=True)
 class Masquerade:
-    """A stranger sends a message of another node, with values of its own and a valid CRC."""
+    """A foreign node sends a message of another node, with its own values and a valid CRC."""
 
     frame: str = "BRAKE_CMD"
     values: dict[str, float] | None = None
-    """Signals that the stranger sets; the rest is as in the last genuine frame."""
+    """Signals that the foreign node sets; the others keep the values of the last genuine frame."""
     period_s: float = 0.05
     twins: bool = True
-    """Whether it also sends the inverted twin of a vital message."""
+    """Whether the foreign node also sends the inverted twin of a vital message."""
 
     def __post_init__(self) -> None:
         check_range(self, "period_s", 0.001, 60.0)
@@ -136,11 +140,11 @@ class Masquerade:
 @fault("babbling_idiot", FaultPlace.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class BabblingIdiot:
-    """A node sends without pause and takes the bus from all with a higher identifier."""
+    """A node sends without pause and takes the bus from all nodes with a higher identifier."""
 
     can_id: int = 0
     load_ratio: float = 1.0
-    """Share of the bus that it fills when nobody else wins."""
+    """Share of the bus that the node fills while no other node wins arbitration."""
 
     def __post_init__(self) -> None:
         check_range(self, "can_id", 0, 0x7FF)
@@ -150,9 +154,9 @@ class BabblingIdiot:
 @fault("bus_off", FaultPlace.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class BusOff:
-    """A node's every frame is destroyed until its error counter takes it off the bus.
+    """Every frame of a node is destroyed until its error counter takes the node off the bus.
 
-    After the fault it comes back when it has seen 128 times 11 recessive bits, if `recovers`.
+    After the fault the node returns when it has seen 128 times 11 recessive bits, if `recovers`.
     """
 
     node: Node = Node.VOBC
@@ -162,6 +166,6 @@ class BusOff:
 @fault("link_cut", FaultPlace.BUS, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class LinkCut:
-    """The wire to one node is cut: it is neither heard nor does it hear."""
+    """The wire to one node is cut: the node can neither send nor receive."""
 
     node: Node = Node.VOBC

@@ -1,4 +1,4 @@
-"""Faults of the current loops that traction and service brake may take their reference from."""
+"""Faults of the current loops from which traction and service brake may take their reference."""
 
 import enum
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 
 
 class LoopOf(enum.Enum):
-    """Whose loop."""
+    """Which loop the fault affects."""
 
     TRACTION = "traction"
     BRAKE = "brake"
@@ -17,7 +17,7 @@ class LoopOf(enum.Enum):
 @fault("loop_break", FaultPlace.ACTUATOR, Hazard.NO_BRAKE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class LoopBreak:
-    """A wire of a current loop is open: it carries nothing, and its unit gives no effort."""
+    """A wire of a current loop is open: it carries no current, and its unit gives no effort."""
 
     loop: LoopOf = LoopOf.BRAKE
 
@@ -25,7 +25,7 @@ class LoopBreak:
 @fault("loop_offset", FaultPlace.ACTUATOR, Hazard.NO_BRAKE, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class LoopOffset:
-    """A current loop carries so much more than the module sets."""
+    """A current loop carries this much more than the module sets."""
 
     offset_ma: float = -1.0
     loop: LoopOf = LoopOf.BRAKE
@@ -37,10 +37,10 @@ class LoopOffset:
 @fault("loop_short", FaultPlace.ACTUATOR, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class LoopShort:
-    """A current loop is shorted to a supply: over 20 mA the brake is full and traction is cut."""
+    """A current loop is shorted to a supply: above 20 mA the brake is full and traction is cut."""
 
     current_ma: float = 22.0
-    """On the wire, whatever the module sets."""
+    """Current on the wire, whatever the module sets."""
     loop: LoopOf = LoopOf.BRAKE
 
     def __post_init__(self) -> None:

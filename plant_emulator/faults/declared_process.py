@@ -8,26 +8,26 @@ from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 @fault("controller_killed", FaultPlace.PROCESS, Hazard.OVERRUN, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class ControllerKilled:
-    """The process ends at once, as by kill -9, without a last word on the bus.
+    """The process ends at once, as by kill -9, and sends no final frame.
 
-    When the fault ends it is started again, with what its memory kept; a fault without an end
-    leaves it dead.
+    When the fault ends, the process restarts with its stored memory. A fault without an end leaves
+    it dead.
     """
 
     memory_lost: bool = False
-    """Its memory is empty when it is started again."""
+    """The stored memory is empty at the restart."""
 
 
 @fault("controller_paused", FaultPlace.PROCESS, Hazard.OVERRUN, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class ControllerPaused:
-    """The process stands still, as by SIGSTOP, and goes on when the fault ends."""
+    """The process is suspended, as by SIGSTOP, and continues when the fault ends."""
 
 
 @fault("slow_cycle", FaultPlace.PROCESS, Hazard.OVERRUN, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class SlowCycle:
-    """Every control cycle takes so much longer; cycles that fall due meanwhile are slipped."""
+    """Every control cycle takes this much longer; cycles that fall due meanwhile are skipped."""
 
     extra_s: float = 0.08
 
@@ -38,9 +38,9 @@ class SlowCycle:
 @fault("clock_step", FaultPlace.PROCESS, Hazard.MISLOCATED, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class ClockStep:
-    """The controller's clock jumps once, forwards, when the fault begins.
+    """The controller's clock jumps forwards once, when the fault begins.
 
-    Its clock never runs backwards (CLOCK_MONOTONIC), so only forward steps exist.
+    The clock (CLOCK_MONOTONIC) never runs backwards, so only forward steps exist.
     """
 
     step_s: float = 1.0

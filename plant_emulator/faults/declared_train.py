@@ -8,7 +8,7 @@ from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 
 
 class Axle(enum.Enum):
-    """Whose tacho."""
+    """Which tacho the fault affects."""
 
     A = "a"
     B = "b"
@@ -29,7 +29,7 @@ class WheelSlip:
     slip_ratio: float = 0.2
     axle: Axle = Axle.A
     ramp_s: float = 0.0
-    """Until the whole slip is there, and until it is gone again."""
+    """Time until the full slip is reached, and until it has gone after the end."""
 
     def __post_init__(self) -> None:
         check_range(self, "slip_ratio", 0.0, 5.0)
@@ -53,7 +53,9 @@ class WheelSlide:
 @fault("low_adhesion", FaultPlace.SENSOR, Hazard.NO_BRAKE, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class LowAdhesion:
-    """Leaves on the rail: neither traction nor brake can use more than this, wheels slip of it."""
+    """Leaves on the rail limit traction and brake to this adhesion; wheels slip and slide beyond
+    it.
+    """
 
     adhesion_ratio: float = 0.06
 
@@ -64,7 +66,7 @@ class LowAdhesion:
 @fault("tacho_stuck", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TachoStuck:
-    """A tacho counts no more and takes itself for healthy."""
+    """A tacho stops counting but reports itself healthy."""
 
     axle: Axle = Axle.A
 
@@ -72,7 +74,7 @@ class TachoStuck:
 @fault("tacho_drift", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TachoDrift:
-    """A tacho's scale drifts off."""
+    """A tacho's scale drifts."""
 
     ratio_per_s: float = 0.001
     axle: Axle = Axle.A
@@ -84,7 +86,7 @@ class TachoDrift:
 @fault("tacho_unhealthy", FaultPlace.SENSOR, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class TachoUnhealthy:
-    """A tacho reports itself as failed and counts no more."""
+    """A tacho reports itself as failed and stops counting."""
 
     axle: Axle = Axle.A
 
@@ -92,7 +94,7 @@ class TachoUnhealthy:
 @fault("wheel_wear", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class WheelWear:
-    """Wheels are smaller than they were, so that more pulses come for the same distance."""
+    """The wheels are smaller, so a distance gives more pulses."""
 
     diameter_ratio: float = 0.97
     axle: Axle = Axle.BOTH
@@ -104,13 +106,13 @@ class WheelWear:
 @fault("doppler_outage", FaultPlace.SENSOR, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class DopplerOutage:
-    """The radar sees no ground and says so."""
+    """The radar receives no echo and reports it."""
 
 
 @fault("doppler_wrong", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class DopplerWrong:
-    """The radar's speed is off by this share and it takes itself for healthy."""
+    """The radar's speed is wrong by this share, but it reports itself healthy."""
 
     error_ratio: float = 0.2
 
@@ -121,7 +123,7 @@ class DopplerWrong:
 @fault("imu_bias", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class ImuBias:
-    """The accelerometer is off by so much more."""
+    """The accelerometer has this additional bias."""
 
     bias_mps2: float = 0.5
 
@@ -135,7 +137,7 @@ class TagMissed:
     """Tags are passed without being read."""
 
     tag_id: int | None = None
-    """This one only; all of them when it is left out."""
+    """Only this tag; without it, all tags."""
     share_ratio: float = 1.0
 
     def __post_init__(self) -> None:
@@ -145,7 +147,7 @@ class TagMissed:
 @fault("tag_displaced", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TagDisplaced:
-    """Tags lie further along the line than the map says."""
+    """Tags lie this much further along the line than in the map."""
 
     offset_m: float = 5.0
     tag_id: int | None = None
@@ -157,11 +159,15 @@ class TagDisplaced:
 @fault("tag_duplicate", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TagDuplicate:
-    """Tags are read twice, the second time so much later and so far off, as at that place."""
+    """Tags are read twice.
+
+    The second reading comes this much later and this far from the tag, with the train's true pulses
+    there.
+    """
 
     gap_s: float = 0.1
     gap_m: float = 0.0
-    """At least, from the tag to the centre of the antenna, on either side."""
+    """Minimum distance from the tag to the antenna's centre, on either side."""
     tag_id: int | None = None
 
     def __post_init__(self) -> None:
@@ -183,7 +189,7 @@ class TagFalse:
 @fault("antenna_dead", FaultPlace.SENSOR, Hazard.MISLOCATED, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class AntennaDead:
-    """The antenna reads nothing; its self-test finds out unless the fault is hidden."""
+    """The antenna reads no tag; its self-test detects this unless the fault is hidden."""
 
     hidden: bool = False
 
@@ -191,7 +197,7 @@ class AntennaDead:
 @fault("brake_late", FaultPlace.ACTUATOR, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class BrakeLate:
-    """The service brake answers so much later."""
+    """The service brake responds this much later."""
 
     delay_s: float = 1.0
 
@@ -202,7 +208,7 @@ class BrakeLate:
 @fault("brake_weak", FaultPlace.ACTUATOR, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class BrakeWeak:
-    """The service brake gives this share of what it is asked for."""
+    """The service brake gives this share of the demand."""
 
     gain_ratio: float = 0.5
 
@@ -213,13 +219,13 @@ class BrakeWeak:
 @fault("brake_stuck", FaultPlace.ACTUATOR, Hazard.NO_BRAKE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class BrakeStuck:
-    """The service brake stays at what it gave when the fault began."""
+    """The service brake keeps the force that it gave when the fault began."""
 
 
 @fault("brake_unit_failed", FaultPlace.ACTUATOR, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class BrakeUnitFailed:
-    """So large a share of all brakes gives nothing, emergency and holding brake included."""
+    """This share of all brakes gives no force, including emergency and holding brake."""
 
     share_ratio: float = 0.25
 
@@ -230,7 +236,7 @@ class BrakeUnitFailed:
 @fault("emergency_late", FaultPlace.ACTUATOR, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class EmergencyLate:
-    """The emergency brake bites so much later."""
+    """The emergency brake builds up this much later."""
 
     delay_s: float = 0.5
 
@@ -241,11 +247,11 @@ class EmergencyLate:
 @fault("traction_runaway", FaultPlace.ACTUATOR, Hazard.OVERSPEED, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class TractionRunaway:
-    """Traction pushes with this acceleration whatever it is told, until it is cut off."""
+    """Traction pushes with this acceleration whatever the command is, until it is cut off."""
 
     accel_mps2: float = 1.0
     obeys_cut_off: bool = True
-    """Whether the emergency brake's cut-off of traction still works."""
+    """Whether the emergency brake can still cut off traction."""
 
     def __post_init__(self) -> None:
         check_range(self, "accel_mps2", 0.0, 3.0)
@@ -254,7 +260,7 @@ class TractionRunaway:
 @fault("traction_weak", FaultPlace.ACTUATOR, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class TractionWeak:
-    """Traction gives this share of what it is asked for."""
+    """Traction gives this share of the demand."""
 
     gain_ratio: float = 0.5
 
@@ -265,7 +271,7 @@ class TractionWeak:
 @fault("traction_late", FaultPlace.ACTUATOR, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class TractionLate:
-    """Traction is taken away so much later than it is told."""
+    """Traction reduces its effort this much later than commanded."""
 
     delay_s: float = 1.0
 
@@ -276,7 +282,7 @@ class TractionLate:
 @fault("holding_late", FaultPlace.ACTUATOR, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class HoldingLate:
-    """The holding brake applies so much later."""
+    """The holding brake applies this much later."""
 
     delay_s: float = 2.0
 
@@ -287,7 +293,7 @@ class HoldingLate:
 @fault("holding_sticks", FaultPlace.ACTUATOR, Hazard.LOST_SERVICE, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class HoldingSticks:
-    """The holding brake lets go so much later."""
+    """The holding brake releases this much later."""
 
     delay_s: float = 2.0
 
@@ -298,7 +304,9 @@ class HoldingSticks:
 @fault("line_voltage", FaultPlace.SUPPLY, Hazard.LOST_SERVICE, Hazard.NO_BRAKE)
 @dataclass(frozen=True, slots=True)
 class LineVoltage:
-    """The substation's no-load voltage changes; 0 is an outage, a high one takes nothing back."""
+    """The substation's no-load voltage changes; 0 is an outage, a high one accepts no returned
+    current.
+    """
 
     voltage_v: float = 480.0
 
@@ -309,7 +317,7 @@ class LineVoltage:
 @fault("breaker_open", FaultPlace.SUPPLY, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class BreakerOpen:
-    """The main breaker is open: neither traction nor electric brake."""
+    """The main breaker is open, so there is neither traction nor electric brake."""
 
 
 @fault("door_lock_lost", FaultPlace.DOORS, Hazard.DOOR_DANGER)
@@ -329,7 +337,7 @@ class DoorOpens:
 @fault("door_obstacle", FaultPlace.DOORS, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class DoorObstacle:
-    """Something stands between the doors at every closing."""
+    """The doors meet an obstacle at every closing."""
 
     side: DoorsOf = DoorsOf.BOTH
 
@@ -337,7 +345,7 @@ class DoorObstacle:
 @fault("door_deaf", FaultPlace.DOORS, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class DoorDeaf:
-    """Doors do not open although they should."""
+    """Doors do not open although they are commanded to."""
 
     side: DoorsOf = DoorsOf.BOTH
 
@@ -345,19 +353,19 @@ class DoorDeaf:
 @fault("passenger_alarm", FaultPlace.DESK, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class PassengerAlarm:
-    """A passenger pulls the alarm and lets go when the fault ends."""
+    """A passenger pulls the alarm and releases it when the fault ends."""
 
 
 @fault("emergency_button", FaultPlace.DESK, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class EmergencyButton:
-    """The button on the desk is pressed."""
+    """The emergency button on the desk is pressed."""
 
 
 @fault("desk_mode", FaultPlace.DESK, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class DeskMode:
-    """The key on the desk is turned."""
+    """The mode key on the desk is turned."""
 
     mode: CabMode = CabMode.OFF
 
@@ -376,4 +384,4 @@ class DeskLever:
 @fault("desk_reset", FaultPlace.DESK, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class DeskReset:
-    """The reset of a latched emergency is asked for."""
+    """The desk requests the reset of a latched emergency."""

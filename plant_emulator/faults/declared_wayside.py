@@ -1,7 +1,7 @@
-"""What comes from outside of the train: orders of the centre, signals, platforms, and alarms.
+"""Events from outside the train: orders of the centre, signals, platforms, and alarms.
 
-Not all of it is a fault; orders are in the catalogue so that a scenario can give them at an instant
-or a place like everything else that befalls a train.
+Orders are not faults. They are in the catalogue so that a scenario can give them at an instant or a
+place like any other event.
 """
 
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from plant_emulator.faults.kinds import FaultPlace, Hazard, check_range, fault
 @fault("cold_movement", FaultPlace.SENSOR, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class ColdMoved:
-    """The detector of cold movement says that the train was moved while nobody controlled it."""
+    """The cold-movement detector reports that the train moved while the controller was off."""
 
     moved_m: float = 5.0
-    """From where the controller was switched off; the train itself is not moved."""
+    """Distance from where the controller was switched off; the train itself is not moved."""
     monitored: bool = True
-    """False: the detector cannot tell, because it slept for a while."""
+    """False: the detector cannot tell, because it did not monitor all the time."""
 
     def __post_init__(self) -> None:
         check_range(self, "moved_m", 0.0, 160.0)
@@ -39,7 +39,7 @@ class AtsSkip:
 @fault("ats_stop_next", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class AtsStopNext:
-    """The centre orders the train to stop at the next station and to stay."""
+    """The centre orders the train to stop at the next station and to stay there."""
 
 
 @fault("remote_emergency", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
@@ -51,25 +51,25 @@ class RemoteEmergency:
 @fault("remote_release", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class RemoteRelease:
-    """The centre resets an emergency, once, when this begins."""
+    """The centre resets an emergency once, when this event begins."""
 
 
 @fault("sleep", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class Sleep:
-    """The centre sends the train to sleep and wakes it up at the end."""
+    """The centre sends the train to sleep and wakes it at the end."""
 
 
 @fault("creep_order", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class CreepOrder:
-    """The centre lets a train creep that lacks its place or an authority."""
+    """The centre permits a train without position or authority to creep."""
 
 
 @fault("restricted_order", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION, Hazard.OVERSPEED)
 @dataclass(frozen=True, slots=True)
 class RestrictedOrder:
-    """The centre lets a person drive on sight."""
+    """The centre permits a person to drive on sight."""
 
 
 @fault("temporary_restriction", FaultPlace.WAYSIDE, Hazard.OVERSPEED)
@@ -90,9 +90,9 @@ class TemporaryRestriction:
 @fault("signal_stop", FaultPlace.WAYSIDE, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class SignalStop:
-    """A signal shows stop: the authority of a train before it ends there.
+    """A signal shows stop: the authority of a train in front of it ends there.
 
-    A train that has passed it before is not concerned.
+    A train that has already passed the signal is not affected.
     """
 
     position_m: float = 450.0
@@ -104,25 +104,25 @@ class SignalStop:
 @fault("authority_withdrawn", FaultPlace.WAYSIDE, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class AuthorityWithdrawn:
-    """The authority is pulled back to where the train's front is just then."""
+    """The authority is withdrawn to the train's present front."""
 
 
 @fault("rear_unprotected", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class RearUnprotected:
-    """Authorities do not protect what is behind the train."""
+    """Authorities do not protect the track behind the train."""
 
 
 @fault("centre_silent", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE, Hazard.DOOR_DANGER)
 @dataclass(frozen=True, slots=True)
 class CentreSilent:
-    """The centre gives no more orders; authorities go on."""
+    """The centre sends no more orders; authorities continue."""
 
 
 @fault("doors_not_authorised", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class DoorsNotAuthorised:
-    """The centre does not let doors open."""
+    """The centre does not authorise doors to open."""
 
     side: DoorsOf = DoorsOf.BOTH
 
@@ -130,25 +130,27 @@ class DoorsNotAuthorised:
 @fault("wrong_side_authorised", FaultPlace.WAYSIDE, Hazard.DOOR_DANGER)
 @dataclass(frozen=True, slots=True)
 class WrongSideAuthorised:
-    """The centre lets doors open on the side where there is no platform, and not on the other."""
+    """The centre authorises doors on the side without a platform, and not on the platform's
+    side.
+    """
 
 
 @fault("platform_doors_unlocked", FaultPlace.WAYSIDE, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class PlatformDoorsUnlocked:
-    """Platform doors are not proven locked; the doors themselves are as they were."""
+    """Platform doors are not proven locked; the doors themselves do not move."""
 
 
 @fault("platform_door_obstacle", FaultPlace.WAYSIDE, Hazard.DOOR_DANGER, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class PlatformDoorObstacle:
-    """Something stands between platform doors at every closing."""
+    """Platform doors meet an obstacle at every closing."""
 
 
 @fault("obstacle", FaultPlace.ALARMS, Hazard.UNWANTED_MOTION, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """The deflector in front of the first axle has touched something."""
+    """The deflector in front of the first axle has touched an obstacle."""
 
 
 @fault("fire", FaultPlace.ALARMS, Hazard.LOST_SERVICE)

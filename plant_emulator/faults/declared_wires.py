@@ -32,7 +32,7 @@ class TelegramCorrupt:
 @fault("telegram_delay", FaultPlace.SERIAL, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TelegramDelay:
-    """Telegrams leave late; the reader does not know, so the ages they carry are too young."""
+    """Telegrams leave late. The reader does not notice, so the ages in them are too small."""
 
     delay_s: float = 0.1
 
@@ -43,7 +43,7 @@ class TelegramDelay:
 @fault("telegram_duplicate", FaultPlace.SERIAL, Hazard.MISLOCATED)
 @dataclass(frozen=True, slots=True)
 class TelegramDuplicate:
-    """Telegrams come again after a while, byte for byte."""
+    """Telegrams arrive again after a while, byte for byte."""
 
     gap_s: float = 0.5
 
@@ -65,7 +65,7 @@ class SerialNoise:
 @fault("serial_cut", FaultPlace.SERIAL, Hazard.MISLOCATED, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class SerialCut:
-    """Nothing passes on the line."""
+    """The line transmits nothing."""
 
 
 @fault("radio_loss", FaultPlace.RADIO, Hazard.OVERRUN, Hazard.LOST_SERVICE)
@@ -82,7 +82,7 @@ class RadioLoss:
 @fault("radio_delay", FaultPlace.RADIO, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class RadioDelay:
-    """Messages arrive late, by the delay and up to the jitter more; jitter changes their order."""
+    """Messages arrive late, by the delay plus up to the jitter; jitter changes their order."""
 
     delay_s: float = 0.5
     jitter_s: float = 0.0
@@ -108,7 +108,7 @@ class RadioDuplicate:
 @fault("radio_reorder", FaultPlace.RADIO, Hazard.OVERRUN)
 @dataclass(frozen=True, slots=True)
 class RadioReorder:
-    """A share of the messages is held back so that later ones overtake them."""
+    """A share of the messages is delayed so that later ones overtake them."""
 
     share_ratio: float = 0.5
     hold_s: float = 0.7
@@ -121,4 +121,4 @@ class RadioReorder:
 @fault("radio_partition", FaultPlace.RADIO, Hazard.OVERRUN, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class RadioPartition:
-    """Train and wayside do not hear each other at all."""
+    """Train and wayside receive nothing from each other."""

@@ -1,4 +1,6 @@
-"""The catalogue of faults in words: parameters with units and ranges, and how benches do them."""
+"""The catalogue of faults as text: parameters with units and ranges, and how each bench applies
+them.
+"""
 
 import ast
 import dataclasses
@@ -27,7 +29,7 @@ UNITS: Final[Mapping[str, str]] = {
     "v": "V",
     "ratio": "1",
 }
-"""By the end of a parameter's name, longer ones first."""
+"""Unit by the suffix of a parameter's name; longer suffixes come first."""
 RANGE_CHECK: Final = "check_range"
 
 PLACE_TITLES: Final[Mapping[FaultPlace, str]] = {
@@ -47,7 +49,7 @@ PLACE_TITLES: Final[Mapping[FaultPlace, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Benches:
-    """How a fault comes about on each of them."""
+    """How a fault is applied on each kind of bench."""
 
     lockstep: str
     processes: str
@@ -58,10 +60,10 @@ _GATEWAY: Final = "a gateway between the controller's bus and the train's"
 _TRAIN: Final = Benches(
     "in the emulated train",
     "in the emulated train, a process of its own",
-    "in the emulated train, which hangs on the real wires",
+    "in the emulated train, which is connected to the real wires",
 )
 _SIGNALS: Final = "signals to the controller's process"
-_FOREIGN: Final = "not for a controller that the bench did not start"
+_FOREIGN: Final = "impossible for a controller that the bench did not start"
 _FRAMES: Final = Benches("between the controller's port and the bus", _GATEWAY, _GATEWAY)
 _BLOCKED: Final = "the gateway passes nothing that the node sends or acts on"
 
@@ -80,16 +82,16 @@ BY_PLACE: Final[Mapping[FaultPlace, Benches]] = {
     FaultPlace.WAYSIDE: Benches(
         "in the emulated wayside",
         "in the emulated wayside, which is in the train's process",
-        "in the emulated wayside, which hangs on the real radio",
+        "in the emulated wayside, which is connected to the real radio",
     ),
     FaultPlace.PROCESS: Benches("to the modelled process", _SIGNALS, f"{_SIGNALS}; {_FOREIGN}"),
 }
 BY_KIND: Final[Mapping[str, Benches]] = {
     "frame_corrupt": Benches(
-        "on_wire: error frames and error counters of all nodes on the bus, each try costs its"
+        "on_wire: error frames and error counters of all nodes on the bus, each attempt costs its"
         " bits; after_crc and before_crc: between the controller's port and the bus",
-        f"{_GATEWAY}; on_wire there is a delay by the error frames",
-        f"{_GATEWAY}; on_wire there is a delay by the error frames",
+        f"{_GATEWAY}; with on_wire the error frames cause a delay",
+        f"{_GATEWAY}; with on_wire the error frames cause a delay",
     ),
     "masquerade": Benches("a further node on the bus", _GATEWAY, _GATEWAY),
     "babbling_idiot": Benches(
@@ -103,7 +105,7 @@ BY_KIND: Final[Mapping[str, Benches]] = {
         f"{_BLOCKED}, up to 5.6 ms after the end",
         f"{_BLOCKED}, up to 5.6 ms after the end",
     ),
-    "link_cut": Benches("the node is taken from the bus", _BLOCKED, _BLOCKED),
+    "link_cut": Benches("the node is disconnected from the bus", _BLOCKED, _BLOCKED),
     "controller_killed": Benches(
         "to the modelled process",
         f"{_SIGNALS}; its memory cannot be lost",
@@ -111,26 +113,27 @@ BY_KIND: Final[Mapping[str, Benches]] = {
     ),
     "clock_step": Benches("to the modelled process", "not possible", "not possible"),
 }
-"""Where it differs from the rest of the place."""
+"""Kinds that are applied in another way than the other faults of their place."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultParameter:
-    """One key of a fault in a scenario file."""
+    """One parameter of a fault, as a key of a scenario file."""
 
     name: str
     kind: str
-    """`number`, `whole number`, `text`, `true or false`, `table of numbers` or the choices."""
+    """The type: `number`, `whole number`, `text`, `true or false`, `table of numbers` or the
+    choices."""
     unit: str
     default: str
     range: str
-    """Empty where nothing is known to be refused."""
+    """The permitted range; empty if every value is permitted."""
     story: str
 
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """One entry of the catalogue, for people."""
+    """One entry of the catalogue as text."""
 
     name: str
     place: FaultPlace
@@ -142,7 +145,7 @@ class Described:
 
 def described(kind: Kind) -> Described:
     benches = BY_KIND.get(kind.name, BY_PLACE[kind.place])
-    # The first lines of the docstring are the story; a paragraph of it stays one.
+    # The docstring is the description; line breaks become blanks.
     story = " ".join((inspect.getdoc(kind.parameters) or "").split())
     hazards = tuple(hazard.value for hazard in kind.hazards)
     return Described(kind.name, kind.place, hazards, story, tuple(_parameters(kind)), benches)
@@ -150,7 +153,7 @@ def described(kind: Kind) -> Described:
 
 @functools.cache
 def all_described() -> tuple[Described, ...]:
-    """The whole catalogue by place, in the order in which the kinds are declared."""
+    """Return the whole catalogue by place, in the order in which the kinds are declared."""
     kinds = list(CATALOGUE.values())
     return tuple(described(kind) for place in FaultPlace for kind in kinds if kind.place is place)
 
@@ -171,7 +174,7 @@ def _parameters(kind: Kind) -> Iterator[FaultParameter]:
 
 
 def _choices(hint: Any) -> tuple[str, str]:
-    """What may be written, and what the choices mean where they say so."""
+    """Return the permitted type or choices, and the documented meaning of the choices."""
     if isinstance(hint, types.UnionType):
         hint = next(each for each in typing.get_args(hint) if each is not type(None))
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
@@ -188,13 +191,13 @@ def _choices(hint: Any) -> tuple[str, str]:
 
 @functools.cache
 def _classes(module: str) -> dict[str, ast.ClassDef]:
-    """The classes of a module by name, as they are written."""
+    """Return the classes of a module by name, as syntax trees."""
     tree = ast.parse(inspect.getsource(sys.modules[module]))
     return {each.name: each for each in tree.body if isinstance(each, ast.ClassDef)}
 
 
 def _read_source(owner: type) -> tuple[dict[str, str], dict[str, str]]:
-    """The strings behind the fields of a class, and the ranges that it checks."""
+    """Return the docstrings of a class's fields, and the ranges that the class checks."""
     tree = _classes(owner.__module__)[owner.__name__]
     stories: dict[str, str] = {}
     name = ""

@@ -1,4 +1,4 @@
-"""What faults do to the train: effects that act for a while, and knobs that several may turn."""
+"""Effects of faults on the train, and settings that several faults can share."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
@@ -7,37 +7,40 @@ V = TypeVar("V")
 
 
 class Effect(Protocol):
-    """What one fault does. It is told of its begin, then of every step of the plant, of its end."""
+    """The effect of one fault. `begin`, then `step` at every plant step, then `end` are called."""
 
     def begin(self, now_ns: int) -> None: ...
 
     def end(self, now_ns: int) -> None: ...
 
     def step(self, now_ns: int) -> bool:
-        """Before the train moves on from `now_ns`; after the end only as long as it says true."""
+        """Act before the train moves on from `now_ns`.
+
+        After the end, it is called only while it returns True.
+        """
         ...
 
 
 @runtime_checkable
 class Counting(Protocol):
-    """An effect that counts by itself what it changed."""
+    """An effect that itself counts what it changed."""
 
     touched: int
 
 
 class SharedSetting(Generic[V]):
-    """One thing of the train that is set by all faults together that act on it."""
+    """One setting of the train that all active faults determine together."""
 
     def __init__(self, turn: Callable[[Sequence[V]], None]) -> None:
-        """Args:
-        turn: sets the thing to what the faults make of it that act now, told in the order of the
-            scenario; when there are none, to what it is by itself.
+        """Args: turn: applies the values of all active faults, in the order of the scenario; an
+        empty
+         sequence restores the normal value.
         """
         self._turn = turn
         self._values: dict[int, V] = {}
 
     def set(self, index: int, value: V) -> None:
-        """What the fault of that index wants from now on."""
+        """Set the value that the fault of this index demands."""
         self._values[index] = value
         self._apply()
 
@@ -50,7 +53,7 @@ class SharedSetting(Generic[V]):
 
 
 class SettingFault:
-    """Knobs that stay turned as long as the fault lasts."""
+    """A fault that sets values for as long as it is active."""
 
     def __init__(self, index: int, *settings: tuple[SharedSetting[Any], Any]) -> None:
         self._index, self._settings = index, settings

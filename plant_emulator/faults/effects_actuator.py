@@ -31,8 +31,11 @@ LoopFault = LoopBreak | LoopOffset | LoopShort
 
 
 class ActuatorEffects:
-    """Delays and offsets add, shares multiply; of several runaways the strongest pushes, and it
-    obeys the cut-off only if all do. Of several shorts to a supply the highest drives the wire."""
+    """Combines concurrent faults of the actuators.
+
+    Delays and offsets add, ratios multiply. Among several runaways the strongest pushes, and it
+    obeys the cut-off only if all do. Among several shorts the highest current counts.
+    """
 
     def __init__(self, world: World) -> None:
         brake, traction = world.brake, world.traction

@@ -1,4 +1,4 @@
-"""What the train itself notices: obstacle, fire, and movement while nobody controlled it."""
+"""Alarms of the train: obstacle, fire, and movement while the controller was off."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,7 +10,7 @@ from plant_emulator.world import World
 
 
 class AlarmEffects:
-    """Of several cold movements the largest counts."""
+    """Applies alarms; among several cold movements the largest counts."""
 
     def __init__(self, world: World) -> None:
         def burn(found: Sequence[bool]) -> None:
@@ -28,7 +28,7 @@ class AlarmEffects:
         self._cold = SharedSetting[ColdMoved](move)
 
     def of(self, plan: FaultPlan) -> Effect | None:
-        """None for a fault of something else."""
+        """Return the effect of an alarm; None for a fault of another place."""
         match plan.parameters:
             case Obstacle():
                 return SettingFault(plan.index, (self._obstacle, True))

@@ -1,4 +1,4 @@
-"""Faults that come from the desk and from passengers: what is pressed, pulled and turned."""
+"""Faults at the desk and by passengers: buttons, alarms and levers."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,11 +15,13 @@ from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.world import World
 
 Change = Mapping[str, Any]
-"""Fields of the desk's frame."""
+"""Changed fields of the desk's frame."""
 
 
 class DeskEffects:
-    """Where two set the same the later one of the scenario rules."""
+    """Applies faults of the desk; if two set the same field, the later one of the scenario
+    counts.
+    """
 
     def __init__(self, world: World) -> None:
         self._changes = SharedSetting[Change](world.disturb_desk)
@@ -29,7 +31,7 @@ class DeskEffects:
 
 
 def change_of(plan: FaultPlan) -> Change:
-    """What the fault sets, by field of the desk's frame."""
+    """Return the fields of the desk's frame that the fault sets."""
     match plan.parameters:
         case PassengerAlarm():
             return {"no_passenger_alarm": False}

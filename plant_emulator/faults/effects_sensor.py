@@ -26,7 +26,10 @@ AXLES: Final = {Axle.A: (0,), Axle.B: (1,), Axle.BOTH: (0, 1)}
 
 
 class SensorEffects:
-    """Slips, biases and offsets add, scales multiply, of adhesions the least rules."""
+    """Combines concurrent faults of sensors.
+
+    Slips, biases and offsets add, scales multiply, and the lowest adhesion counts.
+    """
 
     def __init__(self, world: World) -> None:
         self._slip_ratios = [SharedSetting[float](_slip_of(world, axle)) for axle in (0, 1)]
@@ -49,7 +52,7 @@ class SensorEffects:
         self._bias = SharedSetting[float](lambda found: world.imu.shift(sum(found, 0.0)))
 
     def of(self, plan: FaultPlan) -> Effect | None:
-        """None for a fault of something else."""
+        """Return the effect of a sensor fault; None for a fault of another place."""
         index = plan.index
         match plan.parameters:
             case WheelSlip(slip_ratio=ratio, axle=axle, ramp_s=ramp_s):
@@ -85,7 +88,7 @@ class SensorEffects:
 
 
 class Ramped:
-    """A share that grows from nothing to its whole, and goes back to nothing after the end."""
+    """A share that grows from 0 to its full value, and returns to 0 after the end."""
 
     def __init__(
         self, index: int, knobs: Sequence[SharedSetting[float]], ratio: float, ramp_s: float
@@ -119,7 +122,9 @@ class Ramped:
 
 
 class Drifting:
-    """A scale that goes off further with every second of the fault, and is right after it."""
+    """A scale that deviates more with every second of the fault, and returns to normal at its
+    end.
+    """
 
     def __init__(
         self, index: int, knobs: Sequence[SharedSetting[float]], ratio_per_s: float

@@ -7,7 +7,7 @@ from plant_emulator.world import World
 
 
 class SupplyEffects:
-    """Of several voltages the last of the scenario rules."""
+    """Applies faults of the supply; among several voltages the last of the scenario counts."""
 
     def __init__(self, world: World) -> None:
         self._world = world

@@ -22,7 +22,10 @@ NS_PER_S: Final = 1_000_000_000
 
 
 class TagEffects:
-    """Offsets add; a dead antenna is hidden only if all its faults are."""
+    """Combines concurrent faults of tags.
+
+    Offsets add; a dead antenna is hidden only if all its faults are hidden.
+    """
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -46,7 +49,7 @@ class TagEffects:
         self._displaced = SharedSetting[TagDisplaced](displace)
 
     def of(self, plan: FaultPlan) -> Effect | None:
-        """None for a fault of something else."""
+        """Return the effect of a tag fault; None for a fault of another place."""
         world, parameters = self._world, plan.parameters
         match parameters:
             case TagMissed():
@@ -68,7 +71,7 @@ class UnreadTag:
     ) -> None:
         self._reader, self._parameters, self._generator = reader, parameters, generator
         self.touched = 0
-        """Tags that were not read."""
+        """Number of tags that were not read."""
 
     def begin(self, now_ns: int) -> None:
         self._reader.judges.append(self._is_read)
@@ -88,13 +91,13 @@ class UnreadTag:
 
 
 class FalseReadings:
-    """Readings that the reader has besides those of tags that truly pass."""
+    """Adds readings of tags that did not pass the antenna."""
 
     def __init__(self, world: World, generator: np.random.Generator) -> None:
         self._world, self._generator = world, generator
 
     def read(self, site: TagSite, at_ns: int) -> None:
-        """As of a tag that was under the antenna at an instant of the plant's last step."""
+        """Read a tag as if it had been under the antenna at an instant of the plant's last step."""
         world, draws = self._world, self._generator
         sensors = world.train.sensors
         share_ratio = 1.0 - (world.now_ns - at_ns) / STEP_NS
@@ -110,7 +113,7 @@ class FalseReadings:
 
 
 class Doubling:
-    """What was read while the fault acted is read again, also when that is after its end."""
+    """Repeats every reading that was made while the fault was active, even after its end."""
 
     def __init__(
         self, world: World, parameters: TagDuplicate, generator: np.random.Generator
@@ -120,7 +123,7 @@ class Doubling:
         self._gap_ns = round(parameters.gap_s * NS_PER_S)
         self._waiting: list[_Second] = []
         self.touched = 0
-        """Second readings."""
+        """Number of second readings."""
 
     def begin(self, now_ns: int) -> None:
         self._reader.witnesses.append(self._see)
@@ -148,14 +151,17 @@ class Doubling:
 
 
 class _Second:
-    """A reading that is to come: late enough, and once the antenna was far enough from the tag."""
+    """A pending second reading.
+
+    It is due when the delay is over and the antenna is far enough from the tag.
+    """
 
     def __init__(self, first: TagPass, soonest_ns: int, felt_m: float, gap_m: float) -> None:
         self.site = first.site
         self.due_ns = FAR_NS
         self._soonest_ns, self._felt_m, self._gap_m = soonest_ns, felt_m, gap_m
         self._was_ns, self._was_off_m = first.true_ns, 0.0
-        """When the antenna was how far off, lately."""
+        """Last instant and the antenna's distance from the tag at that instant."""
 
     def follow(self, now_ns: int, antenna_m: float) -> None:
         if self.due_ns < FAR_NS:
@@ -176,14 +182,14 @@ class Inventing:
         self._site = world.tag_reader.site_of(tag_id) or unknown
         self._reading = FalseReadings(world, generator)
         self.touched = 0
-        """Readings of a tag that is not there."""
+        """Number of readings of a tag that is not there."""
 
     def begin(self, now_ns: int) -> None:
         self._reading.read(self._site, now_ns)
         self.touched += 1
 
     def end(self, now_ns: int) -> None:
-        """It is read once."""
+        """Do nothing: the false tag is read only once."""
 
     def step(self, now_ns: int) -> bool:
         return False

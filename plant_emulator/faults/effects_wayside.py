@@ -1,4 +1,4 @@
-"""What the wayside does to a train: orders, signals, platform doors."""
+"""Effects of the wayside on a train: orders, signals, platform doors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -31,11 +31,14 @@ from plant_emulator.wayside.railway import Railway
 from zenoh_config.messages import SpeedRestriction
 
 Change = Mapping[str, Any]
-"""Fields of the centre's standing orders."""
+"""Changed fields of the centre's standing orders."""
 
 
 class WaysideEffects:
-    """Orders are given while any fault gives them; restrictions and signals are all in force."""
+    """Combines concurrent events of the wayside.
+
+    An order is in force while any event gives it; all restrictions and signals apply.
+    """
 
     def __init__(self, railway: Railway) -> None:
         zone, centre, doors = railway.zone, railway.centre, railway.doors
@@ -118,7 +121,7 @@ def _change(parameters: Any) -> Change | None:
 
 
 class Released:
-    """One reset when it begins. What was counted stays counted."""
+    """Gives one reset when the event begins; its end does not take the reset back."""
 
     def __init__(self, centre: Centre) -> None:
         self._centre = centre

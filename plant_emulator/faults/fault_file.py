@@ -1,4 +1,4 @@
-"""The faults of a scenario file, for programs that need nothing else of it."""
+"""Reads the faults of a scenario file, for programs that need no other part of it."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,16 +13,16 @@ OTHER_KEYS: Final = (
     *("stop_at_violation", "invariants", "layout", "train", "timetable", "controller", "branch"),
     *("monitor", "sweep", "scenario"),
 )
-"""What else a scenario file may say. It is passed over here, but not what nobody would read."""
+"""Other valid keys of a scenario file. They are ignored here; unknown keys are errors."""
 
 
 def load_faults(path: str) -> tuple[FaultPlan, ...]:
-    """Raises SettingsError with file, key and value."""
+    """Read the faults of a file. Raises SettingsError with file, key and value."""
     return faults_of(parse(Path(path)), path)
 
 
 def faults_of(scenario: Mapping[str, Any], source: str) -> tuple[FaultPlan, ...]:
-    """The `[[fault]]` tables of a scenario; raises SettingsError."""
+    """Read the `[[fault]]` tables of a scenario; raises SettingsError."""
     known = [FAULT_KEY, *OTHER_KEYS]
     for key in scenario:
         if key not in known:

@@ -1,9 +1,9 @@
-"""The feed of a plant in real time: datagrams that say what is true and which faults act.
+"""The feed of a plant in real time: datagrams with the true state and the changes of faults.
 
 Each datagram is little endian and begins with a kind (uint8) and an instant (int64, nanoseconds of
-the machine's monotonic clock). Kind 1 goes on with the truth as `Truth.pack` makes it, kind 2 with
-the index of a fault in the scenario (uint32) and whether it acts from now on (uint8, 0 or 1). The
-changes of an instant come before its truth.
+the machine's monotonic clock). Kind 1 continues with the truth as packed by `Truth.pack`. Kind 2
+continues with the index of a fault in the scenario (uint32) and whether it is active from now on
+(uint8, 0 or 1). Changes of an instant precede its truth.
 """
 
 import struct
@@ -20,7 +20,7 @@ _CHANGE: Final = struct.Struct("<BqIB")
 
 @dataclass(frozen=True, slots=True)
 class TruthSample:
-    """What was true at an instant."""
+    """The true state at an instant."""
 
     truth: Truth
     now_ns: int
@@ -31,7 +31,7 @@ class FaultChange:
     """A fault began or ended."""
 
     index: int
-    """Its place in the scenario."""
+    """Index of the fault in the scenario."""
     active: bool
     now_ns: int
 
@@ -45,7 +45,7 @@ def pack_change(index: int, active: bool, now_ns: int) -> bytes:
 
 
 def read_message(data: bytes) -> TruthSample | FaultChange | None:
-    """What a datagram says; None for anything else than the two functions above make."""
+    """Parse a datagram of the two functions above; None for anything else."""
     if len(data) == _CHANGE.size and data[0] == CHANGE_KIND:
         _, now_ns, index, active = _CHANGE.unpack(data)
         return FaultChange(index, active == 1, now_ns) if active in (0, 1) else None

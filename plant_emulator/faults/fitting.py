@@ -1,4 +1,4 @@
-"""Whether the faults of a scenario can come about on its train at all."""
+"""Checks that the train has the parts that the faults of a scenario affect."""
 
 from collections.abc import Iterable
 
@@ -9,10 +9,12 @@ from plant_emulator.train_config import TrainConfig
 
 
 def check_fitting(faults: Iterable[FaultPlan], train: TrainConfig, source: str) -> None:
-    """Raises SettingsError for one that would do nothing, since the train lacks the part."""
+    """Raise SettingsError for a fault that would have no effect because the train lacks the
+    part.
+    """
     for plan in faults:
         if isinstance(plan.parameters, LOOP_FAULTS) and not train.loop.connected:
             raise SettingsError(
                 f"{source}: fault[{plan.index}].kind: {plan.kind.name}: the train {train.name} has "
-                "no current loops; take one that has, or set loop.connected of the real train"
+                "no current loops; choose one with loops, or set loop.connected of the real train"
             )

@@ -1,4 +1,7 @@
-"""What a fault is: where it acts, which hazard it threatens, and the register of all kinds."""
+"""Definition of a fault kind: the place where it acts and the hazards that it threatens.
+
+Registers all kinds.
+"""
 
 import enum
 from collections.abc import Callable
@@ -9,10 +12,10 @@ T = TypeVar("T")
 
 
 class FaultPlace(enum.Enum):
-    """Where a fault acts; it decides who brings it about."""
+    """Place where a fault acts; it decides which component applies the fault."""
 
     BUS = "bus"
-    """Between the nodes of the train bus. Brought about by the bench."""
+    """Between the nodes of the train bus; the bench applies it."""
     SENSOR = "sensor"
     SERIAL = "serial"
     """On the line between tag reader and controller."""
@@ -22,28 +25,28 @@ class FaultPlace(enum.Enum):
     DESK = "desk"
     RADIO = "radio"
     WAYSIDE = "wayside"
-    """What the rest of the railway decides: centre, signals, platform doors."""
+    """Decisions of the rest of the railway: centre, signals, platform doors."""
     ALARMS = "alarms"
-    """What the train itself notices around it and in it."""
+    """Events that the train itself detects, outside or on board."""
     PROCESS = "process"
-    """In the controller's process. Brought about by the bench."""
+    """In the controller's process; the bench applies it."""
 
 
 BENCH_PLACES: Final = frozenset({FaultPlace.BUS, FaultPlace.PROCESS})
-"""The plant cannot bring these about; it only says when they begin and end."""
+"""Places where the bench applies faults. The plant only reports when such faults begin and end."""
 
 
 class Hazard(enum.Enum):
-    """What may come of a fault when nothing stands against it."""
+    """Possible consequence of a fault without any protection."""
 
     OVERRUN = "train passes the end of its authority"
     OVERSPEED = "train runs faster than the line allows"
     MISLOCATED = "train is not where it believes to be"
-    NO_BRAKE = "train brakes later or less than protection counts on"
-    UNWANTED_MOTION = "train moves when or whither it must not"
-    DOOR_DANGER = "doors open where or while they must not"
-    LOST_SERVICE = "train stops or stays without need"
-    WRONG_COMMAND = "a unit acts on what the controller never said"
+    NO_BRAKE = "train brakes later or less than ATP assumes"
+    UNWANTED_MOTION = "train moves when or in a direction that is not permitted"
+    DOOR_DANGER = "doors open where or when they must not"
+    LOST_SERVICE = "train stops or waits without need"
+    WRONG_COMMAND = "a unit acts on a command that the controller did not send"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,16 +57,17 @@ class Kind:
     place: FaultPlace
     hazards: tuple[Hazard, ...]
     parameters: type
-    """A frozen dataclass; its fields are the keys of the scenario file, its docstring the story.
-    Values out of range are refused with ValueError in its `__post_init__`."""
+    """Class of the parameters: a frozen dataclass. Its fields are the keys of the scenario file,
+    its docstring is the description, and its `__post_init__` raises ValueError for values out of
+    range."""
 
 
 CATALOGUE: Final[dict[str, Kind]] = {}
-"""By name, in the order of the modules."""
+"""All kinds by name, in the order of the modules."""
 
 
 def fault(name: str, place: FaultPlace, *hazards: Hazard) -> Callable[[type[T]], type[T]]:
-    """Enters a dataclass of parameters into the catalogue."""
+    """Register a dataclass of parameters in the catalogue."""
 
     def enter(parameters: type[T]) -> type[T]:
         assert name not in CATALOGUE, f"fault {name} is declared twice"
@@ -74,7 +78,7 @@ def fault(name: str, place: FaultPlace, *hazards: Hazard) -> Callable[[type[T]],
 
 
 def check_range(owner: object, name: str, low: float, high: float) -> None:
-    """Raises ValueError that names key and value."""
+    """Raise ValueError that names key and value if the value is out of range."""
     value = getattr(owner, name)
     if not low <= value <= high:
         raise ValueError(f"{name} {value:g} is not within {low:g}..{high:g}")

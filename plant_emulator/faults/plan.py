@@ -1,4 +1,4 @@
-"""A fault as a scenario has it: kind, parameters, window and seed; and how it is read."""
+"""A fault of a scenario: kind, parameters, window and seed; and how it is read from a file."""
 
 import difflib
 from collections.abc import Mapping, Sequence
@@ -15,22 +15,23 @@ from plant_emulator.faults.kinds import CATALOGUE, Kind
 from plant_emulator.truth import SIGNALS
 
 FAULT_SPAWN_KEY: Final = 0xFA
-"""Keeps the draws of faults apart from those of the plant's own noise."""
+"""Separates the random numbers of faults from those of the plant's own noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultWindow:
-    """When a fault acts.
+    """The time window of a fault.
 
-    It begins at the first step at or after `start_s` at which `when` holds, and ends at the first
-    after that at which `end_s` or `duration_s` is reached or `until` holds. With `repeat` it may
-    begin again. Conditions are expressions over the plant's truth (`plant_emulator.truth.SIGNALS`).
+    The fault begins at the first step at or after `start_s` at which `when` holds. It ends at the
+    first step after that at which `end_s` or `duration_s` is reached or `until` holds. With
+    `repeat` it may begin again. Conditions are expressions over the plant's truth
+    (`plant_emulator.truth.SIGNALS`).
     """
 
     start_s: float = 0.0
     end_s: float | None = None
     duration_s: float | None = None
-    """Counted from when it began."""
+    """Duration from the begin of the fault."""
     when: str = ""
     until: str = ""
     repeat: bool = False
@@ -65,28 +66,31 @@ class FaultPlan:
     """One fault of a scenario."""
 
     index: int
-    """Position in the scenario; part of its seed."""
+    """Index in the scenario; part of the fault's seed."""
     kind: Kind
     parameters: Any
     """An instance of `kind.parameters`."""
     window: FaultWindow
     seed: int | None = None
-    """Overrides the run's seed for this fault alone."""
+    """Seed of this fault alone; None takes the run's seed."""
 
     def generator(self, run_seed: int) -> np.random.Generator:
-        """Of this fault alone, so that another one does not disturb it."""
+        """Return the generator of this fault alone, so that other faults do not affect it."""
         seed = run_seed if self.seed is None else self.seed
         sequence = np.random.SeedSequence(seed, spawn_key=(FAULT_SPAWN_KEY, self.index))
         return np.random.Generator(np.random.PCG64(sequence))
 
 
 def read_faults(tables: Sequence[Mapping[str, Any]], source: str) -> tuple[FaultPlan, ...]:
-    """The `[[fault]]` tables of a scenario. Raises SettingsError with source, key and value."""
+    """Read the `[[fault]]` tables of a scenario.
+
+    Raises SettingsError with source, key and value.
+    """
     return tuple(read_fault(table, index, source) for index, table in enumerate(tables))
 
 
 def read_fault(table: Mapping[str, Any], index: int, source: str) -> FaultPlan:
-    """One table: `kind`, the keys of Window, `seed`, and the parameters of the kind."""
+    """Read one table: `kind`, the keys of FaultWindow, `seed`, and the parameters of the kind."""
     where = f"fault[{index}]"
     name = table.get("kind")
     if not isinstance(name, str) or name not in CATALOGUE:

@@ -1,7 +1,7 @@
-"""Faults of the radio, brought about at the wayside's end of it, for both directions.
+"""Faults of the radio, applied at the wayside's end for both directions.
 
-Instants between two polls come about at the later one for what is sent; what is heard carries the
-exact instant.
+A sent message that is due between two polls leaves at the later poll. A received message carries
+its exact instant.
 """
 
 from collections import Counter
@@ -23,7 +23,7 @@ _Message = tuple[str, bytes]
 
 
 class RadioFaults:
-    """A RadioPort around the wayside's."""
+    """A RadioPort that applies faults to the wayside's port."""
 
     def __init__(self, port: RadioPort, seed: int) -> None:
         self._port = port
@@ -31,22 +31,22 @@ class RadioFaults:
         self._to_train: DelayQueue[_Message] = DelayQueue()
         self._to_wayside: DelayQueue[_Message] = DelayQueue()
         self.done: Counter[str] = Counter()
-        """How many messages each kind struck, of both directions together."""
+        """Number of messages that each kind affected, in both directions together."""
 
     @property
     def counters(self) -> LinkCounters:
         return self._port.counters
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """A listener of the schedule; faults of other places are none of its business."""
+        """Start or end a fault of the schedule; faults of other places are ignored."""
         if plan.kind.place is FaultPlace.RADIO:
-            # What was said before is met by what acted before.
+            # Messages sent before this instant are subject to the faults active before it.
             self.poll(now_ns)
             self._take_in(now_ns)
             self._acting.change(plan, active, now_ns)
 
     def poll(self, now_ns: int) -> None:
-        """Send what has become due; call it in every step."""
+        """Send the messages that are due; call it in every step."""
         for _, (key, payload) in self._to_train.due(now_ns):
             if not self._cut():
                 self._port.send(now_ns, key, payload)
@@ -73,12 +73,12 @@ class RadioFaults:
 
     @property
     def touched(self) -> Counter[int]:
-        """By index of the fault: how many messages it changed."""
+        """Number of messages that each fault changed, by the fault's index."""
         return self._acting.touched
 
     @property
     def held(self) -> int:
-        """Messages of both directions that are still to come."""
+        """Number of delayed messages in both directions."""
         return len(self._to_train) + len(self._to_wayside)
 
     def _take_in(self, now_ns: int) -> None:
@@ -86,7 +86,7 @@ class RadioFaults:
             self._pass(self._to_wayside, stamp_ns, (key, payload))
 
     def _pass(self, held: DelayQueue[_Message], now_ns: int, message: _Message) -> None:
-        """Decide when the message comes, and how often; never, if it is lost."""
+        """Decide when and how often the message arrives; a lost one never does."""
         if self._cut():
             return
         due_ns = now_ns
@@ -110,13 +110,13 @@ class RadioFaults:
                 held.hold(after_ns(due_ns, again.gap_s), message)
 
     def _cut(self) -> bool:
-        """Whether a partition swallows a message now; counts it."""
+        """Return whether a partition drops a message now, and count it."""
         for acting, _ in self._acting.of(RadioPartition):
             self._count(acting)
             return True
         return False
 
     def _count(self, acting: Acting, changed: bool = True) -> None:
-        """One message that a fault met, and whether that changed anything."""
+        """Count a message that a fault affected, and whether the fault changed anything."""
         self.done[acting.name] += 1
         self._acting.touched[acting.plan.index] += changed

@@ -1,4 +1,4 @@
-"""Says at each step of the plant which faults begin and which end."""
+"""Decides at each step of the plant which faults begin and which end."""
 
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -10,7 +10,7 @@ from plant_emulator.truth import Truth
 LATEST_S: Final = 1.0e9
 
 Listener = Callable[[FaultPlan, bool, int], None]
-"""Is told the fault, whether it is active from now on, and the instant."""
+"""Callback with the fault, whether it is active from now on, and the instant."""
 
 
 class Schedule:
@@ -21,7 +21,7 @@ class Schedule:
         self._listeners: list[Listener] = []
 
     def plan(self, plans: Sequence[FaultPlan]) -> None:
-        """From now on these, and none of those before; none of those may be active."""
+        """Replace all planned faults; none of the old ones may be active."""
         assert not self.active
         self._timers = [_Timer(plan) for plan in plans]
 
@@ -29,7 +29,7 @@ class Schedule:
         self._listeners.append(listener)
 
     def step(self, truth: Truth, now_ns: int) -> None:
-        """Tell the listeners of every change, in the order of the scenario."""
+        """Notify the listeners of every change, in the order of the scenario."""
         for timer in self._timers:
             if timer.done:
                 continue
@@ -45,17 +45,22 @@ class Schedule:
 
     @property
     def pending(self) -> bool:
-        """Whether time alone will begin or end a fault; a condition may never come."""
+        """Whether a fault will begin or end by time alone; conditions do not count, because they
+        may never hold.
+        """
         return any(timer.pending for timer in self._timers)
 
     @property
     def plans(self) -> tuple[FaultPlan, ...]:
-        """All faults that are planned now, in the order of the scenario."""
+        """All planned faults, in the order of the scenario."""
         return tuple(timer.plan for timer in self._timers)
 
     @property
     def never_began(self) -> tuple[FaultPlan, ...]:
-        """Faults whose time or condition has not come so far: the run does not show them."""
+        """Faults that have not begun: their time or condition has not come.
+
+        The run says nothing about them.
+        """
         return tuple(timer.plan for timer in self._timers if not timer.begun)
 
 
@@ -98,7 +103,7 @@ class _Timer:
 
 
 def _holds(condition: Expression | None, truth: Truth, *, by_default: bool) -> bool:
-    """A condition that divides by nothing does not hold."""
+    """Evaluate a condition; a division by zero counts as not holding."""
     if condition is None:
         return by_default
     try:

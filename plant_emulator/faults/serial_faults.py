@@ -1,8 +1,8 @@
-"""Faults of the tag reader's serial line, brought about at the reader's end of it.
+"""Faults of the tag reader's serial line, applied at the reader's end.
 
-What is delayed or repeated waits in the reader; what is torn, flipped, noisy or cut happens on the
-line behind it. So a telegram that was held back can still be torn, and one that leaves while the
-line is cut is lost. Instants between two polls come about at the later one.
+Delays and repetitions happen in the reader. Truncation, bit flips, noise and cuts happen on the
+line behind it. So a delayed telegram can still be truncated, and one that leaves while the line is
+cut is lost. Telegrams that are due between two polls leave at the later one.
 """
 
 from collections import Counter
@@ -33,30 +33,31 @@ from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 BYTE_NS: Final = 10 * NS_PER_S // 115_200
-"""Of one byte on the line: where in a telegram a byte of noise falls."""
+"""Time of one byte on the line. It gives the place in a telegram at which a byte of noise falls."""
 
 
 class SerialFaults:
-    """A SerialPort around the reader's end; one telegram for each `send`."""
+    """A SerialPort that applies faults to the reader's port; each `send` carries one telegram."""
 
     def __init__(self, port: SerialPort, seed: int) -> None:
         self._port = port
         self._acting = ActingFaults(FaultPlace.SERIAL, seed)
         self._held: DelayQueue[bytes] = DelayQueue()
         self._last_due_ns = 0
-        """Of all that were delayed: the reader sends in order, also after the delay has ended."""
+        """Latest due instant of all delayed telegrams. The reader sends in order, even after the
+        delay has ended."""
         self._noise_ns: dict[int, int] = {}
-        """By number of the fault: when its next byte appears."""
+        """Instant of the next noise byte, by the fault's index."""
         self.done: Counter[str] = Counter()
-        """How often each kind struck: telegrams, with serial_noise bytes. What arrives from the
-        other end while the line is cut counts as well."""
+        """Number of telegrams that each kind affected; for serial_noise, of bytes. Data that
+        arrives from the other end while the line is cut counts too."""
 
     @property
     def counters(self) -> LinkCounters:
         return self._port.counters
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """A listener of the schedule; faults of other places are none of its business."""
+        """Start or end a fault of the schedule; faults of other places are ignored."""
         self.poll(now_ns)
         if not self._acting.change(plan, active, now_ns):
             return
@@ -67,7 +68,7 @@ class SerialFaults:
             self._noise_ns.pop(plan.index, None)
 
     def poll(self, now_ns: int) -> None:
-        """Put onto the line what has become due; call it in every step."""
+        """Send the telegrams that are due; call it in every step."""
         for _, telegram in self._held.due(now_ns):
             self._leave(now_ns, telegram)
         if self._noise_ns:
@@ -104,16 +105,18 @@ class SerialFaults:
 
     @property
     def touched(self) -> Counter[int]:
-        """By index of the fault: how many telegrams or bytes it changed."""
+        """Number of telegrams or bytes that each fault changed, by the fault's index."""
         return self._acting.touched
 
     @property
     def held(self) -> int:
-        """Telegrams that are still to come."""
+        """Number of delayed telegrams."""
         return len(self._held)
 
     def _count(self, acting: Acting, number: int = 1, *, changed: bool = True) -> None:
-        """Telegrams or bytes that a fault met, and whether that changed anything."""
+        """Count telegrams or bytes that a fault affected, and whether the fault changed
+        anything.
+        """
         self.done[acting.name] += number
         self._acting.touched[acting.plan.index] += number if changed else 0
 
@@ -144,7 +147,7 @@ class SerialFaults:
             self._port.send(now_ns, data)
 
     def _strewn(self, now_ns: int, data: bytes) -> bytes:
-        """The telegram with the noise that falls between its bytes."""
+        """Return the telegram with the noise that falls between its bytes."""
         noise = self._noise_until(now_ns + BYTE_NS * len(data))
         mixed = bytearray(data)
         for at_ns, byte in reversed(noise):
@@ -165,10 +168,10 @@ class SerialFaults:
 
 
 def _torn(data: bytes, acting: Acting) -> bytes:
-    """At least the last byte is missing; the first is there unless it is the only one."""
+    """Cut off at least the last byte; the first remains unless it is the only one."""
     return data[: int(acting.draws.integers(1, len(data)))] if len(data) > 1 else b""
 
 
 def _gap_s(draws: np.random.Generator, noise: SerialNoise) -> float:
-    """From one byte of noise to the next, as by a source without memory."""
+    """Sample the time between two noise bytes from an exponential distribution."""
     return float(draws.exponential(1.0 / noise.bytes_per_s))

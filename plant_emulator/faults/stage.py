@@ -1,4 +1,6 @@
-"""The faults of one plant at work: what is true, which of them act now, and who is told."""
+"""Applies the faults of one plant at each step: reads the truth, updates the faults, notifies the
+observer.
+"""
 
 from collections import Counter
 from collections.abc import Callable
@@ -21,16 +23,17 @@ from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import World
 
 Observer = Callable[[Truth, int], None]
-"""Is told what is true at an instant of the plant's clock. The truth is one object, filled anew."""
+"""Callback with the truth at an instant of the plant's clock. The same object is refilled each
+time."""
 
 
 class FaultStage:
-    """Looked at once before the first step of the plant and after each.
+    """Evaluates the faults once before the plant's first step and after each step.
 
-    In this order: the truth is read; the schedule tells of every fault that ends or begins, in the
-    order of the scenario, first the effects, then whoever else listens; the effects that act are
-    told of the step, in the order of the scenario; the observer is told. Frames and telegrams of
-    that instant leave afterwards, and the train moves on under what acts then.
+    The order is: read the truth; let the schedule end and begin faults in the order of the
+    scenario, which notifies first the effects, then the other listeners; step the active effects in
+    the order of the scenario; notify the observer. Frames and telegrams of that instant leave
+    afterwards. The train then moves on under the active faults.
     """
 
     def __init__(
@@ -44,16 +47,16 @@ class FaultStage:
     ) -> None:
         self.truth = Truth()
         self.began = False
-        """Whether there was a first look."""
+        """Whether `look` has been called before."""
         self._world, self._schedule, self._railway = world, schedule, railway
         self._start_m = world.front_m
         self._told = -1
-        """What of the wayside's news the truth knows."""
+        """Counter of wayside news up to which the truth is current."""
         self._start_ns, self._observer = start_ns, observer
         self._effects: dict[int, Effect] = {}
-        """By index of the fault, of all that began so far."""
+        """Effects of all faults that have begun so far, by the fault's index."""
         self._acting: list[tuple[int, Effect]] = []
-        """Those that want to be told of steps, in the order of the scenario."""
+        """Effects that need a call at every step, in the order of the scenario."""
         self._actuators = ActuatorEffects(world)
         self._sensors = SensorEffects(world)
         self._tags = TagEffects(world)
@@ -64,12 +67,13 @@ class FaultStage:
         self._wayside = WaysideEffects(railway)
         self._active: set[int] = set()
         self._touches: dict[int, Touch] = {}
-        """By index of each fault that acts: whether the last step was another for it."""
+        """For each active fault, by index, the check whether it changed anything in the last
+        step."""
         self._touched: Counter[int] = Counter()
         schedule.listen(self._change)
 
     def look(self, authority_end_m: float) -> None:
-        """At the world as it is now."""
+        """Evaluate the faults on the present state of the world."""
         self.began = True
         truth, now_ns, told = self.truth, self._world.now_ns, self._railway.told
         if told != self._told:
@@ -106,7 +110,9 @@ class FaultStage:
 
     @property
     def touched(self) -> Counter[int]:
-        """By index of the fault: how many steps, or readings of tags, it changed so far."""
+        """Number of steps, or of tag readings, that each fault has changed, by the fault's
+        index.
+        """
         counted = {
             index: effect.touched
             for index, effect in self._effects.items()
@@ -115,7 +121,9 @@ class FaultStage:
         return Counter({**self._touched, **counted})
 
     def _effect_of(self, plan: FaultPlan) -> Effect | None:
-        """The same each time a fault begins again; None where the plant brings nothing about."""
+        """Return the same effect each time the fault begins again; None for faults that the plant
+        does not apply.
+        """
         effect = self._effects.get(plan.index)
         if effect is None:
             effect = self._make(plan)

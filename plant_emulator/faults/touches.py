@@ -1,7 +1,7 @@
-"""Whether a fault of the train or the wayside changed anything in the step that just ended.
+"""Checks whether a fault of the train or the wayside changed anything in the last step.
 
-A weak brake changes nothing until it is applied; an unread tag changes nothing where no tag lies. A
-run in which a fault never changed anything is no evidence of how the train bears that fault.
+A weak brake changes nothing until it is applied, and an unread tag changes nothing where no tag
+lies. A run in which a fault never changed anything does not show how the train reacts to it.
 """
 
 from collections.abc import Callable
@@ -56,11 +56,14 @@ from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import World
 
 Touch = Callable[[], bool]
-"""Asked once after each step of the plant in which the fault acts."""
+"""Check that is called once after each step of the plant in which the fault is active."""
 
 
 def touch_of(plan: FaultPlan, world: World, railway: Railway) -> Touch:
-    """The question for one fault. A kind without one of its own changes a value all the time."""
+    """Return the check of one fault.
+
+    A kind without a check of its own counts as changing a value in every step.
+    """
     parameters = plan.parameters
     if plan.kind.place is FaultPlace.DESK:
         change = change_of(plan)
@@ -84,12 +87,12 @@ def _never() -> bool:
 
 
 def _when(counts: bool, touch: Touch) -> Touch:
-    """Never where the fault's own parameters make it none."""
+    """Return the check, or one that is never true if the fault's parameters have no effect."""
     return touch if counts else _never
 
 
 def _changed(read: Callable[[], Any], by: Callable[[Any, Any], bool]) -> Touch:
-    """Whether a reading changed so since the step before."""
+    """Return a check whether a reading changed in this way since the last step."""
     before = read()
 
     def touch() -> bool:
@@ -201,7 +204,7 @@ def _of_doors(parameters: Any, world: World) -> Touch:
                 doors.wanted_open(side) and side.state in (DoorState.LOCKED, DoorState.CLOSING)
                 for side in sides(of)
             )
-    raise AssertionError(f"{type(parameters).__name__} is no fault of the doors")
+    raise AssertionError(f"{type(parameters).__name__} is not a fault of the doors")
 
 
 def _of_wayside(parameters: Any, railway: Railway) -> Touch:
@@ -224,5 +227,5 @@ def _of_wayside(parameters: Any, railway: Railway) -> Touch:
             return lambda: doors.all_closed and not doors.all_locked
         case PlatformDoorObstacle():
             return _grew(lambda: doors.obstacles_met)
-    # All others are orders, which are said in every answer.
+    # All other kinds are orders, which every answer carries.
     return _grew(lambda: centre.answered)

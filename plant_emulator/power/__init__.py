@@ -1,6 +1,6 @@
-"""Power: the high-voltage box of one train, and the DC network between all of them.
+"""Power supply: the high-voltage box of one train, and the DC network that feeds all trains.
 
-The network is in `network` and is not imported here: it may bring a compiler along.
+This package does not import `network`, because that may load a compiler.
 """
 
 from plant_emulator.power.box import HighVoltageBox

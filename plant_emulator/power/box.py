@@ -1,7 +1,8 @@
 """High-voltage box: line voltage under the train's own current, and the energy meter.
 
-The line is one source behind a resistance that also takes back whatever the train returns. While it
-does not, the auxiliaries take what the motors brake, and a brake resistor the rest.
+The line is modelled as one source behind a resistance, which also accepts the current that the
+train returns. While the line is not receptive, braking energy feeds the auxiliaries and the brake
+resistor takes the rest.
 """
 
 from math import exp, inf, sqrt
@@ -12,30 +13,32 @@ from plant_emulator.train_config import SupplyConfig
 
 J_PER_KWH: Final = 3.6e6
 COLD_J: Final = 1.0e3
-"""A resistor with less heat in it is cold."""
+"""Heat below which the resistor counts as cold, J."""
 RECEPTIVE_RATIO: Final = 1.2
-"""A line takes current back up to this share of its no-load voltage; EN 50163 allows as much."""
+"""Share of its no-load voltage up to which a line accepts returned current; EN 50163 allows this
+much."""
 
 RECOVERS_RATIO: Final = 0.1
-"""So much of the effort at most comes back with each answer of the network: a train that took all
-at once would pull the voltage down again."""
+"""Largest recovery of the effort ratio with each solution of the network. A train that took its
+full power at once would pull the voltage down again."""
 
 LEAST_EFFORT_RATIO: Final = 0.05
-"""A train that fades away counts as wishing at most so many times what it takes."""
+"""Smallest effort ratio by which the wished power is computed. It bounds the wish of a train that
+has almost no effort left."""
 
 
 class Due(NamedTuple):
-    """Of steps that the network has not answered yet, in J."""
+    """Energies in J of steps for which the network has no solution yet."""
 
     wished_j: float = 0.0
-    """Of traction, at full voltage."""
+    """Energy that traction would take at full voltage."""
     pulled_j: float = 0.0
     braked_j: float = 0.0
     auxiliary_j: float = 0.0
 
 
 class Wish(NamedTuple):
-    """Mean powers of a train since it was asked last, as it would have them at full voltage."""
+    """Mean powers of a train since its last request, as they would be at full voltage."""
 
     traction_w: float
     regenerated_w: float
@@ -43,7 +46,9 @@ class Wish(NamedTuple):
 
 
 class HighVoltageBox:
-    """Books in joules; drawn - returned = traction - braking + auxiliary + resistor at any time."""
+    """Power balance of one train in joules: drawn - returned = traction - braking + auxiliary +
+    resistor.
+    """
 
     __slots__ = (
         "_auxiliary_w",
@@ -90,45 +95,46 @@ class HighVoltageBox:
         self._electric_ratio = electric_efficiency_ratio
         self.voltage_v = config.no_load_v
         self.current_a = 0.0
-        """Negative while the train feeds back."""
+        """Current from the line, A; negative while the train feeds back."""
         self.effort_ratio = 1.0
-        """Share of traction's effort that the voltage leaves."""
+        """Share of the tractive effort that the voltage permits."""
         self.traction_j = 0.0
-        """Electrical, into the inverters."""
+        """Electrical energy into the inverters."""
         self.braking_j = 0.0
-        """Electrical, out of the inverters while the motors brake."""
+        """Electrical energy out of the inverters while the motors brake."""
         self.auxiliary_j = 0.0
         self.drawn_j = 0.0
         self.returned_j = 0.0
         self.resistor_j = 0.0
-        """What the brake resistor was given since the start."""
+        """Energy into the brake resistor since the start."""
         self.heat_j = 0.0
-        """What it has not given to the air yet."""
+        """Heat still stored in the resistor."""
         resistor = config.resistor
         self._cool_ratio = 1.0 if resistor is None else exp(-step_s / resistor.cool_s)
         self.electric_limit_w = inf
-        """At the rail: what the electric brake may take from the train now; 0 is none at all."""
+        """Power at the rail that the electric brake may take now; 0 forbids electric braking."""
         self._resting = False
         self._on_network = False
         self.networked = False
-        """The network of a line feeds the train, as long as no fault puts another source there."""
+        """A line's network feeds the train unless a fault connects another source."""
         self._wished_j = self._pulled_j = self._braked_j = self._rest_j = 0.0
-        """What is due and was not asked for yet, as in `Due`."""
+        """Energies of steps that were not requested from the network yet, as in `Due`."""
         self._no_load_v = config.no_load_v
         self._auxiliary_w = config.auxiliary_w
         self.breaker_closed = True
         self.live = True
         """The line feeds the train."""
         self.receptive = True
-        """The line takes back what the motors brake."""
+        """The line accepts energy from the braking motors."""
 
     def connect(self, no_load_v: float | None, *, breaker_closed: bool) -> None:
-        """A fault: another source behind the line, or the main breaker open; None is the own one.
+        """A fault: connect another source or open the main breaker; None is the train's normal
+        source.
 
-        A source too weak for any effort feeds nothing, auxiliaries included: they live on the
-        battery, which is not metered. One far above its rating takes nothing back; what the motors
-        brake goes into the resistor then. On a network only the breaker counts, and a source that
-        is given takes the train off it.
+        A source too weak for any effort feeds nothing. The auxiliaries then run on the battery,
+        which is not metered. A source far above its rating accepts no current, so braking energy
+        goes into the resistor. On a network only the breaker counts, and an explicit source
+        disconnects the train from it.
         """
         config = self._config
         self._on_network = self.networked and no_load_v is None
@@ -163,7 +169,7 @@ class HighVoltageBox:
             self._limit_electric()
 
     def rest(self) -> None:
-        """Book one step in which the motors do nothing."""
+        """Account for a step in which the motors do nothing."""
         if not self._resting:
             self.step(0.0, 0.0)
             self._resting = True
@@ -178,12 +184,13 @@ class HighVoltageBox:
             self._cool()
 
     def step(self, drive_work_j: float, brake_work_j: float) -> None:
-        """Book one step.
+        """Account for one step.
 
         Args:
-            drive_work_j: done at the rail by tractive effort; negative when the train rolls against
-                it, and then it brakes.
-            brake_work_j: taken at the rail by the electric brake; never negative.
+            drive_work_j: work of the tractive effort at the rail. It is negative when the train
+                rolls
+                against the effort, which counts as braking.
+            brake_work_j: work of the electric brake at the rail; never negative.
         """
         step_s = self._step_s
         self._resting = False
@@ -213,10 +220,10 @@ class HighVoltageBox:
         if self.heat_j > 0.0:
             self._cool()
 
-    # On the network of a line.
+    # The methods below serve a train on a line's network.
 
     def join(self) -> None:
-        """From now on the network of a line feeds the train."""
+        """From now on, the network of a line feeds the train."""
         self.networked = True
         self.connect(None, breaker_closed=self.breaker_closed)
 
@@ -228,8 +235,11 @@ class HighVoltageBox:
         self._rest_j += auxiliary_j
 
     def take_load(self, interval_s: float) -> tuple[Wish, Due]:
-        """Of the steps since the last time, which took so long, and what is to be booked when the
-        network has answered. Off the network it is nothing."""
+        """Return the mean powers over the steps since the last call, which took `interval_s`, and
+        the energies to account for after the network's solution.
+
+        Off the network all are zero.
+        """
         due = Due(self._wished_j, self._pulled_j, self._braked_j, self._rest_j)
         self._wished_j = self._pulled_j = self._braked_j = self._rest_j = 0.0
         wish = Wish(
@@ -245,12 +255,12 @@ class HighVoltageBox:
         due: Due,
         interval_s: float,
     ) -> None:
-        """What the network answered to a load: book it, and obey the voltage.
+        """Account for the network's solution of one load and follow its voltage.
 
         Args:
-            chopped_ratio: share of the regenerated power that the voltage leaves to the resistor.
-            effort_ratio: share of traction's effort that it leaves.
-            due: as `take_load` gave it.
+            chopped_ratio: share of the regenerated power that goes into the resistor.
+            effort_ratio: share of the tractive effort that the voltage permits.
+            due: the value that `take_load` returned.
         """
         if not self._on_network:
             return
@@ -271,7 +281,7 @@ class HighVoltageBox:
         self._bound_electric(chopped_ratio, braked_j / interval_s)
 
     def _bound_electric(self, chopped_ratio: float, braked_w: float) -> None:
-        """What of the braking the line does not take has to find room in the resistor."""
+        """Limit the electric brake to the power that line and resistor accept together."""
         resistor = self._config.resistor
         borne_w = 0.0
         if resistor is not None:
@@ -284,9 +294,9 @@ class HighVoltageBox:
             self.electric_limit_w = (taken_w + borne_w) / self._electric_ratio
 
     def _load_line(self, net_j: float) -> None:
-        """Voltage, current and the effort that they leave, when a step takes so much."""
+        """Update voltage, current and permitted effort for a step that takes `net_j`."""
         config, no_load_v, step_s = self._config, self._no_load_v, self._step_s
-        # V * (V0 - V) / R = P; beyond the source's greatest power the voltage stays at half.
+        # V * (V0 - V) / R = P. Beyond the source's greatest power the voltage stays at half of V0.
         root = no_load_v**2 - 4.0 * config.source_ohm * net_j / step_s
         self.voltage_v = 0.5 * (no_load_v + (sqrt(root) if root > 0.0 else 0.0))
         self.current_a = net_j / step_s / self.voltage_v
@@ -304,7 +314,7 @@ class HighVoltageBox:
         )
 
     def meter(self) -> EnergyMeter:
-        """What the meter at the collector shows."""
+        """Build the frame of the meter at the collector."""
         return EnergyMeter(
             drawn_kwh=self.drawn_j / J_PER_KWH, regenerated_kwh=self.returned_j / J_PER_KWH
         )

@@ -1,6 +1,6 @@
-"""Compiles small numeric functions with numba where it is there (the extra `compiled`).
+"""Compiles small numeric functions with numba where it is installed (the extra `compiled`).
 
-Without it the same functions run as they stand, some fifty times slower and to the same figures.
+Without numba the same functions run uncompiled, about fifty times slower and with the same results.
 """
 
 import importlib
@@ -17,7 +17,7 @@ def _there() -> bool:
     try:
         return importlib.util.find_spec("numba") is not None
     except ValueError:
-        # Somebody hid it on purpose: a module that is None has no specification.
+        # A test or a user hid the module on purpose: a module set to None has no specification.
         return False
 
 
@@ -25,9 +25,9 @@ COMPILED: Final = _there()
 
 
 def kernel(function: F) -> F:
-    """A function of floats, integers and arrays that calls only such functions.
+    """Compile a function of floats, integers and arrays that calls only such functions.
 
-    Nothing is kept on disk: numba would not notice a change in what a kept function calls.
+    The result is not cached on disk, because numba would not notice changes in called functions.
     """
     if not COMPILED:
         return function
@@ -37,9 +37,10 @@ def kernel(function: F) -> F:
 
 
 def jitted(module: ModuleType) -> Any:
-    """The functions of a module once more, each a `kernel`; the module itself stays as it is.
+    """Return a copy of a module with all functions compiled by `kernel`; the module itself stays
+    unchanged.
 
-    They come from its source, wherever the module itself was compiled in another way.
+    The copy is made from the Python source even if the module was compiled in another way.
     """
     if not COMPILED:
         return module
@@ -52,7 +53,7 @@ def jitted(module: ModuleType) -> Any:
     twin = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(twin)
     for name, value in list(vars(twin).items()):
-        # They find one another in the twin, by then as kernels.
+        # The functions call each other in the copy, where all are compiled.
         if isinstance(value, FunctionType) and value.__module__ == twin.__name__:
             setattr(twin, name, kernel(value))
     return twin

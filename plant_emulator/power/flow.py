@@ -1,18 +1,18 @@
-"""Currents and voltages of a DC network that is a tree, by Newton's method: the numbers only.
+"""Currents and voltages of a DC network that is a tree, solved by Newton's method.
 
-Nodes are numbered so that each one's parent comes before it; a root has parent -1, so several trees
-are solved at once. Each node may have a source (a substation's rectifier) and a load (a train).
+Each node has a higher number than its parent. A root has parent -1, so several trees can be solved
+at once. Each node may have a source (a substation's rectifier) and a load (a train).
 
     sum of branch currents out of the node = source(V) - load(V)
 
-The rectifier I = (d + sqrt(d² + e²)) / 2R, d = V0 - V, has no kink and takes nothing back; what it
-still gives far above V0 goes into a small load of the substation's own. A train
-takes its power at whatever voltage there is, less of it under a low voltage; what it regenerates
-goes into its own resistor the more, the higher the voltage. Newton's matrix has the tree's
-structure, so that elimination from the leaves is exact and costs a few operations a node.
+The rectifier I = (d + sqrt(d² + e²)) / 2R, d = V0 - V, has no kink and accepts no current. A small
+load of the substation's own takes the current that remains far above V0. A train takes constant
+power, and less under a low voltage. The higher the voltage, the more of the regenerated power goes
+into the train's own resistor. Newton's matrix has the tree's structure, so elimination from the
+leaves is exact and takes a few operations a node.
 
-Vectors are lists here, so that one line of trains is solved instant by instant without any help;
-they may as well be arrays for the copy of this module that numba compiles (`compiled.jitted`).
+Vectors are lists, which is fast enough to solve one line of trains instant by instant. The copy of
+this module that numba compiles (`compiled.jitted`) takes arrays instead.
 """
 
 import math
@@ -23,18 +23,18 @@ Indices = list[int]
 Rows = list[list[float]]
 
 NO_EFFORT, FULL_EFFORT, CHOPS_FROM, CHOPS_ALL, SMOOTH, FLOOR, CEILING = range(7)
-"""Places in `limits`, all in V."""
+"""Indices into `limits`; all limits are in V."""
 IDLE_S: Final = 0.005
-"""Of each substation's own load: 4 A."""
+"""Conductance of each substation's own load; it takes about 4 A."""
 TOLERANCE_A: Final = 1.0e-4
 ITERATIONS: Final = 40
 HALVINGS: Final = 12
 HOMOTOPY_STEPS: Final = 20
 LEAST_DIAGONAL_S: Final = 1.0e-9
 CLOSE_A: Final = 0.5
-"""From here on steps that do not lessen the greatest residual are taken nevertheless."""
+"""Residual below which a step is accepted even if it does not reduce the greatest residual, A."""
 LEAST_M: Final = 0.1
-"""Two nodes on one section are at least so far apart: a short cut between trains has no less."""
+"""Minimum distance between two nodes of a section. It bounds the conductance between two trains."""
 
 
 def arrange(
@@ -50,9 +50,10 @@ def arrange(
     node_of_joint: Indices,
     sorted_trains: Indices,
 ) -> int:
-    """Numbers the nodes for trains at these places, in place; answers with how many there are.
+    """Number the nodes for trains at these places, in place, and return the number of nodes.
 
-    Roots come first, then section by section from its earlier joint: trains by place, far joint.
+    Roots come first. Then each section follows from its earlier joint: its trains by place, then
+    its far joint.
     """
     n = 0
     for joint in range(len(node_of_joint)):
@@ -91,7 +92,7 @@ def arrange(
 
 
 def effort_share(voltage_v: float, limits: Numbers) -> tuple[float, float]:
-    """Share of the wanted traction power that the voltage leaves, and its slope."""
+    """Return the share of the wanted traction power that the voltage permits, and its slope."""
     at = (voltage_v - limits[NO_EFFORT]) / (limits[FULL_EFFORT] - limits[NO_EFFORT])
     if at <= 0.0:
         return 0.0, 0.0
@@ -102,10 +103,10 @@ def effort_share(voltage_v: float, limits: Numbers) -> tuple[float, float]:
 
 
 def chopped_share(voltage_v: float, limits: Numbers) -> tuple[float, float]:
-    """Share of the regenerated power that goes into the train's resistor, and its slope.
+    """Return the share of the regenerated power that goes into the train's resistor, and its slope.
 
-    It goes on beyond 1 for the search's sake: no solution lies there, because a train that took
-    more than it gave could not have the highest voltage, and nothing else feeds so high.
+    The share exceeds 1 at high voltage only to guide the search. No solution lies there: such a
+    train would be a load at the highest voltage of the network, and no source feeds that high.
     """
     span = limits[CHOPS_ALL] - limits[CHOPS_FROM]
     at = (voltage_v - limits[CHOPS_FROM]) / span
@@ -117,7 +118,9 @@ def chopped_share(voltage_v: float, limits: Numbers) -> tuple[float, float]:
 def source_current(
     voltage_v: float, no_load_v: float, ohm: float, limits: Numbers
 ) -> tuple[float, float]:
-    """Of a rectifier less the substation's own load, and its slope over the voltage."""
+    """Return the current of a rectifier minus the substation's own load, and its slope over the
+    voltage.
+    """
     if ohm <= 0.0:
         return 0.0, 0.0
     lack = no_load_v - voltage_v
@@ -129,7 +132,9 @@ def source_current(
 def load_power(
     voltage_v: float, wants_w: float, gives_w: float, auxiliary_w: float, limits: Numbers
 ) -> tuple[float, float]:
-    """What a train takes from the line (negative: it feeds), and its slope over the voltage."""
+    """Return the power that a train takes from the line (negative: it feeds), and its slope over
+    the voltage.
+    """
     effort, effort_slope = effort_share(voltage_v, limits)
     chopped, chopped_slope = chopped_share(voltage_v, limits)
     power = wants_w * effort + auxiliary_w - gives_w * (1.0 - chopped)
@@ -147,7 +152,7 @@ def residuals(
     out: Numbers,
     n: int,
 ) -> float:
-    """Into `out` (n,): current that is missing at each node; answers with the greatest, in A."""
+    """Write the missing current at each node into `out` (n,) and return the greatest, in A."""
     no_load_v, ohms = sources[0], sources[1]
     wants_w, gives_w, auxiliary_w = loads[0], loads[1], loads[2]
     for i in range(n):
@@ -180,7 +185,7 @@ def newton_step(
     work: Numbers,
     n: int,
 ) -> None:
-    """Replaces the residuals in `out` by the change of voltages that would remove them."""
+    """Replace the residuals in `out` by the voltage changes that would remove them."""
     no_load_v, ohms = sources[0], sources[1]
     wants_w, gives_w, auxiliary_w = loads[0], loads[1], loads[2]
     for i in range(n):
@@ -195,7 +200,7 @@ def newton_step(
             work[parent[i]] += siemens[i]
         else:
             work[i] -= siemens[i]
-    # From the leaves to the root, and back.
+    # Eliminate from the leaves to the root, then substitute back.
     for i in range(n - 1, -1, -1):
         if abs(work[i]) < LEAST_DIAGONAL_S:
             work[i] = LEAST_DIAGONAL_S
@@ -220,9 +225,9 @@ def newton(
     work: Rows,
     n: int,
 ) -> int:
-    """Solves for `volts` (n,) in place, from what is in it, under that share of the loads.
+    """Solve for `volts` (n,) in place, from its present values, with this share of the loads.
 
-    Answers with the iterations taken, or -1 where it did not converge. `work` is (4, n).
+    Returns the number of iterations, or -1 without convergence. `work` is (4, n).
     """
     missing_a, diagonal, tried_v, then_a = work[0], work[1], work[2], work[3]
     worst = residuals(parent, siemens, sources, loads, share, limits, volts, missing_a, n)
@@ -257,13 +262,13 @@ def solve(
     work: Rows,
     n: int,
 ) -> int:
-    """As `newton`, which is tried from the last voltages, then from no load, then along loads that
-    grow from nothing. `volts` holds the solution.
+    """Solve for `volts` by `newton`: from the last voltages, then from no load, then along growing
+    loads.
 
     Args:
-        sources: (2, n): voltage without load, and resistance, 0 where there is no substation.
-        loads: (3, n): traction that is wanted, regeneration that is given, auxiliaries.
-        work: (4, n), room to work in.
+        sources: (2, n): no-load voltage, and resistance, 0 at nodes without a substation.
+        loads: (3, n): traction wanted, regeneration offered, auxiliaries.
+        work: (4, n), scratch space.
     """
     done = newton(parent, siemens, sources, loads, 1.0, limits, volts, work, n)
     if done >= 0:

@@ -1,8 +1,8 @@
-"""The DC network of a line: substations, sections of feeder and rails, trains wherever they are.
+"""The DC network of a line: substations, sections of feeder and rails, and the trains on them.
 
-Sections join at named joints and make a tree, or several. A section with substations at both ends
-is fed bilaterally, with one at an end unilaterally; a joint without a substation is a place where
-sections meet. Trains are nodes of their own on the sections that they stand on.
+Sections meet at named joints and form one tree or several. A section with substations at both ends
+is fed bilaterally, one with a substation at one end unilaterally. A joint without a substation only
+connects sections. Each train is a node of its own on its section.
 """
 
 import math
@@ -17,7 +17,7 @@ M_PER_KM: Final = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Substation:
-    """A rectifier: it takes nothing back."""
+    """A rectifier substation, which accepts no current."""
 
     joint: str
     no_load_v: float
@@ -26,26 +26,26 @@ class Substation:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Feeder and return together, from one joint to another."""
+    """Feeder and return conductor together, from one joint to another."""
 
     begin: str
     end: str
     begin_m: float
     end_m: float
-    """Chainage of both ends; trains are found by it."""
+    """Chainage of the two ends, by which trains are assigned to sections."""
     ohm_per_km: float
 
 
 @dataclass(frozen=True, slots=True)
 class Voltages:
-    """Where trains begin to do with less, and where their resistors begin to take over."""
+    """Voltages at which trains reduce their power and at which their resistors take over."""
 
     no_effort_v: float = 500.0
     full_effort_v: float = 600.0
     chops_from_v: float = 880.0
     chops_all_v: float = 900.0
     smooth_v: float = 2.0
-    """Of the rectifier's knee."""
+    """Width of the rectifier's knee."""
     floor_v: float = 100.0
     ceiling_v: float = 1200.0
 
@@ -58,7 +58,7 @@ class Voltages:
             raise ValueError(f"smooth_v {self.smooth_v} is not positive")
 
     def listed(self) -> list[float]:
-        """In the order of `flow`'s places."""
+        """Return the limits in the order of `flow`'s indices."""
         return [
             *(self.no_effort_v, self.full_effort_v, self.chops_from_v, self.chops_all_v),
             *(self.smooth_v, self.floor_v, self.ceiling_v),
@@ -66,40 +66,40 @@ class Voltages:
 
 
 class Load(NamedTuple):
-    """One train as the network sees it."""
+    """One train as a load of the network."""
 
     at_m: float
     wants_w: float
-    """Electrical traction power; zero or more."""
+    """Electrical traction power wanted; never negative."""
     gives_w: float
-    """Regenerated power that it would feed; zero or more."""
+    """Regenerated power offered; never negative."""
     auxiliary_w: float
 
 
 class Fed(NamedTuple):
-    """What became of one train's wishes."""
+    """Solution for one train."""
 
     voltage_v: float
     current_a: float
-    """Negative while it feeds."""
+    """Current from the line; negative while the train feeds back."""
     traction_w: float
     regenerated_w: float
-    """Out of its inverters, whether line, auxiliaries or resistor take it."""
+    """Power out of the inverters, whether line, auxiliaries or resistor take it."""
     resistor_w: float
 
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """Power of one solved instant; sources = rectifiers + stations + lines + trains."""
+    """Power balance of one solved instant: sources = rectifiers + stations + lines + trains."""
 
     sources_w: float
-    """At the no-load voltage, behind the rectifiers' own resistance."""
+    """Power at the no-load voltage, behind the rectifiers' resistance."""
     rectifiers_w: float
     stations_w: float
-    """Substations' own loads."""
+    """Power of the substations' own loads."""
     lines_w: float
     trains_w: float
-    """Net of what trains feed."""
+    """Net power of all trains, including what they feed back."""
 
     @property
     def error_w(self) -> float:
@@ -107,14 +107,13 @@ class Balance:
 
 
 class NetworkError(ValueError):
-    """A network that is none; the text names the part."""
+    """Raised for an invalid network; the text names the part."""
 
 
 class Network:
-    """Solved instant by instant; the last voltages are where the next search begins.
+    """Solves the network instant by instant, each time from the last voltages.
 
-    `unconverged` counts instants without a solution. There are none as long as nobody finds one,
-    and whoever simulates has to look.
+    `unconverged` counts instants without a solution. A simulation must check it.
     """
 
     def __init__(
@@ -138,7 +137,7 @@ class Network:
         ]
         self.ohms_per_m = [s.ohm_per_km / M_PER_KM for s in self.sections]
         self.sources = [[0.0] * len(self.joints), [0.0] * len(self.joints)]
-        """Voltage without load and resistance, by joint."""
+        """No-load voltage and resistance of each joint's substation."""
         for substation in self.substations:
             self._add(substation)
         self.limits = self.voltages.listed()
@@ -159,12 +158,12 @@ class Network:
             )
         index = self.joints.index(substation.joint)
         if self.sources[1][index] > 0.0:
-            raise NetworkError(f"{where}: is there twice")
+            raise NetworkError(f"{where}: is defined twice")
         self.sources[0][index] = substation.no_load_v
         self.sources[1][index] = substation.source_ohm
 
     def section_of(self, at_m: float) -> int:
-        """The first section that holds this chainage; raises NetworkError."""
+        """Return the first section that contains this chainage; raises NetworkError."""
         for index, section in enumerate(self.sections):
             low_m, high_m = sorted((section.begin_m, section.end_m))
             if low_m <= at_m <= high_m:
@@ -172,7 +171,7 @@ class Network:
         raise NetworkError(f"no section at {at_m:g} m")
 
     def solve(self, trains: Sequence[Load]) -> tuple[list[Fed], Balance]:
-        """One instant; trains in the given order."""
+        """Solve one instant and return the results in the order of the given trains."""
         nodes = len(self.joints) + len(trains)
         parent, siemens = [0] * nodes, [0.0] * nodes
         of_train, of_joint = [0] * len(trains), [-1] * len(self.joints)
@@ -214,7 +213,7 @@ class Network:
         return fed, self._balance(parent, siemens, sources, volts, fed)
 
     def joint_voltages_v(self) -> dict[str, float]:
-        """Of the last instant that had a solution; a joint is there once it was solved."""
+        """Joint voltages at the last solved instant; empty before the first solution."""
         return {name: self._warm[name] for name in self.joints if name in self._warm}
 
     def _start(self, nodes: int, of_joint: list[int], of_train: list[int]) -> list[float]:
@@ -296,8 +295,11 @@ def _joints(sections: Sequence[Section]) -> list[str]:
 def _tree(
     sections: Sequence[Section], joints: Sequence[str]
 ) -> tuple[list[int], list[int], list[bool]]:
-    """Sections in an order in which the earlier joint of each is known, roots, and which sections
-    run against that order. Raises NetworkError for a ring."""
+    """Return the sections in an order in which each one's earlier joint is known, the roots, and
+    whether each section runs against that order.
+
+    Raises NetworkError for a ring.
+    """
     order: list[int] = []
     roots: list[int] = []
     turned = [False] * len(sections)

@@ -1,4 +1,6 @@
-"""The traction supply of the Changping section, once with a strong and once with a weak network."""
+"""The traction supply of the Changping section, in a variant with a strong and one with a weak
+network.
+"""
 
 from dataclasses import dataclass
 from typing import Final

@@ -1,1 +1,1 @@
-"""What the train measures of itself and of the track."""
+"""Sensors of the train, for its own motion and for the track."""

@@ -1,37 +1,42 @@
-"""Detector of cold movement: how far the train moves while its controller is switched off."""
+"""Cold-movement detector: measures how far the train moves while its controller is off."""
 
 from can_dbc.odometer import ColdMovement
 
 
 class ColdDetector:
-    """The controller counts as switched off until it speaks first, and while no unit hears it.
+    """Measures movement while the controller is off.
 
-    What was found stays to be read until it is switched off again. Movement under a controller that
-    speaks is none of the detector's business.
+    The controller counts as off until its first command, and while no unit receives commands. The
+    result can be read until the next switch-off. The detector ignores movement under a working
+    controller.
     """
 
     __slots__ = ("_found_m", "_left_at_m", "_moved_m", "_off", "forced_m", "monitored")
 
     def __init__(self, front_m: float) -> None:
         self._left_at_m = front_m
-        """Where the train was when it was commanded last."""
+        """Place of the train at its last command."""
         self._off = True
         self._found_m = 0.0
-        """Most that the train was away from there, in the present or the last absence."""
+        """Largest distance from that place during the present or the last switch-off."""
         self.forced_m: float | None = None
-        """A fault: what it says instead."""
+        """A fault: distance that the detector reports instead of its own."""
         self.monitored = True
-        """A fault makes it False: the detector slept for a while."""
+        """A fault sets this to False: the detector did not monitor all the time."""
 
     def attended(self, front_m: float) -> None:
-        """The controller speaks."""
+        """Record that the controller sent a command."""
         if self._off:
             self._found(front_m)
             self._off = False
         self._left_at_m = front_m
 
     def look(self, front_m: float, *, silent: bool) -> None:
-        """Now and then; `silent`: the controller spoke before, and no unit hears it any more."""
+        """Update the detector periodically.
+
+        Args:
+            silent: the controller sent commands before, and no unit receives them now.
+        """
         if silent and not self._off:
             self._off = True
             self._found_m = 0.0

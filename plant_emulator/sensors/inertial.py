@@ -1,4 +1,4 @@
-"""Sensors that do not touch the wheels: Doppler radar and accelerometer."""
+"""Sensors without contact to the wheels: Doppler radar and accelerometer."""
 
 from typing import Final
 
@@ -10,7 +10,7 @@ GOOD_QUALITY_PERCENT: Final = 95.0
 
 
 class DopplerRadar:
-    """Speed over ground of the first car."""
+    """Doppler radar that measures the first car's speed over ground."""
 
     __slots__ = ("_blind_mps", "_noise", "_scale", "blind", "wrong_ratio")
 
@@ -20,9 +20,9 @@ class DopplerRadar:
         self._noise = Gaussian(draws(NoiseSource.DOPPLER_NOISE), config.doppler_sigma_mps)
         self._blind_mps = config.doppler_blind_mps
         self.blind = False
-        """A fault: it sees no ground."""
+        """A fault: the radar receives no echo from the ground."""
         self.wrong_ratio = 1.0
-        """A fault: shown speed over what it would show, noise apart."""
+        """A fault: factor on the measured speed, noise excluded."""
 
     def reseed(self, generators: Generators) -> None:
         self._noise.reseed(generators.of(NoiseSource.DOPPLER_NOISE))
@@ -39,7 +39,9 @@ class DopplerRadar:
 
 
 class Accelerometer:
-    """Mean since the frame before: acceleration of the first car and gravity along the gradient."""
+    """Accelerometer that reports the mean of the first car's acceleration plus gravity since its
+    last frame.
+    """
 
     __slots__ = ("_before_mps", "_before_ns", "_bias_mps2", "_noise", "_own_bias_mps2")
 
@@ -55,7 +57,7 @@ class Accelerometer:
         self._noise.reseed(generators.of(NoiseSource.IMU_NOISE))
 
     def shift(self, bias_mps2: float) -> None:
-        """A fault: so much more than its own bias."""
+        """A fault: add this to the sensor's own bias."""
         self._bias_mps2 = self._own_bias_mps2 + bias_mps2
 
     def frame(self, now_ns: int, speed_mps: float, slope_mps2: float) -> Imu:

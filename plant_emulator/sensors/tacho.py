@@ -1,4 +1,6 @@
-"""Two tachos: pulses of two axles, counted with a systematic error and whatever the wheels slip."""
+"""Two tachos that count the pulses of two axles, with a systematic error and the slip of the
+wheels.
+"""
 
 from math import floor, pi
 from typing import Final
@@ -14,7 +16,8 @@ STAMP_PERIOD_MS: Final = 1 << 8
 NS_PER_MS: Final = 1_000_000
 NEUTRAL_AFTER_NS: Final = 200_000_000
 START_PHASE: Final = 0.5
-"""The count starts half-way between two pulses, so that the first creep of a wheel is none."""
+"""The count starts half-way between two pulses, so that the smallest movement of a wheel gives
+none."""
 
 
 class Wheelset:
@@ -38,10 +41,11 @@ class Wheelset:
         self._phase = START_PHASE
         self._start_m = start_m
         self.forced_slip_ratio = 0.0
-        """A fault: share of the train's speed by which the tread is faster; negative slides."""
+        """A fault: speed of the tread relative to the train as a share of the train's speed;
+        negative slides."""
         self._slipped_m = 0.0
         self.before_m = 0.0
-        """Distance rolled by the tread at the beginning of the last step."""
+        """Distance that the tread had rolled at the beginning of the last step."""
         self.rolled_m = 0.0
 
     def step(self, car_m: float, slip_mps: float, step_s: float) -> None:
@@ -54,23 +58,24 @@ class Wheelset:
         self.rolled_m = car_m - self._start_m + self._slipped_m
 
     def count(self, rolled_m: float) -> int:
-        """Pulses up to there, without wrapping."""
+        """Return the number of pulses up to this rolled distance, without wrapping."""
         return floor((rolled_m - self._base_m) * self._pulses_per_m + self._phase)
 
     def rescale(self, ratio: float) -> None:
-        """A fault: so many times its own pulses come for a distance from here on, never negative.
+        """A fault: multiply the pulses per metre by this ratio from here on; a negative ratio
+        counts as 0.
 
-        What was counted so far stays, the part of a pulse included.
+        Pulses counted before stay, including the fraction of a pulse.
         """
         self._phase += (self.rolled_m - self._base_m) * self._pulses_per_m
         self._base_m = self.rolled_m
         self._pulses_per_m = self._own_pulses_per_m * max(0.0, ratio)
 
     def _forced(self, own_mps: float, speed_mps: float) -> float:
-        """What the fault and the rail make of the slip together.
+        """Combine the slip of the fault with that of the rail.
 
-        The same way the greater rules, against each other they add; a tread that slides comes to
-        rest at most. So the slip never jumps as the fault comes and goes.
+        If both have the same sign the greater one counts; otherwise they add. A sliding tread stops
+        at most. The slip therefore never jumps when the fault begins or ends.
         """
         forced_mps = self.forced_slip_ratio * speed_mps
         if own_mps * forced_mps > 0.0:
@@ -103,11 +108,13 @@ class Tachos:
         front_m: float,
         step_s: float,
     ) -> None:
-        """Args:
-        cars: masses of the model; an axle of a car that the model has not is on the last one.
+        """Args: cars: number of masses in the model.
+
+        An axle on a car beyond them counts for the last mass.
         """
         self.error = config.odometer_error_ratio.draw(generators.of(NoiseSource.ODOMETER_SCALE))
-        """Counted distance = true distance * (1 + error) for a wheel of the nominal diameter."""
+        """Scale error: counted distance = true distance * (1 + error) for a wheel of nominal
+        diameter."""
         nominal = PULSES_PER_TURN / (pi * NOMINAL_WHEEL_M) * (1.0 + self.error)
         self._cars = tuple(min(tacho.car, cars) - 1 for tacho in config.tachos)
         self.axles = tuple(
@@ -119,7 +126,7 @@ class Tachos:
         self._directions = [Direction.NEUTRAL, Direction.NEUTRAL]
         self._last_pulse_ns = [-NEUTRAL_AFTER_NS, -NEUTRAL_AFTER_NS]
         self.healthy = [True, True]
-        """What each tacho takes itself for."""
+        """Health that each tacho reports of itself."""
 
     def step(self, car_fronts_m: list[float], slip_a_mps: float, slip_b_mps: float) -> None:
         car_a, car_b = self._cars
@@ -129,18 +136,21 @@ class Tachos:
 
     @property
     def counted_m(self) -> float:
-        """What counter A means for a wheel of the nominal diameter, since the start."""
+        """Distance by counter A since the start, for a wheel of nominal diameter."""
         axle = self.axles[0]
         return axle.count(axle.rolled_m) * pi * NOMINAL_WHEEL_M / PULSES_PER_TURN
 
     def pulses_a(self, share_ratio: float) -> int:
-        """Counter A at that share of the last step, as the tag reader latches it."""
+        """Return counter A at this share of the last step, as the tag reader latches it."""
         axle = self.axles[0]
         rolled_m = axle.before_m + share_ratio * (axle.rolled_m - axle.before_m)
         return axle.count(rolled_m) % COUNTER_PERIOD
 
     def frame(self, now_ns: int) -> Tacho:
-        """What the odometer sends now. Direction is axle A's, by the phase of its pulses."""
+        """Build the odometer's frame.
+
+        The direction is that of axle A, from the phase of its pulses.
+        """
         for index, axle in enumerate(self.axles):
             count = axle.count(axle.rolled_m)
             if count != self._counts[index]:

@@ -1,4 +1,6 @@
-"""Tag antenna and reader: which tag was under the antenna when, told late on a serial line."""
+"""Tag antenna and reader: reports with a delay, on a serial line, when which tag passed the
+antenna.
+"""
 
 from bisect import bisect_left
 from collections import deque
@@ -29,30 +31,30 @@ FAR_NS: Final = 1 << 62
 
 @dataclass(frozen=True, slots=True)
 class TagPass:
-    """A tag under the antenna's centre, as the reader has it before it tells."""
+    """A tag that passed the antenna's centre, as the reader stores it before reporting it."""
 
     site: TagSite
     true_ns: int
-    """When it truly was there."""
+    """Instant at which the tag truly passed."""
     stamp_ns: int
-    """When the reader believes it was; error of the stamp included."""
+    """Instant that the reader measured, including the error of its stamp."""
     pulses: int
     due_ns: int
-    """When the telegram may leave, unless one before it has yet to."""
+    """Earliest instant at which the telegram leaves; it also waits for those before it."""
 
 
 Judge = Callable[[TagPass], bool]
-"""A fault that says whether a tag is read."""
+"""A fault's decision whether the reader detects a tag."""
 Witness = Callable[[TagPass], None]
-"""A fault that wants to know of every tag that was read."""
+"""A fault's callback for every tag that was read."""
 
 
 class TagReader:
     """Detects tags in both directions of travel.
 
-    The place of a tag as it is felt is off by a draw for each tag of the line, made once a run:
-    most of it is how the tag lies and not how it is read. A train that passes a tag twice in one
-    run feels it twice at the same place.
+    The detected place of each tag has an error that is sampled once a run, because most of it comes
+    from how the tag is mounted. A train that passes a tag twice in one run therefore detects it
+    twice at the same place.
     """
 
     def __init__(
@@ -68,7 +70,7 @@ class TagReader:
         place = Gaussian(draws(NoiseSource.TAG_PLACE), config.tag_sigma_m, config.tag_clip_m)
         self._config = config
         self.tags: Final = tuple(tags)
-        """Of the line, where the map has them."""
+        """Tags of the line at their places in the map."""
         self._own_felt_m = {site.tag_id: site.position_m + place.draw() for site in tags}
         self._offsets_m: Mapping[int, float] = {}
         self._felt_m: list[float] = []
@@ -88,28 +90,31 @@ class TagReader:
         self._waiting: deque[TagPass] = deque()
         self._health_due_ns = start_ns
         self.due_ns = start_ns
-        """When the next telegram leaves, of a tag or of health."""
+        """Instant of the next telegram, for a tag or for health."""
         self._sequence = 0
         self.tags_read = 0
         self.tags_lost = 0
-        """Tags that passed under the antenna and were not read."""
+        """Number of tags that passed under the antenna and were not read."""
         self.displaced_read = 0
-        """Tags that were read off their place by a fault."""
+        """Number of tags that were read at a place changed by a fault."""
         self.telegrams_sent = 0
         self.last: TagPass | None = None
-        """The newest of all."""
+        """The tag that was read last."""
         self.judges: list[Judge] = []
-        """Asked of every tag under the antenna; when one says no it is not read."""
+        """Decisions about every tag under the antenna; the tag is read only if all agree."""
         self.witnesses: list[Witness] = []
         self.antenna_dead = False
-        """A fault: nothing is read."""
+        """A fault: the antenna detects no tag."""
         self.fault_hidden = False
-        """The self-test does not find out."""
+        """A fault: the self-test does not find the dead antenna."""
         self._antenna_ok = True
-        """What the last self-test found."""
+        """Result of the last self-test."""
 
     def _lay(self) -> None:
-        """Put the tags where they are felt; what changes sides with that is not read."""
+        """Compute where each tag is detected.
+
+        A tag that moves past the antenna by this is not read.
+        """
         offset_m = self._offsets_m.get
         felt = sorted(
             (self._own_felt_m[site.tag_id] + offset_m(site.tag_id, 0.0), site.tag_id, site)
@@ -121,12 +126,16 @@ class TagReader:
         self._low_m, self._high_m = self._neighbours()
 
     def displace(self, offsets_m: Mapping[int, float]) -> None:
-        """A fault: by number, how much further along the line tags lie; others lie as they did."""
+        """A fault: move tags, given by number, by these distances along the line; all others return
+        to their places.
+        """
         self._offsets_m = offsets_m
         self._lay()
 
     def reseed(self, generators: Generators) -> None:
-        """Draw anew from other generators, also the places of tags that are safely ahead."""
+        """Take further samples from other generators, also for the places of tags that are surely
+        ahead.
+        """
         config, draws = self._config, generators.of
         self._stamp_errors.reseed(draws(NoiseSource.TAG_TIME))
         self._latencies.reseed(draws(NoiseSource.TAG_LATENCY))
@@ -146,7 +155,7 @@ class TagReader:
         )
 
     def step(self, front_m: float, start_ns: int, end_ns: int, tachos: Tachos) -> None:
-        """The train's front moved to `front_m` over the step."""
+        """Detect the tags passed when the train's front moved to `front_m` over the step."""
         at_m = front_m - self._antenna_m
         if self._low_m < at_m <= self._high_m:
             self._at_m = at_m
@@ -179,7 +188,7 @@ class TagReader:
         )
         missed = False
         for judge in self.judges:
-            # All are asked, so that what one draws does not depend on the others.
+            # Call every judge, so that the samples of one fault do not depend on the others.
             missed = not judge(passed) or missed
         if missed or self.antenna_dead:
             self.tags_lost += 1
@@ -190,7 +199,7 @@ class TagReader:
             witness(passed)
 
     def read(self, passed: TagPass) -> None:
-        """Take in a tag, and tell of it when it is due; a dead antenna takes in nothing."""
+        """Store a tag and report it when it is due. A dead antenna stores no tag."""
         if self.antenna_dead:
             return
         self.last = passed
@@ -200,19 +209,19 @@ class TagReader:
 
     @property
     def antenna_m(self) -> float:
-        """Where its centre is."""
+        """Chainage of the antenna's centre."""
         return self._at_m
 
     def felt_m(self, tag_id: int) -> float:
-        """Where the antenna's centre is when it feels that of a tag of the line."""
+        """Chainage of the antenna's centre at which it detects this tag of the line."""
         return self._own_felt_m[tag_id] + self._offsets_m.get(tag_id, 0.0)
 
     def site_of(self, tag_id: int) -> TagSite | None:
-        """The tag of this number on the line."""
+        """The tag with this number on the line; None if the line has none."""
         return next((site for site in self.tags if site.tag_id == tag_id), None)
 
     def telegrams(self, now_ns: int) -> list[bytes]:
-        """What leaves on the serial line now, ready for it."""
+        """Return the encoded telegrams that leave on the serial line now."""
         waiting = self._waiting
         leaving: list[bytes] = []
         while waiting and waiting[0].due_ns <= now_ns:
@@ -225,7 +234,7 @@ class TagReader:
         return leaving
 
     def _clock_ms(self, instant_ns: int) -> float:
-        """The reader's own clock, which started with the plant."""
+        """Convert an instant to the reader's own clock, which started with the plant."""
         return ((instant_ns - self._start_ns) / NS_PER_MS) % CLOCK_PERIOD_MS
 
     def _count(self) -> int:
@@ -259,7 +268,10 @@ class TagReader:
         )
 
     def frame(self, now_ns: int) -> TagReaderHealth:
-        """What the reader says on the bus. It tests itself with every sign of life on its line."""
+        """Build the reader's bus frame.
+
+        The reader tests itself with every health telegram on its line.
+        """
         tested_ns = self._health_due_ns - round(HEALTH_PERIOD_S * NS_PER_S)
         return TagReaderHealth(
             antenna_ok=self._antenna_ok,

@@ -1,4 +1,6 @@
-"""What runs on a line: trains, headway, turnbacks, dwells, and where track and network meet."""
+"""The traffic of a line: trains, headway, turnbacks, dwells, and the mapping of track to
+network.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ PACKAGE: Final = "plant_emulator.traffic"
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """One corner of the way on which a lap's chainage becomes a place along the network."""
+    """One point of the mapping from a lap's chainage to a place along the network."""
 
     at_m: float
     place_m: float
@@ -25,21 +27,21 @@ class TrafficConfig:
     name: str
     line: str
     consist: str
-    """Of all trains."""
+    """Consist of all trains."""
     supply: str
     """strong or weak, see `plant_emulator.power.supplies`."""
     stations_a_lap: int
     lap_m: float
     trains: int
-    """With as many the headway is even all round."""
+    """Number of trains at which the headway is even all round."""
     headway_s: float
     turnback_s: float
-    """From standing at a terminal to leaving the platform behind its loop."""
+    """Time from stopping at a terminal to leaving the platform behind its loop."""
     terminals: tuple[str, ...]
-    """Stations of the lap that are left as soon as their least dwell is over."""
+    """Stations of the lap that trains leave as soon as the minimum dwell is over."""
     dwell_s: float
     dwell_spread_s: float
-    """Dwells are drawn evenly between dwell_s less and more this."""
+    """Dwells are distributed uniformly over dwell_s ± this value."""
     way: tuple[Bend, ...]
 
     def __post_init__(self) -> None:
@@ -57,7 +59,7 @@ class TrafficConfig:
             raise ValueError("way does not lead from 0 to lap_m")
 
     def place_m(self, front_m: float) -> float:
-        """Along the network, of a train on whatever lap."""
+        """Return the place along the network of a train on any lap."""
         at_m = front_m % self.lap_m
         return _between(self.way, at_m)
 
@@ -72,15 +74,15 @@ def _between(way: Sequence[Bend], at_m: float) -> float:
 
 
 def load_traffic(name: str) -> TrafficConfig:
-    """By path or by the stem of a shipped file; raises SettingsError."""
+    """Load traffic by path or by the name of a shipped file; raises SettingsError."""
     return settings.load(TrafficConfig, name, PACKAGE)
 
 
 def traffic_of(line: str) -> TrafficConfig:
-    """Raises SettingsError for a line of which nobody has said what runs on it."""
+    """Return the traffic of a line. Raises SettingsError for a line without a traffic file."""
     names = settings.shipped_names(PACKAGE)
     if line not in names:
         raise settings.SettingsError(
-            f"--trains: nothing is known of the traffic on {line}; it is on {', '.join(names)}"
+            f"--trains: {line} has no traffic file; lines with one: {', '.join(names)}"
         )
     return load_traffic(line)

@@ -1,7 +1,7 @@
-"""What ties the trains of a line together: the DC network, and authorities behind the leader.
+"""Couples the trains of a line: the DC network, and authorities behind the leader.
 
-Each train says once an interval what it wanted of the network and how far back it reaches, and is
-answered with its voltage and the rear of the train ahead.
+Once an interval each train reports its power demand and its rear. It receives its voltage and the
+rear of the train ahead.
 """
 
 import math
@@ -16,35 +16,36 @@ from plant_emulator.traffic.config import TrafficConfig
 INTERVAL_NS: Final = 200_000_000
 INTERVAL_S: Final = INTERVAL_NS / 1e9
 REAR_STEP_M: Final = 25.0
-"""Followers are told of so much at once: each authority that changes is an event on board."""
+"""Step in which followers receive the leader's rear. A step bounds the number of authority changes
+on board."""
 
 
 class IntervalReport(NamedTuple):
-    """By a train about the interval that is over; powers are means."""
+    """Report of a train about the last interval; powers are means."""
 
     front_m: float
     speed_mps: float
     rear_m: float
-    """How far back track is kept for it: no authority of a follower reaches beyond."""
+    """Rear end of the track reserved for the train. No follower's authority extends beyond it."""
     traction_w: float
     regenerated_w: float
     auxiliary_w: float
 
 
 class CouplingAnswer(NamedTuple):
-    """To a train, from which it drives on."""
+    """Answer to a train, valid from now on."""
 
     voltage_v: float
     current_a: float
-    """Negative while it feeds."""
+    """Current from the line; negative while the train feeds back."""
     chopped_ratio: float
     effort_ratio: float
     leader_rear_m: float
-    """In the train's own chainage; far away where nobody is ahead."""
+    """Rear of the leader in the train's own chainage; far away without a train ahead."""
 
 
 class Books:
-    """Energies of the network since its beginning, in J."""
+    """Energy balance of the network since its start, in J."""
 
     def __init__(self) -> None:
         self.sources_j = self.rectifiers_j = self.stations_j = self.lines_j = self.trains_j = 0.0
@@ -53,23 +54,23 @@ class Books:
 
     @property
     def closure_ratio(self) -> float:
-        """What sources gave less all that became of it, over what they gave."""
+        """Energy of the sources minus all consumption, divided by the energy of the sources."""
         became_j = self.rectifiers_j + self.stations_j + self.lines_j + self.trains_j
         return (self.sources_j - became_j) / max(1.0, self.sources_j)
 
 
 class Coupling:
-    """Of all trains of a line, the foremost first."""
+    """Coupling of all trains of a line, the foremost first."""
 
     def __init__(self, config: TrafficConfig, supply: Supply) -> None:
         self.network = supply.network()
         self.books = Books()
         self.substations_w: tuple[float, ...] = ()
-        """Of each substation of the network, in the last interval."""
+        """Power of each substation in the last interval."""
         self._config = config
 
     def answers(self, said: Sequence[IntervalReport]) -> list[CouplingAnswer]:
-        """One interval of the whole line."""
+        """Solve one interval for the whole line."""
         loads = [
             Load(
                 self._config.place_m(each.front_m),
@@ -99,7 +100,10 @@ class Coupling:
         return found
 
     def _leader_rear_m(self, train: int, said: Sequence[IntervalReport]) -> float:
-        """The foremost follows the hindmost, which is a lap behind on paper."""
+        """Return the rear of the train ahead.
+
+        The foremost train follows the last, which is a lap behind in chainage.
+        """
         behind_m = said[train - 1].rear_m + (self._config.lap_m if train == 0 else 0.0)
         return math.floor(behind_m / REAR_STEP_M) * REAR_STEP_M
 

@@ -1,4 +1,6 @@
-"""Holds one train at its platforms until it is its time, and notes when it came and went."""
+"""Holds one train at its platforms until its departure time, and records arrivals and
+departures.
+"""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -9,29 +11,32 @@ from plant_emulator.traffic.timetable import LapTimetable, Start
 
 AT_STOP_M: Final = 5.0
 LEAD_S: Final = 6.0
-"""So long before it shall leave a train is no longer held: doors have to close."""
+"""Time before the departure at which the hold ends, because the doors still have to close."""
 NS_PER_S: Final = 1_000_000_000
 
 
 class StationRun(NamedTuple):
-    """From one station to the next, as it came about."""
+    """One completed run from a station to the next."""
 
     station: str
-    """Where it ended."""
+    """Name of the station where the run ended."""
     planned_s: float
     left_s: float
     arrived_s: float
     error_m: float
-    """Of the stop; more than 0: too far."""
+    """Stopping error; positive is too far."""
 
     @property
     def late_s(self) -> float:
-        """More than 0: it took longer than planned."""
+        """Positive: the run took longer than planned."""
         return self.arrived_s - self.left_s - self.planned_s
 
 
 class Dispatcher:
-    """Of one train. Terminals' platforms are left by the clock, others when the dwell is over."""
+    """Dispatcher of one train.
+
+    It leaves terminals by the clock and other stations when the dwell is over.
+    """
 
     def __init__(
         self,
@@ -51,10 +56,10 @@ class Dispatcher:
         self._left_s = 0.0
 
     def holds(self, now_s: float, front_m: float, speed_mps: float) -> bool:
-        """Whether the train shall stay; asked often, with what is true of the train.
+        """Return whether the train is to stay, and update the record; call it often.
 
         Args:
-            now_s: since the beginning.
+            now_s: time since the start of the timetable.
         """
         stations = self._line.stations
         if self._stands and speed_mps != 0.0:

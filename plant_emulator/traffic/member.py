@@ -1,4 +1,4 @@
-"""One train among others: its plant, its dispatcher, and its end of what ties the line together."""
+"""One train of a line: its plant, its dispatcher, and its end of the coupling."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -16,15 +16,16 @@ from plant_emulator.world import TrainScenario, World, plan_scenario
 
 NS_PER_S: Final = 1_000_000_000
 SEEDS: Final = 1000
-"""Seeds of one line's trains lie between two seeds of lines."""
+"""Distance between the seeds of two lines; it leaves room for a seed for each train."""
 SPACE_M: Final = 10.0
-"""Between the end of an authority and the track kept for the train ahead, should that roll back."""
+"""Distance between the end of an authority and the track reserved for the train ahead, in case that
+rolls back."""
 REAR_M: Final = 12.0
-"""Kept behind a train that has not reported yet."""
+"""Length of track reserved behind a train that has not reported yet."""
 
 
 class Plant(Protocol):
-    """A train's plant, as far as the line has to do with it."""
+    """The parts of a train's plant that the line uses."""
 
     @property
     def scenario(self) -> TrainScenario: ...
@@ -37,7 +38,9 @@ class Plant(Protocol):
 
 
 class TrafficMember:
-    """Asked once an interval; answers may come an interval late, in their order."""
+    """Couples one train to the line once an interval; answers may come an interval late, in
+    order.
+    """
 
     def __init__(
         self,
@@ -49,9 +52,8 @@ class TrafficMember:
         start_ns: int | None,
         leader_rear_m: float,
     ) -> None:
-        """Args:
-        start_ns: when the timetable begins; None: not before `begin`.
-        leader_rear_m: of the train ahead, in this one's chainage, as it stands at the beginning.
+        """Args: start_ns: begin of the timetable; None: not before `begin`. leader_rear_m: initial
+        rear of the train ahead, in this train's chainage.
         """
         scenario = plant.scenario
         self.plant = plant
@@ -65,11 +67,11 @@ class TrafficMember:
         plant.railway.zone.limit_m = leader_rear_m - SPACE_M
 
     def begin(self, now_ns: int) -> None:
-        """From now on the timetable counts."""
+        """Start the timetable now."""
         self._start_ns = now_ns
 
     def says(self, now_ns: int) -> IntervalReport:
-        """At the end of an interval; the dispatcher looks at the train, too."""
+        """Report the last interval, and let the dispatcher decide whether to hold the train."""
         plant, world = self.plant, self.plant.world
         wish, due = world.power.take_load(INTERVAL_S)
         self._due.append(due)
@@ -93,7 +95,7 @@ class TrafficMember:
         )
 
     def hears(self, answer: CouplingAnswer) -> None:
-        """To the earliest interval that was not answered yet."""
+        """Apply an answer to the earliest interval without one."""
         world = self.plant.world
         world.power.fed(
             answer.voltage_v,
@@ -107,14 +109,16 @@ class TrafficMember:
 
 
 def first_rear_m(front_m: float, length_m: float) -> float:
-    """Of the track kept for a train that stands and has not reported yet."""
+    """Return the rear of the track reserved for a stationary train that has not reported yet."""
     return front_m - length_m - REAR_M
 
 
 def leader_rear_m(
     config: TrafficConfig, placed: Sequence[Start], index: int, length_m: float
 ) -> float:
-    """The same of the train ahead, in the chainage of this one; the foremost follows the last."""
+    """Return the same for the train ahead, in this train's chainage; the foremost follows the
+    last.
+    """
     front_m = placed[index - 1].station.stop_m + (config.lap_m if index == 0 else 0.0)
     return first_rear_m(front_m, length_m)
 
@@ -128,7 +132,7 @@ def scenarios_of(
     load_ratio: float | None = None,
     odometer_error_ratio: float | None = None,
 ) -> tuple[TrainScenario, ...]:
-    """Of each train; all draw from seeds of their own. Raises SettingsError."""
+    """Return the scenario of each train, each with its own seed. Raises SettingsError."""
     return tuple(
         plan_scenario(
             line=config.line,
@@ -143,7 +147,7 @@ def scenarios_of(
 
 
 def _dwells_s(config: TrafficConfig, seed: int) -> Iterator[float]:
-    """Evenly drawn, each train's by itself: the same whatever the law."""
+    """Uniformly distributed dwell times of one train; they do not depend on the ATO law."""
     generator = Generators(seed).of(NoiseSource.DWELL)
     low_s, high_s = config.dwell_s - config.dwell_spread_s, config.dwell_s + config.dwell_spread_s
     draws = Uniform(generator, low=low_s, high=high_s)

@@ -1,4 +1,4 @@
-"""When trains leave which station, and where each stands when the emulation begins."""
+"""Departure times of a lap, and the place of each train at the start."""
 
 import itertools
 from collections.abc import Sequence
@@ -10,35 +10,38 @@ from firmware_py.trackdb import LineMap, Station
 from plant_emulator.traffic.config import TrafficConfig
 
 TERMINAL_S: Final = 25.0
-"""About how long a train stands at a terminal before it goes round its loop."""
+"""Typical stop of a train at a terminal before it goes round its loop, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Of one train, at the beginning."""
+    """Initial state of one train."""
 
     train: int
-    """Its number; 1 is foremost."""
+    """Number of the train; 1 is the foremost."""
     station: Station
     index: int
-    """Of the station on the line."""
+    """Index of the station on the line."""
     phase_s: float
-    """How far its lap has gone by the timetable."""
+    """Time that the train is into its lap by the timetable."""
 
 
 @dataclass(frozen=True, slots=True)
 class LapTimetable:
-    """By station of a lap, in s after leaving the first; the lap takes `lap_s`."""
+    """Departure times by station of a lap, in s after leaving the first; the lap takes `lap_s`."""
 
     leaves_s: tuple[float, ...]
     fixed: tuple[bool, ...]
-    """Whether the station is left by the clock; else the dwell decides."""
+    """Whether trains leave the station by the clock; otherwise the dwell decides."""
     at_once: tuple[bool, ...]
     lap_s: float
 
 
 def lap_timetable(config: TrafficConfig, line: LineMap) -> LapTimetable:
-    """Raises SettingsError for a lap that takes longer than its trains at their headway."""
+    """Compute the timetable.
+
+    Raises SettingsError if a lap takes longer than its trains times the headway.
+    """
     lap = line.stations[: config.stations_a_lap]
     leaves_s, fixed, at_once = [0.0], [True], [False]
     arrival_s = 0.0
@@ -62,9 +65,9 @@ def lap_timetable(config: TrafficConfig, line: LineMap) -> LapTimetable:
 
 
 def starts(config: TrafficConfig, line: LineMap, trains: int) -> tuple[Start, ...]:
-    """Each train stands where it leaves next; the foremost first.
+    """Place each train at the station that it leaves next, the foremost first.
 
-    Raises SettingsError for more trains than the timetable has, or two at one platform.
+    Raises SettingsError for more trains than the timetable has, or for two at one platform.
     """
     if not 1 <= trains <= config.trains:
         raise SettingsError(f"--trains {trains}: on {config.line} there are 1 to {config.trains}")

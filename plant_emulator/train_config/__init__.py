@@ -1,4 +1,4 @@
-"""What the train really is: the consist files as frozen, checked values."""
+"""True properties of the train: the consist files as frozen, checked values."""
 
 from plant_emulator.train_config.brakes import (
     BrakeConfig,

@@ -1,4 +1,4 @@
-"""What the brakes really are."""
+"""True properties of the brakes."""
 
 import math
 from dataclasses import dataclass
@@ -8,17 +8,17 @@ from plant_emulator.train_config.ranges import Spread, check, check_spread
 
 
 class DeadTimeKind(Enum):
-    """What the dead time of the service brake delays."""
+    """Which changes of the demand the dead time of the service brake delays."""
 
     TRANSPORT = "transport"
-    """Every change of the demand, within one application all by the same time."""
+    """Delay every change of the demand, by the same time within one application."""
     APPLICATION = "application"
-    """Only the first build-up; a brake that is on follows at once."""
+    """Delay only the first build-up; an applied brake follows at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class ElectricBrakeConfig:
-    """The motors as generators; they fade out towards the stop and friction takes over."""
+    """The electric brake. It fades out towards the stop, where friction takes over."""
 
     share_ratio: float
     """Largest share of the service brake's force that the motors take."""
@@ -26,9 +26,9 @@ class ElectricBrakeConfig:
     max_power_w: float
     fade_begin_mps: float
     fade_end_mps: float
-    """Nothing is left from here down."""
+    """Speed below which the electric brake gives no force."""
     efficiency_ratio: float
-    """Of what the brake takes from the train, so much reaches the line."""
+    """Share of the electric brake's power at the rail that reaches the line."""
 
     def __post_init__(self) -> None:
         check(self, "share_ratio", 0.0, 1.0)
@@ -46,13 +46,15 @@ class ElectricBrakeConfig:
 
 @dataclass(frozen=True, slots=True)
 class PneumaticConfig:
-    """Friction's own build-up, on top of the service brake's, when it takes its share over."""
+    """Build-up of friction when it takes its share over, in addition to that of the service
+    brake.
+    """
 
     dead_time_s: Spread
-    """Drawn once a run."""
+    """Dead time, sampled once a run."""
     lag_s: float
     gain_ratio: Spread
-    """Drawn once a run; friction gives this much of what it was asked."""
+    """Share of its demand that friction gives, sampled once a run."""
 
     def __post_init__(self) -> None:
         check_spread(self, "dead_time_s", 0.0, 5.0)
@@ -62,16 +64,20 @@ class PneumaticConfig:
 
 @dataclass(frozen=True, slots=True)
 class ServiceBrakeConfig:
-    """Decelerations are those of the loaded train on the level: the brake weighs its load."""
+    """The service brake.
+
+    It compensates the load, so decelerations hold for any load on level track.
+    """
 
     max_decel_mps2: float
     dead_time_kind: DeadTimeKind
     dead_time_s: Spread
-    """Drawn for each application: an application starts when the demand rises from zero."""
+    """Dead time, sampled for each application. An application starts when the demand rises from
+    zero."""
     lag_s: Spread
-    """First-order build-up after the dead time; drawn once a run."""
+    """First-order build-up after the dead time, sampled once a run."""
     gain_ratio: Spread
-    """Drawn once a run; the train gets this much of the deceleration it was asked."""
+    """Share of the demanded deceleration that the train gets, sampled once a run."""
     electric: ElectricBrakeConfig
     pneumatic: PneumaticConfig
 
@@ -84,13 +90,13 @@ class ServiceBrakeConfig:
 
 @dataclass(frozen=True, slots=True)
 class EmergencyBrakeConfig:
-    """Friction only, on a line of its own; applies when the command goes missing."""
+    """Friction brake on a separate line. It applies when the command goes missing."""
 
     decel_mps2: float
     dead_time_s: float
     lag_s: float
-    """The two give 10 % after dead + 0.105 * lag, at most 0.5 s, and 90 % after
-    dead + 2.303 * lag, at most 1.6 s."""
+    """Lag. With the dead time it gives 10 % of the force after dead + 0.105 * lag, at most 0.5 s,
+    and 90 % after dead + 2.303 * lag, at most 1.6 s."""
     release_s: float
     """Dead time of the release."""
 
@@ -111,11 +117,11 @@ class EmergencyBrakeConfig:
 @dataclass(frozen=True, slots=True)
 class HoldingBrakeConfig:
     decel_mps2: float
-    """What it could give; at least 0.3, so that a full train holds on 30 permille."""
+    """Deceleration it can give; at least 0.3, so that a full train holds on 30 permille."""
     dead_time_s: float
     lag_s: float
     engage_under_mps: float
-    """A moving train ignores the holding brake above this speed."""
+    """Speed below which the holding brake engages on a moving train."""
 
     def __post_init__(self) -> None:
         check(self, "decel_mps2", 0.3, 3.0)

@@ -1,4 +1,4 @@
-"""What traction, wheels, doors and supply really are."""
+"""True properties of traction, wheels, doors and supply."""
 
 from dataclasses import dataclass
 
@@ -8,16 +8,16 @@ from plant_emulator.train_config.ranges import check
 @dataclass(frozen=True, slots=True)
 class TractionConfig:
     rated_force_n: float
-    """Of all motors together, at the rail."""
+    """Force of all motors together, at the rail."""
     max_power_w: float
-    """At the rail; force is at most power / speed."""
+    """Power at the rail; force is at most power / speed."""
     effort_ratio: float
-    """Share of rated force and power that heat and failed motors leave."""
+    """Share of rated force and power that is available after heat and failed motors."""
     dead_time_s: float
     lag_s: float
     slew_n_per_s: float
     cut_s: float
-    """From losing the permission to the open contactor. At most 0.30 s."""
+    """Time from losing the permission to the open contactor; at most 0.30 s."""
     efficiency_ratio: float
 
     def __post_init__(self) -> None:
@@ -33,16 +33,16 @@ class TractionConfig:
 
 @dataclass(frozen=True, slots=True)
 class RailConfig:
-    """Wheel and rail. A wheel that is asked for more than adhesion slips or slides."""
+    """Wheel and rail. A wheel that is loaded beyond adhesion slips or slides."""
 
     adhesion_ratio: float
-    """Largest force along the rail over weight on the wheels."""
+    """Adhesion: largest force along the rail divided by weight on the wheels."""
     slip_limit_ratio: float
-    """Slip or slide over train speed at which the protection of the wheels catches it."""
+    """Slip divided by train speed at which the wheel-slide protection limits it."""
     slip_limit_mps: float
-    """The same at low speed; the larger one counts."""
+    """Slip limit at low speed; the larger of the two limits counts."""
     slip_recovery_mps2: float
-    """How fast wheels find back to the train's speed."""
+    """Rate at which wheels return to the train's speed."""
 
     def __post_init__(self) -> None:
         check(self, "adhesion_ratio", 0.005, 1.0)
@@ -54,14 +54,14 @@ class RailConfig:
 @dataclass(frozen=True, slots=True)
 class DoorConfig:
     unlock_s: float
-    """From the demand to the first movement."""
+    """Time from the demand to the first movement."""
     open_s: float
     close_s: float
-    """From the end of the demand to closed and locked."""
+    """Time from the end of the demand to closed and locked."""
     obstructed_closings: int
-    """How many of the first closings meet an obstacle and open again."""
+    """Number of the first closings that meet an obstacle and reopen."""
     reopen_s: float
-    """How long they stay open then, before they try again."""
+    """Time that the doors stay open after an obstacle before they try again."""
 
     def __post_init__(self) -> None:
         for name in ("unlock_s", "open_s", "close_s", "reopen_s"):
@@ -72,14 +72,17 @@ class DoorConfig:
 
 @dataclass(frozen=True, slots=True)
 class ResistorConfig:
-    """The brake resistor: what a line does not take back becomes heat, as long as it bears that."""
+    """The brake resistor.
+
+    It turns energy that the line does not accept into heat, up to its limits.
+    """
 
     max_power_w: float
     heat_max_j: float
-    """From cold to as hot as it may become."""
+    """Heat capacity from cold to the hottest permitted state."""
     fade_s: float
-    """It never takes more power than would make it that hot within so long: what it bears fades
-    away slowly enough for friction to follow."""
+    """Time constant of the power limit: the resistor never takes more power than would heat it
+    fully within this time. Its power therefore falls slowly enough for friction to follow."""
     cool_s: float
     """Time constant of cooling."""
 
@@ -97,17 +100,17 @@ class ResistorConfig:
 
 @dataclass(frozen=True, slots=True)
 class SupplyConfig:
-    """The line as one source behind a resistance, and what the train draws besides traction."""
+    """The line as one source behind a resistance, and the train's consumption besides traction."""
 
     no_load_v: float
     source_ohm: float
     full_effort_v: float
-    """Traction gives its full effort from here up."""
+    """Voltage above which traction gives its full effort."""
     no_effort_v: float
-    """And nothing from here down."""
+    """Voltage below which traction gives no effort."""
     auxiliary_w: float
     resistor: ResistorConfig | None = None
-    """Without one the electric brake ends as soon as the line takes nothing back."""
+    """Without a resistor the electric brake ends when the line is not receptive."""
 
     def __post_init__(self) -> None:
         check(self, "no_load_v", 1.0, 5000.0)

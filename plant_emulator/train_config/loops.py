@@ -1,4 +1,4 @@
-"""What the current loops really are: module, wires and the units that read them."""
+"""True properties of the current loops: module, wires and the units that read them."""
 
 from dataclasses import dataclass, field
 
@@ -10,27 +10,29 @@ class LoopConfig:
     """Two loops of 4 to 20 mA, for traction and service brake, from a module on the bus."""
 
     connected: bool = False
-    """The units take their reference from the loops; else from the bus, and there are no loops."""
+    """The units take their reference from the loops; if False there are no loops and it comes from
+    the bus."""
     traction_full_mps2: float = 1.0
-    """Acceleration at 18 mA; the unit weighs its load."""
+    """Acceleration at 18 mA, whatever the load."""
     brake_full_mps2: float = 1.0
     """Deceleration at 18 mA."""
     offset_ma: Spread = field(default_factory=lambda: Spread(-0.02, 0.02))
-    """Of module and unit together; drawn once a run for each loop."""
+    """Offset of module and unit together, sampled once a run for each loop."""
     gain_ratio: Spread = field(default_factory=lambda: Spread(0.998, 1.002))
-    """Current on the wire over the one that was set, drawn likewise."""
+    """Current on the wire divided by the set current, sampled once a run for each loop."""
     sigma_ma: float = 0.004
-    """Scatter of what a unit reads, each time."""
+    """Standard deviation of each reading."""
     adc_bits: int = 12
     """Resolution of the unit's converter over 0 to 24 mA."""
     broken_ma: float = 3.6
-    """Under this a unit takes its loop for broken."""
+    """Current below which a unit assumes a broken loop."""
     tolerance_mps2: float = 0.2
-    """A loop that says more or less than the protected command by more than this is wrong."""
+    """Largest difference between loop and protected command that a unit accepts."""
     patience_s: float = 0.3
-    """For so long, before the unit no longer trusts it; at the start so long until it does."""
+    """Time after which a unit distrusts a wrong loop; at the start, time until it trusts a correct
+    one."""
     recovery_s: float = 10.0
-    """A loop that was not trusted has to be right for so long."""
+    """Time for which a distrusted loop must be correct before the unit trusts it again."""
 
     def __post_init__(self) -> None:
         check(self, "traction_full_mps2", 0.1, 3.0)

@@ -1,4 +1,4 @@
-"""Ranges: quantities that are spread over one, and checks that a value lies in one."""
+"""Ranges: quantities that vary over a range, and range checks of values."""
 
 from dataclasses import dataclass, fields
 from typing import Protocol
@@ -12,7 +12,7 @@ class UniformSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """A quantity spread evenly over [low, high]; equal ends make it fixed."""
+    """A quantity distributed uniformly over [low, high]; equal ends make it fixed."""
 
     low: float
     high: float
@@ -26,7 +26,7 @@ class Spread:
 
 
 def check(owner: object, name: str, least: float, most: float) -> None:
-    """Raises ValueError unless the field lies within; NaN is in no range."""
+    """Raise ValueError unless the field lies within the range; NaN never does."""
     value = getattr(owner, name)
     if not least <= value <= most:
         raise ValueError(f"{name} {value} is not in {least:g}..{most:g}")

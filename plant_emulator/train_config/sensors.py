@@ -1,4 +1,4 @@
-"""What the sensors really are."""
+"""True properties of the sensors."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -12,9 +12,9 @@ PULSES_PER_TURN: Final = 256
 @dataclass(frozen=True, slots=True)
 class TachoConfig:
     car: int
-    """Car that carries the axle, from the front, 1 for the first."""
+    """Number of the car that carries the axle, counted from 1 at the front."""
     wheel_diameter_m: float
-    """As worn; the nominal wheel has NOMINAL_WHEEL_M."""
+    """Diameter of the worn wheel; the nominal wheel has NOMINAL_WHEEL_M."""
 
     def __post_init__(self) -> None:
         check(self, "wheel_diameter_m", 0.5, 1.2)
@@ -23,7 +23,8 @@ class TachoConfig:
 @dataclass(frozen=True, slots=True)
 class SensorConfig:
     odometer_error_ratio: Spread
-    """Counted distance = true distance * (1 + error), on both axles; drawn once a run."""
+    """Scale error on both axles, sampled once a run: counted distance = true distance * (1 +
+    error)."""
     tachos: tuple[TachoConfig, TachoConfig]
     """Tacho A and tacho B."""
     doppler_error_ratio: Spread
@@ -32,13 +33,13 @@ class SensorConfig:
     imu_bias_mps2: Spread
     imu_sigma_mps2: float
     antenna_m: float
-    """Tag antenna's centre behind the front coupler."""
+    """Distance of the tag antenna's centre behind the front coupler."""
     tag_sigma_m: float
     tag_clip_m: float
     tag_stamp_s: Spread
     """Error of the time stamp at the antenna's centre."""
     tag_latency_s: Spread
-    """From the antenna's centre to the first byte on the line."""
+    """Delay from the antenna's centre to the first byte on the line."""
 
     def __post_init__(self) -> None:
         check_spread(self, "odometer_error_ratio", -0.2, 0.2)

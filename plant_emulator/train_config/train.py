@@ -1,4 +1,4 @@
-"""One consist file: the whole train."""
+"""One consist file, which describes the whole train."""
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -21,23 +21,23 @@ MAX_CARS: Final = 24
 
 
 class ConsistModel(Enum):
-    """How finely the train is resolved."""
+    """Number of masses that represent the train."""
 
     MULTI_MASS = "multi_mass"
-    """Every car a mass, couplers between them."""
+    """Every car is a mass, with couplers between them."""
     POINT_MASS = "point_mass"
-    """One rigid body of the whole train's length."""
+    """The whole train is one rigid body."""
 
 
 @dataclass(frozen=True, slots=True)
 class CarConfig:
     tare_kg: float
     length_m: float
-    """Over couplers."""
+    """Length over couplers."""
     passengers_kg: float
-    """At load ratio 1."""
+    """Mass of the passengers at load ratio 1."""
     motor: bool
-    """All axles driven; a car without is not driven at all."""
+    """True: all axles are driven. False: none is."""
 
     def __post_init__(self) -> None:
         check(self, "tare_kg", 1.0, 1.0e6)
@@ -47,7 +47,7 @@ class CarConfig:
 
 @dataclass(frozen=True, slots=True)
 class CouplerConfig:
-    """Between every two cars, alike in push and pull."""
+    """The coupler between any two cars, with the same properties in push and pull."""
 
     stiffness_n_per_m: float
     damping_ns_per_m: float
@@ -59,13 +59,16 @@ class CouplerConfig:
 
 @dataclass(frozen=True, slots=True)
 class ResistanceConfig:
-    """Davis: weight * (a + b * v + c * v**2), v in m/s; `a` is friction at standstill too."""
+    """Davis resistance: weight * (a + b * v + c * v**2), v in m/s.
+
+    `a` also holds the train at standstill.
+    """
 
     a_n_per_kn: float
     b_n_per_kn_per_mps: float
     c_n_per_kn_per_mps2: float
     error_ratio: Spread
-    """Drawn once a run: the true resistance is (1 + error) times that."""
+    """Error sampled once a run: the true resistance is (1 + error) times the Davis resistance."""
 
     def __post_init__(self) -> None:
         for name in ("a_n_per_kn", "b_n_per_kn_per_mps", "c_n_per_kn_per_mps2"):
@@ -80,10 +83,10 @@ class TrainConfig:
     name: str
     model: ConsistModel
     rotating_mass_percent: float
-    """Wheels and motors add this much of the train's mass to its inertia, nothing to its weight."""
+    """Share of the mass that wheels and motors add to the inertia, but not to the weight."""
     load_ratio: float
     cars: tuple[CarConfig, ...]
-    """From the front."""
+    """Cars from the front."""
     coupler: CouplerConfig
     resistance: ResistanceConfig
     traction: TractionConfig
@@ -94,7 +97,7 @@ class TrainConfig:
     supply: SupplyConfig
     description: str = ""
     load_report_ratio: float = 1.0
-    """Load that the air springs report over the true one."""
+    """Load reported by the air springs divided by the true load."""
     loop: LoopConfig = field(default_factory=LoopConfig)
 
     def __post_init__(self) -> None:
@@ -119,12 +122,12 @@ class TrainConfig:
 
     @property
     def mass_kg(self) -> float:
-        """With passengers, without rotating masses."""
+        """Mass with passengers, without rotating masses."""
         return sum(car.tare_kg for car in self.cars) + self.passengers_kg
 
 
 def load_train(name: str) -> TrainConfig:
-    """A consist by path or by the stem of a shipped file; raises SettingsError."""
+    """Load a consist by path or by the name of a shipped file; raises SettingsError."""
     return settings.load(TrainConfig, name, PACKAGE)
 
 
@@ -134,7 +137,10 @@ def with_overrides(
     load_ratio: float | None = None,
     odometer_error_ratio: float | None = None,
 ) -> TrainConfig:
-    """The same train with what a scenario fixes; None leaves the file's. Raises ValueError."""
+    """Return the train with the values that a scenario fixes; None keeps the file's value.
+
+    Raises ValueError.
+    """
     if load_ratio is not None:
         train = replace(train, load_ratio=load_ratio)
     if odometer_error_ratio is not None:

@@ -1,1 +1,1 @@
-"""The rest of the railway, as far as a train can hear it by radio."""
+"""The rest of the railway as a train receives it by radio."""

@@ -1,4 +1,4 @@
-"""The third party: grants each area's lease to one train at a time, under terms that only grow."""
+"""The arbiter grants each area's lease to one train at a time, under terms that only increase."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ from zenoh_config.timers import LineTimers
 
 
 class Plea(NamedTuple):
-    """A request beside what the arbiter knows of the area."""
+    """A request together with the arbiter's state of the area."""
 
     source: int
     term: int
@@ -33,25 +33,30 @@ def term_is_new(plea: Plea) -> bool:
 
 
 def lease_is_free(plea: Plea) -> bool:
-    """Run out, or asked for by the one whom the holder named, or by the holder itself."""
+    """Accept if the lease has expired, or if the requester is the named successor or the holder
+    itself.
+    """
     return plea.expired or plea.source in (plea.lease.successor, plea.lease.holder)
 
 
 def by_holder(plea: Plea) -> bool:
-    """Of this very term: whoever holds a later one has a later promise."""
+    """Accept only the holder of this very term.
+
+    A holder of a later term has raised the acknowledged term.
+    """
     return plea.source == plea.lease.holder and plea.term == plea.lease.promised
 
 
 @dataclass(frozen=True, slots=True)
 class ArbiterGuards:
-    """Each replaceable, for tests and simulators only."""
+    """Conditions of the arbiter; replaceable for tests and simulators only."""
 
     term_is_new: Callable[[Plea], bool] = term_is_new
     lease_is_free: Callable[[Plea], bool] = lease_is_free
     by_holder: Callable[[Plea], bool] = by_holder
     waits_after_start: bool = True
-    """What it granted before it was cut off may still run, so that it grants nothing new for a
-    whole lease."""
+    """Grant no new lease for a whole lease time after a start, because a lease granted before may
+    still be valid."""
 
 
 class Arbiter:
@@ -65,33 +70,36 @@ class Arbiter:
         guards: ArbiterGuards | None = None,
         arbiters: int = 1,
     ) -> None:
-        """`memory` as stored; None when it cannot be read: then it never grants anything. It stores
-        nothing either, so that it is the same at the next start until a person has seen to it.
+        """Start from the stored `memory`.
+
+        With None, because it is unreadable, the arbiter grants and stores nothing. It therefore
+        stays silent over restarts until a person repairs the memory.
 
         Args:
-            arbiters: how many the line has, this one among them.
+            arbiters: number of arbiters of the line, including this one.
         """
         stored = memory or ArbiterMemory()
         self.memory = replace(stored, boot=stored.boot + 1)
         self.gate = OrderGate(address)
-        """Counts what it refuses by reason."""
+        """Refusals by reason."""
         self._forgotten = memory is None
         self._timers, self._address, self._arbiters = timers, address, arbiters
         self._guards = guards or ArbiterGuards()
         self._free_ns = start_ns + timers.arbiter_lease_ns * self._guards.waits_after_start
-        """From when on an area may be granted of which nothing was heard since the start."""
+        """Earliest instant for granting an area for which no request was granted since the
+        start."""
         self._expiries_ns: dict[int, int] = {}
         self._displaced_ns: dict[int, int] = {}
-        """By area: until when the lease runs that a named successor took over."""
+        """By area, expiry of the lease that a named successor took over."""
         self._sequence = 0
         self._stored = False
 
     def expiry_ns(self, area: int) -> int:
-        """When the lease of an area has run out, as far as this arbiter knows."""
+        """Instant at which the lease of an area has expired, as far as this arbiter knows."""
         return self._expiries_ns.get(area, self._free_ns)
 
     def lease(self, area: int) -> LeaseMemory:
-        """What is kept of an area; of one never heard of, nothing is promised."""
+        """Return the memory of an area; an unknown area has no acknowledged term."""
         for each in self.memory.areas:
             if each.area == area:
                 return each
@@ -113,12 +121,12 @@ class Arbiter:
         changed = self.memory is not before or not self._stored
         self._stored = True
         if self._forgotten:
-            # Else the next start would find a memory in which nothing was ever promised.
+            # Otherwise the next start would find a memory in which no term is acknowledged.
             return WaysideStepped(None, ())
         return WaysideStepped(self.memory if changed else None, tuple(out))
 
     def _agrees(self, request: LeaseRequest) -> bool:
-        """Its sender counts on as many arbiters as there are, and on leases as long as they are."""
+        """Check that the sender assumes the same number of arbiters and the same lease time."""
         rules = request.arbiters, request.lease_ms
         agrees = rules == (self._arbiters, self._timers.lease_ms)
         if not agrees:
@@ -150,19 +158,19 @@ class Arbiter:
         elif not guards.by_holder(plea):
             return False
         elif request.kind is LeaseKind.RELEASE:
-            # Whoever was displaced by a successor that gives up may still command; if that was
-            # before the start, for as long as anything that was granted then.
+            # A train that was displaced by a successor that now gives up may still command. If it
+            # was displaced before this start, it may command for as long as any lease granted then.
             self._expiries_ns[area] = max(now_ns, self._displaced_ns.get(area, self._free_ns))
             return False
         elif lease.successor != request.successor:
             self._keep(lease._replace(successor=request.successor))
-        # Never shorter than what was granted before: its holder may count on that.
+        # Never shorten a lease that was granted before, because its holder relies on it.
         granted_ns = now_ns + self._timers.arbiter_lease_ns - request.less_ns
         self._expiries_ns[area] = max(expiry_ns, granted_ns)
         return True
 
     def _keeps(self, commit: RosterCommit) -> bool:
-        """A roster of the holder, and not one older than is kept."""
+        """Store a roster of the holder unless it is older than the stored one."""
         lease = self.lease(commit.area)
         newer = (commit.term, commit.version) >= (lease.roster_term, lease.roster_version)
         if not newer or not self._guards.by_holder(Plea(commit.source, commit.term, lease, False)):

@@ -1,7 +1,7 @@
-"""The operations centre: every status of a train is answered with its orders.
+"""The operations centre: answers every status of a train with its orders.
 
-Orders are a state that is said anew in every answer, so that one lost message loses none of them.
-Where a train is, the centre believes only while the train itself says that it knows. It is pure.
+Every answer repeats the full set of orders, so a lost message loses none. The centre relies on a
+train's position only while the train reports itself localised. The module is pure.
 """
 
 from collections import Counter
@@ -25,14 +25,15 @@ from zenoh_config.messages import (
 from zenoh_config.sequencing import ReportGate
 
 PLATFORM_REACH_M: Final = 10.0
-"""A train that stopped so far beyond the end of a platform still counts as standing at it."""
+"""Distance beyond the end of a platform up to which a stopped train still counts as standing at
+it."""
 ALIGNED_M: Final = 1.0
-"""Platform doors open only for a train that stands so near to its stopping point."""
+"""Largest distance from its stopping point at which platform doors open for a train."""
 
 
 @dataclass(frozen=True, slots=True)
 class StandingOrders:
-    """What the centre wants of the train, whatever the train says."""
+    """Orders of the centre to the train, independent of the train's status."""
 
     awake: bool = True
     hold: bool = False
@@ -42,10 +43,10 @@ class StandingOrders:
     creep: bool = False
     restricted: bool = False
     withheld_left: bool = False
-    """Doors on the left are not authorised although the platform lies there."""
+    """Do not authorise doors on the left even if the platform is there."""
     withheld_right: bool = False
     wrong_side: bool = False
-    """Doors are authorised on the side where there is no platform, and only there."""
+    """Authorise doors on the side without a platform, and only there."""
     restrictions: tuple[SpeedRestriction, ...] = ()
 
 
@@ -53,7 +54,7 @@ NORMAL: Final = StandingOrders()
 
 
 class Centre:
-    """Counts what it refuses by reason; it never answers anything else than a sound status."""
+    """Answers sound statuses only, and counts all refused messages by reason."""
 
     def __init__(
         self,
@@ -63,26 +64,28 @@ class Centre:
         first_sequence: int = 0,
         key: bytes = BENCH_KEY,
     ) -> None:
-        """`first_sequence`: of its orders; above everything that an earlier one said."""
+        """`first_sequence`: first sequence number of its orders; it must exceed those of all
+        earlier centres.
+        """
         self.refusals: Counter[RefusedReason] = Counter()
         self.answered = 0
         self.unanswered = 0
-        """Sound statuses that the centre passed over in silence."""
+        """Number of sound statuses that the centre did not answer."""
         self.withheld = 0
-        """Answers that withheld a door which the platform would allow."""
+        """Number of answers that withheld a door which the platform would permit."""
         self.standing = NORMAL
         self.releases = 0
-        """Resets of an emergency so far."""
+        """Number of emergency resets so far."""
         self.silent = False
-        """A fault: statuses are heard and nothing is answered."""
+        """A fault: the centre receives statuses but answers none."""
         self.latest: TrainOrders | None = None
-        """What was said last."""
+        """The orders that were sent last."""
         self._line, self._doors = line, doors
         self._gate = ReportGate()
         self._sequence, self._key = first_sequence, key
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
-        """Key and payload of everything that is to be said to what was heard."""
+        """Return key and payload of all answers to the received messages."""
         return [answer for message in heard if (answer := self.answer(message, now_ns))]
 
     def answer(self, message: RadioMessage, now_ns: int) -> tuple[str, bytes] | None:
@@ -104,7 +107,7 @@ class Centre:
         standing, station = self.standing, self._station(status)
         left, right = _sides(station, wrong=standing.wrong_side)
         self.withheld += (left and standing.withheld_left) or (right and standing.withheld_right)
-        # Of a train that does not know where it is, any platform may be the one it stands at.
+        # A train without position may be standing at any platform.
         near = self._line.stations if not status.localised else () if not station else (station,)
         return TrainOrders(
             train=status.train,
@@ -127,7 +130,9 @@ class Centre:
         )
 
     def _station(self, status: TrainStatus) -> Station | None:
-        """At whose platform the train's front is; None where it is at none or does not know."""
+        """Return the station at whose platform the train's front is; None if there is none or the
+        position is unknown.
+        """
         if not status.localised:
             return None
         for station in self._line.stations:
@@ -158,7 +163,7 @@ class Centre:
 
 
 def _sides(station: Station | None, *, wrong: bool) -> tuple[bool, bool]:
-    """Left and right: where the centre would let doors open."""
+    """Return for left and right whether the centre would authorise doors."""
     if station is None:
         return False, False
     at_left = station.side is PlatformSide.LEFT
@@ -166,7 +171,10 @@ def _sides(station: Station | None, *, wrong: bool) -> tuple[bool, bool]:
 
 
 def joined(restrictions: Sequence[SpeedRestriction]) -> tuple[SpeedRestriction, ...]:
-    """No more than one message holds; what is over that is joined into one that covers it all."""
+    """Return restrictions that fit into one message.
+
+    The surplus is replaced by one restriction that covers it all.
+    """
     fit, rest = restrictions[: RESTRICTIONS_MAX - 1], restrictions[RESTRICTIONS_MAX - 1 :]
     if len(rest) <= 1:
         return tuple(restrictions)

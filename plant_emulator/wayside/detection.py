@@ -1,4 +1,5 @@
-"""Where trains truly are, as the emulated rails tell the emulated axle counters; no radio message.
+"""True places of trains, from the emulated rails to the emulated axle counters; not a radio
+message.
 
 Key `m/<line>/x/<train>`: chainages of front and rear, the number of axles, and the instant by the
 monotonic clock of the train's emulator, in network order.
@@ -17,7 +18,7 @@ from zenoh_config.keys import line_chunk
 
 LAYOUT: Final = struct.Struct(">ddHQ")
 INSET_M: Final = 2.0
-"""From a coupler to the nearest axle."""
+"""Distance from a coupler to the nearest axle."""
 TRAINS_MAX: Final = 512
 
 
@@ -26,7 +27,7 @@ class Place(NamedTuple):
     rear_m: float
     axles: int
     stamp_ns: int = 0
-    """Messages wait on their way: then this is not when they come."""
+    """Instant of the measurement. The message itself may arrive later."""
 
 
 def key_of(line: str, train: int) -> str:
@@ -42,19 +43,22 @@ def packed(place: Place) -> bytes:
 
 
 class Detection:
-    """Sections and objects under the trains that were ever told of: what stands there stays."""
+    """Axles in sections and trains at objects.
+
+    A train counts at its last reported place for ever.
+    """
 
     def __init__(self, areas: AreaMap) -> None:
         self._areas = areas
         self.places: dict[str, Place] = {}
-        """By key. A train that is told of no more stands where it was."""
+        """Last place of each train by key. A train that reports no more stays where it was."""
         self._starts_m = [section.start_m for section in areas.sections]
         self._under: dict[str, dict[int, int]] = {}
-        """By key: axles in each section."""
+        """Axles in each section, by the train's key."""
         self._axles: Counter[int] = Counter()
 
     def hears(self, messages: Iterable[RadioMessage]) -> list[RadioMessage]:
-        """Take what is for the rails; the rest comes back."""
+        """Take the messages for the rails and return all others."""
         prefix = subscription(self._areas.name).removesuffix("*")
         others = []
         for message in messages:
@@ -77,7 +81,7 @@ class Detection:
         self._under[key] = counted
 
     def _under_train(self, place: Place) -> dict[int, int]:
-        """Sections follow each other without a gap."""
+        """Count the train's axles in each section; sections are contiguous."""
         counted: dict[int, int] = {}
         sections, starts_m = self._areas.sections, self._starts_m
         first_m = place.front_m - INSET_M
@@ -90,11 +94,11 @@ class Detection:
         return counted
 
     def axles(self) -> dict[int, int]:
-        """In each section that has any."""
+        """Number of axles in each section that has any."""
         return {number: count for number, count in self._axles.items() if count}
 
     def occupied(self) -> set[int]:
-        """Objects with a part of a train in them."""
+        """Numbers of objects with a part of a train in them."""
         return {
             site.number
             for site in self._areas.objects

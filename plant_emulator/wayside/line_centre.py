@@ -1,8 +1,10 @@
-"""The centre of a line whose trains command themselves: keeps what supervision decrees. Pure.
+"""The centre of a line whose trains command themselves.
 
-Decrees about trains go to them as the orders that answer each of their statuses; those about the
-track go to the masters with what the track tells them. What is decreed is stored before it is
-answered or acted on, and it stays until it is taken back.
+It stores the commands of supervision. Pure.
+
+Commands about trains are sent as the orders that answer each of their statuses. Commands about the
+track go to the masters with the track status. Every command is stored before it is answered or
+acted on, and it stays until it is taken back.
 """
 
 from collections import Counter
@@ -41,11 +43,11 @@ from zenoh_config.timers import NS_PER_MS
 TELL_NS: Final = 500 * NS_PER_MS
 SILENT_NS: Final = 1000 * NS_PER_MS
 DECREE_AGE_NS: Final = 3000 * NS_PER_MS
-"""From what the desk heard of the line until its decree is heard here, at most."""
+"""Maximum age of the line state that supervision had received when it sent its command."""
 PASSED_M: Final = 20.0
-"""So far beyond a stopping point a train has skipped it."""
+"""Distance beyond a stopping point from which a train counts as having skipped it."""
 NO_LIMIT_MPS: Final = 1.0
-"""Stands with a closed stretch, whose limit means nothing."""
+"""Placeholder limit of a closed stretch, where the limit has no meaning."""
 OF_TRACK: Final = (DecreeKind.RESTRICT, DecreeKind.LIFT, DecreeKind.CLOSE, DecreeKind.OPEN)
 CHANGES: Final = {
     DecreeKind.HOLD: ("hold", True),
@@ -58,7 +60,10 @@ CHANGES: Final = {
 
 
 class LineCentre:
-    """Trains are known from their first status on, at most as many as an area has room for."""
+    """Centre of all trains of a line.
+
+    It knows a train from its first status on, up to the capacity of an area.
+    """
 
     def __init__(
         self,
@@ -69,25 +74,25 @@ class LineCentre:
         first_sequence: int = 0,
         key: bytes = BENCH_KEY,
     ) -> None:
-        """Args:
-        first_sequence: of orders; above everything that was said before this start.
-        memory: as it was stored.
+        """Args: first_sequence: first sequence number of orders; above all that were sent before
+        this start. memory: the stored commands.
         """
         self.memory = memory or CentreMemory()
         self.refusals: Counter[RefusedReason] = Counter()
-        """Of statuses and decrees."""
+        """Refused statuses and commands by reason."""
         self.leases: dict[int, LeaseNote] = {}
-        """By area, as arbiters were seen to grant them."""
+        """Leases by area, as the arbiters granted them."""
         self._heard_ns: dict[int, int] = {}
-        """By train: when it told its status last; before, when it was seen on a roster first."""
+        """Instant of the last status of each train; before the first, of its first appearance on a
+        roster."""
         self._rosters: dict[int, LeaseMemory] = {}
-        """By area, where arbiters were seen to keep the newest roster."""
+        """Newest roster of each area that an arbiter stores."""
         self._line, self._boot, self._key = line, boot, key
         self._first_sequence = first_sequence
         self._gate = OrderGate(WAYSIDE)
         self._centres: dict[int, tuple[Centre, PlatformDoors]] = {}
         self._skipping_m: dict[int, float] = {}
-        """By train: the stopping point that it is to pass."""
+        """The stopping point that each train must skip."""
         self._statuses: dict[int, TrainStatus] = {}
         self._answered = (0, 0, DecreeAnswer.NONE)
         self._sequence = 0
@@ -104,14 +109,14 @@ class LineCentre:
     def answer(
         self, message: RadioMessage, status: TrainStatus, now_ns: int
     ) -> tuple[str, bytes] | None:
-        """Key and payload of the orders to a train that tells its status."""
+        """Return key and payload of the orders to a train that sent its status."""
         train = status.train
         if train not in self._centres:
             if len(self._centres) >= ROSTER_MAX or train > LAST_TRAIN:
                 self.refusals[RefusedReason.WRONG_SOURCE] += 1
                 return None
-            # Of their own for each train: a train asks for the doors that it stands at, and for
-            # no others, and no two trains stand at one platform.
+            # Each train has its own platform doors. It commands only those where it stands, and no
+            # two trains stand at one platform.
             doors = PlatformDoors(self._line)
             centre = Centre(self._line, doors, first_sequence=self._first_sequence, key=self._key)
             self._centres[train] = centre, doors
@@ -129,12 +134,12 @@ class LineCentre:
         return answer
 
     def step_doors(self, now_ns: int) -> None:
-        """Every 10 ms: platform doors move."""
+        """Move the platform doors; call it every 10 ms."""
         for _, doors in self._centres.values():
             doors.step(now_ns)
 
     def step(self, now_ns: int, heard: Iterable[T2tMessage]) -> WaysideStepped[CentreMemory]:
-        """What is decreed from now on is in `restrictions`, `closed` and in the next orders."""
+        """Accept commands. They take effect in `restrictions`, `closed` and the next orders."""
         before, answered = self.memory, self._answered
         for message in heard:
             if isinstance(message, Decree):
@@ -147,14 +152,16 @@ class LineCentre:
         return WaysideStepped(self.memory if changed else None, (self._state(now_ns),))
 
     def not_stored(self, before: CentreMemory, now_ns: int) -> LineState:
-        """Take back what the disk did not take, and say so."""
+        """Undo a change that could not be stored, and return a status that reports it."""
         self.memory = before
         boot, sequence, _ = self._answered
         self._answered = (boot, sequence, DecreeAnswer.NOT_STORED)
         return self._state(now_ns)
 
     def granted(self, before: LeaseMemory | None, now: LeaseMemory, now_ns: int) -> None:
-        """What an arbiter keeps of an area, and what it kept before; the first to say so counts."""
+        """Note an arbiter's new and previous memory of an area; the first arbiter that reports a
+        grant counts.
+        """
         kept = self._rosters.get(now.area, now)
         version = (now.roster_term, now.roster_version)
         if version >= (kept.roster_term, kept.roster_version):
@@ -211,7 +218,7 @@ class LineCentre:
 
     def _of_track(self, decree: Decree) -> DecreeAnswer:
         shut = decree.kind in (DecreeKind.CLOSE, DecreeKind.OPEN)
-        # What takes a stretch back says which; no limit is meant.
+        # A command that takes a stretch back only names the stretch, without a limit.
         limitless = shut or decree.kind is DecreeKind.LIFT
         limit_mps = NO_LIMIT_MPS if limitless else decree.limit_mps
         start_m, end_m = decree.start_m, decree.end_m
@@ -234,7 +241,7 @@ class LineCentre:
         return DecreeAnswer.DONE
 
     def _end_skips(self) -> None:
-        """Only the next station was meant."""
+        """End each skip order when the train has passed its station."""
         for train, stop_m in list(self._skipping_m.items()):
             status, decreed = self._statuses[train], self._of(train)
             passed = status.localised and status.front_m > stop_m + PASSED_M

@@ -23,7 +23,7 @@ NOTHING: Final[WaysideStepped[ObjectMemory]] = WaysideStepped(None, ())
 
 
 class Demand(NamedTuple):
-    """A claim or release beside what the object knows."""
+    """A claim or release together with the object's state."""
 
     claim: ObjectClaim
     memory: ObjectMemory
@@ -32,18 +32,21 @@ class Demand(NamedTuple):
 
 
 def newer_claim(demand: Demand) -> bool:
-    """Nonces of one master grow: what it said before it said the last thing is void."""
+    """Accept only newer claims.
+
+    Nonces of one master increase, so its last message voids earlier ones.
+    """
     claim, memory = demand.claim, demand.memory
     return (claim.term, claim.nonce) > (memory.claim_term, memory.nonce)
 
 
 def nobody_in_it(demand: Demand) -> bool:
-    """The interlocking's own look: nothing moves under a train, whoever allows it."""
+    """Accept a release only if the object itself detects no train: it never moves under a train."""
     return demand.claim.kind is ClaimKind.CLAIM or not demand.occupied
 
 
 def free_to_lock(demand: Demand) -> bool:
-    """What is open, or asked to open while it is free, is not locked."""
+    """Refuse to lock an object that is free and open, or free and requested to open."""
     opens = demand.memory.state is ObjectState.FREE and demand.release_wanted
     return demand.claim.kind is ClaimKind.RELEASE or not opens
 
@@ -64,7 +67,7 @@ def owner_of_term(term: ObjectTerm) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ObjectGuards:
-    """Each replaceable, for tests and simulators only."""
+    """Conditions of the object; replaceable for tests and simulators only."""
 
     term_not_old: Callable[[ObjectTerm], bool] = term_not_old
     owner_of_term: Callable[[ObjectTerm], bool] = owner_of_term
@@ -74,9 +77,9 @@ class ObjectGuards:
 
 
 class LineObject:
-    """Says its status at every change and every heartbeat period, as WAYSIDE, to BROADCAST.
+    """Sends its status at every change and every heartbeat period, from WAYSIDE to BROADCAST.
 
-    It hears heartbeats and claims of every train.
+    It receives heartbeats and claims of all trains.
     """
 
     def __init__(
@@ -89,12 +92,15 @@ class LineObject:
         start_ns: int,
         guards: ObjectGuards | None = None,
     ) -> None:
-        """`memory` as stored; None when it cannot be read: it stays FAILED and stores nothing."""
+        """Start from the stored `memory`.
+
+        With None, because it is unreadable, the object stays FAILED and stores nothing.
+        """
         stored = memory or ObjectMemory(state=ObjectState.FAILED)
         self.memory = replace(stored, boot=stored.boot + 1)
         self.site = site
         self.refused = 0
-        """Claims and heartbeats that were not acted on."""
+        """Number of claims and heartbeats that were refused."""
         self._forgotten = memory is None
         self._guards = guards or ObjectGuards()
         self._area = area
@@ -115,11 +121,15 @@ class LineObject:
         release_wanted: bool,
         occupied: bool,
     ) -> WaysideStepped[ObjectMemory]:
-        """`release_wanted`: it is asked to move or open; `occupied`: a train stands in it.
+        """Process messages and return the memory to store and the messages to send.
 
-        `self.memory.state` says afterwards whether it may move. It has to be locked before it is
-        stored that it is, and may move only after that is stored: else it would be taken for locked
-        after a restart while it stands open.
+        `self.memory.state` tells afterwards whether the object may move. The object must be locked
+        before its locked state is stored, and may move only after its free state is stored.
+        Otherwise it would count as locked after a restart while it is open.
+
+        Args:
+            release_wanted: the object is requested to move or open.
+            occupied: a train stands in it.
         """
         before = self.memory
         for message in heard:
@@ -132,7 +142,7 @@ class LineObject:
             self._due_ns = now_ns + self._period_ns
             self._said = (self.memory, release_wanted)
             out = (self._status(now_ns, release_wanted=release_wanted),)
-        # What was forgotten stays forgotten, over the next start, too.
+        # An unreadable memory stays unreadable over the next start, too.
         changed = changed and not self._forgotten
         return WaysideStepped(self.memory if changed else None, out) if changed or out else NOTHING
 

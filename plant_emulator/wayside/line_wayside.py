@@ -1,4 +1,6 @@
-"""The wayside where trains command themselves, on the radio: arbiters, objects and track."""
+"""The wayside of a line whose trains command themselves, on the radio: arbiters, objects and
+track.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -20,15 +22,15 @@ from zenoh_config.timers import LineTimers
 
 
 def _kept(_: CentreMemory) -> bool:
-    """Where there is no centre, or no disk."""
+    """Store nothing and report success; for lines without a centre or disk."""
     return True
 
 
 class Disks(NamedTuple):
-    """What was stored when the wayside started, and how to store; a store says whether it did."""
+    """The memories at the start, and functions that store them; each returns whether it stored."""
 
     arbiters: Mapping[int, ArbiterMemory | None]
-    """By address; None: it cannot be read."""
+    """By address; None means that the memory is unreadable."""
     objects: Mapping[int, ObjectMemory | None]
     store_arbiter: Callable[[int, ArbiterMemory], bool]
     store_object: Callable[[int, ObjectMemory], bool]
@@ -36,14 +38,14 @@ class Disks(NamedTuple):
 
 
 class WaysideTruth(NamedTuple):
-    """What the wayside's own detectors and dispatchers see and want."""
+    """The state that the wayside's own detectors and dispatchers report."""
 
     axles: Mapping[int, int]
-    """By section."""
+    """Number of axles by section."""
     occupied: Collection[int] = ()
     """Objects with a train in them."""
     release_wanted: Collection[int] = ()
-    """Objects that shall move or open."""
+    """Objects that are requested to move or open."""
 
 
 class LineWayside:
@@ -58,13 +60,12 @@ class LineWayside:
         centre: LineCentre | None = None,
         key: bytes = BENCH_KEY,
     ) -> None:
-        """Args:
-        boot: starts of this wayside so far; it must grow with every start.
-        centre: where decrees of supervision are kept; without one nobody hears them.
+        """Args: boot: number of starts of this wayside; it must increase with every start. centre:
+        stores the commands of supervision; without it they are ignored.
         """
         self.refusals: Counter[str] = Counter()
         self.failed: list[str] = []
-        """Who fell silent because the disk did not take what it had to store."""
+        """Names of parts that stopped because the disk did not store their memory."""
         self.arbiters = {
             address: Arbiter(
                 timers,
@@ -101,7 +102,7 @@ class LineWayside:
     def step(
         self, now_ns: int, messages: Iterable[RadioMessage], truth: WaysideTruth
     ) -> list[tuple[str, bytes]]:
-        """Key and payload of everything to send; what had to be stored is stored by then."""
+        """Return key and payload of all messages to send, after storing what they depend on."""
         heard, orders = self._opened(messages, now_ns)
         out: list[T2tMessage] = []
         for address, arbiter in list(self.arbiters.items()):
@@ -133,21 +134,23 @@ class LineWayside:
         return orders + [(t2t_keys.key_of(self._line_name, m), pack(m, self._key)) for m in out]
 
     def refused(self) -> Counter[str]:
-        """Messages that were not acted on, by reason: all of them so far."""
+        """Number of refused messages so far, by reason."""
         found = self.refusals.copy()
         for arbiter in self.arbiters.values():
             found.update({each.value: n for each, n in arbiter.gate.refusals.items()})
         return found
 
     def _note(self, before: ArbiterMemory, after: ArbiterMemory, now_ns: int) -> None:
-        """Whom an arbiter granted what, for displays."""
+        """Pass an arbiter's grants to the centre, for displays."""
         assert self.centre is not None
         known = {each.area: each for each in before.areas}
         for each in after.areas:
             self.centre.granted(known.get(each.area), each, now_ns)
 
     def _decreed(self, now_ns: int, heard: tuple[T2tMessage, ...]) -> list[T2tMessage]:
-        """Stored first; what the disk does not take is not decreed."""
+        """Store commands before they take effect; a command that the disk does not store has no
+        effect.
+        """
         centre = self.centre
         if centre is None:
             return []
@@ -160,13 +163,16 @@ class LineWayside:
         return out
 
     def _fails(self, who: str) -> None:
-        """Whoever cannot store moves and says nothing more: a restart finds it as it was."""
+        """Stop a part whose memory could not be stored.
+
+        It sends and moves nothing, so a restart finds it unchanged.
+        """
         self.failed.append(who)
 
     def _opened(
         self, messages: Iterable[RadioMessage], now_ns: int
     ) -> tuple[list[T2tMessage], list[tuple[str, bytes]]]:
-        """What is of this protocol, and the centre's answers to statuses of trains."""
+        """Return the messages of this protocol, and the centre's answers to statuses of trains."""
         heard: list[T2tMessage] = []
         orders: list[tuple[str, bytes]] = []
         for message in messages:
@@ -181,7 +187,8 @@ class LineWayside:
             elif message.key != t2t_keys.key_of(self._line_name, opened):
                 self.refusals["wrong source"] += 1
             elif opened.area not in self._areas and not isinstance(opened, Decree):
-                # It must not be granted, stored and shown as if somebody could command there.
+                # Refuse it, so that it is not granted, stored and shown as an area that a train can
+                # command.
                 self.refusals["unknown area"] += 1
             else:
                 heard.append(opened)

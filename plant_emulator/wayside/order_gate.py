@@ -1,4 +1,4 @@
-"""The first gate of what the wayside hears of trains: for whom it is, and in what order."""
+"""First check of messages that the wayside receives: destination and order."""
 
 from collections import Counter
 from typing import Final
@@ -7,13 +7,13 @@ from zenoh_config.messages import RefusedReason
 from zenoh_config.t2t import BROADCAST, T2tMessage
 
 STREAMS_MAX: Final = 32_768
-"""Kept in order at a time; more are refused, so that memory stays bounded. Of 500 trains on a line
-of ten areas each may command each, and an arbiter hears two kinds of message from whoever does.
-"""
+"""Maximum number of message streams whose order is tracked; further ones are refused, so memory is
+bounded. Each of 500 trains may command each of ten areas, and an arbiter receives two kinds of
+messages from each."""
 
 
 class OrderGate:
-    """Repetitions and what comes out of order, by kind, sender and area, change nothing."""
+    """Refuses repeated and outdated messages, by kind, sender and area."""
 
     def __init__(self, address: int) -> None:
         self.refusals: Counter[RefusedReason] = Counter()

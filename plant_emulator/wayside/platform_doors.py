@@ -1,4 +1,4 @@
-"""Doors on the edges of platforms: they open and close with the doors of the train before them."""
+"""Platform doors. They open and close with the doors of the train in front of them."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -6,20 +6,20 @@ from typing import Final
 from firmware_py.trackdb import LineMap, Station
 
 STEP_S: Final = 0.01
-"""Of `step`; the plant's."""
+"""Period of `step`; the same as the plant's."""
 OPEN_S: Final = 1.5
 CLOSE_S: Final = 1.5
-"""From the end of the demand to closed and locked: quicker than the doors of a train."""
+"""Time from the end of the demand to closed and locked; shorter than that of train doors."""
 REOPEN_S: Final = 3.0
-"""How long they stay open after an obstacle, before they try again."""
+"""Time that the doors stay open after an obstacle before they try again."""
 OBSTRUCTED_AT: Final = 0.5
-"""An obstacle is met when the doors are still open by this much."""
+"""Share of opening at which closing doors meet an obstacle."""
 DEMAND_NS: Final = 1_000_000_000
-"""A demand that is not repeated for so long has ended."""
+"""Time after which a demand that is not repeated has ended."""
 
 
 class DoorRow:
-    """All doors of one platform as one."""
+    """All doors of one platform, modelled as one door."""
 
     __slots__ = ("_until_ns", "_wait_s", "_wanted", "obstacles_met", "open_ratio")
 
@@ -59,27 +59,27 @@ class DoorRow:
 
 
 class PlatformDoors:
-    """Of all platforms of a line that have any."""
+    """The doors of all platforms of a line that have any."""
 
     __slots__ = ("_proven", "_rows", "changes", "obstructed", "resting")
 
     def __init__(self, line: LineMap) -> None:
         self._rows = {each.name: DoorRow() for each in line.stations if each.platform_doors}
         self.resting = True
-        """All are closed and nothing is wanted: `step` would change nothing."""
+        """All doors are closed and none is requested to open, so `step` changes nothing."""
         self.changes = 0
-        """Grows whenever doors begin to open or have closed, and with the proof that they are."""
+        """Increases when doors begin to open, have closed, or change their proof of locking."""
         self.obstructed = False
         """A fault: every closing meets an obstacle."""
         self._proven = True
 
     def lose_proof(self, lost: bool) -> None:
-        """A fault: the circuit through the locks is open, however the doors are."""
+        """A fault: the circuit through the locks is open, whatever the state of the doors."""
         self._proven = not lost
         self.changes += 1
 
     def ask(self, station: Station | None, *, wanted: bool, now_ns: int) -> None:
-        """What the train at this platform demands; it demands of no other platform anything."""
+        """Take the demand of the train at this platform; doors of all other platforms close."""
         if self.resting and not (wanted and station is not None):
             return
         for name, row in self._rows.items():
@@ -101,13 +101,13 @@ class PlatformDoors:
         self.resting = all(row.resting for row in self._rows.values())
 
     def locked(self, stations: Iterable[Station]) -> bool:
-        """At all of these that have doors they are closed, and the circuit proves it."""
+        """Return whether the doors at all these stations are closed and the circuit proves it."""
         rows = [self._rows[each.name] for each in stations if each.name in self._rows]
         return all(row.closed for row in rows) and (self._proven or not rows)
 
     @property
     def obstacles_met(self) -> int:
-        """Closings that met an obstacle so far."""
+        """Number of closings that met an obstacle."""
         return sum(row.obstacles_met for row in self._rows.values())
 
     @property
@@ -119,6 +119,6 @@ class PlatformDoors:
         return self.all_closed and (self._proven or not self._rows)
 
     def open_ratio(self, station: str) -> float:
-        """0 is closed, 1 wide open; also 0 at a platform without doors."""
+        """Opening from 0 (closed) to 1; also 0 at a platform without doors."""
         row = self._rows.get(station)
         return 0.0 if row is None else row.open_ratio

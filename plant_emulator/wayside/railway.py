@@ -11,12 +11,12 @@ from zenoh_config import keys
 
 
 def subscriptions(line_name: str) -> tuple[str, ...]:
-    """What the wayside's radio has to listen to."""
+    """Topics that the wayside's radio subscribes to."""
     return (keys.reports(line_name), keys.statuses(line_name))
 
 
 class Railway:
-    """Hands each message to whom it is for."""
+    """Passes each message to its receiver."""
 
     def __init__(self, line: LineMap, destination: Station) -> None:
         self.doors = PlatformDoors(line)
@@ -27,11 +27,11 @@ class Railway:
 
     @property
     def told(self) -> int:
-        """Grows whenever something new was said, or platform doors were moved."""
+        """Counter that increases when an answer was sent or platform doors changed."""
         return self._said + self.doors.changes
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
-        """Key and payload of everything that is to be said to what was heard."""
+        """Return key and payload of all answers to the received messages."""
         said = []
         for message in heard:
             side = self.centre if keys.matches(self._statuses, message.key) else self.zone

@@ -1,4 +1,4 @@
-"""What goes into and comes out of a step of the wayside where trains command themselves."""
+"""Inputs and outputs of a step of the wayside where trains command themselves."""
 
 from dataclasses import dataclass, field
 from typing import Generic, NamedTuple, TypeVar
@@ -12,15 +12,15 @@ M = TypeVar("M")
 
 @dataclass(frozen=True, slots=True)
 class WaysideStepped(Generic[M]):
-    """Do it in this order: store, then move or lock, then send."""
+    """Result of a step. Apply it in this order: store, then move or lock, then send."""
 
     memory: M | None
-    """To be on the disk before anything is sent; None: as it was."""
+    """Memory to store before anything is sent; None: unchanged."""
     out: tuple[T2tMessage, ...]
 
 
 class LeaseMemory(NamedTuple):
-    """What an arbiter must never forget of one area."""
+    """An arbiter's persistent state of one area."""
 
     area: int
     promised: int = 0
@@ -40,7 +40,7 @@ class ArbiterMemory:
 
 @dataclass(frozen=True, slots=True)
 class ObjectMemory:
-    """What a wayside object must never forget."""
+    """Persistent state of a wayside object."""
 
     boot: int = 0
     seen_term: int = 0
@@ -52,7 +52,7 @@ class ObjectMemory:
 
 @dataclass(frozen=True, slots=True)
 class CentreMemory:
-    """What supervision decreed and has not taken back."""
+    """Commands of supervision that have not been taken back."""
 
     trains: tuple[TrainDecree, ...] = ()
     restrictions: tuple[SpeedRestriction, ...] = ()

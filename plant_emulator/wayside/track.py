@@ -1,4 +1,4 @@
-"""What the wayside tells each area's master: occupied sections, restrictions, closed stretches."""
+"""Track status for each area's master: occupied sections, restrictions, closed stretches."""
 
 from collections.abc import Collection, Mapping
 
@@ -15,9 +15,12 @@ from zenoh_config.timers import NS_PER_MS, LineTimers
 
 
 class WaysideTrack:
-    """Answers heartbeats; every answer echoes one, so that the master knows how old it is.
+    """Answers heartbeats.
 
-    It answers any master, an outdated one, too: what it tells is true for whoever hears it.
+    Each answer echoes one, so that the master knows its age.
+
+    It answers every master, even an outdated one, because the track status holds for every
+    receiver.
     """
 
     def __init__(self, timers: LineTimers, line: AreaMap, *, boot: int, start_ns: int) -> None:
@@ -26,7 +29,7 @@ class WaysideTrack:
         self._line, self._boot = line, boot
         self._period_ns = timers.heartbeat_ms * NS_PER_MS
         self._masters: dict[int, Heartbeat] = {}
-        """By area: the newest heartbeat heard, of the highest term."""
+        """By area, the newest heartbeat of the highest term."""
         self._known = {area.number for area in line.areas}
         self._told_at = {area: _span(line, area) for area in self._known}
         self._sequence = 0
@@ -39,11 +42,11 @@ class WaysideTrack:
         axles: Mapping[int, int],
         disturbed: Collection[int] = (),
     ) -> tuple[T2tMessage, ...]:
-        """One status to each master of which a newer heartbeat was heard.
+        """Return one status for each master that sent a newer heartbeat.
 
         Args:
-            axles: in each section, by its number; none where it is not named.
-            disturbed: sections whose count is not to be trusted; they are told as occupied.
+            axles: number in each section by its number; 0 for sections not listed.
+            disturbed: sections with an unreliable count; they are reported as occupied.
         """
         answered = []
         for message in heard:
@@ -63,8 +66,10 @@ class WaysideTrack:
     def _told(
         self, area: int, axles: Mapping[int, int], disturbed: Collection[int]
     ) -> tuple[TrackSection, ...]:
-        """Beyond the borders as far as it is occupied without a gap, so that no train is told of
-        in part: its axles could never be explained.
+        """Return the sections to report.
+
+        Beyond the borders they continue while occupied, so that no train is reported in part: the
+        master could not account for its axles.
         """
         every, (first, last) = self._line.sections, self._told_at[area]
         if first > last:
@@ -112,6 +117,6 @@ def _order(heartbeat: Heartbeat) -> tuple[int, int, int]:
 
 
 def _span(line: AreaMap, area: int) -> tuple[int, int]:
-    """First and last of the sections that an area's master is told of; of none: (0, -1)."""
+    """Return the first and last section reported to an area's master; (0, -1) if there is none."""
     told = line.sections_told(area)
     return (line.sections.index(told[0]), line.sections.index(told[-1])) if told else (0, -1)

@@ -1,8 +1,8 @@
-"""A zone controller for one train: every position report is answered with a movement authority.
+"""A zone controller for one train: answers every position report with a movement authority.
 
-The authority reaches to an overlap behind the destination, or to the end of the line where that
-comes first, unless a signal on the way shows stop or another train is ahead. The track that
-the train has just left stays its own for a few metres. It is pure: messages in, messages out.
+The authority ends at an overlap behind the destination, at the end of the line, at a signal at
+stop, or behind another train, whichever comes first. A few metres of track behind the train stay
+reserved for it. The module is pure: messages in, messages out.
 """
 
 from collections import Counter
@@ -25,57 +25,60 @@ from zenoh_config.sequencing import ReportGate
 
 OVERLAP_M: Final = 60.0
 BUFFER_M: Final = 10.0
-"""Kept free before the end of the line."""
+"""Distance that authorities keep from the end of the line."""
 REAR_M: Final = 10.0
-"""So much free track behind the train is kept for it."""
+"""Length of track reserved behind the train."""
 TERM: Final = 1
-"""There is one issuer for the whole run, so its lease never changes hands."""
+"""Term of all authorities. The issuer is the same for the whole run, so the term never changes."""
 
 
 class ZoneController:
-    """Counts what it refuses by reason; it never answers anything else than a sound report."""
+    """Answers sound reports only, and counts all refused messages by reason."""
 
     def __init__(self, line: LineMap, destination: Station) -> None:
         self.end_m = min(destination.stop_m + OVERLAP_M, line.end_m - BUFFER_M)
-        """What no authority reaches beyond."""
+        """Farthest end of any authority."""
         self.limit_m = inf
-        """Of a train ahead: no authority reaches beyond it either."""
+        """Limit behind a train ahead; authorities do not extend beyond it."""
         self.refusals: Counter[RefusedReason] = Counter()
         self.answered = 0
         self.farthest_end_m: float | None = None
-        """Of all authorities given so far."""
+        """Farthest end of all authorities sent so far."""
         self.latest: MovementAuthority | None = None
-        """The newest of them."""
+        """The newest authority."""
         self.latest_rear_m = 0.0
-        """How far back the newest lets the rear go; where it is for certain, if not at all."""
+        """Rear limit of the newest authority. Without such a limit it is the place that the rear
+        has surely passed."""
         self.rear_protected = True
-        """A fault sets it to False: authorities do not say what is behind the train."""
+        """A fault sets this to False: authorities then contain no rear limit."""
         self._line_name, self._start_m = line.name, line.start_m
         self._gate = ReportGate()
         self._sequence = 0
         self._stops_m: tuple[float, ...] = ()
         self._concerned: dict[tuple[int, float], bool] = {}
-        """By train and signal: whether the train was before it when it first was asked."""
+        """By train and signal, whether the train was in front of the signal when it was first
+        checked."""
         self._withdrawn = False
         self._withdrawn_m: dict[int, float] = {}
-        """By train: where its front was at most when its authority was withdrawn."""
+        """By train, the farthest place of its front when its authority was withdrawn."""
         self._rears_m: dict[int, tuple[int, float]] = {}
-        """By train: its incarnation, and the protected rear, which never goes back within one."""
+        """By train, its incarnation and the protected rear, which never moves back within one
+        incarnation."""
 
     def show_stop(self, stops_m: Collection[float]) -> None:
-        """Signals at these places show stop from now on, and no others."""
+        """Set the places of all signals that show stop from now on."""
         self._stops_m = tuple(sorted(stops_m))
         self._concerned = {
             key: concerned for key, concerned in self._concerned.items() if key[1] in stops_m
         }
 
     def withdraw(self, withdrawn: bool) -> None:
-        """Pull every authority back to where the train's front is by its next report."""
+        """Withdraw every authority to the train's front in its next report."""
         self._withdrawn = withdrawn
         self._withdrawn_m = {}
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
-        """Key and payload of everything that is to be said to what was heard."""
+        """Return key and payload of all answers to the received messages."""
         return [answer for message in heard if (answer := self.answer(message, now_ns))]
 
     def answer(self, message: RadioMessage, now_ns: int) -> tuple[str, bytes] | None:
@@ -105,7 +108,10 @@ class ZoneController:
         return keys.authority(self._line_name, WAYSIDE, report.train), pack(authority)
 
     def _end_m(self, report: PositionReport) -> float:
-        """A signal that a train has passed before it showed stop does not concern that train."""
+        """Return the end of authority.
+
+        A signal does not affect a train that passed it before it showed stop.
+        """
         end_m = min(self.end_m, self.limit_m)
         for stop_m in self._stops_m:
             if self._concerned.setdefault((report.train, stop_m), report.front_min_m < stop_m):
@@ -130,7 +136,7 @@ class ZoneController:
         if not isinstance(report, PositionReport):
             return RefusedReason.UNKNOWN_TYPE
         if message.key != keys.report(self._line_name, report.train):
-            # What a train says under the key of another was not said by that train.
+            # A report under the key of another train does not come from that train.
             return RefusedReason.WRONG_SOURCE
         refused = self._gate.check(report)
         return report if refused is None else refused.reason

@@ -189,7 +189,7 @@ def test_only_one_can_be_at_the_desk(tmp_path: Path) -> None:
     path.write_text("0 mode=manual\n", encoding="utf-8")
     assert plan_scenario(desk_recording=str(path)).desk_recording is not None
     assert plan_scenario(driver="late").driver == "late"
-    with pytest.raises(SettingsError, match="only one can be at the desk"):
+    with pytest.raises(SettingsError, match="choose only one operator of the desk"):
         plan_scenario(driver="late", desk_recording=str(path))
     with pytest.raises(SettingsError, match="driver: 'ruthless'"):
         plan_scenario(driver="ruthless")
@@ -427,7 +427,7 @@ def test_one_frame_that_stays_away_is_blank_alone() -> None:
 def test_before_the_first_frame_the_screen_says_that_none_came() -> None:
     text = "\n".join(lines(DeskDisplay(), MANUAL, 0)).lower()
 
-    assert "controller not heard yet" in text
+    assert "no frame from the controller yet" in text
     assert "silent" not in text
 
 
