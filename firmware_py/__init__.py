@@ -1,3 +1,3 @@
-"""The board: time, rhythm, drivers and memory, shared by the controller and the plant."""
+"""The board: time, scheduling, drivers and storage, shared by the controller and the plant."""
 
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""The words that a program was called with, and what it says of files that they name."""
+"""Command-line arguments as text, and messages about files."""
 
 import errno
 import sys
@@ -8,15 +8,15 @@ from typing import Final
 DISK_FAULTS: Final = frozenset(
     {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS, errno.EPIPE}
 )
-"""What a disk or a pipe refuses. Every other error of a file is about the name that was given."""
+"""Errors of a disk or a pipe. Every other error of a file is about the given name."""
 
 
 def words_of(program: str, argv: Sequence[str] | None) -> list[str]:
-    """`argv`, or those of this process.
+    """Return `argv`, or the arguments of this process.
 
     Raises:
-        SystemExit: with exit code 2 and a sentence on standard error, for a word that is no text,
-            as the name of a file may be: no report, log or configuration could name it.
+        SystemExit: with exit code 2 and a sentence on standard error, for an argument that is not
+            text. File names may be such; no report, log or configuration could name that file.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     for word in words:
@@ -29,6 +29,6 @@ def words_of(program: str, argv: Sequence[str] | None) -> list[str]:
 
 
 def of_file(error: OSError) -> str:
-    """The file, if the error names one, and what the system refused."""
+    """Describe an error by its file, if it names one, and its cause."""
     what = error.strerror or str(error)
     return what if error.filename is None else f"{error.filename}: {what}"

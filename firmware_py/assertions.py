@@ -1,10 +1,10 @@
-"""The programs keep their asserts: they are the last check on what we did wrong ourselves."""
+"""Ensures that the programs run with asserts, which are the last check for programming errors."""
 
 import sys
 
 
 def require_assertions(program: str) -> None:
-    """End the program if Python was started so that it leaves asserts out (-O, PYTHONOPTIMIZE).
+    """End the program if Python was started without asserts (-O, PYTHONOPTIMIZE).
 
     Raises:
         SystemExit: with exit code 2 and a sentence on standard error.

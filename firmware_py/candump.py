@@ -1,4 +1,4 @@
-"""Reads what `CandumpWriter` or `candump -l` of can-utils wrote."""
+"""Reads logs of `CandumpWriter` or of `candump -l` of can-utils."""
 
 import re
 from collections.abc import Iterator
@@ -18,21 +18,24 @@ NS_PER_S: Final = 1_000_000_000
 
 
 class LoggedFrame(NamedTuple):
-    """One line of a candump log. The frame's stamp is nanoseconds since 1970."""
+    """One line of a candump log. The frame's stamp is in nanoseconds since 1970."""
 
     channel: str
     frame: CanFrame
 
 
 class CandumpReader:
-    """Iterates over a candump log. Lines that are no classic CAN frame are counted, not raised."""
+    """Iterates over a candump log.
+
+    Lines that are not a classic CAN frame are counted, not raised.
+    """
 
     def __init__(self, path: Path | str) -> None:
         self._path = Path(path)
         self.bad_lines = 0
 
     def __iter__(self) -> Iterator[LoggedFrame]:
-        """Raises RecorderError when the file cannot be read."""
+        """Yield the frames. Raises RecorderError when the file cannot be read."""
         self.bad_lines = 0
         try:
             with self._path.open("rb") as lines:
@@ -47,7 +50,7 @@ class CandumpReader:
 
 
 def read_candump(path: Path | str) -> CandumpReader:
-    """The frames of a log in the order of its lines; `bad_lines` counts the rest."""
+    """Return the frames of a log in the order of its lines; `bad_lines` counts invalid lines."""
     return CandumpReader(path)
 
 
@@ -60,7 +63,9 @@ CANDUMP_LINE: Final = re.compile(
 
 
 def parse_candump_line(line: str) -> LoggedFrame | None:
-    """None for a line that is torn or that no classic CAN frame can have made."""
+    """Parse one line; None for a truncated line or one that no classic CAN frame can have
+    produced.
+    """
     match = CANDUMP_LINE.fullmatch(line)
     if match is None:
         return None

@@ -1,7 +1,8 @@
 """Expressions that users write over named signals, such as `speed_mps > 10 and front_m < 1500`.
 
-The grammar is the arithmetic, comparisons and `and`, `or`, `not` of Python over numbers and the
-names that the caller allows, and the functions of FUNCTIONS; nothing else can be called or reached.
+The grammar consists of Python's arithmetic, comparisons and `and`, `or`, `not` over numbers and the
+names that the caller permits, and of the functions in FUNCTIONS. Nothing else can be called or
+accessed.
 """
 
 import ast
@@ -12,7 +13,7 @@ from typing import Any, Final
 
 FUNCTIONS: Final[dict[str, Callable[..., float]]] = {"abs": abs, "min": min, "max": max}
 ARGUMENTS: Final = {"abs": (1, 1), "min": (2, 100), "max": (2, 100)}
-"""How many each takes."""
+"""Least and greatest number of arguments of each function."""
 TEXT_MAX: Final = 1000
 _ALLOWED: Final = (
     ast.BoolOp, ast.And, ast.Or, ast.UnaryOp, ast.Not, ast.USub, ast.UAdd, ast.BinOp, ast.Add,
@@ -22,25 +23,36 @@ _ALLOWED: Final = (
 
 
 class ExpressionError(ValueError):
-    """A text that is no expression over the allowed names; the message says what is wrong."""
+    """A text that is not a valid expression over the permitted names; the message says what is
+    wrong.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """Call it with an object whose attributes are the signals; true and false are 1.0 and 0.0."""
+    """A compiled expression.
+
+    Call it with an object whose attributes are the signals; true and false are 1.0 and 0.0.
+    """
 
     text: str
     names: frozenset[str]
-    """The signals it reads."""
+    """Names of the signals that the expression reads."""
     value_of: Callable[[Any], float]
 
     def __call__(self, signals: object) -> float:
-        """Raises ZeroDivisionError, as the text says; whoever asks decides what that means."""
+        """Evaluate the expression.
+
+        A division by zero raises ZeroDivisionError, which the caller must handle.
+        """
         return float(self.value_of(signals))
 
 
 def compile_expression(text: str, allowed: Collection[str]) -> Expression:
-    """Raises ExpressionError that names the first thing in the text that is not allowed."""
+    """Compile an expression.
+
+    Raises ExpressionError that names the first item that is not permitted.
+    """
     if len(text) > TEXT_MAX:
         raise ExpressionError(f"{text[:40]!r}…: longer than {TEXT_MAX} characters")
     try:
@@ -57,7 +69,7 @@ def compile_expression(text: str, allowed: Collection[str]) -> Expression:
     reader = ast.parse("lambda _signals: 0", mode="eval")
     assert isinstance(reader.body, ast.Lambda)
     reader.body.body = body.body
-    # Only nodes of _ALLOWED are left, so nothing but the signals and FUNCTIONS can be reached.
+    # Only nodes of _ALLOWED are left, so the code can access only the signals and FUNCTIONS.
     code = compile(ast.fix_missing_locations(reader), "<expression>", "eval")
     value_of = eval(code, {"__builtins__": {}, **FUNCTIONS})  # noqa: S307
     return Expression(text, frozenset(names), value_of)
@@ -84,7 +96,7 @@ def _check(node: ast.AST, text: str, allowed: Collection[str], *, is_function: b
 
 
 class _SignalReads(ast.NodeTransformer):
-    """Turns each name into a read of the attribute of that name."""
+    """Replaces each name by a read of the attribute of that name."""
 
     def __init__(self, called: set[int]) -> None:
         self._called = called

@@ -1,13 +1,13 @@
-"""What a bench in virtual time and a controller in a process of its own say to each other.
+"""Messages between a bench in virtual time and a controller in another process.
 
-Each message is one line of JSON. The bench speaks first and every line of it has one answer:
+Each message is one line of JSON. The bench sends first, and every line of it has one answer:
 
     {"type": "hello", ...}  ->  {"type": "ready", ...} or {"type": "refuse", ...}
     {"type": "grant", ...}  ->  {"type": "yield", ...}
     {"type": "stop", ...}   ->  {"type": "yield", ...}, and then the controller ends
 
-Bytes are hexadecimal, instants whole nanoseconds of the bench's virtual time. Members that a side
-does not know are to be ignored; `docs/reference/lockstep_interface.md` is the contract.
+Bytes are hexadecimal; instants are whole nanoseconds of the bench's virtual time. A side must
+ignore unknown members. `docs/reference/lockstep_interface.md` is the contract.
 """
 
 from typing import Any, Final
@@ -23,9 +23,9 @@ STANDARD_ID_MAX: Final = 0x7FF
 FRAME_BYTES_MAX: Final = 8
 
 HeardFrame = tuple[int, int, str]
-"""Instant of its end, identifier, data."""
+"""Instant of the frame's end, identifier, data."""
 HeardChunk = tuple[int, str]
-"""Instant of its last byte, bytes."""
+"""Instant of the last byte, bytes."""
 HeardMessage = tuple[int, str, str]
 """Instant, key, payload."""
 
@@ -33,11 +33,11 @@ HeardMessage = tuple[int, str, str]
 class Hello(msgspec.Struct, frozen=True, tag="hello"):
     version: int
     told: dict[str, Any]
-    """Line, parameters, mission, memory and start of the train, see the document."""
+    """Line, parameters, mission, memory and start of the train; see the document."""
 
 
 class Grant(msgspec.Struct, frozen=True, tag="grant"):
-    """It is `now_ns`, and this came since the last grant."""
+    """Time grant: the instant is `now_ns`, with the inputs since the last grant."""
 
     now_ns: int
     frames: tuple[HeardFrame, ...] = ()
@@ -46,7 +46,7 @@ class Grant(msgspec.Struct, frozen=True, tag="grant"):
 
 
 class Stop(msgspec.Struct, frozen=True, tag="stop"):
-    """The run is over: say the last word."""
+    """The run is over; the controller may send its final outputs."""
 
     now_ns: int
 
@@ -55,7 +55,7 @@ class Ready(msgspec.Struct, frozen=True, tag="ready"):
     version: int
     next_wakeup_ns: int
     name: str = ""
-    """For reports."""
+    """Name of the controller, for reports."""
 
 
 class Refuse(msgspec.Struct, frozen=True, tag="refuse"):
@@ -63,12 +63,12 @@ class Refuse(msgspec.Struct, frozen=True, tag="refuse"):
 
 
 class Yield(msgspec.Struct, frozen=True, tag="yield"):
-    """This is sent now; nothing more happens here before `next_wakeup_ns`."""
+    """Outputs sent now; the controller does nothing more before `next_wakeup_ns`."""
 
     now_ns: int
-    """Of the message that it answers, so that no answer is taken for another."""
+    """Instant of the answered message, so that answers cannot be confused."""
     next_wakeup_ns: int
-    """Not later than now: once more at once."""
+    """Next wake-up; an instant not later than now means at once."""
     frames: tuple[tuple[int, str], ...] = ()
     serial: tuple[str, ...] = ()
     radio: tuple[tuple[str, str], ...] = ()
@@ -83,7 +83,7 @@ _of_controller: Final = msgspec.json.Decoder(OfController)
 
 
 class GrantProtocolError(Exception):
-    """A line that is none of the protocol's; the text says what is wrong with it."""
+    """A line that violates the protocol; the text says how."""
 
 
 def encode(message: OfBench | OfController) -> bytes:
@@ -112,7 +112,10 @@ def grant(
     chunks: "tuple[SerialChunk, ...] | list[SerialChunk]",
     messages: "tuple[RadioMessage, ...] | list[RadioMessage]",
 ) -> Grant:
-    """Classic data frames with 11-bit identifiers only: others say nothing to a controller."""
+    """Build a grant.
+
+    Only classic data frames with 11-bit identifiers are passed on; a controller ignores all others.
+    """
     return Grant(
         now_ns,
         tuple(
@@ -152,7 +155,10 @@ def yielded(now_ns: int, next_wakeup_ns: int, said: SentOutputs) -> Yield:
 
 
 def said(message: Yield) -> SentOutputs:
-    """Raises GrantProtocolError for what no wire can carry."""
+    """Decode the outputs of a yield.
+
+    Raises GrantProtocolError for outputs that no link can carry.
+    """
     for can_id, _ in message.frames:
         if not 0 <= can_id <= STANDARD_ID_MAX:
             raise GrantProtocolError(f"frames: identifier {can_id} is not in 0..{STANDARD_ID_MAX}")
@@ -162,7 +168,7 @@ def said(message: Yield) -> SentOutputs:
             raise GrantProtocolError(f"frames: {can_id:03X} has {len(payload)} bytes, over 8")
     for key, _ in message.radio:
         if not key or set(key) & set("*$#? \n"):
-            raise GrantProtocolError(f"radio: {key!r} is no key")
+            raise GrantProtocolError(f"radio: {key!r} is not a key")
     return SentOutputs(
         tuple(frames),
         tuple([_bytes("serial", data) for data in message.serial]),

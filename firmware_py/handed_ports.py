@@ -1,4 +1,4 @@
-"""Ports whose inputs are handed in by the caller and whose outputs the caller takes away."""
+"""Ports whose inputs the caller supplies and whose outputs the caller collects."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -7,7 +7,7 @@ from firmware_py.ports import CanFrame, LinkCounters, RadioMessage, SerialChunk
 
 
 class SentOutputs(NamedTuple):
-    """What a controller said, in its order within each wire."""
+    """Outputs of a controller, in order within each link."""
 
     frames: tuple[tuple[int, bytes], ...] = ()
     """Identifier and data."""
@@ -17,7 +17,7 @@ class SentOutputs(NamedTuple):
 
 
 class HandedCan:
-    """What was handed in is received once, whatever its stamp says."""
+    """A CAN port that returns each supplied frame once, whatever its stamp is."""
 
     def __init__(self) -> None:
         self.counters = LinkCounters()
@@ -94,7 +94,7 @@ class HandedPorts:
         self.radio.inbox += messages
 
     def take(self) -> SentOutputs:
-        """What was said since the last call."""
+        """Return the outputs since the last call."""
         can, tags, radio = self.can, self.tags, self.radio
         said = SentOutputs(tuple(can.sent), tuple(tags.sent), tuple(radio.sent))
         can.sent, tags.sent, radio.sent = [], [], []

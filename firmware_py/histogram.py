@@ -4,17 +4,17 @@ import math
 from typing import Final
 
 EXACT_BITS: Final = 7
-"""Below 2**7 every value has a bucket of its own."""
+"""Number of bits below which every value has its own bucket."""
 HALF: Final = 1 << (EXACT_BITS - 1)
 VALUE_BITS: Final = 40
-"""Larger values share the last bucket; the maximum stays exact."""
+"""Number of bits from which on values share the last bucket; the maximum stays exact."""
 LAST_BUCKET: Final = HALF * (VALUE_BITS - EXACT_BITS + 2) - 1
 
 
 class Histogram:
-    """Counts whole numbers of zero or more.
+    """Counts non-negative whole numbers.
 
-    Small values are kept exactly, larger ones in buckets at most 1/64 of their value wide.
+    Small values are kept exactly, larger ones in buckets of at most 1/64 of their value.
     """
 
     __slots__ = ("_buckets", "count", "max")
@@ -33,9 +33,10 @@ class Histogram:
             self.max = value
 
     def percentile(self, percent: float) -> int:
-        """The value that at least `percent` of all values do not exceed, as the top of its bucket.
+        """Return the value that at least `percent` of all values do not exceed, as the top of its
+        bucket.
 
-        Never understated and at most 1/64 overstated; 0 without values.
+        It is never too small and at most 1/64 too large; 0 without values.
         """
         assert 0.0 < percent <= 100.0
         wanted = math.ceil(self.count * percent / 100.0)

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM as a wish that a loop looks at, so that it can end in good order."""
+"""SIGINT and SIGTERM as a flag that a loop checks, so that it can end in order."""
 
 import signal
 from collections.abc import Iterator
@@ -12,13 +12,16 @@ ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
 def never() -> bool:
-    """The answer of a run that nothing interrupts."""
+    """Return False: the stop condition of a run that nothing interrupts."""
     return False
 
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Keep Ctrl-C waiting inside. Processes started inside never receive it: their starter does."""
+    """Block Ctrl-C inside this context.
+
+    Processes started inside never receive it; their starter does.
+    """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
     try:
         yield
@@ -33,16 +36,18 @@ def leave_to_parent() -> None:
 
 
 class Interrupts:
-    """Remembers that somebody asked this process to end."""
+    """Records that a signal asked this process to end."""
 
     def __init__(self) -> None:
         self.asked = False
         self.by_keyboard = False
-        """The last to ask did so with Ctrl-C."""
+        """The last such signal was Ctrl-C."""
 
     @contextmanager
     def caught(self) -> Iterator[None]:
-        """While inside, these signals only leave a note; afterwards they act as they did before."""
+        """Inside this context the signals only set the flag; afterwards their old handlers
+        return.
+        """
         before = [(number, signal.signal(number, self._note)) for number in ENDING_SIGNALS]
         try:
             yield
@@ -52,7 +57,7 @@ class Interrupts:
 
     @property
     def exit_code(self) -> int:
-        """Of a program that runs until it is asked to end: 130 for Ctrl-C, 0 for SIGTERM."""
+        """Exit code of a program that runs until asked to end: 130 for Ctrl-C, 0 for SIGTERM."""
         return EXIT_INTERRUPTED if self.by_keyboard else EXIT_OK
 
     def _note(self, number: int, frame: FrameType | None) -> None:

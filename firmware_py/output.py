@@ -1,8 +1,10 @@
-"""Standard output and standard error of a command: what they do not take is counted, not raised.
+"""Standard output and standard error of a command.
 
-A full disk behind `>`, a reader that is gone and a terminal that is not UTF-8 are no reason for a
-traceback. A command that only shows something ends at the first loss; one that is `working` goes
-on. In the end `Program` reports the loss in one line, with exit code 3.
+Write failures are counted, not raised.
+
+A full disk behind `>`, a reader that closed the pipe and a terminal without UTF-8 must not cause a
+traceback. A command that only prints ends at the first loss. A command inside `working` continues.
+At the end `Program` reports the loss in one line, with exit code 3.
 """
 
 import codecs
@@ -17,27 +19,27 @@ from typing import Any, Final, TextIO
 
 EXIT_ENVIRONMENT: Final = 3
 SHOWN: Final = "metro.shown"
-"""Name of the codec error handler that replaces what a terminal cannot show by `?`."""
+"""Name of the codec error handler that replaces characters a terminal cannot show by `?`."""
 STRICT: Final = ("strict", "surrogateescape")
-"""Error handlers that Python chooses by itself; any other one was chosen by the user."""
+"""Error handlers that Python selects by default; the user selected any other one."""
 CLOSED: Final = "closed"
 STDOUT: Final = 1
 STDERR: Final = 2
 
 
 class _Losses:
-    """What standard output of this process did not take."""
+    """Lost output of this process."""
 
     def __init__(self) -> None:
         self.reason = ""
-        """Why nothing is written any more; empty while it is."""
+        """Why output is no longer written; empty while it is."""
         self.unshown: dict[str, int] = {}
-        """Characters that its encoding does not have, and how often they came."""
+        """Characters missing in the encoding, with their counts."""
         self.working = 0
-        """Number of nested sections of work that a loss must not end."""
+        """Number of nested `working` sections, which a loss must not end."""
 
     def text(self, encoding: str) -> str:
-        """The loss in one line; empty when there is none."""
+        """Describe the loss in one line; empty without a loss."""
         if self.reason:
             return f"standard output: {self.reason}; the rest of the output is lost"
         if self.unshown:
@@ -55,7 +57,9 @@ losses: Final = _Losses()
 
 @contextmanager
 def working(really: bool = True) -> Iterator[None]:
-    """Inside, the command goes on when standard output is lost: a train is under way."""
+    """Keep the command running inside this context when standard output is lost, because a train is
+    moving.
+    """
     losses.working += really
     try:
         yield
@@ -64,7 +68,7 @@ def working(really: bool = True) -> Iterator[None]:
 
 
 class _Stream(io.RawIOBase):
-    """One of the two streams; after the first failure it swallows all that is written."""
+    """One of the two streams; after the first failure it discards all output."""
 
     def __init__(self, number: int, name: str, reason: str = "") -> None:
         self._number, self.name, self._reason = number, name, reason
@@ -94,7 +98,7 @@ class _Stream(io.RawIOBase):
 
 
 def guard() -> None:
-    """Put the guard on both streams. Streams that a test has replaced stay as they are."""
+    """Replace both streams by guarded ones. Streams that a test has replaced stay unchanged."""
     _open_missing()
     codecs.register_error(SHOWN, _show)
     if sys.stdout is sys.__stdout__:
@@ -104,7 +108,9 @@ def guard() -> None:
 
 
 def _open_missing() -> None:
-    """Open /dev/null in place of a closed descriptor, or the next log would get its number."""
+    """Open /dev/null for a closed descriptor; otherwise the next opened log would get its
+    number.
+    """
     for number in range(STDERR + 1):
         try:
             os.fstat(number)
@@ -114,7 +120,7 @@ def _open_missing() -> None:
 
 def _guarded(stream: TextIO | None, number: int, name: str) -> TextIO:
     if not isinstance(stream, io.TextIOWrapper):
-        # Python has none where the descriptor was closed.
+        # Python provides no stream if the descriptor was closed.
         raw = _Stream(number, name, CLOSED)
         return io.TextIOWrapper(io.BufferedWriter(raw), "utf-8", "replace", line_buffering=True)
     errors = stream.errors or "strict"
@@ -138,9 +144,9 @@ def _show(error: UnicodeError) -> tuple[str, int]:
 
 
 def flushed() -> str:
-    """Write what is still in the buffers; the loss in one line, or empty.
+    """Flush both streams and describe the loss in one line, or return an empty text.
 
-    After this nothing that is written raises.
+    Later writes never raise.
     """
     losses.working += 1
     for stream in (sys.stdout, sys.stderr):

@@ -1,4 +1,6 @@
-"""What a device may hold of the world: a CAN, a serial and a radio port, and what comes of them."""
+"""Ports through which a device reaches the world: CAN, serial line and radio, with their data
+types.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -6,10 +8,10 @@ from typing import NamedTuple, Protocol
 
 
 class CanFrame(NamedTuple):
-    """One classic CAN frame as it was seen on the bus."""
+    """One classic CAN frame as seen on the bus."""
 
     stamp_ns: int
-    """Instant of the end of the frame, on the clock of whoever received it."""
+    """Instant of the frame's end, by the receiver's clock."""
     can_id: int
     data: bytes
     extended: bool = False
@@ -18,14 +20,14 @@ class CanFrame(NamedTuple):
 
 
 class SerialChunk(NamedTuple):
-    """Bytes that a serial line handed over in one piece; a telegram may be spread over several."""
+    """Bytes that a serial line delivered in one piece; a telegram may be spread over several."""
 
     stamp_ns: int
     data: bytes
 
 
 class RadioMessage(NamedTuple):
-    """One message heard on the radio, still in its safety envelope."""
+    """One message received by radio, still in its safety envelope."""
 
     stamp_ns: int
     key: str
@@ -34,37 +36,39 @@ class RadioMessage(NamedTuple):
 
 @dataclass(slots=True)
 class LinkCounters:
-    """What a link did since it was opened. Nothing is lost without one of these counting it."""
+    """Counters of a link since it was opened. Every loss is counted in one of them."""
 
     sent: int = 0
     received: int = 0
     dropped_in: int = 0
-    """Arrived, but the inbox was full."""
+    """Data that arrived while the inbox was full."""
     dropped_out: int = 0
-    """Could not be handed to the link."""
+    """Data that could not be passed to the link."""
     errors: int = 0
-    """Error frames, failed calls, torn records."""
+    """Error frames, failed calls, truncated records."""
 
 
 class CanPort(Protocol):
-    """A node's connection to one CAN bus. Never waits."""
+    """A node's connection to one CAN bus. It never waits."""
 
     @property
     def counters(self) -> LinkCounters: ...
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
-        """Offer one frame with an 11-bit identifier; a full link drops it and counts it."""
+        """Offer one frame with an 11-bit identifier; a full link drops and counts it."""
         ...
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
-        """Frames of other nodes that ended up to now and were not handed over yet, in bus order."""
+        """Return frames of other nodes that ended up to now and were not returned before, in bus
+        order.
+        """
         ...
 
     def close(self) -> None: ...
 
 
 class SerialPort(Protocol):
-    """One end of a serial line. Never waits."""
+    """One end of a serial line. It never waits."""
 
     @property
     def counters(self) -> LinkCounters: ...
@@ -77,7 +81,7 @@ class SerialPort(Protocol):
 
 
 class RadioPort(Protocol):
-    """A connection to the radio. Never waits; delivery is not promised."""
+    """A connection to the radio. It never waits and does not guarantee delivery."""
 
     @property
     def counters(self) -> LinkCounters: ...
@@ -90,8 +94,8 @@ class RadioPort(Protocol):
 
 
 class TunableRadioPort(RadioPort, Protocol):
-    """One whose keys may be changed while it is open."""
+    """A radio port whose subscriptions can be changed while it is open."""
 
     def listen(self, subscriptions: Collection[str]) -> None:
-        """Hear what others send under these keys from now on, and nothing else."""
+        """Receive messages under these keys from now on, and no others."""
         ...

@@ -1,7 +1,7 @@
 """The frame of every command: how it ends on Ctrl-C, on a full disk, and without standard output.
 
-The commands that the project installs begin here. Before the handlers are set, this module and the
-console scripts import next to nothing: Ctrl-C in that time would print Python's own words.
+The project's commands start here. Before the signal handlers are set, this module and the console
+scripts import almost nothing, because Ctrl-C in that time would print a traceback.
 """
 
 import os
@@ -9,7 +9,8 @@ import signal
 import sys
 
 TYPE_CHECKING = False
-"""Of `typing`, which takes longer to import than all that comes before the handlers."""
+"""Replaces the constant of `typing`, whose import would take longer than all code before the
+handlers."""
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 EXIT_ENVIRONMENT = 3
 EXIT_INTERRUPTED = 130
 NAMES = {int(signal.SIGINT): "Ctrl-C", int(signal.SIGTERM): "SIGTERM"}
-"""Signals that end a command, as the user knows them."""
+"""Signals that end a command, by the names that users know."""
 STDERR = 2
 
 
@@ -26,14 +27,15 @@ class Program:
     """A command by its name. Calling it runs the command and returns its exit code."""
 
     def __init__(self, name: str, load: "Callable[[], Callable[[], int]]") -> None:
-        """Args:
-        load: imports what the command needs and returns its main function.
-        """
+        """Args: load: imports what the command needs and returns its main function."""
         self.name = name
         self.load = load
 
     def __call__(self) -> int:
-        """3 for what disk and standard output refused, 130 for Ctrl-C and SIGTERM: one line each.
+        """Run the command.
+
+        Exit code 3 reports failures of disk and standard output, 130 Ctrl-C and SIGTERM, each with
+        one line.
 
         A command with results to save catches the signals itself.
         """
@@ -68,7 +70,7 @@ class Program:
             self._complain(of_file(error))
             return EXIT_ENVIRONMENT
         finally:
-            # While Python takes everything down, a second Ctrl-C ends it without a word.
+            # While Python shuts down, a second Ctrl-C ends it without a message.
             for number in NAMES:
                 signal.signal(number, signal.SIG_DFL)
 
@@ -76,7 +78,10 @@ class Program:
         print(f"{self.name}: {text}", file=sys.stderr, flush=True)
 
     def _end_at_once(self, number: int, frame: "FrameType | None") -> "NoReturn":
-        """While modules load nothing was begun, and an exception could get lost in a library."""
+        """End at once.
+
+        While modules load there is nothing to save, and a library could swallow an exception.
+        """
         text = f"{self.name}: ended by {NAMES[number]} before it began\n"
         try:
             os.write(STDERR, text.encode())

@@ -1,8 +1,8 @@
-"""Where the processes of one bench on this machine find each other, by the name of their bus.
+"""Meeting point of the processes of one bench on this machine, by the name of their bus.
 
-A bench has a folder that only its user can enter. In it lie the embedded bus's socket and lock, a
-link to the serial line on which tags are read, and the radio's endpoint. Any of them may be left
-over from a process that was killed: whoever finds a name here has yet to find somebody behind it.
+A bench has a folder that only its user can enter. It contains the embedded bus's socket and lock, a
+link to the tag reader's serial line, and the radio's endpoint. Any of them may be left over from a
+killed process, so a reader must check that a process is behind it.
 """
 
 import os
@@ -16,22 +16,23 @@ from firmware_py.buses.interfaces import BUS_NAME
 
 PRIVATE_MODE: Final = 0o700
 SOCKET_PATH_LIMIT: Final = 107
-"""Bytes that a Unix socket's address holds."""
+"""Longest address of a Unix socket in bytes."""
 
 
 class RendezvousError(BusError):
-    """The place where processes meet cannot be used; the text names it and says what to do."""
+    """The meeting point cannot be used; the text names it and says what to do."""
 
 
 def bench_dir(bus_name: str) -> Path:
-    """The folder of a bus's bench, made if need be.
+    """Return the folder of a bus's bench, and create it if needed.
 
     It is `metro-bench-<uid>/<bus>` below $XDG_RUNTIME_DIR, or below the folder for temporary files
-    where that variable names no folder.
+    if that variable names no folder.
 
     Raises:
-        RendezvousError: if the name cannot be a bus, or if the folder cannot be made, is a link or
-            belongs to somebody else.
+        RendezvousError: if the name is not valid for a bus, or if the folder cannot be created, is
+            a
+            link or belongs to another user.
     """
     if not BUS_NAME.fullmatch(bus_name):
         raise RendezvousError(
@@ -45,7 +46,7 @@ def bench_dir(bus_name: str) -> Path:
 
 
 def hub_socket(bus_name: str) -> Path:
-    """Where the embedded bus of that name listens."""
+    """Path of the embedded bus's socket."""
     path = bench_dir(bus_name) / "bus.sock"
     length = len(os.fsencode(path))
     if length > SOCKET_PATH_LIMIT:
@@ -57,22 +58,22 @@ def hub_socket(bus_name: str) -> Path:
 
 
 def hub_lock(bus_name: str) -> Path:
-    """Locked while a hub of that name lives; holds its process id."""
+    """Path of the hub's lock, which the running hub holds and which contains its process id."""
     return bench_dir(bus_name) / "hub.pid"
 
 
 def tags_link(bus_name: str) -> Path:
-    """A link to the serial line that the plant's tag reader speaks on."""
+    """Path of the link to the serial line of the plant's tag reader."""
     return bench_dir(bus_name) / "tags"
 
 
 def radio_note(bus_name: str) -> Path:
-    """A text with the endpoint of the radio."""
+    """Path of the file with the radio's endpoint."""
     return bench_dir(bus_name) / "radio"
 
 
 def publish_tags(bus_name: str, device: str) -> Path:
-    """Let the link point at a serial device, whatever it pointed at before."""
+    """Let the link point at a serial device and replace an old link."""
     link = tags_link(bus_name)
     fresh = link.with_name(f"tags.{os.getpid()}")
     try:
@@ -95,7 +96,7 @@ def publish_radio(bus_name: str, endpoint: str) -> None:
 
 
 def read_radio(bus_name: str) -> str | None:
-    """The endpoint last published, None if there is none."""
+    """Return the endpoint published last; None if there is none."""
     try:
         return radio_note(bus_name).read_text(encoding="utf-8").strip() or None
     except (OSError, UnicodeDecodeError):
@@ -103,7 +104,7 @@ def read_radio(bus_name: str) -> str | None:
 
 
 def withdraw(bus_name: str) -> None:
-    """Take back what a plant published."""
+    """Remove the link and the endpoint that a plant published."""
     for path in (tags_link(bus_name), radio_note(bus_name)):
         path.unlink(missing_ok=True)
 
@@ -116,16 +117,16 @@ def _base() -> Path:
 
 
 def _make_private(folder: Path) -> None:
-    """Make a folder of this user's alone, or make sure that it is one.
+    """Create a folder that only this user can enter, or verify an existing one.
 
-    It is opened without following links and then judged by what was opened, so nobody can put
-    something else in its place between the look and the use.
+    The folder is opened without following links, and the opened folder is checked. So no other user
+    can replace it between check and use.
     """
     try:
         folder.mkdir(mode=PRIVATE_MODE, exist_ok=True)
         opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     except OSError as error:
-        # A link that is not followed and a file both answer that they are no directory.
+        # For a link and for a file the system reports "not a directory".
         raise RendezvousError(
             f"{folder}: cannot be used as a private folder: {error.strerror}"
         ) from error

@@ -1,4 +1,4 @@
-"""TOML files to frozen dataclasses; whatever is wrong is said with file, key and value."""
+"""Converts TOML files to frozen dataclasses. Every error names file, key and value."""
 
 import dataclasses
 import difflib
@@ -20,32 +20,34 @@ from firmware_py.toml_lines import key_lines, line_of
 T = TypeVar("T")
 
 KEPT_MAX: Final = 64
-"""Files whose settings are not made anew while their text is the same."""
+"""Number of files whose parsed settings are cached while their text is unchanged."""
 
 
 class SettingsError(Exception):
-    """A configuration file that cannot be used; the text names file, key and value."""
+    """An unusable configuration file; the text names file, key and value."""
 
 
 def shipped_names(package: str) -> list[str]:
-    """Stems of the TOML files that ship with a package, sorted."""
+    """Names of the TOML files that ship with a package, without suffix, sorted."""
     return list(_shipped(package))
 
 
 @functools.cache
 def _shipped(package: str) -> tuple[str, ...]:
-    """Looked up once: what ships does not change while a process runs."""
+    """Look the names up once; shipped files do not change while a process runs."""
     entries = [entry.name for entry in resources.files(package).iterdir()]
     return tuple(sorted(name.removesuffix(".toml") for name in entries if name.endswith(".toml")))
 
 
 def is_path(name: str) -> bool:
-    """Of a file, and not the stem of one that ships."""
+    """Return whether `name` is the path of a file and not the name of a shipped one."""
     return name.endswith(".toml") or "/" in name or os.sep in name
 
 
 def find(name: str, package: str) -> Path:
-    """The file called `name`: a path if it looks like one, else a stem shipped with `package`."""
+    """Return the file called `name`: a path if it looks like one, otherwise a file shipped with
+    `package`.
+    """
     if is_path(name):
         return Path(name)
     shipped = shipped_names(package)
@@ -66,18 +68,18 @@ def load(kind: type[T], name: str, package: str) -> T:
 
 @functools.lru_cache(maxsize=KEPT_MAX)
 def _loaded(kind: type[Any], text: str, source: str) -> Any:
-    """Frozen, so that all who load the same text can share one object."""
+    """Cache the result; it is frozen, so all callers may share it."""
     with located(source, text):
         return build(kind, tables_of(text, source), source)
 
 
 def parse(path: Path) -> dict[str, Any]:
-    """The tables of one TOML file."""
+    """Read the tables of one TOML file."""
     return tables_of(text_of(path), str(path))
 
 
 def text_of(path: Path) -> str:
-    """Raises SettingsError for a file that cannot be read."""
+    """Read a file. Raises SettingsError if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
@@ -115,21 +117,21 @@ def _with_line(message: str, source: str, lines: Mapping[str, int]) -> str:
 
 
 def tables_of(text: str, source: str) -> dict[str, Any]:
-    """The tables of a TOML file with this text. Raises SettingsError."""
+    """Parse the text of a TOML file. Raises SettingsError."""
     try:
         return tomllib.loads(text)
-    # Besides its own errors the parser lets through those of numbers and dates that are too large,
-    # and of brackets too deeply nested.
+    # Besides its own errors, the parser lets errors of too large numbers and dates and of too
+    # deeply nested brackets pass through.
     except (ValueError, RecursionError) as error:
         raise SettingsError(f"{source}: not TOML: {error}") from error
 
 
 def build(kind: type[T], table: Mapping[str, Any], source: str, key: str = "") -> T:
-    """Make the dataclass `kind` from a table.
+    """Build the dataclass `kind` from a table.
 
     Raises:
         SettingsError: for an unknown or missing key, a value of the wrong type, or a value that the
-            dataclass itself refuses with ValueError in `__post_init__`.
+            dataclass itself rejects with ValueError in `__post_init__`.
     """
     assert dataclasses.is_dataclass(kind)
     hints = _hints(kind)
@@ -158,15 +160,17 @@ def _hints(kind: type[Any]) -> Mapping[str, Any]:
 
 
 def override(value: T, changes: Mapping[str, Any], source: str) -> T:
-    """The frozen dataclass `value` with some of what lies in it replaced, and checked as a whole.
+    """Return the frozen dataclass `value` with some of its contents replaced, checked as a whole.
 
     Args:
-        changes: by dotted key from `value` on, such as `brake.service.gain_ratio`; entries of a
-            list by index, `cars.0.tare_kg`. A value is as in a file, but a table changes only what
-            it names. What has the fields low and high and no other may be one number: both.
+        changes: by dotted key relative to `value`, such as `brake.service.gain_ratio`; entries of a
+            list by index, `cars.0.tare_kg`. A value is written as in a file, but a table changes
+                only
+            the keys it names. A dataclass with only the fields low and high may be given as one
+            number for both.
 
     Raises:
-        SettingsError: that names source, key and value, as `build` does.
+        SettingsError: with source, key and value, as in `build`.
     """
     assert dataclasses.is_dataclass(value)
     changed: T = _changed(type(value), value, _tree(changes, source), source, "")
@@ -174,7 +178,7 @@ def override(value: T, changes: Mapping[str, Any], source: str) -> T:
 
 
 def _tree(changes: Mapping[str, Any], source: str, above: str = "") -> dict[str, Any]:
-    """Dotted keys as tables within tables."""
+    """Convert dotted keys to nested tables."""
     tree: dict[str, Any] = {}
     for dotted, new in changes.items():
         where = _join(above, dotted)
@@ -289,7 +293,7 @@ def _convert_plain(kind: type[Any], value: Any, source: str, key: str) -> Any:
             return names[value.lower()]
         raise SettingsError(f"{source}: {key}: {value!r}: {nearest(value, list(names), 'value')}")
     if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        # Whole numbers in TOML have no bound here, but those over 1e308 have no float.
+        # TOML integers are unbounded in Python, but integers above 1e308 have no float.
         if not -sys.float_info.max <= value <= sys.float_info.max:
             raise SettingsError(f"{source}: {key}: {value} is not a finite number")
         return float(value)
@@ -310,7 +314,7 @@ def _words(hint: Any) -> str:
 
 
 def nearest(name: str, known: list[str], what: str = "value") -> str:
-    """Words that lead from a name that is not known to one that is."""
+    """Return a hint that leads from an unknown name to a known one."""
     close = difflib.get_close_matches(name, known, n=1)
     if close:
         return f"nearest valid {what}: {close[0]}"

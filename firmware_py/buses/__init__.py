@@ -23,7 +23,7 @@ __all__ = [
 
 
 class BusKind(enum.Enum):
-    """Where frames between processes travel. A bus within one process is made, not opened."""
+    """Transport of frames between processes. A bus within one process is created, not opened."""
 
     SOCKETCAN = "socketcan"
     EMBEDDED = "embedded"
@@ -42,16 +42,16 @@ class BusSpec:
 
 @dataclass(frozen=True, slots=True)
 class BusChoice:
-    """What `--bus auto` comes to."""
+    """The bus that `--bus auto` selects."""
 
     spec: str | None
-    """None if neither kind is there; then a hub has to be started."""
+    """The selected bus; None if neither kind exists, so that a hub must be started."""
     reason: str
-    """Why this one and not one further up, in words for the user."""
+    """Text for the user: why this bus and not one of higher preference."""
 
 
 def parse_spec(spec: str) -> BusSpec:
-    """Raises BusError that names what is wrong with the text and what would be right."""
+    """Parse a bus name. Raises BusError that says what is wrong and what is valid."""
     kind_word, colon, name = spec.partition(":")
     kinds = {kind.value: kind for kind in BusKind}
     if not colon:
@@ -70,14 +70,14 @@ def parse_spec(spec: str) -> BusSpec:
 def open_can(
     spec: str, *, clock: Clock, node: str, accept_ids: Collection[int] | None = None
 ) -> CanPort:
-    """Connect to a bus that other processes are on.
+    """Connect to a bus that other processes use.
 
     Args:
         spec: `socketcan:<interface>` or `embedded:<name of a hub>`.
         clock: stamps of received frames are instants of this clock, which must be the machine's.
-        node: what this node is called in the bus's status.
-        accept_ids: 11-bit identifiers to be handed over; None means everything there is, including
-            29-bit and remote frames.
+        node: name of this node in the bus's status.
+        accept_ids: 11-bit identifiers to receive; None receives all frames, including 29-bit and
+            remote frames.
 
     Raises:
         BusError: if the bus does not exist, is down or may not be used.
@@ -93,7 +93,9 @@ def open_can(
 
 
 def resolve_auto(name: str = "vcan0") -> BusChoice:
-    """The kernel's interface of that name if it is up, else the hub of that name, else none."""
+    """Select the kernel's interface of that name if it is up, otherwise the hub of that name,
+    otherwise none.
+    """
     from firmware_py.buses.hub_control import hub_status
 
     interface = look_up(name)
@@ -115,9 +117,9 @@ def resolve_auto(name: str = "vcan0") -> BusChoice:
 
 
 def is_virtual(spec: str) -> bool:
-    """Whether no train can hang on this bus, so that an emulated one may be put there.
+    """Return whether no real train can be on this bus, so that an emulated one may be connected.
 
-    An interface that is not there, or whose driver does not say that it is virtual, counts as real.
+    A missing interface, or one whose driver does not report itself as virtual, counts as real.
     """
     bus = parse_spec(spec)
     if bus.kind is BusKind.EMBEDDED:

@@ -1,4 +1,4 @@
-"""A node of a bus in virtual time for error confinement: its mailboxes, counters and state."""
+"""A node of a bus in virtual time with error confinement: its mailboxes, counters and state."""
 
 from dataclasses import dataclass, field
 from heapq import heappush
@@ -15,30 +15,33 @@ from firmware_py.buses.inproc import InprocPort, Offer
 
 @dataclass(slots=True, eq=False)
 class BusNode:
-    """Instants are those of the bus; `sequence_ns` is the time of eleven bits on it."""
+    """State of one node.
+
+    Instants are those of the bus; `sequence_ns` is the time of eleven bits.
+    """
 
     port: InprocPort
     sequence_ns: int
     offers: list[Offer] = field(default_factory=list)
-    """A heap: the lowest identifier first."""
+    """Frames in the mailboxes as a heap, the lowest identifier first."""
     errors: ErrorCounters = field(default_factory=ErrorCounters)
     state: ErrorState = ErrorState.ACTIVE
-    """As last told; `errors.state` is ahead of it while the state is being entered."""
+    """Last reported state; `errors.state` is newer while the state changes."""
     ready_ns: int = 0
-    """Before that it starts no frame."""
+    """Earliest instant at which the node may start a frame."""
     cut_ns: int = -1
-    """Since when it is cut off; -1 for a node that is not."""
+    """Instant at which the node was cut off; -1 if it is not cut off."""
     tries_ns: int = -1
-    """Since when it has had something to say while cut off; -1 as long as it has not."""
+    """Instant since which the cut-off node has had a frame to send; -1 while it has none."""
     tries_bits: int = 0
-    """Of the frame that it then says over and over."""
+    """Length of the frame that the cut-off node repeats."""
     babble_gap_ns: int = -1
-    """From the end of a frame to the next; -1 for a node that says only what it is given."""
+    """Gap between the end of a babbled frame and the next; -1 for a node that does not babble."""
     restarting: bool = False
     sequences: int = 0
-    """Of eleven recessive bits, seen since the restart."""
+    """Number of sequences of eleven recessive bits since the restart."""
     idle_from_ns: int = 0
-    """Not counted yet, but recessive from here on."""
+    """Start of the recessive bits that are not counted yet."""
 
     @property
     def there(self) -> bool:
@@ -49,19 +52,21 @@ class BusNode:
         self.port._waiting += 1
 
     def drop_all(self) -> int:
-        """Empty its mailboxes; says how many frames there were."""
+        """Empty the mailboxes and return the number of dropped frames."""
         count = len(self.offers)
         self.offers.clear()
         self.port._waiting -= count
         return count
 
     def begin_tries(self, now_ns: int, bits: int) -> None:
-        """It is given a frame of this length while it is cut off."""
+        """Record the first frame that the node has to send while it is cut off."""
         if self.tries_ns < 0:
             self.tries_ns, self.tries_bits = now_ns, bits
 
     def count_tries(self, now_ns: int, bit_ns: int) -> None:
-        """Cut off, it has heard no acknowledgement, and so becomes passive; mended now."""
+        """Count the unacknowledged attempts made while the node was cut off, until it is error
+        passive.
+        """
         if self.tries_ns < 0:
             return
         tries = (now_ns - self.tries_ns) // (bit_ns * unacknowledged_bits(self.tries_bits))
@@ -70,10 +75,13 @@ class BusNode:
             tries -= 1
 
     def restart(self, now_ns: int, free_ns: int) -> None:
-        """Wait for 128 times eleven recessive bits. `free_ns`: end of what is on the wire."""
+        """Start waiting for 128 times eleven recessive bits.
+
+        `free_ns` is the end of the frame on the wire.
+        """
         self.restarting, self.sequences, self.idle_from_ns = True, 0, now_ns
         if free_ns - self.sequence_ns >= now_ns and self.cut_ns < 0:
-            # The frame that is on the wire, like any other, ends in eleven recessive bits.
+            # The frame on the wire, like any other, ends in eleven recessive bits.
             self.sequences, self.idle_from_ns = 1, free_ns
 
     def pass_frame(self, start_ns: int, free_ns: int) -> None:
@@ -83,7 +91,7 @@ class BusNode:
             self.idle_from_ns = free_ns
 
     def recovered_ns(self, now_ns: int) -> int | None:
-        """When a node that waits for it has come back, if that is not later than now."""
+        """Return the instant at which a restarting node recovers, if that is not later than now."""
         if not self.restarting:
             return None
         left = max(0, RECOVERY_SEQUENCES - self.sequences)
@@ -93,24 +101,24 @@ class BusNode:
 
 @dataclass(slots=True)
 class Passing:
-    """What is on the wire."""
+    """The frame on the wire."""
 
     offer: Offer
     node: BusNode
     start_ns: int
     end_ns: int
     bits: int
-    """Up to where the next frame may start."""
+    """Length up to the earliest start of the next frame."""
     destroyed: bool = False
     acknowledged: bool = True
     gone: bool = False
-    """The sender was cut off meanwhile."""
+    """The sender was cut off during the frame."""
     last_try: bool = False
-    """The sender has nothing more to say."""
+    """The sender does not repeat this frame."""
 
 
 class WireEvent(NamedTuple):
-    """A node that entered another state."""
+    """A node entered another error state."""
 
     at_ns: int
     node: str

@@ -1,7 +1,6 @@
-"""Error confinement as ISO 11898-1 has it: error counters of a node, and lengths of error frames.
+"""Error confinement of [ISO 11898]: error counters of a node, and lengths of error frames.
 
-A dominant bit is 0, a recessive one 1. Bits are counted from the start of frame, stuff bits
-included, as they are on the wire.
+A dominant bit is 0, a recessive one 1. Bits count from the start of frame, stuff bits included.
 """
 
 import enum
@@ -15,18 +14,18 @@ from firmware_py.ports import CanFrame
 PASSIVE_FROM: Final = 128
 OFF_FROM: Final = 256
 ERROR_STEP: Final = 8
-"""By so much the transmit error counter rises when a frame is destroyed."""
+"""Increase of the transmit error counter for a destroyed frame."""
 REC_MOST: Final = 255
 REC_AFTER_PASSIVE: Final = 127
-"""The standard leaves 119 to 127: where a passive receiver's counter goes with a good frame."""
+"""Value of a passive receiver's counter after a good frame; the standard permits 119 to 127."""
 FLAG_BITS: Final = 6
 DELIMITER_BITS: Final = 8
 SUSPEND_BITS: Final = 8
-"""A passive node waits so much longer after a frame of its own before it starts another."""
+"""Additional wait of an error-passive node after its own frame before it starts another."""
 RECOVERY_SEQUENCES: Final = 128
 RECOVERY_SEQUENCE_BITS: Final = 11
 RECOVERY_BITS: Final = RECOVERY_SEQUENCES * RECOVERY_SEQUENCE_BITS
-"""On an idle bus."""
+"""Recovery time on an idle bus."""
 
 HEAD_BITS: Final = 19
 """Start of frame, identifier (11), remote request, extension, reserved bit, length (4)."""
@@ -42,7 +41,7 @@ ERROR_COUNTERS: Final = 0x200
 PROTOCOL_BIT: Final = 0x01
 PROTOCOL_SENDING: Final = 0x80
 COUNTER_MOST: Final = 255
-"""Identifier and data of an error frame as Linux has it, in linux/can/error.h."""
+"""Identifier and data fields of an error frame as in linux/can/error.h."""
 
 Bits = Sequence[int]
 
@@ -55,7 +54,7 @@ class ErrorState(enum.Enum):
 
 @dataclass(slots=True)
 class ErrorCounters:
-    """Of one node."""
+    """Error counters of one node."""
 
     tec: int = 0
     """Transmit error counter."""
@@ -72,28 +71,31 @@ class ErrorCounters:
         return ErrorState.ACTIVE
 
     def sent(self) -> None:
-        """A frame of its own came through."""
+        """Count a transmitted frame."""
         self.tec = max(0, self.tec - 1)
 
     def heard(self) -> None:
-        """A frame of another node came through."""
+        """Count a received frame."""
         if self.rec >= PASSIVE_FROM:
             self.rec = REC_AFTER_PASSIVE
         else:
             self.rec = max(0, self.rec - 1)
 
     def sending_failed(self) -> None:
-        """It saw an error in a frame of its own and sent an error flag."""
+        """Count an error in the node's own frame, for which it sent an error flag."""
         self.tec += ERROR_STEP
         self.off = self.tec >= OFF_FROM
 
     def nobody_acknowledged(self) -> None:
-        """The one error that a passive sender does not count: it may be alone on the bus."""
+        """Count a missing acknowledgement.
+
+        A passive sender does not count it, because it may be alone on the bus.
+        """
         if self.state is ErrorState.ACTIVE:
             self.sending_failed()
 
     def hearing_failed(self) -> None:
-        """It saw an error in a frame of another node, and not as the first to see it."""
+        """Count an error in another node's frame that this node was not the first to detect."""
         self.rec = min(REC_MOST, self.rec + 1)
 
     def recovered(self) -> None:
@@ -106,16 +108,16 @@ class WireFrame:
     """A classic frame with an 11-bit identifier, bit by bit."""
 
     bits: Bits
-    """From start of frame to end of frame, acknowledged, without the intermission."""
+    """Bits from start of frame to end of frame, acknowledged, without the intermission."""
     payload_bytes: int
     first: int
-    """Bit at which the data field begins."""
+    """Index of the first bit of the data field."""
     last: int
-    """Last bit of the CRC sequence, or the stuff bit behind it."""
+    """Index of the last bit of the CRC sequence, or of the stuff bit behind it."""
 
 
 def wire_frame(can_id: int, data: bytes) -> WireFrame:
-    """What a sender puts on the wire."""
+    """Return the bits that a sender puts on the wire."""
     head = [0, *_bits_of(can_id, 11), 0, 0, 0, *_bits_of(len(data), 4)]
     content = head + [bit for byte in data for bit in _bits_of(byte, 8)]
     content += _bits_of(_crc(content), CRC_BITS)
@@ -135,9 +137,9 @@ def wire_frame(can_id: int, data: bytes) -> WireFrame:
 
 
 class Receiver:
-    """What every listening node makes of the bits on the wire: it finds the error or it does not.
+    """A receiving node: it evaluates the bits on the wire and detects errors.
 
-    It knows the frame's length, so the bits up to the data field must be sound.
+    It is given the frame's length, so the bits up to the data field must be correct.
     """
 
     def __init__(self, payload_bytes: int) -> None:
@@ -149,16 +151,16 @@ class Receiver:
         self._tail = 0
 
     def sees_error(self, bit: int) -> bool:
-        """Takes the next bit; whether this is the one at which an error shows."""
+        """Process the next bit and return whether it reveals an error."""
         if len(self._content) < self._wanted or self._stuff_next:
             return self._stuff_error(bit)
         self._tail += 1
         if self._tail == 2:
-            # The acknowledge slot: a receiver accepts both.
+            # In the acknowledge slot a receiver accepts both values.
             return False
         if bit == 0:
             return True
-        # A wrong CRC is told behind the acknowledge delimiter.
+        # A wrong CRC is signalled behind the acknowledge delimiter.
         return self._tail == 3 and _crc(self._content) != 0
 
     def _stuff_error(self, bit: int) -> bool:
@@ -178,15 +180,16 @@ class Receiver:
 def destroyed_bits(
     frame: WireFrame, at_bit: int, *, sender_passive: bool, hearers_active: bool
 ) -> int:
-    """Bus time of a frame of which one bit is inverted for all, up to where the next may start.
+    """Return the bus time of a frame with one bit inverted for all nodes, up to the next possible
+    start.
 
-    The sender sees its bit wrong and sends its flag from the next bit on; the receivers see the
-    error in that bit, or in the flag, and send theirs from the bit after. Then come the error
-    delimiter and the intermission.
+    The sender sees its bit wrong and sends its flag from the next bit on. The receivers detect the
+    error in that bit or in the flag and send their flags from the bit after it. Error delimiter and
+    intermission follow.
 
     Args:
         at_bit: in the data field or the CRC sequence: `frame.first` to `frame.last`.
-        sender_passive: its flag is recessive, so that only those of the receivers are seen.
+        sender_passive: the sender's flag is recessive, so only the receivers' flags are visible.
         hearers_active: whether the flag of at least one receiver is dominant.
     """
     assert frame.first <= at_bit <= frame.last, f"bit {at_bit} is not within data or CRC"
@@ -201,7 +204,9 @@ def destroyed_bits(
 
 
 def abandoned_bits(frame: WireFrame, at_bit: int, *, hearers_active: bool) -> int:
-    """The same for a frame whose sender is gone from `at_bit` on: the wire stays recessive."""
+    """Return the same for a frame whose sender is lost from `at_bit` on, so that the wire stays
+    recessive.
+    """
     receiver = Receiver(frame.payload_bytes)
     for bit in frame.bits[:at_bit]:
         assert not receiver.sees_error(bit)
@@ -211,17 +216,18 @@ def abandoned_bits(frame: WireFrame, at_bit: int, *, hearers_active: bool) -> in
 
 
 def unacknowledged_bits(frame_bits: int) -> int:
-    """The same for a frame that nobody hears: the sender alone sends a flag, of either kind.
+    """Return the same for a frame without receivers: only the sender sends a flag, active or
+    passive.
 
     Args:
-        frame_bits: of the frame when it is heard, intermission included.
+        frame_bits: length of the frame with receivers, intermission included.
     """
-    # Instead of acknowledge delimiter and end of frame: flag and error delimiter.
+    # Flag and error delimiter replace the acknowledge delimiter and the end of frame.
     return frame_bits - 1 - END_BITS + FLAG_BITS + DELIMITER_BITS
 
 
 def error_frame(end_ns: int, errors: ErrorCounters, acknowledged: bool) -> CanFrame:
-    """An error frame as Linux shows it, with the counters of the sender."""
+    """Build an error frame in the layout of Linux, with the sender's counters."""
     can_id = (ERROR_PROTOCOL if acknowledged else ERROR_ACKNOWLEDGE) | ERROR_COUNTERS
     if errors.off:
         can_id |= ERROR_BUS_OFF
@@ -232,7 +238,7 @@ def error_frame(end_ns: int, errors: ErrorCounters, acknowledged: bool) -> CanFr
 
 
 def _until_seen(receiver: Receiver, bit: int) -> int:
-    """So many equal bits until the receiver sees an error."""
+    """Return the number of equal bits until the receiver detects an error."""
     count = 1
     while not receiver.sees_error(bit):
         count += 1
@@ -240,7 +246,7 @@ def _until_seen(receiver: Receiver, bit: int) -> int:
 
 
 def _crc(bits: Bits) -> int:
-    """Of a frame's content; 0 when its own CRC is run in behind it."""
+    """CRC of a frame's content; 0 if the content includes its own CRC."""
     crc = 0
     for bit in bits:
         flip = crc >> (CRC_BITS - 1) ^ bit

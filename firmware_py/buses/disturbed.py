@@ -1,11 +1,12 @@
-"""A bus in virtual time on which frames are destroyed, nodes are off or cut, and one may babble.
+"""A bus in virtual time with destroyed frames, nodes that are off or cut, and a babbling node.
 
-`DisturbedWire` takes over from an `InprocBus` and carries its frames with the same instants and the
-same order as long as nothing is wrong. A frame that is destroyed costs its bits up to the error and
-an error frame, is counted by all nodes as ISO 11898-1 says, and is arbitrated for anew.
+`DisturbedWire` takes over from an `InprocBus`. Without disturbance it carries the frames at the
+same instants and in the same order. A destroyed frame costs its bits up to the error and an error
+frame; all nodes count it as ISO 11898-1 defines, and its sender arbitrates again.
 
-A node that goes bus off or is cut off drops what waits in its mailboxes and whatever it is given
-until it is back: nothing old is said then. Cut off, it tries in vain and so becomes passive.
+A node that is bus off or cut off drops the frames in its mailboxes and all new ones until it is
+back, so that it sends nothing old then. A cut-off node transmits in vain and so becomes error
+passive.
 """
 
 from collections import Counter
@@ -25,19 +26,19 @@ NS_PER_S: Final = 1_000_000_000
 
 
 class Disturber(Protocol):
-    """Says which frames are destroyed."""
+    """Decides which frames are destroyed."""
 
     def struck_bit(self, start_ns: int, can_id: int, data: bytes, sender: str) -> int | None:
-        """Of a frame that is about to start, the bit that is inverted for all; None for a good one.
+        """Return the bit of a starting frame that is inverted for all nodes; None for a good frame.
 
-        Counted from the first bit of the data field, stuff bits included; what lies behind the CRC
-        sequence counts as its last bit.
+        The bit counts from the first bit of the data field, stuff bits included. A bit behind the
+        CRC sequence counts as its last bit.
         """
         ...
 
 
 class DisturbedWire:
-    """Carries the frames of a bus from now on; all instants as with the bus itself."""
+    """Carries the frames of a bus from now on, with the same timing as the bus itself."""
 
     def __init__(
         self,
@@ -46,17 +47,18 @@ class DisturbedWire:
         on_error: Callable[[CanFrame, str], None] | None = None,
         acting: Mapping[int, str] | None = None,
     ) -> None:
-        """Args:
-        on_error: is told every error frame, at its end, in the layout of Linux, with the name of
-            the sender of the frame that was destroyed.
-        acting: by identifier, the node that acts on a frame, where a port with a filter takes it
-            in for another node; such a frame is heard as long as that node is there.
+        """Args: on_error: called at the end of every error frame, with the frame in the layout of
+        Linux and
+         the name of the destroyed frame's sender.
+        acting: by identifier, the node that acts on a frame, if a port with a filter receives it
+        for
+         another node. Such a frame is received while that node is present.
         """
         self.disturber = disturber
         self.error_frames: Counter[str] = Counter()
-        """By the sender of the frame that was destroyed."""
+        """Error frames by the sender of the destroyed frame."""
         self.events: list[WireEvent] = []
-        """The first EVENTS_MAX."""
+        """Changes of error state; only the first EVENTS_MAX are stored."""
         self.events_left_out = 0
         self._bus, self._on_error, self._acting = bus, on_error, acting or {}
         self._nodes: dict[str, BusNode] = {}
@@ -65,7 +67,7 @@ class DisturbedWire:
         self._mending: list[BusNode] = []
         self._restarting: list[BusNode] = []
         self._present: tuple[BusNode, ...] = ()
-        """All nodes that are neither off nor cut off."""
+        """All nodes that are neither bus off nor cut off."""
         self._ports_seen = 0
         self._blemished = False
         """Whether any receive error counter may be above zero."""
@@ -87,7 +89,7 @@ class DisturbedWire:
             bus._on_wire = None
         bus._carrier = self
 
-    # What the bus asks for.
+    # Methods that the bus calls.
 
     @property
     def on_wire(self) -> int:
@@ -131,22 +133,24 @@ class DisturbedWire:
         self._ports_seen = 0
         return node.drop_all()
 
-    # What a fault layer asks for.
+    # Methods that a fault layer calls.
 
     def errors_of(self, node: str, now_ns: int) -> ErrorCounters:
-        """A copy of its counters."""
+        """Return a copy of the node's error counters."""
         self._bus.advance(now_ns)
         found = self._named(node)
         self._look_for_recovery(found, now_ns)
         return ErrorCounters(found.errors.tec, found.errors.rec, found.errors.off)
 
     def nodes_off(self) -> tuple[str, ...]:
-        """Names of those that are bus off and do not restart, in the order of their connection."""
+        """Names of the nodes that are bus off and not restarting, in the order of their
+        connection.
+        """
         off = (each for each in self._nodes_all() if each.errors.off and not each.restarting)
         return tuple(each.port.name for each in off)
 
     def cut(self, node: str, now_ns: int) -> None:
-        """The wire to a node breaks; what it is saying is not heard to its end."""
+        """Cut the wire to a node; a frame that it is sending is lost."""
         self._bus.advance(now_ns)
         cut = self._named(node)
         if cut in self._mending:
@@ -162,7 +166,7 @@ class DisturbedWire:
             self._abandon(passing, now_ns)
 
     def mend(self, node: str, now_ns: int) -> None:
-        """The wire is whole again; a frame that is on it is not heard any more."""
+        """Reconnect a node; it does not receive the frame that is on the wire."""
         self._bus.advance(now_ns)
         mended = self._named(node)
         if mended.cut_ns < 0 or mended in self._mending:
@@ -177,7 +181,7 @@ class DisturbedWire:
             self._mending.append(mended)
 
     def restart(self, node: str, now_ns: int) -> None:
-        """A node that is bus off begins to wait for 128 times eleven recessive bits."""
+        """Let a bus-off node start waiting for 128 times eleven recessive bits."""
         self._bus.advance(now_ns)
         off = self._named(node)
         if not off.errors.off or off.restarting:
@@ -188,19 +192,20 @@ class DisturbedWire:
     def babble(
         self, port: InprocPort, can_id: int, data: bytes, load_ratio: float, now_ns: int
     ) -> None:
-        """The node says this frame over and over, so that alone it fills that share of the bus."""
+        """Let the node send this frame repeatedly; alone on the bus it fills this share of it."""
         self._bus.advance(now_ns)
         node = self._node(port)
         bits = frame_bits(can_id, data)
         node.babble_gap_ns = round(self._ns(bits) * (1.0 / load_ratio - 1.0))
         if self._passing is not None and self._passing.node is node:
-            # Still on its last word from before; it goes on behind that.
+            # The node is still sending its last frame from before; it continues babbling after
+            # that.
             self._passing.last_try = False
             return
         self.offer(now_ns, (can_id, port.name, 0, bits, data, port))
 
     def hush(self, port: InprocPort, now_ns: int) -> None:
-        """It says no more, but for a frame that is on the wire."""
+        """Stop the babbling; a frame on the wire is still finished."""
         self._bus.advance(now_ns)
         node = self._node(port)
         node.babble_gap_ns = -1
@@ -208,7 +213,7 @@ class DisturbedWire:
         if self._passing is not None and self._passing.node is node:
             self._passing.last_try = True
 
-    # One frame.
+    # Transmission of one frame.
 
     def _next_start_ns(self) -> int | None:
         ready = [node.ready_ns for node in self._nodes.values() if node.offers and node.there]
@@ -267,7 +272,8 @@ class DisturbedWire:
                 self._heal(node, passing.end_ns)
             if node.babble_gap_ns >= 0:
                 self.offer(passing.end_ns, passing.offer)
-        # A passive node lets others go first, whether its own frame came through or not.
+        # An error-passive node lets others start first after its own frame, whether that succeeded
+        # or not.
         wait_ns = 0
         if node.state is ErrorState.PASSIVE:
             wait_ns = self._ns(confinement.SUSPEND_BITS)
@@ -280,7 +286,7 @@ class DisturbedWire:
         self._mending.clear()
 
     def _heal(self, sender: BusNode, end_ns: int) -> None:
-        """A good frame for all that hear it."""
+        """Count a good frame for all nodes that received it."""
         self._blemished = False
         for each in self._nodes_present():
             if each.errors.rec:
@@ -317,22 +323,22 @@ class DisturbedWire:
         self._enter_state(node, end_ns)
 
     def _abandon(self, passing: Passing, now_ns: int) -> None:
-        """The sender is cut off in the middle of its frame."""
+        """Handle a sender that is cut off in the middle of its frame."""
         can_id, _, _, _, data, _ = passing.offer
         frame = wire_frame(can_id, data)
         at_bit = (now_ns - passing.start_ns) * self._bus.bit_rate // NS_PER_S
         if at_bit > frame.last:
-            # The receivers have all they need.
+            # The receivers already have the complete content.
             return
         active = self._any_active(passing.node)
         passing.bits = confinement.abandoned_bits(frame, at_bit, hearers_active=active)
         passing.destroyed = passing.gone = True
         self._occupy(passing)
 
-    # Nodes that are not there.
+    # Absent nodes.
 
     def _admit(self, node: BusNode) -> None:
-        """Let it hear if it is there, and others what they hear in its stead."""
+        """Update what this node receives, and what other ports receive in its place."""
         node.port._deaf = not node.there
         self._ports_seen = 0
         there = {each.port.name: each.there for each in self._nodes_all()}
@@ -355,7 +361,7 @@ class DisturbedWire:
             self._admit(node)
             self._enter_state(node, back_ns)
 
-    # Small things.
+    # Small helpers.
 
     def _nodes_present(self) -> tuple[BusNode, ...]:
         ports = self._bus._ports
@@ -365,7 +371,7 @@ class DisturbedWire:
         return self._present
 
     def _any_active(self, sender: BusNode) -> bool:
-        """Whether any of the others sends dominant error flags."""
+        """Return whether any other node sends dominant error flags."""
         others = (each for each in self._nodes_present() if each is not sender)
         return any(each.state is ErrorState.ACTIVE for each in others)
 

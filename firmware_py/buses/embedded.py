@@ -1,4 +1,4 @@
-"""The embedded bus, client side: a CAN port on a hub process, without any kernel CAN."""
+"""Client side of the embedded bus: a CAN port on a hub process, without kernel CAN."""
 
 import socket
 from collections.abc import Collection, Sequence
@@ -39,16 +39,18 @@ __all__ = [
 OUTBOX_BYTES: Final = 4096 * RECORD_BYTES
 READ_BYTES: Final = 64 * 1024
 READS_PER_DRAIN: Final = 4
-"""Bounds one drain; what is left waits for the next."""
+"""Maximum number of reads in one drain; the rest waits for the next."""
 
 
 class EmbeddedPort:
-    """A node on a hub; a `CanPort`. Own frames do not come back."""
+    """A node on a hub; a `CanPort`. It does not receive its own frames."""
 
     def __init__(
         self, connection: socket.socket, accept_ids: Collection[int] | None, greeting_rest: bytes
     ) -> None:
-        """Takes over a connection that the hub has welcomed, with what it sent after that."""
+        """Take over a connection that the hub has accepted, with the data that followed the
+        greeting.
+        """
         connection.setblocking(False)
         self._socket = connection
         self._reader = RecordReader(accept_ids)
@@ -57,14 +59,15 @@ class EmbeddedPort:
         self._lost_link = 0
         self.counters = LinkCounters()
         self.alive = True
-        """Whether the hub still answers. Once False it stays so, and nothing is sent or heard."""
+        """Whether the hub is connected. Once False it stays False, and the port sends and receives
+        nothing."""
 
     def fileno(self) -> int:
-        """For whoever waits for frames with a selector; -1 once closed."""
+        """Descriptor for a selector that waits for frames; -1 once closed."""
         return self._socket.fileno()
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
-        """Hand one frame to the hub.
+        """Pass one frame to the hub.
 
         Raises:
             ValueError: for an identifier or data that no classic 11-bit frame can carry.
@@ -78,10 +81,10 @@ class EmbeddedPort:
         self._flush()
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
-        """All frames of other nodes that reached this process and were not handed over yet.
+        """Return all frames of other nodes that arrived since the last call.
 
-        Stamps are the hub's. A frame that came in after the caller had looked at the clock is
-        handed over all the same, as young as can be: stamped `now_ns`.
+        Stamps are the hub's. A frame that arrived after the caller read the clock is stamped
+        `now_ns`.
         """
         if self._outbox:
             self._flush()
@@ -135,7 +138,10 @@ class EmbeddedPort:
         self._drop_outbox()
 
     def _drop_outbox(self) -> None:
-        """Frames that never left were not sent after all. One cut in the middle did not arrive."""
+        """Count frames that never left as dropped.
+
+        A frame that was sent only in part did not arrive.
+        """
         unsent = -(-len(self._outbox) // RECORD_BYTES)
         self.counters.sent -= unsent
         self.counters.dropped_out += unsent
@@ -145,10 +151,10 @@ class EmbeddedPort:
 def open_embedded(
     name: str, *, node: str, accept_ids: Collection[int] | None = None
 ) -> EmbeddedPort:
-    """Join the hub of that name.
+    """Connect to the hub of that name.
 
     Raises:
-        BusError: if no hub answers, or it refuses.
+        BusError: if no hub answers, or the hub refuses.
     """
     spoken = node.encode()
     if not 0 < len(spoken) <= MAX_NAME_BYTES:
@@ -160,7 +166,9 @@ def open_embedded(
         while len(greeting) < RECORD_BYTES:
             data = connection.recv(READ_BYTES)
             if not data:
-                raise BusError(f"embedded:{name}: the hub hung up on the greeting")
+                raise BusError(
+                    f"embedded:{name}: the hub closed the connection during the greeting"
+                )
             greeting += data
         check_answer(name, greeting, Control.WELCOME)
     except OSError as error:

@@ -1,5 +1,5 @@
-"""What is said when a bus cannot be used."""
+"""Error of a bus that cannot be used."""
 
 
 class BusError(Exception):
-    """A bus that cannot be opened or started; the text names it and says what to do."""
+    """A bus cannot be opened or started; the text names it and says what to do."""

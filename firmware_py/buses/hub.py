@@ -21,11 +21,12 @@ LOCK_TRIES = 10
 LOCK_PAUSE_NS = 30_000_000
 BACKLOG = 64
 PRIORITY = 75
-"""Under a controller's and over a plant's: a wire is not slower than who talks over it."""
+"""Real-time priority, below a controller's and above a plant's: a bus must not be slower than its
+nodes."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Serve until SIGTERM, SIGINT or, with a parent, until standard input ends."""
+    """Serve until SIGTERM, SIGINT or, with a parent, the end of standard input."""
     parser = argparse.ArgumentParser(prog="hub", description="Hub of an embedded CAN bus.")
     parser.add_argument("name", help="name of the bus, for example vcan0")
     parser.add_argument(
@@ -42,13 +43,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def serve(name: str, *, with_parent: bool) -> None:
-    """Listen, say so, and work until asked to end. The caller holds the lock."""
+    """Listen, print READY, and serve until asked to end. The caller holds the lock."""
     path = rendezvous.hub_socket(name)
     hub = Hub(name, _listen(path), WallClock(), bound=with_parent)
     hub.end_on(_signals())
     if with_parent:
         hub.end_on(sys.stdin.fileno())
-    # Where it is not granted the hub serves all the same.
+    # The hub also works without real-time priority.
     enter_realtime(PRIORITY)
     print(READY, flush=True)
     try:
@@ -58,13 +59,13 @@ def serve(name: str, *, with_parent: bool) -> None:
 
 
 def take_lock(name: str) -> TextIO:
-    """The lock that makes this process the hub of that name, until the file is closed.
+    """Return the lock that makes this process the hub of that name until the file is closed.
 
-    Somebody who only looks whether there is a hub holds the lock for a moment, so it is tried for
-    longer than that.
+    A process that only checks for a hub holds the lock for a moment, so this retries for longer
+    than that.
 
     Raises:
-        BusError: if another hub has it.
+        BusError: if another hub has the lock.
     """
     path = rendezvous.hub_lock(name)
     clock = WallClock()
@@ -85,7 +86,10 @@ def take_lock(name: str) -> TextIO:
 
 
 def _listen(path: Path) -> socket.socket:
-    """Whoever holds the lock may replace a socket that a killed hub has left behind."""
+    """Bind the socket.
+
+    The holder of the lock may replace a socket that a killed hub left behind.
+    """
     path.unlink(missing_ok=True)
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(str(path))
@@ -94,7 +98,7 @@ def _listen(path: Path) -> socket.socket:
 
 
 def _signals() -> int:
-    """A descriptor that becomes readable when somebody asks the process to end."""
+    """Return a descriptor that becomes readable when a signal asks the process to end."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer)

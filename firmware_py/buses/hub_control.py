@@ -1,4 +1,4 @@
-"""Start, ask and stop the hub process of an embedded bus, and connect to it."""
+"""Starts, queries and stops the hub process of an embedded bus, and connects to it."""
 
 import contextlib
 import errno
@@ -27,14 +27,14 @@ from firmware_py.buses.records import (
 from firmware_py.clock.clock import WallClock
 
 ANSWER_S: Final = 2.0
-"""A hub that has not answered by then is taken for dead."""
+"""Time after which a hub that has not answered counts as dead, s."""
 START_S: Final = 10.0
 STOP_S: Final = 3.0
 POLL_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
 BUFFER_BYTES: Final = 1 << 20
 READY: Final = "ready"
-"""The only line a hub writes to its standard output."""
+"""The only line that a hub writes to its standard output."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,25 +44,25 @@ class ClientStatus:
     node: str
     sent: int
     waiting: int
-    """Frames in the hub that the node has not fetched yet."""
+    """Frames in the hub that the node has not received yet."""
     dropped: int
-    """Frames the node has missed because too many were waiting."""
+    """Frames that the node missed because too many were waiting."""
 
 
 @dataclass(frozen=True, slots=True)
 class HubStatus:
-    """A hub's own account of itself."""
+    """Status that a hub reports of itself."""
 
     bus: str
     pid: int
     bound: bool
-    """Ends with the process that started it."""
+    """The hub ends with the process that started it."""
     uptime_s: float
     frames: int
     dropped: int
-    """Frames missed by any client, those that have left included."""
+    """Frames missed by any client, including clients that have left."""
     malformed: int
-    """Records from clients that were no frame."""
+    """Records from clients that were not frames."""
     clients: tuple[ClientStatus, ...]
 
 
@@ -83,7 +83,9 @@ class HubHandle:
         return self._process.poll() is None
 
     def stop(self) -> None:
-        """End it, the hard way if it does not listen; nothing happens if it has ended already."""
+        """End the hub, by SIGKILL if it does not react to SIGTERM; no effect if it has ended
+        already.
+        """
         if self._process.stdin is not None:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()
@@ -98,11 +100,11 @@ def start_hub(name: str, bound: bool) -> HubHandle:
     """Start a hub process and wait until it answers.
 
     Args:
-        name: of the bus; there is one hub of a name per user and machine.
-        bound: end it as soon as this process ends, however that happens.
+        name: name of the bus; there is one hub of a name per user and machine.
+        bound: end the hub as soon as this process ends, for whatever reason.
 
     Raises:
-        BusError: if a hub of that name runs already or the new one does not come up.
+        BusError: if a hub of that name runs already or the new one does not start.
     """
     log_path = rendezvous.bench_dir(name) / "hub.log"
     command = [sys.executable, "-m", "firmware_py.buses.hub", name]
@@ -113,7 +115,7 @@ def start_hub(name: str, bound: bool) -> HubHandle:
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,
-            # An interrupt from the keyboard is for the starter, who ends the hub last of all.
+            # A keyboard interrupt goes to the starter only, which ends the hub last.
             start_new_session=True,
         )
     handle = HubHandle(name, process, bound=bound)
@@ -128,10 +130,10 @@ def start_hub(name: str, bound: bool) -> HubHandle:
 
 
 def hub_status(name: str) -> HubStatus | None:
-    """What the hub of that name says of itself, None if none runs.
+    """Return the status of the hub of that name; None if none runs.
 
     Raises:
-        BusError: if one runs but does not answer.
+        BusError: if a hub runs but does not answer.
     """
     try:
         connection = connect_hub(name)
@@ -148,10 +150,12 @@ def hub_status(name: str) -> HubStatus | None:
 
 
 def stop_hub(name: str) -> bool:
-    """End the hub of that name, whoever started it; whether there was one.
+    """End the hub of that name, whichever process started it.
+
+    Returns whether there was one.
 
     Raises:
-        BusError: if it cannot be ended.
+        BusError: if the hub cannot be ended.
     """
     clock = WallClock()
     lock_path = rendezvous.hub_lock(name)
@@ -164,7 +168,9 @@ def stop_hub(name: str) -> bool:
         except ProcessLookupError:
             continue
         except PermissionError as error:
-            raise BusError(f"embedded:{name}: hub {pid} is not yours to end") from error
+            raise BusError(
+                f"embedded:{name}: hub {pid} belongs to another user and cannot be ended"
+            ) from error
         until_ns = clock.now_ns() + int(STOP_S * NS_PER_S)
         while clock.now_ns() < until_ns:
             if _holder(lock_path) is None:
@@ -178,7 +184,7 @@ class NoHubError(BusError):
 
 
 def connect_hub(name: str) -> socket.socket:
-    """A connection on which no call waits for longer than `ANSWER_S`.
+    """Connect to a hub; no call on the connection waits longer than `ANSWER_S`.
 
     Raises:
         NoHubError: if no hub listens there.
@@ -204,10 +210,10 @@ def connect_hub(name: str) -> socket.socket:
 
 
 def check_answer(name: str, answer: bytes, expected: Control) -> Announcement:
-    """The hub's first record, if it is the expected one.
+    """Return the hub's first record if it is the expected one.
 
     Raises:
-        BusError: if it is another, with the reason that the hub gives.
+        BusError: if it is another record, with the hub's reason.
     """
     said = read_announcement(answer) if len(answer) >= RECORD_BYTES else None
     if said is not None and said.control is expected:
@@ -215,7 +221,7 @@ def check_answer(name: str, answer: bytes, expected: Control) -> Announcement:
     if said is not None and said.control is Control.REFUSED and said.detail in REFUSAL_WORDS:
         words = REFUSAL_WORDS[said.detail]
         raise BusError(f"embedded:{name}: refused: {words}")
-    raise BusError(f"embedded:{name}: what answers there is no hub of this program")
+    raise BusError(f"embedded:{name}: the program that answers is not a hub of this project")
 
 
 def _read_to_end(connection: socket.socket) -> bytes:
@@ -237,7 +243,7 @@ def _parse_status(name: str, answer: bytes) -> HubStatus:
 
 
 def _holder(lock_path: Path) -> int | None:
-    """Process id of the living hub that holds the lock, None if nobody does."""
+    """Process id of the running hub that holds the lock; None if no process holds it."""
     try:
         with lock_path.open("r", encoding="ascii") as lock:
             try:
@@ -253,5 +259,5 @@ def _holder(lock_path: Path) -> int | None:
 def _last_words(log_path: Path) -> str:
     lines = log_path.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     if not lines:
-        return "the hub did not come up"
+        return "the hub did not start"
     return lines[-1].removeprefix("hub: ")

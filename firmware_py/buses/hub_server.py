@@ -1,8 +1,10 @@
-"""The hub of the embedded bus: one process that joins all clients into one total order of frames.
+"""The hub of the embedded bus: one process that merges the frames of all clients into one total
+order.
 
-It takes what clients send in whole records, stamps it, and passes it on to every other client.
-Nobody can hold it up: what a client does not fetch waits in a queue of its own. When that is full,
-frames are dropped for that client alone, counted, and the client is told where they are missing.
+It receives whole records from clients, stamps them, and passes them to every other client. No
+client can block it: frames that a client does not read wait in that client's queue. When the queue
+is full, the hub drops and counts frames for that client alone, and reports to it where they are
+missing.
 """
 
 import contextlib
@@ -29,7 +31,7 @@ from firmware_py.buses.records import (
 from firmware_py.clock.clock import Clock
 
 QUEUE_RECORDS: Final = 100_000
-"""What waits for one client; at 2,000 frames/s it may be away for 50 s."""
+"""Capacity of a client's queue; at 2,000 frames/s a client may pause for 50 s."""
 MAX_CLIENTS: Final = 64
 READ_BYTES: Final = 256 * 1024
 NS_PER_S: Final = 1_000_000_000
@@ -37,16 +39,16 @@ NS_PER_S: Final = 1_000_000_000
 
 @dataclass(eq=False, slots=True)
 class _Client:
-    """One connection and what waits on its two sides."""
+    """One connection with its input and output buffers."""
 
     socket: socket.socket
     name: str = ""
-    """Empty until the client has said who it is."""
+    """Name of the node; empty until the client has introduced itself."""
     heard: bytearray = field(default_factory=bytearray)
-    """Bytes of a record not complete yet."""
+    """Bytes of an incomplete record."""
     queue: bytearray = field(default_factory=bytearray)
     waits_for_room: bool = False
-    """The selector will tell when the socket takes more."""
+    """The selector reports when the socket accepts more data."""
     sent: int = 0
     queued: int = 0
     dropped: int = 0
@@ -55,7 +57,7 @@ class _Client:
 
 
 class Hub:
-    """Serves one listening socket until told to stop."""
+    """Serves one listening socket until asked to stop."""
 
     def __init__(
         self,
@@ -82,7 +84,7 @@ class Hub:
         self._selector.register(listener, selectors.EVENT_READ)
 
     def end_on(self, descriptor: int) -> None:
-        """Stop as soon as `descriptor` has something to read or its other end is closed."""
+        """Stop as soon as `descriptor` becomes readable or its other end is closed."""
         self._selector.register(descriptor, selectors.EVENT_READ, data="end")
 
     def serve(self) -> None:
@@ -92,7 +94,7 @@ class Hub:
         self.close()
 
     def serve_once(self, timeout_s: float | None) -> None:
-        """One round: wait for something to do, then do all of it."""
+        """Wait for one or more events and process all of them."""
         for key, events in self._selector.select(timeout_s):
             if key.data == "end":
                 self._running = False
@@ -108,7 +110,7 @@ class Hub:
         self._listener.close()
 
     def status(self) -> dict[str, object]:
-        """What `vcan status` shows; only the hub's own plain values."""
+        """Status for `vcan status`, as plain values."""
         now_ns = self._clock.now_ns()
         named = [client for client in self._clients if client.name]
         return {
@@ -134,7 +136,7 @@ class Hub:
         try:
             connection, _ = self._listener.accept()
         except OSError:
-            return  # The client gave up before its turn came.
+            return  # The client gave up before it was accepted.
         connection.setblocking(False)
         client = _Client(connection)
         if len(self._clients) >= MAX_CLIENTS:
@@ -146,7 +148,7 @@ class Hub:
 
     def _attend(self, client: _Client, events: int) -> None:
         if client.socket.fileno() < 0:
-            return  # Parted from earlier in this round.
+            return  # The client was disconnected earlier in this round.
         if events & selectors.EVENT_WRITE:
             self._flush(client)
         if events & selectors.EVENT_READ and client.socket.fileno() >= 0:
@@ -174,7 +176,7 @@ class Hub:
             del heard[:whole]
 
     def _take(self, sender: _Client, records: bytearray) -> None:
-        """Put whole records of one client into the order of the bus and pass them on."""
+        """Stamp whole records of one client and pass them on."""
         offered = len(records) // RECORD_BYTES
         stamped = stamp_frames(records, self._clock.now_ns())
         frames = len(stamped) // RECORD_BYTES
@@ -197,7 +199,7 @@ class Hub:
             self._flush(client)
 
     def _flush(self, client: _Client) -> None:
-        """Give the socket what it takes now; the selector brings us back for the rest."""
+        """Send what the socket accepts now; the selector reports when it accepts the rest."""
         queue = client.queue
         try:
             while queue:
@@ -205,7 +207,7 @@ class Hub:
                     taken = client.socket.send(view)
                 del queue[:taken]
                 if client.dropped != client.told_dropped:
-                    # The missing frames belong behind the last one that found room.
+                    # Report the missing frames behind the last one that found room.
                     queue += pack_lost(client.dropped)
                     client.told_dropped = client.dropped
         except BlockingIOError:
@@ -221,7 +223,9 @@ class Hub:
             self._selector.modify(client.socket, wanted, data=client)
 
     def _greet(self, client: _Client) -> bool:
-        """Work through a first word that may still be incomplete; True once the client is in."""
+        """Process a greeting that may still be incomplete; returns True once the client is
+        connected.
+        """
         heard = client.heard
         if len(heard) < RECORD_BYTES:
             return False

@@ -1,14 +1,14 @@
 """A CAN bus in virtual time: arbitration by identifier, real frame durations, one total order.
 
-Time is told by the callers and must not run backwards. The bus works lazily: telling it `now_ns`
-starts every frame whose start lies strictly before that instant, because at the instant itself
-other nodes may still offer one. Whichever caller tells the time first, the outcome is the same.
+Callers supply the time, which must not run backwards. The bus works lazily: a call with `now_ns`
+starts every frame whose start lies strictly before that instant, because other nodes may still
+offer one at the instant itself. The result does not depend on which caller comes first.
 
-A node stands for a controller whose mailboxes are sorted by identifier: of all it has been given,
-the lowest identifier goes first, and frames of one identifier go in the order given, none replacing
-another. At each start the lowest identifier of all nodes wins. Two nodes that offer the same
-identifier, an error on a real bus, go by the node's name. So frames are totally ordered by start,
-identifier, node, number within the node; the order in which ports were made plays no part.
+A node models a CAN controller with mailboxes sorted by identifier. It sends its lowest identifier
+first and frames of one identifier in order; no frame replaces another. At each start the lowest
+identifier of all nodes wins. If two nodes offer the same identifier, which is an error on a real
+bus, the node's name decides. So frames are totally ordered by start, identifier, node, and number
+within the node; the order in which ports were created has no effect.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -20,35 +20,37 @@ from firmware_py.buses.timing import INTERMISSION_BITS, LONGEST_FRAME_BITS, fram
 from firmware_py.ports import CanFrame, LinkCounters
 
 MAILBOX_FRAMES: Final = 256
-"""With so many waiting a node offers faster than the bus carries; further ones are dropped."""
+"""Capacity of a node's mailboxes. A node that fills them offers frames faster than the bus carries
+them; further ones are dropped."""
 INBOX_FRAMES: Final = 65_536
 
 Record = Callable[[CanFrame, str], None]
 
 Offer = tuple[int, str, int, int, bytes, "InprocPort"]
-"""Identifier, node, number within the node: these order it. Then length in bits, data, sender."""
+"""Identifier, node and number within the node define the order; then length in bits, data,
+sender."""
 
 _make_frame = tuple.__new__
-"""Makes a CanFrame in a third of the time of its own constructor."""
+"""Creates a CanFrame in a third of the time of its own constructor."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusStatistics:
-    """What a bus did since it was made."""
+    """Totals of a bus since its creation."""
 
     frames: int
     busy_ns: int
-    """Durations of the frames that have ended, each with its intermission."""
+    """Total duration of completed frames, each with its intermission."""
     waiting: int
-    """Frames offered and not yet ended."""
+    """Frames offered and not yet completed."""
 
     def load_ratio(self, duration_ns: int) -> float:
-        """Share of the `duration_ns` since the bus was made that was occupied."""
+        """Share of the `duration_ns` since the bus was created that was occupied."""
         return self.busy_ns / duration_ns if duration_ns > 0 else 0.0
 
 
 class FrameCarrier(Protocol):
-    """Carries a bus's frames in its stead, for what the bus itself knows nothing of: errors."""
+    """Replaces a bus's transmission to model errors, which the bus itself does not know."""
 
     @property
     def on_wire(self) -> int:
@@ -56,15 +58,15 @@ class FrameCarrier(Protocol):
         ...
 
     def advance(self, now_ns: int) -> None:
-        """What `InprocBus.advance` does."""
+        """Do the same as `InprocBus.advance`."""
         ...
 
     def offer(self, now_ns: int, offer: Offer) -> bool:
-        """Take one frame into a mailbox; False if it is dropped."""
+        """Put one frame into a mailbox; returns False if it is dropped."""
         ...
 
     def forget(self, leaving: "InprocPort") -> int:
-        """Drop what waits in the mailboxes of a node that leaves; says how many frames."""
+        """Drop the frames in the mailboxes of a leaving node and return their number."""
         ...
 
 
@@ -97,7 +99,7 @@ class InprocBus:
         self._ports: dict[str, InprocPort] = {}
         self._offers: list[Offer] = []
         self._start_ns = 0
-        """Earliest start of the next frame; if offers wait, its start."""
+        """Earliest start of the next frame; the exact start if frames are waiting."""
         self._told_ns = 0
         self._on_wire: tuple[CanFrame, InprocPort, int] | None = None
         self._frames = 0
@@ -106,7 +108,7 @@ class InprocBus:
         self._duration_ns = [1_000_000_000 * count // bit_rate for count in bits]
 
     def port(self, node_name: str, accept_ids: Collection[int] | None = None) -> "InprocPort":
-        """Connect a node; `accept_ids` are the identifiers it hears, None meaning all.
+        """Connect a node; `accept_ids` are the identifiers it receives, None means all.
 
         Raises:
             ValueError: if a node of that name is connected already.
@@ -127,8 +129,10 @@ class InprocBus:
         return BusStatistics(self._frames, busy_ns, waiting + on_wire)
 
     def advance(self, now_ns: int) -> None:
-        """Start what starts before `now_ns`, and hand to its hearers what has ended by then."""
-        assert now_ns >= self._told_ns, "time was told backwards"
+        """Start all frames that start before `now_ns`, and deliver those that have ended by
+        then.
+        """
+        assert now_ns >= self._told_ns, "time ran backwards"
         self._told_ns = now_ns
         if self._carrier is not None:
             self._carrier.advance(now_ns)
@@ -153,7 +157,7 @@ class InprocBus:
             self._end(frame, sender, bits)
 
     def _end(self, frame: CanFrame, sender: "InprocPort", bits: int) -> None:
-        """The one place that every frame passes on its way from the wire to its hearers."""
+        """Deliver a completed frame; every frame passes here."""
         self._frames += 1
         self._bits += bits
         if self._record is not None:
@@ -175,9 +179,9 @@ class InprocBus:
             self._carry(now_ns, (can_id, sender.name, 0, bits, data, sender))
             return
         if offers and self._start_ns < now_ns:
-            # Frames that start before this one is offered do not have to win against it.
+            # Frames that start before this offer do not arbitrate against it.
             self.advance(now_ns)
-        assert now_ns >= self._told_ns, "time was told backwards"
+        assert now_ns >= self._told_ns, "time ran backwards"
         self._told_ns = now_ns
         if self._start_ns < now_ns:
             # The bus is idle.
@@ -204,7 +208,7 @@ class InprocBus:
         return hearers
 
     def _disconnect(self, leaving: "InprocPort") -> None:
-        """A node that leaves takes along what waits in its mailboxes; a started frame ends."""
+        """Drop the frames in a leaving node's mailboxes; a frame that has started is completed."""
         del self._ports[leaving.name]
         if self._carrier is not None:
             leaving.counters.dropped_out += self._carrier.forget(leaving)
@@ -244,12 +248,12 @@ class InprocPort:
         self._bus = bus
         self._accepted = accepted
         self._deaf = False
-        """Off the bus or cut from it; only a carrier knows of that."""
+        """The node is bus off or cut off; only a carrier sets this."""
         self._excepted: frozenset[int] = frozenset()
-        """Identifiers for which the contrary holds."""
+        """Identifiers for which the opposite of `_deaf` holds."""
         self._inbox: list[CanFrame] = []
         self._hearers: dict[int, tuple[InprocPort, ...]] = {}
-        """By identifier: who hears this node; filled when first asked for."""
+        """By identifier, the ports that receive this node's frames; filled on first use."""
         self._waiting = 0
         self._sequence = 0
 
@@ -270,7 +274,7 @@ class InprocPort:
             self.counters.dropped_out += 1
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
-        """All frames of other nodes that ended up to now and were not handed over yet."""
+        """Return all frames of other nodes that ended up to now and were not returned before."""
         if self.is_open:
             self._bus.advance(now_ns)
         inbox = self._inbox

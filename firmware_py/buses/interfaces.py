@@ -1,7 +1,7 @@
-"""What the kernel says of a network interface: whether it is CAN, up, and virtual.
+"""Properties of a network interface from the kernel: whether it is CAN, up, and virtual.
 
-Asked over netlink, because only there the kind of a virtual interface is told, and because it needs
-neither rights nor the program `ip`.
+The query uses netlink, because only netlink gives the kind of a virtual interface, and because it
+needs neither privileges nor the program `ip`.
 """
 
 import re
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 BUS_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,14}")
-"""What the kernel takes for an interface name, less what would surprise in a path."""
+"""Interface names that the kernel accepts, without those that are problematic in a path."""
 VIRTUAL_KINDS: Final = frozenset({"vcan", "vxcan"})
 
 _REQUEST: Final = struct.Struct("=IHHII")
@@ -25,7 +25,7 @@ _NAME: Final = 3
 _LINK_INFO: Final = 18
 _INFO_KIND: Final = 1
 _ATTRIBUTE_MASK: Final = 0x3FFF
-"""Without the flags for nested and for network byte order."""
+"""Removes the flags for nested attributes and for network byte order."""
 _CAN_HARDWARE: Final = 280
 _UP: Final = 1
 _ANSWER_S: Final = 2.0
@@ -39,11 +39,11 @@ class Interface:
     is_can: bool
     is_up: bool
     kind: str
-    """Such as vcan or can; empty where the kernel names none, as with most hardware drivers."""
+    """Kind such as vcan or can; empty if the kernel reports none, as for most hardware drivers."""
 
 
 def look_up(name: str) -> Interface | None:
-    """The interface of that name, None if there is none or the machine cannot be asked."""
+    """Return the interface of that name; None if it does not exist or the query fails."""
     if not hasattr(socket, "AF_NETLINK"):
         return None
     try:
@@ -56,14 +56,14 @@ def look_up(name: str) -> Interface | None:
 
 
 def link_request(name: str) -> bytes:
-    """Asks for one interface by name."""
+    """Build the request for one interface by name."""
     wanted = _pack_attribute(_NAME, name.encode() + b"\0")
     body = _LINK.pack(socket.AF_UNSPEC, 0, 0, 0, 0) + wanted
     return _REQUEST.pack(_REQUEST.size + len(body), _GET_LINK, _IS_REQUEST, 1, 0) + body
 
 
 def parse_link(answer: bytes) -> Interface | None:
-    """The interface in the kernel's answer, None if it says that there is none."""
+    """Parse the kernel's answer; None if the interface does not exist."""
     if len(answer) < _REQUEST.size + _LINK.size:
         return None
     size, kind, _, _, _ = _REQUEST.unpack_from(answer)

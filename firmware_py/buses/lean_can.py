@@ -1,7 +1,7 @@
-"""Keeps what only python-can's MF4 files need out of a process until somebody reads or writes one.
+"""Delays the import of python-can's MF4 support until a program uses it.
 
-python-can imports all of its log formats with itself; for MF4 that is asammdf and pandas where they
-are installed, and takes ten times as long as all the rest. A bus needs none of it.
+python-can imports all of its log formats at once. For MF4 these are asammdf and pandas, if
+installed, which take ten times as long as the rest. A bus needs none of them.
 """
 
 import importlib
@@ -14,7 +14,7 @@ CLASSES: Final = ("MF4Reader", "MF4Writer")
 
 
 class _Later(ModuleType):
-    """Stands in for the module with classes that make objects of the real ones."""
+    """Placeholder for the module, with classes that create objects of the real ones."""
 
     def __init__(self) -> None:
         super().__init__(MF4)
@@ -23,9 +23,9 @@ class _Later(ModuleType):
 
 
 def put_off_mf4() -> None:
-    """From now on the format is imported when the first reader or writer of it is made.
+    """Delay the import of the format until its first reader or writer is created.
 
-    To be called before python-can is imported; afterwards there is nothing left to put off.
+    Call it before python-can is imported; afterwards it has no effect.
     """
     if "can" not in sys.modules:
         sys.modules.setdefault(MF4, _Later())

@@ -1,7 +1,7 @@
-"""The embedded bus's records: bytes on the socket between the hub and its clients.
+"""Records of the embedded bus: bytes on the socket between the hub and its clients.
 
 Every record has 24 bytes, little-endian: the 16 bytes of SocketCAN's `struct can_frame` and the
-instant at which the hub took the frame.
+instant at which the hub received the frame.
 
     0   u32  identifier; bit 31: 29-bit identifier, bit 30: remote frame, bit 29: error frame
     4   u8   number of data bytes, 0 to 8
@@ -9,18 +9,18 @@ instant at which the hub took the frame.
     8   8    data, filled up with zeros
     16  i64  stamp_ns on the machine's monotonic clock; zero from client to hub
 
-An identifier with all three flag bits set cannot come from a bus. It marks a control record, whose
-low byte says what it is:
+An identifier with all three flag bits set cannot come from a bus. It marks a control record, and
+its low byte gives the kind:
 
     HELLO    client to hub: version (u16), bytes of node name (u16); the name follows, zero-filled
              to whole records
     WELCOME  hub to client: version (u16)
     REFUSED  hub to client: version (u16), reason (u16); the hub then closes
-    ASK      client to hub instead of HELLO: version (u16). What is the hub's status?
-    STATUS   hub to client: version (u16), bytes of text (u16), which follow as with HELLO: JSON.
-             The hub then closes
-    LOST     hub to client: how many frames this client has missed since it came (u64), because its
-             queue in the hub was full. Stands where they are missing
+    ASK      client to hub instead of HELLO: version (u16). Requests the hub's status
+    STATUS   hub to client: version (u16), bytes of text (u16); the text follows as with HELLO, in
+             JSON. The hub then closes
+    LOST     hub to client: number of frames that this client has missed since its connection
+             (u64), because its queue in the hub was full. It stands where frames are missing
 """
 
 import enum
@@ -55,11 +55,11 @@ _STAMP_AT: Final = 16
 _STAMP: Final = struct.Struct("<q")
 
 _make_frame = tuple.__new__
-"""Makes a CanFrame in a third of the time of its own constructor."""
+"""Creates a CanFrame in a third of the time of its own constructor."""
 
 
 class Control(enum.IntEnum):
-    """What a control record says."""
+    """Kind of a control record."""
 
     HELLO = 1
     WELCOME = 2
@@ -70,7 +70,7 @@ class Control(enum.IntEnum):
 
 
 class HubRefusal(enum.IntEnum):
-    """Why the hub sends a client away."""
+    """Why the hub refuses a client."""
 
     WRONG_VERSION = 1
     BAD_NAME = 2
@@ -79,7 +79,7 @@ class HubRefusal(enum.IntEnum):
 
 
 REFUSAL_WORDS: Final[dict[int, str]] = {
-    HubRefusal.WRONG_VERSION: "the hub speaks another version of the protocol",
+    HubRefusal.WRONG_VERSION: "the hub uses another version of the protocol",
     HubRefusal.BAD_NAME: "the node name is empty, too long or not UTF-8",
     HubRefusal.TOO_MANY_CLIENTS: "the hub has no room for another client",
     HubRefusal.NOT_A_HELLO: "the hub did not understand the greeting",
@@ -93,14 +93,14 @@ class Announcement:
     control: Control
     version: int
     detail: int
-    """Bytes of the text that follows, or a reason; by kind of record."""
+    """Number of bytes of the text that follows, or a reason, depending on the kind."""
 
 
 def pack_frame(can_id: int, data: bytes) -> bytes:
-    """Record of an 11-bit data frame on its way to the hub.
+    """Pack an 11-bit data frame as a record for the hub.
 
     Raises:
-        ValueError: for an identifier or data that no such frame can carry.
+        ValueError: for an identifier or data that such a frame cannot carry.
     """
     length = len(data)
     if length > MAX_DATA_BYTES or not 0 <= can_id <= MAX_STANDARD_ID:
@@ -113,7 +113,7 @@ def pack_announcement(control: Control, detail: int = 0, version: int = PROTOCOL
 
 
 def pack_text(control: Control, text: bytes) -> bytes:
-    """A control record and the text that follows it, in whole records."""
+    """Pack a control record and its text, in whole records."""
     return pack_announcement(control, len(text)) + text + bytes(-len(text) % RECORD_BYTES)
 
 
@@ -122,7 +122,7 @@ def pack_lost(frames: int) -> bytes:
 
 
 def read_announcement(record: bytes | bytearray) -> Announcement | None:
-    """What the first record of a conversation says, None if it is no control record."""
+    """Parse the first record of a connection; None if it is not a control record."""
     flags_and_kind, version, detail = _ANNOUNCE.unpack_from(record)
     kind = flags_and_kind & ID_MASK
     if flags_and_kind & _ALL_FLAGS != _ALL_FLAGS or kind not in Control.__members__.values():
@@ -131,15 +131,15 @@ def read_announcement(record: bytes | bytearray) -> Announcement | None:
 
 
 def whole_records_bytes(text_bytes: int) -> int:
-    """Space that so many bytes of text take on the socket."""
+    """Return the space that this many bytes of text take on the socket."""
     return text_bytes + -text_bytes % RECORD_BYTES
 
 
 def stamp_frames(records: bytearray, stamp_ns: int) -> bytearray:
-    """Stamp whole records from a client and leave out those that are no frame.
+    """Stamp whole records from a client and drop those that are not frames.
 
-    All are judged at once by columns: every 24th byte holds a length, every other 24th the flags.
-    Clients of this project send nothing but plain frames, so the slow way is for strangers.
+    All records are checked at once by columns: every 24th byte holds a length, another column the
+    flags. Clients of this project send only plain frames, so the slow check is for foreign clients.
     """
     if (
         any(records[_FLAGS_AT::RECORD_BYTES])
@@ -163,19 +163,19 @@ def _only_frames(records: bytearray) -> bytearray:
 
 
 class RecordReader:
-    """Cuts the stream from the hub into frames, whatever pieces it comes in."""
+    """Splits the stream from the hub into frames, in pieces of any size."""
 
     def __init__(self, accept_ids: Collection[int] | None) -> None:
-        """`accept_ids` are 11-bit identifiers of data frames; None lets everything through."""
+        """`accept_ids` are 11-bit identifiers of data frames; None accepts all frames."""
         self._accepted = None if accept_ids is None else frozenset(accept_ids)
         self._rest = b""
         self.lost = 0
-        """Frames that the hub had no room for, so far."""
+        """Number of frames for which the hub had no room."""
         self.errors = 0
-        """Error frames, and records that make no sense, so far."""
+        """Number of error frames and invalid records."""
 
     def feed(self, data: bytes, now_ns: int) -> list[CanFrame]:
-        """Frames completed by `data`, none stamped later than `now_ns`."""
+        """Return the frames completed by `data`, none stamped later than `now_ns`."""
         if self._rest:
             data = self._rest + data
         surplus = len(data) % RECORD_BYTES

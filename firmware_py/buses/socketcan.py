@@ -1,7 +1,7 @@
-"""The kernel's CAN behind a port: python-can opens the socket, this module reads and writes it.
+"""A port on the kernel's CAN: python-can opens the socket, this module reads and writes it.
 
-Reading frame by frame through python-can makes a message object of each and asks `select` before
-each; a port that drains a bus once a cycle reads the same socket directly.
+python-can creates a message object and calls `select` for every frame. A port that drains a bus
+once a cycle is faster when it reads the socket directly.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 RECEIVE_BUFFER_BYTES: Final = 4 << 20
 FRAMES_PER_DRAIN: Final = 4096
-"""Bounds one drain of a bus that is flooded; what is left waits for the next."""
+"""Maximum number of frames in one drain of a flooded bus; the rest waits for the next."""
 MAX_STANDARD_ID: Final = 0x7FF
 MAX_DATA_BYTES: Final = 8
 MOST_KERNEL_FILTERS: Final = 512
@@ -45,9 +45,11 @@ _make_frame = tuple.__new__
 
 
 class SocketcanPort:
-    """A node on a kernel CAN interface; a `CanPort`. Own frames do not come back.
+    """A node on a kernel CAN interface; a `CanPort`.
 
-    Error frames are counted and not handed over: a device must not take one for data.
+    It does not receive its own frames.
+
+    Error frames are counted but not delivered, because a device must not take one for data.
     """
 
     def __init__(
@@ -57,19 +59,19 @@ class SocketcanPort:
         self._socket = bus.socket
         self._socket.setblocking(False)
         self._clock = clock
-        # The kernel filters already, except where it was asked for more than it can.
+        # The kernel filters already, unless there are more identifiers than it can filter.
         self._accepted = None if accept_ids is None else frozenset(accept_ids)
         self._drained_ns = clock.now_ns()
         self.counters = LinkCounters()
         self.alive = True
-        """Whether the interface is there and up, as far as the last call could tell."""
+        """Whether the interface existed and was up at the last call."""
 
     def fileno(self) -> int:
-        """For whoever waits for frames with a selector; -1 once closed."""
+        """Descriptor for a selector that waits for frames; -1 once closed."""
         return self._socket.fileno()
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
-        """Hand one frame to the kernel.
+        """Pass one frame to the kernel.
 
         Raises:
             ValueError: for an identifier or data that no classic 11-bit frame can carry.
@@ -92,7 +94,7 @@ class SocketcanPort:
             self.alive = True
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
-        """All frames of other nodes that reached this process and were not handed over yet."""
+        """Return all frames of other nodes that arrived since the last call."""
         if self._socket.fileno() < 0:
             return ()
         offset_ns = self._clock.epoch_offset_ns
@@ -105,8 +107,8 @@ class SocketcanPort:
                 break
             payload, epoch_ns = heard
             flags_and_id, length, data = _FRAME.unpack(payload)
-            # The time of day may be set while the machine's clock runs on, so a stamp is believed
-            # only as far as it lies between the last drain and this one, and in order.
+            # The time of day may be set while the machine's clock continues. A stamp is therefore
+            # limited to the time between the last drain and this one, and stamps never decrease.
             floor_ns = min(max(epoch_ns - offset_ns, floor_ns), now_ns)
             if flags_and_id <= MAX_STANDARD_ID:
                 if accepted is None or flags_and_id in accepted:
@@ -126,13 +128,13 @@ class SocketcanPort:
             self._bus.shutdown()
 
     def _read(self) -> tuple[bytes, int] | None:
-        """One frame and its time of day in ns since 1970, None if there is no more."""
+        """Read one frame and its time of day in ns since 1970; None if there is no more."""
         try:
             payload, notes, _, _ = self._socket.recvmsg(_FRAME.size, _ANCILLARY_BYTES)
         except BlockingIOError:
             return None
         except OSError:
-            # The interface went down or away.
+            # The interface went down or was removed.
             self.counters.errors += self.alive
             self.alive = False
             return None
@@ -196,7 +198,7 @@ def _check_kernel(spec: str, interface: str) -> None:
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except PermissionError as error:
-        raise BusError(f"{spec}: no right to open a CAN socket: {error.strerror}") from error
+        raise BusError(f"{spec}: permission denied for a CAN socket: {error.strerror}") from error
     except OSError as error:
         raise BusError(f"{spec}: this kernel has no SocketCAN: {hint}") from error
 
@@ -209,13 +211,13 @@ def _configure(bus: "SocketcanBus", accept_ids: Collection[int] | None) -> None:
         with contextlib.suppress(OSError):
             can_socket.setsockopt(socket.SOL_SOCKET, option, RECEIVE_BUFFER_BYTES)
             break
-    # Makes the kernel say with each frame how many it had to drop so far.
+    # Make the kernel report with each frame how many it has dropped so far.
     can_socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
 
 
 def _filter(bus: "SocketcanBus", accept_ids: Collection[int]) -> None:
     if not accept_ids:
-        # python-can takes an empty list for "everything"; the kernel takes it for "nothing".
+        # python-can takes an empty list as "everything"; the kernel takes it as "nothing".
         bus.socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
         return
     mask = MAX_STANDARD_ID | _REMOTE

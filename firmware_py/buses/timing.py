@@ -1,45 +1,45 @@
-"""How long a classic CAN frame occupies the bus, in bits, stuff bits included.
+"""Duration of a classic CAN frame on the bus in bits, stuff bits included.
 
 From the start of frame to the end of the CRC the sender inserts a bit of opposite value after five
-equal ones. How many depends on every bit sent before, the CRC among them, so the exact length needs
-both. The frame is taken byte by byte: one table answers how many stuff bits a byte brings and in
-which state it leaves the stuffing, a second one carries the CRC on. Tables of longer words would
-need fewer steps, but they alone fill a processor's cache, and each step would wait for memory.
+equal ones. Their number depends on all bits before, including the CRC, so the exact length needs
+both. The frame is processed byte by byte: one table gives the number of stuff bits of a byte and
+the next stuffing state, a second one continues the CRC. Tables for longer words would need fewer
+steps, but they fill a processor's cache, so that each step would wait for memory.
 """
 
 from functools import lru_cache
 from typing import Final
 
 INTERMISSION_BITS: Final = 3
-"""Bus idle that belongs to every frame: no other frame may start in it."""
+"""Idle bits after every frame, in which no other frame may start."""
 TRAILER_BITS: Final = 10 + INTERMISSION_BITS
 """CRC delimiter, acknowledge slot and delimiter, end of frame (7), intermission: never stuffed."""
 MAX_STANDARD_ID: Final = 0x7FF
 MAX_EXTENDED_ID: Final = 0x1FFF_FFFF
 MAX_DATA_BYTES: Final = 8
 LONGEST_FRAME_BITS: Final = 160
-"""29-bit identifier, eight bytes, 29 stuff bits."""
+"""Longest frame: 29-bit identifier, eight bytes, 29 stuff bits."""
 
 _CRC_BITS: Final = 15
 _CRC_POLYNOMIAL: Final = 0x4599
 _CRC_MASK: Final = 0x7FFF
 _STUFF_LIMIT: Final = 5
-# A stuffing state is the value of the last bit and the length of its run, 1 to 4 (a run of five has
-# turned into a run of one by the stuff bit), packed into three bits: value * 4 + (run - 1).
+# A stuffing state is the value of the last bit and the length of its run, 1 to 4 (the stuff bit
+# turns a run of five into a run of one), packed into three bits: value * 4 + (run - 1).
 _STATES: Final = 8
 _STATE_MASK: Final = _STATES - 1
 _COUNT_SHIFT: Final = 3
-# Before the start of frame the bus is recessive and nothing is counted: the start of frame, always
+# Before the start of frame the bus is recessive and nothing is counted. The start of frame, always
 # dominant, is the first bit of the first run.
 _STATE_AFTER_START: Final = 0
 
 
 def frame_bits(can_id: int, data: bytes, extended: bool = False, remote: bool = False) -> int:
-    """Bits from start of frame to the end of the intermission.
+    """Return the bits from start of frame to the end of the intermission.
 
     Args:
         can_id: 11 bits, or 29 if `extended`.
-        data: at most eight bytes. Of a remote frame only their number is sent, not their value.
+        data: at most eight bytes. A remote frame carries only their number, not their values.
 
     Raises:
         ValueError: for an identifier or data that no classic frame can carry.
@@ -55,7 +55,7 @@ def frame_bits(can_id: int, data: bytes, extended: bool = False, remote: bool = 
 
 
 def _finish(bits: int, state: int, crc: int, data: bytes) -> int:
-    """Bits of a frame, given those up to the data field and both states there."""
+    """Return the bits of a frame from those up to the data field and the two states there."""
     for byte in data:
         step = _STUFF_8[(state & _STATE_MASK) << 8 | byte]
         bits += step >> _COUNT_SHIFT
@@ -80,11 +80,11 @@ def _remember_head(can_id: int, length: int) -> tuple[int, int, int]:
 
 @lru_cache(maxsize=4096)
 def _head(can_id: int, length: int, extended: bool, remote: bool) -> tuple[int, int, int]:
-    """What is known before the data field.
+    """Compute the part before the data field.
 
     Returns:
-        The frame's length without the stuff bits that data and CRC will bring; the stuffing state;
-        the CRC so far.
+        The frame's length without the stuff bits of data and CRC; the stuffing state; the CRC so
+            far.
     """
     header = _header_bits(can_id, length, extended, remote)
     state, stuffed, crc = _STATE_AFTER_START, 0, 0
@@ -99,7 +99,7 @@ def _head(can_id: int, length: int, extended: bool, remote: bool) -> tuple[int, 
 
 
 def _header_bits(can_id: int, length: int, extended: bool, remote: bool) -> list[int]:
-    """Arbitration and control field, first bit first, without the start of frame."""
+    """Return arbitration and control field, first bit first, without the start of frame."""
     if not 0 <= length <= MAX_DATA_BYTES:
         raise ValueError(
             f"frame {can_id:#x}: {length} bytes where a classic frame carries at most 8"
@@ -121,7 +121,7 @@ def _bits_of(value: int, width: int) -> list[int]:
 
 
 def _stuff_step(state: int, bit: int) -> tuple[int, int]:
-    """State after one bit, and whether a stuff bit follows it."""
+    """Return the state after one bit, and whether a stuff bit follows it."""
     value, run = state >> 2, (state & 3) + 1
     run = run + 1 if bit == value else 1
     if run == _STUFF_LIMIT:
@@ -135,7 +135,7 @@ def _crc_step(crc: int, bit: int) -> int:
 
 
 def _stuff_table(width: int) -> bytes:
-    """Entry `state << width | word`: stuff bits << 3 | state afterwards."""
+    """Return the table; entry `state << width | word` is: stuff bits << 3 | next state."""
     table = bytearray()
     for start in range(_STATES):
         for word in range(1 << width):
@@ -148,7 +148,7 @@ def _stuff_table(width: int) -> bytes:
 
 
 def _crc_table() -> list[int]:
-    """CRC of one byte, started from zero."""
+    """Return the table of the CRC of one byte, starting from zero."""
     table = []
     for byte in range(256):
         crc = 0
@@ -159,7 +159,7 @@ def _crc_table() -> list[int]:
 
 
 _HEADS: Final[dict[int, tuple[int, int, int]]] = {}
-"""Of 11-bit data frames; at most 2048 identifiers times nine lengths."""
+"""Cache for 11-bit data frames; at most 2048 identifiers times nine lengths."""
 _STUFF_7: Final = _stuff_table(7)
 _STUFF_8: Final = _stuff_table(8)
 _CRC_8_HIGH: Final = bytes(crc >> 8 for crc in _crc_table())

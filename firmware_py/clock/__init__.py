@@ -1,1 +1,1 @@
-"""Time and rhythm: clocks, cyclic executive, watchdogs, and the real-time rights of the host."""
+"""Time and scheduling: clocks, cyclic executive, watchdogs, and real-time settings of the host."""

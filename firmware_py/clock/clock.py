@@ -11,40 +11,46 @@ NS_PER_S: Final = 1_000_000_000
 OFFSET_TRIES: Final = 5
 TIMER_ABSTIME: Final = 1
 REALTIME_SPIN_S: Final = 200e-6
-"""Covers the wake-up latency of most hosts, for 0.4 % of a processor at a period of 50 ms."""
+"""Time at the end of a wait that is spent polling. It covers the wake-up latency of most hosts, for
+0.4 % of a processor at a period of 50 ms."""
 CLOCK_MONOTONIC: Final = 1
 
 
 class Clock(Protocol):
-    """Instants are whole nanoseconds that never run backwards. Their zero means nothing."""
+    """Instants are whole nanoseconds that never run backwards. Their zero has no meaning."""
 
     @property
     def epoch_offset_ns(self) -> int:
-        """Added to an instant it gives nanoseconds since 1970; constant while the clock lives."""
+        """Difference from an instant to nanoseconds since 1970; constant for the life of the
+        clock.
+        """
         ...
 
     def now_ns(self) -> int: ...
 
     def epoch_ns(self) -> int:
-        """Now as nanoseconds since 1970, for the stamps of logs."""
+        """The present instant in nanoseconds since 1970, for the stamps of logs."""
         ...
 
     def wait_until(self, instant_ns: int) -> None:
-        """Return as soon as possible at or after the instant; at once when it is past."""
+        """Return as soon as possible at or after the instant; at once if it is past."""
         ...
 
 
 class WallClock:
-    """Real time that no one sets: CLOCK_MONOTONIC, the same for all processes of this machine.
+    """Real time from CLOCK_MONOTONIC, which cannot be set and is the same for all processes of this
+    machine.
 
-    The distance to the time of day is read once. A time of day that is corrected later changes
-    neither the rhythm nor the distance between two stamps of a log.
+    The offset to the time of day is read once. A later correction of the time of day changes
+    neither the schedule nor the distance between two stamps of a log.
     """
 
     def __init__(self, spin_s: float = 0.0) -> None:
-        """Args:
-        spin_s: the last part of every wait is spent asking the clock without sleeping. It costs
-            that share of a processor and takes the wake-up latency out of the lateness.
+        """Args: spin_s: length of the last part of every wait, which polls the clock without
+        sleeping.
+
+        It
+         costs that share of a processor and removes the wake-up latency from the lateness.
         """
         if not spin_s >= 0.0:
             raise ValueError(f"spin_s {spin_s} is negative")
@@ -71,7 +77,7 @@ class WallClock:
 
 
 class LockstepClock:
-    """Virtual time: it stands still until somebody waits, and then it is already there."""
+    """Virtual time: it stands still until a caller waits, and then jumps to the awaited instant."""
 
     def __init__(self, start_ns: int = 0, epoch_offset_ns: int = 0) -> None:
         """With the default offset a log of the run is stamped with the time since its start."""
@@ -94,7 +100,7 @@ class LockstepClock:
 
 
 def _epoch_offset_ns() -> int:
-    """Time of day less monotonic time, from the try that was least disturbed while reading."""
+    """Time of day minus monotonic time, from the attempt with the shortest reading time."""
     best_gap_ns, best_offset_ns = sys.maxsize, 0
     for _ in range(OFFSET_TRIES):
         before_ns = time.monotonic_ns()
@@ -115,10 +121,11 @@ class _Timespec(ctypes.Structure):
 
 
 def _absolute_sleep() -> Callable[[int], None] | None:
-    """The kernel's own sleep to an instant, so that being held up on the way to it adds nothing.
+    """Return the kernel's absolute sleep, so that a delay before the call does not extend the
+    sleep.
 
-    None where it cannot be reached. A signal ends the kernel's sleep; coming back to Python runs
-    its handler, which may raise, and otherwise the sleep to the same instant goes on.
+    Returns None where it is unavailable. A signal ends the kernel's sleep. Python then runs the
+    signal handler, which may raise; otherwise the sleep to the same instant continues.
     """
     if not sys.platform.startswith("linux"):
         return None

@@ -1,10 +1,10 @@
 """The cyclic executive: tasks released on a fixed grid of instants, and the one loop that waits.
 
-The overrun policy. A task that was begun is always finished. A run that takes longer than its
-budget is counted as an overrun and changes nothing else. When a task is begun so late that further
-releases of it are already past, those are skipped and counted as slips, the task can read how many,
-and the next release is the next instant of the unchanged grid. So lateness never adds up, no
-release runs twice, and a task that is too slow for its period runs as often as it can.
+Overrun policy: a task that has begun is always finished. A run that exceeds its budget is counted
+as an overrun, without other effects. When a task begins so late that further releases of it are
+already past, those are skipped and counted as slips. The task can read their number, and its next
+release is the next instant of the unchanged grid. So lateness never accumulates, no release runs
+twice, and a task that is too slow for its period runs as often as possible.
 """
 
 import heapq
@@ -18,29 +18,29 @@ from firmware_py.histogram import Histogram
 NS_PER_MS: Final = 1_000_000
 NS_TOLERANCE: Final = 1e-3
 WOKEN_PERIOD_MS: Final = 3_600_000.0
-"""Stands in the reports for the period of a task that has none."""
+"""Placeholder in reports for the period of a task without one."""
 
 Run = Callable[[int], None]
 Observer = Callable[[str, int, int], None]
-"""Told name, instant of the beginning, and how long the run of the same task before it took."""
+"""Callback with the task's name, the begin of this run, and the duration of its last run."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One line of a task table.
+    """One entry of a task table.
 
-    Raises ValueError when a time is not a whole number of nanoseconds: on a rounded grid two tasks
-    of the same rate would drift apart.
+    Raises ValueError when a time is not a whole number of nanoseconds, because tasks of the same
+    rate would drift apart on a rounded grid.
     """
 
     name: str
     period_ms: float
     run: Run
-    """Is told the instant at which it is begun, at or after the release."""
+    """Called with the instant at which the run begins, at or after the release."""
     offset_ms: float = 0.0
     """First release, counted from the start of the executive."""
     budget_ms: float | None = None
-    """A run that takes longer counts as an overrun; None supervises nothing."""
+    """A longer run counts as an overrun; None disables this supervision."""
 
     def __post_init__(self) -> None:
         if self.period_ns <= 0:
@@ -67,16 +67,16 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class TaskReport:
-    """What one task did so far. In virtual time nothing is ever late and nothing takes time."""
+    """Statistics of one task. In virtual time lateness and execution time are always zero."""
 
     name: str
     period_ms: float
     releases: int
-    """Begun, so without the skipped ones."""
+    """Number of runs begun, without skipped releases."""
     slips: int
-    """Releases that were skipped because they were past when an earlier one was begun."""
+    """Number of releases skipped because they were past when an earlier one began."""
     overruns: int
-    """Runs that took longer than their budget."""
+    """Number of runs that took longer than their budget."""
     lateness_us_p50: float
     lateness_us_p99: float
     lateness_us_max: float
@@ -86,13 +86,13 @@ class TaskReport:
 
 
 class Executive:
-    """The task table of one device. Holds no clock and never waits."""
+    """The task table of one device. It has no clock and never waits."""
 
     def __init__(self, tasks: Iterable[Task], start_ns: int) -> None:
-        """Tasks that are released at the same instant run in the order given here.
+        """Tasks released at the same instant run in the order given here.
 
         Raises:
-            ValueError: for an empty table or a name that occurs twice.
+            ValueError: for an empty table or a duplicate name.
         """
         self._slots = [_Slot(task, start_ns) for task in tasks]
         self._by_name = {slot.task.name: slot for slot in self._slots}
@@ -103,9 +103,10 @@ class Executive:
 
     @classmethod
     def woken(cls, name: str, run: Callable[[int], int], first_ns: int) -> "Executive":
-        """One task without a period: each run answers the instant at which it wants to run next.
+        """Create an executive with one task without a period: each run returns the instant of the
+        next one.
 
-        An instant that is not ahead means at once. Such a task has no slips.
+        An instant that is not in the future means at once. Such a task has no slips.
         """
         executive = cls([Task(name, WOKEN_PERIOD_MS, _no_run)], first_ns)
         slot = executive._slots[0]
@@ -117,15 +118,15 @@ class Executive:
         return executive
 
     def observe(self, began: Observer, ended: Callable[[], None]) -> None:
-        """Tell of each run, before it begins and when it is over, however it ends."""
+        """Call `began` before each run and `ended` after it, even after an exception."""
         for slot in self._slots:
             slot.run = _observed(slot, slot.run, began, ended)
 
     def run_next(self, now_ns: int, execution_ns: int | None = None) -> str | None:
-        """Run only the task that `run` would begin first, if it is due; answers which.
+        """Run only the task that `run` would begin first, if it is due, and return its name.
 
         Args:
-            execution_ns: how long the run before it took, for a rhythm that is run again.
+            execution_ns: duration of its last run, for the replay of a recorded schedule.
         """
         slot = min(self._slots, key=lambda each: each.next_ns)
         if slot.next_ns > now_ns:
@@ -137,10 +138,10 @@ class Executive:
         return slot.task.name
 
     def start_at(self, start_ns: int) -> None:
-        """Move the whole grid to another start, as long as nothing was released.
+        """Move the whole grid to another start, before any release.
 
-        For a process that has work to do between making its tables and running them; otherwise the
-        first releases would be late before anything began.
+        It serves a process that works between creating its tables and running them. Otherwise the
+        first releases would already be late.
         """
         assert not any(slot.begun for slot in self._slots), "the executive runs already"
         for slot in self._slots:
@@ -154,11 +155,11 @@ class Executive:
         return min(slot.next_ns for slot in self._slots)
 
     def due(self, now_ns: int) -> list[Task]:
-        """What `run_due` would run, in that order. Changes nothing."""
+        """Return the tasks that `run_due` would run, in that order, without running them."""
         return [slot.task for slot in self._due_slots(now_ns)]
 
     def run_due(self, now_ns: int) -> int:
-        """Run every task with a release at or before now, once each; answers how many ran."""
+        """Run every task with a release at or before now, once each; returns how many ran."""
         slots = self._due_slots(now_ns)
         for slot in slots:
             slot.begin(now_ns)
@@ -166,34 +167,34 @@ class Executive:
         return len(slots)
 
     def slips_before(self, name: str) -> int:
-        """Releases of the task skipped directly before the one that runs now or ran last."""
+        """Number of releases skipped directly before the present or last run of the task."""
         return self._by_name[name].slips_before
 
     def lateness_ns(self, name: str) -> int:
-        """From the release to the beginning of the run of the task that runs now or ran last."""
+        """Time from the release to the begin of the present or last run of the task."""
         return self._by_name[name].lateness_ns
 
     def execution_ns(self, name: str) -> int:
-        """How long the last run of the task took that is over; 0 before the first."""
+        """Duration of the last completed run of the task; 0 before the first."""
         return self._by_name[name].execution_ns
 
     def report(self) -> tuple[TaskReport, ...]:
-        """One entry for each task, in the order of the table."""
+        """Return one report for each task, in the order of the table."""
         return tuple(slot.report() for slot in self._slots)
 
     def _due_slots(self, now_ns: int) -> list["_Slot"]:
-        # The sort is stable, so the order of the table decides among equal releases.
+        # The sort is stable, so the order of the table decides between equal releases.
         due = [slot for slot in self._slots if slot.next_ns <= now_ns]
         return sorted(due, key=lambda slot: slot.next_ns)
 
 
 def run(executives: Sequence[Executive], clock: Clock, until: Callable[[int], bool]) -> None:
-    """Run every release at its instant until `until(now_ns)` says so.
+    """Run every release at its instant until `until(now_ns)` returns True.
 
-    The earliest release comes first; among equal ones the order of the executives and then of their
-    tables decides. `until` is asked before each release, when its instant has come; the releases
-    that it stops are still ahead, so a run in two pieces equals one in a single piece. An exception
-    of a task or of `until` ends the loop and passes through.
+    The earliest release comes first; between equal ones the order of the executives and then of
+    their tables decides. `until` is called before each release, at its instant. A release that it
+    stops stays pending, so a run in two parts equals one in a single part. An exception of a task
+    or of `until` ends the loop and propagates.
     """
     slots = [slot for executive in executives for slot in executive._slots]
     if not slots:
@@ -207,7 +208,7 @@ def run(executives: Sequence[Executive], clock: Clock, until: Callable[[int], bo
 
 
 class _Slot:
-    """A task with the instant of its next release and what it did so far."""
+    """A task with its next release and its statistics."""
 
     __slots__ = (
         "begun",
@@ -233,7 +234,7 @@ class _Slot:
         self.budget_ns = task.budget_ns
         self.next_ns = start_ns + task.offset_ns
         self.woken = False
-        """Each run says itself when the next one is."""
+        """Each run sets the next release itself."""
         self.begun = 0
         self.slips = 0
         self.slips_before = 0
@@ -244,7 +245,7 @@ class _Slot:
         self.execution_us = Histogram()
 
     def begin(self, now_ns: int) -> None:
-        """Account for the release that is begun now and find the next one, ahead of now."""
+        """Account for the release that begins now, and set the next one after now."""
         lateness_ns = now_ns - self.next_ns
         assert lateness_ns >= 0, "the clock woke too early"
         missed = lateness_ns // self.period_ns
@@ -298,7 +299,7 @@ def _run_timed(heap: _Heap, clock: Clock, until: Callable[[int], bool]) -> None:
 
 
 def _run_lockstep(heap: _Heap, clock: LockstepClock, until: Callable[[int], bool]) -> None:
-    """As `_run_timed`, without measuring what virtual time makes zero."""
+    """Do the same as `_run_timed` without measuring times that are zero in virtual time."""
     now_ns, replace = clock.now_ns(), heapq.heapreplace
     while True:
         release_ns, order, slot = heap[0]
@@ -335,7 +336,7 @@ def _observed(slot: _Slot, run: Run, began: Observer, ended: Callable[[], None])
 
 
 def _no_run(now_ns: int) -> None:
-    """Stands in the table of an executive whose task is told later."""
+    """Placeholder in the table of an executive whose task is set later."""
 
 
 def _whole_ns(task: str, key: str, value_ms: float) -> int:

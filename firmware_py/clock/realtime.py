@@ -1,6 +1,8 @@
-"""What a process asks of its host to keep its rhythm, and what the host took from it.
+"""Real-time settings that a process requests from its host, and measurements of the host's
+interference.
 
-Nothing here raises: a measure that is not granted is reported with the reason, and the run goes on.
+No function here raises for a refused setting: it is reported with the reason, and the run
+continues.
 """
 
 import contextlib
@@ -23,7 +25,7 @@ MCL_FUTURE: Final = 2
 MCL_ONFAULT: Final = 4
 NS_PER_S: Final = 1_000_000_000
 STEAL_COLUMN: Final = 8
-"""Of the line "cpu" in /proc/stat, the word itself counted."""
+"""Column of the line "cpu" in /proc/stat; the label is column 0."""
 PROC_STAT: Final = Path("/proc/stat")
 PM_QOS: Final = Path("/dev/cpu_dma_latency")
 CPU_INFO: Final = Path("/proc/cpuinfo")
@@ -33,7 +35,7 @@ GUESTS_IDLE_DRIVER: Final = "haltpoll"
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """One thing asked of the host."""
+    """One setting requested from the host."""
 
     name: str
     granted: bool
@@ -43,7 +45,7 @@ class Measure:
 
 @dataclass(frozen=True, slots=True)
 class RealtimeReport:
-    """What was asked for and what came of it, in the order of asking."""
+    """Requested settings and their results, in the order of the requests."""
 
     measures: tuple[Measure, ...]
 
@@ -52,7 +54,7 @@ class RealtimeReport:
         return tuple(measure.name for measure in self.measures if measure.granted)
 
     def lines(self) -> list[str]:
-        """One sentence for each measure, for people."""
+        """Return one sentence for each setting, for people."""
         return [
             f"{measure.name}: {'' if measure.granted else 'not granted, '}{measure.detail}"
             for measure in self.measures
@@ -60,10 +62,12 @@ class RealtimeReport:
 
 
 def enter_realtime(priority: int) -> RealtimeReport:
-    """Ask for everything that keeps the calling thread's wake-ups early. Call it last at start-up.
+    """Request all settings that keep the calling thread's wake-ups punctual.
+
+    Call it last at start-up.
 
     Args:
-        priority: of SCHED_FIFO, 1..99; threads that are made later inherit it.
+        priority: SCHED_FIFO priority, 1..99; threads created later inherit it.
     """
     return RealtimeReport(
         (
@@ -77,22 +81,23 @@ def enter_realtime(priority: int) -> RealtimeReport:
 
 
 def collect_garbage(now_ns: int) -> None:
-    """A task for the slack at the end of a table, since `enter_realtime` stops the collector.
+    """Collect garbage in idle time, because `enter_realtime` stops the collector.
 
-    All that reference counting cannot free are cycles; the loops of this program make none, but
-    libraries and raised exceptions may. What lived before the freeze is not looked at again, so one
-    collection costs some microseconds where a full one had cost several milliseconds.
+    Only reference cycles need it. The loops of this program create none, but libraries and raised
+    exceptions may. Objects from before the freeze are skipped, so one collection costs some
+    microseconds instead of several milliseconds.
     """
     gc.collect()
 
 
 def die_with_parent(parent_pid: int) -> bool:
-    """Have the kernel send SIGTERM to this process when the thread that started it ends.
+    """Make the kernel send SIGTERM to this process when the thread that started it ends.
 
     Args:
-        parent_pid: who is expected; when that process is gone already the signal comes at once.
+        parent_pid: the expected parent; if that process has already ended, the signal comes at
+            once.
 
-    Returns whether the host can do it; elsewhere the child has to notice by itself.
+    Returns whether the host supports this; otherwise the child has to notice by itself.
     """
     try:
         _prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
@@ -104,9 +109,10 @@ def die_with_parent(parent_pid: int) -> bool:
 
 
 def steal_ns() -> int | None:
-    """Processor time that other guests of the same host took from this one since it booted.
+    """Processor time that other guests of the same host took from this one since boot.
 
-    Summed over all processors, in steps of usually 10 ms; None where the kernel does not say.
+    It is the sum over all processors, usually in steps of 10 ms; None if the kernel does not report
+    it.
     """
     try:
         first, _, _ = PROC_STAT.read_text(encoding="ascii").partition("\n")
@@ -116,7 +122,9 @@ def steal_ns() -> int | None:
 
 
 def in_virtual_machine() -> bool:
-    """As the processor (x86) or the idle driver says; False where neither does."""
+    """Return whether the processor (x86) or the idle driver reports a virtual machine; False if
+    neither does.
+    """
     try:
         _, found, flags = CPU_INFO.read_text(encoding="utf-8").partition("\nflags")
         if found and "hypervisor" in flags.partition("\n")[0].split():
@@ -131,26 +139,28 @@ def in_virtual_machine() -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HostSample:
-    """What happened to this process and its host since the sample before."""
+    """Events of this process and its host since the last sample."""
 
     steal_ns: int | None
     preemptions: int
-    """Times the kernel took the processor away from this process."""
+    """Number of times that the kernel preempted this process."""
     major_faults: int
-    """Times this process waited for a page from the disk."""
+    """Number of times that this process waited for a page from the disk."""
     runnable_mean: float | None
-    """Load average of the last minute; None where there is none."""
+    """Load average of the last minute; None if unavailable."""
 
 
 class HostLoad:
-    """Attributes lateness: a late cycle with steal or preemption beside it is the host's."""
+    """Attributes lateness: a late cycle with steal or preemption at the same time was caused by the
+    host.
+    """
 
     def __init__(self) -> None:
         self._steal_ns = steal_ns()
         self._preemptions, self._major_faults = _own_usage()
 
     def sample(self) -> HostSample:
-        """Costs some 50 µs; made for once a second."""
+        """Take a sample. It costs about 50 µs and is meant for once a second."""
         steal, (preemptions, major_faults) = steal_ns(), _own_usage()
         known = steal is not None and self._steal_ns is not None
         sample = HostSample(
@@ -188,10 +198,10 @@ def _take_fifo(priority: int) -> str:
 
 
 def _lock_memory() -> str:
-    """What is mapped now is read in and stays; what is mapped later stays once it is touched.
+    """Lock the present memory, and future memory once it is touched.
 
-    Under a finite limit only the present is locked: a lock on the future would turn the first
-    allocation beyond the limit into a MemoryError in the middle of a run.
+    Under a finite limit only the present memory is locked. A lock on future memory would turn the
+    first allocation beyond the limit into a MemoryError in the middle of a run.
     """
     limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     unlimited = limit == resource.RLIM_INFINITY or os.geteuid() == 0
@@ -210,7 +220,9 @@ def _lock_memory() -> str:
 
 
 def _still_collector() -> str:
-    """Frozen objects are never visited again, and no allocation starts a collection any more."""
+    """Freeze all objects, so that the collector never visits them again, and stop automatic
+    collections.
+    """
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -223,14 +235,14 @@ def _least_timer_slack() -> str:
 
 
 _awake_file: int | None = None
-"""The request holds as long as this file is open."""
+"""The open file that keeps the request active."""
 
 
 def _keep_processor_awake() -> str:
-    """Forbid deep idle states, as cyclictest does; waking from one takes up to 200 µs.
+    """Forbid deep idle states, as cyclictest does, because waking from one takes up to 200 µs.
 
-    Not in a virtual machine: there an idle processor would poll, its host would count that as work
-    and take the processor away in return, on shared hosts for 100 ms at a time.
+    Virtual machines are excluded. There an idle processor would poll, and the host would count that
+    as work and take the processor away in return, on shared hosts for 100 ms at a time.
     """
     global _awake_file
     if in_virtual_machine():
@@ -258,7 +270,7 @@ def _mlockall(flags: int) -> None:
 
 
 def _call(name: str, *arguments: int) -> None:
-    """A function of the C library that answers 0 or sets errno; raises OSError."""
+    """Call a function of the C library that returns 0 or sets errno; raises OSError."""
     if not sys.platform.startswith("linux"):
         raise OSError(errno.ENOSYS, f"this system has no {name}")
     try:

@@ -1,19 +1,20 @@
-"""Watchdogs: one that is told the time and tells of silence, one that ends a process that hangs."""
+"""Watchdogs: one that compares supplied instants with a limit, and one that ends a hanging
+process.
+"""
 
 import signal
 from collections.abc import Callable
 
 
 class Watchdog:
-    """Tells when something that should happen again and again has been silent for too long.
+    """Reports when a repeated event has been missing for too long.
 
-    It has no thread of its own: whoever calls `check` must not depend on what is watched.
+    It has no thread of its own. The caller of `check` must not depend on what is supervised.
     """
 
     def __init__(self, limit_ns: int, on_bite: Callable[[int], None], start_ns: int) -> None:
-        """Args:
-        limit_ns: silence of exactly this length is still allowed.
-        on_bite: told the silence in ns, once for each time the limit is passed.
+        """Args: limit_ns: largest permitted silence. on_bite: called with the silence in ns, once
+        each time the limit is exceeded.
         """
         if limit_ns <= 0:
             raise ValueError(f"limit_ns {limit_ns} is not positive")
@@ -24,7 +25,7 @@ class Watchdog:
         self.bites = 0
 
     def kick(self, now_ns: int) -> None:
-        """The watched one lives."""
+        """Record that the supervised event happened."""
         self._kicked_ns = now_ns
         self._bitten = False
 
@@ -32,7 +33,9 @@ class Watchdog:
         return now_ns - self._kicked_ns
 
     def check(self, now_ns: int) -> bool:
-        """Whether the limit is kept; bites at the first check after it was passed."""
+        """Return whether the limit is kept; call `on_bite` at the first check after it was
+        exceeded.
+        """
         silent_ns = now_ns - self._kicked_ns
         if silent_ns <= self._limit_ns:
             return True
@@ -44,11 +47,11 @@ class Watchdog:
 
 
 class ProcessWatchdog:
-    """Ends this process when it is not kicked in time, whatever it hangs in.
+    """Ends this process when it is not kicked in time, wherever it hangs.
 
-    The kernel's timer sends SIGALRM, whose default action needs no Python, so neither a loop that
-    never ends nor a call that never returns escapes it. Whoever listens notices the silence.
-    One for each process; it counts real time, a stopped process included.
+    The kernel's timer sends SIGALRM, whose default action needs no Python. So it also ends endless
+    loops and calls that never return. The other nodes notice the silence. A process has only one
+    such watchdog; it counts real time, even while the process is stopped.
     """
 
     def __init__(self, limit_s: float) -> None:
@@ -57,7 +60,7 @@ class ProcessWatchdog:
         self._limit_s = limit_s
 
     def kick(self) -> None:
-        """The process lives; the first kick starts the timer."""
+        """Restart the timer; the first kick starts it."""
         signal.setitimer(signal.ITIMER_REAL, self._limit_s)
 
     def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""Who a program is on a secured line: certificate, key of safety codes, settings of its session."""
+"""Credentials of a program on a secured line: certificate, safety-code key, session settings."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,16 +16,17 @@ ADVICE: Final = "make new ones with `vobc demo-ca`"
 @dataclass(frozen=True, slots=True)
 class Credentials:
     settings: str
-    """JSON5 for zenoh."""
+    """Session settings for zenoh in JSON5."""
     key_hex: str
-    """Of the safety codes, in hexadecimal."""
+    """Key of the safety codes, in hexadecimal."""
 
 
 def load_credentials(folder: Path | str, name: str, epoch_ns: int) -> Credentials:
-    """Of the program `name`, from what `vobc demo-ca` or another authority put into a folder.
+    """Load the credentials of the program `name` from a folder of `vobc demo-ca` or of another
+    authority.
 
-    Raises SettingsError naming the file for what is missing, expired, not valid yet, of another
-    name or of another authority: a session would only fail without saying why.
+    Raises SettingsError that names the file, for a file that is missing, expired, not valid yet, of
+    another name or of another authority. A session would only fail without giving the reason.
     """
     folder = Path(folder)
     authority = _certificate(folder / "ca.pem", epoch_ns)
@@ -35,14 +36,14 @@ def load_credentials(folder: Path | str, name: str, epoch_ns: int) -> Credential
         raise SettingsError(f"{path}: it is of {own.subject.rfc4514_string()}, not of {name}")
     try:
         own.verify_directly_issued_by(authority)
-    except Exception as error:  # Whatever a damaged signature makes of the library.
+    except Exception as error:  # The library raises various exceptions for a damaged signature.
         raise SettingsError(f"{path}: not issued by {folder / 'ca.pem'}; {ADVICE}") from error
     _text(folder / f"{name}.key")
     return Credentials(_text(folder / f"{name}.json5"), _text(folder / "line.key").strip())
 
 
 def _certificate(path: Path, epoch_ns: int) -> "x509.Certificate":
-    # Imported here because only a secured line has use for it.
+    # Imported here because only a secured line uses it.
     from cryptography import x509
 
     text = _text(path)

@@ -1,7 +1,7 @@
 """A radio in virtual time, in one process: delay, jitter, loss, duplication and cuts between ports.
 
-What is drawn does not depend on what is configured: every message costs the same four draws for
-each receiver, so that another loss ratio leaves the delays of all other messages as they were.
+Every message takes the same four random numbers for each receiver, whatever the settings are. So
+another loss ratio does not change the delays of all other messages.
 """
 
 import heapq
@@ -23,7 +23,10 @@ class UniformGenerator(Protocol):
 
 
 class InprocRadio:
-    """The air between ports. Settings may be changed while it runs; they act on what is sent."""
+    """The radio channel between ports.
+
+    Settings may be changed while it runs; they affect messages sent later.
+    """
 
     def __init__(
         self,
@@ -34,12 +37,11 @@ class InprocRadio:
         duplication_ratio: float = 0.0,
         generator: UniformGenerator | None = None,
     ) -> None:
-        """Args:
-        delay_s: from sending to being heard; the least of it where there is jitter.
-        jitter_s: up to this much is added, evenly spread; it may change the order of messages.
-        loss_ratio: share of messages that do not arrive, for each receiver.
-        duplication_ratio: share of those that arrive twice, each time with its own jitter.
-        generator: needed by everything but the delay.
+        """Args: delay_s: time from sending to reception; the minimum if there is jitter. jitter_s:
+        additional delay, uniformly distributed from 0; it may change the order of messages.
+        loss_ratio: share of messages that do not arrive, for each receiver. duplication_ratio:
+        share of messages that arrive twice, each time with its own jitter. generator: needed by all
+        settings except the delay.
         """
         self.delay_s = delay_s
         self.jitter_s = jitter_s
@@ -54,13 +56,15 @@ class InprocRadio:
         self._number = 0
 
     def port(self, name: str, subscriptions: Collection[str]) -> "InprocRadioPort":
-        """A station that hears what others send under the keys that it subscribes to."""
+        """Create a port that receives messages of others under the subscribed keys."""
         assert name not in self._ports, f"radio port {name} exists"
         self._ports[name] = InprocRadioPort(self, name, tuple(subscriptions))
         return self._ports[name]
 
     def cut(self, sender: str, receiver: str, *, both_ways: bool = True) -> None:
-        """From now on the receiver hears no more of the sender; what is in the air arrives."""
+        """Drop all messages from this sender to this receiver from now on; those already sent
+        arrive.
+        """
         self._cuts.add((sender, receiver))
         if both_ways:
             self._cuts.add((receiver, sender))
@@ -106,9 +110,9 @@ class InprocRadioPort:
         self._radio = radio
         self._subscriptions = subscriptions
         self._hears: dict[str, bool] = {}
-        """By key; a line has few, and says all of them again and again."""
+        """Whether the port receives a key, by key; a line has few keys and repeats them."""
         self._inbox: list[tuple[int, int, str, bytes]] = []
-        """Heap by instant, then by the order of sending: the same order in every run."""
+        """Heap by instant, then by order of sending, so that every run has the same order."""
         self._closed = False
 
     def listen(self, subscriptions: Collection[str]) -> None:

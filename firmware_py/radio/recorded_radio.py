@@ -1,4 +1,4 @@
-"""A radio whose messages are written down as they pass, in both directions."""
+"""Radios that log their messages in both directions."""
 
 from collections.abc import Collection, Sequence
 
@@ -7,7 +7,7 @@ from firmware_py.storage.recorder import RadioLog, SerialDirection
 
 
 class RecordedRadio:
-    """Wraps a port; what it hands over and takes is that of the port."""
+    """Wraps a port and passes all data through unchanged."""
 
     def __init__(self, port: RadioPort, log: RadioLog) -> None:
         self._port, self._log = port, log
@@ -32,7 +32,7 @@ class RecordedRadio:
 
 
 class LaterRecordedRadio:
-    """The same for much traffic: nothing is formatted or written until `write_down` is called."""
+    """The same for much traffic: it formats and writes only when `write_down` is called."""
 
     def __init__(self, port: TunableRadioPort, log: RadioLog) -> None:
         self._port, self._log = port, log
@@ -56,7 +56,7 @@ class LaterRecordedRadio:
         self._port.listen(subscriptions)
 
     def write_down(self) -> None:
-        """What passed since the last call. To be called where a slow disk does no harm."""
+        """Write the messages since the last call. Call it where a slow disk does no harm."""
         waiting, self._waiting = self._waiting, []
         for stamp_ns, direction, key, payload in waiting:
             self._log.message(stamp_ns, direction, key, payload)

@@ -1,4 +1,4 @@
-"""A radio that nobody hears and on which nothing comes: of a device that needs none."""
+"""A radio that sends to no one and receives nothing, for a device that needs none."""
 
 from collections.abc import Sequence
 

@@ -1,7 +1,7 @@
 """The radio over zenoh: trains are clients of the wayside's session, which is a router, or peers.
 
-Zenoh is transport only: what it delivers may be late, doubled or forged, and what it calls reliable
-may be lost. Its threads do no more here than stamp a message and put it into a bounded inbox.
+Zenoh is transport only. Its messages may be late, duplicated or forged, and "reliable" ones may be
+lost. Its threads only stamp each message and put it into a bounded inbox.
 """
 
 import atexit
@@ -40,21 +40,21 @@ __all__ = [
 INBOX_MESSAGES: Final = 256
 PUBLISHERS: Final = 256
 TOKENS_MAX: Final = 4096
-"""Of others that are remembered; more are not."""
+"""Maximum number of other sessions' tokens that are remembered."""
 RETRY_S: Final = 0.1
 CLOSE_S: Final = 3.0
-"""More than one attempt to connect can take (train.json5)."""
+"""Time to wait for the connecting thread; longer than one attempt to connect (train.json5)."""
 
 _REASONS: Final = (
     ("Address already in use", "in use by another program; end that one or take another endpoint"),
-    ("Cannot assign requested address", "no address of this machine"),
+    ("Cannot assign requested address", "not an address of this machine"),
     ("failed to lookup address", "the host is unknown"),
-    ("Permission denied", "no right to listen there; ports below 1024 need special rights"),
+    ("Permission denied", "permission denied; ports below 1024 need special rights"),
 )
 
 
 class RadioError(Exception):
-    """A radio that cannot be opened; the text names the endpoint and what to do."""
+    """A radio cannot be opened; the text names the endpoint and what to do."""
 
 
 class Instants(Protocol):
@@ -72,16 +72,18 @@ def open_radio(
     token: str | None = None,
     watched_tokens: str | None = None,
 ) -> "ZenohRadio":
-    """A wayside listens at once, or RadioError says why it cannot.
+    """Open a radio.
 
-    A train's radio comes back at once too, connected or not: it goes on trying in the background,
-    now and whenever the wayside goes away. RadioError is only for an endpoint that is none. Of more
-    than `inbox_messages` that nobody fetches the oldest are lost, and counted. With credentials the
-    session is one by TLS, whatever the endpoint begins with.
+    A wayside listens at once, or RadioError gives the reason.
+
+    A train's radio returns at once too, connected or not. It keeps trying to connect in the
+    background, also after a loss of the wayside. It raises RadioError only for an invalid endpoint.
+    If more than `inbox_messages` wait, the oldest are dropped and counted. With credentials the
+    session uses TLS, whatever scheme the endpoint names.
 
     Args:
-        token: others that watch such keys learn that this session is there, and no more than that.
-        watched_tokens: key expression of those that `present` tells of.
+        token: key by which sessions that watch tokens see that this session is alive.
+        watched_tokens: key expression of the tokens that `present` reports.
     """
     try:
         check_endpoint(endpoint)
@@ -106,11 +108,12 @@ def open_peer(
     *,
     token: str | None = None,
 ) -> "ZenohRadio":
-    """A train's radio that speaks to other peers without the wayside in between.
+    """Open a train's radio that reaches other peers directly, without the wayside in between.
 
-    The wayside at `endpoint` tells peers of each other, once; who knows each other goes on speaking
-    when it is gone. Where others reach this one is by default the address by which it reaches the
-    wayside, and any port. RadioError says which endpoint is none, or why it cannot listen there.
+    The wayside at `endpoint` introduces peers to each other once. Peers that know each other
+    continue to communicate after it is gone. By default other peers reach this one at the address
+    by which it reaches the wayside, at any port. RadioError names an invalid endpoint, or why it
+    cannot listen there.
     """
     try:
         check_endpoint(endpoint)
@@ -125,7 +128,7 @@ def open_peer(
 
 
 def _own_endpoint(endpoint: str) -> str:
-    """The address of this machine on the way to another one; nothing is sent."""
+    """Return this machine's address on the route to another one; nothing is sent."""
     try:
         kind, _, _, _, address = socket.getaddrinfo(*address_of(endpoint), type=socket.SOCK_DGRAM)[
             0
@@ -135,21 +138,21 @@ def _own_endpoint(endpoint: str) -> str:
             host: str = probe.getsockname()[0]
     except OSError as error:
         raise RadioError(
-            f"{endpoint}: by which address of this machine others reach it cannot be told "
-            f"({error.strerror}); say where to listen"
+            f"{endpoint}: the address of this machine on the route to it is unknown "
+            f"({error.strerror}); give the endpoint to listen at"
         ) from error
     return f"tcp/[{host}]:0" if kind == socket.AF_INET6 else f"tcp/{host}:0"
 
 
 def pick_endpoint() -> str:
-    """An endpoint on this machine at which nobody listens at this moment."""
+    """Return an endpoint on this machine that is free at this moment."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 class ZenohRadio:
-    """Close it, or leave its `with`, when done. Counters count messages."""
+    """A radio session; close it, or leave its `with`, when done. Counters count messages."""
 
     def __init__(
         self,
@@ -163,7 +166,7 @@ class ZenohRadio:
         token: str | None = None,
         watched_tokens: str | None = None,
     ) -> None:
-        # Imported here because lockstep has no use for it and should not wait for it.
+        # Imported here because lockstep runs do not use zenoh and should not wait for its import.
         import zenoh
 
         self.counters = LinkCounters()
@@ -172,10 +175,11 @@ class ZenohRadio:
         self._config = zenoh.Config.from_json5(settings)
         self._wanted = {wanted: zenoh.KeyExpr(wanted) for wanted in subscriptions}
         self._subscribers: dict[str, zenoh.Subscriber[None]] = {}
-        """Declared on the session, by key expression."""
+        """Declared subscribers of the session, by key expression."""
         self._token, self._watched_tokens = token, watched_tokens
         self._declared: list[object] = []
-        """The token, and what watches those of others: undeclared when nobody holds them."""
+        """The token and the subscriber to other tokens; zenoh undeclares them when they are
+        garbage-collected."""
         self._present: set[str] = set()
         self._tuning = threading.Lock()
         self._clock, self._inbox_messages = clock, inbox_messages
@@ -190,12 +194,16 @@ class ZenohRadio:
         else:
             self._connector = threading.Thread(target=self._connect, name="radio", daemon=True)
             self._connector.start()
-        # A connector that still runs while the interpreter goes down would take it down hard.
+        # Stop the connecting thread before the interpreter shuts down; otherwise it would crash the
+        # process.
         atexit.register(self.close)
 
     @property
     def connected(self) -> bool:
-        """The wayside is reached; for a wayside or a peer: somebody is. About 20 µs."""
+        """Whether the wayside is connected; for a wayside or a peer, whether any other session is.
+
+        Takes about 20 µs.
+        """
         session = self._session
         if session is None:
             return False
@@ -203,7 +211,7 @@ class ZenohRadio:
 
     @property
     def present(self) -> frozenset[str]:
-        """Tokens of other sessions that are there, as far as this one knows: never for safety."""
+        """Tokens of other live sessions as far as this one knows; not for safety decisions."""
         with self._lock:
             return frozenset(self._present)
 
@@ -221,7 +229,7 @@ class ZenohRadio:
             self.counters.sent += 1
 
     def receive(self, now_ns: int) -> Sequence[RadioMessage]:
-        """What came since the last call; stamped on arrival, but never later than now."""
+        """Return the messages since the last call, stamped on arrival but never later than now."""
         if not self._inbox:
             return ()
         with self._lock:
@@ -233,7 +241,7 @@ class ZenohRadio:
         ]
 
     def listen(self, subscriptions: Collection[str]) -> None:
-        """As for any port; a session that is not there yet begins with these."""
+        """Change the subscriptions; a session that is not connected yet starts with them."""
         expression = self._zenoh.KeyExpr
         with self._tuning:
             self._wanted = {wanted: expression(wanted) for wanted in subscriptions}
@@ -274,7 +282,7 @@ class ZenohRadio:
             raise RadioError(f"{self.endpoint}: {_reason(str(error))}") from error
 
     def _connect(self) -> None:
-        """One session, until it is there. From then on zenoh itself connects it again."""
+        """Try until one session is open. After that zenoh itself reconnects it."""
         while not self._closing.is_set():
             try:
                 self._begin()
@@ -291,7 +299,7 @@ class ZenohRadio:
                 self._tune(session)
                 self._declare(session)
             except self._zenoh.ZError:
-                # What was declared goes with it; the next session begins with nothing.
+                # Closing the session removes what was declared; the next session declares it again.
                 self._subscribers.clear()
                 self._declared.clear()
                 session.close()  # type: ignore[no-untyped-call]
@@ -299,10 +307,10 @@ class ZenohRadio:
             self._session = session
 
     def _tune(self, session: "zenoh.Session") -> None:
-        """Declare on the session what is wanted, and nothing else."""
+        """Declare the wanted subscriptions on the session and remove all others."""
         zenoh, subscribers = self._zenoh, self._subscribers
         for wanted in [each for each in self._wanted if each not in subscribers]:
-            # Called by zenoh's own thread: with one of Python's between them, a program that ends
+            # zenoh's own thread calls it. With a Python thread in between, a program that ends
             # without closing would hang.
             take = zenoh.handlers.Callback(self._take, indirect=False)
             subscribers[wanted] = session.declare_subscriber(
@@ -343,7 +351,7 @@ class ZenohRadio:
         if publisher is None:
             import zenoh
 
-            # A receiver that hangs must never hold up the one that does not, hence DROP.
+            # DROP, because a hanging receiver must never delay the others.
             publisher = session.declare_publisher(
                 key,
                 express=True,
@@ -359,5 +367,5 @@ class ZenohRadio:
 
 
 def _reason(text: str) -> str:
-    """Zenoh's own words carry the paths of its build; a user needs the cause."""
+    """Zenoh's error text contains paths of its build; users need the cause only."""
     return next((words for part, words in _REASONS if part in text), text.partition(" at /")[0])

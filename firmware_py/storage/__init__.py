@@ -1,1 +1,1 @@
-"""What is kept: NVRAM, checked files, and the recorders of bus, ports and cycles."""
+"""Persistent storage: NVRAM, checked files, and the recorders of bus, ports and cycles."""

@@ -1,4 +1,4 @@
-"""One checked value in one file, replaced in one piece or not at all: for what must not be lost."""
+"""One checked value in one file, replaced atomically, for data that must not be lost."""
 
 import zlib
 from pathlib import Path
@@ -13,20 +13,22 @@ T = TypeVar("T")
 
 
 class CheckedStore(Generic[T]):
-    """Holds a dataclass of numbers, texts and tuples. Nothing that the disk does raises here.
+    """Stores a dataclass of numbers, texts and tuples.
 
-    `put` waits for the disk: when it comes back true the value survives a power cut.
+    Disk errors never raise here.
+
+    `put` waits for the disk; when it returns True, the value survives a power cut.
     """
 
     def __init__(self, path: Path | None, kind: type[T]) -> None:
         """`path` None keeps the value in memory only."""
         self.failed_writes = 0
         self.detail = ""
-        """Why the value could not be read or written last."""
+        """Why the last read or write failed."""
         self._path = path
         self._decoder: msgspec.json.Decoder[T] = msgspec.json.Decoder(kind)
         self.state, self.value = self._read()
-        """How it was found; the value is None unless the state is OK."""
+        """State at the start; the value is None unless the state is OK."""
 
     def put(self, value: T) -> bool:
         self.value = value

@@ -1,5 +1,8 @@
-"""Errors of storage. They have a module of their own, as mypyc compiles no heir of `OSError`."""
+"""Errors of storage.
+
+They have a module of their own because mypyc cannot compile a subclass of `OSError`.
+"""
 
 
 class RecorderError(OSError):
-    """A log that cannot be opened; the text names the path."""
+    """A log cannot be opened; the text names the path."""

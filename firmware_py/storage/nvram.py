@@ -1,4 +1,4 @@
-"""What survives a power cycle: a small checked record, replaced in one piece or not at all."""
+"""Data that survives a power cycle: a small checked record, replaced atomically."""
 
 import contextlib
 import dataclasses
@@ -21,22 +21,26 @@ WHEEL_DIAMETER_MAX_M: Final = 1.3
 
 @dataclass(frozen=True, slots=True)
 class NvramRecord:
-    """The defaults are a board fresh from the factory. Raises ValueError for impossible values."""
+    """The stored record; its defaults describe a new board.
+
+    Raises ValueError for impossible values.
+    """
 
     boot_count: int = 0
-    """Power-ups so far, this one included once the controller has stored it."""
+    """Number of power-ups, including the present one once the controller has stored it."""
     wheel_diameter_m: float | None = None
-    """As last calibrated; None when never calibrated."""
+    """Diameter of the last calibration; None if never calibrated."""
     front_m: float | None = None
-    """Chainage of the front coupler when the record was stored; None when it was not known."""
+    """Chainage of the front coupler when the record was stored; None if unknown."""
     standing: bool = False
-    """Standstill was proven then. Only so can `front_m` be true after the next power-up."""
+    """Whether standstill was proven at that time. Only then can `front_m` be valid after the next
+    power-up."""
     distance_m: float = 0.0
-    """Run over the life of the board."""
+    """Distance run over the life of the board."""
     emergency_count: int = 0
-    """Emergency brakings over the life of the board."""
+    """Number of emergency brakings over the life of the board."""
     highest_term: int = 0
-    """Highest authority term ever seen; authorities of a lower one are refused."""
+    """Highest authority term ever received; authorities of a lower term are refused."""
 
     def __post_init__(self) -> None:
         for name in ("boot_count", "emergency_count", "highest_term"):
@@ -52,22 +56,23 @@ class NvramRecord:
 
 
 class NvramState(enum.Enum):
-    """How the record was found when the board started."""
+    """State of the record when the board started."""
 
     OK = "ok"
     ABSENT = "absent"
     """No file: a new board, or memory only."""
     CORRUPT = "corrupt"
-    """There was something, but it cannot be trusted or read; `Nvram.detail` says why."""
+    """A file exists but cannot be read or trusted; `Nvram.detail` gives the reason."""
 
 
 class Nvram:
-    """The record of one board in one file. Nothing that the disk does raises here."""
+    """The record of one board in one file. Disk errors never raise here."""
 
     def __init__(self, path: Path | str | None, initial: NvramRecord | None = None) -> None:
-        """Args:
-        path: of the file; None keeps the record in memory only. One process per file.
-        initial: the record to start from where the file gives none; default: from the factory.
+        """Args: path: path of the file; None keeps the record in memory only.
+
+        One process per file. initial: record to start with if the file gives none; default: that of
+        a new board.
         """
         self._path = None if path is None else Path(path)
         self._lock = threading.Lock()
@@ -77,20 +82,23 @@ class Nvram:
         self._writer: threading.Thread | None = None
         self.failed_writes = 0
         self.error: str | None = None
-        """Why the last failed write failed."""
+        """Reason of the last failed write."""
         self.state, self.detail, found = _read(self._path)
         self._record = found or initial or NvramRecord()
 
     @property
     def record(self) -> NvramRecord:
-        """The newest one, whether or not the disk has it yet."""
+        """The newest record, whether or not the disk has stored it yet."""
         return self._record
 
     def put(self, record: NvramRecord) -> bool:
-        """Store now. True means that the record survives a power cut from here on.
+        """Store the record now.
 
-        Waits for the disk, some milliseconds on most and far longer on some, so it belongs where a
-        late cycle does no harm: start-up, standstill, end. Elsewhere use `put_later`.
+        True means that it survives a power cut from here on.
+
+        The call waits for the disk, mostly some milliseconds but sometimes far longer. Use it where
+        a late cycle does no harm: at start-up, at standstill, at the end. Elsewhere use
+        `put_later`.
         """
         self._record = record
         with self._lock:
@@ -98,10 +106,11 @@ class Nvram:
             return self._store(record)
 
     def put_later(self, record: NvramRecord) -> None:
-        """Hand the record to a thread that stores it; only the newest of several is stored.
+        """Pass the record to a thread that stores it; only the newest of several is stored.
 
-        The thread keeps the scheduling of its maker: it mostly waits for the disk, and with a lower
-        priority it could lose the processor while the control cycle waits for the interpreter.
+        The thread keeps the scheduling of its creator. It mostly waits for the disk, and with a
+        lower priority it could lose the processor while the control cycle waits for the
+        interpreter.
         """
         if self._closing:
             self.put(record)
@@ -116,7 +125,7 @@ class Nvram:
         self._wake.set()
 
     def close(self) -> None:
-        """Store what is still pending."""
+        """Store a pending record and stop the thread."""
         self._closing = True
         self._wake.set()
         if self._writer is not None:
@@ -145,14 +154,17 @@ class Nvram:
 
 
 def encode_record(record: NvramRecord) -> bytes:
-    """Two lines of text: the values as JSON, and the CRC-32 of that line."""
+    """Encode a record as two lines of text: the values as JSON, and the CRC-32 of that line."""
     table = {"version": VERSION, **dataclasses.asdict(record)}
     content = json.dumps(table, sort_keys=True, allow_nan=False).encode("ascii") + b"\n"
     return content + b"crc32 %08X\n" % zlib.crc32(content)
 
 
 def decode_record(stored: bytes) -> NvramRecord:
-    """Raises ValueError that says what is wrong with anything `encode_record` did not make."""
+    """Decode a record.
+
+    Raises ValueError with the cause for anything that `encode_record` did not write.
+    """
     content, newline, trailer = stored.partition(b"\n")
     content += newline
     if trailer != b"crc32 %08X\n" % zlib.crc32(content):
@@ -167,10 +179,11 @@ def decode_record(stored: bytes) -> NvramRecord:
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Give the file new content so that after a crash at any point it holds the old or the new.
+    """Replace the content of a file so that it holds the old or the new content after a crash at
+    any point.
 
     The content is on the disk before the name points to it, and the name is on the disk before this
-    returns. Raises OSError, and then the old content still stands or the new one already does.
+    returns. After an OSError the file holds either the old or the new content.
     """
     fresh = path.with_name(path.name + ".new")
     _write_through(fresh, content)

@@ -1,20 +1,21 @@
-"""Records what a controller hears and says at its own ports, so that it can be run again.
+"""Records the inputs and outputs of a controller at its own ports, so that the run can be repeated.
 
-The log is text, one record a line, in the order in which things happened:
+The log is text, one record a line, in the order of the events:
 
-    start {"...": ...}                          a controller starts; everything it is told, as JSON
-    run control 150000000 412000                a task begins: instant; the last run of it took, ns
-    rx can 149492000 185 000000A012039467       handed to it then: stamp, identifier, data
+    start {"...": ...}                          a controller starts; its configuration as JSON
+    run control 150000000 412000                a task begins: instant; duration of its last run, ns
+    rx can 149492000 185 000000A012039467       input of that run: stamp, identifier, data
     rx tags 148912345 7E0102...                 stamp, bytes
     rx radio 120000000 m/florence/w/0/ma/1/1 .. stamp, key, payload
-    tx can 110 0000000000000300                 it says
+    tx can 110 0000000000000300                 output
     tx tags 7E..
     tx radio m/florence/w/1/st/1 ..
-    stop 1000000000                             it is told to end
-    end 4711                                    lines before this one
+    stop 1000000000                             the controller is asked to end
+    end 4711                                    number of lines before this one
 
 Instants are whole nanoseconds of the controller's clock. An identifier of 3 digits has 11 bits, one
-of 8 has 29; `R:` before the data is a remote frame, `E:` an error frame. No bytes are a hyphen.
+of 8 has 29. `R:` before the data marks a remote frame, `E:` an error frame. A hyphen stands for
+empty data.
 """
 
 import json
@@ -43,7 +44,7 @@ class PortLog:
     """The log of one process's controllers, one after the other. Close it after its ports."""
 
     def __init__(self, path: Path | str) -> None:
-        """Raises RecorderError."""
+        """Open the log. Raises RecorderError."""
         self._file = LineFile(path)
         self._lines: list[str] = []
         self._written = 0
@@ -55,10 +56,11 @@ class PortLog:
         return self._file.lost_lines
 
     def start(self, table: Mapping[str, Any], executive: Executive, *, virtual: bool) -> None:
-        """A controller starts: what it is told, and its tasks from now on.
+        """Record the start of a controller: its configuration, and from now on its tasks.
 
         Args:
-            virtual: nothing took time, so that it can only say the same again.
+            virtual: the controller runs in virtual time, so a repetition must give the same
+                outputs.
         """
         told = {"version": VERSION, "virtual": virtual, "told": table}
         self.line(f"start {json.dumps(told, allow_nan=False)}\n")
@@ -77,7 +79,10 @@ class PortLog:
         self._running = False
 
     def said(self, now_ns: int, text: str) -> None:
-        """What is said while no task runs is the last word: somebody told the controller to end."""
+        """Record an output.
+
+        An output outside of any task belongs to the end: the controller was asked to end.
+        """
         if not self._running and not self._stopped:
             self._stopped = True
             self.line(f"stop {now_ns}\n")
@@ -90,7 +95,7 @@ class PortLog:
         self._lines.extend(texts)
 
     def flush(self) -> None:
-        """Hand everything to the operating system, as is done each second and on closing."""
+        """Pass all lines to the operating system. This happens every second and on closing."""
         if self._lines:
             self._written += len(self._lines)
             self._file.write(self._lines)
@@ -113,12 +118,12 @@ class PortLog:
 
 
 class _LoggedCan:
-    """What it hands over and takes is that of the port; so for the other two."""
+    """Logs a port and passes all data through unchanged; the other two classes do the same."""
 
     def __init__(self, port: CanPort, log: PortLog) -> None:
         self._port, self._log = port, log
         self._identifiers: dict[int, str] = {}
-        """As text, of frames with 11 bits."""
+        """Text of each 11-bit identifier."""
 
     @property
     def counters(self) -> LinkCounters:

@@ -1,8 +1,8 @@
-"""The black box: bus, serial line and cycles as text files that a killed process leaves readable.
+"""The event recorder: bus, serial line and cycles as text files that stay readable after a kill.
 
-Every log is flushed to the operating system whenever the whole second of its stamps changes, so at
-most the last second is lost with the process. A log that cannot be opened is an error; one that
-cannot be written any more counts what it loses and never stops the control cycle.
+Every log is flushed to the operating system when the whole second of its stamps changes, so at most
+the last second is lost with the process. A log that cannot be opened is an error. A log that can no
+longer be written counts its losses and never stops the control cycle.
 """
 
 import enum
@@ -15,38 +15,38 @@ from firmware_py.storage.errors import RecorderError
 
 NS_PER_S: Final = 1_000_000_000
 LINES_MAX: Final = 1024
-"""Flushed at the latest with this many lines, some 50 KiB of frames."""
+"""Maximum number of buffered lines, about 50 KiB of frames."""
 ERROR_FLAG: Final = 0x2000_0000
 ERROR_MASK: Final = 0x1FFF_FFFF
 EXTENDED_MAX: Final = 0x1FFF_FFFF
 STANDARD_MAX: Final = 0x7FF
 PAYLOAD_MAX: Final = 8
 _THOUSAND: Final = [f"{number:03d}" for number in range(1000)]
-"""Looked up faster than formatted."""
+"""A lookup table, which is faster than formatting."""
 
 
 class Lossy(Protocol):
-    """A log that counts the lines that the disk did not take."""
+    """A log that counts the lines that the disk did not store."""
 
     @property
     def lost_lines(self) -> int: ...
 
 
 def lost_lines(logs: Iterable[Lossy]) -> int:
-    """Of all of them. Close them first: the last lines are written then."""
+    """Sum over all logs. Close them first, because that writes their last lines."""
     return sum(log.lost_lines for log in logs)
 
 
 def loss_text(lost: int) -> str:
-    """What a program says of them."""
+    """Return the message about lost lines."""
     return f"the disk did not take {lost} lines of the logs"
 
 
 class LineFile:
-    """A text file that grows by blocks of whole lines and knows the SHA-256 of what it holds."""
+    """A text file that grows by blocks of whole lines and keeps the SHA-256 of its content."""
 
     def __init__(self, path: Path | str) -> None:
-        """Raises RecorderError; a file that is there already is overwritten."""
+        """Open the file and overwrite an existing one. Raises RecorderError."""
         self.path = Path(path)
         try:
             self._file = self.path.open("wb", buffering=0)
@@ -56,17 +56,20 @@ class LineFile:
         self._torn = False
         self.lost_lines = 0
         self.error: str | None = None
-        """Why lines were lost, when that last happened."""
+        """Reason of the last loss."""
 
     @property
     def sha256(self) -> str:
-        """Of everything that was written so far, as 64 hexadecimal digits."""
+        """SHA-256 of the content written so far, as 64 hexadecimal digits."""
         return self._digest.hexdigest()
 
     def write(self, lines: Sequence[str]) -> None:
-        """Hand whole lines to the operating system. What it does not take is lost and counted."""
+        """Pass whole lines to the operating system.
+
+        Lines that it does not accept are lost and counted.
+        """
         block = "".join(lines).encode("utf-8", "surrogateescape")
-        # After a torn line the next block starts on a line of its own.
+        # After an incomplete line the next block starts on a new line.
         block = b"\n" + block if self._torn and block else block
         taken = 0
         try:
@@ -85,10 +88,10 @@ class LineFile:
 
 
 class CandumpWriter:
-    """The frames of one bus exactly as `candump -l` of can-utils writes them."""
+    """Writes the frames of one bus in the exact format of `candump -l` of can-utils."""
 
     def __init__(self, path: Path | str, channel: str) -> None:
-        """Raises RecorderError."""
+        """Open the log. Raises RecorderError."""
         self._file = LineFile(path)
         self._lines: list[str] = []
         self._middle = f") {channel} "
@@ -99,7 +102,7 @@ class CandumpWriter:
 
     @property
     def sha256(self) -> str:
-        """Of the lines that were flushed."""
+        """SHA-256 of the flushed lines."""
         return self._file.sha256
 
     @property
@@ -120,9 +123,9 @@ class CandumpWriter:
         remote: bool = False,
         error: bool = False,
     ) -> None:
-        """Log one frame; the stamp is cut, not rounded, to microseconds, as the kernel does."""
-        # This runs for every frame of a simulated hour: the text of the second and of the
-        # identifier are kept, and the clock's second turning over is the only reason to flush.
+        """Log one frame; the stamp is truncated, not rounded, to microseconds, as in the kernel."""
+        # This runs for every frame of a simulated hour. The texts of the second and of the
+        # identifier are cached, and only a new second causes a flush.
         past_ns = epoch_ns - self._second_ns
         if not 0 <= past_ns < NS_PER_S or len(self._lines) >= LINES_MAX:
             past_ns = self._turn_second(epoch_ns)
@@ -139,7 +142,7 @@ class CandumpWriter:
         )
 
     def flush(self) -> None:
-        """Hand everything to the operating system, as is done each second and on closing."""
+        """Pass all lines to the operating system. This happens every second and on closing."""
         if self._lines:
             self.frames += len(self._lines)
             self._file.write(self._lines)
@@ -163,14 +166,19 @@ class CandumpWriter:
 
 
 class LineLog:
-    """A CSV log with a header line. Its first column is the time in seconds and sets the flushing.
+    """A CSV log with a header line.
 
-    Numbers have nine significant digits, true and false are 1 and 0, a choice is its name in lower
-    case, several values in one field have blanks between them, and None is an empty field.
+    Its first column is the time in seconds and controls the flushing.
+
+    Numbers have nine significant digits, true and false are 1 and 0, an enum is its name in lower
+    case. Several values in one field are separated by blanks, and None is an empty field.
     """
 
     def __init__(self, path: Path | str, columns: Sequence[str]) -> None:
-        """Raises RecorderError for the path, ValueError for columns without or of equal name."""
+        """Open the log.
+
+        Raises RecorderError for the path, ValueError for empty or duplicate column names.
+        """
         if not columns or "" in columns or len(set(columns)) != len(columns):
             raise ValueError(f"{path}: columns {list(columns)} are not distinct names")
         self.columns = tuple(columns)
@@ -188,7 +196,9 @@ class LineLog:
         return self._file.error
 
     def row(self, *values: object) -> None:
-        """One value for each column; the first is the time in seconds, as a number or its text."""
+        """Write one value for each column; the first is the time in seconds, as a number or its
+        text.
+        """
         assert len(values) == len(self.columns), f"{self._file.path}: {len(values)} values"
         second = int(float(values[0]))  # type: ignore[arg-type]
         if second != self._second or len(self._lines) >= LINES_MAX:
@@ -198,7 +208,7 @@ class LineLog:
         self._lines.append(_line(fields))
 
     def flush(self) -> None:
-        """Hand everything to the operating system, as is done each second and on closing."""
+        """Pass all lines to the operating system. This happens every second and on closing."""
         if self._lines:
             self._file.write(self._lines)
             self._lines = []
@@ -214,10 +224,10 @@ class SerialDirection(enum.Enum):
 
 
 class SerialLog:
-    """What went over one serial line: time in seconds, direction, bytes in hexadecimal."""
+    """Log of one serial line: time in seconds, direction, bytes in hexadecimal."""
 
     def __init__(self, path: Path | str, start_ns: int = 0) -> None:
-        """Raises RecorderError. `start_ns` is the instant that is written as zero seconds."""
+        """Open the log. `start_ns` is the instant written as zero seconds. Raises RecorderError."""
         self._log = LineLog(path, ("t_s", "direction", "data"))
         self._start_ns = start_ns
 
@@ -241,10 +251,10 @@ class SerialLog:
 
 
 class RadioLog:
-    """What was said and heard on one radio: time in seconds, direction, key, payload in hex."""
+    """Log of one radio: time in seconds, direction, key, payload in hexadecimal."""
 
     def __init__(self, path: Path | str, start_ns: int = 0) -> None:
-        """Raises RecorderError. `start_ns` is the instant that is written as zero seconds."""
+        """Open the log. `start_ns` is the instant written as zero seconds. Raises RecorderError."""
         self._log = LineLog(path, ("t_s", "direction", "key", "payload"))
         self._start_ns = start_ns
 
@@ -269,18 +279,18 @@ def _identifier(can_id: int, extended: bool, error: bool) -> str:
 
 
 def _remote_payload(data: bytes) -> str:
-    """A remote frame has no data, but its length code is that of the data it asks for."""
+    """A remote frame has no data, but its length code is that of the requested data."""
     return f"R{len(data)}" if 0 < len(data) <= PAYLOAD_MAX else "R"
 
 
 def _field(value: object) -> str:
-    """One CSV field, quoted where RFC 4180 wants it."""
+    """Format one CSV field, quoted as RFC 4180 requires."""
     if value is None:
         return ""
     if isinstance(value, bool):
         return "1" if value else "0"
     if isinstance(value, enum.Enum):
-        # The attribute itself: the property over it costs three calls.
+        # Read the attribute directly: the property costs three more calls.
         name: str | None = value._name_
         return name.lower() if name is not None else str(value.value)
     if isinstance(value, tuple):

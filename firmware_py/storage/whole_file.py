@@ -1,4 +1,4 @@
-"""Whole files: a reader finds the old content or the new one, never a part of it."""
+"""Atomic files: a reader finds the old content or the new one, never a part of it."""
 
 import os
 from collections.abc import Iterator
@@ -7,16 +7,15 @@ from pathlib import Path
 from typing import Final
 
 PART: Final = ".part."
-"""Prefix of the file that is being written. Its suffix stays, as some writers go by that."""
+"""Prefix of the file during writing. The suffix stays, because some writers depend on it."""
 
 
 @contextmanager
 def whole_file(path: Path | str) -> Iterator[Path]:
-    """Yield a path beside `path`, and rename what was written there to `path` at the end.
+    """Yield a path beside `path`, and rename the file written there to `path` at the end.
 
-    An exception, Ctrl-C, a full disk or `kill -9` leaves the old content. A power cut does, too:
-    the new content is on the disk before the name points to it. A device or a pipe is written to
-    directly.
+    After an exception, Ctrl-C, a full disk, `kill -9` or a power cut the old content remains: the
+    new content is on the disk before the name points to it. A device or a pipe is written directly.
 
     Raises:
         OSError: names `path`.
@@ -40,7 +39,7 @@ def whole_file(path: Path | str) -> Iterator[Path]:
 
 
 def write_whole(path: Path | str, content: str | bytes) -> None:
-    """Write a file as a whole; text is UTF-8. Raises OSError that names `path`."""
+    """Write a file atomically; text is UTF-8. Raises OSError that names `path`."""
     data = content.encode() if isinstance(content, str) else content
     with whole_file(path) as part:
         part.write_bytes(data)
@@ -48,7 +47,7 @@ def write_whole(path: Path | str, content: str | bytes) -> None:
 
 @contextmanager
 def named(path: Path) -> Iterator[None]:
-    """Let every OSError name the file that the user knows; some libraries name none."""
+    """Make every OSError name the file that the user knows; some libraries name none."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A serial line in virtual time: two ports in one process, every byte as long as it is on a wire.
+"""A serial line in virtual time: two ports in one process, each byte with its duration on the wire.
 
 Counters count bytes.
 """
@@ -11,13 +11,13 @@ from firmware_py.ports import LinkCounters, SerialChunk
 
 BAUD: Final = 115_200
 BITS_PER_BYTE: Final = 10
-"""8N1: start bit, eight bits, stop bit."""
+"""Bits of a byte in 8N1: start bit, eight data bits, stop bit."""
 CAPACITY_BYTES: Final = 4096
 _BITS_NS: Final = BITS_PER_BYTE * 1_000_000_000
 
 
 class _Wire:
-    """One direction. Bytes follow each other without a gap while there are any."""
+    """One direction of the line. Queued bytes follow each other without a gap."""
 
     def __init__(self, baud: int, capacity_bytes: int) -> None:
         self.held_bytes = 0
@@ -27,10 +27,12 @@ class _Wire:
         self._pieces: deque[tuple[int, bytes]] = deque()
         """Start of the first byte's start bit, and the bytes."""
         self._taken = 0
-        """Bytes of the first piece that were handed over."""
+        """Number of bytes of the first piece that were already taken."""
 
     def put(self, now_ns: int, data: bytes) -> bool:
-        """False when it does not fit between what is on the wire and what nobody fetched."""
+        """Queue bytes; returns False if they exceed the capacity together with the bytes not yet
+        taken.
+        """
         if self.held_bytes + len(data) > self._capacity_bytes:
             return False
         start_ns = max(now_ns, self._free_ns)
@@ -40,7 +42,9 @@ class _Wire:
         return True
 
     def take(self, now_ns: int) -> list[SerialChunk]:
-        """The bytes whose stop bit is over, stamped with the end of the last of each piece."""
+        """Return the bytes whose stop bit has ended, stamped with the end of the last byte of each
+        piece.
+        """
         chunks: list[SerialChunk] = []
         while self._pieces:
             start_ns, data = self._pieces[0]
@@ -60,7 +64,7 @@ class _Wire:
         return byte_count * _BITS_NS // self._baud
 
     def _done_bytes(self, elapsed_ns: int) -> int:
-        """The most bytes whose `_time_ns` is not over `elapsed_ns`."""
+        """Return the largest number of bytes whose `_time_ns` does not exceed `elapsed_ns`."""
         return ((elapsed_ns + 1) * self._baud - 1) // _BITS_NS
 
 
@@ -94,7 +98,10 @@ class InprocSerialPort:
 def inproc_line(
     *, baud: int = BAUD, capacity_bytes: int = CAPACITY_BYTES
 ) -> tuple[InprocSerialPort, InprocSerialPort]:
-    """The two ends of one line; what does not fit into a direction is dropped whole and counted."""
+    """Create the two ends of one line.
+
+    Data that does not fit into a direction is dropped as a whole and counted.
+    """
     assert baud > 0
     one, other = _Wire(baud, capacity_bytes), _Wire(baud, capacity_bytes)
     return InprocSerialPort(one, other), InprocSerialPort(other, one)

@@ -1,4 +1,4 @@
-"""A serial line whose bytes are written down as they pass, in both directions."""
+"""A serial line that logs its bytes in both directions."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ from firmware_py.storage.recorder import SerialDirection, SerialLog
 
 
 class RecordedLine:
-    """Wraps a port; what it hands over and takes is that of the port."""
+    """Wraps a port and passes all data through unchanged."""
 
     def __init__(self, port: SerialPort, log: SerialLog) -> None:
         self._port, self._log = port, log

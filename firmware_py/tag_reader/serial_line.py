@@ -1,7 +1,7 @@
 """The tag reader's serial line: a real port for the controller, a pseudo-terminal for the plant.
 
-Counters count bytes. Chunks are stamped with the instant at which they were fetched, so a byte may
-have waited in the kernel for as long as the port was not asked.
+Counters count bytes. A chunk is stamped with the instant of its read, so a byte may have waited in
+the kernel since the last read.
 """
 
 import contextlib
@@ -26,8 +26,8 @@ LONGEST_RETRY_NS: Final = 2_000_000_000
 
 _REASONS: Final = {
     errno.ENOENT: "no such device",
-    errno.EACCES: "no right to open it; on most systems the group dialout may",
-    errno.EPERM: "no right to open it; on most systems the group dialout may",
+    errno.EACCES: "permission denied; on most systems members of the group dialout may open it",
+    errno.EPERM: "permission denied; on most systems members of the group dialout may open it",
     errno.EBUSY: "in use by another program",
     errno.EAGAIN: "in use by another program",
     errno.EISDIR: "a directory, not a serial line",
@@ -38,13 +38,15 @@ _REASONS: Final = {
 
 
 class SerialError(Exception):
-    """A serial line that cannot be opened; the text names its path and what is wrong."""
+    """A serial line cannot be opened; the text names its path and the cause."""
 
 
 def open_serial(path: str | Path) -> "SerialLine":
-    """The line at `path`, 115200 8N1, for this program alone. Raises SerialError.
+    """Open the line at `path`, 115200 8N1, exclusively.
 
-    What waits in the kernel from before is thrown away: it is of unknown age.
+    Raises SerialError.
+
+    Bytes already waiting in the kernel are discarded because their age is unknown.
     """
     try:
         return SerialLine(str(path), _opened(str(path)))
@@ -53,7 +55,9 @@ def open_serial(path: str | Path) -> "SerialLine":
 
 
 class SerialLine:
-    """A port that outlives its device: a line that fails is closed, counted and tried again."""
+    """A port that survives the loss of its device: it closes a failed line, counts the failure and
+    reopens the line.
+    """
 
     def __init__(self, path: str, device: serial.Serial) -> None:
         self.counters = LinkCounters()
@@ -74,12 +78,13 @@ class SerialLine:
         return self._device is not None
 
     def send(self, now_ns: int, data: bytes) -> None:
-        """What the line does not take at once is dropped and counted."""
+        """Send bytes; those that the line does not accept at once are dropped and counted."""
         device = self._live_device(now_ns)
         written = 0
         if device is not None:
             try:
-                # Not through pyserial: its write spins while a full line takes nothing.
+                # Write directly, because pyserial's write busy-waits while a full line accepts
+                # nothing.
                 written = os.write(device.fileno(), data)
             except BlockingIOError:
                 pass
@@ -124,7 +129,9 @@ class SerialLine:
         self._wait(now_ns)
 
     def _wait(self, now_ns: int) -> None:
-        """The wait grows until bytes come again: a device that opens and fails is not healthy."""
+        """Increase the retry delay until bytes arrive: a device that opens and fails again is not
+        healthy.
+        """
         self._retry_ns = now_ns + self._backoff_ns
         self._backoff_ns = min(2 * self._backoff_ns, LONGEST_RETRY_NS)
 
@@ -136,10 +143,12 @@ class SerialLine:
 
 
 class PtyLine:
-    """The reader's end of a pseudo-terminal. Like a wire, it holds nothing for a reader to come.
+    """The reader's end of a pseudo-terminal.
 
-    Bytes for which nobody has the other end open, or for which there is no more room because
-    nobody reads, are dropped and counted.
+    Like a wire, it stores nothing for a later reader.
+
+    Bytes are dropped and counted while no program has the other end open, and while its buffer is
+    full.
     """
 
     def __init__(self, master: int, slave_path: str) -> None:
@@ -187,7 +196,9 @@ class PtyLine:
         return listening
 
     def _forget_unread(self) -> None:
-        """What the last listener left unread must not be the first that the next one hears."""
+        """Discard unread bytes of the last listener, so that the next listener does not receive
+        them first.
+        """
         with contextlib.suppress(OSError, termios.error):
             slave = os.open(self._slave_path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
             try:
@@ -197,14 +208,16 @@ class PtyLine:
 
 
 def open_pty() -> tuple[PtyLine, str]:
-    """A pseudo-terminal in raw mode: the reader's end, and the path that the controller opens.
+    """Open a pseudo-terminal in raw mode.
 
-    The path stays good while the port is open, however often it is opened and closed.
+    Returns the reader's end and the path for the controller.
+
+    The path stays valid while the port is open, however often the controller opens and closes it.
     """
     try:
         master, slave = os.openpty()
     except OSError as error:
-        raise SerialError(f"no pseudo-terminal can be had: {error.strerror}") from error
+        raise SerialError(f"no pseudo-terminal available: {error.strerror}") from error
     try:
         tty.setraw(slave)
         path = os.ttyname(slave)
@@ -215,7 +228,7 @@ def open_pty() -> tuple[PtyLine, str]:
 
 
 def _opened(path: str) -> serial.Serial:
-    """Raises OSError, of which serial.SerialException is one kind."""
+    """Open the device. Raises OSError, of which serial.SerialException is a subclass."""
     mode = Path(path).stat().st_mode
     if stat.S_ISDIR(mode):
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -227,6 +240,6 @@ def _opened(path: str) -> serial.Serial:
 def _reason(error: OSError) -> str:
     code = error.errno
     if code is None and isinstance(error.__context__, termios.error):
-        # Where pyserial cannot set the line up it keeps the number to itself.
+        # pyserial does not report the error number when it cannot configure the line.
         code = error.__context__.args[0]
     return _REASONS.get(code or 0, error.strerror or str(error))

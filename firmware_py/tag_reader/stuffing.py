@@ -1,4 +1,7 @@
-"""Byte stuffing: content to a frame between flags, and back; inside nothing looks like a flag."""
+"""Byte stuffing: converts content to a frame between flags and back.
+
+Stuffed content contains no flag.
+"""
 
 from typing import Final
 
@@ -13,15 +16,15 @@ _STUFFED_ESCAPE: Final = bytes([ESCAPE, ESCAPE ^ ESCAPE_XOR])
 
 
 def framed(content: bytes) -> bytes:
-    """The stuffed content between two flags."""
+    """Return the stuffed content between two flags."""
     stuffed = content.replace(_ESCAPE, _STUFFED_ESCAPE).replace(_FLAG, _STUFFED_FLAG)
     return _FLAG + stuffed + _FLAG
 
 
 def unstuffed(stuffed: bytes) -> bytes | None:
-    """The content of a frame without its flags.
+    """Return the content of a frame without its flags.
 
-    None when an escape is followed by nothing or by a byte that never stands behind one.
+    Returns None if an escape is followed by no byte or by an invalid one.
     """
     first, *escaped = stuffed.split(_ESCAPE)
     content = bytearray(first)

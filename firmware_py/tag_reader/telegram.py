@@ -1,7 +1,7 @@
-"""Telegrams of the tag reader: bytes on its serial line to values, and back.
+"""Telegrams of the tag reader: conversion between bytes on its serial line and values.
 
-docs/reference/serial_interface.md has the layout. Every frame stands between two flags of its own,
-so that a damaged flag costs the telegram it belongs to and not its neighbour as well.
+docs/reference/serial_interface.md defines the layout. Every frame has two flags of its own, so a
+damaged flag costs only its own telegram and not the neighbouring one.
 """
 
 import enum
@@ -18,9 +18,10 @@ from firmware_py.trackdb.line_map import TagKind
 
 VERSION: Final = 1
 MAX_PAYLOAD_BYTES: Final = 104
-"""Holds the 830 bits of a SUBSET-036 style user telegram."""
+"""Room for the 830 bits of a user telegram as in [SUBSET-036]."""
 TICKS_PER_MS: Final = 10
-"""Reader clock on the wire: 0.1 ms, 2 mm at 20 m/s; it wraps after 4.97 days."""
+"""Resolution of the reader's clock on the wire: 0.1 ms, 2 mm at 20 m/s. The clock wraps after 4.97
+days."""
 CLOCK_PERIOD_MS: Final = 2**32 / TICKS_PER_MS
 PULSE_PERIOD: Final = 2**16
 SEQUENCE_PERIOD: Final = 2**8
@@ -46,21 +47,21 @@ ANTENNA_OK: Final = 0x01
 _MIN_BYTES: Final = HEADER.size + CRC.size
 _MAX_BYTES: Final = HEADER.size + TAG_BODY.size + MAX_PAYLOAD_BYTES + CRC.size
 MAX_FRAME_BYTES: Final = 2 * _MAX_BYTES + 2
-"""On the line, every byte stuffed, both flags included."""
+"""Longest frame on the line, with every byte stuffed and both flags."""
 _REMEMBERED: Final = 8
 _FORWARD_STEPS: Final = SEQUENCE_PERIOD // 2
 
 
 @dataclass(frozen=True, slots=True)
 class TagTelegram:
-    """One tag or balise under the antenna. Position and time are those of the antenna's centre."""
+    """A tag or balise under the antenna. Position and time are those of the antenna's centre."""
 
     sequence: int
-    """Modulo 256, counted over all telegrams of the reader."""
+    """Counter over all telegrams of the reader, modulo 256."""
     tag_id: int
     kind: TagKind
     stamp_ms: float
-    """Reader clock, modulo CLOCK_PERIOD_MS, when the antenna's centre was over the tag's."""
+    """Reader clock, modulo CLOCK_PERIOD_MS, when the antenna's centre was over the tag's centre."""
     sent_ms: float
     """Reader clock, modulo CLOCK_PERIOD_MS, when the first byte of the frame left the reader."""
     pulses: int
@@ -70,13 +71,15 @@ class TagTelegram:
 
     @property
     def age_at_sending_s(self) -> float:
-        """From the antenna's centre to the first byte on the line; right across a clock wrap."""
+        """Time from the antenna's centre to the first byte on the line; correct across a clock
+        wrap.
+        """
         return ((self.sent_ms - self.stamp_ms) % CLOCK_PERIOD_MS) / 1000.0
 
 
 @dataclass(frozen=True, slots=True)
 class HealthTelegram:
-    """Sign of life, every HEALTH_PERIOD_S whether or not there are tags."""
+    """Life sign of the reader, sent every HEALTH_PERIOD_S independent of tags."""
 
     sequence: int
     sent_ms: float
@@ -84,7 +87,7 @@ class HealthTelegram:
     telegrams_read: int
     """Tags read over the air since power-up, modulo 2**32."""
     crc_errors: int
-    """Telegrams spoiled between tag and antenna since power-up, modulo 2**32."""
+    """Telegrams corrupted between tag and antenna since power-up, modulo 2**32."""
     uptime_s: int
 
 
@@ -105,12 +108,12 @@ class TornTelegram:
 
     reason: TornReason
     data: bytes
-    """As they were on the line, without the flags; at most MAX_FRAME_BYTES of them."""
+    """The bytes on the line without the flags; at most MAX_FRAME_BYTES."""
 
 
 @dataclass(frozen=True, slots=True)
 class DuplicateTelegram:
-    """A sound telegram whose sequence was there before. It must not be acted on a second time."""
+    """A valid telegram with a repeated sequence number. It must not be processed a second time."""
 
     telegram: TagTelegram | HealthTelegram
 
@@ -119,9 +122,9 @@ Heard = TagTelegram | HealthTelegram | TornTelegram | DuplicateTelegram
 
 
 def encode(telegram: TagTelegram | HealthTelegram) -> bytes:
-    """The frame as it goes on the line, flags included.
+    """Encode a telegram as the frame on the line, flags included.
 
-    Stamps are taken modulo the reader clock's period. Raises ValueError naming the field for a
+    Stamps are taken modulo the reader clock's period. Raises ValueError with the field's name for a
     value that the frame cannot carry.
     """
     header = HEADER.pack(
@@ -136,18 +139,19 @@ def encode(telegram: TagTelegram | HealthTelegram) -> bytes:
 
 
 class TelegramParser:
-    """Finds telegrams in a stream of bytes, however it is cut; resynchronises at any flag."""
+    """Finds telegrams in a stream of bytes in pieces of any size; resynchronises at any flag."""
 
     def __init__(self) -> None:
         self.tags = 0
         self.healths = 0
         self.duplicates = 0
         self.lost = 0
-        """Telegrams that are missing in the sequence."""
+        """Number of telegrams missing in the sequence."""
         self.jumps = 0
-        """Steps back in the sequence: the reader was restarted, or an old telegram was replayed."""
+        """Number of steps back in the sequence: a restarted reader, or a replayed old telegram."""
         self.gaps = 0
-        """How often telegrams are missing, or may be, before one that was heard; once at first."""
+        """Number of received telegrams before which telegrams are, or may be, missing; the first
+        one counts."""
         self.torn: Counter[TornReason] = Counter()
         self._piece = bytearray()
         self._too_long = False
@@ -156,11 +160,11 @@ class TelegramParser:
 
     @property
     def pending_bytes(self) -> int:
-        """Held back until the next flag; never more than MAX_FRAME_BYTES."""
+        """Bytes that wait for the next flag; never more than MAX_FRAME_BYTES."""
         return len(self._piece)
 
     def feed(self, data: bytes) -> list[Heard]:
-        """Everything that became complete with `data`, in the order of the line."""
+        """Return all telegrams completed by `data`, in the order of the line."""
         heard: list[Heard] = []
         if not data:
             return heard
@@ -194,7 +198,8 @@ class TelegramParser:
         said_before = stuffed in self._recent
         if sequence == last or said_before:
             self.duplicates += 1
-            # Another telegram of the same sequence says something that is not delivered.
+            # A different telegram with the same sequence number is not delivered, so its content
+            # counts as a gap.
             self.gaps += not said_before
             return DuplicateTelegram(telegram)
         step = 0 if last is None else (sequence - last) % SEQUENCE_PERIOD

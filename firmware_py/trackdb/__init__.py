@@ -1,4 +1,4 @@
-"""Track database: what both the controller and the world know of the line, by chainage."""
+"""Track database: the data of the line, by chainage, that controller and world share."""
 
 from firmware_py.trackdb.circuit import load_line
 from firmware_py.trackdb.line_map import LineMap

@@ -1,4 +1,4 @@
-"""How a line is divided where trains command themselves: areas, track sections, objects."""
+"""Division of a line where trains command themselves: areas, track sections, objects."""
 
 import enum
 import itertools
@@ -14,24 +14,25 @@ AREA_MAX: Final = 255
 TRACKS: Final = "firmware_py.trackdb"
 DIVISIONS: Final = "firmware_py.trackdb.division"
 BESIDE: Final = ".areas.toml"
-"""`my_line.areas.toml` divides the track of `my_line.toml`."""
+"""Suffix of division files: `my_line.areas.toml` divides the track of `my_line.toml`."""
 ROUNDING: Final = 1e-9
-"""Of a section's length."""
+"""Rounding tolerance as a share of a section's length."""
 SECTION_MIN_M: Final = 25.0
-"""More than lies between any two neighbouring axles of a train: one that stands over a shorter
-section may have no axle in it, and nobody could tell that from a gap between two trains."""
+"""Minimum length of a section. It exceeds the distance between any two neighbouring axles of a
+train. Over a shorter section a train may have no axle, which looks like a gap between two
+trains."""
 
 
 class ObjectKind(enum.IntEnum):
     SWITCH = 1
     CROSSING = 2
     PLATFORM = 3
-    """A platform track that may be closed, for people on it or for doors that stand open."""
+    """A platform track that may be closed, for people on it or for open doors."""
 
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """One stretch with one master at a time. Every metre of a line belongs to exactly one area."""
+    """A stretch with one master at a time. Every metre of a line belongs to exactly one area."""
 
     number: int
     start_m: float
@@ -49,7 +50,9 @@ class TrackSection:
 
 @dataclass(frozen=True, slots=True)
 class ObjectSite:
-    """What a train may pass only while it is locked for passing: anything in [start_m, end_m]."""
+    """An object that a train may pass only while it is locked for passing; it covers [start_m,
+    end_m].
+    """
 
     number: int
     kind: ObjectKind
@@ -59,18 +62,19 @@ class ObjectSite:
 
 @dataclass(frozen=True, slots=True)
 class AreaMap:
-    """The division of one line. Raises ValueError where parts overlap or leave holes."""
+    """The division of one line. Raises ValueError if parts overlap or leave gaps."""
 
     name: str
     areas: tuple[Area, ...]
-    """In running order, each beginning where the one before ends."""
+    """Areas in running order, each beginning where the previous one ends."""
     sections: tuple[TrackSection, ...] = ()
-    """In running order, without holes, from the start of the first area to the end of the last.
-    Each lies within one area: who hides in one that is of two areas would be missed by both."""
+    """Sections in running order, without gaps, from the start of the first area to the end of the
+    last. Each lies within one area: both masters would miss a shadow train in a section of two
+    areas."""
     objects: tuple[ObjectSite, ...] = ()
-    """In running order; each within one area."""
+    """Objects in running order, each within one area."""
     apply_m: float = 800.0
-    """So far before a border a train begins to report to the area behind it, too."""
+    """Distance before a border at which a train begins to report to the next area, too."""
 
     def __post_init__(self) -> None:
         if not self.areas:
@@ -109,21 +113,21 @@ class AreaMap:
         return self.areas[-1].end_m
 
     def area(self, number: int) -> Area:
-        """Raises KeyError for a number that no area of the line has."""
+        """Return an area. Raises KeyError for a number that no area of the line has."""
         for each in self.areas:
             if each.number == number:
                 return each
         raise KeyError(f"line {self.name} has no area {number}")
 
     def area_at(self, at_m: float) -> Area:
-        """The one that owns this metre; before and behind the line, the nearest."""
+        """Return the area at this place; outside of the line, the nearest one."""
         for each in reversed(self.areas):
             if each.start_m <= at_m:
                 return each
         return self.areas[0]
 
     def following(self, number: int) -> Area | None:
-        """The area that begins where this one ends; None at the end of the line."""
+        """Return the area that begins where this one ends; None at the end of the line."""
         after = False
         for each in self.areas:
             if after:
@@ -132,7 +136,7 @@ class AreaMap:
         return None
 
     def preceding(self, number: int) -> Area | None:
-        """The area that ends where this one begins; None at the start of the line."""
+        """Return the area that ends where this one begins; None at the start of the line."""
         before: Area | None = None
         for each in self.areas:
             if each.number == number:
@@ -145,8 +149,8 @@ class AreaMap:
         return tuple([each for each in self.objects if area.start_m <= each.start_m < area.end_m])
 
     def sections_told(self, number: int) -> tuple[TrackSection, ...]:
-        """What an area's master is told of: sections in it at least in part, and one behind each
-        of its borders, where trains come from and go to.
+        """Return the sections reported to an area's master: those that overlap the area, and one
+        behind each border, from which trains enter and leave.
         """
         area = self.area(number)
         inside = [
@@ -172,16 +176,16 @@ def _check_chain(what: str, parts: list[tuple[int, float, float]]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Division:
-    """What a file says of how a line is divided. Raises ValueError where that makes no sense."""
+    """Contents of a division file. Raises ValueError for an impossible division."""
 
     name: str
-    """Of the line."""
+    """Name of the line."""
     borders_m: tuple[float, ...]
     """Start of the line, borders of areas, end of the line; areas are numbered from 1."""
     section_m: float
-    """Length of the sections that count axles; the last of an area may be shorter, and of less than
-    `SECTION_MIN_M` that would be left the one before it is longer. 0: there are none, and nobody
-    notices a train that says nothing."""
+    """Length of the axle-counter sections. The last section of an area may be shorter; a rest below
+    `SECTION_MIN_M` is added to the section before it. 0 means that there are none, and then
+    non-communicating trains remain undetected."""
     apply_m: float
     objects: tuple[ObjectSite, ...] = ()
 
@@ -192,8 +196,8 @@ class Division:
             raise ValueError(f"section_m {self.section_m} is negative")
         if 0.0 < self.section_m < SECTION_MIN_M:
             raise ValueError(
-                f"section_m {self.section_m}: between two axles of a train there is room for it, "
-                f"which counts as clear then; at least {SECTION_MIN_M:g}, or 0 for none"
+                f"section_m {self.section_m}: a train may stand over it without an axle in it, "
+                f"so that it counts as clear; at least {SECTION_MIN_M:g}, or 0 for none"
             )
         if self.section_m and (self.borders_m[-1] - self.borders_m[0]) / self.section_m > 10_000:
             raise ValueError(f"section_m {self.section_m} makes more than 10,000 sections")
@@ -211,8 +215,10 @@ class Division:
 
 
 def load_areas(name: str) -> AreaMap:
-    """The division of a line by the stem of a shipped file, by its own path, or by that of the
-    track that it lies beside. Raises SettingsError.
+    """Load the division of a line by the name of a shipped file, by its own path, or by the path of
+    the track beside it.
+
+    Raises SettingsError.
     """
     divided = settings.shipped_names(DIVISIONS)
     if settings.is_path(name):
@@ -222,13 +228,16 @@ def load_areas(name: str) -> AreaMap:
     if name not in divided and name in settings.shipped_names(TRACKS):
         raise settings.SettingsError(
             f"line {name} is not divided into areas; divided ones that ship: {', '.join(divided)}; "
-            f"one of your own is a file TRACK.toml with TRACK{BESIDE} beside it"
+            f"to divide your own line, write a file TRACK.toml with TRACK{BESIDE} beside it"
         )
     return _division(name)
 
 
 def _beside(track: Path, line_name: object) -> AreaMap:
-    """Of a copy of a divided line that ships, the division is good enough where none lies there."""
+    """Load the division beside a track.
+
+    For a copy of a shipped line, the shipped division serves if there is none.
+    """
     path = track.with_suffix(BESIDE)
     if path.exists():
         areas = _division(str(path))
@@ -249,7 +258,7 @@ def _division(name: str) -> AreaMap:
 
 
 def _sections(borders_m: Sequence[float], length_m: float) -> tuple[TrackSection, ...]:
-    """Sections end where areas do."""
+    """Divide the areas into sections; each area begins with a new section."""
     ends_m: list[float] = []
     for start_m, end_m in itertools.pairwise(borders_m if length_m else ()):
         before_last = max(0, math.floor((end_m - start_m - SECTION_MIN_M) / length_m + ROUNDING))

@@ -1,4 +1,4 @@
-"""Loads lines. One that trains run round is a lap in its file, written out lap behind lap."""
+"""Loads lines. The file of a circular line contains one lap, which is repeated."""
 
 import functools
 from dataclasses import dataclass, replace
@@ -10,12 +10,12 @@ from firmware_py.trackdb.sites import Station, TagSite
 
 LAPS_MAX: Final = 100
 TAG_IDS: Final = 100_000
-"""Tags of the next lap have numbers greater by this."""
+"""Difference of tag numbers between one lap and the next."""
 
 
 @dataclass(frozen=True, slots=True)
 class Circuit:
-    """How often the lap of the file is written out. All but the first have its number in names."""
+    """Number of laps. The names of all laps but the first carry the lap's number."""
 
     laps: int
 
@@ -25,7 +25,7 @@ class Circuit:
 
 
 def load_line(name: str) -> LineMap:
-    """A line by path or by the stem of a shipped file; raises SettingsError."""
+    """Load a line by path or by the name of a shipped file; raises SettingsError."""
     path = settings.find(name, "firmware_py.trackdb")
     return _loaded(settings.text_of(path), str(path))
 
@@ -48,8 +48,10 @@ def _loaded(text: str, path: str) -> LineMap:
 
 
 def written_out(lap: LineMap, circuit: Circuit) -> LineMap:
-    """Lap behind lap; the second begins where the first ends. Raises ValueError for tags whose
-    numbers leave no room for another lap."""
+    """Repeat a lap; each lap begins where the previous one ends.
+
+    Raises ValueError if tag numbers are too large for another lap.
+    """
     highest = max((tag.tag_id for tag in lap.tags), default=0)
     if highest >= TAG_IDS:
         raise ValueError(f"tags: tag {highest}: on a circuit numbers are under {TAG_IDS}")
@@ -67,7 +69,7 @@ def written_out(lap: LineMap, circuit: Circuit) -> LineMap:
 
 
 def name_on_lap(name: str, lap: int) -> str:
-    """Of a station; laps are counted from 0."""
+    """Return a station's name on a lap; laps are counted from 0."""
     return name if lap == 0 else f"{name} {lap + 1}"
 
 
@@ -92,7 +94,7 @@ def _tag(tag: TagSite, lap: int, by_m: float) -> TagSite:
 
 
 def _shifted(sections: tuple[Any, ...], laps: int, length_m: float) -> tuple[Any, ...]:
-    """Sections of every lap; one that ends where the next lap begins is not joined with it."""
+    """Return the sections of every lap; sections of neighbouring laps are not joined."""
     return tuple(
         replace(
             section,

@@ -1,8 +1,7 @@
 """The line by chainage: stations, speed limits, gradients, curves and tags.
 
-Chainage grows in running direction. Sections are half-open, [start, end). Where no gradient or
-curve section lies the track is level and straight; speed sections must cover the line without a
-hole.
+Chainage increases in running direction. Sections are half-open, [start, end). Track outside of
+gradient and curve sections is level and straight. Speed sections must cover the line without a gap.
 """
 
 import itertools
@@ -25,7 +24,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class LineMap:
-    """One line in running direction. Raises ValueError when its parts contradict each other.
+    """One line in running direction.
+
+    Raises ValueError when its parts contradict each other.
 
     Beyond both ends the track is level and straight, and the limit is that of the nearest section.
     """
@@ -39,7 +40,7 @@ class LineMap:
     curves: tuple[CurveSection, ...] = ()
     tags: tuple[TagSite, ...] = ()
     description: str = ""
-    # Each quantity as the chainages where it changes and one value more than there are of those:
+    # Each quantity is stored as the chainages of its changes and its values, one more than changes.
     # value[i] holds on [edge[i - 1], edge[i]), so that bisect_right(edges, at) is its index.
     _limit_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
     _limits_mps: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
@@ -146,7 +147,7 @@ class LineMap:
             object.__setattr__(self, name, value)
 
     def height_m(self, at_m: float) -> float:
-        """Height of the track over its start."""
+        """Height of the track above its start."""
         index = bisect_right(self._grade_edges_m, at_m)
         if index == 0:
             return 0.0
@@ -159,11 +160,11 @@ class LineMap:
         return self._grades_permille[bisect_right(self._grade_edges_m, at_m)]
 
     def mean_gradient_permille(self, rear_m: float, front_m: float) -> float:
-        """Mean over a stretch, so over the train's length; rear_m < front_m."""
+        """Mean gradient over a stretch, such as the train's length; rear_m < front_m."""
         assert rear_m < front_m
         edges_m = self._grade_edges_m
         first = bisect_right(edges_m, rear_m)
-        # A train is mostly on one gradient, and then it need not be integrated.
+        # Without a change of gradient under the train there is nothing to integrate.
         if first == len(edges_m) or front_m < edges_m[first]:
             return self._grades_permille[first]
         return (self.height_m(front_m) - self.height_m(rear_m)) / (front_m - rear_m) * 1000.0
@@ -193,7 +194,7 @@ class LineMap:
         return self._radii_m[bisect_right(self._curve_edges_m, at_m)]
 
     def station(self, name: str) -> Station:
-        """Raises KeyError, with the names there are, for an unknown one."""
+        """Return a station. Raises KeyError with the known names for an unknown one."""
         for station in self.stations:
             if station.name == name:
                 return station
@@ -201,7 +202,7 @@ class LineMap:
         raise KeyError(f"line {self.name} has no station {name}; it has {names}")
 
     def stations_between(self, after_m: float, up_to_m: float) -> Sequence[Station]:
-        """Stations whose stopping point lies in (after_m, up_to_m], in running order."""
+        """Return the stations whose stopping point lies in (after_m, up_to_m], in running order."""
         stops_m = self._stops_m
         return self.stations[bisect_right(stops_m, after_m) : bisect_right(stops_m, up_to_m)]
 
@@ -209,7 +210,9 @@ class LineMap:
 def _pieces(
     sections: Sequence[tuple[float, float, T]], between: T
 ) -> tuple[tuple[float, ...], tuple[T, ...]]:
-    """Edges and values, one more of those, of sections with `between` before, between and after."""
+    """Return edges and values (one more than edges) of sections, with the value `between` outside
+    of them.
+    """
     edges_m: list[float] = []
     values: list[T] = [between]
     for start_m, end_m, value in sections:

@@ -1,4 +1,4 @@
-"""What lies along a line: stations, sections of one limit, gradient or radius, and tags."""
+"""Sites along a line: stations, tags, and sections with one limit, gradient or radius."""
 
 import enum
 from dataclasses import dataclass
@@ -20,24 +20,24 @@ class TagKind(enum.Enum):
     T1 = "t1"
     T2 = "t2"
     T3 = "t3"
-    """The three magnetic tags before a stopping point (Allotta et al. 2013, section II.B)."""
+    """The three magnetic tags before a stopping point ([Allotta 2013], section II.B)."""
     STOP = "stop"
-    """Under the antenna of a train that stands at the stopping point."""
+    """The tag under the antenna of a train at the stopping point."""
 
 
 @dataclass(frozen=True, slots=True)
 class Station:
     name: str
     stop_m: float
-    """Where the front coupler of a train stands that stopped exactly."""
+    """Place of the front coupler of a train that stopped exactly."""
     platform_start_m: float
     platform_end_m: float
     side: PlatformSide = PlatformSide.RIGHT
     dwell_s: float = 30.0
     run_s: float = 0.0
-    """Planned from leaving the station before to standing here; 0: there is no plan."""
+    """Planned run time from leaving the previous station to standing here; 0: no plan."""
     platform_doors: bool = False
-    """The platform has doors of its own, which open and close with the train's."""
+    """The platform has doors, which open and close with those of the train."""
 
     def __post_init__(self) -> None:
         if not self.platform_start_m < self.stop_m <= self.platform_end_m:

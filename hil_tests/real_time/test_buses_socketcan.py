@@ -75,5 +75,7 @@ def test_a_socket_without_the_right_to_it_is_named(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(socket, "socket", refuse)
 
-    with pytest.raises(BusError, match="no right to open a CAN socket: Operation not permitted"):
+    with pytest.raises(
+        BusError, match="permission denied for a CAN socket: Operation not permitted"
+    ):
         open_can("socketcan:vcan0", clock=WallClock(), node="vobc")

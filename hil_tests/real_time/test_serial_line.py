@@ -262,7 +262,7 @@ def test_missing_rights_are_named(plant: tuple[PtyLine, str]) -> None:
     if me == 0:
         os.seteuid(65534)
     try:
-        with pytest.raises(SerialError, match=f"{path}: no right to open it"):
+        with pytest.raises(SerialError, match=f"{path}: permission denied"):
             open_serial(path)
     finally:
         os.seteuid(me)

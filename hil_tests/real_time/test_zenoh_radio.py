@@ -261,7 +261,7 @@ def test_a_port_that_any_program_holds_is_refused_with_its_name(radio: Opener) -
     [
         (SessionRole.TRAIN, "nonsense", "it has the form tcp/HOST:PORT"),
         (SessionRole.WAYSIDE, "nonsense", "it has the form tcp/HOST:PORT"),
-        (SessionRole.WAYSIDE, "tcp/192.0.2.1:7447", "no address of this machine"),
+        (SessionRole.WAYSIDE, "tcp/192.0.2.1:7447", "not an address of this machine"),
         (SessionRole.WAYSIDE, "tcp/no.such.host.invalid:7447", "the host is unknown"),
     ],
 )

@@ -171,8 +171,12 @@ def test_what_is_no_token_is_nobodys(key: str) -> None:
     [
         ("here", None, "here: not an endpoint"),
         ("tcp/127.0.0.1:7448", "there", "there: not an endpoint"),
-        ("tcp/nowhere.invalid:7448", None, "tcp/nowhere.invalid:7448: by which address of this"),
-        ("tcp/127.0.0.1:7448", "tcp/192.0.2.1:0", "tcp/192.0.2.1:0: no address of this machine"),
+        ("tcp/nowhere.invalid:7448", None, "tcp/nowhere.invalid:7448: the address of this machine"),
+        (
+            "tcp/127.0.0.1:7448",
+            "tcp/192.0.2.1:0",
+            "tcp/192.0.2.1:0: not an address of this machine",
+        ),
     ],
 )
 def test_a_peer_that_cannot_be_one_says_why(

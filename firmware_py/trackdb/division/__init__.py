@@ -1,1 +1,1 @@
-"""How the shipped lines are divided for trains that command themselves, one TOML file for each."""
+"""Divisions of the shipped lines for trains that command themselves, one TOML file for each."""

@@ -152,7 +152,7 @@ def test_a_division_that_makes_no_sense_is_refused(
     [
         ("borders_m = [0.0]\nsection_m = 100.0", "a line has a start and an end"),
         ("borders_m = [0.0, 9.0]\nsection_m = -1.0", "section_m -1.0 is negative"),
-        ("borders_m = [0.0, 9.0]\nsection_m = 24.9", "section_m 24.9: between two axles"),
+        ("borders_m = [0.0, 9.0]\nsection_m = 24.9", "section_m 24.9: a train may stand over it"),
         ("borders_m = [0.0, 9e9]\nsection_m = 25.0", "more than 10,000 sections"),
     ],
 )

@@ -53,7 +53,9 @@ def test_other_numbers_of_trains_are_refused(trains: int) -> None:
 
 
 def test_a_line_without_traffic_is_refused_by_name() -> None:
-    with pytest.raises(SettingsError, match="traffic on florence; it is on changping"):
+    with pytest.raises(
+        SettingsError, match="florence has no traffic file; lines with one: changping"
+    ):
         traffic_of("florence")
 
 
