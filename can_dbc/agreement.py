@@ -1,4 +1,4 @@
-"""Whether a frame class and its DBC message agree: every mismatch as a sentence."""
+"""Checks that a frame class and its DBC message agree; reports every mismatch as a sentence."""
 
 import dataclasses
 import difflib
@@ -25,7 +25,7 @@ from can_dbc.dbc_file import (
 TRAILER_BYTES: Final = 3
 MAX_BYTES: Final = 8
 MAX_TABLE_BITS: Final = 10
-"""Widest enumeration: the codec keeps one entry for every raw value."""
+"""Widest enumeration in bits: the codec stores one entry for every raw value."""
 
 UNITS: Final[Mapping[str, str]] = {
     "mps": "m/s",
@@ -50,11 +50,11 @@ UNITS: Final[Mapping[str, str]] = {
     "permille": "permille",
     "ratio": "1",
 }
-"""Last part of a float field's name to the DBC unit it promises."""
+"""DBC unit that the last part of a float field's name requires."""
 
 PLAIN_BOOL: Final = {0: "FALSE", 1: "TRUE"}
 TWO_BIT_BOOL: Final = {1: "FALSE", 2: "TRUE"}
-"""Every other value of the two bits counts as FALSE."""
+"""Raw values of a two-bit boolean; the other two values count as FALSE."""
 
 
 class Frame(Protocol):
@@ -65,7 +65,7 @@ class Frame(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FieldLayout:
-    """One field and the bits that carry it."""
+    """One field with its bits in the payload."""
 
     name: str
     kind: type[Any]
@@ -82,7 +82,7 @@ class FieldLayout:
 
 
 def mismatches(kind: type[Frame], file: DbcFile, message: Message) -> Iterator[str]:
-    """Everything that is wrong, each with file, message, signal and what to change."""
+    """Yield every mismatch, each with file, message, signal and what to change."""
     where = f"{file.name}: {message.name}"
     for text in (
         *_frame_faults(message),
@@ -101,20 +101,20 @@ def mismatches(kind: type[Frame], file: DbcFile, message: Message) -> Iterator[s
 
 
 def field_types(kind: type[Frame]) -> dict[str, type[Any]]:
-    """The fields of a frame class in their order, with their types."""
+    """Return the fields of a frame class in their order, with their types."""
     hints = typing.get_type_hints(kind)
-    # A compiled class has its types in its fields only.
+    # A compiled class has type annotations only in its fields.
     return {field.name: hints.get(field.name, field.type) for field in dataclasses.fields(kind)}
 
 
 def layouts(kind: type[Frame], message: Message) -> tuple[FieldLayout, ...]:
-    """Where each field lies. Only for a class that agrees with its message."""
+    """Return the layout of each field. The class must agree with its message."""
     signals = signals_of(message)
     return tuple(_layout(field, signals[name]) for name, field in field_types(kind).items())
 
 
 def payload_bytes(message: Message) -> int:
-    """Length without the trailer."""
+    """Length of the payload without the trailer."""
     guarded = dbc_file.protection(message) is not MessageProtection.NONE
     return message.length - (TRAILER_BYTES if guarded else 0)
 

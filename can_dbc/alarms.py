@@ -1,4 +1,4 @@
-"""What the train itself notices and a driver would see: obstacle and fire."""
+"""Alarms on board that a driver would notice: obstacle and fire."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,6 @@
-"""Analogue reference: what the VOBC has its output module put onto the 4 to 20 mA loops."""
+"""Analogue reference: currents of the 4 to 20 mA loops that the VOBC commands from its output
+module.
+"""
 
 from dataclasses import dataclass
 
@@ -8,12 +10,13 @@ from can_dbc.binding import frame
 @frame("analogue.dbc", "ANALOGUE_CMD")
 @dataclass(frozen=True, slots=True)
 class AnalogueCommand:
-    """Sent beside the vital commands, and only by a controller whose output is the current loops.
+    """Currents for the loops, sent in addition to the vital commands, by controllers with this
+    output only.
 
-    Without it for 150 ms the module puts no current onto its loops.
+    Without it for 150 ms the module sets no current on its loops.
     """
 
     traction_ma: float
-    """Current of the traction loop; under 4 mA there is no effort."""
+    """Current of the traction loop; below 4 mA there is no effort."""
     brake_ma: float
     """Current of the service brake's loop."""

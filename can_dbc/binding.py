@@ -1,4 +1,4 @@
-"""Ties a frame class to its DBC message on import; a mismatch raises and says what to change."""
+"""Binds a frame class to its DBC message on import; a mismatch raises and says what to change."""
 
 import functools
 import importlib
@@ -36,7 +36,7 @@ F = TypeVar("F", bound=Frame)
 
 @dataclass(frozen=True, slots=True)
 class Binding:
-    """A frame class and the message that carries it, known to agree."""
+    """A frame class and the message that carries it, checked to agree."""
 
     kind: type[Frame]
     file: DbcFile
@@ -50,7 +50,7 @@ class Binding:
 
     @property
     def messages(self) -> tuple[Message, ...]:
-        """What goes out for one frame, in this order."""
+        """The messages sent for one frame, in this order."""
         return (self.message,) if self.twin is None else (self.message, self.twin)
 
 
@@ -62,7 +62,7 @@ def frame(dbc: str | Path, message_name: str) -> Callable[[type[F]], type[F]]:
 
     Args:
         dbc: name of a file of this package, or a path to any other.
-        message_name: as the file has it.
+        message_name: name of the message in that file.
 
     Raises:
         BindingError: with a line for every mismatch.
@@ -77,7 +77,7 @@ def frame(dbc: str | Path, message_name: str) -> Callable[[type[F]], type[F]]:
 
 
 def bind(kind: type[Frame], file: DbcFile, message_name: str) -> Binding:
-    """What `frame` does, without remembering it."""
+    """Create the binding as `frame` does, without registering it."""
     found = file.message(message_name)
     faults = list(agreement.mismatches(kind, file, found))
     if faults:
@@ -95,13 +95,13 @@ def bind(kind: type[Frame], file: DbcFile, message_name: str) -> Binding:
 
 
 def kinds() -> tuple[type[Frame], ...]:
-    """Every frame class of this package, by rising identifier."""
+    """Return every frame class of this package, by increasing identifier."""
     return _shipped_kinds()
 
 
 @functools.cache
 def _shipped_kinds() -> tuple[type[Frame], ...]:
-    """A DBC file and the module of the same name belong together, so the files name the modules."""
+    """Import the modules that belong to the DBC files; each has the name of its file."""
     for name in dbc_file.names():
         importlib.import_module("can_dbc." + name.removesuffix(".dbc"))
     files = [dbc_file.shipped(name) for name in dbc_file.names()]
@@ -113,12 +113,12 @@ def _shipped_kinds() -> tuple[type[Frame], ...]:
 
 @functools.cache
 def known_ids() -> frozenset[int]:
-    """Every identifier of this package's DBC files."""
+    """Return every identifier of this package's DBC files."""
     return frozenset(each.frame_id for kind in kinds() for each in binding_of(kind).messages)
 
 
 def binding_of(kind: type) -> Binding:
-    """TypeError for a class that `frame` has not seen."""
+    """Return the binding of a class. Raises TypeError for a class without one."""
     try:
         return _BINDINGS[kind]
     except KeyError:
@@ -126,30 +126,30 @@ def binding_of(kind: type) -> Binding:
 
 
 def message(kind: type) -> Message:
-    """The message as cantools knows it."""
+    """The message as a cantools object."""
     return binding_of(kind).message
 
 
 def can_id(kind: type) -> int:
-    """Identifier; that of the first half for a vital message."""
+    """Identifier of the message; for a vital message that of the first half."""
     return binding_of(kind).message.frame_id
 
 
 def sender(kind: type) -> str:
-    """Name of the node that sends it."""
+    """Name of the node that sends the message."""
     return binding_of(kind).message.senders[0]
 
 
 def period_s(kind: type) -> float:
-    """From one transmission to the next; 0 for a message that is sent on occasion."""
+    """Time between transmissions; 0 for a message that is not cyclic."""
     return binding_of(kind).period_s
 
 
 def timeout_s(kind: type) -> float:
-    """Age at which a receiver gives the message up; infinite for one that is sent on occasion."""
+    """Age at which a receiver rejects the message as lost; infinite for one that is not cyclic."""
     return binding_of(kind).timeout_s
 
 
 def is_vital(kind: type) -> bool:
-    """Whether it travels as a pair with an inverted twin."""
+    """Whether the message is sent as a pair with an inverted twin."""
     return binding_of(kind).protection is MessageProtection.VITAL

@@ -8,21 +8,24 @@ from can_dbc.binding import frame
 @frame("brake.dbc", "BRAKE_CMD")
 @dataclass(frozen=True, slots=True)
 class BrakeCommand:
-    """Vital, sent with an inverted twin. Without a valid pair for 150 ms it brakes by itself."""
+    """Vital, sent with an inverted twin.
+
+    Without a valid pair for 150 ms the unit applies the emergency brake.
+    """
 
     service_decel_mps2: float
-    """Deceleration asked of the service brake; 0 releases it."""
+    """Demanded deceleration of the service brake; 0 releases it."""
     emergency_released: bool
     """The emergency brake stays off only while this is true: energise to release."""
     holding_released: bool
-    """The holding brake may come off."""
+    """The holding brake may release."""
 
 
 @frame("brake.dbc", "BRAKE_STATUS")
 @dataclass(frozen=True, slots=True)
 class BrakeStatus:
     applied_decel_mps2: float
-    """What electric and friction brake together give by the unit's own estimate."""
+    """Deceleration of electric and friction brake together, as the unit estimates it."""
     cylinder_pressure_kpa: float
     emergency_applied: bool
     holding_applied: bool

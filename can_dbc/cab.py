@@ -9,7 +9,7 @@ from can_dbc.binding import frame
 class CabMode(enum.IntEnum):
     OFF = 0
     AUTO = 1
-    """ATO drives, nobody needs to sit at the desk."""
+    """Automatic operation drives; the desk may be unattended."""
     MANUAL = 2
     """The lever drives, ATP supervises."""
 
@@ -25,10 +25,11 @@ class Desk:
     no_passenger_alarm: bool
     departure_requested: bool
     reset_requested: bool
-    """Acknowledges a latched emergency; counts only at standstill."""
+    """Acknowledges a latched emergency; effective only at standstill."""
     open_left_requested: bool
     open_right_requested: bool
     restricted_requested: bool = False
-    """To drive on sight, at restricted speed."""
+    """The person at the desk requests driving on sight at restricted speed."""
     door_bypass_requested: bool = False
-    """The sealed switch: depart although doors are not proven locked. Every use is an event."""
+    """The sealed switch: permits departure although doors are not proven locked. Every use is an
+    event."""

@@ -1,4 +1,7 @@
-"""Frames to bytes and back: alive counter, CRC and inverted twin; a bad frame becomes a value."""
+"""Converts frames to bytes and back: alive counter, CRC and inverted twin.
+
+A bad frame gives a value, not an exception.
+"""
 
 from binascii import crc_hqx
 from collections import Counter
@@ -16,7 +19,7 @@ from can_dbc.trailer import AliveCounter, crc_of_data_id, damage, opener
 __all__ = ["Decoder", "EncodeError", "Encoder", "Reason", "Rejected", "TWIN_WITHIN_NS"]
 
 TWIN_WITHIN_NS: Final = 20_000_000
-"""The second half of a vital pair must be heard this soon after the first."""
+"""Maximum time between the two halves of a vital pair."""
 
 Sent = tuple[tuple[int, bytes], ...]
 
@@ -27,19 +30,20 @@ Reject = Callable[[bytes, Reason, str], Rejected]
 
 
 class Encoder:
-    """Turns frames into what goes out on the bus, and counts every transmission.
+    """Converts frames to bus data and counts every transmission.
 
-    Numbers beyond the range of their signal are sent as its end; infinity is such a number.
+    Numbers beyond the range of their signal, including infinity, are sent as the end of the range.
     """
 
     def __init__(self, kinds: Iterable[type[Frame]] = ()) -> None:
-        """`kinds` are made ready now; any other costs a millisecond when it is first sent."""
+        """`kinds` are prepared now; any other kind takes a millisecond when it is first sent."""
         self._send: dict[type, Callable[[Any], Sent]] = {}
         for kind in kinds:
             self._prepare(kind)
 
     def encode(self, frame: Frame) -> Sent:
-        """Identifier and payload, twice for a vital frame: itself and then its inverted twin.
+        """Return identifier and payload; for a vital frame those of the frame and of its inverted
+        twin.
 
         Raises:
             EncodeError: for NaN or a value of another type than the field's.
@@ -61,23 +65,24 @@ class Encoder:
 
 
 class Decoder:
-    """Turns what was heard on the bus into frames, and refuses what cannot be trusted."""
+    """Converts received data to frames, and rejects data that cannot be trusted."""
 
     def __init__(
         self,
         kinds: Iterable[type[Frame]],
         timeouts_s: Mapping[type[Frame], float] | None = None,
     ) -> None:
-        """Wants the frames of `kinds`.
+        """Decode the frames of `kinds`.
 
         Args:
-            timeouts_s: silence after which any alive counter starts anew, for kinds that are sent
-                at another period than their DBC file says.
+            timeouts_s: silence after which any alive counter is accepted as a new start, for kinds
+                that
+                are sent at another period than their DBC file gives.
         """
         self.rejections: Counter[tuple[int, Reason]] = Counter()
-        """How often each identifier was refused, and why."""
+        """Rejection counts by identifier and reason."""
         self.lost: Counter[int] = Counter()
-        """Frames that never came, by the gaps in accepted alive counters."""
+        """Number of lost frames by identifier, from gaps in accepted alive counters."""
         self._hear: dict[int, Hear] = {}
         for kind in kinds:
             bound = binding_of(kind)
@@ -86,15 +91,15 @@ class Decoder:
 
     @property
     def ids(self) -> frozenset[int]:
-        """The identifiers it wants, for acceptance filters."""
+        """The identifiers that it decodes, for acceptance filters."""
         return frozenset(self._hear)
 
     def decode(self, can_id: int, data: bytes, heard_ns: int) -> Heard:
-        """What one received frame means.
+        """Decode one received frame.
 
-        None for the first half of a vital pair, which says nothing without its twin, and for an
-        identifier that the bus knows but this decoder was not asked for. A first half whose twin
-        never came is refused when the next first half arrives.
+        Returns None for the first half of a vital pair, which has no meaning without its twin, and
+        for known identifiers outside of `kinds`. A first half whose twin never arrived is rejected
+        when the next first half arrives.
         """
         hear = self._hear.get(can_id)
         if hear is not None:
@@ -184,7 +189,9 @@ def _vital_sender(bound: Binding) -> Callable[[Any], Sent]:
 
 
 def _reader(bound: Binding) -> Callable[[int], Frame | None]:
-    """Payload bits to frame; the same bits again give the same frame, which nobody can change."""
+    """Convert payload bits to a frame; equal bits in succession give the same immutable frame
+    object.
+    """
     unpack = unpacker(bound.kind)
     last_bits, last = -1, None
 
@@ -222,8 +229,8 @@ def _safe_receiver(bound: Binding, alive: AliveCounter, reject: Reject) -> Hear:
     from_bytes = int.from_bytes
     last_bits, last = -1, None
 
-    # Most of the traffic comes through here, so the checks of `opener` and the plain step of the
-    # alive counter stand here once more instead of costing a call each.
+    # Most of the traffic passes here. The checks of `opener` and the normal step of the alive
+    # counter are therefore repeated inline to save two calls.
     def hear(data: bytes, heard_ns: int) -> Heard:
         nonlocal last_bits, last
         if len(data) != length:
@@ -253,7 +260,7 @@ def _safe_receiver(bound: Binding, alive: AliveCounter, reject: Reject) -> Hear:
 def _vital_receivers(
     bound: Binding, twin: Message, alive: AliveCounter, reject: Reject, reject_twin: Reject
 ) -> tuple[Hear, Hear]:
-    """The receivers of the two halves; what the first hears waits for the second."""
+    """Return the receivers of the two halves; the first half waits for the second."""
     message, opened, opened_twin = bound.message, opener(bound.message), opener(twin)
     read = _reader(bound)
     counter_at = 8 * payload_bytes(message)

@@ -1,4 +1,6 @@
-"""DBC files as cantools reads them, each parsed once, and the attributes this bus adds to them."""
+"""DBC files as parsed by cantools, each parsed once, and the attributes that this bus adds to
+them.
+"""
 
 import difflib
 import enum
@@ -11,7 +13,7 @@ from typing import Final
 
 import cantools.database
 
-# Named here so that no other package needs to meet the library for its types.
+# Named here so that other packages get these types without importing the library.
 from cantools.database.can import Database as Database
 from cantools.database.can import Message as Message
 from cantools.database.can import Signal as Signal
@@ -19,23 +21,25 @@ from cantools.database.can import Signal as Signal
 COUNTER_NAME: Final = "alive_counter"
 CRC_NAME: Final = "crc16"
 TWIN_SUFFIX: Final = "_INV"
-"""The inverted twin of a vital message carries the message's name and this."""
+"""Suffix of the inverted twin's name."""
 TIMEOUT_PERIODS: Final = 3
-"""A receiver gives a message up after this many periods, unless TimeoutMs gives it longer."""
+"""Number of periods after which a message is lost, unless TimeoutMs sets a longer time."""
 
 
 class BindingError(Exception):
-    """A DBC file and a frame class contradict each other; says where and what to change."""
+    """A DBC file and a frame class contradict each other; the text says where and what to
+    change.
+    """
 
 
 class MessageProtection(enum.Enum):
-    """How a message is guarded; numbered as the DBC attribute of this name numbers them."""
+    """Protection of a message, with the numbers of the DBC attribute of this name."""
 
     NONE = 0
     SAFETY = 1
     """Alive counter and CRC in the last three bytes."""
     VITAL = 2
-    """The same, and an inverted twin right behind it."""
+    """Alive counter, CRC, and an inverted twin directly after the message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +52,10 @@ class DbcFile:
     """Name and comment of each node."""
 
     def message(self, name: str) -> Message:
-        """The message called `name`; BindingError with the nearest name when there is none."""
+        """Return the message called `name`.
+
+        Raises BindingError with the nearest name if there is none.
+        """
         if name not in self.messages:
             near = difflib.get_close_matches(name, self.messages, n=1)
             hint = f"; did you mean {near[0]}?" if near else ""
@@ -64,7 +71,7 @@ def names() -> list[str]:
 
 @functools.cache
 def shipped(name: str) -> DbcFile:
-    """A file of this package, by its name."""
+    """Return a file of this package by its name."""
     if name not in names():
         raise BindingError(f"{name}: no such file; shipped are {', '.join(names())}")
     return parse((resources.files("can_dbc") / name).read_text(encoding="ascii"), name)
@@ -72,7 +79,7 @@ def shipped(name: str) -> DbcFile:
 
 @functools.cache
 def read(path: Path) -> DbcFile:
-    """A file from anywhere."""
+    """Return a file by its path."""
     try:
         text = path.read_text(encoding="cp1252")
     except OSError as error:
@@ -81,12 +88,12 @@ def read(path: Path) -> DbcFile:
 
 
 def parse(text: str, name: str) -> DbcFile:
-    """The content of a DBC file; `name` is what errors call it."""
+    """Parse the content of a DBC file; errors use `name` for it."""
     database = cantools.database.Database(strict=True)
     try:
         database.add_dbc_string(text)
     except Exception as error:
-        # The parser's errors share no base class; whatever it says is about this text.
+        # The parser's errors share no base class; all of them concern this text.
         raise BindingError(f"{name}: not a usable DBC file: {error}") from error
     refuse_shared(name, database.messages)
     return DbcFile(
@@ -97,7 +104,7 @@ def parse(text: str, name: str) -> DbcFile:
 
 
 def refuse_shared(where: str, messages: Iterable[Message]) -> None:
-    """BindingError when two messages share a name, an identifier or a data id."""
+    """Raise BindingError if two messages share a name, an identifier or a data id."""
     owners: dict[str, Message] = {}
     for message in messages:
         marks = [f"name {message.name}", f"identifier {message.frame_id:#x}"]
@@ -113,7 +120,7 @@ def refuse_shared(where: str, messages: Iterable[Message]) -> None:
 
 
 def number(message: Message, attribute: str) -> int:
-    """An integer attribute of a message, 0 when the file does not give it."""
+    """An integer attribute of a message; 0 if the file does not give it."""
     assert message.dbc is not None
     found = message.dbc.attributes.get(attribute)
     if found is None:
@@ -134,32 +141,32 @@ def protection(message: Message) -> MessageProtection:
 
 
 def data_id(message: Message) -> int:
-    """The attribute SafetyDataId: part of the CRC, never sent; 0 when there is none."""
+    """The attribute SafetyDataId: part of the CRC, never sent; 0 without one."""
     return number(message, "SafetyDataId")
 
 
 def is_cyclic(message: Message) -> bool:
-    """Whether the attribute GenMsgSendType says so."""
+    """Whether the attribute GenMsgSendType is cyclic."""
     return message.send_type == "cyclic"
 
 
 def period_ms(message: Message) -> int:
-    """The attribute GenMsgCycleTime, 0 for a message that is sent on occasion."""
+    """The attribute GenMsgCycleTime; 0 for a message that is not cyclic."""
     return message.cycle_time or 0
 
 
 def timeout_ms(message: Message) -> int:
-    """The attribute TimeoutMs, three periods where the file gives none."""
+    """The attribute TimeoutMs; three periods if the file gives none."""
     return number(message, "TimeoutMs") or TIMEOUT_PERIODS * period_ms(message)
 
 
 def signals_of(message: Message) -> dict[str, Signal]:
-    """By name."""
+    """Signals of a message by name."""
     return {signal.name: signal for signal in message.signals}
 
 
 def raw_limits(signal: Signal) -> tuple[int, int]:
-    """What the bits of a signal can hold."""
+    """Least and greatest raw value of a signal's bits."""
     if signal.is_signed:
         return -(1 << signal.length - 1), (1 << signal.length - 1) - 1
     return 0, (1 << signal.length) - 1

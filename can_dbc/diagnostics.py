@@ -1,4 +1,4 @@
-"""Time, heartbeats and emergency messages as CANopen (CiA 301) has them, and the train's load."""
+"""Time, heartbeats and emergency messages of CANopen (CiA 301), and the train's load."""
 
 import enum
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ F = TypeVar("F", bound=Frame)
 
 
 class NodeState(enum.IntEnum):
-    """CANopen NMT states as a heartbeat carries them."""
+    """CANopen NMT states in heartbeats."""
 
     BOOT_UP = 0
     STOPPED = 4
@@ -22,7 +22,7 @@ class NodeState(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class NodeHeartbeat:
-    """Sent every second by every node; `HEARTBEATS` has the class of each."""
+    """Heartbeat that every node sends every second; `HEARTBEATS` has the class of each node."""
 
     node: ClassVar[Node]
     state: NodeState
@@ -30,21 +30,21 @@ class NodeHeartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Emergency:
-    """Sent once when an error appears and once, with code 0, when it is gone.
+    """Emergency message, sent once when an error appears and once, with code 0, when it is gone.
 
     `EMERGENCIES` has the class of each node.
     """
 
     node: ClassVar[Node]
     error_code: int
-    """CiA 301 table 26, or a code of the manufacturer's from 0xFF00 on."""
+    """Code of CiA 301 table 26, or a manufacturer's code from 0xFF00 on."""
     error_register: int
     detail: int
-    """The manufacturer's 40 bits; meaning depends on the code."""
+    """The manufacturer's 40 bits; their meaning depends on the code."""
 
 
 def _one_for_each_node(base: type[F], prefix: str) -> Mapping[Node, type[F]]:
-    """A subclass of `base` for every node, bound to the message PREFIX_NODE."""
+    """Create a subclass of `base` for every node, bound to the message PREFIX_NODE."""
     return {
         node: frame("diagnostics.dbc", f"{prefix}_{node.name}")(
             type(f"{base.__name__}{node.name.capitalize()}", (base,), _members(node))
@@ -58,7 +58,8 @@ def _members(node: Node) -> dict[str, object]:
 
 
 HEARTBEATS: Final = _one_for_each_node(NodeHeartbeat, "HEARTBEAT")
-"""`HEARTBEATS[Node.BCU](NodeState.OPERATIONAL)` is what the brake control unit sends."""
+"""Heartbeat class of each node: `HEARTBEATS[Node.BCU](NodeState.OPERATIONAL)` is a heartbeat of the
+brake control unit."""
 EMERGENCIES: Final = _one_for_each_node(Emergency, "EMCY")
 
 
@@ -66,7 +67,7 @@ EMERGENCIES: Final = _one_for_each_node(Emergency, "EMCY")
 @dataclass(frozen=True, slots=True)
 class TcmsStatus:
     load_kg: float
-    """Passengers on the whole train, by the air springs."""
+    """Mass of all passengers, measured by the air springs."""
     cars: int
 
 

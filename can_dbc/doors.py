@@ -32,7 +32,7 @@ class DoorCommand:
 @dataclass(frozen=True, slots=True)
 class DoorStatus:
     closed_and_locked: bool
-    """Every door of the train."""
+    """Every door of the train is closed and locked."""
     left: DoorState
     right: DoorState
     no_obstruction: bool

@@ -10,7 +10,7 @@ from can_dbc.binding import frame
 class LineSupply:
     line_voltage_v: float
     line_current_a: float
-    """Negative while the train feeds back."""
+    """Current from the line; negative while the train feeds back."""
     breaker_closed: bool
 
 

@@ -1,8 +1,8 @@
-"""Keeps what only `cantools.tester` needs out of every program until somebody uses that.
+"""Delays the import of `cantools.tester` until a program uses it.
 
-The tester imports python-can, and that all it finds for its own log formats, pandas among them: it
-took half of the time that each of our programs needed to start. Nothing here uses it; who does gets
-it whole, a moment later.
+The tester imports python-can with all its log formats, including pandas. This took half of the
+start time of each program, and no program of this project uses it. A program that does gets the
+real module at its first use.
 """
 
 import importlib
@@ -14,19 +14,19 @@ TESTER: Final = "cantools.tester"
 
 
 class _Later(ModuleType):
-    """Stands in for the tester, and becomes it when something in it is first asked for."""
+    """Placeholder for the tester; the first access to a name in it loads the real module."""
 
     def __getattr__(self, name: str) -> Any:
-        # The import system asks for names of its own, which mean no use.
+        # The import system reads names of its own, which do not count as use.
         if name.startswith("__"):
             raise AttributeError(f"module {TESTER!r} has no attribute {name!r}")
         return getattr(_tester(), name)
 
 
 def put_off_tester() -> None:
-    """From now on the tester is imported when something in it is first asked for.
+    """Delay the import of the tester until its first use.
 
-    To be called before cantools is imported; afterwards there is nothing left to put off.
+    Call it before cantools is imported; afterwards it has no effect.
     """
     if "cantools" not in sys.modules:
         sys.modules.setdefault(TESTER, _Later(TESTER))

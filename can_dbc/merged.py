@@ -1,4 +1,6 @@
-"""All DBC files as one for tools that take but one: `python -m can_dbc.merged > train.dbc`."""
+"""Merges all DBC files into one, for tools that accept only one: `python -m can_dbc.merged >
+train.dbc`.
+"""
 
 import sys
 from importlib import resources
@@ -9,11 +11,12 @@ from cantools.database.can import Database
 from can_dbc import dbc_file
 
 LAST: Final = "diagnostics.dbc"
-"""Defines every attribute and comments the nodes; cantools keeps these of the last file read."""
+"""File to read last. It defines every attribute and comments the nodes; cantools keeps these of the
+last file."""
 
 
 def merged() -> str:
-    """The text of one DBC file with every message."""
+    """Return the text of one DBC file with every message."""
     database = Database(strict=True)
     for name in sorted(dbc_file.names(), key=lambda each: (each == LAST, each)):
         text = (resources.files("can_dbc") / name).read_text(encoding="ascii")

@@ -1,10 +1,10 @@
-"""The nodes of the train bus and the plain vocabulary that several subsystems share."""
+"""The nodes of the train bus, and enumerations that several subsystems share."""
 
 import enum
 
 
 class Node(enum.IntEnum):
-    """CANopen-style node numbers; the DBC files use the names."""
+    """Node numbers as in CANopen; the DBC files use the names."""
 
     VOBC = 1
     BCU = 2

@@ -1,7 +1,8 @@
-"""Writes and compiles, for one frame class, the functions between its fields and its payload bits.
+"""Generates and compiles, for one frame class, the functions between its fields and its payload
+bits.
 
-The DBC file says where the bits lie; reading that anew for every frame costs ten times what
-plain Python statements with the numbers in them cost, so these are generated once.
+The DBC file gives the bit positions. Evaluating it for every frame takes ten times as long as plain
+Python statements with fixed numbers, so these are generated once.
 """
 
 import enum
@@ -15,23 +16,24 @@ from can_dbc.agreement import FieldLayout
 from can_dbc.binding import Binding, Frame, binding_of
 
 Pack = Callable[[Any], int]
-"""Frame to payload bits; EncodeError for a value that no bits can stand for."""
+"""Converts a frame to payload bits; EncodeError for a value that the bits cannot represent."""
 Unpack = Callable[[int], Frame | None]
-"""Payload bits to frame; None when a value is outside its range or table."""
+"""Converts payload bits to a frame; None if a value is outside its range or table."""
 
 WRITTEN: Final = "can_dbc.written_packing"
-"""The same functions written out and compiled; only the copy of `make compiled` has it."""
+"""Module with the generated functions in compiled form; it exists only in the copy of `make
+compiled`."""
 TWO_BIT_TRUE: Final = 2
 TWO_BIT_FALSE: Final = 1
 
 
 class EncodeError(ValueError):
-    """A frame holds something that is no value of its field; names message, signal and value."""
+    """A field of a frame has an invalid value; the text names message, signal and value."""
 
 
 @functools.cache
 def packer(kind: type[Frame]) -> Pack:
-    """The function from a frame of this class to its payload bits."""
+    """Return the function from a frame of this class to its payload bits."""
     written: Pack | None = _written("pack", kind)
     if written is not None:
         return written
@@ -54,7 +56,7 @@ def packer(kind: type[Frame]) -> Pack:
 
 @functools.cache
 def unpacker(kind: type[Frame]) -> Unpack:
-    """The function from payload bits to a frame of this class."""
+    """Return the function from payload bits to a frame of this class."""
     written: Unpack | None = _written("unpack", kind)
     if written is not None:
         return written
@@ -72,14 +74,14 @@ def unpacker(kind: type[Frame]) -> Unpack:
 
 
 def value_table(field: FieldLayout) -> tuple[enum.Enum | None, ...] | None:
-    """Enumeration member of every raw value, None where there is none; None for other fields."""
+    """Return the enumeration member of every raw value, None without one; None for other fields."""
     if not issubclass(field.kind, enum.Enum):
         return None
     return tuple(_member(field.kind, raw) for raw in range(1 << field.length))
 
 
 def invalid_values(fields: tuple[FieldLayout, ...], bits: int) -> str:
-    """Which raw values of a payload are outside their range or table, for a person to read."""
+    """Describe which raw values of a payload are outside their range or table."""
     found = []
     for field in fields:
         raw = _raw(field, bits)
@@ -92,11 +94,11 @@ def invalid_values(fields: tuple[FieldLayout, ...], bits: int) -> str:
 
 
 def _draft_of(bound: Binding) -> Callable[[], Any]:
-    """A class with the slots of the frame class but without its freeze.
+    """Create a class with the slots of the frame class but without the freeze.
 
-    A frozen dataclass sets its fields through object.__setattr__, which costs more than all the
-    rest of decoding. A draft is filled by plain assignments and then becomes a frame by being
-    given its class; from there on it is as frozen as any other.
+    A frozen dataclass sets its fields through object.__setattr__, which takes longer than the rest
+    of decoding. A draft is filled by plain assignments and then becomes a frame by changing its
+    class. From then on it is frozen like any other.
     """
     slots = tuple(field.name for field in bound.fields)
     return type(f"Draft{bound.kind.__name__}", (), {"__slots__": slots})
@@ -105,7 +107,7 @@ def _draft_of(bound: Binding) -> Callable[[], Any]:
 def _compiled(lines: list[str], names: dict[str, object], kind: type[Frame]) -> dict[str, Any]:
     source = "\n".join(lines) + "\n"
     code = compile(source, f"<packing of {kind.__name__}>", "exec")
-    # The source is made of numbers and field names of our own bound classes, of nothing else.
+    # The source consists only of numbers and field names of our own bound classes.
     exec(code, names)  # noqa: S102
     return names
 
@@ -124,7 +126,7 @@ def _pack_lines(field: FieldLayout, index: int) -> list[str]:
     least, most = ((raw & mask) << field.start for raw in (field.raw_minimum, field.raw_maximum))
     lines, raw = [], f"round({_unscaled(field)})"
     if field.kind is int:
-        # A look at the class is cheaper than the call that makes an int of an int.
+        # Comparing the class is faster than the call that converts an int to an int.
         lines, raw = ["if value.__class__ is not int: value = index(value)"], _unscaled(field)
     if field.signed:
         raw = f"({raw} & {mask:#x})"
@@ -158,7 +160,7 @@ def _shift(operator: str, places: int) -> str:
 
 
 def _unscaled(field: FieldLayout) -> str:
-    """The same two operations as cantools does, so that every value rounds the same way."""
+    """Use the same two operations as cantools, so that every value is rounded alike."""
     shifted = f"(value - {field.offset!r})" if field.offset else "value"
     return f"{shifted} / {field.scale!r}" if field.scale != 1 else shifted
 
@@ -169,7 +171,9 @@ def _scaled(field: FieldLayout) -> str:
 
 
 def _written(what: str, kind: type[Frame]) -> Any:
-    """One of "pack" and "unpack" of this class where they were written out, else None."""
+    """Return the generated "pack" or "unpack" of this class if the compiled module has it;
+    otherwise None.
+    """
     try:
         functions = importlib.import_module(WRITTEN).FUNCTIONS
     except ModuleNotFoundError:
@@ -178,7 +182,7 @@ def _written(what: str, kind: type[Frame]) -> Any:
 
 
 def bool_raws(field: FieldLayout) -> tuple[int, int]:
-    """What stands for true, and for false."""
+    """Raw values of true and of false."""
     return (TWO_BIT_TRUE, TWO_BIT_FALSE) if field.length > 1 else (1, 0)
 
 
@@ -199,7 +203,7 @@ def _bad() -> int:
 
 
 def refusal(kind: type[Frame], frame: Frame) -> EncodeError:
-    """The error for the first field whose value is none."""
+    """Return the error for the first field with an invalid value."""
     bound = binding_of(kind)
     where = bound.message.name
     for field in bound.fields:

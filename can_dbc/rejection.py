@@ -1,11 +1,11 @@
-"""What a decoder says of bytes that must not be acted on."""
+"""Result of a decoder for data that must not be used."""
 
 import enum
 from dataclasses import dataclass
 
 
 class Reason(enum.Enum):
-    """Why a frame was not believed."""
+    """Why a frame was rejected."""
 
     UNKNOWN_ID = enum.auto()
     WRONG_LENGTH = enum.auto()
@@ -19,10 +19,10 @@ class Reason(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """Bytes that were heard but must not be acted on."""
+    """Received data that must not be used."""
 
     can_id: int
     data: bytes
     reason: Reason
     detail: str
-    """For a person to read."""
+    """Detail for people."""

@@ -10,5 +10,5 @@ from can_dbc.binding import frame
 class TagReaderHealth:
     antenna_ok: bool
     telegrams_sent: int
-    """Modulo 65536, so that a telegram lost on the serial line is noticed."""
+    """Count modulo 65536, which reveals telegrams lost on the serial line."""
     self_test_age_ms: float

@@ -9,7 +9,10 @@ from can_dbc.nodes import Direction
 @frame("traction.dbc", "TRACTION_CMD")
 @dataclass(frozen=True, slots=True)
 class TractionCommand:
-    """Vital, sent with an inverted twin. Traction cuts itself after 150 ms without a valid pair."""
+    """Vital, sent with an inverted twin.
+
+    The unit cuts traction after 150 ms without a valid pair.
+    """
 
     force_n: float
     """Tractive effort at the rail for the whole consist; never negative."""
@@ -23,7 +26,7 @@ class TractionStatus:
     force_n: float
     """Effort at the rail for the whole consist; negative while the motors brake."""
     effort_available_ratio: float
-    """Share of the rated effort that voltage and temperature leave, 0..1."""
+    """Share of the rated effort that is available at the present voltage and temperature, 0..1."""
     traction_cut: bool
-    """Confirmed by the contactor: no tractive effort is possible."""
+    """The contactor confirms that no tractive effort is possible."""
     ready: bool

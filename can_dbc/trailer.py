@@ -12,17 +12,23 @@ from can_dbc.rejection import Reason
 
 CRC_START: Final = 0xFFFF
 MAX_STEP: Final = 3
-"""Largest step of the alive counter that still counts as some frames lost."""
+"""Largest step of the alive counter that still counts as lost frames; a larger one is a jump."""
 NEVER_NS: Final = -(1 << 63)
 
 
 def crc_of_data_id(message: Message) -> int:
-    """The state of the CRC after the data id, low byte first: it is run in but never sent."""
+    """Return the CRC state after the data id, low byte first.
+
+    The data id is part of the CRC but never sent.
+    """
     return crc_hqx(dbc_file.data_id(message).to_bytes(2, "little"), CRC_START)
 
 
 def opener(message: Message) -> Callable[[bytes], int]:
-    """Checks length and CRC: payload bits with the counter above them, or -1 for a broken frame."""
+    """Return a function that checks length and CRC.
+
+    It gives the payload bits with the counter above them, or -1 for a broken frame.
+    """
     length, start = message.length, crc_of_data_id(message)
     crc_at = length - 2
     crc_shift = 8 * crc_at
@@ -41,7 +47,7 @@ def opener(message: Message) -> Callable[[bytes], int]:
 
 
 def damage(message: Message, data: bytes) -> tuple[Reason, str]:
-    """Why `opener` refused."""
+    """Return why `opener` rejected the data."""
     if len(data) != message.length:
         detail = f"{len(data)} bytes, {message.name} has {message.length}"
         return Reason.WRONG_LENGTH, detail
@@ -51,12 +57,12 @@ def damage(message: Message, data: bytes) -> tuple[Reason, str]:
 
 
 class AliveCounter:
-    """Follows the alive counter of one message.
+    """Supervises the alive counter of one message.
 
-    The first value after start, or after a silence longer than the timeout, is taken as it is. A
-    stream of frames that is believed goes on being believed, whatever is heard between its frames:
-    another one takes its place only once it is silent for longer than the timeout, and by counting
-    on. So frames that somebody repeats do not get through beside a sender that still sends.
+    The first value after the start, or after a silence longer than the timeout, is accepted. An
+    accepted stream stays accepted, whatever is received between its frames. Another stream replaces
+    it only after the accepted one has been silent for longer than the timeout, and only by counting
+    on. So repeated frames are rejected while the true sender still sends.
     """
 
     __slots__ = (
@@ -74,20 +80,20 @@ class AliveCounter:
         self._lost = lost
         self._silence_ns = silence_ns
         self.heard_ns = NEVER_NS
-        """When the believed stream was heard, counting on or stuck."""
+        """Instant of the last frame of the accepted stream, counting on or stuck."""
         self.value = 0
-        """Its last value."""
+        """Last value of the accepted stream."""
         self._refused_ns = NEVER_NS
         self._candidate = 0
-        """The last value that jumped, and when."""
+        """Last value that jumped; `_refused_ns` is its instant."""
 
     def fault(self, value: int, heard_ns: int) -> tuple[Reason, str] | None:
-        """What is wrong with the counter of an intact frame; None when it may be believed."""
+        """Return the fault of an intact frame's counter; None if the frame may be accepted."""
         step = value - self.value & 0xFF
         silent = heard_ns - self.heard_ns > self._silence_ns
         if not (silent and self._may_begin(value, heard_ns)):
             if step == 0:
-                # It breaks the silence: a sender that is stuck never becomes new.
+                # A stuck sender ends the silence, so it is never accepted as a new stream.
                 self.heard_ns = heard_ns
                 return Reason.STUCK_COUNTER, f"counter is {value} again"
             if step > MAX_STEP:
@@ -101,6 +107,8 @@ class AliveCounter:
         return None
 
     def _may_begin(self, value: int, heard_ns: int) -> bool:
-        """Nothing else was heard either, or the value counts on from the one that jumped."""
+        """Return whether no other stream was received, or the value counts on from the one that
+        jumped.
+        """
         alone = heard_ns - self._refused_ns > self._silence_ns
         return alone or value - self._candidate & 0xFF == 1

@@ -1,4 +1,4 @@
-"""Whether a vital message and its inverted twin are congruent."""
+"""Checks that a vital message and its inverted twin are congruent."""
 
 from collections.abc import Iterator
 
@@ -18,7 +18,7 @@ from can_dbc.dbc_file import (
 
 
 def mismatches(file: DbcFile, message: Message) -> Iterator[str]:
-    """Everything that is wrong, without file and message: the caller puts them in front."""
+    """Yield every mismatch, without file and message; the caller adds them."""
     twin = file.messages.get(message.name + TWIN_SUFFIX)
     if dbc_file.protection(message) is not MessageProtection.VITAL:
         if twin is not None:
@@ -56,7 +56,10 @@ def _twin_has(message: Message) -> dict[str, object]:
 
 
 def _twin_signal_faults(message: Message, twin: Message) -> Iterator[str]:
-    """Scaling and tables of the twin are inverted too, so that any tool shows the same values."""
+    """Check the signals.
+
+    Scaling and tables of the twin are inverted too, so that any tool shows the same values.
+    """
     ours, theirs = signals_of(message), signals_of(twin)
     for name in sorted(ours.keys() ^ theirs.keys()):
         yield f"{twin.name}: {name}: only in one of the twins; add it to both or remove it"
@@ -82,7 +85,7 @@ def _facts(signal: Signal) -> dict[str, object]:
 
 
 def _inverted(signal: Signal) -> dict[str, object]:
-    """The facts of a signal with complemented bits that means the same values."""
+    """Return the properties of a signal with complemented bits and the same values."""
     facts = _facts(signal)
     if signal.name in (COUNTER_NAME, CRC_NAME):
         return facts
@@ -100,5 +103,7 @@ def _inverted(signal: Signal) -> dict[str, object]:
 
 
 def _rounded(value: float) -> float:
-    """Decimal digits as a DBC file writes them, rid of the last bits of binary arithmetic."""
+    """Round to the decimal digits of a DBC file, which removes the last bits of binary
+    arithmetic.
+    """
     return float(f"{value:.12g}")

@@ -1,4 +1,4 @@
-"""What the VOBC tells the rest of the train, and whoever looks at the bus, about itself."""
+"""State that the VOBC sends to the rest of the train and to observers of the bus."""
 
 import enum
 from dataclasses import dataclass
@@ -10,17 +10,17 @@ class Supervision(enum.IntEnum):
     """State of the protection (ATP)."""
 
     NO_AUTHORITY = 0
-    """Held at standstill: something that movement needs is missing."""
+    """Held at standstill: an input that movement needs is missing."""
     NOMINAL = 1
     WARNING = 2
     SERVICE = 3
-    """Service brake by protection, until the speed is back under the ceiling."""
+    """Service brake by protection, until the speed is back below the ceiling."""
     EMERGENCY = 4
     """Emergency brake, latched until reset at standstill."""
 
 
 class AtoPhase(enum.IntEnum):
-    """What the automatic operation (ATO) is doing."""
+    """Phase of the automatic operation (ATO)."""
 
     OFF = 0
     HOLDING = 1
@@ -34,13 +34,14 @@ class AtoPhase(enum.IntEnum):
     DOORS_OPEN = 7
     DOORS_CLOSING = 8
     JOGGING = 9
-    """Moves up or back to a stopping point that was missed."""
+    """Moves forwards or back to a stopping point that was missed."""
     CREEPING = 10
-    """Restricted speed by order of the centre, up to the next place where it can do better."""
+    """Runs at restricted speed by order of the centre, up to the next place where a better mode is
+    possible."""
 
 
 class Missing(enum.IntFlag):
-    """What the controller waits for; 0 when nothing is missing."""
+    """Inputs that the controller is missing; 0 without one."""
 
     NOTHING = 0
     BRAKE = 1
@@ -56,20 +57,21 @@ class Missing(enum.IntFlag):
 
 
 class OperatingMode(enum.IntEnum):
-    """What kind of movement the protection supervises."""
+    """Kind of movement that the protection supervises."""
 
     ASLEEP = 0
-    """No traction, no doors: waits to be woken."""
+    """No traction, no doors; waits for the order to wake."""
     STANDBY = 1
-    """Awake and held: something that a movement needs is missing."""
+    """Awake and held: an input that movement needs is missing."""
     RESTRICTED = 2
-    """On sight at restricted speed, without authority or place; a person at the desk answers."""
+    """On sight at restricted speed, without authority or position; a person at the desk is
+    responsible."""
     CREEP = 3
-    """The same without a driver, ordered by the centre."""
+    """Like RESTRICTED without a driver, ordered by the centre."""
     AUTHORISED = 4
     """Full supervision inside a movement authority."""
     JOG = 5
-    """A short movement to a stopping point that was missed, either way."""
+    """A short movement, in either direction, to a stopping point that was missed."""
 
 
 class Cause(enum.IntEnum):
@@ -86,14 +88,14 @@ class Cause(enum.IntEnum):
     OVERRUN = 8
     NOT_FINITE = 9
     BRAKE_UNIT = 10
-    """The brake unit applied it by itself."""
+    """The brake unit applied it without a command."""
     REMOTE = 11
     """Ordered by the centre."""
     OBSTACLE = 12
     DOOR_UNLOCKED = 13
     """Before the train was clear of the platform."""
     PASSENGER_ALARM = 14
-    """At or leaving a platform."""
+    """At a platform or on departure from it."""
     OVERSHOT = 15
     """The stopping point was passed by more than a metre."""
     WRONG_DIRECTION = 16
@@ -138,7 +140,7 @@ class Withheld(enum.IntFlag):
 
 
 class EventKind(enum.IntEnum):
-    """What the controller decided or noticed."""
+    """Event that the controller decided or detected."""
 
     SUPERVISION = 1
     MODE = 2
@@ -184,7 +186,7 @@ class VobcStatus:
     localised: bool
     slip_detected: bool
     work_us: float
-    """Execution time of the control cycle before this one."""
+    """Execution time of the previous control cycle."""
     cycle_slips: int
     """Cycles missed since start, modulo 64."""
 
@@ -194,9 +196,9 @@ class VobcStatus:
 class VobcMotion:
     speed_mps: float
     ceiling_mps: float
-    """Permitted speed now: the least of line limits, braking curve and end of authority."""
+    """Permitted speed now: the lowest of line limits, braking curve and end of authority."""
     emergency_mps: float
-    """Speed at which the emergency brake comes."""
+    """Speed at which the emergency brake applies."""
 
 
 @frame("vobc.dbc", "VOBC_POSITION")
@@ -212,41 +214,41 @@ class VobcPosition:
 @dataclass(frozen=True, slots=True)
 class VobcTarget:
     distance_to_stop_m: float
-    """To the next stopping point, negative past it; the largest value when there is none."""
+    """Distance to the next stopping point, negative past it; the largest value without one."""
     distance_to_authority_m: float
 
 
 @frame("vobc.dbc", "VOBC_MODE")
 @dataclass(frozen=True, slots=True)
 class VobcMode:
-    """Operating mode of the protection, and why it withholds what it withholds."""
+    """Operating mode of the protection, and why it withholds departure or doors."""
 
     mode: OperatingMode
     cause: Cause
     departure_inhibits: Inhibit
     doors_withheld: Withheld
     jog_attempts: int
-    """Made at this stop."""
+    """Number of jogs at this stop."""
     replicas_agree: bool
-    """Both computations of the protection core came to the same answer in this cycle."""
+    """Both computations of the protection core gave the same result in this cycle."""
     alarm_raised: bool
-    """A person has to come."""
+    """Attendance by a person is required."""
     speed_reach_mps: float = 0.0
-    """By so much the train may be faster, either way, than the `VobcMotion.speed_mps` told with it;
-    rounded up, and the largest value is that or more."""
+    """Largest difference, in either direction, between the true speed and the
+    `VobcMotion.speed_mps` sent with it. It is rounded up; the largest value means that or more."""
 
 
 @frame("vobc.dbc", "VOBC_EVENT")
 @dataclass(frozen=True, slots=True)
 class VobcEvent:
-    """Sent once for each event, in the order of their numbers."""
+    """An event, sent once, in the order of the event numbers."""
 
     event: EventKind
     cause: int
-    """Of an emergency the number of its `Cause`; otherwise a number of the event's own: a tag, a
-    mode, flags, an identifier; 0 without one."""
+    """The `Cause` of an emergency; otherwise a number that depends on the event: a tag, a mode,
+    flags, an identifier; 0 without one."""
     number: int
-    """Since start, from 1 on, modulo 65536; a gap is an event that was lost."""
+    """Number of the event since start, from 1 on, modulo 65536; a gap means a lost event."""
     frame_a: int
-    """Identifier of the frame that decided; 0 when it was none."""
+    """Identifier of the frame that caused the event; 0 without one."""
     frame_b: int

@@ -1,10 +1,10 @@
-"""What stands between header and safety code of each message, as msgpack has it."""
+"""Bodies between header and safety code of each message, in msgpack."""
 
 from typing import Final
 
 import msgspec
 
-# In the order of the fields named in docs/reference/radio_interface.md.
+# The fields are in the order of docs/reference/radio_interface.md.
 REPORT_BODY: Final = msgspec.msgpack.Decoder(tuple[int, float, float, float, float, bool])
 AUTHORITY_BODY: Final = msgspec.msgpack.Decoder(tuple[int, int, int, float, float | None])
 

@@ -1,9 +1,9 @@
-"""Messages to bytes and back, inside a safety envelope after EN 50159 for open networks.
+"""Converts messages to bytes and back, in a safety envelope as in [EN 50159] for open networks.
 
-The envelope says who speaks to whom, of what, in which order and when, and ends in a cryptographic
-safety code (HMAC-SHA256, shortened to 16 bytes) over all that stands before it.
-docs/reference/radio_interface.md has the layout and the table of threats and defences; what only a
-receiver can check, order and age, is in sequencing.py.
+The envelope contains sender, receiver, type, order and time. It ends in a cryptographic safety code
+(HMAC-SHA256, truncated to 16 bytes) over everything before it. docs/reference/radio_interface.md
+has the layout and the table of threats and defences. Order and age, which only a receiver can
+check, are in sequencing.py.
 """
 
 import hmac
@@ -38,12 +38,12 @@ HEADER: Final = struct.Struct(">BBHHIQ")
 """Version, type, source, destination, sequence, stamp in ns of the sender's clock."""
 CODE_BYTES: Final = 16
 MAX_BYTES: Final = 4096
-"""Longer ones are refused before anything is computed."""
+"""Longest accepted message; longer ones are refused before any computation."""
 MIN_KEY_BYTES: Final = 16
 
 BENCH_KEY: Final = b"metro bench, public key of no use"
-"""Shipped default. Everyone has it, so on a bench it finds accidents and not attackers; a network
-that others can reach needs a key of its own."""
+"""Public default key. On a bench it detects accidents, not attackers; a network that others can
+reach needs a key of its own."""
 
 AnyMessage = Message | T2tMessage
 
@@ -51,7 +51,7 @@ _encode: Final = msgspec.msgpack.Encoder().encode
 
 
 def safety_key(text: str) -> bytes:
-    """A key as a configuration spells it, in hexadecimal. Raises ValueError saying why not."""
+    """Parse a key from a configuration, in hexadecimal. Raises ValueError with the reason."""
     try:
         key = bytes.fromhex(text)
     except ValueError as error:
@@ -62,7 +62,7 @@ def safety_key(text: str) -> bytes:
 
 
 def pack(message: AnyMessage, key: bytes = BENCH_KEY) -> bytes:
-    """The message in its envelope. Raises ValueError naming the field that must not be sent."""
+    """Return the message in its envelope. Raises ValueError that names the invalid field."""
     assert len(key) >= MIN_KEY_BYTES
     problem = _problem(message)
     if problem:
@@ -88,7 +88,10 @@ def _sealed(message: AnyMessage) -> bytes:
 
 
 def unpack(payload: bytes, key: bytes = BENCH_KEY) -> AnyMessage | Refused:
-    """The message, if every byte is what its sender sent. Never raises, whatever the bytes."""
+    """Return the message if every byte is as its sender sent it; otherwise the refusal.
+
+    Never raises.
+    """
     if len(payload) <= HEADER.size + CODE_BYTES:
         return Refused(RefusedReason.TOO_SHORT, f"{len(payload)} bytes")
     if len(payload) > MAX_BYTES:
@@ -319,7 +322,10 @@ def _packed_orders(orders: TrainOrders) -> bytes:
 
 @lru_cache(maxsize=16)
 def _code(sealed: bytes, key: bytes) -> bytes:
-    """Where both ends share a process, what one has just sealed is opened by the other."""
+    """Compute the safety code.
+
+    The cache serves processes with both ends, where a message is sealed and then opened.
+    """
     code = _begun(key).copy()
     code.update(sealed)
     return code.digest()[:CODE_BYTES]
@@ -327,5 +333,5 @@ def _code(sealed: bytes, key: bytes) -> bytes:
 
 @lru_cache(maxsize=16)
 def _begun(key: bytes) -> hmac.HMAC:
-    """With the key run in, once for all messages."""
+    """Return the HMAC state after the key, computed once for all messages."""
     return hmac.new(key, digestmod="sha256")

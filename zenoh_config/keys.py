@@ -1,8 +1,8 @@
-"""Every key expression of the radio, and how one is matched.
+"""Every key expression of the radio, and how keys are matched.
 
-Keys begin with who writes: `m/<line>/w/<writer>/...`, so that one access rule for each identity is
-enough. `<writer>` is the address of messages.py in decimal; `<line>` is the line's name as
-`line_chunk` spells it.
+Keys begin with the writer: `m/<line>/w/<writer>/...`, so that one access rule for each identity is
+enough. `<writer>` is the address of messages.py in decimal; `<line>` is the line's name in the form
+of `line_chunk`.
 """
 
 import re
@@ -10,63 +10,65 @@ from functools import lru_cache
 from typing import Final
 
 DEFAULT_AREA: Final = 1
-"""A line of one area; hand-over between areas brings more."""
+"""Area of a line with a single area."""
 
 _UNUSUAL: Final = re.compile(r"[^a-z0-9_-]+")
 
 
 def report(line: str, train: int, area: int = DEFAULT_AREA) -> str:
-    """Where a train puts its PositionReport."""
+    """Key of a train's PositionReport."""
     return f"m/{line_chunk(line)}/w/{train}/st/{area}"
 
 
 def reports(line: str, area: int = DEFAULT_AREA) -> str:
-    """What the wayside of an area listens to: the reports of all trains in it."""
+    """Subscription of an area's wayside: the reports of all trains in it."""
     return f"m/{line_chunk(line)}/w/*/st/{area}"
 
 
 def authority(line: str, source: int, train: int, area: int = DEFAULT_AREA) -> str:
-    """Where an issuer puts the MovementAuthority of a train."""
+    """Key of the MovementAuthority for a train from an issuer."""
     return f"m/{line_chunk(line)}/w/{source}/ma/{area}/{train}"
 
 
 def authorities(line: str, train: int) -> str:
-    """What a train listens to: its authorities, whoever issues them in whatever area."""
+    """Subscription of a train: its authorities from any issuer in any area."""
     return f"m/{line_chunk(line)}/w/*/ma/*/{train}"
 
 
 def status(line: str, train: int, area: int = DEFAULT_AREA) -> str:
-    """Where a train puts its TrainStatus."""
+    """Key of a train's TrainStatus."""
     return f"m/{line_chunk(line)}/w/{train}/ts/{area}"
 
 
 def statuses(line: str, area: int = DEFAULT_AREA) -> str:
-    """What the centre listens to: the status of all trains in an area."""
+    """Subscription of the centre: the status of all trains in an area."""
     return f"m/{line_chunk(line)}/w/*/ts/{area}"
 
 
 def order(line: str, source: int, train: int, area: int = DEFAULT_AREA) -> str:
-    """Where a centre puts the TrainOrders of a train."""
+    """Key of the TrainOrders for a train from a centre."""
     return f"m/{line_chunk(line)}/w/{source}/or/{area}/{train}"
 
 
 def orders(line: str, train: int) -> str:
-    """What a train listens to: its orders, whoever gives them in whatever area."""
+    """Subscription of a train: its orders from any centre in any area."""
     return f"m/{line_chunk(line)}/w/*/or/*/{train}"
 
 
 @lru_cache(maxsize=64)
 def line_chunk(name: str) -> str:
-    """A line's name as one chunk of a key: lower case, everything unusual a hyphen."""
+    """Return a line's name as one chunk of a key: lower case, with hyphens for unusual
+    characters.
+    """
     return _UNUSUAL.sub("-", name.lower()).strip("-") or "line"
 
 
 @lru_cache(maxsize=1024)
 def matches(expression: str, key: str) -> bool:
-    """Whether a key is one of those that a key expression means.
+    """Return whether a key expression includes a key.
 
-    `*` is any one chunk, `**` any number of them, none included. Raises ValueError for an
-    expression or a key that zenoh would not take, and for the `$*` that nothing here uses.
+    `*` is any one chunk, `**` any number of chunks, including none. Raises ValueError for an
+    expression or a key that zenoh would not accept, and for `$*`, which this project does not use.
     """
     wanted, chunks = expression.split("/"), key.split("/")
     for chunk in wanted:

@@ -1,4 +1,4 @@
-"""What trains and wayside tell each other by radio, and who is meant by a number."""
+"""Radio messages between trains and wayside, and their addresses."""
 
 import enum
 from dataclasses import dataclass
@@ -11,22 +11,25 @@ MAX_ADDRESS: Final = 65535
 
 @dataclass(frozen=True, slots=True)
 class PositionReport:
-    """A train tells where it is for certain. Chainages of the line; they may be negative."""
+    """A train reports its guaranteed position interval.
+
+    Chainages of the line; they may be negative.
+    """
 
     train: int
-    """Who sends it."""
+    """The train that sends the report."""
     boot: int
-    """Incarnation of the train's controller: grows with every start, so that nothing said to an
-    earlier one can be taken for an answer to this one."""
+    """Incarnation of the train's controller. It increases with every start, so that an answer to an
+    earlier incarnation is not taken for an answer to this one."""
     sequence: int
     """Strictly increasing within one incarnation."""
     stamp_ns: int
-    """Sender's monotonic clock at sending. To others it is no time; an authority echoes it."""
+    """Sender's monotonic clock at sending. It has no meaning to others; an authority echoes it."""
     front_min_m: float
     front_max_m: float
-    """The front coupler stands in [front_min_m, front_max_m]."""
+    """The front coupler is in [front_min_m, front_max_m]."""
     rear_min_m: float
-    """The rear coupler stands nowhere behind this."""
+    """The rear coupler is not behind this place."""
     speed_mps: float
     """Best estimate, signed, positive forwards."""
     standstill: bool
@@ -39,33 +42,34 @@ class MovementAuthority:
     """The front of `train` must never pass `end_m`."""
 
     train: int
-    """Whom it is for."""
+    """The train that the authority is for."""
     boot: int
-    """Incarnation that it answers."""
+    """Incarnation of the report that the authority answers."""
     term: int
-    """Fencing token of the issuer's lease; a lower one than seen before is void."""
+    """Fencing token of the issuer's lease; an authority with a lower term than seen before is
+    void."""
     sequence: int
     """Strictly increasing within one term, over all trains or for each."""
     echo_stamp_ns: int
-    """`stamp_ns` of the report that it answers: its age in the receiver's own clock."""
+    """`stamp_ns` of the answered report; it gives the age in the receiver's own clock."""
     end_m: float
     """Chainage on the line."""
     source: int = WAYSIDE
     stamp_ns: int = 0
-    """Issuer's monotonic clock at sending, for logs; no decision rests on it."""
+    """Issuer's monotonic clock at sending, for logs; no decision uses it."""
     rear_m: float | None = None
-    """The rear is protected back to here, so that the train may move back so far; None: not at
-    all."""
+    """The rear is protected back to this place, so the train may move back to it; None: it may not
+    move back."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainStatus:
-    """What a train tells centre and platforms about itself, also while it is not located."""
+    """Status that a train sends to centre and platforms, even while it is not localised."""
 
     train: int
     boot: int
     sequence: int
-    """Strictly increasing within one incarnation, by a count of its own."""
+    """Strictly increasing within one incarnation, with its own counter."""
     stamp_ns: int
     mode: int
     """Number of the `OperatingMode` on the train bus."""
@@ -75,22 +79,22 @@ class TrainStatus:
     localised: bool
     standstill: bool
     front_m: float
-    """Best estimate; only while localised."""
+    """Best estimate; valid only while localised."""
     doors_locked: bool
     open_left: bool
-    """Doors are enabled and asked to open on this side: platform doors open with them."""
+    """Doors on this side are enabled and commanded open; platform doors open with them."""
     open_right: bool
     passenger_alarm: bool
     fire: bool
     obstacle: bool
     alarm_raised: bool
-    """Somebody has to come."""
+    """Attendance by a person is required."""
     destination: int = WAYSIDE
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedRestriction:
-    """A temporary one, from the centre; both ends included."""
+    """A temporary speed restriction of the centre; both ends are included."""
 
     start_m: float
     end_m: float
@@ -99,41 +103,41 @@ class SpeedRestriction:
 
 @dataclass(frozen=True, slots=True)
 class TrainOrders:
-    """What centre and platform have to say to one train: a state, said anew in every answer."""
+    """Orders of centre and platform to one train. Every answer repeats the full state."""
 
     train: int
     boot: int
     sequence: int
     """Strictly increasing over the life of the issuer."""
     echo_stamp_ns: int
-    """`stamp_ns` of the status that it answers."""
+    """`stamp_ns` of the answered status."""
     awake: bool
     hold: bool
     """Do not depart from the next or present platform."""
     skip_next: bool
     """Do not stop at the next station."""
     stop_next: bool
-    """Stop at the next station, whatever the plan says, and stay."""
+    """Stop at the next station, whatever the plan is, and stay."""
     emergency: bool
-    """Apply the emergency brake and keep it."""
+    """Apply the emergency brake and keep it applied."""
     releases: int
-    """How often the centre has reset an emergency so far; a step up is one reset."""
+    """Number of emergency resets by the centre; each increase is one reset."""
     creep: bool
-    """The train may creep although it lacks place or authority."""
+    """The train may creep although it lacks position or authority."""
     restricted: bool
-    """A person may drive it on sight."""
+    """A person may drive the train on sight."""
     doors_left: bool
     """Doors may open on this side of the present platform."""
     doors_right: bool
     platform_doors_locked: bool
-    """All platform doors at the train's station are shut; true where there are none."""
+    """All platform doors at the train's station are closed; true without platform doors."""
     restrictions: tuple[SpeedRestriction, ...] = ()
     source: int = WAYSIDE
     stamp_ns: int = 0
 
 
 RESTRICTIONS_MAX: Final = 8
-"""In one message of orders."""
+"""Maximum number of restrictions in one message of orders."""
 
 Message = PositionReport | MovementAuthority | TrainStatus | TrainOrders
 
@@ -158,7 +162,7 @@ class RefusedReason(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A message that must not be acted on, and why."""
+    """A message that must not be used, and why."""
 
     reason: RefusedReason
     detail: str

@@ -1,4 +1,4 @@
-"""Settings of zenoh sessions with mutual TLS and access control, written for one line. Pure."""
+"""Settings of zenoh sessions with mutual TLS and access control, generated for one line. Pure."""
 
 import re
 from importlib import resources
@@ -8,10 +8,10 @@ from zenoh_config.keys import line_chunk
 from zenoh_config.sessions import DEFAULT_ENDPOINT
 
 ENDPOINT: Final = "tls/127.0.0.1:7448"
-"""What secure.json5 names, and what stands in everything that is made from it."""
+"""Endpoint in secure.json5 and in all settings generated from it."""
 WAYSIDE_NAME: Final = "wayside"
 SUPERVISION_NAME: Final = "supervision"
-"""Of the certificates; a train's is T1, T2, ..."""
+"""Names in the certificates; a train's name is T1, T2, ..."""
 _FOLDER: Final = '"secure/'
 _EACH: Final = re.compile(
     r" *// begin of each train\n(?P<one>.*?) *// end of each train\n", re.DOTALL
@@ -23,7 +23,7 @@ def train_name(train: int) -> str:
 
 
 def wayside_settings(folder: str, line: str, trains: int) -> str:
-    """secure.json5 for certificates in `folder`, for trains 1 to `trains` of a line."""
+    """Return secure.json5 for certificates in `folder`, for trains 1 to `trains` of a line."""
     text = _shipped("secure")
     assert text.count(ENDPOINT) == 1
     assert len(_EACH.findall(text)) == 3
@@ -32,7 +32,7 @@ def wayside_settings(folder: str, line: str, trains: int) -> str:
 
 
 def client_settings(folder: str, name: str) -> str:
-    """train.json5 with the identity of a train or of supervision."""
+    """Return train.json5 with the identity of a train or of supervision."""
     text = _shipped("train")
     link = "    link: {\n"
     assert text.count(link) == 1
@@ -55,7 +55,7 @@ def client_settings(folder: str, name: str) -> str:
 
 
 def at_endpoint(settings: str, endpoint: str) -> str:
-    """The same settings for `tcp/HOST:PORT` or `tls/HOST:PORT`, by TLS either way."""
+    """Return the settings for `tcp/HOST:PORT` or `tls/HOST:PORT`; both use TLS."""
     return settings.replace(ENDPOINT, "tls/" + endpoint.partition("/")[2])
 
 

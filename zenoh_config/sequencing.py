@@ -1,7 +1,9 @@
-"""What only the receiver of a message can check: whom it is for, its order and its age. Pure.
+"""Receiver-side checks of a message: destination, order and age.
 
-Each gate keeps the newest it let through and refuses what is not newer; a refused message changes
-nothing but a counter.
+Pure.
+
+Each gate stores the newest accepted message and refuses any that is not newer. A refused message
+changes only a counter.
 """
 
 from collections import Counter
@@ -24,7 +26,7 @@ NS_PER_MS: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class _Addressee:
-    """The train that an answer of the wayside is for, and how old one may be when it comes."""
+    """The train that answers of the wayside are for, and their maximum age on arrival."""
 
     train: int
     boot: int
@@ -35,7 +37,7 @@ class _Addressee:
         assert self.max_age_ns > 0
 
     def objection(self, answer: MovementAuthority | TrainOrders, now_ns: int) -> Refused | None:
-        """To whom it is for, whom it is from and its age; not to its order."""
+        """Check destination, source and age of an answer, but not its order."""
         if answer.train != self.train:
             detail = f"for train {answer.train}, this is train {self.train}"
             return Refused(RefusedReason.WRONG_DESTINATION, detail)
@@ -75,7 +77,7 @@ class AuthorityGate:
         return self._newest[0]
 
     def check(self, authority: MovementAuthority, now_ns: int) -> Refused | None:
-        """None when the authority may be acted on; then it is the newest from now on."""
+        """Return None if the authority may be used; it then counts as the newest."""
         refused = self._objection(authority, now_ns)
         if refused is None:
             self._newest = (authority.term, authority.sequence)
@@ -110,7 +112,7 @@ class OrdersGate:
         self._newest = -1
 
     def check(self, orders: TrainOrders, now_ns: int) -> Refused | None:
-        """None when the orders may be acted on; then they are the newest from now on."""
+        """Return None if the orders may be used; they then count as the newest."""
         refused = self._objection(orders, now_ns)
         if refused is None:
             self._newest = orders.sequence
@@ -132,8 +134,8 @@ class OrdersGate:
 class ReportGate:
     """The wayside's gate for one kind of report, position or status, over all trains.
 
-    A report carries no age that the wayside could judge; a stale one is harmless because the
-    authority that answers it echoes the train's own stamp and is too old when it gets there.
+    A report carries no age that the wayside could check. A stale report is harmless: its answer
+    echoes the train's own stamp and is too old on arrival.
     """
 
     def __init__(self, *, address: int = WAYSIDE) -> None:
@@ -144,7 +146,7 @@ class ReportGate:
         """By train: boot, sequence, stamp."""
 
     def check(self, report: PositionReport | TrainStatus) -> Refused | None:
-        """None when the report may be acted on; then it is that train's newest from now on."""
+        """Return None if the report may be used; it then counts as that train's newest."""
         refused = self._objection(report)
         if refused is None:
             self._newest[report.train] = (report.boot, report.sequence, report.stamp_ns)

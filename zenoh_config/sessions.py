@@ -1,4 +1,4 @@
-"""Settings of the zenoh sessions that trains and wayside open, with the endpoint filled in."""
+"""Settings of the zenoh sessions of trains and wayside, with the endpoint filled in."""
 
 import enum
 import re
@@ -6,11 +6,11 @@ from importlib import resources
 from typing import Final
 
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
-"""What the shipped settings name, so that they work as they are."""
+"""Endpoint in the shipped settings, so that they work unchanged."""
 LINE_ENDPOINT: Final = "tcp/127.0.0.1:7448"
-"""Of a whole line's wayside, beside that of a single train's."""
+"""Endpoint of a whole line's wayside, different from that of a single train's."""
 ANY_PORT: Final = "tcp/127.0.0.1:0"
-"""What the shipped settings of a peer name as its own endpoint."""
+"""Own endpoint of a peer in the shipped settings."""
 
 _ENDPOINT: Final = re.compile(
     r"tcp/(?P<host>\[[0-9a-fA-F:.]+\]|[A-Za-z0-9._-]+):(?P<port>[0-9]{1,5})"
@@ -18,22 +18,22 @@ _ENDPOINT: Final = re.compile(
 
 
 class SessionRole(enum.Enum):
-    """The value is the stem of the settings file."""
+    """Role of a session; the value is the name of its settings file."""
 
     TRAIN = "train"
-    """A client of the wayside: all that it says goes through there."""
+    """A client of the wayside, through which all its messages go."""
     PEER = "peer"
-    """A train that speaks to others of its kind directly."""
+    """A train that communicates with other trains directly."""
     WAYSIDE = "wayside"
 
 
 def session_settings(
     role: SessionRole, endpoint: str = DEFAULT_ENDPOINT, listens_at: str = ANY_PORT
 ) -> str:
-    """JSON5 for zenoh: a wayside listens at the endpoint, a train connects to it.
+    """Return JSON5 for zenoh: a wayside listens at the endpoint, a train connects to it.
 
     Args:
-        listens_at: of a peer, where others reach it; port 0 is any that is free.
+        listens_at: own endpoint of a peer; port 0 means any free port.
 
     Raises ValueError for an endpoint that is not `tcp/HOST:PORT`.
     """
@@ -49,12 +49,12 @@ def session_settings(
 
 
 def check_endpoint(endpoint: str, *, port_min: int = 1) -> None:
-    """Raises ValueError for what is not `tcp/HOST:PORT`."""
+    """Raise ValueError for an endpoint that is not `tcp/HOST:PORT`."""
     address_of(endpoint, port_min=port_min)
 
 
 def address_of(endpoint: str, *, port_min: int = 1) -> tuple[str, int]:
-    """Host, without brackets, and port. Raises ValueError as `check_endpoint` does."""
+    """Return host, without brackets, and port. Raises ValueError as `check_endpoint` does."""
     found = _ENDPOINT.fullmatch(endpoint)
     if found is None or not port_min <= int(found["port"]) < 65536:
         raise ValueError(f"{endpoint}: not an endpoint; it has the form tcp/HOST:PORT")

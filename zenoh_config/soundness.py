@@ -1,4 +1,4 @@
-"""What no honest sender says: the range of every field of every message. Pure."""
+"""Plausibility checks: the range of every field of every message. Pure."""
 
 from typing import Final
 
@@ -21,7 +21,7 @@ MAX_STAMP_NS: Final = 2**63 - 1
 
 
 def problem_of(message: Message) -> str:
-    """What no honest sender says, by field; empty when there is nothing. Comparisons catch NaN."""
+    """Describe the first implausible field; empty without one. The comparisons also catch NaN."""
     if isinstance(message, PositionReport):
         return _report_problem(message)
     if isinstance(message, MovementAuthority):

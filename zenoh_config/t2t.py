@@ -1,4 +1,4 @@
-"""What trains that command themselves, arbiters and wayside objects tell each other by radio."""
+"""Radio messages between trains that command themselves, arbiters and wayside objects."""
 
 import enum
 from dataclasses import dataclass
@@ -7,36 +7,38 @@ from typing import Final, NamedTuple
 from zenoh_config.messages import MAX_ADDRESS, SpeedRestriction
 
 BROADCAST: Final = MAX_ADDRESS
-"""Destination of what everybody in an area shall hear."""
+"""Destination of messages to all receivers of an area."""
 LAST_TRAIN: Final = 64_999
-"""Trains that take part have the addresses 1..LAST_TRAIN."""
+"""Highest address of a train; trains have the addresses 1..LAST_TRAIN."""
 FIRST_ARBITER: Final = 65_001
 LAST_ARBITER: Final = 65_099
-"""Arbiters of a line; interlocking, track sections and the line's centre speak as WAYSIDE, 0."""
+"""Addresses of a line's arbiters. Interlocking, track sections and the line's centre use WAYSIDE,
+0."""
 SUPERVISION: Final = 65_100
-"""Whoever sits at a desk of supervision; there may be several, one after the other."""
+"""Address of the supervision console; there may be several consoles, one after the other."""
 ROSTER_MAX: Final = 128
-"""Trains in one area."""
+"""Maximum number of trains in one area."""
 SECTIONS_MAX: Final = 256
 NOBODY: Final = 0
-"""Where a train is named and there is none."""
+"""Number in place of a train if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class T2tMessage:
-    """The head of all of them."""
+    """Common head of all messages."""
 
     source: int
     destination: int
     area: int
     term: int
-    """Fencing token: of the sender's lease, or the highest that it has seen in this area."""
+    """Fencing token: the term of the sender's lease, or the highest term that it has seen in this
+    area."""
     boot: int
     """Incarnation of the sender."""
     sequence: int
-    """Strictly increasing within one incarnation of the sender, over everything that it says."""
+    """Strictly increasing within one incarnation of the sender, over all its messages."""
     stamp_ns: int
-    """Sender's monotonic clock at sending; to others no time, only something to echo."""
+    """Sender's monotonic clock at sending. It has no meaning to others except as an echo."""
 
 
 class LeaseKind(enum.IntEnum):
@@ -47,21 +49,24 @@ class LeaseKind(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class LeaseRequest(T2tMessage):
-    """A train to an arbiter: let me command this area under `term`, still, or no more."""
+    """A train asks an arbiter for the command of an area under `term`: acquire, renew or
+    release.
+    """
 
     kind: LeaseKind
     nonce: int
-    """Comes back in the answer, so that an answer to another attempt is none to this one."""
+    """Number that the answer echoes, so that answers to other attempts are ignored."""
     successor: int
-    """In a renewal: who may acquire although this lease runs; NOBODY takes that back."""
+    """In a renewal: the train that may acquire although this lease runs; 0 withdraws that."""
     less_ns: int = 0
-    """The grant of this request lasts so much less than a whole lease: a holder that has heard no
-    answer for longer than usual asks for no more than that."""
+    """Reduction of this grant against a whole lease. A holder that has received no answer for
+    longer than usual requests only the remaining time."""
     arbiters: int = 1
-    """How many there are, and"""
+    """Number of arbiters that the sender assumes. An arbiter that assumes another number does not
+    answer, because majorities of different sets do not exclude each other."""
     lease_ms: int = 300
-    """how long a whole lease is, as the sender believes. An arbiter that believes otherwise says
-    nothing: majorities of different sets, and leases of different lengths, exclude nobody."""
+    """Duration of a whole lease that the sender assumes. An arbiter that assumes another one does
+    not answer, because leases of different lengths do not exclude each other."""
 
 
 class RosterEntry(NamedTuple):
@@ -69,43 +74,49 @@ class RosterEntry(NamedTuple):
 
     train: int
     rear_m: float
-    """Its rear is not behind this, for as long as it does not reverse; less the allowances."""
+    """Place that the rear has passed, less the allowances, while the train does not reverse."""
     sieved: bool
-    """Secondary detection has shown that no other train hides near it."""
+    """Secondary detection has proven that no shadow train is next to it."""
     boot: int = 0
-    """The incarnation of the train that this is about; another gets nothing by it. 0: unknown."""
+    """Incarnation of the train that this entry is about; another incarnation gains nothing from it.
+    0: unknown."""
     stopped: bool = False
-    """Supervision has ordered it to stop; whoever commands next holds it, too."""
+    """Supervision has ordered the train to stop; the next master holds it, too."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaseAnswer(T2tMessage):
-    """An arbiter to a train. `term` is the highest term that it has promised in the area."""
+    """An arbiter answers a train.
+
+    `term` is the highest term that it has acknowledged in the area.
+    """
 
     granted: bool
     nonce: int
     echo_ns: int
-    """`stamp_ns` of the request: the lease is counted from there by the holder's clock."""
+    """`stamp_ns` of the request: the lease counts from there by the holder's clock."""
     holder: int
     wait_ns: int
-    """With a refusal: so long until the lease that stands in the way has run out here."""
+    """In a refusal: time until the blocking lease has expired at this arbiter."""
     roster_term: int
     roster_version: int
     roster: tuple[RosterEntry, ...]
-    """As last committed here, foremost train first; the order is that on the track."""
+    """Roster as last committed here, foremost train first, in track order."""
 
 
 class Phase(enum.IntEnum):
     FENCING = 1
-    """The lease is held, the roster not yet committed under it: no authority is issued."""
+    """The lease is held but the roster is not yet committed under it: no authority is issued."""
     ISSUING = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat(T2tMessage):
-    """The master to all: this is the term. Whoever hears it obeys no lower one ever after.
+    """The master announces the term to all.
 
-    It asks for the promise, too: every train answers a new term at once with a TrainReport.
+    A train that receives it never obeys a lower one again.
+
+    It also asks for the acknowledgement: every train answers a new term at once with a TrainReport.
     """
 
     phase: Phase
@@ -115,82 +126,87 @@ class Heartbeat(T2tMessage):
 
 @dataclass(frozen=True, slots=True)
 class TrainReport(T2tMessage):
-    """A train to the master of an area; `term` is the highest it has seen there: its promise."""
+    """A train reports to the master of an area.
+
+    `term` is the highest term seen there, which it acknowledges.
+    """
 
     localised: bool
     """False: all places in this report are void."""
     front_min_m: float
     front_max_m: float
-    """The front coupler stands in [front_min_m, front_max_m]."""
+    """The front coupler is in [front_min_m, front_max_m]."""
     rear_min_m: float
-    """The rear coupler stands nowhere behind this."""
+    """The rear coupler is not behind this place."""
     protected_m: float
-    """And comes to rest nowhere behind this, unless it rolls or jogs back then: in front of
-    `rear_min_m` for a train that moves, but by no more than a jog."""
+    """The rear coupler will not stop behind this place, unless the train rolls or jogs back. For a
+    moving train it is ahead of `rear_min_m`, but by no more than a jog."""
     speed_mps: float
     standstill: bool
     latent_m: float
-    """No authority of this area that the train holds, in force or not, and no braking from one
-    that it gave up, takes its front beyond this."""
+    """Farthest place of the front under any outstanding authority of this area, in force or not,
+    and under any braking from one that the train gave up."""
     held_end_m: float
-    """End of the authority of this area that it holds; while it holds none, its front."""
+    """End of the authority of this area that the train holds; without one, its front."""
     easy_m: float
-    """With the service brake it can still stop before this."""
+    """The train can still stop before this place with the service brake."""
     held_term: int
-    """Of the newest authority of this area that it took; what is not newer it never takes."""
+    """Term of the newest accepted authority of this area; the train never accepts one that is not
+    newer."""
     held_sequence: int
     member: bool
-    """It holds an authority of this area, of whatever age; False while it applies."""
+    """The train holds an authority of this area, of any age; False while it applies."""
     behind: int
-    """Who is ahead of it in the area that it comes from, as its authority there says."""
+    """The train ahead of it in the area that it comes from, according to its authority there."""
     comes_from: int
     """The area whose authority it holds up to the border of this one; 0: none."""
     axles: int
     out_of_service: bool
-    """It must not become master or standby."""
+    """The train must not become master or standby."""
     ready_nonce: int
-    """Of the planned switch that it is ready for; 0: none."""
+    """Nonce of the planned switch that the train is ready for; 0: none."""
     echo_ns: int
-    """`stamp_ns` of the newest heartbeat of this term that it has heard: by the master's clock, it
-    was not sent before that; 0: it has heard none."""
+    """`stamp_ns` of the newest heartbeat of this term that the train received; 0: none. By the
+    master's clock, the report was sent after that instant."""
 
 
 @dataclass(frozen=True, slots=True)
 class AreaAuthority(T2tMessage):
-    """The master to one train: the front must never pass `end_m`.
+    """The master authorises one train: its front must never pass `end_m`.
 
-    It covers the metres of its area only. Where it reaches the area's end, the authority of the
-    area that follows says how much farther; without one it ends some metres before the border.
+    It covers the metres of its area only. At the area's end, the authority of the next area
+    continues it; without one it ends some metres before the border.
     """
 
     to_boot: int
-    """Incarnation that it answers."""
+    """Incarnation of the report that it answers."""
     echo_ns: int
-    """`stamp_ns` of the report that it answers: its age in the receiver's own clock."""
+    """`stamp_ns` of the answered report; it gives the age in the receiver's own clock."""
     end_m: float
     rear_m: float
-    """The train may move back to here."""
+    """The train may move back to this place."""
     behind: int
-    """The next train ahead in this area; NOBODY: none up to its end."""
+    """The next train ahead in this area; 0: none up to its end."""
     rank: int
-    """When the master falls silent, so many steps later than the standby may this train apply."""
+    """Number of steps after the standby at which this train may apply for the lease when the master
+    is silent."""
     restrictions: tuple[SpeedRestriction, ...]
 
 
 class SyncEntry(NamedTuple):
-    """What the standby has to know of a train that might say nothing after the master is gone."""
+    """Data that the standby needs of a train that may not communicate after the master is gone."""
 
     train: int
     rear_m: float
     end_m: float
-    """The farthest that it may have been granted."""
+    """Farthest end that the train may have been granted."""
     boot: int = 0
-    """As in the roster."""
+    """Incarnation, as in the roster."""
 
 
 @dataclass(frozen=True, slots=True)
 class StandbySync(T2tMessage):
-    """The master to its standby, before the authorities that it describes are sent."""
+    """The master informs its standby, before it sends the authorities described here."""
 
     roster_version: int
     entries: tuple[SyncEntry, ...]
@@ -198,15 +214,15 @@ class StandbySync(T2tMessage):
 
 @dataclass(frozen=True, slots=True)
 class SyncAck(T2tMessage):
-    """The standby to the master."""
+    """The standby acknowledges to the master."""
 
     synced: int
-    """`sequence` of the newest StandbySync that it has taken in."""
+    """`sequence` of the newest StandbySync that it has stored."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosterCommit(T2tMessage):
-    """The master to an arbiter: keep this roster."""
+    """The master asks an arbiter to store this roster."""
 
     version: int
     roster: tuple[RosterEntry, ...]
@@ -214,7 +230,7 @@ class RosterCommit(T2tMessage):
 
 @dataclass(frozen=True, slots=True)
 class RosterAck(T2tMessage):
-    """An arbiter to the master: it is kept. `term` is that under which it was committed."""
+    """An arbiter confirms to the master that it stored the roster. `term` is that of the commit."""
 
     version: int
 
@@ -222,11 +238,11 @@ class RosterAck(T2tMessage):
 class SwitchKind(enum.IntEnum):
     PREPARE = 1
     READY = 2
-    """By the successor; other trains say it in their reports."""
+    """Sent by the successor; other trains report it in their reports."""
     COMMIT = 3
     ABORT = 4
     RESIGN = 5
-    """The master has given its lease back, and its standby shall apply at once."""
+    """The master has returned its lease, and its standby must apply at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,14 +256,14 @@ class SwitchStep(T2tMessage):
 
 class ClaimKind(enum.IntEnum):
     CLAIM = 1
-    """Lock it for passing."""
+    """Lock the object for passing."""
     RELEASE = 2
-    """No train can pass it any more: it may move or open."""
+    """No train can pass the object any more: it may move or open."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectClaim(T2tMessage):
-    """The master to a switch, crossing or platform track."""
+    """A claim or release from the master to a switch, crossing or platform track."""
 
     number: int
     kind: ClaimKind
@@ -260,42 +276,47 @@ class ObjectState(enum.IntEnum):
     LOCKED = 2
     """Locked for passing until it is released."""
     FAILED = 3
-    """It does not know its own state: no train may pass, and it does not move."""
+    """The object does not know its own state: no train may pass, and it does not move."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectStatus(T2tMessage):
-    """A wayside object to the area; `term` is the highest that it has obeyed or seen."""
+    """A wayside object reports its state to the area.
+
+    `term` is the highest that it has obeyed or seen.
+    """
 
     number: int
     state: ObjectState
     claim_term: int
     """Term of the claim or release that it last carried out."""
     nonce: int
-    """Of that claim or release: a status that shows another is no answer to it."""
+    """Nonce of that claim or release; a status with another nonce does not answer it."""
     release_wanted: bool
-    """It is asked to move or to open as soon as no train can pass it."""
+    """The object is requested to move or open as soon as no train can pass it."""
 
 
 class SectionState(NamedTuple):
     section: int
     occupied: bool
-    """True also when it is disturbed."""
+    """Also true if the section is disturbed."""
     axles: int
-    """0 of an occupied one: its count is not to be trusted."""
+    """Number of axles; 0 in an occupied section means that the count is not reliable."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackStatus(T2tMessage):
-    """The wayside to the master of an area: occupied sections and what supervision decreed."""
+    """The wayside reports occupied sections and the restrictions of supervision to the master of an
+    area.
+    """
 
     echo_ns: int
-    """`stamp_ns` of the newest heartbeat heard of `destination`: all said here is younger."""
+    """`stamp_ns` of the newest heartbeat received from `destination`; all contents are younger."""
     sections: tuple[SectionState, ...]
-    """All of the area."""
+    """All sections of the area."""
     restrictions: tuple[SpeedRestriction, ...]
     closed: tuple[SpeedRestriction, ...]
-    """Closed stretches: no authority enters them. The limit means nothing."""
+    """Closed stretches, which no authority enters. Their limit has no meaning."""
 
 
 class OrderKind(enum.IntEnum):
@@ -309,7 +330,7 @@ class OrderKind(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class LineOrder(T2tMessage):
-    """Supervision to the master of an area; repeated until it shows."""
+    """An order of supervision to the master of an area; repeated until it takes effect."""
 
     kind: OrderKind
     train: int
@@ -317,17 +338,17 @@ class LineOrder(T2tMessage):
 
 class AdmissionState(enum.IntEnum):
     WAITS = 1
-    """Another train has to come first, or something hides where it stands."""
+    """Another train must be admitted first, or a shadow train may be next to it."""
     COMMITTING = 2
     FULL = 3
     UNPLACED = 4
-    """Where it is contradicts what is known of the others."""
+    """Its position contradicts what is known of the other trains."""
 
 
 @dataclass(frozen=True, slots=True)
 class Admission(T2tMessage):
-    """The master to a train that applies and has no authority yet: why not."""
+    """The master tells a train that applies why it has no authority yet."""
 
     state: AdmissionState
     waits_for: int
-    """The train that has to come first; NOBODY: none in particular."""
+    """The train that must be admitted first; 0: no particular one."""

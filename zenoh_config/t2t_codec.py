@@ -1,4 +1,6 @@
-"""Bodies of train-to-train messages as msgpack, straight from their fields; and what is unsound."""
+"""Packs bodies of train-to-train messages in msgpack directly from their fields, and checks their
+plausibility.
+"""
 
 import dataclasses
 import operator
@@ -18,10 +20,10 @@ AREA_MAX: Final = 255
 AXLES_MAX: Final = 1000
 LEASES_MAX: Final = 64
 SILENT_MAX: Final = 64
-"""More than that of either would not fit into one message beside all else that it tells."""
+"""Maximum numbers of leases and silent trains that fit into one message beside its other fields."""
 TYPE_NUMBERS: Final = {kind: FIRST_TYPE + at for at, kind in enumerate(T2T_TYPES)}
 HEADER_FIELDS: Final = ("source", "destination", "sequence", "stamp_ns")
-"""Of every message; they stand in the header of the envelope and not in the body."""
+"""Fields of every message that are in the header of the envelope and not in the body."""
 _LENGTHS: Final = {
     "roster": ROSTER_MAX,
     "entries": ROSTER_MAX,
@@ -42,23 +44,23 @@ _MOST: Final = {
     "comes_from": AREA_MAX,
     "axles": AXLES_MAX,
 }
-"""The greatest whole number that a field may hold; others hold up to 2^32 - 1."""
+"""Greatest value of an integer field; other fields allow up to 2^32 - 1."""
 
 _STRETCHES: Final = tuple[SpeedRestriction, ...]
 
 Bounds = tuple[str, Any, Any]
-"""Name of a field, least and greatest number that it may hold."""
+"""Name of a field with its least and greatest value."""
 
 _encode: Final = msgspec.msgpack.Encoder().encode
 
 
 def body_fields(kind: type[T2tMessage]) -> tuple[str, ...]:
-    """Names, in the order of the body."""
+    """Names of the body's fields, in order."""
     return tuple([f.name for f in dataclasses.fields(kind) if f.name not in HEADER_FIELDS])
 
 
 class _Layout:
-    """How one kind of message is packed, opened and checked; worked out once."""
+    """How one kind of message is packed, opened and checked; computed once."""
 
     def __init__(self, kind: type[T2tMessage]) -> None:
         hints = typing.get_type_hints(kind)
@@ -68,7 +70,7 @@ class _Layout:
         self.decoder = msgspec.msgpack.Decoder(tuple.__class_getitem__(types))
         self.body: Callable[[T2tMessage], tuple[Any, ...]] = operator.attrgetter(*body)
         self.restrictions = tuple([at for at, name in enumerate(body) if hints[name] == _STRETCHES])
-        """Where in the body they stand."""
+        """Indices of restriction lists in the body."""
         numbers = [name for name in hints if typing.get_origin(hints[name]) is not tuple]
         self.numbers: Callable[[T2tMessage], tuple[Any, ...]] = operator.attrgetter(*numbers)
         self.bounds = tuple([_bounds(name) for name in numbers])
@@ -78,7 +80,7 @@ class _Layout:
 
 
 class _List:
-    """How many entries fit into a field, and what each of their fields may hold."""
+    """Maximum number of entries of a list field, and the ranges of the entries' fields."""
 
     def __init__(self, name: str, hint: Any) -> None:
         entry: Any = typing.get_args(hint)[0]
@@ -90,7 +92,7 @@ class _List:
 
 
 def _bounds(name: str) -> Bounds:
-    """Of yes and no and of enumerations, too: they are small numbers."""
+    """Return the range of a field. Booleans and enumerations count as small numbers."""
     if name.endswith(("_m", "_mps")):
         most_of_unit = MAX_SPEED_MPS if name.endswith("_mps") else MAX_CHAINAGE_M
         return name, -most_of_unit, most_of_unit
@@ -121,7 +123,10 @@ def packed_body(message: T2tMessage) -> bytes:
 def opened(
     number: int, source: int, destination: int, sequence: int, stamp_ns: int, body: bytes
 ) -> T2tMessage:
-    """Raises msgspec's errors for a body that is not of this type, KeyError for an unknown type."""
+    """Decode a message.
+
+    Raises msgspec's errors for a body that is not of this type, KeyError for an unknown type.
+    """
     layout = _BY_NUMBER[number]
     told: Any = layout.decoder.decode(body)
     if layout.restrictions:
@@ -137,7 +142,7 @@ def knows(number: int) -> bool:
 
 
 def problem_of_t2t(message: T2tMessage) -> str:
-    """What no honest sender says, by field; empty when there is nothing."""
+    """Describe the first implausible field; empty without one."""
     layout = _LAYOUTS[type(message)]
     problem = _number_problem(layout.bounds, layout.numbers(message))
     if problem:
@@ -188,7 +193,7 @@ def _restriction_problem(each: SpeedRestriction) -> str:
 
 
 def _number_problem(bounds: tuple[Bounds, ...], values: Any) -> str:
-    """Comparisons catch NaN."""
+    """Check ranges; the comparisons also catch NaN."""
     for at, (name, least, most) in enumerate(bounds):
         value = values[at]
         if not least <= value <= most:

@@ -28,9 +28,9 @@ from zenoh_config.t2t import (
 from zenoh_config.t2t_supervision import Decree, LineState, Removal, RemovalAnswer
 
 PRESENT: Final = "up"
-"""The last chunk of what a train's session declares for as long as it is there."""
+"""Last chunk of the liveliness token that a train's session declares."""
 TO_ALL: Final = "all"
-"""The reader's chunk of what everybody in an area shall hear."""
+"""The reader's chunk of messages to all receivers of an area."""
 CHUNKS: Final[dict[type[T2tMessage], str]] = {
     LeaseRequest: "acq",
     LeaseAnswer: "gr",
@@ -55,26 +55,27 @@ CHUNKS: Final[dict[type[T2tMessage], str]] = {
 
 
 def key_of(line: str, message: T2tMessage) -> str:
-    """Where a message is put; a reader refuses one that it finds elsewhere."""
+    """Key of a message; a reader refuses a message under another key."""
     reader = TO_ALL if message.destination == BROADCAST else str(message.destination)
     kind = CHUNKS[type(message)]
     return f"m/{line_chunk(line)}/w/{message.source}/{kind}/{message.area}/{reader}"
 
 
 def token_of(line: str, train: int) -> str:
-    """Declared by the session of a train: it is there. That says nothing of the train's program,
-    which may hang beside it, and so nothing but a display may go by it.
+    """Liveliness token of a train's session.
+
+    It does not prove that the train's program works, so only displays may use it.
     """
     return f"m/{line_chunk(line)}/w/{train}/{PRESENT}"
 
 
 def tokens(line: str) -> str:
-    """Of all trains of a line."""
+    """Key expression of all trains' tokens of a line."""
     return f"m/{line_chunk(line)}/w/*/{PRESENT}"
 
 
 def train_of_token(key: str) -> int | None:
-    """Whose token that is; None: nobody's."""
+    """Return the train of a token; None if it is not the token of a train."""
     chunks = key.split("/")
     if len(chunks) != 5 or chunks[4] != PRESENT or not chunks[3].isdecimal():
         return None
@@ -82,8 +83,8 @@ def train_of_token(key: str) -> int | None:
 
 
 def of_train(line: str, train: int, areas: Iterable[int] = ()) -> tuple[str, ...]:
-    """What a train listens to: what is for it wherever that is said, what is for all in the areas
-    that concern it, and what is said anywhere under its own address, which is somebody else's.
+    """Subscriptions of a train: messages addressed to it, messages to all in its areas, and
+    messages under its own address, which reveal another sender with that address.
     """
     kinds = (Heartbeat, TrainReport, SwitchStep, ObjectStatus)
     own = (
@@ -107,12 +108,12 @@ def of_train(line: str, train: int, areas: Iterable[int] = ()) -> tuple[str, ...
 
 
 def of_arbiter(line: str, arbiter: int) -> tuple[str, ...]:
-    """What an arbiter listens to."""
+    """Subscriptions of an arbiter."""
     return _keys(line, (LeaseRequest, RosterCommit), str(arbiter))
 
 
 def of_wayside(line: str) -> tuple[str, ...]:
-    """What objects, track and centre listen to."""
+    """Subscriptions of objects, track and centre."""
     return (
         *_keys(line, (Heartbeat,), TO_ALL),
         *_keys(line, (ObjectClaim, Decree), str(WAYSIDE)),
@@ -121,9 +122,7 @@ def of_wayside(line: str) -> tuple[str, ...]:
 
 
 def of_supervision(line: str) -> tuple[str, ...]:
-    """What a display listens to: who commands, where everybody is, why trains wait, and what is
-    decreed.
-    """
+    """Subscriptions of a display: masters, positions, reasons of waiting trains, and commands."""
     return (
         *_keys(line, (Heartbeat, TrainReport, ObjectStatus, LineState), TO_ALL),
         *_keys(line, (Admission,), "*"),
@@ -133,7 +132,7 @@ def of_supervision(line: str) -> tuple[str, ...]:
 
 
 def of_line(line: str) -> tuple[str, ...]:
-    """What a recorder listens to: everything."""
+    """Subscriptions of a recorder: everything."""
     return (f"m/{line_chunk(line)}/**",)
 
 

@@ -1,4 +1,4 @@
-"""What supervision decrees to the wayside of a line, and what the wayside says of it to all."""
+"""Commands of supervision to the wayside of a line, and the wayside's state of them for all."""
 
 import enum
 from dataclasses import dataclass
@@ -13,29 +13,29 @@ class DecreeKind(enum.IntEnum):
     """The train stays at the present or next platform."""
     LET_GO = 2
     SKIP = 3
-    """It passes the next station."""
+    """The train passes the next station."""
     CALL = 4
-    """It stops there after all."""
+    """The train stops at the next station after all."""
     EMERGENCY = 5
-    """Remote emergency brake: it is applied and stays."""
+    """Remote emergency brake: it is applied and stays applied."""
     RELEASE = 6
     RESTRICT = 7
-    """No train is faster than `limit_mps` from `start_m` to `end_m`."""
+    """No train may exceed `limit_mps` from `start_m` to `end_m`."""
     LIFT = 8
     CLOSE = 9
-    """No train enters what lies between `start_m` and `end_m`."""
+    """No train may enter the stretch from `start_m` to `end_m`."""
     OPEN = 10
 
 
 @dataclass(frozen=True, slots=True)
 class Decree(T2tMessage):
-    """Supervision to the wayside: let this be so from now on. Said again until it is answered."""
+    """A command of supervision to the wayside. It is repeated until it is answered."""
 
     echo_ns: int
-    """`stamp_ns` of a LineState: a decree that was long on its way is refused."""
+    """`stamp_ns` of a LineState; a command with an old one is refused."""
     kind: DecreeKind
     train: int
-    """NOBODY where it is about a stretch."""
+    """The train; 0 in commands about a stretch."""
     start_m: float
     end_m: float
     limit_mps: float
@@ -43,29 +43,30 @@ class Decree(T2tMessage):
 
 @dataclass(frozen=True, slots=True)
 class Removal(T2tMessage):
-    """Supervision to the master of an area: a person has seen that this train is not there any
-    more, so that nobody need wait behind it. Said again until it is answered.
+    """Supervision tells the master of an area that a person has verified that this train is gone.
+
+    Other trains then need not wait behind it. The message is repeated until it is answered.
     """
 
     echo_ns: int
-    """`stamp_ns` of the newest heartbeat of `destination`: what was long on its way is refused."""
+    """`stamp_ns` of the newest heartbeat of `destination`; a message with an old one is refused."""
     train: int
 
 
 class RemovalState(enum.IntEnum):
     GONE = 1
-    """It is not on the roster, and that is kept."""
+    """The train is not on the roster, and that is committed."""
     COMMITTING = 2
     HEARD = 3
-    """It was heard lately, or may still hold an authority that is young enough."""
+    """The train communicated recently, or may still hold a valid authority."""
     AXLES = 4
-    """Axles are counted where it may be, and no train that stands there explains them."""
+    """Axles are counted where it may be, and no other train accounts for them."""
     TOO_OLD = 5
 
 
 @dataclass(frozen=True, slots=True)
 class RemovalAnswer(T2tMessage):
-    """The master to supervision: what came of a removal."""
+    """The master tells supervision the result of a removal."""
 
     train: int
     state: RemovalState
@@ -73,59 +74,59 @@ class RemovalAnswer(T2tMessage):
 
 class DecreeAnswer(enum.IntEnum):
     NONE = 0
-    """None was heard yet."""
+    """No command was received yet."""
     DONE = 1
     UNKNOWN_TRAIN = 2
-    """It never told its status."""
+    """The train never sent its status."""
     NO_STRETCH = 3
-    """Off the line, without length, or with a limit that is none."""
+    """The stretch is off the line, has no length, or has an invalid limit."""
     FULL = 4
     NOT_THERE = 5
-    """What is to be taken back was never decreed."""
+    """The command to take back was never given."""
     NOT_STORED = 6
-    """The disk did not take it, so it is not so."""
+    """The disk did not store the command, so it has no effect."""
     TOO_OLD = 7
 
 
 class TrainDecree(NamedTuple):
-    """What supervision wants of one train."""
+    """Commands of supervision for one train."""
 
     train: int
     hold: bool
     skip: bool
     emergency: bool
     releases: int
-    """How often an emergency was reset."""
+    """Number of emergency resets."""
 
 
 class LeaseReason(enum.IntEnum):
     """Why a train was granted an area."""
 
     FIRST = 1
-    """Nobody had it."""
+    """No train held the area before."""
     RAN_OUT = 2
-    """The lease of the one before had run out: it died, hung or was cut off."""
+    """The lease of the previous train had expired: that train failed, hung or was cut off."""
     HANDED_OVER = 3
-    """The one before had named it."""
+    """The previous train had named it as successor."""
     AGAIN = 4
-    """It had it before, gave it up or lost it, and asked under a new term."""
+    """The train had the area before, gave it up or lost it, and requested it under a new term."""
 
 
 class LeaseNote(NamedTuple):
-    """What the wayside saw its arbiters grant last in one area."""
+    """Last grant of an area that the wayside saw at its arbiters."""
 
     area: int
     train: int
     granted_term: int
     before: int
-    """Who had it before; NOBODY: nobody."""
+    """Previous holder; 0: none."""
     reason: LeaseReason
     since_ns: int
-    """By the wayside's clock, as its `stamp_ns` is."""
+    """Instant by the wayside's clock, like its `stamp_ns`."""
 
 
 class RosterPlace(NamedTuple):
-    """A train that arbiters keep on the roster of an area."""
+    """A train that arbiters store on the roster of an area."""
 
     area: int
     train: int
@@ -133,18 +134,19 @@ class RosterPlace(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LineState(T2tMessage):
-    """The wayside to all, at once and every half second: what is decreed, and the last answer."""
+    """The wayside sends the commands in force and the last answer to all, on changes and every half
+    second.
+    """
 
     answered_boot: int
-    """Boot and sequence of the decree that `answer` is for."""
+    """Boot and sequence of the command that `answer` is for."""
     answered: int
     answer: DecreeAnswer
     trains: tuple[TrainDecree, ...]
-    """All that ever told their status."""
+    """All trains that have sent a status."""
     leases: tuple[LeaseNote, ...]
     restrictions: tuple[SpeedRestriction, ...]
     closed: tuple[SpeedRestriction, ...]
     silent: tuple[RosterPlace, ...] = ()
-    """Trains on rosters of which the wayside has heard nothing for a second; others wait behind
-    them. Foremost first, area by area.
-    """
+    """Trains on rosters from which the wayside has received nothing for a second; others wait
+    behind them. Foremost first, area by area."""

@@ -43,4 +43,4 @@ T2T_TYPES: Final[tuple[type[T2tMessage], ...]] = (
     Removal,
     RemovalAnswer,
 )
-"""In the order of their type numbers; additions go to the end."""
+"""All kinds in the order of their type numbers; additions go to the end."""

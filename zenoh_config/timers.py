@@ -1,4 +1,4 @@
-"""The times that trains and arbiters of one line have to agree on."""
+"""Times that trains and arbiters of one line must agree on."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,24 +8,28 @@ NS_PER_MS: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class LineTimers:
-    """All in whole milliseconds of monotonic clocks. Raises ValueError where they do not fit."""
+    """All times in whole milliseconds of monotonic clocks.
+
+    Raises ValueError for contradictory times.
+    """
 
     lease_ms: int = 300
-    """An arbiter's grant lasts so long after the request was sent, and no longer."""
+    """Duration of an arbiter's grant, counted from the sending of the request."""
     renew_ms: int = 75
     cycle_ms: int = 100
-    """A master issues authorities this often, and a train reports this often."""
+    """Period of a master's authorities and of a train's reports."""
     heartbeat_ms: int = 50
     silence_ms: int = 160
-    """Heartbeats missing for so long let the standby apply for the lease."""
+    """Time without heartbeats after which the standby applies for the lease."""
     rank_ms: int = 60
-    """Each rank behind the standby waits so much longer."""
+    """Additional wait for each rank behind the standby."""
     authority_ms: int = 1000
-    """An older authority is refused, and a held one has run out."""
+    """Age at which an authority is refused, and at which a held one expires."""
     drift_ratio: float = 0.002
-    """Two clocks run apart by no more than this, either way."""
+    """Largest relative rate error between two clocks."""
     margin_ms: int = 10
-    """From the last look at the clock to the message leaving, at most; nothing is issued later."""
+    """Maximum time from the last reading of the clock to the departure of a message; later nothing
+    is issued."""
 
     def __post_init__(self) -> None:
         for name in ("lease_ms", "renew_ms", "cycle_ms", "heartbeat_ms", "silence_ms", "rank_ms"):
@@ -44,17 +48,17 @@ class LineTimers:
 
     @property
     def holder_lease_ns(self) -> int:
-        """What the holder may count on from the sending of its request, by its own clock."""
+        """Lease time that the holder may rely on from sending its request, by its own clock."""
         return round(self.lease_ms * NS_PER_MS * (1.0 - self.drift_ratio))
 
     @property
     def arbiter_lease_ns(self) -> int:
-        """What the arbiter waits out from the hearing of a request, by its own clock."""
+        """Time that the arbiter waits from receiving a request, by its own clock."""
         return round(self.lease_ms * NS_PER_MS * (1.0 + self.drift_ratio))
 
 
 TIMERS_A: Final = LineTimers()
-"""Default: any network."""
+"""Default, for any network."""
 TIMERS_B: Final = LineTimers(
     lease_ms=120,
     renew_ms=30,
