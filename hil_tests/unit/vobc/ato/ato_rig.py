@@ -1,8 +1,8 @@
-"""A small train with sensors and a wayside, to close the loop around the automatic operation alone.
+"""A small emulated train with sensors and wayside that closes the control loop around ATO alone.
 
-On purpose without a line of the controller's own predictor: a point mass, actuators as queues of
-timed demands, an odometer that counts and a localisation corrected at tags. It runs in steps
-of 10 ms, the controller in cycles of 50 ms.
+The rig shares no code with the controller's predictor. The train is a point mass; the actuators are
+queues of timed demands; the odometer counts pulses and the localisation is corrected at tags. The
+rig runs in steps of 10 ms, the controller in cycles of 50 ms.
 """
 
 import math
@@ -26,34 +26,36 @@ PULSE_M = math.pi * 0.860 / 256.0
 ROTATING_RATIO = 0.08
 FILTER_RAD_S = 8.0
 FINE_M = 1e-4
-"""The noise of whole pulses is in `speed_sigma_mps`; this is for the lag of odometry's filter."""
+"""Position noise given to the odometry's speed filter, m. The pulse noise is in
+`speed_sigma_mps`."""
 
 
 @dataclass
 class RigSettings:
     seed: int = 1
     brake_delay_s: float | None = 1.0
-    """Fixed; None draws from `brake_delays_s` at each application."""
+    """Dead time of the brake; None samples one from `brake_delays_s` for each brake application."""
     brake_delays_s: tuple[float, float] = (0.4, 1.0)
     brake_lag_s: float | None = None
-    """None draws from 0.25..0.5 s."""
+    """First-order lag of the brake; None samples one from 0.25 s to 0.5 s."""
     brake_gain: float | None = None
     traction_gain: float | None = None
     odometer_error: float | None = 0.0
-    """None draws from -1..+5 %."""
+    """Relative error of the odometer; None samples one from -1 % to +5 %."""
     load_ratio: float = 0.5
     tag_sigma_m: float = 0.02
     speed_sigma_mps: float = 0.01
     cycle_s: float = 0.05
     link_s: float = 0.015
-    """From the measurement to the actuator, over and above the dead times."""
+    """Delay from the measurement to the actuator, in addition to the dead times of the
+    actuators."""
     missed_tags: frozenset[int] = frozenset()
     start_scale_known: bool = False
     ceiling_margin_mps: float = 0.0
 
 
 class Delayed:
-    """A first-order lag behind a pure transport delay."""
+    """First-order lag behind a pure transport delay."""
 
     def __init__(self, delay_s: float, lag_s: float) -> None:
         self.delay_s = delay_s
@@ -91,7 +93,8 @@ class Trace:
 
 
 class Rig:
-    """The world around one `Ato`; `step` is one control cycle. Tests set attributes in between."""
+    """The world around one `Ato`. `step` runs one control cycle; tests set attributes between
+    cycles."""
 
     def __init__(self, ato: Ato, line: LineMap, settings: RigSettings, start_m: float) -> None:
         self.ato, self.line, self.settings = ato, line, settings
@@ -106,7 +109,7 @@ class Rig:
         gain = settings.brake_gain
         self.brake_gain = gain if gain is not None else draw.uniform(0.95, 1.05)
         gain = settings.traction_gain
-        # The load is believed within 5 %, which acts on both alike.
+        # The load is known within 5 %. The error scales traction and brake alike.
         load_error = draw.uniform(-0.05, 0.05) * settings.load_ratio * 54.4
         believed_t, true_t = (
             130.0 + settings.load_ratio * 54.4 + load_error,
@@ -141,10 +144,10 @@ class Rig:
         self.door_permission = True
         self.braked_to_rest = False
         self.orders: dict[str, bool] = {}
-        """Further fields of the input, such as `skip_next=True`."""
+        """Further fields of the ATO input, such as `skip_next=True`."""
         self.jog_permitted = True
         self.jog_back_m = 0.0
-        # Localisation: position = anchor + counted * scale, with the spread of both.
+        # Localisation: position = anchor + counted * scale. Each has its own standard deviation.
         self.anchor_m, self.anchor_count_m = start_m, 0.0
         self.anchor_sigma_m = 0.02
         self.scale = 1.0 / (1.0 + self.odometer_error) if settings.start_scale_known else 1.0
@@ -158,7 +161,7 @@ class Rig:
         self.zone_s = 0.0
         self.shift_m = 0.0
         self.told_late_s = 0.0
-        """A clock that stepped: so much more than the cycle time the controller is told."""
+        """Time by which the clock stepped: the reported cycle time exceeds the true one by this."""
 
     def _skip_tags(self) -> None:
         tags = self.line.tags
@@ -167,7 +170,7 @@ class Rig:
         ):
             self.tag_index += 1
 
-    # The world, every 10 ms.
+    # The physics run every 10 ms.
 
     def physics(self) -> None:
         self.now_s += STEP_S
@@ -224,12 +227,12 @@ class Rig:
             return
         sigma = self.settings.tag_sigma_m
         noise = min(0.05, max(-0.05, self.draw.gauss(0.0, sigma))) if sigma > 0.0 else 0.0
-        # Back to the instant at which the antenna was over the centre.
+        # Travelled distance at the instant at which the centre of the antenna was over the tag.
         past_m = self.front_m - ANTENNA_M - tag.position_m
         at_count_m = self.counted_m - past_m * (1.0 + self.odometer_error) + noise
         self.pending_tags.append((tag.tag_id, tag.position_m + ANTENNA_M, at_count_m))
 
-    # Localisation, every cycle.
+    # The localisation runs every cycle.
 
     def _count(self) -> float:
         return (math.floor(self.counted_m / PULSE_M) + 0.5) * PULSE_M
@@ -240,7 +243,7 @@ class Rig:
             tag_id, front_m, count_m = self.pending_tags.popleft()
             run_m = count_m - self.anchor_count_m
             guess_m = self.anchor_m + run_m * self.scale
-            # Two correlated unknowns: offset at the anchor and scale since.
+            # Variance of two independent errors: the offset at the anchor and the scale since then.
             p_offset, p_scale = self.anchor_sigma_m**2, self.scale_sigma**2
             spread = p_offset + run_m**2 * p_scale + 0.022**2
             surprise_m = front_m - guess_m
@@ -349,23 +352,23 @@ class Rig:
 
 
 def served(count: int) -> Callable[[Rig], bool]:
-    """Until so many stops were made."""
+    """Condition for `Rig.run`: the train has made this many stops."""
     return lambda rig: len(rig.stops) >= count
 
 
 def line_with(**run_s: float) -> LineMap:
-    """Florence with these running times to stations, and none to others."""
+    """The Florence line with these running times to stations, and none to the other stations."""
     stations = [replace(each, run_s=run_s.get(each.name, 0.0)) for each in LINE.stations]
     return replace(LINE, stations=tuple(stations))
 
 
 def quick_stops() -> list[Station]:
-    """All stations of Florence at which it stops, with short dwells."""
+    """All stations of Florence with a scheduled stop, with short dwell times."""
     return [replace(each, dwell_s=1.0) for each in LINE.stations if each.dwell_s > 0.0]
 
 
 def run_line(config: AtoConfig | None = None, **settings: Any) -> Rig:
-    """From chainage zero over all stations of Florence."""
+    """Run from chainage zero over all stations of Florence."""
     stops = quick_stops()
     ato = Ato(config or AtoConfig(), LINE, 0.0, stops)
     rig = Rig(ato, LINE, RigSettings(**settings), 0.0)

@@ -1,4 +1,4 @@
-"""Banks of hypotheses and late friction, against a train that is simulated in fine steps."""
+"""Model bank and late friction brake, tested against a train that is simulated in fine steps."""
 
 import math
 import random
@@ -19,7 +19,8 @@ FADE_BEGIN_MPS, FADE_END_MPS, MOTORS_MPS2 = 8.0 / 3.6, 3.0 / 3.6, 1.2
 
 
 class BlendedTrain:
-    """A point mass; what its motors cannot do any more is done by friction that is late."""
+    """A point mass with blended braking: a late friction brake adds what the motors can no
+    longer give."""
 
     def __init__(self, speed_mps: float, air_s: float, friction_gain: float) -> None:
         self.speed_mps, self.front_m = speed_mps, 0.0
@@ -47,7 +48,7 @@ class BlendedTrain:
 def braked(
     air_s: float, friction_gain: float, model: TrainModel | None = None
 ) -> tuple[TrainModel, list[tuple[float, float]]]:
-    """One braking to 0.4 m/s; the predicted speeds beside those that came about."""
+    """Brake the train once to 0.4 m/s; return pairs of predicted and true speed."""
     draw = random.Random(3)
     model = model or TrainModel(MAY_BE_LATE, TractionBelief(), DT_S)
     train = BlendedTrain(7.0, air_s, friction_gain)
@@ -75,21 +76,21 @@ def braked(
 
 @pytest.mark.parametrize("air_s", [0.6, 0.8, 1.0])
 @pytest.mark.parametrize("friction_gain", [0.8, 1.0, 1.2])
-def test_late_friction_is_found_and_its_delay_too(air_s: float, friction_gain: float) -> None:
+def test_late_friction_and_its_delay_are_identified(air_s: float, friction_gain: float) -> None:
     model, _ = braked(air_s, friction_gain)
 
     assert model.friction_may_be_late
     assert model._handover.air_s == pytest.approx(air_s, abs=0.2)
 
 
-def test_the_speed_to_come_is_foretold_through_the_handover() -> None:
+def test_the_speed_is_predicted_through_the_handover_to_friction() -> None:
     _, compared = braked(0.8, 1.0)
 
     assert len(compared) > 20
     assert max(abs(told - came) for told, came in compared) <= 0.06
 
 
-def test_friction_in_time_is_known_after_one_braking_and_late_friction_remembered() -> None:
+def test_one_braking_tells_timely_from_late_friction_and_late_friction_is_remembered() -> None:
     belief, traction = MAY_BE_LATE, TractionBelief()
     assert TrainModel(belief, traction, DT_S).friction_may_be_late
 
@@ -103,19 +104,20 @@ def test_friction_in_time_is_known_after_one_braking_and_late_friction_remembere
         assert (gap_m > 0.5) is expected
 
 
-def test_the_gap_before_a_handover_is_the_way_of_the_air_s_delay() -> None:
+def test_the_gap_before_a_handover_is_the_distance_run_during_the_friction_delay() -> None:
     model, _ = braked(0.8, 1.0)
     for _ in range(100):
         model.issue(0.0)
         model.step(0.0, 0.0, 1)
 
-    # Between 0.83 m/s and where motors can just give 0.15 m/s², for the delay and the build-up.
+    # Mean speed between the fade-out's end (0.83 m/s) and the speed at which the motors just give
+    # 0.15 m/s², times the delay and the build-up of the friction brake.
     middle_mps = FADE_END_MPS + 0.15 / MOTORS_MPS2 * (FADE_BEGIN_MPS - FADE_END_MPS) / 2.0
     assert model.gap_m(3.0, 0.15) == pytest.approx(middle_mps * (0.8 + AIR_LAG_S), abs=0.2)
     assert model.gap_m(0.5, 0.15) == 0.0
 
 
-def test_the_hypothesis_that_fits_gets_the_weight_and_the_others_are_given_up() -> None:
+def test_the_bank_gives_the_weight_to_the_hypothesis_that_fits() -> None:
     bank, motion = ModelBank(3, DT_S), MotionFilter(DT_S)
     motion.start(10.0)
     bank.begin(motion)
@@ -137,8 +139,8 @@ def test_the_hypothesis_that_fits_gets_the_weight_and_the_others_are_given_up() 
     assert sum(bank.weights) == pytest.approx(1.0)
 
 
-def test_a_gain_that_no_brake_has_is_not_kept_for_the_next_application() -> None:
-    """A brake that gives half of what is asked is a fault."""
+def test_an_implausible_brake_gain_is_discarded_before_the_next_application() -> None:
+    """A brake that gives half of the demand is a fault, so the model discards the learnt gain."""
     motion = MotionFilter(DT_S)
     motion.start(20.0)
     speed_mps = 20.0
@@ -152,7 +154,7 @@ def test_a_gain_that_no_brake_has_is_not_kept_for_the_next_application() -> None
     assert motion.gain_ratio == 0.0
 
 
-def test_a_speed_that_no_brake_can_explain_is_a_surprise_and_teaches_nothing() -> None:
+def test_a_speed_that_no_brake_explains_changes_no_learnt_gain() -> None:
     model = TrainModel(MAY_BE_LATE, TractionBelief(), DT_S)
     model.meet(15.0)
     model.issue(-0.5)
@@ -165,7 +167,7 @@ def test_a_speed_that_no_brake_can_explain_is_a_surprise_and_teaches_nothing() -
     assert model.speed_mps == pytest.approx(14.0)
 
 
-def test_a_train_that_is_held_says_nothing_of_its_brake() -> None:
+def test_a_held_train_changes_no_learnt_gain() -> None:
     model, _ = braked(0.0, 1.0)
     before = model.gain_ratio
     for _ in range(100):

@@ -25,7 +25,7 @@ LEVELS_MPS2 = [-0.05 * notch for notch in range(17)]
 
 
 def gap_after_mps(error_mps: float, decel_mps2: float, reference_mps2: float, t_s: float) -> float:
-    """Train and reference replayed in small steps."""
+    """Speed error after `t_s`, from a replay of train and reference in small steps."""
     steps = 1000
     for _ in range(steps):
         error_mps += (reference_mps2 - decel_mps2) * t_s / steps
@@ -51,8 +51,8 @@ def test_a_notch_that_widens_the_gap_or_hardly_differs_never_catches() -> None:
 
 
 @pytest.mark.parametrize("error_mps", [0.3, -0.3])
-def test_the_gentlest_notch_that_makes_it_is_taken(error_mps: float) -> None:
-    """On both sides: a milder correction would come too late."""
+def test_the_gentlest_notch_that_closes_the_error_in_time_is_chosen(error_mps: float) -> None:
+    """A milder correction closes the speed error too late, above and below the reference."""
     chosen = catch_time.gentlest(
         error_mps, DECELS_MPS2, reference_mps2=0.5, within_s=2.0, guard_mps2=0.01
     )
@@ -65,23 +65,23 @@ def test_the_gentlest_notch_that_makes_it_is_taken(error_mps: float) -> None:
 
 
 def kept(error_mps: float, run_s: float, now_mps2: float, *, to_stop: bool = True) -> bool:
-    """Whether a notch weaker than the curve of 0.6 m/s² is left in place."""
+    """Tell whether the law keeps a notch that is weaker than the curve of 0.6 m/s²."""
     aim = NotchTarget(error_mps, 0.6, run_s, 0.0, to_stop)
     return notch_choice.picked(ChasingScheme(), aim, now_mps2, LEVELS_MPS2, 0.018) == now_mps2
 
 
-def test_a_gap_that_there_is_time_to_close_changes_no_notch() -> None:
+def test_a_speed_error_with_time_left_to_close_changes_no_notch() -> None:
     assert kept(0.3, 8.0, -0.5)
     assert not kept(0.3, 2.0, -0.5)
     assert not kept(0.3, 8.0, -0.5, to_stop=False)
 
 
-def test_on_the_curve_to_a_stop_a_released_brake_waits_for_no_gap() -> None:
+def test_on_the_stopping_curve_a_released_brake_is_applied_at_once() -> None:
     assert not kept(0.01, 8.0, 0.0)
     assert kept(0.01, 8.0, 0.0, to_stop=False)
 
 
-def test_without_a_notch_that_is_fast_enough_there_is_none() -> None:
+def test_no_notch_is_chosen_when_none_is_fast_enough() -> None:
     rule = {"reference_mps2": 0.5, "within_s": 0.5, "guard_mps2": 0.01}
 
     assert catch_time.gentlest(1.0, DECELS_MPS2, **rule) is None
@@ -113,7 +113,7 @@ def test_every_state_can_be_left_and_reached() -> None:
     assert {target for rows in TRANSITIONS.values() for _, target in rows} == set(ChasingState)
 
 
-def test_traction_and_brake_never_follow_each_other_without_a_need() -> None:
+def test_traction_and_brake_follow_each_other_only_when_needed() -> None:
     assert next_state(ChasingState.BRAKE, Chase(braked=True, too_slow=True)) is ChasingState.COAST
     assert next_state(ChasingState.TRACTION, Chase(near_curve=True)) is ChasingState.COAST
     assert (
@@ -196,7 +196,8 @@ def test_limits_of_the_line_and_of_comfort_are_kept() -> None:
 
 
 def test_every_demand_that_lasts_is_a_notch() -> None:
-    """From the first braking on; before, and at the platform, others than the law have the say."""
+    """The test counts from the first braking on. Before that, and at the platform, other parts
+    than the law set the demand."""
     config = AtoConfig()
     notches = {0.0, *config.output.traction_levels_mps2}
     notches |= {-level_mps2 for level_mps2 in config.output.brake_levels_mps2}
@@ -213,7 +214,7 @@ def test_every_demand_that_lasts_is_a_notch() -> None:
 
 
 def test_the_early_transition_brakes_sooner() -> None:
-    """Where the brake comes on before the first station."""
+    """Compare where the first brake application before the first station begins."""
 
     def first_brake_m(scheme: ChasingScheme) -> float:
         trace = run(scheme=scheme, seed=1).trace

@@ -1,4 +1,4 @@
-"""The reference in time: limits of acceleration and jerk, no overshoot, hand-over."""
+"""The speed reference over time: limits of acceleration and jerk, no overshoot, hand-over."""
 
 import pytest
 from hypothesis import given, settings
@@ -42,7 +42,8 @@ def test_smoothing_makes_the_ramp_of_acceleration_gentler_than_the_jerk_limit() 
 
     rises = [accel for _, accel in follow(governor, 20.0, 6.0)]
 
-    # Unsmoothed it would be at 0.8 after 1.33 s; the average is then not much over half of it.
+    # Without smoothing the acceleration is 0.8 after 1.33 s; the moving average is then just over
+    # half of that.
     at_end_of_ramp, at_end_of_window = round(1.33 / DT_S), round((1.33 + 1.4) / DT_S)
     assert rises[at_end_of_ramp] < 0.45
     assert rises[at_end_of_window] == pytest.approx(0.8, abs=1e-6)

@@ -1,4 +1,4 @@
-"""The law of Green CBTC on one train: what its weights and the voltage do to its runs."""
+"""The Green CBTC law on one train: the effect of its weights and of the line voltage on a run."""
 
 import dataclasses
 from typing import Any
@@ -15,7 +15,7 @@ RUN_S = 105.0
 
 
 class Powered(Ato):
-    """Is told a voltage that the rig knows nothing of."""
+    """An `Ato` with a line voltage that the rig does not know."""
 
     voltage_v: float | None = None
 
@@ -24,7 +24,7 @@ class Powered(Ato):
 
 
 def ride(law: str, voltage_v: float | None, **green: Any):  # type: ignore[no-untyped-def]
-    """III to IV, 1 km level; the stop, and its speeds cycle by cycle."""
+    """Run 1 km on the level from III to IV; return the stop and the speed in every cycle."""
     stations = tuple(
         dataclasses.replace(station, run_s=RUN_S if station.name == "IV" else 0.0)
         for station in LINE.stations
@@ -46,7 +46,7 @@ def ride(law: str, voltage_v: float | None, **green: Any):  # type: ignore[no-un
     return rig.stops[0], speeds
 
 
-def test_without_weight_or_voltage_it_is_the_law_of_the_timetable() -> None:
+def test_without_weight_or_voltage_the_law_equals_the_timetable_law() -> None:
     timed, timed_mps = ride("timing", 830.0)
 
     for voltage_v, green in (
@@ -58,8 +58,8 @@ def test_without_weight_or_voltage_it_is_the_law_of_the_timetable() -> None:
         assert speeds_mps == pytest.approx(timed_mps, abs=1e-6)
 
 
-def test_a_high_voltage_hurries_the_train_and_a_low_one_holds_it_back_at_first() -> None:
-    """What is lost at first the timing speed, which rises with it, makes good later."""
+def test_a_high_voltage_speeds_the_train_up_and_a_low_one_slows_it_down_at_first() -> None:
+    """The timing speed rises with the voltage and later makes up for what was lost at first."""
     high, high_mps = ride("green", 850.0)
     even, even_mps = ride("green", 750.0)
     low, low_mps = ride("green", 700.0)
@@ -73,14 +73,14 @@ def test_a_high_voltage_hurries_the_train_and_a_low_one_holds_it_back_at_first()
         assert stop.leg_s == pytest.approx(RUN_S, abs=4.0)
 
 
-def test_a_constant_voltage_hides_the_true_one() -> None:
+def test_a_configured_constant_voltage_overrides_the_measured_one() -> None:
     one, _ = ride("green", 850.0, constant_v=800.0)
     other, _ = ride("green", 700.0, constant_v=800.0)
 
     assert one.leg_s == other.leg_s
 
 
-def test_the_printed_target_gives_all_when_the_energy_reaches_it() -> None:
+def test_the_printed_law_asks_for_full_traction_when_the_energy_reaches_the_target() -> None:
     printed, printed_mps = ride("green", 899.0, literal_target=True, horizon_s=60.0)
     weighed, weighed_mps = ride("green", 899.0, alpha_ratio=1.0, beta_ratio=0.0)
 

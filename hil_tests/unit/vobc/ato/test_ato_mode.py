@@ -1,4 +1,4 @@
-"""The phase table: every way between phases walked, and what must never be possible."""
+"""The table of phases: the tests take every transition and check what must never be possible."""
 
 import dataclasses
 
@@ -92,7 +92,7 @@ P = AtoPhase
         (P.DOORS_CLOSING, "enabled resting served doors_locked", P.HOLDING),
     ],
 )
-def test_the_table_leads_where_the_domain_says(phase: P, flags: str, expected: P) -> None:
+def test_the_table_leads_to_the_specified_phase(phase: P, flags: str, expected: P) -> None:
     seen = PhaseGuardInputs(**dict.fromkeys(flags.split(), True))
 
     assert next_phase(phase, seen) is expected
@@ -105,12 +105,14 @@ def situations(**fixed: bool) -> st.SearchStrategy[PhaseGuardInputs]:
 
 @pytest.mark.parametrize("phase", [phase for phase in P if phase is not P.OFF])
 def test_every_phase_goes_off_when_the_operation_is_disabled(phase: P) -> None:
-    """Its first row says so, and the first row decides."""
+    """The first row of each phase leads to OFF when ATO is disabled, and the first row decides."""
     assert mode.TRANSITIONS[phase][0] == (mode.disabled, P.OFF)
 
 
 @given(st.sampled_from(P), situations(enabled=False))
-def test_nothing_but_off_is_left_of_a_disabled_operation(phase: P, seen: PhaseGuardInputs) -> None:
+def test_a_disabled_operation_ends_in_off_from_every_phase(
+    phase: P, seen: PhaseGuardInputs
+) -> None:
     assert next_phase(phase, seen) is P.OFF
 
 
@@ -121,7 +123,7 @@ SETS_OFF = {P.DEPARTING, P.JOGGING, P.CREEPING}
     st.sampled_from([phase for phase in P if phase not in SETS_OFF]),
     situations(doors_locked=False, under_way=False),
 )
-def test_nothing_sets_off_with_unlocked_doors(phase: P, seen: PhaseGuardInputs) -> None:
+def test_no_phase_departs_with_unlocked_doors(phase: P, seen: PhaseGuardInputs) -> None:
     assert next_phase(phase, seen) not in SETS_OFF
 
 
@@ -129,17 +131,20 @@ def test_nothing_sets_off_with_unlocked_doors(phase: P, seen: PhaseGuardInputs) 
     st.sampled_from([phase for phase in P if phase not in SETS_OFF]),
     situations(departure_permitted=False, under_way=False),
 )
-def test_nothing_departs_or_creeps_against_the_interlock(phase: P, seen: PhaseGuardInputs) -> None:
+def test_no_phase_departs_or_creeps_against_the_traction_interlock(
+    phase: P, seen: PhaseGuardInputs
+) -> None:
     assert next_phase(phase, seen) not in {P.DEPARTING, P.CREEPING}
 
 
 @given(situations(keep_doors_open=True))
-def test_doors_that_are_to_stay_open_are_not_closed(seen: PhaseGuardInputs) -> None:
+def test_doors_requested_to_stay_open_are_not_closed(seen: PhaseGuardInputs) -> None:
     assert next_phase(P.DOORS_OPEN, seen) is not P.DOORS_CLOSING
 
 
-def test_no_row_sets_off_without_asking_for_locked_doors() -> None:
-    """Every single guard that leads out of rest, with everything true but the doors."""
+def test_every_guard_that_starts_the_train_requires_locked_doors() -> None:
+    """The test evaluates every guard that leads out of rest with all flags true but the locked
+    doors."""
     everything = dict.fromkeys(FLAGS, True) | {"doors_locked": False, "under_way": False}
     for phase, rows in mode.TRANSITIONS.items():
         for guard, target in rows:

@@ -1,4 +1,4 @@
-"""Jogs, and what the centre orders: hold, skip, stop next, stop now, help, creep."""
+"""Jogs and the commands of supervision: hold, skip, stop next, stop now, help, creep."""
 
 import dataclasses
 import itertools
@@ -21,7 +21,7 @@ HELD = {"departure_permitted": False, "kept_at_platform": True}
 def rig_at(start_m: float, names: str = "III IV", **settings: Any) -> ato_rig.Rig:
     stops = [dataclasses.replace(LINE.station(name), dwell_s=2.0) for name in names.split()]
     given = {"seed": 1, "start_scale_known": True, "brake_delay_s": None, **settings}
-    # The mission knows the stop although the train already stands past it.
+    # The mission still contains the stop although the train stands past it.
     return ato_rig.Rig(
         Ato(AtoConfig(), LINE, min(start_m, 3000.0), stops),
         LINE,
@@ -55,7 +55,7 @@ def doors_open(rig: ato_rig.Rig) -> bool:
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 @pytest.mark.parametrize("off_m", [-4.9, -0.8, -0.4, 0.4, 0.6, 1.4, 4.9])
-def test_a_missed_stop_within_reach_is_mended_by_one_slow_jog(off_m: float, seed: int) -> None:
+def test_one_slow_jog_corrects_a_missed_stop_within_reach(off_m: float, seed: int) -> None:
     rig = rig_at(3500.0 + off_m, seed=seed)
     rig.jog_back_m = 6.0
 
@@ -70,10 +70,10 @@ def test_a_missed_stop_within_reach_is_mended_by_one_slow_jog(off_m: float, seed
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 @pytest.mark.parametrize("off_m", [0.0, 0.01, 0.04])
-def test_a_stop_whose_tag_may_be_just_ahead_is_mended_by_going_on_a_little(
+def test_a_short_forward_jog_corrects_a_stop_whose_tag_may_be_just_ahead(
     off_m: float, seed: int
 ) -> None:
-    """Protection permits it while the place is known too roughly for doors."""
+    """Protection permits the jog because the position is too uncertain for door release."""
     rig = rig_at(3500.0 + off_m, seed=seed)
     rig.door_permission = False
     rig.run(lambda rig: rig.front_m > 3500.0 + off_m + 0.02 and rig.held, limit_s=60.0)
@@ -86,7 +86,7 @@ def test_a_stop_whose_tag_may_be_just_ahead_is_mended_by_going_on_a_little(
 
 
 @pytest.mark.parametrize(("off_m", "back_m", "goes"), [(0.09, 0.0, True), (0.11, 0.0, False)])
-def test_a_tenth_past_the_stop_nothing_goes_on_any_more(
+def test_a_train_a_tenth_of_a_metre_past_the_stop_moves_no_further_forward(
     off_m: float, back_m: float, goes: bool
 ) -> None:
     rig = rig_at(3500.0 + off_m)
@@ -109,7 +109,7 @@ def test_a_jog_ends_in_the_window_whatever_the_brake_delay(off_m: float, delay_s
 
 
 @pytest.mark.parametrize(("off_m", "back_m"), [(0.6, 0.0), (0.6, 0.85), (4.0, 4.2)])
-def test_nothing_moves_back_farther_than_the_rear_is_protected(off_m: float, back_m: float) -> None:
+def test_a_backward_jog_stays_within_the_protected_rear(off_m: float, back_m: float) -> None:
     rig = rig_at(3500.0 + off_m)
     rig.jog_back_m = back_m
     for _ in range(400):
@@ -127,7 +127,7 @@ def test_a_train_that_is_not_permitted_to_jog_stays() -> None:
     assert rig.ato.phase is AtoPhase.HOLDING
 
 
-def test_a_train_that_is_never_permitted_to_mend_its_stop_calls_for_a_person() -> None:
+def test_a_train_that_is_never_permitted_to_jog_calls_for_a_person() -> None:
     rig = rig_at(3500.6)
     for _ in range(550):
         assert not rig.step().calls_for_help
@@ -136,7 +136,7 @@ def test_a_train_that_is_never_permitted_to_mend_its_stop_calls_for_a_person() -
     assert demand.calls_for_help
 
 
-def test_a_jog_whose_permission_goes_is_braked_at_once() -> None:
+def test_a_jog_that_loses_its_permission_is_braked_at_once() -> None:
     rig = rig_at(3496.0)
     rig.run(lambda rig: rig.speed_mps > 0.2)
     rig.jog_permitted = False
@@ -164,7 +164,7 @@ def test_without_traction_three_attempts_time_out_and_then_a_person_is_called(
     assert rig.ato.phase is AtoPhase.HOLDING
 
 
-def test_after_failed_jogs_an_order_to_skip_leads_on() -> None:
+def test_after_failed_jogs_a_skip_command_lets_the_train_go_on() -> None:
     rig = rig_at(3499.2)
     rig.traction_ratio = 0.0
     rig.run(lambda rig: any(each.calls_for_help for each in rig.trace.demands[-1:]))
@@ -178,7 +178,7 @@ def test_after_failed_jogs_an_order_to_skip_leads_on() -> None:
 
 
 @pytest.mark.parametrize(("past_m", "station"), [(5.3, "IV"), (20.0, "IV")])
-def test_past_the_reach_of_a_jog_the_train_goes_on_only_with_consent(
+def test_a_train_beyond_the_reach_of_a_jog_goes_on_only_with_consent(
     past_m: float, station: str
 ) -> None:
     rig = rig_at(3500.0 + past_m)
@@ -196,7 +196,7 @@ def test_past_the_reach_of_a_jog_the_train_goes_on_only_with_consent(
     assert attempts(rig) == 0
 
 
-def test_it_says_which_stop_it_heads_for() -> None:
+def test_the_demand_names_the_stop_that_the_train_heads_for() -> None:
     rig = rig_at(3000.0)
     reached(rig, 3100.0)
     assert rig.trace.demands[-1].stopping_at_m == 3500.0
@@ -206,7 +206,7 @@ def test_it_says_which_stop_it_heads_for() -> None:
     assert rig.trace.demands[-1].stopping_at_m == 4500.0
 
 
-def test_a_train_that_stands_right_but_may_not_open_its_doors_calls_for_a_person() -> None:
+def test_a_train_at_the_mark_that_may_not_open_its_doors_calls_for_a_person() -> None:
     rig = rig_at(3000.0)
     rig.door_permission = rig.jog_permitted = False
     rig.run(ato_rig.served(1))
@@ -221,7 +221,7 @@ def test_a_train_that_stands_right_but_may_not_open_its_doors_calls_for_a_person
 
 
 @pytest.mark.parametrize("traction_ratio", [0.0, 0.01])
-def test_a_train_that_is_to_run_and_does_not_get_away_calls_for_a_person(
+def test_a_train_that_cannot_depart_calls_for_a_person(
     traction_ratio: float,
 ) -> None:
     rig = rig_at(3000.0)
@@ -254,7 +254,7 @@ def test_a_held_train_keeps_its_doors_open_and_departs_when_released() -> None:
     reached(rig, 3600.0)
 
 
-def test_a_hold_that_comes_while_doors_close_keeps_the_train() -> None:
+def test_a_hold_during_door_closing_keeps_the_train() -> None:
     rig = rig_at(3000.0)
     rig.run(ato_rig.served(1))
     rig.run(lambda rig: rig.ato.phase is AtoPhase.DOORS_CLOSING)
@@ -309,7 +309,7 @@ def test_the_last_stop_is_not_skipped() -> None:
 
 
 @pytest.mark.parametrize(("taken_back_m", "station"), [(3150.0, "III"), (3440.0, "IV")])
-def test_a_skip_that_is_taken_back_counts_only_while_the_train_can_still_stop(
+def test_a_withdrawn_skip_counts_only_while_the_train_can_still_stop(
     taken_back_m: float, station: str
 ) -> None:
     rig = rig_at(3000.0)
@@ -323,7 +323,7 @@ def test_a_skip_that_is_taken_back_counts_only_while_the_train_can_still_stop(
     assert abs(rig.stops[0].error_m) <= 0.10
 
 
-def test_a_station_out_of_plan_is_served_on_order_and_kept_until_that_ends() -> None:
+def test_an_unplanned_station_is_served_on_command_and_held_until_the_command_ends() -> None:
     rig = rig_at(3000.0, "IV")
     reached(rig, 3100.0)
     rig.orders = {"stop_next": True}
@@ -337,7 +337,7 @@ def test_a_station_out_of_plan_is_served_on_order_and_kept_until_that_ends() -> 
     rig.run(lambda rig: rig.front_m > 3600.0, limit_s=120.0)
 
 
-def test_an_order_to_stop_that_comes_too_late_is_for_the_station_after() -> None:
+def test_a_stop_command_that_comes_too_late_is_for_the_following_station() -> None:
     rig = rig_at(1500.0, "IV")
     reached(rig, 2950.0)
     rig.orders = {"stop_next": True}
@@ -347,7 +347,7 @@ def test_an_order_to_stop_that_comes_too_late_is_for_the_station_after() -> None
     assert rig.stops[0].station == "III"
 
 
-def test_a_train_told_to_stop_now_comes_to_rest_and_goes_on_later() -> None:
+def test_a_stop_now_command_brings_the_train_to_rest_and_its_end_lets_it_go_on() -> None:
     rig = rig_at(3000.0)
     reached(rig, 3200.0)
     rig.orders = {"stop_now": True}
@@ -378,7 +378,7 @@ def test_a_stop_now_that_ends_in_motion_is_followed_by_an_exact_stop() -> None:
     assert abs(rig.stops[0].error_m) <= 0.10
 
 
-def test_help_reopens_doors_that_were_closing_and_no_stop_is_lost_by_it() -> None:
+def test_a_help_request_reopens_closing_doors_and_loses_no_stop() -> None:
     rig = rig_at(3000.0)
     rig.run(ato_rig.served(1))
     rig.run(lambda rig: rig.ato.phase is AtoPhase.DEPARTING)
@@ -396,7 +396,7 @@ def test_help_reopens_doors_that_were_closing_and_no_stop_is_lost_by_it() -> Non
 # Creep.
 
 
-def test_a_creeping_train_keeps_under_its_ceiling_and_stops_where_that_ends() -> None:
+def test_a_creeping_train_stays_below_its_ceiling_and_stops_where_the_ceiling_ends() -> None:
     rig = rig_at(3000.0)
     rig.orders = {"creep": True}
     rig.ceiling_mps = 15.0 / 3.6
@@ -413,7 +413,7 @@ def test_a_creeping_train_keeps_under_its_ceiling_and_stops_where_that_ends() ->
 
 
 @pytest.mark.parametrize("front_m", [3060.0, 3200.0])
-def test_a_creeping_train_that_is_authorised_again_makes_its_next_stop(front_m: float) -> None:
+def test_a_creeping_train_with_a_new_authority_makes_its_next_stop(front_m: float) -> None:
     rig = rig_at(3000.0)
     rig.orders = {"creep": True}
     rig.ceiling_mps = 15.0 / 3.6
@@ -439,8 +439,9 @@ def test_a_creeping_train_heads_for_no_stop() -> None:
 
 
 @pytest.mark.parametrize("strategy", ["predictive", "pid", "chasing", "timing", "pid_literal"])
-def test_no_more_is_asked_than_traction_gives_and_a_jump_of_it_is_no_jolt(strategy: str) -> None:
-    """The limit of power follows the measured speed, which jumps where a tag tells the wheels."""
+def test_the_demand_follows_available_traction_without_a_jolt(strategy: str) -> None:
+    """The power limit follows the measured speed, which jumps where a tag corrects the wheel
+    size."""
     config = AtoConfig(strategy=strategy)
     stops = [dataclasses.replace(LINE.station("III"), dwell_s=2.0)]
     settings = ato_rig.RigSettings(seed=1, start_scale_known=True)
@@ -461,7 +462,7 @@ def test_no_more_is_asked_than_traction_gives_and_a_jump_of_it_is_no_jolt(strate
     assert max(changes_mps2) <= config.limits.jerk_mps3 * rig.cycle_s + 1e-9
 
 
-def test_without_traction_none_is_asked() -> None:
+def test_no_traction_is_demanded_when_none_is_available() -> None:
     rig = rig_at(3000.0)
     rig.run(lambda rig: rig.speed_mps > 4.0)
     rig.traction_ratio = 0.0
@@ -473,8 +474,9 @@ def test_without_traction_none_is_asked() -> None:
 
 
 @pytest.mark.parametrize("seed", range(1, 7))
-def test_notches_of_traction_do_not_dwell_where_the_brake_shall_come_on(seed: int) -> None:
-    """Each dwell is way; with a brake that is weak, too, the platform was overrun by a metre."""
+def test_a_traction_notch_does_not_dwell_where_braking_must_begin(seed: int) -> None:
+    """Each dwell in a traction notch costs distance. With a weak brake the train would overrun
+    the platform by a metre."""
     notches = OutputStage(stage="notches")
     stops = [dataclasses.replace(LINE.station("III"), dwell_s=2.0)]
     settings = ato_rig.RigSettings(seed=seed, start_scale_known=True)

@@ -1,4 +1,4 @@
-"""The smoothed position and the expected ceiling."""
+"""The smoothed position and the ceiling forecast."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from vobc.ato.model.ceiling_forecast import CeilingOutlook, SmoothFront
 DT_S = 0.05
 
 
-def test_steps_of_a_pulse_are_smoothed_away() -> None:
+def test_pulse_steps_are_smoothed() -> None:
     front = SmoothFront()
     front.step(100.0, moved_m=0.0, at_tag=False)
     for cycle in range(1, 200):
@@ -19,7 +19,7 @@ def test_steps_of_a_pulse_are_smoothed_away() -> None:
 
 
 @pytest.mark.parametrize(("jump_m", "at_tag"), [(0.04, True), (0.8, False)])
-def test_a_tag_or_a_large_jump_is_believed_at_once(jump_m: float, at_tag: bool) -> None:
+def test_a_tag_or_a_large_jump_takes_effect_at_once(jump_m: float, at_tag: bool) -> None:
     front = SmoothFront()
     front.step(100.0, moved_m=0.0, at_tag=False)
 
@@ -28,7 +28,7 @@ def test_a_tag_or_a_large_jump_is_believed_at_once(jump_m: float, at_tag: bool) 
     assert front.front_m == 100.0 + jump_m
 
 
-def test_a_ceiling_that_falls_steadily_is_expected_to_go_on_falling() -> None:
+def test_a_steadily_falling_ceiling_is_forecast_to_go_on_falling() -> None:
     ceiling = CeilingOutlook()
     for cycle in range(100):
         ceiling.step(18.0 - 0.8 * DT_S * cycle, DT_S)
@@ -37,7 +37,7 @@ def test_a_ceiling_that_falls_steadily_is_expected_to_go_on_falling() -> None:
     assert ceiling.in_mps(1.0) == pytest.approx(now_mps - 0.8, abs=0.01)
 
 
-def test_a_step_of_the_ceiling_is_taken_as_it_is() -> None:
+def test_a_step_of_the_ceiling_is_not_extrapolated() -> None:
     ceiling = CeilingOutlook()
     for _ in range(50):
         ceiling.step(18.0, DT_S)

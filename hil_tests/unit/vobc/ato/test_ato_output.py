@@ -31,7 +31,7 @@ def pick(stage: Notches, wanted_mps2: float, *, firm: bool = False) -> float:
 
 
 def held_mps2(stage: Notches, wanted_mps2: float, cycles: int = 40) -> float:
-    """What a stage rests on in the end for a demand that stays."""
+    """The output that a stage settles on for a constant demand."""
     for _ in range(cycles):
         picked_mps2 = pick(stage, wanted_mps2)
     return picked_mps2
@@ -57,14 +57,14 @@ def held_mps2(stage: Notches, wanted_mps2: float, cycles: int = 40) -> float:
         (-2.0, -0.8),
     ],
 )
-def test_a_notch_is_the_nearest_brake_or_the_traction_under_what_is_wanted(
+def test_the_stage_picks_the_nearest_brake_notch_or_the_next_lower_traction_notch(
     asked_mps2: float, picked_mps2: float
 ) -> None:
     assert held_mps2(Notches(CONFIG), asked_mps2) == picked_mps2
 
 
 @given(st.lists(st.tuples(DEMANDS_MPS2, st.booleans()), min_size=1, max_size=200))
-def test_whatever_is_asked_a_notch_is_picked_and_firmly_one_at_or_below_it(
+def test_the_output_is_always_a_notch_and_never_above_a_firm_demand(
     asked: list[tuple[float, bool]],
 ) -> None:
     stage = Notches(CONFIG)
@@ -76,7 +76,7 @@ def test_whatever_is_asked_a_notch_is_picked_and_firmly_one_at_or_below_it(
 
 
 @given(st.lists(DEMANDS_MPS2, max_size=50), DEMANDS_MPS2)
-def test_a_demand_that_stays_gets_a_notch_within_a_step_and_its_hysteresis(
+def test_a_constant_demand_gets_a_notch_within_a_step_and_its_hysteresis(
     before: list[float], asked_mps2: float
 ) -> None:
     stage = Notches(CONFIG)
@@ -96,13 +96,13 @@ def test_a_law_that_picks_notches_gets_each_at_once(picked: list[float]) -> None
 
 
 def dwells_s(stage: Notches, wanted: Sequence[float]) -> list[float]:
-    """How long each notch stayed that another one followed."""
+    """Dwell time of each notch that another notch followed."""
     picked = [pick(stage, wanted_mps2) for wanted_mps2 in wanted]
     stays = [len(list(group)) * DT_S for _, group in itertools.groupby(picked)]
     return stays[1:-1]
 
 
-def test_a_notch_stays_for_the_dwell_time_and_a_part_of_it_with_little_brake() -> None:
+def test_a_notch_stays_for_the_dwell_time_and_for_part_of_it_at_low_brake() -> None:
     waves = [0.5 + 0.09 * math.sin(0.1 * cycle) for cycle in range(1000)]
     strong = dwells_s(Notches(FINE), [-wanted_mps2 for wanted_mps2 in waves])
     light = dwells_s(Notches(FINE), [0.4 - wanted_mps2 for wanted_mps2 in waves])
@@ -113,7 +113,7 @@ def test_a_notch_stays_for_the_dwell_time_and_a_part_of_it_with_little_brake() -
     assert 0.5 * FINE.dwell_s <= min(light) < FINE.dwell_s
 
 
-def test_a_demand_far_off_does_not_wait() -> None:
+def test_a_large_change_of_demand_skips_the_dwell_time() -> None:
     stage = Notches(FINE)
     held_mps2(stage, -0.35)
 
@@ -123,10 +123,11 @@ def test_a_demand_far_off_does_not_wait() -> None:
 
 
 @pytest.mark.parametrize(("trembles_mps2", "notches"), [(0.04, 1), (0.06, 2)])
-def test_a_demand_that_trembles_between_two_notches_changes_them_only_beyond_the_hysteresis(
+def test_a_demand_that_oscillates_between_two_notches_changes_them_only_beyond_the_hysteresis(
     trembles_mps2: float, notches: int
 ) -> None:
-    """Between 0.4 and 0.45 the middle is 0.425; 0.4 of 0.05 beyond it is 0.445."""
+    """The middle between 0.40 and 0.45 is 0.425. With a hysteresis of 0.4 * 0.05 the notch
+    changes at 0.445."""
     stage = Notches(FINE)
     held_mps2(stage, -0.4)
     slow = [math.sin(cycle / 40.0) for cycle in range(1000)]
@@ -136,9 +137,9 @@ def test_a_demand_that_trembles_between_two_notches_changes_them_only_beyond_the
     assert len(picked) == notches
 
 
-def test_a_falling_demand_gets_notches_that_fit_in_the_middle_of_their_stay() -> None:
-    """The mean of what is picked along a ramp is the mean of the ramp; without a look ahead it
-    would lag by half a dwell time."""
+def test_the_notches_of_a_ramp_match_it_in_the_middle_of_their_dwell() -> None:
+    """The mean output along a ramp equals the mean of the ramp. Without the look-ahead it would
+    lag by half a dwell time."""
     stage = Notches(FINE)
     ramp = [-0.75 + 0.1 * DT_S * cycle for cycle in range(100)]
     held_mps2(stage, ramp[0])
@@ -149,7 +150,7 @@ def test_a_falling_demand_gets_notches_that_fit_in_the_middle_of_their_stay() ->
     assert abs(lag_mps2) < 0.025
 
 
-def test_the_least_brake_notch_stays_as_long_as_anything_is_asked_of_the_brake() -> None:
+def test_the_lowest_brake_notch_stays_while_any_brake_is_demanded() -> None:
     stage = Notches(CONFIG)
     held_mps2(stage, -0.05)
 
@@ -157,7 +158,7 @@ def test_the_least_brake_notch_stays_as_long_as_anything_is_asked_of_the_brake()
     assert held_mps2(stage, 0.0) == 0.0
 
 
-def test_what_has_to_be_braked_firmly_does_not_wait() -> None:
+def test_a_firm_brake_demand_skips_the_dwell_time() -> None:
     stage = Notches(CONFIG)
     held_mps2(stage, -0.29)
 
@@ -174,7 +175,7 @@ def test_a_clock_that_stood_or_stepped_back_does_no_harm() -> None:
     assert held_mps2(stage, -0.47, cycles=200) == -0.45
 
 
-def test_between_notches_what_leaves_is_the_shaped_ramp() -> None:
+def test_between_notches_the_output_is_the_shaped_ramp() -> None:
     assert [Notches(CONFIG).step(demand_mps2, DT_S) for demand_mps2 in (0.13, -0.17)] == [
         0.13, -0.17,
     ]  # fmt: skip
@@ -227,7 +228,7 @@ def test_the_converter_errs_to_the_safe_side_and_by_less_than_a_step(
 
     sent_mps2 = stage.step(asked_mps2, DT_S)
 
-    # A current within a millionth of a step counts as it.
+    # The converter rounds a current within a millionth of a step to that step.
     assert sent_mps2 <= asked_mps2 + 1e-6 * step_mps2 + 1e-12
     assert sent_mps2 >= min(asked_mps2 - step_mps2, -least_mps2) - 1e-9
 
@@ -252,7 +253,7 @@ def test_currents_are_whole_counts_of_the_converter_and_one_loop_rests(asked_mps
     assert min(stage.traction_ma, stage.brake_ma) <= 3.8
 
 
-def test_more_than_full_is_full() -> None:
+def test_a_demand_beyond_full_scale_gives_full_scale() -> None:
     stage = CurrentLoop(OutputStage(loop_traction_full_mps2=0.5, loop_brake_full_mps2=0.7))
 
     assert stage.step(0.8, DT_S) == pytest.approx(0.5, abs=2e-4)
@@ -306,7 +307,7 @@ def test_without_the_option_the_parameters_choose(capsys: pytest.CaptureFixture[
     assert "invalid choice" in capsys.readouterr().err
 
 
-def test_the_other_stages_pick_what_is_wanted() -> None:
+def test_the_other_stages_pass_the_demand_through() -> None:
     for stage in (make_stage(OutputStage()), CurrentLoop(OutputStage())):
         assert stage.pick(0.123, DT_S, firm=False) == 0.123
         assert stage.pick(-0.456, DT_S, firm=True) == -0.456
@@ -339,7 +340,7 @@ def test_force_and_deceleration_become_currents_within_a_step_of_the_converter(
 
 
 @given(st.integers(-1000, 1000).map(lambda step: step / 1000))
-def test_the_current_for_what_the_stage_let_out_is_the_one_it_reckoned_with(
+def test_the_current_for_the_output_of_the_stage_is_the_one_it_assumed(
     asked_mps2: float,
 ) -> None:
     stage = CurrentLoop(OutputStage())

@@ -56,7 +56,7 @@ def test_taking_over_continues_the_output(error: float, output: float) -> None:
 
 
 @given(wanted=st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=100), dt_s=st.floats(0.02, 0.2))
-def test_no_demand_leaves_beyond_acceleration_or_jerk(wanted: list[float], dt_s: float) -> None:
+def test_no_demand_exceeds_acceleration_or_jerk(wanted: list[float], dt_s: float) -> None:
     shaper, before = Shaper(Limits()), 0.0
 
     for wish in wanted:
@@ -66,7 +66,7 @@ def test_no_demand_leaves_beyond_acceleration_or_jerk(wanted: list[float], dt_s:
         before = demand
 
 
-def test_a_wish_within_the_limits_is_met_exactly() -> None:
+def test_a_demand_within_the_limits_is_met_exactly() -> None:
     shaper = Shaper(Limits())
 
     for _ in range(40):

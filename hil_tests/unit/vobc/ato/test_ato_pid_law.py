@@ -1,4 +1,4 @@
-"""The PID law and its printed original: delay margins, references over the place, stops."""
+"""The PID law and its published original: delay margins, references over the position, stops."""
 
 import itertools
 import statistics
@@ -19,13 +19,13 @@ from vobc.ato.settings.pid import PidGains, PidScheme, PrintedScheme, falling_de
 
 LINE = load_line("florence")
 LAG_S = 0.3
-"""Of the brake that the margins are told for."""
+"""Lag of the brake for which the published delay margins hold."""
 
 
 def delay_margin_s(gains: PidGains, integrators: int) -> float:
-    """How much dead time the loop of these gains, a lag and so many integrators bears.
+    """The largest dead time at which the loop with these gains, a lag and `integrators` is stable.
 
-    From the frequency response alone: phase to spare at unit gain, over that frequency.
+    The function computes it from the frequency response: phase margin over crossover frequency.
     """
     w = np.geomspace(1e-3, 1e3, 400_001)
     s = 1j * w
@@ -40,14 +40,17 @@ def delay_margin_s(gains: PidGains, integrators: int) -> float:
     ("name", "integrators", "margin_s"),
     [("rising", 1, 0.20), ("falling", 1, 3.3), ("constant", 1, 1.65), ("position", 2, 0.23)],
 )
-def test_the_printed_gains_bear_so_much_delay(name: str, integrators: int, margin_s: float) -> None:
+def test_the_published_gains_have_these_delay_margins(
+    name: str, integrators: int, margin_s: float
+) -> None:
     gains = getattr(PrintedScheme(), name)
 
     assert delay_margin_s(gains, integrators) == pytest.approx(margin_s, rel=0.02)
 
 
 def swings(gains: PidGains, delay_s: float) -> tuple[float, float]:
-    """A point mass under the position loop from 0.1 m off: greatest error of two half minutes."""
+    """Greatest errors in the first and in the second half minute of a point mass that the
+    position loop moves from 0.1 m off the target."""
     dt_s = 0.005
     late = [0.0] * (round(delay_s / dt_s) + 1)
     x_m, v_mps, integral, accel_mps2 = 0.1, 0.0, 0.0, 0.0
@@ -64,7 +67,7 @@ def swings(gains: PidGains, delay_s: float) -> tuple[float, float]:
     return max(errors_m[:half]), max(errors_m[half:])
 
 
-def test_the_printed_position_loop_is_unstable_under_a_second_of_delay() -> None:
+def test_the_published_position_loop_is_unstable_with_one_second_of_delay() -> None:
     printed = PrintedScheme().position
 
     first_m, later_m = swings(printed, 1.0)
@@ -74,7 +77,8 @@ def test_the_printed_position_loop_is_unstable_under_a_second_of_delay() -> None
 
 
 def integrated(curve: SpeedCurve, from_m: float, step_m: float) -> tuple[float, float]:
-    """Greatest slope of v²/2 against what the curve says, and greatest jump of acceleration."""
+    """Greatest deviation between the slope of v²/2 and the curve's acceleration, and greatest
+    jerk."""
     places = np.arange(from_m, curve.length_m, step_m)
     points = [curve.at(float(place)) for place in places]
     worst = jump = 0.0
@@ -86,8 +90,8 @@ def integrated(curve: SpeedCurve, from_m: float, step_m: float) -> tuple[float, 
     return worst, jump
 
 
-def test_seventy_from_rest_takes_the_way_of_the_trapezoid() -> None:
-    """Acceleration 0.8 m/s², jerk 0.6 m/s³: 249.3 m, as time and mean speed give by hand."""
+def test_accelerating_to_seventy_takes_the_distance_of_the_trapezoid() -> None:
+    """The hand calculation from time and mean speed gives 249.3 m for 0.8 m/s² and 0.6 m/s³."""
     curve = rise(0.0, 0.0, 70.0 / 3.6, accel_mps2=0.8, jerk_mps3=0.6)
 
     assert curve.length_m == pytest.approx(249.3, abs=0.1)
@@ -95,7 +99,7 @@ def test_seventy_from_rest_takes_the_way_of_the_trapezoid() -> None:
 
 
 @given(from_mps=st.floats(0.5, 10.0), gain_mps=st.floats(0.3, 12.0), first_mps2=st.floats(0.0, 0.3))
-def test_a_rise_keeps_acceleration_and_jerk_and_ends_without_either(
+def test_a_rise_respects_acceleration_and_jerk_and_ends_with_neither(
     from_mps: float, gain_mps: float, first_mps2: float
 ) -> None:
     curve = rise(from_mps, first_mps2, from_mps + gain_mps, accel_mps2=0.8, jerk_mps3=0.4)
@@ -122,14 +126,14 @@ def test_the_fall_to_a_platform_passes_the_tags_at_their_speeds() -> None:
 
 
 @given(speed_mps=st.floats(0.3, 19.0))
-def test_place_and_speed_of_a_curve_are_each_others_inverse(speed_mps: float) -> None:
+def test_place_and_speed_of_a_curve_are_inverse_functions(speed_mps: float) -> None:
     curve = stop_at_platform(AtoConfig(strategy="pid"), LINE, 1500.0, 19.4)
 
     assert curve.at(curve.place_of_m(speed_mps)).speed_mps == pytest.approx(speed_mps, abs=1e-4)
 
 
 def test_slowing_down_ends_at_the_limit_without_deceleration() -> None:
-    """70 to 15 km/h under 0.6 m/s² and 0.3 m/s³: the ramp's mean speed times its time."""
+    """From 70 to 15 km/h with 0.6 m/s² and 0.3 m/s³, the distance is mean speed times duration."""
     config = AtoConfig(strategy="pid")
     top_mps, low_mps = 70.0 / 3.6, 15.0 / 3.6
     curve = slow_down(config, to_mps=low_mps, decel_mps2=0.67, top_mps=top_mps)
@@ -140,8 +144,10 @@ def test_slowing_down_ends_at_the_limit_without_deceleration() -> None:
 
 
 @given(speed_mps=st.floats(0.2, 1.2), way_m=st.floats(0.8, 2.0))
-def test_a_falling_deceleration_ends_the_way_at_rest(speed_mps: float, way_m: float) -> None:
-    """In small steps of time, by the trapezoid rule."""
+def test_a_falling_deceleration_ends_at_rest_after_the_given_distance(
+    speed_mps: float, way_m: float
+) -> None:
+    """The test integrates in small steps of time by the trapezoid rule."""
     first_mps2, stop_s = falling_decel(speed_mps, way_m, 0.08)
     last_mps2 = min(first_mps2, 0.08)
     time_s = np.linspace(0.0, stop_s, 20_001)
@@ -176,7 +182,7 @@ def test_the_repaired_law_stops_within_ten_centimetres(delay_s: float | None) ->
 
 
 def test_without_t3_the_stop_is_made_under_speed_control() -> None:
-    """No T3 anywhere: the odometer, scaled by T1 and T2, has to do."""
+    """Without any T3 the stop relies on the odometer, which T1 and T2 have scaled."""
     rig = run_line(
         AtoConfig(strategy="pid"),
         seed=3,
@@ -187,8 +193,8 @@ def test_without_t3_the_stop_is_made_under_speed_control() -> None:
     assert max(abs(stop.error_m) for stop in rig.stops) <= 0.15
 
 
-def test_a_delay_that_is_only_believed_misses_where_the_identified_one_does_not() -> None:
-    """The brake answers after 0.4 s and is believed to take 1 s."""
+def test_an_assumed_delay_misses_the_stop_where_the_identified_one_does_not() -> None:
+    """The brake answers after 0.4 s, while the law without identification assumes 1 s."""
     errors_m = {}
     for identify in (True, False):
         config = AtoConfig(strategy="pid", pid=PidScheme(identify_delay=identify))
@@ -225,6 +231,6 @@ def test_the_dead_time_is_found_while_braking() -> None:
         {"decel_mps2": 0.0},
     ],
 )
-def test_sections_that_cannot_be_are_refused(settings: dict[str, Any]) -> None:
+def test_impossible_sections_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"t2_m|t3_speed_mps|last_decel_mps2|tags|decel_mps2"):
         PidScheme(**settings)

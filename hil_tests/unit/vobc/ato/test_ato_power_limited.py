@@ -1,4 +1,4 @@
-"""The law of power-limited running curves: its plans against small steps, its runs against time."""
+"""The law of power-limited running curves: plans against a simulation in small steps, and runs."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ from vobc.ato.motion import profile
 
 LINE = load_line("florence")
 LOAD_KG = 27_200.0
-"""Half of all who find room, as the rig has it."""
+"""Half of the maximum passenger load, as in the rig."""
 CONFIG = AtoConfig()
 LOAD_KG = 27200.0
 
@@ -33,7 +33,8 @@ def with_weight(weight_factor: float) -> AtoConfig:
 
 
 def driven_s(planned: PowerPlanner, off_mps: float, power_w: float) -> float:
-    """Small steps from III to IV: gain at 0.8 m/s² under the jerk limit, coast, brake."""
+    """Running time from III to IV in small steps: accelerate at 0.8 m/s² within the jerk limit,
+    coast, brake."""
     curve = profile.curve_to_stop(CONFIG, LINE, 4500.0)
     brake = planned.brake(power_w)
     front_m, speed_mps, time_s, accel_mps2, step_s = 3500.0, 0.0, 0.0, 0.0, 0.01
@@ -108,7 +109,7 @@ def test_without_enough_time_the_plan_is_the_fastest_there_is() -> None:
 
 
 def ride(run_s: float | None, config: AtoConfig, seed: int = 3):  # type: ignore[no-untyped-def]
-    """III to IV, 1 km level."""
+    """Run 1 km on the level from III to IV."""
     line = line_with(**({} if run_s is None else {"IV": run_s}))
     stops = [dataclasses.replace(line.station("IV"), dwell_s=2.0)]
     ato = Ato(dataclasses.replace(config, strategy="power_limited"), line, 3500.0, stops)
@@ -133,14 +134,17 @@ def ride(run_s: float | None, config: AtoConfig, seed: int = 3):  # type: ignore
 
 @pytest.mark.parametrize("run_s", [92.0, 105.0])
 @pytest.mark.parametrize("weight_factor", [0.0, 5.0, 30.0])
-def test_a_ride_keeps_time_mark_and_power_limit(run_s: float, weight_factor: float) -> None:
+def test_a_run_keeps_the_time_the_stopping_mark_and_the_power_limit(
+    run_s: float, weight_factor: float
+) -> None:
     stop, shares, stages = ride(run_s, with_weight(weight_factor))
 
     assert stop.leg_s == pytest.approx(run_s, abs=2.5)
     assert abs(stop.error_m) <= 0.10
     assert RunStage.GAINING in stages
     assert stages & {RunStage.COASTING, RunStage.BRAKING}
-    # Without weight the limit may be all that the motors have: then the stopping curve asks less.
+    # With weight zero the power limit may equal the motors' maximum. The stopping curve then asks
+    # for less.
     assert RunStage.BRAKING in stages or weight_factor == 0.0
     assert max(shares, default=0.0) <= 1.05
 
@@ -160,7 +164,7 @@ def test_without_a_timetable_it_is_as_fast_as_the_predictive_law() -> None:
     assert free.leg_s < 90.0
 
 
-def test_a_late_train_raises_its_limit_and_then_brakes_as_everyone() -> None:
+def test_a_late_train_raises_its_power_limit_and_then_brakes_normally() -> None:
     planned = planner()
     early_w = planned.limit_w(3900.0, 17.0, 75.0)
     late_w = planned.limit_w(3900.0, 17.0, 45.0)

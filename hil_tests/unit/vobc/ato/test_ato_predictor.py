@@ -1,4 +1,4 @@
-"""Predictor and delay identification, against actuators that are simulated in fine steps."""
+"""Predictor and delay identification, tested against actuators simulated in fine steps."""
 
 import math
 import random
@@ -14,11 +14,11 @@ from vobc.ato.settings.ato import BrakeBelief, TractionBelief
 
 DT_S = 0.05
 FINE = 100
-"""Fine steps in a cycle."""
+"""Simulation steps in one control cycle."""
 
 
 def demand_before(demands: list[float], at_s: float) -> float:
-    """Demand at a time counted from the first cycle's start; nothing was asked before."""
+    """Demand at a time counted from the start of the first cycle; zero before that."""
     index = math.floor(at_s / DT_S + 1e-9)
     return demands[index] if 0 <= index < len(demands) else 0.0
 
@@ -32,7 +32,7 @@ def demand_before(demands: list[float], at_s: float) -> float:
 def test_the_response_of_delay_and_lag_is_predicted_exactly(
     demands: list[float], dead_time_s: float, lag_s: float
 ) -> None:
-    """The oracle lets the actuator run on in steps of half a millisecond."""
+    """The oracle simulates the actuator in steps of half a millisecond."""
     pipeline, undelayed = Pipeline(DT_S, 2.0), MeanInputLag(lag_s, DT_S)
     for demand in demands:
         pipeline.push(demand)
@@ -69,7 +69,7 @@ def test_the_response_of_delay_and_lag_is_predicted_exactly(
 
 @settings(max_examples=40, deadline=None)
 @given(demands=st.lists(st.floats(0.0, 0.8), min_size=40, max_size=90), age_s=st.floats(0.0, 1.5))
-def test_the_mean_of_a_past_cycle_is_that_of_the_demands_in_it(
+def test_the_mean_of_a_past_cycle_is_the_mean_of_its_demands(
     demands: list[float], age_s: float
 ) -> None:
     pipeline = Pipeline(DT_S, 1.6)
@@ -85,7 +85,7 @@ def test_the_mean_of_a_past_cycle_is_that_of_the_demands_in_it(
 
 
 class SimulatedTrain:
-    """A point mass behind a delayed, lagging brake; 5 ms steps."""
+    """A point mass behind a delayed brake with lag, simulated in steps of 5 ms."""
 
     def __init__(self, speed_mps: float, dead_time_s: float, gain: float, resistance_mps2: float):
         self.speed_mps, self.front_m = speed_mps, 0.0
@@ -107,7 +107,7 @@ class SimulatedTrain:
 def brake_a_train(
     dead_time_s: float, *, gain: float = 1.0, resistance_mps2: float = 0.0, noise_mps: float = 0.01
 ) -> tuple[TrainModel, SimulatedTrain, list[tuple[float, float, float]]]:
-    """Cruise, ramp the brake up and ease it; each prediction is kept with its instant."""
+    """Cruise, ramp the brake up and ease it; return each prediction with its instant."""
     draw = random.Random(7)
     model = TrainModel(BrakeBelief(), TractionBelief(), DT_S)
     train = SimulatedTrain(18.0, dead_time_s, gain, resistance_mps2)
@@ -126,7 +126,7 @@ def brake_a_train(
 
 @pytest.mark.parametrize("dead_time_s", [0.4, 0.5, 0.65, 0.8, 1.0, 1.3])
 def test_the_dead_time_is_identified_from_the_first_braking(dead_time_s: float) -> None:
-    """Between hypotheses 0.18 s apart the nearest two agree on a value within half of that."""
+    """Hypotheses are 0.18 s apart, so the two nearest agree on a value within half of that."""
     model, _, _ = brake_a_train(dead_time_s)
 
     assert model.dead_time_s == pytest.approx(dead_time_s, abs=0.1)
@@ -141,7 +141,7 @@ def test_the_brake_s_gain_is_learnt(gain: float) -> None:
 
 @pytest.mark.parametrize("dead_time_s", [0.48, 1.02])
 def test_the_predicted_speed_comes_true(dead_time_s: float) -> None:
-    """Once the delay is known: where the model said the train would be, it is, to a few cm/s."""
+    """Once the delay is identified, the predicted speeds come true within a few cm/s."""
     _, _, predictions = brake_a_train(dead_time_s, gain=1.05, resistance_mps2=0.02)
     train = SimulatedTrain(18.0, dead_time_s, 1.05, 0.02)
     history = []
@@ -162,7 +162,7 @@ def test_the_predicted_speed_comes_true(dead_time_s: float) -> None:
 
 
 def test_a_missed_cycle_does_not_disturb_the_prediction() -> None:
-    """Two cycles at once under one demand end in the same belief as one by one."""
+    """Two cycles with one demand end in the same estimate, in one step or in two."""
     once, twice = (TrainModel(BrakeBelief(), TractionBelief(), DT_S) for _ in range(2))
     for model in (once, twice):
         model.meet(10.0)
@@ -176,7 +176,7 @@ def test_a_missed_cycle_does_not_disturb_the_prediction() -> None:
 
 
 def test_the_filter_tells_a_gain_from_a_resistance() -> None:
-    """A change of the demand parts the two: afterwards each is near its truth."""
+    """A change of demand separates gain and resistance; afterwards both estimates are close."""
     motion, speed_mps = MotionFilter(DT_S), 20.0
     motion.start(20.0)
     for cycle in range(500):

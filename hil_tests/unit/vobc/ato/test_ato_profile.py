@@ -17,7 +17,8 @@ FINE_S = 1e-3
 def replay_ramp(
     from_mps: float, to_mps: float, accel_mps2: float, jerk_mps3: float
 ) -> tuple[float, float, float]:
-    """Time, distance and largest acceleration of a change made by jerk alone: up, hold, down."""
+    """Time, distance and largest acceleration of a speed change in three parts: build up, hold,
+    ease."""
     size_mps, sign = abs(to_mps - from_mps), math.copysign(1.0, to_mps - from_mps)
     peak_mps2 = min(accel_mps2, math.sqrt(size_mps * jerk_mps3))
     build_s = peak_mps2 / jerk_mps3
@@ -79,7 +80,7 @@ def test_the_paper_s_speed_changes_take_their_known_time(
     from_mps2=st.floats(-0.8, 0.8),
     to_mps2=st.floats(-0.8, 0.8),
 )
-def test_a_swing_of_acceleration_ends_where_its_motion_does(
+def test_a_swing_of_acceleration_takes_the_distance_of_its_replayed_motion(
     speed_mps: float, from_mps2: float, to_mps2: float
 ) -> None:
     after_mps, travel_m = trapezoid.swing(
@@ -111,7 +112,7 @@ def stop_curve(
 def test_a_train_that_follows_the_curve_stops_at_its_end(
     speed_mps: float, steady_mps2: float, final_mps2: float
 ) -> None:
-    """Replayed by reading only the deceleration, step by step; distance and time must come out."""
+    """The replay reads only the deceleration at each step; distance and time must agree."""
     curve = stop_curve(steady_mps2, final_mps2)
     promised = curve.at_speed(speed_mps)
 
@@ -165,7 +166,7 @@ def test_the_500_m_hop_cannot_reach_the_limit() -> None:
     assert 15.0 < peak_mps < 70.0 / 3.6
 
 
-def test_a_train_already_too_fast_is_not_told_to_accelerate() -> None:
+def test_a_train_already_too_fast_does_not_accelerate() -> None:
     peak_mps = profile.peak_speed_mps(
         12.0, 20.0, stop_curve(), accel_mps2=0.8, jerk_mps3=0.6, change_over_s=1.0, limit_mps=19.44
     )
@@ -214,9 +215,9 @@ def test_a_stop_on_a_falling_gradient_is_planned_within_the_demand() -> None:
         return profile.steady_decel_mps2(AtoConfig(), line, at_m, gain_ratio)
 
     assert planned(1500.0) == Braking().decel_mps2
-    # On -30 per mille gravity takes 0.27 m/s2 of the 0.8 that may be asked.
+    # On -30 per mille gravity takes 0.27 m/s² of the allowed 0.8 m/s².
     assert planned(1890.0) == pytest.approx(0.8 - 0.02 - 9.81 * 0.03 / 1.08, abs=1e-6)
-    # A brake that gives 0.85 of what it is asked for gives 0.68 of 0.8.
+    # A brake with a gain of 0.85 gives 0.68 of the demanded 0.8 m/s².
     assert planned(1500.0, -0.15) == pytest.approx(0.68 - 0.02, abs=1e-6)
     assert planned(1500.0, 0.1) == Braking().decel_mps2
     assert planned(1500.0, None) == pytest.approx(0.8 * 0.84 - 0.02, abs=1e-6)

@@ -1,4 +1,4 @@
-"""What the predictive law makes of slips, of others who brake and of brakes it does not know."""
+"""How the predictive law reacts to slip, to brakes of other parts and to unknown brake delays."""
 
 import dataclasses
 from collections import deque
@@ -35,7 +35,7 @@ def hardest_mps2(rig: ato_rig.Rig) -> float:
     return -min(demand.accel_mps2 for demand in rig.trace.demands)
 
 
-def test_a_rail_is_slippery_for_as_long_as_is_remembered_and_no_longer() -> None:
+def test_a_rail_counts_as_slippery_for_the_remembered_time_only() -> None:
     rail = AdhesionEstimate(AtoConfig(slippery=SlipperyRail(memory_s=100.0)), LINE)
     assert not rail.slippery
 
@@ -49,7 +49,7 @@ def test_a_rail_is_slippery_for_as_long_as_is_remembered_and_no_longer() -> None
     assert rail.manner.config.braking.decel_mps2 == AtoConfig().braking.decel_mps2
 
 
-def test_a_jerk_while_setting_off_is_no_slip() -> None:
+def test_a_jerk_at_departure_is_no_slip() -> None:
     rail = AdhesionEstimate(AtoConfig(), LINE)
 
     assert not rail.observe(10 * S, 1.5, slips=True)
@@ -83,10 +83,11 @@ SLIPPING = AtoInput(
     ("change", "is_believed"),
     [({}, True), ({"enabled": False}, False), ({"protection_brakes": True}, False)],
 )
-def test_wheels_that_slip_while_others_brake_say_nothing_of_the_rail(
+def test_slip_under_a_brake_of_others_does_not_mark_the_rail_slippery(
     change: dict[str, Any], is_believed: bool
 ) -> None:
-    """Oracle: the pull of 0.8 m/s² that a dry rail is asked for, and half of it at the most."""
+    """On a dry rail the law asks for 0.8 m/s² of traction, on a slippery one for at most half of
+    it."""
     law = Predictive(AtoConfig(), LINE, 0.05)
     law.set_off(SLIPPING, 0.0)
     law.observe(dataclasses.replace(SLIPPING, **change), 1)
@@ -106,10 +107,10 @@ def test_wheels_that_slip_while_others_brake_say_nothing_of_the_rail(
 
 
 @pytest.mark.parametrize(("slows_m", "lets_go"), [(300.0, False), (400.0, True)])
-def test_a_brake_that_is_on_shortly_before_the_stops_is_not_let_go(
+def test_a_brake_application_shortly_before_the_stopping_curve_is_not_released(
     slows_m: float, lets_go: bool
 ) -> None:
-    """Another law wants the train at 11 m/s from there on; the stop's braking begins at 110 m."""
+    """Another law wants 11 m/s from there on. The braking for the stop begins at 110 m."""
     law, target = Predictive(AtoConfig(), LINE, 0.05), Target(4500.0, True)
     seen = dataclasses.replace(SLIPPING, slips=False, front_m=3900.0, speed_mps=14.0)
     law.set_off(seen, 0.0)
@@ -133,7 +134,7 @@ def test_a_brake_that_is_on_shortly_before_the_stops_is_not_let_go(
     assert (max(demands_mps2[first:]) >= 0.0) is lets_go
 
 
-def test_on_a_rail_that_is_known_to_be_slippery_no_more_is_asked_than_it_bears() -> None:
+def test_on_a_slippery_rail_the_demand_stays_within_the_adhesion() -> None:
     rig = rig_to_iii(AtoConfig(slippery=SlipperyRail(from_start=True)), seed=3)
     rig.run(ato_rig.served(1))
 
@@ -143,8 +144,8 @@ def test_on_a_rail_that_is_known_to_be_slippery_no_more_is_asked_than_it_bears()
     assert abs(rig.stops[0].error_m) <= 0.10
 
 
-def test_a_weak_brake_is_made_up_for_within_the_limit_of_the_demand() -> None:
-    """Of 0.8 m/s² a brake that gives 0.85 of it leaves 0.68."""
+def test_the_law_compensates_a_weak_brake_within_the_demand_limit() -> None:
+    """With a demand limit of 0.8 m/s², a brake with a gain of 0.85 leaves 0.68 m/s²."""
     rig = rig_to_iii(brake_gain=0.85, seed=5)
     rig.run(ato_rig.served(1))
 
@@ -152,8 +153,8 @@ def test_a_weak_brake_is_made_up_for_within_the_limit_of_the_demand() -> None:
     assert abs(rig.stops[0].error_m) <= 0.10
 
 
-def test_what_others_brake_is_not_learnt() -> None:
-    """Protection brakes twice as hard as was asked for two seconds: the gain stays."""
+def test_a_brake_of_others_does_not_change_the_learnt_gain() -> None:
+    """Protection brakes twice as hard as ATO demanded for two seconds; the learnt gain stays."""
     rig = rig_to_iii(seed=4, brake_gain=1.0)
     rig.run(lambda rig: rig.front_m > 3330.0)
     before = law_of(rig)._model.gain_ratio
@@ -166,9 +167,9 @@ def test_what_others_brake_is_not_learnt() -> None:
     assert after == pytest.approx(before, abs=1e-9)
 
 
-def test_a_brake_of_others_goes_on_working_after_they_let_go_and_is_not_learnt_either() -> None:
-    """Taken for a brake of its own that is stronger by a third, it had the next one begun too late:
-    behind another train one overran the mark by 2.4 m."""
+def test_the_decay_of_a_released_brake_of_others_does_not_change_the_learnt_gain() -> None:
+    """A law that took this for its own, stronger brake would begin the next braking too late.
+    Behind another train, one overran the mark by 2.4 m."""
     rig = rig_to_iii(seed=4, brake_gain=1.0)
     rig.run(lambda rig: rig.front_m > 3330.0)
     before = law_of(rig)._model.gain_ratio
@@ -182,11 +183,11 @@ def test_a_brake_of_others_goes_on_working_after_they_let_go_and_is_not_learnt_e
 
 
 @pytest.mark.parametrize("delay_s", [0.05, 0.2, 0.4, 1.0, 1.4])
-def test_every_delay_of_a_brake_is_found_and_reckoned_with(delay_s: float) -> None:
+def test_every_brake_delay_is_identified_and_compensated(delay_s: float) -> None:
     belief = BrakeBelief(air_delays_s=(0.0,))
     rig = rig_to_iii(AtoConfig(brake=belief), seed=7, brake_delay_s=delay_s, brake_gain=1.0)
     rig.run(lambda rig: rig.front_m > 3400.0)
-    # The link and the cycle come on top, and an unknown lag is found as dead time.
+    # The link and the cycle add to the delay, and an unknown lag appears as dead time.
     found_s = law_of(rig).brake_dead_time_s
     rig.run(ato_rig.served(1))
 

@@ -1,4 +1,4 @@
-"""Doors, dwell, departure, authority, ceiling: what operation does with others' decisions."""
+"""ATO at stations: doors, dwell, departure, authority and ceiling as other parts decide them."""
 
 import dataclasses
 import itertools
@@ -18,7 +18,7 @@ JERK_STEP_MPS2 = 0.6 * 0.05 + 1e-9
 
 
 def hop(dwell_s: float = 3.0, **options: Any) -> ato_rig.Rig:
-    """From station II to III, 500 m, and on to IV; the train stands at II."""
+    """Run from II to III (500 m) and on to IV; the train stands at II."""
     stops = [dataclasses.replace(LINE.station(name), dwell_s=dwell_s) for name in ("III", "IV")]
     given = {"seed": 1, "start_scale_known": True, **options}
     return ato_rig.Rig(
@@ -74,7 +74,7 @@ def test_the_doors_stay_open_for_the_dwell_and_at_the_last_stop_for_good() -> No
     assert demand.hold
 
 
-def test_a_start_point_without_dwell_is_passed_and_one_with_dwell_is_served() -> None:
+def test_a_starting_station_is_served_only_if_it_has_a_dwell_time() -> None:
     def first_phases(dwell_s: float) -> list[AtoPhase]:
         start = dataclasses.replace(LINE.station("II"), dwell_s=dwell_s)
         rig = ato_rig.Rig(
@@ -104,7 +104,7 @@ def test_doors_are_not_asked_to_open_before_protection_enables_them() -> None:
     assert rig.step().open_doors
 
 
-def test_losing_the_enabling_takes_the_request_back() -> None:
+def test_losing_the_door_enabling_withdraws_the_request() -> None:
     rig = hop(dwell_s=30.0)
     rig.run(lambda rig: rig.doors_position == 1.0)
 
@@ -114,7 +114,8 @@ def test_losing_the_enabling_takes_the_request_back() -> None:
 
 
 def test_the_train_never_pulls_away_with_doors_unlocked() -> None:
-    """The doors do not close when told to; the rig itself asserts that nothing moves meanwhile."""
+    """The doors do not follow the close command; the rig asserts that the train stands
+    meanwhile."""
     rig = hop(dwell_s=1.0)
     rig.run(lambda rig: rig.doors_position == 1.0)
     rig.doors_stuck_open = True
@@ -143,7 +144,7 @@ def test_a_door_that_unlocks_before_the_train_moves_cancels_the_departure() -> N
     assert demand.hold
 
 
-def test_doors_that_never_report_open_do_not_hold_the_train_for_ever(
+def test_doors_that_never_report_open_do_not_hold_the_train_forever(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     rig = hop(dwell_s=2.0)
@@ -172,7 +173,7 @@ def test_a_train_without_authority_stays() -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("end_m", [3060.0, 3200.0, 3450.0, 3499.0])
 def test_an_authority_short_of_the_stop_is_respected(end_m: float, seed: int) -> None:
-    """The front never passes the end, gets within 2.5 m of it, and goes on when it may."""
+    """The front stops within 2.5 m before the end of authority and goes on when the end moves."""
     rig = hop(seed=seed, brake_delay_s=None)
     rig.authority_end_m = end_m
     rig.run(at_rest)
@@ -187,7 +188,8 @@ def test_an_authority_short_of_the_stop_is_respected(end_m: float, seed: int) ->
 
 
 def safe_speed_mps(distance_m: float, lead_s: float) -> float:
-    """What a safe braking model allows: run on, 0.43 s of runaway, 1.05 s of build-up, 1.0 m/s2."""
+    """Speed that a safe braking model allows: the lead time, 0.43 s of runaway, 1.05 s of brake
+    build-up, 1.0 m/s²."""
 
     def needed_m(speed_mps: float) -> float:
         after_mps = speed_mps + 0.43
@@ -204,8 +206,9 @@ def safe_speed_mps(distance_m: float, lead_s: float) -> float:
 
 
 @pytest.mark.parametrize("end_m", [3060.0, 3200.0, 3450.0])
-def test_protection_has_nothing_to_warn_of_before_the_end_of_authority(end_m: float) -> None:
-    """Permitted 1.6 s, warned 1.0 s ahead of the emergency curve; the front known to 0.3 m."""
+def test_protection_never_warns_before_the_end_of_authority(end_m: float) -> None:
+    """The permitted speed is 1.6 s ahead of the emergency curve and the warning 1.0 s; the front
+    is known within 0.3 m."""
     rig = hop(brake_delay_s=None)
     rig.authority_end_m = end_m
     while not at_rest(rig):
@@ -229,7 +232,7 @@ def test_a_train_whose_ceiling_vanishes_comes_to_rest_and_is_held() -> None:
 
 
 def test_an_authority_extended_during_the_approach_is_used() -> None:
-    """Braking for its end is given up without a jolt when the end moves on."""
+    """The law releases the brake without a jolt when the end of authority moves on."""
     rig = hop()
     rig.authority_end_m = 3300.0
     rig.run(lambda rig: rig.front_m > 3240.0)
@@ -289,7 +292,7 @@ def test_a_disabled_train_brakes_to_rest_and_goes_on_when_enabled_again() -> Non
 
 
 @pytest.mark.parametrize("front_m", [3050.0, 3150.0, 3350.0, 3460.0, 3490.0])
-def test_a_short_loss_of_the_enabling_in_motion_is_survived(front_m: float) -> None:
+def test_a_short_loss_of_the_enabling_in_motion_does_not_end_the_run(front_m: float) -> None:
     rig = hop(brake_delay_s=None)
     rig.run(lambda rig: rig.front_m > front_m)
     rig.enabled = False

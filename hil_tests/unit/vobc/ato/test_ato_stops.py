@@ -19,7 +19,8 @@ CYCLE_S = 0.05
 
 @pytest.mark.parametrize("delay_s", [1.0, None], ids=["fixed", "drawn"])
 def test_every_stop_lies_within_ten_centimetres(delay_s: float | None) -> None:
-    """Loads 0, 50, 100 % times odometer errors over the whole range, four stops each."""
+    """The runs combine loads of 0, 50 and 100 % with odometer errors over the whole range, four
+    stops each."""
     errors_m = [
         abs(stop.error_m)
         for index, (load, error) in enumerate(
@@ -63,8 +64,11 @@ def test_without_noise_the_stops_are_a_centimetre_or_better() -> None:
     ],
     ids=["weak", "strong", "slow", "late", "late and weak", "100ms", "20ms", "no T3", "only T3"],
 )
-def test_a_wrong_belief_costs_little(settings: dict[str, Any]) -> None:
-    """What the controller does not know: gain ±15 %, twice the lag, 1.5 s delay; missed tags."""
+def test_stops_tolerate_parameters_that_differ_from_the_assumed_ones(
+    settings: dict[str, Any],
+) -> None:
+    """The controller does not know the gain (±15 %), twice the lag, a delay of 1.5 s or missed
+    tags."""
     rig = run_line(**{"seed": 5, "brake_delay_s": None, "odometer_error": 0.02} | settings)
 
     assert max(abs(stop.error_m) for stop in rig.stops) <= 0.10
@@ -82,9 +86,10 @@ def test_a_wrong_belief_costs_little(settings: dict[str, Any]) -> None:
 def test_a_train_that_was_braked_before_still_stops_at_the_mark(
     seed: int, lowered: list[tuple[float, float, float]]
 ) -> None:
-    """As behind another train: the ceiling falls and rises, each application with its own delay.
+    """The ceiling falls and rises as behind another train; each brake application has its own
+    delay.
 
-    `lowered`: from and to how far before the mark, m, and how low, m/s.
+    Each entry of `lowered` is: from and to which distance before the mark, m, and the speed, m/s.
     """
     stop = quick_stops()[0]
     settings = ato_rig.RigSettings(seed=seed, brake_delay_s=None, brake_delays_s=(0.5, 1.5))
@@ -112,8 +117,9 @@ def test_a_train_that_was_braked_before_still_stops_at_the_mark(
 def test_a_train_that_drew_up_to_an_authority_and_got_a_longer_one_stops_at_the_mark(
     seed: int, freed_m: float
 ) -> None:
-    """It brakes for an end 30 m before the mark, is let go so far before the mark that it gets away
-    with traction, and brakes again with another delay while the brake before has just come off."""
+    """The train brakes for an end of authority 30 m before the mark. The end moves on and the
+    train applies traction. Then it brakes again with another delay, just after the earlier brake
+    has decayed."""
     stop = quick_stops()[0]
     settings = ato_rig.RigSettings(seed=seed, brake_delay_s=None, brake_delays_s=(0.5, 1.5))
     rig = ato_rig.Rig(Ato(AtoConfig(), LINE, 0.0, [stop]), LINE, settings, 0.0)
@@ -134,7 +140,7 @@ def test_a_train_that_drew_up_to_an_authority_and_got_a_longer_one_stops_at_the_
     assert abs(rig.stops[0].error_m) <= 0.10
 
 
-def test_legs_are_short_and_the_last_fifty_metres_do_not_dawdle() -> None:
+def test_legs_and_the_last_fifty_metres_take_little_time() -> None:
     rig = run_line(seed=3, odometer_error=0.02)
 
     assert statistics.fmean(stop.leg_s for stop in rig.stops) <= 105.0
@@ -145,7 +151,7 @@ def test_legs_are_short_and_the_last_fifty_metres_do_not_dawdle() -> None:
 
 @pytest.mark.parametrize("delay_s", [1.0, None], ids=["fixed", "drawn"])
 def test_demands_stay_within_acceleration_and_jerk(delay_s: float | None) -> None:
-    """Every cycle of the line, tags with their jumps of position included."""
+    """The test checks every cycle of the line, including position jumps at tags."""
     demands = run_line(seed=11, brake_delay_s=delay_s, odometer_error=0.05).trace.demands
 
     for before, after in itertools.pairwise(demands):
@@ -154,7 +160,8 @@ def test_demands_stay_within_acceleration_and_jerk(delay_s: float | None) -> Non
 
 
 def test_the_brake_is_applied_once_for_each_stop() -> None:
-    """From the first demand of an approach to the stop it never goes back to zero."""
+    """From the first brake demand of an approach until the stop, the demand never returns to
+    zero."""
     rig = run_line(seed=4, brake_delay_s=None, odometer_error=0.03)
 
     approaching = (AtoPhase.APPROACHING, AtoPhase.STOPPING)
@@ -169,7 +176,7 @@ def test_the_brake_is_applied_once_for_each_stop() -> None:
 
 
 def test_the_last_step_at_the_stop_is_small() -> None:
-    """Deceleration over the last 0.3 m/s before the holding brake works, on the level."""
+    """The test takes the deceleration below 0.1 m/s on the level, before the holding brake acts."""
     rig = run_line(seed=2, brake_delay_s=None, odometer_error=0.02)
 
     trace = rig.trace
@@ -185,7 +192,8 @@ def test_the_last_step_at_the_stop_is_small() -> None:
 
 
 def test_the_ceiling_is_never_reached() -> None:
-    """70, 40 and again 70 km/h: the true speed stays below the limit under the whole train."""
+    """The limits are 70, 40 and again 70 km/h; the speed stays below the lowest one under the
+    whole train."""
     rig = run_line(seed=6, brake_delay_s=None, odometer_error=0.0)
 
     trace = rig.trace
@@ -195,7 +203,7 @@ def test_the_ceiling_is_never_reached() -> None:
 
 
 def test_the_train_does_not_roll_back_where_it_stops_uphill() -> None:
-    """Stop on +30 per mille, with the whole train on it, then depart from there."""
+    """The train stops entirely on +30 per mille and departs from there."""
     stop = dataclasses.replace(LINE.station("I"), stop_m=745.0, platform_start_m=660.0)
     uphill = dataclasses.replace(LINE, stations=(stop, LINE.station("IV")), tags=())
     rig = ato_rig.Rig(
@@ -221,7 +229,7 @@ def test_the_train_does_not_roll_back_where_it_stops_uphill() -> None:
 
 
 def test_the_printed_scheme_misses_under_a_delayed_brake() -> None:
-    """The demonstrated failing case, on the train on which the other law stops in time."""
+    """The published scheme fails on the train on which the other law stops in time."""
     config = AtoConfig(strategy="pid_literal")
     for seed in (1, 2):
         stops = quick_stops()
@@ -235,8 +243,8 @@ def test_the_printed_scheme_misses_under_a_delayed_brake() -> None:
         assert abs(rig.front_m - 1500.0) > 0.10
 
 
-def test_the_shipped_tags_lead_the_stop() -> None:
-    """T1, T2 and T3 of every station stand where the scheme expects the antenna."""
+def test_the_shipped_tags_lie_where_the_scheme_expects_them() -> None:
+    """T1, T2 and T3 of every station lie where the scheme expects the antenna."""
     expected = {"t1": 50.0, "t2": 10.0, "t3": 1.5}
     for tag in LINE.tags:
         if tag.kind.value in expected:

@@ -1,4 +1,4 @@
-"""The law of the timetable: the time of a way, the speed for a time, its states, its runs."""
+"""The timetable law: the time for a distance, the speed for a time, its states and its runs."""
 
 import dataclasses
 import itertools
@@ -30,10 +30,10 @@ def running(stop_m: float, from_m: float = 0.0) -> RunningTime:
 
 
 def driven_s(from_m: float, stop_m: float, cruise_mps: float) -> float:
-    """The same way in small steps, by a driver who knows nothing of trapezoids.
+    """Running time over the same distance in small steps, without any trapezoid formula.
 
-    He gains speed at 0.8 m/s², takes 1.333 s to let the acceleration come and go, loses speed at
-    0.8 m/s² so as to meet each lower limit and stops on the curve of the settings.
+    The simulated driver accelerates at 0.8 m/s² and needs 1.333 s to build the acceleration up and
+    ease it. He brakes at 0.8 m/s² to meet each lower limit and stops on the curve of the settings.
     """
     curve = profile.curve_to_stop(CONFIG, LINE, stop_m)
     limits = profile.SpeedLimits(CONFIG, LINE)
@@ -68,7 +68,7 @@ def driven_s(from_m: float, stop_m: float, cruise_mps: float) -> float:
         (3500.0, 4500.0, 15.0),
     ],
 )
-def test_the_time_of_a_way_is_that_of_driving_it_in_small_steps(
+def test_the_planned_time_equals_a_simulation_in_small_steps(
     from_m: float, stop_m: float, cruise_mps: float
 ) -> None:
     reckoned_s = running(stop_m, from_m).time_s(from_m, 0.0, cruise_mps)
@@ -77,7 +77,7 @@ def test_the_time_of_a_way_is_that_of_driving_it_in_small_steps(
 
 
 @given(slow_mps=st.floats(3.0, 18.0), more_mps=st.floats(0.1, 5.0), at_m=st.floats(0.0, 1000.0))
-def test_who_runs_faster_is_there_no_later(slow_mps: float, more_mps: float, at_m: float) -> None:
+def test_a_higher_speed_never_takes_longer(slow_mps: float, more_mps: float, at_m: float) -> None:
     way = running(1500.0)
 
     assert way.time_s(at_m, 3.0, slow_mps + more_mps) <= way.time_s(at_m, 3.0, slow_mps) + 1e-9
@@ -98,23 +98,23 @@ def test_the_speed_for_a_time_takes_that_time(left_s: float, at_m: float, now_mp
         assert takes_s <= left_s + 0.05
 
 
-def test_no_speed_is_asked_for_that_cannot_be_reached_any_more() -> None:
+def test_no_speed_is_planned_that_the_train_can_no_longer_reach() -> None:
     way = running(3000.0, 1500.0)
 
     close_mps = way.speed_for_mps(2900.0, 8.0, 5.0, low_mps=5.0, high_mps=19.0)
     far_mps = way.speed_for_mps(1600.0, 8.0, 5.0, low_mps=5.0, high_mps=19.0)
 
-    # Level at 0.7 m/s² the last 100 m are enough to stop from less than 12 m/s.
+    # At 0.7 m/s² on the level, 100 m are enough to stop from less than 12 m/s.
     assert 8.0 <= close_mps <= 12.0
     assert far_mps == 19.0
 
 
-def test_without_time_left_the_highest_speed_is_asked_for() -> None:
+def test_without_time_left_the_law_asks_for_the_highest_speed() -> None:
     assert running(1500.0).speed_for_mps(0.0, 0.0, 0.0, low_mps=5.0, high_mps=19.0) == 19.0
     assert running(1500.0).speed_for_mps(0.0, 0.0, -5.0, low_mps=5.0, high_mps=19.0) == 19.0
 
 
-# The states of seed 000.
+# The states of [Lin].
 
 
 def holding(*guards: TimingGuard) -> dict[TimingGuard, bool]:
@@ -184,7 +184,7 @@ def test_a_station_that_is_passed_adds_its_running_time() -> None:
     assert last.run_s(3000.1) == 150.0
 
 
-def test_a_way_with_a_gap_in_its_plan_has_none() -> None:
+def test_a_distance_with_a_gap_in_its_plan_has_no_planned_time() -> None:
     line = line_with(IV=90.0)
 
     assert StopPlan(line, 3000.0, [line.station("IV")], window_m=0.3).run_s(3000.0) is None
@@ -195,7 +195,7 @@ def test_a_way_with_a_gap_in_its_plan_has_none() -> None:
 
 
 def legs(strategy: str, run_s: dict[str, float]) -> list[ato_rig.Stop]:
-    """From station II over III to IV; each stop with its running time and error."""
+    """Run from II over III to IV; return each stop with its running time and error."""
     line = line_with(**run_s)
     stops = [dataclasses.replace(line.station(name), dwell_s=2.0) for name in ("III", "IV")]
     config = AtoConfig(strategy=strategy)
@@ -228,8 +228,9 @@ def test_without_a_plan_or_when_late_it_is_as_fast_as_without_the_law(
         assert timed.leg_s == pytest.approx(free.leg_s, abs=1.0)
 
 
-def test_who_was_halted_on_the_way_makes_up_for_it() -> None:
-    """The plan counts from the station; a halt between is lost time, not a new beginning."""
+def test_a_train_halted_on_the_way_makes_up_the_time() -> None:
+    """The plan counts from the station. A halt on the way is lost time and does not restart the
+    plan."""
     planned_s, halts_s = 130.0, 30.0
     line = line_with(III=planned_s, IV=90.0)
     config = AtoConfig(strategy="timing")

@@ -1,4 +1,4 @@
-"""What operation believes of its own speed while the filter before it lags."""
+"""The train model's own speed estimate while the odometry's speed filter lags."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ EASED_MPS3 = 0.1
 
 
 def asked_mps2(cycle: int) -> float:
-    """Nothing, then half a metre per second squared for some seconds, then less and less."""
+    """No brake demand at first, then 0.5 m/s² for some seconds, then a falling demand."""
     at_s = cycle * CYCLE_S
     if at_s < COASTING_S:
         return 0.0
@@ -29,7 +29,7 @@ def asked_mps2(cycle: int) -> float:
 
 
 def bias_mps(brake: BrakeBelief) -> float:
-    """Mean of believed less true speed while the brake eases off, seen through pulses."""
+    """Mean of estimated minus true speed while the brake eases off, measured through pulses."""
     model = TrainModel(brake, TractionBelief(), CYCLE_S)
     track = SpeedTrack(bandwidth_rad_s=BANDWIDTH_RAD_S, window_s=0.2)
     speed_mps, front_m, braked_mps2 = 4.0, 0.0, 0.0
@@ -53,18 +53,19 @@ def bias_mps(brake: BrakeBelief) -> float:
     return math.fsum(errors_mps) / len(errors_mps)
 
 
-def test_a_brake_that_eases_off_does_not_make_the_train_seem_slower() -> None:
+def test_an_easing_brake_does_not_bias_the_speed_estimate() -> None:
     assert bias_mps(BrakeBelief()) == pytest.approx(0.0, abs=0.0025)
 
 
-def test_without_reckoning_with_the_filter_it_would() -> None:
+def test_ignoring_the_speed_filter_biases_the_estimate() -> None:
     quick = replace(BrakeBelief(), speed_filter_rad_s=1000.0)
 
     assert bias_mps(quick) < -0.004
 
 
 class Again:
-    """A train that is braked lightly, released for a moment and braked again, later or sooner."""
+    """A train that brakes lightly, releases for a moment and brakes again with another dead
+    time."""
 
     def __init__(self, first_dead_s: float, second_dead_s: float, released_s: float) -> None:
         self.model = TrainModel(BrakeBelief(speed_filter_rad_s=1000.0), TractionBelief(), CYCLE_S)
@@ -80,8 +81,8 @@ class Again:
             return 0.2
         return 0.5 if self.now_s >= self._again_s - EPSILON_S else 0.0
 
-    def _bitten_mps2(self) -> float:
-        """What has arrived of the demands; nothing overtakes what was sent before."""
+    def _arrived_mps2(self) -> float:
+        """The demand that has reached the brake. A later demand never overtakes an earlier one."""
         return ([0.0] + [value for due_s, value in self._sent if due_s <= self.now_s])[-1]
 
     def run(self, until_s: float) -> None:
@@ -96,7 +97,7 @@ class Again:
             for _ in range(FINE_STEPS):
                 self.now_s += CYCLE_S / FINE_STEPS
                 ratio = 1.0 - math.exp(-CYCLE_S / FINE_STEPS / BrakeBelief().lag_s)
-                self.braked_mps2 += (self._bitten_mps2() - self.braked_mps2) * ratio
+                self.braked_mps2 += (self._arrived_mps2() - self.braked_mps2) * ratio
                 before_mps = self.speed_mps
                 self.speed_mps -= self.braked_mps2 * CYCLE_S / FINE_STEPS
                 self.front_m += (before_mps + self.speed_mps) / 2.0 * CYCLE_S / FINE_STEPS
@@ -110,7 +111,7 @@ EPSILON_S = 1e-6
 
 @pytest.mark.parametrize("released_s", [0.05, 0.4, 1.0])
 @pytest.mark.parametrize(("first_s", "second_s"), [(0.45, 1.35), (1.35, 0.45), (0.65, 0.75)])
-def test_each_application_has_a_dead_time_of_its_own(
+def test_each_brake_application_has_its_own_dead_time(
     first_s: float, second_s: float, released_s: float
 ) -> None:
     train = Again(first_s, second_s, released_s)
@@ -119,14 +120,14 @@ def test_each_application_has_a_dead_time_of_its_own(
     assert train.model.dead_time_s == pytest.approx(first_s, abs=0.06)
     train.run(LIGHT_S + released_s + second_s + 2.0)
 
-    # What is released only after the second application bites makes that later.
+    # The second application acts later when the release of the first one arrives only after it.
     held_back_s = max(0.0, first_s - released_s - second_s)
     assert train.model.dead_time_s == pytest.approx(second_s + held_back_s, abs=0.1)
     assert train.model.brake_mps2 == pytest.approx(train.braked_mps2, abs=0.01)
 
 
 @pytest.mark.parametrize("released_s", [0.4, 1.0])
-def test_what_is_under_way_of_the_application_before_is_reckoned_with(released_s: float) -> None:
+def test_the_model_includes_the_decaying_earlier_application(released_s: float) -> None:
     train = Again(1.05, 0.95, released_s)
     train.run(LIGHT_S + released_s + 2 * CYCLE_S)
 
