@@ -1,4 +1,4 @@
-"""What a controller hears in one cycle, for tests to change a few things of."""
+"""Inputs that a controller receives in one cycle; tests change single fields of them."""
 
 from can_dbc.cab import CabMode, Desk
 from vobc.vocabulary import NEVER_S, CycleInput, Orders
@@ -7,9 +7,9 @@ SILENCE = CycleInput(
     0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
     None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
 )  # fmt: skip
-"""A cycle of 50 ms in which nobody has ever said anything."""
+"""A cycle of 50 ms before any frame has arrived."""
 DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
-"""Automatic, nothing pressed."""
+"""A driver's desk in automatic mode with no button pressed."""
 NO_ORDERS = Orders(
     awake=False,
     hold=False,
@@ -23,4 +23,4 @@ NO_ORDERS = Orders(
     doors_right=False,
     platform_doors_locked=False,
 )
-"""Of a centre that permits nothing and wants nothing."""
+"""Orders of a centre that permits nothing and requests nothing."""

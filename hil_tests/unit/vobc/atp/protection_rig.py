@@ -1,4 +1,4 @@
-"""A train for tests of protection: it moves as it is told and hears what it is told."""
+"""An emulated train for tests of protection: tests set its motion and its inputs."""
 
 from dataclasses import replace
 from typing import Any
@@ -21,7 +21,7 @@ WHOLE = load_config("florence4")
 CONFIG = WHOLE.atp
 CYCLE_S = 0.05
 BETWEEN_M = 3250.0
-"""Between stations II and III."""
+"""A chainage between stations II and III, m."""
 STOP_M = LINE.station("II").stop_m
 KMH = 1.0 / 3.6
 
@@ -40,7 +40,7 @@ WELL = CycleInput(
 
 
 class Train:
-    """A train that moves as it is told and hears what it is told."""
+    """A train whose motion and inputs the test sets."""
 
     def __init__(self, front_m: float = BETWEEN_M) -> None:
         self.protection = Protection(
@@ -95,6 +95,6 @@ class Train:
         return self.step()
 
     def lost(self) -> None:
-        """Neither place nor authority."""
+        """Take away the position and the authority."""
         self.localised = False
         self.change(authority=None, authority_age_s=NEVER_S)

@@ -1,4 +1,4 @@
-"""What protection goes by, of a train that runs and of one that stands, for tests to change."""
+"""Guard inputs of a running and of a standing train; tests change single fields of them."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is done about alarms: the whole of each table, stated here once more in other words."""
+"""Responses to alarms: the tests state each table a second time, independently of the source."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -27,7 +27,7 @@ NEAR, ALIGNED, PAST = (
     PlatformWhereabouts.PAST,
 )
 
-# Each answer as: emergency brake, service brake at once, stop at the next station, stay there.
+# Each response as: emergency brake, service brake at once, stop at the next station, stay there.
 ON: Final = (Cause.NONE, False, True, False)
 STAY: Final = (Cause.NONE, False, False, True)
 COME_TO_STAY: Final = (Cause.NONE, False, True, True)
@@ -36,7 +36,7 @@ CAUGHT: Final = (Cause.PASSENGER_ALARM, False, False, True)
 OPEN: Final = (Cause.DOOR_UNLOCKED, False, False, False)
 
 
-def told(answer: AlarmResponse) -> tuple[Cause, bool, bool, bool]:
+def as_tuple(answer: AlarmResponse) -> tuple[Cause, bool, bool, bool]:
     return answer.emergency, answer.stop_now, answer.stop_next, answer.stay
 
 
@@ -74,17 +74,17 @@ def told(answer: AlarmResponse) -> tuple[Cause, bool, bool, bool]:
         ),
     ],
 )
-def test_every_place_of_a_train_that_stays_or_leaves_has_its_answer(
+def test_every_place_of_a_staying_or_leaving_train_has_its_response(
     table: Mapping[AlarmGuardInputs, AlarmResponse],
     staying: Mapping[PlatformWhereabouts, tuple[Cause, bool, bool, bool]],
     leaving: Mapping[PlatformWhereabouts, tuple[Cause, bool, bool, bool]],
 ) -> None:
-    """A train can only leave where a platform is."""
+    """A train can only leave where there is a platform."""
     expected = {AlarmGuardInputs(where, False): answer for where, answer in staying.items()}
     expected |= {AlarmGuardInputs(where, True): answer for where, answer in leaving.items()}
 
-    assert {situation: told(answer) for situation, answer in table.items()} == expected
+    assert {situation: as_tuple(answer) for situation, answer in table.items()} == expected
 
 
-def test_where_nothing_is_wrong_nothing_is_asked() -> None:
-    assert told(NOTHING) == (Cause.NONE, False, False, False)
+def test_without_an_alarm_the_response_is_empty() -> None:
+    assert as_tuple(NOTHING) == (Cause.NONE, False, False, False)

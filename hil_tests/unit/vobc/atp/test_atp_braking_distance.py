@@ -1,4 +1,4 @@
-"""Braking distances of protection against the declared worst motion, added up in small steps."""
+"""Braking distances of protection against the declared worst motion, summed in small steps."""
 
 import pytest
 from hypothesis import assume, example, given
@@ -37,7 +37,8 @@ PUBLISHED_M = {
     (80.0, 0.0): 333.0,
     (80.0, -30.0): 468.0,
 }
-"""Speed in km/h and gradient in per mille to distance: IEEE 1474.1's model with a GEBR of 1.0."""
+"""Braking distance in m by speed in km/h and gradient in per mille: the IEEE 1474.1 model with a
+GEBR of 1.0 m/s²."""
 PUBLISHED_CASE = WorstCase(
     runaway_mps2=0.9, runaway_s=0.3, build_up_s=0.75, guaranteed_decel_mps2=1.0
 )
@@ -45,9 +46,10 @@ WARNING_LEAD_S = CONFIG.service_lead_s + CONFIG.warning_lead_s
 PERMITTED_LEAD_S = WARNING_LEAD_S + CONFIG.permitted_lead_s
 SLACK_MPS = 1e-5
 ROUNDING_M = 1e-8
-"""Of some thousand additions to a chainage of some thousand metres."""
+"""Rounding error of about a thousand additions to a chainage of some thousand metres, m."""
 LONGER_M = 1e-4
-"""Protection closes its search within 1e-6 m/s, on the safe side; that times the time to stop."""
+"""Search tolerance as distance, m. Protection finds the speed within 1e-6 m/s on the safe side;
+the time to stop converts this."""
 gradient_profiles = st.lists(
     st.tuples(
         st.sampled_from([0.0, 0.0, 3.0, 120.0]), st.floats(5.0, 400.0), st.floats(-40.0, 40.0)
@@ -61,7 +63,7 @@ def endless(gradient_permille: float) -> LineMap:
 
 
 @pytest.mark.parametrize(("kmh", "gradient_permille"), list(PUBLISHED_M))
-def test_the_published_distances_come_out_within_two_metres_from_eight_kmh_more(
+def test_the_published_distances_follow_within_two_metres_from_eight_kmh_overspeed(
     kmh: float, gradient_permille: float
 ) -> None:
     published_m = PUBLISHED_M[kmh, gradient_permille]
@@ -80,8 +82,9 @@ def test_the_published_distances_come_out_within_two_metres_from_eight_kmh_more(
     )
 
 
-def test_without_the_eight_kmh_no_reaction_gives_the_published_distances() -> None:
-    """Every runaway, cut and build-up in question, from the bare speeds: one is always off."""
+def test_without_the_overspeed_no_reaction_time_gives_the_published_distances() -> None:
+    """For every plausible runaway, cut and build-up, at least one distance computed from the
+    bare speed is off."""
 
     def worst_off_m(case: WorstCase, over_mps: float) -> float:
         offs_m = []
@@ -108,10 +111,10 @@ def test_without_the_eight_kmh_no_reaction_gives_the_published_distances() -> No
 
 
 @pytest.mark.parametrize(("kmh", "gradient_permille"), list(PUBLISHED_M))
-def test_the_shipped_parameters_never_reckon_with_less_than_the_published_distance(
+def test_the_shipped_parameters_never_assume_less_than_the_published_distance(
     kmh: float, gradient_permille: float
 ) -> None:
-    """Of 80 km/h and 8 more on -30 per mille the point of the curve lies at 468 m or before."""
+    """Example: at 80 + 8 km/h on -30 per mille the curve begins at 468 m or earlier."""
     ceiling_map = ceilings(endless(gradient_permille), length_m=68.59)
     front_m = intervals(1000.0, 0.0, 0.0)
     speed_mps = kmh * KMH + OVERSPEED_MPS
@@ -137,7 +140,7 @@ def test_the_shipped_parameters_never_reckon_with_less_than_the_published_distan
     below_m=st.floats(0.0, 12.0),
     above_m=st.floats(0.0, 12.0),
 )
-def test_from_each_limit_after_its_lead_the_worst_motion_needs_the_whole_way_and_no_more(
+def test_from_each_limit_after_its_lead_the_worst_motion_needs_exactly_the_distance_left(
     gradients: tuple[Section, ...],
     front_m: float,
     to_end_m: float,
@@ -166,7 +169,7 @@ def test_a_fall_that_changes_in_the_lead_or_the_reaction_counts_from_there_on(
     before_permille: float,
     after_permille: float,
 ) -> None:
-    """With its front or its rear, a train of 60 m comes to the edge while it does its worst."""
+    """The front or the rear of a train of 60 m reaches the edge during the worst-case motion."""
     edge_m = front_m + to_edge_m
     gradients = sections([(0.0, edge_m, before_permille), (0.0, 3000.0, after_permille)])
     line = line_of(gradients if edge_m > 0.0 else (), ((0.0, 6000.0, 60.0),))
@@ -180,7 +183,8 @@ def assert_each_limit_needs_the_whole_way(
     to_end_m: float,
     length_m: float,
 ) -> None:
-    """Each of the four after its lead; a limit of nothing needs none."""
+    """Check that each of the four limits, after its lead, needs the whole distance. A limit of
+    zero needs none."""
     ceiling = ceilings(line, length_m=length_m).at(interval, interval.high + to_end_m)
     reach_m = declared_reach_m(interval, length_m)
     for speed_mps, lead_s in (
@@ -203,7 +207,7 @@ def assert_each_limit_needs_the_whole_way(
     limit_mps=st.floats(2.0, 18.0),
     length_m=st.floats(18.0, 160.0),
 )
-def test_from_the_limit_the_worst_motion_is_just_down_to_a_lower_limit_where_it_begins(
+def test_from_the_limit_the_worst_motion_just_meets_a_lower_limit_where_it_begins(
     gradients: tuple[Section, ...],
     front_m: float,
     to_limit_m: float,
@@ -244,7 +248,8 @@ def test_no_front_of_the_interval_that_is_slower_or_brakes_sooner_passes_its_aut
     slower_ratio: float,
     quicker_ratio: float,
 ) -> None:
-    """A real train: one place in the interval, the mean gradient under it, any quicker reaction."""
+    """The worst-case train has one place in the interval, the mean gradient under it and any
+    quicker reaction."""
     line = line_of(gradients, ((0.0, 6000.0, 40.0),))
     interval = intervals(front_m + width_m, width_m, 0.0)
     end_m = interval.high + to_end_m
@@ -267,10 +272,11 @@ def test_no_front_of_the_interval_that_is_slower_or_brakes_sooner_passes_its_aut
 
 
 @pytest.mark.parametrize("to_end_m", [15.0, 40.0, 100.0, 200.0, 320.0, 450.0])
-def test_the_permitted_speed_is_within_two_percent_of_the_best_there_can_be(
+def test_the_permitted_speed_is_within_two_percent_of_the_best_possible(
     to_end_m: float,
 ) -> None:
-    """The best: the train may use all of its lead, does its worst, and stops at the last moment."""
+    """The best train uses its whole lead, moves as badly as declared and stops at the last
+    moment."""
     line = line_of((), ((0.0, 6000.0, 60.0),))
     best_mps = fastest_by_halving(
         to_end_m,

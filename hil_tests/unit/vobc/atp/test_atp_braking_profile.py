@@ -1,4 +1,4 @@
-"""The braking profile of a line against figures by hand and against motion from edge to edge."""
+"""The braking profile of a line, checked against hand calculations and edge-to-edge motion."""
 
 import math
 import random
@@ -12,13 +12,13 @@ from vobc.atp.braking import BrakingCurve, SafeBraking
 from vobc.atp.profile import BrakingProfile
 
 CLOSE_MPS = 1e-6
-"""The profile lies so much under the exact speed at most."""
+"""Largest amount by which the profile's speed is below the exact one, m/s."""
 ROUNDING_MPS = 1e-9
 BRAKING = SafeBraking(guaranteed_decel_mps2=1.0, runaway_mps2=1.0, runaway_s=1.0, build_up_s=2.0)
-"""Round numbers: on the level a train gains 1 m/s over v + 0.5 m, then runs 2 * (v + 1) m."""
+"""Round numbers: on the level a train gains 1 m/s over v + 0.5 m and then runs 2 * (v + 1) m."""
 QUARTER = -0.25 * 1000.0 / GRAVITY_MPS2
 HALF = 2.0 * QUARTER
-"""Falls that take a quarter and half a metre per second squared, in per mille."""
+"""Gradients in per mille whose downhill force takes 0.25 and 0.5 m/s²."""
 LONG = ((0.0, 6000.0, 40.0),)
 UNDER_M = 100.0
 NO_LIMIT_MPS = 60.0
@@ -52,10 +52,11 @@ def speed_to(
 
 
 def test_a_curve_holds_what_is_gained_in_the_reaction_on_a_fall() -> None:
-    """1 m/s2 of traction and 0.25 of fall for 0.5 s, then the fall alone for 2 s.
+    """Traction of 1 m/s² and a fall of 0.25 m/s² act for 0.5 s, then the fall alone for 2 s.
 
-    0.625 m/s more at the cut, 1.125 m/s more when the brake bites; beyond v * 2.5 s the way is
-    0.15625 m until the cut, 1.25 m at the gain and 0.5 m of more fall from there on.
+    The speed gain is 0.625 m/s at the cut and 1.125 m/s when the brake acts. The reaction distance
+    exceeds v * 2.5 s by 0.15625 m until the cut. The gain at the cut adds 1.25 m and the fall
+    another 0.5 m.
     """
     braking = SafeBraking(1.0, 1.0, 0.5, 2.0)
 
@@ -65,7 +66,8 @@ def test_a_curve_holds_what_is_gained_in_the_reaction_on_a_fall() -> None:
 
 
 def test_from_ten_metres_per_second_that_curve_leads_down_to_five() -> None:
-    """15 m of lead and 25 m of reaction, 1.90625 m of gain, 11.125 to 5 m/s at 0.75 m/s2."""
+    """The sum is 15 m of lead, 25 m of reaction, 1.90625 m of gain, and braking from 11.125 to 5
+    m/s at 0.75 m/s²."""
     curve = BrakingCurve(0.75, 2.5, 1.125, 1.90625)
     braked_m = (11.125**2 - 5.0**2) / 1.5
 
@@ -75,7 +77,7 @@ def test_from_ten_metres_per_second_that_curve_leads_down_to_five() -> None:
     assert curve.speed_mps(25.0 + 1.90625 + braked_m, target_mps=5.0) == pytest.approx(10.0)
 
 
-def test_from_ten_metres_per_second_that_curve_needs_so_far_to_standstill() -> None:
+def test_the_distance_of_that_curve_from_ten_metres_per_second_to_standstill() -> None:
     curve = BrakingCurve(0.75, 2.5, 1.125, 1.90625)
     braked_m = 11.125**2 / 1.5
 
@@ -84,7 +86,7 @@ def test_from_ten_metres_per_second_that_curve_needs_so_far_to_standstill() -> N
 
 
 def test_where_no_speed_stops_in_time_the_curve_gives_the_target_and_never_less() -> None:
-    """Without any reaction a train that is 1 m beyond its target would have to be -2 (m/s)**2."""
+    """Without reaction, a train 1 m beyond its target would need a squared speed of -2 (m/s)²."""
     at_once = BrakingCurve(1.0, 0.0, 0.0, 0.0)
 
     assert at_once.speed_mps(-1.0, target_mps=0.0) == 0.0
@@ -92,7 +94,7 @@ def test_where_no_speed_stops_in_time_the_curve_gives_the_target_and_never_less(
     assert at_once.speed_mps(0.125, target_mps=0.0) == 0.5
 
 
-def test_the_brake_holds_a_train_down_to_a_twentieth_and_not_less() -> None:
+def test_a_model_needs_a_twentieth_of_deceleration_left_on_the_fall() -> None:
     weak = SafeBraking(0.3, 1.0, 0.5, 2.0)
 
     assert SafeBraking(0.05, 0.0, 0.0, 0.0).falling(0.0).decel_mps2 == 0.05
@@ -107,7 +109,7 @@ def test_the_brake_holds_a_train_down_to_a_twentieth_and_not_less() -> None:
     "settings", [(0.0, 1.0, 1.0, 1.0), (1.0, -0.1, 1.0, 1.0), (1.0, 1.0, -0.1, 1.0),
                  (1.0, 1.0, 1.0, -0.1)]
 )  # fmt: skip
-def test_a_model_that_brakes_by_nothing_or_reacts_before_its_time_is_no_model(
+def test_a_model_without_deceleration_or_with_negative_reaction_time_is_refused(
     settings: tuple[float, float, float, float],
 ) -> None:
     with pytest.raises(AssertionError):
@@ -115,8 +117,8 @@ def test_a_model_that_brakes_by_nothing_or_reacts_before_its_time_is_no_model(
     assert SafeBraking(0.5, 0.0, 0.0, 0.0).guaranteed_decel_mps2 == 0.5
 
 
-def test_the_brake_takes_a_joule_each_metre_on_the_level_and_less_on_a_fall() -> None:
-    """From the front at the start of the fall to the rear off its end."""
+def test_the_brake_takes_a_joule_per_metre_on_the_level_and_less_on_a_fall() -> None:
+    """The fall counts from the front at its start until the rear leaves its end."""
     profile = profile_of((1000.0, 1400.0, QUARTER))
 
     assert work_j_per_kg(profile, 900.0, 1000.0) == pytest.approx(100.0)
@@ -148,7 +150,8 @@ def test_a_line_that_falls_only_at_its_end_is_level_until_there() -> None:
 
 
 def test_under_a_train_on_two_falls_the_steeper_one_counts() -> None:
-    """The gentle one until the front comes to the steep one, and again from its end on."""
+    """The gentle fall counts until the front reaches the steep one, and again after the steep
+    one's end."""
     profile = profile_of(
         (1000.0, 1050.0, QUARTER), (1080.0, 1090.0, HALF), (1090.0, 1150.0, QUARTER)
     )
@@ -160,7 +163,8 @@ def test_under_a_train_on_two_falls_the_steeper_one_counts() -> None:
 
 
 def test_at_ten_metres_per_second_a_train_needs_93_metres_on_the_level() -> None:
-    """10.5 m until the cut, 22 m until the brake bites, 60.5 m from 11 m/s to standstill."""
+    """The distances are 10.5 m until the cut, 22 m until the brake acts and 60.5 m from 11 m/s
+    to standstill."""
     level = profile_of()
 
     assert speed_to(level, 1000.0, 1093.0) == pytest.approx(10.0)
@@ -175,7 +179,7 @@ def test_at_ten_metres_per_second_a_train_needs_93_metres_on_the_level() -> None
 def test_a_fall_where_the_brake_bites_or_later_lengthens_the_braking_only(
     run_on_m: float,
 ) -> None:
-    """Exactly where it bites, too: there the closed form holds to the last digit."""
+    """The closed form is exact even for an edge at the very point where the brake acts."""
     edge_m = 1000.0 + 10.5 + 22.0 + run_on_m
     profile = profile_of((edge_m, 5000.0, QUARTER))
     on_the_level_m = min(run_on_m, 60.5)
@@ -185,7 +189,8 @@ def test_a_fall_where_the_brake_bites_or_later_lengthens_the_braking_only(
 
 
 def test_a_fall_that_begins_at_the_cut_speeds_the_train_up_until_the_brake_bites() -> None:
-    """11 m/s at the cut after 10.5 m, 11.5 m/s after another 22.5 m, then 0.75 m/s2."""
+    """The speed is 11 m/s at the cut after 10.5 m and 11.5 m/s after another 22.5 m; then 0.75
+    m/s² acts."""
     profile = profile_of((1010.5, 5000.0, QUARTER))
     stop_m = 1010.5 + 22.5 + 0.5 * 11.5**2 / 0.75
 
@@ -202,10 +207,9 @@ def test_a_fall_that_begins_at_the_cut_speeds_the_train_up_until_the_brake_bites
 @pytest.mark.parametrize(
     ("below_mps", "found_mps"), [(9.99, 9.99), (10.0, 10.0), (10.01, 10.0), (11.0, 10.0)]
 )
-def test_a_train_that_is_just_not_too_fast_keeps_its_speed(
-    below_mps: float, found_mps: float
-) -> None:
-    """As before, 11 m/s at the cut and 11.5 m/s when the brake bites; exact to the last digit."""
+def test_a_train_just_below_the_limit_keeps_its_speed(below_mps: float, found_mps: float) -> None:
+    """As before, the speed is 11 m/s at the cut and 11.5 m/s when the brake acts; the result is
+    exact."""
     profile = profile_of((1010.5, 5000.0, QUARTER))
     work_at_target = profile.work_j_per_kg(1033.0) + 0.5 * 11.5**2
 
@@ -218,7 +222,8 @@ def test_a_train_that_is_just_not_too_fast_keeps_its_speed(
 
 
 def test_a_train_that_would_be_too_fast_at_its_target_is_held_to_the_target() -> None:
-    """The fall begins in the reaction; of that alone even a train at standstill comes 2.5 m far."""
+    """The fall begins during the reaction. The reaction alone moves even a standing train by 2.5
+    m."""
     profile = profile_of((1001.0, 5000.0, QUARTER))
 
     assert speed_to(profile, 1000.0, 1002.5) == 0.0
@@ -226,7 +231,8 @@ def test_a_train_that_would_be_too_fast_at_its_target_is_held_to_the_target() ->
 
 
 def falls_of(gradients: Sequence[Section], under_m: float, at_m: float) -> tuple[float, float]:
-    """Under a front that has just come here: the fall, and where the next change may be."""
+    """The fall under a train whose front has just arrived here, and the place of the next
+    change."""
     falls_mps2, changes_m = [0.0], [math.inf]
     for start_m, end_m, gradient_permille in gradients:
         clear_m = end_m + under_m
@@ -240,7 +246,8 @@ def arrival_mps(
     gradients: Sequence[Section], under_m: float, front_m: float, speed_mps: float,
     lead_s: float, target_m: float,
 ) -> float:  # fmt: skip
-    """Speed at the target after the worst motion, from edge to edge; 0 if it stops before."""
+    """Speed at the target after the worst motion, computed from edge to edge; 0 if the train
+    stops before."""
     phases = [(1.0, 1.0), (0.0, 2.0), (-1.0, math.inf)]
     at_m = front_m + speed_mps * lead_s
     while at_m < target_m and phases:
@@ -264,7 +271,8 @@ def arrival_mps(
 
 
 def states() -> Iterator[tuple[tuple[Section, ...], float, float, float, float, float]]:
-    """Gradients, reach, front, lead, way and target speed by chance; most cross an edge."""
+    """Random gradients, reach, front, lead, distance and target speed; most samples cross an
+    edge."""
     rng = random.Random(7)
     for _ in range(400):
         pieces = [
@@ -281,8 +289,9 @@ def states() -> Iterator[tuple[tuple[Section, ...], float, float, float, float, 
         )
 
 
-def test_over_falls_of_all_kinds_the_speed_is_the_highest_that_is_not_too_fast() -> None:
-    """Never over it; and a train that is a millionth faster arrives over its target speed."""
+def test_over_random_falls_the_speed_is_the_highest_safe_one() -> None:
+    """The result is never too fast, and a train faster by 1e-6 m/s arrives above its target
+    speed."""
     counted = 0
     for gradients, under_m, front_m, lead_s, way_m, target_mps in states():
         profile = profile_of(*gradients, under_m=under_m)
@@ -298,8 +307,8 @@ def test_over_falls_of_all_kinds_the_speed_is_the_highest_that_is_not_too_fast()
     assert counted > 250
 
 
-class Looks:
-    """Counts the looks at the way ahead, and may mistake the growth of what it sees."""
+class EvaluationCount:
+    """Counts the evaluations of the profile ahead, and may falsify the slope that they return."""
 
     def __init__(self, patch: pytest.MonkeyPatch, growth_ratio: float = 1.0) -> None:
         self.counts = [0]
@@ -314,19 +323,20 @@ class Looks:
         patch.setattr(under_test.BrakingProfile, "_excess", counted)
 
     def __call__(self) -> int:
-        """Since the last call."""
+        """Number of evaluations since the last call."""
         self.counts.append(0)
         return self.counts[-2]
 
 
 @pytest.mark.parametrize("growth_ratio", [0.1, 0.25, 0.5, 2.0, 4.0])
-def test_a_speed_is_found_even_where_its_growth_is_mistaken(
+def test_a_speed_is_found_even_with_a_wrong_slope(
     growth_ratio: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Steps that are far too long or short leave the speeds in question, or hardly move in them."""
+    """Newton steps that are far too long or too short leave the search interval or barely move
+    in it."""
     profile = profile_of((1003.0, 1008.0, HALF), (1010.5, 5000.0, QUARTER), (5000.0, 6000.0, HALF))
     right_mps = [speed_to(profile, 1000.0, 1003.0 + 7.0 * n) for n in range(40)]
-    looks = Looks(monkeypatch, growth_ratio)
+    looks = EvaluationCount(monkeypatch, growth_ratio)
 
     for n, speed_mps in enumerate(right_mps):
         looks()
@@ -334,7 +344,7 @@ def test_a_speed_is_found_even_where_its_growth_is_mistaken(
         assert found_mps == pytest.approx(speed_mps, abs=2.0 * CLOSE_MPS)
 
 
-def test_a_first_guess_that_is_right_is_kept_to_the_last_digit(
+def test_a_correct_first_guess_is_kept_exactly(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def five_is_right(*args: float) -> tuple[float, float]:
@@ -345,13 +355,14 @@ def test_a_first_guess_that_is_right_is_kept_to_the_last_digit(
     assert profile_of()._across(0.0, 0.0, 0.0, guess_mps=5.0, low_mps=0.0, high_mps=9.0) == 5.0
 
 
-def test_at_or_over_what_the_target_permits_two_looks_are_enough(
+def test_at_or_above_the_target_speed_two_evaluations_are_enough(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """One at the highest speed of interest, one at the target's speed; also if it is 10 m/s."""
+    """One evaluation is at the highest speed of interest and one at the target speed; this also
+    holds at 10 m/s."""
     profile = profile_of((1010.5, 5000.0, QUARTER))
     ten_mps = profile.work_j_per_kg(1033.0) + 0.5 * 11.5**2 - 0.5 * 10.0**2
-    looks = Looks(monkeypatch)
+    looks = EvaluationCount(monkeypatch)
 
     for more_j_per_kg in (0.0, -0.2, -50.0):
         looks()
@@ -366,9 +377,9 @@ def test_at_or_over_what_the_target_permits_two_looks_are_enough(
     assert looks() > 2
 
 
-def test_a_speed_is_found_in_few_looks_at_the_way_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Protection has to answer in each cycle: the worst state may not take it long."""
-    looks = Looks(monkeypatch)
+def test_a_speed_is_found_in_few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Protection computes this in every cycle, so the worst state must not take long."""
+    looks = EvaluationCount(monkeypatch)
     counts: list[int] = []
     for gradients, under_m, front_m, lead_s, way_m, target_mps in states():
         profile = profile_of(*gradients, under_m=under_m)

@@ -1,4 +1,4 @@
-"""The ceiling of a line against figures by hand, and how much of the line it looks at."""
+"""The ceiling of a line against hand calculations, and how much of the line it evaluates."""
 
 from dataclasses import replace
 
@@ -22,11 +22,12 @@ SET = replace(
     interval_step_m=0.5,
 )
 LEADS_S = (1.5, 0.75, 0.5, 0.0)
-"""The permitted speed lies 0.75 s before the warning, that 0.25 s before service braking..."""
+"""The permitted speed leads the warning by 0.75 s; the warning leads the service brake by 0.25
+s."""
 MARGINS_MPS = (0.0, 0.5, 1.0, 2.0)
 BRAKING = SafeBraking(guaranteed_decel_mps2=1.0, runaway_mps2=1.0, runaway_s=1.0, build_up_s=2.0)
 HALF = -0.5 * 1000.0 / GRAVITY_MPS2
-"""A fall that takes half a metre per second squared, in per mille."""
+"""Gradient in per mille whose downhill force takes 0.5 m/s²."""
 PROFILES_KEPT = 256
 
 
@@ -50,7 +51,7 @@ def four(ceiling: Ceiling) -> tuple[float, float, float, float]:
 
 
 def needed_m(speed_mps: float, *, target_mps: float, lead_s: float) -> float:
-    """On the level: half a metre and 2 m more than at its speed in the 3 s of the reaction."""
+    """Braking distance on the level: the 3 s of reaction take 2.5 m more than at constant speed."""
     braked_m = 0.5 * ((speed_mps + 1.0) ** 2 - target_mps**2)
     return speed_mps * (lead_s + 3.0) + 2.5 + braked_m
 
@@ -64,8 +65,11 @@ OPEN = map_of((0.0, 6000.0, 20.0))
 
 
 @pytest.mark.parametrize("index", range(4))
-def test_each_of_the_four_stops_at_the_end_of_authority_after_its_own_lead(index: int) -> None:
-    """From 10 m/s in 93 m, and 10 m more for each second of lead; there is no margin."""
+def test_each_of_the_four_speeds_stops_at_the_end_of_authority_after_its_own_lead(
+    index: int,
+) -> None:
+    """From 10 m/s the emergency limit needs 93 m, and each second of lead 10 m more. There is no
+    margin."""
     end_m = 1000.0 + needed_m(10.0, target_mps=0.0, lead_s=LEADS_S[index])
 
     ceiling = OPEN.at(at(1000.0), end_m)
@@ -76,7 +80,7 @@ def test_each_of_the_four_stops_at_the_end_of_authority_after_its_own_lead(index
 
 @pytest.mark.parametrize("index", range(4))
 @pytest.mark.parametrize("temporary", [True, False])
-def test_each_of_the_four_is_down_to_a_lower_limit_and_its_own_margin(
+def test_each_of_the_four_speeds_meets_a_lower_limit_plus_its_own_margin(
     temporary: bool, index: int
 ) -> None:
     target_mps = 6.0 + MARGINS_MPS[index]
@@ -89,18 +93,18 @@ def test_each_of_the_four_is_down_to_a_lower_limit_and_its_own_margin(
     assert four(ceiling)[index] == pytest.approx(12.0)
 
 
-def test_where_nothing_binds_the_four_lie_over_the_limit_by_their_margins() -> None:
+def test_without_a_restriction_the_four_speeds_exceed_the_limit_by_their_margins() -> None:
     assert OPEN.at(at(1000.0), FAR_M) == Ceiling(*uniform(20.0), FAR_M - 1000.0)
 
 
-def test_a_metre_before_its_end_a_train_may_still_creep_if_it_brakes_at_once() -> None:
+def test_a_metre_before_the_end_a_slow_train_is_still_permitted() -> None:
     at_once = map_of((0.0, 6000.0, 20.0), braking=SafeBraking(1.0, 0.0, 0.0, 0.0))
 
     assert at_once.at(at(999.5), 1000.0).emergency_mps == pytest.approx(1.0)
     assert at_once.at(at(1000.0), 1000.0).emergency_mps == 0.0
 
 
-def test_a_limit_counts_from_the_front_that_is_just_there_to_the_rear_that_is_just_clear() -> None:
+def test_a_limit_counts_from_the_front_at_its_start_to_the_rear_at_its_end() -> None:
     civil = map_of((0.0, 1000.0, 20.0), (1000.0, 1100.0, 6.0), (1100.0, 6000.0, 20.0))
     slow = Restriction(1000.0, 1100.0, 6.0)
 
@@ -112,7 +116,7 @@ def test_a_limit_counts_from_the_front_that_is_just_there_to_the_rear_that_is_ju
         assert four(ceilings.at(unsure, FAR_M, extra)) == uniform(6.0)
 
 
-def test_a_limit_that_is_over_the_one_before_it_holds_nobody_back() -> None:
+def test_a_limit_higher_than_the_one_before_it_has_no_effect() -> None:
     stairs = map_of((0.0, 1000.0, 6.0), (1000.0, 1200.0, 9.0), (1200.0, 6000.0, 20.0))
 
     for front_m in (900.0, 999.0):
@@ -121,17 +125,15 @@ def test_a_limit_that_is_over_the_one_before_it_holds_nobody_back() -> None:
 
 
 def test_a_lower_limit_behind_a_low_one_counts_too() -> None:
-    """6 m/s 30 m ahead; then 2 m/s, which is what the emergency brake has to think of."""
+    """The limits are 6 m/s in 30 m and then 2 m/s, which determines the emergency limit here."""
     second_m = 1000.0 + needed_m(7.0, target_mps=4.0, lead_s=0.0)
     stairs = map_of((0.0, 1030.0, 20.0), (1030.0, second_m, 6.0), (second_m, 6000.0, 2.0))
 
     assert stairs.at(at(1000.0), FAR_M).emergency_mps == pytest.approx(7.0)
 
 
-def test_a_train_that_is_somewhere_in_nine_tenths_of_a_metre_counts_as_one_of_a_metre_more() -> (
-    None
-):
-    """Its rear is off the fall at 165 m behind the end of it at the latest: 64 m and 1 m."""
+def test_an_interval_of_nine_tenths_of_a_metre_counts_as_one_metre() -> None:
+    """The rear leaves the fall at most 65 m after its end: 64 m of train and 1 m of interval."""
     fall = map_of((0.0, 6000.0, 20.0), gradients=((900.0, 1000.0, HALF),))
 
     def emergency_mps(width_m: float, front_m: float) -> float:
@@ -147,8 +149,8 @@ def test_a_train_that_is_somewhere_in_nine_tenths_of_a_metre_counts_as_one_of_a_
 
 
 @pytest.mark.parametrize("top_mps", [20.0, 30.0])
-def test_an_end_of_authority_is_seen_as_soon_as_it_binds(top_mps: float) -> None:
-    """On a line with one fast section, wherever the train is."""
+def test_an_end_of_authority_counts_as_soon_as_it_binds(top_mps: float) -> None:
+    """The line has one fast section; the test moves the end of authority towards the train."""
     ceilings = map_of((0.0, 500.0, 5.0), (500.0, 5000.0, top_mps), (5000.0, 6000.0, 3.0))
     binds_m = needed_m(top_mps + 2.0, target_mps=0.0, lead_s=0.0)
 
@@ -158,8 +160,9 @@ def test_an_end_of_authority_is_seen_as_soon_as_it_binds(top_mps: float) -> None
         assert stop_m == pytest.approx(way_m, abs=1e-6)
 
 
-def test_an_end_of_authority_is_seen_in_time_where_only_a_part_of_the_line_falls() -> None:
-    """0.5 m/s2 is left of the brake; the train is at 22 m/s, 24.5 m/s when the brake bites."""
+def test_an_end_of_authority_binds_in_time_where_only_part_of_the_line_falls() -> None:
+    """The brake has 0.5 m/s² left. The train runs at 22 m/s, and at 24.5 m/s when the brake
+    acts."""
     ceilings = map_of((0.0, 6000.0, 20.0), gradients=((500.0, 5000.0, HALF),))
     reaction_m = 22.0 + 0.5 * 1.5 + 2.0 * (22.0 + 1.5) + 0.5 * 0.5 * 4.0
     binds_m = reaction_m + 24.5**2
@@ -172,7 +175,7 @@ def test_an_end_of_authority_is_seen_in_time_where_only_a_part_of_the_line_falls
 
 
 class Counted:
-    """Counts what profiles are asked for, and how many are made."""
+    """Counts how many profiles the ceiling evaluates and creates."""
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         self.asked, self.made = 0, 0
@@ -190,8 +193,9 @@ class Counted:
         patch.setattr(BrakingProfile, "__init__", count_made)
 
 
-def test_what_cannot_bind_yet_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Four curves to what lies ahead and near; none to what is far, behind or no restriction."""
+def test_restrictions_that_cannot_bind_yet_cost_no_curve(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four curves lead to restrictions near ahead. Those far away, behind, or without effect
+    cost none."""
     sections: list[Section] = [(0.0, 1100.0, 20.0), (1100.0, 2500.0, 15.0)]
     sections += [(2500.0 + 100.0 * n, 2600.0 + 100.0 * n, 14.0 - n % 2) for n in range(30)]
     ceilings = map_of(*sections)
@@ -206,7 +210,7 @@ def test_what_cannot_bind_yet_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> 
     assert counted.asked == 4 + 3 * 4
 
 
-def test_profiles_are_kept_for_each_width_and_no_more_than_so_many(
+def test_the_number_of_cached_profiles_is_bounded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     counted = Counted(monkeypatch)
@@ -220,4 +224,4 @@ def test_profiles_are_kept_for_each_width_and_no_more_than_so_many(
     assert counted.made == PROFILES_KEPT, "each made once"
     look(PROFILES_KEPT)
     look(0)
-    assert counted.made == PROFILES_KEPT + 2, "there was no room for one more: all made anew"
+    assert counted.made == PROFILES_KEPT + 2, "the cache was full, so the profile was made again"

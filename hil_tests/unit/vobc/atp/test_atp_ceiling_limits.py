@@ -1,4 +1,4 @@
-"""Limits under the train and ahead: civil ones, temporary ones, the end of authority."""
+"""Limits under the train and ahead: civil limits, temporary restrictions, the end of authority."""
 
 import itertools
 import math
@@ -79,7 +79,8 @@ def exact(front_m: float) -> Interval:
 def test_a_limit_is_released_exactly_when_the_rear_of_the_hindmost_front_is_clear(
     ceiling_map: CeilingMap, extra: tuple[Restriction, ...]
 ) -> None:
-    """Line and temporary restriction alike; the foremost front is long past."""
+    """This holds for civil limits and temporary restrictions alike; the foremost front is long
+    past."""
     clear_m = 1900.0 + LENGTH_M
 
     held = ceiling_map.at(intervals(clear_m + 2.0, 2.0 + JUST_M, 5.0), FAR_M, extra)
@@ -90,7 +91,7 @@ def test_a_limit_is_released_exactly_when_the_rear_of_the_hindmost_front_is_clea
 
 
 @pytest.mark.parametrize(("ceiling_map", "extra"), [(SLOW_LINE, ()), (OPEN_LINE, (SLOW,))])
-def test_a_limit_holds_from_the_moment_at_which_the_foremost_front_reaches_it(
+def test_a_limit_holds_once_the_foremost_front_reaches_it(
     ceiling_map: CeilingMap, extra: tuple[Restriction, ...]
 ) -> None:
     at_it = ceiling_map.at(intervals(1490.0, 3.0, 10.0), FAR_M, extra)
@@ -109,7 +110,7 @@ def test_a_temporary_restriction_is_a_civil_limit_ahead_under_and_behind_the_tra
     assert OPEN_LINE.at(front, FAR_M, (SLOW,)) == SLOW_LINE.at(front, FAR_M)
 
 
-def test_a_restriction_over_the_civil_limit_changes_nothing() -> None:
+def test_a_restriction_above_the_civil_limit_changes_nothing() -> None:
     loose = Restriction(1500.0, 1900.0, 80 * KMH)
 
     for front_m in (1300.0, 1500.0, 1700.0, 1950.0):
@@ -162,7 +163,7 @@ def test_a_wider_interval_never_raises_a_speed(
     width_m=st.floats(0.0, 20.0),
     restrictions=restrictions_by_chance,
 )
-def test_a_restriction_more_never_raises_a_speed_and_the_four_stay_in_order(
+def test_another_restriction_never_raises_a_speed_and_the_four_stay_in_order(
     line: LineMap,
     front_m: float,
     to_end_m: float,
@@ -187,10 +188,10 @@ def test_a_restriction_more_never_raises_a_speed_and_the_four_stay_in_order(
 
 
 @pytest.mark.parametrize("beyond_m", [0.0, JUST_M, 3.0, 500.0])
-def test_a_train_that_may_be_at_the_end_of_its_authority_or_beyond_is_permitted_nothing(
+def test_a_train_that_may_have_reached_its_end_of_authority_is_permitted_zero_speed(
     beyond_m: float,
 ) -> None:
-    """Only the foremost front has to be there."""
+    """It is enough that the foremost front may be there."""
     ceiling = OPEN_LINE.at(Interval(1000.0, 1010.0, 1020.0), 1020.0 - beyond_m)
 
     assert four(ceiling) == (0.0, 0.0, 0.0, 0.0)
@@ -206,7 +207,7 @@ def test_a_train_that_may_be_at_the_end_of_its_authority_or_beyond_is_permitted_
         Interval(1000.0, 1000.0, math.inf),
     ],
 )
-def test_a_place_that_is_not_finite_permits_nothing(front: Interval) -> None:
+def test_a_position_that_is_not_finite_permits_zero_speed(front: Interval) -> None:
     assert four(OPEN_LINE.at(front, 5000.0)) == (0.0, 0.0, 0.0, 0.0)
     assert four(OPEN_LINE.at(exact(1000.0), math.nan)) == (0.0, 0.0, 0.0, 0.0)
 
@@ -218,7 +219,7 @@ def test_a_line_that_the_brake_cannot_hold_is_refused_by_name() -> None:
         ceilings(steep, length_m=LENGTH_M)
 
 
-def test_more_widths_of_the_interval_than_are_kept_give_the_same_speeds_again() -> None:
+def test_evicted_interval_widths_give_the_same_speeds_again() -> None:
     fall = line_of(((900.0, 1100.0, -35.0),))
     ceiling_map = ceilings(fall, length_m=LENGTH_M)
     step_m = CONFIG.interval_step_m

@@ -1,4 +1,4 @@
-"""What protection may be set to: each setting at the edge of what makes sense, and beyond it."""
+"""Settings of protection at the edge of their valid range and beyond."""
 
 from dataclasses import fields, replace
 
@@ -9,16 +9,16 @@ from vobc.config import load_config
 
 CONFIG = load_config("florence4").atp
 LEAST = 5e-324
-"""The smallest number over 0 that there is."""
+"""The smallest positive float."""
 
 POSITIVE = frozenset(
     {
-        # Without these a train never brakes, or nothing is ever told apart.
+        # With 0 a train never brakes, or no two values are ever told apart.
         "guaranteed_decel_mps2",
         "stop_decel_mps2",
         "interval_step_m",
         "replica_band_mps",
-        # With 0 the first cycle would already be too old, too far or too fast.
+        # With 0 every input would be too old, too far or too fast in the first cycle.
         "authority_age_max_s",
         "orders_age_max_s",
         "clock_tolerance_s",
@@ -26,7 +26,7 @@ POSITIVE = frozenset(
         "held_movement_m",
         "overshoot_m",
         "door_window_m",
-        # These are speeds and ways that a train is to be driven with.
+        # These are the speeds and distances of permitted movements.
         "restricted_mps",
         "creep_mps",
         "jog_mps",
@@ -55,7 +55,7 @@ FLAT_MARGINS = tuple(f"flat_{name}" for name in MARGINS)
 OTHERS = frozenset(
     {*MARGINS, *FLAT_MARGINS, "authority_service_ratio", "overshoot_mended_m", "timeouts"}
 )
-"""Bound to each other, or to a range."""
+"""Settings that depend on each other or have a range."""
 
 
 def with_one(name: str, value: float) -> AtpConfig:
@@ -70,21 +70,21 @@ def test_each_setting_has_a_bound() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(POSITIVE))
-def test_what_protection_cannot_do_without_is_more_than_nothing(name: str) -> None:
+def test_the_positive_settings_refuse_zero(name: str) -> None:
     with pytest.raises(ValueError, match=rf"^{name} 0\.0 is not positive$"):
         with_one(name, 0.0)
     assert getattr(with_one(name, LEAST), name) == LEAST
 
 
 @pytest.mark.parametrize("name", sorted(NOT_NEGATIVE))
-def test_what_may_be_nothing_is_still_never_less(name: str) -> None:
+def test_the_settings_that_accept_zero_refuse_negative_values(name: str) -> None:
     with pytest.raises(ValueError, match=rf"^{name} -5e-324 is negative$"):
         with_one(name, -LEAST)
     assert getattr(with_one(name, 0.0), name) == 0.0
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Timeouts)])
-def test_an_input_that_is_lost_as_soon_as_it_comes_is_refused(name: str) -> None:
+def test_a_timeout_of_zero_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match=rf"^{name} 0\.0 is not positive$"):
         replace(CONFIG.timeouts, **{name: 0.0})
     assert getattr(replace(CONFIG.timeouts, **{name: LEAST}), name) == LEAST
@@ -121,7 +121,7 @@ def test_warning_comes_before_service_brake_and_that_before_emergency_brake(
 def test_the_service_brake_comes_within_the_age_of_an_authority_and_not_at_once(
     ratio: float, fine: bool
 ) -> None:
-    """At all of the age it comes together with the emergency brake."""
+    """A ratio of 1 would apply service and emergency brake together."""
     if fine:
         assert with_one("authority_service_ratio", ratio).authority_service_ratio == ratio
     else:
@@ -129,7 +129,7 @@ def test_the_service_brake_comes_within_the_age_of_an_authority_and_not_at_once(
             with_one("authority_service_ratio", ratio)
 
 
-def test_what_a_jog_may_mend_reaches_at_least_as_far_as_what_brakes() -> None:
+def test_a_jog_corrects_at_least_the_overshoot_that_brakes() -> None:
     mended_m = CONFIG.overshoot_mended_m
 
     assert with_one("overshoot_m", mended_m).overshoot_m == mended_m
@@ -142,10 +142,10 @@ def test_what_a_jog_may_mend_reaches_at_least_as_far_as_what_brakes() -> None:
     ("cycle_s", "overruns_max", "runaway_s"),
     [(0.05, 2, 0.48), (0.05, 0, 0.38), (0.05, 1, 0.43), (0.1, 2, 0.63), (0.02, 4, 0.43)],
 )
-def test_traction_is_cut_after_sensing_each_forgiven_cycle_one_more_and_the_cut_itself(
+def test_the_runaway_time_is_sensing_missed_cycles_one_cycle_and_the_cut(
     cycle_s: float, overruns_max: int, runaway_s: float
 ) -> None:
-    """The shipped 0.03 s and 0.3 s, and between them as many cycles as may pass unseen."""
+    """The times are 0.03 s of sensing, 0.3 s until the cut, and as many cycles as may be missed."""
     config = replace(CONFIG, overruns_max=overruns_max)
 
     assert config.runaway_s(cycle_s) == pytest.approx(runaway_s, abs=1e-12)

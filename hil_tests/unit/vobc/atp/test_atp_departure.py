@@ -1,4 +1,4 @@
-"""The departure interlock: the names of what is missing, and which of them a jog may ignore."""
+"""The departure interlock: the names of the missing terms, and the terms that a jog may ignore."""
 
 import pytest
 
@@ -27,10 +27,10 @@ def test_each_missing_term_is_named_by_a_flag_of_its_own(term: str, flag: Inhibi
     assert inhibits(ALL._replace(**{term: False})) is flag
 
 
-def test_a_term_that_nobody_judged_is_an_error_and_no_leave_to_depart() -> None:
+def test_an_unset_term_is_an_error_and_no_permission_to_depart() -> None:
     with pytest.raises(ValueError, match="longer"):
         inhibits(ALL[:-1])  # type: ignore[arg-type]
 
 
-def test_a_jog_may_ignore_an_order_to_stay_and_the_end_of_authority_and_nothing_else() -> None:
+def test_a_jog_ignores_only_an_order_to_stay_and_the_end_of_authority() -> None:
     assert set(Inhibit(NOT_AGAINST_JOG)) == {Inhibit.HOLD, Inhibit.AUTHORITY}

@@ -1,4 +1,4 @@
-"""Emergencies: every rule on both sides of its threshold, and who may release what."""
+"""Emergencies: each rule on both sides of its threshold, and who may release which cause."""
 
 import itertools
 import math
@@ -81,7 +81,7 @@ THERE_AND_NOT: dict[Cause, list[tuple[dict[str, Any], dict[str, Any]]]] = {
         ({"ceiling": replace(CEILING, emergency_mps=math.nan)}, {}),
         ({"speed_mps": Interval(math.nan, 9.0, 9.2)}, {}),
         ({"speed_mps": Interval(8.8, 9.0, math.nan)}, {}),
-        # The second computation alone is enough, but only where a place is supervised.
+        # The second computation alone suffices, but only where protection supervises a position.
         *(
             (
                 {"mode": mode, "energy_exceeded": True},
@@ -146,7 +146,7 @@ def test_every_cause_comes_at_its_threshold_and_not_before(
 
 
 @pytest.mark.parametrize("cause", CAUSES)
-def test_what_comes_alone_is_what_is_named(cause: Cause) -> None:
+def test_a_single_cause_is_named_alone(cause: Cause) -> None:
     there, _ = THERE_AND_NOT[cause][0]
     state = Supervision.NO_AUTHORITY if RULE_OF[cause].when is When.HELD else Supervision.NOMINAL
 
@@ -165,7 +165,7 @@ STANDING_EXCUSES = (
 
 
 @pytest.mark.parametrize("cause", STANDING_EXCUSES)
-def test_a_train_that_stands_is_excused_from_what_only_matters_in_motion(cause: Cause) -> None:
+def test_a_standing_train_is_exempt_from_causes_that_only_matter_in_motion(cause: Cause) -> None:
     for there, _ in THERE_AND_NOT[cause]:
         seen = replace(facts(**there), standing=True)
 
@@ -183,7 +183,7 @@ def test_on_sight_neither_place_nor_authority_is_needed(cause: Cause, mode: Oper
 
 
 @pytest.mark.parametrize("missing", [Missing.DOORS, Missing.TAG_READER, Missing.ALARMS])
-def test_a_node_that_motion_can_do_without_stops_no_moving_train(missing: Missing) -> None:
+def test_a_node_that_motion_does_not_need_stops_no_moving_train(missing: Missing) -> None:
     seen = facts(missing=int(missing), silent=int(missing))
 
     assert latched_after(Supervision.NOMINAL, seen) == ()
@@ -197,11 +197,11 @@ WHO = {
     Cause.REMOTE: Reset.CENTRE,
     Cause.OVERSHOT: Reset.CENTRE,
 }
-"""All others are released by either."""
+"""Either kind of reset releases every other cause."""
 
 
 @pytest.mark.parametrize("cause", CAUSES)
-def test_each_cause_is_released_only_at_standstill_and_only_by_whom_its_rule_names(
+def test_each_cause_is_released_only_at_standstill_and_only_by_the_reset_its_rule_names(
     cause: Cause,
 ) -> None:
     named = WHO.get(cause, Reset.DESK | Reset.CENTRE)
@@ -219,7 +219,7 @@ def test_each_cause_is_released_only_at_standstill_and_only_by_whom_its_rule_nam
 
 
 @pytest.mark.parametrize("cause", [rule.cause for rule in RULES if rule.when is When.ALWAYS])
-def test_no_reset_helps_while_the_cause_is_still_there(cause: Cause) -> None:
+def test_no_reset_releases_a_cause_that_persists(cause: Cause) -> None:
     there, _ = THERE_AND_NOT[cause][0]
     seen = replace(STANDING, latched=(cause,), resets=3, **there)
 
@@ -227,7 +227,7 @@ def test_no_reset_helps_while_the_cause_is_still_there(cause: Cause) -> None:
 
 
 @pytest.mark.parametrize("cause", [rule.cause for rule in RULES if rule.when is When.ALWAYS])
-def test_a_cause_that_is_still_there_keeps_its_place_before_later_ones(cause: Cause) -> None:
+def test_a_persisting_cause_keeps_its_place_before_later_ones(cause: Cause) -> None:
     there, _ = THERE_AND_NOT[cause][0]
     later = Cause.REMOTE if cause is not Cause.REMOTE else Cause.BUTTON
     waits = int(Reset.DESK if later is Cause.REMOTE else Reset.CENTRE)
@@ -247,7 +247,7 @@ def test_every_cause_waits_for_its_own_release() -> None:
     assert latched_after(Supervision.EMERGENCY, by_both) == ()
 
 
-def test_what_comes_later_is_added_behind_and_not_twice() -> None:
+def test_a_later_cause_is_appended_once() -> None:
     seen = facts(latched=(Cause.OVERSPEED,), button_pressed=True, ordered_to_stop=True)
 
     after = latched_after(Supervision.EMERGENCY, seen)
@@ -265,8 +265,8 @@ def test_only_a_small_overshoot_releases_itself_and_only_at_standstill() -> None
         assert (left == ()) is (cause is Cause.OVERSHOT and little and standstill)
 
 
-def test_an_overshoot_that_is_still_told_of_bars_no_release() -> None:
-    """The guard of stations goes on to say so as long as the train has not moved."""
+def test_an_overshoot_that_is_still_reported_does_not_block_its_release() -> None:
+    """The station guard reports the overshoot until the train has moved."""
     seen = replace(
         STANDING, latched=(Cause.OVERSHOT,), station_cause=Cause.OVERSHOT, overshot_little=True
     )
@@ -280,7 +280,7 @@ def test_an_overshoot_that_is_still_told_of_bars_no_release() -> None:
     st.booleans(),
     st.sampled_from(list(Supervision)),
 )
-def test_nothing_latched_goes_without_standstill_nor_without_somebody(
+def test_no_latched_cause_is_released_without_standstill_and_reset(
     latched: tuple[Cause, ...], resets: int, standstill: bool, state: Supervision
 ) -> None:
     seen = replace(STANDING, latched=latched, resets=resets, standstill=standstill)
@@ -292,6 +292,6 @@ def test_nothing_latched_goes_without_standstill_nor_without_somebody(
         assert left == latched
 
 
-def test_an_emergency_is_looked_at_like_a_held_train() -> None:
+def test_an_emergency_is_supervised_like_a_held_train() -> None:
     assert LOOKED_AT[Supervision.EMERGENCY] is LOOKED_AT[Supervision.NO_AUTHORITY]
     assert set(LOOKED_AT) == set(Supervision)

@@ -1,4 +1,4 @@
-"""Ceilings that need no place: the speeds that are set, and the lower of two in each."""
+"""Fixed ceilings that need no position, and the lower of two ceilings in each speed."""
 
 import pytest
 
@@ -24,7 +24,7 @@ def kmh_of(ceiling: Ceiling) -> tuple[float, float, float, float]:
     [(FLAT.restricted, 25.0), (FLAT.creep, 15.0), (FLAT.jog, 5.0)],
     ids=["on sight", "creep", "jog"],
 )
-def test_warning_comes_one_service_two_and_emergency_brake_five_kmh_over_a_flat_speed(
+def test_the_fixed_limits_lie_one_two_and_five_kmh_above_the_fixed_speed(
     ceiling: Ceiling, speed_kmh: float
 ) -> None:
     assert kmh_of(ceiling) == pytest.approx(
@@ -33,7 +33,7 @@ def test_warning_comes_one_service_two_and_emergency_brake_five_kmh_over_a_flat_
     assert ceiling.distance_to_authority_m == 0.0, "no place is known"
 
 
-def test_of_what_is_known_and_what_is_flat_the_lower_counts_in_each_speed() -> None:
+def test_each_speed_is_the_lower_of_the_known_and_the_fixed_one() -> None:
     known = Ceiling(1.0, 6.0, 3.0, 8.0, 120.0)
     flat = Ceiling(5.0, 2.0, 7.0, 4.0, 0.0)
 

@@ -1,4 +1,5 @@
-"""Edges and durations that protection remembers: resets, brake unit, stops asked, clock, way."""
+"""Edges and durations that protection remembers: resets, brake unit, stop requests, clock,
+distance."""
 
 import math
 from dataclasses import replace
@@ -44,7 +45,7 @@ def test_a_reset_at_the_desk_counts_once_and_when_newly_pressed() -> None:
     ]
 
 
-def test_a_reset_that_was_pressed_while_the_desk_was_not_heard_is_none() -> None:
+def test_a_reset_pressed_while_the_desk_was_silent_does_not_count() -> None:
     resets = Resets()
     resets.step(desk(reset=False), None)
 
@@ -52,7 +53,7 @@ def test_a_reset_that_was_pressed_while_the_desk_was_not_heard_is_none() -> None
     assert resets.step(desk(reset=True), None) == 0
 
 
-def test_a_step_up_of_the_centres_count_is_one_reset_and_its_first_count_none() -> None:
+def test_an_increment_of_the_centres_count_is_one_reset_and_its_first_value_none() -> None:
     resets = Resets()
     counts = [7, 7, 8, 8, 10, 3, 3, 4]
 
@@ -61,7 +62,7 @@ def test_a_step_up_of_the_centres_count_is_one_reset_and_its_first_count_none() 
     assert given == [0, 0, Reset.CENTRE, 0, Reset.CENTRE, 0, 0, Reset.CENTRE]
 
 
-def test_a_centre_that_was_not_heard_for_a_while_may_have_reset_meanwhile() -> None:
+def test_a_centre_may_reset_while_it_was_silent() -> None:
     resets = Resets()
     resets.step(None, orders(1))
     resets.step(None, None)
@@ -80,7 +81,7 @@ APPLIED = BrakeStatus(1.2, 300.0, True, False, False, True)
 RELEASED = BrakeStatus(0.0, 0.0, False, False, True, True)
 
 
-def test_a_brake_unit_has_time_to_release_and_is_then_taken_at_its_word() -> None:
+def test_a_brake_unit_has_time_to_release_before_its_report_counts() -> None:
     watch = BrakeUnitWatch(CONFIG)
     cycles = round(CONFIG.brake_unit_s / DT_S)
 
@@ -98,14 +99,14 @@ def test_a_brake_unit_that_has_released_may_not_apply_again_by_itself() -> None:
     assert watch.step(APPLIED, released=True, dt_s=DT_S)
 
 
-def test_a_brake_unit_that_was_never_heard_has_not_released() -> None:
+def test_a_brake_unit_that_never_reported_has_not_released() -> None:
     watch = BrakeUnitWatch(CONFIG)
     assert not watch.step(None, released=True, dt_s=DT_S)
 
     assert not watch.step(APPLIED, released=True, dt_s=DT_S)
 
 
-def test_a_brake_that_was_asked_for_is_no_fault_and_the_time_begins_anew() -> None:
+def test_a_requested_brake_is_no_fault_and_restarts_the_release_time() -> None:
     watch = BrakeUnitWatch(CONFIG)
     for _ in range(100):
         watch.step(RELEASED, released=True, dt_s=DT_S)
@@ -114,7 +115,7 @@ def test_a_brake_that_was_asked_for_is_no_fault_and_the_time_begins_anew() -> No
     assert not watch.step(APPLIED, released=True, dt_s=DT_S)
 
 
-def test_after_a_brake_that_was_asked_for_the_unit_has_all_its_time_again() -> None:
+def test_after_a_requested_brake_the_unit_has_its_whole_release_time_again() -> None:
     watch = BrakeUnitWatch(CONFIG)
     cycles = round(CONFIG.brake_unit_s / DT_S)
     for _ in range(cycles):
@@ -126,7 +127,7 @@ def test_after_a_brake_that_was_asked_for_the_unit_has_all_its_time_again() -> N
     assert again == [False] * cycles + [True]
 
 
-def test_silence_between_makes_nobody_forget_that_the_unit_had_released() -> None:
+def test_protection_remembers_a_release_across_a_silence_of_the_unit() -> None:
     watch = BrakeUnitWatch(CONFIG)
     assert watch.step(RELEASED, released=True, dt_s=DT_S) is False
     assert watch.step(None, released=True, dt_s=DT_S) is False
@@ -134,7 +135,7 @@ def test_silence_between_makes_nobody_forget_that_the_unit_had_released() -> Non
     assert watch.step(APPLIED, released=True, dt_s=DT_S)
 
 
-def test_a_stop_that_is_asked_for_leaves_time_to_begin_and_then_asks_for_less_and_less() -> None:
+def test_a_stop_request_allows_time_to_begin_and_then_a_falling_speed() -> None:
     watch = StopWatch(CONFIG)
     patient = round(CONFIG.stop_patience_s / DT_S)
 
@@ -148,7 +149,7 @@ def test_a_stop_that_is_asked_for_leaves_time_to_begin_and_then_asks_for_less_an
     assert limits[-1] == pytest.approx(10.0 - CONFIG.stop_decel_mps2 * 32 * DT_S)
 
 
-def test_a_stop_is_never_asked_for_below_standstill_and_is_forgotten_when_over() -> None:
+def test_a_stop_request_never_goes_below_zero_and_ends_with_its_cause() -> None:
     watch = StopWatch(CONFIG)
     for _ in range(1000):
         last_mps = watch.stop_by_mps(True, speed_mps=1.0, dt_s=DT_S)
@@ -185,7 +186,7 @@ def test_time_has_to_pass_as_cycles_and_missed_cycles_explain(
 
 
 def test_a_cycle_may_be_late_by_just_the_tolerance() -> None:
-    """Binary fractions, so that the edge is met exactly."""
+    """The test uses binary fractions, so that it meets the edge exactly."""
     edge_s = 0.0625 * 3 + 0.25
 
     assert clock_stepped(edge_s, 2, cycle_s=0.0625, tolerance_s=0.25) is False
@@ -197,7 +198,7 @@ def motion(travel_m: float, *, standing: bool = False) -> Motion:
     return Motion(at, at, 0.0, travel_m, standing, standing, True, False, ())
 
 
-def test_rolling_back_counts_from_the_foremost_place() -> None:
+def test_rollback_counts_from_the_foremost_position() -> None:
     movement = Movement()
 
     rolled = []
@@ -208,7 +209,7 @@ def test_rolling_back_counts_from_the_foremost_place() -> None:
     assert rolled == [0.0, 0.0, 0.25, 0.5, 0.0, 0.5]
 
 
-def test_a_held_train_is_measured_both_ways_from_where_it_came_to_be_held() -> None:
+def test_a_held_train_is_measured_in_both_directions_from_where_it_was_held() -> None:
     movement = Movement()
     movement.look(10.0)
     movement.begin_anew(10.0)
@@ -226,7 +227,7 @@ def test_a_held_train_is_measured_both_ways_from_where_it_came_to_be_held() -> N
     assert movement.rollback_m == 0.0
 
 
-def test_a_jog_is_measured_both_ways_and_may_go_back_as_far_as_it_was_granted() -> None:
+def test_a_jog_is_measured_in_both_directions_and_may_go_back_as_far_as_granted() -> None:
     movement = Movement()
     movement.look(100.0)
     movement.jogs(motion(100.0, standing=True), 2.0)
@@ -246,7 +247,7 @@ def test_a_jog_is_measured_both_ways_and_may_go_back_as_far_as_it_was_granted() 
     ]
 
 
-def test_how_far_back_is_settled_anew_whenever_the_jogging_train_stands() -> None:
+def test_the_backward_distance_is_set_again_whenever_the_jogging_train_stands() -> None:
     movement = Movement()
     movement.jogs(motion(100.0, standing=True), 2.0)
     movement.jogs(motion(99.0, standing=True), 0.0)
@@ -257,7 +258,7 @@ def test_how_far_back_is_settled_anew_whenever_the_jogging_train_stands() -> Non
     assert movement.jog_m == 1.5
 
 
-def test_a_jogging_train_that_rolls_back_bit_by_bit_gains_nothing_by_standing_between() -> None:
+def test_rolling_back_in_small_steps_gains_a_jogging_train_nothing() -> None:
     movement = Movement()
     movement.jogs(motion(100.0, standing=True), 0.0)
 
@@ -270,7 +271,7 @@ def test_a_jogging_train_that_rolls_back_bit_by_bit_gains_nothing_by_standing_be
     assert behind == [0.25, 0.5, 0.75]
 
 
-def test_while_it_moves_a_jogging_train_settles_nothing_anew() -> None:
+def test_a_moving_jogging_train_does_not_set_the_distance_again() -> None:
     movement = Movement()
     movement.jogs(motion(100.0, standing=True), 0.0)
     movement.jogs(motion(101.0), 0.0)
@@ -280,7 +281,7 @@ def test_while_it_moves_a_jogging_train_settles_nothing_anew() -> None:
     assert movement.behind_jog_m == -0.5
 
 
-def test_what_was_rolled_back_before_a_jog_does_not_count_in_it() -> None:
+def test_rollback_before_a_jog_does_not_count_in_it() -> None:
     movement = Movement()
     movement.look(100.0)
     movement.look(99.75)
@@ -295,7 +296,7 @@ def distances_m(movement: Movement) -> tuple[float, ...]:
     return (movement.rollback_m, movement.held_m, movement.jog_m, movement.behind_jog_m)
 
 
-def test_a_train_that_never_moved_is_nowhere_else() -> None:
+def test_a_train_that_never_moved_has_zero_distances() -> None:
     movement = Movement()
     assert distances_m(movement) == (0.0, 0.0, 0.0, 0.0)
 
@@ -304,7 +305,7 @@ def test_a_train_that_never_moved_is_nowhere_else() -> None:
     assert distances_m(movement) == (0.25, 0.25, 0.0, 0.0)
 
 
-def test_after_a_jog_rolling_back_counts_from_where_it_ended() -> None:
+def test_after_a_jog_rollback_counts_from_where_the_jog_ended() -> None:
     movement = Movement()
     movement.look(100.0)
     movement.jogs(motion(100.0, standing=True), 3.0)
@@ -317,7 +318,7 @@ def test_after_a_jog_rolling_back_counts_from_where_it_ended() -> None:
     assert (movement.rollback_m, movement.jog_m, movement.behind_jog_m) == (0.25, 0.0, 0.0)
 
 
-def test_a_way_that_is_no_number_makes_every_distance_one_that_is_none() -> None:
+def test_a_nan_travel_makes_every_distance_nan() -> None:
     movement = Movement()
     movement.look(5.0)
 
@@ -337,13 +338,13 @@ WAYS = pytest.mark.parametrize("counts", [True, False], ids=["pulses", "belief"]
 
 
 def on_way(counts: bool, at_m: float, other_m: float = 0.0, *, standing: bool = False) -> Motion:
-    """Either way says the one, and the other the other."""
+    """One of the two measurements gives `at_m`, the other gives `other_m`."""
     ends_m = (at_m, other_m) if counts else (other_m, at_m)
     return two_ways(*ends_m, standing=standing)
 
 
 @WAYS
-def test_of_two_ways_the_one_that_rolled_back_farther_counts(counts: bool) -> None:
+def test_of_two_measurements_the_greater_rollback_counts(counts: bool) -> None:
     movements = Movements()
     movements.look(on_way(counts, 3.0, 5.0))
     movements.look(on_way(counts, 2.0, 4.75))
@@ -352,7 +353,7 @@ def test_of_two_ways_the_one_that_rolled_back_farther_counts(counts: bool) -> No
 
 
 @WAYS
-def test_of_two_ways_the_one_that_left_its_place_farther_counts(counts: bool) -> None:
+def test_of_two_measurements_the_greater_movement_counts(counts: bool) -> None:
     movements = Movements()
     movements.look(on_way(counts, 10.0, 20.0))
     movements.begin_anew(on_way(counts, 10.0, 20.0))
@@ -370,7 +371,7 @@ def test_of_two_ways_the_one_that_left_its_place_farther_counts(counts: bool) ->
 
 
 @WAYS
-def test_of_two_ways_the_one_that_jogged_farther_counts(counts: bool) -> None:
+def test_of_two_measurements_the_longer_jog_counts(counts: bool) -> None:
     movements = Movements()
     movements.look(on_way(counts, 100.0, 50.0))
     movements.jogs(on_way(counts, 100.0, 50.0, standing=True), 2.0)
@@ -385,7 +386,7 @@ def test_of_two_ways_the_one_that_jogged_farther_counts(counts: bool) -> None:
     assert (movements.jog_m, movements.behind_jog_m, movements.rollback_m) == (0.0, 0.0, 0.5)
 
 
-def test_before_anything_is_seen_nothing_has_moved() -> None:
+def test_before_the_first_step_no_distance_is_measured() -> None:
     movements = Movements()
 
     moved = (movements.rollback_m, movements.held_m, movements.jog_m, movements.behind_jog_m)

@@ -1,4 +1,4 @@
-"""What protection hears of others at stations: each word of theirs by itself, and silence."""
+"""What protection takes from the inputs at stations: each input by itself, and silence."""
 
 import math
 from dataclasses import fields, replace
@@ -56,7 +56,7 @@ def ordered(**orders: Any) -> dict[str, Any]:
         ),
     ],
 )
-def test_each_word_means_one_thing(said: dict[str, Any], understood: dict[str, bool]) -> None:
+def test_each_input_field_sets_one_term(said: dict[str, Any], understood: dict[str, bool]) -> None:
     calm = replace(NOTHING, centre=True, no_obstacle=True)
 
     assert listen(replace(CALM, **said), CONFIG, 0) == replace(calm, **understood)
@@ -95,7 +95,7 @@ NO_CENTRE: Final = dict.fromkeys(
 NO_ALARMS: Final = {"fire": False, "obstacle": False}
 NO_DESK: Final = {"door_bypass": False, "passenger_alarm": False}
 LATE: Final = 1.000001
-"""So much over the greatest age."""
+"""Factor by which an input is older than its maximum age."""
 
 
 @pytest.mark.parametrize(
@@ -117,12 +117,12 @@ LATE: Final = 1.000001
         ({}, ~int(Missing.DESK | Missing.DOORS), {}),
     ],
 )
-def test_who_is_not_heard_says_nothing(
+def test_a_silent_input_sets_no_term(
     silent: dict[str, Any], gone: int, lost: dict[str, bool]
 ) -> None:
     assert listen(replace(ALL_SAID, **silent), CONFIG, gone) == replace(ALL_HEARD, **lost)
 
 
-def test_detectors_that_are_not_heard_do_not_say_that_the_way_is_clear() -> None:
+def test_silent_detectors_do_not_report_a_clear_track() -> None:
     assert not listen(SILENCE, CONFIG, 0).no_obstacle
     assert listen(SILENCE, CONFIG, 0) == NOTHING

@@ -1,4 +1,4 @@
-"""Missed stops: overshoots, jogs, attempts, at every threshold on both sides."""
+"""Missed stops: overshoots, jogs and attempts, on both sides of every threshold."""
 
 import math
 from dataclasses import replace
@@ -54,8 +54,8 @@ def motion(off_m: float, speed_mps: float, *, half_m: float, rests: bool) -> Mot
     )
 
 
-class Bench:
-    """One guard that is told how far past the stop the train stands or moves."""
+class GuardRig:
+    """A station guard; tests say how far past the stop the train stands or moves."""
 
     def __init__(self, seen: CycleInput = SEEN, stop_m: float | None = STOP_M) -> None:
         self.guard = StationGuard(CONFIG, LINE, train_length_m=LENGTH_M)
@@ -81,8 +81,8 @@ class Bench:
         return self.step(motion(off_m, speed_mps, half_m=half_m, rests=False))
 
 
-def jogged(bench: Bench, from_m: float, to_m: float) -> StationVerdict:
-    """One attempt, from rest to rest; the verdict after it."""
+def jogged(bench: GuardRig, from_m: float, to_m: float) -> StationVerdict:
+    """Make one attempt from rest to rest and return the verdict after it."""
     bench.stands(from_m)
     way_m = to_m - from_m
     bench.moves(from_m + way_m / 2.0, math.copysign(0.3, way_m))
@@ -98,15 +98,16 @@ def jogged(bench: Bench, from_m: float, to_m: float) -> StationVerdict:
 def test_more_than_a_metre_past_the_stop_brings_the_emergency_brake(
     off_m: float, cause: Cause
 ) -> None:
-    """The interval is 5 cm to either side, and it has to be passed surely."""
-    bench = Bench()
+    """The interval reaches 5 cm to either side; the train must have passed the metre for
+    certain."""
+    bench = GuardRig()
     bench.moves(-20.0, 3.0)
 
     assert bench.moves(off_m, 2.0).emergency is cause
 
 
 def test_a_standing_train_overshoots_no_more() -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.moves(0.5, 1.0)
 
     assert bench.stands(1.4).emergency is Cause.NONE
@@ -114,7 +115,7 @@ def test_a_standing_train_overshoots_no_more() -> None:
 
 @pytest.mark.parametrize("stop_m", [None, 3000.0])
 def test_a_station_that_is_passed_on_purpose_is_not_overshot(stop_m: float | None) -> None:
-    bench = Bench(stop_m=stop_m)
+    bench = GuardRig(stop_m=stop_m)
     for off_m in (-100.0, -1.0, 1.5, 4.0, 50.0):
         verdict = bench.moves(off_m, 15.0)
         assert verdict.emergency is Cause.NONE
@@ -124,16 +125,18 @@ def test_a_station_that_is_passed_on_purpose_is_not_overshot(stop_m: float | Non
 @pytest.mark.parametrize(
     ("off_m", "mended"), [(1.4, True), (4.94, True), (4.96, False), (6.0, False)]
 )
-def test_only_an_overshoot_that_a_jog_can_mend_releases_itself(off_m: float, mended: bool) -> None:
-    bench = Bench()
+def test_only_an_overshoot_that_a_jog_can_correct_releases_itself(
+    off_m: float, mended: bool
+) -> None:
+    bench = GuardRig()
     bench.moves(off_m - 0.5, 2.0)
     bench.emergency = True
 
     assert bench.stands(off_m).self_release is mended
 
 
-def test_past_the_reach_of_a_jog_somebody_is_called_and_nothing_goes_back() -> None:
-    bench = Bench()
+def test_beyond_the_reach_of_a_jog_the_train_calls_for_a_person_and_does_not_move_back() -> None:
+    bench = GuardRig()
     bench.moves(5.5, 2.0)
 
     verdict = bench.stands(6.0)
@@ -165,15 +168,15 @@ def test_past_the_reach_of_a_jog_somebody_is_called_and_nothing_goes_back() -> N
 def test_a_jog_is_for_trains_that_stand_off_their_stop_within_reach(
     off_m: float, permitted: bool
 ) -> None:
-    verdict = Bench().stands(off_m)
+    verdict = GuardRig().stands(off_m)
 
     assert verdict.jog_permitted is permitted
     assert (verdict.jog_back_m > 0.0) is (permitted and off_m > 0.0)
 
 
 def test_no_jog_makes_an_interval_narrower() -> None:
-    assert not Bench().stands(0.1, half_m=0.25).jog_permitted
-    assert not Bench().stands(0.25, half_m=1.0).jog_permitted
+    assert not GuardRig().stands(0.1, half_m=0.25).jog_permitted
+    assert not GuardRig().stands(0.25, half_m=1.0).jog_permitted
 
 
 @pytest.mark.parametrize(
@@ -183,23 +186,23 @@ def test_no_jog_makes_an_interval_narrower() -> None:
 def test_a_little_past_the_stop_its_tag_may_still_be_ahead(
     seen: CycleInput, off_m: float, permitted: bool
 ) -> None:
-    """Too wide for doors, and nothing has to be free behind."""
-    assert Bench(seen).stands(off_m, half_m=0.31).jog_permitted is permitted
+    """The interval is too wide for doors, and this jog needs no free track behind the train."""
+    assert GuardRig(seen).stands(off_m, half_m=0.31).jog_permitted is permitted
 
 
 @pytest.mark.parametrize(("rear_off_m", "permitted"), [(0.56, False), (0.54, True)])
 def test_a_jog_back_needs_protection_behind_the_rearmost_place_of_the_rear(
     rear_off_m: float, permitted: bool
 ) -> None:
-    """0.6 m back from 0.6 m past the stop, and 5 cm of uncertainty."""
+    """The jog goes 0.6 m back from 0.6 m past the stop with 5 cm of uncertainty."""
     rear_m = STOP_M + 0.6 - 0.05 - LENGTH_M - 0.6 + rear_off_m - 0.55
-    bench = Bench(replace(SEEN, authority=Authority(1560.0, 1, 1, rear_m=rear_m)))
+    bench = GuardRig(replace(SEEN, authority=Authority(1560.0, 1, 1, rear_m=rear_m)))
 
     assert bench.stands(0.6).jog_permitted is permitted
 
 
-def test_without_a_protected_rear_nothing_goes_back() -> None:
-    verdict = Bench(replace(SEEN, authority=Authority(1560.0, 1, 1))).stands(0.6)
+def test_without_a_protected_rear_no_train_jogs_back() -> None:
+    verdict = GuardRig(replace(SEEN, authority=Authority(1560.0, 1, 1))).stands(0.6)
 
     assert not verdict.jog_permitted
     assert verdict.jog_back_m == 0.0
@@ -218,11 +221,11 @@ def test_without_a_protected_rear_nothing_goes_back() -> None:
 def test_what_else_keeps_a_train_from_jogging(
     seen: CycleInput, off_m: float, permitted: bool
 ) -> None:
-    assert Bench(seen).stands(off_m).jog_permitted is permitted
+    assert GuardRig(seen).stands(off_m).jog_permitted is permitted
 
 
 def test_an_emergency_or_a_held_train_jogs_nowhere() -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.emergency = True
     assert not bench.stands(0.6).jog_permitted
     bench.emergency, bench.may_move = False, False
@@ -231,8 +234,8 @@ def test_an_emergency_or_a_held_train_jogs_nowhere() -> None:
     assert bench.stands(0.6).jog_permitted
 
 
-def test_an_emergency_ends_the_leave_of_a_jog_that_is_under_way() -> None:
-    bench = Bench()
+def test_an_emergency_withdraws_the_permission_of_a_running_jog() -> None:
+    bench = GuardRig()
     bench.stands(0.6)
     assert bench.moves(0.45, -0.3).jog_permitted
     bench.emergency = True
@@ -255,10 +258,10 @@ def test_an_emergency_ends_the_leave_of_a_jog_that_is_under_way() -> None:
         (-JOG_MPS - 0.001, -0.2, Cause.JOG_EXCEEDED),
     ],
 )
-def test_of_an_uncertain_speed_the_greatest_counts_either_way(
+def test_the_highest_bound_of_the_speed_counts_in_both_directions(
     low_mps: float, high_mps: float, cause: Cause
 ) -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.stands(3.0)
     runs = motion(2.0, 0.0, half_m=0.05, rests=False)
 
@@ -268,14 +271,14 @@ def test_of_an_uncertain_speed_the_greatest_counts_either_way(
 
 
 def test_a_jog_back_from_beyond_a_metre_is_no_overshoot() -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.stands(1.4)
 
     assert bench.moves(1.2, -0.3).emergency is Cause.NONE
 
 
-def test_a_jog_forward_that_runs_past_the_stop_is_one() -> None:
-    bench = Bench()
+def test_a_jog_forward_that_runs_past_the_stop_is_an_overshoot() -> None:
+    bench = GuardRig()
     bench.stands(-0.8)
     bench.moves(0.0, 1.0)
 
@@ -290,7 +293,7 @@ def test_a_jog_forward_that_runs_past_the_stop_is_one() -> None:
 def test_a_jog_runs_at_five_kilometres_an_hour_at_most(
     speed_mps: float, way: float, cause: Cause
 ) -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.stands(-way * 3.0)
 
     assert bench.moves(-way * 2.0, way * speed_mps).emergency is cause
@@ -298,14 +301,16 @@ def test_a_jog_runs_at_five_kilometres_an_hour_at_most(
 
 @pytest.mark.parametrize(("gone_m", "cause"), [(4.99, Cause.NONE), (5.01, Cause.JOG_EXCEEDED)])
 def test_a_jog_goes_no_farther_than_five_metres(gone_m: float, cause: Cause) -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.stands(4.9)
 
     assert bench.moves(4.9 - gone_m, -0.5).emergency is cause
 
 
 def test_a_jog_that_leaves_what_protects_its_rear_is_stopped() -> None:
-    bench = Bench(replace(SEEN, authority=Authority(1560.0, 1, 1, rear_m=STOP_M - LENGTH_M - 0.5)))
+    bench = GuardRig(
+        replace(SEEN, authority=Authority(1560.0, 1, 1, rear_m=STOP_M - LENGTH_M - 0.5))
+    )
     bench.stands(0.6)
 
     assert bench.moves(-0.44, -0.3).emergency is Cause.NONE
@@ -313,7 +318,7 @@ def test_a_jog_that_leaves_what_protects_its_rear_is_stopped() -> None:
 
 
 def test_three_attempts_and_no_fourth() -> None:
-    bench = Bench()
+    bench = GuardRig()
     for made, (before_m, after_m) in enumerate([(-0.8, 0.5), (0.5, -0.6), (-0.6, 0.7)], start=1):
         assert bench.stands(before_m).jog_permitted
         verdict = jogged(bench, before_m, after_m)
@@ -325,8 +330,8 @@ def test_three_attempts_and_no_fourth() -> None:
     assert bench.moves(0.59, -0.2).emergency is Cause.JOG_EXCEEDED
 
 
-def test_an_attempt_that_ends_right_ends_the_matter() -> None:
-    bench = Bench()
+def test_an_attempt_that_reaches_the_stop_ends_the_jog() -> None:
+    bench = GuardRig()
     verdict = jogged(bench, -0.8, 0.02)
 
     assert not verdict.jog_permitted
@@ -334,8 +339,8 @@ def test_an_attempt_that_ends_right_ends_the_matter() -> None:
     assert verdict.jog_attempts == 1
 
 
-def test_attempts_are_counted_anew_at_another_stop_only() -> None:
-    bench = Bench()
+def test_the_attempt_count_restarts_only_at_another_stop() -> None:
+    bench = GuardRig()
     jogged(bench, -0.8, 0.6)
     bench.stop_m = None
     bench.stands(0.6)
@@ -345,8 +350,8 @@ def test_attempts_are_counted_anew_at_another_stop_only() -> None:
     assert bench.stands(0.6).jog_attempts == 0
 
 
-def test_a_train_that_leads_on_after_failed_jogs_is_free_again() -> None:
-    bench = Bench()
+def test_a_train_that_goes_on_after_failed_jogs_may_jog_again() -> None:
+    bench = GuardRig()
     for before_m, after_m in [(-0.8, 0.5), (0.5, -0.6), (-0.6, 0.7)]:
         jogged(bench, before_m, after_m)
     bench.stop_m = 3000.0
@@ -357,9 +362,9 @@ def test_a_train_that_leads_on_after_failed_jogs_is_free_again() -> None:
     assert not verdict.alarm_raised
 
 
-def test_a_creep_that_seems_to_have_zero_speed_is_no_end_of_an_attempt() -> None:
-    """Under 1 km/h zero speed counts as proven; the pulses tell that the train still moves."""
-    bench = Bench()
+def test_a_slow_movement_below_zero_speed_does_not_end_an_attempt() -> None:
+    """Zero speed counts as proven below 1 km/h, but the pulses show that the train still moves."""
+    bench = GuardRig()
     bench.stands(-2.0)
     creeping = replace(motion(-1.0, 0.2, half_m=0.05, rests=False), standstill=True)
 
@@ -367,14 +372,17 @@ def test_a_creep_that_seems_to_have_zero_speed_is_no_end_of_an_attempt() -> None
     assert bench.step(replace(creeping, travel_m=STOP_M - 0.5)).jog_attempts == 1
 
 
-# How far it went, once wheels have slipped: its pulses and an accelerometer tell no more than the
-# bounds of its place.
+# Distance of a jog after wheel slip: pulses and accelerometer are no better than the position
+# bounds.
 
 
 def jogs_back(*, slips: tuple[bool, ...]) -> list[Cause]:
-    """From 4.6 m past the stop, known within 0.2 m; all the time it seems to be at 4.4 m, while the
-    rearmost place it may be at goes back to 4.6 + 0.2 - 5 m and a hair beyond."""
-    bench = Bench()
+    """Jog back from 4.6 m past the stop, known within 0.2 m.
+
+    The best position stays at 4.4 m, while the rearmost one goes back to 4.6 + 0.2 - 5 m and just
+    beyond.
+    """
+    bench = GuardRig()
     bench.stands(4.6, half_m=0.2)
     found = []
     for low_m, slip in zip((3.0, -0.2, -0.201, -0.201), slips, strict=True):
@@ -384,22 +392,22 @@ def jogs_back(*, slips: tuple[bool, ...]) -> list[Cause]:
     return found
 
 
-def test_a_jog_whose_wheels_slip_ends_where_it_may_have_gone_too_far() -> None:
+def test_a_jog_with_slipping_wheels_ends_where_it_may_have_gone_too_far() -> None:
     over = Cause.JOG_EXCEEDED
 
     assert jogs_back(slips=(True, True, True, True)) == [Cause.NONE, Cause.NONE, over, over]
-    # What slipped once was counted wrong, whatever the wheels do afterwards.
+    # Pulses counted during a slip stay wrong, whatever the wheels do afterwards.
     assert jogs_back(slips=(True, False, False, False)) == [Cause.NONE, Cause.NONE, over, over]
     assert jogs_back(slips=(False, False, False, True)) == [Cause.NONE] * 3 + [over]
 
 
-def test_wheels_that_grip_tell_how_far_a_jog_went() -> None:
+def test_without_slip_the_pulses_measure_the_jog() -> None:
     assert jogs_back(slips=(False,) * 4) == [Cause.NONE] * 4
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_slip_counts_by_the_farthest_place_and_the_pulses_still_count(way: float) -> None:
-    bench = Bench()
+def test_after_a_slip_the_farthest_position_and_the_pulses_both_count(way: float) -> None:
+    bench = GuardRig()
     bench.stands(-4.6 * way, half_m=0.2)
     at = replace(motion(-4.4 * way, 0.3 * way, half_m=0.0, rests=False), slip=True)
 
@@ -414,13 +422,13 @@ def test_a_slip_counts_by_the_farthest_place_and_the_pulses_still_count(way: flo
 
 
 def test_a_train_that_slips_and_never_stood_makes_no_jog() -> None:
-    verdict = Bench().step(replace(motion(4.4, -0.3, half_m=0.1, rests=False), slip=True))
+    verdict = GuardRig().step(replace(motion(4.4, -0.3, half_m=0.1, rests=False), slip=True))
 
     assert (verdict.jog_attempts, verdict.jog_permitted) == (0, False)
 
 
-def test_a_slip_is_forgotten_where_the_train_stands_again() -> None:
-    bench = Bench()
+def test_a_slip_no_longer_counts_once_the_train_stands_again() -> None:
+    bench = GuardRig()
     bench.stands(4.6, half_m=0.2)
     bench.step(replace(motion(4.4, -0.3, half_m=0.2, rests=False), slip=True))
     bench.stands(4.4, half_m=0.2)
@@ -479,11 +487,11 @@ def test_after_the_last_attempt_nothing_gets_ready_for_another(
 
 
 @given(st.lists(st.tuples(st.floats(-4.0, 4.0), st.booleans()), min_size=1, max_size=40))
-def test_whatever_the_train_does_no_more_than_three_attempts_are_permitted(
+def test_no_motion_gets_more_than_three_attempts(
     way: list[tuple[float, bool]],
 ) -> None:
-    """The attempts are counted here from the leave to jog alone, while the train moves on it."""
-    bench = Bench()
+    """The test counts the attempts from the permissions alone while the train moves on them."""
+    bench = GuardRig()
     begun, granted = 0, False
     for off_m, rests in way:
         verdict = bench.stands(off_m) if rests else bench.moves(off_m, 0.3)

@@ -1,4 +1,4 @@
-"""The rules of a jog, each at its threshold, in numbers that a float holds exactly."""
+"""The rules of a jog, each at its threshold, with numbers that a float represents exactly."""
 
 import math
 from dataclasses import replace
@@ -36,13 +36,13 @@ LIMITS: Final = replace(
     overshoot_mended_m=4.0,
 )
 MOVED_M: Final = 0.1
-"""What counts as a movement, stated here once more."""
+"""Least distance that counts as a movement, m; stated independently of the source."""
 FINEST_M: Final = 0.1
 TAG_AHEAD_M: Final = 0.05
 
 
 def off(best_m: float, half_m: float = 0.0, **changes: Any) -> JogFacts:
-    """A train that stands `best_m` past its stop."""
+    """Facts of a train that stands `best_m` past its stop."""
     known: dict[str, Any] = {
         "limits": LIMITS,
         "low_m": best_m - half_m,
@@ -62,7 +62,7 @@ def window(window_m: float) -> Any:
     return replace(LIMITS, door_window_m=window_m)
 
 
-# What a standing train may be.
+# States of a standing train.
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_the_edges_of_the_window_belong_to_it(low_m: float, high_m: float, align
 @pytest.mark.parametrize(
     ("best_m", "far"), [(4.0, False), (-4.0, False), (4.25, True), (-4.25, True), (0.0, False)]
 )
-def test_beyond_the_way_of_a_jog_none_begins(best_m: float, far: bool) -> None:
+def test_no_jog_begins_beyond_its_greatest_distance(best_m: float, far: bool) -> None:
     assert out_of_reach(off(best_m)) is far
     assert stands_off(off(best_m)) is (not far and best_m != 0.0)
 
@@ -101,7 +101,7 @@ def test_beyond_the_way_of_a_jog_none_begins(best_m: float, far: bool) -> None:
         (math.nextafter(-0.25, -1.0), True),
     ],
 )
-def test_a_wide_interval_is_worth_a_jog_from_outside_the_window_or_on_to_the_tag_of_the_stop(
+def test_a_wide_interval_justifies_a_jog_from_outside_the_window_or_to_the_stop_tag(
     best_m: float, worth: bool
 ) -> None:
     assert stands_off(off(best_m, half_m=0.5)) is worth
@@ -111,17 +111,17 @@ def test_a_wide_interval_is_worth_a_jog_from_outside_the_window_or_on_to_the_tag
     ("window_m", "worth"), [(0.25 + FINEST_M, True), (0.249 + FINEST_M, False)]
 )
 @pytest.mark.parametrize(("low_m", "high_m"), [(-0.125, 0.375), (0.125, 0.375)])
-def test_inside_the_window_a_jog_is_worth_it_if_the_interval_fits_with_a_tenth_to_spare(
+def test_inside_the_window_a_jog_needs_an_interval_that_fits_with_a_tenth_to_spare(
     low_m: float, high_m: float, window_m: float, worth: bool
 ) -> None:
-    """The wider half of the interval counts, here 25 cm ahead."""
+    """The wider half of the interval counts; here it reaches 25 cm ahead."""
     seen = off(0.125, low_m=low_m, high_m=high_m, limits=window(window_m))
 
     assert not seen.aligned
     assert stands_off(seen) is worth
 
 
-def test_past_the_stop_an_interval_that_reaches_out_behind_is_worth_no_jog() -> None:
+def test_past_the_stop_an_interval_that_reaches_out_behind_justifies_no_jog() -> None:
     seen = off(0.125, low_m=-0.375, high_m=0.125)
 
     assert not seen.aligned
@@ -129,12 +129,12 @@ def test_past_the_stop_an_interval_that_reaches_out_behind_is_worth_no_jog() -> 
 
 
 @pytest.mark.parametrize(("attempts", "last"), [(1, False), (2, True), (3, True)])
-def test_the_last_attempt_is_the_one_that_the_limit_says(attempts: int, last: bool) -> None:
+def test_the_attempt_limit_counts_the_last_attempt(attempts: int, last: bool) -> None:
     assert stands_off_for_the_last_time(off(0.5, attempts=attempts)) is last
     assert stands_off_for_the_last_time(off(0.0, attempts=attempts)) is False
 
 
-def test_at_rest_where_no_jog_would_help_the_train_stands_wide() -> None:
+def test_a_train_at_rest_that_no_jog_would_help_counts_as_stopped_wide() -> None:
     assert stands_wide(off(0.0)) is True
     assert stands_wide(off(0.125, half_m=0.5)) is True
     assert stands_wide(off(0.5)) is False
@@ -181,7 +181,7 @@ def test_where_each_state_leads(state: JogState, after: tuple[JogState, ...]) ->
     assert tuple(next_state(state, seen) for seen in sights) == after
 
 
-# What stops a jog.
+# Conditions that stop a jog.
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ def test_where_each_state_leads(state: JogState, after: tuple[JogState, ...]) ->
         ({"moved_m": -4.0}, False),
         ({"moved_m": math.nextafter(4.0, 5.0)}, True),
         ({"moved_m": -math.nextafter(4.0, 5.0)}, True),
-        # The most that it may have gone counts, where that is more than what is likely.
+        # The greatest possible distance counts when it exceeds the likeliest one.
         ({"moved_m": -1.0, "most_moved_m": 4.0}, False),
         ({"moved_m": -1.0, "most_moved_m": math.nextafter(4.0, 5.0)}, True),
         ({"moved_m": -0.5, "back_room_m": 0.0}, False),
@@ -204,14 +204,14 @@ def test_where_each_state_leads(state: JogState, after: tuple[JogState, ...]) ->
         ({"moved_m": 0.5, "back_room_m": -math.inf}, False),
     ],
 )
-def test_an_attempt_is_bound_in_speed_way_and_cover_behind(
+def test_an_attempt_is_limited_in_speed_distance_and_rear_protection(
     changes: dict[str, float], stopped: bool
 ) -> None:
     assert exceeded(RUNS, off(0.5, standstill=False, **changes)) is stopped
 
 
 @pytest.mark.parametrize("state", [NONE, READY])
-def test_without_an_attempt_none_of_its_bounds_counts(state: JogState) -> None:
+def test_the_limits_of_an_attempt_count_only_during_one(state: JogState) -> None:
     seen = off(0.5, speed_high_mps=9.0, moved_m=-9.0, back_room_m=-1.0)
 
     assert exceeded(state, seen) is False
@@ -228,13 +228,13 @@ def test_after_the_last_attempt_any_movement_is_too_much() -> None:
         (NONE, 1.0, 0.0, False, False),
         (NONE, math.nextafter(1.0, 2.0), 9.0, False, True),
         (NONE, 2.0, 9.0, True, False),
-        # An attempt that began no farther past its stop than the limit has run past it.
+        # A jog that began within the overshoot limit and has now run past it.
         (RUNS, 2.0, 1.0, False, True),
         (RUNS, 2.0, math.nextafter(1.0, 2.0), False, False),
         (RUNS, 1.0, -3.0, False, False),
     ],
 )
-def test_a_moving_train_overshoots_where_the_rear_end_of_its_interval_is_past_the_limit(
+def test_a_moving_train_overshoots_when_its_whole_interval_is_past_the_limit(
     state: JogState, low_m: float, began_m: float, standing: bool, past: bool
 ) -> None:
     seen = off(low_m + 0.5, half_m=0.5, low_m=low_m, standstill=False)
@@ -251,7 +251,7 @@ def test_a_moving_train_overshoots_where_the_rear_end_of_its_interval_is_past_th
         (-1.0, 3.0, False),
     ],
 )
-def test_an_overshoot_mends_itself_if_the_whole_interval_is_within_reach(
+def test_an_overshoot_releases_itself_if_the_whole_interval_is_within_reach(
     low_m: float, high_m: float, mended: bool
 ) -> None:
     assert mends_itself(off(1.0, low_m=low_m, high_m=high_m)) is mended
@@ -268,26 +268,26 @@ def test_an_overshoot_mends_itself_if_the_whole_interval_is_within_reach(
         (0.5, -math.inf, 0.0),
     ],
 )
-def test_a_jog_goes_back_to_the_far_edge_of_the_window_as_far_as_the_rear_is_covered(
+def test_a_jog_goes_back_to_the_far_edge_of_the_window_within_the_protected_rear(
     best_m: float, room_m: float, back: float
 ) -> None:
     assert back_m(off(best_m, back_room_m=room_m)) == back
 
 
-# The guard that remembers.
+# The guard with its memory.
 
 STOP_M: Final = 1500.0
 
 
 def ready() -> JogGuard:
-    """A guard that saw its train stand half a metre past the stop."""
+    """A guard whose train stands half a metre past the stop."""
     guard = JogGuard()
     guard.heads_for(STOP_M)
     guard.step(OFF, standing=True)
     return guard
 
 
-def test_a_train_that_has_not_stopped_yet_has_nothing_to_mend() -> None:
+def test_a_train_that_has_not_stopped_yet_needs_no_jog() -> None:
     guard = JogGuard()
 
     assert guard.state is NONE
@@ -322,7 +322,7 @@ def test_a_jog_is_permitted_until_it_ends() -> None:
         (-0.5, -math.inf, True),
     ],
 )
-def test_a_jog_back_is_permitted_if_its_whole_way_is_covered(
+def test_a_jog_back_is_permitted_if_its_whole_distance_is_protected(
     best_m: float, room_m: float, permitted: bool
 ) -> None:
     guard = JogGuard()
@@ -331,7 +331,7 @@ def test_a_jog_back_is_permitted_if_its_whole_way_is_covered(
     assert guard.step(off(best_m, back_room_m=room_m), standing=True).permitted is permitted
 
 
-def test_a_jog_on_needs_no_room_behind_wherever_it_has_come_to() -> None:
+def test_a_jog_forward_never_needs_room_behind() -> None:
     guard = JogGuard()
     guard.heads_for(STOP_M)
     wide = off(TAG_AHEAD_M, half_m=0.5, back_room_m=-math.inf)
@@ -344,7 +344,7 @@ def test_a_jog_on_needs_no_room_behind_wherever_it_has_come_to() -> None:
     assert not guard.step(stands, standing=True).permitted
 
 
-def test_a_jog_ends_when_nobody_heads_for_a_stop_and_its_attempts_stay_counted() -> None:
+def test_a_jog_ends_without_a_target_stop_and_keeps_its_attempt_count() -> None:
     guard = ready()
     guard.step(UNDER_WAY, standing=False)
 
@@ -354,7 +354,7 @@ def test_a_jog_ends_when_nobody_heads_for_a_stop_and_its_attempts_stay_counted()
     assert guard.attempts == 1
 
 
-def test_a_jog_ends_and_its_attempts_are_forgotten_at_another_stop() -> None:
+def test_another_stop_ends_a_jog_and_clears_its_attempt_count() -> None:
     guard = ready()
     guard.step(UNDER_WAY, standing=False)
 
@@ -365,7 +365,8 @@ def test_a_jog_ends_and_its_attempts_are_forgotten_at_another_stop() -> None:
 
 
 def test_without_any_attempt_a_train_that_moves_off_its_stop_is_stopped() -> None:
-    """Where jogs are not used at all; nothing was begun, so past the limit it is an overshoot."""
+    """No attempt has begun because jogs are disabled. Past the limit the movement is an
+    overshoot."""
     none = replace(LIMITS, jog_attempts=0, overshoot_m=0.75)
     guard = JogGuard()
     guard.heads_for(STOP_M)
@@ -377,8 +378,9 @@ def test_without_any_attempt_a_train_that_moves_off_its_stop_is_stopped() -> Non
     assert guard.step(gone, standing=False).emergency is Cause.OVERSHOT
 
 
-def test_where_a_jog_began_is_where_the_train_last_was_without_one() -> None:
-    """It stood right after its last attempt, was moved on by 2 m, and goes back: no overshoot."""
+def test_a_jog_begins_where_the_train_last_was_without_one() -> None:
+    """The train stood after its last attempt, was moved on by 2 m, and goes back: this is no
+    overshoot."""
     guard = ready()
     guard.step(UNDER_WAY, standing=False)
     guard.step(replace(ALIGNED, attempts=2), standing=True)
@@ -398,9 +400,7 @@ def test_where_a_jog_began_is_where_the_train_last_was_without_one() -> None:
         (off(4.25, standstill=False, moved_m=4.25), False),
     ],
 )
-def test_somebody_is_called_for_a_train_that_stands_too_far_past_its_stop(
-    seen: JogFacts, called: bool
-) -> None:
+def test_a_train_too_far_past_its_stop_calls_for_a_person(seen: JogFacts, called: bool) -> None:
     guard = JogGuard()
     guard.heads_for(STOP_M)
 

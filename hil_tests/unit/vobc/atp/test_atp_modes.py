@@ -1,4 +1,4 @@
-"""Operating modes: the table walked fully, every guard on both sides."""
+"""Operating modes: every transition of the table, and every guard on both sides."""
 
 import math
 from dataclasses import replace
@@ -56,14 +56,14 @@ def test_an_order_to_sleep_waits_for_standstill(mode: OperatingMode) -> None:
     assert after(replace(moving, standstill=True)) is mode
 
 
-def test_a_train_sleeps_until_it_is_woken_whatever_else_is_asked() -> None:
+def test_a_sleeping_train_reacts_only_to_the_order_to_wake() -> None:
     asked = {"sight_asked": True, "creep_ordered": True, "jog_granted": True}
 
     assert after(at_rest(ASLEEP, sleep_ordered=True, **asked)) is ASLEEP
     assert after(at_rest(ASLEEP, **asked)) is STANDBY
 
 
-def test_with_everything_there_a_standing_train_is_authorised() -> None:
+def test_with_every_input_present_a_standing_train_is_authorised() -> None:
     assert after(at_rest(STANDBY)) is AUTHORISED
     assert after(at_rest(STANDBY, standstill=False)) is STANDBY
     assert after(at_rest(STANDBY, standing=False)) is STANDBY
@@ -74,16 +74,17 @@ def test_with_everything_there_a_standing_train_is_authorised() -> None:
     ("age_s", "begins"),
     [(0.0, True), (1.799, True), (1.8, False), (2.99, False), (math.nan, False)],
 )
-def test_nothing_begins_on_an_authority_that_asks_for_the_service_brake_already(
+def test_no_train_is_authorised_on_an_authority_old_enough_for_the_service_brake(
     age_s: float, begins: bool
 ) -> None:
-    """It lasts 3 s, and the service brake comes at 1.8 s; what is authorised stays so until 3 s."""
+    """The authority lasts 3 s and the service brake acts from 1.8 s. An authorised train stays
+    authorised until 3 s."""
     assert after(at_rest(STANDBY, authority_age_s=age_s)) is (AUTHORISED if begins else STANDBY)
     assert after(at_rest(AUTHORISED, authority_age_s=age_s)) is AUTHORISED
 
 
 @pytest.mark.parametrize("flag", FLAGS)
-def test_whatever_is_missing_keeps_a_train_from_being_authorised(flag: Missing) -> None:
+def test_any_missing_input_keeps_a_train_from_being_authorised(flag: Missing) -> None:
     assert after(at_rest(STANDBY, missing=int(flag))) is STANDBY
     assert after(at_rest(AUTHORISED, missing=int(flag))) is STANDBY
     assert after(at_rest(JOG, missing=int(flag), jog_granted=True)) is STANDBY
@@ -132,7 +133,7 @@ def test_driving_on_sight_begins_only_when_asked_at_standstill_without_emergency
     assert after(replace(seen, latched=(Cause.REMOTE,))) is STANDBY
 
 
-def test_with_place_and_authority_nobody_drives_on_sight() -> None:
+def test_with_position_and_authority_no_train_runs_on_sight() -> None:
     assert after(at_rest(STANDBY, sight_asked=True, creep_ordered=True)) is AUTHORISED
 
 
@@ -152,7 +153,9 @@ def test_an_emergency_takes_every_permission_back_once_the_train_stands(
 @pytest.mark.parametrize(
     ("mode", "answer"), [(RESTRICTED, "person_at_desk"), (CREEP, "creep_ordered")]
 )
-def test_who_answers_for_driving_on_sight_has_to_stay(mode: OperatingMode, answer: str) -> None:
+def test_driving_on_sight_ends_when_its_requester_withdraws(
+    mode: OperatingMode, answer: str
+) -> None:
     assert after(at_rest(mode, missing=UNPLACED, **{answer: True})) is mode
     assert after(at_rest(mode, missing=UNPLACED)) is STANDBY
     assert after(replace(RUNNING, mode=mode, missing=UNPLACED)) is mode
@@ -207,7 +210,7 @@ def test_a_jog_begins_and_ends_at_rest() -> None:
     assert after(replace(RUNNING, mode=JOG)) is JOG
 
 
-def test_only_what_a_mode_cannot_have_is_not_heeded_at_departure() -> None:
+def test_departure_ignores_only_the_terms_that_a_mode_cannot_have() -> None:
     unheeded = {mode: flags for mode, flags in UNHEEDED.items() if flags}
 
     assert unheeded == {
@@ -236,7 +239,7 @@ BOOLS = st.booleans()
     authority_age_s=st.floats(0.0, 5.0),
     speed_mps=st.floats(0.0, 20.0).map(lambda v: Interval(v, v, v)),
 )
-def test_no_way_up_but_with_place_and_fresh_authority_or_from_standstill(
+def test_a_less_restrictive_mode_needs_position_and_fresh_authority_or_standstill(
     mode: OperatingMode, **changes: Any
 ) -> None:
     seen = replace(RUNNING, mode=mode, **changes)

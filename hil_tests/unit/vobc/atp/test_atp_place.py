@@ -1,4 +1,4 @@
-"""Where a train is in terms of platforms, on both sides of every edge, in numbers a float holds."""
+"""Where a train is relative to platforms, on both sides of every edge, with exact floats."""
 
 from typing import Final
 
@@ -41,7 +41,7 @@ def place(low_m: float, best_m: float, high_m: float) -> tuple[PlatformWhereabou
         # The hindmost rear leaves the platform.
         (155.0, 158.0, 160.0, PlatformWhereabouts.PAST, A),
         (155.25, 158.0, 160.0, PlatformWhereabouts.BETWEEN, None),
-        # The next platform is as good as the first.
+        # The next platform behaves like the first.
         (519.0, 519.5, 520.0, PlatformWhereabouts.ARRIVING, B),
         (600.0, 600.0, 600.0, PlatformWhereabouts.ALIGNED, B),
     ],
@@ -52,7 +52,7 @@ def test_each_end_of_the_interval_has_its_edge(
     assert place(low_m, best_m, high_m) == (where, station)
 
 
-def test_a_train_longer_than_the_way_between_two_platforms_still_clears_the_first() -> None:
+def test_a_train_longer_than_the_gap_between_two_platforms_still_clears_the_first() -> None:
     where, station = place_of(
         (A, B), Interval(530.0, 530.0, 530.0), train_length_m=480.0, window_m=WINDOW_M
     )
@@ -60,7 +60,7 @@ def test_a_train_longer_than_the_way_between_two_platforms_still_clears_the_firs
     assert (where, station) == (PlatformWhereabouts.PAST, A)
 
 
-def test_a_train_without_a_place_or_between_platforms_is_at_none() -> None:
+def test_a_train_without_position_or_between_platforms_is_at_none() -> None:
     assert UNKNOWN == (PlatformWhereabouts.UNKNOWN, None)
     assert BETWEEN == (PlatformWhereabouts.BETWEEN, None)
 

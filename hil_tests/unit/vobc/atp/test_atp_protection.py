@@ -1,4 +1,4 @@
-"""Protection as a whole: modes, ceilings, jogs, bypass, orders, one after the other."""
+"""Protection as a whole: sequences of modes, ceilings, jogs, bypass and orders."""
 
 import math
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ def assert_held(verdict: ProtectionVerdict) -> None:
 
 
 @pytest.mark.parametrize("high_m", [BETWEEN_M - 1.0, -math.inf, math.inf, math.nan])
-def test_a_place_that_cannot_be_permits_nothing(high_m: float) -> None:
+def test_an_impossible_position_permits_no_movement(high_m: float) -> None:
     train = Train()
     train.step(2)
     good = train.motion()
@@ -56,7 +56,7 @@ def test_a_place_that_cannot_be_permits_nothing(high_m: float) -> None:
 # Sleep.
 
 
-def test_a_train_that_is_told_to_sleep_is_held_without_doors_until_it_is_woken() -> None:
+def test_a_sleeping_train_is_held_without_doors_until_it_is_woken() -> None:
     train = Train(STOP_M)
     train.change(brake=replace(FREE_BRAKE, holding_applied=True))
     assert any(train.step(3).doors)
@@ -110,7 +110,7 @@ def on_sight(**desk: Any) -> Train:
     return train
 
 
-def test_without_place_and_authority_a_person_may_drive_at_25_km_per_hour() -> None:
+def test_without_position_and_authority_a_driver_may_run_at_25_km_per_hour() -> None:
     verdict = on_sight().runs(20.0 * KMH)
 
     assert verdict.mode is OperatingMode.RESTRICTED
@@ -122,7 +122,7 @@ def test_without_place_and_authority_a_person_may_drive_at_25_km_per_hour() -> N
     assert verdict.missing == Missing.AUTHORITY | Missing.LOCALISATION
 
 
-def test_the_centre_may_let_a_person_drive_on_sight_but_nobody_else() -> None:
+def test_the_centre_may_permit_driving_on_sight_to_a_driver_only() -> None:
     allowed = replace(ORDERS, restricted=True)
     train = Train()
     train.lost()
@@ -155,7 +155,7 @@ def test_the_restricted_speed_has_small_margins_of_its_own(
     assert verdict.supervision is state
 
 
-def test_on_sight_a_silent_radio_and_a_lost_place_mean_nothing_but_a_silent_desk_does() -> None:
+def test_on_sight_radio_and_position_may_be_lost_but_not_the_desk() -> None:
     train = on_sight()
     train.runs(5.0)
     assert train.step(200).supervision is Supervision.NOMINAL
@@ -199,7 +199,7 @@ def test_a_known_end_of_authority_is_kept_on_sight() -> None:
     assert far.ceiling.permitted_mps == pytest.approx(25.0 * KMH)
 
 
-def test_without_an_authority_what_the_line_and_the_centre_restrict_is_kept_on_sight() -> None:
+def test_on_sight_without_authority_civil_limits_and_restrictions_still_hold() -> None:
     train = Train()
     slow = Restriction(BETWEEN_M - 20.0, BETWEEN_M + 20.0, 3.0)
     train.change(
@@ -227,9 +227,7 @@ def test_on_sight_without_any_orders_the_line_alone_counts() -> None:
     assert verdict.ceiling.permitted_mps == pytest.approx(25.0 * KMH)
 
 
-def test_full_supervision_takes_over_a_running_train_without_a_step_up_for_what_is_missing() -> (
-    None
-):
+def test_full_supervision_takes_over_a_running_train_only_with_every_input() -> None:
     train = on_sight()
     train.runs(5.0)
 
@@ -244,7 +242,7 @@ def test_full_supervision_takes_over_a_running_train_without_a_step_up_for_what_
     assert both.ceiling.permitted_mps > 10.0
 
 
-def test_a_driverless_train_creeps_when_it_is_ordered_and_stops_when_the_order_fades() -> None:
+def test_a_driverless_train_creeps_on_order_and_stops_when_the_order_expires() -> None:
     train = Train()
     train.lost()
     train.change(orders=replace(ORDERS, creep=True))
@@ -263,7 +261,7 @@ def test_a_driverless_train_creeps_when_it_is_ordered_and_stops_when_the_order_f
     assert over.supervision is Supervision.SERVICE
 
 
-# Emergencies by the centre, the brake unit, the clock, the second computation.
+# Emergencies from the centre, the brake unit, the clock and the second computation.
 
 
 def test_an_order_to_brake_lasts_through_silence_until_the_centre_releases_it() -> None:
@@ -289,7 +287,7 @@ def test_an_order_to_brake_lasts_through_silence_until_the_centre_releases_it() 
     assert train.step().supervision is Supervision.NOMINAL
 
 
-def test_a_step_of_the_centre_that_came_too_early_releases_nothing_later() -> None:
+def test_a_reset_of_the_centre_that_came_too_early_releases_nothing_later() -> None:
     train = Train()
     train.runs(5.0)
     train.change(desk=replace(DESK, emergency_released=False))
@@ -341,7 +339,7 @@ def test_two_computations_that_disagree_bring_the_emergency_brake(
     assert_held(verdict)
 
 
-def test_wheels_that_are_not_heard_of_at_all_any_more_bring_the_emergency_brake() -> None:
+def test_a_silent_odometer_brings_the_emergency_brake() -> None:
     train = Train()
     train.runs(5.0)
 
@@ -361,7 +359,7 @@ def test_wheels_that_are_not_heard_of_at_all_any_more_bring_the_emergency_brake(
 # Doors, departure, stations.
 
 
-def test_doors_that_are_not_proven_locked_let_a_train_depart_only_bypassed_and_slowly() -> None:
+def test_with_doors_not_proven_locked_a_train_departs_only_bypassed_and_slowly() -> None:
     train = Train()
     train.change(doors=UNLOCKED)
     without = train.step(3)
@@ -412,7 +410,7 @@ def test_an_order_to_stay_holds_a_standing_train_against_any_lever() -> None:
     assert verdict.emergency_released
 
 
-def test_a_mere_pulse_of_the_wheel_does_not_let_a_train_go_that_is_to_stay() -> None:
+def test_a_single_wheel_pulse_does_not_end_an_order_to_stay() -> None:
     train = Train(STOP_M)
     train.change(orders=replace(ORDERS, hold=True), desk=replace(MANUAL, lever_percent=100.0))
     train.step(3)
@@ -443,8 +441,8 @@ def test_a_train_without_obstacle_detection_goes_on_to_the_next_station_and_stay
     assert stands.supervision is Supervision.NO_AUTHORITY
 
 
-def test_a_train_that_is_to_stop_now_and_does_not_is_braked() -> None:
-    """Somebody pulls the alarm as the train just begins to leave its stopping point."""
+def test_a_train_that_ignores_an_order_to_stop_now_is_braked() -> None:
+    """A passenger pulls the alarm just as the train begins to leave its stopping point."""
     train = Train(STOP_M)
     train.step(2)
     train.change(desk=replace(DESK, no_passenger_alarm=False))
@@ -470,7 +468,7 @@ def short_of_the_stop(off_m: float, rear_m: float | None = None) -> Train:
     return train
 
 
-def test_a_jog_forwards_is_slow_and_needs_nothing_behind() -> None:
+def test_a_jog_forwards_is_slow_and_needs_no_protected_rear() -> None:
     verdict = short_of_the_stop(-1.0).step(4)
 
     assert verdict.mode is OperatingMode.JOG
@@ -508,7 +506,7 @@ def test_a_jog_back_that_goes_too_far_is_stopped() -> None:
     assert -1.8 < train.travel_m < -1.2
 
 
-def test_a_jog_that_goes_on_and_on_is_stopped_at_five_metres() -> None:
+def test_a_jog_is_stopped_after_five_metres() -> None:
     train = short_of_the_stop(-4.0)
     assert train.step(4).mode is OperatingMode.JOG
     train.speed_mps = 1.0
@@ -541,7 +539,7 @@ def sequence(train: Train, changes: Sequence[dict[str, Any]]) -> list[Protection
     return verdicts
 
 
-def test_protection_is_a_function_of_what_it_was_told() -> None:
+def test_protection_is_a_function_of_its_inputs() -> None:
     told: list[dict[str, Any]] = [
         {},
         {"desk": MANUAL},

@@ -1,4 +1,4 @@
-"""Random lives of a train: whatever people, centre and wires do, protection keeps its promises."""
+"""Random sequences of inputs and motion; protection must keep its invariants throughout."""
 
 import math
 from dataclasses import replace
@@ -32,7 +32,7 @@ AGED_S = CONFIG.authority_service_ratio * CONFIG.authority_age_max_s
 
 
 class Life(RuleBasedStateMachine):
-    """Somebody presses everything there is, and operation always asks for all it can."""
+    """The rules operate every input of a train, while operation always demands the maximum."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -180,7 +180,7 @@ class Life(RuleBasedStateMachine):
 
     @rule()
     def at_a_stop(self) -> None:
-        """The front stands a little off a stopping point that operation heads for."""
+        """Place the front a little off a stopping point that operation heads for."""
         self.train.front_m, self.train.stopping_at_m = STOP_M + 0.7, STOP_M
         self.train.speed_mps = 0.0
         self.go(3)

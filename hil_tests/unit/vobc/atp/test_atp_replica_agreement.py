@@ -1,4 +1,4 @@
-"""The two computations of the emergency limit against each other, both healthy or one broken."""
+"""The two computations of the emergency limit compared, with both healthy or one broken."""
 
 import math
 import random
@@ -28,14 +28,15 @@ FAR_M = 1e6
 LENGTH_M = 68.59
 BAND_MPS = CONFIG.replica_band_mps
 AGREED_MPS = 1e-4
-"""What the two really keep to."""
+"""Largest difference between the two computations in practice, m/s."""
 OFF_MPS = (-0.4, -0.12, 0.12, 0.4)
-"""From the limit of the ceiling; a small fault shows only near it."""
+"""Speeds of the test relative to the ceiling's limit, m/s. A small fault shows only near the
+limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What both are asked about."""
+    """Inputs given to both computations."""
 
     front_m: Interval
     speed_mps: float
@@ -75,7 +76,7 @@ def states(
     of_check: AtpConfig = CONFIG,
     mistaken_sign: bool = False,
 ) -> Iterator[tuple[State, float, EnergyCheck]]:
-    """States by chance with the ceiling's emergency limit and the check beside it."""
+    """Random states with the ceiling's emergency limit and the energy check beside it."""
     rng = random.Random(seed)
     for _ in range(LINES):
         line, length_m = line_by_chance(rng), rng.uniform(18.0, 160.0)
@@ -89,7 +90,7 @@ def states(
 
 
 def uphill_down(line: LineMap) -> LineMap:
-    """The line with the sign of its gradients mistaken."""
+    """The line with the signs of its gradients inverted."""
     return replace(
         line,
         gradients=tuple(
@@ -103,8 +104,9 @@ def exceeded(check: EnergyCheck, state: State, speed_mps: float) -> bool:
     return check.exceeded(state.front_m, speed_mps, state.end_m, state.restrictions)
 
 
-def test_both_see_the_limit_at_the_same_speed_in_24000_states() -> None:
-    """Far inside of the band: just over the ceiling's limit energy is exceeded, just under not."""
+def test_both_computations_find_the_same_limit_in_24000_states() -> None:
+    """This is far inside the band: energy is exceeded just above the ceiling's limit and not
+    just below."""
     met = 0
     for state, emergency_mps, check in states():
         assert exceeded(check, state, emergency_mps + AGREED_MPS), state
@@ -117,7 +119,7 @@ def test_both_see_the_limit_at_the_same_speed_in_24000_states() -> None:
 
 
 def disagreements(found: Iterator[tuple[State, float, EnergyCheck]]) -> int:
-    """States, at a speed near the limit, in which two that forgive nothing differ."""
+    """Number of states near the limit in which two computations without tolerance differ."""
     strict = replace(CONFIG, replica_cycles_max=0)
     count = 0
     for index, (state, emergency_mps, check) in enumerate(found):
@@ -128,7 +130,7 @@ def disagreements(found: Iterator[tuple[State, float, EnergyCheck]]) -> int:
     return count
 
 
-def test_in_10000s_of_states_the_healthy_two_never_disagree() -> None:
+def test_healthy_computations_never_disagree_in_tens_of_thousands_of_states() -> None:
     assert disagreements(states(seed=2)) == 0
 
 
@@ -144,7 +146,7 @@ WRONG = {
 
 @pytest.mark.parametrize("fault", list(WRONG))
 def test_a_fault_in_one_is_caught_by_the_other(fault: str) -> None:
-    """Both ways: the ceiling may be the broken one, or the check."""
+    """The test breaks the ceiling in one run and the check in the other."""
     broken = replace(CONFIG, **WRONG[fault])  # type: ignore[arg-type]
 
     assert disagreements(states(of_ceiling=broken)) > 100
@@ -162,7 +164,7 @@ TOLERATED_MPS = 20.0 + CONFIG.emergency_margin_mps
 
 
 def agreement(emergency_mps: float, speed_mps: float) -> bool:
-    """Of two that forgive nothing, before an open line with a limit of 20 m/s."""
+    """Whether two computations without tolerance agree on an open line with a limit of 20 m/s."""
     replicas = Replicas(replace(CONFIG, replica_cycles_max=0), LEVEL_CHECK)
     return replicas.agree(emergency_mps, AT_1000, speed_mps, FAR_M)
 
@@ -173,23 +175,25 @@ def agreement(emergency_mps: float, speed_mps: float) -> bool:
         (TOLERATED_MPS, TOLERATED_MPS, True),
         (TOLERATED_MPS, TOLERATED_MPS - 5.0, True),
         (TOLERATED_MPS, TOLERATED_MPS + 5.0, True),
-        # The check says exceeded, the ceiling is clear by a little less and a little more.
+        # The check reports an exceedance; the ceiling is below its limit by a little less or more
+        # than the band.
         (TOLERATED_MPS + BAND_MPS - 1e-9, TOLERATED_MPS, True),
         (TOLERATED_MPS + BAND_MPS + 1e-9, TOLERATED_MPS, False),
-        # The ceiling says exceeded, the check is clear by a little less and a little more.
+        # The ceiling reports an exceedance; the check is below its limit by a little less or more
+        # than the band.
         (10.0, TOLERATED_MPS - BAND_MPS + 1e-9, True),
         (10.0, TOLERATED_MPS - BAND_MPS - 1e-9, False),
         (math.nan, TOLERATED_MPS + 1.0, False),
         (math.nan, TOLERATED_MPS - 1.0, False),
     ],
 )
-def test_the_two_differ_just_outside_of_the_band_and_not_inside(
+def test_the_computations_differ_just_outside_the_band_and_not_inside(
     emergency_mps: float, speed_mps: float, agree: bool
 ) -> None:
     assert agreement(emergency_mps, speed_mps) is agree
 
 
-def test_so_many_cycles_in_a_row_are_forgiven_and_not_one_more() -> None:
+def test_disagreement_is_tolerated_for_the_configured_number_of_cycles() -> None:
     replicas = Replicas(CONFIG, LEVEL_CHECK)
 
     def cycle(emergency_mps: float) -> bool:
@@ -202,7 +206,7 @@ def test_so_many_cycles_in_a_row_are_forgiven_and_not_one_more() -> None:
     assert cycle(differing) is False
 
 
-def test_what_the_check_says_is_there_for_protection_to_brake_on() -> None:
+def test_protection_can_read_the_result_of_the_check() -> None:
     replicas = Replicas(CONFIG, LEVEL_CHECK)
 
     replicas.agree(TOLERATED_MPS + 10.0, AT_1000, TOLERATED_MPS, FAR_M)
@@ -233,7 +237,7 @@ def test_energy_at_a_limit_counts_as_exceeded_under_the_train_and_ahead() -> Non
         (Interval(900.0, 900.0, 900.0), math.nan),
     ],
 )
-def test_at_the_end_of_authority_and_without_a_finite_number_the_brake_is_needed(
+def test_at_the_end_of_authority_and_for_non_finite_inputs_energy_is_exceeded(
     front_m: Interval, speed_mps: float
 ) -> None:
     assert LEVEL_CHECK.exceeded(front_m, speed_mps, 1000.0)
@@ -245,8 +249,8 @@ def test_a_train_that_rolls_back_counts_as_standing() -> None:
     assert LEVEL_CHECK.exceeded(AT_1000, -30.0, 1000.2), "the runaway alone takes it there"
 
 
-def test_where_a_fall_is_greater_than_the_brake_energy_never_ends() -> None:
-    """`CeilingMap` refuses such a line; the check does not rely on that."""
+def test_on_a_fall_steeper_than_the_brake_energy_is_always_exceeded() -> None:
+    """`CeilingMap` refuses such a line, but the check does not rely on that."""
     cliff = EnergyCheck(
         CONFIG, line_of(((0.0, 6000.0, -110.0),)), train_length_m=LENGTH_M, cycle_s=CYCLE_S
     )

@@ -1,4 +1,4 @@
-"""The energy check against figures by hand, exact on both sides of each limit."""
+"""The energy check against hand calculations, exact on both sides of each limit."""
 
 import math
 from dataclasses import replace
@@ -26,11 +26,11 @@ SET = replace(
     replica_band_mps=0.25,
     replica_cycles_max=0,
 )
-"""Traction for 1 s: it is sensed, three cycles pass, it is cut; then 2 s until the brake bites."""
+"""Traction acts for 1 s: sensing, three cycles and the cut. Then the brake needs 2 s to act."""
 QUARTER = -0.25 * 1000.0 / GRAVITY_MPS2
 HALF = 2.0 * QUARTER
 ALL = 4.0 * QUARTER
-"""Falls that take a quarter, half and all of a metre per second squared, in per mille."""
+"""Gradients in per mille whose downhill force takes 0.25, 0.5 and 1 m/s²."""
 OPEN: tuple[Section, ...] = ((0.0, 6000.0, 40.0),)
 JUST_MPS = 1e-9
 
@@ -50,14 +50,15 @@ def exceeded_from(
     end_m: float = FAR_M,
     restrictions: tuple[Restriction, ...] = (),
 ) -> bool:
-    """Whether this very speed is the least that is too much."""
+    """Whether the check changes to exceeded exactly at this speed."""
     over = check.exceeded(front_m, speed_mps + JUST_MPS, end_m, restrictions)
     under = check.exceeded(front_m, speed_mps - JUST_MPS, end_m, restrictions)
     return over and not under
 
 
-def test_from_ten_metres_per_second_93_metres_are_just_too_few() -> None:
-    """10.5 m until the cut, 22 m until the brake bites, 60.5 m from 11 m/s to standstill."""
+def test_from_ten_metres_per_second_93_metres_are_just_too_short() -> None:
+    """The distances are 10.5 m until the cut, 22 m until the brake acts and 60.5 m from 11 m/s
+    to standstill."""
     level = check_of()
 
     assert level.exceeded(at(1000.0), 10.0, 1093.0)
@@ -65,8 +66,8 @@ def test_from_ten_metres_per_second_93_metres_are_just_too_few() -> None:
     assert exceeded_from(level, at(1000.0), 10.0, 1093.0)
 
 
-def test_each_cycle_that_may_be_missed_is_a_cycle_more_of_traction() -> None:
-    """Without them traction is cut after 0.75 s, at 10.75 m/s and 7.78125 m."""
+def test_each_tolerated_missed_cycle_adds_a_cycle_of_traction() -> None:
+    """Without missed cycles, traction is cut after 0.75 s at 10.75 m/s and 7.78125 m."""
     at_once = EnergyCheck(
         replace(SET, overruns_max=0), line_of((), OPEN), train_length_m=LENGTH_M, cycle_s=CYCLE_S
     )
@@ -77,10 +78,11 @@ def test_each_cycle_that_may_be_missed_is_a_cycle_more_of_traction() -> None:
 
 
 @pytest.mark.parametrize("way_m", [10.6, 20.0, 52.5])
-def test_what_the_train_would_still_have_at_a_lower_limit_is_compared_with_what_it_may(
+def test_the_remaining_energy_at_a_lower_limit_is_compared_with_the_allowed_one(
     way_m: float,
 ) -> None:
-    """So far from where the brake bites it has taken as many of 60.5 J: 9.99, 9 and 4 m/s."""
+    """Each metre takes 1 of the 60.5 J/kg at the point where the brake acts. The three distances
+    leave 9.99, 9 and 4 m/s."""
     left_mps = math.sqrt(11.0**2 - 2.0 * way_m)
     slow = Restriction(1032.5 + way_m, 1033.0 + way_m, left_mps - 2.0)
     civil = check_of(
@@ -92,8 +94,9 @@ def test_what_the_train_would_still_have_at_a_lower_limit_is_compared_with_what_
     assert exceeded_from(civil, at(1000.0), 10.0)
 
 
-def test_restrictions_count_in_any_order_and_the_first_that_is_missed_is_enough() -> None:
-    """From 11 m/s where the brake bites it is down to 9.27, 9.0 and 6.78 m/s at the three."""
+def test_restrictions_count_in_any_order_and_one_violated_restriction_is_enough() -> None:
+    """From 11 m/s where the brake acts, the train has 9.27, 9.0 and 6.78 m/s at the three
+    restrictions."""
     strict = Restriction(1052.5, 1060.0, 7.0)
     loose = Restriction(1050.0, 1051.0, 7.4)
     later = Restriction(1070.0, 1080.0, 7.5)
@@ -103,16 +106,16 @@ def test_restrictions_count_in_any_order_and_the_first_that_is_missed_is_enough(
         assert exceeded_from(check_of(), at(1000.0), 10.0, 1093.0, (later, loose))
 
 
-def test_a_train_that_is_slower_than_a_limit_ahead_with_its_margin_needs_no_brake() -> None:
-    """Even if its runaway would take it over: 10.5 m ahead it might have 11 m/s."""
+def test_a_train_slower_than_a_limit_ahead_plus_margin_needs_no_brake() -> None:
+    """The runaway alone would bring the train over the limit: 10.5 m ahead it may have 11 m/s."""
     slow = Restriction(1010.5, 1100.0, 8.5)
 
     assert check_of().exceeded(at(1000.0), 10.49, FAR_M, (slow,)) is False
     assert check_of().exceeded(at(1000.0), 10.5, FAR_M, (slow,)) is True
 
 
-def test_a_train_that_stands_exactly_where_two_restrictions_begin_has_kept_both() -> None:
-    """From 10 m/s it stops after 93 m."""
+def test_a_train_that_stops_exactly_where_two_restrictions_begin_keeps_both() -> None:
+    """From 10 m/s the train stops after 93 m."""
     two = (Restriction(1093.0, 1100.0, 5.0), Restriction(1093.0, 1200.0, 6.0))
 
     assert check_of().exceeded(at(1000.0), 10.0, FAR_M, two) is False
@@ -141,14 +144,16 @@ def test_the_first_and_the_last_limit_hold_beyond_the_ends_of_the_line() -> None
 
 
 def test_a_fall_that_begins_at_the_cut_speeds_the_train_up_until_the_brake_bites() -> None:
-    """11 m/s at the cut after 10.5 m, 11.5 m/s after another 22.5 m, then 0.75 m/s2."""
+    """The speed is 11 m/s at the cut after 10.5 m and 11.5 m/s after another 22.5 m; then 0.75
+    m/s² acts."""
     check = check_of((1010.5, 5000.0, QUARTER))
 
     assert exceeded_from(check, at(1000.0), 10.0, 1033.0 + 0.5 * 11.5**2 / 0.75)
 
 
 def test_a_fall_that_begins_in_the_middle_of_the_runaway_pulls_for_the_rest_of_it() -> None:
-    """After half a second 10.5 m/s and 5.125 m; then 1.25 m/s2 for half a second, 11.125 m/s."""
+    """After half a second the train has 10.5 m/s and 5.125 m. Then 1.25 m/s² act for half a
+    second, up to 11.125 m/s."""
     check = check_of((1005.125, 5000.0, QUARTER))
     cut_m = 1005.125 + 0.5 * 10.5 + 0.5 * 1.25 * 0.25
     bites_m = cut_m + 2.0 * 11.125 + 0.5 * 0.25 * 4.0
@@ -157,9 +162,10 @@ def test_a_fall_that_begins_in_the_middle_of_the_runaway_pulls_for_the_rest_of_i
 
 
 def test_a_fall_ends_when_the_rear_of_the_hindmost_train_is_off_it() -> None:
-    """It is left while the train brakes: 32.5 m of reaction, then 5 m with half of the brake.
+    """The rear leaves the fall while the train brakes: 32.5 m of reaction, then 5 m with half of
+    the brake.
 
-    The interval of 0.9 m counts as 1 m wide: the fall ends 64 m and 1 m behind its end.
+    The interval of 0.9 m counts as 1 m, so the fall acts until 64 m + 1 m after its end.
     """
     check = check_of((900.0, 972.5, HALF))
     front_m = Interval(999.1, 999.5, 1000.0)
@@ -173,14 +179,14 @@ def test_a_fall_ends_when_the_rear_of_the_hindmost_train_is_off_it() -> None:
 
 
 def test_an_edge_shortly_before_the_stop_leaves_what_energy_there_is() -> None:
-    """A tenth of a joule, and from there on 0.75 J for each metre."""
+    """A tenth of a joule per kg is left at the edge, and from there each metre takes 0.75 J/kg."""
     check = check_of((1092.9, 5000.0, QUARTER))
 
     assert exceeded_from(check, at(1000.0), 10.0, 1092.9 + 0.1 / 0.75)
 
 
 def test_of_two_falls_under_the_train_the_steeper_one_pulls() -> None:
-    """Half of the brake from the second on; the first alone again once that is clear."""
+    """The second fall leaves half of the brake; after it only the first one counts again."""
     check = check_of((1033.0, 1040.0, QUARTER), (1043.0, 1047.0, HALF), (1047.0, 1300.0, QUARTER))
     at_second_j = 60.5 - 0.5 - 0.75 * 10.0
     clear_m = 1047.0 + LENGTH_M
@@ -191,14 +197,14 @@ def test_of_two_falls_under_the_train_the_steeper_one_pulls() -> None:
 
 
 @pytest.mark.parametrize("gradient_permille", [0.0, 30.0])
-def test_a_climb_is_no_merit(gradient_permille: float) -> None:
+def test_a_climb_gives_no_credit(gradient_permille: float) -> None:
     check = check_of((900.0, 1050.0, gradient_permille))
 
     assert exceeded_from(check, at(1000.0), 10.0, 1093.0)
 
 
 @pytest.mark.parametrize("gradient_permille", [ALL, 1.1 * ALL])
-def test_where_a_fall_takes_all_of_the_brake_or_more_no_end_is_far_enough(
+def test_on_a_fall_that_takes_all_of_the_brake_energy_is_always_exceeded(
     gradient_permille: float,
 ) -> None:
     check = check_of((0.0, 6000.0, gradient_permille))
@@ -225,15 +231,16 @@ def test_at_the_end_of_authority_any_speed_is_too_much(speed_mps: float) -> None
         (at(1000.0), math.inf),
     ],
 )
-def test_of_a_train_without_a_finite_place_or_speed_too_much_is_said(
+def test_a_non_finite_position_or_speed_counts_as_exceeded(
     front_m: Interval, speed_mps: float
 ) -> None:
     assert check_of().exceeded(front_m, speed_mps, math.inf)
     assert not check_of().exceeded(at(1000.0), 1.0, math.inf)
 
 
-def test_at_standstill_it_is_the_runaway_alone_that_may_pass_the_end() -> None:
-    """Half a metre until the cut, 2 m until the brake bites, half a metre more."""
+def test_at_standstill_only_the_runaway_counts() -> None:
+    """The train moves half a metre until the cut, 2 m until the brake acts and half a metre
+    more."""
     level = check_of()
 
     for speed_mps in (0.0, -30.0):
@@ -253,14 +260,14 @@ def test_at_standstill_it_is_the_runaway_alone_that_may_pass_the_end() -> None:
         (0.25, -30.0, True),
     ],
 )
-def test_at_the_very_band_the_two_still_agree(
+def test_exactly_at_the_band_the_computations_still_agree(
     emergency_mps: float, speed_mps: float, agree: bool
 ) -> None:
-    """On an open line with a limit of 40 m/s and 2 more, the check's own limit is 42 m/s."""
+    """On an open line with a limit of 40 m/s plus 2 m/s margin, the check's own limit is 42 m/s."""
     assert Replicas(SET, check_of()).agree(emergency_mps, at(1000.0), speed_mps, FAR_M) is agree
 
 
-def test_the_two_are_told_the_same_of_place_authority_and_restrictions() -> None:
+def test_both_computations_get_the_same_position_authority_and_restrictions() -> None:
     slow = Restriction(1000.0, 1100.0, 6.0)
     replicas = Replicas(SET, check_of())
 
@@ -276,7 +283,7 @@ def test_the_two_are_told_the_same_of_place_authority_and_restrictions() -> None
     assert said(10.0, 1000.0, 10.0, 1200.0) == (False, False)
 
 
-def test_two_cycles_of_difference_are_forgiven_only_if_so_it_is_set() -> None:
+def test_two_cycles_of_difference_are_tolerated_only_if_configured() -> None:
     two = Replicas(replace(SET, replica_cycles_max=2), check_of())
 
     def cycle(emergency_mps: float) -> bool:

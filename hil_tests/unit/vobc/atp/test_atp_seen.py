@@ -1,4 +1,4 @@
-"""What protection takes for true before it has looked, and what a silent verdict means."""
+"""Defaults of the guard inputs before the first step, and the meaning of a default verdict."""
 
 import itertools
 import math
@@ -13,7 +13,7 @@ from vobc.vocabulary import Interval
 CONFIG = load_config("florence4").atp
 
 
-def test_before_it_has_looked_protection_knows_nothing_and_is_asked_for_nothing() -> None:
+def test_the_default_guard_inputs_know_nothing_and_request_nothing() -> None:
     seen = GuardInputs(CONFIG)
     told = {field.name: getattr(seen, field.name) for field in fields(GuardInputs)}
 
@@ -28,7 +28,7 @@ def test_before_it_has_looked_protection_knows_nothing_and_is_asked_for_nothing(
     assert all(type(value) in (bool, int, float) for value in told.values())
 
 
-def test_nowhere_means_that_no_speed_is_permitted() -> None:
+def test_a_train_without_position_has_no_permitted_speed() -> None:
     assert astuple(NOWHERE) == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -39,7 +39,7 @@ def test_only_both_signs_together_prove_rest() -> None:
         assert seen.at_rest is (standing and standstill)
 
 
-def test_what_a_verdict_does_not_say_permits_nothing() -> None:
+def test_the_default_verdict_permits_nothing() -> None:
     silent = {
         field.name: field.default
         for field in fields(ProtectionVerdict)

@@ -1,4 +1,4 @@
-"""The station guard: doors, departure and alarms, at every threshold on both sides."""
+"""The station guard: doors, departure and alarms, on both sides of every threshold."""
 
 import itertools
 import math
@@ -27,12 +27,13 @@ LINE = load_line("florence")
 CONFIG = load_config("florence4").atp
 LENGTH_M = 68.59
 STOP_M = 1500.0
-"""Station I; its platform is on the right and reaches from 1420 m to 1505 m."""
+"""Stopping point of station I, m. Its platform is on the right and reaches from 1420 m to 1505
+m."""
 ORDERS = replace(NO_ORDERS, awake=True, doors_right=True, platform_doors_locked=True)
 
 
 def made(cls: type, **known: Any) -> Any:
-    """A frame of which the test cares for a few fields only."""
+    """A frame of the given class; every field that the test does not name is zero."""
     fields = {name: known.get(name, 0) for name in cls.__dataclass_fields__}  # type: ignore[attr-defined]
     return cls(**fields)
 
@@ -81,8 +82,8 @@ def moving(front_m: float, speed_mps: float = 1.0, half_m: float = 0.0, **change
     )
 
 
-class Bench:
-    """One guard, and how it is stepped."""
+class GuardRig:
+    """One station guard with a method that steps it."""
 
     def __init__(self, line: LineMap = LINE) -> None:
         self.guard = StationGuard(CONFIG, line, train_length_m=LENGTH_M)
@@ -108,7 +109,7 @@ class Bench:
 
 
 def at_platform(seen: CycleInput = SEEN, **options: Any) -> StationVerdict:
-    return Bench().step(standing(STOP_M), seen, **options)
+    return GuardRig().step(standing(STOP_M), seen, **options)
 
 
 def ordered(**orders: Any) -> CycleInput:
@@ -118,7 +119,7 @@ def ordered(**orders: Any) -> CycleInput:
 # Doors.
 
 
-def test_a_train_that_stands_right_has_the_doors_of_its_platform_side_enabled() -> None:
+def test_a_train_at_its_stopping_point_has_the_doors_of_the_platform_side_enabled() -> None:
     verdict = at_platform()
 
     assert verdict.doors == (False, True)
@@ -144,7 +145,7 @@ def test_a_train_that_stands_right_has_the_doors_of_its_platform_side_enabled() 
         (replace(SEEN, traction=made(TractionStatus)), {}, Withheld.TRACTION),
     ],
 )
-def test_any_single_loss_takes_the_doors_away_and_is_named(
+def test_any_missing_term_disables_the_doors_and_is_named(
     seen: CycleInput, options: dict[str, Any], reason: Withheld
 ) -> None:
     verdict = at_platform(seen, **options)
@@ -153,7 +154,7 @@ def test_any_single_loss_takes_the_doors_away_and_is_named(
     assert verdict.withheld == reason
 
 
-def test_orders_of_exactly_the_greatest_age_still_count() -> None:
+def test_orders_of_exactly_the_maximum_age_still_count() -> None:
     assert any(at_platform(replace(SEEN, orders_age_s=CONFIG.orders_age_max_s)).doors)
 
 
@@ -163,21 +164,21 @@ def test_orders_of_exactly_the_greatest_age_still_count() -> None:
 def test_doors_open_within_thirty_centimetres_and_not_beyond(
     off_m: float, side: float, half_m: float, enabled: bool
 ) -> None:
-    """Whatever the interval: it is its far end that counts."""
+    """The far end of the interval counts, whatever its width."""
     front_m = STOP_M + side * (off_m - half_m)
 
-    assert any(Bench().step(standing(front_m, half_m)).doors) is enabled
+    assert any(GuardRig().step(standing(front_m, half_m)).doors) is enabled
 
 
-def test_a_moving_train_says_nothing_about_doors_and_enables_none() -> None:
-    verdict = Bench().step(moving(STOP_M))
+def test_a_moving_train_reports_no_withheld_doors_and_enables_none() -> None:
+    verdict = GuardRig().step(moving(STOP_M))
 
     assert verdict.doors == (False, False)
     assert verdict.withheld is Withheld.NONE
 
 
-def test_a_train_that_stands_between_stations_has_no_doors_to_speak_of() -> None:
-    assert Bench().step(standing(1000.0)).withheld is Withheld.NONE
+def test_a_train_between_stations_reports_no_withheld_doors() -> None:
+    assert GuardRig().step(standing(1000.0)).withheld is Withheld.NONE
 
 
 @pytest.mark.parametrize(
@@ -189,12 +190,12 @@ def test_a_train_that_stands_between_stations_has_no_doors_to_speak_of() -> None
         (PlatformSide.RIGHT, False, True, (False, True)),
     ],
 )
-def test_the_side_that_opens_is_the_one_of_the_map_and_of_the_centre(
+def test_doors_open_on_the_side_that_map_and_centre_both_name(
     side: PlatformSide, left: bool, right: bool, doors: tuple[bool, bool]
 ) -> None:
     line = replace(LINE, stations=tuple(replace(station, side=side) for station in LINE.stations))
 
-    verdict = Bench(line).step(
+    verdict = GuardRig(line).step(
         standing(STOP_M), ordered(doors_left=left, doors_right=right), stop_m=STOP_M
     )
 
@@ -202,15 +203,16 @@ def test_the_side_that_opens_is_the_one_of_the_map_and_of_the_centre(
     assert (verdict.withheld is Withheld.NONE) is any(doors)
 
 
-def test_a_train_that_does_not_know_its_place_opens_nothing() -> None:
-    assert not any(Bench().step(standing(STOP_M, localised=False)).doors)
+def test_a_train_without_position_opens_no_doors() -> None:
+    assert not any(GuardRig().step(standing(STOP_M, localised=False)).doors)
 
 
 # Departure.
 
 
 def test_every_combination_of_the_terms_of_departure() -> None:
-    """Only one of 1024 lets a train go, and what is said is exactly what is missing."""
+    """Only one of the 1024 combinations lets a train depart, and the guard names exactly the
+    missing terms."""
     free = 0
     for values in itertools.product((False, True), repeat=len(DepartureTerms._fields)):
         terms = DepartureTerms(*values)
@@ -246,7 +248,7 @@ def test_every_combination_of_the_terms_of_departure() -> None:
         ),
     ],
 )
-def test_what_keeps_a_train_at_its_platform_is_named(
+def test_every_departure_inhibit_is_named(
     seen: CycleInput, options: dict[str, Any], flags: Inhibit
 ) -> None:
     assert at_platform(seen, **options).inhibits == flags
@@ -262,13 +264,13 @@ def test_the_sealed_switch_stands_in_for_locked_doors_and_is_logged(seen: CycleI
     assert verdict.door_bypass
 
 
-def test_a_bypass_of_nothing_is_none() -> None:
+def test_a_bypass_without_a_missing_term_does_not_count() -> None:
     bypassed = replace(SEEN, desk=replace(DESK, door_bypass_requested=True))
 
     assert not at_platform(bypassed).door_bypass
 
 
-def test_a_bypass_by_a_silent_desk_is_none() -> None:
+def test_a_bypass_from_a_silent_desk_does_not_count() -> None:
     seen = replace(UNLOCKED, desk=replace(DESK, door_bypass_requested=True))
 
     verdict = at_platform(seen, gone=int(Missing.DESK))
@@ -278,18 +280,18 @@ def test_a_bypass_by_a_silent_desk_is_none() -> None:
 
 
 @pytest.mark.parametrize("front_m", [1000.0, STOP_M - 30.0])
-def test_a_hold_is_for_a_platform_and_not_for_the_way_to_it(front_m: float) -> None:
-    assert Bench().step(standing(front_m), ordered(hold=True)).inhibits is Inhibit.NONE
+def test_a_hold_applies_at_a_platform_and_not_on_the_way_to_it(front_m: float) -> None:
+    assert GuardRig().step(standing(front_m), ordered(hold=True)).inhibits is Inhibit.NONE
 
 
 def test_between_stations_a_silent_centre_has_no_platform_doors() -> None:
-    verdict = Bench().step(standing(1000.0), replace(SEEN, orders=None))
+    verdict = GuardRig().step(standing(1000.0), replace(SEEN, orders=None))
 
     assert verdict.inhibits == Inhibit.CENTRE_SILENT
 
 
-def test_between_stations_a_centre_that_is_heard_still_has_its_say_on_platform_doors() -> None:
-    verdict = Bench().step(standing(1000.0), ordered(platform_doors_locked=False))
+def test_between_stations_platform_doors_that_the_centre_reports_still_count() -> None:
+    verdict = GuardRig().step(standing(1000.0), ordered(platform_doors_locked=False))
 
     assert verdict.inhibits == Inhibit.PLATFORM_DOORS
 
@@ -297,13 +299,14 @@ def test_between_stations_a_centre_that_is_heard_still_has_its_say_on_platform_d
 def test_room_to_the_end_of_authority_begins_at_the_foremost_front() -> None:
     ends = replace(SEEN, authority=Authority(STOP_M + 0.05, 1, 1))
 
-    assert Bench().step(standing(STOP_M, half_m=0.1), ends).inhibits == Inhibit.AUTHORITY
-    assert Bench().step(standing(STOP_M, half_m=0.01), ends).inhibits is Inhibit.NONE
+    assert GuardRig().step(standing(STOP_M, half_m=0.1), ends).inhibits == Inhibit.AUTHORITY
+    assert GuardRig().step(standing(STOP_M, half_m=0.01), ends).inhibits is Inhibit.NONE
 
 
 def test_a_train_that_has_just_come_to_rest_has_not_departed() -> None:
-    """Its standstill is not proven yet, but its wheels are still: it is judged like one at rest."""
-    bench = Bench()
+    """Standstill is not proven yet but the wheels are still, so the guard treats the train as
+    standing."""
+    bench = GuardRig()
     bench.step(standing(STOP_M))
 
     verdict = bench.step(standing(1000.0, standstill=False), UNLOCKED)
@@ -351,14 +354,14 @@ def test_a_wide_interval_about_the_stopping_point_is_near_it() -> None:
 
 
 def test_an_unlocked_train_that_stops_at_the_end_of_the_window_needs_no_emergency_brake() -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.step(standing(1000.0))
 
     assert bench.step(moving(1500.24, 0.3, 0.08), UNLOCKED).emergency is Cause.NONE
 
 
 @given(st.floats(-100.0, 4700.0), st.floats(0.0, 5.0), st.floats(0.0, 5.0))
-def test_the_tables_know_every_place(best_m: float, behind_m: float, ahead_m: float) -> None:
+def test_the_tables_cover_every_place(best_m: float, behind_m: float, ahead_m: float) -> None:
     front_m = Interval(best_m - behind_m, best_m, best_m + ahead_m)
     where, station = place_of(
         LINE.stations, front_m, train_length_m=LENGTH_M, window_m=CONFIG.door_window_m
@@ -374,7 +377,7 @@ def test_the_tables_know_every_place(best_m: float, behind_m: float, ahead_m: fl
 
 
 def departed(moved_m: float, seen: CycleInput) -> StationVerdict:
-    bench = Bench()
+    bench = GuardRig()
     bench.step(standing(STOP_M))
     return bench.step(moving(STOP_M + moved_m), seen, stop_m=3000.0)
 
@@ -392,15 +395,15 @@ def test_clear_of_the_platform_the_train_goes_on_to_the_next_station(moved_m: fl
     assert verdict.stop_next
 
 
-def test_a_train_that_arrives_with_an_unlocked_door_stops_as_it_would() -> None:
-    bench = Bench()
+def test_a_train_that_arrives_with_an_unlocked_door_stops_normally() -> None:
+    bench = GuardRig()
     bench.step(standing(1000.0))
     for front_m in (1300.0, 1450.0, 1499.0, 1500.2):
         assert bench.step(moving(front_m), UNLOCKED).emergency is Cause.NONE
     assert bench.step(moving(1500.4), UNLOCKED).emergency is Cause.DOOR_UNLOCKED
 
 
-def test_a_held_train_that_gives_way_a_little_with_open_doors_needs_no_emergency_brake() -> None:
+def test_a_held_train_that_moves_a_little_with_open_doors_needs_no_emergency_brake() -> None:
     assert departed(0.09, UNLOCKED).emergency is Cause.NONE
 
 
@@ -408,18 +411,16 @@ def test_a_held_train_that_gives_way_a_little_with_open_doors_needs_no_emergency
     ("travel_m", "cause"),
     [(0.1, Cause.NONE), (math.nextafter(0.1, 1.0), Cause.DOOR_UNLOCKED)],
 )
-def test_ten_centimetres_by_the_pulses_are_the_most_that_a_held_train_gives_way(
-    travel_m: float, cause: Cause
-) -> None:
-    bench = Bench()
+def test_a_held_train_may_move_ten_centimetres_by_the_pulses(travel_m: float, cause: Cause) -> None:
+    bench = GuardRig()
     bench.step(standing(STOP_M, travel_m=0.0))
 
     assert bench.step(moving(STOP_M, travel_m=travel_m), UNLOCKED).emergency is cause
 
 
-def test_wheels_that_pause_for_a_moment_are_no_stop() -> None:
-    """Moved counts from where standstill was proven last."""
-    bench = Bench()
+def test_a_momentary_pause_of_the_wheels_is_no_stop() -> None:
+    """A movement counts from the place of the last proven standstill."""
+    bench = GuardRig()
     bench.step(standing(STOP_M))
     bench.step(standing(STOP_M + 0.2, standstill=False))
 
@@ -427,8 +428,8 @@ def test_wheels_that_pause_for_a_moment_are_no_stop() -> None:
 
 
 @pytest.mark.parametrize("localised", [True, False])
-def test_open_doors_of_a_standing_train_ask_for_no_brake_and_no_stop(localised: bool) -> None:
-    verdict = Bench().step(standing(STOP_M, localised=localised), UNLOCKED)
+def test_open_doors_of_a_standing_train_request_no_brake_and_no_stop(localised: bool) -> None:
+    verdict = GuardRig().step(standing(STOP_M, localised=localised), UNLOCKED)
 
     assert verdict.emergency is Cause.NONE
     assert not verdict.stop_next
@@ -446,7 +447,7 @@ def test_with_the_sealed_switch_a_train_departs_with_a_door_that_is_not_locked()
 
 
 def test_without_a_place_an_unlocked_door_stops_the_train() -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.step(standing(1000.0))
 
     verdict = bench.step(moving(1100.0, localised=False), UNLOCKED)
@@ -492,15 +493,15 @@ def test_what_a_departing_train_does_about_an_alarm(
 
 
 def test_an_alarm_in_a_train_that_runs_past_its_stop_brings_the_emergency_brake() -> None:
-    """It did not stand here, but people at the platform may have got hold of it."""
-    bench = Bench()
+    """The train did not stand here, but people on the platform may have caught hold of it."""
+    bench = GuardRig()
     bench.step(standing(1000.0))
 
     assert bench.step(moving(1520.0), ALARM).emergency is Cause.PASSENGER_ALARM
 
 
 def test_an_arriving_train_takes_an_alarm_to_its_stopping_point() -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.step(standing(1000.0))
 
     verdict = bench.step(moving(1460.0, 12.0), ALARM)
@@ -511,7 +512,7 @@ def test_an_arriving_train_takes_an_alarm_to_its_stopping_point() -> None:
 
 @pytest.mark.parametrize("seen", [ALARM, FIRE])
 def test_the_stop_counts_as_ordered_until_the_train_stands_there(seen: CycleInput) -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.step(standing(1000.0))
     assert bench.step(moving(1499.9, 0.3), seen).stop_next
     assert not bench.step(standing(1500.0), seen).stop_next
@@ -521,7 +522,7 @@ def test_the_stop_counts_as_ordered_until_the_train_stands_there(seen: CycleInpu
 def test_a_short_alarm_on_the_way_is_kept_until_the_train_stood_at_a_platform(
     alarm: CycleInput,
 ) -> None:
-    bench = Bench()
+    bench = GuardRig()
     bench.step(standing(1000.0))
     bench.step(moving(1100.0), alarm)
     assert bench.step(moving(1300.0)).stop_next
@@ -537,7 +538,7 @@ def test_a_short_alarm_on_the_way_is_kept_until_the_train_stood_at_a_platform(
 @pytest.mark.parametrize("speed_mps", [0.0, 1.0, 15.0])
 @pytest.mark.parametrize("front_m", [1000.0, STOP_M, 1540.0])
 def test_an_obstacle_stops_the_train_wherever_it_is(front_m: float, speed_mps: float) -> None:
-    verdict = Bench().step(
+    verdict = GuardRig().step(
         moving(front_m, speed_mps), replace(SEEN, alarms=TrainAlarms(False, True))
     )
 
@@ -545,7 +546,7 @@ def test_an_obstacle_stops_the_train_wherever_it_is(front_m: float, speed_mps: f
     assert verdict.alarm_raised
 
 
-def test_silent_detectors_are_no_alarm_but_no_leave_to_depart_either() -> None:
+def test_silent_detectors_are_no_alarm_but_inhibit_departure() -> None:
     verdict = at_platform(replace(SEEN, alarms=None, alarms_age_s=math.inf))
 
     assert verdict.emergency is Cause.NONE
@@ -556,6 +557,6 @@ def test_silent_detectors_are_no_alarm_but_no_leave_to_depart_either() -> None:
 # Orders.
 
 
-def test_an_order_to_stop_at_the_next_station_is_handed_on() -> None:
-    assert Bench().step(moving(1000.0), ordered(stop_next=True)).stop_next
-    assert not Bench().step(moving(1000.0)).stop_next
+def test_an_order_to_stop_at_the_next_station_is_passed_on() -> None:
+    assert GuardRig().step(moving(1000.0), ordered(stop_next=True)).stop_next
+    assert not GuardRig().step(moving(1000.0)).stop_next

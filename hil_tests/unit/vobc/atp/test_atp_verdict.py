@@ -1,4 +1,4 @@
-"""What protection says in each of its states, and that nothing it is told gets lost on the way."""
+"""The verdict of protection in each of its states, and the effect of every input on it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,12 +31,13 @@ from vobc.vocabulary import NEVER_S, Authority, Restriction
 
 LIMITED = Restriction(BETWEEN_M - 100.0, BETWEEN_M + 100.0, 10.0)
 COVERED_M = STOP_M - WHOLE.train.length_m - 20.0
-"""The rear of a train at the stop is protected back to here, more than any jog needs."""
+"""The rear of a train at the stop is protected back to this chainage, farther than any jog
+needs."""
 PRESSED = replace(DESK, emergency_released=False)
 
 
 def limited() -> Train:
-    """Where no more than 10 m/s are permitted."""
+    """A train at a place where the limit is 10 m/s."""
     train = Train()
     train.change(orders=replace(ORDERS, restrictions=(LIMITED,)))
     return train
@@ -49,7 +50,7 @@ def held() -> ProtectionVerdict:
 
 
 def met_in_motion() -> ProtectionVerdict:
-    """By a controller that has just started."""
+    """The verdict of a controller that starts while its train moves."""
     train = Train()
     train.speed_mps = 5.0
     train.stood_s = 0.0
@@ -128,7 +129,7 @@ def stands_in_emergency() -> ProtectionVerdict:
         ),
     ],
 )
-def test_each_state_says_what_may_move_and_what_brakes(
+def test_each_state_sets_traction_and_brakes(
     happens: Callable[[], ProtectionVerdict],
     state: Supervision,
     released: bool,
@@ -147,7 +148,7 @@ def test_each_state_says_what_may_move_and_what_brakes(
     assert verdict.cause == words
 
 
-def test_a_train_that_waits_says_for_what() -> None:
+def test_a_waiting_train_names_what_it_waits_for() -> None:
     train = Train()
     train.change(doors_age_s=9.0, authority=None)
     lacks = train.step()
@@ -165,7 +166,7 @@ def test_a_train_that_waits_says_for_what() -> None:
     assert aged.cause == "waits for a fresh movement authority"
 
 
-def test_an_ageing_authority_brakes_and_says_so_and_a_new_one_frees() -> None:
+def test_an_ageing_authority_brakes_with_a_reason_and_a_new_one_releases() -> None:
     train = Train()
     train.runs(5.0)
     aged_s = CONFIG.authority_service_ratio * CONFIG.authority_age_max_s
@@ -183,12 +184,12 @@ def test_an_ageing_authority_brakes_and_says_so_and_a_new_one_frees() -> None:
     assert old.emergency_cause is Cause.AUTHORITY_OLD
 
 
-def test_the_table_of_inhibits_holds_every_combination_at_its_number() -> None:
+def test_the_inhibit_table_holds_every_combination_at_its_index() -> None:
     assert len(INHIBITS) == 2 ** len(Inhibit)
     assert all(int(flags) == number for number, flags in enumerate(INHIBITS))
 
 
-# Nothing that is told gets lost.
+# Every input takes effect.
 
 
 @pytest.mark.parametrize(
@@ -202,7 +203,7 @@ def test_the_table_of_inhibits_holds_every_combination_at_its_number() -> None:
         ({"authority": Authority(BETWEEN_M - 1.0, 1, 1)}, Cause.PAST_AUTHORITY),
     ],
 )
-def test_what_is_wrong_brakes_a_moving_train_in_the_same_cycle(
+def test_every_fault_brakes_a_moving_train_in_the_same_cycle(
     change: dict[str, Any], cause: Cause
 ) -> None:
     train = Train()
@@ -215,7 +216,7 @@ def test_what_is_wrong_brakes_a_moving_train_in_the_same_cycle(
     assert not verdict.emergency_released
 
 
-def test_as_many_missed_cycles_as_are_forgiven_brake_nothing() -> None:
+def test_the_tolerated_number_of_missed_cycles_does_not_brake() -> None:
     train = Train()
     train.runs(5.0)
     train.change(overruns=CONFIG.overruns_max, dt_s=(1 + CONFIG.overruns_max) * CYCLE_S)
@@ -273,7 +274,7 @@ def test_the_second_computation_alone_brakes_under_full_supervision(
 def test_on_sight_the_second_computation_alone_brakes_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It reckons with an end of authority that nobody supervises on sight."""
+    """The check assumes an end of authority that protection does not supervise on sight."""
     train = Train()
     train.change(
         desk=replace(MANUAL, restricted_requested=True), tag_reader=TagReaderHealth(False, 0, 0.0)
@@ -287,7 +288,7 @@ def test_on_sight_the_second_computation_alone_brakes_nothing(
     assert verdict.supervision is Supervision.NOMINAL
 
 
-def test_both_computations_are_made_of_the_same_and_of_the_highest_speed(
+def test_both_computations_use_the_same_inputs_and_the_highest_speed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     told: list[tuple[Any, ...]] = []
@@ -316,7 +317,7 @@ def test_both_computations_are_made_of_the_same_and_of_the_highest_speed(
     ]
 
 
-def test_where_no_place_is_known_there_is_nothing_to_disagree_about(
+def test_without_position_the_computations_cannot_disagree(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     train = Train()
@@ -338,7 +339,7 @@ def test_without_an_authority_its_end_lies_behind_the_rearmost_place_of_the_fron
     assert ceiling.permitted_mps == 0.0
 
 
-# Who asks for driving on sight.
+# The request for driving on sight.
 
 
 @pytest.mark.parametrize(
@@ -394,7 +395,7 @@ def at_platform(**change: Any) -> Train:
     return train
 
 
-def test_an_emergency_takes_the_doors_back_in_its_very_cycle() -> None:
+def test_an_emergency_disables_the_doors_in_the_same_cycle() -> None:
     train = at_platform()
     assert any(train.step(3).doors)
 
@@ -423,7 +424,7 @@ def test_doors_stay_open_for_an_alarm_but_not_in_sleep() -> None:
     assert not asleep.keep_doors_open
 
 
-def test_what_a_silent_door_unit_said_last_gives_no_traction() -> None:
+def test_the_last_report_of_a_silent_door_unit_permits_no_traction() -> None:
     train = Train()
     assert train.runs(5.0).doors_locked
     train.change(doors_age_s=9.0)
@@ -444,7 +445,7 @@ def test_a_bypass_that_began_at_rest_lasts_in_motion() -> None:
     assert verdict.traction_permitted
 
 
-def test_a_bypass_that_was_pressed_before_protection_began_to_look_is_none_in_motion() -> None:
+def test_a_bypass_pressed_before_the_first_step_does_not_count_in_motion() -> None:
     train = Train()
     train.change(doors=UNLOCKED, desk=replace(MANUAL, door_bypass_requested=True))
     train.speed_mps = 5.0
@@ -453,7 +454,7 @@ def test_a_bypass_that_was_pressed_before_protection_began_to_look_is_none_in_mo
 
 
 @pytest.mark.parametrize(("limit_mps", "pulls"), [(0.5, True), (0.0, False)])
-def test_traction_is_there_for_the_least_speed_that_is_permitted(
+def test_traction_is_permitted_for_the_lowest_permitted_speed(
     limit_mps: float, pulls: bool
 ) -> None:
     train = Train()
@@ -488,7 +489,7 @@ def test_a_jog_ends_in_the_cycle_of_an_emergency() -> None:
     assert verdict.jog_back_m == 0.0
 
 
-def test_a_jog_back_ends_when_its_rear_is_not_protected_any_more() -> None:
+def test_a_jog_back_ends_when_its_rear_is_no_longer_protected() -> None:
     train = off_the_stop(0.8)
     train.step(4)
     train.speed_mps = -0.3
@@ -502,8 +503,8 @@ def test_a_jog_back_ends_when_its_rear_is_not_protected_any_more() -> None:
     assert not verdict.reverse_permitted
 
 
-def test_the_least_room_behind_is_room_to_jog_back() -> None:
-    """Hardly past its stop: half a metre back and the window is reached."""
+def test_a_jog_back_is_permitted_with_little_room_behind() -> None:
+    """The train stands just past its stop; half a metre back reaches the window."""
     verdict = off_the_stop(0.35).step(4)
 
     assert verdict.reverse_permitted
@@ -524,8 +525,8 @@ def test_on_sight_no_train_jogs() -> None:
     assert verdict.jog_back_m == 0.0
 
 
-def test_a_jog_ends_five_metres_from_where_it_was_granted_whatever_it_did_between() -> None:
-    """It stands once on its way, so that no single attempt is too long."""
+def test_a_jog_ends_five_metres_from_where_it_was_granted() -> None:
+    """The train stands once on its way, so no single attempt is too long."""
     train = off_the_stop(-4.9)
     train.step(4)
     train.speed_mps = 1.0
@@ -559,7 +560,7 @@ def test_after_a_jog_the_train_leaves_without_remembering_it() -> None:
 
 
 @pytest.mark.parametrize(("past_m", "releases_itself"), [(1.5, True), (6.0, False)])
-def test_an_overshoot_brakes_and_releases_itself_only_where_a_jog_mends_it(
+def test_an_overshoot_brakes_and_releases_itself_only_where_a_jog_corrects_it(
     past_m: float, releases_itself: bool
 ) -> None:
     train = off_the_stop(-10.0)
@@ -574,8 +575,8 @@ def test_an_overshoot_brakes_and_releases_itself_only_where_a_jog_mends_it(
     assert verdict.jog_permitted is releases_itself
 
 
-def test_a_train_without_attempts_that_moves_all_the_same_is_braked_at_once() -> None:
-    """It was asked to stay for longer than operation has patience for."""
+def test_a_train_that_moves_without_attempts_left_is_braked_at_once() -> None:
+    """The order to stay lasts longer than operation's patience."""
     train = off_the_stop(-4.0)
     train.step(4)
     for _ in range(CONFIG.jog_attempts):

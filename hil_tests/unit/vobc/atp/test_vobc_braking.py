@@ -1,4 +1,4 @@
-"""The safe braking model against motion that is replayed step by step."""
+"""The safe braking model against motion that the test simulates step by step."""
 
 import itertools
 import math
@@ -23,7 +23,7 @@ KMH = 1.0 / 3.6
 def worst_case_end_m(
     speed_mps: float, braking: SafeBraking, fall_permille: float, *, target_mps: float = 0.0
 ) -> float:
-    """Where a train that does its worst is down to the target speed, counted from where it was."""
+    """Distance after which a worst-case train is down to the target speed."""
     fall_mps2 = 9.81 * fall_permille / 1000.0
     at_m, time_s = 0.0, 0.0
     while True:
@@ -47,7 +47,7 @@ def worst_case_end_m(
     runaway_s=st.floats(0.0, 1.0),
     build_up_s=st.floats(0.0, 2.0),
 )
-def test_a_train_at_the_curve_that_does_its_worst_stops_at_the_point_and_not_before(
+def test_the_worst_case_train_on_the_curve_stops_exactly_at_the_target(
     distance_m: float,
     fall_permille: float,
     runaway_mps2: float,
@@ -64,7 +64,7 @@ def test_a_train_at_the_curve_that_does_its_worst_stops_at_the_point_and_not_bef
 
 
 @given(distance_m=st.floats(80.0, 600.0), target_mps=st.floats(1.0, 15.0))
-def test_a_train_at_the_curve_is_down_to_the_target_at_the_point_and_not_before(
+def test_the_worst_case_train_on_the_curve_meets_the_target_speed_exactly_at_the_target(
     distance_m: float, target_mps: float
 ) -> None:
     braking = SafeBraking(1.0, 1.0, 0.48, 1.05)
@@ -88,8 +88,9 @@ def test_a_lead_is_time_in_which_the_train_runs_on_at_its_speed(
     assert early_mps == pytest.approx(late_mps, abs=1e-6)
 
 
-def test_a_climb_is_no_merit_and_what_the_brake_cannot_hold_is_refused() -> None:
-    """Once it was taken for a flat curve, which promised a stop that no train could make."""
+def test_a_climb_gives_no_credit_and_a_fall_beyond_the_brake_is_refused() -> None:
+    """A climb counts as level. A model that the brake cannot hold would promise an impossible
+    stop."""
     braking = SafeBraking(1.0, 1.0, 0.4, 1.0)
 
     assert braking.on(30.0) == braking.on(0.0)
@@ -107,7 +108,7 @@ def test_a_train_slower_than_the_target_needs_no_brake_even_beyond_the_point() -
 
 @pytest.mark.parametrize("reaction_s", [0.0, 0.5, 1.5])
 @pytest.mark.parametrize("distance_m", [1.0, 50.0, 800.0])
-def test_distance_and_speed_of_a_plain_braking_are_each_others_inverse(
+def test_distance_and_speed_of_a_plain_braking_are_inverse_functions(
     distance_m: float, reaction_s: float
 ) -> None:
     speed_mps = permitted_speed_mps(distance_m, decel_mps2=0.9, reaction_s=reaction_s)
@@ -145,7 +146,7 @@ FAR_M = 1e6
 TWO_LIMITS = line((0.0, 1500.0, 70 * KMH), (1500.0, 1900.0, 40 * KMH), (1900.0, 6000.0, 70 * KMH))
 
 
-def test_far_from_everything_the_margins_of_the_paper_lie_over_the_civil_limit() -> None:
+def test_without_restrictions_ahead_the_published_margins_lie_above_the_civil_limit() -> None:
     ceiling = ceiling_map(TWO_LIMITS).at(exact(600.0), FAR_M)
 
     assert ceiling.permitted_mps == pytest.approx(70 * KMH)
@@ -197,7 +198,8 @@ def test_the_four_speeds_are_always_in_order(front_m: float, end_m: float) -> No
 def test_from_just_under_the_emergency_speed_no_train_passes_its_authority(
     front_m: float, gap_m: float, fall_permille: float, steep_start_m: float
 ) -> None:
-    """The worst case of the standard, replayed over the real gradients under the moving train."""
+    """The test simulates the worst case of IEEE 1474.1 over the gradients under the moving
+    train."""
     steep = GradientSection(steep_start_m, steep_start_m + 300.0, -fall_permille)
     track = line((0.0, 6000.0, 25.0), gradients=(steep,))
     braking = SafeBraking(1.0, 1.0, 0.48, 1.05)
@@ -234,7 +236,7 @@ def test_from_just_under_the_emergency_speed_a_lower_limit_is_kept_but_for_the_o
     if ceiling.emergency_mps > target_mps + overshoot_mps:
         assert end_m <= 1500.0 + 0.05
     else:
-        # Nothing that happens here is worse than under the limit itself.
+        # The train is never faster here than it would be from the limit itself.
         assert end_m - front_m <= worst_case_end_m(
             target_mps + overshoot_mps, braking, 0.0, target_mps=target_mps
         )
@@ -256,7 +258,7 @@ def test_restrictions_beyond_the_horizon_change_nothing_and_within_it_something(
 
 
 LEADS_S = (1.6, 1.0, 0.6, 0.0)
-"""Of the shipped parameters: permitted, warning, service, emergency."""
+"""Leads of the shipped parameters: permitted, warning, service, emergency."""
 
 
 def speeds_of(ceiling: Ceiling) -> tuple[float, ...]:
@@ -292,7 +294,7 @@ def test_towards_a_lower_limit_each_curve_has_its_lead_and_its_margin() -> None:
     )
 
 
-def test_beyond_its_authority_nothing_is_permitted() -> None:
+def test_beyond_the_authority_no_speed_is_permitted() -> None:
     ceiling = ceiling_map(TWO_LIMITS).at(exact(500.0), 480.0)
 
     assert ceiling.permitted_mps == ceiling.emergency_mps == 0.0

@@ -1,4 +1,4 @@
-"""Door enable: the whole truth table, and where a train counts as standing right."""
+"""Door enabling: the whole truth table, and where a train counts as correctly stopped."""
 
 import itertools
 
@@ -23,7 +23,8 @@ SIDES = (None, PlatformSide.LEFT, PlatformSide.RIGHT)
 
 
 def test_every_combination_of_the_terms() -> None:
-    """Of all 2^9 times three only the two with every term enable a side, and only the right one."""
+    """Of all 2^9 combinations times three sides, only the two with every term enable doors, on
+    the right side."""
     enabled = {}
     for values in itertools.product((False, True), repeat=len(DoorTerms._fields)):
         for side in SIDES:
@@ -57,7 +58,7 @@ def test_each_missing_term_is_named_by_a_flag_of_its_own() -> None:
 
 
 @given(st.lists(st.booleans(), min_size=9, max_size=9))
-def test_what_is_said_is_exactly_what_is_missing(values: list[bool]) -> None:
+def test_exactly_the_missing_terms_are_named(values: list[bool]) -> None:
     said = withheld(DoorTerms(*values))
 
     for term, value in zip(DoorTerms._fields, values, strict=True):
@@ -74,7 +75,7 @@ def test_no_place_outside_the_window_is_a_platform(best_m: float, half_m: float)
     assert aligned == (reach_m <= 0.3) or abs(reach_m - 0.3) < 1e-9
 
 
-def test_a_term_that_nobody_judged_is_an_error_and_no_leave_to_open() -> None:
+def test_an_unset_term_is_an_error_and_no_permission_to_open() -> None:
     too_few = (True,) * (len(DoorTerms._fields) - 1)
 
     with pytest.raises(ValueError, match="longer"):

@@ -1,4 +1,4 @@
-"""One step of protection: its verdict when it sees little, and what a slow cycle costs."""
+"""One step of protection: its verdict on missing inputs, and the cost of a long cycle time."""
 
 import math
 from dataclasses import replace
@@ -43,7 +43,7 @@ def verdict_on(
     return protection(cycle_s).step(seen, motion, odometer_usable=True, not_finite=False)
 
 
-def test_a_controller_that_sees_no_wheel_turn_forbids_everything() -> None:
+def test_without_odometry_protection_permits_nothing() -> None:
     verdict = verdict_on(None)
 
     assert verdict.supervision is Supervision.NO_AUTHORITY
@@ -58,10 +58,11 @@ def test_a_controller_that_sees_no_wheel_turn_forbids_everything() -> None:
 
 
 @pytest.mark.parametrize(("cycle_s", "runaway_s"), [(0.05, 0.48), (0.02, 0.39), (0.2, 0.93)])
-def test_a_slower_controller_reckons_with_more_time_to_react(
+def test_a_longer_cycle_lengthens_the_assumed_reaction_time(
     cycle_s: float, runaway_s: float
 ) -> None:
-    """Three cycles, two missed, beside 0.03 s of sensing and 0.30 s until traction is cut."""
+    """Reaction: three cycles (two may be missed), 0.03 s of sensing and 0.30 s until traction is
+    cut."""
     seen = replace(SILENCE, authority=Authority(401.0, 1, 1))
 
     verdict = verdict_on(AT_300, seen, cycle_s)
@@ -101,23 +102,23 @@ def test_an_input_is_silent_just_after_its_timeout_and_not_before(age: str) -> N
     assert silent(no_number, CONFIG, odometer_usable=True) == flag
 
 
-def test_an_authority_that_is_none_is_missing_whatever_its_age() -> None:
+def test_an_absent_authority_is_missing_whatever_its_age() -> None:
     seen = replace(FRESH, authority=None)
 
     assert silent(seen, CONFIG, odometer_usable=True) == Missing.AUTHORITY
 
 
-def test_an_odometer_that_makes_no_sense_is_silent() -> None:
+def test_an_unusable_odometer_counts_as_silent() -> None:
     assert silent(FRESH, CONFIG, odometer_usable=False) == Missing.ODOMETER
 
 
-def test_what_is_missing_is_said_in_a_fixed_order() -> None:
+def test_missing_inputs_are_named_in_a_fixed_order() -> None:
     words = in_words(Missing.LOCALISATION | Missing.BRAKE | Missing.DOORS)
 
     assert words == "brake unit, door unit, localisation"
 
 
-def test_everything_that_can_be_missing_has_its_words() -> None:
+def test_every_missing_input_has_a_text() -> None:
     everything = Missing(511)
 
     assert in_words(everything) == (
@@ -127,7 +128,7 @@ def test_everything_that_can_be_missing_has_its_words() -> None:
     assert in_words(Missing.NOTHING) == ""
 
 
-def test_the_table_of_what_is_missing_holds_every_combination_at_its_number() -> None:
+def test_the_table_of_missing_inputs_holds_every_combination_at_its_index() -> None:
     assert [int(flags) for flags in FLAGS] == list(range(2 ** len(Missing)))
 
 
@@ -157,7 +158,7 @@ LOST = replace(AT_300, localised=False)
         ),
     ],
 )
-def test_a_unit_that_says_it_is_not_ready_is_as_good_as_missing(
+def test_a_unit_that_reports_not_ready_counts_as_missing(
     changes: dict[str, Any], motion: Motion | None, flags: Missing
 ) -> None:
     assert unready(replace(READY, **changes), motion) == flags

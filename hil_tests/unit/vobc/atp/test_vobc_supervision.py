@@ -1,4 +1,4 @@
-"""Supervision: the table walked guard by guard, on both sides of every threshold."""
+"""Supervision states: every guard of the table on both sides of its threshold."""
 
 import math
 from dataclasses import replace
@@ -20,13 +20,13 @@ def test_every_state_has_a_row() -> None:
     assert set(TRANSITIONS) == set(Supervision)
 
 
-def test_emergency_is_looked_at_first_wherever_it_is_not_there_yet() -> None:
+def test_every_other_state_checks_for_an_emergency_first() -> None:
     for state in Supervision:
         if state is not Supervision.EMERGENCY:
             assert TRANSITIONS[state][0][1] is Supervision.EMERGENCY
 
 
-def test_no_state_but_the_held_one_follows_an_emergency() -> None:
+def test_only_the_held_state_follows_an_emergency() -> None:
     targets = {target for _, target in TRANSITIONS[Supervision.EMERGENCY]}
 
     assert targets == {Supervision.NO_AUTHORITY}
@@ -41,7 +41,7 @@ def test_a_latched_cause_means_emergency_in_every_state(state: Supervision, fact
 
 
 @pytest.mark.parametrize("seen", [RUNNING, STANDING], ids=["running", "standing"])
-def test_an_emergency_of_which_nothing_is_latched_any_more_ends_in_the_held_state(
+def test_an_emergency_without_latched_causes_ends_in_the_held_state(
     seen: object,
 ) -> None:
     facts = RUNNING if seen is RUNNING else STANDING
@@ -51,7 +51,7 @@ def test_an_emergency_of_which_nothing_is_latched_any_more_ends_in_the_held_stat
 
 @pytest.mark.parametrize("mode", list(OperatingMode))
 @pytest.mark.parametrize("state", MOVING)
-def test_the_mode_alone_says_whether_a_train_without_emergency_may_move(
+def test_without_emergency_the_mode_alone_decides_whether_the_train_may_move(
     state: Supervision, mode: OperatingMode
 ) -> None:
     seen = replace(STANDING, mode=mode, person_at_desk=True, creep_ordered=True)
@@ -78,7 +78,7 @@ def test_reaching_a_limit_counts_as_exceeding_it(high: float, state: Supervision
 
 
 @pytest.mark.parametrize("speed_mps", [Interval(math.nan, 9.0, 9.2), Interval(8.8, 9.0, math.nan)])
-def test_a_bound_that_is_no_number_reaches_every_limit(speed_mps: Interval) -> None:
+def test_a_nan_speed_bound_reaches_every_limit(speed_mps: Interval) -> None:
     seen = replace(RUNNING, speed_mps=speed_mps)
 
     assert next_state(Supervision.NOMINAL, seen) is Supervision.SERVICE
@@ -126,7 +126,7 @@ def test_service_lasts_while_a_bound_of_the_speed_is_over_its_limit() -> None:
 
 
 @pytest.mark.parametrize("mode", [OperatingMode.AUTHORISED, OperatingMode.JOG])
-def test_an_ageing_authority_brakes_by_service_and_a_fresh_one_lets_go(
+def test_an_ageing_authority_applies_the_service_brake_and_a_fresh_one_releases_it(
     mode: OperatingMode,
 ) -> None:
     aged_s = CONFIG.authority_service_ratio * CONFIG.authority_age_max_s
@@ -148,7 +148,7 @@ def test_an_ageing_authority_brakes_by_service_and_a_fresh_one_lets_go(
         (OperatingMode.CREEP, {"creep_ordered": True}, {"creep_ordered": False}),
     ],
 )
-def test_on_sight_the_age_of_an_authority_is_nothing_and_whoever_answers_everything(
+def test_on_sight_only_the_requester_counts_and_not_the_age_of_the_authority(
     mode: OperatingMode, answered: dict[str, bool], unanswered: dict[str, bool]
 ) -> None:
     seen = replace(RUNNING, mode=mode, authority_age_s=math.inf)
@@ -162,7 +162,7 @@ def test_on_sight_the_age_of_an_authority_is_nothing_and_whoever_answers_everyth
 
 
 @pytest.mark.parametrize(("best", "brakes"), [(6.0, False), (6.001, True), (-6.001, True)])
-def test_a_train_that_does_not_stop_as_asked_is_braked(best: float, brakes: bool) -> None:
+def test_a_train_that_does_not_stop_on_order_is_braked(best: float, brakes: bool) -> None:
     seen = replace(RUNNING, speed_mps=exactly(best), stop_by_mps=6.0)
 
     state = next_state(Supervision.NOMINAL, seen)
@@ -171,7 +171,7 @@ def test_a_train_that_does_not_stop_as_asked_is_braked(best: float, brakes: bool
 
 
 def test_a_standing_train_exceeds_no_limit() -> None:
-    """At the end of its authority even zero is the emergency speed; it may stand there."""
+    """At the end of its authority the emergency limit is zero; the train may stand there."""
     seen = replace(
         STANDING, ceiling=Ceiling(0.0, 0.0, 0.0, 0.0, 0.2), standstill=False, stop_by_mps=-1.0
     )
@@ -181,7 +181,7 @@ def test_a_standing_train_exceeds_no_limit() -> None:
     assert next_state(Supervision.SERVICE, seen) is Supervision.NOMINAL
 
 
-def test_a_ceiling_that_is_no_number_brakes() -> None:
+def test_a_nan_ceiling_brakes() -> None:
     seen = replace(RUNNING, ceiling=replace(CEILING, service_mps=math.nan))
 
     assert next_state(Supervision.NOMINAL, seen) is Supervision.SERVICE
