@@ -1,4 +1,5 @@
-"""One odometer on a desk: each cycle hears what it is given, with numbers to reckon by hand."""
+"""One odometer alone: each cycle gets inputs chosen by the test, with numbers that suit hand
+calculation."""
 
 import math
 from dataclasses import replace
@@ -63,7 +64,8 @@ TAGS = (TagSite(7, 60.0), TagSite(8, 90.0))
 
 
 class Desk:
-    """Clocks begin at 0; samples come 20 ms apart, and the last one of a cycle is fresh."""
+    """An odometer with its inputs. Clocks begin at 0; samples are 20 ms apart; the last one of a
+    cycle is fresh."""
 
     def __init__(
         self,
@@ -86,7 +88,7 @@ class Desk:
 
     @property
     def now_s(self) -> float:
-        """Of the last cycle, as odometry reckons it."""
+        """Time of the last cycle as odometry computes it, s."""
         return self.now_ns * 1e-9
 
     @property
@@ -124,12 +126,10 @@ class Desk:
         brake: BrakeStatus | None = None,
         brake_age_s: float = 0.0,
     ) -> Motion | None:
-        """A cycle `dt_s` after the last one.
+        """Run a cycle `dt_s` after the last one.
 
-        Args:
-            steps: pulses in each sample of tacho A, and of B unless `steps_b` says otherwise.
-            age_s: of the last sample.
-            ages_s: of all of them, instead.
+        Args: steps: pulses in each sample of tacho A, and of B unless `steps_b` says otherwise.
+        age_s: age of the last sample. ages_s: ages of all samples, instead of `age_s`.
         """
         self.now_ns += round(dt_s * 1e9)
         samples = []
@@ -164,7 +164,7 @@ class Desk:
         )
 
     def cycle(self, *steps: int, **heard: Any) -> Motion:
-        """The same, once the odometer tells something."""
+        """Run a cycle and require that the odometer returns a motion."""
         motion = self.hear(*steps, **heard)
         assert motion is not None
         return motion
@@ -175,16 +175,16 @@ class Desk:
         return motion
 
     def wheels(self) -> tuple[float, float, float]:
-        """Speed by the wheels, at the last cycle: least, likely and most."""
+        """Lowest, likeliest and highest speed by the wheels at the last cycle."""
         told = self.odometry._wheel_speed(self.now_s)
         return told.low, told.best, told.high
 
     def over_ground(self, low_mps: float, high_mps: float) -> None:
-        """Make the speed over ground what a test wants it to be."""
+        """Set the bounds of the speed over ground."""
         self.ground.low_mps, self.ground.high_mps = low_mps, high_mps
 
     def moved(self, *steps: int, **heard: Any) -> tuple[float, float]:
-        """Least and most way over ground in one more cycle."""
+        """Least and greatest distance over ground in one more cycle."""
         where = self.where
         low_m, high_m = where.ground_low_m, where.ground_high_m
         self.cycle(*steps, **heard)
@@ -192,5 +192,5 @@ class Desk:
 
 
 def near(*values: float) -> Any:
-    """Each of them but for rounding."""
+    """Approximate equality of several values, within rounding."""
     return pytest.approx(values, abs=1e-9)

@@ -1,4 +1,4 @@
-"""A train for odometry to lose its way with: true motion, and sensors as wrong as they may be."""
+"""A train for tests of odometry: true motion, and sensors with every permitted error."""
 
 import math
 import random
@@ -27,7 +27,7 @@ NOMINAL_M = math.pi * CONFIG.train.wheel_diameter_m / CONFIG.train.pulses_per_tu
 ANTENNA_M = CONFIG.train.antenna_offset_m
 STEP_S = 0.005
 HEALTH_STEPS = 100
-"""The reader says that it lives every half a second."""
+"""Steps between two health frames of the tag reader; it sends one every half a second."""
 NS = 1_000_000_000
 TAGS = tuple(TagSite(100 + index, 60.0 + 110.0 * index) for index in range(24))
 LINE = LineMap(
@@ -36,14 +36,14 @@ LINE = LineMap(
     tags=TAGS,
 )  # fmt: skip
 CLIMBS = ((150.0, 300.0, 30.0), (300.0, 420.0, -25.0))
-"""The same, for the rig's own reckoning."""
+"""The same gradients in the form that the rig uses."""
 Slip = tuple[float, float, float, int]
-"""From, to (seconds), share of the true speed by which wheels are faster, axles (1 A, 2 B, 3)."""
+"""Slip from and to (s), relative excess of the wheel speed, and the axles (1 A, 2 B, 3 both)."""
 
 
 @dataclass
 class Errors:
-    """How wrong everything is; the defaults are perfect but for noise."""
+    """Errors of the sensors; the defaults are perfect except for noise."""
 
     seed: int = 1
     scale_ratio: float = 0.0
@@ -53,24 +53,24 @@ class Errors:
     imu_bias_mps2: float = 0.0
     slips: tuple[Slip, ...] = ()
     lost_share: float = 0.0
-    """Of tacho frames that never come."""
+    """Share of the tacho frames that are lost."""
     late_share: float = 0.0
     late_s: float = 0.06
-    """Held up by so much; others overtake them."""
+    """Delay of a late frame, s; other frames overtake it."""
     twice_share: float = 0.0
     silent: tuple[float, float] = (math.inf, math.inf)
-    """No frame comes meanwhile; all come out of a queue at its end."""
+    """Interval in which no frame arrives; all of them arrive from a queue at its end."""
     missed: frozenset[int] = frozenset()
     false_tags: dict[float, int] = field(default_factory=dict)
-    """Time to a tag that is read then, wherever the train is."""
+    """False tags: time of the reading to tag id, wherever the train is."""
     repeat_tags: bool = False
-    """Each tag is read again half a second later."""
+    """The reader reads each tag again half a second later."""
     again_m: dict[int, float] = field(default_factory=dict)
-    """Tag to how far behind it, at the most, it is read a second time."""
+    """Greatest distance behind a tag at which the reader reads it a second time, by tag."""
     untold: frozenset[int] = frozenset()
     """Tags whose first telegram is lost on the reader's line."""
     radar: Callable[[float, float], float | None] = lambda time_s, speed_mps: speed_mps
-    """What the radar would show without its own errors; None for nothing."""
+    """Radar reading without its own errors; None for no reading."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Moment:
 
 
 class Rig:
-    """Moves the train, lets the sensors speak, and runs odometry every 50 ms."""
+    """Moves the train, emulates the sensors and runs odometry every 50 ms."""
 
     def __init__(
         self,
@@ -102,17 +102,17 @@ class Rig:
         self.phase = [self.rng.random(), self.rng.random()]
         self.before_mps = 0.0
         self.wait: list[tuple[float, int, object, int]] = []
-        """Frames on their way: when they come, an order, the frame, its counter."""
+        """Frames in transit: arrival time, order, frame and counter."""
         self.sent = 0
         self.back_ns = 0
-        """By so much the board's clock was ever set back."""
+        """Total time by which the board's clock was set back, ns."""
         self.latest: dict[type, tuple[object, int]] = {}
         self.samples: list[tuple[Tacho, int]] = []
         self.tags: list[tuple[float, float, int, int]] = []
         self.second_m: dict[int, float] = {}
-        """Where the front will be when a tag is read again."""
+        """Position of the front at which a tag is read again, by tag."""
         self.telegram_lost = True
-        """Since the reader was heard last; nobody heard it before."""
+        """A telegram was lost since the last health frame; initially none has been received."""
         self.clocks = OdometerClocks()
         self.cold: ColdMovement | None = None
         self.felt_m = {t.tag_id: t.position_m + self.rng.uniform(-0.05, 0.05) for t in TAGS}
@@ -121,9 +121,8 @@ class Rig:
         self.odometry = Odometry(CONFIG.odometry, CONFIG.train, LINE, record)
 
     def run(self, duration_s: float, accel: Callable[[float, float], float]) -> list[Moment]:
-        """Args:
-        accel: wanted at a time and speed; the train follows with a jerk of 4 m/s³.
-        """
+        """Args: accel: demanded acceleration at a time and speed; the train follows with a jerk
+        of 4 m/s³."""
         history = []
         for _ in range(round(duration_s / STEP_S)):
             self._move(accel(self.time_s, self.speed_mps))
@@ -140,7 +139,7 @@ class Rig:
         return history
 
     def set_back(self, by_s: float) -> None:
-        """The board's clock, between two cycles; what was heard before keeps its age."""
+        """Set the board's clock back between two cycles; received frames keep their age."""
         by_ns = round(by_s * NS)
         self.back_ns += by_ns
         self.latest = {kind: (frame, at - by_ns) for kind, (frame, at) in self.latest.items()}
@@ -205,7 +204,7 @@ class Rig:
         self.sent += 1
 
     def _deliver(self) -> None:
-        """As the wire's inbox does; frames of one instant come 0.2 ms apart."""
+        """Deliver frames like the inbox of the wire; frames of one instant arrive 0.2 ms apart."""
         now_ns = round(self.time_s * NS) - self.back_ns
         due = sorted(entry for entry in self.wait if entry[0] <= self.time_s)
         self.wait = [entry for entry in self.wait if entry[0] > self.time_s]
@@ -244,7 +243,7 @@ class Rig:
             self._tell_tag(errors.false_tags.pop(at_s), self._count(0))
 
     def _tell_tag(self, tag_id: int, pulses: int) -> None:
-        """A reader tells of tags in the order in which it read them."""
+        """Queue a telegram; a reader reports tags in the order in which it read them."""
         due_s = self.time_s + self.rng.uniform(0.005, 0.05)
         due_s = max([due_s, *(tag[0] for tag in self.tags)])
         self.tags.append((due_s, self.time_s, tag_id, pulses % 65536))

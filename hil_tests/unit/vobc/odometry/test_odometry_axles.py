@@ -1,4 +1,4 @@
-"""One axle that slips while the radar is out, and clocks that are set back: the hull stays true."""
+"""One axle slips while the radar is silent, and clocks are set back: the bounds hold the truth."""
 
 from collections.abc import Callable
 
@@ -41,7 +41,7 @@ def assert_true(history: list[rig.Moment]) -> None:
 def test_without_radar_the_hull_holds_the_truth_though_one_axle_slips(
     axle: int, share: float, from_s: float, accel: Callable[[float, float], float]
 ) -> None:
-    """Wheels that disagree are no witness of the ground: the accelerometer is."""
+    """Wheels that disagree are no evidence of the speed over ground; the accelerometer is."""
     errors = Errors(seed=11, slips=((from_s, from_s + 15.0, share, axle),), radar=no_radar)
     history = Rig(errors).run(36.0, accel)
 
@@ -56,7 +56,7 @@ def test_without_radar_the_hull_holds_the_truth_though_one_axle_slips(
     st.integers(0, 1 << 20), st.floats(2.0, 25.0), st.floats(1.0, 20.0), st.floats(-1.0, 1.0),
     st.sampled_from([1, 2]), st.floats(0.0, 25.0), st.floats(-0.05, 0.05),
 )  # fmt: skip
-def test_whenever_the_radar_falls_silent_one_slipping_axle_deceives_nobody(
+def test_one_slipping_axle_never_breaks_the_bounds_when_the_radar_falls_silent(
     seed: int, from_s: float, for_s: float, share: float, axle: int, out_s: float, bias: float
 ) -> None:
     errors = Errors(seed=seed, imu_bias_mps2=bias, slips=((from_s, from_s + for_s, share, axle),))
@@ -65,8 +65,8 @@ def test_whenever_the_radar_falls_silent_one_slipping_axle_deceives_nobody(
     assert_true(Rig(errors).run(40.0, up_and_down))
 
 
-def test_a_silence_in_which_counter_b_went_round_is_no_slip() -> None:
-    """600 pulses: more than half of the 1024 that B can count."""
+def test_a_wrap_of_counter_b_during_a_silence_is_no_slip() -> None:
+    """600 pulses are more than half of the 1024 that counter B can show."""
     pulses = PulseCounter(4000.0)
     for count in (0, 600, 1200):
         sample = Tacho(count, count % 1024, Direction.FORWARD, True, True, 0.0)
@@ -75,7 +75,7 @@ def test_a_silence_in_which_counter_b_went_round_is_no_slip() -> None:
         assert not pulses.axles_differ
 
 
-def test_a_train_that_hears_nothing_for_a_while_does_not_slip() -> None:
+def test_a_silence_of_the_tacho_is_no_slip() -> None:
     errors = Errors(silent=(20.0, 20.45))
     history = Rig(errors).run(24.0, cruise)
 
@@ -87,7 +87,7 @@ def test_a_train_that_hears_nothing_for_a_while_does_not_slip() -> None:
 
 
 @pytest.mark.parametrize("back_s", [0.03, 0.3, 3.0, 3600.0])
-def test_a_clock_that_is_set_back_neither_freezes_the_train_nor_deceives_it(back_s: float) -> None:
+def test_a_clock_that_is_set_back_neither_freezes_nor_falsifies_the_position(back_s: float) -> None:
     ride = Rig(Errors(seed=5))
     history = ride.run(15.0, cruise)
     ride.set_back(back_s)
@@ -101,7 +101,7 @@ def test_a_clock_that_is_set_back_neither_freezes_the_train_nor_deceives_it(back
     assert last.front_m.best == pytest.approx(ride.front_m, abs=0.6)
 
 
-def test_a_clock_that_is_set_back_at_standstill_still_tells_when_the_train_starts() -> None:
+def test_a_clock_set_back_at_standstill_does_not_hide_the_start() -> None:
     ride = Rig(Errors(seed=5))
     ride.run(5.0, lambda time_s, mps: 0.0)
     ride.set_back(100.0)

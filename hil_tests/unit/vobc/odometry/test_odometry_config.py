@@ -1,4 +1,4 @@
-"""What odometry refuses to believe of its sensors, each limit at both sides."""
+"""Settings of odometry at both sides of each limit."""
 
 from dataclasses import replace
 

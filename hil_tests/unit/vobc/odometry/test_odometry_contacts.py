@@ -1,4 +1,4 @@
-"""Which readings of a tag may be second ones: until the train has left it for certain."""
+"""Which readings of a tag may be repeated ones, until the train has certainly left the tag."""
 
 from dataclasses import replace
 from math import inf
@@ -12,11 +12,11 @@ from vobc.config import load_config
 from vobc.odometry.contacts import Contacts, Travelled
 
 REACH_M, BOUND_M = 0.5, 0.06
-"""Two readings of a passage are no further apart than twice both: 1.12 m."""
+"""Two readings of one passage are at most 1.12 m apart: twice the reach plus twice the bound."""
 CONFIG = replace(load_config("florence4").odometry, tag_reach_m=REACH_M, tag_bound_m=BOUND_M)
 PULSE_M = 0.01
 FAR = 1_000_000
-"""Pulses that tell nothing of being near to where a tag was read before."""
+"""A pulse count far from every earlier reading."""
 SEVEN, EIGHT = TagSite(7, 20.0), TagSite(8, 21.5)
 
 
@@ -25,7 +25,7 @@ def gone(pulses: int, ground_m: float, blur_m: float = 0.0) -> Travelled:
 
 
 def settled() -> Contacts:
-    """A train that has left where it started, and is before both tags."""
+    """A tracker whose train has left its starting place and is before both tags."""
     contacts = Contacts(CONFIG)
     contacts.look(0.0)
     contacts.move(gone(1000, 10.0), PULSE_M)
@@ -33,7 +33,7 @@ def settled() -> Contacts:
     return contacts
 
 
-def test_of_a_train_that_has_just_started_nobody_knows_what_it_read_before() -> None:
+def test_a_restarted_train_may_have_read_any_tag_near_it_before() -> None:
     contacts = Contacts(CONFIG)
     assert contacts.off_m(SEVEN, FAR, PULSE_M) == REACH_M
 
@@ -57,7 +57,7 @@ def test_of_a_train_that_has_just_started_nobody_knows_what_it_read_before() -> 
         (gone(500, 1.63, 0.5), 0.0),
     ],
 )
-def test_a_start_is_left_as_any_other_place_is(way: Travelled, off_m: float) -> None:
+def test_the_starting_place_is_left_like_any_other_place(way: Travelled, off_m: float) -> None:
     contacts = Contacts(CONFIG)
     contacts.look(inf)
     contacts.move(way, PULSE_M)
@@ -82,7 +82,7 @@ def test_a_tag_is_read_at_its_centre_the_first_time_and_anywhere_within_reach_af
     assert contacts.off_m(EIGHT, FAR, PULSE_M) == 0.0, "another tag is none the worse"
 
 
-def test_telegrams_that_are_found_missing_just_now_may_be_those_of_any_tag() -> None:
+def test_telegrams_just_found_missing_may_belong_to_any_tag() -> None:
     contacts = settled()
     contacts.miss(gone(1000, 10.0))
 
@@ -92,10 +92,10 @@ def test_telegrams_that_are_found_missing_just_now_may_be_those_of_any_tag() -> 
 @pytest.mark.parametrize(
     ("ahead_m", "off_m"), [(19.9, 0.0), (19.93, 0.0), (19.94, REACH_M), (25.0, REACH_M)]
 )
-def test_a_tag_that_was_still_ahead_when_telegrams_were_found_missing_is_none_of_them(
+def test_a_tag_still_ahead_when_telegrams_were_found_missing_was_not_among_them(
     ahead_m: float, off_m: float
 ) -> None:
-    """At 20 m; where it is felt it may lie 6 cm before that."""
+    """The train is at 20 m; where the reader detects it, the tag may lie 6 cm before that."""
     contacts = settled()
     contacts.miss(gone(1000, 10.0))
     contacts.look(ahead_m)
@@ -104,7 +104,7 @@ def test_a_tag_that_was_still_ahead_when_telegrams_were_found_missing_is_none_of
     assert contacts.off_m(SEVEN, FAR, PULSE_M) == off_m
 
 
-def test_each_time_that_telegrams_are_found_missing_counts_anew() -> None:
+def test_every_loss_of_telegrams_counts_separately() -> None:
     contacts = settled()
     contacts.miss(gone(1000, 10.0))
     contacts.look(15.0)
@@ -118,7 +118,7 @@ def test_each_time_that_telegrams_are_found_missing_counts_anew() -> None:
     )
 
 
-def test_a_train_that_rolled_back_had_reached_what_it_reached() -> None:
+def test_rolling_back_does_not_undo_what_the_train_had_reached() -> None:
     contacts = settled()
     contacts.look(20.4)
     contacts.look(19.0)
@@ -141,7 +141,7 @@ def test_a_train_whose_place_is_lost_may_have_reached_any_tag() -> None:
     assert contacts.off_m(SEVEN, FAR, PULSE_M) == contacts.off_m(EIGHT, FAR, PULSE_M) == REACH_M
 
 
-def test_a_place_that_is_found_again_is_as_good_as_any() -> None:
+def test_a_recovered_position_counts_like_any_other() -> None:
     contacts = settled()
     contacts.look(inf)
     contacts.look(12.0)
@@ -157,17 +157,17 @@ def test_a_place_that_is_found_again_is_as_good_as_any() -> None:
     ("pulses", "ground_m", "blur_m", "off_m"),
     [
         (112, 5.0, 0.0, REACH_M),
-        (113, 5.0, 0.0, REACH_M),  # 1.12 m at the least, for a pulse may be almost over.
+        (113, 5.0, 0.0, REACH_M),  # At least 1.12 m, because a pulse may be almost complete.
         (114, 5.0, 0.0, 0.0),
         (500, 1.12, 0.0, REACH_M),
         (500, 1.13, 0.0, 0.0),
         (500, 1.63, 0.52, REACH_M),
         (500, 1.63, 0.5, 0.0),
-        (500, 0.0, 0.0, REACH_M),  # Wheels that spin on the spot.
-        (0, 5.0, 0.0, REACH_M),  # A radar that is wrong, and a train that stands.
+        (500, 0.0, 0.0, REACH_M),  # The wheels spin on the spot.
+        (0, 5.0, 0.0, REACH_M),  # The radar is wrong while the train stands.
     ],
 )
-def test_a_tag_is_left_once_wheels_and_ground_both_say_so(
+def test_a_tag_is_left_once_wheels_and_ground_both_show_it(
     pulses: int, ground_m: float, blur_m: float, off_m: float, sign: int, *, missing: bool
 ) -> None:
     contacts = settled()
@@ -181,7 +181,7 @@ def test_a_tag_is_left_once_wheels_and_ground_both_say_so(
     assert contacts.off_m(SEVEN, FAR, PULSE_M) == off_m
 
 
-def test_two_ways_over_ground_are_told_apart_within_their_bounds_whichever_is_wider() -> None:
+def test_two_distances_over_ground_differ_only_beyond_their_wider_bounds() -> None:
     contacts = settled()
     contacts.read(7, gone(2000, 20.0, 0.5), inf)
 
@@ -193,8 +193,8 @@ def test_two_ways_over_ground_are_told_apart_within_their_bounds_whichever_is_wi
 @pytest.mark.parametrize(
     ("pulses", "off_m"), [(0, 0.11), (10, 0.21), (-10, 0.21), (38, 0.49), (39, 0.5), (-90, 0.5)]
 )
-def test_wheels_tell_how_far_a_tag_that_was_read_is_read_again(pulses: int, off_m: float) -> None:
-    """The first time within 10 cm, and a pulse."""
+def test_the_pulses_bound_the_offset_of_a_repeated_reading(pulses: int, off_m: float) -> None:
+    """The first reading is within 10 cm and a pulse."""
     contacts = settled()
     contacts.read(7, gone(1000, 10.0), 0.1)
 
@@ -202,7 +202,7 @@ def test_wheels_tell_how_far_a_tag_that_was_read_is_read_again(pulses: int, off_
     assert contacts.off_m(SEVEN, 1000 + pulses, inf) == REACH_M, "bad wheels tell nothing"
 
 
-def test_once_the_wheels_slipped_they_do_not_tell_it_any_more() -> None:
+def test_after_a_slip_the_pulses_no_longer_bound_the_offset() -> None:
     contacts = settled()
     contacts.read(7, gone(1000, 10.0), 0.1)
     contacts.doubt()
@@ -213,7 +213,7 @@ def test_once_the_wheels_slipped_they_do_not_tell_it_any_more() -> None:
     assert contacts.off_m(SEVEN, 1000, PULSE_M) == 0.0, "but it is left all the same"
 
 
-def test_of_missing_telegrams_wheels_tell_nothing() -> None:
+def test_the_pulses_bound_nothing_after_missing_telegrams() -> None:
     contacts = settled()
     contacts.read(7, gone(1000, 10.0), 0.1)
     contacts.miss(gone(1000, 10.0))
@@ -230,7 +230,7 @@ def test_a_train_that_comes_back_to_a_tag_that_it_had_left_reads_its_centre() ->
     assert contacts.off_m(SEVEN, FAR, PULSE_M) == 0.0
 
 
-def test_what_was_read_is_forgotten_one_by_one() -> None:
+def test_old_readings_are_dropped_one_by_one() -> None:
     contacts = settled()
     contacts.read(7, gone(1000, 10.0), 0.1)
     contacts.read(8, gone(1100, 11.0), 0.1)
@@ -242,7 +242,7 @@ def test_what_was_read_is_forgotten_one_by_one() -> None:
     )
 
 
-def test_a_reading_counts_from_its_latest() -> None:
+def test_a_tag_counts_from_its_latest_reading() -> None:
     contacts = settled()
     contacts.read(7, gone(1000, 10.0), 0.1)
     contacts.read(7, gone(1050, 10.5), 0.1)
@@ -255,7 +255,7 @@ def test_a_reading_counts_from_its_latest() -> None:
     st.floats(-20.0, 20.0), st.floats(-0.06, 0.06), st.lists(st.floats(-0.3, 0.3), max_size=60),
     st.floats(-0.01, 0.05), st.floats(0.0, 0.5), st.one_of(st.none(), st.integers(0, 4)),
 )  # fmt: skip
-def test_however_the_train_turns_no_second_reading_within_reach_is_taken_for_the_first(
+def test_no_motion_makes_a_repeated_reading_count_as_the_first(
     tag_m: float,
     felt_off_m: float,
     moves_m: list[float],
@@ -263,7 +263,8 @@ def test_however_the_train_turns_no_second_reading_within_reach_is_taken_for_the
     unsure_m: float,
     found_after: int | None,
 ) -> None:
-    """The first one is heard, or lost, which is found out after so many moves within reach."""
+    """The reader sends the first reading, or it is lost; the loss is found after some moves
+    within reach."""
     contacts, site, at_m = Contacts(CONFIG), TagSite(7, tag_m), tag_m - 30.0
 
     def way() -> Travelled:

@@ -1,4 +1,5 @@
-"""Speed over ground, reckoned by hand: what radar and accelerometer may err, each way."""
+"""Speed over ground by hand calculation: the errors of radar and accelerometer in both
+directions."""
 
 import math
 from dataclasses import replace
@@ -69,7 +70,7 @@ def near(low: float, high: float) -> tuple[object, object]:
         (50.0, True, 0.151, False),
     ],
 )
-def test_a_radar_is_believed_while_it_is_well_sure_and_fresh(
+def test_a_radar_reading_counts_while_it_is_healthy_certain_and_fresh(
     quality: float, *, healthy: bool, age_s: float, believed: bool
 ) -> None:
     radar = Doppler(7.5, quality, healthy)
@@ -85,7 +86,11 @@ CLIMBS = ((150.0, 300.0, 30.0), (300.0, 420.0, -25.0), (600.0, 610.0, 12.0))
 
 
 def felt_mps2(low_m: float, high_m: float) -> tuple[float, float]:
-    """From 25 m behind the lowest to the highest place of the front; and beside each edge."""
+    """Gravity that the accelerometer may feel.
+
+    The range reaches from 25 m behind the rearmost front to the foremost front, including both
+    sides of each gradient edge.
+    """
     edges_m = [edge_m for start_m, end_m, _ in CLIMBS for edge_m in (start_m, end_m)]
     beside_m = [edge_m + aside_m for edge_m in edges_m for aside_m in (-1e-6, 1e-6)]
     places_m = [low_m - 25.0, high_m, *(m for m in beside_m if low_m - 25.0 < m < high_m)]
@@ -99,7 +104,7 @@ def felt_mps2(low_m: float, high_m: float) -> tuple[float, float]:
 
 @pytest.mark.parametrize("width_m", [0.05, 3.05, 60.05, 300.05])
 def test_the_accelerometer_may_feel_any_gradient_under_the_first_car(width_m: float) -> None:
-    """Exactly when looked at from nothing; what was found before may make it more, never less."""
+    """A fresh lookup gives the exact range; a cached one may be wider, never narrower."""
     kept = Gradients(line(*CLIMBS))
     places_m = [7.03 * n for n in range(100)] + [700.0 - 13.07 * n for n in range(55)]
     for low_m in places_m:
@@ -132,8 +137,8 @@ def test_a_gradient_counts_from_its_very_start_to_its_very_end(
     assert climb.highest_mps2 == pytest.approx(9.81 * highest_permille / 1000.0)
 
 
-def test_in_the_middle_of_a_climb_nothing_else_is_felt() -> None:
-    """Up to both ends; one step further there is the level, too."""
+def test_in_the_middle_of_a_climb_only_its_gradient_counts() -> None:
+    """The range holds up to both ends of the climb; one step further it includes the level."""
     for low_m, high_m, flattest_permille in (
         (100.0 + FIRST_CAR_M, 199.9, 20.0),
         (100.0 + FIRST_CAR_M, 200.0, 0.0),
@@ -145,8 +150,9 @@ def test_in_the_middle_of_a_climb_nothing_else_is_felt() -> None:
         assert climb.highest_mps2 == pytest.approx(9.81 * 20.0 / 1000.0)
 
 
-def test_what_was_found_is_kept_no_further_than_the_next_edge() -> None:
-    """Level before and behind a climb; from each side it is felt as soon as it may be."""
+def test_a_cached_gradient_counts_only_up_to_the_next_edge() -> None:
+    """The line is level before and behind the climb; each side counts as soon as the train may
+    be there."""
     climb = Gradients(line((100.0, 200.0, 20.0)))
     climb.look(90.0, 95.0)
     climb.look(90.0, 100.1)
@@ -158,7 +164,7 @@ def test_what_was_found_is_kept_no_further_than_the_next_edge() -> None:
     assert back.highest_mps2 > 0.0
 
 
-def test_what_was_found_from_the_very_start_of_a_climb_on_is_not_kept_behind_it() -> None:
+def test_a_gradient_cached_at_the_start_of_a_climb_does_not_count_behind_it() -> None:
     climb = Gradients(line((100.0, 200.0, 20.0)))
     climb.look(100.0 + FIRST_CAR_M, 190.0)
     assert climb.lowest_mps2 > 0.0
@@ -214,7 +220,7 @@ def test_gradients_are_looked_up_again_after_fifty_metres_either_way(
 def test_gradients_are_looked_up_again_where_one_ends(
     low_m: float, high_m: float, *, anew: bool
 ) -> None:
-    """Whether the first look came near to the ends, or just up to them."""
+    """The test covers a first lookup near to the ends and one just up to them."""
     for first_low_m, first_high_m in ((130.0, 195.0), (125.0, 200.0)):
         watched = Watched((100.0, 200.0, 20.0))
         climb = Gradients(watched)  # type: ignore[arg-type]
@@ -228,7 +234,7 @@ def test_gradients_are_looked_up_again_where_one_ends(
 # The accelerometer.
 
 
-def test_an_accelerometer_that_falls_silent_tells_nothing_more() -> None:
+def test_a_silent_accelerometer_no_longer_counts() -> None:
     made = ground(10.0, 12.0, 1.0)
     made.feel(None, FLAT)
     made.step(0.5, None, NEVER_S, 0.0, 0.0)
@@ -236,7 +242,7 @@ def test_an_accelerometer_that_falls_silent_tells_nothing_more() -> None:
     assert speed_mps(made) == near(9.0, 13.0)
 
 
-def test_a_radar_that_falls_silent_is_not_seen_any_more() -> None:
+def test_a_silent_radar_no_longer_counts() -> None:
     made = shown(11.0, wheels=ELSEWHERE)
     assert made.seen
     made.step(0.5, None, NEVER_S, *ELSEWHERE)
@@ -257,7 +263,7 @@ def test_without_accelerometer_the_speed_may_change_as_much_as_a_train_can() -> 
     assert made.best_mps == pytest.approx(11.0)
 
 
-def test_before_it_begins_any_speed_of_a_train_is_possible() -> None:
+def test_before_the_first_evidence_any_train_speed_is_possible() -> None:
     new = GroundSpeed(CONFIG)
     assert not new.begun
     assert speed_mps(new) == (-40.0, 40.0)
@@ -270,7 +276,7 @@ def test_before_it_begins_any_speed_of_a_train_is_possible() -> None:
     assert speed_mps(new) == near(2.0, 5.0)
 
 
-def test_the_accelerometer_is_off_by_its_error_and_by_what_it_changed() -> None:
+def test_the_bounds_include_the_accelerometers_error_and_its_change() -> None:
     made = ground(10.0, 12.0, 1.0)
     made.step(0.5, None, NEVER_S, 0.0, 0.0)
     assert speed_mps(made) == near(10.0 + 0.5 * 0.75, 12.0 + 0.5 * 1.25)
@@ -286,7 +292,7 @@ def test_the_accelerometer_is_off_by_its_error_and_by_what_it_changed() -> None:
     assert speed_mps(made) == near(10.0 + 0.5 * 0.75, 12.0 + 0.5 * 1.25)
 
 
-def test_what_gravity_adds_is_taken_off_by_the_most_and_by_the_least() -> None:
+def test_the_greatest_and_the_least_gravity_are_subtracted() -> None:
     climb = Gradients(line())
     climb.lowest_mps2, climb.highest_mps2 = -0.25, 0.5
     made = GroundSpeed(CONFIG)
@@ -308,7 +314,7 @@ def test_what_gravity_adds_is_taken_off_by_the_most_and_by_the_least() -> None:
         (-2.26, -2.0, 2.0),
     ],
 )
-def test_an_accelerometer_that_feels_more_than_a_train_can_do_tells_nothing(
+def test_an_acceleration_beyond_that_of_a_train_does_not_count(
     felt: float, low: float, high: float
 ) -> None:
     made = ground(10.0, 12.0, felt)
@@ -318,7 +324,7 @@ def test_an_accelerometer_that_feels_more_than_a_train_can_do_tells_nothing(
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_no_train_is_faster_than_it_can_be(sign: float) -> None:
+def test_the_bounds_never_exceed_the_maximum_train_speed(sign: float) -> None:
     made = ground(*sorted((sign * 39.5, sign * 38.0)))
     made.step(0.5, None, NEVER_S, 0.0, 0.0)
 
@@ -331,7 +337,8 @@ def test_no_train_is_faster_than_it_can_be(sign: float) -> None:
 def shown(
     radar_mps: float, *, age_s: float = 0.0, wheels: tuple[float, float], felt: float | None = None
 ) -> GroundSpeed:
-    """Half a second after 10 to 12 m/s: without accelerometer 9 to 13 m/s."""
+    """Speed over ground half a second after 10 to 12 m/s; without accelerometer it lies in 9 to
+    13 m/s."""
     made = ground(10.0, 12.0, felt)
     made.step(0.5, radar_mps, age_s, *wheels)
     return made
@@ -344,7 +351,7 @@ ELSEWHERE = (-5.0, -4.0)
     ("radar_mps", "low", "high"),
     [(11.0, 10.39, 11.61), (13.0, 12.37, 13.0), (9.0, 9.0, 9.59)],
 )
-def test_a_radar_narrows_the_bounds_to_what_it_may_err(
+def test_a_radar_narrows_the_bounds_to_its_own_error(
     radar_mps: float, low: float, high: float
 ) -> None:
     made = shown(radar_mps, wheels=ELSEWHERE)
@@ -353,15 +360,16 @@ def test_a_radar_narrows_the_bounds_to_what_it_may_err(
     assert (made.seen, made.refused) == (True, 0)
 
 
-def test_a_radar_errs_backwards_as_forwards() -> None:
+def test_the_radar_error_is_the_same_backwards() -> None:
     made = ground(-12.0, -10.0)
     made.step(0.5, -11.0, 0.0, *ELSEWHERE)
 
     assert speed_mps(made) == near(-11.61, -10.39)
 
 
-def test_an_old_reading_is_carried_on_by_what_the_train_may_have_done_since() -> None:
-    """0.1 s at 2 m/s² either way; while the accelerometer tells one way, only that one."""
+def test_an_old_radar_reading_widens_by_the_possible_speed_change() -> None:
+    """The reading changes by up to 2 m/s² for 0.1 s in either direction, or only in the
+    direction that the accelerometer shows."""
     assert speed_mps(shown(11.0, age_s=0.1, wheels=ELSEWHERE)) == near(10.19, 11.81)
     assert speed_mps(shown(11.0, age_s=0.1, wheels=ELSEWHERE, felt=1.0)) == near(
         10.39, 11.61 + 0.1 * 1.25
@@ -371,8 +379,9 @@ def test_an_old_reading_is_carried_on_by_what_the_train_may_have_done_since() ->
     )
 
 
-def test_the_mean_over_some_readings_tells_the_way_better_than_each() -> None:
-    """11 m/s, 0.0625 m/s + 0.5 % = 0.1175 m/s off; read at the end of the half second."""
+def test_the_mean_of_the_readings_narrows_the_distance() -> None:
+    """The radar shows 11 m/s with an error of 0.0625 m/s + 0.5 % = 0.1175 m/s, read at the end
+    of half a second."""
     made = shown(11.0, wheels=ELSEWHERE, felt=1.0)
     mean_mps, off_mps = 11.0 - 0.25 * 1.0, 0.1175 + 0.25 * 0.25
 
@@ -385,7 +394,7 @@ def test_the_mean_over_some_readings_tells_the_way_better_than_each() -> None:
     assert moved_m(back) == near(0.5 * (-11.0 - 0.1175), 0.5 * (-11.0 + 0.1175))
 
 
-def test_a_reading_that_the_wheels_bear_out_replaces_what_was_carried_on() -> None:
+def test_a_reading_that_the_wheels_confirm_replaces_the_extrapolated_speed() -> None:
     made = shown(20.0, wheels=(20.0, 20.1))
 
     assert speed_mps(made) == near(19.3, 20.7)
@@ -406,10 +415,10 @@ def test_a_reading_that_the_wheels_bear_out_replaces_what_was_carried_on() -> No
         ((-9.0, 9.0 - 1e-6), 9.0, 20.7, False, 1),
     ],
 )
-def test_where_two_contradict_each_other_the_wheels_say_who_is_right_and_else_both_are_kept(
+def test_the_wheels_decide_between_contradicting_bounds_and_otherwise_both_count(
     wheels: tuple[float, float], low: float, high: float, *, seen: bool, refused: int
 ) -> None:
-    """Carried on 9 to 13 m/s, by radar 19.3 to 20.7 m/s."""
+    """The extrapolated speed is 9 to 13 m/s, the radar shows 19.3 to 20.7 m/s."""
     made = shown(20.0, wheels=wheels)
 
     assert speed_mps(made) == near(low, high)
@@ -429,13 +438,14 @@ def test_every_refused_reading_is_counted(refusals: int) -> None:
         assert made.refused == refusals
 
 
-def test_a_radar_below_what_was_carried_on_contradicts_it_too() -> None:
+def test_a_radar_below_the_extrapolated_speed_contradicts_it_too() -> None:
     assert speed_mps(shown(2.0, wheels=ELSEWHERE)) == near(1.48, 13.0)
     assert speed_mps(shown(2.0, wheels=(2.0, 2.0))) == near(1.48, 2.52)
 
 
 def test_bounds_that_touch_agree() -> None:
-    """Radar 13.5 to 14.5 m/s about 14 with no share of it; carried on up to 13.5."""
+    """The radar shows 13.5 to 14.5 m/s without a relative error; the extrapolated bound ends at
+    13.5 m/s."""
     config = replace(CONFIG, doppler_error_ratio=0.0)
     for radar_mps, touching in ((14.0, (13.5, 13.5)), (8.0, (8.5, 8.5))):
         made = GroundSpeed(config)

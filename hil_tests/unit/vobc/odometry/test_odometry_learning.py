@@ -1,4 +1,4 @@
-"""The first frames may all be late: until one came without delay odometry tells nothing."""
+"""The first frames may all be late, so odometry reports nothing until it has learnt the delay."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from vobc.vocabulary import TagReading
 
 
 @pytest.mark.parametrize("learn_s", [0.0, 0.04, 0.4])
-def test_it_tells_of_itself_once_samples_of_so_long_a_time_were_heard(learn_s: float) -> None:
+def test_odometry_reports_after_the_learning_time(learn_s: float) -> None:
     new = Desk(learn_s=learn_s)
     for number in range(20):
         told = new.hear(0)
@@ -28,8 +28,11 @@ def test_time_without_samples_teaches_nothing() -> None:
 
 @pytest.mark.parametrize("radar_mps", [None, 4.0])
 @pytest.mark.parametrize("step", [0, 8])
-def test_meanwhile_nothing_is_known_of_the_ground(step: int, radar_mps: float | None) -> None:
-    """Neither a wheel that stands, nor radar, nor a full window; but the place goes with them."""
+def test_during_learning_the_speed_over_ground_is_unknown(
+    step: int, radar_mps: float | None
+) -> None:
+    """Neither a still wheel nor radar nor a full window counts yet; the position interval still
+    follows them."""
     new = Desk(learn_s=0.8)
     while new.hear(step, step, radar_mps=radar_mps) is None:
         assert not new.ground.begun
@@ -39,7 +42,7 @@ def test_meanwhile_nothing_is_known_of_the_ground(step: int, radar_mps: float | 
     assert new.ground.begun
 
 
-def test_what_the_wheels_turned_and_tags_told_meanwhile_counts() -> None:
+def test_pulses_and_tags_during_learning_count() -> None:
     new, at_once = Desk(61.1, learn_s=0.8), Desk(61.1, learn_s=0.0)
     for number in range(40):
         tags = (TagReading(7, 4 * (2 * number + 1), 0.0),) if number == 11 else ()
@@ -51,7 +54,7 @@ def test_what_the_wheels_turned_and_tags_told_meanwhile_counts() -> None:
     assert told.pulses_m == pytest.approx(other.pulses_m)
 
 
-def test_standstill_is_proven_no_later() -> None:
+def test_learning_does_not_delay_the_proof_of_standstill() -> None:
     new, at_once = Desk(learn_s=1.0), Desk(learn_s=0.0)
     for _ in range(60):
         told, other = new.hear(0, 0), at_once.cycle(0, 0)
@@ -60,8 +63,9 @@ def test_standstill_is_proven_no_later() -> None:
     assert other.standstill
 
 
-def test_a_train_that_sets_off_while_all_first_frames_are_late_is_told_of_truly() -> None:
-    """They are taken for prompt, and show a train that stands while it runs already."""
+def test_a_train_that_starts_while_all_first_frames_are_late_is_within_the_bounds() -> None:
+    """Odometry takes the late first frames for prompt ones; they show a standing train that
+    already runs."""
     errors = Errors(seed=443408, lost_share=0.375, late_share=0.5, late_s=0.25)
     history = Rig(errors).run(20.0, lambda time_s, speed_mps: 1.0)
 
@@ -72,7 +76,7 @@ def test_a_train_that_sets_off_while_all_first_frames_are_late_is_told_of_truly(
         assert front.low <= moment.front_m <= front.high, moment
 
 
-def test_it_cannot_learn_backwards() -> None:
+def test_a_negative_learning_time_is_refused() -> None:
     with pytest.raises(ValueError, match=r"^learn_s -0\.1 is negative$"):
         replace(CONFIG, learn_s=-0.1)
     assert replace(CONFIG, learn_s=0.0).learn_s == 0.0

@@ -1,4 +1,5 @@
-"""The two intervals of the place, reckoned by hand, and its best guess against a matrix filter."""
+"""The two intervals of the position by hand calculation, and the best estimate against a matrix
+filter."""
 
 import math
 from dataclasses import replace
@@ -62,7 +63,7 @@ def test_at_the_start_the_place_is_known_to_its_bound_and_one_pulse() -> None:
 
 
 def test_the_wheel_is_measured_from_the_start_on() -> None:
-    """The antenna stood at 98 m, known to half a metre and a pulse."""
+    """The antenna stood at 98 m, known within half a metre and a pulse."""
     where = place()
     where.measure(2098.0, 200_000, 0.07)
 
@@ -71,7 +72,7 @@ def test_the_wheel_is_measured_from_the_start_on() -> None:
 
 
 @pytest.mark.parametrize("forgets", ["stretch", "follow_ground", "begin_anew", "widen"])
-def test_what_the_wheels_did_not_run_as_the_train_measures_no_wheel(forgets: str) -> None:
+def test_distance_run_with_slip_measures_no_wheel(forgets: str) -> None:
     where = place()
     if forgets == "widen":
         where.widen(0.1)
@@ -82,7 +83,7 @@ def test_what_the_wheels_did_not_run_as_the_train_measures_no_wheel(forgets: str
     assert (where.scale.low_m, where.scale.high_m) == near(LEAST_M, MOST_M)
 
 
-def test_a_measured_wheel_holds_the_best_guess_of_it() -> None:
+def test_the_best_wheel_estimate_stays_within_the_measured_bounds() -> None:
     where = place(m_per_pulse=0.0097)
     where.measure(148.0, 5000, 0.07)
 
@@ -113,7 +114,7 @@ def test_the_way_over_ground_moves_the_other_interval() -> None:
     assert ground_m(where) == (12.5, 23.5)
 
 
-def test_the_way_over_ground_is_known_for_a_while_unless_nobody_knows_how_it_went() -> None:
+def test_the_distance_over_ground_is_known_for_a_while_unless_a_gap_breaks_it() -> None:
     where = put(10.0, 20.0, 11.0, 21.0)
     assert where.lately_m(0.0) is None
     where.move_over_ground(1.5, 2.5, 0.1, steady=True)
@@ -131,7 +132,7 @@ def test_the_way_over_ground_is_known_for_a_while_unless_nobody_knows_how_it_wen
     assert ground_m(where) == near(11.0 + 1.5 + 0.5 - 0.5 + 1.5, 21.0 + 2.5 + 1.0 + 0.5 + 2.5 + 2.5)
 
 
-def test_wheels_in_doubt_stretch_their_interval_only_and_a_doubtful_train_both() -> None:
+def test_doubtful_wheels_widen_their_own_interval_and_a_doubtful_motion_both() -> None:
     where = put(10.0, 20.0, 11.0, 21.0)
     where.stretch(1.0, 2.0)
     assert wheels_m(where) == (9.0, 22.0)
@@ -145,10 +146,11 @@ def test_wheels_in_doubt_stretch_their_interval_only_and_a_doubtful_train_both()
     ("low_mps", "high_mps", "window"),
     [(2.0, 4.0, (9.0, 21.0)), (-4.0, -2.0, (11.0, 23.0)), (-2.0, 4.0, (9.0, 22.0))],
 )
-def test_the_place_over_ground_at_the_last_sample_is_that_of_now_less_what_was_run_since(
+def test_the_ground_position_at_the_last_sample_excludes_the_motion_since(
     low_mps: float, high_mps: float, window: tuple[float, float]
 ) -> None:
-    """11 to 21 m now, half a second after the sample; a train may have stood for part of it."""
+    """The front is at 11 to 21 m now, half a second after the sample; the train may have stood
+    for part of it."""
     where = put(15.0, 16.0, 11.0, 21.0)
     assert where.window(low_mps, high_mps, 0.5) == window
     assert wheels_m(where) == (15.0, 16.0)
@@ -157,14 +159,14 @@ def test_the_place_over_ground_at_the_last_sample_is_that_of_now_less_what_was_r
     assert ground_m(where) == (11.0, 21.0)
 
 
-def test_the_window_of_a_tag_holds_the_place_by_the_wheels_too() -> None:
+def test_the_window_of_a_tag_includes_the_position_by_the_wheels() -> None:
     assert put(1.0, 31.0, 11.0, 21.0).window(-1.0, 1.0, 0.5) == (1.0, 31.0)
 
 
 @pytest.mark.parametrize(
     ("bounds_m", "anew", "wheels", "ground"),
     [
-        # The reference: wheels from 102.4 to 104.6, ground from 102.26 to 105.74.
+        # Reference: the wheels give 102.4 to 104.6 m, the ground 102.26 to 105.74 m.
         ((90.0, 120.0, 90.0, 120.0), False, (102.4, 104.6), (102.26, 105.74)),
         ((103.0, 120.0, 103.0, 120.0), False, (103.0, 104.6), (103.0, 105.74)),
         ((90.0, 104.0, 90.0, 104.0), False, (102.4, 104.0), (102.26, 104.0)),
@@ -174,7 +176,7 @@ def test_the_window_of_a_tag_holds_the_place_by_the_wheels_too() -> None:
         ((104.7, 110.0, 105.8, 110.0), False, (102.4, 104.6), (102.26, 105.74)),
     ],
 )
-def test_a_reference_narrows_each_interval_or_begins_it_anew(
+def test_a_reference_narrows_or_replaces_each_interval(
     bounds_m: tuple[float, float, float, float],
     *,
     anew: bool,
@@ -199,60 +201,66 @@ def test_a_reference_that_touches_an_interval_narrows_it_to_that_point() -> None
     assert ground_m(where) == near(104.04, 104.04)
 
 
-def told(where: Localisation, low: float, best: float, high: float) -> tuple[float, float, float]:
+def reported(
+    where: Localisation, low: float, best: float, high: float
+) -> tuple[float, float, float]:
     front = where.never_narrower(low, best, high)
     return front.low, front.best, front.high
 
 
-def test_what_is_told_never_comes_together_between_two_references() -> None:
-    """10 m wide and 5 m to either end; then it is kept so, about the same best guess."""
+def test_the_reported_interval_never_narrows_between_two_references() -> None:
+    """The interval was 10 m wide, reaching 5 m to either end. It keeps both, around the same
+    best estimate."""
     where = place()
-    assert told(where, 14.9, 15.0, 15.1) == (14.9, 15.0, 15.1)
-    assert told(where, 10.0, 15.0, 20.0) == (10.0, 15.0, 20.0)
-    assert told(where, 13.0, 16.0, 19.0) == pytest.approx((10.025, 16.0, 20.025))
-    assert told(where, 9.0, 15.0, 21.0) == (9.0, 15.0, 21.0)
-    assert told(where, 10.0, 15.0, 20.0) == pytest.approx((8.525, 15.0, 20.525))
+    assert reported(where, 14.9, 15.0, 15.1) == (14.9, 15.0, 15.1)
+    assert reported(where, 10.0, 15.0, 20.0) == (10.0, 15.0, 20.0)
+    assert reported(where, 13.0, 16.0, 19.0) == pytest.approx((10.025, 16.0, 20.025))
+    assert reported(where, 9.0, 15.0, 21.0) == (9.0, 15.0, 21.0)
+    assert reported(where, 10.0, 15.0, 20.0) == pytest.approx((8.525, 15.0, 20.525))
     where.refer(100.0, (0.0, 0.0, 0.0), (0.0, 0.0), 1.0, anew=True)
-    assert told(where, 14.9, 15.0, 15.1) == (14.9, 15.0, 15.1)
+    assert reported(where, 14.9, 15.0, 15.1) == (14.9, 15.0, 15.1)
 
 
 @pytest.mark.parametrize("ahead", [1.0, -1.0])
-def test_the_further_end_stays_as_far_from_the_best_guess_but_for_its_play(ahead: float) -> None:
-    """The guess moved by 3 m within 10 m: the further end is 8 m away now, then 7 again."""
+def test_the_further_end_keeps_its_distance_from_the_best_estimate_within_the_play(
+    ahead: float,
+) -> None:
+    """The estimate moved by 3 m within 10 m. The further end is now 8 m away, and then 7 m
+    again."""
     where = place()
-    told(where, -5.0, ahead * 3.0, 5.0)
-    low, best, high = told(where, -5.0, ahead * 2.0, 5.0)
+    reported(where, -5.0, ahead * 3.0, 5.0)
+    low, best, high = reported(where, -5.0, ahead * 2.0, 5.0)
     reach_m = 8.0 - REACH_PLAY_M
 
     assert best == ahead * 2.0
     assert max(best - low, high - best) == pytest.approx(reach_m)
     assert (high if ahead > 0 else low) == ahead * 5.0
-    assert told(where, -5.0, ahead * 2.96, 5.0)[1] == ahead * 2.96
+    assert reported(where, -5.0, ahead * 2.96, 5.0)[1] == ahead * 2.96
 
 
-def test_a_best_guess_in_the_middle_gives_way_backwards() -> None:
+def test_a_central_best_estimate_moves_backwards() -> None:
     where = place()
-    told(where, 0.0, 8.0, 10.0)
-    low, best, high = told(where, 3.0, 8.0, 13.0)
+    reported(where, 0.0, 8.0, 10.0)
+    low, best, high = reported(where, 3.0, 8.0, 13.0)
 
     assert (best, high) == (8.0, 13.0)
     assert low == pytest.approx(8.0 - (8.0 - REACH_PLAY_M))
 
 
-def test_within_the_play_what_is_told_is_what_is_known() -> None:
+def test_within_the_play_the_reported_interval_is_the_known_one() -> None:
     where = place()
-    told(where, 0.0, 6.0, 10.0)
+    reported(where, 0.0, 6.0, 10.0)
 
-    assert told(where, 0.0, 5.96, 10.0) == (0.0, 5.96, 10.0)
-    low, _, high = told(where, 0.0, 5.94, 10.0)
+    assert reported(where, 0.0, 5.96, 10.0) == (0.0, 5.96, 10.0)
+    low, _, high = reported(where, 0.0, 5.94, 10.0)
     assert (low, high) == pytest.approx((-0.01, 10.0))
 
 
-def test_the_width_that_was_told_is_kept_by_both_ends_alike() -> None:
+def test_both_ends_keep_the_reported_width_alike() -> None:
     where = place()
-    told(where, 0.0, 5.0, 10.0)
-    told(where, 0.0, 9.0, 9.98)
-    low, best, high = told(where, 1.0, 9.0, 9.99)
+    reported(where, 0.0, 5.0, 10.0)
+    reported(where, 0.0, 9.0, 9.98)
+    low, best, high = reported(where, 1.0, 9.0, 9.99)
 
     assert best == 9.0
     assert high - low >= 10.0 - 1e-12
@@ -260,7 +268,7 @@ def test_the_width_that_was_told_is_kept_by_both_ends_alike() -> None:
 
 
 class Oracle:
-    """The textbook filter over (place, metres per pulse), by matrices."""
+    """A textbook Kalman filter over position and metres per pulse, with matrices."""
 
     def __init__(self, bound_m: float) -> None:
         self.state = np.array([START_M, 0.01])
@@ -288,7 +296,7 @@ def assert_alike(where: Localisation, oracle: Oracle) -> None:
     assert (where.at_m, where.m_per_pulse) == pytest.approx(tuple(oracle.state), rel=1e-12)
 
 
-def test_the_best_guess_is_that_of_a_filter_over_place_and_wheel() -> None:
+def test_the_best_estimate_equals_a_filter_over_position_and_wheel() -> None:
     where, oracle = place(bound_m=60.0), Oracle(60.0)
 
     for pulses, tag_m, since, latch_m in (
@@ -303,8 +311,8 @@ def test_the_best_guess_is_that_of_a_filter_over_place_and_wheel() -> None:
     assert where.m_per_pulse != 0.01
 
 
-def test_the_best_guess_over_ground_stretched_and_of_another_wheel() -> None:
-    """Each makes the filter less sure, as the next tag shows."""
+def test_the_best_estimate_over_ground_after_widening_and_for_another_wheel() -> None:
+    """Each of these makes the filter less certain, as the next tag shows."""
     where, oracle = place(bound_m=60.0), Oracle(60.0)
     for each in (where.follow_wheels, oracle.wheels):
         each(3000)
@@ -330,7 +338,7 @@ def test_the_best_guess_over_ground_stretched_and_of_another_wheel() -> None:
     assert_alike(where, oracle)
 
 
-def test_a_place_that_was_found_again_keeps_only_the_wheel() -> None:
+def test_a_recovered_position_keeps_only_the_wheel_estimate() -> None:
     where, oracle = place(bound_m=5000.0), Oracle(5000.0)
     for each in (where.follow_wheels, oracle.wheels):
         each(3000)
@@ -344,7 +352,7 @@ def test_a_place_that_was_found_again_keeps_only_the_wheel() -> None:
     assert_alike(where, oracle)
 
 
-def test_what_was_measured_of_the_first_wheel_says_nothing_of_another() -> None:
+def test_the_measurement_of_one_wheel_does_not_apply_to_another() -> None:
     where = place()
     where.measure(148.0, 5000, 0.07)
     where.forget_scale()
@@ -361,7 +369,7 @@ def test_what_was_measured_of_the_first_wheel_says_nothing_of_another() -> None:
         (60.0, (99.0, 110.0, 98.0, 110.0), 98.0),
     ],
 )
-def test_the_best_guess_never_leaves_the_intervals(
+def test_the_best_estimate_never_leaves_the_intervals(
     tag_m: float, bounds_m: tuple[float, float, float, float], at_m: float
 ) -> None:
     where = put(*bounds_m)
@@ -370,7 +378,7 @@ def test_the_best_guess_never_leaves_the_intervals(
     assert where.at_m == at_m
 
 
-def test_the_best_guess_of_the_wheel_stays_within_what_is_declared() -> None:
+def test_the_best_wheel_estimate_stays_within_the_declared_bounds() -> None:
     where = place(bound_m=60.0)
     where.follow_wheels(3000)
     where.correct(120.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""The way over ground since an instant within the last cycles, against speeds drawn at random."""
+"""The distance over ground since an instant in the last cycles, against randomly sampled speeds."""
 
 import math
 from itertools import pairwise
@@ -12,7 +12,7 @@ from vobc.odometry.recent_way import RecentWay
 
 MOST_MPS2 = 1.7
 PARTS = 20
-"""Of a cycle, in which the train may do as it likes."""
+"""Parts of a cycle, in each of which the train may accelerate differently."""
 
 
 def way(*steps: tuple[float, float, float]) -> RecentWay:
@@ -34,15 +34,16 @@ def test_whole_cycles_are_added_up_from_the_last_one_back() -> None:
     assert made.since(0.3 - 1e-15) == near(10.25, 30.5)
 
 
-def test_of_a_part_of_a_cycle_the_speed_may_have_been_another_one() -> None:
-    """The last 0.15 s of 0.2 s are 1.7 / 2 * 0.15 * 0.05 m off their share at the most."""
+def test_the_speed_in_part_of_a_cycle_may_differ_from_the_mean() -> None:
+    """The last 0.15 s of a cycle of 0.2 s deviate by at most 1.7 / 2 * 0.15 * 0.05 m from their
+    share."""
     made = way((0.2, 10.0, 30.0), (0.1, 0.25, 0.5))
 
     assert made.since(0.25) == near(0.25 + 7.5 - 0.006375, 0.5 + 22.5 + 0.006375)
     assert made.since(0.15) == near(0.25 + 2.5 - 0.006375, 0.5 + 7.5 + 0.006375)
 
 
-def test_nothing_is_known_of_what_was_before_the_first_cycle_or_was_forgotten() -> None:
+def test_no_distance_is_known_from_before_the_oldest_kept_cycle() -> None:
     made = way((0.1, 1.0, 2.0))
     assert made.since(0.05) is not None
     assert made.since(0.1) is None
@@ -51,16 +52,16 @@ def test_nothing_is_known_of_what_was_before_the_first_cycle_or_was_forgotten() 
     assert made.since(0.0) is None
 
 
-def test_only_so_many_cycles_are_kept() -> None:
-    """64 of an eighth of a second: 8 s."""
+def test_the_number_of_kept_cycles_is_bounded() -> None:
+    """64 cycles of an eighth of a second make 8 s."""
     made = way(*[(0.125, 1.0, 1.0)] * 200)
 
     assert made.since(7.95) is not None
     assert made.since(8.0) is None
 
 
-def test_a_cycle_that_took_no_time_adds_its_way_and_divides_by_nothing() -> None:
-    """The first cycle of all takes none."""
+def test_a_cycle_of_zero_duration_adds_its_distance() -> None:
+    """The very first cycle takes no time."""
     assert way((0.1, 1.0, 2.0), (0.0, 0.0, 0.0)).since(0.0) == near(0.0, 0.0)
 
 
@@ -73,7 +74,7 @@ def test_a_cycle_that_took_no_time_adds_its_way_and_divides_by_nothing() -> None
 def test_no_train_leaves_the_bounds_within_a_cycle(
     begin_mps: float, accel_mps2: list[float], cycle_s: float, share: float
 ) -> None:
-    """It is told how far it came in each cycle, to the digit, and nothing else."""
+    """The estimate receives the exact distance of each cycle and nothing else."""
     cycles = len(accel_mps2) // PARTS
     part_s = cycle_s / PARTS
     speeds_mps = begin_mps + part_s * np.cumsum([0.0, *accel_mps2[: cycles * PARTS]])
@@ -91,8 +92,9 @@ def test_no_train_leaves_the_bounds_within_a_cycle(
     assert told[0] - 1e-9 <= true_m <= told[1] + 1e-9
 
 
-def test_the_bounds_within_a_cycle_are_reached_by_a_train_that_does_its_most() -> None:
-    """From standstill at 1.7 m/s² for 0.2 s: 34 mm, and 25.5 mm of them in the last half."""
+def test_the_bounds_within_a_cycle_are_reached_at_maximum_acceleration() -> None:
+    """From standstill at 1.7 m/s² for 0.2 s the train runs 34 mm, of which 25.5 mm are in the
+    last half."""
     made = way((0.2, 0.034, 0.034))
 
     told = made.since(0.1)

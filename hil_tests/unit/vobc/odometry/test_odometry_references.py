@@ -1,4 +1,5 @@
-"""Which tags are believed, how a place is lost, proven and found again; each limit both ways."""
+"""Which tags count, and how a position is lost, proven and found again; each limit on both
+sides."""
 
 import math
 from dataclasses import replace
@@ -35,7 +36,7 @@ def references(proof: PlaceProof = PlaceProof.SET_UP) -> References:
 @pytest.mark.parametrize(
     ("claim_m", "off_m"), [(9.89, -0.11), (9.91, None), (20.09, None), (20.11, 0.11)]
 )
-def test_a_tag_is_believed_inside_of_its_window_only(claim_m: float, off_m: float | None) -> None:
+def test_a_tag_is_accepted_inside_its_window_only(claim_m: float, off_m: float | None) -> None:
     refused = references().judge(reading(0, claim_m), 10.0, 20.0)
 
     assert (refused is None) is (off_m is None)
@@ -44,9 +45,7 @@ def test_a_tag_is_believed_inside_of_its_window_only(claim_m: float, off_m: floa
         assert refused.off_m == pytest.approx(off_m)
 
 
-def test_a_tag_behind_the_last_one_is_out_of_order_and_the_last_one_itself_was_read_before() -> (
-    None
-):
+def test_a_tag_behind_the_last_one_is_out_of_order_and_the_last_one_itself_repeated() -> None:
     order = references()
     order.accept(reading(1, 15.0))
 
@@ -68,8 +67,8 @@ def test_a_train_that_went_back_may_pass_a_tag_again(back: int, *, believed: boo
     assert (order.judge(reading(1, 15.0), 10.0, 20.0) is None) is believed
 
 
-def test_telegrams_that_are_missing_cost_tags_that_the_antenna_may_have_come_to() -> None:
-    """Between 5 m and 13 m when it was found out; gone by 20 m later on."""
+def test_missing_telegrams_widen_the_tags_that_the_antenna_may_have_reached() -> None:
+    """The antenna was between 5 m and 13 m when the loss was found, and beyond 20 m later."""
     order = references()
     near, far = TagSite(91, 13.0), TagSite(92, 13.2)
     order.follow(Travelled(0, 0.0, 0.0), NOMINAL_M, gap=False, slip=False)
@@ -95,7 +94,7 @@ def test_telegrams_that_are_missing_cost_tags_that_the_antenna_may_have_come_to(
     assert order.off_centre_m(near, 0, NOMINAL_M) == 0.0
 
 
-def test_missing_telegrams_cost_any_tag_while_the_place_is_lost() -> None:
+def test_missing_telegrams_widen_any_tag_while_the_position_is_lost() -> None:
     order = references(PlaceProof.UNKNOWN)
     order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=True, slip=False)
     order.watch(5.0, 0.0, 8.0)
@@ -120,10 +119,11 @@ def test_a_tag_that_was_read_may_be_read_again_until_it_is_left() -> None:
 @pytest.mark.parametrize(
     ("honest", "slip", "off_m"), [(True, False, 0.25), (False, False, 0.5), (True, True, 0.5)]
 )
-def test_of_a_tag_that_is_read_again_honest_wheels_tell_the_way_between(
+def test_wheels_without_slip_measure_the_distance_to_a_repeated_reading(
     off_m: float, *, honest: bool, slip: bool
 ) -> None:
-    """The first one within 0.2 m, as good as its claim; four pulses and one more."""
+    """The first reading is within 0.2 m of the tag; since then the train ran four pulses and
+    perhaps one more."""
     order = references()
     order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=False)
     first = replace(reading(1, 15.0), pulses=5000, ground_m=50.0, bound_m=0.2)
@@ -156,7 +156,7 @@ def test_the_second_expected_tag_in_a_row_that_was_not_read_loses_the_place() ->
 
 
 @pytest.mark.parametrize(("off_m", "found"), [(-0.19, True), (0.19, True), (0.6, False)])
-def test_two_tags_find_the_place_if_the_train_ran_as_far_as_they_lie_apart(
+def test_two_tags_give_the_position_if_the_train_ran_as_far_as_they_lie_apart(
     off_m: float, *, found: bool
 ) -> None:
     order = references(PlaceProof.UNKNOWN)
@@ -187,7 +187,7 @@ LIMIT_COLD_M = CONFIG.cold_movement_m
         (ColdMovement(0.3, True), -MOVED_PULSES - 1, None),
     ],
 )
-def test_a_remembered_place_counts_once_it_is_proven_that_the_train_was_not_moved(
+def test_a_remembered_position_counts_once_it_is_proven_that_the_train_did_not_move(
     cold: ColdMovement, pulses: int, moved_m: float | None
 ) -> None:
     order = references(PlaceProof.REMEMBERED)
@@ -202,9 +202,7 @@ def cruise(time_s: float, speed_mps: float) -> float:
     return 1.0 if time_s < 14.0 else 0.0
 
 
-def test_after_wake_up_the_train_is_localised_by_the_proof_and_its_interval_is_wider_by_it() -> (
-    None
-):
+def test_after_wake_up_the_proof_localises_the_train_and_widens_its_interval() -> None:
     ride = rig.Rig(rig.Errors(start_off_m=1.9), bound_m=0.5, proof=PlaceProof.REMEMBERED)
     before = ride.run(1.5, lambda time_s, mps: 0.0)
     ride.cold = ColdMovement(1.9, True)
@@ -221,8 +219,8 @@ def test_after_wake_up_the_train_is_localised_by_the_proof_and_its_interval_is_w
 
 
 @pytest.mark.parametrize("proof", [PlaceProof.REMEMBERED, PlaceProof.UNKNOWN])
-def test_without_the_proof_two_references_find_the_place(proof: PlaceProof) -> None:
-    """The record is 300 m off: nothing of it is left."""
+def test_without_the_proof_two_references_give_the_position(proof: PlaceProof) -> None:
+    """The remembered position is 300 m off and must leave no trace."""
     ride = rig.Rig(rig.Errors(seed=3), believed_m=300.0, bound_m=2000.0, proof=proof)
     ride.cold = ColdMovement(50.0, True)
     history = ride.run(30.0, cruise)
@@ -237,8 +235,9 @@ def test_without_the_proof_two_references_find_the_place(proof: PlaceProof) -> N
         assert abs(front.best - moment.front_m) < 1.0
 
 
-def test_a_false_place_is_given_up_and_found_again() -> None:
-    """The train was set up 40 m from where it is: no tag fits, two are missed, two find it."""
+def test_a_false_position_is_discarded_and_recovered() -> None:
+    """The initial position is 40 m off. No tag fits, two are missed, and two others give the
+    position."""
     ride = rig.Rig(rig.Errors(), believed_m=40.0)
     history = ride.run(45.0, cruise)
 
@@ -292,7 +291,7 @@ def test_contradicting_directions_make_the_odometer_unusable_and_the_interval_tw
     assert last.motion.front_m.high >= last.front_m
 
 
-def test_two_tags_that_contradict_what_was_measured_take_it_back() -> None:
+def test_two_contradicting_tags_withdraw_the_measured_wheel() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
     declared_m = (scale.low_m, scale.high_m)
     scale.anchor(0.0, 0, 0.05)
@@ -305,7 +304,7 @@ def test_two_tags_that_contradict_what_was_measured_take_it_back() -> None:
     assert (scale.low_m, scale.high_m) == declared_m
 
 
-def test_the_wheel_is_told_as_it_was_last_calibrated() -> None:
+def test_the_reported_wheel_is_the_last_calibrated_one() -> None:
     ride = rig.Rig(rig.Errors(scale_ratio=0.03, seed=5))
     last = ride.run(40.0, cruise)[-1]
 

@@ -1,4 +1,4 @@
-"""Single steps of the odometer, reckoned by hand: what it tells of place, speed and standstill."""
+"""Single steps of the odometer by hand calculation: its position, speed and standstill."""
 
 import math
 from dataclasses import replace
@@ -54,8 +54,9 @@ LINE = LineMap(
 CYCLE_NS = 40_000_000
 
 
-class Bench:
-    """Every 40 ms a cycle; two samples of the tachos in each, the later one 4 ms ago."""
+class OdometerRig:
+    """An odometer with a cycle every 40 ms and two tacho samples in each, the later one 4 ms
+    old."""
 
     def __init__(self, front_m: float = 10.0, proof: PlaceProof = PlaceProof.SET_UP) -> None:
         record = OdometryRecord(front_m, 0.5, 0.01, proof)
@@ -74,9 +75,7 @@ class Bench:
         age_s: float = 0.004,
         silent: bool = False,
     ) -> Motion:
-        """Args:
-        step: pulses in each sample.
-        """
+        """Args: step: pulses in each sample."""
         samples = []
         for ago_s in () if silent else (age_s + 0.02, age_s):
             self.pulses += step
@@ -119,11 +118,12 @@ def near(low: float, high: float) -> tuple[object, object]:
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_full_window_of_pulses_bounds_the_speed(sign: int) -> None:
-    """20 pulses in each 20 ms over 0.2 s: one pulse, 1 ms and 1.7 m/s² over half of it either way.
+    """There are 20 pulses in each 20 ms over 0.2 s. The bound allows for one pulse, 1 ms and 1.7
+    m/s² over half the window.
 
-    The last sample was taken 4 ms ago.
+    The last sample is 4 ms old.
     """
-    bench = Bench()
+    bench = OdometerRig()
     way = Direction.FORWARD if sign > 0 else Direction.REVERSE
     for _ in range(6):
         motion = bench.cycle(sign * 20, way=way)
@@ -135,9 +135,10 @@ def test_a_full_window_of_pulses_bounds_the_speed(sign: int) -> None:
     assert bench.odometry.usable
 
 
-def test_the_place_is_where_it_began_and_the_way_of_the_pulses_since() -> None:
-    """Known to 0.5 m and a pulse; the last sample, 220 pulses after the first, is 4 ms old."""
-    bench = Bench()
+def test_the_position_is_the_start_plus_the_distance_of_the_pulses() -> None:
+    """The position is known within 0.5 m and a pulse. The last sample, 220 pulses after the
+    first, is 4 ms old."""
+    bench = OdometerRig()
     motion = bench.cruise(6)
     speed = motion.speed_mps
     low_m = 10.0 - 0.5 - MOST_M + 220 * LEAST_M + speed.low * 0.003
@@ -149,8 +150,8 @@ def test_the_place_is_where_it_began_and_the_way_of_the_pulses_since() -> None:
     assert (motion.missed_tags, motion.lost_cause, motion.localised) == (0, "", True)
 
 
-def test_a_train_that_went_back_is_known_as_well() -> None:
-    bench = Bench()
+def test_a_backward_movement_is_measured_too() -> None:
+    bench = OdometerRig()
     for _ in range(6):
         motion = bench.cycle(-20, way=Direction.REVERSE)
     speed = motion.speed_mps
@@ -160,9 +161,9 @@ def test_a_train_that_went_back_is_known_as_well() -> None:
     assert ends(motion.front_m) == near(low_m - 0.03, high_m + 0.03)
 
 
-def test_a_silent_tacho_lets_place_and_speed_go_as_a_train_may() -> None:
-    """0.204 s after the last sample; beyond 0.1 s it is not known how long the train ran on."""
-    bench = Bench()
+def test_a_silent_tacho_widens_position_and_speed_by_the_possible_motion() -> None:
+    """The last sample is 0.204 s old; beyond 0.1 s it is unknown how long the train ran on."""
+    bench = OdometerRig()
     bench.cruise(30)
     for _ in range(5):
         motion = bench.cycle(silent=True)
@@ -176,13 +177,14 @@ def test_a_silent_tacho_lets_place_and_speed_go_as_a_train_may() -> None:
     assert not motion.standstill
 
 
-def test_bunches_of_samples_count_once_by_the_last_of_them() -> None:
-    """Two samples 7 ms apart were held up: 10 pulses in what looks like 7 ms are no jump."""
-    bench = Bench()
+def test_a_bunch_of_samples_counts_once_by_its_last() -> None:
+    """Two delayed samples arrive 7 ms apart; their 10 pulses are no jump although they seem to
+    come in 7 ms."""
+    bench = OdometerRig()
     bench.cruise(10)
     tachos = [Tacho(p % 65536, p % 1024, Direction.FORWARD, True, True, 0.0) for p in (500, 520)]
     for apart_s, jumps in ((0.0079, 0), (0.008, 0)):
-        odometry = Bench().odometry
+        odometry = OdometerRig().odometry
         seen = replace(
             SILENCE, now_ns=0, tacho=tachos[1], tacho_age_s=0.0,
             tacho_samples=(TachoSample(tachos[0], apart_s), TachoSample(tachos[1], 0.0)),
@@ -196,14 +198,15 @@ def test_bunches_of_samples_count_once_by_the_last_of_them() -> None:
 # Tags.
 
 
-def at_tag(bench: Bench, tag: int, *, since: int, age_s: float) -> TagReading:
-    """Read `since` pulses before the last sample of the next cycle, of 40 pulses."""
+def at_tag(bench: OdometerRig, tag: int, *, since: int, age_s: float) -> TagReading:
+    """A reading `since` pulses before the last sample of the next cycle, which has 40 pulses."""
     return TagReading(tag, (bench.pulses + 40 - since) % 65536, age_s)
 
 
-def test_an_accepted_tag_narrows_the_place_to_its_bounds_and_the_pulses_since() -> None:
-    """The front is at 62 m; tag and instant, at 10 m/s, are known to 0.06 m + 6 ms and a pulse."""
-    bench = Bench(front_m=2.0)
+def test_an_accepted_tag_narrows_the_position_to_its_bound_and_the_pulses_since() -> None:
+    """The front is at 62 m; at 10 m/s, tag and instant are known within 0.06 m + 6 ms and a
+    pulse."""
+    bench = OdometerRig(front_m=2.0)
     bench.cruise(149, radar_mps=10.0)
     motion = bench.cycle(20, radar_mps=10.0, tags=(at_tag(bench, 7, since=30, age_s=0.034),))
     ground = motion.speed_mps
@@ -224,10 +227,8 @@ def test_an_accepted_tag_narrows_the_place_to_its_bounds_and_the_pulses_since() 
 @pytest.mark.parametrize(
     ("tag_id", "reason"), [(99, TagRefusal.UNKNOWN), (8, TagRefusal.OUTSIDE_WINDOW)]
 )
-def test_a_refused_tag_changes_nothing_but_what_is_told_of_it(
-    tag_id: int, reason: TagRefusal
-) -> None:
-    told, silent = Bench(front_m=52.0), Bench(front_m=52.0)
+def test_a_refused_tag_changes_only_the_report_about_it(tag_id: int, reason: TagRefusal) -> None:
+    told, silent = OdometerRig(front_m=52.0), OdometerRig(front_m=52.0)
     for bench in (told, silent):
         bench.cruise(24, radar_mps=10.0)
     for cycle in range(20):
@@ -241,7 +242,7 @@ def test_a_refused_tag_changes_nothing_but_what_is_told_of_it(
 
 
 def test_a_tag_that_is_read_again_narrows_nothing() -> None:
-    told, silent = Bench(front_m=52.0), Bench(front_m=52.0)
+    told, silent = OdometerRig(front_m=52.0), OdometerRig(front_m=52.0)
     for bench in (told, silent):
         bench.cruise(24, radar_mps=10.0)
         bench.cycle(20, radar_mps=10.0, tags=(at_tag(bench, 7, since=30, age_s=0.034),))
@@ -255,8 +256,8 @@ def test_a_tag_that_is_read_again_narrows_nothing() -> None:
         ]
 
 
-def test_an_unknown_tag_is_told_as_it_is() -> None:
-    motion = Bench().cycle(20, tags=(TagReading(99, 0, 0.03),))
+def test_an_unknown_tag_is_reported_as_unknown() -> None:
+    motion = OdometerRig().cycle(20, tags=(TagReading(99, 0, 0.03),))
 
     assert motion.refused_tags == (RefusedTag(99, TagRefusal.UNKNOWN, 0.0),)
 
@@ -265,14 +266,14 @@ def test_an_unknown_tag_is_told_as_it_is() -> None:
 
 
 def test_a_train_stands_after_half_a_second_and_is_proven_to_after_two() -> None:
-    bench = Bench()
+    bench = OdometerRig()
     told = [bench.cycle(0) for _ in range(60)]
 
     standing = [motion.standing for motion in told].index(True)
     proven = [motion.standstill for motion in told].index(True)
     assert all(motion.standing for motion in told[standing:])
     assert all(motion.standstill for motion in told[proven:])
-    # From the first sample, at 16 ms: stands from 516 ms on, sample time.
+    # Counted in sample time from the first sample at 16 ms, the train stands from 516 ms on.
     assert (standing + 1) * 40 - 4 - 16 == 500
     assert (proven + 1) * 40 >= 2_000
     assert told[-1].speed_mps.best == 0.0
@@ -283,7 +284,7 @@ def test_a_train_stands_after_half_a_second_and_is_proven_to_after_two() -> None
 def test_a_tacho_that_is_silent_for_too_long_proves_no_standstill(
     age_s: float, *, proven: bool
 ) -> None:
-    bench = Bench()
+    bench = OdometerRig()
     for _ in range(70):
         motion = bench.cycle(0)
     assert motion.standstill
@@ -294,22 +295,22 @@ def test_a_tacho_that_is_silent_for_too_long_proves_no_standstill(
     assert after.standstill is proven
 
 
-def test_what_is_kept_over_a_power_cycle_holds_both_ends_of_both_intervals() -> None:
-    bench = Bench(front_m=10.0)
+def test_the_stored_position_covers_both_ends_of_both_intervals() -> None:
+    bench = OdometerRig(front_m=10.0)
     record = bench.odometry.record()
     assert record.front_m == 10.0
     assert record.bound_m == pytest.approx(0.5 + MOST_M + 0.03)
     assert record.m_per_pulse == 0.01
     assert record.proof is PlaceProof.REMEMBERED
-    assert Bench(proof=PlaceProof.UNKNOWN).odometry.record().proof is PlaceProof.UNKNOWN
+    assert OdometerRig(proof=PlaceProof.UNKNOWN).odometry.record().proof is PlaceProof.UNKNOWN
 
 
 # Contradictions.
 
 
-def test_pulses_against_their_direction_count_both_ways() -> None:
-    """From the 3rd pulse on; the train may have gone as far the other way."""
-    bench = Bench()
+def test_pulses_against_their_direction_count_in_both_directions() -> None:
+    """From the third pulse on, the train may have run as far in the other direction."""
+    bench = OdometerRig()
     for _ in range(6):
         motion = bench.cycle(20, way=Direction.REVERSE)
 
@@ -321,8 +322,8 @@ def test_pulses_against_their_direction_count_both_ways() -> None:
     assert motion.front_m.high <= 12.9
 
 
-def test_two_sick_tachos_widen_the_place_by_all_that_a_train_may_have_run() -> None:
-    bench = Bench()
+def test_two_unhealthy_tachos_widen_the_position_by_the_greatest_possible_distance() -> None:
+    bench = OdometerRig()
     before = bench.cruise(30)
     tacho = Tacho(0, 0, Direction.FORWARD, False, False, 0.0)
     after = bench.odometry.step(

@@ -1,4 +1,4 @@
-"""What one cycle of the odometer makes of the speed over ground, and of the way: by hand."""
+"""Speed and distance over ground after one cycle of the odometer, by hand calculation."""
 
 import math
 from dataclasses import replace
@@ -14,11 +14,11 @@ from vobc.vocabulary import Interval
 
 CYCLE_S = 0.04
 CARRIED_M = near(0.5 * (3.9 + 3.84) * CYCLE_S, 0.5 * (4.1 + 4.16) * CYCLE_S)
-"""4 m/s by radar, ±0.1 m/s, carried on for a cycle by 1.5 m/s² either way."""
+"""Distance in a cycle from 4 m/s by radar, ±0.1 m/s, extrapolated by 1.5 m/s² either way."""
 
 
 def going(step: int = 8, cycles: int = 60, **changes: Any) -> Any:
-    """At 4 m/s, 8 pulses in each 20 ms, seen by the radar."""
+    """An odometer at 4 m/s, with 8 pulses in each 20 ms, seen by the radar."""
     made = Desk(**changes)
     made.cycles(cycles, step, step, radar_mps=step * 0.5)
     return made
@@ -40,7 +40,8 @@ def test_the_first_radar_reading_begins_the_speed_over_ground() -> None:
 
 
 def test_without_radar_it_begins_with_the_first_full_window_of_the_wheels() -> None:
-    """0.2 s of samples 20 ms apart; until then the place over ground is the wheels', and 3 cm."""
+    """The window takes 0.2 s of samples. Until it is full, the ground interval is that of the
+    wheels plus 3 cm."""
     new = Desk()
     for _ in range(5):
         told = new.cycle(8, 8)
@@ -62,8 +63,8 @@ def test_until_it_begins_the_place_over_ground_follows_the_wheels() -> None:
         assert over_ground(new) == by_wheels(new)
 
 
-def test_until_it_begins_the_place_over_ground_is_that_of_now_and_not_of_the_last_sample() -> None:
-    """8 pulses of 0.01 m in 20 ms are 4 m/s: since a sample 16 ms ago it went 64 mm on."""
+def test_until_it_begins_the_ground_position_is_the_present_one() -> None:
+    """8 pulses of 0.01 m in 20 ms are 4 m/s, so since a sample 16 ms ago the train ran 64 mm."""
     new = Desk()
     for _ in range(4):
         new.cycle(8, 8, age_s=0.016)
@@ -80,12 +81,12 @@ def over_ground(desk: Desk) -> tuple[float, float]:
 
 
 def by_wheels(desk: Desk, age_s: float = 0.0) -> Any:
-    """The place now, less what the radar may be wrong in sum."""
+    """Position now by the wheels, without the accumulated radar error."""
     low_m, high_m = desk.where.by_wheels(Interval(*desk.wheels()), age_s)
     return pytest.approx((low_m - 0.03, high_m + 0.03))
 
 
-def test_a_train_of_which_two_far_samples_show_that_it_stands_begins_at_rest() -> None:
+def test_two_distant_samples_without_a_pulse_begin_at_rest() -> None:
     new = Desk()
     new.cycle(0)
     assert not new.ground.begun
@@ -109,8 +110,9 @@ def test_a_train_that_stands_for_exactly_long_enough_begins_at_rest() -> None:
         assert told.standing is at_rest
 
 
-def test_wheels_that_stand_but_were_heard_long_ago_begin_what_a_train_may_have_done_since() -> None:
-    """No pulse in 0.625 s: less than one, 1 ms and 1.5 m/s² over half of it; then 0.625 s more."""
+def test_an_old_sample_of_still_wheels_begins_with_the_possible_speed_change() -> None:
+    """No pulse came in 0.625 s. The bound allows one pulse, 1 ms and 1.5 m/s² over half of it,
+    then 0.625 s more."""
     new = Desk()
     new.cycle(0)
     new.cycle(0, dt_s=0.625, tacho_age_s=0.2)
@@ -123,7 +125,7 @@ def test_wheels_that_stand_but_were_heard_long_ago_begin_what_a_train_may_have_d
 
 
 @pytest.mark.parametrize("end", [0, 2])
-def test_a_radar_that_either_end_of_the_wheels_bears_out_replaces_what_was_carried_on(
+def test_a_radar_that_either_bound_of_the_wheels_confirms_replaces_the_extrapolated_speed(
     end: int,
 ) -> None:
     made = going()
@@ -135,8 +137,8 @@ def test_a_radar_that_either_end_of_the_wheels_bears_out_replaces_what_was_carri
     assert speeds(made) == near(radar_mps - 0.1, radar_mps + 0.1)
 
 
-def test_while_the_radar_sees_the_way_is_its_mean() -> None:
-    """4 m/s ± 0.02 m/s, carried back by half a cycle at 1.5 m/s²."""
+def test_the_distance_follows_the_mean_radar_speed() -> None:
+    """The radar shows 4 m/s ± 0.02 m/s, extrapolated back by half a cycle at 1.5 m/s²."""
     made = going()
     assert made.moved(8, 8, radar_mps=4.0) == near(3.95 * CYCLE_S, 4.05 * CYCLE_S)
 
@@ -145,14 +147,15 @@ def test_while_the_radar_sees_the_way_is_its_mean() -> None:
 
 
 def felt(made: Any, **heard: Any) -> tuple[float, float]:
-    """How the bounds of 4 to 4.5 m/s change in 40 ms, while wheels are no witness; in m/s²."""
+    """Change of the bounds of 4 and 4.5 m/s in a cycle without evidence from the wheels, in
+    m/s²."""
     made.over_ground(4.0, 4.5)
     made.cycle(tacho_age_s=1.0, **heard)
     low, high = speeds(made)
     return (low - 4.0) / CYCLE_S, (high - 4.5) / CYCLE_S
 
 
-def test_the_accelerometer_carries_the_bounds_on_while_it_is_well_and_fresh() -> None:
+def test_a_healthy_and_fresh_accelerometer_extrapolates_the_bounds() -> None:
     assert felt(going(), felt_mps2=1.0) == near(0.75, 1.25)
     assert felt(going(), felt_mps2=1.0, imu_age_s=0.15) == near(0.75, 1.25)
     assert felt(going(), felt_mps2=1.0, imu_age_s=0.151) == near(-1.5, 1.5)
@@ -160,7 +163,7 @@ def test_the_accelerometer_carries_the_bounds_on_while_it_is_well_and_fresh() ->
     assert felt(going()) == near(-1.5, 1.5)
 
 
-def test_of_a_gap_between_cycles_the_accelerometer_tells_only_the_end() -> None:
+def test_the_accelerometer_covers_only_the_end_of_a_gap_between_cycles() -> None:
     made = going()
     made.over_ground(4.0, 4.5)
     made.cycle(dt_s=0.5, tacho_age_s=1.0, felt_mps2=1.0)
@@ -182,7 +185,8 @@ def test_of_a_gap_between_cycles_the_accelerometer_tells_only_the_end() -> None:
 def test_gradients_are_taken_from_the_furthest_ends_of_both_intervals(
     low_m: float, ground_low_m: float, high_m: float, ground_high_m: float, *, climbs: bool
 ) -> None:
-    """20 permille from 200 m to 300 m; the accelerometer is up to 25 m behind the front."""
+    """The gradient is 20 per mille from 200 m to 300 m; the accelerometer is up to 25 m behind
+    the front."""
     made = going(climbs=(GradientSection(200.0, 300.0, 20.0),))
     made.where.low_m, made.where.high_m = low_m, high_m
     made.where.ground_low_m, made.where.ground_high_m = ground_low_m, ground_high_m
@@ -194,7 +198,7 @@ def test_gradients_are_taken_from_the_furthest_ends_of_both_intervals(
 # Wheels while the radar sees nothing.
 
 
-def test_slow_wheels_that_change_their_speed_gently_tell_the_way_to_a_little_slip() -> None:
+def test_slow_gentle_wheels_measure_the_distance_within_a_small_slip() -> None:
     for step in (8, -8):
         made = going(step)
         way_m = made.moved(step, step)
@@ -210,7 +214,7 @@ def test_slow_wheels_that_change_their_speed_gently_tell_the_way_to_a_little_sli
     [(1.0, 0.08), (-1.0, 0.08), (1.001, 0.4), (-1.001, 0.4), (0.5, 0.08)],
 )
 def test_wheels_that_need_more_adhesion_may_slip_more(share: float, slip_ratio: float) -> None:
-    """0.45 m/s² and more, told by the last samples."""
+    """The last samples show 0.45 m/s² and more."""
     accel_pulses_per_s2 = 45.0
     made = going(gentle_mps2=accel_pulses_per_s2 * going().where.m_per_pulse)
     made.track.accel_pulses_per_s2 = share * accel_pulses_per_s2
@@ -222,7 +226,7 @@ def test_wheels_that_need_more_adhesion_may_slip_more(share: float, slip_ratio: 
 
 
 @pytest.mark.parametrize("step", [8, -8])
-def test_wheels_faster_than_a_radar_is_blind_do_not_tell_the_way(step: int) -> None:
+def test_wheels_above_the_radars_blind_speed_do_not_measure_the_distance(step: int) -> None:
     measured = going(step)
     measured.cycle(step, step)
     speed_mps = abs(measured.wheels()[1])
@@ -238,20 +242,18 @@ def test_wheels_faster_than_a_radar_is_blind_do_not_tell_the_way(step: int) -> N
 @pytest.mark.parametrize(
     ("tacho_age_s", "witness"), [(0.0, True), (0.15, True), (0.151, False), (9.0, False)]
 )
-def test_wheels_that_were_heard_too_long_ago_are_no_witness(
-    tacho_age_s: float, *, witness: bool
-) -> None:
+def test_an_old_tacho_sample_is_no_evidence(tacho_age_s: float, *, witness: bool) -> None:
     made = going()
     way_m = made.moved(tacho_age_s=tacho_age_s)
 
     assert (way_m != CARRIED_M) is witness
 
 
-def test_wheels_that_turn_against_their_direction_are_no_witness() -> None:
+def test_wheels_that_turn_against_their_direction_are_no_evidence() -> None:
     assert going().moved(8, 8, way=Direction.REVERSE) == CARRIED_M
 
 
-def test_wheels_that_disagree_with_each_other_are_no_witness_then_and_while_they_slip() -> None:
+def test_axles_that_disagree_are_no_evidence_while_they_slip() -> None:
     made = going()
     assert made.moved(8, 8, steps_b=(8, 18)) == CARRIED_M
     assert made.odometry._slip
@@ -259,7 +261,7 @@ def test_wheels_that_disagree_with_each_other_are_no_witness_then_and_while_they
     assert made.moved(8, 8) == CARRIED_M
 
 
-def test_wheels_that_disagree_with_the_ground_are_no_witness_of_it() -> None:
+def test_wheels_that_disagree_with_the_ground_are_no_evidence_of_it() -> None:
     made = going()
     made.over_ground(20.0, 21.0)
 
@@ -290,12 +292,13 @@ EASING = BrakeStatus(
 )
 HOLDING = replace(EASING, holding_applied=True)
 PULLED = near(-0.02 + 0.75 * CYCLE_S, 0.02 + 1.25 * CYCLE_S)
-"""From rest, 2 cm/s either way, after a cycle of 1 ± 0.25 m/s²."""
+"""Bounds after a cycle at 1 ± 0.25 m/s² from rest, with 2 cm/s to either side."""
 PULLED_M = near(CYCLE_S * (-0.02 + 0.375 * CYCLE_S), CYCLE_S * (0.02 + 0.625 * CYCLE_S))
 
 
 def stood(**changes: Any) -> Any:
-    """For 0.56 s, the last cycle with 1 m/s² felt already, so that it changes no more."""
+    """An odometer of a train that stood for 0.56 s; its last cycle already measured 1 m/s², so
+    this no longer changes."""
     made = Desk(**changes)
     made.cycles(14, 0, 0)
     made.cycle(0, 0, felt_mps2=1.0, brake=HOLDING)
@@ -303,15 +306,15 @@ def stood(**changes: Any) -> Any:
 
 
 @pytest.mark.parametrize("brake", [None, EASING, replace(EASING, released=True)])
-def test_wheels_of_a_train_that_feels_as_if_it_went_do_not_tell_that_it_stands(brake: Any) -> None:
-    """Nobody holds it; a brake that eases proves nothing."""
+def test_still_wheels_do_not_prove_rest_while_the_accelerometer_shows_motion(brake: Any) -> None:
+    """No brake holds the train; a brake that eases off proves nothing."""
     made = stood()
 
     assert made.moved(0, 0, felt_mps2=1.0, brake=brake) == PULLED_M
     assert speeds(made) == PULLED
 
 
-def test_nor_do_wheels_that_stand_for_exactly_long_enough() -> None:
+def test_just_stopped_wheels_do_not_prove_rest_while_the_accelerometer_shows_motion() -> None:
     measured = stood()
     measured.cycle(0, 0, felt_mps2=1.0, brake=HOLDING)
     made = stood(standing_s=measured.track.still_s)
@@ -322,7 +325,7 @@ def test_nor_do_wheels_that_stand_for_exactly_long_enough() -> None:
     assert speeds(made) == PULLED
 
 
-def test_nor_do_they_narrow_what_is_known_too_badly() -> None:
+def test_still_wheels_do_not_narrow_wide_bounds_while_the_accelerometer_shows_motion() -> None:
     made = stood()
     made.over_ground(-0.4, 0.4)
 
@@ -332,7 +335,7 @@ def test_nor_do_they_narrow_what_is_known_too_badly() -> None:
     assert speeds(made) == near(-0.4 + 0.75 * CYCLE_S, 0.4 + 1.25 * CYCLE_S)
 
 
-def test_a_train_that_is_held_stands_whatever_it_feels() -> None:
+def test_a_held_train_stands_whatever_the_accelerometer_shows() -> None:
     made = stood()
 
     assert made.moved(0, 0, felt_mps2=1.0, brake=HOLDING) == (0.0, 0.0)
@@ -340,7 +343,7 @@ def test_a_train_that_is_held_stands_whatever_it_feels() -> None:
 
 
 @pytest.mark.parametrize(("age_s", "holds"), [(0.15, True), (0.151, False)])
-def test_a_brake_that_was_heard_too_long_ago_holds_nothing(age_s: float, holds: bool) -> None:
+def test_an_old_brake_report_does_not_prove_holding(age_s: float, holds: bool) -> None:
     made = stood()
     made.cycle(0, 0, felt_mps2=1.0, brake=HOLDING, brake_age_s=age_s)
 
@@ -349,10 +352,10 @@ def test_a_brake_that_was_heard_too_long_ago_holds_nothing(age_s: float, holds: 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize(("felt_mps2", "stands"), [(0.25, True), (0.26, False), (0.0, True)])
-def test_wheels_tell_of_rest_while_the_accelerometer_does_not_exclude_it(
+def test_still_wheels_prove_rest_while_the_accelerometer_does_not_exclude_it(
     felt_mps2: float, sign: float, stands: bool
 ) -> None:
-    """It may err by 0.25 m/s²."""
+    """The accelerometer may err by 0.25 m/s²."""
     made = Desk()
     made.cycles(14, 0, 0)
     made.cycles(2, 0, 0, felt_mps2=sign * felt_mps2, brake=HOLDING)
@@ -361,7 +364,7 @@ def test_wheels_tell_of_rest_while_the_accelerometer_does_not_exclude_it(
     assert (speeds(made) == (-0.02, 0.02)) is stands
 
 
-def test_a_train_that_felt_wrong_stands_again_once_it_is_held() -> None:
+def test_a_train_with_a_wrong_accelerometer_stands_again_once_it_is_held() -> None:
     made = stood()
     made.cycles(5, 0, 0, felt_mps2=1.0, brake=EASING)
     assert speeds(made) != (-0.02, 0.02)
@@ -371,8 +374,8 @@ def test_a_train_that_felt_wrong_stands_again_once_it_is_held() -> None:
     assert speeds(made) == (-0.02, 0.02)
 
 
-def test_wheels_that_stopped_a_moment_ago_are_asked_as_ever() -> None:
-    """They do not stand yet, and tell the way as slow wheels do: none."""
+def test_wheels_that_stopped_a_moment_ago_count_as_slow_wheels() -> None:
+    """They do not count as standing yet and measure the distance like slow wheels: none."""
     made = Desk()
     made.cycles(11, 0, 0, felt_mps2=1.0, brake=EASING)
     made.over_ground(-0.1, 0.1)
@@ -407,7 +410,7 @@ def test_bounds_that_are_too_wide_are_narrowed_to_the_wheels_and_their_slip(
 
 
 def test_bounds_are_too_wide_beyond_three_tenths_and_the_slip_on_either_side() -> None:
-    """At half a metre a second; exactly as wide, and by the least bit wider."""
+    """At half a metre per second, the test takes exactly this width and the next larger float."""
     measured = going(1)
     measured.cycle(dt_s=0.0)
     low, best, _ = measured.wheels()
@@ -423,7 +426,7 @@ def test_bounds_are_too_wide_beyond_three_tenths_and_the_slip_on_either_side() -
         assert (speeds(made) == (0.0, high_mps)) is not narrowed
 
 
-def test_bounds_that_stick_out_of_the_wheels_stay_while_they_are_not_too_wide() -> None:
+def test_bounds_beyond_those_of_the_wheels_stay_while_not_too_wide() -> None:
     made = going()
     made.over_ground(3.0, 3.9)
     made.cycle(dt_s=0.0)
@@ -433,7 +436,7 @@ def test_bounds_that_stick_out_of_the_wheels_stay_while_they_are_not_too_wide() 
     assert speeds(made) == (4.1, 5.0)
 
 
-def test_wheels_that_were_heard_too_long_ago_narrow_nothing() -> None:
+def test_an_old_tacho_sample_narrows_nothing() -> None:
     made = going()
     made.over_ground(-5.0, 12.0)
     made.cycle(dt_s=0.0, tacho_age_s=0.151)
@@ -445,8 +448,8 @@ def test_wheels_that_were_heard_too_long_ago_narrow_nothing() -> None:
 
 
 @pytest.mark.parametrize("step", [8, -8])
-def test_over_a_gap_between_cycles_the_train_may_have_stood_all_the_time(step: int) -> None:
-    """4 m/s ± 0.02 m/s, carried back by a quarter of a second at 1.5 m/s²."""
+def test_during_a_gap_between_cycles_the_train_may_have_stood(step: int) -> None:
+    """The speed is 4 m/s ± 0.02 m/s, extrapolated back by a quarter of a second at 1.5 m/s²."""
     made = going(step)
     low_m, high_m = made.moved(step, dt_s=0.5, radar_mps=step * 0.5)
 
@@ -454,7 +457,7 @@ def test_over_a_gap_between_cycles_the_train_may_have_stood_all_the_time(step: i
     assert (low_m, high_m) == (near(0.0, most_m) if step > 0 else near(-most_m, 0.0))
 
 
-def test_over_a_gap_a_train_that_may_have_gone_either_way_is_anywhere_between() -> None:
+def test_during_a_gap_a_train_of_unknown_direction_may_be_anywhere_between() -> None:
     made = going()
     made.over_ground(-3.0, 3.5)
 
@@ -470,15 +473,15 @@ def test_a_slow_controller_has_no_gaps_between_its_cycles() -> None:
     assert made.moved(40, 40, cycle_s=0.2, dt_s=0.2, apart_s=0.1, radar_mps=4.0)[0] > 0.7
 
 
-def test_how_long_a_cycle_is_counts_as_it_was_told_first() -> None:
-    """0.25 s are no gap for a controller that began with cycles of 0.2 s."""
+def test_the_first_cycle_time_counts() -> None:
+    """0.25 s is no gap for a controller that began with cycles of 0.2 s."""
     made = Desk()
     made.cycle(0, cycle_s=0.2, radar_mps=4.0)
 
     assert made.moved(50, dt_s=0.25, cycle_s=0.05, radar_mps=4.0)[0] > 0.9
 
 
-def test_the_way_over_ground_adds_up_with_half_its_width() -> None:
+def test_the_distance_over_ground_accumulates_with_half_its_width() -> None:
     made = going()
     way_m, blur_m = made.odometry._over_m, made.odometry._over_blur_m
     for cycle in range(1, 4):

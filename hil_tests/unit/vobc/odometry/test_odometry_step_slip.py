@@ -1,4 +1,4 @@
-"""How the odometer tells that wheels slip or slide, for how long, and what it believes then."""
+"""Detection of slip and slide, its duration, and which measurements count meanwhile."""
 
 import math
 from typing import Any
@@ -12,14 +12,15 @@ from vobc.odometry.tracking import SpeedTrack
 
 
 def going(step: int = 8, cycles: int = 60, **changes: Any) -> Any:
-    """At 4 m/s, 8 pulses in each 20 ms, seen by the radar."""
+    """An odometer at 4 m/s, with 8 pulses in each 20 ms, seen by the radar."""
     made = Desk(**changes)
     made.cycles(cycles, step, step, radar_mps=step * 0.5)
     return made
 
 
 def drifting() -> Any:
-    """Wheels that slowly left the speed over ground: they slip, but never jumped."""
+    """An odometer whose wheels slowly departed from the speed over ground: they slip without a
+    jump."""
     made = going()
     for step in (8, 9, 9, 9, 9, 10, 10, 10, 10, 11, 11, 11):
         told = made.cycle(step, step, radar_mps=4.0)
@@ -28,7 +29,7 @@ def drifting() -> Any:
 
 
 def spinning(**changes: Any) -> Any:
-    """Wheels that jumped from 4 m/s to 8 m/s."""
+    """An odometer whose wheels jumped from 4 m/s to 8 m/s."""
     made = going(**changes)
     made.cycles(4, 16, 16, radar_mps=4.0)
     return made
@@ -52,7 +53,7 @@ def test_wheels_that_leave_the_ground_slowly_slip_but_may_still_be_right() -> No
     assert told.speed_mps.best == pytest.approx(made.ground.best_mps)
 
 
-def test_wheels_that_jump_off_the_ground_say_nothing_any_more() -> None:
+def test_wheels_that_jump_off_the_ground_speed_no_longer_count() -> None:
     made = spinning()
     told = made.cycle(16, 16, radar_mps=4.0)
 
@@ -62,10 +63,8 @@ def test_wheels_that_jump_off_the_ground_say_nothing_any_more() -> None:
 
 
 @pytest.mark.parametrize(("before_s", "out"), [(0.6, True), (0.601, False), (0.5, True)])
-def test_a_jump_makes_a_slip_of_the_six_tenths_of_a_second_after_it(
-    before_s: float, *, out: bool
-) -> None:
-    """Reckoned while the clock shows so little that its differences are exact."""
+def test_a_jump_counts_as_slip_for_six_tenths_of_a_second(before_s: float, *, out: bool) -> None:
+    """The test runs at small clock values, where differences are exact."""
     made = going(cycles=12)
     made.over_ground(9.0, 9.1)
     made.odometry._jumped_s = (made.now_ns + 40_000_000) * 1e-9 - before_s
@@ -76,10 +75,10 @@ def test_a_jump_makes_a_slip_of_the_six_tenths_of_a_second_after_it(
 
 
 @pytest.mark.parametrize(("before_s", "out"), [(0.6, False), (0.601, True), (0.1, False)])
-def test_a_jump_next_to_axles_that_differed_is_no_proof_since_a_tacho_may_be_broken(
+def test_a_jump_of_differing_axles_proves_nothing_because_a_tacho_may_be_broken(
     monkeypatch: pytest.MonkeyPatch, before_s: float, *, out: bool
 ) -> None:
-    """Reckoned while the clock shows so little that its differences are exact."""
+    """The test runs at small clock values, where differences are exact."""
     made = going(cycles=12)
     made.over_ground(9.0, 9.1)
     made.odometry._differed_s = (made.now_ns + 40_000_000) * 1e-9 - before_s
@@ -90,8 +89,8 @@ def test_a_jump_next_to_axles_that_differed_is_no_proof_since_a_tacho_may_be_bro
     assert (told.speed_mps.low > 8.0) is out
 
 
-def test_an_axle_that_stops_beside_one_that_rolls_leaves_both_bounds() -> None:
-    """The radar says 4.5 m/s, the axle that rolls 4 m/s: which is wrong nobody can tell."""
+def test_a_stopped_axle_beside_a_rolling_one_keeps_both_bounds() -> None:
+    """The radar shows 4.5 m/s and the rolling axle 4 m/s; no evidence decides which is wrong."""
     made = going()
     made.cycles(10, 8, 8, radar_mps=4.5)
     told = made.cycle(0, 0, steps_b=(8, 8), radar_mps=4.5)
@@ -138,9 +137,7 @@ def test_before_the_speed_over_ground_is_known_nothing_slips() -> None:
     assert not told.slip
 
 
-def test_axles_that_disagree_before_the_ground_is_known_take_the_start_of_the_scale_with_them() -> (
-    None
-):
+def test_axles_that_disagree_before_the_ground_speed_is_known_reset_the_scale_anchor() -> None:
     new = Desk()
     new.cycle(8, 8)
     assert new.where.scale._anchor is not None
@@ -152,8 +149,8 @@ def test_axles_that_disagree_before_the_ground_is_known_take_the_start_of_the_sc
 
 
 @pytest.mark.parametrize("age_s", [0.0, 0.016])
-def test_the_best_guess_goes_on_evenly_into_a_slip_and_out_of_it(age_s: float) -> None:
-    """4 m/s: 16 cm in each cycle, whether wheels or ground tell them."""
+def test_the_best_estimate_runs_smoothly_into_a_slip_and_out_of_it(age_s: float) -> None:
+    """At 4 m/s the train runs 16 cm in each cycle, measured by the wheels or over ground."""
     made = Desk()
     made.cycles(60, 8, 8, radar_mps=4.0, age_s=age_s)
     before_m = made.cycle(8, 8, radar_mps=4.0, age_s=age_s).front_m.best
@@ -208,10 +205,10 @@ def test_a_wheel_that_is_locked_does_not_make_the_train_stand() -> None:
 
 
 @pytest.mark.parametrize("age_s", [0.0, 0.016])
-def test_wheels_that_are_out_take_their_place_from_the_ground(
+def test_excluded_wheels_take_their_position_from_the_ground(
     age_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At the last sample, whose instant is known to a millisecond."""
+    """The position counts at the last sample, whose instant is known within a millisecond."""
     trusted: list[tuple[float, float, float]] = []
     monkeypatch.setattr(Localisation, "trust_ground", lambda self, *told: trusted.append(told))
     made = Desk()
@@ -238,7 +235,7 @@ def test_a_sample_from_the_future_is_no_older_than_its_jitter(
     assert trusted[-1] == pytest.approx(0.001)
 
 
-def test_wheels_that_grip_again_are_asked_again() -> None:
+def test_wheels_that_grip_again_count_again() -> None:
     made = spinning()
     assert made.odometry._wheels_out
     for _ in range(40):
@@ -251,8 +248,8 @@ def test_wheels_that_grip_again_are_asked_again() -> None:
     assert not made.odometry._wheels_out
 
 
-def test_wheels_are_out_only_as_long_as_they_slip(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also when a jump was noticed in the meantime."""
+def test_wheels_are_excluded_only_while_they_slip(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This also holds when a jump was detected in the meantime."""
     trusted: list[tuple[float, float, float]] = []
     monkeypatch.setattr(Localisation, "trust_ground", lambda self, *told: trusted.append(told))
     made = going()
@@ -269,7 +266,7 @@ def test_wheels_are_out_only_as_long_as_they_slip(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(
     ("low_mps", "high_mps"), [(3.4, 4.6), (3.99, 4.01), (3.0, 4.0), (4.0, 5.0)]
 )
-def test_the_speed_told_holds_wheels_and_ground(low_mps: float, high_mps: float) -> None:
+def test_the_reported_speed_covers_wheels_and_ground(low_mps: float, high_mps: float) -> None:
     made = going()
     made.over_ground(low_mps, high_mps)
     told = made.cycle(dt_s=0.0)

@@ -1,4 +1,4 @@
-"""What the odometer makes of one tag: where it puts the train, and by which bounds."""
+"""One tag in one cycle: the resulting position of the train and its bounds."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ SCALE: dict[str, Any] = {"scale_error_low_ratio": -0.01, "scale_error_high_ratio
 
 
 class Judged:
-    """What was asked of the order of tags: the reading, and the window."""
+    """Records what the odometer passes to the order of tags: the reading and the window."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.readings: list[LocatedTag] = []
@@ -41,18 +41,19 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> Judged:
 
 
 def going(step: int = 8, cycles: int = 60, front_m: float = 52.0, **changes: Any) -> Any:
-    """At 4 m/s, 8 pulses in each 20 ms, seen by the radar; 960 pulses, 9.52 m, from the start."""
+    """An odometer at 4 m/s with 8 pulses in each 20 ms, seen by the radar; it is 960 pulses
+    (9.52 m) from the start."""
     made = Desk(front_m=front_m, **changes)
     made.cycles(cycles, step, step, radar_mps=step * 0.5)
     return made
 
 
 def read(made: Any, *, since: int, age_s: float, tag_id: int = 7) -> TagReading:
-    """So many pulses before the last sample there is."""
+    """A reading that lies `since` pulses before the last sample."""
     return TagReading(tag_id, (made.pulses_a - since) % 65536, age_s)
 
 
-def test_a_tag_puts_the_train_where_the_pulses_since_say(judged: Judged) -> None:
+def test_a_tag_places_the_train_by_the_pulses_since(judged: Judged) -> None:
     """The front was at 62 m 20 pulses ago; at 4 m/s, 6 ms are 2.4 cm."""
     made = going(**SCALE)
     where, over_m = made.where, made.odometry._over_m
@@ -82,7 +83,7 @@ def test_a_tag_puts_the_train_where_the_pulses_since_say(judged: Judged) -> None
         (300.0, -4.0, 8.1, 4.0),
     ],
 )
-def test_the_instant_of_a_tag_is_worth_more_the_faster_wheels_or_ground_go(
+def test_the_time_error_of_a_tag_grows_with_the_speed(
     judged: Judged, rate_pulses_per_s: float, ground_mps: float, half_mps: float, speed_mps: float
 ) -> None:
     made = going()
@@ -95,11 +96,13 @@ def test_the_instant_of_a_tag_is_worth_more_the_faster_wheels_or_ground_go(
 
 @pytest.mark.parametrize("age_s", [0.05, 9.0])
 @pytest.mark.parametrize("since", [20, -20])
-def test_the_pulses_since_a_tag_are_worth_what_the_scale_is_known_to(
+def test_the_pulses_since_a_tag_carry_the_error_of_the_scale(
     monkeypatch: pytest.MonkeyPatch, since: int, age_s: float
 ) -> None:
-    """Also backwards. The way over ground is that of the last cycles, but of a tag from before
-    them it is what the train may have gone since by its speed and 1.5 m/s².
+    """The test also runs backwards.
+
+    The distance over ground is that of the last cycles. For an older tag it follows from the speed
+    and 1.5 m/s².
     """
     told: list[tuple[Any, ...]] = []
     corrected: list[tuple[float, float, float]] = []
@@ -127,10 +130,11 @@ def test_the_pulses_since_a_tag_are_worth_what_the_scale_is_known_to(
     assert measured == [(60.0, 960 - 8 - since, pytest.approx(bound_m))]
 
 
-def test_a_tag_that_slipping_wheels_counted_is_known_as_the_ground_is(
+def test_a_tag_counted_by_slipping_wheels_has_the_error_of_the_ground(
     judged: Judged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Way since by the wheels, and as much off as the ground may be; no scale is measured."""
+    """The wheels give the distance since the tag, with the error of the ground; no scale is
+    measured."""
     corrected: list[tuple[float, float, float]] = []
     monkeypatch.setattr(Localisation, "correct", lambda self, *args: corrected.append(args))
     made = going()
@@ -149,7 +153,7 @@ def test_a_tag_that_slipping_wheels_counted_is_known_as_the_ground_is(
     assert made.where.scale._anchor is None
 
 
-def test_a_tag_that_wheels_counted_which_are_out_is_placed_by_the_ground_alone(
+def test_a_tag_counted_by_excluded_wheels_is_placed_by_the_ground_alone(
     judged: Judged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[tuple[Any, ...]] = []
@@ -179,7 +183,8 @@ def test_a_tag_that_wheels_counted_which_are_out_is_placed_by_the_ground_alone(
 
 
 def test_a_tag_while_the_other_axle_counts_is_placed_by_the_ground(judged: Judged) -> None:
-    """Tacho A latches the pulses of a tag, and is unwell: 400 pulses/s for 0.1 s it is."""
+    """Tacho A latches the pulses of a tag but is unhealthy, so 400 pulses/s for 0.1 s count
+    instead."""
     made = going()
     made.cycles(3, 8, 8, radar_mps=4.0, healthy=(False, True))
     made.over_ground(3.8, 4.1)
@@ -197,7 +202,8 @@ def test_a_tag_while_the_other_axle_counts_is_placed_by_the_ground(judged: Judge
 def test_the_window_is_that_of_the_last_sample(
     judged: Judged, ahead_s: float, age_s: float
 ) -> None:
-    """Over ground the train was further back then; a sample from the future is one of now."""
+    """Over ground the train was further back at the sample; a sample from the future counts as
+    one of now."""
     made = going()
     made.where.low_m, made.where.high_m = 61.9, 62.0
     made.where.ground_low_m, made.where.ground_high_m = 61.5, 62.5
@@ -209,7 +215,7 @@ def test_the_window_is_that_of_the_last_sample(
 
 
 def test_a_train_that_turns_round_at_a_tag_may_pass_it_again_at_once() -> None:
-    """It heard of the tag 20 pulses behind it, and went back by 22."""
+    """The reader reported the tag 20 pulses ago, and the train went back by 22."""
     made = going(1, front_m=61.0)
     assert made.cycle(dt_s=0.0, tags=(read(made, since=20, age_s=0.05),)).accepted_tag_ids == (7,)
     again = made.cycle(-22, dt_s=0.5, tags=(read(made, since=20, age_s=0.01),))
@@ -217,7 +223,7 @@ def test_a_train_that_turns_round_at_a_tag_may_pass_it_again_at_once() -> None:
     assert again.accepted_tag_ids == (7,)
 
 
-def test_a_train_that_went_back_over_a_tag_may_pass_it_again() -> None:
+def test_a_train_that_ran_back_over_a_tag_may_pass_it_again() -> None:
     made = going()
     made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015),))
     told = made.cycle(-8, -8, tags=(read(made, since=6, age_s=0.01),))
@@ -229,10 +235,10 @@ def test_a_train_that_went_back_over_a_tag_may_pass_it_again() -> None:
 
 
 @pytest.mark.parametrize("gap", ["with the tag", "before", "left behind", "never"])
-def test_a_tag_after_missing_telegrams_was_read_anywhere_within_its_reach(
+def test_a_tag_after_missing_telegrams_may_be_read_anywhere_within_reach(
     judged: Judged, monkeypatch: pytest.MonkeyPatch, gap: str
 ) -> None:
-    """Half a metre to either side; and it measures no wheel."""
+    """The bound is half a metre to either side, and the reading measures no wheel."""
     told: list[float] = []
     corrected: list[tuple[float, float, float]] = []
     measured: list[int] = []
@@ -259,24 +265,25 @@ def test_a_tag_after_missing_telegrams_was_read_anywhere_within_its_reach(
     assert len(measured) == (0 if off_m else 1)
 
 
-def test_a_second_reading_after_a_first_that_was_not_believed_is_taken_for_one(
+def test_a_reading_after_a_refused_first_one_counts_as_the_second(
     judged: Judged,
 ) -> None:
-    """The first was outside of its window; 30 cm on, the second is no centre either."""
+    """The first reading was outside its window. The second one, 30 cm further, is not at the
+    centre either."""
     made = going(front_m=40.0)
     first = made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.05),))
     made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.05),))
 
     assert [refused.reason for refused in first.refused_tags] == [TagRefusal.OUTSIDE_WINDOW]
     bounds_m = [reading.bound_m for reading in judged.readings]
-    # As far on as 16 pulses and one more, within what the first one told.
+    # The offset is 16 pulses and one more, plus the bound of the first reading.
     assert bounds_m[1] - bounds_m[0] == pytest.approx(0.17 + bounds_m[0], abs=0.01)
 
 
-def test_a_tag_counts_as_left_by_the_least_way_that_a_pulse_may_stand_for(
+def test_a_tag_counts_as_left_by_the_least_distance_of_a_pulse(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of all wheels that are declared, not of the one that was measured."""
+    """The bound uses all declared wheels and not only the measured one."""
     told_m: list[float] = []
     monkeypatch.setattr(
         References, "follow", lambda self, way, least_m, gap, slip: told_m.append(least_m)
@@ -288,8 +295,8 @@ def test_a_tag_counts_as_left_by_the_least_way_that_a_pulse_may_stand_for(
     assert least_m < most_m
 
 
-def test_what_is_read_while_nobody_counts_yet_is_not_forgotten(judged: Judged) -> None:
-    """The controller began next to a tag; whether its reader told of it before nobody knows."""
+def test_a_reading_before_the_first_motion_is_remembered(judged: Judged) -> None:
+    """The controller started next to a tag, so the reader may have reported it before."""
     made = Desk(front_m=61.9)
     made.cycles(2, 8, 8, radar_mps=4.0)
     made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=0, age_s=0.05),))
@@ -297,8 +304,8 @@ def test_what_is_read_while_nobody_counts_yet_is_not_forgotten(judged: Judged) -
     assert judged.readings[0].bound_m > 0.56
 
 
-def test_a_tag_that_is_passed_again_within_its_reach_keeps_what_was_known(judged: Judged) -> None:
-    """On by 40 pulses, back by 58, and the same tag once more, where the wheels tell."""
+def test_a_repeated_tag_within_its_reach_keeps_the_known_interval(judged: Judged) -> None:
+    """The train runs 40 pulses on and 58 back and passes the tag again, measured by the wheels."""
     made = going(2, front_m=59.9)
     before = made.cycle(dt_s=0.0, tags=(read(made, since=20, age_s=0.05),)).front_m
     for cycles, *steps in ((20, 1, 1), (30, 0, 0), (10, -1, 0), (24, -1, -1)):
@@ -316,8 +323,8 @@ def test_a_tag_that_is_passed_again_within_its_reach_keeps_what_was_known(judged
 # A place that is lost.
 
 
-def test_a_lost_place_takes_the_first_of_two_tags_for_neither_right_nor_wrong() -> None:
-    """30 m of 3 000 pulses apart; the second one says where the train is."""
+def test_with_a_lost_position_the_first_tag_is_neither_accepted_nor_refused() -> None:
+    """The tags are 30 m or 3000 pulses apart; the second one gives the position."""
     made = going(proof=PlaceProof.UNKNOWN, front_m=400.0)
     first = made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015),))
     assert (first.accepted_tag_ids, first.refused_tags) == ((), ())
@@ -337,7 +344,7 @@ def test_a_lost_place_takes_the_first_of_two_tags_for_neither_right_nor_wrong() 
     assert found.front_m.high < 92.5
 
 
-def test_what_is_found_again_is_known_as_well_as_its_tag(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recovered_position_has_the_bound_of_its_tag(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[tuple[float, float]] = []
     begin_anew = Localisation.begin_anew
 
@@ -356,10 +363,10 @@ def test_what_is_found_again_is_known_as_well_as_its_tag(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize(("cycles", "found"), [(97, False), (137, True), (180, False)])
-def test_a_lost_place_is_found_by_the_way_over_ground_when_the_wheels_slipped(
+def test_a_lost_position_is_recovered_by_the_ground_distance_after_a_slip(
     cycles: int, *, found: bool
 ) -> None:
-    """For two seconds the wheels turned at half the speed; the radar counted on to 30 m."""
+    """The wheels turned at half the speed for two seconds, while the radar measured up to 30 m."""
     made = going(proof=PlaceProof.UNKNOWN, front_m=400.0)
     made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015),))
     made.cycles(50, 4, 4, radar_mps=4.0)
@@ -376,7 +383,8 @@ def test_a_lost_place_is_found_by_the_way_over_ground_when_the_wheels_slipped(
 def test_a_tag_that_the_train_may_stand_over_at_the_start_need_not_be_read(
     front_m: float, missed: int
 ) -> None:
-    """Half a metre, a pulse and the tag's own 6 cm ahead of the antenna, 2 m behind the front."""
+    """The tag is half a metre, a pulse and its own 6 cm ahead of the antenna, which is 2 m
+    behind the front."""
     made = Desk(front_m=front_m)
     for _ in range(70):
         told = made.cycle(8, 8, radar_mps=4.0)
@@ -384,7 +392,7 @@ def test_a_tag_that_the_train_may_stand_over_at_the_start_need_not_be_read(
     assert told.missed_tags == missed
 
 
-def test_a_tag_is_missed_once_the_least_place_of_the_antenna_is_behind_it() -> None:
+def test_a_tag_counts_as_missed_once_the_rearmost_antenna_is_past_it() -> None:
     made = going()
     before = 0
     for _ in range(150):
@@ -409,7 +417,7 @@ def test_the_place_is_lost_once_both_ends_are_further_apart_than_allowed() -> No
 # Cold movement.
 
 
-def test_a_train_that_waits_for_its_proof_gets_it_and_an_interval_that_is_wider_by_it() -> None:
+def test_a_waiting_train_gets_its_proof_and_a_wider_interval() -> None:
     waiting, proven = (Desk(proof=PlaceProof.REMEMBERED) for _ in range(2))
     for made in (waiting, proven):
         assert not made.cycles(3, 0, 0).localised
@@ -422,7 +430,7 @@ def test_a_train_that_waits_for_its_proof_gets_it_and_an_interval_that_is_wider_
     assert told.front_m.high == pytest.approx(silent.front_m.high + 1.25)
 
 
-def test_a_train_that_was_moved_too_far_is_not_where_it_was_and_no_wider() -> None:
+def test_a_train_that_was_moved_too_far_loses_its_position_and_its_interval_stays() -> None:
     made, silent = (Desk(proof=PlaceProof.REMEMBERED) for _ in range(2))
     told = made.cycle(0, 0, cold=ColdMovement(5.0, True))
 
@@ -449,7 +457,7 @@ def test_a_train_that_knows_its_place_asks_for_no_proof() -> None:
         ((8.5, 9.0), (8.75, 9.0), 1.5),
     ],
 )
-def test_what_is_kept_over_a_power_cycle_is_the_furthest_end_of_either_interval(
+def test_the_stored_position_is_the_furthest_end_of_either_interval(
     wheels_m: tuple[float, float], ground_m: tuple[float, float], bound_m: float
 ) -> None:
     made = Desk()

@@ -1,4 +1,4 @@
-"""Single samples, standstill and the very ends of the place, as one cycle of the odometer tells."""
+"""Single samples, standstill and the exact ends of the position in one cycle of the odometer."""
 
 import math
 from typing import Any
@@ -13,7 +13,7 @@ SCALE: dict[str, Any] = {"scale_error_low_ratio": -0.01, "scale_error_high_ratio
 
 
 def going(step: int = 8, cycles: int = 60, **changes: Any) -> Any:
-    """At 4 m/s, 8 pulses in each 20 ms, seen by the radar."""
+    """An odometer at 4 m/s, with 8 pulses in each 20 ms, seen by the radar."""
     made = Desk(**changes)
     made.cycles(cycles, step, step, radar_mps=step * 0.5)
     return made
@@ -22,7 +22,7 @@ def going(step: int = 8, cycles: int = 60, **changes: Any) -> Any:
 # Samples.
 
 
-def test_before_the_first_sample_there_is_nothing_to_use() -> None:
+def test_before_the_first_sample_the_odometer_is_unusable() -> None:
     new = Desk()
     assert not new.odometry.usable
     assert new.hear() is None
@@ -32,7 +32,8 @@ def test_before_the_first_sample_there_is_nothing_to_use() -> None:
 
 
 def test_of_samples_too_close_to_the_next_only_the_last_counts() -> None:
-    """7.9 ms, and later 10 ms before the next: travel counts from the first that is taken."""
+    """Samples come 7.9 ms and later 10 ms before the next; travel counts from the first one
+    used."""
     for apart_s, travel_m in ((0.0079, 0.0), (0.0081, 0.2)):
         made = Desk()
         told = made.cycle(0, 20, apart_s=apart_s, age_s=0.01)
@@ -42,7 +43,7 @@ def test_of_samples_too_close_to_the_next_only_the_last_counts() -> None:
     assert told.travel_m == pytest.approx(0.1)
 
 
-def test_a_sample_of_an_instant_that_was_taken_already_is_not_taken_again() -> None:
+def test_a_sample_of_an_instant_already_used_is_ignored() -> None:
     made = going()
     travel_m = made.cycle(8, 8).travel_m
     told = made.cycle(5, dt_s=0.0)
@@ -52,7 +53,7 @@ def test_a_sample_of_an_instant_that_was_taken_already_is_not_taken_again() -> N
     assert not told.slip
 
 
-def test_one_pulse_at_a_time_is_a_way_as_well() -> None:
+def test_single_pulses_add_up_to_distance() -> None:
     made = Desk()
     told = made.cycles(20, 1, 1)
 
@@ -61,8 +62,11 @@ def test_one_pulse_at_a_time_is_a_way_as_well() -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_pulses_against_their_direction_widen_the_place_by_twice_their_way(sign: int) -> None:
-    """As much the other way is as true, on the side that they may have come from."""
+def test_pulses_against_their_direction_widen_the_position_by_twice_their_distance(
+    sign: int,
+) -> None:
+    """The same distance in the other direction is as possible, on the side that the train may
+    have come from."""
     made = going(sign * 8, **SCALE)
     where = made.where
     low_m, high_m = where.low_m, where.high_m
@@ -87,7 +91,7 @@ def test_speed_is_two_sided_while_pulses_and_direction_contradict_each_other() -
         assert (told.speed_mps.low, told.speed_mps.high) == near(-most_mps, most_mps)
 
 
-def test_a_scale_that_was_measured_by_one_axle_is_not_the_others() -> None:
+def test_a_scale_measured_by_one_axle_does_not_apply_to_the_other() -> None:
     made = going(**SCALE)
     scale = made.where.scale
     scale.low_m = scale.high_m = PULSE_M
@@ -103,7 +107,7 @@ def test_a_scale_that_was_measured_by_one_axle_is_not_the_others() -> None:
 @pytest.mark.parametrize(
     ("step", "low_m", "high_m"), [(2, LEAST_M, MOST_M), (0, MOST_M, MOST_M), (-2, MOST_M, LEAST_M)]
 )
-def test_a_pulse_in_two_seconds_is_taken_by_the_scale_that_makes_most_of_it(
+def test_a_single_slow_pulse_counts_with_the_largest_scale(
     step: int, low_m: float, high_m: float
 ) -> None:
     new = Desk(**SCALE)
@@ -146,8 +150,9 @@ def test_a_wheel_that_stood_for_long_enough_has_settled(later_s: float, *, settl
 # Standstill.
 
 
-def test_what_came_out_of_a_queue_proves_no_standstill_before_its_time() -> None:
-    """The first cycle hears 0.38 s of samples without a pulse; two seconds count from the first."""
+def test_queued_samples_prove_no_standstill_early() -> None:
+    """The first cycle receives 0.38 s of samples without a pulse; the two seconds count from the
+    first sample."""
     new = Desk(start_s=100.0)
     told = [new.cycle(*[0] * 20)] + [new.cycle(0, 0) for _ in range(50)]
 
@@ -162,7 +167,7 @@ def standing(**changes: Any) -> Any:
     return made
 
 
-def test_standstill_is_proven_by_slow_wheels_that_are_heard_make_sense_and_grip() -> None:
+def test_standstill_needs_slow_fresh_consistent_and_gripping_wheels() -> None:
     assert standing().cycle(0, 0).standstill
     assert not standing().cycle(0, 0, healthy=(False, False)).standstill
     assert not standing().cycle(tacho_age_s=0.151).standstill
@@ -178,7 +183,7 @@ def test_standstill_is_proven_by_slow_wheels_that_are_heard_make_sense_and_grip(
 
 
 def test_standstill_is_proven_after_exactly_two_seconds() -> None:
-    """Reckoned while the clock shows so little that its differences are exact."""
+    """The test runs at small clock values, where differences are exact."""
     for later_s, proven in ((0.0, True), (1e-9, False)):
         made = standing()
         made.odometry._fast_s = (made.now_ns + 40_000_000) * 1e-9 - 2.0 + later_s
@@ -188,7 +193,7 @@ def test_standstill_is_proven_after_exactly_two_seconds() -> None:
 
 @pytest.mark.parametrize("step", [1, -1])
 def test_wheels_are_slow_below_the_limit_either_way_and_not_at_it(step: int) -> None:
-    """One pulse in the window: the end it is on is the further one."""
+    """With one pulse in the window, the bound on its side is the further one."""
     measured = Desk()
     for _ in range(5):
         measured.cycle(0, 0)
@@ -222,10 +227,10 @@ def alone(made: Any, low_m: float = 20.0, high_m: float = 21.0) -> None:
     [(0.02, 0.019, 0.021), (0.0, 0.0, 0.001), (0.1, 0.099, 0.101), (0.11, 0.0, 0.111)],
 )
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_ends_go_on_from_the_last_sample_and_one_that_is_long_ago_only_outwards(
+def test_the_ends_extrapolate_from_the_last_sample_and_from_an_old_one_only_outwards(
     ago_s: float, low_s: float, high_s: float, sign: int
 ) -> None:
-    """1 ms of jitter either way; the clock shows so little that 0.1 s is exactly that."""
+    """The jitter is 1 ms either way; the test runs at small clock values, where 0.1 s is exact."""
     made = Desk()
     made.cycle(sign * 40, radar_mps=sign * 20.0)
     made.cycles(3, sign * 40, sign * 40, radar_mps=sign * 20.0)
@@ -247,7 +252,8 @@ def test_the_ends_go_on_from_the_last_sample_and_one_that_is_long_ago_only_outwa
 def test_an_end_that_moves_outwards_moves_for_longer_than_one_that_moves_inwards(
     low_mps: float, high_mps: float
 ) -> None:
-    """Wheels are out, and were heard 20 ms ago: the ground alone tells the speed."""
+    """The wheels are excluded and their sample is 20 ms old; only the ground determines the
+    speed."""
     made = Desk()
     made.cycles(60, 8, 8, radar_mps=4.0, age_s=0.02)
     made.cycles(4, 16, 16, radar_mps=4.0, age_s=0.02)
@@ -258,14 +264,14 @@ def test_an_end_that_moves_outwards_moves_for_longer_than_one_that_moves_inwards
     told = made.cycle(dt_s=0.0, tacho_age_s=9.0)
 
     assert (told.speed_mps.low, told.speed_mps.high) == near(low_mps, high_mps)
-    # Back to the sample by the fastest of the ground, and on from there.
+    # Back to the sample at the highest speed over ground, and on from there.
     low_m = 20.0 - max(0.0, high_mps) * 0.021 + low_mps * (0.019 if low_mps > 0.0 else 0.021)
     high_m = 21.0 - min(0.0, low_mps) * 0.021 + high_mps * (0.021 if high_mps > 0.0 else 0.019)
     assert told.front_m.low == pytest.approx(min(20.0, low_m))
     assert told.front_m.high == pytest.approx(max(21.0, high_m))
 
 
-def test_the_best_guess_goes_on_from_the_filter_by_the_likely_speed() -> None:
+def test_the_best_estimate_extrapolates_the_filter_by_the_likely_speed() -> None:
     made = going()
     alone(made)
     made.track.at_pulses = made.odometry._pulses.count + 0.5 + 3.0
@@ -276,7 +282,7 @@ def test_the_best_guess_goes_on_from_the_filter_by_the_likely_speed() -> None:
 
 
 @pytest.mark.parametrize(("at_m", "end"), [(15.0, "low"), (25.0, "high")])
-def test_the_best_guess_is_never_outside_of_the_ends(at_m: float, end: str) -> None:
+def test_the_best_estimate_is_never_outside_the_ends(at_m: float, end: str) -> None:
     made = going()
     alone(made)
     made.where.at_m = at_m
@@ -286,7 +292,7 @@ def test_the_best_guess_is_never_outside_of_the_ends(at_m: float, end: str) -> N
     assert told.front_m.low < told.front_m.high
 
 
-def test_the_place_told_gets_no_narrower_once_the_ground_is_known() -> None:
+def test_the_reported_position_gets_no_narrower_once_the_ground_speed_is_known() -> None:
     made = going()
     before = made.cycle(8, 8, radar_mps=4.0).front_m
     made.where.low_m += 0.2

@@ -1,4 +1,4 @@
-"""The order of tags, each decision at both sides of its limit."""
+"""The order of tags, each decision on both sides of its limit."""
 
 from dataclasses import replace
 
@@ -53,12 +53,12 @@ def reading(
 
 
 def passed(made: References, antenna_m: float, speed_mps: float = 0.0) -> int:
-    """Tags missed once the antenna is certainly at a place."""
+    """Number of missed tags once the antenna is certainly at a chainage."""
     made.watch(antenna_m, speed_mps, 1.0)
     return made.missed
 
 
-def test_a_train_that_is_set_up_knows_its_place_and_one_from_nowhere_does_not() -> None:
+def test_a_train_started_with_a_position_is_localised_and_one_without_is_not() -> None:
     assert references().lost_cause == ""
     assert not references().waiting
     assert references(PlaceProof.UNKNOWN).lost_cause == "started at an unknown place"
@@ -70,7 +70,7 @@ def test_a_train_that_is_set_up_knows_its_place_and_one_from_nowhere_does_not() 
     assert remembered.sites[12].position_m == 150.0
 
 
-def test_who_is_not_told_where_the_train_begins_expects_every_tag() -> None:
+def test_without_a_start_position_every_tag_is_expected() -> None:
     assert passed(References(CONFIG, LINE, PlaceProof.SET_UP), 60.0) == 1
 
 
@@ -115,7 +115,7 @@ def test_the_last_tag_of_the_line_is_missed_as_any_other_and_no_more_come() -> N
     assert made.lost_cause == ""
 
 
-def test_two_missed_tags_in_a_row_lose_the_place_and_one_that_is_read_starts_anew() -> None:
+def test_two_missed_tags_in_a_row_lose_the_position_and_a_reading_restarts_the_count() -> None:
     made = references()
     assert passed(made, 60.0) == 1
     made.accept(reading(1))
@@ -126,7 +126,7 @@ def test_two_missed_tags_in_a_row_lose_the_place_and_one_that_is_read_starts_ane
     assert made.lost_cause == "2 expected tags were not read"
 
 
-def test_a_tag_that_was_read_ahead_leaves_none_behind_it_to_be_missed() -> None:
+def test_tags_behind_a_tag_that_was_read_early_do_not_count_as_missed() -> None:
     made = references()
     made.accept(reading(2))
 
@@ -144,7 +144,7 @@ def test_an_interval_wider_than_its_limit_loses_the_place(width_m: float, *, los
     )
 
 
-def test_the_first_cause_is_told_but_waiting_for_a_proof_is_none() -> None:
+def test_the_first_cause_is_reported_and_a_pending_proof_is_no_cause() -> None:
     made = references()
     made.lose("first")
     made.lose("second")
@@ -154,8 +154,8 @@ def test_the_first_cause_is_told_but_waiting_for_a_proof_is_none() -> None:
     assert (waiting.lost_cause, waiting.waiting) == ("found to be elsewhere", False)
 
 
-def test_a_place_that_is_lost_forgets_the_tag_that_was_read_before() -> None:
-    """While the proof is waited for one tag was read; a lost place needs two."""
+def test_losing_the_position_discards_the_tag_read_before() -> None:
+    """While the proof is pending one tag was read. A lost position then needs two tags."""
     made = references(PlaceProof.REMEMBERED)
     assert made.find_again(reading(0), 0.01, 0.01) is None
     made.lose("moved")
@@ -187,7 +187,7 @@ def test_a_place_that_is_lost_forgets_the_tag_that_was_read_before() -> None:
         ),
     ],
 )  # fmt: skip
-def test_a_remembered_place_needs_the_proof_of_a_watched_little_moved_and_standing_train(
+def test_a_remembered_position_needs_a_monitored_hardly_moved_and_standing_train(
     moved_m: float, *, monitored: bool, pulses: int, proven_m: float | None, cause: str
 ) -> None:
     made = references(PlaceProof.REMEMBERED)
@@ -206,7 +206,7 @@ def test_a_remembered_place_needs_the_proof_of_a_watched_little_moved_and_standi
         (9.5, -0.5), (20.5, 0.5),
     ],
 )  # fmt: skip
-def test_a_tag_is_believed_within_its_bound_of_the_window(
+def test_a_tag_is_accepted_within_its_bound_of_the_window(
     claim_m: float, off_m: float | None
 ) -> None:
     refused = references().judge(reading(0, claim_m, bound_m=0.25), 10.0, 20.0)
@@ -244,8 +244,8 @@ def test_two_tags_at_one_place_are_in_any_order() -> None:
     assert made.judge(twin, 10.0, 20.0) is None
 
 
-def test_how_far_a_train_went_back_counts_from_its_furthest_place_since_the_tag() -> None:
-    """However it went on afterwards, and though the tag was read a little later than passed."""
+def test_the_distance_back_counts_from_the_furthest_position_since_the_tag() -> None:
+    """Later movement does not matter, nor does a reading that arrives shortly after the passage."""
     for pulses, again in (
         ([1000, 1100, 1100 - 4], False),
         ([1000, 1100, 1100 - 5], True),
@@ -264,7 +264,7 @@ def test_how_far_a_train_went_back_counts_from_its_furthest_place_since_the_tag(
         assert (made.judge(reading(0), 10.0, 20.0) is None) is again
 
 
-def test_each_tag_that_is_accepted_starts_the_order_anew() -> None:
+def test_each_accepted_tag_restarts_the_order() -> None:
     made = references()
     made.accept(reading(1, pulses=1000))
     made.turned(1000)
@@ -291,7 +291,8 @@ def second(
     bound_m: float = 0.125,
     ground_bound_m: float = 0.5,
 ) -> tuple[TagRefusal | None, float, bool]:
-    """Two tags while the place is lost: the refusal of the second, and whether it was found."""
+    """Read two tags while the position is lost; return the refusal of the second and whether it
+    gave a position."""
     made = references(PlaceProof.UNKNOWN)
     before = reading(first, bound_m=0.125, pulses=300, ground_m=7.0, ground_bound_m=0.25)
     assert made.find_again(before, 0.0625, 0.125) is None
@@ -315,12 +316,13 @@ WRONG = TagRefusal.OUTSIDE_WINDOW
 @pytest.mark.parametrize(
     ("pulses", "ground_m", "refusal", "off_m"),
     [
-        # 50 m apart. By the wheels alone: from 1/16 m to 1/8 m each, 1/4 m of slack.
+        # The tags are 50 m apart. By the wheels, each pulse is 1/16 m to 1/8 m, with 1/4 m of
+        # slack.
         (398, 45.0, None, 0.0),
         (397, 45.0, WRONG, 0.125),
         (804, 55.0, None, 0.0),
         (808, 55.0, WRONG, -0.25),
-        # Over ground alone: 3/4 m of slack.
+        # Over ground alone the slack is 3/4 m.
         (100, 49.25, None, 0.0),
         (100, 49.125, WRONG, 0.125),
         (2000, 50.75, None, 0.0),
@@ -328,7 +330,7 @@ WRONG = TagRefusal.OUTSIDE_WINDOW
         (-800, 45.0, WRONG, 4.25),
     ],
 )
-def test_a_second_tag_lies_as_far_away_as_the_train_ran_by_wheels_or_over_ground(
+def test_a_second_tag_must_fit_the_distance_by_wheels_or_over_ground(
     pulses: int, ground_m: float, refusal: TagRefusal | None, off_m: float
 ) -> None:
     assert second(0, 1, pulses=pulses, ground_m=ground_m) == (refusal, off_m, refusal is None)
@@ -351,7 +353,7 @@ def test_backwards_it_is_the_same(
     assert second(1, 0, pulses=pulses, ground_m=ground_m) == (refusal, off_m, refusal is None)
 
 
-def test_the_bound_of_either_tag_and_of_the_ground_between_them_forgive() -> None:
+def test_the_bounds_of_both_tags_and_of_the_ground_widen_the_tolerance() -> None:
     assert second(0, 1, pulses=394, ground_m=45.0)[0] is WRONG
     assert second(0, 1, pulses=394, ground_m=45.0, bound_m=0.625)[0] is None
     assert second(0, 1, pulses=100, ground_m=49.0, bound_m=0.375)[0] is None
@@ -364,7 +366,7 @@ def test_the_same_tag_again_is_no_second_one() -> None:
     assert second(0, 0, pulses=0, ground_m=0.0) == (TagRefusal.REPEATED, 0.0, False)
 
 
-def test_of_two_tags_that_contradict_each_other_the_later_one_is_kept_in_mind() -> None:
+def test_of_two_contradicting_tags_the_later_one_is_kept() -> None:
     made = references(PlaceProof.UNKNOWN)
     for first, pulses, lost in ((0, 0, True), (2, 5000, True), (3, 10_000, False)):
         made.find_again(reading(first, pulses=pulses, ground_m=pulses * 0.01), 0.01, 0.01)
@@ -372,9 +374,7 @@ def test_of_two_tags_that_contradict_each_other_the_later_one_is_kept_in_mind() 
         assert bool(made.lost_cause) is lost
 
 
-def test_a_place_that_is_found_expects_the_tags_behind_it_and_needs_two_when_it_is_lost_again() -> (
-    None
-):
+def test_a_recovered_position_expects_the_next_tags_and_needs_two_when_lost_again() -> None:
     made = references(PlaceProof.REMEMBERED)
     made.find_again(reading(1), 0.01, 0.01)
     made.find_again(reading(2, pulses=5000), 0.01, 0.01)

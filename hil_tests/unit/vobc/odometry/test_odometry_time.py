@@ -1,4 +1,4 @@
-"""The clocks of odometry: its own, which never goes back, and how old each sensor's frames are."""
+"""The clocks of odometry: its own, which never goes back, and the age of each sensor's frames."""
 
 from dataclasses import replace
 
@@ -11,13 +11,13 @@ from vobc.odometry.sampling import FrameClock, OdometerClocks, OwnTime, SampleCl
 MS = 1_000_000
 S = 1_000_000_000
 YEARS_NS = 10**18 + 1
-"""A board that is up for so long counts nanoseconds that no float can tell apart."""
+"""Uptime at which a float can no longer resolve single nanoseconds."""
 
 TACHO = Tacho(0, 0, Direction.FORWARD, True, True, 0.0)
 RADAR, IMU = Doppler(0.0, 0.0, True), Imu(0.0, True)
 
 
-# Of the odometer.
+# Clock of the odometer.
 
 
 def test_before_the_first_cycle_no_time_has_passed() -> None:
@@ -28,7 +28,7 @@ def test_before_the_first_cycle_no_time_has_passed() -> None:
     assert (new.begun, new.now_s, new.dt_s, new.steady) == (True, 7.0, 0.0, True)
 
 
-def test_own_time_goes_on_by_the_longest_step_when_the_clock_is_set_back() -> None:
+def test_own_time_advances_by_the_longest_step_when_the_clock_is_set_back() -> None:
     time = OwnTime()
     steps = [
         (time.tell(now_ns), time.dt_s, time.steady)
@@ -68,11 +68,11 @@ def test_one_and_a_half_cycles_of_a_slow_controller_are_no_gap(
         assert not time.steady
 
 
-# Of the sensors.
+# Clocks of the sensors.
 
 
 @pytest.mark.parametrize("back_ns", [1, 300 * MS, 3 * S, 3600 * S])
-def test_sensors_are_timed_anew_by_a_clock_that_was_set_back(back_ns: int) -> None:
+def test_sensor_clocks_restart_when_the_clock_is_set_back(back_ns: int) -> None:
     tacho, radar = SampleClock(), FrameClock(50)
     for number in range(5):
         tacho.sampled_ns(7200 * S + number * 20 * MS, number, 20 * number)
@@ -88,7 +88,8 @@ def test_sensors_are_timed_anew_by_a_clock_that_was_set_back(back_ns: int) -> No
 def test_a_frame_that_is_late_is_timed_to_the_nanosecond_however_long_the_board_is_up(
     first_ns: int,
 ) -> None:
-    """7 ms late after 50 or 20 ms: two crystals of 100 ppm may part by 11 400 or 5 400 ns."""
+    """A frame is 7 ms late after 50 or 20 ms; two crystals of 100 ppm may part by 11 400 or 5
+    400 ns."""
     radar, tacho = FrameClock(50), SampleClock()
     assert radar.sampled_ns(first_ns, 255) == first_ns
     assert tacho.sampled_ns(first_ns, 255, 250.0) == first_ns
@@ -106,7 +107,7 @@ def test_radar_and_accelerometer_send_every_fifty_milliseconds() -> None:
 
 
 def test_a_second_frame_that_comes_faster_than_the_first_is_no_queue() -> None:
-    """The first was 30 ms late, and nothing was silent."""
+    """The first frame was 30 ms late and there was no silence."""
     clock = FrameClock(50)
     clock.sampled_ns(30 * MS, 0)
 
@@ -126,7 +127,7 @@ def test_a_tenth_of_a_second_late_is_the_most(over_ns: int, *, taken: bool) -> N
 
 @pytest.mark.parametrize(("over_ns", "paced"), [(0, True), (1, False)])
 def test_in_step_is_ten_milliseconds_early_at_the_most(over_ns: int, *, paced: bool) -> None:
-    """After 20 s of silence five frames in step are refused, and one out of step begins anew."""
+    """After 20 s of silence, five frames in step are needed; one out of step restarts the count."""
     clock = FrameClock(50)
     clock.sampled_ns(0, 0)
     clock.sampled_ns(20_050 * MS, 401 % 256)
@@ -136,8 +137,8 @@ def test_in_step_is_ten_milliseconds_early_at_the_most(over_ns: int, *, paced: b
     assert [found_ns is not None for found_ns in later].index(True) == (3 if paced else 4)
 
 
-def test_a_tacho_frame_that_tells_no_stamp_was_stamped_at_zero() -> None:
-    """6 ms out of step with the counter, which 5 ms would not be."""
+def test_a_tacho_frame_without_a_stamp_counts_as_stamped_at_zero() -> None:
+    """The stamp is 6 ms out of step with the counter; 5 ms would be tolerated."""
     clock = SampleClock()
     clock.sampled_ns(0, 0, 242.0)
 
@@ -146,7 +147,7 @@ def test_a_tacho_frame_that_tells_no_stamp_was_stamped_at_zero() -> None:
 
 
 @pytest.mark.parametrize("first_ns", [0, YEARS_NS])
-def test_a_sensor_that_started_anew_is_timed_from_there_to_the_nanosecond(first_ns: int) -> None:
+def test_a_restarted_sensor_is_timed_from_its_restart_to_the_nanosecond(first_ns: int) -> None:
     clock = SampleClock()
     clock.sampled_ns(first_ns, 0, 0.0)
     clock.sampled_ns(first_ns + 20 * MS, 1, 20.0)
@@ -157,7 +158,7 @@ def test_a_sensor_that_started_anew_is_timed_from_there_to_the_nanosecond(first_
     assert clock.restarts == 1
 
 
-def test_all_three_sensors_of_one_odometer_count_what_was_too_late() -> None:
+def test_all_three_sensors_of_one_odometer_count_late_frames() -> None:
     clocks = OdometerClocks()
     for frame in (TACHO, RADAR, IMU):
         clocks.sampled_ns(frame, 0, 0)

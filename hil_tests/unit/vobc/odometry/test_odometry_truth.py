@@ -1,4 +1,4 @@
-"""The intervals of place and speed hold the truth, whatever one sensor does wrong."""
+"""The intervals of position and speed hold the truth whatever one sensor does wrong."""
 
 import math
 from collections.abc import Callable
@@ -15,7 +15,7 @@ Slip = tuple[float, float, float, int]
 
 
 def along(phases: list[tuple[float, float]]) -> Callable[[float, float], float]:
-    """Accelerations one after the other, within 0 to 20 m/s; then a stop."""
+    """A sequence of accelerations within 0 to 20 m/s, followed by a stop."""
 
     def accel(time_s: float, speed_mps: float) -> float:
         for duration_s, wanted in phases:
@@ -115,7 +115,7 @@ def test_lost_late_overtaken_and_doubled_frames(
 
 @settings(max_examples=20, deadline=None)
 @given(honest, phases, st.floats(2.0, 30.0), st.floats(0.1, 4.0))
-def test_a_queue_that_empties_at_once(
+def test_frames_that_arrive_from_a_queue_at_once(
     errors: rig.Errors, way: list[tuple[float, float]], from_s: float, for_s: float
 ) -> None:
     errors.silent = (from_s, from_s + for_s)
@@ -145,7 +145,7 @@ def test_a_radar_that_falls_silent(
 
 @settings(max_examples=20, deadline=None)
 @given(honest, st.floats(3.0, 40.0), st.sampled_from([tag.tag_id for tag in TAGS] + [9_999]))
-def test_a_false_tag_outside_of_its_window_changes_nothing_but_what_is_told_of_it(
+def test_a_false_tag_outside_its_window_changes_only_the_report_about_it(
     errors: rig.Errors, at_s: float, tag_id: int
 ) -> None:
     errors.false_tags = {at_s: tag_id}
@@ -160,7 +160,7 @@ def test_a_false_tag_outside_of_its_window_changes_nothing_but_what_is_told_of_i
     assert len(believed) == len(set(believed))
 
 
-def test_each_tag_is_believed_once_however_often_it_is_read() -> None:
+def test_each_tag_counts_once_however_often_it_is_read() -> None:
     history = Rig(Errors(repeat_tags=True)).run(40.0, along([(12.0, 1.0), (40.0, 0.0)]))
 
     believed = [tag for moment in history for tag in moment.motion.accepted_tag_ids]
@@ -189,10 +189,11 @@ def test_second_readings_of_tags_whose_first_telegram_may_be_lost(
 
 @pytest.mark.parametrize("mps", [0.4, 2.0, 9.0, 19.0])
 @pytest.mark.parametrize("scale_ratio", [-0.0099, 0.0499])
-def test_the_place_holds_where_every_tag_is_heard_of_at_the_end_of_its_reach(
+def test_the_bounds_hold_when_every_tag_is_reported_at_the_end_of_its_reach(
     mps: float, scale_ratio: float
 ) -> None:
-    """First telegrams are lost, second ones come 0.5 m on; the nearest tag is 62 m ahead."""
+    """The first telegrams are lost and the second ones come 0.5 m later; the nearest tag is 62 m
+    ahead."""
     every = {tag.tag_id: 0.5 for tag in TAGS}
     errors = Errors(scale_ratio=scale_ratio, again_m=every, untold=frozenset(every))
     start_m = 62.0 - 1.5 * mps - 0.6 * mps * mps
@@ -217,7 +218,7 @@ def test_a_step_of_slip_at_any_speed(share: float, axles: int, from_s: float) ->
 
     assert_true(history)
     during = [m for m in history if from_s + 0.5 < m.time_s < from_s + 2.9]
-    replaced = axles == 1 and share == -1.0  # A stands, and B counts instead.
+    replaced = axles == 1 and share == -1.0  # Axle A stands, so B counts instead.
     if axles != 2 and from_s > 5.0 and not replaced:
         assert all(moment.motion.slip for moment in during)
         assert max(abs(m.motion.speed_mps.best - m.speed_mps) for m in during) < 0.4

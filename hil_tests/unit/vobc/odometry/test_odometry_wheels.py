@@ -1,4 +1,4 @@
-"""Pulses, wheel scale and speed filter, reckoned by hand at each threshold."""
+"""Pulses, wheel scale and speed filter by hand calculation at each threshold."""
 
 import math
 from dataclasses import replace
@@ -28,14 +28,14 @@ def bounds_m(scale: WheelScale) -> tuple[float, float]:
 
 
 def between(base_m: float, counted: int, slack_m: float) -> tuple[object, object]:
-    """Of the distance behind one pulse, when either count may be off by one."""
+    """Bounds of the distance of one pulse when either count may be off by one."""
     return (
         pytest.approx((base_m - slack_m) / (counted + 1) * 0.998, rel=1e-12),
         pytest.approx((base_m + slack_m) / (counted - 1) * 1.002, rel=1e-12),
     )
 
 
-def test_before_any_tag_a_pulse_stands_for_what_is_declared() -> None:
+def test_before_any_tag_a_pulse_has_the_declared_distance() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
 
     assert bounds_m(scale) == scale.declared_m == DECLARED_M
@@ -54,7 +54,7 @@ def test_each_pair_of_tags_measures_the_wheel_from_where_the_pair_before_ended()
     assert bounds_m(scale) == between(100.0, 10000, 0.13)
 
 
-def test_bounds_of_the_wheel_never_grow_by_a_worse_measurement() -> None:
+def test_a_worse_measurement_never_widens_the_bounds_of_the_wheel() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
     scale.anchor(0.0, 0, 0.05)
     scale.measure(200.0, 20000, 0.05)
@@ -86,7 +86,7 @@ def test_tags_closer_than_the_base_measure_nothing_and_the_anchor_stays() -> Non
 
 
 def test_a_single_pulse_measures_nothing_and_two_contradict() -> None:
-    """From the tag that contradicted, the wheel is measured anew."""
+    """After a contradiction the measurement restarts from the contradicting tag."""
     scale = WheelScale(CONFIG, NOMINAL_M)
     scale.anchor(0.0, 0, 0.05)
     scale.measure(50.0, 5000, 0.05)
@@ -108,7 +108,7 @@ def test_bounds_that_meet_in_one_point_do_not_contradict() -> None:
     assert bounds_m(scale) == (2.0**-7, 2.0**-7)
 
 
-def test_what_was_measured_of_one_wheel_is_forgotten_for_another() -> None:
+def test_a_measured_scale_is_discarded_for_another_wheel() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
     scale.anchor(0.0, 0, 0.05)
     scale.measure(50.0, 5000, 0.05)
@@ -164,7 +164,7 @@ def test_the_first_sample_counts_nothing_if_an_axle_is_well(
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_counter_steps_no_further_than_the_fastest_train_and_one_late_sample(sign: int) -> None:
-    """4000 pulses/s over 20 ms, and 20 ms more for a sample that was late: 160."""
+    """The limit is 4000 pulses/s over 20 ms plus 20 ms for a late sample: 160 pulses."""
     way = Direction.FORWARD if sign > 0 else Direction.REVERSE
     both, only_b, neither = counter(), counter(), counter()
 
@@ -186,7 +186,7 @@ def test_a_jump_of_b_is_counted_and_a_goes_on() -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_axle_a_that_stands_for_25_pulses_of_b_counts_no_more(sign: int) -> None:
+def test_axle_a_no_longer_counts_after_standing_for_25_pulses_of_b(sign: int) -> None:
     way = Direction.FORWARD if sign > 0 else Direction.REVERSE
     pulses = counter()
     assert pulses.step(tacho(0, sign * 12, way), 0.02) == 0
@@ -198,12 +198,12 @@ def test_axle_a_that_stands_for_25_pulses_of_b_counts_no_more(sign: int) -> None
     assert pulses.step(tacho(sign * 3, sign * 28, way), 0.02) == sign * 3
     assert not pulses.on_b
     assert pulses.step(tacho(sign * 3, sign * 52, way), 0.02) == 0
-    assert not pulses.on_b, "counted anew since it moved"
+    assert not pulses.on_b, "the count restarts when it moves"
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_axle_b_that_stands_for_25_pulses_of_a_is_no_witness(sign: int) -> None:
-    """And where A is unwell then, nothing counts."""
+def test_axle_b_is_no_evidence_after_standing_for_25_pulses_of_a(sign: int) -> None:
+    """If A is unhealthy too, no axle counts."""
     way = Direction.FORWARD if sign > 0 else Direction.REVERSE
     for stood, known in ((24, True), (25, False)):
         pulses = counter()
@@ -244,10 +244,11 @@ def test_more_than_two_pulses_against_the_direction_contradict_it(
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("ahead", ["a", "b"])
-def test_axles_part_once_their_difference_less_a_hundredth_of_the_way_passes_four_pulses(
+def test_axles_differ_beyond_four_pulses_plus_a_hundredth_of_the_distance(
     sign: int, ahead: str
 ) -> None:
-    """Of 100 and 98 pulses one counts a sample; the fifth is too much."""
+    """The axles count 100 and 98 or 102 pulses in each sample; the fifth sample exceeds the
+    tolerance."""
     pulses = counter()
     behind = 102 if ahead == "b" else 98
     differ = []
@@ -257,11 +258,11 @@ def test_axles_part_once_their_difference_less_a_hundredth_of_the_way_passes_fou
 
     assert differ == [False, False, False, False, True, True]
     pulses.step(tacho(sign * 600, sign * behind * 6), 0.02)
-    assert not pulses.axles_differ, "what was told is told"
+    assert not pulses.axles_differ, "the counts themselves decide"
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_what_the_way_forgives_is_never_saved_for_later(sign: int) -> None:
+def test_unused_tolerance_is_not_saved_for_later(sign: int) -> None:
     pulses = counter()
     pulses.step(tacho(sign * 150, sign * 149), 0.03)
     pulses.step(tacho(sign * 150, sign * 153), 0.03)
@@ -272,10 +273,10 @@ def test_what_the_way_forgives_is_never_saved_for_later(sign: int) -> None:
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(("step_a", "differ"), [(200, False), (195, True)])
-def test_a_hundredth_of_the_way_and_four_pulses_are_forgiven_and_no_more(
+def test_a_hundredth_of_the_distance_and_four_pulses_are_tolerated(
     sign: int, step_a: int, *, differ: bool
 ) -> None:
-    """Six pulses apart: 2 of them, or 1.95, are for the wheels' diameters."""
+    """The axles differ by six pulses, of which 2 or 1.95 are allowed for the wheel diameters."""
     pulses = counter()
     pulses.step(tacho(sign * step_a, sign * (step_a - 6)), 0.03)
 
@@ -292,7 +293,7 @@ def test_half_a_pulse_each_time_adds_up() -> None:
     assert differ == [False] * 8 + [True] * 2
 
 
-def test_an_axle_that_is_unwell_or_stood_neither_counts_nor_disagrees() -> None:
+def test_an_unhealthy_or_standing_axle_neither_counts_nor_disagrees() -> None:
     pulses = counter()
     assert pulses.step(tacho(20, 60, healthy_a=False), 0.02) == 60
     assert not pulses.axles_differ
@@ -315,8 +316,8 @@ def track(*samples: tuple[float, int], bandwidth_rad_s: float = 8.0) -> SpeedTra
     return made
 
 
-def test_the_filter_halves_its_memory_as_reckoned_by_hand() -> None:
-    """theta = 1/2: gains 7/8, 9/16 and 1/8."""
+def test_the_filter_matches_a_hand_calculation() -> None:
+    """With theta = 1/2 the gains are 7/8, 9/16 and 1/8."""
     first = track((0.0, 0), bandwidth_rad_s=HALVING_RAD_S)
     assert (first.at_pulses, first.rate_pulses_per_s, first.accel_pulses_per_s2) == (0.5, 0.0, 0.0)
     first.add(0.02, 10)
@@ -329,7 +330,7 @@ def test_the_filter_halves_its_memory_as_reckoned_by_hand() -> None:
     assert (first.rate_pulses_per_s, first.accel_pulses_per_s2) == (0.0, 0.0)
 
 
-def test_samples_closer_than_a_millisecond_are_taken_for_one_apart() -> None:
+def test_samples_closer_than_a_millisecond_count_as_one_millisecond_apart() -> None:
     close = track((0.0, 0), (1e-5, 1), bandwidth_rad_s=math.log(2.0) / 1e-3)
 
     assert close.rate_pulses_per_s == pytest.approx(0.5625 * 1.0 / 1e-3)
@@ -345,7 +346,7 @@ def test_nothing_is_known_before_the_first_sample() -> None:
     assert (new.stamp_s, new.at_pulses, new.still_s) == (3.0, 5.5, 0.0)
 
 
-def test_a_wheel_is_still_since_its_last_pulse_and_silence_adds_nothing() -> None:
+def test_a_wheel_is_still_since_its_last_pulse_and_silence_adds_no_time() -> None:
     still = track((1.0, 5), (1.5, 6), (2.0, 6), (2.75, 6))
 
     assert still.still_s == 1.25
@@ -361,27 +362,27 @@ def test_a_wheel_without_pulses_turns_slower_than_one_pulse_in_that_time(sign: f
     assert still.limited_rate_pulses_per_s(1.5) == sign * 2.0
 
 
-def test_the_rate_is_carried_on_by_the_acceleration_while_pulses_come() -> None:
+def test_the_acceleration_extrapolates_the_rate_while_pulses_come() -> None:
     moving = track((0.0, 0), (0.5, 7))
     moving.rate_pulses_per_s, moving.accel_pulses_per_s2 = 10.0, 4.0
 
     assert moving.limited_rate_pulses_per_s(0.75) == 11.0
 
 
-def test_the_window_holds_what_bounds_its_length_and_two_samples_at_least() -> None:
+def test_the_window_covers_its_length_and_at_least_two_samples() -> None:
     steady = track(*((number / 16.0, number) for number in range(20)))
     assert steady.mean_rate(0.0)[2] == 0.25
     sparse = track((0.0, 0), (1.0, 1), (2.0, 2), (3.0, 3))
     assert sparse.mean_rate(0.0)[2] == 1.0
 
 
-def test_what_was_heard_counts_from_the_first_sample_to_the_last() -> None:
+def test_the_received_time_counts_from_the_first_sample_to_the_last() -> None:
     assert track((5.0, 7)).heard_s == 0.0
     assert track((5.0, 7), (5.125, 8), (7.0, 9)).heard_s == 2.0
 
 
 @pytest.mark.parametrize(("end_s", "full"), [(0.25, True), (0.2499, False)])
-def test_a_window_is_full_at_its_very_length(end_s: float, *, full: bool) -> None:
+def test_a_window_is_full_exactly_at_its_length(end_s: float, *, full: bool) -> None:
     assert track((5.0, 7), (5.125, 8), (5.0 + end_s, 9)).window_full is full
 
 
@@ -405,7 +406,7 @@ def test_the_mean_rate_allows_for_a_pulse_and_the_jitter_either_way(
     assert mean == (pytest.approx(low), pytest.approx(high), 0.25)
 
 
-def test_samples_within_the_jitter_tell_no_rate() -> None:
+def test_samples_within_the_jitter_give_no_rate() -> None:
     samples = track((0.0, 0), (0.125, 9))
 
     assert samples.mean_rate(0.0625) == (-math.inf, math.inf, 0.125)
@@ -417,8 +418,9 @@ SIXTEENTHS_S = (0.0, 1 / 16, 1 / 8, 3 / 16)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_wheels_jump_when_no_train_could_change_its_speed_so(sign: int) -> None:
-    """By 1/8 s + 1/16 s of whole pulses and 768 pulses/s² over half of 3/16 s: 8 + 16 + 72 = 96."""
+def test_a_speed_change_beyond_any_train_is_a_jump(sign: int) -> None:
+    """The pulses allow 1/8 s and 1/16 s of whole pulses, and 768 pulses/s² over half of 3/16 s:
+    8 + 16 + 72 = 96."""
     stamps_s = [3.0 + stamp_s for stamp_s in SIXTEENTHS_S]
     for last, most, jumped in (
         (6, 768.0, False),
@@ -434,8 +436,8 @@ def test_wheels_jump_when_no_train_could_change_its_speed_so(sign: int) -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_what_the_instants_may_be_off_forgives_more_the_faster_the_wheels_turn(sign: int) -> None:
-    """512 pulses/s, then 800: (1 + 8) * 8 + (1 + 12.5) * 16 = 288 with 1/64 s of jitter."""
+def test_the_tolerance_for_time_errors_grows_with_the_wheel_speed(sign: int) -> None:
+    """From 512 to 800 pulses/s with 1/64 s of jitter: (1 + 8) * 8 + (1 + 12.5) * 16 = 288."""
     for after, jumped in ((50, False), (51, True)):
         counts = (0, sign * 32, sign * 64, sign * (64 + after))
         made = track(*zip(SIXTEENTHS_S, counts, strict=True))

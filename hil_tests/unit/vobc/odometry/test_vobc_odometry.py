@@ -1,4 +1,4 @@
-"""Odometry against a train that is moved step by step, with sensors made wrong on purpose."""
+"""Odometry against a train that the test moves step by step with deliberately wrong sensors."""
 
 import math
 import random
@@ -22,7 +22,7 @@ from vobc.vocabulary import Motion, OdometryRecord, TachoSample, TagReading
 CONFIG = load_config("florence4")
 TRAIN = CONFIG.train
 AT_ONCE = replace(CONFIG.odometry, learn_s=0.0)
-"""Tells of the first sample, too."""
+"""Odometry settings with which the first sample already gives a motion."""
 NOMINAL_M = math.pi * 0.86 / 256.0
 ANTENNA_M = 2.0
 TAGS = tuple(TagSite(100 + index, 150.0 + 200.0 * index) for index in range(6))
@@ -34,7 +34,7 @@ LINE = LineMap(
 
 STEP_S = 0.005
 Drive = Callable[[float, float], float]
-"""Time and speed to acceleration."""
+"""Function of time and speed that returns the acceleration."""
 
 
 @dataclass
@@ -47,7 +47,7 @@ class Truth:
 
 @dataclass
 class Sensors:
-    """How wrong everything is."""
+    """Errors of the sensors."""
 
     error_ratio: float = 0.0
     seed: int = 1
@@ -58,16 +58,16 @@ class Sensors:
     latency_s: float = 0.05
     missed: frozenset[int] = frozenset()
     false_tags: dict[int, int] = field(default_factory=dict)
-    """Tag that the reader claims instead of the one it passed."""
+    """Passed tag to the tag that the reader reports instead."""
     slip: Callable[[float], float] = lambda time_s: 1.0
-    """Share of the true speed that the wheels turn with."""
+    """Wheel speed divided by the true speed, as a function of time."""
     stuck_a: tuple[float, float] = (math.inf, math.inf)
     lost: Callable[[int], bool] = lambda number: False
     """Whether a tacho frame is lost on the bus."""
 
 
-class Ride:
-    """A true train, its sensors and an odometry that hears them."""
+class OdometryRun:
+    """A true train, its sensors and an odometry that receives their frames."""
 
     def __init__(self, sensors: Sensors, config: OdometryConfig = CONFIG.odometry) -> None:
         self.sensors = sensors
@@ -211,8 +211,9 @@ def test_the_intervals_hold_the_truth_for_every_declared_error(
     start_off_m: float,
     phases: list[tuple[float, float]],
 ) -> None:
-    """Any accelerations, any scale error in the declared range, noisy tags, lost frames."""
-    ride = Ride(
+    """Hypothesis samples accelerations, scale errors in the declared range, noisy tags and lost
+    frames."""
+    ride = OdometryRun(
         Sensors(error_ratio, seed, start_off_m, lost=lambda number: number % 11 == seed % 11)
     )
 
@@ -227,10 +228,10 @@ def test_the_intervals_hold_the_truth_for_every_declared_error(
 
 
 @pytest.mark.parametrize("error_ratio", [-0.01, 0.0, 0.02, 0.05])
-def test_after_two_tags_the_place_is_known_to_centimetres_and_the_wheel_to_a_tenth_of_a_percent(
+def test_two_tags_give_the_position_to_centimetres_and_the_wheel_to_a_tenth_of_a_percent(
     error_ratio: float,
 ) -> None:
-    ride = Ride(Sensors(error_ratio, seed=3))
+    ride = OdometryRun(Sensors(error_ratio, seed=3))
 
     last = ride.run(up_and_down, 62.0)[-1]
 
@@ -240,8 +241,9 @@ def test_after_two_tags_the_place_is_known_to_centimetres_and_the_wheel_to_a_ten
 
 
 def test_uncertainty_falls_only_at_an_accepted_tag() -> None:
-    """Compared over two cycles, because the tacho's samples fall alike only in every second one."""
-    history = Ride(Sensors(0.03)).run(up_and_down, 40.0)
+    """The test compares over two cycles because every second cycle has the same number of tacho
+    samples."""
+    history = OdometryRun(Sensors(0.03)).run(up_and_down, 40.0)
 
     tags = 0
     for before, between, after in zip(history, history[1:], history[2:], strict=False):
@@ -254,9 +256,9 @@ def test_uncertainty_falls_only_at_an_accepted_tag() -> None:
 
 
 @pytest.mark.parametrize("claimed", [100 + 1, 100 + 3, 999_999])
-def test_a_tag_that_claims_another_place_changes_nothing(claimed: int) -> None:
-    honest = Ride(Sensors(0.03, missed=frozenset({100})))
-    deceived = Ride(Sensors(0.03, false_tags={100: claimed}))
+def test_a_tag_with_the_id_of_another_place_changes_nothing(claimed: int) -> None:
+    honest = OdometryRun(Sensors(0.03, missed=frozenset({100})))
+    deceived = OdometryRun(Sensors(0.03, false_tags={100: claimed}))
 
     expected = honest.run(up_and_down, 25.0)
     history = deceived.run(up_and_down, 25.0)
@@ -287,16 +289,16 @@ def test_a_false_tag_twenty_metres_off_is_refused() -> None:
     assert accepted.front_m.best == pytest.approx(152.0, abs=0.06)
 
 
-def test_latency_of_the_link_does_not_move_the_train() -> None:
-    quick = Ride(Sensors(0.02, latch_s=0.0, latency_s=0.0)).run(up_and_down, 39.0)[-1]
-    slow = Ride(Sensors(0.02, latch_s=0.0, latency_s=0.4)).run(up_and_down, 39.0)[-1]
+def test_link_latency_does_not_shift_the_position() -> None:
+    quick = OdometryRun(Sensors(0.02, latch_s=0.0, latency_s=0.0)).run(up_and_down, 39.0)[-1]
+    slow = OdometryRun(Sensors(0.02, latch_s=0.0, latency_s=0.4)).run(up_and_down, 39.0)[-1]
 
     assert slow.motion.front_m.best == pytest.approx(quick.motion.front_m.best, abs=0.02)
 
 
-def test_one_missed_tag_is_forgiven_and_two_in_a_row_are_not() -> None:
-    one = Ride(Sensors(missed=frozenset({100}))).run(up_and_down, 35.0)
-    two = Ride(Sensors(missed=frozenset({100, 101}))).run(up_and_down, 35.0)
+def test_one_missed_tag_is_tolerated_and_two_in_a_row_are_not() -> None:
+    one = OdometryRun(Sensors(missed=frozenset({100}))).run(up_and_down, 35.0)
+    two = OdometryRun(Sensors(missed=frozenset({100, 101}))).run(up_and_down, 35.0)
 
     assert all(truth.motion.localised for truth in one)
     lost = [truth for truth in two if not truth.motion.localised]
@@ -304,8 +306,8 @@ def test_one_missed_tag_is_forgiven_and_two_in_a_row_are_not() -> None:
     assert_holds(two)
 
 
-def test_a_train_that_has_lost_its_place_finds_it_at_the_second_tag_after() -> None:
-    history = Ride(Sensors(missed=frozenset({100, 101}))).run(on_and_on, 75.0)
+def test_a_train_recovers_a_lost_position_at_the_second_tag() -> None:
+    history = OdometryRun(Sensors(missed=frozenset({100, 101}))).run(on_and_on, 75.0)
 
     lost_s = [truth.time_s for truth in history if not truth.motion.localised]
     first_m, second_m = (TAGS[index].position_m + ANTENNA_M for index in (2, 3))
@@ -320,7 +322,7 @@ def test_a_train_that_has_lost_its_place_finds_it_at_the_second_tag_after() -> N
 
 
 def slip_between(start_s: float, end_s: float, share: float) -> Callable[[float], float]:
-    """Wheels let go, and grip again, within half a second."""
+    """The wheels lose and regain their grip within half a second."""
 
     def turning(time_s: float) -> float:
         depth = min(1.0, max(0.0, time_s - start_s) / 0.5, max(0.0, end_s - time_s) / 0.5)
@@ -335,7 +337,9 @@ def slip_between(start_s: float, end_s: float, share: float) -> Callable[[float]
 def test_the_position_interval_holds_the_truth_through_slip_and_slide(
     start_s: float, end_s: float, share: float
 ) -> None:
-    history = Ride(Sensors(0.01, slip=slip_between(start_s, end_s, share))).run(up_and_down, 58.0)
+    history = OdometryRun(Sensors(0.01, slip=slip_between(start_s, end_s, share))).run(
+        up_and_down, 58.0
+    )
 
     for truth in history:
         front = truth.motion.front_m
@@ -347,23 +351,23 @@ def test_the_position_interval_holds_the_truth_through_slip_and_slide(
         assert truth.motion.speed_mps.low <= truth.speed_mps <= truth.motion.speed_mps.high
 
 
-def test_honest_wheels_never_slip() -> None:
-    history = Ride(Sensors(0.05)).run(up_and_down, 58.0)
+def test_wheels_without_error_never_slip() -> None:
+    history = OdometryRun(Sensors(0.05)).run(up_and_down, 58.0)
 
     assert not any(truth.motion.slip for truth in history)
 
 
 def test_a_stuck_axle_is_replaced_by_the_other_one() -> None:
-    history = Ride(Sensors(0.01, stuck_a=(25.0, math.inf))).run(up_and_down, 40.0)
+    history = OdometryRun(Sensors(0.01, stuck_a=(25.0, math.inf))).run(up_and_down, 40.0)
 
     late = [truth for truth in history if truth.time_s > 26.0]
     assert all(abs(t.motion.speed_mps.best - t.speed_mps) < 0.3 for t in late)
     assert all(truth.motion.front_m.low <= truth.front_m + 0.3 for truth in late)
 
 
-def test_a_bunch_of_samples_that_was_held_up_on_the_way_is_one_sample() -> None:
+def test_a_bunch_of_delayed_samples_counts_as_one_sample() -> None:
     """At 16 m/s all samples of 100 ms arrive within a millisecond."""
-    ride = Ride(Sensors(0.0))
+    ride = OdometryRun(Sensors(0.0))
     ride.run(up_and_down, 30.0)
     motions = []
     for number in range(10):
@@ -391,7 +395,7 @@ def test_a_bunch_of_samples_that_was_held_up_on_the_way_is_one_sample() -> None:
 
 
 def test_speed_is_quiet_and_does_not_lag() -> None:
-    history = Ride(Sensors(0.0, latch_s=0.0, tag_sigma_m=0.0)).run(up_and_down, 55.0)
+    history = OdometryRun(Sensors(0.0, latch_s=0.0, tag_sigma_m=0.0)).run(up_and_down, 55.0)
 
     steady = [t for t in history if 8.0 < t.time_s < 19.5 or 30.0 < t.time_s < 39.5]
     errors = [truth.motion.speed_mps.best - truth.speed_mps for truth in steady]
@@ -409,7 +413,7 @@ def stop_softly(time_s: float, speed_mps: float) -> float:
 
 
 def test_standing_comes_after_half_a_second_and_standstill_after_two() -> None:
-    history = Ride(Sensors()).run(stop_softly, 16.0)
+    history = OdometryRun(Sensors()).run(stop_softly, 16.0)
 
     stopped_s = next(t.time_s for t in history if t.time_s > 5.0 and t.speed_mps == 0.0)
     standing_s = next(t.time_s for t in history if t.time_s > 5.0 and t.motion.standing)
@@ -428,13 +432,13 @@ def test_a_crawl_of_one_kilometre_an_hour_is_never_a_standstill() -> None:
     def crawl(_: float, speed_mps: float) -> float:
         return 0.3 if speed_mps < 1.0 / 3.6 else 0.0
 
-    history = Ride(Sensors(error_ratio=0.05)).run(crawl, 20.0)
+    history = OdometryRun(Sensors(error_ratio=0.05)).run(crawl, 20.0)
 
     assert not any(truth.motion.standstill for truth in history if truth.time_s > 3.0)
 
 
 def test_standstill_is_not_proven_by_silence() -> None:
-    ride = Ride(Sensors())
+    ride = OdometryRun(Sensors())
     ride.run(lambda time_s, speed_mps: 0.0, 5.0)
     ride.sensors.lost = lambda number: True
 
@@ -445,7 +449,7 @@ def test_standstill_is_not_proven_by_silence() -> None:
 
 
 def test_rolling_back_is_seen_with_its_sign() -> None:
-    history = Ride(Sensors(0.02)).run(lambda time_s, speed_mps: -0.3, 5.0)
+    history = OdometryRun(Sensors(0.02)).run(lambda time_s, speed_mps: -0.3, 5.0)
 
     assert_holds(history)
     assert history[-1].motion.speed_mps.best == pytest.approx(-1.5, abs=0.1)
@@ -454,7 +458,7 @@ def test_rolling_back_is_seen_with_its_sign() -> None:
 
 
 def test_travel_never_jumps_at_a_tag() -> None:
-    history = Ride(Sensors(0.05)).run(up_and_down, 40.0)
+    history = OdometryRun(Sensors(0.05)).run(up_and_down, 40.0)
 
     for before, after in zip(history, history[2:], strict=False):
         step_m = after.motion.travel_m - before.motion.travel_m
@@ -554,9 +558,10 @@ def test_the_mean_rate_bounds_hold_for_any_constant_rate(rate: float, part: floa
 
 
 @pytest.mark.parametrize("samples", [1, 3])
-def test_what_a_controller_hears_first_is_finite(samples: int) -> None:
-    """It may join a bus just as a sample passes, or read several at the same instant."""
-    ride = Ride(Sensors(), AT_ONCE)
+def test_the_first_motion_of_a_controller_is_finite(samples: int) -> None:
+    """The controller may join the bus just as a sample passes, or read several at the same
+    instant."""
+    ride = OdometryRun(Sensors(), AT_ONCE)
     for _ in range(samples):
         ride.sample_tacho()
 

@@ -1,4 +1,4 @@
-"""The odometer's clock as the controller sees it, against a sensor whose delays are known."""
+"""The sensor clocks as the controller estimates them, against sensors with known delays."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ delays_ns = st.lists(st.integers(0, LATE_NS - 2 * MS), min_size=2, max_size=300)
 
 
 def in_order(sampled_ns: list[int], late_ns: list[int]) -> list[int]:
-    """When each frame is heard: no frame overtakes the one before."""
+    """Arrival time of each frame; no frame overtakes the one before."""
     heard, latest_ns = [], 0
     for at_ns, delay_ns in zip(sampled_ns, late_ns, strict=True):
         latest_ns = max(latest_ns, at_ns + delay_ns)
@@ -35,10 +35,10 @@ def in_order(sampled_ns: list[int], late_ns: list[int]) -> list[int]:
 
 
 @given(delays_ns, st.integers(0, 10**9), st.floats(-1e-4, 1e-4))
-def test_the_instant_is_off_by_no_more_than_the_fastest_frame_and_the_drift(
+def test_the_time_error_is_at_most_the_fastest_delay_plus_the_drift(
     late_ns: list[int], start_ns: int, drift: float
 ) -> None:
-    """The first frame is as fast as any, so later ones are placed by it, however late they come."""
+    """The first frame is as fast as any, so it places later ones however late they arrive."""
     sampled_ns = [start_ns + PERIOD_NS * number for number in range(len(late_ns))]
     heard_ns = in_order(sampled_ns, [0, *late_ns[1:]])
     clock = SampleClock()
@@ -50,7 +50,8 @@ def test_the_instant_is_off_by_no_more_than_the_fastest_frame_and_the_drift(
 
         assert found_ns is not None
         assert found_ns <= hear_ns
-        # The stamp is cut to a millisecond; the clocks part by drift and what is allowed for it.
+        # The stamp has a resolution of a millisecond; the clocks part by the drift and its
+        # allowance.
         allowed_ns = 1.1 * MS + (abs(drift) + DRIFT_RATIO) * (hear_ns - start_ns)
         assert abs(found_ns - at_ns) <= allowed_ns
 
@@ -68,11 +69,11 @@ def test_a_silence_of_any_length_is_bridged(first_ms: int, periods: int) -> None
     assert abs(found_ns - silent_ns) <= 2 * DRIFT_RATIO * silent_ns + MS
 
 
-def test_exactly_as_late_as_allowed_is_still_taken() -> None:
+def test_a_frame_exactly_at_the_lateness_limit_is_accepted() -> None:
     for extra_ns, taken in ((0, True), (1, False)):
         clock = SampleClock()
         clock.sampled_ns(0, 0, 0)
-        # Its age is counted from where the fastest frame may have drifted to by then: 24 004 ns.
+        # The age counts from where the fastest frame may have drifted to by then: 24 004 ns.
         allowed_ns = PERIOD_NS + LATE_NS + int(DRIFT_RATIO * (PERIOD_NS + LATE_NS + 24_004))
 
         found_ns = clock.sampled_ns(allowed_ns + extra_ns, 1, 20)
@@ -82,8 +83,8 @@ def test_exactly_as_late_as_allowed_is_still_taken() -> None:
 
 
 @given(st.integers(0, 255))
-def test_a_sensor_that_started_anew_is_followed_from_its_first_sample_on(new_ms: int) -> None:
-    """Its counter begins anew, and its clock may show anything but what fits the old counter."""
+def test_a_restarted_sensor_is_timed_from_its_first_sample(new_ms: int) -> None:
+    """Its counter restarts, and its clock may show anything that does not fit the old counter."""
     assume(min((new_ms + 100) % 256, -(new_ms + 100) % 256) > STAMP_PLAY_MS)
     clock = SampleClock()
     for number in range(5):
@@ -97,8 +98,8 @@ def test_a_sensor_that_started_anew_is_followed_from_its_first_sample_on(new_ms:
         assert heard_ns - PERIOD_NS <= found_ns <= heard_ns
 
 
-def test_a_faster_frame_than_ever_sets_the_clocks_closer() -> None:
-    """Frames were all 30 ms late until one is not: from then on lateness is seen."""
+def test_a_faster_frame_corrects_the_clock_offset() -> None:
+    """All frames are 30 ms late until one is prompt; from then on the clock detects lateness."""
     clock = SampleClock()
     clock.sampled_ns(30 * MS, 0, 0)
 
@@ -110,8 +111,8 @@ def test_a_faster_frame_than_ever_sets_the_clocks_closer() -> None:
 
 
 @given(st.integers(1, 200), st.integers(0, 255))
-def test_what_waited_in_a_mailbox_is_as_old_as_its_counter_says(waited: int, first: int) -> None:
-    """All frames of a silence of up to 4 s come out of a queue together, 0.2 ms apart."""
+def test_the_counter_gives_the_age_of_queued_frames(waited: int, first: int) -> None:
+    """All frames of a silence of up to 4 s arrive from a queue together, 0.2 ms apart."""
     clock = SampleClock()
     clock.sampled_ns(0, first, 0)
     free_ns = waited * PERIOD_NS
@@ -128,7 +129,7 @@ def test_what_waited_in_a_mailbox_is_as_old_as_its_counter_says(waited: int, fir
     assert found_ns is not None
 
 
-def test_a_frame_that_was_overtaken_keeps_its_place() -> None:
+def test_an_overtaken_frame_keeps_its_order() -> None:
     clock = SampleClock()
     found_ns = [
         clock.sampled_ns(heard * MS, number, 20 * number)
@@ -142,7 +143,7 @@ def test_a_frame_that_was_overtaken_keeps_its_place() -> None:
 
 
 def test_a_silence_beyond_the_counter_is_over_once_frames_come_in_step_again() -> None:
-    """6 s later a counter of 256 frames of 20 ms cannot tell 0.9 s from 6 s."""
+    """After 6 s a counter of 256 frames of 20 ms cannot distinguish 0.9 s from 6 s."""
     clock = SampleClock()
     clock.sampled_ns(0, 0, 0)
 
@@ -158,7 +159,7 @@ def test_a_silence_beyond_the_counter_is_over_once_frames_come_in_step_again() -
     assert fresh[-1] is not None
 
 
-def test_radar_and_accelerometer_are_as_old_as_their_counters_say() -> None:
+def test_the_counters_give_the_age_of_radar_and_accelerometer_frames() -> None:
     clock = FrameClock(50)
     clock.sampled_ns(0, 255)
 
@@ -173,8 +174,9 @@ def test_radar_and_accelerometer_are_as_old_as_their_counters_say() -> None:
 # Each limit, to the nanosecond.
 
 
-def test_a_frame_of_its_counter_alone_is_timed_by_the_fastest_one() -> None:
-    """50 ms apart; the second came 7 ms late, and the drift allows 200 ppm of 57 ms."""
+def test_the_fastest_frame_times_the_frames_without_a_stamp() -> None:
+    """The frames are 50 ms apart. The second came 7 ms late, and the drift allows 200 ppm of 57
+    ms."""
     clock = FrameClock(50)
     assert clock.sampled_ns(1_000 * MS, 250) == 1_000 * MS
 
@@ -184,7 +186,7 @@ def test_a_frame_of_its_counter_alone_is_timed_by_the_fastest_one() -> None:
 
 
 @pytest.mark.parametrize(("late_ns", "taken"), [(30 * MS, True), (30 * MS + 1, False)])
-def test_a_clock_may_be_told_how_late_is_too_late(late_ns: int, *, taken: bool) -> None:
+def test_the_lateness_limit_of_a_clock_can_be_set(late_ns: int, *, taken: bool) -> None:
     clock = FrameClock(50, late_ns=30 * MS)
     clock.sampled_ns(0, 0)
     drift_ns = int(DRIFT_RATIO * (80 * MS + 16_003))
@@ -194,7 +196,8 @@ def test_a_clock_may_be_told_how_late_is_too_late(late_ns: int, *, taken: bool) 
 
 
 def test_a_silence_up_to_a_second_before_the_turn_of_the_counter_needs_no_pacing() -> None:
-    """256 frames of 50 ms: 12.8 s, less the second by which the first frame may have been late."""
+    """The counter covers 256 frames of 50 ms or 12.8 s, less one second by which the first may
+    have been late."""
     for silent_ns, taken in ((11_800 * MS, True), (11_850 * MS, False)):
         clock = FrameClock(50)
         clock.sampled_ns(0, 0)
@@ -203,7 +206,7 @@ def test_a_silence_up_to_a_second_before_the_turn_of_the_counter_needs_no_pacing
         assert (found_ns is not None) is taken
 
 
-def test_after_a_long_silence_five_frames_in_step_are_wanted() -> None:
+def test_after_a_long_silence_five_frames_in_step_are_needed() -> None:
     clock = FrameClock(50)
     clock.sampled_ns(0, 0)
     heard = [clock.sampled_ns((20_000 + 50 * n) * MS, (400 + n) % 256) for n in range(8)]
@@ -241,7 +244,7 @@ def test_a_stamp_out_of_step_with_its_counter_by_more_than_five_is_a_new_sensor(
     assert found_ns == (30 * MS if anew else (20 + play_ms) * MS + 6_000)
 
 
-def test_a_tacho_that_starts_anew_takes_radar_and_accelerometer_with_it() -> None:
+def test_a_restarted_tacho_restarts_the_clocks_of_radar_and_accelerometer() -> None:
     clocks = OdometerClocks()
     tacho = Tacho(0, 0, Direction.FORWARD, True, True, 100.0)
     radar, imu = Doppler(0.0, 0.0, True), Imu(0.0, True)
@@ -277,8 +280,10 @@ READER_PLAY_NS = 5 * MS
 READER_LATE_NS = 1000 * MS
 
 
-def told(clock: ReaderClock, sent_ns: int, late_ns: int, *, starts_ms: float = 0.0) -> int:
-    """What is said of a telegram that is sent at an instant and heard later."""
+def computed_late_ns(
+    clock: ReaderClock, sent_ns: int, late_ns: int, *, starts_ms: float = 0.0
+) -> int:
+    """Lateness that the clock computes for a telegram sent at one instant and received later."""
     sent_ms = (starts_ms + sent_ns / MS) % READER_PERIOD_MS
     return clock.late_ns(sent_ns + late_ns, sent_ms)
 
@@ -292,10 +297,10 @@ def told(clock: ReaderClock, sent_ns: int, late_ns: int, *, starts_ms: float = 0
     st.floats(0.0, READER_PERIOD_MS, exclude_max=True),
     st.floats(-1e-4, 1e-4),
 )
-def test_a_telegram_that_waited_is_as_old_as_it_was_sent(
+def test_a_delayed_telegram_counts_from_its_sending(
     steps_ns: list[tuple[int, int]], starts_ms: float, drift: float
 ) -> None:
-    """The first one is as fast as any; clocks wrap round and part."""
+    """The first telegram is as fast as any; clocks wrap around and drift."""
     sent_ns, at_ns = [0], 0
     for step_ns, _ in steps_ns:
         at_ns += step_ns
@@ -313,13 +318,13 @@ def test_a_telegram_that_waited_is_as_old_as_it_was_sent(
         assert abs(hear_ns - late_ns - send_ns) <= allowed_ns
 
 
-def test_a_first_one_that_waited_itself_is_found_out_by_the_next_that_did_not() -> None:
+def test_a_delayed_first_telegram_is_corrected_by_a_prompt_one() -> None:
     clock = ReaderClock(READER_PERIOD_MS)
 
-    assert told(clock, 0, 80 * MS) == 0
-    assert told(clock, 500 * MS, 80 * MS) == 0
-    assert told(clock, 1000 * MS, 10 * MS) == 0
-    assert told(clock, 1500 * MS, 80 * MS) == pytest.approx(70 * MS, abs=0.2 * MS)
+    assert computed_late_ns(clock, 0, 80 * MS) == 0
+    assert computed_late_ns(clock, 500 * MS, 80 * MS) == 0
+    assert computed_late_ns(clock, 1000 * MS, 10 * MS) == 0
+    assert computed_late_ns(clock, 1500 * MS, 80 * MS) == pytest.approx(70 * MS, abs=0.2 * MS)
 
 
 @pytest.mark.parametrize(
@@ -331,10 +336,10 @@ def test_a_first_one_that_waited_itself_is_found_out_by_the_next_that_did_not() 
         (READER_LATE_NS + 1, 0, 0),
     ],
 )
-def test_what_is_told_apart_and_what_another_clock_says(
+def test_lateness_up_to_the_limit_counts_and_beyond_it_the_clock_restarts(
     late_ns: int, said_ns: int, again_ns: int
 ) -> None:
-    """Two telegrams leave at one instant by the reader's clock; its drift is allowed for."""
+    """The reader's clock gives both telegrams the same stamp; the test allows for its drift."""
     clock = ReaderClock(READER_PERIOD_MS)
     clock.late_ns(0, 7.0)
     heard_ns = late_ns
@@ -342,13 +347,13 @@ def test_what_is_told_apart_and_what_another_clock_says(
         heard_ns += 1
 
     assert clock.late_ns(heard_ns, 7.0) == said_ns
-    # Where it began anew, that telegram is the one that the next is compared with.
+    # After a restart that telegram becomes the reference for the next one.
     assert clock.late_ns(heard_ns + 300 * MS, 307.0) == pytest.approx(again_ns, abs=0.1 * MS)
 
 
 @pytest.mark.parametrize("early_ms", [1.0, 999.0, 5000.0, READER_PERIOD_MS - 20.0])
-def test_one_that_comes_too_early_is_what_the_next_are_compared_with(early_ms: float) -> None:
-    """The first one was late, or the reader started anew."""
+def test_a_telegram_that_comes_too_early_becomes_the_reference(early_ms: float) -> None:
+    """The first telegram was late, or the reader restarted."""
     clock = ReaderClock(READER_PERIOD_MS)
     clock.late_ns(2000 * MS, 7.0)
 
@@ -357,7 +362,7 @@ def test_one_that_comes_too_early_is_what_the_next_are_compared_with(early_ms: f
     assert late_ns == pytest.approx(20 * MS, abs=MS)
 
 
-def test_a_board_whose_clock_is_set_back_learns_anew() -> None:
+def test_the_clock_learns_again_after_the_boards_clock_was_set_back() -> None:
     clock = ReaderClock(READER_PERIOD_MS)
     clock.late_ns(900 * MS, 100.0)
 
@@ -365,9 +370,11 @@ def test_a_board_whose_clock_is_set_back_learns_anew() -> None:
     assert clock.late_ns(1429 * MS, 1100.0) == pytest.approx(30 * MS, abs=MS)
 
 
-def test_the_reader_s_clock_comes_round() -> None:
+def test_the_readers_clock_wraps_around() -> None:
     clock = ReaderClock(READER_PERIOD_MS)
     starts_ms = READER_PERIOD_MS - 100.0
 
-    assert told(clock, 0, 0, starts_ms=starts_ms) == 0
-    assert told(clock, 500 * MS, 60 * MS, starts_ms=starts_ms) == pytest.approx(60 * MS, abs=MS)
+    assert computed_late_ns(clock, 0, 0, starts_ms=starts_ms) == 0
+    assert computed_late_ns(clock, 500 * MS, 60 * MS, starts_ms=starts_ms) == pytest.approx(
+        60 * MS, abs=MS
+    )
