@@ -1,4 +1,4 @@
-"""Plain braking against figures by hand: twenty metres per second, four fifths of braking."""
+"""Plain braking against hand calculations, mostly from 20 m/s with 0.8 m/s²."""
 
 import pytest
 
@@ -18,7 +18,7 @@ from vobc.kinematics import (
     ("gradient_permille", "rotating_mass_ratio", "accel_mps2"),
     [(-30.0, 0.0, 0.2943), (30.0, 0.0, -0.2943), (-30.0, 0.09, 0.27), (0.0, 0.09, 0.0)],
 )
-def test_gravity_pulls_down_a_fall_and_less_the_more_of_the_train_turns(
+def test_gravity_accelerates_on_a_fall_and_less_with_more_rotating_mass(
     gradient_permille: float, rotating_mass_ratio: float, accel_mps2: float
 ) -> None:
     assert gradient_accel_mps2(
@@ -27,8 +27,9 @@ def test_gravity_pulls_down_a_fall_and_less_the_more_of_the_train_turns(
     assert gradient_accel_mps2(-30.0) == pytest.approx(0.2943), "without a word nothing turns"
 
 
-def test_from_20_to_12_metres_per_second_a_brake_of_four_fifths_needs_160_metres() -> None:
-    """Ten seconds at 16 m/s; and from 20 m/s to standstill 250 m."""
+def test_from_20_to_12_metres_per_second_a_brake_of_0_8_needs_160_metres() -> None:
+    """The train brakes for ten seconds at a mean of 16 m/s; from 20 m/s to standstill it needs
+    250 m."""
     assert stopping_distance_m(20.0, decel_mps2=0.8, target_mps=12.0) == pytest.approx(160.0)
     assert stopping_distance_m(20.0, decel_mps2=0.8) == pytest.approx(250.0)
     assert permitted_speed_mps(
@@ -37,7 +38,7 @@ def test_from_20_to_12_metres_per_second_a_brake_of_four_fifths_needs_160_metres
     assert permitted_speed_mps(250.0, decel_mps2=0.8, reaction_s=0.0) == pytest.approx(20.0)
 
 
-def test_in_a_reaction_of_one_and_a_half_seconds_it_runs_on_for_30_metres() -> None:
+def test_a_reaction_of_one_and_a_half_seconds_adds_30_metres() -> None:
     assert stopping_distance_m(
         20.0, decel_mps2=0.8, reaction_s=1.5, target_mps=12.0
     ) == pytest.approx(190.0)
@@ -46,7 +47,7 @@ def test_in_a_reaction_of_one_and_a_half_seconds_it_runs_on_for_30_metres() -> N
     ) == pytest.approx(20.0)
 
 
-def test_a_train_under_its_target_brakes_over_no_way_and_may_run_at_the_target() -> None:
+def test_a_train_below_its_target_speed_needs_no_braking_distance() -> None:
     assert stopping_distance_m(10.0, decel_mps2=0.8, target_mps=12.0) == 0.0
     assert stopping_distance_m(10.0, decel_mps2=0.8, reaction_s=1.5, target_mps=12.0) == 15.0
     assert permitted_speed_mps(0.0, decel_mps2=0.8, reaction_s=1.5, target_mps=12.0) == 12.0
@@ -69,8 +70,8 @@ def test_a_train_in_traction_takes_longest_to_react_and_every_brake_builds_up_al
     assert (reaction.before_cut_s, reaction.build_up_s) == (before_cut_s, build_up_s)
 
 
-def test_one_metre_per_second_is_gained_in_the_first_two_seconds_of_reacting() -> None:
-    """17 to 18 m/s over 35 m, on at 18 m/s for 18 m, and 200 m of braking to 2 m/s."""
+def test_traction_in_the_reaction_adds_one_metre_per_second() -> None:
+    """The train runs 35 m from 17 to 18 m/s, 18 m at 18 m/s, and brakes over 200 m to 2 m/s."""
     speed_mps = v_top_mps(
         253.0, decel_mps2=0.8, accel_mps2=0.5, reaction=ReactionTimes(2.0, 1.0), target_mps=2.0
     )
@@ -78,8 +79,9 @@ def test_one_metre_per_second_is_gained_in_the_first_two_seconds_of_reacting() -
     assert speed_mps == pytest.approx(17.0)
 
 
-def test_a_quarter_of_a_metre_per_second_is_a_speed_too() -> None:
-    """An eighth of a second on at it, then braking: a sixteenth of a metre."""
+def test_a_small_speed_limit_is_found_exactly() -> None:
+    """The train runs on for an eighth of a second and then brakes: together a sixteenth of a
+    metre."""
     speed_mps = v_top_mps(
         0.0625, decel_mps2=1.0, accel_mps2=0.0, reaction=ReactionTimes(0.125, 0.0)
     )
@@ -87,6 +89,6 @@ def test_a_quarter_of_a_metre_per_second_is_a_speed_too() -> None:
     assert speed_mps == pytest.approx(0.25)
 
 
-def test_where_no_speed_after_the_first_second_fits_none_is_given_even_while_braking() -> None:
-    """Its energy balance meets zero only at 1 m/s backwards."""
+def test_without_any_fitting_speed_the_limit_is_zero_even_while_braking() -> None:
+    """The energy balance is zero only at 1 m/s backwards."""
     assert v_top_mps(1.5, decel_mps2=1.0, accel_mps2=-4.0, reaction=ReactionTimes(1.0, 0.0)) == 0.0

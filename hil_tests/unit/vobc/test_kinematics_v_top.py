@@ -1,4 +1,4 @@
-"""The greatest speed of seed 000 against the energy balance that defines it."""
+"""The maximum speed of [Lin] against the energy balance that defines it."""
 
 import pytest
 from hypothesis import assume, given
@@ -31,11 +31,10 @@ def surplus_j(
     reaction: ReactionTimes,
     target_mps: float,
 ) -> float:
-    """W of equation (2), term by term, with forces and stretches.
+    """Energy W of equation (2) of [Lin], term by term, from forces and distances.
 
-    What the train gains in t1 is its acceleration there, the climb included, so that potential
-    energy counts from the end of t1 on; in t2 the speed is held, as the equation has it, by taking
-    no work at all from that stretch.
+    The acceleration in t1 includes the gradient, so potential energy counts from the end of t1. In
+    t2 the equation holds the speed, so that distance takes no work.
     """
     after_mps = speed_mps + accel_mps2 * reaction.before_cut_s
     first_m = 0.5 * (speed_mps + after_mps) * reaction.before_cut_s
@@ -55,7 +54,7 @@ def surplus_j(
     climb_mps2=st.floats(-0.3, 0.3),
     target_mps=st.floats(0.0, 20.0),
 )
-def test_at_the_greatest_speed_no_energy_is_over_and_none_is_missing(
+def test_at_the_maximum_speed_the_energy_balance_is_zero(
     reaction: ReactionTimes,
     accel_mps2: float,
     distance_m: float,
@@ -87,7 +86,7 @@ def test_at_the_greatest_speed_no_energy_is_over_and_none_is_missing(
     assert over_j(speed_mps + 0.01) > 0.0 > over_j(speed_mps - 0.01)
 
 
-def test_traction_makes_the_greatest_speed_lower_than_coasting_does() -> None:
+def test_traction_gives_a_lower_maximum_speed_than_coasting() -> None:
     from_traction_mps = v_top_mps(
         300.0, decel_mps2=0.9, accel_mps2=0.8, reaction=SERVICE_FROM_TRACTION
     )
@@ -99,5 +98,5 @@ def test_traction_makes_the_greatest_speed_lower_than_coasting_does() -> None:
 
 
 @pytest.mark.parametrize("distance_m", [-500.0, -3.0, 0.0, 0.1])
-def test_without_room_for_the_reaction_the_greatest_speed_is_none(distance_m: float) -> None:
+def test_without_room_for_the_reaction_the_maximum_speed_is_zero(distance_m: float) -> None:
     assert v_top_mps(distance_m, decel_mps2=1.0, accel_mps2=1.0, reaction=EMERGENCY) == 0.0

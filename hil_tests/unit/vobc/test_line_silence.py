@@ -1,4 +1,4 @@
-"""When a controller says that nobody is heard on the radio of its line."""
+"""When a controller reports that it receives nothing on the radio of its line."""
 
 from can_dbc.vobc import EventKind
 from vobc.process.line_silence import SILENT_S, LineSilence
@@ -11,7 +11,7 @@ WORDS = (
 )
 
 
-def test_a_line_that_is_not_heard_from_the_start_on_is_told_once() -> None:
+def test_a_line_that_is_silent_from_the_start_is_reported_once() -> None:
     silence = LineSilence(ENDPOINT)
 
     assert silence.look(7 * S, 0) is None
@@ -24,7 +24,7 @@ def test_a_line_that_is_not_heard_from_the_start_on_is_told_once() -> None:
     assert silence.look(9 * LONG_NS, 0) is None
 
 
-def test_the_first_word_that_is_heard_ends_it_and_the_next_silence_is_told_again() -> None:
+def test_the_first_message_ends_the_report_and_the_next_silence_is_reported_again() -> None:
     silence = LineSilence(ENDPOINT)
     silence.look(0, 0)
     silence.look(LONG_NS, 0)
@@ -37,7 +37,7 @@ def test_the_first_word_that_is_heard_ends_it_and_the_next_silence_is_told_again
     assert silence.look(LONG_NS + S + LONG_NS, 1) is not None
 
 
-def test_while_somebody_is_heard_there_is_nothing_to_tell() -> None:
+def test_while_messages_arrive_no_silence_is_reported() -> None:
     silence = LineSilence(ENDPOINT)
 
     assert [silence.look(second * S, second) for second in range(60)] == [None] * 60

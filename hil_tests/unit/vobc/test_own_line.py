@@ -1,4 +1,4 @@
-"""A line of one's own among trains that command themselves: the track, its division beside it."""
+"""A user's own line for trains that command themselves: the track file and its division file."""
 
 import argparse
 import shutil
@@ -27,7 +27,7 @@ apply_m = 800.0
 
 @pytest.fixture
 def track(tmp_path: Path) -> Path:
-    """The shipped loop under a name of its own, not divided yet."""
+    """The shipped loop under another name, without a division file."""
     text = Path(str(resources.files("firmware_py.trackdb") / "loop.toml")).read_text()
     path = tmp_path / "mine.toml"
     path.write_text(text.replace('name = "loop"', 'name = "mine"', 1))
@@ -80,7 +80,7 @@ def test_controller_plant_and_wayside_take_the_same_track(
     assert plant_parser().parse_args(["run", "--line", str(divided)]).line == str(divided)
 
 
-def test_without_a_division_the_file_is_named_that_is_expected(track: Path) -> None:
+def test_a_missing_division_names_the_expected_file(track: Path) -> None:
     with pytest.raises(SettingsError) as found:
         load_areas(str(track))
 
@@ -89,7 +89,7 @@ def test_without_a_division_the_file_is_named_that_is_expected(track: Path) -> N
     assert str(found.value) == words
 
 
-def test_a_shipped_line_without_a_division_is_said_to_have_none() -> None:
+def test_a_shipped_line_without_a_division_is_reported_as_such() -> None:
     with pytest.raises(SettingsError) as found:
         load_areas("changping")
 
@@ -99,7 +99,7 @@ def test_a_shipped_line_without_a_division_is_said_to_have_none() -> None:
     )
 
 
-def test_a_line_that_there_is_not_is_none(tmp_path: Path) -> None:
+def test_an_unknown_line_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"^lop: .*loop"):
         load_areas("lop")
     with pytest.raises(SettingsError, match="no such file"):
@@ -114,14 +114,14 @@ def test_a_division_of_another_line_is_refused(track: Path) -> None:
         load_areas(str(track))
 
 
-def test_what_a_division_does_not_know_is_refused_beside_a_track_too(divided: Path) -> None:
+def test_an_unknown_key_of_a_division_beside_a_track_is_refused(divided: Path) -> None:
     divided.with_name("mine.areas.toml").write_text(DIVISION + "speed = 5.0\n")
 
     with pytest.raises(SettingsError, match=r"mine\.areas\.toml:5: speed: unknown key"):
         load_areas(str(divided))
 
 
-def test_a_copy_of_a_divided_line_goes_by_the_division_that_ships(tmp_path: Path) -> None:
+def test_a_copy_of_a_divided_line_uses_the_shipped_division(tmp_path: Path) -> None:
     path = tmp_path / "copy.toml"
     shutil.copy(str(resources.files("firmware_py.trackdb") / "loop.toml"), path)
 

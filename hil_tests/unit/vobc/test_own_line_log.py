@@ -1,4 +1,4 @@
-"""What a controller writes down of its line: all of it, and never in a control cycle."""
+"""The controller's log of its line radio: complete, and never written in a control cycle."""
 
 import argparse
 from collections.abc import Collection, Iterator
@@ -49,7 +49,7 @@ def stack() -> Iterator[ExitStack]:
 
 @pytest.fixture
 def air(monkeypatch: pytest.MonkeyPatch) -> InprocRadio:
-    """Where the bare controller opens a session, it gets a port of this radio."""
+    """An in-process radio; the bare controller gets a port of it instead of a session."""
     air = InprocRadio(0.0)
 
     def port(
@@ -62,7 +62,7 @@ def air(monkeypatch: pytest.MonkeyPatch) -> InprocRadio:
 
 
 def opened(stack: ExitStack, log: Path | None) -> tuple[LineCommand, int]:
-    """And the instant that its log has as zero."""
+    """The opened line command, and the instant at which its log is zero."""
     clock, line = WallClock(), load_line("loop")
     start_ns = clock.now_ns()
     parts = (load_config("florence4"), line, load_areas("loop"))
@@ -74,7 +74,7 @@ def lines(folder: Path) -> list[list[str]]:
     return [line.split(",") for line in (folder / LINE_LOG).read_text().splitlines()[1:]]
 
 
-def test_what_a_control_cycle_hears_and_says_is_written_down_after_it(
+def test_the_messages_of_a_control_cycle_are_logged_after_it(
     tmp_path: Path, stack: ExitStack, air: InprocRadio
 ) -> None:
     command, start_ns = opened(stack, tmp_path / LINE_LOG)
@@ -84,7 +84,7 @@ def test_what_a_control_cycle_hears_and_says_is_written_down_after_it(
         command.apply(now_ns, STANDING)
         command.send(now_ns)
         other.send(now_ns, topic, pack(BEAT))
-    # Each second that turns over flushes what was written before: here nothing was.
+    # Each full second flushes what was written before; here nothing was.
     assert lines(tmp_path) == []
 
     command.beat(start_ns + 4 * S + 5 * MS, STANDING)
@@ -95,7 +95,7 @@ def test_what_a_control_cycle_hears_and_says_is_written_down_after_it(
     assert heard[0][2:] == [topic, pack(BEAT).hex().upper()]
 
 
-def test_what_it_says_is_in_the_log_too_and_line_log_reads_it(
+def test_sent_messages_are_in_the_log_too_and_line_log_reads_it(
     tmp_path: Path, stack: ExitStack, air: InprocRadio, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command, start_ns = opened(stack, tmp_path / LINE_LOG)
@@ -124,13 +124,13 @@ def test_without_a_run_folder_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_it_does_not_act_on_is_told_by_reason_and_not_for_each_message(
+def test_rejected_messages_are_reported_by_reason_and_not_one_by_one(
     stack: ExitStack, air: InprocRadio
 ) -> None:
     command, start_ns = opened(stack, None)
     other, topic = air.port("T2", ()), t2t_keys.key_of("loop", BEAT)
 
-    def told(ms: int, *payloads: bytes) -> list[tuple[str, int]]:
+    def rejections(ms: int, *payloads: bytes) -> list[tuple[str, int]]:
         now_ns = start_ns + S + ms * MS
         for payload in payloads:
             other.send(now_ns - MS, topic, payload)
@@ -138,17 +138,17 @@ def test_what_it_does_not_act_on_is_told_by_reason_and_not_for_each_message(
         due = command.refusals.due(now_ns)
         return [(each.reason, each.count) for each in due]
 
-    # Where it stands, and so what it listens to, it says with its first step.
-    assert told(0) == []
+    # In its first step the train only sends where it stands, which selects what it listens to.
+    assert rejections(0) == []
     spoilt, good = pack(BEAT)[:-1] + b"!", pack(BEAT)
-    assert told(10, spoilt, spoilt, good) == [("wrong safety code", 2)]
-    assert told(20, spoilt, good) == [("repeated or out of order", 1)]
-    assert told(900, spoilt) == []
-    assert told(1010) == [("wrong safety code", 2)]
-    assert told(3000) == []
+    assert rejections(10, spoilt, spoilt, good) == [("wrong safety code", 2)]
+    assert rejections(20, spoilt, good) == [("repeated or out of order", 1)]
+    assert rejections(900, spoilt) == []
+    assert rejections(1010) == [("wrong safety code", 2)]
+    assert rejections(3000) == []
 
 
-def test_a_line_on_which_nobody_is_heard_is_told_of_and_the_centre_counts(
+def test_a_silent_line_is_reported_and_messages_of_the_centre_end_the_silence(
     stack: ExitStack, air: InprocRadio
 ) -> None:
     command, start_ns = opened(stack, None)

@@ -1,4 +1,4 @@
-"""Arbitration: of protection and operation the more restrictive goes out, in every single part."""
+"""Arbitration: in every single output the more restrictive of protection and operation counts."""
 
 import itertools
 import math
@@ -74,7 +74,7 @@ def decided(
     return arbitrate(verdict, demand, motion, desk, train=TRAIN, load_kg=load_kg)
 
 
-def test_a_free_train_gets_what_operation_asks_for() -> None:
+def test_without_restrictions_operations_demand_is_sent() -> None:
     output = decided()
 
     assert output.force_n == pytest.approx(0.5 * MASS_KG)
@@ -85,7 +85,7 @@ def test_a_free_train_gets_what_operation_asks_for() -> None:
     assert output.holding_released
 
 
-def test_a_negative_demand_is_brake_and_nothing_else() -> None:
+def test_a_negative_demand_sets_the_brake_alone() -> None:
     output = decided(demand=replace(DRIVE, accel_mps2=-0.7))
 
     assert output.service_decel_mps2 == 0.7
@@ -93,7 +93,7 @@ def test_a_negative_demand_is_brake_and_nothing_else() -> None:
 
 
 @given(st.floats(-3.0, 3.0), st.floats(0.0, 54_400.0))
-def test_traction_and_brake_are_never_asked_together_nor_more_than_there_is(
+def test_traction_and_brake_are_never_demanded_together_nor_beyond_their_maximum(
     accel_mps2: float, load_kg: float
 ) -> None:
     force_n, decel_mps2 = effort(accel_mps2, train=TRAIN, load_kg=load_kg)
@@ -104,7 +104,7 @@ def test_traction_and_brake_are_never_asked_together_nor_more_than_there_is(
 
 
 @pytest.mark.parametrize(("speed_mps", "force_n"), [(0.0, 2e5), (12.0, 2e5), (20.0, 1.2e5)])
-def test_at_speed_the_power_limits_what_traction_gives(speed_mps: float, force_n: float) -> None:
+def test_at_speed_the_power_limits_traction(speed_mps: float, force_n: float) -> None:
     most_mps2 = most_accel_mps2(speed_mps, train=TRAIN, load_kg=LOAD_KG)
 
     assert most_mps2 * MASS_KG == pytest.approx(force_n)
@@ -115,7 +115,7 @@ def test_a_train_that_rolls_backwards_has_its_rated_force() -> None:
     assert most_accel_mps2(-20.0, train=TRAIN, load_kg=LOAD_KG) == pytest.approx(2e5 / MASS_KG)
 
 
-def test_the_map_from_demand_to_effort_has_no_step_at_zero() -> None:
+def test_the_effort_is_continuous_at_zero_demand() -> None:
     tiny = 1e-9
 
     assert effort(tiny, train=TRAIN, load_kg=0.0)[0] < 1.0
@@ -124,7 +124,8 @@ def test_the_map_from_demand_to_effort_has_no_step_at_zero() -> None:
 
 
 def test_protection_overrules_in_every_combination() -> None:
-    """All 64 combinations of what protection may forbid and what operation asks for."""
+    """The test takes all 64 combinations of what protection may forbid and operation may ask
+    for."""
     for released, brake, permitted, hold in itertools.product((False, True), repeat=4):
         for accel_mps2, asked_hold in itertools.product((0.5, -0.3), (False, True)):
             verdict = replace(
@@ -153,7 +154,7 @@ def test_protection_overrules_in_every_combination() -> None:
                 assert output.direction is Direction.NEUTRAL
 
 
-def test_a_held_train_has_its_traction_cut_unless_it_sets_off() -> None:
+def test_traction_of_a_held_train_is_cut_unless_it_departs() -> None:
     held = decided(demand=replace(DRIVE, accel_mps2=0.0, hold=True))
     sets_off = decided(demand=replace(DRIVE, accel_mps2=0.1, hold=True))
 
@@ -162,7 +163,7 @@ def test_a_held_train_has_its_traction_cut_unless_it_sets_off() -> None:
     assert not sets_off.holding_released
 
 
-def test_nobody_driving_is_full_brake_and_hold() -> None:
+def test_without_a_driver_or_ato_the_output_is_full_brake_and_hold() -> None:
     output = decided(replace(FREE, doors=DoorEnable(True, True)), BRAKED_DEMAND)
 
     assert output.service_decel_mps2 == TRAIN.service_decel_max_mps2
@@ -178,7 +179,7 @@ BAD = (math.nan, math.inf, -math.inf)
 
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("part", ["accel_mps2", "target_mps"])
-def test_a_demand_that_is_no_number_ends_in_the_safe_output(part: str, bad: float) -> None:
+def test_a_nan_demand_gives_the_safe_output(part: str, bad: float) -> None:
     changed = {part: bad}
     output = decided(demand=replace(DRIVE, **changed))  # type: ignore[arg-type]
 
@@ -187,7 +188,7 @@ def test_a_demand_that_is_no_number_ends_in_the_safe_output(part: str, bad: floa
 
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("part", [field.name for field in fields(Ceiling)])
-def test_a_ceiling_that_is_no_number_ends_in_the_safe_output(part: str, bad: float) -> None:
+def test_a_nan_ceiling_gives_the_safe_output(part: str, bad: float) -> None:
     output = decided(replace(FREE, ceiling=replace(CEILING, **{part: bad})))
 
     assert_safe(output)
@@ -196,9 +197,7 @@ def test_a_ceiling_that_is_no_number_ends_in_the_safe_output(part: str, bad: flo
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("end", ["low", "best", "high"])
 @pytest.mark.parametrize("part", ["front_m", "speed_mps"])
-def test_a_motion_that_is_no_number_ends_in_the_safe_output(
-    part: str, end: str, bad: float
-) -> None:
+def test_a_nan_motion_gives_the_safe_output(part: str, end: str, bad: float) -> None:
     interval = replace(getattr(MOTION, part), **{end: bad})
     changed = {part: interval}
 
@@ -206,14 +205,14 @@ def test_a_motion_that_is_no_number_ends_in_the_safe_output(
 
 
 @pytest.mark.parametrize("bad", BAD)
-def test_an_acceleration_or_load_that_is_no_number_ends_in_the_safe_output(bad: float) -> None:
+def test_a_nan_acceleration_or_load_gives_the_safe_output(bad: float) -> None:
     assert_safe(decided(motion=replace(MOTION, accel_mps2=bad)))
     assert_safe(decided(motion=replace(MOTION, travel_m=bad)))
     assert_safe(decided(motion=replace(MOTION, pulses_m=bad)))
     assert_safe(decided(load_kg=bad))
 
 
-def test_no_stop_ahead_is_no_error_but_a_stop_at_nowhere_is() -> None:
+def test_a_missing_stop_is_no_error_but_a_nan_stop_is() -> None:
     assert decided(demand=replace(DRIVE, distance_to_stop_m=math.inf)).force_n > 0.0
     assert_safe(decided(demand=replace(DRIVE, distance_to_stop_m=math.nan)))
 
@@ -234,7 +233,7 @@ def assert_safe(output: CycleOutput) -> None:
 
 @pytest.mark.parametrize("enabled", [(False, False), (True, False), (False, True)])
 @pytest.mark.parametrize("mode", [CabMode.AUTO, CabMode.MANUAL])
-def test_doors_open_only_where_enabled_and_asked_by_whoever_drives(
+def test_doors_open_only_where_enabled_and_requested_by_driver_or_ato(
     enabled: tuple[bool, bool], mode: CabMode
 ) -> None:
     for asked, left_button, right_button in itertools.product((False, True), repeat=3):
@@ -305,14 +304,14 @@ def test_a_driver_never_drives_backwards() -> None:
 
 
 @pytest.mark.parametrize(("by_protection", "by_operation"), [(True, False), (False, True)])
-def test_whoever_needs_a_person_is_heard(by_protection: bool, by_operation: bool) -> None:
+def test_every_call_for_a_person_is_sent(by_protection: bool, by_operation: bool) -> None:
     verdict = replace(FREE, alarm_raised=by_protection)
 
     assert decided(verdict, replace(DRIVE, calls_for_help=by_operation)).alarm_raised
     assert not decided().alarm_raised
 
 
-def test_what_protection_found_goes_out_as_it_is() -> None:
+def test_the_findings_of_protection_are_sent_unchanged() -> None:
     verdict = replace(
         FREE,
         mode=OperatingMode.JOG,

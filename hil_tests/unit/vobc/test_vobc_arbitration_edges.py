@@ -1,4 +1,4 @@
-"""Arbitration at its edges: no motion known, no desk, coasting, hardly any force, a weak train."""
+"""Edge cases of arbitration: unknown motion, no desk, coasting, minimal force, a weak train."""
 
 import math
 from dataclasses import replace
@@ -45,7 +45,7 @@ def decided(
 
 
 @pytest.mark.parametrize("speed_mps", [0.5, 1.0, 2.0])
-def test_power_limits_what_traction_gives_however_slow_the_train(speed_mps: float) -> None:
+def test_the_power_limits_traction_at_any_speed(speed_mps: float) -> None:
     most_mps2 = most_accel_mps2(speed_mps, train=WEAK, load_kg=0.0)
 
     assert most_mps2 * inertia_kg(WEAK, 0.0) == pytest.approx(50_000.0 / speed_mps)
@@ -69,7 +69,7 @@ def test_a_train_that_coasts_keeps_its_traction_ready() -> None:
     assert output.direction is Direction.FORWARD
 
 
-def test_the_least_force_sets_a_held_train_off() -> None:
+def test_the_least_traction_releases_a_held_train() -> None:
     output = decided(replace(DRIVE, accel_mps2=1e-6, hold=True))
 
     assert 0.0 < output.force_n < 1.0
@@ -82,12 +82,12 @@ def test_without_a_desk_operation_asks_for_doors() -> None:
     assert (output.open_left, output.open_right) == (True, False)
 
 
-def test_nobody_driving_is_told_as_full_service_brake() -> None:
+def test_without_a_driver_or_ato_the_reported_demand_is_full_service_brake() -> None:
     assert decided(BRAKED_DEMAND).accel_demand_mps2 == -TRAIN.service_decel_max_mps2
     assert decided(DRIVE).accel_demand_mps2 == 0.5
 
 
-def test_the_lever_asks_for_nothing_but_effort() -> None:
+def test_the_lever_demands_effort_only() -> None:
     lever = replace(DESK, mode=CabMode.MANUAL, lever_percent=50.0)
 
     demand = manual_demand(lever, 0.0, False, train=TRAIN, jerk_mps=1.0)
@@ -96,7 +96,7 @@ def test_the_lever_asks_for_nothing_but_effort() -> None:
     assert math.isinf(demand.distance_to_stop_m)
 
 
-def test_a_lever_at_no_number_brings_the_safe_output_and_leaves_nothing_behind() -> None:
+def test_a_nan_lever_gives_the_safe_output_without_a_lasting_effect() -> None:
     lever = replace(DESK, mode=CabMode.MANUAL, lever_percent=math.nan)
 
     demand = manual_demand(lever, 0.2, False, train=TRAIN, jerk_mps=0.03)

@@ -1,4 +1,4 @@
-"""The bare controller's command line: its words, and what it says of wrong ones."""
+"""The command line of the bare controller: its arguments, and its messages about wrong ones."""
 
 import os
 from pathlib import Path
@@ -27,7 +27,7 @@ def test_the_verb_may_be_left_out() -> None:
     assert vars(parser().parse_args(BUS)) == vars(parser().parse_args(["run", *BUS]))
 
 
-def test_without_words_the_train_stands_at_the_first_station_and_runs_to_the_last() -> None:
+def test_without_arguments_the_train_stands_at_the_first_station_and_runs_to_the_last() -> None:
     planned = plan(parser().parse_args(BUS), EPOCH_NS)
 
     assert planned.mission.start.name == "Start"
@@ -37,7 +37,7 @@ def test_without_words_the_train_stands_at_the_first_station_and_runs_to_the_las
     assert planned.nvram.record.boot_count == 1_700_000_000
 
 
-def test_a_train_that_was_switched_off_goes_on_from_where_it_stood(tmp_path: Path) -> None:
+def test_a_train_that_was_switched_off_resumes_where_it_stood(tmp_path: Path) -> None:
     memory = tmp_path / "nvram"
     Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
 
@@ -52,13 +52,13 @@ def test_a_train_that_was_switched_off_goes_on_from_where_it_stood(tmp_path: Pat
 def remembered(
     folder: Path, *said: str, standing: bool = True, front_m: float = 3000.4
 ) -> DevicePlan:
-    """What a controller with a memory takes for true, whatever is said."""
+    """The device plan of a controller whose memory holds a position, given these arguments."""
     memory = folder / "nvram"
     Nvram(memory).put(NvramRecord(boot_count=5, front_m=front_m, standing=standing))
     return plan(parser().parse_args([*BUS, "--nvram", str(memory), *said]), EPOCH_NS)
 
 
-def test_a_train_that_is_said_to_stand_somewhere_without_a_memory_stands_there(
+def test_without_a_memory_the_given_position_counts(
     tmp_path: Path,
 ) -> None:
     words = [*BUS, "--nvram", str(tmp_path / "nvram"), "--from", "I"]
@@ -67,7 +67,7 @@ def test_a_train_that_is_said_to_stand_somewhere_without_a_memory_stands_there(
     assert (planned.mission.start.name, planned.start, planned.note) == ("I", None, "")
 
 
-def test_one_that_remembers_another_place_stands_there_and_says_so(tmp_path: Path) -> None:
+def test_a_remembered_position_overrides_the_given_one_with_a_message(tmp_path: Path) -> None:
     planned = remembered(tmp_path, "--from", "I")
 
     assert planned.mission.start.name == "II"
@@ -80,7 +80,7 @@ def test_one_that_remembers_another_place_stands_there_and_says_so(tmp_path: Pat
 
 
 @pytest.mark.parametrize(("front_m", "agrees"), [(0.5, True), (-0.5, True), (0.6, False)])
-def test_where_memory_and_person_agree_the_person_is_believed(
+def test_a_given_position_that_agrees_with_the_memory_counts(
     tmp_path: Path, front_m: float, *, agrees: bool
 ) -> None:
     stop_m = load_line("florence").stations[1].stop_m
@@ -91,7 +91,9 @@ def test_where_memory_and_person_agree_the_person_is_believed(
     assert (planned.note == "") is agrees
 
 
-def test_one_that_ended_on_the_way_may_stand_anywhere_whatever_is_said(tmp_path: Path) -> None:
+def test_a_train_switched_off_in_motion_may_stand_anywhere_whatever_the_arguments(
+    tmp_path: Path,
+) -> None:
     planned = remembered(tmp_path, "--from", "I", standing=False)
 
     assert planned.mission.start.name == "I"
@@ -104,17 +106,17 @@ def test_one_that_ended_on_the_way_may_stand_anywhere_whatever_is_said(tmp_path:
     )
 
 
-def test_nothing_is_to_be_said_where_nobody_said_anything(tmp_path: Path) -> None:
+def test_without_a_given_position_there_is_no_message(tmp_path: Path) -> None:
     assert remembered(tmp_path, standing=False).note == ""
     assert remembered(tmp_path).note == ""
 
 
-def test_where_the_way_cannot_begin_where_the_train_stands_it_is_said_why(tmp_path: Path) -> None:
+def test_a_mission_that_cannot_begin_at_the_position_names_the_reason(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"^--to II: .*; --from I is not believed: by "):
         remembered(tmp_path, "--from", "I", "--to", "II")
 
 
-def test_that_a_person_is_not_believed_is_said_before_anything_else(
+def test_an_overridden_position_is_reported_first(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     memory = tmp_path / "nvram"
@@ -129,7 +131,7 @@ def test_that_a_person_is_not_believed_is_said_before_anything_else(
 def test_a_train_whose_memory_is_damaged_may_stand_anywhere(
     tmp_path: Path, said: list[str]
 ) -> None:
-    """A person who says where it stands is not believed more than the memory that is gone."""
+    """The operator's position does not replace a damaged memory."""
     memory = tmp_path / "nvram"
     Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
     stored = memory.read_bytes()
@@ -157,7 +159,7 @@ def test_a_train_whose_memory_is_damaged_may_stand_anywhere(
         (["--bus", "embedded:nowhere"], "nowhere", EXIT_ENVIRONMENT),
     ],
 )
-def test_what_is_wrong_is_one_line_and_an_exit_code(
+def test_every_error_is_one_line_and_an_exit_code(
     words: list[str], said: str, code: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*BUS, *words]) == code
@@ -179,7 +181,7 @@ def test_what_is_wrong_is_one_line_and_an_exit_code(
         ["--duration", "-1"],
     ],
 )
-def test_a_number_that_cannot_be_is_refused_at_once(
+def test_an_impossible_number_is_refused_at_once(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -189,7 +191,7 @@ def test_a_number_that_cannot_be_is_refused_at_once(
     assert words[1] in capsys.readouterr().err
 
 
-def test_a_tag_line_that_is_not_there_yet_is_waited_for_and_said_once(
+def test_the_controller_waits_for_a_missing_tag_line_and_reports_it_once(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line = PatientLine(str(tmp_path / "tags"))
@@ -203,7 +205,7 @@ def test_a_tag_line_that_is_not_there_yet_is_waited_for_and_said_once(
     assert line.counters.errors == 5
 
 
-def test_a_tag_line_that_comes_later_is_heard(tmp_path: Path) -> None:
+def test_a_tag_line_that_appears_later_is_used(tmp_path: Path) -> None:
     link = tmp_path / "tags"
     line = PatientLine(str(link))
     line.receive(0)

@@ -1,4 +1,4 @@
-"""Which stops of a line a train that commands itself can reach."""
+"""The stops of a line that a train that commands itself can reach."""
 
 import argparse
 from dataclasses import replace
@@ -10,12 +10,12 @@ from firmware_py.trackdb import LineMap, SpeedSection, Station, load_line
 from vobc.cli.line import areas_of
 
 FLORENCE = load_line("florence")
-"""Its areas reach from -120 m to 4,700 m."""
+"""The Florence line; its areas reach from -120 m to 4700 m."""
 BY_RADIO = argparse.Namespace(line_radio="tcp/127.0.0.1:7447", line="florence")
 
 
 def longer_line(*stations: Station) -> LineMap:
-    """Beyond its areas at both ends."""
+    """A line that extends beyond its areas at both ends."""
     speed = SpeedSection(-300.0, 5_000.0, 19.0)
     return replace(
         FLORENCE, start_m=-300.0, end_m=5_000.0, speed_sections=(speed,), stations=stations
@@ -23,13 +23,13 @@ def longer_line(*stations: Station) -> LineMap:
 
 
 def line_with_stop(stop_m: float) -> LineMap:
-    """Its last station stops there."""
+    """The longer line with its last stopping point at `stop_m`."""
     last = replace(FLORENCE.stations[-1], stop_m=stop_m, platform_end_m=4_900.0)
     return longer_line(*FLORENCE.stations[:-1], last)
 
 
 @pytest.mark.parametrize("stop_m", [4_500.0, 4_689.0])
-def test_a_stop_far_enough_before_the_end_is_reached(stop_m: float) -> None:
+def test_a_stop_far_enough_before_the_end_is_accepted(stop_m: float) -> None:
     areas = areas_of(BY_RADIO, line_with_stop(stop_m))
 
     assert areas is not None
@@ -37,7 +37,7 @@ def test_a_stop_far_enough_before_the_end_is_reached(stop_m: float) -> None:
 
 
 @pytest.mark.parametrize("stop_m", [4_689.1, 4_700.0, 4_800.0])
-def test_a_stop_too_near_to_the_end_of_the_last_area_is_refused(stop_m: float) -> None:
+def test_a_stop_too_close_to_the_end_of_the_last_area_is_refused(stop_m: float) -> None:
     words = (
         f"^line florence: station IV: stop_m {stop_m:g} is out of reach: its areas begin at "
         "-120 m and end at 4700 m, and no authority comes nearer to that end than 11 m$"

@@ -1,4 +1,4 @@
-"""Parameter files and missions: what is shipped loads, what is wrong is said with its name."""
+"""Parameter files and missions: the shipped ones load, and every error is named."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -23,14 +23,14 @@ def test_every_shipped_parameter_file_loads(name: str) -> None:
     )
 
 
-def test_the_margins_are_those_of_the_paper() -> None:
+def test_the_margins_are_the_published_ones() -> None:
     atp = load_config("florence4").atp
 
     assert atp.warning_margin_mps * 3.6 == pytest.approx(3.0)
     assert atp.emergency_margin_mps * 3.6 == pytest.approx(8.0)
 
 
-def test_the_cycle_may_be_chosen() -> None:
+def test_the_cycle_time_can_be_set() -> None:
     assert load_config("florence4", cycle_ms=100.0).cycle_ms == 100.0
     with pytest.raises(SettingsError, match=r"--cycle-ms: cycle_ms 10\.0 is not in 20\.\.200"):
         load_config("florence4", cycle_ms=10.0)
@@ -72,7 +72,7 @@ def shipped_text() -> str:
         ("report_ms = 200.0", "report_ms = 0.0", r"report_ms or manual_jerk"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_named(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_every_error_in_a_file_is_named(tmp_path: Path, old: str, new: str, words: str) -> None:
     text = shipped_text()
     assert old in text
     path = tmp_path / "mine.toml"
@@ -83,7 +83,7 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path: Path, old: str, new: str, wo
     assert "mine.toml" in str(raised.value)
 
 
-def test_an_unknown_strategy_is_named_with_those_there_are(tmp_path: Path) -> None:
+def test_an_unknown_strategy_is_reported_with_the_known_ones(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(shipped_text() + '\n[ato]\nstrategy = "bold"\n', encoding="utf-8")
 
@@ -91,7 +91,7 @@ def test_an_unknown_strategy_is_named_with_those_there_are(tmp_path: Path) -> No
         load_config(str(path))
 
 
-def test_an_unknown_name_is_answered_with_the_nearest() -> None:
+def test_an_unknown_name_is_reported_with_the_nearest_known_one() -> None:
     with pytest.raises(SettingsError, match="florence4"):
         load_config("florenc4")
 
@@ -104,7 +104,7 @@ def test_a_mission_stops_at_every_station_up_to_its_end() -> None:
     assert [station.name for station in hop.stops] == ["III"]
 
 
-def test_a_mission_that_cannot_be_is_refused_with_the_reason() -> None:
+def test_an_impossible_mission_is_refused_with_the_reason() -> None:
     with pytest.raises(SettingsError, match=r"--from V: .*has no station V"):
         plan_mission(LINE, "V", None)
     with pytest.raises(SettingsError, match="--to II: lies at 3000 m, not beyond III at 3500 m"):

@@ -1,4 +1,4 @@
-"""One controller, fed cycle by cycle with images made by hand."""
+"""One controller with hand-made inputs in every cycle."""
 
 import math
 from collections.abc import Callable
@@ -36,7 +36,7 @@ CONFIG = load_config("florence4")
 CYCLE_S = 0.05
 LEARN_S = CONFIG.odometry.learn_s
 BLIND_MPS = 0.5
-"""The radar sees nothing that is slower."""
+"""Speed below which the radar measures nothing, m/s."""
 NOMINAL_M = CONFIG.train.nominal_m_per_pulse
 
 
@@ -46,7 +46,7 @@ ORDERS = replace(
 
 
 class Driver:
-    """Operation that asks for what the test says."""
+    """A replacement for ATO that demands what the test sets."""
 
     def __init__(self) -> None:
         self.demand = AtoDemand(0.5, False, False, AtoPhase.RUNNING, 10.0, 100.0)
@@ -57,8 +57,8 @@ class Driver:
         return self.demand
 
 
-class Bench:
-    """Keeps the images coming; the true train moves as the test says."""
+class ControllerRig:
+    """Supplies the inputs of every cycle; the true train moves as the test sets."""
 
     def __init__(self, start: str = "II", end: str = "III") -> None:
         mission = plan_mission(LINE, start, end)
@@ -93,10 +93,10 @@ class Bench:
         self.last: Tacho | None = None
         self.heard_s = -math.inf
         self.ran_mps = 0.0
-        """In the cycle before."""
+        """Distance run in the previous cycle, m."""
 
     def change(self, **changes: Any) -> None:
-        """From now on the images say something else."""
+        """Change the inputs from now on."""
         self.image = replace(self.image, **changes)
 
     def cycle(self) -> CycleOutput:
@@ -128,7 +128,7 @@ class Bench:
         return self.controller.step(image)
 
     def learn(self) -> None:
-        """Until just before odometry tells of the train for the first time."""
+        """Run until just before odometry reports for the first time."""
         self.run(LEARN_S)
 
     def run(self, seconds: float) -> CycleOutput:
@@ -137,7 +137,7 @@ class Bench:
         return output
 
     def set_off(self, speed_mps: float = 5.0) -> CycleOutput:
-        """Past the proof of standstill, then with 1 m/s² to a steady speed."""
+        """Wait for the proof of standstill, then accelerate at 1 m/s² to a steady speed."""
         output = self.run(2.5)
         assert output.supervision is Supervision.NOMINAL, output.cause
         steps = round(speed_mps / CYCLE_S)
@@ -147,7 +147,7 @@ class Bench:
         return output
 
     def stop(self) -> None:
-        """With 1 m/s² to standstill."""
+        """Brake at 1 m/s² to standstill."""
         while self.speed_mps > 0.0:
             self.speed_mps = max(0.0, self.speed_mps - CYCLE_S)
             self.cycle()
@@ -162,8 +162,8 @@ def assert_emergency(output: CycleOutput, cause: str) -> None:
     assert output.service_decel_mps2 >= 1.0
 
 
-def test_with_everything_there_the_train_goes_once_standstill_is_proven() -> None:
-    bench = Bench()
+def test_with_every_input_present_the_train_departs_once_standstill_is_proven() -> None:
+    bench = ControllerRig()
 
     early, late = bench.run(1.5), bench.run(1.0)
 
@@ -189,10 +189,10 @@ def test_with_everything_there_the_train_goes_once_standstill_is_proven() -> Non
         ("authority", Missing.AUTHORITY, "movement authority"),
     ],
 )
-def test_a_train_that_misses_something_stays_braked_and_says_what(
+def test_a_train_with_a_missing_input_stays_braked_and_names_it(
     part: str, flag: Missing, word: str
 ) -> None:
-    bench = Bench()
+    bench = ControllerRig()
     changed = {part: None, f"{part}_age_s": NEVER_S}
     bench.change(**changed)
 
@@ -217,7 +217,7 @@ def test_a_train_that_misses_something_stays_braked_and_says_what(
 def test_a_unit_that_is_not_ready_holds_a_standing_train(
     change: dict[str, Any], flag: Missing
 ) -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.change(**change)
 
     output = bench.run(3.0)
@@ -226,8 +226,8 @@ def test_a_unit_that_is_not_ready_holds_a_standing_train(
     assert output.missing == flag
 
 
-def test_without_an_odometer_nothing_is_known_and_everything_braked() -> None:
-    bench = Bench()
+def test_without_an_odometer_the_motion_is_unknown_and_the_train_braked() -> None:
+    bench = ControllerRig()
     bench.odometer = False
 
     output = bench.run(3.0)
@@ -248,7 +248,7 @@ AGES = {
 
 @pytest.mark.parametrize("age", list(AGES))
 def test_a_vital_input_is_good_up_to_its_timeout_and_then_stops_the_train(age: str) -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.set_off()
 
     bench.change(**{age: AGES[age]})
@@ -258,7 +258,7 @@ def test_a_vital_input_is_good_up_to_its_timeout_and_then_stops_the_train(age: s
 
 
 def test_a_tacho_that_falls_silent_in_motion_stops_the_train() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.set_off()
     bench.odometer = False
 
@@ -268,8 +268,8 @@ def test_a_tacho_that_falls_silent_in_motion_stops_the_train() -> None:
     assert states[-1] is Supervision.EMERGENCY
 
 
-def test_an_ageing_authority_brakes_by_service_and_an_old_one_by_emergency() -> None:
-    bench = Bench()
+def test_an_ageing_authority_applies_the_service_brake_and_an_old_one_the_emergency_brake() -> None:
+    bench = ControllerRig()
     bench.set_off()
 
     bench.change(authority_age_s=1.799)
@@ -288,7 +288,7 @@ def test_an_ageing_authority_brakes_by_service_and_an_old_one_by_emergency() -> 
 
 
 def test_between_stations_doors_that_are_not_locked_cut_traction_but_do_not_brake() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.set_off()
     bench.run(20.0)
 
@@ -302,7 +302,7 @@ def test_between_stations_doors_that_are_not_locked_cut_traction_but_do_not_brak
 
 
 def test_a_door_unit_that_is_silent_has_no_locked_doors() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.set_off()
     bench.run(20.0)
 
@@ -313,7 +313,7 @@ def test_a_door_unit_that_is_silent_has_no_locked_doors() -> None:
 
 def test_the_emergency_speed_brings_the_emergency_brake_in_the_same_cycle() -> None:
     """An authority drawn back in front of a running train: 20 m are too few for 10 m/s."""
-    bench = Bench()
+    bench = ControllerRig()
     bench.set_off(10.0)
 
     bench.change(authority=Authority(bench.front_m + 20.0, 1, 2))
@@ -322,7 +322,7 @@ def test_the_emergency_speed_brings_the_emergency_brake_in_the_same_cycle() -> N
 
 
 def test_an_emergency_is_latched_until_standstill_and_a_fresh_reset() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.set_off()
     bench.change(desk=replace(DESK, emergency_released=False))
     assert_emergency(bench.cycle(), "button")
@@ -331,7 +331,9 @@ def test_an_emergency_is_latched_until_standstill_and_a_fresh_reset() -> None:
     bench.change(desk=pressed_reset)
     assert_emergency(bench.cycle(), "button")
     bench.stop()
-    assert_emergency(bench.run(5.0), "button")  # The reset has been held since before.
+    assert_emergency(
+        bench.run(5.0), "button"
+    )  # The reset has been held since before the emergency.
     bench.change(desk=DESK)
     assert_emergency(bench.run(1.0), "button")
     bench.change(desk=pressed_reset)
@@ -342,7 +344,7 @@ def test_an_emergency_is_latched_until_standstill_and_a_fresh_reset() -> None:
 
 
 def test_a_reset_held_from_the_start_resets_nothing() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.change(desk=replace(DESK, reset_requested=True, emergency_released=False))
     assert_emergency(bench.run(3.0), "button")
 
@@ -352,7 +354,7 @@ def test_a_reset_held_from_the_start_resets_nothing() -> None:
 
 
 def test_a_reset_that_was_pressed_behind_a_silent_desk_is_not_fresh() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.change(desk=replace(DESK, emergency_released=False))
     bench.run(3.0)
     bench.change(desk=replace(DESK, reset_requested=True), desk_age_s=9.0)
@@ -364,7 +366,7 @@ def test_a_reset_that_was_pressed_behind_a_silent_desk_is_not_fresh() -> None:
 
 
 def test_rolling_back_half_a_metre_brings_the_emergency_brake() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.run(2.5)
     bench.speed_mps = -0.4
     moved_m, output = 0.0, bench.cycle()
@@ -377,7 +379,7 @@ def test_rolling_back_half_a_metre_brings_the_emergency_brake() -> None:
 
 
 def test_a_held_train_that_is_pushed_away_brings_the_emergency_brake() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.change(authority=None, authority_age_s=NEVER_S)
     bench.run(1.0)
     bench.speed_mps = 0.5
@@ -386,10 +388,8 @@ def test_a_held_train_that_is_pushed_away_brings_the_emergency_brake() -> None:
 
 
 @pytest.mark.parametrize(("gap_m", "traction"), [(0.3, False), (3.5, True)])
-def test_a_train_that_may_not_move_at_all_has_its_traction_cut(
-    gap_m: float, traction: bool
-) -> None:
-    bench = Bench()
+def test_traction_is_cut_where_the_train_may_not_move_at_all(gap_m: float, traction: bool) -> None:
+    bench = ControllerRig()
     bench.run(2.5)
 
     bench.change(authority=Authority(bench.front_m + gap_m, 1, 2))
@@ -401,8 +401,8 @@ def test_a_train_that_may_not_move_at_all_has_its_traction_cut(
     assert output.traction_permitted is traction
 
 
-def test_where_a_train_has_come_to_rest_is_where_it_is_held() -> None:
-    bench = Bench()
+def test_a_train_is_held_where_it_came_to_rest() -> None:
+    bench = ControllerRig()
     bench.set_off()
     bench.run(5.0)
     bench.stop()
@@ -416,7 +416,7 @@ def test_where_a_train_has_come_to_rest_is_where_it_is_held() -> None:
 
 
 def test_the_holding_brake_comes_on_in_an_emergency_once_the_train_stands() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.set_off()
     bench.change(desk=replace(DESK, emergency_released=False))
 
@@ -429,7 +429,7 @@ def test_the_holding_brake_comes_on_in_an_emergency_once_the_train_stands() -> N
 
 
 def test_more_than_two_missed_cycles_bring_the_emergency_brake() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.set_off()
 
     bench.change(overruns=2)
@@ -439,8 +439,8 @@ def test_more_than_two_missed_cycles_bring_the_emergency_brake() -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_an_operation_that_goes_mad_is_answered_at_once_and_latched(bad: float) -> None:
-    bench = Bench()
+def test_an_invalid_demand_of_operation_is_an_emergency_at_once_and_latched(bad: float) -> None:
+    bench = ControllerRig()
     bench.set_off()
     good = bench.driver.demand
 
@@ -454,8 +454,8 @@ def test_an_operation_that_goes_mad_is_answered_at_once_and_latched(bad: float) 
     assert_emergency(bench.run(1.0), "not finite")
 
 
-def test_an_authority_that_is_no_number_is_answered_safely() -> None:
-    bench = Bench()
+def test_a_nan_authority_gives_a_safe_output() -> None:
+    bench = ControllerRig()
     bench.set_off()
 
     bench.change(authority=Authority(math.nan, 1, 2))
@@ -463,8 +463,8 @@ def test_an_authority_that_is_no_number_is_answered_safely() -> None:
     assert_emergency(bench.cycle(), "not finite")
 
 
-def test_whatever_operation_does_it_is_only_told_to_drive_in_auto_with_nothing_missing() -> None:
-    bench = Bench()
+def test_operation_is_enabled_only_in_automatic_mode_with_no_input_missing() -> None:
+    bench = ControllerRig()
     bench.run(1.0)
     bench.run(1.5)
     assert [bench.driver.seen[index].enabled for index in (19, -1)] == [False, True]
@@ -481,7 +481,7 @@ def test_whatever_operation_does_it_is_only_told_to_drive_in_auto_with_nothing_m
 
 
 def test_the_lever_drives_in_manual_under_the_same_protection() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.run(2.5)
 
     bench.change(desk=replace(DESK, mode=CabMode.MANUAL, lever_percent=60.0))
@@ -496,7 +496,7 @@ def test_the_lever_drives_in_manual_under_the_same_protection() -> None:
 
 
 def test_a_clock_that_steps_moves_the_lever_no_further_than_one_cycle_does() -> None:
-    bench = Bench()
+    bench = ControllerRig()
     bench.run(2.5)
 
     bench.change(desk=replace(DESK, mode=CabMode.MANUAL, lever_percent=100.0))
@@ -507,14 +507,14 @@ def test_a_clock_that_steps_moves_the_lever_no_further_than_one_cycle_does() -> 
     assert stepped == pytest.approx(steady)
 
 
-def at_platform(**changes: Any) -> Bench:
-    bench = Bench("II", "III")
+def at_platform(**changes: Any) -> ControllerRig:
+    bench = ControllerRig("II", "III")
     bench.driver.demand = AtoDemand(0.0, True, True, AtoPhase.DOORS_OPEN, 0.0, 0.0)
     bench.change(**changes)
     return bench
 
 
-def test_at_the_platform_the_right_side_opens_and_only_that() -> None:
+def test_at_the_platform_only_its_side_opens() -> None:
     output = at_platform().run(2.6)
 
     assert (output.enable_left, output.enable_right) == (False, True)
@@ -522,10 +522,10 @@ def test_at_the_platform_the_right_side_opens_and_only_that() -> None:
     assert not output.traction_permitted
 
 
-Spoil = Callable[[Bench], None]
+Spoil = Callable[[ControllerRig], None]
 
 
-def misaligned(bench: Bench) -> None:
+def misaligned(bench: ControllerRig) -> None:
     bench.controller = Controller(
         CONFIG,
         LINE,
@@ -536,7 +536,7 @@ def misaligned(bench: Bench) -> None:
 
 
 def spoilt(**changes: Any) -> Spoil:
-    def spoil(bench: Bench) -> None:
+    def spoil(bench: ControllerRig) -> None:
         bench.change(**changes)
 
     return spoil
@@ -572,7 +572,7 @@ def test_no_door_is_enabled_before_zero_speed_is_proven() -> None:
     assert bench.run(0.3).enable_right
 
 
-def test_a_lost_radio_leaves_the_doors_to_the_passengers() -> None:
+def test_a_lost_radio_does_not_lock_the_doors_at_a_platform() -> None:
     bench = at_platform(authority=None, authority_age_s=NEVER_S)
 
     output = bench.run(3.0)
@@ -593,8 +593,8 @@ def test_the_operation_sees_the_true_state_of_its_platform_side() -> None:
     assert not bench.driver.seen[-1].doors_locked
 
 
-def test_until_the_train_is_weighed_it_is_full() -> None:
-    bench = Bench()
+def test_an_unweighed_train_counts_as_full() -> None:
+    bench = ControllerRig()
     bench.change(load=None, load_age_s=NEVER_S)
     bench.learn()
 
@@ -603,8 +603,8 @@ def test_until_the_train_is_weighed_it_is_full() -> None:
     assert bench.driver.seen[-1].load_kg == CONFIG.train.full_load_kg
 
 
-def test_on_the_way_a_train_is_not_weighed_anew() -> None:
-    bench = Bench()
+def test_a_moving_train_is_not_weighed_again() -> None:
+    bench = ControllerRig()
     bench.run(0.5)
     bench.set_off()
     bench.run(3.0)
@@ -616,8 +616,8 @@ def test_on_the_way_a_train_is_not_weighed_anew() -> None:
     assert bench.driver.seen[-1].load_kg == 27_200.0
 
 
-def test_a_weight_that_is_no_longer_told_still_counts() -> None:
-    bench = Bench()
+def test_a_weight_that_is_no_longer_reported_still_counts() -> None:
+    bench = ControllerRig()
     bench.learn()
     bench.cycle()
     weighed_kg = bench.driver.seen[-1].load_kg
@@ -630,7 +630,7 @@ def test_a_weight_that_is_no_longer_told_still_counts() -> None:
 
 
 def test_the_same_inputs_give_the_same_outputs() -> None:
-    first, second = Bench(), Bench()
+    first, second = ControllerRig(), ControllerRig()
     first.set_off()
     second.set_off()
 
@@ -638,8 +638,8 @@ def test_the_same_inputs_give_the_same_outputs() -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.5, 1.0])
-def test_operation_is_told_what_traction_gives_at_this_speed(ratio: float) -> None:
-    bench = Bench()
+def test_operation_receives_the_available_traction_at_this_speed(ratio: float) -> None:
+    bench = ControllerRig()
     bench.run(5)
     bench.change(traction=TractionStatus(0.0, ratio, True, True))
     bench.speed_mps = 2.0

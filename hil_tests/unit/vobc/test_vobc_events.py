@@ -1,4 +1,4 @@
-"""Every decision is an event that says what, why and from what; a quiet cycle says nothing."""
+"""Every decision is an event with kind, cause and sources; a cycle without a change has none."""
 
 import itertools
 from dataclasses import fields, replace
@@ -84,13 +84,13 @@ OF_MODE = (
 )
 
 
-def told(
+def events_of(
     before: CycleOutput = RUNNING,
     seen: CycleInput = SEEN,
     seen_before: CycleInput | None = SEEN,
     **changes: Any,
 ) -> list[Event]:
-    """The events of a step from `before` to the same with changes."""
+    """The events of a step from `before` to the same output with these changes."""
     return list(events_between(before, seen, replace(before, **changes), seen_before))
 
 
@@ -99,15 +99,15 @@ def only(events: list[Event]) -> Event:
     return event
 
 
-def test_a_cycle_that_changes_nothing_says_nothing() -> None:
+def test_a_cycle_without_a_change_has_no_event() -> None:
     later = replace(SEEN, now_ns=2_000_000_000, authority=replace(AUTHORITY, sequence=8))
     further = replace(MOTION, front_m=Interval(101.0, 102.0, 103.5), travel_m=52.0)
 
-    assert told() == []
-    assert told(seen=later, motion=further, ceiling=replace(CEILING, permitted_mps=17.0)) == []
+    assert events_of() == []
+    assert events_of(seen=later, motion=further, ceiling=replace(CEILING, permitted_mps=17.0)) == []
 
 
-def test_the_first_cycle_tells_where_the_controller_begins() -> None:
+def test_the_first_cycle_reports_the_initial_state() -> None:
     events = list(events_between(None, SEEN, replace(SAFE_OUTPUT, cause="waits for desk")))
 
     assert [event.kind for event in events] == [EventKind.SUPERVISION, EventKind.MODE]
@@ -120,7 +120,7 @@ def test_each_change_of_supervision_is_exactly_one_event(
 ) -> None:
     before = replace(RUNNING, supervision=old)
 
-    event = only(told(before, supervision=new))
+    event = only(events_of(before, supervision=new))
 
     expected = {
         new is Supervision.EMERGENCY: EventKind.EMERGENCY_APPLIED,
@@ -135,7 +135,7 @@ def test_each_change_of_supervision_is_exactly_one_event(
 
 @pytest.mark.parametrize(("old", "new"), [*itertools.permutations(OperatingMode, 2)])
 def test_each_change_of_mode_is_exactly_one_event(old: OperatingMode, new: OperatingMode) -> None:
-    event = only(told(replace(RUNNING, mode=old), mode=new))
+    event = only(events_of(replace(RUNNING, mode=old), mode=new))
 
     expected = EventKind.MODE
     if new is OperatingMode.JOG:
@@ -150,9 +150,11 @@ def test_each_change_of_mode_is_exactly_one_event(old: OperatingMode, new: Opera
     assert event.kind in OF_MODE
 
 
-def test_an_overspeed_is_told_with_the_numbers_that_decided() -> None:
+def test_an_overspeed_event_holds_the_deciding_numbers() -> None:
     event = only(
-        told(supervision=Supervision.EMERGENCY, emergency_cause=Cause.OVERSPEED, cause="overspeed")
+        events_of(
+            supervision=Supervision.EMERGENCY, emergency_cause=Cause.OVERSPEED, cause="overspeed"
+        )
     )
 
     assert event.kind is EventKind.EMERGENCY_APPLIED
@@ -166,14 +168,14 @@ def test_an_overspeed_is_told_with_the_numbers_that_decided() -> None:
 
 @pytest.mark.parametrize("cause", list(Cause))
 @pytest.mark.parametrize("blind", [False, True])
-def test_every_cause_of_an_emergency_is_told_with_its_number_and_sources(
+def test_every_emergency_event_holds_its_cause_number_and_sources(
     cause: Cause, blind: bool
 ) -> None:
     nothing: dict[str, Any] = {"motion": None, "ceiling": None} if blind else {}
     seen = replace(SEEN, authority=None, brake=None) if blind else SEEN
 
     event = only(
-        told(
+        events_of(
             seen=seen,
             seen_before=None,
             supervision=Supervision.EMERGENCY,
@@ -194,7 +196,7 @@ def test_another_cause_while_the_brake_is_on_is_an_event_of_its_own() -> None:
         RUNNING, supervision=Supervision.EMERGENCY, emergency_cause=Cause.BUTTON, cause="button"
     )
 
-    event = only(told(braking, emergency_cause=Cause.REMOTE, cause="ordered by the centre"))
+    event = only(events_of(braking, emergency_cause=Cause.REMOTE, cause="ordered by the centre"))
 
     assert (event.kind, event.number) == (EventKind.EMERGENCY_APPLIED, Cause.REMOTE)
     assert "stays on, now for another cause: ordered by the centre" in event.words
@@ -214,14 +216,14 @@ def test_another_cause_while_the_brake_is_on_is_an_event_of_its_own() -> None:
         (replace(SEEN, desk=None, orders=None), None, "by itself", Source.TACHO),
     ],
 )
-def test_a_release_says_who_did_it(
+def test_a_release_event_names_its_origin(
     seen: CycleInput, seen_before: CycleInput | None, words: str, source: Source
 ) -> None:
     braking = replace(
         RUNNING, supervision=Supervision.EMERGENCY, emergency_cause=Cause.BUTTON, cause="button"
     )
 
-    events = told(
+    events = events_of(
         braking,
         seen,
         seen_before,
@@ -238,9 +240,9 @@ def test_a_release_says_who_did_it(
 
 
 @pytest.mark.parametrize("flag", [flag for flag in Missing if flag])
-def test_each_input_is_told_when_it_is_lost_and_when_it_is_back(flag: Missing) -> None:
-    lost = told(missing=flag)
-    back = told(replace(RUNNING, missing=flag), missing=Missing.NOTHING)
+def test_each_loss_and_return_of_an_input_is_an_event(flag: Missing) -> None:
+    lost = events_of(missing=flag)
+    back = events_of(replace(RUNNING, missing=flag), missing=Missing.NOTHING)
 
     if flag is Missing.LOCALISATION:
         assert lost == back == []
@@ -250,15 +252,15 @@ def test_each_input_is_told_when_it_is_lost_and_when_it_is_back(flag: Missing) -
     assert only(lost).sources == only(back).sources != ()
 
 
-def test_a_silent_input_is_told_with_its_age() -> None:
-    words = only(told(missing=Missing.BRAKE)).words
-    never = only(told(missing=Missing.DOORS)).words
+def test_the_event_of_a_silent_input_holds_its_age() -> None:
+    words = only(events_of(missing=Missing.BRAKE)).words
+    never = only(events_of(missing=Missing.DOORS)).words
 
     assert words == "brake unit lost: last heard 0.17 s ago"
     assert never == "door unit lost: never heard"
 
 
-def test_a_unit_that_answers_and_is_not_ready_is_told_as_such() -> None:
+def test_a_unit_that_answers_but_is_not_ready_is_reported_as_such() -> None:
     unready = replace(READY_BRAKE, ready=False)
     begun = replace(SEEN, brake=READY_BRAKE)
     first = events_between(
@@ -295,19 +297,19 @@ def test_a_unit_that_answers_and_is_not_ready_is_told_as_such() -> None:
         ({"wheel_diameter_m": 0.8502}, EventKind.WHEEL_CALIBRATED, 0, "850.2 mm, it was 850.0 mm"),
     ],
 )
-def test_what_odometry_notices_is_told(
+def test_every_finding_of_odometry_is_an_event(
     change: dict[str, Any], kind: EventKind, number: int, words: str
 ) -> None:
-    event = only(told(motion=replace(MOTION, **change)))
+    event = only(events_of(motion=replace(MOTION, **change)))
 
     assert (event.kind, event.number) == (kind, number)
     assert words in event.words
 
 
-def test_what_odometry_noticed_is_told_when_it_is_over() -> None:
+def test_the_end_of_a_finding_of_odometry_is_an_event() -> None:
     lost = replace(RUNNING, motion=replace(MOTION, localised=False, slip=True, missed_tags=2))
 
-    events = told(lost, motion=replace(MOTION, accepted_tag_ids=(204,)))
+    events = events_of(lost, motion=replace(MOTION, accepted_tag_ids=(204,)))
 
     assert [event.kind for event in events] == [
         EventKind.LOCALISATION_FOUND,
@@ -316,17 +318,17 @@ def test_what_odometry_noticed_is_told_when_it_is_over() -> None:
     ]
 
 
-def test_a_wheel_that_is_measured_finer_and_finer_is_no_news() -> None:
-    assert told(motion=replace(MOTION, wheel_diameter_m=0.85 + 0.9e-4)) == []
-    assert len(told(motion=replace(MOTION, wheel_diameter_m=0.85 + 1.1e-4))) == 1
+def test_a_refined_wheel_measurement_is_no_event() -> None:
+    assert events_of(motion=replace(MOTION, wheel_diameter_m=0.85 + 0.9e-4)) == []
+    assert len(events_of(motion=replace(MOTION, wheel_diameter_m=0.85 + 1.1e-4))) == 1
 
 
-def test_doors_are_told_when_they_are_enabled_and_why_when_they_are_not() -> None:
+def test_door_enabling_and_the_reasons_against_it_are_events() -> None:
     standing = replace(RUNNING, motion=STANDING)
 
-    enabled = only(told(standing, enable_right=True))
-    gone = only(told(replace(standing, enable_right=True), enable_right=False))
-    withheld = only(told(standing, doors_withheld=Withheld.MISALIGNED | Withheld.NOT_HELD))
+    enabled = only(events_of(standing, enable_right=True))
+    gone = only(events_of(replace(standing, enable_right=True), enable_right=False))
+    withheld = only(events_of(standing, doors_withheld=Withheld.MISALIGNED | Withheld.NOT_HELD))
 
     assert (enabled.kind, enabled.number) == (EventKind.DOORS_ENABLED, 2)
     assert "on the right" in enabled.words
@@ -335,36 +337,36 @@ def test_doors_are_told_when_they_are_enabled_and_why_when_they_are_not() -> Non
     assert withheld.sources == (Source.TACHO, Source.BRAKE)
 
 
-def test_doors_withheld_away_from_a_platform_are_no_news() -> None:
+def test_doors_withheld_away_from_a_platform_are_no_event() -> None:
     standing = replace(RUNNING, motion=STANDING)
 
-    assert told(standing, doors_withheld=Withheld.NO_PLATFORM | Withheld.NOT_HELD) == []
-    assert told(doors_withheld=Withheld.MOVING) == []
+    assert events_of(standing, doors_withheld=Withheld.NO_PLATFORM | Withheld.NOT_HELD) == []
+    assert events_of(doors_withheld=Withheld.MOVING) == []
 
 
-def test_departure_is_told_at_standstill_only() -> None:
+def test_departure_inhibits_are_reported_at_standstill_only() -> None:
     standing = replace(RUNNING, motion=STANDING)
     held = replace(standing, departure_inhibits=Inhibit.HOLD)
 
-    inhibited = only(told(standing, departure_inhibits=Inhibit.HOLD | Inhibit.DOORS))
-    permitted = only(told(held, departure_inhibits=Inhibit.NONE))
+    inhibited = only(events_of(standing, departure_inhibits=Inhibit.HOLD | Inhibit.DOORS))
+    permitted = only(events_of(held, departure_inhibits=Inhibit.NONE))
 
     assert inhibited.words == "departure is not permitted: doors, hold"
     assert inhibited.number == Inhibit.HOLD | Inhibit.DOORS
     assert inhibited.sources == (Source.DOORS, Source.ORDERS)
     assert permitted.kind is EventKind.DEPARTURE_PERMITTED
-    assert told(departure_inhibits=Inhibit.HOLD) == []
+    assert events_of(departure_inhibits=Inhibit.HOLD) == []
 
 
-def test_what_keeps_a_train_that_comes_to_rest_is_told_though_it_was_so_before() -> None:
+def test_departure_inhibits_are_reported_at_rest_even_if_they_did_not_change() -> None:
     held = replace(RUNNING, departure_inhibits=Inhibit.HOLD | Inhibit.DOORS)
 
-    event = only(told(held, motion=STANDING))
+    event = only(events_of(held, motion=STANDING))
 
     assert event.kind is EventKind.DEPARTURE_INHIBITED
     assert event.words == "departure is not permitted: doors, hold"
-    assert told(RUNNING, motion=STANDING) == []
-    assert told(replace(held, motion=STANDING)) == []
+    assert events_of(RUNNING, motion=STANDING) == []
+    assert events_of(replace(held, motion=STANDING)) == []
 
 
 @pytest.mark.parametrize(
@@ -378,51 +380,51 @@ def test_what_keeps_a_train_that_comes_to_rest_is_told_though_it_was_so_before()
         ({}, ""),
     ],
 )
-def test_a_movement_that_is_over_says_why(changes: dict[str, Any], reason: str) -> None:
+def test_the_end_of_a_movement_names_its_reason(changes: dict[str, Any], reason: str) -> None:
     before = replace(RUNNING, **changes)
 
-    event = only(told(before, mode=OperatingMode.STANDBY))
+    event = only(events_of(before, mode=OperatingMode.STANDBY))
 
     assert event.words.startswith(f"mode goes from authorised to standby{reason}, at ")
 
 
-def test_orders_are_told_as_what_is_wanted_and_what_no_longer_is() -> None:
+def test_order_events_tell_new_from_withdrawn_orders() -> None:
     now = replace(ORDERS, hold=True, releases=ORDERS.releases + 1)
-    first = only(told(seen=replace(SEEN, orders=now)))
-    then = only(told(seen=SEEN, seen_before=replace(SEEN, orders=now)))
+    first = only(events_of(seen=replace(SEEN, orders=now)))
+    then = only(events_of(seen=SEEN, seen_before=replace(SEEN, orders=now)))
 
     assert first.words == f"the centre orders: hold at the platform, reset {now.releases}"
     assert "hold no more" in then.words
 
 
-def test_an_alarm_says_what_raised_it() -> None:
+def test_an_alarm_event_names_its_origin() -> None:
     pulled = replace(SEEN, desk=replace(DESK, no_passenger_alarm=False))
     burning = replace(SEEN, alarms=TrainAlarms(no_obstacle=False, no_fire=False))
 
-    assert "passenger alarm" in only(told(seen=pulled, alarm_raised=True)).words
-    both = only(told(seen=burning, alarm_raised=True))
+    assert "passenger alarm" in only(events_of(seen=pulled, alarm_raised=True)).words
+    both = only(events_of(seen=burning, alarm_raised=True))
     assert "fire, obstacle" in both.words
     assert both.sources == (Source.ALARMS,)
-    assert "cannot mend its stop" in only(told(alarm_raised=True)).words
+    assert "cannot mend its stop" in only(events_of(alarm_raised=True)).words
     raised = replace(RUNNING, alarm_raised=True)
-    assert only(told(raised, alarm_raised=False)).kind is EventKind.ALARM_CLEARED
+    assert only(events_of(raised, alarm_raised=False)).kind is EventKind.ALARM_CLEARED
 
 
 def test_every_use_of_the_door_bypass_is_an_event() -> None:
-    on = only(told(door_bypass=True))
-    off = only(told(replace(RUNNING, door_bypass=True), door_bypass=False))
+    on = only(events_of(door_bypass=True))
+    off = only(events_of(replace(RUNNING, door_bypass=True), door_bypass=False))
 
     assert (on.kind, on.number, off.kind, off.number) == (
         EventKind.DOOR_BYPASS, 1, EventKind.DOOR_BYPASS, 0,
     )  # fmt: skip
 
 
-def test_replicas_overruns_and_jogs_are_told() -> None:
-    assert only(told(replicas_agree=False)).kind is EventKind.REPLICAS_DISAGREE
-    missed = only(told(seen=replace(SEEN, overruns=2, dt_s=0.15)))
+def test_disagreements_overruns_and_jogs_are_events() -> None:
+    assert only(events_of(replicas_agree=False)).kind is EventKind.REPLICAS_DISAGREE
+    missed = only(events_of(seen=replace(SEEN, overruns=2, dt_s=0.15)))
     assert (missed.kind, missed.number) == (EventKind.OVERRUN, 2)
     assert missed.words == "2 control cycles were missed: 0.150 s since the last one"
-    jog = only(told(jog_attempts=1, mode=OperatingMode.JOG))
+    jog = only(events_of(jog_attempts=1, mode=OperatingMode.JOG))
     assert (jog.kind, jog.number) == (EventKind.JOG_BEGAN, 1)
 
 
@@ -436,10 +438,10 @@ def test_replicas_overruns_and_jogs_are_told() -> None:
         (replace(AUTHORITY, sequence=9), None),
     ],
 )
-def test_an_authority_is_told_when_what_it_grants_changes(
+def test_an_authority_is_an_event_when_its_extent_changes(
     now: Authority, words: str | None
 ) -> None:
-    events = told(seen=replace(SEEN, authority=now))
+    events = events_of(seen=replace(SEEN, authority=now))
 
     if words is None:
         assert events == []
@@ -449,13 +451,13 @@ def test_an_authority_is_told_when_what_it_grants_changes(
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Orders)])
-def test_every_order_is_told_when_it_changes(name: str) -> None:
+def test_every_change_of_an_order_is_an_event(name: str) -> None:
     old = getattr(ORDERS, name)
     new: Any = (Restriction(10.0, 20.0, 8.25),)
     if name != "restrictions":
         new = 3 if name == "releases" else not old
 
-    event = only(told(seen=replace(SEEN, orders=replace(ORDERS, **{name: new}))))
+    event = only(events_of(seen=replace(SEEN, orders=replace(ORDERS, **{name: new}))))
 
     assert event.kind is EventKind.ORDERS_CHANGED
     assert event.words.count(",") == 0
@@ -463,11 +465,11 @@ def test_every_order_is_told_when_it_changes(name: str) -> None:
         assert "8.25 m/s from 10.0 m to 20.0 m" in event.words
 
 
-def test_the_same_orders_said_again_are_no_news() -> None:
-    assert told(seen=replace(SEEN, orders=replace(ORDERS))) == []
+def test_repeated_orders_are_no_event() -> None:
+    assert events_of(seen=replace(SEEN, orders=replace(ORDERS))) == []
 
 
-def test_what_is_told_outside_of_the_cycles_says_what_it_is() -> None:
+def test_events_outside_the_cycles_have_their_texts() -> None:
     assert memory_lost().kind is EventKind.MEMORY_LOST
     assert controller_ends().kind is EventKind.SUPERVISION
 
@@ -502,7 +504,7 @@ inputs = st.builds(
 
 
 @given(st.none() | outputs, inputs, outputs, st.none() | inputs)
-def test_whatever_two_cycles_decided_it_can_be_told(
+def test_any_two_cycles_give_encodable_events(
     before: CycleOutput | None,
     seen: CycleInput,
     output: CycleOutput,

@@ -1,4 +1,4 @@
-"""The controller as a device on a bus of virtual time, beside a train that only stands there."""
+"""The controller as a device on a bus in virtual time, beside a train that only stands."""
 
 import itertools
 import json
@@ -69,7 +69,7 @@ SENT = (
 
 
 class World:
-    """A standing train, a wayside that grants 500 m, a centre, and an ear on the bus."""
+    """A standing train, a wayside that grants 500 m, a centre, and a listener on the bus."""
 
     def __init__(
         self,
@@ -188,14 +188,14 @@ class World:
         return [frame for _, frame in self.heard if isinstance(frame, kind)]
 
     def last_words(self) -> list[object]:
-        """What is on the bus from now on."""
+        """The frames on the bus from now on."""
         self.heard.clear()
         self.bus.advance(self.clock.now_ns() + 1_000_000_000)
         self.listen(self.clock.now_ns() + 1_000_000_000)
         return [frame for _, frame in self.heard]
 
 
-def test_from_the_first_cycle_on_the_train_is_braked_until_it_may_go() -> None:
+def test_from_the_first_cycle_the_train_is_braked_until_it_may_move() -> None:
     world = World()
 
     world.run(3.0)
@@ -229,10 +229,11 @@ def test_from_the_first_cycle_on_the_train_is_braked_until_it_may_go() -> None:
         ),
     ],
 )
-def test_every_frame_has_its_rhythm_whatever_the_cycle(
+def test_every_frame_has_its_period_whatever_the_cycle_time(
     cycle_ms: float, expected: dict[type, int]
 ) -> None:
-    """In three seconds; one more or less for the edges, once it is known how the train moves."""
+    """The test counts over three seconds once odometry reports; the edges allow one frame more
+    or less."""
     world = World(cycle_ms=cycle_ms)
     world.run(LEARN_S)
     world.heard.clear()
@@ -247,7 +248,7 @@ def test_every_frame_has_its_rhythm_whatever_the_cycle(
     assert max(gaps_ns) < 60 * NS_PER_MS
 
 
-def test_the_brake_command_leaves_before_everything_else_of_a_cycle() -> None:
+def test_the_brake_command_is_the_first_frame_of_a_cycle() -> None:
     world = World()
 
     world.run(0.01)
@@ -256,7 +257,7 @@ def test_the_brake_command_leaves_before_everything_else_of_a_cycle() -> None:
     assert isinstance(world.heard[1][1], TractionCommand)
 
 
-def test_a_crash_while_deciding_ends_in_the_safe_output_and_leaves(
+def test_a_crash_in_a_cycle_sends_the_safe_output_and_ends_the_process(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     world = World()
@@ -279,10 +280,10 @@ def test_a_crash_while_deciding_ends_in_the_safe_output_and_leaves(
     assert HEARTBEATS[Node.VOBC](NodeState.STOPPED) in words
 
 
-def test_a_crash_of_a_slow_controller_is_not_papered_over_by_repetitions(
+def test_repetitions_do_not_hide_a_crash_of_a_slow_controller(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Repetitions end when the cycles do, even if nobody noticed why."""
+    """Repetitions end with the cycles, even if no fault was detected."""
     world = World(cycle_ms=200.0)
     world.run(3.0)
     monkeypatch.setattr(world.vobc, "control_cycle", lambda now_ns: None)
@@ -296,7 +297,7 @@ def test_a_crash_of_a_slow_controller_is_not_papered_over_by_repetitions(
     assert 1 <= len(world.of(BrakeCommand)) <= 9
 
 
-def test_the_last_word_of_a_stopped_controller_is_the_safe_output() -> None:
+def test_the_last_frames_of_a_stopped_controller_are_the_safe_output() -> None:
     world = World()
     world.run(3.0)
     world.listen(world.clock.now_ns())
@@ -309,7 +310,7 @@ def test_the_last_word_of_a_stopped_controller_is_the_safe_output() -> None:
     assert world.vobc.output.cause == "controller ends"
 
 
-def test_an_emergency_is_told_once_when_it_comes_and_once_when_it_goes() -> None:
+def test_an_emergency_is_reported_once_at_its_begin_and_once_at_its_end() -> None:
     world = World()
     world.run(3.0)
     for pressed, reset in ((True, False), (False, False), (False, True), (False, False)):
@@ -322,7 +323,7 @@ def test_an_emergency_is_told_once_when_it_comes_and_once_when_it_goes() -> None
     assert world.vobc.output.supervision is Supervision.NOMINAL
 
 
-def test_life_signs_come_every_second_and_begin_with_the_boot_up() -> None:
+def test_heartbeats_come_every_second_and_begin_with_the_boot_up() -> None:
     world = World()
 
     world.run(3.5)
@@ -344,7 +345,7 @@ def test_position_reports_come_five_times_a_second_with_the_incarnation_of_this_
     assert world.reports[-1].front_min_m <= 3000.0 <= world.reports[-1].front_max_m
 
 
-def test_each_start_is_counted_on_the_disk_before_anything_is_said(tmp_path: Path) -> None:
+def test_each_start_is_counted_on_disk_before_the_first_frame(tmp_path: Path) -> None:
     path = tmp_path / "nvram"
 
     World(nvram=Nvram(path))
@@ -355,7 +356,7 @@ def test_each_start_is_counted_on_the_disk_before_anything_is_said(tmp_path: Pat
     assert not record.standing
 
 
-def test_place_and_wheel_are_stored_at_the_first_standstill_after_a_run(tmp_path: Path) -> None:
+def test_position_and_wheel_are_stored_at_the_first_standstill_after_a_run(tmp_path: Path) -> None:
     path = tmp_path / "nvram"
     world = World(nvram=Nvram(path))
     world.run(3.0)
@@ -372,8 +373,9 @@ def test_place_and_wheel_are_stored_at_the_first_standstill_after_a_run(tmp_path
     assert record.highest_term == 4
 
 
-def test_a_train_that_has_left_is_not_remembered_to_stand_where_it_stood(tmp_path: Path) -> None:
-    """It is read as after a power cut on the way: the process never came to its end."""
+def test_the_memory_of_a_moving_train_does_not_say_that_it_stands(tmp_path: Path) -> None:
+    """The test reads the memory as after a power cut in motion, without an orderly end of the
+    process."""
     path = tmp_path / "nvram"
     world = World(nvram=Nvram(path))
     world.run(3.0)
@@ -392,8 +394,9 @@ def test_a_train_that_has_left_is_not_remembered_to_stand_where_it_stood(tmp_pat
     assert remembered_start(load_config("florence4"), Nvram(path).record) is None
 
 
-def test_a_latched_emergency_does_not_end_by_switching_the_controller_off_and_on() -> None:
-    """What is latched is not stored; but the place is not known again until it is released."""
+def test_a_power_cycle_does_not_end_a_latched_emergency() -> None:
+    """The memory does not store latched causes, but the position stays unknown until they are
+    released."""
     world = World()
     world.run(3.0)
     assert world.nvram.record.standing
@@ -455,7 +458,7 @@ def test_every_event_is_on_the_bus_and_in_the_log_under_the_same_number(tmp_path
     assert held["t_s"] >= 3.0
 
 
-def test_an_event_names_the_very_bytes_that_it_was_decided_from(tmp_path: Path) -> None:
+def test_an_event_names_the_frames_that_it_was_decided_from(tmp_path: Path) -> None:
     log = EventLines(tmp_path / "events.jsonl")
     world = World(events=log)
     world.run(3.0)
@@ -479,7 +482,7 @@ def test_an_event_names_the_very_bytes_that_it_was_decided_from(tmp_path: Path) 
     assert (frame.frame_a, frame.frame_b) == (binding.can_id(Desk), 0)
 
 
-def test_a_babbling_node_makes_one_event_a_second_that_counts(tmp_path: Path) -> None:
+def test_a_babbling_node_causes_one_counting_event_per_second(tmp_path: Path) -> None:
     log = EventLines(tmp_path / "events.jsonl")
     world = World(events=log)
     for _ in range(60):
@@ -495,7 +498,7 @@ def test_a_babbling_node_makes_one_event_a_second_that_counts(tmp_path: Path) ->
     assert world.vobc.refused["frames"] in (59, 60), "the last one may still be on its way"
 
 
-def test_a_burst_of_events_leaves_a_few_at_a_time_and_none_is_lost() -> None:
+def test_a_burst_of_events_is_sent_a_few_at_a_time_without_loss() -> None:
     world = World()
     burst = [Event(EventKind.TAG_REJECTED, f"tag {number}", (), number) for number in range(30)]
 
@@ -511,7 +514,7 @@ def test_a_burst_of_events_leaves_a_few_at_a_time_and_none_is_lost() -> None:
     assert numbers[:30] == list(range(1, 31))
 
 
-def test_a_memory_that_was_lost_is_the_first_thing_that_is_told(tmp_path: Path) -> None:
+def test_a_lost_memory_is_the_first_event(tmp_path: Path) -> None:
     log = EventLines(tmp_path / "events.jsonl")
     world = World(events=log, forgotten=True)
 
@@ -522,7 +525,7 @@ def test_a_memory_that_was_lost_is_the_first_thing_that_is_told(tmp_path: Path) 
     assert kinds[:3] == ["MEMORY_LOST", "SUPERVISION", "MODE"]
 
 
-def test_who_is_not_heard_and_what_is_refused_on_a_line_are_events_on_the_bus_and_in_the_log(
+def test_silence_and_rejections_on_a_line_are_events_on_the_bus_and_in_the_log(
     tmp_path: Path,
 ) -> None:
     silence, refusals = LineSilence("tcp/127.0.0.1:7448"), Refusals()
@@ -531,7 +534,7 @@ def test_who_is_not_heard_and_what_is_refused_on_a_line_are_events_on_the_bus_an
     command = Mock(held=None, radio=radio, silence=silence.look, refusals=refusals)
     log = EventLines(tmp_path / "events.jsonl")
     world = World(events=log, command=command)
-    # Its wayside falls silent for the centre's part, too.
+    # The wayside stops sending orders of the centre, too.
     world.order = lambda now_ns, status: None  # type: ignore[method-assign]
 
     world.run(8.0)
@@ -545,7 +548,7 @@ def test_who_is_not_heard_and_what_is_refused_on_a_line_are_events_on_the_bus_an
     assert (EventKind.INPUT_LOST, 0) in told
 
 
-def test_status_goes_five_times_a_second_whether_or_not_the_train_is_located() -> None:
+def test_status_is_sent_five_times_a_second_with_or_without_a_position() -> None:
     world = World()
 
     world.run(4.0)
@@ -557,7 +560,7 @@ def test_status_goes_five_times_a_second_whether_or_not_the_train_is_located() -
     assert world.statuses[-1].doors_locked
 
 
-def test_two_runs_of_the_same_world_say_the_same_at_the_same_instants() -> None:
+def test_two_runs_of_the_same_world_send_the_same_frames_at_the_same_instants() -> None:
     first, second = World(), World()
 
     first.run(4.0)

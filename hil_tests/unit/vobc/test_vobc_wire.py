@@ -1,4 +1,4 @@
-"""The controller's wires: what comes in becomes an image with ages, what goes out says it right."""
+"""The controller's wires: inputs become one image with ages, and outputs are encoded correctly."""
 
 import math
 from dataclasses import replace
@@ -126,7 +126,7 @@ def tacho(pulses: int, sampled_ms: int) -> Tacho:
     return Tacho(pulses, pulses + 1, Direction.FORWARD, True, True, sampled_ms % 256)
 
 
-def test_before_anything_is_heard_everything_is_missing_for_ever() -> None:
+def test_before_the_first_frame_every_input_is_missing() -> None:
     image = Inbox(link()).image(5 * MS, dt_s=0.05, overruns=1)
 
     assert image.tacho is None
@@ -137,7 +137,7 @@ def test_before_anything_is_heard_everything_is_missing_for_ever() -> None:
     assert (image.dt_s, image.overruns, image.tags, image.tacho_samples) == (0.05, 1, (), ())
 
 
-def test_the_image_holds_the_latest_of_each_with_its_age() -> None:
+def test_the_image_holds_the_latest_of_each_input_with_its_age() -> None:
     inbox, encoder = Inbox(link()), Encoder()
     old = BrakeStatus(0.1, 0.0, False, True, False, True)
     new = replace(old, applied_decel_mps2=0.5)
@@ -153,7 +153,7 @@ def test_the_image_holds_the_latest_of_each_with_its_age() -> None:
     assert later.brake_age_s == pytest.approx(0.090)
 
 
-def test_every_tacho_sample_is_handed_over_once_and_in_order() -> None:
+def test_every_tacho_sample_is_passed_on_once_and_in_order() -> None:
     inbox, encoder = Inbox(link()), Encoder()
     for number in range(3):
         at_ms = 10 + 20 * number
@@ -169,7 +169,7 @@ def test_every_tacho_sample_is_handed_over_once_and_in_order() -> None:
     assert second.tacho_age_s == pytest.approx(0.06)
 
 
-def test_a_tacho_frame_that_was_held_up_is_as_old_as_its_sample() -> None:
+def test_a_delayed_tacho_frame_is_as_old_as_its_sample() -> None:
     inbox, encoder = Inbox(link()), Encoder()
     for number, late_ms in enumerate((0, 0, 60, 40)):
         sampled_ms = 20 * number
@@ -183,7 +183,7 @@ def test_a_tacho_frame_that_was_held_up_is_as_old_as_its_sample() -> None:
     assert image.tacho_age_s == pytest.approx(0.04, abs=1e-4)
 
 
-def test_a_tacho_frame_that_is_too_old_is_counted_and_keeps_nothing_alive() -> None:
+def test_a_tacho_frame_that_is_too_old_is_counted_and_prevents_no_timeout() -> None:
     inbox, encoder = Inbox(link()), Encoder()
     for number, late_ms in enumerate((0, 0, 0, 110)):
         sampled_ms = 20 * number
@@ -196,7 +196,7 @@ def test_a_tacho_frame_that_is_too_old_is_counted_and_keeps_nothing_alive() -> N
     assert image.tacho_age_s == pytest.approx(0.14, abs=1e-4)
 
 
-def test_nothing_grows_without_bound_when_nobody_looks() -> None:
+def test_no_buffer_grows_without_bound_when_images_are_not_read() -> None:
     inbox, encoder = Inbox(link()), Encoder()
     flood = [
         frame
@@ -230,7 +230,7 @@ def test_a_damaged_frame_is_counted_and_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("source", [*SOURCE_KINDS])
-def test_the_evidence_of_a_frame_is_its_very_bytes(source: Source) -> None:
+def test_the_evidence_of_a_frame_is_its_bytes(source: Source) -> None:
     inbox, encoder = Inbox(link()), Encoder()
     sent = [frames(encoder, SAMPLES[source], number * 20 * MS) for number in range(2)]
     assert inbox.evidence(source) is None
@@ -271,7 +271,7 @@ def test_the_evidence_of_a_tag_is_its_telegram_and_the_right_one_of_two() -> Non
     assert inbox.evidence(Source.CLOCK) is None
 
 
-def test_the_evidence_of_authority_and_orders_is_the_message_that_is_held() -> None:
+def test_the_evidence_of_authority_and_orders_is_the_latest_message() -> None:
     radio = link()
     inbox = Inbox(radio)
     first, second = pack(authority(sequence=1)), pack(authority(sequence=2, train=8))
@@ -298,7 +298,7 @@ def test_orders_become_orders_and_age_from_the_status_that_they_answer() -> None
     assert radio.refused == 1
 
 
-def test_a_status_says_what_the_controller_is_about() -> None:
+def test_a_status_describes_the_state_of_the_controller() -> None:
     radio, alarms = link(), TrainAlarms(no_obstacle=True, no_fire=False)
     image = replace(Inbox(radio).image(5 * MS, dt_s=0.05, overruns=0), alarms=alarms)
     output = replace(DRIVING, mode=OperatingMode.CREEP, emergency_cause=Cause.REMOTE)
@@ -321,7 +321,7 @@ def test_a_status_says_what_the_controller_is_about() -> None:
     assert (lost.localised, lost.front_m, lost.doors_locked) == (False, 0.0, False)
 
 
-def test_refusals_are_told_once_a_second_with_all_that_came_meanwhile() -> None:
+def test_rejections_are_reported_once_a_second_with_their_count() -> None:
     refusals = Refusals()
     told: list[Refusal] = []
     for number in range(35):
@@ -335,7 +335,7 @@ def test_refusals_are_told_once_a_second_with_all_that_came_meanwhile() -> None:
     assert not refusals.waiting
 
 
-def test_ever_new_identifiers_do_not_fill_the_memory() -> None:
+def test_new_identifiers_do_not_fill_the_memory_without_bound() -> None:
     refusals = Refusals()
 
     for number in range(2000):
@@ -372,16 +372,16 @@ def test_a_telegram_becomes_a_reading_with_its_age_at_the_antenna() -> None:
 
 
 def sent(sequence: int, at_ms: float, fetched_ms: int) -> SerialChunk:
-    """A sign of life that leaves the reader at an instant, and the line when somebody asks."""
+    """A health telegram sent by the reader at `at_ms` and fetched from the line at `fetched_ms`."""
     data = encode(HealthTelegram(sequence % 256, at_ms, True, 0, 0, 0))
     return SerialChunk(fetched_ms * MS, data)
 
 
 @pytest.mark.parametrize("first_ms", [100, 160])
-def test_a_telegram_that_waited_on_the_line_is_as_old_as_the_reader_s_clock_says(
+def test_the_readers_clock_gives_the_age_of_a_delayed_telegram(
     first_ms: int,
 ) -> None:
-    """Any telegram that was fetched at once shows how late the others were."""
+    """Any telegram that was fetched at once shows the delay of the others."""
     inbox = Inbox(link())
     tag = TagTelegram(3, 301, TagKind.T1, stamp_ms=1070.0, sent_ms=1100.0, pulses=4711)
 
@@ -395,7 +395,7 @@ def test_a_telegram_that_waited_on_the_line_is_as_old_as_the_reader_s_clock_says
     assert evidence.heard_ns == pytest.approx(1200 * MS, abs=MS)
 
 
-def test_a_reader_that_started_anew_has_another_clock() -> None:
+def test_a_restarted_reader_has_another_clock() -> None:
     inbox = Inbox(link())
     tag = TagTelegram(0, 301, TagKind.T1, stamp_ms=570.0, sent_ms=600.0, pulses=4711)
 
@@ -414,7 +414,7 @@ def test_a_reader_that_started_anew_has_another_clock() -> None:
     assert reading.age_s == pytest.approx(0.030 + 0.002, abs=0.001), "back in the sequence"
 
 
-def test_a_telegram_that_the_next_one_closes_is_as_old_as_its_first_byte() -> None:
+def test_a_telegram_closed_by_the_next_one_is_as_old_as_its_first_byte() -> None:
     """Frames may share a flag; the next one comes half a second later."""
     inbox = Inbox(link())
     first = encode(TagTelegram(1, 301, TagKind.T1, stamp_ms=1000.0, sent_ms=1030.0, pulses=4711))
@@ -450,14 +450,14 @@ def gap_seen(inbox: Inbox, *chunks: SerialChunk) -> bool:
     inbox.take_serial(chunks)
     seen = inbox.image(chunks[-1].stamp_ns + MS, dt_s=0.05, overruns=0)
     again = inbox.image(chunks[-1].stamp_ns + 51 * MS, dt_s=0.05, overruns=0)
-    assert not again.tag_gap, "it is told once"
+    assert not again.tag_gap, "a gap counts once"
     return seen.tag_gap
 
 
-def test_what_the_reader_may_have_told_besides_is_told_with_what_was_heard() -> None:
+def test_a_gap_in_the_telegrams_is_reported_with_the_next_one() -> None:
     inbox = Inbox(link())
 
-    assert gap_seen(inbox, told(1, 100)), "nobody heard what came before"
+    assert gap_seen(inbox, told(1, 100)), "earlier telegrams may be missing"
     assert not gap_seen(inbox, told(2, 600))
     assert not gap_seen(inbox, told(3, 1100), told(4, 1110))
     assert gap_seen(inbox, told(6, 1600))
@@ -466,7 +466,7 @@ def test_what_the_reader_may_have_told_besides_is_told_with_what_was_heard() -> 
 
 
 @pytest.mark.parametrize(("silent_ms", "gap"), [(500, False), (1000, False), (1001, True)])
-def test_over_a_silence_the_sequence_may_have_come_round(silent_ms: int, *, gap: bool) -> None:
+def test_the_sequence_may_have_wrapped_during_a_silence(silent_ms: int, *, gap: bool) -> None:
     inbox = Inbox(link())
     inbox.take_serial([told(1, 100), told(2, 600)])
     inbox.image(700 * MS, dt_s=0.05, overruns=0)
@@ -475,7 +475,7 @@ def test_over_a_silence_the_sequence_may_have_come_round(silent_ms: int, *, gap:
     assert not gap_seen(inbox, told(4, 900 + silent_ms))
 
 
-def test_tags_are_as_good_a_sign_of_life_of_their_reader_as_any() -> None:
+def test_tag_telegrams_count_as_heartbeat_of_the_reader() -> None:
     inbox = Inbox(link())
     inbox.take_serial([told(1, 100)])
     tag = TagTelegram(2, 301, TagKind.T1, stamp_ms=1000.0, sent_ms=1030.0, pulses=4711)
@@ -485,7 +485,7 @@ def test_tags_are_as_good_a_sign_of_life_of_their_reader_as_any() -> None:
     assert not gap_seen(inbox, told(3, 1700))
 
 
-def test_a_reader_that_says_the_same_again_and_again_is_no_sign_of_life() -> None:
+def test_repeated_telegrams_are_no_heartbeat() -> None:
     inbox = Inbox(link())
     inbox.take_serial([told(1, 100)])
     inbox.image(150 * MS, dt_s=0.05, overruns=0)
@@ -495,7 +495,7 @@ def test_a_reader_that_says_the_same_again_and_again_is_no_sign_of_life() -> Non
     assert gap_seen(inbox, told(2, 1101))
 
 
-def test_tags_that_one_cycle_cannot_take_are_missing() -> None:
+def test_tags_beyond_the_limit_of_a_cycle_count_as_missing() -> None:
     inbox = Inbox(link())
     inbox.take_serial([told(255, 50)])
     inbox.image(60 * MS, dt_s=0.05, overruns=0)
@@ -534,7 +534,7 @@ def heard(message: Message | bytes) -> list[RadioMessage]:
     return [RadioMessage(0, "key", payload)]
 
 
-def test_an_authority_ages_from_the_report_that_it_answers() -> None:
+def test_the_age_of_an_authority_counts_from_the_report_that_it_answers() -> None:
     radio = link()
 
     radio.take(300 * MS, heard(authority()))
@@ -557,7 +557,7 @@ def test_an_authority_ages_from_the_report_that_it_answers() -> None:
         {"echo_stamp_ns": 1 * MS, "sequence": 9},
     ],
 )
-def test_an_authority_for_another_or_out_of_order_or_too_old_changes_nothing(
+def test_an_authority_for_another_train_out_of_order_or_too_old_changes_nothing(
     wrong: dict[str, int],
 ) -> None:
     radio = link()
@@ -591,7 +591,7 @@ def test_noise_on_the_radio_is_counted() -> None:
     assert radio.refused == 2
 
 
-def test_the_report_says_where_the_train_is_for_certain() -> None:
+def test_the_position_report_holds_the_safe_bounds() -> None:
     radio = link()
 
     first, second = radio.report(7 * MS, DRIVING), radio.report(9 * MS, DRIVING)
@@ -603,14 +603,14 @@ def test_the_report_says_where_the_train_is_for_certain() -> None:
     assert replace(report, sequence=2, stamp_ns=9 * MS) == unpack(second)
 
 
-def test_a_train_that_does_not_know_where_it_is_reports_nothing() -> None:
+def test_a_train_without_position_sends_no_position_report() -> None:
     lost = replace(DRIVING, motion=replace(MOTION, localised=False))
 
     assert link().report(0, lost) is None
     assert link().report(0, SAFE_OUTPUT) is None
 
 
-def test_the_brake_speaks_first_and_exactly() -> None:
+def test_the_brake_command_comes_first_and_is_exact() -> None:
     brake, traction = vital_frames(DRIVING)
 
     assert brake == BrakeCommand(0.0, True, True)
@@ -628,7 +628,7 @@ def test_the_safe_output_is_safe_on_the_wire() -> None:
     assert door_frame(SAFE_OUTPUT) == DoorCommand(False, False, False, False)
 
 
-def test_what_is_told_of_the_controller() -> None:
+def test_the_frames_that_describe_the_controller() -> None:
     assert status_frame(
         replace(DRIVING, missing=Missing.DOORS), work_us=321.0, slips=65
     ) == VobcStatus(Supervision.NOMINAL, DRIVING.ato_phase, Missing.DOORS, True, True, 321.0, 1)
@@ -656,10 +656,11 @@ def test_what_is_told_of_the_controller() -> None:
         (0.0, math.nan, 0.0, 1.55),
     ],
 )
-def test_how_much_faster_the_train_may_be_than_told_is_rounded_up(
+def test_the_upper_speed_error_is_rounded_up(
     low_mps: float, best_mps: float, high_mps: float, told_mps: float
 ) -> None:
-    """To steps of 0.05 m/s; the largest value is that or more, or not known."""
+    """The value is rounded up to steps of 0.05 m/s; the largest one means "that or more, or
+    unknown"."""
     speed_mps = Interval(low_mps, best_mps, high_mps)
     told = mode_frame(replace(DRIVING, motion=replace(MOTION, speed_mps=speed_mps)))
 
@@ -667,7 +668,7 @@ def test_how_much_faster_the_train_may_be_than_told_is_rounded_up(
     assert told.speed_reach_mps == pytest.approx(told_mps, abs=1e-9)
 
 
-def test_nothing_is_told_that_is_not_known() -> None:
+def test_unknown_values_are_sent_as_unknown() -> None:
     mode = mode_frame(SAFE_OUTPUT)
     assert isinstance(mode, VobcMode)
     assert mode.speed_reach_mps == 0.0
