@@ -1,4 +1,4 @@
-"""One master alone, for tests: all that it hears is made here."""
+"""One master alone; the tests make every message that it receives."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -42,7 +42,8 @@ TWO = (entry(1, 900.0), entry(2, 500.0))
 
 
 class Chair:
-    """A master under term 5 in the first of two areas, its arbiters, and what it says."""
+    """A master under term 5 in the first of two areas, its arbiters, and the messages that it
+    sends."""
 
     def __init__(
         self,
@@ -120,7 +121,7 @@ class Chair:
             "axles": 16,
             "out_of_service": False,
             "ready_nonce": 0,
-            # 0 says that none was heard.
+            # 0 means that no heartbeat was received.
             "echo_ns": self.now_ns or -1,
         }
         report = TrainReport(**{**fields, **told})
@@ -135,7 +136,7 @@ class Chair:
         self.hears(Removal(*self.head(65_100, term=term), echo_ns, train))
 
     def track(self, *, seen_ms: int | None = None, term: int = TERM, **told: Any) -> None:
-        """All sections clear of axles but those of given numbers."""
+        """Report the track status: all sections are clear except those with a number in `axles`."""
         axles: dict[int, int] = told.get("axles", {})
         states = [
             SectionState(s.number, s.number in axles, axles.get(s.number, 0)) for s in SECTIONS

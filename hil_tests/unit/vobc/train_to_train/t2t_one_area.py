@@ -1,4 +1,4 @@
-"""A master's area in which trains of its roster begin anew."""
+"""A master's area in which trains of its roster restart."""
 
 import dataclasses
 
@@ -27,7 +27,7 @@ def report_at(rear_m: float, *, train: int = 1, unsure_m: float = 4.0) -> TrainR
 
 
 class OneArea:
-    """A master's area from 0 to 3000 m, behind another one where one is said to be before it."""
+    """A master's area from 0 to 3000 m; `before` is the area behind it, if any."""
 
     def __init__(
         self,
@@ -44,13 +44,16 @@ class OneArea:
         self._area, self._before, self.counted = Area(1, start_m, 3000.0), before, counted
         self.reserved_m: dict[int, float] = {}
         self.at_rest: tuple[StandingTrain, ...] = ()
-        self.strangers: tuple[StandingTrain, ...] = ()
-        """Others that stand in the area, and may be forgotten."""
+        self.unregistered: tuple[StandingTrain, ...] = ()
+        """Unregistered trains that stand in the area; the master may forget them."""
 
-    def heard_of_life_before(
+    def receives_former_report(
         self, train: int, *, age_ns: int, echo_ns: int | None = None, localised: bool = True
     ) -> None:
-        """So long ago; by default it had heard the master just then."""
+        """Receive a report of the former incarnation.
+
+        By default the train had received the master's heartbeat at that instant.
+        """
         echo_ns = NOW_NS - age_ns if echo_ns is None else echo_ns
         record = self.known.records[train]
         former = report_at(record.rear_m, train=train)
@@ -64,14 +67,14 @@ class OneArea:
         return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)
 
     def _scene_of(self, _: TrainReport) -> AdmissionGuardInputs:
-        records, there = self.known.records, (*self.at_rest, *self.strangers)
+        records, there = self.known.records, (*self.at_rest, *self.unregistered)
         scene = AdmissionGuardInputs(
             self._area, self._before, records, self.reserved_m, self.counted, True, ()
         )
         return scene._replace(at_rest=self.at_rest, there=there, line_m=(0.0, 4000.0))
 
 
-def anew(
+def restarted(
     rear_m: float,
     *,
     train: int = 1,
@@ -80,7 +83,7 @@ def anew(
     comes_from: int = 0,
     behind: int = 0,
 ) -> TrainReport:
-    """Of the second life, with a front that is known to 4 m."""
+    """A report of the second incarnation; its front is known within 4 m."""
     return dataclasses.replace(
         report_at(rear_m, train=train),
         boot=2,
@@ -93,5 +96,5 @@ def anew(
     )
 
 
-BEYOND = anew(820.0)
-"""Before the one that was ahead of it, from 700 m to 780 m."""
+BEYOND = restarted(820.0)
+"""The restarted train reports a place before the one that was ahead of it, from 700 m to 780 m."""

@@ -1,6 +1,8 @@
-"""A small railway for tests of trains that command themselves: ticks, a plain net, plain trains.
+"""A small railway for tests of trains that command themselves: ticks, a simple network, simple
+trains.
 
-Truth is kept here: where trains are and what they may act upon is looked at, never asked.
+The rig holds the truth. Tests read true positions and usable authorities from it instead of asking
+the trains.
 """
 
 import heapq
@@ -40,7 +42,7 @@ UNCERTAIN_M = 2.0
 ARBITER = 65_001
 
 Spoil = Callable[[T2tMessage, int], list[int]]
-"""What the net does to a message for one receiver: delays in ms, one for each copy."""
+"""How the network treats a message for one receiver: one delay in ms for each copy that arrives."""
 
 
 def plain(message: T2tMessage, receiver: int) -> list[int]:
@@ -96,7 +98,10 @@ def line_of(
     objects: Iterable[tuple[float, float]] = (),
     apply_m: float = 800.0,
 ) -> AreaMap:
-    """Areas between the borders; sections of one length, none for 0; objects numbered from 1."""
+    """Areas between the borders.
+
+    All sections have one length; a length of 0 means none. Objects are numbered from 1.
+    """
     areas = tuple([Area(n + 1, a, b) for n, (a, b) in enumerate(itertools.pairwise(borders_m))])
     sections: list[TrackSection] = []
     at_m = borders_m[0]
@@ -149,7 +154,7 @@ class Rig:
         self._starts_m = [each.start_m for each in line.sections]
         self._boxes: dict[int, list[T2tMessage]] = {}
 
-    # Who is there.
+    # Participants.
 
     def start_arbiter(self, address: int) -> None:
         self.arbiters[address] = Arbiter(
@@ -180,7 +185,7 @@ class Rig:
         return train
 
     def kill(self, address: int) -> None:
-        """Its controller is gone; the train brakes."""
+        """Stop the controller of a train; the train brakes."""
         self.trains[address].alive = False
 
     def restart(self, address: int) -> None:
@@ -201,7 +206,8 @@ class Rig:
                 self.check()
 
     def run_until(self, reached: Callable[[], bool], limit_ms: int = 60_000) -> int:
-        """How long it took in ms. Raises AssertionError when it never is."""
+        """Run until the condition holds and return the duration in ms; raise AssertionError if
+        it never does."""
         began_ns = self.now_ns
         while not reached():
             assert self.now_ns - began_ns < limit_ms * MS, "never"
@@ -277,10 +283,10 @@ class Rig:
                     heapq.heappush(self._air, (due_ns, self._sent, receiver, message))
 
     def say(self, message: T2tMessage) -> None:
-        """Something that no honest node of the rig says."""
+        """Send a message that no honest node of the rig sends."""
         self._send([message])
 
-    # Trains: they run as fast as what they hold lets them, and brake in time.
+    # Trains run as fast as their authority allows, and brake in time.
 
     def _move(self, train: Train) -> None:
         dt_s = TICK_MS / 1000.0
@@ -306,7 +312,7 @@ class Rig:
     # Truth.
 
     def check(self) -> None:
-        """Invariants 21 and 23: what trains may act upon is theirs alone, and locked."""
+        """Check invariants 21 and 23: the track that a train may use is its own and locked."""
         for train in self.trains.values():
             held = train.held
             end_m = -math.inf if held is None else held.end_m

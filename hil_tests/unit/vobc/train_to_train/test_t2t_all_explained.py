@@ -1,4 +1,5 @@
-"""Axles between two places and whose they are, beside a second way to reckon it, step by step."""
+"""Whether known trains account for all axles between two places, against a second, iterative
+computation."""
 
 import itertools
 from collections.abc import Sequence
@@ -17,8 +18,9 @@ def touches(section: Counted, train: StandingTrain) -> bool:
 def is_explained(
     run: Sequence[Counted], trains: Sequence[StandingTrain], seen_m: tuple[float, float]
 ) -> bool:
-    """Of trains at rest: nobody comes, nobody leaves. Who hangs over where counters begin or end
-    explains nothing.
+    """The same rule for trains at rest.
+
+    No train comes or leaves. A train that extends beyond the counted track accounts for no axles.
     """
     if any(each.occupied and not each.axles for each in run):
         return False
@@ -38,7 +40,8 @@ def is_explained(
 def step_by_step(
     sections: Sequence[Counted], standing: Sequence[StandingTrain], from_m: float, to_m: float
 ) -> bool:
-    """Whoever stands in a section that counts makes those count that it stands in."""
+    """Iterative computation: a train in a concerned section makes every section under it
+    concerned."""
     there: list[StandingTrain] = []
     while True:
         concerned = [each for each in sections if each.end_m > from_m and each.start_m < to_m]
@@ -54,7 +57,7 @@ def step_by_step(
 
 @st.composite
 def tracks(draw: st.DrawFn) -> list[Counted]:
-    """Sections in running order; some are not told of."""
+    """Sections in running order, some of them unreported."""
     made, at_m = [], 0.0
     for _ in range(draw(st.integers(0, 8))):
         length_m = float(draw(st.integers(1, 6)))
@@ -76,7 +79,7 @@ trains = st.lists(
 
 @settings(max_examples=400, deadline=None)
 @given(tracks(), trains, st.integers(-4, 60), st.integers(0, 30))
-def test_it_is_the_same_as_step_by_step(
+def test_the_result_equals_the_iterative_computation(
     sections: list[Counted], standing: list[StandingTrain], from_m: int, length_m: int
 ) -> None:
     start_m, end_m = 0.5 * from_m, 0.5 * (from_m + length_m)
@@ -85,8 +88,9 @@ def test_it_is_the_same_as_step_by_step(
         assert all_explained(sections, order, from_m=start_m, to_m=end_m) is wanted
 
 
-def test_a_chain_reaches_as_far_as_trains_stand_on_joints_either_way() -> None:
-    """Ten sections of 10 m, a train of 2 axles on each joint, all looked at from the middle."""
+def test_a_run_extends_both_ways_while_trains_stand_on_joints() -> None:
+    """Ten sections of 10 m with a train of 2 axles on each joint; the check starts in the
+    middle."""
     middle = {"from_m": 45.0, "to_m": 55.0}
     standing = [StandingTrain(10.0 * n - 4.0, 10.0 * n + 4.0, 2) for n in range(1, 10)]
     axles = [1, *(2 for _ in range(8)), 1]
@@ -101,13 +105,13 @@ def test_a_chain_reaches_as_far_as_trains_stand_on_joints_either_way() -> None:
 @pytest.mark.parametrize(
     ("sections", "standing", "between_m"),
     [
-        # It ends where the first of them begins: the axles behind are no concern of theirs.
+        # The run ends where the first of the trains begins; the axles behind do not belong to them.
         (
             [Counted(0.0, 2.0, True, 4), Counted(2.0, 4.0, False, 0)],
             [StandingTrain(0.0, 2.0, 2)],
             (2.0, 4.0),
         ),
-        # Behind a section that says that it is free stands the last one that is found.
+        # The last train that the computation finds stands behind a section reported as clear.
         (
             [
                 Counted(0.0, 2.0, True, 2),
@@ -120,7 +124,7 @@ def test_a_chain_reaches_as_far_as_trains_stand_on_joints_either_way() -> None:
         ),
     ],
 )
-def test_in_whatever_order_they_are_found_all_axles_are_theirs(
+def test_the_result_does_not_depend_on_the_order_of_the_trains(
     sections: list[Counted], standing: list[StandingTrain], between_m: tuple[float, float]
 ) -> None:
     from_m, to_m = between_m

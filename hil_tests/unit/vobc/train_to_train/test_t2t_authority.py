@@ -1,4 +1,4 @@
-"""How far a train may go: the moving block, what lies in between, and what stands unexplained."""
+"""How far an authority reaches: the moving block, barred track, and unaccounted axles."""
 
 import itertools
 
@@ -55,9 +55,9 @@ def between(start_m: float, end_m: float, bar: Bar) -> AreaBounds:
         (course(ahead_m=900.0), 893.0),
         (course(ahead_m=2500.0), 2000.0),
         (course(stopped=True, granted_m=900.0), 500.0),
-        (course(ahead_m=505.0), None),  # Nothing to give, and nothing to take back.
+        (course(ahead_m=505.0), None),  # No authority to give and none to take back.
         (course(ahead_m=505.0, granted_m=600.0), 498.0),
-        (course(2010.0), 2000.0),  # Over the border by what the next area granted.
+        (course(2010.0), 2000.0),  # It extends over the border as far as the next area granted.
     ],
 )
 def test_it_ends_behind_the_train_ahead_or_with_the_area(
@@ -86,7 +86,7 @@ def test_what_lies_ahead_is_met_as_it_deserves(
     assert end_of_authority_m(bound, between(800.0, 840.0, bar)) == end_m
 
 
-def test_what_lies_behind_all_that_a_train_may_roll_back_does_not_concern_it() -> None:
+def test_barred_track_beyond_the_rollback_distance_does_not_matter() -> None:
     assert end_of_authority_m(course(), between(400.0, 418.0, Bar.SHUT)) == 2000.0
     assert end_of_authority_m(course(), between(400.0, 419.0, Bar.SHUT)) == 500.0
     assert end_of_authority_m(course(granted_m=900.0), between(400.0, 419.0, Bar.SHUT)) == 500.0
@@ -97,11 +97,11 @@ def test_an_authority_is_never_longer_than_the_line_allows() -> None:
     assert end_of_authority_m(course(), SPACE._replace(longest_m=1501.0)) == 2000.0
 
 
-def test_a_train_that_shall_stop_where_it_stands_is_told_so_even_if_it_holds_no_more() -> None:
+def test_a_train_ordered_to_stop_gets_an_authority_that_ends_at_its_front() -> None:
     assert end_of_authority_m(course(stopped=True), SPACE) == 500.0
 
 
-def test_a_train_that_shall_stop_keeps_its_distance_all_the_same() -> None:
+def test_a_train_ordered_to_stop_still_keeps_its_distance() -> None:
     bound = course(stopped=True, granted_m=900.0, ahead_m=505.0)
 
     assert end_of_authority_m(bound, SPACE) == 498.0
@@ -109,7 +109,7 @@ def test_a_train_that_shall_stop_keeps_its_distance_all_the_same() -> None:
 
 @pytest.mark.parametrize("bar", list(Bar))
 @pytest.mark.parametrize("ahead_m", [807.0, 800.0])
-def test_what_begins_where_an_authority_ends_anyway_does_not_concern_it(
+def test_barred_track_that_begins_at_the_end_of_authority_does_not_matter(
     bar: Bar, ahead_m: float
 ) -> None:
     bound = course(granted_m=900.0, easy_m=900.0, ahead_m=ahead_m)
@@ -117,7 +117,7 @@ def test_what_begins_where_an_authority_ends_anyway_does_not_concern_it(
     assert end_of_authority_m(bound, between(800.0, 840.0, bar)) == ahead_m - 7.0
 
 
-def test_what_an_authority_would_end_in_shortens_it_to_its_start() -> None:
+def test_an_authority_that_would_end_in_barred_track_ends_before_it() -> None:
     bound = course(ahead_m=827.0)
 
     assert end_of_authority_m(bound, between(800.0, 840.0, Bar.SHUT)) == 800.0
@@ -132,10 +132,10 @@ def test_a_train_that_touches_the_start_of_something_is_not_in_it(bar: Bar) -> N
 @pytest.mark.parametrize(
     ("bar", "end_m"), [(Bar.SHUT, 500.0), (Bar.UNSURE, None), (Bar.CLOSING, 2000.0)]
 )
-def test_a_train_that_stands_in_something_stops_there_or_waits_or_leaves_it(
+def test_a_train_on_barred_track_stops_waits_or_leaves_by_its_kind(
     bar: Bar, granted_m: float, end_m: float | None
 ) -> None:
-    """Whatever it was granted: it may have come by an authority of the area before."""
+    """This holds for every granted authority; the train may have come by one of the area before."""
     bound = course(granted_m=granted_m)
 
     assert end_of_authority_m(bound, between(490.0, 540.0, bar)) == end_m
@@ -151,10 +151,11 @@ def test_a_train_that_stands_in_something_stops_there_or_waits_or_leaves_it(
     ],
 )
 @pytest.mark.parametrize("granted_m", [2000.0, 2100.0])
-def test_a_train_in_something_is_not_let_go_by_the_next_area_either(
+def test_the_next_area_does_not_release_a_train_on_barred_track(
     bar: Bar, front_max_m: float, end_m: float | None, granted_m: float
 ) -> None:
-    """What ends at the border is continued there; a train that gets nothing stays where it is."""
+    """The next area continues an authority that ends at the border. A train without one stays
+    where it is."""
     bound = course(front_max_m, granted_m=granted_m)
 
     assert end_of_authority_m(bound, between(1910.0, 1940.0, bar)) == end_m
@@ -164,7 +165,7 @@ def test_a_train_in_something_is_not_let_go_by_the_next_area_either(
 
 @pytest.mark.parametrize(("front_max_m", "end_m"), [(2000.0, 2000.0), (2000.1, None)])
 @pytest.mark.parametrize("granted_m", [2000.0, 2100.0])
-def test_nor_is_one_that_supervision_stops(
+def test_the_next_area_does_not_release_a_train_that_supervision_stops(
     front_max_m: float, end_m: float | None, granted_m: float
 ) -> None:
     bound = course(front_max_m, granted_m=granted_m, stopped=True)
@@ -173,7 +174,9 @@ def test_nor_is_one_that_supervision_stops(
 
 
 @pytest.mark.parametrize("bar", [Bar.SHUT, Bar.UNSURE])
-def test_beyond_what_closes_too_late_for_a_train_the_next_thing_stops_it(bar: Bar) -> None:
+def test_beyond_an_object_that_closes_too_late_the_next_barred_track_stops_the_train(
+    bar: Bar,
+) -> None:
     space = SPACE._replace(
         stretches=(BarredTrack(700.0, 720.0, Bar.CLOSING), BarredTrack(900.0, 920.0, bar))
     )
@@ -181,7 +184,7 @@ def test_beyond_what_closes_too_late_for_a_train_the_next_thing_stops_it(bar: Ba
     assert end_of_authority_m(course(granted_m=800.0, easy_m=750.0), space) == 900.0
 
 
-def test_behind_a_train_nothing_hides_what_lies_ahead() -> None:
+def test_barred_track_behind_a_train_does_not_mask_what_lies_ahead() -> None:
     space = SPACE._replace(
         stretches=(BarredTrack(300.0, 320.0, Bar.SHUT), BarredTrack(900.0, 920.0, Bar.SHUT))
     )
@@ -189,7 +192,7 @@ def test_behind_a_train_nothing_hides_what_lies_ahead() -> None:
     assert end_of_authority_m(course(), space) == 900.0
 
 
-def test_a_train_in_a_shut_stretch_is_stopped_whatever_else_begins_there() -> None:
+def test_a_train_in_a_shut_stretch_is_stopped_whatever_else_lies_there() -> None:
     space = SPACE._replace(
         stretches=(BarredTrack(480.0, 540.0, Bar.SHUT), BarredTrack(490.0, 540.0, Bar.UNSURE))
     )
@@ -209,7 +212,7 @@ METRES = st.floats(0.0, 1900.0)
 def test_no_two_trains_in_order_get_the_same_metre_whatever_lies_between(
     rears_m: list[float], bars: list[tuple[float, Bar]], granted_beyond_m: float
 ) -> None:
-    """The trains stand where they say; each is given what it is given, in one go."""
+    """The trains stand where they report, and each receives its authority in one pass."""
     trains = sorted(rears_m, reverse=True)
     space = SPACE._replace(
         stretches=tuple(
@@ -234,30 +237,42 @@ def sections(*axles: int) -> list[Counted]:
     [
         ((0, 16, 0), [], True),
         ((0, 17, 0), [], False),
-        ((0, 10, 6), [], False),  # As many, but it is not over that joint.
+        ((0, 10, 6), [], False),  # The sum is right, but the train does not stand over that joint.
         ((0, 10, 10), [], False),
-        ((0, 16, 0, 16), [], True),  # Somebody else, apart by a clear section.
+        ((0, 16, 0, 16), [], True),  # Another vehicle, separated by a clear section.
         ((0, 16, 16), [StandingTrain(210.0, 290.0, 16)], True),
         ((0, 16, 16), [StandingTrain(1210.0, 1290.0, 16)], False),
-        ((16, 16, 0), [StandingTrain(199.0, 279.0, 16)], False),  # That one only looks in.
-        ((0, 0, 0), [], False),  # It says it is where nobody is.
+        (
+            (16, 16, 0),
+            [StandingTrain(199.0, 279.0, 16)],
+            False,
+        ),  # The other train only just enters.
+        ((0, 0, 0), [], False),  # The train reports itself in a clear section.
         ((16, 0, 16), [], False),
         ((0, 0, 16), [StandingTrain(210.0, 290.0, 16)], False),
-        ((16, 16), [StandingTrain(10.0, 90.0, 16)], True),  # Up to either end of what is counted.
+        (
+            (16, 16),
+            [StandingTrain(10.0, 90.0, 16)],
+            True,
+        ),  # The count may end at either side.
         ((16, 16, 16), [StandingTrain(10.0, 90.0, 16), StandingTrain(210.0, 290.0, 16)], True),
-        ((0, 16, 0), [StandingTrain(160.0, 240.0, 16)], True),  # With its middle at the joint.
+        ((0, 16, 0), [StandingTrain(160.0, 240.0, 16)], True),  # Its middle is at the joint.
         ((0, 32, 0), [StandingTrain(160.0, 239.8, 16)], True),
         ((0, 16, 0), [StandingTrain(60.0, 140.0, 16)], True),
         ((0, 32, 0), [StandingTrain(60.2, 140.0, 16)], True),
         ((0, 32), [StandingTrain(120.0, 200.0, 16)], True),
-        ((0, 32), [StandingTrain(120.0, 200.1, 16)], False),  # It may hang over what is counted.
+        (
+            (0, 32),
+            [StandingTrain(120.0, 200.1, 16)],
+            False,
+        ),  # It may extend beyond the count.
         ((32, 0), [StandingTrain(0.0, 80.0, 16)], False),
         ((16, 16, 0), [StandingTrain(0.0, 80.0, 16)], True),
         ((16, 16, 0), [StandingTrain(-0.1, 79.9, 16)], False),
         ((0, 16, 16, 0), [StandingTrain(210.0, 290.0, 16), StandingTrain(310.0, 390.0, 16)], True),
     ],
 )
-def test_axles_around_a_train_are_explained_by_trains_that_say_they_are_there(
+def test_axles_around_a_train_must_belong_to_trains_reported_there(
     axles: tuple[int, ...], others: list[StandingTrain], answer: bool
 ) -> None:
     assert explained(sections(*axles), StandingTrain(115.0, 198.0, 16), others) is answer
@@ -271,7 +286,7 @@ def test_axles_around_a_train_are_explained_by_trains_that_say_they_are_there(
         ((False, True, False), 50.0, 96.0),
         ((False, False, False), 150.0, 296.0),
         ((True, False, False), 150.0, 296.0),
-        ((False, True, False), 99.0, 99.0),  # Over the joint with its overhang only.
+        ((False, True, False), 99.0, 99.0),  # Only its overhang is past the joint.
     ],
 )
 def test_a_silent_train_is_past_the_clear_sections_behind_it_but_for_its_overhang(
@@ -287,22 +302,22 @@ def test_a_silent_train_is_past_the_clear_sections_behind_it_but_for_its_overhan
     [
         ((16, 0, 16), 5.0, 95.0, True),
         ((16, 0, 16), 205.0, 295.0, True),
-        ((16, 0, 0, 16), 50.0, 148.0, True),  # Its front hangs over into a clear section.
+        ((16, 0, 0, 16), 50.0, 148.0, True),  # Its front overhangs into a clear section.
         ((0, 16, 0, 16), 115.0, 210.0, True),
-        ((16, 0, 16), 100.0, 200.0, False),  # Only the neighbours' sections are occupied.
-        ((16, 0, 16), 99.9, 190.0, False),  # It cannot be there with that little of it.
+        ((16, 0, 16), 100.0, 200.0, False),  # Only the sections beside it are occupied.
+        ((16, 0, 16), 99.9, 190.0, False),  # So small an overhang cannot hold its axles.
         ((8, 8), 60.0, 140.0, True),
-        ((8, 0, 8), 60.0, 240.0, True),  # Between its bogies.
+        ((8, 0, 8), 60.0, 240.0, True),  # The section lies between its bogies.
     ],
 )
-def test_only_sections_that_it_is_in_and_those_that_hang_together_with_them_are_counted(
+def test_only_the_sections_under_a_train_and_the_occupied_ones_next_to_them_count(
     axles: tuple[int, ...], rear_m: float, front_m: float, *, answer: bool
 ) -> None:
     assert explained(sections(*axles), StandingTrain(rear_m, front_m, 16), []) is answer
 
 
 @pytest.mark.parametrize(("rear_m", "front_m"), [(115.0, 200.0), (200.0, 285.0)])
-def test_a_train_up_to_a_joint_is_not_behind_it_and_another_there_does_not_explain_it(
+def test_a_train_beside_a_joint_is_not_accounted_for_by_another_beyond_it(
     rear_m: float, front_m: float
 ) -> None:
     there = (0, 16) if rear_m >= 200.0 else (0, 0, 16)
@@ -311,7 +326,7 @@ def test_a_train_up_to_a_joint_is_not_behind_it_and_another_there_does_not_expla
     assert explained(sections(*there, 0), StandingTrain(rear_m, front_m, 16), [other]) is False
 
 
-def test_a_section_that_is_seen_clear_counts_for_nothing() -> None:
+def test_axles_of_a_clear_section_do_not_count() -> None:
     told = sections(0, 16, 0)
     told[2] = Counted(200.0, 300.0, False, 4)
 
@@ -322,22 +337,26 @@ def test_a_section_that_is_seen_clear_counts_for_nothing() -> None:
     ("axles", "farther_m", "answer"),
     [
         ((0, 32, 0, 0), 0.0, True),
-        ((0, 32, 0, 0), 50.0, True),  # Its middle at 145 m is in there at the most.
+        ((0, 32, 0, 0), 50.0, True),  # Its middle is at most at 145 m, in that section.
         ((0, 32, 0, 0), 54.9, True),
-        ((0, 32, 0, 16), 55.0, True),  # So far its front does not come to what is occupied there.
+        (
+            (0, 32, 0, 16),
+            55.0,
+            True,
+        ),  # Its front stays before the occupied section.
         ((0, 32, 0, 16), 114.9, True),
         ((0, 32, 0, 16), 115.1, False),
         ((0, 32, 0, 16), 54.0, True),
-        ((0, 32, 0, 0), 215.0, True),  # Clear as far as it may be.
-        ((0, 32, 0, 0), 215.1, False),  # Nobody tells of what is beyond 400 m.
+        ((0, 32, 0, 0), 215.0, True),  # All of the track that it may reach is clear.
+        ((0, 32, 0, 0), 215.1, False),  # The track beyond 400 m is unreported.
         ((0, 32, 0, 16), 115.0, True),
         ((0, 32, 0), 60.0, True),
         ((0, 32, 0, 0, 0), 250.0, True),
         ((0, 32), 15.0, True),
-        ((0, 32), 15.1, False),  # Some of its axles may not be counted any more.
+        ((0, 32), 15.1, False),  # Some of its axles may be past the counted track.
     ],
 )
-def test_who_has_not_been_heard_for_a_while_explains_axles_only_where_it_surely_is(
+def test_a_silent_train_accounts_for_axles_only_where_it_certainly_is(
     axles: tuple[int, ...], farther_m: float, *, answer: bool
 ) -> None:
     other = StandingTrain(105.0, 185.0, 16, farther_m)
@@ -346,10 +365,10 @@ def test_who_has_not_been_heard_for_a_while_explains_axles_only_where_it_surely_
 
 
 @pytest.mark.parametrize(("behind_m", "answer"), [(0.0, True), (44.9, True), (45.0, False)])
-def test_who_may_have_come_since_the_count_explains_no_axles(
+def test_a_train_that_may_have_arrived_after_the_count_accounts_for_no_axles(
     behind_m: float, *, answer: bool
 ) -> None:
-    """Over a section that is clear and may be short; its middle is at 145 m."""
+    """A clear section that may be short lies between; the middle of the other train is at 145 m."""
     other = StandingTrain(105.0, 185.0, 16, behind_m=behind_m)
 
     assert explained(sections(0, 32, 0), StandingTrain(115.0, 198.0, 16), [other]) is answer
@@ -358,7 +377,7 @@ def test_who_may_have_come_since_the_count_explains_no_axles(
 
 
 @pytest.mark.parametrize(("behind_m", "answer"), [(0.0, True), (5.0, True), (5.1, False)])
-def test_who_may_have_hung_over_the_beginning_of_the_line_when_axles_were_counted_explains_none(
+def test_a_train_that_may_have_extended_beyond_the_line_accounts_for_no_axles(
     behind_m: float, *, answer: bool
 ) -> None:
     first = StandingTrain(5.0, 95.0, 16, behind_m=behind_m)
@@ -370,17 +389,17 @@ def test_who_may_have_hung_over_the_beginning_of_the_line_when_axles_were_counte
     ("axles", "front_m", "farther_m", "answer"),
     [
         ((16, 16), 200.0, 0.0, True),
-        ((17, 15), 200.0, 0.0, True),  # The second may have one of its axles before the joint.
-        ((15, 17), 200.0, 0.0, False),  # The first has none beyond it.
+        ((17, 15), 200.0, 0.0, True),  # The second train may have one axle before the joint.
+        ((15, 17), 200.0, 0.0, False),  # The first train has no axle beyond the joint.
         ((31, 1), 200.0, 0.0, True),
         ((15, 17), 200.1, 0.0, True),
         ((15, 17), 200.0, 0.1, True),
     ],
 )
-def test_axles_are_where_the_trains_may_be_that_have_as_many_in_all(
+def test_the_sum_of_axles_and_their_distribution_must_both_fit_the_trains(
     axles: tuple[int, int], front_m: float, farther_m: float, *, answer: bool
 ) -> None:
-    """One that hides is not made up for by axles that are missed elsewhere."""
+    """Axles missed elsewhere cannot compensate for a shadow train."""
     told = [Counted(100.0, 200.0, True, axles[0]), Counted(200.0, 400.0, True, axles[1])]
     told = [Counted(0.0, 100.0, False, 0), *told, Counted(400.0, 500.0, False, 0)]
     first = StandingTrain(120.0, front_m, 16, farther_m)
@@ -393,10 +412,10 @@ def test_axles_are_where_the_trains_may_be_that_have_as_many_in_all(
 
 
 @pytest.mark.parametrize(("before", "answer"), [(48, True), (47, False), (63, True), (64, False)])
-def test_all_trains_that_are_wholly_behind_a_joint_are_counted_behind_it(
+def test_every_train_wholly_before_a_joint_has_its_axles_counted_there(
     before: int, *, answer: bool
 ) -> None:
-    """Three are, and a fourth stands over it."""
+    """Three trains are wholly before the joint, and a fourth stands over it."""
     told = [Counted(0.0, 400.0, True, before), Counted(400.0, 600.0, True, 64 - before)]
     told = [*told, Counted(600.0, 700.0, False, 0)]
     trains = [StandingTrain(at, at + 80.0, 16) for at in (10.0, 110.0, 210.0, 350.0)]
@@ -405,7 +424,7 @@ def test_all_trains_that_are_wholly_behind_a_joint_are_counted_behind_it(
 
 
 @pytest.mark.parametrize(("farther_m", "answer"), [(54.9, True), (55.0, False)])
-def test_who_may_be_beyond_a_joint_by_half_has_left_where_somebody_is_near_beyond_it(
+def test_a_train_that_may_be_half_past_a_joint_no_longer_counts_before_it(
     farther_m: float, *, answer: bool
 ) -> None:
     told = [*sections(0, 32), Counted(200.0, 230.0, False, 0), Counted(230.0, 400.0, True, 16)]
@@ -417,7 +436,7 @@ def test_who_may_be_beyond_a_joint_by_half_has_left_where_somebody_is_near_beyon
 @pytest.mark.parametrize(
     ("rear_m", "behind_m", "answer"), [(200.0, 0.0, False), (199.9, 0.0, True), (200.0, 0.1, True)]
 )
-def test_who_is_beyond_a_joint_or_was_when_axles_were_counted_has_none_before_it(
+def test_a_train_past_a_joint_during_the_count_has_no_axles_before_it(
     rear_m: float, behind_m: float, *, answer: bool
 ) -> None:
     told = [Counted(0.0, 200.0, True, 17), Counted(200.0, 400.0, True, 15)]
@@ -428,7 +447,7 @@ def test_who_is_beyond_a_joint_or_was_when_axles_were_counted_has_none_before_it
 
 
 @pytest.mark.parametrize("beside", [0, 2])
-def test_a_count_that_is_not_to_be_trusted_is_explained_by_nobody(beside: int) -> None:
+def test_no_train_accounts_for_an_untrusted_count(beside: int) -> None:
     told = sections(0, 16, 0)
     assert explained(told, StandingTrain(115.0, 198.0, 16), [])
 
@@ -453,22 +472,26 @@ OVER, BESIDE, AHEAD = (
         ((0, 16, 0, 0, 0), [HERE], True),
         ((0, 16, 0, 24, 0), [HERE], False),
         ((0, 16, 0, 24, 0), [HERE, THERE], True),
-        ((0, 24, 0, 16, 0), [HERE, THERE], False),  # Not where they say.
-        ((16, 0, 0, 0, 0), [], True),  # Behind where it may be.
-        ((0, 0, 0, 0, 16), [], True),  # Before it.
+        ((0, 24, 0, 16, 0), [HERE, THERE], False),  # The axles are not where the trains report.
+        ((16, 0, 0, 0, 0), [], True),  # This is behind the examined stretch.
+        ((0, 0, 0, 0, 16), [], True),  # This is before the examined stretch.
         ((16, 16, 0, 0, 0), [HERE], True),
         ((0, 16, 0, 24, 16), [HERE, THERE], True),
         ((8, 8, 0, 0, 0), [OVER], True),
         ((8, 8, 0, 0, 0), [], False),
-        ((24, 8, 0, 0, 0), [OVER], False),  # Beside it, where it stands, too.
-        ((24, 8, 0, 0, 0), [OVER, BESIDE], True),  # And that one is counted with it.
+        (
+            (24, 8, 0, 0, 0),
+            [OVER],
+            False,
+        ),  # Another vehicle stands there too.
+        ((24, 8, 0, 0, 0), [OVER, BESIDE], True),  # That vehicle is known and counts too.
         ((0, 0, 0, 8, 8), [AHEAD], True),
         ((0, 0, 0, 8, 24), [AHEAD], False),
         ((16, 8, 8, 0, 0), [StandingTrain(160.0, 240.0, 16)], True),
-        ((0, 0, 0, 24, 0), [HERE, THERE], False),  # One that is there is not counted.
+        ((0, 0, 0, 24, 0), [HERE, THERE], False),  # One reported train has no axles.
     ],
 )
-def test_all_axles_between_two_places_are_those_of_trains_that_stand_there(
+def test_all_axles_between_two_places_belong_to_trains_that_stand_there(
     axles: tuple[int, ...], standing: list[StandingTrain], *, answer: bool
 ) -> None:
     assert all_explained(sections(*axles), standing, from_m=100.0, to_m=400.0) is answer
@@ -488,14 +511,14 @@ def test_a_section_counts_when_any_of_it_lies_between(
     ("start_m", "end_m", "hides"),
     [
         (500.0, 800.0, True),
-        (499.9, 800.0, False),  # The one behind may have come so far.
-        (500.0, 800.1, False),  # The one ahead may have been there.
+        (499.9, 800.0, False),  # The train behind may have come this far.
+        (500.0, 800.1, False),  # The train ahead may have been there.
         (500.1, 799.9, True),
         (100.0, 200.0, False),
         (900.0, 950.0, False),
     ],
 )
-def test_between_500_and_800_m_an_occupied_section_is_of_somebody_unknown(
+def test_an_occupied_section_between_two_trains_holds_a_shadow_train(
     start_m: float, end_m: float, *, hides: bool
 ) -> None:
     section = SeenSection(start_m, end_m)
@@ -505,7 +528,7 @@ def test_between_500_and_800_m_an_occupied_section_is_of_somebody_unknown(
     assert found == (section if hides else None)
 
 
-def test_the_first_section_that_nobody_can_be_in_is_the_one_that_is_told() -> None:
+def test_the_first_section_that_no_known_train_can_occupy_is_returned() -> None:
     seen = [SeenSection(400.0, 500.0), SeenSection(500.0, 600.0), SeenSection(600.0, 700.0)]
 
     assert unexplained(seen, beyond_m=450.0, before_m=800.0) == SeenSection(500.0, 600.0)
@@ -513,7 +536,9 @@ def test_the_first_section_that_nobody_can_be_in_is_the_one_that_is_told() -> No
 
 
 @pytest.mark.parametrize("begins_m", [490.0, 600.0])
-def test_doubt_does_not_keep_a_train_going_that_supervision_stops(begins_m: float) -> None:
+def test_an_unsure_stretch_does_not_keep_a_train_going_that_supervision_stops(
+    begins_m: float,
+) -> None:
     doubt = BarredTrack(begins_m, 640.0, Bar.UNSURE)
     space = SPACE._replace(stretches=(doubt,))
 
@@ -522,8 +547,9 @@ def test_doubt_does_not_keep_a_train_going_that_supervision_stops(begins_m: floa
     assert end_of_authority_m(course(granted_m=500.1, stopped=True), space) == 500.0
 
 
-def test_nor_does_the_order_to_stop_give_anything_to_a_train_in_doubt_that_holds_nothing() -> None:
-    """Who begins over an open switch may not even go as far as its place is unsure (seed 2685)."""
+def test_an_order_to_stop_gives_no_authority_to_a_train_in_an_unsure_stretch() -> None:
+    """A train that starts over an open switch may not use even its position uncertainty
+    (simulation seed 2685)."""
     space = SPACE._replace(stretches=(BarredTrack(490.0, 640.0, Bar.UNSURE),))
 
     assert end_of_authority_m(course(granted_m=500.0, stopped=True), space) is None
@@ -544,11 +570,13 @@ def test_nor_does_the_order_to_stop_give_anything_to_a_train_in_doubt_that_holds
         (420.0, 420.0, Bar.SHUT, 420.0),
     ],
 )
-def test_a_train_jogs_back_5_m_but_over_nothing_that_may_not_be_passed(
+def test_a_train_jogs_back_at_most_5_m_and_never_over_barred_track(
     start_m: float, end_m: float, bar: Bar, told_m: float
 ) -> None:
-    """From 420 m with its front at 500; a failed switch may lie under it (seed 2685), or so that
-    it would roll back onto it from there."""
+    """The rear is at 420 m and the front at 500 m.
+
+    A failed switch may lie under the train or within its rollback distance (simulation seed 2685).
+    """
     seen = course()._replace(rear_m=420.0, front_max_m=500.0)
 
     assert back_to_m(seen, between(start_m, end_m, bar)) == told_m

@@ -1,5 +1,5 @@
-"""A train that has stood for long tells the areas next to its own where, so that their masters know
-whose axles they see."""
+"""A train that has stood for long reports itself to the adjacent areas, so that their masters
+can account for its axles."""
 
 import pytest
 
@@ -9,11 +9,11 @@ from zenoh_config.t2t import BROADCAST, NOBODY
 
 LONG_MS = 20_000
 PERIOD_MS = 200
-"""Two cycles."""
+"""Report period of such a train: two cycles, ms."""
 
 
 def standing(front_m: float, *areas: int) -> Ride:
-    """Since its start, and now for long; in these areas somebody commands."""
+    """A train that has stood for long since its start; a master commands each of these areas."""
     ride = Ride()
     ride.step(0, front_m=front_m, standstill=True)
     ride.step(LONG_MS, front_m=front_m, standstill=True)
@@ -30,14 +30,14 @@ def told(ride: Ride, at_ms: float, front_m: float, area: int, *, standstill: boo
     ("front_m", "area", "tells"),
     [
         (500.0, 2, True),
-        (500.0, 3, False),  # That is not next to its own.
+        (500.0, 3, False),  # That area is not next to its own.
         (3000.0, 1, True),
         (3000.0, 3, True),
         (5500.0, 2, True),
         (5500.0, 1, False),
     ],
 )
-def test_who_has_stood_for_long_tells_the_areas_next_to_its_own(
+def test_a_train_that_has_stood_for_long_reports_to_the_adjacent_areas(
     front_m: float, area: int, *, tells: bool
 ) -> None:
     ride = standing(front_m, 1, 2, 3)
@@ -45,7 +45,7 @@ def test_who_has_stood_for_long_tells_the_areas_next_to_its_own(
     assert told(ride, LONG_MS + PERIOD_MS, front_m, area) is tells
 
 
-def test_it_tells_where_it_stands_what_it_promises_and_nothing_of_those_around_it() -> None:
+def test_the_report_holds_its_place_and_term_and_nothing_about_its_neighbours() -> None:
     ride = Ride()
     ride.step(0, standstill=True)
     ride.step(LONG_MS, standstill=True)
@@ -59,7 +59,7 @@ def test_it_tells_where_it_stands_what_it_promises_and_nothing_of_those_around_i
     assert dict(stepped.roles).get(2) is None
 
 
-def test_half_as_often_as_a_member_and_in_time() -> None:
+def test_it_reports_half_as_often_as_a_member_and_on_time() -> None:
     ride = standing(500.0, 2)
     due_ms = [at_ms for at_ms in range(LONG_MS + 1, LONG_MS + 501) if told(ride, at_ms, 500.0, 2)]
     assert due_ms == [LONG_MS + PERIOD_MS, LONG_MS + 2 * PERIOD_MS]
@@ -69,11 +69,11 @@ def test_half_as_often_as_a_member_and_in_time() -> None:
     while not found and at_ns < ns(LONG_MS + 1000):
         at_ns = ride.core.next_due_ns()
         found += [at_ns] if told(ride, at_ns / 1e6, 500.0, 2) else []
-    # Its own area wakes it up every 100 ms.
+    # Its own area makes it run a step every 100 ms.
     assert ns(LONG_MS + PERIOD_MS) <= found[0] < ns(LONG_MS + PERIOD_MS + 100)
 
 
-def test_an_area_in_which_nobody_commands_is_told_nothing_and_nobody_hurries_for_it() -> None:
+def test_an_area_without_a_master_gets_no_report_and_causes_no_step() -> None:
     ride = standing(500.0)
     steps, at_ns = 0, ns(LONG_MS)
     while at_ns < ns(LONG_MS + 1000):
@@ -84,7 +84,7 @@ def test_an_area_in_which_nobody_commands_is_told_nothing_and_nobody_hurries_for
 
 
 @pytest.mark.parametrize(("stands_ms", "tells"), [(LONG_MS - 1, False), (LONG_MS, True)])
-def test_it_has_to_have_stood_since_it_moved_last(stands_ms: float, *, tells: bool) -> None:
+def test_a_movement_restarts_the_standing_time(stands_ms: float, *, tells: bool) -> None:
     ride = standing(500.0, 2)
     moved_ms = LONG_MS + 1000
     assert told(ride, moved_ms, 500.0, 2, standstill=False) is False
@@ -92,7 +92,7 @@ def test_it_has_to_have_stood_since_it_moved_last(stands_ms: float, *, tells: bo
     assert told(ride, moved_ms + stands_ms, 500.0, 2) is tells
 
 
-def test_who_is_lost_tells_nothing_and_has_to_stand_anew() -> None:
+def test_a_lost_train_does_not_report_and_its_standing_time_restarts() -> None:
     ride = standing(500.0, 2)
 
     stepped = ride.step(LONG_MS + PERIOD_MS, localised=False, standstill=True)
@@ -104,10 +104,10 @@ def test_who_is_lost_tells_nothing_and_has_to_stand_anew() -> None:
 @pytest.mark.parametrize(
     ("front_m", "applies"), [(1199.9, False), (1200.0, True), (1500.0, True), (4090.0, False)]
 )
-def test_who_stands_far_before_an_area_is_no_applicant_and_explains_axles(
+def test_a_train_far_before_an_area_is_no_applicant_and_accounts_for_axles(
     front_m: float, *, applies: bool
 ) -> None:
-    """Its roster is asked for from 800 m before it on."""
+    """A train applies for the roster only within 800 m before the area."""
     chair = Chair((), area=2, sections=True)
     chair.reports(3, front_m)
 

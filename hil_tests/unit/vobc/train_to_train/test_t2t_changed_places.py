@@ -1,8 +1,8 @@
-"""Trains that began anew and changed places: nobody knows which of them was away."""
+"""Restarted trains that changed places: the master cannot tell which of them was away."""
 
 import pytest
 
-from hil_tests.unit.vobc.train_to_train.t2t_one_area import BEYOND, OneArea, anew, report_at
+from hil_tests.unit.vobc.train_to_train.t2t_one_area import BEYOND, OneArea, report_at, restarted
 from vobc.train_to_train.authority import Counted, StandingTrain
 from vobc.train_to_train.occupancy import TrainRecord
 from vobc.train_to_train.restart import (
@@ -14,23 +14,25 @@ from vobc.train_to_train.restart import (
 )
 
 PASSED_M = 815.9
-"""Of a rear that surely is behind `BEYOND`, within the 4 m that it is unsure of."""
+"""A rear that is certainly behind `BEYOND`, with its position uncertainty of 4 m."""
 TWO = ((6, 700.0), (1, 500.0))
 
 
-def two_anew(*others: tuple[int, float], told_m: float) -> OneArea:
-    """That began anew: train 6, and train 1, which says that it is before it now."""
+def two_restarted(*others: tuple[int, float], told_m: float) -> OneArea:
+    """An area with two restarted trains: train 6, and train 1, which now reports a place before
+    it."""
     area = OneArea(*TWO, *others)
-    area.hears(anew(told_m, train=6))
+    area.hears(restarted(told_m, train=6))
     area.hears(BEYOND)
     area.reserved_m = {6: told_m + 84.0}
     return area
 
 
 @pytest.mark.parametrize("told_m", [694.0, 700.0, 729.0])
-def test_of_two_that_begin_anew_and_changed_places_none_is_gone(told_m: float) -> None:
-    """One of them was away, nobody knows which: they stay on the roster, as they say they stand."""
-    area = two_anew(told_m=told_m)
+def test_two_restarted_trains_that_changed_places_both_stay_on_the_roster(told_m: float) -> None:
+    """The master cannot tell which was away. Both stay on the roster in the order that they
+    report."""
+    area = two_restarted(told_m=told_m)
 
     order, gone = area.settles()
 
@@ -48,26 +50,26 @@ def test_of_two_that_begin_anew_and_changed_places_none_is_gone(told_m: float) -
 
 
 @pytest.mark.parametrize("told_m", [729.1, PASSED_M, 816.0])
-def test_of_two_that_changed_places_both_wait_while_one_may_come_to_the_other(
+def test_trains_that_changed_places_wait_while_one_may_reach_the_other(
     told_m: float,
 ) -> None:
-    """Its front is 84 m before what it says of its rear, and 7 m are kept free of it."""
-    area = two_anew(told_m=told_m)
+    """The front of train 6 is 84 m before its reported rear, and 7 m more stay free."""
+    area = two_restarted(told_m=told_m)
 
     assert area.settles() == (area.order, [])
 
 
-def test_of_two_that_changed_places_both_wait_while_axles_are_nobodys() -> None:
-    area = two_anew(told_m=700.0)
+def test_trains_that_changed_places_wait_while_axles_are_unaccounted_for() -> None:
+    area = two_restarted(told_m=700.0)
     area.counted = (Counted(0.0, 3000.0, True, 48),)
 
     assert area.settles() == (area.order, [])
 
 
-def test_of_two_that_changed_places_the_one_that_cannot_have_been_away_is_in_its_place() -> None:
-    area = two_anew(told_m=700.0)
-    area.heard_of_life_before(6, age_ns=10_000_000_001)
-    area.heard_of_life_before(1, age_ns=10_000_000_000)
+def test_of_trains_that_changed_places_the_recently_heard_one_is_in_its_place() -> None:
+    area = two_restarted(told_m=700.0)
+    area.receives_former_report(6, age_ns=10_000_000_001)
+    area.receives_former_report(1, age_ns=10_000_000_000)
 
     order, gone = area.settles()
 
@@ -75,20 +77,20 @@ def test_of_two_that_changed_places_the_one_that_cannot_have_been_away_is_in_its
     assert gone == []
 
 
-def test_of_two_that_changed_places_both_wait_while_one_behind_is_not_heard() -> None:
-    """Where that one is nobody knows: it may be ahead of both."""
-    area = two_anew((7, 50.0), told_m=700.0)
+def test_trains_that_changed_places_wait_while_a_train_behind_is_silent() -> None:
+    """The silent train may be anywhere, even ahead of both."""
+    area = two_restarted((7, 50.0), told_m=700.0)
     assert area.settles() == (area.order, [])
 
-    area.heard_of_life_before(7, age_ns=0)
+    area.receives_former_report(7, age_ns=0)
     order, _ = area.settles()
 
     assert [entry.train for entry in order] == [1, 6, 7]
 
 
-def test_of_two_that_changed_places_both_wait_while_one_between_is_not_heard() -> None:
+def test_trains_that_changed_places_wait_while_a_train_between_is_silent() -> None:
     area = OneArea((6, 700.0), (7, 600.0), (1, 500.0))
-    area.hears(anew(700.0, train=6))
+    area.hears(restarted(700.0, train=6))
     area.hears(BEYOND)
     area.reserved_m = {6: 784.0, 7: 690.0}
 
@@ -96,11 +98,12 @@ def test_of_two_that_changed_places_both_wait_while_one_between_is_not_heard() -
 
 
 @pytest.mark.parametrize("told_m", [688.9, 200.0])
-def test_one_that_came_back_elsewhere_was_passed_by_nobody(told_m: float) -> None:
-    """What it was ahead of may still be where it was, and keeps its place on the roster."""
+def test_no_train_passed_one_that_came_back_elsewhere(told_m: float) -> None:
+    """The train that it was ahead of may still be where it was, and keeps its place on the
+    roster."""
     area = OneArea((6, 700.0), (1, 650.0), counted=(Counted(0.0, 3000.0, True, 32),))
-    area.strangers = (StandingTrain(told_m, told_m + 84.0, 16),)
-    area.hears(anew(told_m, train=6, standstill=False))
+    area.unregistered = (StandingTrain(told_m, told_m + 84.0, 16),)
+    area.hears(restarted(told_m, train=6, standstill=False))
     area.hears(BEYOND)
     area.reserved_m = {6: told_m + 84.0}
 
@@ -111,8 +114,8 @@ def test_one_that_came_back_elsewhere_was_passed_by_nobody(told_m: float) -> Non
 
 def test_a_train_need_not_wait_for_one_behind_it_that_came_back_farther_back() -> None:
     area = OneArea((1, 900.0), (2, 700.0))
-    area.hears(anew(900.0))
-    area.hears(anew(200.0, train=2))
+    area.hears(restarted(900.0))
+    area.hears(restarted(200.0, train=2))
 
     order, _ = area.settles()
 
@@ -128,10 +131,11 @@ def test_a_train_need_not_wait_for_one_behind_it_that_came_back_farther_back() -
         ((990.0, 999.9), RestartPlace.BEFORE),
     ],
 )
-def test_where_one_ahead_is_counts_by_what_it_tells_anew(
+def test_the_report_of_a_restarted_train_ahead_gives_its_place(
     anew_m: tuple[float, float], found: RestartPlace
 ) -> None:
-    """The train is from 1000 m to 1084 m, and gets another place only where its axles are seen."""
+    """The train stands from 1000 m to 1084 m. It gets another place only with an axle count as
+    proof."""
     former = Former(
         TrainRecord(1, 900.0, 0, boot=1), (), [Neighbour(950.0, heard=True, anew_m=anew_m)]
     )

@@ -1,4 +1,4 @@
-"""What a master may conclude from what its trains told, and from what they did not."""
+"""What a master may conclude from the reports of its trains, and from missing ones."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -21,13 +21,13 @@ from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
 TERM = 5
 NOW_NS = 60_000_000_000
 SILENT_NS = 500_000_000
-"""Half of the second that an authority lives."""
+"""Half of the second for which an authority is valid."""
 
 
 def report(
     train: int, rear_m: float, *, term: int = TERM, boot: int = 1, held_end_m: float = 0.0
 ) -> TrainReport:
-    """Of a train of 80 m that holds what it is told to hold."""
+    """A report of a train of 80 m that holds its authority."""
     front_m = rear_m + 80.0
     held_m = max(front_m, held_end_m)
     return TrainReport(
@@ -37,7 +37,7 @@ def report(
 
 
 def conclusions(*told: TrainReport, heard_ns: int = NOW_NS) -> Conclusions:
-    """Of the master of term 5, that heard these."""
+    """The conclusions of the master of term 5 from these reports."""
     known = Conclusions(TERM, TrainTable(), T2tConfig(), MasterGuards())
     for each in told:
         record = known.table.of(each.source, rear_m=each.rear_min_m, now_ns=0)
@@ -49,10 +49,10 @@ def order_of(*trains: int) -> Order:
     return tuple([RosterEntry(train, 0.0, True, 1) for train in trains])
 
 
-# Who is known, and in which life.
+# The known trains and their incarnations.
 
 
-def test_a_master_begins_with_the_roster_and_with_nobody_else() -> None:
+def test_a_master_begins_with_the_trains_of_the_roster_only() -> None:
     known = conclusions(report(9, 300.0))
 
     known.begin_with((RosterEntry(1, 900.0, True, 3), RosterEntry(2, 500.0, False, 4)), 77)
@@ -64,9 +64,7 @@ def test_a_master_begins_with_the_roster_and_with_nobody_else() -> None:
 
 
 @pytest.mark.parametrize(("kept_m", "rear_m"), [(300.0, 400.0), (400.0, 400.0), (500.0, 500.0)])
-def test_a_rear_that_arbiters_kept_only_brings_a_train_forwards(
-    kept_m: float, rear_m: float
-) -> None:
+def test_a_committed_rear_only_moves_a_train_forwards(kept_m: float, rear_m: float) -> None:
     known = conclusions()
     known.records[1] = TrainRecord(1, 400.0, 70, boot=2)
 
@@ -77,7 +75,7 @@ def test_a_rear_that_arbiters_kept_only_brings_a_train_forwards(
 
 
 @pytest.mark.parametrize("kept_m", [300.0, 500.0])
-def test_what_a_train_said_itself_is_better_than_what_arbiters_kept(kept_m: float) -> None:
+def test_a_trains_own_report_overrides_the_committed_entry(kept_m: float) -> None:
     known = conclusions(report(1, 400.0))
 
     record = known.add(RosterEntry(1, kept_m, True, 1), 77)
@@ -86,7 +84,7 @@ def test_what_a_train_said_itself_is_better_than_what_arbiters_kept(kept_m: floa
 
 
 @pytest.mark.parametrize("kept_m", [300.0, 500.0])
-def test_what_a_train_said_in_another_life_says_nothing_of_the_one_that_arbiters_kept(
+def test_a_report_of_another_incarnation_does_not_apply_to_the_committed_one(
     kept_m: float,
 ) -> None:
     known = conclusions(report(1, 400.0, boot=1))
@@ -98,14 +96,14 @@ def test_what_a_train_said_in_another_life_says_nothing_of_the_one_that_arbiters
 
 
 @pytest.mark.parametrize("boot", [1, 2])
-def test_supervisions_order_to_stop_is_taken_over_with_the_roster(boot: int) -> None:
+def test_an_order_to_stop_is_taken_over_with_the_roster(boot: int) -> None:
     known = conclusions(report(1, 400.0))
 
     assert known.add(RosterEntry(1, 400.0, True, boot, True), 77).stopped is True
     assert known.add(RosterEntry(1, 400.0, True, boot, False), 78).stopped is False
 
 
-def test_a_train_that_begins_anew_where_it_was_holds_nothing_any_more_but_stays_stopped() -> None:
+def test_a_train_restarted_in_place_holds_no_authority_but_stays_stopped() -> None:
     known = conclusions(report(1, 400.0, held_end_m=900.0))
     former = known.records[1]
     former.issued(7, 950.0, life_ns=0)
@@ -116,7 +114,7 @@ def test_a_train_that_begins_anew_where_it_was_holds_nothing_any_more_but_stays_
 
     assert known.records == {
         1: TrainRecord(
-            *(1, 402.0, 88, 2, anew, 5, 6, 477.0),  # Protected by no more than a jog.
+            *(1, 402.0, 88, 2, anew, 5, 6, 477.0),  # The protected rear reaches back by a jog only.
             served=False,
             stopped=True,
             sent=[],
@@ -125,7 +123,7 @@ def test_a_train_that_begins_anew_where_it_was_holds_nothing_any_more_but_stays_
 
 
 @pytest.mark.parametrize("held_term", [4, 5])
-def test_of_a_train_that_began_anew_nothing_is_on_its_way_whatever_it_says_it_took(
+def test_a_restarted_train_has_no_outstanding_authority_whatever_it_reports(
     held_term: int,
 ) -> None:
     known = conclusions(report(1, 400.0))
@@ -136,7 +134,7 @@ def test_of_a_train_that_began_anew_nothing_is_on_its_way_whatever_it_says_it_to
     assert known.records[1].stopped is False
 
 
-# Who may be counted on.
+# Which trains obey.
 
 
 @pytest.mark.parametrize(("term", "promised"), [(4, False), (5, True), (6, False)])
@@ -161,9 +159,7 @@ def test_a_report_counts_for_half_the_life_of_an_authority(age_ns: int, *, alive
 @pytest.mark.parametrize(
     ("age_ns", "recent"), [(-1, False), (0, True), (SILENT_NS, True), (SILENT_NS + 1, False)]
 )
-def test_how_old_a_report_is_shows_by_the_heartbeat_that_it_echoes(
-    age_ns: int, *, recent: bool
-) -> None:
+def test_the_echoed_heartbeat_gives_the_age_of_a_report(age_ns: int, *, recent: bool) -> None:
     known = conclusions()
 
     assert known.is_recent(report(1, 400.0), NOW_NS + age_ns) is recent
@@ -172,7 +168,7 @@ def test_how_old_a_report_is_shows_by_the_heartbeat_that_it_echoes(
 
 
 @pytest.mark.parametrize(("echo_ns", "recent"), [(0, False), (1, True)])
-def test_who_has_heard_no_heartbeat_echoes_none_however_young_the_clock_is(
+def test_a_train_without_a_heartbeat_echoes_none_even_on_a_young_clock(
     echo_ns: int, *, recent: bool
 ) -> None:
     told = replace(report(1, 400.0), echo_ns=echo_ns)
@@ -180,7 +176,7 @@ def test_who_has_heard_no_heartbeat_echoes_none_however_young_the_clock_is(
     assert conclusions().is_recent(told, 100) is recent
 
 
-def test_who_has_not_been_heard_for_a_while_may_have_come_as_far_as_it_was_granted() -> None:
+def test_a_silent_train_may_have_come_as_far_as_it_was_granted() -> None:
     told = report(1, rear_m=120.0, held_end_m=900.0)
     known = conclusions(told)
     record = known.records[1]
@@ -194,7 +190,7 @@ def test_who_has_not_been_heard_for_a_while_may_have_come_as_far_as_it_was_grant
     assert known.farther_m(record, told, NOW_NS + 2 * SILENT_NS) == 1.0e6 - told.front_max_m
 
 
-def test_whoever_is_unknown_unheard_out_of_service_or_of_an_older_term_shall_not_command() -> None:
+def test_an_unknown_silent_withdrawn_or_outdated_train_is_not_fit_to_command() -> None:
     out_of_service = replace(report(3, 400.0), out_of_service=True)
     known = conclusions(report(1, 900.0), report(2, 500.0, term=4), out_of_service)
     known.records[4] = TrainRecord(4, 100.0, NOW_NS, boot=1, term=TERM)
@@ -214,7 +210,7 @@ OWN = 9
         ((319, 5000), False),
         ((5000, 319), False),
         ((0, 0), False),
-        ((5000,), False),  # One alone may have a fault of its own.
+        ((5000,), False),  # A single silent train may have its own fault.
         ((), False),
         ((320, 320, 320), True),
         ((320, 320, 319), False),
@@ -237,7 +233,7 @@ def test_the_last_nanosecond_before_320_ms_is_not_silence_yet() -> None:
     assert known.all_silent(OWN, NOW_NS + 319_999_999) is False
 
 
-def test_a_masters_own_voice_is_none_of_the_others() -> None:
+def test_a_masters_own_messages_do_not_count_as_received() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0), report(OWN, 100.0))
     known.records[1].heard_ns = known.records[2].heard_ns = 0
 
@@ -247,7 +243,7 @@ def test_a_masters_own_voice_is_none_of_the_others() -> None:
     assert not known.all_silent(OWN, 2 * NOW_NS)
 
 
-def test_who_was_never_heard_is_neither_a_silent_train_nor_one_that_speaks() -> None:
+def test_a_train_that_never_reported_counts_neither_as_silent_nor_as_received() -> None:
     known = conclusions(report(1, 900.0), heard_ns=0)
     known.records[2] = TrainRecord(2, 500.0, 0, boot=1)
 
@@ -281,7 +277,7 @@ def test_no_train_comes_farther_than_one_ahead_of_it_that_obeys_this_master() ->
     }
 
 
-def test_who_has_never_known_what_it_holds_comes_no_farther_than_the_one_ahead() -> None:
+def test_a_train_with_an_unknown_authority_comes_no_farther_than_the_train_ahead() -> None:
     never = replace(report(2, 500.0), latent_m=1e6)
     known = conclusions(report(1, 900.0, held_end_m=1500.0), never, report(3, 300.0, term=4))
 
@@ -289,10 +285,11 @@ def test_who_has_never_known_what_it_holds_comes_no_farther_than_the_one_ahead()
 
 
 @pytest.mark.parametrize(("rear_m", "own_m"), [(893.0, 980.0), (892.9, 1e6), (100.0, 1e6)])
-def test_who_began_anew_bounds_itself_where_it_was_and_nobody_behind(
+def test_a_restarted_train_is_bounded_by_its_former_place_and_bounds_no_train_behind(
     rear_m: float, own_m: float
 ) -> None:
-    """It may have left, and come back behind those that were behind it (seed 66510)."""
+    """It may have left the line and come back behind trains that were behind it (simulation seed
+    66510)."""
     known = conclusions(report(2, 500.0, held_end_m=650.0), report(3, 300.0, term=4))
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
     known.hears_newborn(replace(report(1, rear_m, boot=2), latent_m=980.0))
@@ -301,7 +298,7 @@ def test_who_began_anew_bounds_itself_where_it_was_and_nobody_behind(
     assert known.reserved_m(order_of(1, 3)) == {1: own_m, 3: 1e6}
 
 
-def test_a_new_life_that_does_not_know_where_it_is_bounds_nothing_until_it_did() -> None:
+def test_a_restarted_train_without_position_bounds_nothing() -> None:
     known = conclusions()
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
     lost = replace(report(1, 900.0, boot=2), latent_m=990.0, localised=False)
@@ -315,7 +312,7 @@ def test_a_new_life_that_does_not_know_where_it_is_bounds_nothing_until_it_did()
     assert known.reserved_m(order_of(1)) == {1: 990.0}
 
 
-def test_the_rear_of_a_new_life_is_no_farther_than_its_front_is_unsure_of() -> None:
+def test_the_rear_of_a_restarted_train_includes_its_position_uncertainty() -> None:
     known = conclusions()
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
     sure = report(1, 890.0, boot=2)
@@ -327,16 +324,16 @@ def test_the_rear_of_a_new_life_is_no_farther_than_its_front_is_unsure_of() -> N
 
 
 class Life(NamedTuple):
-    """Of one train of the roster, from the foremost to the last."""
+    """One train of the roster, sampled from the foremost to the last."""
 
     gap_m: float
-    """From its front to the rear of the train ahead, or to the end of the line."""
+    """Distance from its front to the rear of the train ahead, or to the end of the line."""
     granted: float
-    """Share of that gap which it may still run through."""
+    """Share of that gap that the train may still use."""
     known: float
-    """Share of its way so far that its rear is known to have come."""
+    """Share of its distance so far that the master's record of its rear covers."""
     word: str
-    """What the master has heard of it."""
+    """What the master has received from the train."""
 
 
 LIVES = st.builds(
@@ -352,7 +349,7 @@ LIVES = st.builds(
 def test_no_train_can_come_farther_than_is_reserved_for_it(
     lives: list[Life], back_m: float
 ) -> None:
-    """Whoever left the line ran as far as it liked, and has come back anywhere."""
+    """A train that left the line ran as far as it liked and may have come back anywhere."""
     known, ahead_m, may_m = conclusions(), 20_000.0, dict[int, float]()
     for train, life in enumerate(lives, 1):
         rear_m = ahead_m - life.gap_m - 80.0
@@ -396,14 +393,14 @@ def test_an_object_is_needed_from_1200_m_before_it_until_no_train_can_come_back_
     rear_m: float, *, needed: bool
 ) -> None:
     known = conclusions(report(1, rear_m))
-    known.records[2] = TrainRecord(2, 650.0, 0, boot=1)  # Nobody knows whether it is still near.
+    known.records[2] = TrainRecord(2, 650.0, 0, boot=1)  # The train may still be near.
 
     assert known.is_needed(SITE) is needed
     far = conclusions(report(1, rear_m), report(3, 5000.0))
     assert far.is_needed(SITE) is needed
 
 
-def test_an_object_that_no_train_comes_near_is_not_needed() -> None:
+def test_an_object_without_a_train_near_it_is_not_needed() -> None:
     assert conclusions().is_needed(SITE) is False
 
 
@@ -411,18 +408,19 @@ def test_an_object_that_no_train_comes_near_is_not_needed() -> None:
 def test_an_authority_is_void_after_twice_the_age_at_which_trains_refuse_it(
     timers: LineTimers,
 ) -> None:
-    """Clocks run apart by less than a tenth. All that are not void by then are told apart."""
+    """Clocks differ by less than a tenth, and the master can tell all authorities apart that are
+    still valid."""
     life_ns = Conclusions(TERM, TrainTable(), T2tConfig(timers=timers), MasterGuards()).life_ns
 
     assert life_ns == 2 * timers.authority_ms * 1_000_000
     assert life_ns <= (OUTSTANDING_MAX - 10) * timers.cycle_ms * 1_000_000
 
 
-# Where trains must be by what others were granted.
+# How far trains must have come, judged by the authorities of others.
 
 
 @pytest.mark.parametrize(("held_end_m", "rear_m"), [(892.0, 900.0), (893.0, 900.0), (950.0, 957.0)])
-def test_what_a_train_was_granted_proves_how_far_the_one_ahead_had_come(
+def test_a_granted_authority_proves_how_far_the_train_ahead_had_come(
     held_end_m: float, rear_m: float
 ) -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=held_end_m))
@@ -440,7 +438,7 @@ def test_each_train_proves_only_where_the_next_one_ahead_is() -> None:
     assert [each.rear_m for each in known.records.values()] == [900.0, 607.0, 300.0]
 
 
-def test_what_a_train_holds_that_may_yet_obey_another_master_proves_nothing() -> None:
+def test_the_authority_of_a_train_that_may_obey_another_master_proves_nothing() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=950.0, term=4))
 
     known.take_proofs(order_of(1, 2), NOW_NS)
@@ -448,7 +446,7 @@ def test_what_a_train_holds_that_may_yet_obey_another_master_proves_nothing() ->
     assert known.records[1].rear_m == 900.0
 
 
-def test_nor_what_one_held_that_has_gone_over_to_the_next_master_and_lost_its_place() -> None:
+def test_the_authority_of_a_lost_train_under_the_next_master_proves_nothing() -> None:
     gone_over = report(2, 500.0, held_end_m=950.0, term=TERM + 1)
     known = conclusions(
         report(1, 900.0),
@@ -462,7 +460,7 @@ def test_nor_what_one_held_that_has_gone_over_to_the_next_master_and_lost_its_pl
 
 
 @pytest.mark.parametrize(("age_ns", "rear_m"), [(SILENT_NS, 957.0), (SILENT_NS + 1, 900.0)])
-def test_what_a_train_held_long_ago_proves_nothing_of_one_that_was_moved_since(
+def test_an_old_authority_proves_nothing_about_a_train_moved_since(
     age_ns: int, rear_m: float
 ) -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=950.0))
@@ -473,7 +471,7 @@ def test_what_a_train_held_long_ago_proves_nothing_of_one_that_was_moved_since(
 
 
 def track(*occupied: bool, seen_ns: int = NOW_NS) -> TrackView:
-    """Sections of 100 m each."""
+    """A track view with sections of 100 m."""
     told = [
         (at * 100.0, at * 100.0 + 100.0, SectionState(at, each, 16 if each else 0))
         for at, each in enumerate(occupied)
@@ -494,7 +492,7 @@ BEHIND_IT_CLEAR = (False, False, True, False)
 @pytest.mark.parametrize(
     ("age_ns", "moved"), [(0, False), (SILENT_NS, False), (SILENT_NS + 1, True)]
 )
-def test_a_train_moves_on_by_its_track_only_when_it_says_nothing_itself(
+def test_the_track_status_advances_a_train_only_while_it_is_silent(
     age_ns: int, *, moved: bool
 ) -> None:
     known = conclusions(report(1, 50.0))
@@ -506,7 +504,7 @@ def test_a_train_moves_on_by_its_track_only_when_it_says_nothing_itself(
 
 
 @pytest.mark.parametrize(("later_ns", "moved"), [(-1, False), (0, True), (1, True)])
-def test_sections_that_were_seen_clear_before_it_spoke_say_nothing_of_where_it_went(
+def test_sections_seen_clear_before_its_report_do_not_advance_a_train(
     later_ns: int, *, moved: bool
 ) -> None:
     known = conclusions(report(1, 50.0))
@@ -519,10 +517,11 @@ def test_sections_that_were_seen_clear_before_it_spoke_say_nothing_of_where_it_w
 @pytest.mark.parametrize(
     ("other_m", "ahead_m"), [(900.0, 300.0), (250.0, 250.0), (80.0, 80.0), (79.9, 300.0)]
 )
-def test_who_says_that_it_is_ahead_is_ahead_whatever_its_place_on_the_roster(
+def test_a_train_that_reports_itself_ahead_counts_as_ahead_whatever_the_roster(
     other_m: float, ahead_m: float
 ) -> None:
-    """Of a train with its front at 80 m, before one that the roster has behind it."""
+    """A train with its front at 80 m, and a report ahead of it from a train that the roster has
+    behind it."""
     known = conclusions(report(1, 0.0), report(2, 300.0), report(3, other_m))
     known.records[4] = TrainRecord(4, 120.0, NOW_NS, boot=1)
 
@@ -536,13 +535,13 @@ def test_no_train_is_ahead_of_itself_wherever_counters_saw_it_pass() -> None:
     assert known.ahead_m(known.records[1], report(1, 0.0), None) is None
 
 
-def test_before_the_foremost_train_there_is_none() -> None:
+def test_the_foremost_train_has_no_train_ahead() -> None:
     known = conclusions(report(1, 900.0), report(2, 300.0))
 
     assert known.ahead_m(known.records[1], report(1, 900.0), None) is None
 
 
-def test_a_standby_learns_of_every_train_where_it_is_and_what_it_may_hold() -> None:
+def test_a_standby_learns_the_place_and_possible_authority_of_every_train() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, boot=3, held_end_m=850.0))
     known.records[2].issued(8, 880.0, life_ns=0)
     known.records[3] = TrainRecord(3, 100.0, NOW_NS, boot=4, latent_m=2_000_000.0)

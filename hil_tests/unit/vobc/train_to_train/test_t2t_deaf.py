@@ -1,4 +1,5 @@
-"""A holder that hears nothing: what it asks for, how long it counts on it, when it gives up."""
+"""A lease holder that receives nothing: what it asks for, how long it relies on the lease, when
+it resigns."""
 
 from fractions import Fraction
 
@@ -15,7 +16,7 @@ ANSWER_MS = 5
 
 
 def held(at_ms: int = 1000) -> Lease:
-    """Granted by the one arbiter, whose answer took 5 ms."""
+    """A lease that the single arbiter granted after 5 ms."""
     lease = Lease(T2tConfig(), LeaseGuards())
     answered(lease, lease.ask(at_ms * MS, seen_term=0, tried_term=0), at_ms + ANSWER_MS)
     return lease
@@ -26,7 +27,7 @@ def answered(lease: Lease, request: ArbiterRequest, at_ms: int) -> None:
     lease.hears(LeaseAnswer(*head, True, request.nonce, 0, 5, 0, 0, 0, ()), at_ms * MS)
 
 
-def test_who_is_answered_as_usual_asks_for_whole_leases() -> None:
+def test_a_holder_that_gets_answers_as_usual_asks_for_whole_leases() -> None:
     lease = held()
 
     for at_ms in range(1075, 3000, 75):
@@ -35,16 +36,16 @@ def test_who_is_answered_as_usual_asks_for_whole_leases() -> None:
         answered(lease, request, at_ms + ANSWER_MS)
 
 
-def test_who_hears_nothing_asks_for_less_by_as_much_as_it_waits_longer_than_usual() -> None:
+def test_a_holder_without_answers_shortens_its_request_by_the_extra_wait() -> None:
     lease = held()
 
-    # Usual are a renewal's period of 75 ms, a margin of 10 ms, and the 5 ms that the answer took.
+    # The usual wait is the renewal period of 75 ms, a margin of 10 ms, and the 5 ms of the answer.
     less_ms = [lease.renew(at_ms * MS).less_ns / MS for at_ms in (1075, 1090, 1091, 1150, 1225)]
     assert less_ms == [0, 0, 1, 60, 135]
     assert lease.renew(60_000 * MS).less_ns == TIMERS_A.holder_lease_ns
 
 
-def test_on_a_slow_network_late_answers_are_usual() -> None:
+def test_on_a_slow_network_late_answers_count_as_usual() -> None:
     lease = Lease(T2tConfig(), LeaseGuards())
     requests = {1000: lease.ask(1000 * MS, seen_term=0, tried_term=0)}
     answered(lease, requests[1000], 1150)
@@ -72,10 +73,10 @@ def test_after_two_lost_answers_the_third_keeps_the_lease() -> None:
 
 @pytest.mark.parametrize("timers", sorted(TIMER_SETS))
 @pytest.mark.parametrize("less_ratio", [0, Fraction(1, 1000), Fraction(1, 2), Fraction(99, 100)])
-def test_however_clocks_drift_the_arbiter_waits_longer_than_the_holder_counts_on(
+def test_the_arbiter_waits_longer_than_the_holder_relies_on_the_lease_despite_clock_drift(
     timers: str, less_ratio: Fraction
 ) -> None:
-    """In true time: the holder's clock as slow as it may be, the arbiter's as fast."""
+    """In true time, the holder's clock is as slow as permitted and the arbiter's as fast."""
     line = TIMER_SETS[timers]
     less_ns = int(line.holder_lease_ns * less_ratio)
     drift = Fraction(2, 1000)
@@ -88,7 +89,7 @@ def test_however_clocks_drift_the_arbiter_waits_longer_than_the_holder_counts_on
 
 
 def three() -> tuple[Rig, int]:
-    """Three trains under one master, and that."""
+    """A rig with three trains under one master, and the address of that master."""
     rig = Rig(line_of(0.0, 4000.0))
     for n in range(3):
         rig.start_train(n + 1, 1500.0 - 300.0 * n)
@@ -98,7 +99,7 @@ def three() -> tuple[Rig, int]:
     return rig, master
 
 
-def test_a_master_that_hears_nothing_for_a_silence_resigns_to_its_standby() -> None:
+def test_a_deaf_master_resigns_to_its_standby() -> None:
     rig, master = three()
     begun = len(rig.log)
     rig.spoil = lambda message, receiver: [] if receiver == master else [5]
@@ -114,8 +115,9 @@ def test_a_master_that_hears_nothing_for_a_silence_resigns_to_its_standby() -> N
     assert rig.masters() == [resigned[0][1].destination]
 
 
-def test_one_of_two_trains_goes_on_commanding_although_it_does_not_hear_the_other() -> None:
-    """It may as well be the other's voice; nobody would be served better."""
+def test_a_master_goes_on_commanding_although_its_only_other_train_is_silent() -> None:
+    """The fault may as well be in the other train's transmitter; a change of master would help
+    no train."""
     rig = Rig(line_of(0.0, 4000.0))
     for n in range(2):
         rig.start_train(n + 1, 1500.0 - 300.0 * n)

@@ -1,4 +1,4 @@
-"""A train in one area, on its own: what it hears, when it applies, and what it reports."""
+"""One train's participation in one area: what it receives, when it applies, and what it reports."""
 
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -34,7 +34,7 @@ MS = 1_000_000
 BEGAN_NS = 10_000_000_000
 OWN, BOOT, AREA, ARBITER = 5, 3, 2, 65_001
 OTHER, LATER = 9, 8
-"""The master of this area before, and another one after it."""
+"""The former master of this area, and a later one."""
 THREE = (65_001, 65_002, 65_003)
 SEED = 7
 LINE = AreaMap("test", (Area(1, 0.0, 1000.0), Area(2, 1000.0, 3000.0), Area(3, 3000.0, 5000.0)))
@@ -58,7 +58,7 @@ def ns(at_ms: float) -> int:
 
 @dataclass
 class Puppet:
-    """A master that says what it is told to, and notes what it hears."""
+    """A master that sends what the test sets, and records what it receives."""
 
     due_ns: int = 10**18
     has_others: bool = True
@@ -94,7 +94,8 @@ class Puppet:
 
 
 class Scene:
-    """A desk for area 2; what others say comes in order by itself."""
+    """A train's participant in area 2; messages of others get their sequence numbers by
+    themselves."""
 
     def __init__(
         self,
@@ -156,7 +157,7 @@ class Scene:
         return AreaAuthority(*head, BOOT, ns(at_ms), end_m, 1400.0, 1, rank, ())
 
     def grants(self, at_ms: float, term: int, nonce: int = 1, **told: Any) -> None:
-        """One arbiter's answer to one request."""
+        """Receive one arbiter's answer to one request."""
         source, granted = told.get("arbiter", ARBITER), told.get("granted", True)
         wait_ns, roster = told.get("wait_ns", 0), told.get("roster", ())
         head = self.head(source, term)
@@ -222,7 +223,8 @@ class Scene:
 
 
 def standby(**told: Any) -> Scene:
-    """Named by the heartbeat of the master of term 4, at 0 ms."""
+    """A scene whose train is the standby, named by the heartbeat of the master of term 4 at 0
+    ms."""
     scene = Scene(**told)
     scene.step(0)
     scene.beats(0, standby=OWN)
@@ -232,7 +234,7 @@ def standby(**told: Any) -> Scene:
 
 
 def candidate(**told: Any) -> Scene:
-    """A stranger that applies at 400 ms under term 1."""
+    """A scene whose unregistered train applies at 400 ms under term 1."""
     scene = Scene(**told)
     scene.step(0)
     scene.step(400)
@@ -248,10 +250,10 @@ def reports(said: list[T2tMessage]) -> list[TrainReport]:
     return [each for each in said if isinstance(each, TrainReport)]
 
 
-# Coming and going.
+# Entering and leaving the area.
 
 
-def test_it_begins_outside_with_what_was_stored_and_is_due_at_once() -> None:
+def test_it_begins_outside_with_the_stored_state_and_is_due_at_once() -> None:
     memory = AreaMemory(AREA, seen_term=6, owner=OTHER, tried_term=5)
     desk = Scene(memory=memory).desk
 
@@ -261,7 +263,7 @@ def test_it_begins_outside_with_what_was_stored_and_is_due_at_once() -> None:
     assert desk.next_due_ns(BEGAN_NS) == BEGAN_NS
 
 
-def test_outside_of_an_area_it_says_nothing_there() -> None:
+def test_outside_an_area_it_sends_nothing_there() -> None:
     scene = Scene()
 
     assert scene.step(0, concerned=False) == []
@@ -269,8 +271,8 @@ def test_outside_of_an_area_it_says_nothing_there() -> None:
     assert scene.role() is Role.OUTSIDE
 
 
-def test_it_listens_for_a_whole_turn_from_the_time_it_comes() -> None:
-    """Not from the time when its desk was made."""
+def test_it_listens_for_a_whole_turn_after_its_arrival() -> None:
+    """The turn counts from its arrival and not from the creation of the participant."""
     scene = Scene()
     scene.step(0, concerned=False)
     scene.step(1000)
@@ -282,7 +284,7 @@ def test_it_listens_for_a_whole_turn_from_the_time_it_comes() -> None:
     assert scene.role() is Role.CANDIDATE
 
 
-def test_it_listens_anew_when_it_comes_back() -> None:
+def test_it_listens_for_a_whole_turn_again_when_it_comes_back() -> None:
     scene = Scene()
     scene.step(0)
     scene.step(50, concerned=False)
@@ -312,7 +314,7 @@ def test_a_member_applies_after_the_silence_and_60_ms_for_each_rank(
     assert scene.role() is Role.CANDIDATE
 
 
-def test_the_standby_applies_after_the_mere_silence_whatever_its_rank() -> None:
+def test_the_standby_applies_after_the_silence_whatever_its_rank() -> None:
     scene = standby()
     scene.desk.hears(scene.authority(0, rank=3), ns(0))
 
@@ -322,7 +324,7 @@ def test_the_standby_applies_after_the_mere_silence_whatever_its_rank() -> None:
     assert scene.role() is Role.CANDIDATE
 
 
-def test_every_heartbeat_puts_the_turn_off() -> None:
+def test_every_heartbeat_restarts_the_wait() -> None:
     scene = Scene()
     scene.step(0)
     scene.beats(300)
@@ -333,7 +335,7 @@ def test_every_heartbeat_puts_the_turn_off() -> None:
     assert scene.role() is Role.CANDIDATE
 
 
-def test_a_member_whose_authority_ran_out_is_an_applicant_again() -> None:
+def test_a_member_whose_authority_expired_is_an_applicant_again() -> None:
     scene = Scene()
     scene.step(0)
     scene.desk.hears(scene.authority(0), ns(0))
@@ -361,7 +363,7 @@ def test_a_train_that_cannot_command_does_not_apply(told: dict[str, Any]) -> Non
 # Candidates.
 
 
-def test_an_application_goes_to_every_arbiter_under_a_term_above_all_known() -> None:
+def test_an_application_goes_to_every_arbiter_under_a_new_highest_term() -> None:
     scene = Scene(arbiters=THREE, memory=AreaMemory(AREA, seen_term=6, owner=9, tried_term=8))
     scene.step(0)
 
@@ -377,7 +379,7 @@ def test_an_application_goes_to_every_arbiter_under_a_term_above_all_known() -> 
     assert scene.desk.stored == scene.memory
 
 
-def test_a_candidacy_without_a_majority_ends_after_100_ms_and_gives_back_what_it_got() -> None:
+def test_a_candidacy_without_a_majority_ends_after_100_ms_and_returns_its_grants() -> None:
     scene = candidate(arbiters=THREE)
     scene.grants(405, 1)
     scene.step(500, early_ns=1)
@@ -394,7 +396,7 @@ def test_a_candidacy_without_a_majority_ends_after_100_ms_and_gives_back_what_it
 @pytest.mark.parametrize(
     "told", [{"localised": False}, {"out_of_service": True}, {"concerned": False}]
 )
-def test_a_candidate_that_may_not_command_any_more_gives_up(told: dict[str, Any]) -> None:
+def test_a_candidate_that_may_no_longer_command_gives_up(told: dict[str, Any]) -> None:
     scene = candidate()
 
     said = scene.step(410, **told)
@@ -404,8 +406,8 @@ def test_a_candidate_that_may_not_command_any_more_gives_up(told: dict[str, Any]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_whoever_lost_waits_between_one_and_two_backoffs_that_chance_draws(seed: int) -> None:
-    """However long nobody has been heard."""
+def test_a_losing_candidate_waits_between_one_and_two_random_backoffs(seed: int) -> None:
+    """The wait does not depend on how long the area has been silent."""
     scene = candidate(seed=seed)
     scene.step(500)
     wait_ms = 80 + Chance(seed).below(80 * MS) / MS
@@ -420,7 +422,7 @@ def test_whoever_lost_waits_between_one_and_two_backoffs_that_chance_draws(seed:
 
 
 @pytest.mark.parametrize("wait_ns", [0, 1, 50 * MS])
-def test_whoever_lost_against_a_lease_also_waits_for_its_end(wait_ns: int) -> None:
+def test_a_candidate_that_lost_against_a_lease_also_waits_for_its_end(wait_ns: int) -> None:
     scene = candidate()
     scene.grants(420, 1, granted=False, wait_ns=wait_ns)
     scene.step(420)
@@ -434,7 +436,7 @@ def test_whoever_lost_against_a_lease_also_waits_for_its_end(wait_ns: int) -> No
 
 
 @pytest.mark.parametrize("wait_ns", [1, 50 * MS])
-def test_the_standby_asks_again_a_millisecond_after_the_lease_in_its_way_ran_out(
+def test_the_standby_asks_again_a_millisecond_after_the_blocking_lease_expired(
     wait_ns: int,
 ) -> None:
     scene = standby()
@@ -449,7 +451,7 @@ def test_the_standby_asks_again_a_millisecond_after_the_lease_in_its_way_ran_out
     assert scene.role() is Role.CANDIDATE
 
 
-def test_the_standby_with_no_lease_in_its_way_waits_like_everybody() -> None:
+def test_the_standby_without_a_blocking_lease_waits_like_the_others() -> None:
     scene = standby()
     scene.step(160)
     scene.grants(170, 5, granted=False, wait_ns=0)
@@ -468,7 +470,7 @@ def test_the_standby_with_no_lease_in_its_way_waits_like_everybody() -> None:
 def test_a_candidate_is_beaten_by_the_heartbeat_of_a_higher_term_only(
     term: int, role: Role
 ) -> None:
-    """It asks for term 5; who got that is for the arbiters to say."""
+    """It asks for term 5; only the arbiters decide who gets it."""
     scene = standby()
     scene.step(160)
     source = OTHER if term == 4 else LATER
@@ -482,7 +484,9 @@ def test_a_candidate_is_beaten_by_the_heartbeat_of_a_higher_term_only(
 @pytest.mark.parametrize(
     ("term", "role"), [(4, Role.CANDIDATE), (5, Role.CANDIDATE), (6, Role.STANDBY)]
 )
-def test_a_candidate_is_beaten_by_anybodys_promise_to_a_higher_term(term: int, role: Role) -> None:
+def test_a_candidate_is_beaten_by_any_acknowledgement_of_a_higher_term(
+    term: int, role: Role
+) -> None:
     scene = standby()
     scene.step(160)
 
@@ -492,7 +496,7 @@ def test_a_candidate_is_beaten_by_anybodys_promise_to_a_higher_term(term: int, r
     assert scene.role() is role
 
 
-def test_what_beat_one_candidacy_does_not_beat_the_next() -> None:
+def test_the_defeat_of_one_candidacy_does_not_affect_the_next() -> None:
     scene = standby()
     scene.step(160)
     scene.report(170, term=6)
@@ -505,7 +509,7 @@ def test_what_beat_one_candidacy_does_not_beat_the_next() -> None:
 
 
 def test_a_lease_that_needs_no_answer_makes_a_master_in_the_same_step() -> None:
-    """Only where the guard for majorities is taken away; nothing has been heard by then."""
+    """This happens only without the guard for majorities, before any answer arrives."""
     guards = TrainGuards(lease=without(LeaseGuards(), "granted_by_majority"))
     scene = Scene(guards=guards)
     scene.step(0)
@@ -516,4 +520,4 @@ def test_a_lease_that_needs_no_answer_makes_a_master_in_the_same_step() -> None:
     assert any(isinstance(each, Heartbeat) for each in said)
     scene.desk.lease.until_ns = ns(9000)
     assert scene.desk.next_due_ns(ns(159)) == ns(160), "when it would be deaf"
-    assert scene.desk.next_due_ns(ns(160)) == ns(450), "nobody waits for it: to beat"
+    assert scene.desk.next_due_ns(ns(160)) == ns(450), "no standby waits: for its next heartbeat"

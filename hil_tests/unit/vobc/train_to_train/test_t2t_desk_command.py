@@ -1,4 +1,4 @@
-"""A train that commands one area: how it begins, what it obeys of itself, and how it ends."""
+"""A train that commands one area: how its command begins and ends, and what it obeys itself."""
 
 from typing import Any
 
@@ -44,7 +44,8 @@ from zenoh_config.t2t import (
 
 
 def fencing(**told: Any) -> tuple[Scene, list[T2tMessage]]:
-    """It asked at 400 ms, and was granted the lease at 405 ms; and what it says then."""
+    """A scene with the lease requested at 400 ms and granted at 405 ms, and the messages that it
+    then sends."""
     scene = candidate(**told)
     scene.grants(405, 1)
     said = scene.step(405)
@@ -53,7 +54,7 @@ def fencing(**told: Any) -> tuple[Scene, list[T2tMessage]]:
 
 
 def master(**told: Any) -> Scene:
-    """Its roster is kept at 410 ms."""
+    """A scene whose train is master; its roster is committed at 410 ms."""
     scene, _ = fencing(**told)
     scene.acks(410)
     scene.step(410)
@@ -62,7 +63,7 @@ def master(**told: Any) -> Scene:
 
 
 def played(**told: Any) -> tuple[Scene, Puppet]:
-    """From 410 ms its master says what the test wants."""
+    """A scene whose master, from 410 ms on, sends what the test sets."""
     scene = master()
     return scene, scene.plays(Puppet(**told))
 
@@ -71,10 +72,10 @@ def own_head(scene: Scene, to: int = BROADCAST) -> tuple[int, int, int, int, int
     return (OWN, to, AREA, scene.desk.lease.term, BOOT, 1000, ns(420))
 
 
-# How it begins.
+# How a command begins.
 
 
-def test_whoever_is_granted_the_lease_speaks_under_its_term_in_the_same_step() -> None:
+def test_a_train_with_a_new_lease_sends_under_its_term_in_the_same_step() -> None:
     scene, said = fencing(memory=AreaMemory(AREA, seen_term=0, owner=0, tried_term=0))
 
     (report,) = reports(said)
@@ -88,7 +89,7 @@ def test_whoever_is_granted_the_lease_speaks_under_its_term_in_the_same_step() -
     assert requests(said) == []
 
 
-def test_it_is_master_when_its_roster_is_kept_and_not_before() -> None:
+def test_it_is_master_once_its_roster_is_committed() -> None:
     scene, _ = fencing()
     scene.step(409)
     assert scene.role() is Role.FENCING
@@ -112,8 +113,8 @@ def test_a_master_goes_on_beating_and_reporting() -> None:
     assert scene.role() is Role.MASTER
 
 
-def test_what_a_later_master_tells_its_standby_changes_nothing_of_what_this_one_knows() -> None:
-    """It says so under its own term only, of its own time."""
+def test_a_later_masters_message_to_its_standby_does_not_change_this_masters_records() -> None:
+    """The message carries the later term and applies only to it."""
     scene = candidate()
     scene.grants(405, 1, roster=(RosterEntry(1, 1200.0, True, 1),))
     scene.step(405)
@@ -123,7 +124,7 @@ def test_what_a_later_master_tells_its_standby_changes_nothing_of_what_this_one_
     assert scene.desk.master._known.records[1].rear_m == 1200.0
 
 
-def test_its_master_hears_each_of_its_own_reports_once() -> None:
+def test_its_master_receives_each_of_its_own_reports_once() -> None:
     scene, puppet = played()
     assert puppet.heard == []
 
@@ -134,7 +135,7 @@ def test_its_master_hears_each_of_its_own_reports_once() -> None:
     assert puppet.heard == [report]
 
 
-def test_its_master_hears_what_members_objects_and_successors_say() -> None:
+def test_its_master_receives_messages_of_members_objects_and_successors() -> None:
     scene, puppet = played()
     report = scene.report(415, term=1)
     scene.acks(416, version=7)
@@ -146,7 +147,7 @@ def test_its_master_hears_what_members_objects_and_successors_say() -> None:
     assert kinds == ["TrainReport", "RosterAck", "SwitchStep"]
 
 
-def test_its_master_hears_nothing_of_what_masters_and_arbiters_say_to_trains() -> None:
+def test_its_master_ignores_messages_of_masters_and_arbiters_to_trains() -> None:
     scene, puppet = played()
     scene.beats(415)
     scene.desk.hears(scene.authority(415), ns(415))
@@ -173,7 +174,7 @@ def test_it_asks_again_for_the_lease_every_75_ms_and_not_before() -> None:
 
 
 @pytest.mark.parametrize(("before", "after"), [(NOBODY, 2), (2, NOBODY), (2, 1)])
-def test_arbiters_hear_at_once_who_may_acquire_instead(before: int, after: int) -> None:
+def test_arbiters_are_informed_at_once_who_may_acquire_instead(before: int, after: int) -> None:
     scene, puppet = played(names=[before, before, after, after])
     scene.step(411)
     assert requests(scene.step(412)) == []
@@ -192,7 +193,7 @@ def test_a_master_is_due_when_it_has_to_renew() -> None:
     assert scene.desk.next_due_ns(ns(450)) == ns(475)
 
 
-def test_a_master_is_due_when_what_it_commands_wants_it() -> None:
+def test_a_master_is_due_when_its_command_is_due() -> None:
     scene, _ = played(due_ns=ns(440))
 
     assert scene.desk.next_due_ns(ns(410)) == ns(440)
@@ -218,7 +219,7 @@ def test_a_master_is_due_when_its_lease_runs_out() -> None:
     assert scene.desk.next_due_ns(ns(660)) == ns(400 + 300 * 0.998)
 
 
-# What it obeys of itself.
+# Own messages that a master obeys.
 
 
 def test_a_master_obeys_the_authority_that_it_gives_itself_and_does_not_send_it() -> None:
@@ -234,7 +235,7 @@ def test_a_master_obeys_the_authority_that_it_gives_itself_and_does_not_send_it(
 
 
 def test_a_master_obeys_its_own_heartbeat_and_sends_it() -> None:
-    """Whoever was standby of the master before is so no more when it has commanded itself."""
+    """A standby of the former master loses that role once it has commanded itself."""
     scene, puppet = played()
     scene.desk.member.standby = OWN
     beat = Heartbeat(*own_head(scene), Phase.ISSUING, 2, 1)
@@ -247,7 +248,7 @@ def test_a_master_obeys_its_own_heartbeat_and_sends_it() -> None:
     assert scene.role() is Role.MASTER
 
 
-def test_a_master_that_prepares_a_switch_is_ready_for_it_itself() -> None:
+def test_a_master_that_prepares_a_switch_is_ready_itself() -> None:
     scene, puppet = played()
     step = SwitchStep(*own_head(scene), SwitchKind.PREPARE, 4, 2)
     puppet.says = [step]
@@ -262,8 +263,8 @@ def test_a_master_that_prepares_a_switch_is_ready_for_it_itself() -> None:
     assert [each.ready_nonce for each in reports(scene.step(521))] == [0]
 
 
-def test_a_master_never_calls_itself() -> None:
-    """Not even for a switch that it prepared."""
+def test_a_master_never_names_itself_as_successor() -> None:
+    """This also holds for a switch that it prepared."""
     scene, puppet = played(has_others=False)
     puppet.says = [SwitchStep(*own_head(scene), SwitchKind.PREPARE, 4, OWN)]
     scene.step(420)
@@ -277,7 +278,7 @@ def test_a_master_never_calls_itself() -> None:
     assert scene.role() is Role.APPLICANT
 
 
-def test_what_a_master_says_to_others_it_does_not_obey() -> None:
+def test_a_master_does_not_obey_its_messages_to_others() -> None:
     scene, puppet = played()
     claim = ObjectClaim(*own_head(scene, WAYSIDE), 3, ClaimKind.CLAIM, 1)
     waits = Admission(*own_head(scene, 4), AdmissionState.WAITS, 1)
@@ -291,7 +292,7 @@ def test_what_a_master_says_to_others_it_does_not_obey() -> None:
     assert [each.ready_nonce for each in reports(scene.step(505))] == [0]
 
 
-# How it ends.
+# How a command ends.
 
 
 @pytest.mark.parametrize(
@@ -303,7 +304,7 @@ def test_what_a_master_says_to_others_it_does_not_obey() -> None:
         ({"concerned": False}, True),
     ],
 )
-def test_a_master_that_should_not_command_much_longer_knows_it(
+def test_a_master_prepares_to_leave_when_it_is_no_longer_fit(
     told: dict[str, Any], *, away: bool
 ) -> None:
     scene, puppet = played()
@@ -315,7 +316,7 @@ def test_a_master_that_should_not_command_much_longer_knows_it(
 
 
 @pytest.mark.parametrize("told", [{"localised": False}, {"concerned": False}])
-def test_a_master_that_leaves_nobody_behind_gives_the_area_back(told: dict[str, Any]) -> None:
+def test_a_master_that_leaves_no_train_behind_returns_the_area(told: dict[str, Any]) -> None:
     scene, _ = played(has_others=False)
     scene.step(419)
     assert scene.role() is Role.MASTER
@@ -329,7 +330,7 @@ def test_a_master_that_leaves_nobody_behind_gives_the_area_back(told: dict[str, 
     assert said == [LeaseRequest(*head, LeaseKind.RELEASE, 2, NOBODY, 0)]
 
 
-def test_it_gives_the_lease_back_to_every_arbiter() -> None:
+def test_it_returns_the_lease_to_every_arbiter() -> None:
     scene = candidate(arbiters=THREE)
     scene.grants(405, 1)
     scene.grants(405, 1, arbiter=65_003)
@@ -341,7 +342,7 @@ def test_it_gives_the_lease_back_to_every_arbiter() -> None:
     assert [each.destination for each in requests(said)] == list(THREE)
 
 
-def test_a_master_that_resigns_calls_its_standby_after_the_arbiters_have_heard() -> None:
+def test_a_resigning_master_calls_its_standby_after_informing_the_arbiters() -> None:
     scene, _ = played(standby=2)
 
     said = scene.step(570)
@@ -356,7 +357,7 @@ def steps_of_a_switch(said: list[T2tMessage]) -> list[T2tMessage]:
     return [each for each in said if isinstance(each, SwitchStep)]
 
 
-def test_a_master_without_standby_calls_nobody() -> None:
+def test_a_master_without_standby_calls_no_successor() -> None:
     scene, _ = played(has_others=False)
 
     said = scene.step(420, localised=False)
@@ -366,17 +367,17 @@ def test_a_master_without_standby_calls_nobody() -> None:
 
 
 def test_a_train_out_of_service_commands_itself_until_another_takes_over() -> None:
-    """It would brake for want of an authority that it can give to itself."""
+    """Without the authority that it gives itself it would brake."""
     scene, puppet = played(has_others=False)
     scene.step(420, out_of_service=True)
 
     assert scene.role() is Role.MASTER
-    assert puppet.away == [True], "whoever comes is to take over"
+    assert puppet.away == [True], "the next fit train is to take over"
 
 
 @pytest.mark.parametrize("fence", ["heartbeat", "report", "refusal"])
-def test_a_master_that_hears_of_a_higher_term_goes_and_calls_nobody(fence: str) -> None:
-    """Somebody commands already."""
+def test_a_master_that_receives_a_higher_term_resigns_and_calls_no_successor(fence: str) -> None:
+    """Another master commands already."""
     scene, _ = played(standby=2)
     if fence == "heartbeat":
         scene.beats(420, 2, source=LATER)
@@ -392,7 +393,7 @@ def test_a_master_that_hears_of_a_higher_term_goes_and_calls_nobody(fence: str) 
     assert steps_of_a_switch(said) == []
 
 
-def test_a_master_stays_so_by_promises_and_heartbeats_of_its_own_or_an_older_term() -> None:
+def test_messages_of_its_own_or_an_older_term_do_not_end_a_command() -> None:
     scene = Scene(memory=AreaMemory(AREA, seen_term=4, owner=OTHER))
     scene.step(0)
     scene.step(400)
@@ -409,8 +410,8 @@ def test_a_master_stays_so_by_promises_and_heartbeats_of_its_own_or_an_older_ter
     assert scene.role() is Role.MASTER
 
 
-def test_whatever_it_hears_of_a_later_term_ends_its_command() -> None:
-    """Here a switch of its successor's successor."""
+def test_any_message_of_a_later_term_ends_its_command() -> None:
+    """Here this is a switch of its successor's successor."""
     scene, _ = played()
     scene.switch(415, SwitchKind.PREPARE, term=7, source=LATER, successor=2)
 
@@ -419,8 +420,8 @@ def test_whatever_it_hears_of_a_later_term_ends_its_command() -> None:
     assert scene.role() is Role.APPLICANT
 
 
-def test_a_master_goes_when_its_lease_would_run_out_before_its_words_have_left() -> None:
-    """Asked for at 400 ms, for 300 ms less 2 of a thousand and the margin of 10 ms."""
+def test_a_master_resigns_before_its_lease_expires_by_the_sending_margin() -> None:
+    """The lease was requested at 400 ms for 300 ms, less 0.2 % and a margin of 10 ms."""
     scene, _ = played()
     end_ms = 400 + 299.4 - 10
     scene.report(600, term=1)
@@ -442,10 +443,10 @@ def test_a_master_goes_when_its_lease_would_run_out_before_its_words_have_left()
         (NOBODY, True, 0, False),
     ],
 )
-def test_a_master_is_deaf_after_160_ms_without_a_word_or_when_no_train_is_heard(
+def test_a_master_is_deaf_after_160_ms_without_messages_or_without_trains(
     standby: int, early_ns: int, *, hears_nobody: bool, deaf: bool
 ) -> None:
-    """And somebody waits to take its place."""
+    """A standby must wait to take its place."""
     scene, _ = played(standby=standby, hears_nobody=hears_nobody)
 
     scene.step(410 + 160, early_ns=early_ns)
@@ -453,7 +454,7 @@ def test_a_master_is_deaf_after_160_ms_without_a_word_or_when_no_train_is_heard(
     assert scene.role() is (Role.APPLICANT if deaf else Role.MASTER)
 
 
-def test_any_word_of_the_area_shows_that_a_master_is_not_deaf() -> None:
+def test_any_message_of_the_area_shows_that_a_master_is_not_deaf() -> None:
     scene, _ = played(standby=2)
     scene.report(500, term=1)
 
@@ -463,7 +464,7 @@ def test_any_word_of_the_area_shows_that_a_master_is_not_deaf() -> None:
 
 
 def applies_at_ms(scene: Scene, from_ms: float) -> int:
-    """To the millisecond."""
+    """The instant of the next application, ms."""
     at_ms = int(from_ms)
     while scene.role() is not Role.CANDIDATE:
         assert at_ms < 5000
@@ -472,8 +473,8 @@ def applies_at_ms(scene: Scene, from_ms: float) -> int:
     return at_ms
 
 
-def test_a_master_that_was_deaf_is_quiet_for_two_leases() -> None:
-    """As its arbiters hear it, it would only be in the way of whoever hears them, too."""
+def test_a_deaf_master_does_not_apply_for_two_leases() -> None:
+    """Its renewals would only obstruct a candidate that receives messages."""
     scene, _ = played(standby=2)
     scene.step(570)
     assert scene.role() is Role.APPLICANT
@@ -481,8 +482,8 @@ def test_a_master_that_was_deaf_is_quiet_for_two_leases() -> None:
     assert applies_at_ms(scene, 570) == 570 + 600
 
 
-def test_a_master_that_was_not_deaf_waits_for_its_turn_only() -> None:
-    """From the time when it commanded itself."""
+def test_a_master_that_was_not_deaf_only_waits_for_its_turn() -> None:
+    """The wait counts from the time at which it commanded itself."""
     scene, _ = played(standby=2, hears_nobody=True)
     scene.step(570, early_ns=1)
     assert scene.role() is Role.APPLICANT
@@ -490,7 +491,7 @@ def test_a_master_that_was_not_deaf_waits_for_its_turn_only() -> None:
     assert applies_at_ms(scene, 569) == 570 + 400
 
 
-def test_the_next_command_of_the_same_train_is_of_a_higher_term() -> None:
+def test_the_next_command_of_the_same_train_has_a_higher_term() -> None:
     scene, _ = played(has_others=False)
     scene.step(420, localised=False)
 

@@ -1,4 +1,5 @@
-"""A train in one area that does not command it: what it hears, promises and reports, and when."""
+"""A train in an area that it does not command: what it receives, acknowledges and reports, and
+when."""
 
 from typing import Any
 
@@ -36,10 +37,10 @@ from zenoh_config.t2t import (
     TrainReport,
 )
 
-# What it hears.
+# What it receives.
 
 
-def test_authorities_that_are_not_taken_are_told_with_the_reason() -> None:
+def test_refused_authorities_are_reported_with_the_reason() -> None:
     scene = Scene()
     scene.step(0)
     first, second = scene.authority(0), scene.authority(0)
@@ -61,13 +62,13 @@ def test_a_sync_is_acknowledged_to_the_master_by_its_number() -> None:
 
 
 def test_a_sync_before_the_very_first_step_is_acknowledged_too() -> None:
-    """A train that began anew may still be the standby of its former life."""
+    """A restarted train may still be the standby of its former incarnation."""
     (ack,) = Scene().sync(0, SyncEntry(1, 1500.0, 1700.0))
 
     assert isinstance(ack, SyncAck)
 
 
-def test_a_sync_or_a_switch_of_an_old_term_is_not_heard() -> None:
+def test_a_sync_or_a_switch_of_an_old_term_is_ignored() -> None:
     scene = standby()
     scene.beats(10, 6, source=LATER, standby=OWN)
     scene.step(10)
@@ -81,14 +82,15 @@ def test_a_sync_or_a_switch_of_an_old_term_is_not_heard() -> None:
 
 
 def rear_known_m(scene: Scene, at_ms: float, term: int, *, boot: int = 1) -> float:
-    """Of train 1, to the master that this candidate becomes with what arbiters kept."""
+    """The rear of train 1 in the records of this candidate, with the roster that arbiters
+    committed."""
     scene.grants(at_ms, term, roster=(RosterEntry(1, 1200.0, True, boot),))
     scene.step(at_ms)
     assert scene.desk.master is not None
     return scene.desk.master._known.records[1].rear_m
 
 
-def test_a_standby_takes_over_with_what_it_was_told() -> None:
+def test_a_standby_takes_over_with_the_synchronised_records() -> None:
     scene = standby()
     scene.sync(10, SyncEntry(1, 1500.0, 1700.0, 1))
     scene.step(160)
@@ -96,8 +98,8 @@ def test_a_standby_takes_over_with_what_it_was_told() -> None:
     assert rear_known_m(scene, 165, 5) == 1500.0
 
 
-def test_what_came_before_the_heartbeat_that_names_the_standby_counts_too() -> None:
-    """They leave together, and come in any order."""
+def test_a_sync_before_the_heartbeat_that_names_the_standby_counts_too() -> None:
+    """Both messages leave together and arrive in any order."""
     scene = Scene()
     scene.step(0)
     scene.sync(0, SyncEntry(1, 1500.0, 1700.0, 1))
@@ -108,7 +110,7 @@ def test_what_came_before_the_heartbeat_that_names_the_standby_counts_too() -> N
     assert rear_known_m(scene, 165, 5) == 1500.0
 
 
-def test_a_standby_that_is_another_no_more_forgets_what_it_was_told() -> None:
+def test_a_train_that_is_no_longer_standby_discards_its_records() -> None:
     scene = standby()
     scene.desk.hears(scene.authority(0, rank=0), ns(0))
     scene.sync(0, SyncEntry(1, 1500.0, 1700.0, 1))
@@ -120,7 +122,7 @@ def test_a_standby_that_is_another_no_more_forgets_what_it_was_told() -> None:
     assert rear_known_m(scene, 175, 5) == 1200.0
 
 
-def test_a_standby_keeps_what_trains_report() -> None:
+def test_a_standby_records_the_reports_of_trains() -> None:
     scene = standby()
     scene.report(10)
     scene.step(160)
@@ -132,7 +134,7 @@ def test_a_standby_keeps_what_trains_report() -> None:
 
 @pytest.mark.parametrize("boot", [0, 1])
 def test_a_standby_learns_no_place_from_a_train_that_is_lost(boot: int) -> None:
-    """Nor if arbiters do not know its incarnation."""
+    """This also holds when the arbiters do not know its incarnation."""
     scene = standby()
     scene.report(10, localised=False)
     scene.step(160)
@@ -140,7 +142,7 @@ def test_a_standby_learns_no_place_from_a_train_that_is_lost(boot: int) -> None:
     assert rear_known_m(scene, 165, 5, boot=boot) == 1200.0
 
 
-def test_whoever_is_no_standby_keeps_nothing_of_reports() -> None:
+def test_only_the_standby_records_reports() -> None:
     scene = Scene()
     scene.step(0)
     scene.beats(0)
@@ -150,15 +152,15 @@ def test_whoever_is_no_standby_keeps_nothing_of_reports() -> None:
     assert rear_known_m(scene, 405, 5) == 1200.0
 
 
-# Planned switches, as all but the master see them.
+# Planned switches in all trains except the master.
 
 
 def ready_after(scene: Scene, at_ms: float) -> list[int]:
-    """What it reports in this step of being ready."""
+    """The ready numbers in the reports of this step."""
     return [each.ready_nonce for each in reports(scene.step(at_ms))]
 
 
-def test_whoever_hears_of_a_switch_says_at_once_that_it_is_ready_and_once_only() -> None:
+def test_a_train_reports_at_once_and_only_once_that_it_is_ready_for_a_switch() -> None:
     scene = Scene()
     scene.step(0)
     scene.beats(0)
@@ -172,7 +174,7 @@ def test_whoever_hears_of_a_switch_says_at_once_that_it_is_ready_and_once_only()
     assert ready_after(scene, 30) == [3]
 
 
-def test_the_standby_that_shall_succeed_answers_that_it_is_ready() -> None:
+def test_the_standby_named_as_successor_answers_that_it_is_ready() -> None:
     scene = standby()
 
     (ready,) = scene.switch(10, SwitchKind.PREPARE, nonce=2)
@@ -182,7 +184,7 @@ def test_the_standby_that_shall_succeed_answers_that_it_is_ready() -> None:
     assert scene.switch(20, SwitchKind.PREPARE, nonce=2) != [], "again, as answers may be lost"
 
 
-def test_a_standby_of_which_another_shall_succeed_does_not_answer() -> None:
+def test_a_standby_does_not_answer_when_another_is_named_as_successor() -> None:
     assert standby().switch(10, SwitchKind.PREPARE, successor=7) == []
 
 
@@ -205,7 +207,7 @@ def test_the_successor_applies_as_soon_as_the_switch_is_committed() -> None:
 
 
 @pytest.mark.parametrize(("nonce", "successor"), [(3, OWN), (2, 7)])
-def test_a_commit_of_another_switch_or_for_another_train_calls_nobody(
+def test_a_commit_of_another_switch_or_for_another_train_has_no_effect(
     nonce: int, successor: int
 ) -> None:
     scene = standby()
@@ -218,7 +220,7 @@ def test_a_commit_of_another_switch_or_for_another_train_calls_nobody(
 
 @pytest.mark.parametrize("aborted", [False, True])
 @pytest.mark.parametrize("nonce", [0, 1])
-def test_a_commit_of_what_was_never_prepared_or_aborted_calls_nobody(
+def test_a_commit_of_an_unprepared_or_aborted_switch_has_no_effect(
     nonce: int, *, aborted: bool
 ) -> None:
     scene = Scene()
@@ -233,7 +235,7 @@ def test_a_commit_of_what_was_never_prepared_or_aborted_calls_nobody(
     assert scene.role() is Role.STANDBY
 
 
-def test_an_abort_takes_back_that_it_was_ready_and_that_it_was_called() -> None:
+def test_an_abort_withdraws_readiness_and_call() -> None:
     scene = standby()
     scene.switch(10, SwitchKind.PREPARE, nonce=2)
     scene.switch(10, SwitchKind.COMMIT, nonce=2)
@@ -252,7 +254,7 @@ def test_the_standby_applies_at_once_when_its_master_resigns() -> None:
     assert scene.role() is Role.CANDIDATE
 
 
-def test_nobody_but_the_standby_is_called_by_a_resignation() -> None:
+def test_a_resignation_calls_only_the_standby() -> None:
     scene = Scene()
     scene.step(0)
     scene.switch(10, SwitchKind.RESIGN, nonce=0)
@@ -274,7 +276,7 @@ def test_it_stays_called_by_a_commit_when_the_master_resigns_too() -> None:
     assert scene.role() is Role.CANDIDATE
 
 
-def test_whoever_was_called_and_lost_is_not_called_any_more() -> None:
+def test_a_called_train_that_lost_is_no_longer_called() -> None:
     scene = standby()
     scene.switch(10, SwitchKind.RESIGN, nonce=0)
     scene.step(10)
@@ -289,7 +291,7 @@ def test_whoever_was_called_and_lost_is_not_called_any_more() -> None:
 # Reports.
 
 
-def test_a_report_says_all_that_the_train_knows_of_itself() -> None:
+def test_a_report_holds_the_whole_state_of_the_train() -> None:
     scene = Scene()
 
     (report,) = scene.step(0, relation=(1, 6))
@@ -328,7 +330,7 @@ def test_a_report_echoes_the_newest_heartbeat() -> None:
     assert (report.term, report.echo_ns) == (4, 77)
 
 
-def test_a_members_report_says_what_it_holds() -> None:
+def test_a_members_report_holds_its_authority() -> None:
     scene = Scene()
     scene.step(0)
     held = scene.authority(0)
@@ -343,7 +345,7 @@ def test_a_members_report_says_what_it_holds() -> None:
 @pytest.mark.parametrize(
     ("rests_m", "protected_m"), [(1422.9, 1422.9), (1423.0, 1423.0), (1423.1, 1423.0)]
 )
-def test_the_protected_rear_is_where_it_rests_but_no_more_than_a_jog_ahead(
+def test_the_protected_rear_is_its_stopping_place_but_at_most_a_jog_ahead(
     rests_m: float, protected_m: float
 ) -> None:
     (report,) = reports(Scene().step(0, rests_m=rests_m))
@@ -357,7 +359,7 @@ def test_a_train_that_never_knew_where_it_is_may_come_anywhere() -> None:
     assert (report.localised, report.latent_m) == (False, 1.0e6)
 
 
-def test_it_reports_every_100_ms_and_at_once_when_there_is_a_new_term_to_promise() -> None:
+def test_it_reports_every_100_ms_and_at_once_to_acknowledge_a_new_term() -> None:
     scene = Scene()
 
     def said(at_ms: float, early_ns: int = 0) -> list[int]:
@@ -374,7 +376,7 @@ def test_it_reports_every_100_ms_and_at_once_when_there_is_a_new_term_to_promise
 
 
 @pytest.mark.parametrize(("nonce", "prepared_term"), [(2, 4), (4, 3), (4, 5)])
-def test_ready_for_a_switch_is_told_to_the_master_of_its_term_only(
+def test_readiness_is_reported_to_the_master_of_its_term_only(
     nonce: int, prepared_term: int
 ) -> None:
     scene = Scene()
@@ -387,7 +389,7 @@ def test_ready_for_a_switch_is_told_to_the_master_of_its_term_only(
         assert ready_after(scene, 20) == [0]
 
 
-# When it wants to be stepped.
+# When it is due.
 
 
 def test_the_standby_is_due_when_its_turn_comes_before_its_next_report() -> None:
@@ -400,8 +402,8 @@ def test_the_standby_is_due_when_its_turn_comes_before_its_next_report() -> None
 
 
 @pytest.mark.parametrize("told", [{"out_of_service": True}, {"localised": False}])
-def test_whoever_may_not_take_its_turn_is_due_for_its_next_report(told: dict[str, Any]) -> None:
-    """It would be stepped as fast as can be, and nothing would come of it."""
+def test_a_train_that_may_not_apply_is_due_for_its_next_report(told: dict[str, Any]) -> None:
+    """Otherwise it would run steps without a pause and without effect."""
     scene = standby()
     scene.step(160, **told)
     assert scene.role() is Role.STANDBY
@@ -410,7 +412,7 @@ def test_whoever_may_not_take_its_turn_is_due_for_its_next_report(told: dict[str
     assert scene.desk.next_due_ns(ns(160)) == ns(260)
 
 
-def test_whoever_lost_is_not_due_before_it_may_try_again() -> None:
+def test_a_losing_candidate_is_not_due_before_it_may_try_again() -> None:
     scene = candidate()
     scene.step(500)
 
@@ -426,7 +428,7 @@ def test_a_candidate_is_due_when_its_attempt_ends() -> None:
     assert scene.desk.next_due_ns(ns(200)) == ns(260)
 
 
-# Chance.
+# Random numbers.
 
 
 def seed_of(state: int) -> int:
@@ -437,7 +439,8 @@ def seed_of(state: int) -> int:
 
 @pytest.mark.parametrize("state", [1, 0])
 def test_chance_follows_the_published_generator(state: int) -> None:
-    """xorshift64* from a state of 1, less its 16 lowest bits. 0 would make nothing but zeros."""
+    """The reference is xorshift64* from state 1, without its 16 lowest bits. State 0 would give
+    only zeros."""
     published = (
         0x47E4CE4B896CDD1D,
         0xABCFA6A8E079651D,

@@ -1,4 +1,5 @@
-"""Every threat of EN 50159 against every kind of message, through codec and the core's gates."""
+"""Every threat of EN 50159 against every kind of message, through the codec and the checks of
+the core."""
 
 import dataclasses
 import hmac
@@ -132,7 +133,7 @@ def test_there_is_an_example_of_every_kind() -> None:
 
 
 @kinds
-def test_what_is_packed_comes_out_as_it_was(message: T2tMessage) -> None:
+def test_a_packed_message_unpacks_unchanged(message: T2tMessage) -> None:
     assert unpack(pack(message)) == message
 
 
@@ -150,14 +151,14 @@ def test_no_single_flipped_bit_gets_through(message: T2tMessage) -> None:
 
 
 @kinds
-def test_without_the_key_nobody_speaks(message: T2tMessage) -> None:
+def test_a_message_without_the_key_is_refused(message: T2tMessage) -> None:
     forged = pack(message, b"another key, 16+ bytes")
 
     assert refusal(forged) is RefusedReason.WRONG_CODE
 
 
 @heard
-def test_nobody_says_what_is_for_others_to_say(message: T2tMessage) -> None:
+def test_a_message_from_the_wrong_kind_of_sender_is_refused(message: T2tMessage) -> None:
     hearing = Reception(OWN, boot=1)
     other = 0 if 0 < message.source < 65_000 else PEER
 
@@ -169,7 +170,7 @@ def test_nobody_says_what_is_for_others_to_say(message: T2tMessage) -> None:
 
 
 @heard
-def test_what_is_for_another_train_is_not_taken(message: T2tMessage) -> None:
+def test_a_message_for_another_train_is_refused(message: T2tMessage) -> None:
     hearing = Reception(OWN, boot=1)
 
     assert not hearing.admits(dataclasses.replace(message, destination=OWN + 1), 0)
@@ -181,7 +182,8 @@ def test_what_is_for_another_train_is_not_taken(message: T2tMessage) -> None:
 
 
 def admitted_twice(first: T2tMessage, second: T2tMessage) -> bool:
-    """Through the gate, and for authorities through the member that keeps their order."""
+    """Whether both messages pass the order checks; for authorities, that of the member counts
+    too."""
     hearing, own = Reception(OWN, boot=1), member()
     taken = []
     for message in (first, second):
@@ -199,7 +201,7 @@ def test_a_repetition_is_not_taken(message: T2tMessage) -> None:
 
 
 @heard
-def test_what_was_said_before_is_not_taken_after(message: T2tMessage) -> None:
+def test_a_message_out_of_order_is_refused(message: T2tMessage) -> None:
     earlier = dataclasses.replace(message, sequence=message.sequence - 1)
     later = dataclasses.replace(message, sequence=message.sequence + 1)
 
@@ -208,10 +210,10 @@ def test_what_was_said_before_is_not_taken_after(message: T2tMessage) -> None:
 
 
 @heard
-def test_what_an_earlier_life_of_its_sender_said_is_not_taken(message: T2tMessage) -> None:
+def test_a_message_of_an_earlier_incarnation_is_refused(message: T2tMessage) -> None:
     earlier: T2tMessage
     if isinstance(message, AreaAuthority):
-        # A new life has a new term: that is the order that counts.
+        # A new incarnation has a new term, and that order counts.
         message = dataclasses.replace(message, term=8)
         earlier = dataclasses.replace(message, term=7, boot=1, sequence=5000)
     else:
@@ -239,7 +241,7 @@ def test_an_authority_is_as_old_as_the_report_that_it_answers(age_ms: int, refus
         ({"term": 8, "source": PEER + 1}, ""),
     ],
 )
-def test_an_authority_is_for_this_life_and_of_the_owner_of_the_newest_term(
+def test_an_authority_must_be_for_this_incarnation_and_from_the_owner_of_the_newest_term(
     changed: dict[str, Any], refused: str
 ) -> None:
     offered = dataclasses.replace(AUTHORITY, **changed)
@@ -282,7 +284,7 @@ NO_HONEST_ONE = [
 
 
 @pytest.mark.parametrize("message", NO_HONEST_ONE)
-def test_absurd_numbers_are_neither_sent_nor_taken(message: T2tMessage) -> None:
+def test_absurd_numbers_are_neither_sent_nor_accepted(message: T2tMessage) -> None:
     with pytest.raises(ValueError, match=type(message).__name__):
         pack(message)
 
@@ -290,7 +292,7 @@ def test_absurd_numbers_are_neither_sent_nor_taken(message: T2tMessage) -> None:
 @settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=200), st.integers(0, 40))
 def test_any_body_under_a_right_code_is_a_message_or_a_reason(body: bytes, kind: int) -> None:
-    """What a faulty node with the key may send: the code is right, the content is anything."""
+    """A faulty node with the key sends a correct code around arbitrary content."""
     sealed = HEADER.pack(2, kind, PEER, OWN, 1, 1) + body
     payload = sealed + hmac.digest(BENCH_KEY, sealed, "sha256")[:CODE_BYTES]
 
@@ -311,7 +313,7 @@ def test_the_largest_area_fits_into_one_message() -> None:
     assert len(pack(RosterCommit(PEER, ARBITER, 1, 7, 2, 100, 0, 2, full))) <= MAX_BYTES
 
 
-def test_memory_stays_bounded_however_many_speak() -> None:
+def test_memory_stays_bounded_for_any_number_of_senders() -> None:
     hearing = Reception(OWN, boot=1)
 
     for n in range(SOURCES_MAX + 500):
@@ -322,7 +324,7 @@ def test_memory_stays_bounded_however_many_speak() -> None:
     assert hearing.refusals[RefusedReason.WRONG_SOURCE] == 500
 
 
-def test_its_own_words_coming_back_are_no_double_and_others_under_its_address_are() -> None:
+def test_own_messages_coming_back_are_no_duplicate_address_and_foreign_ones_are() -> None:
     hearing = Reception(OWN, boot=3)
     own = dataclasses.replace(HEARTBEAT, source=OWN, boot=3, sequence=10)
 

@@ -1,4 +1,4 @@
-"""Every guard of the line at its edges, one by one, with nothing around it."""
+"""Every guard of the line at its edges, in isolation."""
 
 import dataclasses
 import math
@@ -54,14 +54,15 @@ from zenoh_config.t2t import BROADCAST, AreaAuthority, ObjectState, ObjectStatus
 def offer(
     *, boot: int = 6, age_ns: int = 0, now_ns: int = 1000, term: int = 4, sequence: int = 7
 ) -> Offer:
-    """To a train in its life 6 that took number 7 of term 4 and keeps no authority over 100 ns."""
+    """An authority for a train in incarnation 6 that took number 7 of term 4 and accepts at most
+    100 ns of age."""
     head = (9, 5, 1, term, 1, sequence, 0)
     told = AreaAuthority(*head, boot, now_ns - age_ns, 900.0, 0.0, 0, 1, ())
     return Offer(told, now_ns, 6, (4, 7), 100)
 
 
 @pytest.mark.parametrize(("boot", "meant"), [(5, False), (6, True), (7, False)])
-def test_an_authority_is_for_one_life_of_a_train(boot: int, *, meant: bool) -> None:
+def test_an_authority_is_for_one_incarnation_of_a_train(boot: int, *, meant: bool) -> None:
     assert for_this_incarnation(offer(boot=boot)) is meant
 
 
@@ -86,7 +87,7 @@ def test_authorities_are_in_order_by_term_and_then_by_number(
 
 
 @pytest.mark.parametrize(("term", "fits"), [(3, False), (4, True), (5, True)])
-def test_no_term_under_the_highest_seen_is_obeyed(term: int, *, fits: bool) -> None:
+def test_no_term_below_the_highest_received_is_obeyed(term: int, *, fits: bool) -> None:
     assert term_not_old(Fence(term, 9, 4, 9)) is fits
 
 
@@ -94,7 +95,7 @@ def test_no_term_under_the_highest_seen_is_obeyed(term: int, *, fits: bool) -> N
     ("term", "source", "fits"),
     [(4, 9, True), (4, 8, False), (5, 9, True), (5, 8, True), (3, 8, True)],
 )
-def test_the_term_that_was_seen_has_one_owner_and_others_are_not_known_yet(
+def test_a_received_term_has_one_owner_and_a_newer_one_none_yet(
     term: int, source: int, *, fits: bool
 ) -> None:
     assert owner_of_term(Fence(term, source, 4, 9)) is fits
@@ -115,22 +116,22 @@ def test_the_term_that_was_seen_has_one_owner_and_others_are_not_known_yet(
         (math.inf, 450.0, 620.0, 620.0),
     ],
 )
-def test_latent_is_what_is_held_and_of_what_was_before_only_the_way_to_stop(
+def test_the_farthest_point_is_the_held_end_or_the_stopping_place_of_the_former_one(
     before_m: float, held_end_m: float | None, reach_m: float, latent_m: float
 ) -> None:
-    """A train with its front at 500 m."""
+    """The front of the train is at 500 m."""
     assert latent_authority_m(Latency(before_m, held_end_m, reach_m, 500.0)) == latent_m
 
 
 @pytest.mark.parametrize(("less_ns", "until_ns"), [(0, 1300), (1, 1299), (300, 1000)])
-def test_a_grant_counts_from_the_question_and_for_what_it_asked(
+def test_a_grant_counts_from_its_request_and_for_the_requested_time(
     less_ns: int, until_ns: int
 ) -> None:
     assert granted_until_ns(Granted(1000, 300, less_ns)) == until_ns
 
 
 @pytest.mark.parametrize(("reported", "promised"), [(3, False), (4, True), (5, False)])
-def test_a_train_has_promised_a_master_its_very_term(reported: int, *, promised: bool) -> None:
+def test_a_train_acknowledges_exactly_the_masters_term(reported: int, *, promised: bool) -> None:
     assert has_promised(Acknowledgement(reported, 4)) is promised
 
 
@@ -148,10 +149,11 @@ def test_a_train_has_promised_a_master_its_very_term(reported: int, *, promised:
         (InLine(False, True, 8, 7), True),
     ],
 )
-def test_who_comes_over_the_border_comes_behind_the_train_that_is_ahead_here(
+def test_a_train_over_the_border_must_follow_the_last_train_here(
     line: InLine, *, comes: bool
 ) -> None:
-    """Or behind nobody up to the border; and its authority there must say so."""
+    """A train without one ahead may come up to the border. Its authority there must name the
+    same train ahead."""
     assert comes_in_line(line) is comes
 
 
@@ -175,11 +177,11 @@ def test_an_object_from_500_to_520_m_is_out_of_reach_past_its_end_or_before_its_
 
 
 @pytest.mark.parametrize("shown", [True, False])
-def test_a_train_is_sieved_when_that_was_shown(*, shown: bool) -> None:
+def test_a_train_is_sieved_when_axle_counts_prove_it(*, shown: bool) -> None:
     assert sieved(shown) is shown
 
 
-def test_a_guard_that_is_taken_away_lets_everything_pass_and_the_others_stay() -> None:
+def test_a_removed_guard_passes_everything_and_the_others_stay() -> None:
     member = without(MemberGuards(), "young_enough", "term_not_old")
 
     assert member.young_enough(offer(age_ns=101)) is True
@@ -200,16 +202,16 @@ def test_every_guard_stands_under_its_own_name(
 @pytest.mark.parametrize(
     ("age_ns", "alive"), [(-1, False), (0, True), (1, True), (99, True), (100, True), (101, False)]
 )
-def test_what_was_said_counts_from_its_very_instant_to_the_last_one_of_its_age(
+def test_a_report_counts_from_its_instant_to_its_maximum_age_inclusive(
     age_ns: int, *, alive: bool
 ) -> None:
-    """Ages under 0 are of clocks that were set back."""
+    """Negative ages come from clocks that were set back."""
     assert report_alive(Freshness(age_ns, 100)) is alive
     assert track_known(Freshness(age_ns, 100)) is alive
 
 
 @pytest.mark.parametrize(("age_ns", "after"), [(-1, False), (0, True), (1, True)])
-def test_sections_seen_clear_at_the_instant_of_a_report_were_seen_after_it(
+def test_sections_seen_clear_at_the_instant_of_a_report_count_as_seen_after_it(
     age_ns: int, *, after: bool
 ) -> None:
     assert cleared_after(age_ns) is after
@@ -218,7 +220,7 @@ def test_sections_seen_clear_at_the_instant_of_a_report_were_seen_after_it(
 @pytest.mark.parametrize(
     ("term", "nonce", "answers"), [(7, 3, True), (6, 3, False), (7, 2, False), (3, 7, False)]
 )
-def test_an_answer_is_one_to_this_attempt_by_its_term_and_its_number(
+def test_an_answer_belongs_to_this_attempt_by_term_and_number(
     term: int, nonce: int, *, answers: bool
 ) -> None:
     assert answers_this_attempt(Attempt(term, nonce, 7, 3)) is answers
@@ -259,7 +261,7 @@ def status(state: ObjectState, term: int, nonce: int) -> ObjectStatus:
 def test_an_object_is_confirmed_by_a_lock_for_this_very_claim(
     said: ObjectStatus | None, nonce: int, *, confirmed: bool
 ) -> None:
-    """A number of 0 is no claim, though an object that never heard one says it, too."""
+    """A number of 0 is no claim, although an object that received none sends it too."""
     assert object_confirmed(Claimed(said, 5, nonce)) is confirmed
 
 
@@ -270,12 +272,12 @@ def test_two_of_three_are_a_majority(votes: int, *, enough: bool) -> None:
 
 
 @pytest.mark.parametrize(("now_ns", "runs"), [(889, True), (890, False), (891, False)])
-def test_a_lease_runs_while_what_is_decided_now_leaves_before_its_end(
+def test_a_lease_counts_while_a_message_decided_now_leaves_before_its_end(
     now_ns: int, *, runs: bool
 ) -> None:
     assert lease_runs(LeaseClock(now_ns, 900, 10)) is runs
 
 
 @pytest.mark.parametrize("terms", [Terms(7, 3, 4), Terms(3, 7, 4), Terms(4, 3, 7), Terms(7, 7, 7)])
-def test_a_term_to_ask_for_is_above_all_that_was_seen_refused_or_tried(terms: Terms) -> None:
+def test_a_requested_term_exceeds_every_seen_refused_or_tried_one(terms: Terms) -> None:
     assert unused_term(terms) == 8

@@ -1,4 +1,4 @@
-"""What is heard of everything said: by whom, for whom, in what order; and how it is headed."""
+"""Which messages a train accepts: by sender, receiver and order; and how it heads its own."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -38,7 +38,7 @@ from zenoh_config.t2t import (
 OWN = 5
 OWN_BOOT = 3
 SPOKEN = 10
-"""Sequence of the last message that the train itself has said."""
+"""Sequence number of the last message that the train itself sent."""
 
 WRONG_SOURCE = RefusedReason.WRONG_SOURCE
 WRONG_DESTINATION = RefusedReason.WRONG_DESTINATION
@@ -122,7 +122,8 @@ FOR_ARBITERS: tuple[Maker, ...] = (
     lambda told: RosterCommit(*told, 1, ()),
 )
 EVERYBODY = (0, 1, 64_999, 65_000, 65_001, 65_050, 65_099, 65_100, 65_101)
-"""Wayside, the first and last trains and arbiters, supervision, and who is none of them."""
+"""Addresses of the wayside, of the first and last trains and arbiters, of supervision, and of
+none of them."""
 
 
 def fresh() -> Reception:
@@ -130,7 +131,7 @@ def fresh() -> Reception:
 
 
 def why_not(hearing: Reception, message: T2tMessage) -> RefusedReason | None:
-    """The one reason that was counted; None: it was heard."""
+    """The one counted reason for a refusal, or None for an accepted message."""
     before = hearing.refusals.copy()
     if hearing.admits(message, SPOKEN):
         assert hearing.refusals == before
@@ -140,7 +141,7 @@ def why_not(hearing: Reception, message: T2tMessage) -> RefusedReason | None:
     return counted[0]
 
 
-# Who may say what.
+# Which sender may send which message.
 
 
 @pytest.mark.parametrize(
@@ -153,7 +154,7 @@ def why_not(hearing: Reception, message: T2tMessage) -> RefusedReason | None:
         (FOR_ARBITERS, set()),
     ],
 )
-def test_a_message_is_heard_only_from_those_whose_message_it_is(
+def test_a_message_is_accepted_only_from_its_proper_sender(
     makers: tuple[Maker, ...], speakers: set[int]
 ) -> None:
     for make in makers:
@@ -168,7 +169,7 @@ def test_a_message_is_heard_only_from_those_whose_message_it_is(
     ("to", "reason"),
     [(OWN, None), (BROADCAST, None), (6, WRONG_DESTINATION), (0, WRONG_DESTINATION)],
 )
-def test_only_what_is_for_this_train_or_for_all_is_heard(
+def test_only_messages_for_this_train_or_for_all_are_accepted(
     make: Maker, to: int, reason: RefusedReason | None
 ) -> None:
     source = 65_100 if make is order else 9
@@ -176,7 +177,7 @@ def test_only_what_is_for_this_train_or_for_all_is_heard(
     assert why_not(fresh(), make(head(source, to=to))) is reason
 
 
-def test_what_is_refused_is_counted_by_its_reason() -> None:
+def test_refusals_are_counted_by_reason() -> None:
     hearing = fresh()
     assert hearing.refusals == {}
 
@@ -188,17 +189,18 @@ def test_what_is_refused_is_counted_by_its_reason() -> None:
     assert hearing.refusals == {NOT_NEWER: 2, WRONG_DESTINATION: 1}
 
 
-# Another one under the same address.
+# Another node under the same address.
 
 
 @pytest.mark.parametrize(
     ("boot", "sequence", "doubled"),
     [(3, 9, False), (3, 10, False), (3, 11, True), (2, 11, False), (4, 1, True)],
 )
-def test_what_this_train_has_not_said_yet_under_its_address_a_double_says(
+def test_a_message_with_its_address_that_it_has_not_sent_comes_from_a_duplicate(
     boot: int, sequence: int, *, doubled: bool
 ) -> None:
-    """Its own words come back, too, some of them from an earlier life; they are never heard."""
+    """Its own messages come back too, some from an earlier incarnation; the train never accepts
+    them."""
     hearing = fresh()
     assert hearing.doubled is False
 
@@ -206,10 +208,10 @@ def test_what_this_train_has_not_said_yet_under_its_address_a_double_says(
     assert hearing.doubled is doubled
 
     hearing.admits(heartbeat(head(OWN, sequence=1)), SPOKEN)
-    assert hearing.doubled is doubled  # Who was doubled once stays so.
+    assert hearing.doubled is doubled  # A detected duplicate address stays.
 
 
-def test_whoever_else_is_ahead_in_its_numbers_is_no_double() -> None:
+def test_another_sender_with_higher_numbers_is_no_duplicate() -> None:
     hearing = fresh()
 
     hearing.admits(heartbeat(head(9, boot=99, sequence=99)), SPOKEN)
@@ -217,7 +219,7 @@ def test_whoever_else_is_ahead_in_its_numbers_is_no_double() -> None:
     assert hearing.doubled is False
 
 
-# In what order.
+# Order of messages.
 
 
 @pytest.mark.parametrize(
@@ -233,7 +235,7 @@ def test_whoever_else_is_ahead_in_its_numbers_is_no_double() -> None:
         (0, 99, WRONG_BOOT),
     ],
 )
-def test_one_speaker_is_heard_in_the_order_of_its_lives_and_of_its_words(
+def test_one_senders_messages_are_accepted_in_order_of_incarnation_and_number(
     boot: int, sequence: int, reason: RefusedReason | None
 ) -> None:
     hearing = fresh()
@@ -242,7 +244,7 @@ def test_one_speaker_is_heard_in_the_order_of_its_lives_and_of_its_words(
     assert why_not(hearing, report(head(9, boot=boot, sequence=sequence))) is reason
 
 
-def test_what_was_refused_does_not_count_as_heard() -> None:
+def test_a_refused_message_does_not_advance_the_order() -> None:
     hearing = fresh()
     assert why_not(hearing, report(head(9, sequence=20))) is None
     assert why_not(hearing, report(head(9, to=6, sequence=30))) is WRONG_DESTINATION
@@ -260,7 +262,7 @@ def test_what_was_refused_does_not_count_as_heard() -> None:
         heartbeat(head(9, sequence=1)),
     ],
 )
-def test_another_speaker_area_or_kind_of_message_has_an_order_of_its_own(other: T2tMessage) -> None:
+def test_each_sender_area_and_kind_of_message_has_its_own_order(other: T2tMessage) -> None:
     hearing = fresh()
     assert why_not(hearing, report(head(9, sequence=20))) is None
 
@@ -268,7 +270,7 @@ def test_another_speaker_area_or_kind_of_message_has_an_order_of_its_own(other: 
     assert why_not(hearing, other) is NOT_NEWER
 
 
-def test_every_object_of_the_wayside_has_an_order_of_its_own() -> None:
+def test_every_object_of_the_wayside_has_its_own_order() -> None:
     hearing = fresh()
     assert why_not(hearing, status(head(0, sequence=20), 3)) is None
 
@@ -277,15 +279,16 @@ def test_every_object_of_the_wayside_has_an_order_of_its_own() -> None:
     assert why_not(hearing, status(head(0, sequence=19), 3)) is NOT_NEWER
 
 
-def test_authorities_are_kept_in_order_by_the_member_who_takes_them() -> None:
-    """A new master's may come before the last ones of the old, and each has its term."""
+def test_the_member_checks_the_order_of_authorities() -> None:
+    """A new master's authority may come before the last ones of the former master; each has its
+    term."""
     hearing = fresh()
 
     for sequence in (20, 20, 1):
         assert why_not(hearing, authority(head(9, sequence=sequence))) is None
 
 
-def test_16384_streams_are_kept_and_a_flood_of_new_speakers_silences_nobody_known() -> None:
+def test_a_flood_of_new_senders_does_not_evict_the_16384_known_streams() -> None:
     hearing = fresh()
     trains = [train for train in range(1, 20_000) if train != OWN]
     sample = report(head(trains[0]))
@@ -299,10 +302,10 @@ def test_16384_streams_are_kept_and_a_flood_of_new_speakers_silences_nobody_know
     assert why_not(hearing, report(head(trains[0], sequence=21))) is NOT_NEWER
 
 
-# How a train itself speaks.
+# Headers of the train's own messages.
 
 
-def test_a_train_numbers_all_its_words_from_1_whatever_they_are_about() -> None:
+def test_a_train_numbers_all_its_messages_from_1() -> None:
     speaker = MessageHeads(OWN, OWN_BOOT)
     assert speaker.sequence == 0
 

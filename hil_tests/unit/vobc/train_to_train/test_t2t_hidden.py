@@ -1,4 +1,4 @@
-"""What hides between a train and the next one, by axles that are counted and by who is known."""
+"""Shadow trains between a train and the next one, from axle counts and known positions."""
 
 from dataclasses import replace
 
@@ -20,10 +20,10 @@ from zenoh_config.t2t import RosterEntry, TrainReport
 @pytest.mark.parametrize(
     ("age_ns", "within_m"), [(0, 80.0), (SILENT_NS, 100.0), (SILENT_NS + 1, 900.0)]
 )
-def test_a_train_is_no_farther_than_it_may_have_run_since_it_spoke(
+def test_a_train_is_no_farther_than_it_may_have_run_since_its_report(
     age_ns: int, within_m: float
 ) -> None:
-    """At 40 m/s; from one that is silent only what it was granted is known."""
+    """A train runs at most 40 m/s. A silent one may be anywhere within its authority."""
     known = conclusions(report(1, 0.0, held_end_m=900.0))
 
     assert known.within_m(known.records[1], NOW_NS + age_ns, sure=True) == within_m
@@ -36,7 +36,7 @@ def test_a_train_is_no_farther_than_it_was_granted() -> None:
     assert known.within_m(known.records[1], NOW_NS + SILENT_NS, sure=True) == 85.0
 
 
-def test_of_a_train_that_was_never_heard_only_what_it_was_granted_is_known() -> None:
+def test_a_train_that_never_reported_may_be_anywhere_within_its_authority() -> None:
     known = conclusions()
     known.records[1] = TrainRecord(1, 0.0, NOW_NS, boot=1, latent_m=400.0)
 
@@ -50,19 +50,19 @@ def hidden(
     end_m: float = 5000.0,
     left: TrainRecord | None = None,
 ) -> list[BarredTrack]:
-    """Before a train from 0 to 80 m that was granted 100 m."""
+    """Barred track before a train from 0 to 80 m that was granted 100 m."""
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     return known.hidden_before(known.records[1].granted_m, ahead, track(*occupied), (end_m, left))
 
 
 def heard_of(rear_m: float, *, later_ns: int = 0) -> TrainRecord:
-    """So long after the look."""
+    """A record of train 2, received this long after the axle count."""
     return TrainRecord(2, rear_m, NOW_NS + later_ns, boot=1)
 
 
 THIRD_OCCUPIED = (True, False, True, True)
 HIDDEN = [BarredTrack(189.0, 300.0, Bar.SHUT)]
-"""The third section, 4 m for what hangs over and 7 m for rolling and jogging back before it."""
+"""The third section, extended by 4 m of overhang and 7 m of rollback and jog."""
 
 
 @pytest.mark.parametrize(("ahead_m", "hides"), [(307.0, True), (306.9, False), (400.0, True)])
@@ -75,7 +75,8 @@ def test_an_occupied_section_that_neither_of_two_neighbours_can_be_in_is_shut(
 
 
 def located(ahead: TrainReport, *, age_ns: int = 0, lost: bool = False) -> bool:
-    """By what it said a while ago, and that it said since that it is lost."""
+    """Whether the train counts as located by an old report, and perhaps a later one without
+    position."""
     told = [ahead, *([replace(ahead, localised=False)] if lost else [])]
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     record = known.table.of(ahead.source, rear_m=ahead.rear_min_m, now_ns=0)
@@ -84,7 +85,7 @@ def located(ahead: TrainReport, *, age_ns: int = 0, lost: bool = False) -> bool:
     return known.is_placed(record, NOW_NS + age_ns)
 
 
-def test_a_train_is_placed_that_said_just_now_under_this_command_where_it_is() -> None:
+def test_a_train_is_located_by_a_recent_report_under_this_term() -> None:
     assert located(report(2, 290.0))
     assert located(report(2, 290.0), age_ns=SILENT_NS)
     assert not located(report(2, 290.0), age_ns=SILENT_NS + 1)
@@ -93,7 +94,7 @@ def test_a_train_is_placed_that_said_just_now_under_this_command_where_it_is() -
     assert not located(report(2, 290.0), lost=True)
 
 
-def test_a_train_that_was_lost_is_placed_again_as_soon_as_it_says_where_it_is() -> None:
+def test_a_lost_train_is_located_again_as_soon_as_it_reports_its_position() -> None:
     known = conclusions(report(2, 290.0), replace(report(2, 290.0), localised=False))
     assert not known.is_placed(known.records[2], NOW_NS)
 
@@ -103,7 +104,7 @@ def test_a_train_that_was_lost_is_placed_again_as_soon_as_it_says_where_it_is() 
 
 
 @pytest.mark.parametrize(("age_ns", "rear_m"), [(0, 294.0), (250_000_000, 304.0)])
-def test_a_rear_has_come_no_farther_than_the_front_is_unsure_and_trains_are_fast(
+def test_a_rear_is_bounded_by_position_uncertainty_and_maximum_speed(
     age_ns: int, rear_m: float
 ) -> None:
     told = replace(report(2, 290.0), front_max_m=374.0)
@@ -111,7 +112,7 @@ def test_a_rear_has_come_no_farther_than_the_front_is_unsure_and_trains_are_fast
     assert conclusions().rear_max_m(told, NOW_NS + age_ns) == rear_m
 
 
-def test_of_whom_only_arbiters_know_nobody_knows_where_it_is() -> None:
+def test_a_train_known_only_from_the_roster_is_not_located() -> None:
     known = conclusions()
     assert not known.is_placed(known.add(RosterEntry(2, 290.0, True, 1), NOW_NS), NOW_NS)
 
@@ -126,10 +127,11 @@ def test_of_whom_only_arbiters_know_nobody_knows_where_it_is() -> None:
         (SILENT_NS + 1, 300.1, [300.1]),
     ],
 )
-def test_in_the_section_of_a_train_that_is_silent_another_may_be_by_now(
+def test_the_section_of_a_silent_train_may_hold_another_train(
     age_ns: int, granted_m: float, from_m: list[float]
 ) -> None:
-    """Of what reaches in there, or comes close, nothing is taken back, and no more is given."""
+    """The master takes back no authority that reaches in there or comes close, and gives no
+    longer one."""
     follows = replace(report(1, 0.0, held_end_m=granted_m), echo_ns=NOW_NS + age_ns)
     known = conclusions(follows, report(2, 290.0))
     behind, ahead = known.records[1], known.records[2]
@@ -143,7 +145,7 @@ def test_in_the_section_of_a_train_that_is_silent_another_may_be_by_now(
 
 
 @pytest.mark.parametrize("silent", [False, True])
-def test_a_section_that_a_train_ahead_surely_is_not_in_is_shut_also_within_what_was_granted(
+def test_an_occupied_section_without_the_train_ahead_is_shut_even_within_the_authority(
     *, silent: bool
 ) -> None:
     now_ns = NOW_NS + SILENT_NS + silent
@@ -157,9 +159,7 @@ def test_a_section_that_a_train_ahead_surely_is_not_in_is_shut_also_within_what_
     assert found == HIDDEN
 
 
-def test_no_farther_is_what_a_train_may_hold_or_of_one_that_may_not_have_heard_what_it_says() -> (
-    None
-):
+def test_the_bar_ahead_is_the_granted_end_or_the_reported_one_of_a_deaf_train() -> None:
     hears, deaf = report(1, 0.0, held_end_m=350.0), report(2, 0.0, held_end_m=350.0)
     known = conclusions(hears, replace(deaf, echo_ns=NOW_NS - SILENT_NS - 1))
     for train in (1, 2):
@@ -177,10 +177,11 @@ def test_no_farther_is_what_a_train_may_hold_or_of_one_that_may_not_have_heard_w
 
 @pytest.mark.parametrize("silent_ahead", [False, True])
 @pytest.mark.parametrize(("front_m", "doubtful"), [(80.0, True), (200.0, True), (200.1, False)])
-def test_a_train_that_hears_nothing_may_be_in_sections_within_its_grant_or_another_may(
+def test_sections_within_the_authority_of_a_deaf_train_may_hold_it_or_another(
     front_m: float, *, doubtful: bool, silent_ahead: bool
 ) -> None:
-    """Whether it took what it was granted nobody knows: it gets no more for the moment."""
+    """The master cannot know whether the train took its authority, so it gives no more for the
+    moment."""
     deaf = replace(report(1, 0.0, held_end_m=350.0), front_max_m=front_m, echo_ns=1)
     ahead = replace(report(2, 390.0), echo_ns=1) if silent_ahead else report(2, 390.0)
     known = conclusions(deaf, ahead)
@@ -197,10 +198,11 @@ def test_a_train_that_hears_nothing_may_be_in_sections_within_its_grant_or_anoth
     ("before_ms", "rear_m", "hides"),
     [(100, 307.0, True), (50, 307.0, True), (49, 307.0, False), (100, 306.9, False)],
 )
-def test_a_train_that_was_heard_before_the_look_was_not_in_a_section_that_it_had_left(
+def test_a_train_that_reported_before_the_count_was_not_in_a_section_that_it_had_left(
     before_ms: int, rear_m: float, *, hides: bool
 ) -> None:
-    """It says so again 50 ms after the look, in which it might have run 2 m (seed 239837)."""
+    """The train reports the same again 50 ms after the count, in which it may have run 2 m
+    (simulation seed 239837)."""
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     ahead = known.table.of(2, rear_m=rear_m, now_ns=0)
     for heard_ns in (NOW_NS - before_ms * 1_000_000, NOW_NS):
@@ -210,7 +212,7 @@ def test_a_train_that_was_heard_before_the_look_was_not_in_a_section_that_it_had
     assert known.hidden_before(100.0, ahead, view, (5000.0, None)) == (HIDDEN if hides else [])
 
 
-def test_before_the_foremost_train_what_hides_is_looked_for_once() -> None:
+def test_a_shadow_train_before_the_foremost_train_is_found_once() -> None:
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     view, left = track(*THIRD_OCCUPIED), (5000.0, None)
 
@@ -218,7 +220,7 @@ def test_before_the_foremost_train_what_hides_is_looked_for_once() -> None:
 
 
 @pytest.mark.parametrize(("end_m", "hides"), [(300.0, True), (299.9, False), (400.0, True)])
-def test_before_the_foremost_train_all_is_shut_that_is_occupied_up_to_the_end(
+def test_before_the_foremost_train_every_occupied_section_is_shut(
     end_m: float, *, hides: bool
 ) -> None:
     found = hidden(THIRD_OCCUPIED, end_m=end_m)
@@ -230,10 +232,10 @@ def test_before_the_foremost_train_all_is_shut_that_is_occupied_up_to_the_end(
 @pytest.mark.parametrize(
     ("later_ns", "bar"), [(1_000_000_000, Bar.SHUT), (1_000_000_001, Bar.UNSURE)]
 )
-def test_whoever_was_seen_there_may_be_the_one_that_is_ahead_since_then(
+def test_the_axles_in_a_section_may_belong_to_the_train_that_is_ahead_now(
     later_ns: int, bar: Bar, *, left: bool
 ) -> None:
-    """At 40 m/s it comes 40 m farther in a second; or it may be another."""
+    """At 40 m/s the train comes 40 m farther in a second; the vehicle may also be another one."""
     other = heard_of(347.0, later_ns=later_ns)
     ahead = None if left else other
     found = hidden(THIRD_OCCUPIED, ahead=ahead, end_m=340.0, left=other if left else None)
@@ -242,24 +244,24 @@ def test_whoever_was_seen_there_may_be_the_one_that_is_ahead_since_then(
 
 
 @pytest.mark.parametrize(("rear_m", "hides"), [(310.9, False), (311.0, True), (370.0, True)])
-def test_who_left_the_area_excuses_no_section_that_it_had_left_long_before(
+def test_a_train_that_left_the_area_does_not_account_for_a_section_it_left_long_before(
     rear_m: float, *, hides: bool
 ) -> None:
-    """It ran on unheard, or began anew where it had been moved to, and says so 0.1 s after the
-    look, in which it may have run 4 m (seed 299316)."""
+    """The train ran on unheard or restarted elsewhere. It reports 0.1 s after the count, in
+    which it may have run 4 m (simulation seed 299316)."""
     left = heard_of(rear_m, later_ns=100_000_000)
 
     assert hidden(THIRD_OCCUPIED, end_m=300.0, left=left) == (HIDDEN if hides else [])
 
 
-def test_what_lies_beyond_the_area_is_for_others_to_look_at_however_far_the_last_one_went() -> None:
+def test_sections_beyond_the_area_are_not_examined() -> None:
     left = heard_of(900.0)
 
     assert hidden((True, False, False, True), end_m=300.0, left=left) == []
     assert hidden((True, False, False, True), end_m=400.0, left=left) != []
 
 
-def test_where_nothing_is_occupied_or_nobody_counts_nothing_hides() -> None:
+def test_without_occupied_sections_or_axle_counters_there_is_no_shadow_train() -> None:
     known = conclusions(report(1, 0.0, held_end_m=100.0))
 
     assert hidden((True, False, False, False), end_m=400.0) == []

@@ -13,7 +13,7 @@ from zenoh_config.t2t import LeaseAnswer, LeaseKind, RosterEntry
 
 MS = 1_000_000
 LEASE_NS = 299_400_000
-"""300 ms, as a holder counts whose clock may be slow by 2 in 1000."""
+"""300 ms as measured by a holder whose clock may be slow by 0.2 %, ns."""
 OWN = 5
 ONE = T2tConfig()
 THREE = T2tConfig(arbiters=(65_001, 65_002, 65_003))
@@ -28,7 +28,7 @@ def lease_of(config: T2tConfig = ONE, guards: LeaseGuards | None = None) -> Leas
 
 
 class Kept(NamedTuple):
-    """The roster that an arbiter tells of."""
+    """The roster that an arbiter reports."""
 
     term: int = 0
     version: int = 0
@@ -63,7 +63,7 @@ def asked(lease: Lease, at_ms: int = 1000) -> ArbiterRequest:
 
 
 def held(config: T2tConfig = ONE, *, at_ms: int = 1000) -> tuple[Lease, ArbiterRequest]:
-    """Granted at once by as many as are needed."""
+    """A lease that the necessary number of arbiters granted at once."""
     lease = lease_of(config)
     request = asked(lease, at_ms)
     for arbiter in config.arbiters[: config.majority]:
@@ -72,10 +72,10 @@ def held(config: T2tConfig = ONE, *, at_ms: int = 1000) -> tuple[Lease, ArbiterR
     return lease, request
 
 
-# Before anything was asked.
+# Before the first request.
 
 
-def test_who_has_asked_for_nothing_has_nothing_and_knows_nothing() -> None:
+def test_before_the_first_request_there_is_no_lease() -> None:
     lease = lease_of()
 
     assert lease.state is LeaseState.NONE
@@ -92,16 +92,14 @@ def test_the_times_of_a_lease_count_from_the_beginning_of_the_clock() -> None:
 
     assert lease.attempt_ends_ns() == 100 * MS
     assert lease.renewal_due_ns() == 75 * MS
-    # No answer for longer than 75 ms between renewals and a margin of 10 ms.
+    # The holder waited longer than a renewal period of 75 ms and a margin of 10 ms.
     assert lease.renew(86 * MS).less_ns == 1 * MS
 
 
 # Requests.
 
 
-def test_an_application_asks_for_a_whole_lease_under_a_term_nobody_has_seen_tried_or_refused() -> (
-    None
-):
+def test_an_application_asks_for_a_whole_lease_under_an_unused_term() -> None:
     lease = lease_of()
 
     first = lease.ask(1000 * MS, seen_term=3, tried_term=5)
@@ -114,7 +112,7 @@ def test_an_application_asks_for_a_whole_lease_under_a_term_nobody_has_seen_trie
     assert lease.state is LeaseState.ASKED
 
 
-def test_a_renewal_says_the_successor_and_is_due_a_period_after_the_request_before() -> None:
+def test_a_renewal_names_the_successor_and_is_due_a_period_after_the_last_request() -> None:
     lease, request = held()
     lease.successor = 7
     assert lease.renewal_due_ns() == 1075 * MS
@@ -125,7 +123,7 @@ def test_a_renewal_says_the_successor_and_is_due_a_period_after_the_request_befo
     assert lease.renewal_due_ns() == 1155 * MS
 
 
-def test_a_lease_given_back_is_held_no_more_whatever_arbiters_say_late() -> None:
+def test_late_answers_do_not_revive_a_returned_lease() -> None:
     lease, request = held()
     late = lease.renew(1075 * MS)
 
@@ -139,8 +137,8 @@ def test_a_lease_given_back_is_held_no_more_whatever_arbiters_say_late() -> None
     assert lease.until_ns == 1000 * MS + LEASE_NS
 
 
-def test_no_answer_to_what_was_given_back_counts() -> None:
-    """Neither a vote nor a refusal is one for the next candidacy."""
+def test_no_answer_to_a_returned_lease_counts() -> None:
+    """Neither a vote nor a refusal counts for the next candidacy."""
     lease, _ = held()
     given = lease.give_back(1080 * MS)
 
@@ -149,7 +147,7 @@ def test_no_answer_to_what_was_given_back_counts() -> None:
     assert lease.wait_until_ns == 0
 
 
-def test_who_applies_anew_forgets_all_that_was_of_the_attempt_before() -> None:
+def test_a_new_application_discards_the_state_of_the_last_attempt() -> None:
     lease = lease_of()
     first = asked(lease)
     lease.hears(grant(first, kept=Kept(3, 4, YOUNG)), 1005 * MS)
@@ -167,20 +165,20 @@ def test_who_applies_anew_forgets_all_that_was_of_the_attempt_before() -> None:
     assert (lease.successor, lease.beaten) == (0, False)
     assert (lease.until_ns, lease.wait_until_ns) == (0, 0)
     assert not lease.lost(1159 * MS)
-    # Nothing is confirmed of this attempt, so nothing may be counted on.
+    # No grant of this attempt is confirmed, so the train may not rely on any.
     assert lease.renew(1070 * MS).less_ns == LEASE_NS
 
 
 # Votes.
 
 
-def test_two_of_three_make_a_lease_that_counts_from_the_question() -> None:
+def test_two_of_three_grants_make_a_lease_that_counts_from_the_request() -> None:
     lease = lease_of(THREE)
     request = asked(lease)
 
     lease.hears(grant(request, A), 1010 * MS)
     lease.hears(grant(request, A), 1011 * MS)
-    assert lease.until_ns == 0  # One counts once.
+    assert lease.until_ns == 0  # One arbiter counts once.
     lease.hears(grant(request, C), 1050 * MS)
 
     assert lease.state is LeaseState.HELD
@@ -199,7 +197,7 @@ def test_votes_for_two_requests_are_not_added_up() -> None:
 
 
 @pytest.mark.parametrize("arbiter", [0, 5, 65_000, 65_002, 65_099])
-def test_who_is_no_arbiter_of_this_line_has_no_vote_and_refuses_nothing(arbiter: int) -> None:
+def test_answers_of_unknown_arbiters_do_not_count(arbiter: int) -> None:
     lease = lease_of(ONE)
     request = asked(lease)
 
@@ -229,8 +227,8 @@ def test_a_grant_for_another_term_or_another_request_is_no_vote(term: int, nonce
     assert lease.adopted == (0, 0, ())
 
 
-def test_eight_requests_are_kept_and_answers_to_older_ones_are_none() -> None:
-    """What an answer itself says of its time is not believed."""
+def test_answers_to_requests_older_than_the_last_eight_do_not_count() -> None:
+    """The time that an answer itself reports does not count."""
     lease, first = held()
     renewals = [lease.renew((1000 + n) * MS) for n in range(1, 10)]
 
@@ -265,7 +263,7 @@ def test_a_late_grant_of_an_older_request_shortens_nothing() -> None:
 def test_a_lease_ends_with_the_newest_request_that_a_majority_granted(
     steps: list[int | tuple[int, int]],
 ) -> None:
-    """Whatever answers come, in whatever order: counted beside the lease, arbiter by arbiter."""
+    """The oracle counts the answers arbiter by arbiter, whatever comes in whatever order."""
     lease = lease_of(FIVE)
     now_ms = 1000
     requests = [(now_ms, asked(lease, now_ms))]
@@ -291,7 +289,7 @@ def test_a_lease_ends_with_the_newest_request_that_a_majority_granted(
     assert not lease.runs(until_ns - 10 * MS)
 
 
-# The roster that comes with it.
+# The roster that comes with a grant.
 
 
 @pytest.mark.parametrize(
@@ -318,8 +316,8 @@ def test_a_candidate_adopts_the_newest_roster_by_term_and_then_by_version(
     assert lease.adopted == adopted
 
 
-def test_whoever_holds_a_lease_adopts_no_other_roster_any_more() -> None:
-    """From then on its own is the newest, whatever a slow arbiter still has."""
+def test_a_lease_holder_adopts_no_other_roster() -> None:
+    """From then on its own roster is the newest, whatever a slow arbiter still reports."""
     lease = lease_of(THREE)
     request = asked(lease)
     lease.hears(grant(request, A, kept=Kept(3, 4, OLD)), 1010 * MS)
@@ -334,7 +332,7 @@ def test_whoever_holds_a_lease_adopts_no_other_roster_any_more() -> None:
 # Refusals.
 
 
-def test_a_refusal_says_how_long_to_wait_and_the_longest_wait_counts() -> None:
+def test_the_longest_wait_of_all_refusals_counts() -> None:
     lease = lease_of(FIVE)
     request = asked(lease)
 
@@ -346,7 +344,7 @@ def test_a_refusal_says_how_long_to_wait_and_the_longest_wait_counts() -> None:
     assert lease.wait_until_ns == 1102 * MS
 
 
-def test_a_refusal_of_another_attempt_tells_of_a_term_and_of_nothing_else() -> None:
+def test_only_the_term_of_a_refusal_of_another_attempt_counts() -> None:
     lease = lease_of()
     first = asked(lease)
     lease.ask(1200 * MS, seen_term=0, tried_term=first.term)
@@ -395,7 +393,7 @@ def test_a_candidacy_without_a_majority_is_lost_after_100_ms(after_ns: int, *, l
     assert lease.lost(1000 * MS + after_ns) is lost
 
 
-def test_whoever_has_the_lease_or_gave_it_back_has_no_candidacy_to_lose() -> None:
+def test_a_holder_or_former_holder_cannot_lose_a_candidacy() -> None:
     lease, _ = held(THREE)
     renewal = lease.renew(1075 * MS)
     lease.hears(refusal(renewal, A), 1080 * MS)
@@ -408,10 +406,8 @@ def test_whoever_has_the_lease_or_gave_it_back_has_no_candidacy_to_lose() -> Non
 
 
 @pytest.mark.parametrize(("term", "beaten"), [(0, False), (1, False), (2, True), (30, True)])
-def test_a_holder_is_beaten_when_a_higher_term_is_promised_than_its_own(
-    term: int, *, beaten: bool
-) -> None:
-    """An arbiter that was started anew refuses, too, and may well renew the lease later."""
+def test_a_holder_is_beaten_when_a_higher_term_is_acknowledged(term: int, *, beaten: bool) -> None:
+    """A restarted arbiter refuses too, and may well renew the lease later."""
     lease, request = held()
     assert request.term == 1
     renewal = lease.renew(1075 * MS)
@@ -422,7 +418,7 @@ def test_a_holder_is_beaten_when_a_higher_term_is_promised_than_its_own(
     assert lease.state is LeaseState.HELD
 
 
-def test_who_is_beaten_stays_beaten() -> None:
+def test_a_beaten_holder_stays_beaten() -> None:
     lease, _ = held(THREE)
     renewal = lease.renew(1075 * MS)
     lease.hears(refusal(renewal, A, term=2), 1080 * MS)
@@ -441,7 +437,7 @@ def test_a_candidate_is_not_beaten_before_it_holds_anything() -> None:
     assert not lease.beaten
 
 
-# How long it runs, and for how much less it asks.
+# Validity of a lease, and how much less a renewal asks for.
 
 
 @pytest.mark.parametrize(
@@ -454,7 +450,7 @@ def test_a_lease_runs_until_a_margin_of_10_ms_before_its_end(now_ns: int, *, run
     assert lease.runs(now_ns) is runs
 
 
-def test_a_renewal_on_its_way_does_not_lengthen_a_lease() -> None:
+def test_an_unanswered_renewal_does_not_lengthen_a_lease() -> None:
     lease, _ = held()
 
     lease.renew(1280 * MS)
@@ -462,7 +458,7 @@ def test_a_renewal_on_its_way_does_not_lengthen_a_lease() -> None:
     assert not lease.runs(1_289_400_000)
 
 
-def test_an_application_does_not_run_although_nothing_ends_it_yet() -> None:
+def test_an_application_is_no_running_lease() -> None:
     lease = lease_of()
     asked(lease)
 
@@ -483,7 +479,8 @@ def test_an_application_does_not_run_although_nothing_ends_it_yet() -> None:
 def test_a_renewal_asks_for_as_much_less_as_the_last_answer_is_overdue(
     answered_ms: int, at_ms: int, less_ms: int
 ) -> None:
-    """Usual are 75 ms between renewals, 10 ms of margin, and what the last answer took."""
+    """The usual wait is 75 ms between renewals, 10 ms of margin, and the time of the last
+    answer."""
     lease = lease_of()
     lease.hears(grant(asked(lease)), answered_ms * MS)
 
@@ -494,24 +491,24 @@ def test_a_renewal_asks_for_as_much_less_as_the_last_answer_is_overdue(
     assert lease.until_ns == max(1000 * MS + LEASE_NS, at_ms * MS + LEASE_NS - less_ms * MS)
 
 
-def test_nobody_asks_for_less_than_nothing() -> None:
+def test_a_request_is_never_shortened_below_zero() -> None:
     lease, _ = held()
 
     assert lease.renew(60_000 * MS).less_ns == LEASE_NS
 
 
-def test_what_an_answer_takes_is_known_by_the_majority_and_not_by_the_slowest() -> None:
+def test_the_answer_time_is_that_of_the_majority_and_not_of_the_slowest() -> None:
     lease = lease_of(THREE)
     request = asked(lease)
     lease.hears(grant(request, A), 1005 * MS)
     lease.hears(grant(request, B), 1010 * MS)
     lease.hears(grant(request, C), 1060 * MS)
 
-    # 75 ms and 10 ms, and 10 ms that the majority took.
+    # 75 ms and 10 ms, and the 10 ms that the majority took.
     assert lease.renew(1100 * MS).less_ns == 5 * MS
 
 
-def test_a_late_answer_to_an_older_request_says_nothing_of_how_long_answers_take() -> None:
+def test_a_late_answer_to_an_older_request_does_not_change_the_answer_time() -> None:
     lease, first = held(THREE)
     renewal = lease.renew(1075 * MS)
     lease.hears(grant(renewal, A), 1080 * MS)
@@ -522,7 +519,7 @@ def test_a_late_answer_to_an_older_request_says_nothing_of_how_long_answers_take
     assert lease.renew(1166 * MS).less_ns == 1 * MS
 
 
-def test_a_request_in_the_first_instant_of_a_clock_is_confirmed_as_any_other() -> None:
+def test_a_request_at_clock_zero_is_confirmed_like_any_other() -> None:
     lease = lease_of()
     request = lease.ask(1, seen_term=0, tried_term=0)
 
@@ -532,10 +529,10 @@ def test_a_request_in_the_first_instant_of_a_clock_is_confirmed_as_any_other() -
     assert lease.renew(106 * MS + 1).less_ns == 1 * MS
 
 
-# With a guard taken away, as simulators do.
+# A lease with a guard removed, as in simulations.
 
 
-def test_without_the_guard_of_the_majority_whoever_asks_has_it_at_once() -> None:
+def test_without_the_majority_guard_every_request_succeeds_at_once() -> None:
     lease = lease_of(THREE, without(LeaseGuards(), "granted_by_majority"))
 
     asked(lease)
@@ -544,8 +541,8 @@ def test_without_the_guard_of_the_majority_whoever_asks_has_it_at_once() -> None
     assert lease.until_ns == 1000 * MS + LEASE_NS
 
 
-def test_without_the_guard_of_attempts_an_answer_to_nothing_counts_from_what_it_echoes() -> None:
-    """That is the mistake that the guard is there for."""
+def test_without_the_attempt_guard_an_unrequested_answer_counts_from_its_echo() -> None:
+    """The guard exists to prevent this mistake."""
     lease = lease_of(THREE, without(LeaseGuards(), "answers_this_attempt"))
     request = asked(lease)
 

@@ -1,4 +1,5 @@
-"""Trains that command themselves, together on a small railway: what a passenger would notice."""
+"""Trains that command themselves on a small railway: the behaviour that a passenger would
+notice."""
 
 import pytest
 
@@ -23,7 +24,7 @@ THREE = T2tConfig(arbiters=(65_001, 65_002, 65_003))
 
 
 def started(trains: int = 4, *, config: T2tConfig | None = None, section_m: float = 100.0) -> Rig:
-    """One area, trains 300 m apart, all commanded and running."""
+    """One area with trains 300 m apart, all commanded and running."""
     rig = Rig(line_of(0.0, 4000.0, section_m=section_m), config=config)
     for n in range(trains):
         rig.start_train(n + 1, 1500.0 - 300.0 * n)
@@ -49,7 +50,7 @@ def order(rig: Rig, kind: OrderKind, train: int, sequence: int) -> LineOrder:
     return LineOrder(SUPERVISION, 65_535, 1, 0, 1, sequence, rig.now_ns, kind, train)
 
 
-def test_the_first_train_becomes_master_another_stands_by_and_all_get_authorities() -> None:
+def test_the_first_train_becomes_master_another_standby_and_all_get_authorities() -> None:
     rig = started()
 
     assert len(rig.masters()) == 1
@@ -115,7 +116,7 @@ def test_a_master_that_is_cut_off_stops_before_its_lease_ends_and_is_not_obeyed_
     assert len(rig.masters()) == 1
 
 
-def test_a_master_that_is_stopped_for_5_s_issues_nothing_that_is_accepted_when_it_goes_on() -> None:
+def test_authorities_of_a_master_that_paused_for_5_s_are_refused() -> None:
     rig = started()
     old = rig.masters()[0]
     term = term_of(rig)
@@ -152,7 +153,7 @@ def test_a_planned_switch_leaves_no_gap_in_any_trains_authority() -> None:
 
 
 @pytest.mark.parametrize("lost", [SwitchKind.READY, SwitchKind.COMMIT])
-def test_a_switch_of_which_a_step_is_always_lost_is_given_up_and_changes_nothing(
+def test_a_switch_with_a_lost_step_is_aborted_without_effect(
     lost: SwitchKind,
 ) -> None:
     rig = started()
@@ -172,7 +173,7 @@ def test_a_switch_of_which_a_step_is_always_lost_is_given_up_and_changes_nothing
     assert emergencies(rig) == 0
 
 
-def test_a_train_out_of_service_hands_its_command_over_and_is_not_chosen_again() -> None:
+def test_a_train_out_of_service_hands_over_its_command_and_is_not_elected_again() -> None:
     rig = started()
     master = rig.masters()[0]
 
@@ -183,7 +184,7 @@ def test_a_train_out_of_service_hands_its_command_over_and_is_not_chosen_again()
     assert len(rig.masters()) == 1
 
 
-def test_a_train_that_supervision_takes_out_of_service_gives_its_command_up() -> None:
+def test_a_train_that_supervision_takes_out_of_service_gives_up_its_command() -> None:
     rig = started()
     (master,) = rig.masters()
 
@@ -201,7 +202,7 @@ def test_a_train_that_supervision_takes_out_of_service_gives_its_command_up() ->
     assert master not in rig.masters()
 
 
-def test_trains_pass_a_border_without_slowing_down_and_belong_to_both_areas_on_it() -> None:
+def test_trains_pass_a_border_at_full_speed_and_belong_to_both_areas_on_it() -> None:
     rig = Rig(line_of(0.0, 1200.0, 3000.0, section_m=100.0, apply_m=600.0))
     for n in range(2):
         rig.start_train(n + 1, 900.0 - 300.0 * n)
@@ -223,7 +224,7 @@ def test_without_a_permit_of_the_area_behind_the_border_a_train_stops_before_it(
     rig = Rig(line_of(0.0, 1200.0, 3000.0, apply_m=600.0))
     train = rig.start_train(1, 700.0)
     rig.run(1000)
-    # Nothing of the second area comes through: no lease, no master.
+    # No message of the second area arrives, so it has no lease and no master.
     rig.spoil = lambda message, to: [] if message.area == 2 else [5]
 
     rig.run(60_000)
@@ -233,7 +234,7 @@ def test_without_a_permit_of_the_area_behind_the_border_a_train_stops_before_it(
     assert train.emergencies == 0
 
 
-def test_a_train_that_falls_silent_stays_an_obstacle_and_comes_back_when_it_is_heard() -> None:
+def test_a_silent_train_stays_an_obstacle_and_returns_when_it_reports_again() -> None:
     rig = started(3)
     silent = rig.trains[2]
     rig.spoil = lambda message, to: [] if 2 in (message.source, to) else [5]
@@ -263,7 +264,7 @@ def test_the_reservation_of_a_silent_train_moves_on_as_sections_clear_behind_it(
     assert follower.held.end_m < silent.rear_m
 
 
-def test_a_train_without_readable_memory_takes_no_part() -> None:
+def test_a_train_without_readable_memory_does_not_participate() -> None:
     rig = Rig(line_of(0.0, 4000.0))
     rig.start_train(1, 1500.0)
     rig.trains[1].core = TrainCore(rig.config, rig.line, address=1, memory=None, start_ns=0)
@@ -273,7 +274,7 @@ def test_a_train_without_readable_memory_takes_no_part() -> None:
     assert rig.trains[1].held is None
 
 
-def test_an_arbiter_that_is_gone_ends_issuing_and_trains_stop_within_what_they_hold() -> None:
+def test_without_the_arbiter_trains_stop_within_their_authorities() -> None:
     rig = started(2)
     rig.stop_arbiter(ARBITER)
     gone_ns = rig.now_ns
@@ -288,7 +289,7 @@ def test_an_arbiter_that_is_gone_ends_issuing_and_trains_stop_within_what_they_h
     assert all(t.speed_mps > 0.0 for t in rig.trains.values())
 
 
-def test_one_arbiter_of_three_may_be_gone_without_anybody_noticing() -> None:
+def test_the_loss_of_one_arbiter_of_three_has_no_effect() -> None:
     rig = started(config=THREE)
     rig.stop_arbiter(65_002)
     term = term_of(rig)
@@ -300,13 +301,13 @@ def test_one_arbiter_of_three_may_be_gone_without_anybody_noticing() -> None:
     assert rig.run_until(lambda: all_under(rig, term), 2000) <= 450
 
 
-def test_an_object_opens_only_when_no_train_can_reach_it_and_locks_again_for_them() -> None:
+def test_an_object_opens_only_when_no_train_can_reach_it_and_locks_again() -> None:
     rig = Rig(line_of(0.0, 4000.0, section_m=100.0, objects=[(1800.0, 1840.0)]))
     rig.start_train(1, 1200.0)
     rig.run(3000)
     rig.wanted = {1}
 
-    rig.run(50_000)  # The rig's own check looks that nobody can enter it while it is open.
+    rig.run(50_000)  # The rig itself checks that no train can enter the object while it is open.
     assert rig.trains[1].front_m < 1800.0
     assert rig.trains[1].emergencies == 0
     rig.wanted = set()
@@ -326,7 +327,7 @@ def test_a_hidden_vehicle_between_two_trains_is_an_obstacle() -> None:
 
     held = rig.trains[2].held
     assert held is not None
-    assert held.end_m == 1000.0 - 4.0 - 7.0  # What overhangs, rolls back or jogs.
+    assert held.end_m == 1000.0 - 4.0 - 7.0  # Overhang, rollback and jog.
 
 
 def test_a_vehicle_hidden_beside_a_train_keeps_it_from_its_first_authority() -> None:
@@ -373,7 +374,7 @@ def test_a_remote_emergency_brake_ends_the_authority_where_the_train_is() -> Non
     assert train.speed_mps > 0.0
 
 
-def test_a_restarted_train_is_commanded_again_and_its_old_master_is_not_obeyed() -> None:
+def test_a_restarted_train_is_commanded_again_and_does_not_obey_its_former_master() -> None:
     rig = started(3)
     victim = next(a for a in rig.trains if a not in rig.masters())
     seen = rig.trains[victim].memory.of_area(1).seen_term
@@ -389,7 +390,7 @@ def test_a_restarted_train_is_commanded_again_and_its_old_master_is_not_obeyed()
     assert train.held is not None
 
 
-def test_two_trains_under_one_address_are_both_out_of_it() -> None:
+def test_two_trains_with_one_address_both_stop_participating() -> None:
     rig = started(2)
     twin = Heartbeat(2, 65_535, 1, 99, 77, 1, rig.now_ns, Phase.ISSUING, 0, 1)
 

@@ -1,4 +1,4 @@
-"""Where a train listens: in the areas that concern it; what is said elsewhere costs nothing."""
+"""Which areas a train listens to: those that concern it; it ignores messages of the others."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -43,11 +43,11 @@ LENGTH_M = 80.0
 AREA_M = 2000.0
 LINE = AreaMap("Long line", tuple([Area(n + 1, n * AREA_M, (n + 1) * AREA_M) for n in range(10)]))
 BORDER_M = 10_000.0
-"""Between areas 5 and 6."""
+"""Border between areas 5 and 6, m."""
 
 
 class Ride:
-    """One train that is looked at every second."""
+    """One train that the test steps every second."""
 
     def __init__(self) -> None:
         self.core = TrainCore(T2tConfig(), LINE, address=OWN, memory=TrainMemory(2), start_ns=0)
@@ -80,7 +80,7 @@ def test_a_train_listens_in_its_own_area_and_in_the_next_once_it_applies_there()
     assert ride.at(BORDER_M + LENGTH_M + FAREWELL_M) == {5, 6}
 
 
-def test_it_goes_on_listening_for_ten_seconds_where_it_is_no_concern_any_more() -> None:
+def test_it_goes_on_listening_for_ten_seconds_in_an_area_that_no_longer_concerns_it() -> None:
     ride = Ride()
     ride.at(BORDER_M)
     gone_m = BORDER_M + LENGTH_M + FAREWELL_M + 0.1
@@ -90,8 +90,8 @@ def test_it_goes_on_listening_for_ten_seconds_where_it_is_no_concern_any_more() 
     assert ride.at(gone_m) == {6}
 
 
-def test_who_still_commands_an_area_that_it_has_left_goes_on_listening_there() -> None:
-    """A master stays with its trains until another has taken over."""
+def test_a_train_that_still_commands_an_area_it_left_goes_on_listening_there() -> None:
+    """A master stays with its trains until another one has taken over."""
     ride = Ride()
     ride.at(BORDER_M)
     gone_m = BORDER_M + LENGTH_M + FAREWELL_M + 0.1
@@ -101,11 +101,11 @@ def test_who_still_commands_an_area_that_it_has_left_goes_on_listening_there() -
     desk.role = Role.MASTER
 
     assert ride.at(gone_m) == {5, 6}
-    # Without a lease it is one no more.
+    # Without a lease the train is no longer master.
     assert ride.at(gone_m, for_s=2) == {6}
 
 
-def test_bounds_that_waver_around_a_border_change_nothing() -> None:
+def test_bounds_that_oscillate_around_a_border_change_nothing() -> None:
     ride = Ride()
     before_m = BORDER_M - LINE.apply_m
     both = ride.at(before_m)
@@ -115,7 +115,7 @@ def test_bounds_that_waver_around_a_border_change_nothing() -> None:
         assert ride.at(before_m) is both
 
 
-def test_who_is_lost_goes_on_where_it_has_a_role() -> None:
+def test_a_lost_train_goes_on_listening_where_it_has_a_role() -> None:
     ride = Ride()
     ride.at(1000.0)
     desk = ride.core.desk(1)
@@ -125,7 +125,7 @@ def test_who_is_lost_goes_on_where_it_has_a_role() -> None:
     assert ride.at(0.0, localised=False, for_s=60) == {1}
 
 
-def test_who_never_knew_its_place_listens_nowhere() -> None:
+def test_a_train_that_never_had_a_position_listens_nowhere() -> None:
     assert Ride().at(1000.0, localised=False, for_s=5) == frozenset()
 
 
@@ -133,7 +133,7 @@ def key(message: T2tMessage) -> str:
     return t2t_keys.key_of(LINE.name, message)
 
 
-def test_the_radio_tunes_its_port_when_the_train_comes_to_listen_elsewhere() -> None:
+def test_the_radio_port_follows_the_areas_that_the_train_listens_to() -> None:
     ride = Ride()
     radio = LineRadio(ride.core, LINE.name, lambda _: True)
     port = Mock(listen=Mock())
@@ -157,7 +157,7 @@ def test_the_radio_tunes_its_port_when_the_train_comes_to_listen_elsewhere() -> 
 
 
 @pytest.mark.parametrize("areas", [(), (4,)])
-def test_wherever_it_is_a_train_hears_what_is_for_it_and_who_speaks_under_its_name(
+def test_a_train_always_receives_its_own_messages_and_those_under_its_address(
     areas: tuple[int, ...],
 ) -> None:
     wanted = t2t_keys.of_train(LINE.name, OWN, areas)
@@ -170,7 +170,7 @@ def test_wherever_it_is_a_train_hears_what_is_for_it_and_who_speaks_under_its_na
     assert not any(keys.matches(each, key(other)) for each in wanted)
 
 
-def test_a_port_of_the_virtual_radio_is_tuned_anew() -> None:
+def test_a_port_of_the_virtual_radio_can_change_its_subscriptions() -> None:
     air = InprocRadio(0.005)
     wayside, train = air.port("wayside", ()), air.port("train", ("m/1",))
     for at_ms, wanted in enumerate((("m/2",), ("m/1", "m/2"), ())):
@@ -181,7 +181,7 @@ def test_a_port_of_the_virtual_radio_is_tuned_anew() -> None:
         assert tuple(each.key for each in train.receive((at_ms + 1) * 10 * MS)) == wanted
 
 
-def test_what_trains_said_in_an_area_that_is_left_is_not_kept_in_order_any_more() -> None:
+def test_message_orders_of_a_left_area_are_discarded() -> None:
     hearing = fresh()
     here, there = report(head(7, area=1)), report(head(7, area=2))
     order = LineOrder(*head(SUPERVISION, area=1), OrderKind.STOP, OWN)
@@ -197,8 +197,9 @@ def test_what_trains_said_in_an_area_that_is_left_is_not_kept_in_order_any_more(
     assert [why_not(hearing, each) for each in kept] == [NOT_NEWER] * 4
 
 
-def test_a_train_hears_more_trains_pass_than_it_can_keep_in_order() -> None:
-    """Of 700 trains in each of ten areas: once it was deaf to the later ones."""
+def test_a_train_can_meet_more_trains_than_it_has_streams() -> None:
+    """There are 700 trains in each of ten areas. Without dropping old streams it would ignore
+    the later ones."""
     ride = Ride()
     for area in range(1, 11):
         middle_m = (area - 0.5) * AREA_M
@@ -210,7 +211,7 @@ def test_a_train_hears_more_trains_pass_than_it_can_keep_in_order() -> None:
 
 
 @pytest.mark.parametrize("area", [0, 11, 255])
-def test_of_areas_that_the_line_has_not_nothing_is_heard(area: int) -> None:
+def test_messages_of_unknown_areas_are_refused(area: int) -> None:
     ride = Ride()
     step = SwitchStep(*head(7, area=area), SwitchKind.PREPARE, 1, OWN)
 
@@ -219,7 +220,7 @@ def test_of_areas_that_the_line_has_not_nothing_is_heard(area: int) -> None:
     assert ride.core.refusals == {"unknown area": 3}
 
 
-def test_whoever_speaks_under_its_address_is_noticed_wherever_that_is_said() -> None:
+def test_a_duplicate_address_is_detected_in_any_area() -> None:
     ride = Ride()
 
     ride.at(500.0, heard=[report(head(OWN, area=11, boot=9))])

@@ -1,4 +1,4 @@
-"""Rules of seed 003 that are unsafe, each in the situation that shows it, beside the safe ones."""
+"""Unsafe rules of [Wu 2022], each in a situation that shows the hazard, beside the safe rules."""
 
 import pytest
 
@@ -13,8 +13,8 @@ from vobc.train_to_train.paper_literal import (
 from zenoh_config.t2t import AreaAuthority, ObjectState, T2tMessage
 
 
-def two_that_do_not_hear_each_other(guards: TrainGuards) -> None:
-    """The second train enters the area while the radio between the two is down."""
+def trains_without_mutual_radio(guards: TrainGuards) -> None:
+    """The second train enters the area while the radio link between the two is down."""
     rig = Rig(line_of(0.0, 4000.0), guards=guards)
     rig.start_train(1, 1500.0)
     rig.run(2000)
@@ -26,18 +26,18 @@ def two_that_do_not_hear_each_other(guards: TrainGuards) -> None:
     assert rig.trains[2].held is None
 
 
-def test_taking_silence_for_no_master_gives_one_metre_to_two_trains() -> None:
-    two_that_do_not_hear_each_other(SAFE)
+def test_taking_silence_for_a_missing_master_gives_one_metre_to_two_trains() -> None:
+    trains_without_mutual_radio(SAFE)
 
     with pytest.raises(AssertionError, match="train 2 may come to"):
-        two_that_do_not_hear_each_other(SILENCE_MEANS_NO_MASTER)
+        trains_without_mutual_radio(SILENCE_MEANS_NO_MASTER)
 
 
-def late_word_of_the_old_master(guards: TrainGuards) -> None:
-    """The old master lets a train over a crossing and dies; its word is 900 ms on the way.
+def late_authority_of_the_former_master(guards: TrainGuards) -> None:
+    """The former master lets a train over a crossing and fails; its message takes 900 ms.
 
-    Meanwhile the new master has heard the train, which holds nothing over the crossing and
-    promises to obey the new term, and lets the crossing open.
+    Meanwhile the new master has received the train's report: it holds no authority over the
+    crossing and acknowledges the new term. The new master lets the crossing open.
     """
     rig = Rig(line_of(0.0, 4000.0, section_m=100.0, objects=[(1600.0, 1620.0)]), guards=guards)
     rig.wanted = {1}
@@ -76,12 +76,12 @@ def _lets_over(message: T2tMessage, age_ns: int) -> bool:
 
 
 def test_obeying_either_of_two_masters_leads_onto_an_open_crossing() -> None:
-    late_word_of_the_old_master(SAFE)
+    late_authority_of_the_former_master(SAFE)
 
     with pytest.raises(AssertionError, match="train 1 may enter object 1"):
-        late_word_of_the_old_master(ANY_AUTHORITY_IS_SAFE)
+        late_authority_of_the_former_master(ANY_AUTHORITY_IS_SAFE)
 
 
-def test_the_rules_can_be_chosen_by_name_and_the_safe_ones_are_the_default() -> None:
+def test_the_rules_are_selected_by_name_and_default_to_the_safe_ones() -> None:
     assert RULES["safe"] == TrainGuards()
     assert len({id(each) for each in RULES.values()}) == len(RULES)

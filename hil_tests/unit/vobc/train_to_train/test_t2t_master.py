@@ -1,4 +1,4 @@
-"""A master step by step: what it waits for, when it speaks, what it grants and to whom."""
+"""A master step by step: what it waits for, when it sends, what it grants and to whom."""
 
 import pytest
 
@@ -34,7 +34,7 @@ from zenoh_config.t2t import (
 
 
 class TestBefore:
-    def test_until_the_roster_is_kept_it_fences_and_asks_arbiters_to_keep_it(self) -> None:
+    def test_until_the_roster_is_committed_it_fences_and_asks_arbiters_to_store_it(self) -> None:
         chair = Chair(kept=False)
         chair.reports(1, 900.0)
 
@@ -48,7 +48,7 @@ class TestBefore:
         assert [each.sequence for each in commits] == [2, 3, 4]
         assert chair.master.next_due_ns() == 50 * MS
 
-    def test_it_is_to_be_asked_at_once_and_claims_nothing(self) -> None:
+    def test_it_is_due_at_once_and_claims_no_object_before_the_roster_is_committed(self) -> None:
         site = ObjectSite(3, ObjectKind.CROSSING, 1500.0, 1520.0)
         chair = Chair(kept=False, objects=(site,))
         assert chair.master.next_due_ns() == 0
@@ -59,32 +59,34 @@ class TestBefore:
         chair.keeps()
         assert len(of(ObjectClaim, chair.step(0))) == 1
 
-    def test_only_those_are_asked_again_that_have_not_answered(self) -> None:
+    def test_only_arbiters_without_an_answer_are_asked_again(self) -> None:
         chair = Chair(kept=False)
         chair.keeps(arbiters=1)
 
         assert [each.destination for each in of(RosterCommit, chair.step())] == [65_002, 65_003]
 
-    def test_a_roster_that_a_majority_keeps_is_not_sent_any_more(self) -> None:
+    def test_a_committed_roster_is_not_sent_again(self) -> None:
         said = Chair().step()
 
         assert of(RosterCommit, said) == []
         assert [each.phase for each in of(Heartbeat, said)] == [Phase.ISSUING]
 
     @pytest.mark.parametrize(("version", "term"), [(2, TERM), (0, TERM), (1, TERM - 1)])
-    def test_what_is_kept_of_another_roster_is_not_this_one(self, version: int, term: int) -> None:
+    def test_an_acknowledgement_of_another_roster_does_not_count(
+        self, version: int, term: int
+    ) -> None:
         chair = Chair(kept=False)
         chair.keeps(version, term=term)
 
         assert [each.phase for each in of(Heartbeat, chair.step())] == [Phase.FENCING]
 
-    def test_an_arbiter_of_another_line_is_none_of_the_majority(self) -> None:
+    def test_an_arbiter_of_another_line_does_not_count(self) -> None:
         chair = Chair(kept=False)
         for arbiter in (65_001, 65_004, 65_005):
             chair.hears(RosterAck(*chair.head(arbiter), 1))
         assert [each.phase for each in of(Heartbeat, chair.step())] == [Phase.FENCING]
 
-    def test_nothing_is_said_once_the_lease_does_not_outlast_the_saying(self) -> None:
+    def test_nothing_is_sent_when_the_lease_ends_before_the_message_leaves(self) -> None:
         chair = Chair(kept=False)
         chair.lease.until_ns = 210 * MS
         assert chair.step(199)
@@ -105,7 +107,7 @@ class TestRhythm:
         assert beats == list(range(0, 400, 50))
         assert grants == list(range(0, 400, 100))
 
-    def test_what_was_missed_is_not_made_up_for_and_the_rhythm_stays(self) -> None:
+    def test_missed_cycles_are_skipped_and_the_phase_stays(self) -> None:
         chair = Chair()
         chair.step(0)
         assert chair.master.next_due_ns() == 50 * MS
@@ -116,7 +118,7 @@ class TestRhythm:
         assert len(of(Heartbeat, chair.step(1))) == 1
         assert chair.master.next_due_ns() == 250 * MS
 
-    def test_the_cycle_is_waited_for_as_soon_as_it_can_do_anything(self) -> None:
+    def test_cycles_are_due_once_the_track_is_known(self) -> None:
         chair = Chair(sections=True)
         chair.step(10)
         chair.step(50)
@@ -125,7 +127,7 @@ class TestRhythm:
         chair.step(0)
         assert chair.master.next_due_ns() == 100 * MS, "it had been due since 0"
 
-    def test_who_gets_its_first_authority_of_this_term_does_not_wait_for_the_next_cycle(
+    def test_the_first_authority_of_a_term_does_not_wait_for_the_next_cycle(
         self,
     ) -> None:
         chair = Chair()
@@ -145,7 +147,9 @@ class TestRhythm:
 
 
 class TestTrack:
-    def test_on_a_line_that_counts_axles_nothing_is_granted_before_they_are_known(self) -> None:
+    def test_on_a_line_with_axle_counters_no_authority_is_granted_before_the_first_count(
+        self,
+    ) -> None:
         chair = Chair(sections=True)
         chair.reports(1, 900.0)
         assert authorities(chair.step()) == {}
@@ -153,14 +157,14 @@ class TestTrack:
         chair.track(axles={2: 16, 1: 16})
         assert list(authorities(chair.step(0))) == [1]
 
-    def test_what_was_said_to_an_earlier_term_says_nothing(self) -> None:
+    def test_a_track_status_for_an_earlier_term_does_not_count(self) -> None:
         chair = Chair(sections=True)
         chair.reports(1, 900.0)
         chair.track(term=TERM - 1)
         assert authorities(chair.step(0)) == {}
 
     @pytest.mark.parametrize(("age_ms", "known"), [(1000, True), (1001, False)])
-    def test_it_is_known_for_as_long_as_an_authority_lasts(
+    def test_a_track_status_counts_for_the_life_of_an_authority(
         self, age_ms: int, *, known: bool
     ) -> None:
         chair = Chair(sections=True, now_ms=5000)
@@ -169,12 +173,12 @@ class TestTrack:
 
         assert bool(authorities(chair.step(0))) is known
 
-    def test_where_none_are_counted_nothing_has_to_be_known(self) -> None:
+    def test_a_line_without_axle_counters_needs_no_track_status(self) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         assert list(authorities(chair.step(0))) == [1]
 
-    def test_what_supervision_closed_and_slowed_down_binds(self) -> None:
+    def test_closed_track_and_restrictions_of_supervision_bind(self) -> None:
         chair = Chair(sections=True)
         chair.reports(1, 900.0)
         slow = SpeedRestriction(1100.0, 1200.0, 5.0)
@@ -187,15 +191,15 @@ class TestTrack:
         assert authority.end_m == 1700.0
         assert authority.restrictions == (slow,)
 
-    def test_before_axles_that_nobody_explains_it_stops_and_leaves_them_room(self) -> None:
-        """4 m may hang over behind the last axle, and roll and jog back by 7."""
+    def test_an_authority_ends_with_room_before_unaccounted_axles(self) -> None:
+        """The last axle may overhang by 4 m, and the vehicle may roll and jog back by 7 m."""
         chair = Chair(sections=True)
         chair.reports(1, 900.0)
         chair.track(axles={2: 16, 1: 16, 4: 4})
 
         assert authorities(chair.step(0))[1].end_m == 1500.0 - 4.0 - 7.0
 
-    def test_axles_in_the_next_area_are_none_of_this_ones(self) -> None:
+    def test_axles_in_the_next_area_do_not_limit_this_one(self) -> None:
         chair = Chair(sections=True)
         chair.reports(1, 900.0)
         chair.track(axles={2: 16, 1: 16, 5: 4})
@@ -213,10 +217,10 @@ class TestTrack:
             (2200.0, 0, 1489.0),
         ],
     )
-    def test_axles_that_were_counted_while_a_train_was_still_leaving_are_its_own(
+    def test_axles_counted_while_a_train_was_leaving_are_its_own(
         self, front_m: float, seen_ms: int, end_m: float
     ) -> None:
-        """It is heard at 0.1 s; in a millisecond before it had come 4 cm farther at the most."""
+        """The report arrives at 0.1 s; within a millisecond before, the train ran at most 4 cm."""
         chair = Chair(sections=True)
         chair.now_ns = 100 * MS
         chair.track(axles={1: 16, 4: 4}, seen_ms=seen_ms)
@@ -228,10 +232,10 @@ class TestTrack:
         assert authorities(chair.step())[2].end_m == end_m
 
     @pytest.mark.parametrize("heard_ms", [100, 110, 600])
-    def test_what_stands_near_an_unsieved_train_ahead_is_no_less_in_the_way_by_what_that_says(
+    def test_the_report_of_an_unsieved_train_ahead_does_not_account_for_axles_near_it(
         self, heard_ms: int
     ) -> None:
-        """Seed 2414: its own report came after these axles were counted."""
+        """The train's own report came after these axles were counted (simulation seed 2414)."""
         chair = Chair((entry(1, 2060.0, sieved=False), entry(2, 500.0)), sections=True, now_ms=100)
         chair.track(axles={1: 16, 4: 19})
         chair.now_ns = heard_ms * MS
@@ -240,11 +244,12 @@ class TestTrack:
         assert authorities(chair.step(0))[2].end_m == 1489.0
 
     @pytest.mark.parametrize("granted_m", [500.0, 989.0, 995.0])
-    def test_by_a_train_ahead_nobody_gets_farther_before_it_is_kept_on_the_roster(
+    def test_a_train_ahead_extends_no_authority_before_it_is_committed_on_the_roster(
         self, granted_m: float
     ) -> None:
-        """Seed 101286: the next master knew of it by its axles alone, and not of those in the
-        section that the train behind had already been let into.
+        """The next master knew this train by its axles alone (simulation seed 101286).
+
+        It did not account for axles in the section that the train behind had already been granted.
         """
         chair = Chair((entry(2, 500.0),), sections=True, now_ms=100)
         for _ in range(2):
@@ -262,7 +267,7 @@ class TestTrack:
         chair.reports(1, 1520.0)
         assert authorities(chair.step())[2].end_m == 1440.0 - 7.0
 
-    def test_what_stood_near_a_train_that_left_unsieved_is_still_there(self) -> None:
+    def test_axles_near_a_train_that_left_unsieved_still_count(self) -> None:
         chair = Chair((entry(1, 1900.0, sieved=False), entry(2, 500.0)), sections=True, now_ms=100)
         chair.track(axles={1: 16, 4: 19})
         chair.now_ns += 10 * MS
@@ -293,7 +298,9 @@ class TestAuthority:
             (),
         )
 
-    def test_the_next_one_stays_2_and_5_m_behind_and_knows_who_is_ahead(self) -> None:
+    def test_the_following_train_stays_7_m_behind_and_its_authority_names_the_train_ahead(
+        self,
+    ) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         chair.reports(2, 500.0)
@@ -310,7 +317,7 @@ class TestAuthority:
         chair.reports(1, 900.0)
         assert authorities(chair.step(0))[1].end_m == 2000.0
 
-    def test_who_is_not_heard_has_not_promised_or_is_not_sieved_gets_none(self) -> None:
+    def test_a_silent_unacknowledged_or_unsieved_train_gets_no_authority(self) -> None:
         roster = (
             entry(1, 1900.0),
             entry(2, 1500.0),
@@ -326,19 +333,19 @@ class TestAuthority:
         assert list(authorities(chair.step(0))) == [4]
 
     @pytest.mark.parametrize(("age_ms", "granted"), [(500, [1]), (501, [])])
-    def test_what_was_heard_half_an_authority_ago_is_answered_no_more(
+    def test_a_report_older_than_half_an_authority_is_not_answered(
         self, age_ms: int, granted: list[int]
     ) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         assert list(authorities(chair.step(age_ms))) == granted
 
-    def test_a_train_that_never_knew_its_place_gets_none_and_is_no_harm(self) -> None:
+    def test_a_train_that_never_had_a_position_gets_no_authority_and_does_no_harm(self) -> None:
         chair = Chair()
         chair.reports(1, 900.0, localised=False)
         assert authorities(chair.step(0)) == {}
 
-    def test_what_is_on_its_way_stays_reserved_until_it_is_taken(self) -> None:
+    def test_an_outstanding_authority_stays_reserved_until_it_is_acknowledged(self) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         first = authorities(chair.step(0))[1]
@@ -348,8 +355,9 @@ class TestAuthority:
         chair.reports(1, 900.0, held_term=TERM, held_sequence=first.sequence, latent_m=950.0)
         assert record.granted_m == 950.0
 
-    def test_an_end_behind_where_the_train_may_go_back_to_is_not_said(self) -> None:
-        """The train ahead rolled back nearer than it may: 7 m behind its rear is behind 415 m."""
+    def test_an_end_behind_the_rollback_distance_is_not_sent(self) -> None:
+        """The train ahead rolled back farther than permitted: 7 m behind its rear is behind 415
+        m."""
         chair = Chair()
         chair.reports(1, 501.0)
         chair.reports(2, 500.0, latent_m=501.0)
@@ -361,10 +369,10 @@ class TestAuthority:
     @pytest.mark.parametrize(
         ("shut_m", "end_m"), [((1490.0, 1600.0), 1490.0), ((1500.0, 1510.0), 1500.0)]
     )
-    def test_of_several_things_in_the_way_the_nearest_counts_and_of_two_there_the_shorter(
+    def test_the_nearest_barred_track_counts_and_of_two_the_more_restrictive(
         self, shut_m: tuple[float, float], end_m: float
     ) -> None:
-        """What is only unsure of would have left the train what it was granted."""
+        """Unsure track alone would have left the train the authority that it had."""
         site = ObjectSite(3, ObjectKind.CROSSING, 1500.0, 1520.0)
         chair = Chair((entry(1, 900.0),), sections=True, objects=(site,))
         head = (0, BROADCAST, 1, TERM, 1, 1, 0)
@@ -374,7 +382,7 @@ class TestAuthority:
 
         assert authorities(chair.step(0))[1].end_m == end_m
 
-    def test_a_stopped_train_gets_no_farther_than_it_is(self) -> None:
+    def test_a_stopped_train_gets_an_authority_that_ends_at_its_front(self) -> None:
         chair = Chair()
         chair.orders(OrderKind.STOP, 1)
         chair.orders(OrderKind.STOP, 99)
@@ -387,7 +395,7 @@ class TestAuthority:
         chair.reports(1, 900.0)
         assert authorities(chair.step())[1].end_m == 2000.0
 
-    def test_the_way_to_an_applicant_ahead_is_kept_free(self) -> None:
+    def test_the_track_before_an_applicant_ahead_is_kept_free(self) -> None:
         chair = Chair((entry(2, 500.0),))
         chair.reports(2, 500.0, latent_m=700.0)
         chair.reports(3, 680.0)
@@ -397,7 +405,7 @@ class TestAuthority:
 
 
 class TestRoster:
-    def test_a_newcomer_is_proposed_told_and_committed_at_once(self) -> None:
+    def test_a_newcomer_is_proposed_announced_and_committed_at_once(self) -> None:
         chair = Chair()
         chair.reports(1, 950.0)
         told, heard_ns = chair.reports(3, 200.0), chair.now_ns
@@ -436,7 +444,7 @@ class TestRoster:
         assert of(RosterCommit, chair.step(20)) == []
         assert chair.master.next_due_ns() == 120 * MS
 
-    def test_one_change_is_kept_before_the_next_is_made(self) -> None:
+    def test_one_roster_change_is_committed_before_the_next_begins(self) -> None:
         chair = Chair()
         chair.reports(3, 200.0)
         chair.step(0)
@@ -448,7 +456,7 @@ class TestRoster:
         chair.step()
         assert chair.order() == [1, 2, 3, 4]
 
-    def test_who_cannot_come_yet_is_told_so_and_for_whom_it_waits(self) -> None:
+    def test_an_applicant_that_must_wait_is_informed_which_train_it_waits_for(self) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         chair.reports(2, 500.0, latent_m=600.0)
@@ -474,16 +482,14 @@ class TestRoster:
         assert chair.master.has_others
 
     @pytest.mark.parametrize(("age_ms", "order"), [(500, [1, 2, 3]), (501, [1, 2])])
-    def test_an_applicant_that_fell_silent_is_forgotten(
-        self, age_ms: int, order: list[int]
-    ) -> None:
+    def test_a_silent_applicant_is_dropped(self, age_ms: int, order: list[int]) -> None:
         chair = Chair(now_ms=1000)
         chair.reports(3, 200.0)
         chair.step(age_ms)
         assert chair.order() == order
         assert list(chair.master._applicants) == ([3] if order == [1, 2, 3] else [])
 
-    def test_of_more_than_64_applicants_the_first_are_heard_and_heard_again(self) -> None:
+    def test_only_the_first_64_applicants_are_kept(self) -> None:
         chair = Chair(kept=False)
         for train in range(100, 170):
             chair.reports(train, 200.0)
@@ -491,7 +497,7 @@ class TestRoster:
         assert sorted(chair.master._applicants) == list(range(100, 164))
         assert chair.master._applicants[100][0].front_max_m == 210.0
 
-    def test_who_is_on_the_roster_applies_no_more(self) -> None:
+    def test_a_train_of_the_roster_is_no_applicant(self) -> None:
         chair = Chair()
         chair.reports(3, 200.0)
         chair.step(0)
@@ -500,7 +506,7 @@ class TestRoster:
         assert chair.master._applicants == {}
 
     @pytest.mark.parametrize(("rear_m", "order"), [(2006.9, [1, 2]), (2007.0, [2])])
-    def test_a_train_whose_rear_is_beyond_all_that_it_may_go_back_has_left(
+    def test_a_train_whose_rear_is_past_the_border_by_its_rollback_distance_has_left(
         self, rear_m: float, order: list[int]
     ) -> None:
         chair = Chair()
@@ -513,7 +519,7 @@ class TestRoster:
         assert sorted(chair.master._known.records) == order
         assert bool(of(RosterCommit, said)) is (order == [2])
 
-    def test_who_left_and_still_reports_is_no_applicant_but_explains_its_axles(self) -> None:
+    def test_a_train_that_left_and_still_reports_accounts_for_its_axles(self) -> None:
         chair = Chair(sections=True)
         chair.track()
         chair.reports(9, 2500.0)

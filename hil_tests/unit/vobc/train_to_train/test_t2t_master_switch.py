@@ -1,4 +1,4 @@
-"""A master's sieve, newborn trains, objects, its standby and who follows it, step by step."""
+"""A master's sieving, restarted trains, objects, standby and succession, step by step."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ CROSSING = ObjectSite(3, ObjectKind.CROSSING, 1500.0, 1520.0)
 
 
 class TestSieve:
-    def test_who_stands_alone_among_its_axles_is_sieved_and_that_is_kept(self) -> None:
+    def test_a_train_alone_among_its_axles_is_sieved_and_this_is_committed(self) -> None:
         chair = Chair((entry(1, 900.0, sieved=False),), sections=True)
         chair.track(axles={2: 16})
         chair.reports(1, 900.0)
@@ -45,7 +45,7 @@ class TestSieve:
         assert list(authorities(said)) == [1]
 
     @pytest.mark.parametrize("told", [{"standstill": False}, {"axles": 12}])
-    def test_who_moves_or_has_other_axles_than_were_counted_is_not(
+    def test_a_moving_train_or_one_with_another_axle_count_is_not_sieved(
         self, told: dict[str, Any]
     ) -> None:
         chair = Chair((entry(1, 900.0, sieved=False),), sections=True)
@@ -53,10 +53,10 @@ class TestSieve:
         chair.reports(1, 900.0, **told)
         assert of(RosterCommit, chair.step(0)) == []
 
-    def test_axles_of_others_on_the_roster_of_newborns_and_of_those_who_left_are_explained(
+    def test_registered_restarted_and_departed_trains_account_for_their_axles(
         self,
     ) -> None:
-        """Train 1 stands between them all, and in each step another one explains 16 axles."""
+        """Train 1 stands between them all, and in each step another train accounts for 16 axles."""
         for other in ("roster", "newborn"):
             roster = (entry(2, 990.0), entry(1, 900.0, sieved=False))
             chair = Chair(roster, sections=True)
@@ -76,7 +76,7 @@ class TestSieve:
         chair.step(0)
         assert [each.sieved for each in chair.master.roster.proposed] == [True]
 
-    def test_axles_of_an_applicant_in_the_area_explain_nothing(self) -> None:
+    def test_an_applicant_in_the_area_accounts_for_no_axles(self) -> None:
         chair = Chair((entry(1, 900.0, sieved=False),), sections=True)
         chair.track(axles={2: 32})
         chair.reports(1, 900.0, latent_m=1900.0)
@@ -84,18 +84,18 @@ class TestSieve:
         chair.step(0)
         assert [each.sieved for each in chair.master.roster.proposed] == [False]
 
-    def test_without_sections_everybody_is_sieved(self) -> None:
+    def test_without_axle_counters_every_train_is_sieved(self) -> None:
         chair = Chair((entry(1, 900.0, sieved=False),))
         chair.reports(1, 900.0)
         chair.step(0)
         assert [each.sieved for each in chair.master.roster.proposed] == [True]
 
-    def test_who_has_not_been_heard_is_not_sieved(self) -> None:
+    def test_a_silent_train_is_not_sieved(self) -> None:
         chair = Chair((entry(1, 900.0, sieved=False),))
         chair.step(0)
         assert [each.sieved for each in chair.master.roster.proposed] == [False]
 
-    def test_that_a_train_was_stopped_is_kept_on_the_roster(self) -> None:
+    def test_an_order_to_stop_is_committed_on_the_roster(self) -> None:
         chair = Chair()
         chair.orders(OrderKind.STOP, 2)
         chair.step(0)
@@ -107,7 +107,7 @@ class TestSieve:
 
 
 class TestNewborns:
-    def test_a_train_that_began_anew_where_it_was_keeps_its_place_under_its_new_life(self) -> None:
+    def test_a_train_restarted_in_place_keeps_its_place_under_its_new_incarnation(self) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         chair.reports(2, 500.0)
@@ -120,13 +120,15 @@ class TestNewborns:
         chair.reports(2, 500.0, boot=2)
         assert authorities(chair.step())[2].to_boot == 2
 
-    def test_who_is_heard_in_its_old_life_again_had_not_begun_anew(self) -> None:
+    def test_a_report_of_the_former_incarnation_refutes_a_restart(self) -> None:
         chair = Chair()
         chair.reports(2, 500.0, boot=2)
         chair.reports(2, 500.0)
         assert chair.master._newborns.told() == []
 
-    def test_one_that_came_back_elsewhere_applies_as_a_stranger_does(self) -> None:
+    def test_a_restarted_train_that_came_back_elsewhere_applies_like_an_unregistered_one(
+        self,
+    ) -> None:
         chair = Chair(sections=True)
         chair.track(axles={1: 16})
         chair.reports(2, 300.0)
@@ -146,7 +148,7 @@ class TestObjects:
         head = (0, BROADCAST, 1, term, 1, 1, 0)
         chair.hears(ObjectStatus(*head, CROSSING.number, state, term, nonce, wanted))
 
-    def test_it_is_claimed_for_a_train_that_comes_near_and_passed_once_that_is_confirmed(
+    def test_an_object_is_claimed_for_an_approaching_train_and_passed_once_confirmed(
         self,
     ) -> None:
         chair = self.chair()
@@ -164,7 +166,7 @@ class TestObjects:
         assert authorities(said)[1].end_m == 2000.0
 
     @pytest.mark.parametrize(("granted_m", "released"), [(1500.0, True), (1500.1, False)])
-    def test_it_is_released_when_no_train_can_reach_it(
+    def test_an_object_is_released_when_no_train_can_reach_it(
         self, granted_m: float, *, released: bool
     ) -> None:
         chair = self.chair()
@@ -175,7 +177,7 @@ class TestObjects:
 
 
 class TestSuccession:
-    def test_the_rearmost_fit_train_stands_by_and_is_told_of_all(self) -> None:
+    def test_the_rearmost_fit_train_is_standby_and_gets_all_records(self) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         chair.reports(2, 500.0)
@@ -189,7 +191,7 @@ class TestSuccession:
         assert [each.standby for each in of(Heartbeat, said)] == [2]
 
     @pytest.mark.parametrize("told", [{"out_of_service": True}, {"term": TERM - 1}, {"boot": 2}])
-    def test_one_that_is_not_fit_does_not(self, told: dict[str, Any]) -> None:
+    def test_an_unfit_train_is_no_standby(self, told: dict[str, Any]) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         chair.reports(2, 500.0, **told)
@@ -198,7 +200,7 @@ class TestSuccession:
         assert chair.master.is_fit(2, chair.now_ns) is False
         assert chair.master.is_fit(1, chair.now_ns)
 
-    def test_out_of_service_by_supervision_it_is_not_fit_until_taken_back(self) -> None:
+    def test_a_train_out_of_service_by_command_is_not_fit_until_the_command_ends(self) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         chair.orders(OrderKind.OUT_OF_SERVICE, 1)
@@ -207,7 +209,7 @@ class TestSuccession:
         chair.orders(OrderKind.IN_SERVICE, 1)
         assert chair.master.is_fit(1, 0)
 
-    def test_this_train_is_never_its_own_standby(self) -> None:
+    def test_a_master_is_never_its_own_standby(self) -> None:
         chair = Chair((entry(OWN, 900.0),))
         chair.reports(OWN, 900.0)
         assert chair.master.is_fit(OWN, 0) is False
@@ -223,7 +225,7 @@ class TestSuccession:
         chair.step(0, away=away)
         return chair
 
-    def test_a_switch_by_order_is_prepared_with_all_and_committed_once_all_are_ready(self) -> None:
+    def test_an_ordered_switch_is_prepared_with_all_and_committed_once_all_are_ready(self) -> None:
         chair = self.over()
         steps = of(SwitchStep, chair.step(50))
         assert [(s.destination, s.kind, s.nonce, s.successor) for s in steps] == [
@@ -245,7 +247,7 @@ class TestSuccession:
     def ready(self, chair: Chair, term: int) -> tuple[int, int, int, int, int, int, int]:
         return chair.head(1, term=term)
 
-    def test_a_change_of_the_switch_is_said_at_once(self) -> None:
+    def test_a_change_of_the_switch_is_sent_at_once(self) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         chair.reports(2, 500.0)
@@ -256,7 +258,7 @@ class TestSuccession:
         assert len(of(SwitchStep, chair.step(10))) == 1, "before the next beat"
 
     @pytest.mark.parametrize("own_first", [False, True])
-    def test_a_train_that_is_heard_and_not_ready_holds_it_up_but_not_the_master_itself(
+    def test_a_reporting_train_that_is_not_ready_delays_the_switch_but_not_the_master_itself(
         self, *, own_first: bool
     ) -> None:
         chair = Chair((entry(1, 900.0), entry(OWN, 500.0)))
@@ -272,7 +274,7 @@ class TestSuccession:
         assert state is (SwitchState.COMMITTED if own_first else SwitchState.PREPARING)
 
     @pytest.mark.parametrize(("age_ms", "state"), [(500, "preparing"), (501, "committed")])
-    def test_who_fell_silent_holds_nobody_up(self, age_ms: int, state: str) -> None:
+    def test_a_silent_train_does_not_delay_the_switch(self, age_ms: int, state: str) -> None:
         chair = self.over()
         chair.reports(2, 500.0, ready_nonce=0)
         chair.now_ns += age_ms * MS
@@ -281,7 +283,7 @@ class TestSuccession:
         chair.step(0)
         assert chair.master.succession.switch.state.value == state
 
-    def test_a_newborn_holds_it_up_until_it_is_ready(self) -> None:
+    def test_a_restarted_train_delays_the_switch_until_it_is_ready(self) -> None:
         chair = self.over()
         chair.reports(2, 500.0, boot=2, localised=False, ready_nonce=0)
         chair.reports(2, 500.0, boot=2, localised=False, ready_nonce=0)
@@ -299,7 +301,7 @@ class TestSuccession:
         chair.step(0)
         assert chair.master.succession.switch.successor == 1
 
-    def test_nobody_but_itself_is_nobody(self) -> None:
+    def test_a_master_without_other_trains_has_no_other_to_hear(self) -> None:
         chair = Chair((entry(OWN, 500.0),))
         assert not chair.master.has_others
         chair.reports(3, 200.0)
@@ -309,7 +311,7 @@ class TestSuccession:
 
 class TestDeaf:
     @pytest.mark.parametrize(("silence_ms", "deaf"), [(319, False), (320, True)])
-    def test_of_two_others_that_fell_silent_together_it_hears_none(
+    def test_a_master_whose_two_other_trains_fell_silent_together_receives_none(
         self, silence_ms: int, *, deaf: bool
     ) -> None:
         chair = Chair()
@@ -317,7 +319,7 @@ class TestDeaf:
         chair.reports(2, 500.0)
         assert chair.master.hears_no_train(silence_ms * MS) is deaf
 
-    def test_its_own_voice_is_none_of_another(self) -> None:
+    def test_its_own_messages_do_not_count_as_received(self) -> None:
         chair = Chair((entry(1, 900.0), entry(OWN, 500.0)))
         chair.reports(1, 900.0)
         chair.reports(OWN, 500.0)

@@ -1,4 +1,5 @@
-"""A member of one area, message by message: the terms it obeys, what it takes, what is latent."""
+"""A member of one area: the terms it obeys, the authorities it takes, the farthest point it may
+reach."""
 
 import pytest
 from hypothesis import given
@@ -15,7 +16,7 @@ BOOT = 6
 MASTER = 9
 RIVAL = 8
 OLD_NS = 1_000_000_000
-"""As old as an authority may become."""
+"""Maximum age of an authority, ns."""
 
 
 def member(*, seen_term: int = 4, owner: int = MASTER, now_ns: int = 0) -> AreaMember:
@@ -71,7 +72,7 @@ def test_it_echoes_the_newest_heartbeat_of_the_term_that_it_obeys() -> None:
 
 
 @pytest.mark.parametrize("first", [heartbeat(term=5, source=RIVAL, stamp_ns=8), None])
-def test_of_a_new_term_it_echoes_nothing_that_another_said(first: Heartbeat | None) -> None:
+def test_for_a_new_term_it_echoes_no_heartbeat_of_another_master(first: Heartbeat | None) -> None:
     obeys = member()
     obeys.hears_heartbeat(heartbeat(stamp_ns=70), 1)
     if first is None:
@@ -82,7 +83,7 @@ def test_of_a_new_term_it_echoes_nothing_that_another_said(first: Heartbeat | No
         assert obeys.beat_ns == 8
 
 
-def test_a_member_begins_with_what_it_remembers_and_holds_nothing() -> None:
+def test_a_member_begins_with_its_stored_terms_and_no_authority() -> None:
     fresh = member(now_ns=7)
 
     assert fresh.memory == AreaMemory(1, 4, MASTER, 2)
@@ -109,7 +110,7 @@ def test_a_member_begins_with_what_it_remembers_and_holds_nothing() -> None:
         (99, RIVAL, True),
     ],
 )
-def test_a_term_has_one_owner_and_no_former_term_is_obeyed(
+def test_a_term_has_one_owner_and_no_earlier_term_is_obeyed(
     term: int, source: int, *, obeyed: bool
 ) -> None:
     each = member()
@@ -121,7 +122,7 @@ def test_a_term_has_one_owner_and_no_former_term_is_obeyed(
     assert each.promised_anew is (obeyed and term > 4)
 
 
-def test_a_new_term_is_promised_once_and_its_first_speaker_stays_its_owner() -> None:
+def test_a_new_term_is_acknowledged_once_and_its_first_sender_stays_its_owner() -> None:
     each = member()
     assert each.fences(heartbeat(5, RIVAL))
     each.promised_anew = False
@@ -133,7 +134,7 @@ def test_a_new_term_is_promised_once_and_its_first_speaker_stays_its_owner() -> 
     assert each.promised_anew is False
 
 
-def test_a_promise_waits_until_it_is_told_whatever_is_heard_meanwhile() -> None:
+def test_an_acknowledgement_stays_pending_until_it_is_sent() -> None:
     each = member()
     each.fences(heartbeat(5, RIVAL))
 
@@ -143,7 +144,7 @@ def test_a_promise_waits_until_it_is_told_whatever_is_heard_meanwhile() -> None:
     assert each.promised_anew is True
 
 
-def test_a_heartbeat_says_that_the_master_lives_and_who_stands_by() -> None:
+def test_a_heartbeat_proves_that_the_master_lives_and_names_the_standby() -> None:
     each = member()
 
     assert each.hears_heartbeat(heartbeat(standby=7), 50 * MS) is True
@@ -153,7 +154,7 @@ def test_a_heartbeat_says_that_the_master_lives_and_who_stands_by() -> None:
 
 
 @pytest.mark.parametrize("false", [heartbeat(3, standby=7), heartbeat(4, RIVAL, standby=7)])
-def test_a_heartbeat_of_a_former_term_or_of_no_owner_is_nothing(false: Heartbeat) -> None:
+def test_a_heartbeat_of_an_earlier_term_or_a_foreign_sender_is_ignored(false: Heartbeat) -> None:
     each = member()
 
     assert each.hears_heartbeat(false, 50 * MS) is False
@@ -164,7 +165,7 @@ def test_a_heartbeat_of_a_former_term_or_of_no_owner_is_nothing(false: Heartbeat
 # Authorities.
 
 
-def test_an_authority_that_is_taken_is_held_and_says_that_the_master_lives() -> None:
+def test_an_accepted_authority_is_held_and_proves_that_the_master_lives() -> None:
     each = member()
     given = authority(sequence=12, term=5, rank=3, source=RIVAL)
 
@@ -194,7 +195,7 @@ def test_an_authority_that_is_taken_is_held_and_says_that_the_master_lives() -> 
         (authority(950.0, 8, echo_ns=10 * MS + 1), "too old"),
     ],
 )
-def test_one_that_is_not_taken_says_why_and_leaves_all_as_it_was(
+def test_a_refused_authority_has_a_reason_and_no_effect(
     offered: AreaAuthority, reason: str
 ) -> None:
     each = member()
@@ -209,7 +210,9 @@ def test_one_that_is_not_taken_says_why_and_leaves_all_as_it_was(
 
 
 @pytest.mark.parametrize("false", [{"boot": 5}, {"echo_ns": 11 * MS}])
-def test_what_is_for_another_life_or_of_no_time_promises_no_term(false: dict[str, int]) -> None:
+def test_an_authority_for_another_incarnation_or_of_unknown_age_acknowledges_no_term(
+    false: dict[str, int],
+) -> None:
     each = member()
 
     assert each.takes(authority(term=9, source=RIVAL, **false), 10 * MS) != ""
@@ -219,7 +222,7 @@ def test_what_is_for_another_life_or_of_no_time_promises_no_term(false: dict[str
 
 
 @pytest.mark.parametrize(("age_ns", "young"), [(0, True), (OLD_NS, True), (OLD_NS + 1, False)])
-def test_a_held_authority_runs_out_a_second_after_what_it_answers(
+def test_a_held_authority_expires_a_second_after_the_report_it_answers(
     age_ns: int, *, young: bool
 ) -> None:
     each = member()
@@ -228,7 +231,7 @@ def test_a_held_authority_runs_out_a_second_after_what_it_answers(
     assert each.is_young(40 * MS + age_ns) is young
 
 
-# What is held and what is latent.
+# The held authority, and the farthest point that the train may reach.
 
 
 @pytest.mark.parametrize(
@@ -240,7 +243,7 @@ def test_a_held_authority_runs_out_a_second_after_what_it_answers(
         (OLD_NS + 1, False, True),
     ],
 )
-def test_an_authority_is_dropped_when_it_ran_out_and_the_train_stands(
+def test_an_expired_authority_is_dropped_once_the_train_stands(
     now_ns: int, *, standstill: bool, kept: bool
 ) -> None:
     each = member()
@@ -253,7 +256,7 @@ def test_an_authority_is_dropped_when_it_ran_out_and_the_train_stands(
     assert each.latent_m == (900.0 if kept else 500.0)
 
 
-def test_a_train_that_holds_nothing_may_come_as_far_as_it_can_be_stopped() -> None:
+def test_a_train_without_authority_may_come_as_far_as_its_stopping_place() -> None:
     each = member()
 
     each.settle(0, own(500.0, reach_m=620.0, standstill=False))
@@ -261,12 +264,12 @@ def test_a_train_that_holds_nothing_may_come_as_far_as_it_can_be_stopped() -> No
     each.settle(1, own(510.0, reach_m=615.0, standstill=False))
     assert each.latent_m == 615.0
     each.settle(2, own(520.0, reach_m=640.0, standstill=False))
-    assert each.latent_m == 615.0  # Nothing has lengthened that since.
+    assert each.latent_m == 615.0  # No authority has lengthened it since.
     each.settle(3, own(630.0, reach_m=640.0, standstill=False))
-    assert each.latent_m == 630.0  # No less than where it is.
+    assert each.latent_m == 630.0  # Never less than its present position.
 
 
-def test_a_shorter_authority_binds_but_what_it_takes_to_stop_for_it_is_latent() -> None:
+def test_a_shorter_authority_binds_but_the_stopping_distance_stays_reserved() -> None:
     each = member()
     each.takes(authority(900.0, 1), 0)
     each.settle(0, own(500.0, reach_m=620.0, standstill=False))
@@ -279,7 +282,7 @@ def test_a_shorter_authority_binds_but_what_it_takes_to_stop_for_it_is_latent() 
     assert each.latent_m == 550.0
 
 
-def test_a_longer_authority_is_latent_at_once() -> None:
+def test_a_longer_authority_is_reserved_at_once() -> None:
     each = member()
     each.settle(0, own(500.0))
 
@@ -289,7 +292,7 @@ def test_a_longer_authority_is_latent_at_once() -> None:
     assert each.latent_m == 900.0
 
 
-def test_where_the_train_may_come_is_never_behind_its_front_though_its_reach_says_so() -> None:
+def test_the_farthest_point_is_never_behind_the_front() -> None:
     each = member()
     each.settle(0, own(500.0, reach_m=700.0, standstill=False))
 
@@ -298,7 +301,7 @@ def test_where_the_train_may_come_is_never_behind_its_front_though_its_reach_say
     assert each.latent_m == 600.0
 
 
-def test_a_train_that_is_lost_forgets_nothing_that_it_may_have_come_to() -> None:
+def test_a_lost_train_keeps_its_farthest_point() -> None:
     each = member()
     each.takes(authority(900.0, 1), 0)
     each.settle(0, own(500.0))
@@ -311,7 +314,7 @@ def test_a_train_that_is_lost_forgets_nothing_that_it_may_have_come_to() -> None
     assert each.latent_m == 950.0
 
 
-def test_what_a_lost_train_no_longer_holds_stays_latent() -> None:
+def test_a_dropped_authority_of_a_lost_train_stays_reserved() -> None:
     each = member()
     each.takes(authority(900.0, 1), 0)
     each.settle(0, own(500.0))
@@ -322,7 +325,7 @@ def test_what_a_lost_train_no_longer_holds_stays_latent() -> None:
     assert each.latent_m == 900.0
 
 
-def test_a_train_that_never_knew_where_it_is_has_no_latent_place() -> None:
+def test_a_train_that_never_had_a_position_has_no_farthest_point() -> None:
     each = member()
     each.settle(0, own(0.0, localised=False))
     assert each.latent_m is None
@@ -344,10 +347,11 @@ STEPS = st.lists(
 
 
 @given(STEPS)
-def test_what_is_latent_covers_the_front_what_is_held_and_what_was_held_until_it_can_be_stopped(
+def test_the_farthest_point_covers_front_held_end_and_the_stopping_place_of_former_ends(
     steps: list[tuple[float | None, float, float]],
 ) -> None:
-    """Way to a new authority's end, way the train goes, way it takes to stop."""
+    """Each step gives the distance to a new end of authority, the distance run, and the stopping
+    distance."""
     each = member()
     front_m, sequence, before_m = 0.0, 0, float("inf")
     for end_m, way_m, stops_m in steps:

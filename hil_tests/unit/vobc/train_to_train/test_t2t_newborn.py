@@ -1,5 +1,5 @@
-"""A train that begins anew gets nothing by what arbiters kept of its former life, until it is clear
-whether it is where it was, or left the line and came back."""
+"""Restarted trains: they get no authority until the master knows whether they stayed in place or
+left the line."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,7 +8,13 @@ import pytest
 
 from firmware_py.trackdb.areas import Area
 from hil_tests.unit.vobc.train_to_train.t2t_chair import MS, TERM, Chair, entry
-from hil_tests.unit.vobc.train_to_train.t2t_one_area import BEYOND, NOW_NS, OneArea, anew, report_at
+from hil_tests.unit.vobc.train_to_train.t2t_one_area import (
+    BEYOND,
+    NOW_NS,
+    OneArea,
+    report_at,
+    restarted,
+)
 from hil_tests.unit.vobc.train_to_train.test_t2t_regressions import ROSTER, Command
 from metro_hil.simulation.depot import Depot
 from metro_hil.simulation.generate import draw, line_of_areas
@@ -39,12 +45,12 @@ def found(rear_m: float, evidence: RestartEvidence = NOTHING, *behind: TrainReco
 
 
 @pytest.mark.parametrize("rear_m", [1000.0, 1300.0, 996.0, 989.1, 989.0])
-def test_whoever_can_still_be_where_it_was_is_taken_to_be_there(rear_m: float) -> None:
+def test_a_restarted_train_within_reach_of_its_former_place_is_in_place(rear_m: float) -> None:
     assert found(rear_m) is RestartPlace.IN_PLACE
 
 
 @pytest.mark.parametrize("rear_m", [988.9, 20.0])
-def test_whoever_is_farther_back_than_it_may_roll_is_not_believed_by_one_word(
+def test_a_restarted_train_beyond_its_rollback_distance_needs_further_proof(
     rear_m: float,
 ) -> None:
     assert found(rear_m) is RestartPlace.UNSURE
@@ -53,27 +59,27 @@ def test_whoever_is_farther_back_than_it_may_roll_is_not_believed_by_one_word(
     assert found(rear_m, NOTHING._replace(left=True)) is RestartPlace.GONE
 
 
-def test_whoever_is_behind_a_train_that_was_behind_it_has_been_away() -> None:
+def test_a_restarted_train_behind_a_former_follower_has_been_away() -> None:
     heard = TrainRecord(2, 1085.0, 0, report=report_at(1085.0, train=2), boot=1)
 
     assert found(1000.0, NOTHING, heard) is RestartPlace.UNSURE
     assert found(1000.0, NOTHING._replace(sieved=True), heard) is RestartPlace.GONE
 
 
-def test_whoever_touches_a_train_that_was_behind_it_has_not_been_away() -> None:
+def test_a_restarted_train_that_may_touch_its_follower_has_not_been_away() -> None:
     heard = TrainRecord(2, 1084.0, 0, report=report_at(1084.0, train=2), boot=1)
 
     assert found(1000.0, NOTHING, heard) is RestartPlace.IN_PLACE
 
 
-def test_one_train_of_those_behind_is_enough_to_show_that_it_has_been_away() -> None:
+def test_one_former_follower_ahead_shows_that_a_restarted_train_was_away() -> None:
     ahead = TrainRecord(2, 1085.0, 0, report=report_at(1085.0, train=2), boot=1)
     behind = TrainRecord(3, 400.0, 0, report=report_at(400.0, train=3), boot=1)
 
     assert found(1000.0, NOTHING, ahead, behind) is RestartPlace.UNSURE
 
 
-def test_all_trains_behind_must_have_been_heard_for_their_order_to_be_known() -> None:
+def test_the_order_is_known_only_when_all_trains_behind_have_reported() -> None:
     heard = TrainRecord(2, 400.0, 0, report=report_at(400.0, train=2), boot=1)
     unheard = TrainRecord(3, 200.0, 0, boot=1)
 
@@ -81,7 +87,7 @@ def test_all_trains_behind_must_have_been_heard_for_their_order_to_be_known() ->
     assert found(1000.0, NOTHING, heard, unheard) is RestartPlace.UNSURE
 
 
-def test_as_long_as_a_train_behind_was_never_heard_nobody_knows_their_order() -> None:
+def test_a_train_behind_that_never_reported_leaves_the_order_unknown() -> None:
     unheard = TrainRecord(2, 400.0, 0, boot=1)
 
     assert found(1000.0, NOTHING, unheard) is RestartPlace.UNSURE
@@ -100,10 +106,10 @@ def test_as_long_as_a_train_behind_was_never_heard_nobody_knows_their_order() ->
         ([Neighbour(2000.0, True, 2010.0), Neighbour(500.0, False)], RestartPlace.UNSURE),
     ],
 )
-def test_whoever_is_before_a_train_that_was_ahead_of_it_has_been_away(
+def test_a_restarted_train_before_its_former_predecessor_has_been_away(
     ahead: Sequence[Neighbour], found: RestartPlace
 ) -> None:
-    """If that one surely is not farther on by now: who is not heard may be."""
+    """The other train must certainly not be farther on by now; a silent one may be."""
     former = Former(TrainRecord(1, 900.0, 0, boot=1), (), ahead)
 
     def judged(evidence: RestartEvidence) -> RestartPlace:
@@ -113,46 +119,49 @@ def test_whoever_is_before_a_train_that_was_ahead_of_it_has_been_away(
     assert judged(NOTHING) is (RestartPlace.UNSURE if gone else found)
     assert judged(NOTHING._replace(sieved=True)) is found
     assert judged(NOTHING._replace(left=True)) is found
-    # Nobody passes another by hand so soon.
+    # No train is moved past another by hand so soon.
     recent = judged(NOTHING._replace(recent=True))
     assert recent is (RestartPlace.UNSURE if gone else RestartPlace.IN_PLACE)
 
 
 AREA_4 = Area(4, 0.0, 1000.0)
-ANEW = (1, 900.0)
-"""The train that begins anew in what follows, where nothing else is said, and its former rear."""
+RESTARTED = (1, 900.0)
+"""The restarted train of the following tests and its former rear."""
 
 
 OCCUPIED = (Counted(0.0, 3000.0, True, 32),)
-"""By more than one train of 16 axles."""
+"""The whole area is occupied by more than one train of 16 axles."""
 
 
-def test_what_a_train_tells_anew_is_kept_until_it_is_forgotten() -> None:
+def test_the_report_of_a_restarted_train_is_kept_until_it_is_discarded() -> None:
     area = OneArea()
-    area.hears(anew(900.0))
-    area.hears(anew(901.0), age_ns=-3)
-    area.hears(anew(500.0, train=2))
+    area.hears(restarted(900.0))
+    area.hears(restarted(901.0), age_ns=-3)
+    area.hears(restarted(500.0, train=2))
 
-    assert area.newborns.told() == [(anew(901.0), NOW_NS + 3), (anew(500.0, train=2), NOW_NS)]
+    assert area.newborns.told() == [
+        (restarted(901.0), NOW_NS + 3),
+        (restarted(500.0, train=2), NOW_NS),
+    ]
 
     area.newborns.forgets(1)
     area.newborns.forgets(7)
-    assert area.newborns.told() == [(anew(500.0, train=2), NOW_NS)]
+    assert area.newborns.told() == [(restarted(500.0, train=2), NOW_NS)]
 
 
-def test_for_a_switch_those_are_ready_that_said_so_within_half_the_life_of_an_authority() -> None:
+def test_readiness_for_a_switch_counts_for_half_the_life_of_an_authority() -> None:
     area = OneArea()
-    area.hears(anew(900.0), age_ns=500_000_000)
-    area.hears(anew(500.0, train=2), age_ns=500_000_001)
+    area.hears(restarted(900.0), age_ns=500_000_000)
+    area.hears(restarted(500.0, train=2), age_ns=500_000_001)
 
     assert area.newborns.ready(area.known, NOW_NS) == [(1, 41)]
 
 
-def test_a_train_that_is_where_it_was_is_renewed_in_its_place_and_begins_with_nothing() -> None:
-    area = OneArea((6, 1500.0), ANEW, (2, 400.0))
-    area.heard_of_life_before(1, age_ns=0)
+def test_a_train_restarted_in_place_is_renewed_there_without_an_authority() -> None:
+    area = OneArea((6, 1500.0), RESTARTED, (2, 400.0))
+    area.receives_former_report(1, age_ns=0)
     area.known.records[1].issued(7, 1400.0, life_ns=0)
-    area.hears(anew(898.0), age_ns=20)
+    area.hears(restarted(898.0), age_ns=20)
 
     order, gone = area.settles()
 
@@ -168,12 +177,12 @@ def test_a_train_that_is_where_it_was_is_renewed_in_its_place_and_begins_with_no
     ("age_ns", "gone"),
     [(0, True), (500_000_000, True), (500_000_001, False)],
 )
-def test_only_a_train_that_said_just_now_where_it_is_can_have_been_passed(
+def test_only_a_train_with_a_recent_position_can_have_been_passed(
     age_ns: int, *, gone: bool
 ) -> None:
-    """Its rear is at 704 m at the farthest, and has come 20 m farther in half a second."""
+    """Its rear is at most at 704 m and may come 20 m farther in half a second."""
     area = OneArea((6, 700.0), (1, 500.0))
-    area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS - age_ns)
+    area.receives_former_report(6, age_ns=0, echo_ns=NOW_NS - age_ns)
     area.hears(BEYOND)
 
     order, _ = area.settles()
@@ -183,12 +192,10 @@ def test_only_a_train_that_said_just_now_where_it_is_can_have_been_passed(
 
 
 @pytest.mark.parametrize(("rear_m", "gone"), [(724.1, True), (724.0, False)])
-def test_how_far_one_that_was_passed_may_have_come_is_reckoned_with(
-    rear_m: float, *, gone: bool
-) -> None:
+def test_the_possible_movement_of_a_passed_train_is_included(rear_m: float, *, gone: bool) -> None:
     area = OneArea((6, 700.0), (1, 500.0))
-    area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS - 500_000_000)
-    area.hears(anew(rear_m))
+    area.receives_former_report(6, age_ns=0, echo_ns=NOW_NS - 500_000_000)
+    area.hears(restarted(rear_m))
 
     order, _ = area.settles()
 
@@ -196,21 +203,23 @@ def test_how_far_one_that_was_passed_may_have_come_is_reckoned_with(
 
 
 @pytest.mark.parametrize("kept_only", [False, True])
-def test_one_that_is_lost_or_that_only_arbiters_kept_may_have_gone_on(*, kept_only: bool) -> None:
+def test_a_lost_train_or_one_known_only_from_the_roster_may_have_moved_on(
+    *, kept_only: bool
+) -> None:
     area = OneArea((6, 700.0), (1, 500.0))
     if not kept_only:
-        area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS)
-        area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS, localised=False)
+        area.receives_former_report(6, age_ns=0, echo_ns=NOW_NS)
+        area.receives_former_report(6, age_ns=0, echo_ns=NOW_NS, localised=False)
     area.hears(BEYOND)
 
     assert area.settles() == (area.order, [])
 
 
 @pytest.mark.parametrize(("age_ns", "renewed"), [(500_000_000, True), (500_000_001, False)])
-def test_what_a_train_told_too_long_ago_settles_nothing(age_ns: int, *, renewed: bool) -> None:
-    """However late that came."""
-    area = OneArea(ANEW)
-    area.hears(dataclasses.replace(anew(900.0), echo_ns=NOW_NS - age_ns))
+def test_an_old_report_of_a_restarted_train_settles_nothing(age_ns: int, *, renewed: bool) -> None:
+    """This holds however late the report arrived."""
+    area = OneArea(RESTARTED)
+    area.hears(dataclasses.replace(restarted(900.0), echo_ns=NOW_NS - age_ns))
 
     order, gone = area.settles()
 
@@ -218,36 +227,37 @@ def test_what_a_train_told_too_long_ago_settles_nothing(age_ns: int, *, renewed:
     assert (gone, len(area.newborns.told())) == ([], 0 if renewed else 1)
 
 
-def test_whoever_does_not_know_where_it_is_or_says_nothing_keeps_its_place_as_it_was() -> None:
-    area = OneArea((6, 1500.0), ANEW)
-    area.hears(anew(900.0, localised=False))
+def test_a_lost_or_silent_restarted_train_keeps_its_roster_entry_unchanged() -> None:
+    area = OneArea((6, 1500.0), RESTARTED)
+    area.hears(restarted(900.0, localised=False))
 
     assert area.settles() == (area.order, [])
-    assert area.newborns.told() == [(anew(900.0, localised=False), NOW_NS)]
+    assert area.newborns.told() == [(restarted(900.0, localised=False), NOW_NS)]
     assert [record.boot for record in area.known.records.values()] == [1, 1]
 
 
-def test_whoever_may_have_been_away_keeps_its_place_and_gets_nothing() -> None:
-    area = OneArea(ANEW, counted=OCCUPIED)
-    area.hears(anew(100.0))
+def test_a_restarted_train_that_may_have_been_away_keeps_its_entry_without_authority() -> None:
+    area = OneArea(RESTARTED, counted=OCCUPIED)
+    area.hears(restarted(100.0))
 
     assert area.settles() == (area.order, [])
-    assert area.newborns.told() == [(anew(100.0), NOW_NS)]
+    assert area.newborns.told() == [(restarted(100.0), NOW_NS)]
     assert area.known.records[1] == TrainRecord(1, 900.0, 0, boot=1)
 
 
 CLEAR = (Counted(0.0, 904.0, True, 32), Counted(904.0, 3000.0, False, 0))
-"""From where the foremost axle of a train of 15 m is, rolled and set back by 7 m."""
+"""The track from the foremost possible axle on, for a train of 15 m after 7 m of rollback and
+jog."""
 
 
-def test_whoever_left_is_off_the_roster_and_applies_as_a_stranger() -> None:
-    area = OneArea((6, 1500.0), ANEW, (2, 400.0), counted=CLEAR)
-    area.hears(anew(100.0), age_ns=20)
+def test_a_restarted_train_that_left_is_removed_and_applies_like_an_unregistered_one() -> None:
+    area = OneArea((6, 1500.0), RESTARTED, (2, 400.0), counted=CLEAR)
+    area.hears(restarted(100.0), age_ns=20)
 
     order, gone = area.settles()
 
     assert order == (area.order[0], area.order[2])
-    assert gone == [(anew(100.0), NOW_NS - 20)]
+    assert gone == [(restarted(100.0), NOW_NS - 20)]
     assert area.newborns.told() == []
     assert list(area.known.records) == [6, 2]
 
@@ -261,97 +271,96 @@ def test_whoever_left_is_off_the_roster_and_applies_as_a_stranger() -> None:
         (Counted(0.0, 500.0, True, 32), Counted(500.0, 3000.0, True, 16)),
     ],
 )
-def test_one_word_of_a_train_that_went_back_is_not_believed_while_it_may_be_where_it_was(
+def test_a_report_farther_back_does_not_count_while_axles_may_be_at_the_former_place(
     counted: tuple[Counted, ...],
 ) -> None:
-    area = OneArea(ANEW, counted=counted)
-    area.hears(anew(100.0))
+    area = OneArea(RESTARTED, counted=counted)
+    area.hears(restarted(100.0))
 
     assert area.settles() == (area.order, [])
 
 
 @pytest.mark.parametrize("before", [None, Area(4, 0.0, 1000.0)])
-def test_where_no_axles_are_counted_the_word_of_a_train_that_went_back_is_all_there_is(
+def test_without_axle_counters_a_report_farther_back_is_sufficient(
     before: Area | None,
 ) -> None:
-    area = OneArea(ANEW, before=before, start_m=0.0 if before is None else 1000.0)
-    area.hears(anew(100.0))
+    area = OneArea(RESTARTED, before=before, start_m=0.0 if before is None else 1000.0)
+    area.hears(restarted(100.0))
 
-    assert area.settles() == ((), [(anew(100.0), NOW_NS)])
+    assert area.settles() == ((), [(restarted(100.0), NOW_NS)])
 
 
 @pytest.mark.parametrize(
     ("ahead_m", "axles", "left"),
     [(None, 16, True), (None, 32, False), (2000.0, 16, True), (2000.1, 16, False)],
 )
-def test_that_a_train_left_is_seen_where_all_axles_are_of_one_that_waits_behind_it(
+def test_a_departure_is_proven_when_all_axles_belong_to_the_train_waiting_behind(
     ahead_m: float | None, axles: int, *, left: bool
 ) -> None:
-    """Up to the next train ahead (seed 10570). Here it runs on elsewhere."""
+    """The check reaches to the next train ahead (simulation seed 10570). The restarted train
+    runs elsewhere."""
     there = (Counted(0.0, 500.0, True, 16), Counted(500.0, 2000.0, True, axles))
     beyond = Counted(2000.0, 3000.0, ahead_m is not None, 0 if ahead_m is None else 16)
-    trains = [ANEW, (2, 700.0)] if ahead_m is None else [(6, ahead_m), ANEW, (2, 700.0)]
+    trains = [RESTARTED, (2, 700.0)] if ahead_m is None else [(6, ahead_m), RESTARTED, (2, 700.0)]
     area = OneArea(*trains, counted=(*there, beyond))
     area.at_rest = (StandingTrain(700.0, 784.0, 16), StandingTrain(100.0, 184.0, 16))
-    area.hears(anew(100.0, standstill=False))
+    area.hears(restarted(100.0, standstill=False))
 
     _, gone = area.settles()
 
     assert bool(gone) is left
 
 
-def test_that_a_train_left_is_seen_also_where_the_next_one_is_kept_close_before_it() -> None:
-    area = OneArea((6, 902.0), ANEW, counted=CLEAR)
-    area.hears(anew(100.0))
+def test_a_departure_is_proven_even_with_a_committed_train_close_ahead() -> None:
+    area = OneArea((6, 902.0), RESTARTED, counted=CLEAR)
+    area.hears(restarted(100.0))
 
-    assert area.settles() == (area.order[:1], [(anew(100.0), NOW_NS)])
+    assert area.settles() == (area.order[:1], [(restarted(100.0), NOW_NS)])
 
 
 @pytest.mark.parametrize(("axles", "gone"), [(32, True), (48, False)])
-def test_that_a_train_is_elsewhere_is_seen_also_where_axles_beside_it_are_a_strangers(
-    axles: int, *, gone: bool
-) -> None:
-    """Where it was somebody else may be."""
+def test_a_new_place_is_proven_even_beside_an_unregistered_train(axles: int, *, gone: bool) -> None:
+    """Another train may stand where it was."""
     beside = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
-    area = OneArea(ANEW, counted=(*beside, Counted(800.0, 3000.0, True, 16)))
-    area.strangers = (StandingTrain(300.0, 384.0, 16),)
-    area.hears(anew(100.0))
+    area = OneArea(RESTARTED, counted=(*beside, Counted(800.0, 3000.0, True, 16)))
+    area.unregistered = (StandingTrain(300.0, 384.0, 16),)
+    area.hears(restarted(100.0))
 
-    assert [report for report, _ in area.settles()[1]] == ([anew(100.0)] if gone else [])
+    assert [report for report, _ in area.settles()[1]] == ([restarted(100.0)] if gone else [])
 
 
-def test_of_one_that_fell_silent_nothing_is_kept_that_it_told_anew() -> None:
-    area = OneArea((6, 1500.0), ANEW)
-    area.hears(anew(900.0), age_ns=500_000_001)
+def test_the_report_of_a_restarted_train_that_fell_silent_is_discarded() -> None:
+    area = OneArea((6, 1500.0), RESTARTED)
+    area.hears(restarted(900.0), age_ns=500_000_001)
 
     assert area.settles() == (area.order, [])
     assert area.newborns.told() == []
 
 
 @pytest.mark.parametrize(("axles", "left"), [(16, True), (32, False)])
-def test_that_a_train_left_is_seen_where_all_axles_are_of_a_stranger_that_waits_for_that(
+def test_a_departure_is_proven_when_all_axles_belong_to_a_waiting_unregistered_train(
     axles: int, *, left: bool
 ) -> None:
-    """The two waited for each other (seed 130561)."""
-    area = OneArea(ANEW, counted=(Counted(800.0, 3000.0, True, axles),))
-    area.strangers = (StandingTrain(1200.0, 1280.0, 16),)
-    area.hears(anew(100.0))
+    """The two trains waited for each other (simulation seed 130561)."""
+    area = OneArea(RESTARTED, counted=(Counted(800.0, 3000.0, True, axles),))
+    area.unregistered = (StandingTrain(1200.0, 1280.0, 16),)
+    area.hears(restarted(100.0))
 
-    assert area.settles() == (((), [(anew(100.0), NOW_NS)]) if left else (area.order, []))
+    assert area.settles() == (((), [(restarted(100.0), NOW_NS)]) if left else (area.order, []))
 
 
-def test_nobody_left_before_whom_somebody_may_be_it_up_to_the_end_of_the_area() -> None:
+def test_no_departure_is_proven_while_axles_ahead_may_be_the_train() -> None:
     counted = (Counted(0.0, 2000.0, False, 0), Counted(2000.0, 3000.0, True, 16))
-    area = OneArea(ANEW, counted=counted)
-    area.hears(anew(100.0, standstill=False))
+    area = OneArea(RESTARTED, counted=counted)
+    area.hears(restarted(100.0, standstill=False))
 
     assert area.settles() == (area.order, [])
 
 
-def test_its_foremost_axle_is_looked_for_however_near_the_next_train_was() -> None:
+def test_the_foremost_axle_is_searched_however_close_the_train_ahead_was() -> None:
     counted = (Counted(0.0, 903.0, False, 0), Counted(903.0, 3000.0, True, 16))
-    area = OneArea((6, 902.0), ANEW, counted=counted)
-    area.hears(anew(100.0, standstill=False))
+    area = OneArea((6, 902.0), RESTARTED, counted=counted)
+    area.hears(restarted(100.0, standstill=False))
 
     assert area.settles() == (area.order, [])
 
@@ -359,13 +368,13 @@ def test_its_foremost_axle_is_looked_for_however_near_the_next_train_was() -> No
 @pytest.mark.parametrize(
     ("axles", "standstill", "left"), [(16, True, True), (32, True, False), (16, False, False)]
 )
-def test_that_a_train_left_is_believed_if_it_stands_with_its_axles_where_it_says(
+def test_a_departure_is_proven_by_its_own_axles_at_the_reported_place(
     axles: int, *, standstill: bool, left: bool
 ) -> None:
-    """Although somebody is where it was."""
+    """This holds although another vehicle stands where it was."""
     counted = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
-    area = OneArea(ANEW, counted=(*counted, Counted(800.0, 3000.0, True, 16)))
-    area.hears(anew(100.0, standstill=standstill))
+    area = OneArea(RESTARTED, counted=(*counted, Counted(800.0, 3000.0, True, 16)))
+    area.hears(restarted(100.0, standstill=standstill))
 
     _, gone = area.settles()
 
@@ -375,13 +384,13 @@ def test_that_a_train_left_is_believed_if_it_stands_with_its_axles_where_it_says
 @pytest.mark.parametrize(
     ("age_ns", "renewed"), [(10_000_000_000, True), (10_000_000_001, False), (0, True)]
 )
-def test_nobody_leaves_the_line_and_comes_back_within_ten_seconds(
+def test_a_train_restarted_within_ten_seconds_cannot_have_left_the_line(
     age_ns: int, *, renewed: bool
 ) -> None:
-    """So that it does not matter that trains behind were not heard yet."""
-    area = OneArea(ANEW, (2, 400.0))
-    area.heard_of_life_before(1, age_ns=age_ns)
-    area.hears(anew(900.0))
+    """So it does not matter that trains behind have not reported yet."""
+    area = OneArea(RESTARTED, (2, 400.0))
+    area.receives_former_report(1, age_ns=age_ns)
+    area.hears(restarted(900.0))
 
     order, _ = area.settles()
 
@@ -389,94 +398,98 @@ def test_nobody_leaves_the_line_and_comes_back_within_ten_seconds(
 
 
 @pytest.mark.parametrize("echo_ns", [NOW_NS - 10_000_000_001, 0])
-def test_what_comes_of_a_former_life_may_have_been_long_on_its_way(echo_ns: int) -> None:
-    """It says when by the heartbeat that it echoes; or it does not say."""
-    area = OneArea(ANEW, (2, 400.0))
-    area.heard_of_life_before(1, age_ns=0, echo_ns=echo_ns)
-    area.hears(anew(900.0))
+def test_a_report_of_the_former_incarnation_may_be_old(echo_ns: int) -> None:
+    """The echoed heartbeat dates the report; without one its age is unknown."""
+    area = OneArea(RESTARTED, (2, 400.0))
+    area.receives_former_report(1, age_ns=0, echo_ns=echo_ns)
+    area.hears(restarted(900.0))
 
     assert area.settles() == (area.order, [])
 
 
-def test_a_life_that_this_master_never_heard_of_is_not_recent_however_young_its_record() -> None:
-    area = OneArea(ANEW, (2, 400.0))
+def test_an_incarnation_that_never_reported_to_this_master_is_not_recent() -> None:
+    area = OneArea(RESTARTED, (2, 400.0))
     area.known.records[1].heard_ns = NOW_NS
-    area.hears(anew(900.0))
+    area.hears(restarted(900.0))
 
     assert area.settles() == (area.order, [])
 
 
 def settled(behind: TrainReport, *, kept_m: float = 400.0) -> list[int]:
-    """Incarnations on the roster after the first train told of its new life, and this one that is
-    behind it and cannot be renewed itself: it follows one that is not on the roster.
+    """Incarnations on the roster after the reports of the first train and of this one behind it.
+
+    The train behind cannot be renewed itself, because it follows one that is not on the roster.
     """
     area = OneArea((1, 1900.0), (2, kept_m), before=AREA_4, start_m=1000.0, counted=OCCUPIED)
-    area.hears(anew(1900.0))
+    area.hears(restarted(1900.0))
     area.hears(dataclasses.replace(behind, comes_from=4, behind=3))
     return [entry.boot for entry in area.settles()[0]]
 
 
-def test_trains_that_began_anew_one_behind_the_other_do_not_wait_for_each_other() -> None:
-    """In seed 21751 two trains in the area, the next one before its border, and behind a train that
-    was not on the roster yet the last one of it: all four had begun anew, and nobody moved on."""
-    assert settled(anew(900.0, train=2)) == [2, 1]
+def test_restarted_trains_in_a_row_do_not_wait_for_each_other() -> None:
+    """Four restarted trains once waited for each other (simulation seed 21751).
+
+    Two were in the area and one before its border. The last one followed a train that was not on
+    the roster yet.
+    """
+    assert settled(restarted(900.0, train=2)) == [2, 1]
 
 
-def test_a_train_behind_that_is_heard_in_the_life_that_arbiters_kept_need_not_begin_anew() -> None:
-    area = OneArea(ANEW, (2, 400.0))
-    area.heard_of_life_before(2, age_ns=20_000_000_000)
-    area.hears(anew(900.0))
+def test_a_train_behind_in_its_committed_incarnation_counts_as_known() -> None:
+    area = OneArea(RESTARTED, (2, 400.0))
+    area.receives_former_report(2, age_ns=20_000_000_000)
+    area.hears(restarted(900.0))
 
     order, _ = area.settles()
 
     assert [entry.boot for entry in order] == [2, 1]
 
 
-def test_where_a_train_behind_is_counts_only_if_it_said_so_lately_and_knows_it() -> None:
-    lately = dataclasses.replace(anew(900.0, train=2), echo_ns=NOW_NS - 500_000_000)
+def test_the_place_of_a_train_behind_counts_only_if_recent_and_localised() -> None:
+    lately = dataclasses.replace(restarted(900.0, train=2), echo_ns=NOW_NS - 500_000_000)
     assert settled(lately) == [2, 1]
     assert settled(dataclasses.replace(lately, echo_ns=NOW_NS - 500_000_001)) == [1, 1]
-    assert settled(anew(900.0, train=2, localised=False)) == [1, 1]
+    assert settled(restarted(900.0, train=2, localised=False)) == [1, 1]
 
 
-def test_a_train_behind_that_was_seen_ahead_before_shows_that_one_was_away() -> None:
+def test_a_train_behind_that_was_recorded_ahead_shows_that_one_was_away() -> None:
     """The front is at 1984 m at most."""
-    assert settled(anew(900.0, train=2), kept_m=1984.1)[0] == 1
-    assert settled(anew(890.0, train=2), kept_m=890.0)[0] == 2
+    assert settled(restarted(900.0, train=2), kept_m=1984.1)[0] == 1
+    assert settled(restarted(890.0, train=2), kept_m=890.0)[0] == 2
 
 
-def test_a_train_is_in_its_place_only_before_all_behind_it_that_began_anew() -> None:
-    """The rear of such a one is unsure by 4 m."""
-    assert settled(anew(1895.9, train=2), kept_m=400.0)[0] == 2
-    assert settled(anew(1896.0, train=2), kept_m=400.0)[0] == 1
-    assert settled(anew(1984.1, train=2), kept_m=400.0)[0] == 1
+def test_a_train_is_in_place_only_ahead_of_all_restarted_trains_behind_it() -> None:
+    """The rear of a restarted train is uncertain by 4 m."""
+    assert settled(restarted(1895.9, train=2), kept_m=400.0)[0] == 2
+    assert settled(restarted(1896.0, train=2), kept_m=400.0)[0] == 1
+    assert settled(restarted(1984.1, train=2), kept_m=400.0)[0] == 1
 
 
-def test_trains_ahead_say_nothing_of_whether_a_train_has_been_away() -> None:
-    area = OneArea((7, 2000.0), (6, 1500.0), ANEW)
-    area.hears(anew(900.0))
+def test_silent_trains_ahead_do_not_matter_for_a_restart() -> None:
+    area = OneArea((7, 2000.0), (6, 1500.0), RESTARTED)
+    area.hears(restarted(900.0))
 
     order, _ = area.settles()
 
     assert order[2].boot == 2
 
 
-def test_the_foremost_train_is_unsure_of_the_very_next_one_behind_it() -> None:
-    area = OneArea(ANEW, (2, 700.0), (3, 400.0))
-    area.heard_of_life_before(3, age_ns=0)
-    area.hears(anew(900.0))
+def test_the_foremost_train_waits_for_a_report_of_the_next_one_behind_it() -> None:
+    area = OneArea(RESTARTED, (2, 700.0), (3, 400.0))
+    area.receives_former_report(3, age_ns=0)
+    area.hears(restarted(900.0))
 
     assert area.settles() == (area.order, [])
 
 
-def test_several_trains_are_settled_at_once_each_by_what_it_told() -> None:
-    area = OneArea((6, 1500.0), ANEW, (2, 400.0), (3, 200.0), counted=OCCUPIED)
-    area.hears(anew(100.0, train=6))
-    area.hears(anew(900.0))
-    area.hears(anew(380.0, train=2))
-    area.hears(anew(200.0, train=3))
+def test_several_restarted_trains_are_settled_at_once() -> None:
+    area = OneArea((6, 1500.0), RESTARTED, (2, 400.0), (3, 200.0), counted=OCCUPIED)
+    area.hears(restarted(100.0, train=6))
+    area.hears(restarted(900.0))
+    area.hears(restarted(380.0, train=2))
+    area.hears(restarted(200.0, train=3))
     for train in (1, 2, 3):
-        area.heard_of_life_before(train, age_ns=0)
+        area.receives_former_report(train, age_ns=0)
 
     order, gone = area.settles()
 
@@ -494,31 +507,31 @@ def test_several_trains_are_settled_at_once_each_by_what_it_told() -> None:
         (True, 0, 16, True),
     ],
 )
-def test_nothing_hides_near_a_train_if_that_was_so_lately_or_is_seen_again(
+def test_a_restarted_train_stays_sieved_if_recent_or_proven_again(
     age_ns: int, axles: int, *, was: bool, sieved: bool
 ) -> None:
-    area = OneArea(ANEW, counted=(Counted(0.0, 3000.0, True, axles),), sieved=was)
-    area.heard_of_life_before(1, age_ns=age_ns)
-    area.hears(anew(900.0))
+    area = OneArea(RESTARTED, counted=(Counted(0.0, 3000.0, True, axles),), sieved=was)
+    area.receives_former_report(1, age_ns=age_ns)
+    area.hears(restarted(900.0))
 
     order, _ = area.settles()
 
     assert order == (RosterEntry(1, 900.0, sieved, 2),)
 
 
-# Over the border of the area, where another one commands it.
+# Trains before the border of the area, where another master commands.
 
 
 @pytest.mark.parametrize(
     ("comes_from", "behind", "renewed"),
     [(4, 6, True), (4, 0, True), (4, 7, False), (4, 2, False), (3, 6, False), (0, 0, False)],
 )
-def test_over_the_border_a_train_is_renewed_only_in_line_as_it_was_admitted(
+def test_before_the_border_a_train_is_renewed_only_in_line(
     comes_from: int, behind: int, *, renewed: bool
 ) -> None:
-    area = OneArea((7, 2000.0), (6, 1500.0), ANEW, (2, 400.0), before=AREA_4, start_m=1000.0)
-    area.heard_of_life_before(1, age_ns=0)
-    area.hears(anew(900.0, comes_from=comes_from, behind=behind))
+    area = OneArea((7, 2000.0), (6, 1500.0), RESTARTED, (2, 400.0), before=AREA_4, start_m=1000.0)
+    area.receives_former_report(1, age_ns=0)
+    area.hears(restarted(900.0, comes_from=comes_from, behind=behind))
 
     order, gone = area.settles()
 
@@ -528,12 +541,10 @@ def test_over_the_border_a_train_is_renewed_only_in_line_as_it_was_admitted(
 
 
 @pytest.mark.parametrize(("behind", "renewed"), [(0, True), (2, False), (1, False)])
-def test_over_the_border_the_foremost_train_has_nobody_ahead_of_it(
-    behind: int, *, renewed: bool
-) -> None:
-    area = OneArea(ANEW, (2, 400.0), before=AREA_4, start_m=1000.0)
-    area.heard_of_life_before(1, age_ns=0)
-    area.hears(anew(900.0, comes_from=4, behind=behind))
+def test_before_the_border_the_foremost_train_has_none_ahead(behind: int, *, renewed: bool) -> None:
+    area = OneArea(RESTARTED, (2, 400.0), before=AREA_4, start_m=1000.0)
+    area.receives_former_report(1, age_ns=0)
+    area.hears(restarted(900.0, comes_from=4, behind=behind))
 
     order, _ = area.settles()
 
@@ -543,30 +554,30 @@ def test_over_the_border_the_foremost_train_has_nobody_ahead_of_it(
 @pytest.mark.parametrize(
     ("rear_m", "before", "sieved"),
     [
-        (916.0, AREA_4, True),  # Its front may be at the border, but no farther.
+        (916.0, AREA_4, True),  # Its front may be at the border but not beyond.
         (916.1, AREA_4, False),
         (916.0, None, False),
         (900.0, None, False),
     ],
 )
-def test_who_is_in_the_area_needs_no_line_but_has_to_be_counted(
+def test_a_train_in_the_area_needs_an_axle_count_instead_of_a_line(
     rear_m: float, before: Area | None, *, sieved: bool
 ) -> None:
     comes_from = 4 if sieved else 0
-    area = OneArea(ANEW, before=before, start_m=1000.0, counted=OCCUPIED)
-    area.hears(anew(rear_m, comes_from=comes_from))
+    area = OneArea(RESTARTED, before=before, start_m=1000.0, counted=OCCUPIED)
+    area.hears(restarted(rear_m, comes_from=comes_from))
 
     order, _ = area.settles()
 
     assert order == (RosterEntry(1, rear_m, sieved, 2),)
 
 
-def test_axles_before_the_border_do_not_show_that_a_train_left() -> None:
-    """They are of the area before, of which a master is told one section only."""
+def test_axles_before_the_border_do_not_prove_a_departure() -> None:
+    """Those sections belong to the area before; this master receives only one of them."""
     counted = (Counted(0.0, 500.0, True, 16), Counted(500.0, 800.0, False, 0))
     stays = (*counted, Counted(800.0, 3000.0, True, 16))
-    area = OneArea(ANEW, before=AREA_4, start_m=1000.0, counted=stays)
-    area.hears(anew(100.0, comes_from=4))
+    area = OneArea(RESTARTED, before=AREA_4, start_m=1000.0, counted=stays)
+    area.hears(restarted(100.0, comes_from=4))
 
     assert area.settles() == (area.order, [])
 
@@ -575,31 +586,32 @@ def test_axles_before_the_border_do_not_show_that_a_train_left() -> None:
     ("axles", "first_m", "left"),
     [(0, 900.0, True), (16, 900.0, False), (0, 1000.0, True), (0, 1000.1, False)],
 )
-def test_that_a_train_left_from_before_the_border_is_seen_by_what_the_area_itself_counts(
+def test_the_areas_own_count_proves_a_departure_from_before_the_border(
     axles: int, first_m: float, *, left: bool
 ) -> None:
-    """It is told of one section before the border only; how it is farther back, nobody told it
-    (seed 207948): all waited for an entry that could never go.
+    """The master receives only one section before the border.
+
+    Once all trains waited for an entry that it could never remove (simulation seed 207948).
     """
     counted = (Counted(first_m, 1100.0, False, 0), Counted(1100.0, 3000.0, bool(axles), axles))
     area = OneArea((1, 600.0), before=AREA_4, start_m=1000.0, counted=counted)
-    area.hears(anew(100.0, comes_from=4))
+    area.hears(restarted(100.0, comes_from=4))
 
     assert area.settles() == (
-        ((), [(anew(100.0, comes_from=4), NOW_NS)]) if left else (area.order, [])
+        ((), [(restarted(100.0, comes_from=4), NOW_NS)]) if left else (area.order, [])
     )
 
 
-def test_whoever_left_need_not_stand_in_line_to_be_off_the_roster() -> None:
-    area = OneArea(ANEW, before=AREA_4, start_m=1000.0, counted=CLEAR)
-    area.hears(anew(100.0, comes_from=0, behind=8))
+def test_a_departed_train_is_removed_without_standing_in_line() -> None:
+    area = OneArea(RESTARTED, before=AREA_4, start_m=1000.0, counted=CLEAR)
+    area.hears(restarted(100.0, comes_from=0, behind=8))
 
     order, gone = area.settles()
 
     assert (order, len(gone)) == ((), 1)
 
 
-def test_a_master_gives_nothing_by_an_entry_of_another_life_until_it_is_renewed() -> None:
+def test_a_master_grants_nothing_for_an_entry_of_another_incarnation_until_renewed() -> None:
     command = Command(roster=tuple([entry._replace(boot=7) for entry in ROSTER]))
     command.step()
     command.hears(1, 900.0)
@@ -607,7 +619,7 @@ def test_a_master_gives_nothing_by_an_entry_of_another_life_until_it_is_renewed(
 
     assert command.step(acks=False) == {}
 
-    # Both are where they were, and all are heard: the entries are renewed, kept, and then used.
+    # Both stand where they were and all report. The entries are renewed, committed, and then used.
     issued: dict[int, AreaAuthority] = {}
     for _ in range(5):
         command.hears(1, 900.0)
@@ -630,7 +642,7 @@ def core_of_a_train() -> TrainCore:
     )
 
 
-def test_a_train_whose_clock_goes_back_takes_no_part_until_it_is_started_anew() -> None:
+def test_a_train_whose_clock_goes_back_does_not_participate_until_restarted() -> None:
     core = core_of_a_train()
     assert core.step(2_000_000_000, (), own_train(500.0)).memory is not None
     assert core.step(3_000_000_000, (), own_train(500.0)).out
@@ -641,7 +653,7 @@ def test_a_train_whose_clock_goes_back_takes_no_part_until_it_is_started_anew() 
     assert core.refusals["clock went back"] == 1
 
 
-def test_a_train_that_is_farther_back_than_it_may_roll_takes_no_part_either() -> None:
+def test_a_train_farther_back_than_its_rollback_distance_does_not_participate() -> None:
     core = core_of_a_train()
     core.step(2_000_000_000, (), own_train(500.0))
     assert core.step(3_000_000_000, (), own_train(492.0)).out
@@ -668,21 +680,20 @@ def test_trains_that_leave_at_the_end_come_back_at_the_beginning_and_run_on() ->
 
     assert len(left) >= 3
     assert depot.entered >= 3
-    # Each was commanded from the beginning on to the end again.
+    # Each train was commanded all the way from the beginning to the end again.
     assert world.without_authority() == []
     assert min(train.front_m for train in world.trains.values() if train.on_line) > 150.0
 
 
-def test_who_came_behind_one_that_has_left_the_roster_keeps_its_place_and_gets_nothing_by_it() -> (
-    None
-):
-    """The one ahead went back over the border; who is ahead now is not whom it says to follow."""
+def test_a_train_that_follows_a_removed_one_keeps_its_entry_without_authority() -> None:
+    """The train ahead went back over the border, so the train that is ahead now is not the one
+    it reports."""
     counted = (Counted(0.0, 1496.0, True, 48), Counted(1496.0, 3000.0, False, 0))
     trains = ((7, 2000.0), (5, 1500.0), (1, 800.0))
     area = OneArea(*trains, before=AREA_4, start_m=1000.0, counted=counted)
-    area.heard_of_life_before(1, age_ns=0)
-    area.hears(anew(900.0, train=5, comes_from=4))
-    area.hears(anew(800.0, comes_from=4, behind=5))
+    area.receives_former_report(1, age_ns=0)
+    area.hears(restarted(900.0, train=5, comes_from=4))
+    area.hears(restarted(800.0, comes_from=4, behind=5))
 
     order, gone = area.settles()
 
@@ -691,12 +702,12 @@ def test_who_came_behind_one_that_has_left_the_roster_keeps_its_place_and_gets_n
 
 
 @pytest.mark.parametrize("promised", [True, False])
-def test_all_trains_that_began_anew_around_one_that_comes_in_between_find_their_places(
-    *, promised: bool
-) -> None:
-    """The first waited for a word of those behind it, the one in between for room behind it, and
-    the last, over the border, for the one that is ahead of it there. What the last one held in its
-    former life bounds it no longer.
+def test_restarted_trains_around_a_newcomer_find_their_places(*, promised: bool) -> None:
+    """The first train waited for reports of the trains behind it, and the middle one for room
+    behind it.
+
+    The last one, beyond the border, waited for the train ahead of it there. Its former authority no
+    longer limits it.
     """
     first, between, last = 4, 3, 2
     chair = Chair((entry(first, 3445.0), entry(last, 1249.0)), area=2, sections=True)
@@ -721,7 +732,7 @@ def test_all_trains_that_began_anew_around_one_that_comes_in_between_find_their_
         ({"boot": 1, "term": TERM}, 1.0e6),
     ],
 )
-def test_what_bounds_a_train_that_began_anew(told: dict[str, int], bound_m: float) -> None:
+def test_the_bound_of_a_restarted_train(told: dict[str, int], bound_m: float) -> None:
     chair = Chair((entry(2, 1249.0, boot=2),))
     chair.reports(2, 1940.0, latent_m=1947.0, **told)
 
@@ -729,7 +740,7 @@ def test_what_bounds_a_train_that_began_anew(told: dict[str, int], bound_m: floa
     assert known.reserved_m(order) == {2: bound_m}
 
 
-def test_what_arbiters_keep_of_a_life_is_not_of_one_that_began_since() -> None:
+def test_a_committed_entry_does_not_apply_to_a_later_incarnation() -> None:
     chair = Chair((entry(2, 1249.0, boot=2),))
     told = chair.reports(2, 1940.0, boot=3, term=TERM - 1)
     chair.master._known.hears_newborn(dataclasses.replace(told, boot=2, term=TERM))

@@ -1,4 +1,5 @@
-"""Switches, crossings, platform tracks: what they obey, and what a master makes of them."""
+"""Wayside objects (switches, crossings, platform tracks): which claims they obey, and how a
+master uses them."""
 
 from dataclasses import replace
 
@@ -52,7 +53,7 @@ def claim(train: int, term: int, kind: ClaimKind, nonce: int) -> ObjectClaim:
 LOCK, OPEN = ClaimKind.CLAIM, ClaimKind.RELEASE
 
 
-def test_it_locks_for_a_claim_and_says_for_which() -> None:
+def test_an_object_locks_for_a_claim_and_reports_which() -> None:
     crossing = Crossing()
 
     status = crossing.hears(claim(1, 4, LOCK, 9))
@@ -65,10 +66,10 @@ def test_it_locks_for_a_claim_and_says_for_which() -> None:
 @pytest.mark.parametrize(
     "late",
     [
-        claim(1, 4, OPEN, 8),  # Said before the claim, heard after it.
+        claim(1, 4, OPEN, 8),  # Sent before the claim, received after it.
         claim(1, 4, OPEN, 9),  # Repeated under the claim's own number.
-        claim(1, 3, OPEN, 10),  # Of a former term.
-        claim(2, 4, OPEN, 10),  # Of somebody who does not own the term.
+        claim(1, 3, OPEN, 10),  # From an earlier term.
+        claim(2, 4, OPEN, 10),  # From a sender that does not own the term.
     ],
 )
 def test_a_release_that_is_late_old_or_not_the_masters_opens_nothing(late: ObjectClaim) -> None:
@@ -81,7 +82,7 @@ def test_a_release_that_is_late_old_or_not_the_masters_opens_nothing(late: Objec
     assert crossing.object.refused == 1
 
 
-def test_a_heartbeat_alone_fences_it_off_from_the_old_master() -> None:
+def test_a_heartbeat_alone_fences_an_object_off_from_the_former_master() -> None:
     crossing = Crossing()
     crossing.hears(claim(1, 4, LOCK, 9))
 
@@ -91,7 +92,7 @@ def test_a_heartbeat_alone_fences_it_off_from_the_old_master() -> None:
     assert crossing.state is ObjectState.LOCKED
 
 
-def test_nothing_moves_under_a_train() -> None:
+def test_an_object_never_moves_under_a_train() -> None:
     crossing = Crossing()
     crossing.hears(claim(1, 4, LOCK, 9))
 
@@ -102,7 +103,7 @@ def test_nothing_moves_under_a_train() -> None:
     assert crossing.state is ObjectState.FREE
 
 
-def test_what_is_asked_to_open_is_not_locked_again() -> None:
+def test_an_object_with_a_pending_release_is_not_locked_again() -> None:
     crossing = Crossing()
 
     crossing.hears(claim(1, 4, LOCK, 9), wanted=True)
@@ -110,7 +111,7 @@ def test_what_is_asked_to_open_is_not_locked_again() -> None:
     assert crossing.state is ObjectState.FREE
 
 
-def test_it_remembers_over_a_restart_and_fails_safe_without_memory() -> None:
+def test_an_object_remembers_its_state_over_a_restart_and_fails_safe_without_memory() -> None:
     crossing = Crossing()
     crossing.hears(claim(1, 4, LOCK, 9))
     again = Crossing(crossing.memory)
@@ -145,7 +146,7 @@ class TestMasterOfObjects:
         said = objects.plan(needed=lambda _: needed, reaches=lambda _: list(reaches))
         return [each.kind for _, each in said]
 
-    def test_of_an_object_never_heard_of_nothing_is_passed_and_nothing_claimed(self) -> None:
+    def test_an_object_that_never_reported_is_neither_passed_nor_claimed(self) -> None:
         objects = self.objects()
 
         assert self.plan(objects, far()) == []
@@ -158,7 +159,7 @@ class TestMasterOfObjects:
         assert self.plan(objects, far()) == [LOCK]
         assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
 
-    def test_its_own_lock_opens_the_way_until_a_release_is_wanted(self) -> None:
+    def test_a_confirmed_lock_permits_passing_until_a_release_is_requested(self) -> None:
         objects = self.objects()
         objects.hears(status(ObjectState.LOCKED, 4, 1))
         self.plan(objects, far())
@@ -193,7 +194,7 @@ class TestMasterOfObjects:
     def bars(self, objects: TrackObjects) -> list[Bar]:
         return [each.bar for each in objects.stretches()]
 
-    def test_claims_and_releases_are_numbered_from_1_and_repeated_until_carried_out(self) -> None:
+    def test_claims_and_releases_are_numbered_from_1_and_repeated_until_confirmed(self) -> None:
         objects = self.fresh(status(ObjectState.FREE, 0, 0))
         said = []
         for wanted in (False, False, True, True, False, False):
@@ -206,7 +207,7 @@ class TestMasterOfObjects:
     @pytest.mark.parametrize(
         ("term", "nonce", "said"), [(5, 1, []), (5, 2, [LOCK]), (4, 1, [LOCK]), (1, 5, [LOCK])]
     )
-    def test_a_claim_is_carried_out_when_its_term_and_number_come_back(
+    def test_a_claim_is_confirmed_when_its_term_and_number_come_back(
         self, term: int, nonce: int, said: list[ClaimKind]
     ) -> None:
         objects = self.fresh(status(ObjectState.FREE, 4, 1))
@@ -222,13 +223,13 @@ class TestMasterOfObjects:
         assert self.plan(objects, needed=False) == []
         assert self.plan(objects, needed=True) == [LOCK]
 
-    def test_a_claim_once_made_is_held_when_no_train_is_near_any_more(self) -> None:
+    def test_a_claim_is_kept_when_no_train_is_near_any_more(self) -> None:
         objects = self.fresh(status(ObjectState.FREE, 0, 0))
         self.plan(objects)
 
         assert self.plan(objects, needed=False) == [LOCK]
 
-    def test_a_release_is_not_taken_back_for_a_train_that_is_not_there(self) -> None:
+    def test_a_release_is_not_withdrawn_without_a_train(self) -> None:
         objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
         assert self.plan(objects, far()) == [OPEN]
         objects.hears(status(ObjectState.LOCKED, 0, 0))
@@ -236,12 +237,12 @@ class TestMasterOfObjects:
         assert self.plan(objects, needed=False) == []
         assert self.plan(objects, needed=True) == [LOCK]
 
-    def test_a_release_that_is_wanted_of_a_free_object_needs_no_words(self) -> None:
+    def test_a_release_of_a_free_object_needs_no_message(self) -> None:
         objects = self.fresh(status(ObjectState.FREE, 0, 0, wanted=True))
 
         assert self.plan(objects, far()) == []
 
-    def test_one_train_that_can_reach_it_holds_a_release_back(self) -> None:
+    def test_one_train_that_can_reach_an_object_delays_its_release(self) -> None:
         objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
 
         assert self.plan(objects, far(), far(600.0), needed=False) == [LOCK]
@@ -251,20 +252,20 @@ class TestMasterOfObjects:
 
         assert self.plan(objects) == [OPEN]
 
-    def test_a_release_that_was_said_stands_when_a_train_comes(self) -> None:
-        """It may have opened already; the train is barred from it."""
+    def test_a_sent_release_stands_when_a_train_comes(self) -> None:
+        """The object may have opened already, so the train stays barred from it."""
         objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
         self.plan(objects, far())
 
         assert self.plan(objects, far(600.0)) == [OPEN]
 
-    def test_to_an_object_that_failed_nothing_is_said_and_nobody_passes(self) -> None:
+    def test_a_failed_object_gets_no_message_and_no_train_passes(self) -> None:
         objects = self.fresh(status(ObjectState.FAILED, 0, 0))
 
         assert self.plan(objects, far()) == []
         assert self.bars(objects) == [Bar.SHUT]
 
-    def test_a_free_object_is_shut_while_its_lock_is_on_the_way(self) -> None:
+    def test_a_free_object_is_barred_until_its_lock_is_confirmed(self) -> None:
         objects = self.fresh(status(ObjectState.FREE, 0, 0))
         self.plan(objects)
 
@@ -284,7 +285,7 @@ class TestMasterOfObjects:
 
         assert self.bars(objects) == [Bar.UNSURE]
 
-    def test_objects_of_other_areas_are_not_heard(self) -> None:
+    def test_objects_of_other_areas_are_ignored(self) -> None:
         objects = TrackObjects(5, (), MasterGuards())
         objects.hears(status(ObjectState.LOCKED, 5, 1))
 
@@ -306,7 +307,7 @@ class TestMasterOfObjects:
         objects.hears(replace(status(ObjectState.LOCKED, 5, 2), number=other.number))
         assert objects.stretches() == [BarredTrack(500.0, 520.0, Bar.SHUT)]
 
-    def test_without_the_guard_of_objects_even_one_never_heard_of_bars_nothing(self) -> None:
+    def test_without_the_object_guard_even_an_unreported_object_bars_nothing(self) -> None:
         objects = TrackObjects(5, (SITE,), without(MasterGuards(), "object_confirmed"))
         assert objects.stretches() == []
 
@@ -323,7 +324,7 @@ class TestMasterOfObjects:
         (far(900.0, rear_m=519.9), False),
     ],
 )
-def test_a_train_cannot_reach_what_is_behind_it_or_beyond_all_that_it_may_act_upon(
+def test_a_train_cannot_reach_an_object_behind_it_or_beyond_its_authority(
     reach: Reach, answer: bool
 ) -> None:
     assert cannot_reach(reach) is answer

@@ -1,4 +1,4 @@
-"""How near to a train that moves the next one is let: it has to stand before it can jog back."""
+"""How close the next train may come to a moving one: a train must stand before it can jog back."""
 
 import dataclasses
 from unittest.mock import Mock
@@ -39,7 +39,7 @@ def heard(*reports: TrainReport) -> TrainRecord:
 
 
 @given(rear_m=st.floats(0.0, 5000.0), ahead_m=st.floats(-20.0, 100.0))
-def test_never_more_than_a_jog_in_front_of_where_it_is_and_never_behind_that(
+def test_the_protected_rear_is_at_most_a_jog_ahead_of_the_rear_and_never_behind_it(
     rear_m: float, ahead_m: float
 ) -> None:
     protected_m = heard(report(rear_m, rear_m + ahead_m)).rear_m
@@ -49,13 +49,13 @@ def test_never_more_than_a_jog_in_front_of_where_it_is_and_never_behind_that(
         assert protected_m == rear_m + ahead_m
 
 
-def test_it_never_goes_back_but_for_another_life() -> None:
+def test_the_protected_rear_goes_back_only_for_another_incarnation() -> None:
     assert heard(report(100.0, 104.0), report(102.0, 102.0)).rear_m == 104.0
     assert heard(report(100.0, 104.0), report(102.0, 102.0, boot=3)).rear_m == 102.0
 
 
-def test_the_next_train_is_let_up_to_where_it_may_roll_back_and_this_one_may_go_back_less() -> None:
-    """Together they keep apart: what is given to one is taken from the other."""
+def test_what_the_next_train_gains_this_train_loses_for_its_jog_back() -> None:
+    """Both keep apart: the room that one train gets is taken from the other."""
     ends_m = {}
     for ahead_m in (0.0, 3.0, 5.0, 50.0):
         command = Command()
@@ -81,13 +81,13 @@ def test_the_next_train_is_let_up_to_where_it_may_roll_back_and_this_one_may_go_
 
 
 @pytest.mark.parametrize("protected_m", [19.9, 102.1, float("nan")])
-def test_a_place_that_is_no_place_of_the_train_is_not_said(protected_m: float) -> None:
+def test_an_impossible_protected_rear_is_not_sent(protected_m: float) -> None:
     with pytest.raises(ValueError, match="protected_m"):
         pack(dataclasses.replace(REPORT, protected_m=protected_m), BENCH_KEY)
 
 
 @pytest.mark.parametrize("low_mps", [-0.4, 0.0, 3.0, 12.0])
-def test_a_train_says_where_it_comes_to_rest_by_the_least_speed_that_it_may_have(
+def test_the_reported_stopping_place_uses_the_lowest_possible_speed(
     low_mps: float,
 ) -> None:
     config = load_config("florence4")

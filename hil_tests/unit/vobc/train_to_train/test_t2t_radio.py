@@ -1,4 +1,5 @@
-"""Trains that command themselves as bytes on the radio: stored first, applied, then sent."""
+"""Trains that command themselves as bytes on the radio: state is stored first, then applied,
+then sent."""
 
 import dataclasses
 from pathlib import Path
@@ -37,7 +38,7 @@ def standing(front_m: float) -> OwnTrain:
 
 
 class Net:
-    """A wayside and trains that stand, on the virtual radio; everything in bytes."""
+    """A wayside and standing trains on the virtual radio; all messages are bytes."""
 
     def __init__(self, folder: Path, fronts_m: dict[int, float]) -> None:
         self.now_ns = 0
@@ -97,8 +98,8 @@ def test_trains_find_each_other_over_the_radio_and_get_their_authorities(tmp_pat
     assert all(not line.refusals for line, _ in net.trains.values())
 
 
-def test_what_arbiters_refuse_counts_with_what_the_wayside_does(tmp_path: Path) -> None:
-    """A train that counts on three arbiters asks, and is commanded by nobody."""
+def test_refusals_of_arbiters_are_counted_by_the_wayside(tmp_path: Path) -> None:
+    """A train that expects three arbiters asks them in vain, so no train commands."""
     net = Net(tmp_path, {1: 2190.0})
     config = T2tConfig(arbiters=(ARBITER, ARBITER + 1, ARBITER + 2))
     core = TrainCore(config, LINE, address=2, memory=TrainMemory(), start_ns=0)
@@ -139,7 +140,7 @@ def test_an_arbiter_whose_disk_is_full_grants_nothing(tmp_path: Path) -> None:
 
 
 def asks(area: int) -> RadioMessage:
-    """Train 5 wants to command an area."""
+    """The request of train 5 to command an area."""
     head = (5, ARBITER, area, 1, 1, 1, 0)
     request = LeaseRequest(*head, LeaseKind.ACQUIRE, 1, 0, 0)
     return RadioMessage(0, t2t_keys.key_of(LINE.name, request), pack(request))
@@ -165,7 +166,7 @@ def line_radio(stored: list[TrainMemory], *, works: bool = True) -> LineRadio:
     return LineRadio(core, LINE.name, store)
 
 
-def test_a_train_whose_disk_is_full_says_nothing_until_it_takes_what_must_be_stored() -> None:
+def test_a_train_whose_disk_is_full_sends_nothing_until_its_state_is_stored() -> None:
     stored: list[TrainMemory] = []
     radio = line_radio(stored, works=False)
 
@@ -175,7 +176,7 @@ def test_a_train_whose_disk_is_full_says_nothing_until_it_takes_what_must_be_sto
     assert radio.authority is None
 
 
-def test_what_is_said_under_the_key_of_another_or_is_damaged_is_not_heard() -> None:
+def test_a_message_under_a_foreign_key_or_damaged_is_refused() -> None:
     radio = line_radio([])
     ((key, payload),) = radio.step(0, standing(500.0), apply=True)
     report = unpack(payload)
@@ -201,7 +202,7 @@ def test_a_flood_between_two_steps_is_bounded_and_counted() -> None:
 MEMORY = TrainMemory(7, (AreaMemory(1, 5, 3, 6),))
 
 
-def test_a_checked_store_gives_back_what_was_put(tmp_path: Path) -> None:
+def test_a_checked_store_returns_the_stored_data(tmp_path: Path) -> None:
     path = tmp_path / "memory"
     assert CheckedStore(path, TrainMemory).state is NvramState.ABSENT
     assert CheckedStore(path, TrainMemory).put(MEMORY)
@@ -212,9 +213,7 @@ def test_a_checked_store_gives_back_what_was_put(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("spoil", [b"", b"{}\n", b"x" * 50, b"\xff\xfe"])
-def test_a_checked_store_believes_nothing_that_it_did_not_write(
-    tmp_path: Path, spoil: bytes
-) -> None:
+def test_a_checked_store_rejects_data_that_it_did_not_write(tmp_path: Path, spoil: bytes) -> None:
     path = tmp_path / "memory"
     path.write_bytes(spoil)
 
@@ -224,7 +223,7 @@ def test_a_checked_store_believes_nothing_that_it_did_not_write(
     assert str(path) in found.detail
 
 
-def test_every_changed_byte_of_a_checked_store_is_noticed(tmp_path: Path) -> None:
+def test_a_checked_store_detects_every_changed_byte(tmp_path: Path) -> None:
     path = tmp_path / "memory"
     CheckedStore(path, TrainMemory).put(MEMORY)
     whole = path.read_bytes()
@@ -234,7 +233,7 @@ def test_every_changed_byte_of_a_checked_store_is_noticed(tmp_path: Path) -> Non
         assert CheckedStore(path, TrainMemory).value is None
 
 
-def test_a_store_that_cannot_write_says_so(tmp_path: Path) -> None:
+def test_a_store_that_cannot_write_reports_it(tmp_path: Path) -> None:
     store = CheckedStore(tmp_path / "no folder" / "memory", TrainMemory)
 
     assert not store.put(MEMORY)

@@ -1,4 +1,5 @@
-"""Who has to be ready before a master hands over, and for which switch a train says that it is."""
+"""Which trains must be ready before a master hands over, and for which switch a train reports
+readiness."""
 
 import dataclasses
 
@@ -22,7 +23,7 @@ SUCCESSOR, OTHER = 1, 2
 
 
 class HandOver(Command):
-    """A master that was told to hand over to train 1; train 2 is on the roster, too."""
+    """A master that was ordered to hand over to train 1; train 2 is on the roster, too."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -35,7 +36,7 @@ class HandOver(Command):
         self.master.hears(LineOrder(*head, OrderKind.SWITCH_MASTER, SUCCESSOR), self.now_ns)
 
     def says(self, source: int, *, ready_nonce: int, localised: bool = True) -> None:
-        """A report, of a place that never changes."""
+        """A report with a constant position."""
         heard: list[TrainReport] = []
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(self.master, "hears", lambda report, now_ns: heard.append(report))
@@ -54,8 +55,9 @@ class HandOver(Command):
         return self.master.succession.switch.state
 
 
-def test_a_train_that_lost_its_place_is_waited_for_like_any_other_that_is_heard() -> None:
-    """A master that never heard from it where it is committed without asking it (seed 1206)."""
+def test_a_switch_waits_for_a_lost_train_that_reports() -> None:
+    """A master that never received its position once committed without asking it (simulation
+    seed 1206)."""
     over = HandOver()
     over.master._known.records[OTHER].report = None
     over.says(OTHER, ready_nonce=0, localised=False)
@@ -74,8 +76,8 @@ def test_a_train_that_lost_its_place_is_waited_for_like_any_other_that_is_heard(
     assert over.state is SwitchState.COMMITTED
 
 
-def test_what_it_says_after_it_lost_its_place_counts() -> None:
-    """Else the last word from before would hold up every switch until it is given up."""
+def test_the_readiness_report_of_a_lost_train_counts() -> None:
+    """Otherwise its last report from before would delay every switch until it is aborted."""
     over = HandOver()
     over.says(OTHER, ready_nonce=0)
     over.says(SUCCESSOR, ready_nonce=0)
@@ -88,7 +90,7 @@ def test_what_it_says_after_it_lost_its_place_counts() -> None:
     assert over.state is SwitchState.COMMITTED
 
 
-def test_a_train_that_was_never_heard_holds_nobody_up() -> None:
+def test_a_train_that_never_reported_does_not_delay_a_switch() -> None:
     over = HandOver()
     over.master._known.records[OTHER].ready_nonce = None
     over.says(SUCCESSOR, ready_nonce=0)
@@ -99,8 +101,8 @@ def test_a_train_that_was_never_heard_holds_nobody_up() -> None:
     assert over.state is SwitchState.COMMITTED
 
 
-def test_to_be_ready_for_the_switch_of_one_master_is_not_to_be_ready_for_that_of_the_next() -> None:
-    """Each counts its switches from one."""
+def test_readiness_for_one_masters_switch_does_not_count_for_the_next_master() -> None:
+    """Each master counts its switches from one."""
     core = train()
 
     def nonce_after(now_ms: int, *heard: Heartbeat | SwitchStep) -> int:

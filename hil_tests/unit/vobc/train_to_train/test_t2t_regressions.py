@@ -1,4 +1,4 @@
-"""Mistakes that this kind of protocol has been built with before, each in a scene of its own."""
+"""Known mistakes of such protocols, each in its own situation."""
 
 import pytest
 
@@ -54,8 +54,9 @@ def train(line_borders_m: tuple[float, ...] = (0.0, 4000.0)) -> TrainCore:
 
 
 class TestMember:
-    def test_what_it_reports_it_applies_already(self) -> None:
-        """Acknowledging before the brake loop has it lets a master count on what is not so."""
+    def test_an_acknowledged_authority_is_already_applied(self) -> None:
+        """A premature acknowledgement would make the master rely on an authority that the brakes
+        do not supervise yet."""
         core = train()
         core.step(1000 * MS, (), own())
 
@@ -68,8 +69,9 @@ class TestMember:
         assert stepped.memory is not None
         assert stepped.memory.of_area(1).seen_term == 4
 
-    def test_it_reports_what_it_may_come_to_and_not_what_binds_it_now(self) -> None:
-        """The first area keeps it before the border; what it holds behind it is latent still."""
+    def test_it_reports_the_farthest_point_and_not_the_binding_end(self) -> None:
+        """The first area stops the train before the border, but the authority beyond it stays
+        reserved."""
         core = train((0.0, 1000.0, 3000.0))
         core.step(1000 * MS, (), own(700.0))
 
@@ -80,7 +82,7 @@ class TestMember:
         assert stepped.authority.end_m == 800.0
         assert reports(stepped.out, 2)[0].latent_m == 1700.0
 
-    def test_a_shorter_authority_stays_latent_for_as_long_as_the_train_needs_to_stop(self) -> None:
+    def test_a_shortened_authority_stays_reserved_for_the_stopping_distance(self) -> None:
         core = train()
         core.step(1000 * MS, (authority(900.0, 1),), own(speed_mps=15.0, reach_m=650.0))
         shorter = authority(550.0, 2)
@@ -93,13 +95,13 @@ class TestMember:
         assert reports(moving.out)[0].latent_m == 650.0
         assert reports(stopped.out)[0].latent_m == 550.0
 
-    def test_a_train_that_starts_while_it_rolls_counts_how_far_that_takes_it(self) -> None:
+    def test_a_train_that_starts_while_rolling_includes_its_stopping_distance(self) -> None:
         stepped = train().step(1000 * MS, (), own(speed_mps=15.0, reach_m=650.0))
 
         assert reports(stepped.out)[0].latent_m == 650.0
 
     @pytest.mark.parametrize("late_ms", [50, 300, 900])
-    def test_an_old_authority_held_up_across_a_takeover_is_void(self, late_ms: int) -> None:
+    def test_an_old_authority_delayed_across_a_takeover_is_void(self, late_ms: int) -> None:
         core = train()
         core.step(1000 * MS, (authority(600.0, 1),), own())
         fence = Heartbeat(8, BROADCAST, 1, 5, 1, 1, 0, Phase.FENCING, 0, 1)
@@ -134,7 +136,7 @@ class TestMember:
         standing = core.step(2200 * MS, (), own(511.0))
 
         assert reports(rolling.out)[0].latent_m == 900.0
-        assert rolling.authority is not None  # It is old, and the protection sees how old.
+        assert rolling.authority is not None  # The authority is old, and protection sees its age.
         assert standing.authority is None
         assert reports(standing.out)[0].latent_m == 511.0
 
@@ -149,8 +151,9 @@ class TestCandidate:
         term = term or lease.term
         return LeaseAnswer(arbiter, 5, 1, term, 1, nonce, 0, granted, nonce, 0, 0, 0, 0, 0, ())
 
-    def test_a_term_is_never_asked_for_twice(self) -> None:
-        """An arbiter of three may hold the first try's lease: the same term would pass for it."""
+    def test_a_term_is_never_requested_twice(self) -> None:
+        """An arbiter of three may hold the lease of the first attempt, and the same term would
+        pass for it."""
         lease = self.lease()
 
         first = lease.ask(0, seen_term=4, tried_term=0)
@@ -161,7 +164,7 @@ class TestCandidate:
 
         assert (first.term, again.term, last.term) == (5, 6, 31)
 
-    def test_the_term_tried_is_stored_with_the_very_step_that_asks_for_it(self) -> None:
+    def test_a_requested_term_is_stored_in_the_same_step(self) -> None:
         core = train()
         stepped = core.step(0, (), own())
         while not any(isinstance(each, LeaseRequest) for each in stepped.out):
@@ -171,7 +174,7 @@ class TestCandidate:
         assert stepped.memory is not None
         assert stepped.memory.of_area(1).tried_term == request.term
 
-    def test_two_of_three_make_a_master_and_one_counts_once(self) -> None:
+    def test_two_of_three_grants_make_a_master_and_each_arbiter_counts_once(self) -> None:
         lease = self.lease()
         request = lease.ask(0, seen_term=0, tried_term=0)
 
@@ -193,7 +196,7 @@ class TestCandidate:
 
         assert lease.state is LeaseState.ASKED
 
-    def test_a_lease_counts_from_the_question_and_ends_before_it_ends(self) -> None:
+    def test_a_lease_counts_from_the_request_and_ends_early_for_its_holder(self) -> None:
         config = T2tConfig()
         lease = self.lease(config)
         request = lease.ask(1000 * MS, seen_term=0, tried_term=0)
@@ -203,8 +206,9 @@ class TestCandidate:
         assert lease.runs(end_ns - 1)
         assert not lease.runs(end_ns)
 
-    def test_whoever_loses_gives_back_what_it_got(self) -> None:
-        """With three arbiters, partial grants that are kept block both candidates for good."""
+    def test_a_losing_candidate_returns_its_grants(self) -> None:
+        """With three arbiters, partial grants that are never returned would block both
+        candidates forever."""
         for seed in range(6):
             rig = Rig(line_of(0.0, 4000.0), config=THREE)
             for n in range(3):
@@ -218,7 +222,7 @@ ROSTER = (RosterEntry(1, 820.0, True, 1), RosterEntry(2, 420.0, True, 1))
 
 
 class Command:
-    """A master under term 1 whose arbiter has kept this roster, in the area from 0 to 2000 m."""
+    """A master under term 1 in the area from 0 to 2000 m; its arbiter has stored this roster."""
 
     def __init__(self, roster: tuple[RosterEntry, ...] = ROSTER) -> None:
         lease = Lease(T2tConfig(), LeaseGuards())
@@ -275,7 +279,10 @@ class Command:
         )
 
     def step(self, ms: int = 100, *, acks: bool = True) -> dict[int, AreaAuthority]:
-        """What is issued, by train. Rosters are kept at once unless told otherwise."""
+        """Run a step and return the issued authorities by train.
+
+        The arbiter commits rosters at once unless `acks` is false.
+        """
         self.now_ns += ms * MS
         issued = {}
         for message in self.master.step(self.now_ns, away=False):
@@ -291,7 +298,7 @@ class Command:
 
 
 def test_stale_positions_do_not_change_the_order_of_trains() -> None:
-    """A report of the leader that was long on its way says that it is behind its follower."""
+    """A delayed report of the leader places it behind its follower."""
     command = Command()
     command.hears(2, 850.0)
     command.hears(1, 830.0)
@@ -299,10 +306,10 @@ def test_stale_positions_do_not_change_the_order_of_trains() -> None:
     issued = command.step() | command.step()
 
     assert command.order() == [1, 2]
-    assert 2 not in issued  # It is at the leader's rear already, as far as is known.
+    assert 2 not in issued  # As far as is known, it is at the leader's rear already.
 
 
-def test_nothing_is_issued_before_the_roster_is_kept_under_the_new_term() -> None:
+def test_no_authority_is_issued_before_the_roster_is_committed_under_the_new_term() -> None:
     command = Command()
     command.hears(1, 900.0)
     assert command.step(acks=False) == {}
@@ -313,7 +320,7 @@ def test_nothing_is_issued_before_the_roster_is_kept_under_the_new_term() -> Non
     assert command.step()[1].end_m == 2000.0
 
 
-def test_a_train_that_has_not_promised_gets_nothing_and_stays_an_obstacle() -> None:
+def test_a_train_that_has_not_acknowledged_gets_no_authority_and_stays_an_obstacle() -> None:
     command = Command()
     command.hears(1, 900.0, term=0)
     command.hears(2, 500.0)
@@ -324,8 +331,8 @@ def test_a_train_that_has_not_promised_gets_nothing_and_stays_an_obstacle() -> N
     assert issued[2].end_m == 820.0 - 7.0
 
 
-def test_what_a_follower_holds_proves_how_far_a_silent_leader_had_come() -> None:
-    """Else every takeover would pull back the authorities behind a master that died."""
+def test_a_followers_authority_proves_how_far_a_silent_leader_had_come() -> None:
+    """Otherwise every takeover would take back the authorities behind a failed master."""
     command = Command()
     command.now_ns = MS
     command.hears(2, 500.0, latent_m=1100.0)
@@ -335,7 +342,7 @@ def test_what_a_follower_holds_proves_how_far_a_silent_leader_had_come() -> None
     assert issued[2].end_m == 1100.0
 
 
-def test_a_train_that_left_is_removed_and_holds_nobody_up() -> None:
+def test_a_train_that_left_is_removed_and_delays_no_other() -> None:
     command = Command()
     command.hears(1, 2087.0)
     command.hears(2, 500.0)
@@ -358,8 +365,8 @@ def test_a_train_over_the_border_by_less_than_it_may_roll_back_stays_on_the_rost
     assert command.order() == [1, 2]
 
 
-def test_who_comes_over_the_border_comes_in_line() -> None:
-    """Train 4 follows train 3 and applies first; nobody but train 3 can be ahead of it."""
+def test_trains_cross_the_border_in_line() -> None:
+    """Train 4 follows train 3 and applies first; only train 3 can be ahead of it."""
     lease_area_two = Command(roster=(RosterEntry(1, 2500.0, True, 1),))
     command = lease_area_two
     command.master = _second_area(command)
@@ -399,7 +406,7 @@ def _second_area(command: Command) -> Master:
     )
 
 
-def test_a_newcomer_gets_nothing_before_its_place_on_the_roster_is_kept() -> None:
+def test_a_newcomer_gets_no_authority_before_its_entry_is_committed() -> None:
     command = Command(roster=(RosterEntry(1, 820.0, True, 1),))
     command.step()
     command.hears(1, 900.0)
@@ -413,7 +420,7 @@ def test_a_newcomer_gets_nothing_before_its_place_on_the_roster_is_kept() -> Non
     assert 3 in command.step()
 
 
-def test_nobody_is_put_between_a_train_and_what_that_was_granted() -> None:
+def test_no_train_is_admitted_within_the_authority_of_another() -> None:
     command = Command()
     command.step()
     command.hears(1, 900.0)
@@ -421,13 +428,13 @@ def test_nobody_is_put_between_a_train_and_what_that_was_granted() -> None:
     command.step()
     command.hears(2, 500.0)
 
-    command.hears(3, 700.0)  # It wakes up where train 2 may go, by what is on its way to it.
+    command.hears(3, 700.0)  # It starts where train 2 may go by an outstanding authority.
     command.step()
 
     assert command.order() == [1, 2]
 
 
-def test_an_authority_on_its_way_counts_until_a_newer_one_is_acknowledged() -> None:
+def test_an_outstanding_authority_counts_until_a_newer_one_is_acknowledged() -> None:
     command = Command()
     command.step()
     command.hears(1, 900.0)
@@ -454,9 +461,11 @@ def test_a_report_that_is_too_old_to_be_answered_is_not_answered() -> None:
 
 
 @pytest.mark.parametrize(("front_m", "told"), [(4283.9, True), (4284.1, False)])
-def test_a_train_tells_where_it_is_as_far_as_sections_are_told(front_m: float, told: bool) -> None:
-    """Else nothing explained its axles behind the border, and a train that stood just before it
-    never got an authority again (seed 232)."""
+def test_a_train_reports_to_an_area_as_far_as_its_sections_are_reported(
+    front_m: float, told: bool
+) -> None:
+    """Otherwise no train accounted for axles behind the border. A train just before it never got
+    an authority again (simulation seed 232)."""
     line = line_of(0.0, 4050.0, 8100.0, section_m=150.0)
     core = TrainCore(T2tConfig(), line, address=5, memory=TrainMemory(), start_ns=0)
 
@@ -466,10 +475,9 @@ def test_a_train_tells_where_it_is_as_far_as_sections_are_told(front_m: float, t
     assert bool(reports(core.step(100 * MS, (), own(front_m)).out, area=1)) is told
 
 
-def test_a_train_that_has_left_the_area_still_explains_its_axles_for_as_long_as_it_says_so() -> (
-    None
-):
-    """One that began anew just before the border waited for ever for them (seed 2113)."""
+def test_a_train_that_left_the_area_accounts_for_its_axles_while_it_reports() -> None:
+    """A train that restarted just before the border once waited forever for these axles
+    (simulation seed 2113)."""
     command = Command()
     command.step()
     command.hears(3, 2100.0)

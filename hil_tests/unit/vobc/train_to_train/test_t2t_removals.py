@@ -1,4 +1,4 @@
-"""A train is taken off the roster by a person's word, if nothing speaks against it."""
+"""An operator's command removes a train from the roster, unless evidence contradicts it."""
 
 from typing import Any
 
@@ -20,13 +20,15 @@ from zenoh_config.t2t_supervision import Removal, RemovalAnswer, RemovalState
 
 GONE, NEXT = 1, 2
 ROSTER = (entry(GONE, 900.0), entry(NEXT, 780.0))
-"""Both in the second section, from 500 m to 1000 m; the second stands right behind the first."""
+"""Both trains are in the second section (500 m to 1000 m); the second one stands right behind
+the first."""
 SILENT_MS = 1001
-"""An authority of timers A is obeyed for a second."""
+"""Just over the second for which an authority of timer set A is valid, ms."""
 
 
 def scene(roster: tuple[RosterEntry, ...] = ROSTER, *, silent_ms: int = SILENT_MS) -> Chair:
-    """The first has said nothing since there is this master, the second stands and says so."""
+    """The first train has been silent since this master began; the second one stands and
+    reports."""
     chair = Chair(roster, sections=True)
     chair.now_ns = silent_ms * MS
     chair.reports(NEXT, 780.0)
@@ -46,7 +48,7 @@ def judged(chair: Chair, train: int = GONE, **told: Any) -> RemovalState | None:
     return answers(chair.step(0)).get(train)
 
 
-def test_who_waited_behind_it_goes_on_when_it_is_kept_that_it_is_gone() -> None:
+def test_the_train_behind_goes_on_once_the_removal_is_committed() -> None:
     chair = scene()
     chair.track(axles={2: 16})
     said = chair.step(0)
@@ -55,7 +57,9 @@ def test_who_waited_behind_it_goes_on_when_it_is_kept_that_it_is_gone() -> None:
 
     chair.now_ns += MS
     chair.removes(GONE)
-    assert answers(chair.step(100)) == {GONE: RemovalState.AXLES}  # Seen before a person said so.
+    assert answers(chair.step(100)) == {
+        GONE: RemovalState.AXLES
+    }  # The status is older than the command.
     chair.now_ns += 100 * MS
     chair.reports(NEXT, 780.0)
     assert judged(chair) is RemovalState.COMMITTING
@@ -72,10 +76,10 @@ def test_who_waited_behind_it_goes_on_when_it_is_kept_that_it_is_gone() -> None:
 
 
 @pytest.mark.parametrize(("axles", "state"), [(16, "COMMITTING"), (17, "AXLES"), (15, "AXLES")])
-def test_who_waits_for_its_place_because_of_it_explains_its_own_axles(
+def test_an_applicant_that_waits_for_the_removal_accounts_for_its_own_axles(
     axles: int, state: str
 ) -> None:
-    """What the one that is gone held is not known: it may have gone past the one that waits."""
+    """The authority of the removed train is unknown: it may have gone past the waiting one."""
     chair = Chair((entry(GONE, 900.0),), sections=True)
     chair.now_ns = SILENT_MS * MS
     chair.reports(NEXT, 1300.0)
@@ -87,7 +91,7 @@ def test_who_waits_for_its_place_because_of_it_explains_its_own_axles(
     ("silent_ms", "state"),
     [(1, RemovalState.HEARD), (1000, RemovalState.HEARD), (1001, RemovalState.COMMITTING)],
 )
-def test_as_long_as_it_may_obey_an_authority_it_stays(silent_ms: int, state: RemovalState) -> None:
+def test_a_train_stays_while_it_may_obey_an_authority(silent_ms: int, state: RemovalState) -> None:
     chair = scene(silent_ms=silent_ms)
 
     assert judged(chair) is state
@@ -95,12 +99,12 @@ def test_as_long_as_it_may_obey_an_authority_it_stays(silent_ms: int, state: Rem
 
 
 @pytest.mark.parametrize("lost", [True, False])
-def test_who_is_heard_stays_also_when_it_began_anew(*, lost: bool) -> None:
+def test_a_reporting_train_stays_even_after_a_restart(*, lost: bool) -> None:
     chair = scene()
     chair.reports(GONE, 900.0, boot=1, localised=not lost)
     assert judged(chair, axles={2: 32}) is RemovalState.HEARD
 
-    # Somebody is where it was, and may be it.
+    # A vehicle stands where it was, and may be it.
     chair = scene()
     chair.reports(GONE, 300.0, boot=2, localised=not lost)
     assert judged(chair, axles={2: 32}) is RemovalState.HEARD
@@ -115,7 +119,7 @@ def test_who_is_heard_stays_also_when_it_began_anew(*, lost: bool) -> None:
     assert judged(chair) is RemovalState.COMMITTING
 
 
-def test_its_last_axle_may_stand_4_m_before_its_rear_wherever_its_new_life_was() -> None:
+def test_the_last_axle_may_stand_4_m_before_the_rear_of_a_restarted_train() -> None:
     chair = scene((entry(GONE, 1078.0), entry(NEXT, 780.0)))
     chair.reports(GONE, 300.0, boot=2)
     assert judged(chair, axles={2: 16, 3: 16}) is RemovalState.HEARD
@@ -131,16 +135,14 @@ def test_its_last_axle_may_stand_4_m_before_its_rear_wherever_its_new_life_was()
         ({2: 16}, RemovalState.COMMITTING),
         ({2: 32}, RemovalState.AXLES),
         ({2: 16, 3: 16}, RemovalState.AXLES),
-        ({2: 16, 5: 16}, RemovalState.AXLES),  # Nobody knows what it was granted: it may be there.
-        ({1: 16, 2: 16}, RemovalState.COMMITTING),  # Behind where it was.
-        ({1: 16, 2: 24}, RemovalState.AXLES),  # Somebody comes nearer.
+        ({2: 16, 5: 16}, RemovalState.AXLES),  # Its authority is unknown, so it may be there.
+        ({1: 16, 2: 16}, RemovalState.COMMITTING),  # These axles are behind its former place.
+        ({1: 16, 2: 24}, RemovalState.AXLES),  # A vehicle comes closer.
         ({}, RemovalState.COMMITTING),
         ({2: 0}, RemovalState.AXLES),
     ],
 )
-def test_what_is_counted_stands_against_a_persons_word(
-    axles: dict[int, int], state: RemovalState
-) -> None:
+def test_counted_axles_contradict_the_command(axles: dict[int, int], state: RemovalState) -> None:
     assert judged(scene(), axles=axles) is state
 
 
@@ -151,7 +153,7 @@ def test_what_is_counted_stands_against_a_persons_word(
 def test_axles_beyond_all_that_it_was_granted_may_be_its_own(
     axles: dict[int, int], state: RemovalState
 ) -> None:
-    """It may have been driven there by hand (seed 132971)."""
+    """A person may have driven it there by hand (simulation seed 132971)."""
     chair = Chair(ROSTER, sections=True)
     chair.reports(GONE, 900.0, latent_m=1100.0, held_end_m=1100.0)
     chair.now_ns = SILENT_MS * MS
@@ -163,8 +165,8 @@ def test_axles_beyond_all_that_it_was_granted_may_be_its_own(
 @pytest.mark.parametrize(
     ("ahead_m", "state"), [(1500.0, RemovalState.COMMITTING), (1500.1, RemovalState.AXLES)]
 )
-def test_but_not_beyond_the_train_ahead(ahead_m: float, state: RemovalState) -> None:
-    """Which is on its way, and explains nothing."""
+def test_axles_beyond_the_train_ahead_are_not_its_own(ahead_m: float, state: RemovalState) -> None:
+    """The train ahead is moving and accounts for no axles."""
     chair = Chair((entry(6, ahead_m + LENGTH_M), *ROSTER), sections=True)
     chair.reports(GONE, 900.0, latent_m=1100.0, held_end_m=1100.0)
     chair.now_ns = SILENT_MS * MS
@@ -176,7 +178,9 @@ def test_but_not_beyond_the_train_ahead(ahead_m: float, state: RemovalState) -> 
 @pytest.mark.parametrize(
     ("rear_m", "state"), [(1007.0, RemovalState.COMMITTING), (1006.9, RemovalState.AXLES)]
 )
-def test_it_may_have_rolled_and_jogged_back(rear_m: float, state: RemovalState) -> None:
+def test_a_removed_train_may_have_rolled_and_jogged_back(
+    rear_m: float, state: RemovalState
+) -> None:
     chair = Chair((entry(GONE, rear_m + LENGTH_M), entry(NEXT, 1200.0)), sections=True)
     chair.now_ns = SILENT_MS * MS
     chair.reports(NEXT, 1200.0)
@@ -184,7 +188,7 @@ def test_it_may_have_rolled_and_jogged_back(rear_m: float, state: RemovalState) 
     assert judged(chair, axles={2: 8, 3: 16}) is state
 
 
-def test_axles_behind_where_its_rear_has_been_are_no_matter() -> None:
+def test_axles_behind_its_former_rear_do_not_matter() -> None:
     chair = Chair((entry(GONE, 1200.0), entry(NEXT, 1090.0)), sections=True)
     chair.now_ns = SILENT_MS * MS
     chair.reports(NEXT, 1090.0)
@@ -197,7 +201,7 @@ def test_axles_behind_where_its_rear_has_been_are_no_matter() -> None:
 @pytest.mark.parametrize(
     "told", [{"standstill": False, "speed_mps": 0.1}, {"localised": False}, {"axles": 20}]
 )
-def test_axles_are_explained_only_by_who_stands_there(told: dict[str, Any]) -> None:
+def test_only_trains_that_stand_there_account_for_axles(told: dict[str, Any]) -> None:
     chair = Chair(ROSTER, sections=True)
     chair.now_ns = SILENT_MS * MS
     chair.reports(NEXT, 780.0, **told)
@@ -205,7 +209,7 @@ def test_axles_are_explained_only_by_who_stands_there(told: dict[str, Any]) -> N
     assert judged(chair) is RemovalState.AXLES
 
 
-def test_who_came_to_stand_after_all_was_counted_explains_nothing() -> None:
+def test_a_train_that_stopped_after_the_count_accounts_for_no_axles() -> None:
     for late_ms in (0, 1):
         chair = Chair(ROSTER, sections=True)
         chair.now_ns = SILENT_MS * MS
@@ -220,7 +224,7 @@ def test_who_came_to_stand_after_all_was_counted_explains_nothing() -> None:
         assert answers(chair.step(0)) == {GONE: state}
 
 
-def test_who_has_not_been_heard_lately_explains_nothing() -> None:
+def test_a_silent_train_accounts_for_no_axles() -> None:
     chair = scene()
     chair.now_ns += 500 * MS
     assert judged(chair) is RemovalState.COMMITTING
@@ -239,7 +243,7 @@ def test_who_has_not_been_heard_lately_explains_nothing() -> None:
         (-1, RemovalState.TOO_OLD),
     ],
 )
-def test_what_a_person_saw_long_ago_does_not_count(age_ms: int, state: RemovalState) -> None:
+def test_an_old_command_does_not_count(age_ms: int, state: RemovalState) -> None:
     chair = scene(silent_ms=4000)
     chair.track(axles={2: 16})
     chair.removes(GONE, echo_ms=4000 - age_ms)
@@ -252,7 +256,7 @@ def test_what_a_person_saw_long_ago_does_not_count(age_ms: int, state: RemovalSt
 def test_a_removal_counts_for_three_seconds_and_the_newest_of_them() -> None:
     chair = scene()
     assert judged(chair, axles={2: 32}) is RemovalState.AXLES
-    chair.removes(GONE, echo_ms=0)  # Late, and of no more account than the one before.
+    chair.removes(GONE, echo_ms=0)  # This older command does not replace the one before.
     chair.now_ns = (SILENT_MS + 3000) * MS
     chair.track(axles={2: 32})
     assert answers(chair.step(0)) == {GONE: RemovalState.AXLES}
@@ -260,7 +264,7 @@ def test_a_removal_counts_for_three_seconds_and_the_newest_of_them() -> None:
 
 
 @pytest.mark.parametrize("term", [TERM - 1, TERM + 1, 0])
-def test_what_was_said_to_another_command_does_not_count(term: int) -> None:
+def test_a_command_to_another_master_does_not_count(term: int) -> None:
     chair = scene()
     chair.track(axles={2: 16})
     chair.removes(GONE, term=term)
@@ -279,14 +283,14 @@ def test_three_seconds_are_three_seconds() -> None:
         assert answers(chair.step(0)) == {GONE: wanted}
 
 
-def test_who_is_not_on_the_roster_is_gone() -> None:
+def test_a_train_that_is_not_on_the_roster_counts_as_removed() -> None:
     chair = scene()
 
     assert judged(chair, 5) is RemovalState.GONE
     assert chair.order() == [GONE, NEXT]
 
 
-def test_who_is_not_on_a_roster_that_is_not_kept_is_not_surely_gone() -> None:
+def test_a_train_missing_on_an_uncommitted_roster_is_not_certainly_removed() -> None:
     chair = scene()
     judged(chair)
     chair.removes(5)
@@ -294,7 +298,7 @@ def test_who_is_not_on_a_roster_that_is_not_kept_is_not_surely_gone() -> None:
     assert answers(chair.step(100))[5] is RemovalState.COMMITTING
 
 
-def test_as_long_as_a_roster_is_not_kept_nothing_is_said_of_any_train() -> None:
+def test_an_uncommitted_roster_gives_no_answer_about_any_train() -> None:
     chair = scene()
     chair.reports(5, 300.0)
 
@@ -306,7 +310,7 @@ def test_as_long_as_a_roster_is_not_kept_nothing_is_said_of_any_train() -> None:
     assert judged(chair, 5, axles={1: 16, 2: 32}) is RemovalState.HEARD
 
 
-def test_a_seventeenth_is_not_heard_of_but_those_that_are_go_on() -> None:
+def test_a_seventeenth_removal_is_ignored_while_the_others_go_on() -> None:
     chair = scene()
     chair.track(axles={2: 16})
     for train in range(101, 117):
@@ -323,7 +327,7 @@ def test_a_seventeenth_is_not_heard_of_but_those_that_are_go_on() -> None:
     assert list(answers(chair.step(200))) == [101]
 
 
-def test_sixteen_are_answered_at_a_time() -> None:
+def test_sixteen_removals_are_answered_at_a_time() -> None:
     chair = scene()
     chair.track(axles={2: 16})
     for train in range(101, 130):
@@ -335,7 +339,7 @@ def test_sixteen_are_answered_at_a_time() -> None:
     assert set(states.values()) == {RemovalState.GONE}
 
 
-def test_sixteen_that_are_late_are_told_so() -> None:
+def test_sixteen_late_removals_are_answered_as_late() -> None:
     chair = scene()
     chair.track(axles={2: 16})
     for train in range(101, 130):
@@ -345,7 +349,7 @@ def test_sixteen_that_are_late_are_told_so() -> None:
     assert answers(chair.step(100)) == {}
 
 
-def test_before_the_track_is_known_nobody_goes() -> None:
+def test_no_train_is_removed_before_the_first_track_status() -> None:
     chair = scene()
     chair.removes(GONE)
 
@@ -353,7 +357,7 @@ def test_before_the_track_is_known_nobody_goes() -> None:
     assert chair.order() == [GONE, NEXT]
 
 
-def test_where_no_axles_are_counted_a_persons_word_is_all_there_is() -> None:
+def test_without_axle_counters_the_command_is_sufficient() -> None:
     chair = Chair(ROSTER)
     chair.now_ns = SILENT_MS * MS
     chair.removes(GONE)
@@ -362,8 +366,8 @@ def test_where_no_axles_are_counted_a_persons_word_is_all_there_is() -> None:
     assert chair.order() == [NEXT]
 
 
-def test_whose_axles_show_after_it_left_the_roster_is_another() -> None:
-    """What is excused for a moment is one that runs over the border, and nobody that is gone."""
+def test_axles_that_appear_after_the_removal_belong_to_another_vehicle() -> None:
+    """Only a train that runs over the border is exempt for a moment, and not a removed one."""
     chair = scene()
     judged(chair)
 
@@ -372,9 +376,11 @@ def test_whose_axles_show_after_it_left_the_roster_is_another() -> None:
 
 
 @pytest.mark.parametrize("heard", [True, False])
-def test_a_train_that_fell_silent_hides_nobody(*, heard: bool) -> None:
-    """A newcomer and one that hides stand in one section: what is counted there would be the
-    newcomer's and that of a train that was there when it was heard last, and was taken away since.
+def test_a_silent_train_does_not_mask_a_shadow_train(*, heard: bool) -> None:
+    """A newcomer and a shadow train stand in one section.
+
+    The master would attribute the axles to the newcomer and to a silent train that has since been
+    taken away.
     """
     chair = Chair((entry(GONE, 900.0),), sections=True)
     chair.reports(GONE, 900.0, latent_m=900.0)
@@ -389,7 +395,7 @@ def test_a_train_that_fell_silent_hides_nobody(*, heard: bool) -> None:
     assert chair.master.roster.proposed[1].sieved is heard
 
 
-def test_where_axles_are_counted_and_none_were_told_yet_nobody_goes() -> None:
+def test_no_train_is_removed_before_the_first_axle_count() -> None:
     chair = scene()
     chair.removes(GONE)
     unseen = TrackObservation(True, None, (), set(), 2000.0)

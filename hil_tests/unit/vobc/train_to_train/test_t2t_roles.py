@@ -1,4 +1,4 @@
-"""Every change of a train's role in an area, and every way to stand to those who command it."""
+"""Every transition of a train's role in an area, and every state of a train towards its masters."""
 
 from collections.abc import Mapping
 
@@ -20,10 +20,10 @@ STANDBY, CANDIDATE = Role.STANDBY, Role.CANDIDATE
 FENCING, MASTER = Role.FENCING, Role.MASTER
 
 AWAY = RoleGuardInputs(*[False] * len(RoleGuardInputs._fields))
-"""Nothing is so."""
+"""Guard inputs with every flag false."""
 THERE = AWAY._replace(concerned=True)
 CALLED = THERE._replace(apply_now=True, may_command=True)
-"""Its turn has come, and it may."""
+"""Its turn to apply has come, and it may command."""
 HOLDS = THERE._replace(lease_granted=True, lease_runs=True)
 
 SIGHTS = st.builds(RoleGuardInputs, *[st.booleans()] * len(RoleGuardInputs._fields))
@@ -66,7 +66,7 @@ def test_a_role_changes_for_its_reasons_and_for_no_other(
 
 
 @pytest.mark.parametrize("role", [APPLICANT, MEMBER, STANDBY])
-def test_who_has_left_is_outside_whatever_else_is_so(role: Role) -> None:
+def test_a_train_that_left_is_outside_whatever_its_other_inputs(role: Role) -> None:
     everything = RoleGuardInputs(*[True] * len(RoleGuardInputs._fields))
 
     assert next_role(role, everything._replace(concerned=False)) is OUTSIDE
@@ -74,7 +74,7 @@ def test_who_has_left_is_outside_whatever_else_is_so(role: Role) -> None:
 
 @pytest.mark.parametrize("role", [APPLICANT, MEMBER, STANDBY])
 @pytest.mark.parametrize(("turn", "able"), [(True, False), (False, True), (False, False)])
-def test_nobody_applies_before_its_turn_or_when_it_may_not_command(
+def test_no_train_applies_before_its_turn_or_when_it_may_not_command(
     role: Role, *, turn: bool, able: bool
 ) -> None:
     sight = THERE._replace(
@@ -86,7 +86,7 @@ def test_nobody_applies_before_its_turn_or_when_it_may_not_command(
 
 @pytest.mark.parametrize("role", [APPLICANT, MEMBER])
 @pytest.mark.parametrize("member", [True, False])
-def test_whose_turn_it_is_applies_before_it_stands_by(role: Role, *, member: bool) -> None:
+def test_applying_goes_before_standing_by(role: Role, *, member: bool) -> None:
     named = THERE._replace(named_standby=True, member=member)
 
     assert next_role(role, named) is STANDBY
@@ -94,7 +94,7 @@ def test_whose_turn_it_is_applies_before_it_stands_by(role: Role, *, member: boo
 
 
 @pytest.mark.parametrize("beaten", [{"fenced": True}, {"candidacy_lost": True}])
-def test_a_candidate_that_is_beaten_takes_no_command_even_with_a_lease(
+def test_a_beaten_candidate_takes_no_command_even_with_a_lease(
     beaten: Mapping[str, bool],
 ) -> None:
     assert next_role(CANDIDATE, HOLDS._replace(**beaten)) is APPLICANT
@@ -112,7 +112,7 @@ def test_each_reason_alone_ends_a_command(
 
 
 @given(st.sampled_from(Role), SIGHTS)
-def test_whatever_is_seen_nobody_commands_without_a_lease_that_runs_and_a_roster_that_is_kept(
+def test_no_train_commands_without_a_running_lease_and_a_committed_roster(
     role: Role, sight: RoleGuardInputs
 ) -> None:
     after = next_role(role, sight)
@@ -154,7 +154,7 @@ def test_every_role_has_a_way_on() -> None:
         (False, False, 0, TrainState.LOST),
     ],
 )
-def test_how_a_train_stands_by_its_place_its_authority_and_the_areas_it_is_in(
+def test_the_train_state_follows_from_position_authority_and_areas(
     areas: int, state: TrainState, *, localised: bool, young: bool
 ) -> None:
     assert state_of(StandingGuardInputs(localised, young, areas)) is state

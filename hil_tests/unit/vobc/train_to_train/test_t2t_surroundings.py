@@ -1,4 +1,4 @@
-"""Whose axles explain what was counted: of trains that stood there already when it was."""
+"""Which trains account for counted axles: those that already stood there during the count."""
 
 from dataclasses import replace
 from typing import Any
@@ -12,7 +12,7 @@ STRANGER = 3
 
 
 def sieved(chair: Chair, train: int = STRANGER) -> bool | None:
-    """None: it is not on the roster."""
+    """Whether a train is sieved; None if it is not on the roster."""
     return next((e.sieved for e in chair.master.roster.proposed if e.train == train), None)
 
 
@@ -22,8 +22,9 @@ def cycle(chair: Chair, *, axles: dict[int, int], seen_ms: int | None = None) ->
     chair.keeps()
 
 
-def test_a_count_from_before_a_train_stood_there_shows_nothing_of_who_else_does() -> None:
-    """The one that hides was counted, and the newcomer not yet: so many axles as it has itself."""
+def test_a_count_from_before_a_train_stopped_does_not_sieve_it() -> None:
+    """The count included the shadow train but not yet the newcomer: as many axles as the
+    newcomer has."""
     chair = Chair((), sections=True, now_ms=1000)
     chair.now_ns += 30 * MS
     chair.reports(STRANGER, 300.0)
@@ -37,7 +38,7 @@ def test_a_count_from_before_a_train_stood_there_shows_nothing_of_who_else_does(
 
 
 @pytest.mark.parametrize("later_ms", [0, 200])
-def test_a_count_from_when_it_stood_shows_that_nobody_else_does(later_ms: int) -> None:
+def test_a_count_while_a_train_stands_sieves_it(later_ms: int) -> None:
     chair = Chair((), sections=True, now_ms=1000)
     chair.reports(STRANGER, 300.0)
     chair.now_ns += later_ms * MS
@@ -55,7 +56,9 @@ def test_a_count_from_when_it_stood_shows_that_nobody_else_does(later_ms: int) -
         {"boot": 2},
     ],
 )
-def test_it_has_to_have_stood_all_the_time_and_in_one_life(between: dict[str, Any]) -> None:
+def test_a_train_is_sieved_only_if_it_stood_all_the_time_in_one_incarnation(
+    between: dict[str, Any],
+) -> None:
     chair = Chair((), sections=True, now_ms=1000)
     chair.reports(STRANGER, 300.0)
     chair.now_ns += 50 * MS
@@ -67,7 +70,7 @@ def test_it_has_to_have_stood_all_the_time_and_in_one_life(between: dict[str, An
     assert sieved(chair) is False
 
 
-def test_a_train_of_the_roster_is_sieved_by_the_same_measure() -> None:
+def test_a_train_of_the_roster_is_sieved_by_the_same_rule() -> None:
     chair = Chair((entry(1, 300.0, sieved=False),), sections=True, now_ms=1000)
     chair.reports(1, 300.0)
     cycle(chair, axles={1: 16}, seen_ms=999)
@@ -88,7 +91,7 @@ def test_a_train_of_the_roster_is_sieved_by_the_same_measure() -> None:
         ({"echo_ns": 0}, False),
     ],
 )
-def test_what_was_long_on_its_way_does_not_say_that_a_train_stands_there_now(
+def test_a_delayed_report_does_not_prove_that_a_train_stands_there_now(
     told: dict[str, Any], *, shown: bool
 ) -> None:
     chair = Chair((entry(1, 220.0, sieved=False),), sections=True, now_ms=1000)
@@ -102,7 +105,7 @@ def test_what_was_long_on_its_way_does_not_say_that_a_train_stands_there_now(
     assert sieved(chair) is (True if shown else None)
 
 
-def test_what_a_train_says_to_the_master_before_is_of_no_known_age() -> None:
+def test_a_report_to_the_former_master_has_no_known_age() -> None:
     chair = Chair((), sections=True, now_ms=1000)
     told = chair.reports(STRANGER, 300.0, term=TERM - 1)
     chair.track(axles={1: 16}, seen_ms=1000)
@@ -119,10 +122,10 @@ def test_what_a_train_says_to_the_master_before_is_of_no_known_age() -> None:
         ({"echo_ns": 499 * MS, "latent_m": 1900.0}, False),
     ],
 )
-def test_a_train_that_may_have_run_on_since_its_last_word_explains_no_axles(
+def test_a_train_that_may_have_run_on_since_its_report_accounts_for_no_axles(
     told: dict[str, Any], *, shown: bool
 ) -> None:
-    """Its word has only just come: how old it is shows by what it echoes."""
+    """The report has only just arrived; its echo shows its age."""
     chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
     chair.reports(1, 400.0, **told)
     chair.reports(STRANGER, 300.0)
@@ -131,7 +134,7 @@ def test_a_train_that_may_have_run_on_since_its_last_word_explains_no_axles(
     assert sieved(chair) is shown
 
 
-def test_where_a_train_was_before_it_lost_its_place_explains_no_axles() -> None:
+def test_the_last_position_of_a_lost_train_accounts_for_no_axles() -> None:
     chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
     chair.reports(1, 400.0, latent_m=1900.0)
     chair.now_ns += 501 * MS
@@ -147,7 +150,7 @@ def test_where_a_train_was_before_it_lost_its_place_explains_no_axles() -> None:
     assert sieved(chair) is True
 
 
-def test_one_outside_the_area_explains_axles_while_its_word_is_young() -> None:
+def test_a_train_outside_the_area_accounts_for_axles_while_its_report_is_recent() -> None:
     chair = Chair((), sections=True, now_ms=1000)
     inside = chair.reports(STRANGER, 1990.0)
     behind = chair.reports(4, 2085.0)
@@ -161,7 +164,7 @@ def test_one_outside_the_area_explains_axles_while_its_word_is_young() -> None:
     assert around.scene(STRANGER, around.look((), old, view, chair.now_ns)).standing == ()
 
 
-def test_who_says_that_it_is_near_may_not_have_been_there_when_all_was_counted() -> None:
+def test_a_train_that_reports_itself_near_may_not_have_been_there_during_the_count() -> None:
     chair = Chair((), sections=True, now_ms=1000)
     inside = chair.reports(STRANGER, 1990.0)
     behind = replace(chair.reports(4, 2085.0), echo_ns=950 * MS)
@@ -173,7 +176,7 @@ def test_who_says_that_it_is_near_may_not_have_been_there_when_all_was_counted()
     assert (other.farther_m, other.behind_m) == (2.0, 4.0)
 
 
-def test_a_train_of_the_roster_may_not_have_been_there_either() -> None:
+def test_a_train_of_the_roster_may_not_have_been_there_during_the_count_either() -> None:
     chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
     chair.reports(1, 400.0, echo_ns=950 * MS)
     chair.track(axles={1: 32}, seen_ms=900)
@@ -186,7 +189,7 @@ def test_a_train_of_the_roster_may_not_have_been_there_either() -> None:
     )
 
 
-def test_a_train_of_the_roster_explains_axles_while_its_word_is_young() -> None:
+def test_a_train_of_the_roster_accounts_for_axles_while_its_report_is_recent() -> None:
     chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
     chair.reports(1, 400.0)
     chair.track(axles={1: 32}, seen_ms=1000)
@@ -200,7 +203,7 @@ def test_a_train_of_the_roster_explains_axles_while_its_word_is_young() -> None:
     assert standing(501) == []
 
 
-def test_who_stood_before_and_after_was_there_just_so() -> None:
+def test_a_train_that_stood_before_and_after_the_count_stood_there_during_it() -> None:
     chair = Chair((entry(1, 320.0),), sections=True, now_ms=1000)
     chair.reports(1, 400.0)
     chair.now_ns += 200 * MS
@@ -214,10 +217,10 @@ def test_who_stood_before_and_after_was_there_just_so() -> None:
 
 
 @pytest.mark.parametrize(("since_ms", "there"), [(1000, True), (1001, False)])
-def test_one_that_waits_in_the_area_is_there_now_and_may_be_forgotten(
+def test_a_waiting_train_counts_as_present_and_may_be_dropped(
     since_ms: int, *, there: bool
 ) -> None:
-    """Another newcomer is not sieved by it, but its axles are nobody else's."""
+    """Another newcomer is not sieved by it, but its axles count as its own."""
     chair = Chair((), sections=True, now_ms=since_ms)
     waits = chair.reports(4, 700.0)
     chair.now_ns += 100 * MS
@@ -234,8 +237,8 @@ def test_one_that_waits_in_the_area_is_there_now_and_may_be_forgotten(
     assert around.scene(4, look, inside=True).there == ()
 
 
-def test_beyond_the_end_of_the_line_nobody_hides() -> None:
-    """Farther back others stand whom this master does not hear."""
+def test_there_is_no_shadow_train_beyond_the_end_of_the_line() -> None:
+    """Other trains may stand farther back, where this master receives no report."""
     chair = Chair((), area=2, sections=True, now_ms=1000)
     chair.reports(STRANGER, 3995.0)
     cycle(chair, axles={7: 16, 8: 16}, seen_ms=1000)
@@ -243,7 +246,7 @@ def test_beyond_the_end_of_the_line_nobody_hides() -> None:
     assert sieved(chair) is True
 
 
-def test_as_long_as_nothing_was_counted_nothing_is_shown() -> None:
+def test_without_a_count_no_train_is_sieved() -> None:
     chair = Chair((), sections=True, now_ms=1000)
     told = chair.reports(STRANGER, 300.0)
     around, strangers = chair.master._around, [(told, chair.now_ns)]

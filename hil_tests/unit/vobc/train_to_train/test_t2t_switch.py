@@ -1,4 +1,4 @@
-"""Who stands by for a master and follows it, and each step of the switch as the master takes it."""
+"""The standby and the successor of a master, and each step of a planned switch."""
 
 from collections.abc import Callable
 
@@ -23,7 +23,7 @@ LIMIT_NS = 1000
 
 
 def is_fit(train: int) -> bool:
-    """Trains 7 and 8 are. Asking about nobody is a mistake."""
+    """Trains 7 and 8 are fit; any other address than 7 to 9 is a mistake of the caller."""
     return {7: True, 8: True, 9: False}[train]
 
 
@@ -65,7 +65,7 @@ def committed(*, at_ns: int = 5000) -> PlannedSwitch:
 # The switch itself.
 
 
-def test_in_the_beginning_no_switch_runs_and_none_was_given_up() -> None:
+def test_initially_no_switch_runs_and_none_was_aborted() -> None:
     switch = PlannedSwitch(LIMIT_NS)
 
     assert switch.state is IDLE
@@ -73,7 +73,7 @@ def test_in_the_beginning_no_switch_runs_and_none_was_given_up() -> None:
     assert switch.successor_ready is False
 
 
-def test_a_switch_begins_when_somebody_fit_is_wanted() -> None:
+def test_a_switch_begins_when_a_fit_successor_is_wanted() -> None:
     switch = PlannedSwitch(LIMIT_NS)
 
     switch.step(5000, wanted=0, fit=is_fit, all_ready=never_asked)
@@ -91,7 +91,7 @@ def test_a_switch_begins_when_somebody_fit_is_wanted() -> None:
 @pytest.mark.parametrize(
     ("wanted", "fit", "begins"), [(7, True, True), (7, False, False), (0, True, False)]
 )
-def test_nobody_is_no_successor_however_fit(wanted: int, *, fit: bool, begins: bool) -> None:
+def test_address_zero_is_never_a_successor(wanted: int, *, fit: bool, begins: bool) -> None:
     look = SwitchGuardInputs(wanted, fit, successor_ready=False, all_ready=False, timed_out=False)
 
     assert asked_for(look) is begins
@@ -131,7 +131,7 @@ def test_only_the_successor_is_ready_and_only_for_this_switch(
     assert switch.successor_ready is ready
 
 
-def test_one_that_is_ready_stays_so_whoever_else_speaks() -> None:
+def test_a_ready_successor_stays_ready_whatever_other_trains_report() -> None:
     switch = preparing()
     switch.is_ready(7, 1)
 
@@ -141,7 +141,7 @@ def test_one_that_is_ready_stays_so_whoever_else_speaks() -> None:
 
 
 @pytest.mark.parametrize("make", [preparing, committed])
-def test_nobody_is_ready_for_a_switch_that_does_not_run(
+def test_no_train_is_ready_for_a_switch_that_does_not_run(
     make: Callable[[], PlannedSwitch],
 ) -> None:
     switch = PlannedSwitch(LIMIT_NS)
@@ -154,12 +154,12 @@ def test_nobody_is_ready_for_a_switch_that_does_not_run(
     switch.step(5003, wanted=8, fit=is_fit, all_ready=never_asked)
 
     assert switch.state is PREPARING
-    assert switch.successor_ready is False  # That was said of the one before.
+    assert switch.successor_ready is False  # The successor was ready for the switch before.
 
 
 @pytest.mark.parametrize("make", [preparing, committed])
 @pytest.mark.parametrize(("after_ns", "over"), [(999, False), (1000, True), (1001, True)])
-def test_a_switch_that_takes_too_long_is_given_up(
+def test_a_switch_that_takes_too_long_is_aborted(
     make: Callable[[], PlannedSwitch], after_ns: int, *, over: bool
 ) -> None:
     switch = make()
@@ -173,10 +173,10 @@ def test_a_switch_that_takes_too_long_is_given_up(
 
 
 @pytest.mark.parametrize("make", [preparing, committed])
-def test_a_switch_is_given_up_when_its_successor_is_not_fit_any_more(
+def test_a_switch_is_aborted_when_its_successor_is_no_longer_fit(
     make: Callable[[], PlannedSwitch],
 ) -> None:
-    """Although all are ready, and whoever else is wanted and fit by now."""
+    """This holds although all are ready and another train is wanted and fit by now."""
     switch = make()
     switch.is_ready(7, 1)
 
@@ -187,7 +187,7 @@ def test_a_switch_is_given_up_when_its_successor_is_not_fit_any_more(
 
 
 @pytest.mark.parametrize("make", [preparing, committed])
-def test_another_wish_changes_nothing_of_a_switch_that_runs(
+def test_another_order_does_not_change_a_running_switch(
     make: Callable[[], PlannedSwitch],
 ) -> None:
     switch = make()
@@ -214,13 +214,13 @@ def test_one_step_makes_one_change_and_a_new_switch_has_its_own_number_and_time(
     assert switch.aborted == 2
 
 
-# Who stands by.
+# The standby.
 
 
 @pytest.mark.parametrize(
     ("fit", "standby"), [((), 0), ((7,), 7), ((7, 8), 8), ((7, 8, 9), 9), ((9, 8, 7, 6), 6)]
 )
-def test_the_rearmost_train_that_is_fit_stands_by(fit: tuple[int, ...], standby: int) -> None:
+def test_the_rearmost_fit_train_is_standby(fit: tuple[int, ...], standby: int) -> None:
     succession = Succession(OWN, LIMIT_NS)
     assert succession.standby == 0
 
@@ -241,7 +241,7 @@ def test_a_standby_stays_for_as_long_as_it_is_fit() -> None:
     assert succession.standby == 0
 
 
-# Who follows.
+# The successor.
 
 
 def steps(
@@ -271,7 +271,7 @@ def running(*, commit: bool = False) -> Succession:
     return succession
 
 
-def test_without_an_order_and_while_the_master_stays_nobody_follows() -> None:
+def test_without_an_order_and_while_the_master_stays_there_is_no_successor() -> None:
     succession = Succession(OWN, LIMIT_NS)
     assert (succession.wanted, succession.standby, succession.named) == (0, 0, 0)
     succession.choose_standby((8,))
@@ -282,8 +282,8 @@ def test_without_an_order_and_while_the_master_stays_nobody_follows() -> None:
     assert (succession.wanted, succession.standby, succession.named) == (0, 8, 0)
 
 
-def test_who_is_ordered_to_follow_stands_by_first() -> None:
-    """It has to know what a standby knows."""
+def test_an_ordered_successor_becomes_standby_first() -> None:
+    """It needs the records that a standby has."""
     succession = ordered(7, standby=8)
 
     assert steps(succession) is True
@@ -292,7 +292,7 @@ def test_who_is_ordered_to_follow_stands_by_first() -> None:
     assert (succession.switch.successor, succession.standby, succession.wanted) == (7, 7, 7)
 
 
-def test_when_the_master_has_to_go_its_standby_follows() -> None:
+def test_when_the_master_must_resign_its_standby_succeeds() -> None:
     succession = ordered(0, standby=8)
 
     assert steps(succession, away=True) is True
@@ -301,7 +301,7 @@ def test_when_the_master_has_to_go_its_standby_follows() -> None:
     assert succession.wanted == 0
 
 
-def test_an_order_goes_before_the_standby_also_when_the_master_has_to_go() -> None:
+def test_an_ordered_successor_goes_before_the_standby_even_when_the_master_must_resign() -> None:
     succession = ordered(7, standby=8)
 
     assert steps(succession, away=True) is True
@@ -309,7 +309,7 @@ def test_an_order_goes_before_the_standby_also_when_the_master_has_to_go() -> No
     assert (succession.switch.successor, succession.standby) == (7, 7)
 
 
-def test_a_master_that_is_ordered_to_follow_itself_stays() -> None:
+def test_a_master_that_is_ordered_to_succeed_itself_stays() -> None:
     succession = ordered(OWN, standby=8)
 
     assert steps(succession, fit=anybody) is False
@@ -340,7 +340,7 @@ def test_an_order_waits_until_the_train_is_fit() -> None:
         (((7, 2), (8, 2)), False),
     ],
 )
-def test_it_commits_when_all_that_are_heard_of_are_ready_for_this_very_switch(
+def test_it_commits_when_all_reporting_trains_are_ready_for_this_switch(
     ready: tuple[tuple[int, int], ...], *, commits: bool
 ) -> None:
     succession = running()
@@ -354,7 +354,7 @@ def test_it_commits_when_all_that_are_heard_of_are_ready_for_this_very_switch(
 
 
 @pytest.mark.parametrize("commit", [False, True])
-def test_an_order_that_came_to_nothing_is_not_tried_again(*, commit: bool) -> None:
+def test_an_order_whose_switch_failed_is_not_tried_again(*, commit: bool) -> None:
     succession = running(commit=commit)
     assert steps(succession, 5999) is False
     assert succession.wanted == 7
@@ -366,7 +366,7 @@ def test_an_order_that_came_to_nothing_is_not_tried_again(*, commit: bool) -> No
     assert steps(succession, 6001) is False
 
 
-# What is said of it.
+# Messages about the switch.
 
 
 def said(succession: Succession, now_ns: int = 70) -> list[T2tMessage]:
@@ -377,18 +377,18 @@ def told(to: int, kind: SwitchKind, nonce: int, successor: int) -> list[T2tMessa
     return [SwitchStep(OWN, to, 1, 4, 3, 9, 70, kind, nonce, successor)]
 
 
-def test_as_long_as_no_switch_runs_nothing_is_said() -> None:
+def test_without_a_switch_nothing_is_sent() -> None:
     assert said(Succession(OWN, LIMIT_NS)) == []
 
 
-def test_all_are_asked_to_prepare_again_and_again() -> None:
+def test_the_request_to_prepare_is_repeated_to_all() -> None:
     succession = running()
 
     for _ in range(3):
         assert said(succession) == told(BROADCAST, SwitchKind.PREPARE, 1, 7)
 
 
-def test_the_successor_alone_is_told_again_and_again_to_take_over() -> None:
+def test_the_commit_is_repeated_to_the_successor_alone() -> None:
     succession = running(commit=True)
 
     for _ in range(3):
@@ -396,7 +396,7 @@ def test_the_successor_alone_is_told_again_and_again_to_take_over() -> None:
 
 
 @pytest.mark.parametrize("commit", [False, True])
-def test_that_a_switch_was_given_up_is_said_to_all_and_once(*, commit: bool) -> None:
+def test_an_abort_is_sent_to_all_once(*, commit: bool) -> None:
     succession = running(commit=commit)
     said(succession)
     steps(succession, 6000)
@@ -423,7 +423,7 @@ DEEDS = st.lists(
 
 
 @given(DEEDS)
-def test_whatever_happens_nobody_is_named_who_did_not_say_ready_for_this_switch(
+def test_only_a_train_ready_for_this_switch_is_ever_named(
     deeds: list[tuple[str, int, int]],
 ) -> None:
     succession = Succession(OWN, LIMIT_NS)

@@ -1,4 +1,4 @@
-"""What a master keeps of trains: where each surely is, what it may hold, and in which order."""
+"""A master's records of trains: where each certainly is, what it may hold, and their order."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,7 +16,7 @@ from zenoh_config.t2t import RosterAck, RosterEntry, SectionState, SyncEntry, Tr
 
 TERM = 7
 LIFE_NS = 1000
-"""Of an authority."""
+"""Life of an authority, ns."""
 
 
 def report(rear_m: float = 100.0, **others: Any) -> TrainReport:
@@ -34,7 +34,7 @@ def heard(told: TrainRecord, *reports: TrainReport, now_ns: int = 0) -> TrainRec
     return told
 
 
-def test_of_a_train_that_is_only_known_by_its_rear_the_worst_is_believed() -> None:
+def test_for_a_train_known_only_by_its_rear_the_worst_is_assumed() -> None:
     fresh = TrainRecord(4, 120.0, 33)
 
     assert fresh == TrainRecord(
@@ -53,7 +53,7 @@ def test_of_a_train_that_is_only_known_by_its_rear_the_worst_is_believed() -> No
     assert fresh.granted_m == 1_000_000.0
 
 
-def test_a_report_says_when_it_came_and_what_the_train_promised_and_may_yet_do() -> None:
+def test_a_report_sets_arrival_time_acknowledged_term_and_reserve() -> None:
     told = report(100.0, term=9, ready_nonce=12, latent_m=400.0)
 
     after = heard(record(), told, now_ns=55)
@@ -61,7 +61,7 @@ def test_a_report_says_when_it_came_and_what_the_train_promised_and_may_yet_do()
     assert after == TrainRecord(4, 100.0, 55, 2, told, 9, 12, 400.0)
 
 
-def test_a_lost_train_tells_of_its_promise_and_reserve_but_not_of_its_place() -> None:
+def test_a_report_without_position_updates_term_and_reserve_only() -> None:
     placed_at = report(100.0)
     lost = report(700.0, boot=3, localised=False, term=9, ready_nonce=12, latent_m=400.0)
 
@@ -85,7 +85,7 @@ def test_a_moving_train_is_protected_from_where_it_rests_at_most_a_jog_ahead(
     ("boot_before", "boot", "rear_m"),
     [(2, 2, 300.0), (0, 2, 300.0), (1, 2, 100.0), (2, 3, 100.0), (0, 1, 300.0)],
 )
-def test_a_rear_goes_back_only_with_another_incarnation_than_the_one_that_is_known(
+def test_a_rear_goes_back_only_with_another_incarnation(
     boot_before: int, boot: int, rear_m: float
 ) -> None:
     after = heard(record(boot=boot_before, rear_m=300.0), report(100.0, boot=boot))
@@ -93,19 +93,19 @@ def test_a_rear_goes_back_only_with_another_incarnation_than_the_one_that_is_kno
     assert (after.rear_m, after.boot) == (rear_m, boot)
 
 
-def test_a_rear_goes_on_with_every_report() -> None:
+def test_a_rear_advances_with_every_report() -> None:
     assert heard(record(rear_m=50.0), report(100.0), report(101.0)).rear_m == 101.0
 
 
 def served(*ends_m: float) -> TrainRecord:
-    """Authorities 11, 12, ... up to these ends, and nothing latent."""
+    """A record with authorities 11, 12, ... up to these ends, and no farther point."""
     told = heard(record(), report(latent_m=0.0, held_term=0))
     for sequence, end_m in enumerate(ends_m, start=11):
         told.issued(sequence, end_m, life_ns=LIFE_NS)
     return told
 
 
-def test_all_that_is_on_its_way_counts_until_the_train_holds_something_newer() -> None:
+def test_every_outstanding_authority_counts_until_the_train_holds_a_newer_one() -> None:
     told = served(500.0, 400.0)
     assert told.served
     assert told.sent == [(11, 500.0, LIFE_NS), (12, 400.0, LIFE_NS)]
@@ -123,7 +123,7 @@ def test_all_that_is_on_its_way_counts_until_the_train_holds_something_newer() -
         (8, 12, [(11, 500.0, LIFE_NS), (12, 400.0, LIFE_NS), (13, 300.0, LIFE_NS)]),
     ],
 )
-def test_what_is_not_newer_than_what_it_took_under_this_term_is_no_longer_on_its_way(
+def test_an_authority_not_newer_than_the_held_one_is_no_longer_outstanding(
     held_term: int, held_sequence: int, sent: list[tuple[int, float, int]]
 ) -> None:
     told = served(500.0, 400.0, 300.0)
@@ -133,7 +133,7 @@ def test_what_is_not_newer_than_what_it_took_under_this_term_is_no_longer_on_its
     assert told.sent == sent
 
 
-def test_what_is_latent_is_granted_too() -> None:
+def test_the_reported_farthest_point_counts_as_granted() -> None:
     told = heard(served(500.0), report(latent_m=600.0, held_term=0))
 
     assert told.granted_m == 600.0
@@ -144,14 +144,14 @@ def test_what_is_latent_is_granted_too() -> None:
 REST_M = [float(each) for each in range(100, 99 + 64)]
 
 
-def test_sixty_four_authorities_are_told_apart() -> None:
+def test_sixty_four_outstanding_authorities_are_kept_separately() -> None:
     ends_m = [900.0, *REST_M]
 
     assert served(*ends_m).sent == [(n, end_m, LIFE_NS) for n, end_m in enumerate(ends_m, start=11)]
 
 
 @pytest.mark.parametrize(("first_m", "second_m"), [(900.0, 800.0), (800.0, 900.0)])
-def test_of_more_the_two_oldest_count_as_one_up_to_the_farther_end_and_as_the_younger(
+def test_beyond_that_the_two_oldest_authorities_merge_conservatively(
     first_m: float, second_m: float
 ) -> None:
     told = heard(record(), report(latent_m=0.0))
@@ -173,11 +173,12 @@ def test_of_more_the_two_oldest_count_as_one_up_to_the_farther_end_and_as_the_yo
         (0, TERM, 500.0),
     ],
 )
-def test_what_a_train_cannot_have_taken_any_more_when_it_spoke_does_not_count_as_granted(
+def test_an_authority_too_old_at_the_time_of_the_report_does_not_count_as_granted(
     echo_ns: int, term: int, granted_m: float
 ) -> None:
-    """It answers what came at 100 and at 200 ns, and is too old by then; and what the train tells
-    of how far it comes is of that time, too.
+    """Its report answers heartbeats received at 100 and 200 ns.
+
+    By then the authority is too old, and the reported farthest point is from that time, too.
     """
     told = record()
     for sequence, (end_m, at_ns) in enumerate(((500.0, 100), (400.0, 200)), start=11):
@@ -193,9 +194,7 @@ def test_what_a_train_cannot_have_taken_any_more_when_it_spoke_does_not_count_as
     ends_m=st.lists(st.integers(0, 1000).map(float), min_size=1, max_size=90),
     taken=st.integers(0, 90),
 )
-def test_nothing_that_may_yet_be_taken_is_ever_farther_than_what_counts_as_granted(
-    ends_m: list[float], taken: int
-) -> None:
+def test_no_acceptable_authority_exceeds_the_granted_end(ends_m: list[float], taken: int) -> None:
     told = served(*ends_m)
 
     heard(told, report(latent_m=0.0, held_term=TERM, held_sequence=10 + taken))
@@ -204,7 +203,7 @@ def test_nothing_that_may_yet_be_taken_is_ever_farther_than_what_counts_as_grant
     assert len(told.sent) <= OUTSTANDING_MAX
 
 
-def test_what_a_member_holds_proves_how_far_the_train_ahead_of_it_had_come() -> None:
+def test_a_members_authority_proves_how_far_the_train_ahead_had_come() -> None:
     member = heard(record(), report(member=True, held_end_m=900.0, latent_m=900.0))
     applicant = heard(record(), report(member=False, held_end_m=900.0))
 
@@ -213,10 +212,9 @@ def test_what_a_member_holds_proves_how_far_the_train_ahead_of_it_had_come() -> 
     assert record().rear_ahead_m(7.0) == -1_000_000.0
 
 
-def test_what_a_train_held_when_it_lost_its_place_proves_no_more_than_that_it_still_comes_to() -> (
-    None
-):
-    """Its authority was shortened since, and another was set between the two (seed 209865)."""
+def test_a_lost_trains_authority_proves_no_more_than_its_reported_farthest_point() -> None:
+    """Its authority was shortened since, and another train was placed between the two
+    (simulation seed 209865)."""
     told = heard(record(), report(member=True, held_end_m=900.0, latent_m=900.0))
 
     heard(told, report(localised=False, member=True, held_end_m=300.0, latent_m=400.0))
@@ -224,7 +222,7 @@ def test_what_a_train_held_when_it_lost_its_place_proves_no_more_than_that_it_st
     assert told.rear_ahead_m(7.0) == 407.0
 
 
-def test_how_far_a_train_had_come_by_an_instant_is_known_by_what_it_had_said_by_then() -> None:
+def test_the_position_at_an_instant_follows_from_the_reports_up_to_then() -> None:
     told = record()
     for at_ns, rear_m in ((100, 50.0), (200, 60.0), (300, 55.0), (400, 70.0)):
         heard(told, report(rear_m), now_ns=at_ns)
@@ -235,7 +233,7 @@ def test_how_far_a_train_had_come_by_an_instant_is_known_by_what_it_had_said_by_
     ]
 
 
-def test_of_what_a_train_said_the_newest_eight_count_for_that_and_none_of_another_life() -> None:
+def test_the_newest_eight_reports_of_one_incarnation_count_for_that() -> None:
     told = record()
     for at_ns in range(1, 10):
         heard(told, report(10.0 * at_ns), now_ns=at_ns)
@@ -255,7 +253,7 @@ def test_a_record_is_made_once() -> None:
     assert table.records == {4: first}
 
 
-def test_those_who_left_are_forgotten() -> None:
+def test_records_of_departed_trains_are_removed() -> None:
     table = TrainTable()
     for train in (1, 2, 3):
         table.of(train, rear_m=0.0, now_ns=0)
@@ -279,7 +277,7 @@ def synced(told: TrainRecord | None, rear_m: float, boot: int) -> TrainRecord:
 
 
 @pytest.mark.parametrize("boot", [0, 1, 2])
-def test_a_train_that_the_standby_has_not_heard_is_where_the_master_left_it(boot: int) -> None:
+def test_a_train_unknown_to_the_standby_is_taken_from_the_masters_record(boot: int) -> None:
     assert synced(None, 250.0, boot) == TrainRecord(4, 250.0, 44, boot)
 
 
@@ -297,9 +295,7 @@ def test_a_rear_moves_on_by_the_same_incarnation_only_and_never_back(
 
 
 @pytest.mark.parametrize(("told_m", "boot"), [(250.0, 2), (150.0, 2), (250.0, 1), (250.0, 0)])
-def test_what_the_train_said_itself_goes_over_what_the_master_left(
-    told_m: float, boot: int
-) -> None:
+def test_a_trains_own_report_overrides_the_masters_record(told_m: float, boot: int) -> None:
     known = heard(record(boot=2), report(200.0), now_ns=5)
     before = replace(known)
 
@@ -308,7 +304,7 @@ def test_what_the_train_said_itself_goes_over_what_the_master_left(
 
 
 @pytest.mark.parametrize("told_m", [250.0, 150.0])
-def test_a_later_incarnation_begins_where_the_master_left_it(told_m: float) -> None:
+def test_a_later_incarnation_begins_with_the_masters_record(told_m: float) -> None:
     known = heard(record(boot=2), report(200.0), now_ns=5)
 
     assert synced(known, told_m, 3) == TrainRecord(4, told_m, 44, 3)
@@ -326,27 +322,27 @@ def taken(start_m: float, end_m: float) -> tuple[float, float, SectionState]:
     ("sections", "rear_m"),
     [
         ([], 150.0),
-        # In a clear section it is not any more; one that is occupied may be its own.
+        # It is past a clear section; an occupied one may hold it.
         ([clear(100.0, 200.0)], 196.0),
         ([taken(100.0, 200.0)], 150.0),
         ([clear(100.0, 200.0), clear(200.0, 300.0), taken(300.0, 400.0)], 296.0),
         ([clear(100.0, 200.0), taken(200.0, 300.0), clear(300.0, 400.0)], 196.0),
-        # What is behind it tells nothing.
+        # Sections behind it prove nothing.
         ([taken(0.0, 100.0), clear(100.0, 200.0)], 196.0),
         ([taken(0.0, 150.0), clear(150.0, 200.0)], 196.0),
         ([clear(0.0, 100.0), taken(100.0, 200.0)], 150.0),
         ([clear(0.0, 150.0), taken(150.0, 200.0)], 150.0),
         ([taken(50.0, 100.0), clear(100.0, 140.0)], 150.0),
-        # A section that nobody told of may hide it.
+        # An unreported section may hold it.
         ([clear(160.0, 200.0)], 150.0),
         ([clear(150.0, 200.0)], 196.0),
         ([clear(100.0, 200.0), clear(201.0, 300.0)], 196.0),
-        # What hangs over does not set it back.
+        # Its overhang does not move it back.
         ([clear(100.0, 153.0)], 150.0),
         ([clear(100.0, 154.5)], 150.5),
     ],
 )
-def test_a_silent_train_at_150_m_is_past_what_is_clear_from_there_on(
+def test_a_silent_train_is_past_the_clear_sections_ahead_of_its_rear(
     sections: list[tuple[float, float, SectionState]], rear_m: float
 ) -> None:
     assert cleared_to_m(150.0, sections, overhang_m=4.0) == rear_m
@@ -371,7 +367,7 @@ def kept_by_two(*adopted: RosterEntry) -> Roster:
     return order
 
 
-def test_an_adopted_roster_is_version_1_of_the_new_term_and_has_to_be_kept_anew() -> None:
+def test_an_adopted_roster_is_version_1_of_the_new_term_and_must_be_committed_again() -> None:
     order = roster(THREE, ONE)
 
     assert (order.term, order.version) == (7, 1)
@@ -382,7 +378,7 @@ def test_an_adopted_roster_is_version_1_of_the_new_term_and_has_to_be_kept_anew(
     assert order.may_be_commanded() == set()
 
 
-def test_a_roster_is_kept_as_soon_as_two_of_three_arbiters_say_so() -> None:
+def test_a_roster_is_committed_once_two_of_three_arbiters_acknowledge() -> None:
     order = roster(THREE, ONE)
 
     order.hears(ack(65_003))
@@ -396,7 +392,7 @@ def test_a_roster_is_kept_as_soon_as_two_of_three_arbiters_say_so() -> None:
 
 
 @pytest.mark.parametrize(("term", "version"), [(6, 1), (8, 1), (7, 0), (7, 2), (1, 7)])
-def test_an_answer_to_another_roster_keeps_nothing(term: int, version: int) -> None:
+def test_an_acknowledgement_of_another_roster_commits_nothing(term: int, version: int) -> None:
     order = roster(ONE)
 
     for arbiter in ARBITERS:
@@ -406,7 +402,7 @@ def test_an_answer_to_another_roster_keeps_nothing(term: int, version: int) -> N
     assert order.missing(ARBITERS) == list(ARBITERS)
 
 
-def test_a_changed_order_is_the_next_version_and_the_former_holds_until_it_is_kept() -> None:
+def test_a_changed_order_is_the_next_version_and_the_former_holds_until_committed() -> None:
     order = kept_by_two(ONE)
 
     order.propose([TWO, ONE])
@@ -425,7 +421,7 @@ def test_a_changed_order_is_the_next_version_and_the_former_holds_until_it_is_ke
     assert order.version == 3
 
 
-def test_who_is_taken_off_or_comes_back_as_another_incarnation_is_commanded_no_more() -> None:
+def test_a_removed_or_restarted_train_is_no_longer_commanded() -> None:
     order = kept_by_two(ONE, TWO, THREE)
 
     order.propose([ONE, TWO._replace(boot=9)])
@@ -434,12 +430,12 @@ def test_who_is_taken_off_or_comes_back_as_another_incarnation_is_commanded_no_m
     assert order.may_be_commanded() == {1}
 
 
-def test_an_order_that_is_proposed_before_the_last_is_kept_is_a_mistake() -> None:
+def test_proposing_an_order_before_the_last_is_committed_is_an_error() -> None:
     with pytest.raises(AssertionError):
         roster(ONE).propose([TWO])
 
 
-def test_without_the_guard_of_the_roster_every_order_counts_as_kept_at_once() -> None:
+def test_without_the_roster_guard_every_order_counts_as_committed_at_once() -> None:
     order = roster(ONE, guards=without(MasterGuards(), "roster_kept"))
     assert order.kept == (ONE,)
 

@@ -1,4 +1,4 @@
-"""What a master makes of the state of its track: who is where, and what hides between trains."""
+"""A master's view of its track: which trains are where, and shadow trains between them."""
 
 import pytest
 
@@ -37,10 +37,10 @@ def view(*occupied: int) -> TrackView:
     return view_of(status(*[SectionState(n, n in occupied, 0) for n in (1, 2, 3)]), LINE)
 
 
-def test_a_view_says_when_and_what_was_seen_by_the_metres_of_the_line() -> None:
+def test_a_view_holds_the_time_and_the_sections_by_chainage() -> None:
     first, third = SectionState(1, False, 0), SectionState(3, True, 16)
 
-    # In another order than on the line, one missing, and one that the line does not have.
+    # The sections are in another order than on the line, one is missing and one is unknown.
     seen = view_of(status(third, SectionState(8, True, 4), first), LINE)
 
     assert seen == TrackView(
@@ -60,10 +60,11 @@ def hidden(
 
 
 @pytest.mark.parametrize(("then_m", "found"), [(199.9, False), (200.0, True), (400.0, True)])
-def test_who_had_said_before_the_look_that_it_is_beyond_was_not_seen_there(
+def test_a_train_that_reported_itself_beyond_before_the_count_was_not_counted_there(
     then_m: float, *, found: bool
 ) -> None:
-    """By what it says since it might have come from there meanwhile (seed 239837)."""
+    """Its present report alone would permit that it came from there meanwhile (simulation seed
+    239837)."""
     since_ns = SEEN_NS + 200_000_000
     seen = hidden_between(view(2), beyond_m=100.0, before_m=204.0, ahead_ns=since_ns, then_m=then_m)
 
@@ -79,7 +80,7 @@ def test_who_had_said_before_the_look_that_it_is_beyond_was_not_seen_there(
         (100.0, 199.9, False),
     ],
 )
-def test_what_is_occupied_where_neither_neighbour_can_be_hides_something(
+def test_a_section_occupied_by_neither_neighbour_holds_a_shadow_train(
     beyond_m: float, before_m: float, *, hides: bool
 ) -> None:
     found = hidden(2, beyond_m=beyond_m, before_m=before_m)
@@ -87,7 +88,7 @@ def test_what_is_occupied_where_neither_neighbour_can_be_hides_something(
     assert found == (BarredTrack(100.0, 200.0, Bar.SHUT) if hides else None)
 
 
-def test_clear_sections_and_those_of_the_neighbours_hide_nothing() -> None:
+def test_clear_sections_and_those_of_the_neighbours_hold_no_shadow_train() -> None:
     assert hidden() is None
     assert hidden(1, 3) is None
 
@@ -99,10 +100,10 @@ def test_clear_sections_and_those_of_the_neighbours_hide_nothing() -> None:
         (0, 199.9, None),
         (-1_000_000_000, 200.0, Bar.SHUT),
         (-1_000_000_000, 199.9, None),
-        # At 40 m/s, in an eighth of a second.
+        # At 40 m/s in an eighth of a second.
         (125_000_000, 205.0, Bar.SHUT),
         (125_000_000, 204.9, None),
-        # Seen longer ago, only 5 m before the train ahead count as its own.
+        # With an older count, only 5 m behind the train ahead count as its own.
         (126_000_000, 205.0, Bar.UNSURE),
         (126_000_000, 204.9, None),
         (1_000_000_000, 240.0, Bar.SHUT),
@@ -111,7 +112,7 @@ def test_clear_sections_and_those_of_the_neighbours_hide_nothing() -> None:
         (1_000_000_000, 204.9, None),
     ],
 )
-def test_the_train_ahead_may_have_been_farther_back_when_the_sections_were_seen(
+def test_the_train_ahead_may_have_been_farther_back_during_the_count(
     later_ns: int, before_m: float, bar: Bar | None
 ) -> None:
     found = hidden(2, before_m=before_m, ahead_ns=SEEN_NS + later_ns)
@@ -119,13 +120,13 @@ def test_the_train_ahead_may_have_been_farther_back_when_the_sections_were_seen(
     assert found == (bar and BarredTrack(100.0, 200.0, bar))
 
 
-def test_the_first_that_surely_hides_counts_before_one_that_may() -> None:
+def test_a_certain_shadow_train_counts_before_a_possible_one() -> None:
     found = hidden(1, 2, beyond_m=0.0, before_m=239.9, ahead_ns=SEEN_NS + 1_000_000_000)
 
     assert found == BarredTrack(0.0, 100.0, Bar.SHUT)
 
 
-def test_a_silent_train_moves_on_by_clear_sections_but_for_its_overhang() -> None:
+def test_a_silent_train_advances_over_clear_sections_except_for_its_overhang() -> None:
     assert moved_on_m(view(3), TrainRecord(4, 50.0, 0), overhang_m=4.0) == 196.0
     assert moved_on_m(view(1), TrainRecord(4, 50.0, 0), overhang_m=4.0) == 50.0
 
@@ -143,7 +144,7 @@ def test_a_silent_train_moves_on_by_clear_sections_but_for_its_overhang() -> Non
         (0.0, 50.0, True),
     ],
 )
-def test_a_restriction_is_met_from_the_rear_to_the_end_of_authority_both_included(
+def test_a_restriction_applies_from_the_rear_to_the_end_of_authority_inclusive(
     rear_m: float, end_m: float, *, met: bool
 ) -> None:
     assert restrictions_for((SLOW,), rear_m=rear_m, end_m=end_m) == ((SLOW,) if met else ())

@@ -1,4 +1,4 @@
-"""One train as a whole: memory, clock and place, whom it hears, and what it may act upon."""
+"""One train as a whole: memory, clock, position, accepted senders, and the authority it acts on."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -56,7 +56,7 @@ def ns(at_ms: float) -> int:
 
 
 def own(front_m: float = 500.0, **told: Any) -> OwnTrain:
-    """It rolls, and knows its place exactly, unless told otherwise."""
+    """The train rolls and knows its position exactly, unless the test sets otherwise."""
     train = OwnTrain(
         *(True, front_m, front_m, front_m - 80.0, front_m - 80.0, 2.0, False),
         *(front_m, front_m, 16),
@@ -74,7 +74,7 @@ def head(
 
 
 def authority(area: int, end_m: float, echo_ms: float, **told: Any) -> AreaAuthority:
-    """To the first incarnation of train 5, from the master of term 4."""
+    """An authority for the first incarnation of train 5 from the master of term 4."""
     source, term = told.get("source", MASTER), told.get("term", 4)
     slow: tuple[SpeedRestriction, ...] = told.get("restrictions", ())
     place = (end_m, told.get("rear_m", 400.0), told.get("behind", NOBODY), 1, slow)
@@ -154,7 +154,7 @@ def test_new_terms_of_two_areas_are_stored_together() -> None:
     assert stepped.memory == TrainMemory(1, (AreaMemory(1, 4, MASTER), AreaMemory(2, 6, MASTER)))
 
 
-def test_a_train_whose_memory_cannot_be_read_takes_no_part() -> None:
+def test_a_train_with_unreadable_memory_does_not_participate() -> None:
     ride = Ride(None)
 
     for at_ms in (0, 100, 5000):
@@ -163,7 +163,7 @@ def test_a_train_whose_memory_cannot_be_read_takes_no_part() -> None:
     assert ride.core.desk(1) is None
 
 
-def test_with_a_guard_taken_away_it_does_what_that_would_have_kept_it_from() -> None:
+def test_a_removed_guard_permits_what_it_would_have_prevented() -> None:
     guards = TrainGuards(member=without(MemberGuards(), "young_enough"))
     late = authority(1, 900.0, 0)
 
@@ -179,11 +179,11 @@ def ride_takes(ride: Ride, heard: AreaAuthority) -> str:
     return next(iter(ride.core.refusals), "taken")
 
 
-# Chance.
+# Random numbers.
 
 
 def second_try_ns(ride: Ride) -> int:
-    """When it asks for the second time; no arbiter answers."""
+    """The instant of its second application; no arbiter answers."""
     tries: list[int] = []
     while len(tries) < 2:
         now_ns = ride.core.next_due_ns()
@@ -195,16 +195,17 @@ def second_try_ns(ride: Ride) -> int:
 
 @pytest.mark.parametrize(("told", "seed"), [({}, 0), ({"seed": 3}, 3)])
 def test_backoffs_differ_by_address_and_seed(told: dict[str, Any], seed: int) -> None:
-    """Applied at 400 ms, lost at 500 ms, and one backoff of 80 ms passed."""
+    """The first application comes at 400 ms and is lost at 500 ms; then one backoff of 80 ms
+    passes."""
     chance = Chance(OWN * 65_537 + seed)
 
     assert second_try_ns(Ride(**told)) == ns(580) + chance.below(80 * MS)
 
 
-# Clock and place.
+# Clock and position.
 
 
-def test_a_step_at_the_same_instant_again_is_none_back() -> None:
+def test_a_second_step_at_the_same_instant_is_no_backward_clock() -> None:
     ride = Ride()
     ride.step(100)
 
@@ -212,7 +213,7 @@ def test_a_step_at_the_same_instant_again_is_none_back() -> None:
     assert not ride.core.refusals
 
 
-def test_a_train_whose_clock_goes_back_takes_no_part_from_then_on() -> None:
+def test_a_train_whose_clock_goes_back_no_longer_participates() -> None:
     ride = Ride()
     ride.step(100)
 
@@ -222,7 +223,7 @@ def test_a_train_whose_clock_goes_back_takes_no_part_from_then_on() -> None:
     assert ride.core.refusals == {"clock went back": 1}
 
 
-def test_a_clock_that_is_behind_the_start_went_back() -> None:
+def test_a_clock_before_the_start_instant_counts_as_set_back() -> None:
     core = TrainCore(T2tConfig(), LINE, address=OWN, memory=TrainMemory(), start_ns=50)
     assert core.next_due_ns() == 50
 
@@ -230,10 +231,10 @@ def test_a_clock_that_is_behind_the_start_went_back() -> None:
 
 
 @pytest.mark.parametrize(("rear_m", "back"), [(389.0, False), (388.5, True), (500.0, False)])
-def test_a_place_behind_all_that_it_may_roll_jog_and_be_unsure_of_went_back(
+def test_a_position_beyond_rollback_jog_and_uncertainty_counts_as_gone_back(
     rear_m: float, *, back: bool
 ) -> None:
-    """From 400 m: 2 m and 5 m, and 4 m between the ends of its front."""
+    """From 400 m: 2 m of rollback, 5 m of jog, and 4 m between the ends of its front."""
     ride = Ride()
     ride.step(0, rear_min_m=400.0)
     ride.step(10, rear_min_m=395.0)
@@ -247,7 +248,7 @@ def test_a_place_behind_all_that_it_may_roll_jog_and_be_unsure_of_went_back(
     assert ride.core.refusals == ({"place went back": 1} if back else {})
 
 
-def test_what_went_back_is_told_once_by_whatever_came_first() -> None:
+def test_only_the_first_backward_jump_is_reported() -> None:
     ride = Ride()
     ride.step(100)
     ride.step(50, front_m=300.0)
@@ -256,7 +257,7 @@ def test_what_went_back_is_told_once_by_whatever_came_first() -> None:
     assert ride.core.refusals == {"clock went back": 1}
 
 
-def test_the_place_of_a_lost_train_says_nothing() -> None:
+def test_the_position_of_a_lost_train_does_not_count() -> None:
     ride = Ride()
     ride.step(0)
 
@@ -266,7 +267,7 @@ def test_the_place_of_a_lost_train_says_nothing() -> None:
     assert ride.step(20).state is TrainState.NON_COMMUNICATING
 
 
-def test_a_train_that_hears_its_own_address_speak_is_silent_in_that_very_step() -> None:
+def test_a_train_that_receives_its_own_address_is_silent_in_the_same_step() -> None:
     ride = Ride()
     ride.step(0)
     ride.step(10, authority(1, 900.0, 5))
@@ -277,11 +278,11 @@ def test_a_train_that_hears_its_own_address_speak_is_silent_in_that_very_step() 
     assert ride.core.next_due_ns() == ns(1200)
 
 
-# Whom it hears.
+# Accepted messages.
 
 
 @pytest.mark.parametrize(("count", "refused"), [(1000, 0), (1001, 1), (1234, 234)])
-def test_of_a_flood_it_takes_the_first_1000_messages(count: int, refused: int) -> None:
+def test_a_step_processes_at_most_1000_messages(count: int, refused: int) -> None:
     ride = Ride()
     orders = [order(OrderKind.STOP, 77, area=3) for _ in range(count)]
 
@@ -294,7 +295,7 @@ def test_of_a_flood_it_takes_the_first_1000_messages(count: int, refused: int) -
     assert ride.core.refusals["flood"] == refused + 2
 
 
-def test_what_was_not_admitted_is_counted_once_and_not_acted_upon() -> None:
+def test_a_refused_message_is_counted_once_and_has_no_effect() -> None:
     ride = Ride()
     ride.step(0)
 
@@ -309,7 +310,7 @@ def test_what_was_not_admitted_is_counted_once_and_not_acted_upon() -> None:
     }
 
 
-def test_authorities_that_were_not_taken_are_counted_once_each() -> None:
+def test_refused_authorities_are_counted_once_each() -> None:
     ride = Ride()
     ride.step(0)
     ride.step(2000, authority(1, 900.0, 0), authority(1, 900.0, 1))
@@ -319,7 +320,7 @@ def test_authorities_that_were_not_taken_are_counted_once_each() -> None:
     assert dict(ride.core.refusals) == {"too old": 2, "wrong boot incarnation": 1}
 
 
-def test_what_an_area_asks_is_answered_in_the_same_step() -> None:
+def test_a_request_of_an_area_is_answered_in_the_same_step() -> None:
     ride = Ride()
     ride.step(0)
     ride.step(10, beat(standby=OWN))
@@ -330,7 +331,7 @@ def test_what_an_area_asks_is_answered_in_the_same_step() -> None:
     assert [m.synced for m in stepped.out if isinstance(m, SyncAck)] == [sync.sequence]
 
 
-def test_each_area_hears_its_own_messages_only() -> None:
+def test_each_area_gets_its_own_messages_only() -> None:
     ride = Ride()
     stepped = ride.step(0, beat(1, 4), beat(2, 6), front_m=1900.0)
 
@@ -357,17 +358,17 @@ def test_a_train_applies_800_m_before_a_border(front_max_m: float, areas: list[i
 
 
 @pytest.mark.parametrize(("rear_m", "areas"), [(2150.0, [1, 2]), (2150.1, [2])])
-def test_a_train_says_farewell_for_150_m_behind_a_border(rear_m: float, areas: list[int]) -> None:
+def test_a_train_keeps_reporting_for_150_m_behind_a_border(rear_m: float, areas: list[int]) -> None:
     assert numbers(Ride().step(0, front_m=rear_m + 80.0, rear_min_m=rear_m)) == areas
 
 
 @pytest.mark.parametrize(
     ("joint_m", "told_to_m"), [(2145.0, 2150.0), (2147.0, 2151.0), (2300.0, 2304.0)]
 )
-def test_it_goes_on_to_the_end_of_the_section_behind_the_border_and_its_overhang(
+def test_it_keeps_reporting_to_the_end_of_the_section_behind_the_border(
     joint_m: float, told_to_m: float
 ) -> None:
-    """Of 4 m, if that is farther."""
+    """The overhang of 4 m counts if it reaches farther."""
     ends_m = (0.0, 1000.0, 2000.0, joint_m, 4000.0, 6000.0)
     sections = [TrackSection(n, ends_m[n - 1], ends_m[n]) for n in range(1, len(ends_m))]
     line = AreaMap("test", AREAS, tuple(sections))
@@ -379,7 +380,7 @@ def test_it_goes_on_to_the_end_of_the_section_behind_the_border_and_its_overhang
     assert areas(told_to_m + 0.1) == [2]
 
 
-def test_a_lost_train_stays_with_the_areas_that_it_had_to_do_with() -> None:
+def test_a_lost_train_keeps_its_areas() -> None:
     ride = Ride()
     ride.step(0, front_m=1900.0)
     ride.step(100, front_m=2300.0)
@@ -391,7 +392,7 @@ def test_a_lost_train_stays_with_the_areas_that_it_had_to_do_with() -> None:
     assert ride.reports(stepped, 1) == []
 
 
-def test_a_train_that_was_lost_from_the_start_has_to_do_with_none() -> None:
+def test_a_train_lost_from_the_start_has_no_area() -> None:
     ride = Ride()
 
     stepped = ride.step(0, localised=False)
@@ -400,7 +401,7 @@ def test_a_train_that_was_lost_from_the_start_has_to_do_with_none() -> None:
     assert ride.core.next_due_ns() == ns(1000)
 
 
-def test_the_train_knows_its_desks_by_area() -> None:
+def test_the_train_finds_its_participants_by_area() -> None:
     ride = Ride()
     ride.step(0, front_m=1900.0)
 
@@ -409,7 +410,7 @@ def test_the_train_knows_its_desks_by_area() -> None:
 
 
 @pytest.mark.parametrize(("now_ms", "told"), [(1000, (1, 6)), (1000.000_001, (0, NOBODY))])
-def test_to_the_next_area_it_says_whose_rear_it_follows_while_its_authority_is_young(
+def test_it_names_the_train_ahead_to_the_next_area_while_its_authority_is_recent(
     now_ms: float, told: tuple[int, int]
 ) -> None:
     ride = Ride()
@@ -421,7 +422,7 @@ def test_to_the_next_area_it_says_whose_rear_it_follows_while_its_authority_is_y
     assert [(r.comes_from, r.behind) for r in ride.reports(stepped, 1)] in ([], [(0, NOBODY)])
 
 
-def test_the_first_area_that_it_holds_an_authority_of_comes_from_none() -> None:
+def test_the_first_area_with_an_authority_has_no_former_area() -> None:
     ride = Ride()
     heard = (authority(1, 2000.0, 0, behind=6), authority(2, 2500.0, 0, behind=7))
 
@@ -431,19 +432,19 @@ def test_the_first_area_that_it_holds_an_authority_of_comes_from_none() -> None:
     assert told == [(0, NOBODY), (1, 6)]
 
 
-def test_without_an_authority_it_comes_from_nowhere() -> None:
+def test_without_an_authority_it_names_no_former_area() -> None:
     stepped = Ride().step(0, front_m=3900.0)
 
     assert [(r.comes_from, r.behind) for r in Ride().reports(stepped, 3)] == [(0, NOBODY)]
 
 
-# What it may act upon.
+# The authority that it acts on.
 
 SLOW, SLOWER = SpeedRestriction(1500.0, 1600.0, 10.0), SpeedRestriction(2100.0, 2200.0, 5.0)
 
 
 @pytest.mark.parametrize(("first_ms", "second_ms"), [(80, 90), (90, 80)])
-def test_an_authority_to_the_border_is_continued_by_that_of_the_next_area(
+def test_the_next_areas_authority_continues_one_to_the_border(
     first_ms: float, second_ms: float
 ) -> None:
     ride = Ride()
@@ -463,7 +464,7 @@ def test_an_authority_to_the_border_is_continued_by_that_of_the_next_area(
     )
 
 
-def test_an_authority_of_one_area_is_what_it_is() -> None:
+def test_an_authority_that_ends_before_the_border_is_not_continued() -> None:
     one = authority(1, 1950.0, 80, rear_m=1700.0, restrictions=(SLOW,))
     ride = Ride()
 
@@ -479,8 +480,9 @@ def test_an_authority_of_one_area_is_what_it_is() -> None:
 def test_without_an_authority_of_the_next_area_it_ends_11_m_before_the_border(
     front_max_m: float, end_m: float
 ) -> None:
-    """4 m of what hides there may hang over, and it may roll back by 2 m and jog by 5 m. A train
-    that is there already stays where it is, and never gets over the border by it.
+    """A shadow train there may overhang by 4 m, roll back by 2 m and jog by 5 m.
+
+    A train that is already nearer stays where it is and never crosses the border by this authority.
     """
     ride = Ride()
     place: dict[str, Any] = {"front_min_m": min(front_max_m, 1999.0), "front_max_m": front_max_m}
@@ -502,7 +504,7 @@ def test_without_an_authority_of_the_next_area_it_ends_11_m_before_the_border(
         (2000.0, 2500.0, 2500.0),
     ],
 )
-def test_nearer_than_11_m_to_the_border_the_next_area_has_its_say(
+def test_nearer_than_11_m_to_the_border_the_next_areas_authority_counts(
     first_m: float, second_m: float, end_m: float
 ) -> None:
     ride = Ride()
@@ -511,7 +513,7 @@ def test_nearer_than_11_m_to_the_border_the_next_area_has_its_say(
     assert ride.held_m(ride.step(100, *both, front_m=1800.0)) == end_m
 
 
-def test_so_near_before_the_border_it_is_as_old_as_the_older_of_both() -> None:
+def test_that_near_to_the_border_the_older_of_both_gives_the_age() -> None:
     ride = Ride()
 
     stepped = ride.step(100, authority(1, 1995.0, 80), authority(2, 2500.0, 70), front_m=1800.0)
@@ -526,15 +528,17 @@ def test_the_end_of_the_line_is_the_end() -> None:
     assert ride.held_m(ride.step(100, authority(3, 6000.0, 80), front_m=5000.0)) == 5989.0
 
 
-def test_an_authority_of_the_next_area_alone_is_none() -> None:
+def test_an_authority_of_the_next_area_alone_does_not_count() -> None:
     ride = Ride()
 
     assert ride.step(100, authority(2, 2500.0, 80), front_m=1900.0).authority is None
 
 
 @pytest.mark.parametrize(("rear_m", "of_the_first"), [(2001.9, True), (2002.0, False)])
-def test_it_begins_where_the_rear_may_roll_back_to(rear_m: float, *, of_the_first: bool) -> None:
-    """What the area behind knows of its objects and restrictions holds until the rear has left."""
+def test_an_authority_begins_where_the_rear_may_roll_back_to(
+    rear_m: float, *, of_the_first: bool
+) -> None:
+    """Objects and restrictions of the area behind apply until the rear has left it."""
     ride = Ride()
     one = authority(1, 2000.0, 80, rear_m=1.0, restrictions=(SLOW,))
     two = authority(2, 2500.0, 90, rear_m=2.0, restrictions=(SLOWER,))
@@ -550,7 +554,7 @@ def test_it_begins_where_the_rear_may_roll_back_to(rear_m: float, *, of_the_firs
 
 @pytest.mark.parametrize("front_m", [2000.0, 2040.0])
 @pytest.mark.parametrize(("area", "end_m"), [(1, 2000.0), (2, 2500.0)])
-def test_a_train_in_two_areas_is_not_let_go_by_one_alone(
+def test_a_train_in_two_areas_needs_the_authorities_of_both(
     area: int, end_m: float, front_m: float
 ) -> None:
     ride = Ride()
@@ -561,10 +565,10 @@ def test_a_train_in_two_areas_is_not_let_go_by_one_alone(
 
 
 @pytest.mark.parametrize(("told_m", "back_m"), [(-3, -3), (2001.9, 2002), (2002.1, 2002.1)])
-def test_a_rear_jogs_back_over_no_border_also_if_it_rolls_back_from_there(
+def test_a_rear_never_jogs_back_over_a_border_even_with_rollback(
     told_m: float, back_m: float
 ) -> None:
-    """What lies there only the area before could tell. The line begins without one before."""
+    """Only the area before could know what lies there. No area precedes the line's beginning."""
     told = authority(1 if told_m < 0.0 else 2, 2000.0, 80, rear_m=told_m)
 
     held = Ride().step(100, told, front_m=told_m + 84.0, rear_min_m=told_m + 4.0).authority
@@ -573,7 +577,7 @@ def test_a_rear_jogs_back_over_no_border_also_if_it_rolls_back_from_there(
     assert held.rear_m == back_m
 
 
-def test_before_the_line_a_train_goes_by_its_first_area_whatever_the_age() -> None:
+def test_before_the_line_the_first_areas_authority_counts_whatever_its_age() -> None:
     ride = Ride()
     before: dict[str, Any] = {"front_m": -10.0, "rear_min_m": -90.0}
     assert ride.step(0, **before).authority is None
@@ -583,7 +587,7 @@ def test_before_the_line_a_train_goes_by_its_first_area_whatever_the_age() -> No
     assert ride.held_m(ride.step(1500, **before)) == 900.0
 
 
-def test_in_two_areas_it_goes_no_farther_than_the_first_lets_it() -> None:
+def test_in_two_areas_the_first_areas_end_binds() -> None:
     ride = Ride()
     heard = (authority(1, 1990.0, 80), authority(2, 2500.0, 80))
 
@@ -593,10 +597,10 @@ def test_in_two_areas_it_goes_no_farther_than_the_first_lets_it() -> None:
 @pytest.mark.parametrize(
     ("front_min_m", "end_m", "of_ms"), [(1999.9, 2000.0, 3500), (2000.0, 2500.0, 2000)]
 )
-def test_one_of_an_area_that_the_front_is_surely_in_counts_whatever_its_age(
+def test_the_authority_of_the_fronts_area_counts_whatever_its_age(
     front_min_m: float, end_m: float, of_ms: int
 ) -> None:
-    """Left out it would move the end to behind the front; the whole is as old as it is."""
+    """Without it the end would lie behind the front. The whole authority is as old as this part."""
     ride = Ride()
     ride.step(2000, authority(2, 2500.0, 2000), front_m=1990.0)
 
@@ -624,10 +628,10 @@ def test_one_of_an_area_that_the_front_is_surely_in_counts_whatever_its_age(
         (1000.000_001, 1989.1, False),
     ],
 )
-def test_one_of_the_next_area_that_grows_old_is_left_out_while_the_train_stops_before_with_ease(
+def test_an_ageing_authority_of_the_next_area_is_ignored_while_the_train_can_stop_easily(
     age_ms: float, easy_m: float, *, continued: bool
 ) -> None:
-    """It would only make the whole look old. One that ran out never counts."""
+    """It would only make the whole authority older. An expired one never counts."""
     ride = Ride()
     ride.step(2000, authority(2, 2500.0, 2000), front_m=1900.0)
 
@@ -637,14 +641,14 @@ def test_one_of_the_next_area_that_grows_old_is_left_out_while_the_train_stops_b
     assert ride.held_m(stepped) == (2500.0 if continued else 1989.0)
 
 
-def test_a_lost_train_acts_upon_nothing() -> None:
+def test_a_lost_train_acts_on_no_authority() -> None:
     ride = Ride()
     ride.step(0, authority(1, 900.0, 0))
 
     assert ride.step(10, localised=False).authority is None
 
 
-def test_what_it_reports_counts_what_was_heard_in_the_same_step() -> None:
+def test_a_report_includes_the_messages_of_the_same_step() -> None:
     ride = Ride()
     ride.step(0)
 
@@ -654,7 +658,7 @@ def test_what_it_reports_counts_what_was_heard_in_the_same_step() -> None:
 
 
 def answers(out: tuple[T2tMessage, ...]) -> list[T2tMessage]:
-    """Of an arbiter that grants and keeps all."""
+    """The answers of an arbiter that grants and commits everything."""
     said: list[T2tMessage] = []
     for m in out:
         first = head(ARBITER, m.area, m.term)
@@ -666,7 +670,8 @@ def answers(out: tuple[T2tMessage, ...]) -> list[T2tMessage]:
 
 
 def commanding() -> tuple[Ride, Stepped, int]:
-    """A train that commands itself alone and has its first authority; and when that was in ms."""
+    """A train that commands itself alone, the step with its first authority, and the instant of
+    that, ms."""
     ride = Ride()
     stepped = ride.step(0)
     for at_ms in range(5, 2000, 5):
@@ -676,7 +681,7 @@ def commanding() -> tuple[Ride, Stepped, int]:
     raise AssertionError("never")
 
 
-def test_a_train_may_act_at_once_upon_what_it_grants_itself() -> None:
+def test_a_train_may_act_at_once_on_its_own_grant() -> None:
     _, stepped, at_ms = commanding()
 
     assert stepped.roles == ((1, Role.MASTER),)
@@ -685,8 +690,8 @@ def test_a_train_may_act_at_once_upon_what_it_grants_itself() -> None:
     assert ns(at_ms) - stepped.authority.echo_ns <= ns(100)
 
 
-def test_what_it_granted_itself_is_latent_though_another_takes_it_back_at_once() -> None:
-    """The train acts upon it since the step in which it was granted."""
+def test_its_own_grant_stays_reserved_even_if_another_master_withdraws_it_at_once() -> None:
+    """The train has acted on it since the step of the grant."""
     ride, _, at_ms = commanding()
 
     shorter = authority(1, 600.0, at_ms, source=8, term=9)
@@ -695,7 +700,7 @@ def test_what_it_granted_itself_is_latent_though_another_takes_it_back_at_once()
     assert (report.held_end_m, report.latent_m) == (600.0, 700.0)
 
 
-# How it stands to those who command it, and when it wants to be stepped.
+# Its state towards its masters, and when it is due.
 
 
 @pytest.mark.parametrize(
@@ -728,10 +733,10 @@ def test_a_train_is_co_managed_while_any_part_of_it_may_be_in_a_second_area(
 @pytest.mark.parametrize(
     ("late_ns", "state"), [(0, TrainState.CONTROLLED), (1, TrainState.NON_COMMUNICATING)]
 )
-def test_an_authority_of_more_than_a_second_is_shown_but_does_not_count(
+def test_an_authority_older_than_a_second_is_passed_on_but_does_not_count(
     late_ns: int, state: TrainState
 ) -> None:
-    """The protection sees how old it is."""
+    """Protection sees the age of the authority."""
     ride = Ride()
     ride.step(2000, authority(1, 900.0, 1500))
 
@@ -753,7 +758,7 @@ def test_it_is_due_when_the_first_of_its_areas_is() -> None:
     assert ride.core.next_due_ns() == ns(150), "and the second"
 
 
-def test_areas_that_it_has_left_do_not_want_it_any_more() -> None:
+def test_left_areas_no_longer_make_it_due() -> None:
     ride = Ride()
     ride.step(0, front_m=1900.0)
     ride.step(50, front_m=1900.0)
@@ -765,8 +770,8 @@ def test_areas_that_it_has_left_do_not_want_it_any_more() -> None:
     assert ride.core.next_due_ns() == ns(1100)
 
 
-def test_it_is_not_due_for_what_it_may_not_do() -> None:
-    """Its turn has long come, but out of service it may not apply."""
+def test_it_is_not_due_for_an_application_that_it_may_not_make() -> None:
+    """It could have applied long ago, but out of service it may not."""
     ride = Ride()
     ride.step(0, out_of_service=True)
 

@@ -1,4 +1,4 @@
-"""A train is taken out of service and back by orders of supervision, and keeps to them."""
+"""Supervision takes a train out of service and back by command, and the train obeys."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,7 +43,7 @@ class Ride:
         return self.core.step(at_ms * MS, heard, OwnTrain(*place, out_of_service))
 
     def says_out(self, at_ms: int, *heard: T2tMessage, **told: Any) -> bool:
-        """In all areas alike."""
+        """Whether the train reports itself out of service; all areas must get the same answer."""
         out = self.step(at_ms, *heard, **told).out
         (said,) = {each.out_of_service for each in out if isinstance(each, TrainReport)}
         return said
@@ -58,7 +58,7 @@ def beat() -> Heartbeat:
     return Heartbeat(*first, Phase.ISSUING, NOBODY, 1)
 
 
-def test_it_is_out_of_service_by_order_until_another_says_otherwise() -> None:
+def test_a_train_is_out_of_service_by_command_until_another_command() -> None:
     ride = Ride()
 
     assert not ride.says_out(0)
@@ -69,7 +69,7 @@ def test_it_is_out_of_service_by_order_until_another_says_otherwise() -> None:
     assert not ride.says_out(500, order(OrderKind.GO))
 
 
-def test_no_order_brings_a_train_into_service_that_says_itself_that_it_is_out() -> None:
+def test_no_command_brings_a_train_into_service_that_is_out_by_itself() -> None:
     ride = Ride()
 
     assert ride.says_out(0, order(OrderKind.IN_SERVICE), out_of_service=True)
@@ -83,14 +83,14 @@ def test_orders_to_other_trains_change_nothing() -> None:
     assert ride.says_out(100, order(OrderKind.IN_SERVICE, 6))
 
 
-def test_an_order_counts_although_it_came_by_an_area_of_no_concern() -> None:
+def test_a_command_counts_even_from_an_area_that_does_not_concern_the_train() -> None:
     ride = Ride()
 
     assert ride.says_out(0, order(OrderKind.OUT_OF_SERVICE, area=3))
     assert ride.core.refusals == {"area of no concern": 1}
 
 
-def test_an_order_is_to_be_stored_in_the_step_that_obeys_it_and_only_when_it_is_news() -> None:
+def test_a_new_command_is_stored_in_the_step_that_obeys_it() -> None:
     ride = Ride()
     ride.step(0)
 
@@ -106,14 +106,14 @@ def test_an_order_is_to_be_stored_in_the_step_that_obeys_it_and_only_when_it_is_
 
 
 @pytest.mark.parametrize("kept", [OUT, TrainMemory(6)])
-def test_what_was_ordered_holds_over_the_next_start(kept: TrainMemory) -> None:
+def test_a_command_holds_over_the_next_start(kept: TrainMemory) -> None:
     ride = Ride(kept)
 
     assert ride.says_out(0) is kept.out_of_service
     assert not ride.says_out(100, order(OrderKind.IN_SERVICE))
 
 
-def test_what_is_stored_of_terms_leaves_the_order_as_it_is() -> None:
+def test_storing_a_term_does_not_change_the_command() -> None:
     ride = Ride(OUT)
 
     memory = ride.step(0, beat()).memory
@@ -122,7 +122,7 @@ def test_what_is_stored_of_terms_leaves_the_order_as_it_is() -> None:
     assert (memory.of_area(1).seen_term, memory.out_of_service) == (4, True)
 
 
-def test_a_memory_from_before_there_were_such_orders_is_read(tmp_path: Path) -> None:
+def test_a_memory_of_the_former_format_is_readable(tmp_path: Path) -> None:
     store = CheckedStore(tmp_path / "line.json", TrainMemory)
     store.put(OUT)
     assert CheckedStore(tmp_path / "line.json", TrainMemory).value == OUT
