@@ -1,4 +1,4 @@
-"""Every way in which a DBC file and a frame class can contradict each other is named."""
+"""Every possible contradiction between a DBC file and a frame class is named."""
 
 import enum
 import math
@@ -109,7 +109,7 @@ def changed(old: str, new: str) -> str:
     return GOOD.replace(old, new)
 
 
-def test_what_agrees_is_bound() -> None:
+def test_an_agreeing_class_is_bound() -> None:
     command = bound(GOOD)
 
     assert command.kind is GearCommand
@@ -122,7 +122,7 @@ def test_what_agrees_is_bound() -> None:
     assert (command.fields[1].raw_minimum, command.fields[1].raw_maximum) == (-120, 120)
 
 
-def test_without_a_timeout_it_is_three_periods() -> None:
+def test_the_default_timeout_is_three_periods() -> None:
     info = bound(GOOD, GearInfo, "GEAR_INFO")
 
     assert info.timeout_s == 0.3
@@ -338,7 +338,7 @@ def test_a_twin_that_is_not_congruent_is_named(name: str) -> None:
 
 
 @pytest.mark.parametrize("attribute", ["GenMsgCycleTime", "TimeoutMs"])
-def test_what_is_sent_on_occasion_may_have_neither_period_nor_timeout(attribute: str) -> None:
+def test_an_event_driven_message_may_have_neither_period_nor_timeout(attribute: str) -> None:
     text = changed(
         'BA_ "GenMsgCycleTime" BO_ 512 100;',
         f'BA_ "{attribute}" BO_ 512 100;\nBA_ "GenMsgSendType" BO_ 512 1;',
@@ -372,7 +372,7 @@ def test_an_enumeration_too_wide_for_a_table_is_refused() -> None:
     assert "slipping: is 11 bits wide; an enumeration takes at most 10" in found
 
 
-def test_a_float_must_say_its_unit() -> None:
+def test_a_float_needs_a_unit() -> None:
     @dataclass(frozen=True, slots=True)
     class Unitless:
         slipping: bool
@@ -396,7 +396,7 @@ def test_a_field_of_another_type_is_refused() -> None:
     assert "slipping: Worded.slipping is <class 'str'>; use float, int, bool" in found
 
 
-def test_every_fault_has_a_line() -> None:
+def test_every_error_has_its_own_line() -> None:
     text = changed('(10,0) [0|400000] "N"', '(10,0) [0|400000] "kN"')
     text = text.replace('VAL_ 256 enabled 1 "FALSE" 2 "TRUE" ;', "")
 
@@ -406,13 +406,13 @@ def test_every_fault_has_a_line() -> None:
     assert len([line for line in found if ": enabled: value table says" in line]) == 2
 
 
-def test_a_message_that_is_not_there_is_named_with_the_nearest() -> None:
+def test_an_unknown_message_is_named_with_the_nearest_known_one() -> None:
     text = complaint(GOOD, message="GEAR_CMMD")
 
     assert text == "bad.dbc: GEAR_CMMD: no such message; did you mean GEAR_CMD?"
 
 
-def test_a_file_that_is_not_there_is_named() -> None:
+def test_a_missing_file_is_named() -> None:
     with pytest.raises(BindingError, match=r"tracion\.dbc: no such file; .*traction\.dbc"):
         frame("tracion.dbc", "TRACTION_CMD")(GearCommand)
     with pytest.raises(BindingError, match=r"nowhere/gear\.dbc: cannot be read: No such file"):
@@ -459,7 +459,7 @@ class RatioCommand:
 
 
 def test_a_choice_that_begins_above_zero_has_a_twin_that_ends_below_the_top() -> None:
-    """Two bits: 1, 2 and 3 are 2, 1 and 0 with all bits inverted."""
+    """With two bits, the inverted values of 1, 2 and 3 are 2, 1 and 0."""
     text = GOOD
     for old, new in (
         ("gear : 24|2@1+ (1,0) [1|3]", "gear : 24|2@1+ (1,0) [0|02]"),
@@ -510,14 +510,14 @@ def test_a_bad_class_fails_where_it_is_decorated(tmp_path: Path) -> None:
             heat_ratio: float
 
 
-def test_what_is_sent_on_occasion_has_no_period_and_no_timeout() -> None:
+def test_an_event_driven_message_has_no_period_and_no_timeout() -> None:
     kind = EMERGENCIES[Node.DCU]
 
     assert binding.period_s(kind) == 0.0
     assert binding.timeout_s(kind) == math.inf
 
 
-def test_a_vital_message_is_known_as_one() -> None:
+def test_a_vital_message_is_recognised() -> None:
     assert binding.is_vital(BrakeCommand)
     assert [message.frame_id for message in binding.binding_of(BrakeCommand).messages] == [
         0x101,

@@ -1,4 +1,4 @@
-"""The codec's rules for counters, pairs, unknown frames and values that are none."""
+"""The codec's rules for counters, pairs, unknown frames and invalid values."""
 
 import dataclasses
 import math
@@ -33,13 +33,13 @@ def with_values(frame: Any, **values: Any) -> Any:
 
 
 def tacho_payloads(count: int) -> list[bytes]:
-    """Counters 0, 1, 2, ... modulo 256, each with pulses of its own."""
+    """Payloads with the counters 0, 1, 2, ... modulo 256, each with its own pulses."""
     encoder = Encoder()
     return [encoder.encode(with_values(TACHO, pulses_a=number))[0][1] for number in range(count)]
 
 
 def outcomes(decoder: Decoder, payloads: list[bytes], period_ms: int = 20) -> list[Reason | None]:
-    """What became of each payload: the reason of its refusal, None for a frame."""
+    """The rejection reason of each payload, or None for an accepted frame."""
     found: list[Reason | None] = []
     for number, payload in enumerate(payloads):
         heard = decoder.decode(TACHO_ID, payload, number * period_ms * MS)
@@ -57,7 +57,7 @@ STUCK, JUMPED = Reason.STUCK_COUNTER, Reason.JUMPED_COUNTER
 
 
 @pytest.mark.parametrize("first", [0, 1, 2, 77, 255])
-def test_the_first_counter_is_taken_as_it_is(first: int) -> None:
+def test_any_first_counter_is_accepted(first: int) -> None:
     decoder = Decoder([Tacho])
 
     assert outcomes(decoder, picked(first)) == [None]
@@ -79,7 +79,8 @@ def test_the_first_counter_is_taken_as_it_is(first: int) -> None:
         ((5, 5), [None, STUCK], 0),
         ((5, 5, 5, 6, 7), [None, STUCK, STUCK, None, None], 0),
         ((5, 5, 7), [None, STUCK, None], 1),
-        # 20 ms apart, with a timeout of 60 ms: the fourth frame after the believed one is too late.
+        # Frames are 20 ms apart and the timeout is 60 ms, so the fourth frame after the last
+        # accepted one is too late.
         ((5, 9, 10, 11, 12, 13), [None, JUMPED, JUMPED, JUMPED, None, None], 0),
         ((5, 9, 10, 11, 13, 14), [None, JUMPED, JUMPED, JUMPED, JUMPED, None], 0),
         ((5, 9, 9, 9, 9, 9, 10), [None, *[JUMPED] * 5, None], 0),
@@ -95,11 +96,13 @@ def test_the_first_counter_is_taken_as_it_is(first: int) -> None:
         ((9, 253, 254, 255, 0, 1), [None, JUMPED, JUMPED, JUMPED, None, None], 0),
     ],
 )
-def test_the_counter_decides_what_is_believed(
+def test_the_counter_decides_which_frames_are_accepted(
     counters: tuple[int, ...], expected: list[Reason | None], lost: int
 ) -> None:
-    """Up to two frames may be missing. A stream that jumped is believed once the one that was
-    believed is silent for longer than the timeout, and then by counting on.
+    """Up to two frames may be missing.
+
+    The decoder accepts a stream that jumped only when the former stream has been silent for longer
+    than the timeout and the new one counts on.
     """
     decoder = Decoder([Tacho])
 
@@ -107,8 +110,8 @@ def test_the_counter_decides_what_is_believed(
     assert decoder.lost[TACHO_ID] == lost
 
 
-def test_every_step_from_every_counter_is_judged_alike() -> None:
-    """All 65 536 pairs of neighbouring counters: one to three ahead is believed, nothing else."""
+def test_every_counter_step_is_judged_alike() -> None:
+    """The test checks all 65 536 pairs of counters; only one to three steps ahead are accepted."""
     payloads = tacho_payloads(256)
     for before in range(256):
         for after in range(256):
@@ -121,7 +124,7 @@ def test_every_step_from_every_counter_is_judged_alike() -> None:
             assert isinstance(heard, Tacho) == believed, (before, after)
 
 
-def test_after_a_silence_longer_than_the_timeout_any_counter_starts_anew() -> None:
+def test_after_a_silence_longer_than_the_timeout_any_counter_is_accepted() -> None:
     timeout_ns = round(binding.timeout_s(Tacho) * 1e9)
     for age_ns, expected in ((timeout_ns, Rejected), (timeout_ns + 1, Tacho)):
         for counter in (5, 200):
@@ -131,7 +134,7 @@ def test_after_a_silence_longer_than_the_timeout_any_counter_starts_anew() -> No
             assert type(decoder.decode(TACHO_ID, picked(counter)[0], 1000 + age_ns)) is expected
 
 
-def test_after_a_silence_in_doubt_the_counter_starts_anew_too() -> None:
+def test_after_a_silence_during_a_jump_any_counter_is_accepted_too() -> None:
     decoder = Decoder([Tacho])
     for number, payload in enumerate(picked(5, 50)):
         decoder.decode(TACHO_ID, payload, number)
@@ -142,8 +145,8 @@ def test_after_a_silence_in_doubt_the_counter_starts_anew_too() -> None:
     assert decoder.lost[TACHO_ID] == 1
 
 
-def test_a_stuck_sender_is_never_believed_again() -> None:
-    """Its frames keep coming, so there is no silence after which the counter would start anew."""
+def test_a_stuck_sender_is_never_accepted_again() -> None:
+    """Its frames keep coming, so there is no silence after which the counter could restart."""
     decoder = Decoder([Tacho])
 
     found = outcomes(decoder, picked(*[5] * 50))
@@ -151,7 +154,7 @@ def test_a_stuck_sender_is_never_believed_again() -> None:
     assert found == [None] + [STUCK] * 49
 
 
-def test_a_sender_that_jumps_all_the_time_is_never_believed_again() -> None:
+def test_a_sender_that_always_jumps_is_never_accepted_again() -> None:
     decoder = Decoder([Tacho])
 
     found = outcomes(decoder, picked(*[number * 20 % 256 for number in range(50)]))
@@ -159,8 +162,9 @@ def test_a_sender_that_jumps_all_the_time_is_never_believed_again() -> None:
     assert found == [None] + [JUMPED] * 49
 
 
-def test_frames_repeated_beside_a_sender_that_still_sends_are_all_refused() -> None:
-    """Two or three of them in a row count on between two of the sender's, and are refused."""
+def test_frames_replayed_beside_a_live_sender_are_all_refused() -> None:
+    """Two or three of them in a row may count on between two genuine frames, but the decoder
+    refuses them."""
     payloads = tacho_payloads(256)
     for behind in range(20, 250):
         times = [(number * 45, "sender") for number in range(12)]
@@ -177,10 +181,11 @@ def test_frames_repeated_beside_a_sender_that_still_sends_are_all_refused() -> N
 
 
 @pytest.mark.parametrize(("late_ns", "expected"), [(0, Rejected), (1, Tacho)])
-def test_a_new_stream_is_believed_once_the_old_one_is_silent_for_too_long(
+def test_a_new_stream_is_accepted_once_the_old_one_has_timed_out(
     late_ns: int, expected: type
 ) -> None:
-    """To the nanosecond: the refused frames before do not count as the old stream."""
+    """The limit is exact to the nanosecond: the refused frames before do not count as the old
+    stream."""
     timeout_ns = round(binding.timeout_s(Tacho) * 1e9)
     decoder = Decoder([Tacho])
     for counter, heard_ns in ((5, 0), (90, timeout_ns // 2)):
@@ -192,7 +197,7 @@ def test_a_new_stream_is_believed_once_the_old_one_is_silent_for_too_long(
 
 
 @pytest.mark.parametrize(("late_ns", "expected"), [(0, Rejected), (1, Tacho)])
-def test_any_counter_starts_anew_once_nothing_is_heard_not_even_what_is_refused(
+def test_any_counter_is_accepted_after_a_silence_without_even_refused_frames(
     late_ns: int, expected: type
 ) -> None:
     timeout_ns = round(binding.timeout_s(Tacho) * 1e9)
@@ -205,7 +210,7 @@ def test_any_counter_starts_anew_once_nothing_is_heard_not_even_what_is_refused(
     assert type(heard) is expected
 
 
-def test_the_stream_that_took_over_is_the_believed_one_from_then_on() -> None:
+def test_a_stream_that_took_over_stays_the_accepted_one() -> None:
     decoder = Decoder([Tacho])
 
     found = outcomes(decoder, picked(5, 90, 91, 92, 93, 6, 94, 7, 95))
@@ -213,8 +218,8 @@ def test_the_stream_that_took_over_is_the_believed_one_from_then_on() -> None:
     assert found == [None, JUMPED, JUMPED, JUMPED, None, JUMPED, None, JUMPED, None]
 
 
-def test_a_broken_frame_is_neither_heard_nor_counted() -> None:
-    """Only the timeout's silence matters: noise must not keep an old counter alive."""
+def test_a_corrupted_frame_does_not_affect_timeout_or_counter() -> None:
+    """Only the silence counts for the timeout; noise must not keep an old counter valid."""
     decoder = Decoder([Tacho])
     decoder.decode(TACHO_ID, picked(5)[0], 0)
 
@@ -227,14 +232,14 @@ def test_a_broken_frame_is_neither_heard_nor_counted() -> None:
 
 
 def test_a_sender_with_another_period_has_another_timeout() -> None:
-    """At 200 ms the DBC's 60 ms would take every frame for the first."""
+    """With a period of 200 ms, the DBC's 60 ms would make every frame count as the first."""
     decoder = Decoder([Tacho], timeouts_s={Tacho: 0.6})
 
     assert outcomes(decoder, picked(5, 5, 6), period_ms=200) == [None, STUCK, None]
     assert outcomes(Decoder([Tacho]), picked(5, 5, 6), period_ms=200) == [None, None, None]
 
 
-def test_the_encoder_counts_every_message_for_itself() -> None:
+def test_the_encoder_counts_every_message_separately() -> None:
     encoder = Encoder([Tacho])
     doppler = Doppler(speed_mps=1.0, quality_percent=50.0, healthy=True)
 
@@ -244,7 +249,7 @@ def test_the_encoder_counts_every_message_for_itself() -> None:
 
 
 def test_an_equal_payload_is_checked_as_strictly_as_a_new_one() -> None:
-    """The decoder hands back the frame it has; it must not skip CRC or counter for that."""
+    """The decoder returns its cached frame, but must still check CRC and counter."""
     encoder, decoder = Encoder(), Decoder([Tacho])
     payloads = [encoder.encode(TACHO)[0][1] for _ in range(3)]
     broken = payloads[2][:-1] + bytes([payloads[2][-1] ^ 1])
@@ -256,8 +261,8 @@ def test_an_equal_payload_is_checked_as_strictly_as_a_new_one() -> None:
     assert outcomes(decoder, [payloads[1], broken]) == [STUCK, Reason.WRONG_CRC]
 
 
-def test_a_frame_with_a_value_that_is_none_still_moves_the_counter() -> None:
-    """Direction 3 is in no table; the counter of that frame was right all the same."""
+def test_a_frame_with_an_invalid_value_still_advances_the_counter() -> None:
+    """Direction 3 is not in the value table, but the counter of that frame is correct."""
     payloads = tacho_payloads(3)
     body = (int.from_bytes(payloads[1][:6], "little") | 3 << 26).to_bytes(6, "little")
     bad = body + crc(Tacho, body)
@@ -287,7 +292,7 @@ def test_the_same_invalid_value_twice_is_refused_twice() -> None:
 
 
 def crc(kind: type[Any], body: bytes, *, half: int = 0) -> bytes:
-    """Bit by bit, as the standard writes it down."""
+    """The CRC computed bit by bit as in the standard."""
     attributes = binding.binding_of(kind).messages[half].dbc
     assert attributes is not None
     state = 0xFFFF
@@ -355,7 +360,7 @@ def test_a_twin_without_a_first_half_is_refused() -> None:
 
 
 def test_a_first_half_without_a_twin_is_reported_with_the_next_one() -> None:
-    """And the next pair counts all the same."""
+    """The next pair counts all the same."""
     decoder = Decoder([BrakeCommand])
     (lonely, _), (first, second) = pair(RELEASED, 0), pair(BRAKING, 1)
     decoder.decode(BRAKE_ID, lonely, 0)
@@ -369,7 +374,7 @@ def test_a_first_half_without_a_twin_is_reported_with_the_next_one() -> None:
 
 
 def test_the_twin_of_another_pair_is_refused() -> None:
-    """Same command, so the payload fits; the counter tells that it is another transmission."""
+    """The command is the same, so the payload fits; the counter shows another transmission."""
     decoder = Decoder([BrakeCommand])
     decoder.decode(BRAKE_ID, pair(RELEASED, 0)[0], 0)
 
@@ -429,7 +434,7 @@ def test_a_broken_first_half_does_not_disturb_the_one_that_waits() -> None:
     assert decoder.decode(BRAKE_TWIN_ID, second, 0) == RELEASED
 
 
-def test_an_unknown_identifier_is_refused_and_one_not_asked_for_is_not() -> None:
+def test_an_unknown_identifier_is_refused_and_an_unsubscribed_one_is_ignored() -> None:
     decoder = Decoder([Tacho])
 
     assert decoder.decode(BRAKE_ID, b"", 0) is None
@@ -446,7 +451,7 @@ def test_the_wanted_identifiers_include_those_of_twins() -> None:
     assert decoder.ids == {BRAKE_ID, BRAKE_TWIN_ID, TACHO_ID, 0x702}
 
 
-def test_a_rejection_says_what_was_found_and_what_should_have_been() -> None:
+def test_a_rejection_names_the_found_and_the_expected_value() -> None:
     good = tacho_payloads(2)[1]
     bad = good[:-2] + bytes(byte ^ 0xFF for byte in good[-2:])
     found, wanted = (int.from_bytes(data[-2:], "little") for data in (bad, good))
@@ -466,7 +471,7 @@ def test_a_rejection_says_what_was_found_and_what_should_have_been() -> None:
 
 
 def test_an_invalid_value_is_named() -> None:
-    """Direction 3 is in no table; -655 360 N is beyond the range of the force."""
+    """Direction 3 is not in the value table; -655 360 N is beyond the range of the force."""
     body = (3 << 26).to_bytes(6, "little")
     tacho = Decoder([Tacho]).decode(TACHO_ID, body + crc(Tacho, body), 0)
     body = (-32768 & 0xFFFF).to_bytes(5, "little")
@@ -521,7 +526,7 @@ def test_rejections_are_counted_by_identifier_and_reason() -> None:
         ),
     ],
 )
-def test_what_is_no_value_is_named(frame: Any, words: tuple[str, ...]) -> None:
+def test_a_value_that_cannot_be_encoded_is_named(frame: Any, words: tuple[str, ...]) -> None:
     encoder = Encoder()
 
     with pytest.raises(EncodeError) as caught:
@@ -561,7 +566,7 @@ def test_a_decoded_frame_is_frozen_like_any_other() -> None:
 
 
 def test_two_bits_are_true_only_as_one_zero() -> None:
-    """Every other pattern of a protected boolean is the restrictive answer."""
+    """Every other pattern of a protected boolean gives the restrictive value."""
     found = {}
     for raw in range(4):
         body = (raw << 24 | 5 << 32).to_bytes(5, "little")
@@ -574,7 +579,8 @@ def test_two_bits_are_true_only_as_one_zero() -> None:
 
 @pytest.mark.parametrize("payload", [0x00, 0xFF])
 def test_a_pair_of_all_zeros_and_all_ones_is_a_pair_like_any(payload: int) -> None:
-    """No sender of ours makes it, but its CRCs are right and it says false four times."""
+    """No sender of this project sends it, but its CRCs are correct and all four values are
+    false."""
     decoder = Decoder([DoorCommand])
     bodies = bytes([payload, 0]), bytes([0xFF - payload, 0])
 
@@ -603,7 +609,7 @@ def test_flags_combine() -> None:
 
 
 def test_frames_of_one_shape_keep_their_node() -> None:
-    """Heartbeats differ in nothing but who sent them; their classes and identifiers tell."""
+    """Heartbeats differ only in their sender, which their classes and identifiers show."""
     encoder, decoder = Encoder(), Decoder([*HEARTBEATS.values(), *EMERGENCIES.values()])
     for node in Node:
         alive = HEARTBEATS[node](NodeState.OPERATIONAL)
@@ -629,7 +635,7 @@ def test_force_saturates_instead_of_wrapping() -> None:
 
 
 def test_the_first_frame_counts_whatever_its_bits_are() -> None:
-    """Nothing is taken for known before anything was heard, a payload of a single 1 included."""
+    """Before the first frame no payload counts as known, not even one with a single 1 bit."""
     least = VobcMotion(speed_mps=0.01, ceiling_mps=0.0, emergency_mps=0.0)
     ((can_id, data),) = Encoder().encode(least)
 
@@ -651,7 +657,7 @@ def test_the_same_bits_again_are_the_same_frame_with_or_without_a_twin() -> None
         assert heard[0] is heard[1]
 
 
-def test_a_broken_frame_opens_as_minus_one() -> None:
+def test_a_corrupted_frame_decodes_to_minus_one() -> None:
     message = binding.binding_of(Tacho).message
     data = picked(5)[0]
     opened = opener(message)

@@ -1,4 +1,5 @@
-"""Programs start without what only cantools' tester needs, and who uses the tester has it whole."""
+"""Programs start without the modules that only cantools' tester needs; its users get them on
+demand."""
 
 import json
 import subprocess
@@ -20,7 +21,7 @@ print(json.dumps([before, Tester.__name__, same]))
 """
 
 
-def told(text: str) -> object:
+def output_of(text: str) -> object:
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -29,23 +30,23 @@ def told(text: str) -> object:
 @pytest.mark.parametrize(
     "module", ["vobc.cli", "plant_emulator.cli", "metro_hil.cli.hil", "canlog"]
 )
-def test_a_program_starts_without_what_the_tester_needs_and_has_it_when_asked(module: str) -> None:
-    assert told(ASK.format(module=module, heavy=HEAVY)) == [[], "Tester", True]
+def test_the_testers_modules_are_loaded_only_on_demand(module: str) -> None:
+    assert output_of(ASK.format(module=module, heavy=HEAVY)) == [[], "Tester", True]
 
 
-def test_the_tester_says_what_it_does_not_have() -> None:
+def test_the_placeholder_names_a_missing_attribute() -> None:
     text = (
         "import can_dbc, json, cantools.tester as tester\n"
         "print(json.dumps([hasattr(tester, 'nothing'), hasattr(tester, '__nothing__')]))"
     )
 
-    assert told(text) == [False, False]
+    assert output_of(text) == [False, False]
 
 
-def test_a_tester_that_is_there_stays() -> None:
+def test_an_already_loaded_tester_stays() -> None:
     text = (
         "import cantools.tester as tester, can_dbc, json, sys\n"
         "print(json.dumps(sys.modules['cantools.tester'] is tester))"
     )
 
-    assert told(text) is True
+    assert output_of(text) is True

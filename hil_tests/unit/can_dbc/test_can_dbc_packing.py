@@ -1,4 +1,4 @@
-"""Fields of every shape between a frame and its bits: the numbers are worked out by hand."""
+"""Fields of every shape between a frame and its bits, against hand calculations."""
 
 import enum
 import sys
@@ -93,7 +93,7 @@ def bits(**changed: int) -> int:
     return sum(raw << STARTS[name] for name, raw in (RAWS | changed).items())
 
 
-def test_numbers_choices_and_bools_go_both_ways(odd: Any) -> None:
+def test_numbers_choices_and_booleans_convert_both_ways(odd: Any) -> None:
     value = Odd(5, 0, 17, -1, -128, Gear.REVERSE, slipping=True)
 
     assert packer(odd)(value) == bits()
@@ -123,7 +123,7 @@ def test_numbers_choices_and_bools_go_both_ways(odd: Any) -> None:
         ("gear", 3, None),
     ],
 )
-def test_a_raw_value_outside_its_range_or_table_makes_no_frame(
+def test_a_raw_value_outside_its_range_or_table_gives_no_frame(
     odd: Any, name: str, raw: int, value: int | None
 ) -> None:
     heard = unpacker(odd)(bits(**{name: raw}))
@@ -149,7 +149,7 @@ def test_a_raw_value_outside_its_range_or_table_makes_no_frame(
         ),
     ],
 )
-def test_what_is_invalid_is_named_and_nothing_else(changed: dict[str, int], words: str) -> None:
+def test_exactly_the_invalid_values_are_named(changed: dict[str, int], words: str) -> None:
     assert invalid_values(tuple(fields().values()), bits(**changed)) == words
 
 
@@ -160,13 +160,13 @@ def test_a_bool_is_never_out_of_its_range() -> None:
     assert [invalid_values((switch,), raw) for raw in range(4)] == [""] * 4
 
 
-def test_a_value_table_has_one_place_for_each_raw_value() -> None:
+def test_a_value_table_has_one_entry_for_each_raw_value() -> None:
     assert value_table(fields()["gear"]) == (Gear.NEUTRAL, Gear.FORWARD, Gear.REVERSE, None)
     assert value_table(fields()["ten_on"]) is None
 
 
 class Incomparable(float):
-    """Refuses what a codec asks of a number."""
+    """A number that refuses the comparison that a codec needs."""
 
     def __le__(self, _other: float) -> bool:
         raise ValueError
@@ -182,7 +182,7 @@ def test_a_number_that_cannot_be_compared_is_refused_with_its_frame() -> None:
 
 @pytest.fixture
 def nothing_made() -> Iterator[None]:
-    """No function is known from before, nor afterwards."""
+    """Clear the cached functions before and after the test."""
     for made in (packer, unpacker):
         made.cache_clear()
     yield
@@ -191,10 +191,10 @@ def nothing_made() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("nothing_made")
-def test_functions_that_were_written_out_are_taken_and_others_made(
+def test_generated_functions_are_used_and_missing_ones_created(
     odd: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As the compiled copy has them: both of one frame, none of another."""
+    """As in the compiled copy, both functions exist for one frame and none for another."""
     module: Any = ModuleType(WRITTEN)
     module.FUNCTIONS = {("pack", odd): lambda _frame: 4711, ("unpack", odd): lambda _bits: "odd"}
     monkeypatch.setitem(sys.modules, WRITTEN, module)

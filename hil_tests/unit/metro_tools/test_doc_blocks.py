@@ -1,4 +1,4 @@
-"""Blocks of documents: their marks, the order of documents, and what a failed block reports."""
+"""Blocks of documents: their marks, the order of documents, and the report of a failed block."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def only(text: str) -> Block:
         ("file: some/where.toml", BlockMark(file="some/where.toml")),
     ],
 )
-def test_a_mark_says_what_becomes_of_the_block_below(mark: str, meant: BlockMark) -> None:
+def test_a_mark_decides_the_treatment_of_the_block_below(mark: str, meant: BlockMark) -> None:
     block = only(f"Text.\n\n<!-- {mark} -->\n\n```sh\ntrue\n```\n")
 
     assert block.mark == meant
@@ -69,7 +69,7 @@ def test_other_blocks_need_none(language: str) -> None:
         ("<!-- skip: x -->\n```sh\ntrue\n", 2, "is never closed"),
     ],
 )
-def test_what_is_wrong_is_reported_with_its_line(text: str, line: int, words: str) -> None:
+def test_every_error_is_reported_with_its_line(text: str, line: int, words: str) -> None:
     ((at, said),) = faults(text)
 
     assert at == line
@@ -175,7 +175,7 @@ def test_python_is_run_with_the_lines_of_the_document(tmp_path: Path) -> None:
     assert "line 9, in <module>" in outcome.failure.output
 
 
-def test_a_block_that_hangs_is_ended_with_what_it_left_in_the_background(tmp_path: Path) -> None:
+def test_a_block_that_hangs_is_ended_together_with_its_background_processes(tmp_path: Path) -> None:
     outcome = ran(
         tmp_path, '<!-- run: prints "a" -->\n```sh\nsleep 600 &\nwait\n```\n', seconds=0.2
     )

@@ -1,4 +1,4 @@
-"""Which kernel a guest boots, and what is said of it."""
+"""Which kernel a guest boots, and how the choice is reported."""
 
 import itertools
 
@@ -57,8 +57,8 @@ def test_the_emulated_pc_is_always_the_last_resort() -> None:
         assert set(kernels) == set(GuestKernel)
 
 
-def test_this_machine_tells_its_flags() -> None:
-    """All processors of this architecture have SSE2."""
+def test_this_machines_processor_flags_are_read() -> None:
+    """Every processor of this architecture has SSE2."""
     processor = this_processor()
 
     assert "sse2" in processor.flags
@@ -73,19 +73,19 @@ def test_one_line_names_the_kernel_its_release_and_the_reason() -> None:
         assert part in line
 
 
-def test_a_reason_that_all_kernels_share_is_said_once() -> None:
+def test_a_reason_that_all_kernels_share_is_reported_once() -> None:
     text = failure_text([(kernel, "apt-get is missing") for kernel in GuestKernel])
 
     assert text == "apt-get is missing"
 
 
-def test_different_reasons_are_said_with_their_kernels() -> None:
+def test_different_reasons_are_reported_with_their_kernels() -> None:
     text = failure_text([(GuestKernel.STOCK, "it died"), (GuestKernel.QEMU, "no memory")])
 
     assert text.splitlines()[1:] == ["stock: it died", "qemu: no memory"]
 
 
-def test_an_emulated_pc_takes_what_is_wanted_or_what_is_there() -> None:
+def test_an_emulated_pc_gets_the_requested_or_the_available_memory() -> None:
     assert emulated_memory_mib(available_mib=9000, wanted_mib=2048) == 2048
     assert emulated_memory_mib(available_mib=1000, wanted_mib=2048) == 936
     assert emulated_memory_mib(available_mib=448, wanted_mib=2048) == 384

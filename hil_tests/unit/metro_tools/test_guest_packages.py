@@ -1,4 +1,4 @@
-"""What goes into the guest's cache: pinned packages, a changed loader, an initial file system."""
+"""The contents of the guest's cache: pinned packages, a patched loader, an initial file system."""
 
 import dataclasses
 import shutil
@@ -41,21 +41,21 @@ def test_every_pin_has_a_version_and_a_whole_checksum() -> None:
         assert len(bytes.fromhex(package.sha256)) == 32
 
 
-def test_the_first_package_that_apt_shows_is_the_offer() -> None:
+def test_the_first_package_of_apts_output_is_used() -> None:
     assert offered("user-mode-linux", SHOWN) == PIN
 
 
 @pytest.mark.parametrize("text", ["", "Version: 1\n", f"SHA256: {'ab' * 32}\n"])
-def test_an_index_that_says_too_little_is_no_offer(text: str) -> None:
+def test_an_incomplete_index_entry_is_ignored(text: str) -> None:
     with pytest.raises(NoKernelError, match="user-mode-linux"):
         offered("user-mode-linux", text)
 
 
-def test_the_pinned_package_is_taken_without_a_word() -> None:
+def test_the_pinned_package_is_used_without_a_message() -> None:
     assert settle(PIN, PIN) == (PIN, "")
 
 
-def test_what_took_its_place_is_taken_and_said_with_its_checksum() -> None:
+def test_a_replacement_package_is_used_and_reported_with_its_checksum() -> None:
     offer = Package("user-mode-linux", "7.3um1", "12" * 32)
 
     taken, remark = settle(PIN, offer)
@@ -87,7 +87,7 @@ def test_unstable_comes_from_the_mirror_that_the_machine_uses(addresses: str, mi
 
 @pytest.fixture
 def echo(tmp_path: Path) -> Path:
-    """The program echo, changed to start with a loader in a folder beside it."""
+    """The program `echo`, patched to start with a loader in a folder beside it."""
     original = Path(shutil.which("echo") or "echo").resolve()
     changed = tmp_path / "echo"
     changed.write_bytes(with_interpreter(original.read_bytes(), "lib/loader.so"))
@@ -95,7 +95,7 @@ def echo(tmp_path: Path) -> Path:
     return changed
 
 
-def test_a_changed_program_runs_with_the_loader_beside_it_wherever_that_is_moved(
+def test_a_patched_program_runs_with_the_loader_beside_it_after_a_move(
     echo: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "lib").mkdir()
@@ -107,26 +107,26 @@ def test_a_changed_program_runs_with_the_loader_beside_it_wherever_that_is_moved
     assert done.stdout == b"on\n"
 
 
-def test_a_changed_program_takes_no_other_loader(echo: Path, tmp_path: Path) -> None:
+def test_a_patched_program_uses_no_other_loader(echo: Path, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         subprocess.run([str(echo), "on"], cwd=tmp_path, check=False)
 
 
 @pytest.mark.parametrize("program", [b"", b"#!/bin/sh\n" * 9, b"\x7fELF\x01\x01" + bytes(99)])
-def test_what_is_no_64_bit_program_is_refused(program: bytes) -> None:
+def test_a_file_that_is_no_64_bit_program_is_refused(program: bytes) -> None:
     with pytest.raises(ValueError, match="no 64-bit ELF"):
         with_interpreter(program, "lib/loader.so")
 
 
 def test_a_program_without_a_loader_is_refused() -> None:
-    header = b"\x7fELF\x02\x01" + bytes(48) + b"\x38" + bytes(9)  # no segments of 56 bytes
+    header = b"\x7fELF\x02\x01" + bytes(48) + b"\x38" + bytes(9)  # It has no segments of 56 bytes.
 
     with pytest.raises(ValueError, match="without a dynamic loader"):
         with_interpreter(header, "lib/loader.so")
 
 
 def entries_of(image: bytes) -> dict[str, tuple[int, bytes]]:
-    """Mode and content of each entry of a cpio archive, read by its published layout."""
+    """Mode and content of each entry of a cpio archive, read according to its published layout."""
     found: dict[str, tuple[int, bytes]] = {}
     place = 0
     while True:
@@ -142,7 +142,7 @@ def entries_of(image: bytes) -> dict[str, tuple[int, bytes]]:
 
 
 @pytest.mark.parametrize("size", [0, 1, 2, 3, 4, 5])
-def test_an_initial_file_system_holds_what_was_put_into_it(size: int) -> None:
+def test_an_initial_file_system_holds_its_entries(size: int) -> None:
     files = {"init": b"x" * size, "bin/busybox": b"y" * 9}
 
     image = archive(("bin", "proc"), files)
@@ -168,13 +168,13 @@ MODULES = {
 }
 
 
-def test_a_module_says_what_it_depends_on() -> None:
+def test_the_dependencies_of_a_module_are_read() -> None:
     assert dependencies(module("can", "can-dev")) == ["can", "can_dev"]
     assert dependencies(module()) == []
     assert dependencies(b"no module") == []
 
 
-def test_modules_come_behind_what_they_depend_on_and_once() -> None:
+def test_modules_come_once_and_after_their_dependencies() -> None:
     loaded = in_load_order(["virtio-pci", "can-raw", "virtio", "built-in"], MODULES.get)
 
     assert list(loaded) == ["virtio_ring", "virtio", "virtio_pci", "can", "can_raw"]
@@ -182,7 +182,7 @@ def test_modules_come_behind_what_they_depend_on_and_once() -> None:
 
 
 @pytest.mark.parametrize("name", ["can-dev.ko", "can_dev.ko.xz", "can-dev"])
-def test_a_module_has_one_name_however_its_file_is_called(name: str) -> None:
+def test_a_module_name_does_not_depend_on_its_file_name(name: str) -> None:
     assert module_name(name) == "can_dev"
 
 
@@ -194,7 +194,7 @@ def test_the_first_program_of_an_emulated_pc_is_a_script_that_a_shell_can_read()
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_an_emulated_pc_has_its_lines_in_order_and_writes_only_through_one_export() -> None:
+def test_the_emulated_pc_has_its_lines_in_order_and_one_writable_export() -> None:
     machine = GuestFolders(
         engine=Engine.QEMU,
         kernel=PurePath("/cache/qemu/linux"),

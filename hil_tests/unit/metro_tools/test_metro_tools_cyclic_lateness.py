@@ -1,4 +1,5 @@
-"""The bench's own cyclictest: it releases what it says and tells what the host granted."""
+"""The bench's own cyclictest: it makes the configured releases and reports what the host
+granted."""
 
 import json
 import subprocess
@@ -15,8 +16,8 @@ REPORT = TaskReport("empty", 50.0, 198, 2, 0, 26.0, 87.0, 134.0, 1.0, 3.0, 9.0)
 HOST = RealtimeReport((Measure("SCHED_FIFO", granted=False, detail="Operation not permitted"),))
 
 
-def test_every_release_of_the_time_asked_for_is_made_or_counted_as_a_slip() -> None:
-    """In a process of its own: it changes how its process is scheduled."""
+def test_every_release_is_made_or_counted_as_a_slip() -> None:
+    """The tool runs in its own process because it changes the scheduling of that process."""
     done = subprocess.run(
         [
             *(sys.executable, "-m", "metro_tools.cyclic_lateness", "--json"),
@@ -29,14 +30,14 @@ def test_every_release_of_the_time_asked_for_is_made_or_counted_as_a_slip() -> N
     )
 
     told = json.loads(done.stdout)
-    # On a host that takes the processor away near the end, the last ones are still due.
+    # If the host takes the processor away near the end, the last releases are still pending.
     assert 1 <= told["releases"] + told["slips"] <= 20
     assert 0 <= told["lateness_us_p50"] <= told["lateness_us_p99"] <= told["lateness_us_max"]
     assert "garbage collector" in told["granted"]
     assert told["steal_ms"] is None or told["steal_ms"] >= 0
 
 
-def test_the_text_names_what_was_not_granted_and_what_was_measured() -> None:
+def test_the_text_names_refused_privileges_and_measured_values() -> None:
     assert as_text(REPORT, HOST, 30_000_000).splitlines() == [
         "SCHED_FIFO: not granted, Operation not permitted",
         "releases 198, slips 2, stolen by the host 30 ms",
@@ -54,7 +55,7 @@ def test_the_text_names_what_was_not_granted_and_what_was_measured() -> None:
         (["--spin-us", "-1"], "-1 is not a length of time"),
     ],
 )
-def test_a_time_that_cannot_be_is_refused(
+def test_an_impossible_time_is_refused(
     arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as caught:

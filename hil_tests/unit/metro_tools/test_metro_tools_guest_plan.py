@@ -1,4 +1,4 @@
-"""What a guest is told before it boots."""
+"""The settings that a guest receives before it boots."""
 
 import shlex
 import subprocess
@@ -52,7 +52,7 @@ def place(path: str, free_mib: int, kind: str = "tmpfs", executable: bool = True
     return MemoryPlace(path, kind, executable, free_mib)
 
 
-def test_the_first_place_with_room_for_all_wins() -> None:
+def test_the_first_folder_with_enough_room_is_used() -> None:
     chosen, memory_mib = choose_memory([place("/a", 1000), place("/b", 4000)], 2048)
 
     assert (chosen.path, memory_mib) == ("/b", 2048)
@@ -89,7 +89,7 @@ def test_memory_never_exceeds_its_place(places: list[MemoryPlace], wanted_mib: i
     assert 384 <= memory_mib <= min(wanted_mib, chosen.free_mib - 64)
 
 
-def test_every_place_that_will_not_do_is_named_with_its_reason() -> None:
+def test_every_unsuitable_folder_is_named_with_its_reason() -> None:
     places = [place("/a", 99), place("/b", 9999, executable=False), place("/c", 9999, "ext4")]
 
     with pytest.raises(GuestError) as refusal:
@@ -100,12 +100,12 @@ def test_every_place_that_will_not_do_is_named_with_its_reason() -> None:
 
 
 @pytest.mark.parametrize("name", ["vcan0", "a" * 15])
-def test_interface_names_that_the_kernel_takes(name: str) -> None:
+def test_interface_names_that_the_kernel_accepts(name: str) -> None:
     assert interface_name_fault(name) is None
 
 
 @pytest.mark.parametrize("name", ["", "a" * 16, "a b", "a/b", "a:b", ".", "..", "-a", "a\n", "%d"])
-def test_interface_names_that_it_does_not(name: str) -> None:
+def test_interface_names_that_the_kernel_refuses(name: str) -> None:
     assert interface_name_fault(name) is not None
 
 
@@ -132,7 +132,7 @@ text = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=2
 
 
 @given(st.lists(text, min_size=1, max_size=4), st.dictionaries(st.just("ODD"), text))
-def test_words_and_environment_reach_the_command_unchanged(
+def test_arguments_and_environment_reach_the_command_unchanged(
     words: list[str], environment: dict[str, str]
 ) -> None:
     script = command_script(
@@ -153,7 +153,7 @@ def test_the_umask_and_directory_are_set_before_the_command() -> None:
     assert lines[:2] == ["umask 0027", "cd / || exit 125"]
 
 
-def test_only_libraries_that_are_needed_are_fetched_and_never_the_c_library() -> None:
+def test_only_needed_libraries_are_copied_and_never_the_c_library() -> None:
     said = """iproute2
   Depends: debconf
  |Depends: libelf1
@@ -170,7 +170,7 @@ def test_only_libraries_that_are_needed_are_fetched_and_never_the_c_library() ->
     assert library_names(said) == {"libelf1", "zlib1g", "libmnl0"}
 
 
-def test_a_tree_laid_under_a_merged_root_has_no_clashing_folders(tmp_path: Path) -> None:
+def test_a_tree_under_a_merged_root_has_no_conflicting_folders(tmp_path: Path) -> None:
     for path in ("bin/ip", "usr/bin/cansend", "lib/x/libz.so.1"):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text(path)

@@ -1,4 +1,4 @@
-"""The mutation driver: what it changes, whom it catches, and that it lets nobody get away."""
+"""The mutation driver: its mutations, killed and surviving mutants, and the list of equivalents."""
 
 import ast
 from pathlib import Path
@@ -58,7 +58,7 @@ def test_braking():
 
 @pytest.fixture
 def planted(tmp_path: Path) -> Path:
-    """A checkout with one module, its tests, and an empty list of equivalents."""
+    """A checkout with one module, its tests, and an empty list of equivalent mutants."""
     for name, text in (
         ("planted/__init__.py", ""),
         ("planted/speed.py", SPEED),
@@ -88,7 +88,7 @@ def test_mutants_of_all_kinds_in_functions_and_tables_are_killed(
     )
 
 
-def test_a_boundary_that_no_test_looks_at_survives_and_is_shown_with_its_command(
+def test_an_untested_boundary_survives_and_is_shown_with_its_command(
     planted: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tests = planted / "tests/test_speed.py"
@@ -111,7 +111,7 @@ def test_a_boundary_that_no_test_looks_at_survives_and_is_shown_with_its_command
     assert f"{survivor.key}: survived" in capsys.readouterr().out
 
 
-def test_a_survivor_with_an_argument_counts_as_equivalent_and_a_stale_entry_is_an_error(
+def test_a_survivor_with_a_reason_counts_as_equivalent_and_a_stale_entry_is_an_error(
     planted: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     entry = (
@@ -139,7 +139,7 @@ def test_a_survivor_with_an_argument_counts_as_equivalent_and_a_stale_entry_is_a
     assert "needs its argument" in capsys.readouterr().err
 
 
-def test_only_what_may_have_changed_is_tried_again(
+def test_only_mutants_that_a_change_can_affect_are_tried_again(
     planted: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     count = len(mutants_of(SPEED))
@@ -165,7 +165,7 @@ def test_only_what_may_have_changed_is_tried_again(
     assert tried("--fresh") == count
 
 
-def test_the_score_is_written_only_of_all_modules_and_says_what_was_found(
+def test_the_score_is_written_only_for_all_modules(
     planted: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     count = len(mutants_of(SPEED))
@@ -180,7 +180,7 @@ def test_the_score_is_written_only_of_all_modules_and_says_what_was_found(
     assert capsys.readouterr().err.startswith("mutate: --write is for all modules\n")
 
 
-def test_examples_are_few_whatever_a_test_asks_for(planted: Path) -> None:
+def test_the_number_of_hypothesis_examples_is_limited(planted: Path) -> None:
     tests = planted / "tests/test_speed.py"
     tests.write_text(
         GOOD_TESTS
@@ -200,7 +200,7 @@ def test_each(number):
     assert run(planted) == 0
 
 
-def test_tests_that_fail_by_themselves_prove_nothing(
+def test_tests_that_fail_without_a_mutation_prove_nothing(
     planted: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (planted / "tests/test_speed.py").write_text(GOOD_TESTS + "\ndef test_red():\n    assert 0\n")
@@ -209,7 +209,7 @@ def test_tests_that_fail_by_themselves_prove_nothing(
     assert "fails even without a mutant: tests/test_speed.py::test_red" in capsys.readouterr().err
 
 
-def test_a_module_of_no_group_is_refused_by_name(
+def test_a_module_without_a_group_is_refused_by_name(
     planted: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(planted, "planted/brake.py") == 2
@@ -230,7 +230,7 @@ def test_a_module_of_no_group_is_refused_by_name(
         ("def f(a):\n    return a in (A, B)", {"return a in (A,)", "return a not in (A, B)"}),
     ],
 )
-def test_each_kind_of_mistake_is_made(source: str, after: set[str]) -> None:
+def test_each_kind_of_mutation_is_generated(source: str, after: set[str]) -> None:
     assert after <= {mutant.after for mutant in mutants_of(source)}
 
 
@@ -244,11 +244,11 @@ def test_each_kind_of_mistake_is_made(source: str, after: set[str]) -> None:
         "import a",
     ],
 )
-def test_what_no_train_feels_is_left_alone(source: str) -> None:
+def test_code_without_effect_on_a_train_is_not_mutated(source: str) -> None:
     assert mutants_of(source) == []
 
 
-def test_every_mutant_compiles_differs_and_has_a_name_of_its_own() -> None:
+def test_every_mutant_compiles_differs_and_has_a_unique_name() -> None:
     whole = ast.dump(ast.parse(SPEED))
     mutants = mutants_of(SPEED)
 
@@ -274,7 +274,7 @@ def test_no_module_of_protection_and_odometry_is_left_out(checkout: Path) -> Non
     assert meant <= {module for group in read_groups(checkout) for module in group.modules}
 
 
-def test_a_child_that_tells_more_than_a_pipe_holds_comes_to_its_end() -> None:
+def test_a_child_with_more_output_than_a_pipe_holds_ends() -> None:
     told = "a long name of a test\n" * 20_000
     ended: list[tuple[tuple[str, int], int, str]] = []
     pool = Pool(2, lambda name, code, text: ended.append((name, code, text)))

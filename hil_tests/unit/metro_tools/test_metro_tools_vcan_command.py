@@ -1,4 +1,4 @@
-"""The command `vcan` does what was planned, shows it, and falls back to the embedded bus."""
+"""The command `vcan` carries out its plan, shows it, and falls back to the embedded bus."""
 
 import json
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ BARE = Kernel(CanSupport.ABSENT, "no CAN in its configuration", True, True, True
 
 @dataclass
 class PaperWorld:
-    """A machine on paper; what is done to it is written down."""
+    """A simulated machine that records the commands."""
 
     given_kernel: Kernel
     kernel_links: dict[str, KernelLink] = field(default_factory=dict)
@@ -76,7 +76,7 @@ def test_up_runs_each_command_after_showing_it(capsys: pytest.CaptureFixture[str
     assert "socketcan:vcan3" in out
 
 
-def test_dry_run_shows_and_does_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_dry_run_shows_the_plan_and_runs_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     able, bare = PaperWorld(ABLE), PaperWorld(BARE)
 
     assert run(able, "up", "--dry-run") == 0
@@ -88,7 +88,7 @@ def test_dry_run_shows_and_does_nothing(capsys: pytest.CaptureFixture[str]) -> N
     assert "+ start the embedded bus vcan0" in out
 
 
-def test_without_a_kernel_vcan_up_says_why_and_starts_the_embedded_bus(
+def test_without_kernel_can_up_names_the_reason_and_starts_the_embedded_bus(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     world = PaperWorld(BARE)
@@ -101,7 +101,7 @@ def test_without_a_kernel_vcan_up_says_why_and_starts_the_embedded_bus(
     assert "embedded:vcan0" in streams.out
 
 
-def test_up_twice_is_fine_either_way(capsys: pytest.CaptureFixture[str]) -> None:
+def test_up_may_be_run_twice_with_either_bus(capsys: pytest.CaptureFixture[str]) -> None:
     embedded = PaperWorld(BARE, hubs={"vcan0": hub("vcan0")})
     kernel = PaperWorld(
         ABLE, kernel_links={"vcan0": KernelLink("vcan0", "vcan", is_up=True, is_ours=True)}
@@ -114,7 +114,7 @@ def test_up_twice_is_fine_either_way(capsys: pytest.CaptureFixture[str]) -> None
     assert capsys.readouterr().out.count("already up") == 2
 
 
-def test_a_command_that_fails_ends_the_kernel_way_and_only_auto_goes_on(
+def test_after_a_failed_kernel_command_only_auto_falls_back(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     strict, auto = PaperWorld(ABLE, commands_work=False), PaperWorld(ABLE, commands_work=False)
@@ -127,14 +127,16 @@ def test_a_command_that_fails_ends_the_kernel_way_and_only_auto_goes_on(
     assert "failed" in capsys.readouterr().err
 
 
-def test_nothing_possible_is_an_environment_fault(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_machine_without_any_bus_is_an_environment_error(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert run(PaperWorld(BARE, hubs_start=False), "up") == 3
 
     assert "did not come up" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("verb", ["up", "down", "status"])
-def test_a_name_no_bus_can_have_is_a_fault_of_use(
+def test_an_invalid_bus_name_is_a_usage_error(
     verb: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(PaperWorld(ABLE), verb, "sixteen_letters_") == 2
@@ -153,7 +155,9 @@ def test_a_wrong_command_line_ends_with_2(
     assert "usage" in capsys.readouterr().err
 
 
-def test_an_interface_of_another_kind_blocks_both_ways(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interface_of_another_kind_blocks_both_kinds_of_bus(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     links = {"eth0": KernelLink("eth0", "ether", is_up=True, is_ours=False)}
 
     for kind in ("auto", "kernel", "embedded"):
@@ -176,7 +180,7 @@ def test_down_stops_the_hub_that_up_started_but_not_that_of_a_run(
     assert "belongs to a run" in capsys.readouterr().err
 
 
-def test_down_deletes_the_interface_that_up_made() -> None:
+def test_down_deletes_the_interface_that_up_created() -> None:
     world = PaperWorld(
         ABLE, kernel_links={"vcan0": KernelLink("vcan0", "vcan", is_up=True, is_ours=True)}
     )
@@ -186,7 +190,7 @@ def test_down_deletes_the_interface_that_up_made() -> None:
     assert world.ran == [("ip", "link", "delete", "dev", "vcan0")]
 
 
-def test_status_lists_every_bus_and_what_to_call_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_status_lists_every_bus_with_its_name(capsys: pytest.CaptureFixture[str]) -> None:
     world = PaperWorld(
         ABLE,
         kernel_links={
@@ -221,7 +225,7 @@ def test_status_lists_every_bus_and_what_to_call_it(capsys: pytest.CaptureFixtur
     ]
 
 
-def test_status_of_one_bus_tells_by_its_exit_code_whether_it_is_up(
+def test_the_exit_code_of_status_shows_whether_one_bus_is_up(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     world = PaperWorld(

@@ -1,4 +1,4 @@
-"""What `vcan` plans works on a machine as it was told of; where nothing would, it plans nothing."""
+"""The plan of `vcan` works on the described machine; where no plan works, there is none."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -49,7 +49,7 @@ links = st.none() | st.builds(
 
 @dataclass
 class PaperMachine:
-    """Does what a real one does with these commands, and refuses what a real one refuses."""
+    """Reacts to these commands like a real machine, including its refusals."""
 
     kernel: Kernel
     links: dict[str, KernelLink] = field(default_factory=dict)
@@ -84,9 +84,7 @@ class PaperMachine:
 
 
 @given(kernels, links)
-def test_what_is_planned_for_up_works_and_is_idempotent(
-    kernel: Kernel, link: KernelLink | None
-) -> None:
+def test_the_plan_for_up_works_and_is_idempotent(kernel: Kernel, link: KernelLink | None) -> None:
     step = plan_up("vcan0", kernel, link)
 
     machine = PaperMachine(kernel, {} if link is None else {"vcan0": link})
@@ -99,10 +97,11 @@ def test_what_is_planned_for_up_works_and_is_idempotent(
 
 
 @given(kernels, links)
-def test_up_gives_in_only_where_something_is_missing(
+def test_up_has_no_plan_only_where_something_is_missing(
     kernel: Kernel, link: KernelLink | None
 ) -> None:
-    """With everything at hand there is always a way, unless the name belongs to something else."""
+    """With everything available there is always a plan, unless another kind of interface has the
+    name."""
     step = plan_up("vcan0", kernel, link)
 
     if link is not None and link.kind != "vcan":
@@ -120,7 +119,7 @@ def test_up_gives_in_only_where_something_is_missing(
 
 
 @given(kernels)
-def test_down_takes_back_what_up_made(kernel: Kernel) -> None:
+def test_down_reverts_up(kernel: Kernel) -> None:
     machine = PaperMachine(kernel)
     step = plan_up("vcan0", kernel, None)
     if not isinstance(step, Commands):
@@ -138,7 +137,7 @@ def test_down_takes_back_what_up_made(kernel: Kernel) -> None:
 
 
 @given(kernels, st.sampled_from(["vcan", "can", "vxcan", "ether"]), st.booleans())
-def test_down_never_removes_what_up_did_not_make(kernel: Kernel, kind: str, is_up: bool) -> None:
+def test_down_removes_only_what_up_created(kernel: Kernel, kind: str, is_up: bool) -> None:
     step = plan_down("vcan0", kernel, KernelLink("vcan0", kind, is_up=is_up, is_ours=False))
 
     assert isinstance(step, NameTaken)
@@ -154,14 +153,14 @@ def test_down_never_removes_what_up_did_not_make(kernel: Kernel, kind: str, is_u
         ({"support": CanSupport.LOADABLE, "may_load": False}, "CAP_SYS_MODULE"),
     ],
 )
-def test_it_is_said_exactly_what_is_missing(lacking: dict[str, Any], words: str) -> None:
+def test_exactly_the_missing_parts_are_named(lacking: dict[str, Any], words: str) -> None:
     step = plan_up("vcan0", replace(ALL, **lacking), None)
 
     assert isinstance(step, NotAvailable)
     assert words in step.reason
 
 
-def test_without_rights_the_whole_recipe_is_there_to_be_typed() -> None:
+def test_without_rights_the_complete_commands_are_shown() -> None:
     kernel = replace(ALL, support=CanSupport.LOADABLE, may_configure=False)
 
     step = plan_up("vcan0", kernel, None)
@@ -175,7 +174,7 @@ def test_without_rights_the_whole_recipe_is_there_to_be_typed() -> None:
     )
 
 
-def test_a_physical_interface_is_not_touched_and_its_use_is_told() -> None:
+def test_a_physical_interface_is_not_changed_and_its_use_is_explained() -> None:
     step = plan_up("can0", ALL, KernelLink("can0", "can", is_up=False, is_ours=False))
 
     assert isinstance(step, NameTaken)
@@ -183,14 +182,14 @@ def test_a_physical_interface_is_not_touched_and_its_use_is_told() -> None:
 
 
 @pytest.mark.parametrize("name", ["vcan0", "v", "a" * 15, "CAN_1.x-y", "0"])
-def test_a_name_that_the_kernel_takes_is_taken(name: str) -> None:
+def test_a_name_valid_for_the_kernel_is_accepted(name: str) -> None:
     assert name_fault(name) is None
 
 
 @pytest.mark.parametrize(
     "name", ["", "a" * 16, "ä" * 8, "vcan 0", "a/b", ".", "..", "-x", "a:b", "a\n", "ü", ".vcan"]
 )
-def test_a_name_that_no_bus_can_have_is_refused_by_name(name: str) -> None:
+def test_an_invalid_name_is_refused_by_name(name: str) -> None:
     fault = name_fault(name)
 
     assert fault is not None

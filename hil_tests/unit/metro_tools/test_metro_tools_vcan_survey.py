@@ -1,4 +1,4 @@
-"""What the machine has of CAN is read correctly from its /proc, /sys and /lib/modules."""
+"""The survey reads the machine's CAN support correctly from /proc, /sys and /lib/modules."""
 
 import gzip
 from pathlib import Path
@@ -13,7 +13,7 @@ RELEASE = "6.1.0-test"
 
 @pytest.fixture
 def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SystemPaths:
-    """A machine without anything, and without programs."""
+    """A machine without CAN support and without programs."""
     monkeypatch.setenv("PATH", "")
     return SystemPaths(root=tmp_path, release=RELEASE)
 
@@ -28,7 +28,7 @@ def put(machine: SystemPaths, path: str, text: str) -> Path:
 def put_link(
     machine: SystemPaths, name: str, device: str, *, kind: int = 280, flags: int = 0
 ) -> Path:
-    """A network interface as /sys shows it: a link to its place among the devices."""
+    """A network interface as in /sys: a link to its folder among the devices."""
     folder = machine.root / "sys/devices" / device / "net" / name
     (folder / "statistics").mkdir(parents=True)
     (folder / "type").write_text(f"{kind}\n")
@@ -61,7 +61,7 @@ def test_a_module_on_disk_is_loadable(machine: SystemPaths, suffix: str) -> None
     assert survey_kernel(machine).support is CanSupport.LOADABLE
 
 
-def test_what_only_depends_on_another_module_is_not_it(machine: SystemPaths) -> None:
+def test_a_module_that_merely_depends_on_vcan_does_not_count(machine: SystemPaths) -> None:
     line = "kernel/net/can/gw.ko: kernel/drivers/net/can/vcan.ko\nkernel/net/xvcan.ko:\n"
     put(machine, f"lib/modules/{RELEASE}/modules.dep", line)
 
@@ -88,7 +88,7 @@ def test_absence_is_shown_by_the_configuration_in_boot(machine: SystemPaths) -> 
     assert "# CONFIG_CAN_VCAN is not set" in survey_kernel(machine).evidence
 
 
-def test_a_torn_configuration_is_no_evidence_and_no_fault(machine: SystemPaths) -> None:
+def test_a_truncated_configuration_is_no_evidence_and_no_error(machine: SystemPaths) -> None:
     path = machine.root / "proc/config.gz"
     path.parent.mkdir()
     path.write_bytes(gzip.compress(b"# CONFIG_CAN is not set\n")[:-9])
@@ -112,7 +112,7 @@ def test_rights_are_the_effective_capabilities(
     assert not kernel.has_modprobe
 
 
-def test_links_are_told_apart_without_any_program(machine: SystemPaths) -> None:
+def test_kinds_of_links_are_recognised_without_any_program(machine: SystemPaths) -> None:
     virtual = put_link(machine, "vcan0", "virtual", flags=0x1 | 0x40)
     (virtual / "ifalias").write_text("made by vcan up\n")
     (virtual / "statistics/tx_packets").write_text("12\n")
@@ -136,7 +136,9 @@ def test_links_are_told_apart_without_any_program(machine: SystemPaths) -> None:
     assert (found["can0"].frames, found["can0"].dropped) == (7, 1)
 
 
-def test_an_interface_that_is_no_can_is_found_by_name_and_called_so(machine: SystemPaths) -> None:
+def test_an_interface_that_is_no_can_bus_is_found_and_reported_as_such(
+    machine: SystemPaths,
+) -> None:
     put_link(machine, "eth0", "pci0000:00/0000:00:03.0", kind=1, flags=1)
 
     link = find_link("eth0", machine)

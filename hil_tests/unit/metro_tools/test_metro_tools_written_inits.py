@@ -1,4 +1,4 @@
-"""Constructors that the compiled copy has written out: they make what dataclass's own make."""
+"""Generated constructors of the compiled copy behave like those of `dataclass`."""
 
 from typing import Any, get_type_hints
 
@@ -76,13 +76,13 @@ UNUSUAL = (
 
 
 def made(source: str, name: str) -> Any:
-    """The class as it is after the module has been run."""
+    """The class after the module has run."""
     space: dict[str, Any] = {"__name__": __name__}
     exec(source, space)  # noqa: S102
     return space[name]
 
 
-def test_a_plain_dataclass_gets_the_constructor_that_it_would_have_had() -> None:
+def test_a_plain_dataclass_gets_an_equal_constructor() -> None:
     written = with_written_inits(HEAD + PLAIN)
 
     assert (
@@ -93,7 +93,7 @@ def test_a_plain_dataclass_gets_the_constructor_that_it_would_have_had() -> None
     assert "return self.name is not None" in written
 
 
-def test_a_class_that_may_change_is_the_same_with_its_constructor_written_out() -> None:
+def test_a_mutable_class_behaves_the_same_with_a_generated_constructor() -> None:
     plain, written = (
         made(HEAD + CHECKED, "Checked"),
         made(with_written_inits(HEAD + CHECKED), "Checked"),
@@ -108,7 +108,7 @@ def test_a_class_that_may_change_is_the_same_with_its_constructor_written_out() 
 
 
 @pytest.mark.parametrize("source", UNUSUAL)
-def test_what_is_not_plain_stays_as_it_is(source: str) -> None:
+def test_a_class_that_is_not_plain_stays_unchanged(source: str) -> None:
     assert with_written_inits(HEAD + source) == HEAD + source
 
 
@@ -131,7 +131,7 @@ def test_a_record_gets_a_constructor_like_any_frozen_class() -> None:
     assert "def __init__(self, at_m: float, kind: str | None = None) -> None: " in written
 
 
-def test_what_is_used_as_a_tuple_stays_one() -> None:
+def test_a_record_used_as_a_tuple_stays_a_tuple() -> None:
     written = with_native_records(RECORDS, ["Pair"])
 
     left, right = made(written, "Pair")(1, 2)
@@ -140,7 +140,7 @@ def test_what_is_used_as_a_tuple_stays_one() -> None:
     assert with_native_records(RECORDS, ["Pair", "Spot"]) == RECORDS
 
 
-def test_of_records_every_other_line_keeps_its_number() -> None:
+def test_generated_records_keep_every_other_line_number() -> None:
     before, after = RECORDS.splitlines(), with_native_records(RECORDS).splitlines()
 
     assert len(after) == len(before)
@@ -174,7 +174,7 @@ def test_a_class_that_others_inherit_from_stays_as_it_is() -> None:
     assert "__init__" in with_written_inits(base)
 
 
-def test_heirs_of_a_plain_dataclass_get_its_fields_first() -> None:
+def test_subclasses_of_a_plain_dataclass_get_its_fields_first() -> None:
     base = "@dataclass(slots=True)\nclass Base:\n    one: int\n\n"
     heir = "@dataclass(slots=True)\nclass Heir(Base):\n    two: int = 2\n\n"
     other = "@dataclass(slots=True)\nclass Other(Unknown):\n    two: int = 2\n"
@@ -200,8 +200,8 @@ def test_types_of_fields_are_kept_at_the_end_of_the_module() -> None:
     ]
 
 
-def test_types_that_were_lost_are_found_again() -> None:
-    """As by mypyc, of which every field is an object."""
+def test_lost_annotations_are_restored() -> None:
+    """mypyc makes every annotation `object` in this way."""
     lost = 'Place.__annotations__ = {"at_m": object, "name": object, "sides": object}\n'
     without = get_type_hints(made(HEAD + PLAIN + lost, "Place"))
     line = with_kept_types(HEAD + PLAIN)[len(HEAD + PLAIN) :]

@@ -1,4 +1,4 @@
-"""Packing functions that the compiled copy has written out: they do what those made at start do."""
+"""Generated packing functions of the compiled copy behave like those created at start."""
 
 import math
 import sys
@@ -40,7 +40,7 @@ def test_each_frame_of_the_modules_has_both(
     assert len(functions) == 2 * len(written_kinds)
 
 
-def test_any_bits_mean_the_same_and_come_back(
+def test_any_bits_decode_equally_and_encode_back(
     functions: dict[tuple[str, Any], Callable[[Any], Any]],
 ) -> None:
     draw = np.random.default_rng(1)
@@ -83,7 +83,7 @@ def _least(kind: Any) -> Any:
     return kind(**values)
 
 
-def test_what_is_no_number_is_refused_with_the_same_words(
+def test_a_nan_is_refused_with_the_same_message(
     functions: dict[tuple[str, Any], Callable[[Any], Any]],
 ) -> None:
     wrong = Doppler(speed_mps=math.nan, quality_percent=1.0, healthy=True)
@@ -93,7 +93,7 @@ def test_what_is_no_number_is_refused_with_the_same_words(
             pack(wrong)
 
 
-def test_written_functions_are_taken_where_there_are_any(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_generated_functions_are_used_where_they_exist(monkeypatch: pytest.MonkeyPatch) -> None:
     def pack(frame: object) -> int:
         return 7
 
@@ -125,7 +125,7 @@ LAST = 1
 '''
 
 
-def test_a_frame_that_is_bound_behind_its_class_is_the_same() -> None:
+def test_a_frame_bound_after_its_class_definition_is_handled_equally() -> None:
     text = with_bound_frames(BOUND)
     assert len(text.splitlines()) == len(BOUND.splitlines())
     module = ModuleType("radar")

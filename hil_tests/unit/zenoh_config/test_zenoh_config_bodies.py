@@ -1,4 +1,4 @@
-"""A body is read only if it holds the fields of its message, each of its documented type."""
+"""A message body is accepted only with all its fields, each of its documented type."""
 
 import dataclasses
 from collections.abc import Callable
@@ -21,7 +21,7 @@ WHOLE, MEASURE, FLAG, STRETCHES = "whole number", "measure", "flag", "stretches"
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """A decoder, a good body for it, and the documented type of each field in turn."""
+    """A decoder, a good body for it, and the documented type of each field in order."""
 
     decode: Callable[[bytes], Any]
     good: list[object]
@@ -58,19 +58,19 @@ def encoded(value: object) -> bytes:
 
 
 def values_of(body: Any) -> list[object]:
-    """Of the fields in the order of the body, whatever the decoder makes of them."""
+    """The field values in the order of the body, for any result type of the decoder."""
     return list(body) if isinstance(body, tuple) else list(msgspec.structs.astuple(body))
 
 
 @kinds
-def test_every_value_comes_out_at_the_place_where_it_stood(kind: Kind) -> None:
+def test_every_value_is_decoded_into_its_own_field(kind: Kind) -> None:
     read = values_of(kind.decode(encoded(kind.good)))
 
     assert encoded(read) == encoded(kind.good)
     assert [type(value) for value in read] == [type(value) for value in kind.good]
 
 
-def test_status_and_orders_name_their_values_in_the_documented_order() -> None:
+def test_status_and_orders_decode_their_fields_in_the_documented_order() -> None:
     status = bodies.STATUS_BODY.decode(encoded(STATUS))
     orders = bodies.ORDERS_BODY.decode(encoded(ORDERS))
 
@@ -89,14 +89,14 @@ def test_status_and_orders_name_their_values_in_the_documented_order() -> None:
 
 
 @kinds
-def test_a_field_too_few_or_too_many_is_not_read(kind: Kind) -> None:
+def test_a_missing_or_extra_field_is_refused(kind: Kind) -> None:
     for body in ([], kind.good[:-1], kind.good[1:], [*kind.good, False], [*kind.good, 0]):
         with pytest.raises(msgspec.MsgspecError):
             kind.decode(encoded(body))
 
 
 @pytest.mark.parametrize(("name", "at"), FIELDS)
-def test_a_value_of_another_type_is_not_read_in_any_field(name: str, at: int) -> None:
+def test_a_value_of_the_wrong_type_is_refused_in_any_field(name: str, at: int) -> None:
     kind = KINDS[name]
 
     for wrong in WRONG[kind.types[at]]:
@@ -108,7 +108,7 @@ def test_a_value_of_another_type_is_not_read_in_any_field(name: str, at: int) ->
     ("name", "at"),
     [(name, at) for name, at in FIELDS if KINDS[name].types[at] == MEASURE],
 )
-def test_a_measure_may_be_written_as_a_whole_number(name: str, at: int) -> None:
+def test_a_measure_may_be_an_integer(name: str, at: int) -> None:
     kind = KINDS[name]
 
     read = values_of(kind.decode(encoded([*kind.good[:at], 12, *kind.good[at + 1 :]])))
@@ -117,7 +117,7 @@ def test_a_measure_may_be_written_as_a_whole_number(name: str, at: int) -> None:
     assert type(read[at]) is float
 
 
-def test_of_all_fields_only_the_protected_rear_may_be_left_open() -> None:
+def test_only_the_protected_rear_may_be_null() -> None:
     absent = []
     for name, at in FIELDS:
         kind = KINDS[name]
@@ -131,13 +131,13 @@ def test_of_all_fields_only_the_protected_rear_may_be_left_open() -> None:
 
 
 @kinds
-def test_names_instead_of_places_are_not_read(kind: Kind) -> None:
+def test_a_map_instead_of_an_array_is_refused(kind: Kind) -> None:
     for body in ({}, {"boot": 3}, dict(enumerate(kind.good)), None, 3, "boot"):
         with pytest.raises(msgspec.MsgspecError):
             kind.decode(encoded(body))
 
 
 @kinds
-def test_bytes_behind_a_body_are_not_read_over(kind: Kind) -> None:
+def test_bytes_behind_a_body_are_refused(kind: Kind) -> None:
     with pytest.raises(msgspec.MsgspecError):
         kind.decode(encoded(kind.good) + b"\x00")

@@ -1,4 +1,4 @@
-"""Messages come back as they were sent, or not at all."""
+"""Messages survive packing and unpacking unchanged, and damaged ones are refused."""
 
 import hashlib
 import hmac
@@ -139,7 +139,7 @@ messages = reports() | authorities | statuses | orders
 
 
 def sealed(header: bytes, body: bytes, key: bytes = BENCH_KEY) -> bytes:
-    """An envelope by the document alone."""
+    """An envelope built from the documented format alone."""
     code = hmac.new(key, header + body, hashlib.sha256).digest()[:16]
     return header + body + code
 
@@ -154,7 +154,7 @@ def reason_of(payload: bytes) -> RefusedReason | None:
 
 
 @given(messages)
-def test_messages_come_back(message: Message) -> None:
+def test_a_packed_message_unpacks_unchanged(message: Message) -> None:
     payload = pack(message)
 
     assert unpack(payload) == message
@@ -244,7 +244,7 @@ def test_no_single_wrong_bit_is_accepted(message: Message) -> None:
 
 
 @SAMPLES
-def test_no_part_of_a_message_is_accepted(message: Message) -> None:
+def test_no_truncated_message_is_accepted(message: Message) -> None:
     payload = pack(message)
 
     for length in range(len(payload)):
@@ -257,15 +257,15 @@ def test_a_message_sealed_with_another_key_is_refused() -> None:
 
 
 @given(st.binary(max_size=2 * MAX_BYTES))
-def test_no_bytes_raise(payload: bytes) -> None:
+def test_no_input_raises_an_exception(payload: bytes) -> None:
     assert isinstance(unpack(payload), Refused)
 
 
 @given(st.integers(0, 255), st.integers(0, 255), addresses, addresses, st.binary(max_size=80))
-def test_no_bytes_raise_behind_a_good_code(
+def test_no_body_with_a_correct_code_raises_an_exception(
     version: int, kind: int, source: int, destination: int, body: bytes
 ) -> None:
-    """What a faulty but genuine sender may send."""
+    """A faulty node with the key may send any such body."""
     result = unpack(sealed(header_of(kind, source, destination, version=version), body))
 
     if not isinstance(result, Refused):
@@ -369,7 +369,7 @@ def with_field(body: Sequence[object], at: int, value: object) -> list[object]:
         (1, with_field(GOOD_REPORT_BODY, 3, -20.0), RefusedReason.INVALID_VALUE),
     ],
 )
-def test_a_genuine_envelope_with_unsound_fields_is_refused(
+def test_an_envelope_with_a_correct_code_and_invalid_fields_is_refused(
     kind: int, body: object, reason: RefusedReason | None
 ) -> None:
     header = header_of(kind, *((7, 0) if kind in (1, 3) else (0, 7)))
@@ -386,7 +386,7 @@ def test_a_genuine_envelope_with_unsound_fields_is_refused(
         (4, 7, 0, GOOD_ORDERS_BODY),
     ],
 )
-def test_the_wayside_is_no_train(
+def test_the_address_of_the_wayside_is_no_train(
     kind: int, source: int, destination: int, body: list[object]
 ) -> None:
     payload = sealed(header_of(kind, source, destination), msgspec.msgpack.encode(body))
@@ -426,7 +426,7 @@ def test_another_version_is_refused(version: int) -> None:
         (replace(ORDERS, restrictions=9 * ORDERS.restrictions[:1]), "9 restrictions, at most 8"),
     ],
 )
-def test_what_must_not_be_sent_is_said_by_name(message: Message, words: str) -> None:
+def test_a_message_that_must_not_be_sent_is_refused_by_name(message: Message, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         pack(message)
 
@@ -440,7 +440,7 @@ def test_a_key_is_read_as_hexadecimal() -> None:
 @pytest.mark.parametrize(
     ("text", "words"), [("0011", "2 bytes, at least 16"), ("key!", "not hexadecimal")]
 )
-def test_a_key_that_is_none_says_why(text: str, words: str) -> None:
+def test_an_invalid_key_is_refused_with_the_reason(text: str, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         safety_key(text)
 

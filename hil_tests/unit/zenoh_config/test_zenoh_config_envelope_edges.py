@@ -1,4 +1,4 @@
-"""Lengths, keys and types of envelopes at their edges, and how gates count and say what they do."""
+"""Envelopes at the limits of length, key and type, and the counters and messages of the gates."""
 
 import hmac
 import struct
@@ -52,7 +52,8 @@ def refused(payload: bytes) -> Refused:
 
 
 def check(answer: MovementAuthority | TrainOrders, now_ns: int = NOW_NS) -> Refused | None:
-    """By a gate of train 7 in its life 3 that has heard nothing and takes a second from three."""
+    """Check a message with a new gate of train 7 in incarnation 3; it accepts three sources and
+    an age of 1 s."""
     if isinstance(answer, MovementAuthority):
         gate = AuthorityGate(train=7, boot=3, max_age_ns=1000 * MS, sources=(0, 9, 12))
         return gate.check(answer, now_ns)
@@ -64,7 +65,7 @@ def check(answer: MovementAuthority | TrainOrders, now_ns: int = NOW_NS) -> Refu
 
 
 @pytest.mark.parametrize("length", range(HEADER_BYTES + 1))
-def test_what_holds_no_more_than_a_header_is_too_short_even_under_a_right_code(
+def test_an_envelope_without_a_body_is_too_short_even_with_a_correct_code(
     length: int,
 ) -> None:
     payload = with_code(struct.pack(">BBHHIQ", 2, 2, 0, 7, 5, 6)[:length])
@@ -73,7 +74,7 @@ def test_what_holds_no_more_than_a_header_is_too_short_even_under_a_right_code(
 
 
 @pytest.mark.parametrize("length", range(CODE_BYTES))
-def test_what_is_shorter_than_a_code_is_too_short(length: int) -> None:
+def test_an_envelope_shorter_than_its_code_is_too_short(length: int) -> None:
     assert refused(bytes(length)) == Refused(RefusedReason.TOO_SHORT, f"{length} bytes")
 
 
@@ -100,7 +101,7 @@ def test_a_genuine_envelope_of_4096_bytes_is_read_and_a_longer_one_is_not(
     assert refused(payload).reason is reason
 
 
-def test_how_long_a_long_one_was_is_said() -> None:
+def test_the_refusal_of_a_long_envelope_names_its_length() -> None:
     assert refused(bytes(4097)) == Refused(RefusedReason.TOO_LONG, "4097 bytes")
 
 
@@ -115,12 +116,12 @@ def test_a_key_of_sixteen_bytes_or_more_seals_and_opens(length: int) -> None:
     assert unpack(pack(AUTHORITY, key), key) == AUTHORITY
 
 
-def test_a_key_of_fifteen_bytes_is_none() -> None:
+def test_a_key_of_fifteen_bytes_is_refused() -> None:
     with pytest.raises(ValueError, match="15 bytes, at least 16 are needed"):
         safety_key("ab" * 15)
 
 
-def test_many_keys_in_turn_are_never_taken_for_each_other() -> None:
+def test_many_keys_in_turn_are_never_confused() -> None:
     keys = [bytes([number] * 16) for number in range(40)]
     payloads = [pack(AUTHORITY, key) for key in keys]
 
@@ -133,11 +134,11 @@ def test_many_keys_in_turn_are_never_taken_for_each_other() -> None:
                 assert isinstance(unpack(payload, other), Refused)
 
 
-# Version, then type, then fields.
+# The checks come in this order: version, type, fields.
 
 
 @pytest.mark.parametrize("version", [0, 1, 3, 255])
-def test_of_another_version_nothing_else_is_judged(version: int) -> None:
+def test_an_envelope_of_another_version_is_checked_no_further(version: int) -> None:
     payload = headed(b"\xc1", version=version, kind=200)
 
     words = f"version {version}, known is 2"
@@ -145,7 +146,7 @@ def test_of_another_version_nothing_else_is_judged(version: int) -> None:
 
 
 @pytest.mark.parametrize("kind", [0, *range(5, 16), *range(35, 256)])
-def test_a_type_that_nobody_sends_is_unknown(kind: int) -> None:
+def test_an_unused_type_is_unknown(kind: int) -> None:
     payload = headed(b"\xc1", kind=kind)
 
     assert refused(payload) == Refused(RefusedReason.UNKNOWN_TYPE, f"type {kind}")
@@ -175,7 +176,7 @@ wild_numbers = st.integers(-(2**63), 2**64 - 1) | st.sampled_from([0, 2**32 - 1,
 
 
 @given(wild_numbers, wild_numbers, wild_numbers, wild_m, st.none() | wild_m)
-def test_receivers_judge_an_authority_as_its_sender_should_have(
+def test_receiver_and_sender_apply_the_same_checks_to_an_authority(
     boot: int, term: int, echo_stamp_ns: int, end_m: float, rear_m: float | None
 ) -> None:
     sent = MovementAuthority(7, boot, term, 5, echo_stamp_ns, end_m, 0, 6, rear_m)
@@ -198,7 +199,9 @@ def test_receivers_judge_an_authority_as_its_sender_should_have(
         (replace(ORDERS, source=-1), "TrainOrders: source -1 is not in 0..65535"),
     ],
 )
-def test_what_must_not_be_sent_is_named_by_message_and_field(message: Message, words: str) -> None:
+def test_a_message_that_must_not_be_sent_names_message_and_field(
+    message: Message, words: str
+) -> None:
     with pytest.raises(ValueError, match=f"^{words}$"):
         pack(message)
 
@@ -207,7 +210,7 @@ def test_what_must_not_be_sent_is_named_by_message_and_field(message: Message, w
 
 
 @ANSWERS
-def test_the_first_number_of_the_first_term_is_newer_than_nothing(
+def test_the_first_number_of_the_first_term_is_accepted(
     answer: MovementAuthority | TrainOrders,
 ) -> None:
     first = replace(answer, sequence=0)
@@ -216,7 +219,7 @@ def test_the_first_number_of_the_first_term_is_newer_than_nothing(
 
 
 @ANSWERS
-def test_what_is_numbered_below_all_numbers_is_not_newer_than_nothing(
+def test_a_number_below_the_first_one_is_refused(
     answer: MovementAuthority | TrainOrders,
 ) -> None:
     below = replace(answer, sequence=-1)
@@ -250,13 +253,13 @@ def test_what_is_numbered_below_all_numbers_is_not_newer_than_nothing(
         ({"source": 12}, None),
     ],
 )
-def test_a_refusal_says_what_was_wrong_and_by_how_much(
+def test_a_refusal_names_the_error_and_its_size(
     answer: MovementAuthority | TrainOrders, change: dict[str, int], expected: Refused | None
 ) -> None:
     assert check(replace(answer, **change)) == expected  # type: ignore[arg-type]
 
 
-def test_an_authority_that_is_not_newer_says_what_is_held() -> None:
+def test_the_refusal_of_an_old_authority_names_the_held_one() -> None:
     gate = AuthorityGate(train=7, boot=3, max_age_ns=1000 * MS)
     gate.check(AUTHORITY, NOW_NS)
 
@@ -268,7 +271,7 @@ def test_an_authority_that_is_not_newer_says_what_is_held() -> None:
     assert gate.refusals == {RefusedReason.OLD_TERM: 1, RefusedReason.NOT_NEWER: 1}
 
 
-def test_orders_that_are_not_newer_say_what_is_held() -> None:
+def test_the_refusal_of_old_orders_names_the_held_ones() -> None:
     gate = OrdersGate(train=7, boot=3, max_age_ns=1000 * MS)
     gate.check(ORDERS, NOW_NS)
 
@@ -278,7 +281,7 @@ def test_orders_that_are_not_newer_say_what_is_held() -> None:
 
 
 @REPORTS
-def test_a_report_that_is_not_taken_says_whose_it_is_and_what_was_heard(
+def test_the_refusal_of_a_report_names_its_sender_and_the_last_accepted_number(
     report: PositionReport | TrainStatus,
 ) -> None:
     gate = ReportGate()
@@ -296,7 +299,7 @@ def test_a_report_that_is_not_taken_says_whose_it_is_and_what_was_heard(
 
 
 @REPORTS
-def test_a_gate_for_reports_counts_what_it_took_and_what_it_did_not(
+def test_a_gate_for_reports_counts_accepted_and_refused_ones(
     report: PositionReport | TrainStatus,
 ) -> None:
     gate = ReportGate()
@@ -309,7 +312,7 @@ def test_a_gate_for_reports_counts_what_it_took_and_what_it_did_not(
 
 
 @REPORTS
-def test_a_gate_with_an_address_takes_what_is_for_it_and_nothing_for_the_wayside(
+def test_a_gate_with_an_address_accepts_only_messages_for_that_address(
     report: PositionReport | TrainStatus,
 ) -> None:
     gate = ReportGate(address=5)

@@ -1,4 +1,4 @@
-"""Keys mean to the virtual radio what they mean to zenoh."""
+"""The virtual radio matches keys exactly as zenoh does."""
 
 import pytest
 import zenoh
@@ -17,23 +17,23 @@ expressions = (
 
 
 @given(expressions, key_texts)
-def test_an_expression_matches_what_zenoh_says_it_matches(expression: str, key: str) -> None:
+def test_an_expression_matches_the_same_keys_as_in_zenoh(expression: str, key: str) -> None:
     assert keys.matches(expression, key) == zenoh.KeyExpr(expression).includes(key)
 
 
 @pytest.mark.parametrize("expression", ["", "/a", "a/", "a//b", "a*", "a/$*", "a/#", "a?b/**"])
-def test_an_expression_that_is_none_is_named(expression: str) -> None:
+def test_an_invalid_expression_is_refused_by_name(expression: str) -> None:
     with pytest.raises(ValueError, match="not a key expression"):
         keys.matches(expression, "a/b")
 
 
 @pytest.mark.parametrize("key", ["", "/a", "a//b", "a/*", "a/b$"])
-def test_a_key_that_is_none_is_named(key: str) -> None:
+def test_an_invalid_key_is_refused_by_name(key: str) -> None:
     with pytest.raises(ValueError, match="not a key"):
         keys.matches("**", key)
 
 
-def test_a_wayside_hears_all_reports_of_its_area_and_nothing_else() -> None:
+def test_a_wayside_receives_all_reports_of_its_area_and_nothing_else() -> None:
     wanted = keys.reports("florence")
 
     assert keys.matches(wanted, keys.report("florence", 7))
@@ -43,7 +43,7 @@ def test_a_wayside_hears_all_reports_of_its_area_and_nothing_else() -> None:
     assert not keys.matches(wanted, keys.authority("florence", 0, 7))
 
 
-def test_a_train_hears_its_own_authorities_from_every_issuer_and_area() -> None:
+def test_a_train_receives_its_own_authorities_from_every_issuer_and_area() -> None:
     wanted = keys.authorities("florence", 7)
 
     assert keys.matches(wanted, keys.authority("florence", 0, 7))
@@ -53,7 +53,7 @@ def test_a_train_hears_its_own_authorities_from_every_issuer_and_area() -> None:
 
 
 @given(st.text(max_size=30))
-def test_every_line_name_makes_keys_that_zenoh_takes(name: str) -> None:
+def test_every_line_name_gives_valid_zenoh_keys(name: str) -> None:
     zenoh.KeyExpr(keys.reports(name))
     zenoh.KeyExpr(keys.authorities(name, 1))
 

@@ -1,4 +1,4 @@
-"""Receivers act on each message once, in order, in time, and only when they are meant."""
+"""Receivers accept each message once, in order, in time, and only when it is for them."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def test_an_authority_is_accepted_once() -> None:
         ({"sequence": 51, "echo_stamp_ns": NOW_NS - MAX_AGE_NS - 1}, RefusedReason.TOO_OLD),
     ],
 )
-def test_after_one_authority_the_next_must_be_newer_ours_and_fresh(
+def test_after_one_authority_the_next_must_be_newer_for_this_train_and_fresh(
     change: dict[str, int], expected: RefusedReason | None
 ) -> None:
     gate = authority_gate()
@@ -77,7 +77,7 @@ def test_after_one_authority_the_next_must_be_newer_ours_and_fresh(
     assert gate.refusals == ({} if expected is None else {expected: 1})
 
 
-def test_terms_seen_before_a_restart_still_fence() -> None:
+def test_terms_received_before_a_restart_still_fence() -> None:
     gate = authority_gate(seen_term=3)
 
     assert reason(gate.check(AUTHORITY, NOW_NS)) is RefusedReason.OLD_TERM
@@ -95,7 +95,9 @@ def test_a_refused_authority_changes_nothing() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 5)), max_size=40))
-def test_whatever_the_order_what_is_accepted_only_grows(arrivals: list[tuple[int, int]]) -> None:
+def test_accepted_authorities_only_grow_whatever_the_order_of_arrival(
+    arrivals: list[tuple[int, int]],
+) -> None:
     gate = authority_gate()
 
     accepted = [
@@ -139,7 +141,7 @@ def test_orders_are_accepted_once() -> None:
         ({"sequence": 51, "echo_stamp_ns": NOW_NS - MAX_AGE_NS - 1}, RefusedReason.TOO_OLD),
     ],
 )
-def test_after_some_orders_the_next_must_be_newer_ours_and_fresh(
+def test_after_some_orders_the_next_must_be_newer_for_this_train_and_fresh(
     change: dict[str, int], expected: RefusedReason | None
 ) -> None:
     gate = orders_gate()
@@ -160,7 +162,7 @@ def test_refused_orders_change_nothing() -> None:
 
 
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=40))
-def test_whatever_the_order_accepted_orders_only_grow(arrivals: list[int]) -> None:
+def test_accepted_orders_only_grow_whatever_the_order_of_arrival(arrivals: list[int]) -> None:
     gate = orders_gate()
 
     accepted = [
@@ -175,7 +177,9 @@ def test_whatever_the_order_accepted_orders_only_grow(arrivals: list[int]) -> No
 
 
 @pytest.mark.parametrize("report", [REPORT, STATUS], ids=["position", "status"])
-def test_a_gate_for_statuses_is_one_for_reports(report: PositionReport | TrainStatus) -> None:
+def test_a_gate_for_statuses_behaves_like_one_for_reports(
+    report: PositionReport | TrainStatus,
+) -> None:
     gate = ReportGate()
 
     assert gate.check(report) is None
@@ -216,7 +220,7 @@ def test_after_one_report_the_next_must_be_newer_and_for_us(
     assert gate.refusals == ({} if expected is None else {expected: 1})
 
 
-def test_an_incarnation_that_ended_is_not_heard_again() -> None:
+def test_messages_of_an_ended_incarnation_are_refused() -> None:
     gate = ReportGate()
     gate.check(REPORT)
     gate.check(replace(REPORT, boot=4, sequence=0))

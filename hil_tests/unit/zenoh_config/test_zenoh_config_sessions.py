@@ -1,4 +1,4 @@
-"""The shipped session settings are ones that zenoh takes, with the endpoint that was asked for."""
+"""Zenoh accepts the shipped session settings, with the requested endpoint."""
 
 import json
 
@@ -23,7 +23,7 @@ def test_a_train_is_a_client_that_connects() -> None:
 
 
 def test_a_wayside_is_a_router_that_listens() -> None:
-    """As a peer it would silently pass nothing on."""
+    """In peer mode the wayside would silently forward nothing."""
     assert setting(SessionRole.WAYSIDE, "mode") == "router"
     assert setting(SessionRole.WAYSIDE, "listen/endpoints", "tcp/[::1]:7000") == [
         "tcp/[::1]:7000?rel=1"
@@ -31,16 +31,16 @@ def test_a_wayside_is_a_router_that_listens() -> None:
 
 
 @pytest.mark.parametrize("role", SessionRole)
-def test_nothing_leaves_the_machine_unasked(role: SessionRole) -> None:
+def test_the_default_settings_do_not_leave_the_machine(role: SessionRole) -> None:
     assert setting(role, "scouting/multicast/enabled") is False
 
 
-def test_the_wayside_tells_peers_of_each_other_and_clients_of_nobody() -> None:
-    """Without being told of each other peers open sessions, and nothing is delivered, silently."""
+def test_the_wayside_announces_peers_to_each_other_but_not_to_clients() -> None:
+    """Without gossip, peers open sessions to each other but silently deliver nothing."""
     assert [setting(role, "scouting/gossip/enabled") for role in SessionRole] == [False, True, True]
 
 
-def test_a_peer_listens_where_it_is_told_and_never_gives_up_the_wayside() -> None:
+def test_a_peer_listens_at_its_endpoint_and_keeps_trying_the_wayside() -> None:
     text = session_settings(SessionRole.PEER, "tcp/wayside.example:7000", "tcp/[fe80::1]:0")
     config = zenoh.Config.from_json5(text)
 
@@ -51,7 +51,7 @@ def test_a_peer_listens_where_it_is_told_and_never_gives_up_the_wayside() -> Non
 
 
 @pytest.mark.parametrize("listens_at", ["here", "udp/127.0.0.1:0", "tcp/127.0.0.1:65536"])
-def test_where_a_peer_cannot_listen_is_named(listens_at: str) -> None:
+def test_an_endpoint_where_a_peer_cannot_listen_is_named(listens_at: str) -> None:
     with pytest.raises(ValueError, match="it has the form tcp/HOST:PORT") as caught:
         session_settings(SessionRole.PEER, DEFAULT_ENDPOINT, listens_at)
 
@@ -66,7 +66,7 @@ def test_where_a_peer_cannot_listen_is_named(listens_at: str) -> None:
         "tcp/127.0.0.1:0", "tcp/127.0.0.1:65536", 'tcp/h:1"]', "tcp/h:1?rel=0", "tcp/a b:1",
     ],
 )  # fmt: skip
-def test_an_endpoint_that_is_none_is_named(role: SessionRole, endpoint: str) -> None:
+def test_an_invalid_endpoint_is_refused_by_name(role: SessionRole, endpoint: str) -> None:
     with pytest.raises(ValueError, match="it has the form tcp/HOST:PORT") as caught:
         session_settings(role, endpoint)
 

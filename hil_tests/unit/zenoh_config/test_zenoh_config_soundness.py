@@ -1,4 +1,5 @@
-"""Each field of what train, wayside and centre say is sound up to its edges and no farther."""
+"""Each field of the messages of train, wayside and centre is valid up to its limits and not
+beyond."""
 
 import math
 from dataclasses import replace
@@ -58,19 +59,19 @@ def with_field(message: Message, name: str, value: float) -> Message:
 
 
 def restricted(start_m: float, end_m: float, limit_mps: float) -> str:
-    """What is wrong with orders that hold this restriction behind a good one."""
+    """The problem of orders with this restriction behind a valid one."""
     good = SpeedRestriction(0.0, 1.0, 5.0)
     bad = SpeedRestriction(start_m, end_m, limit_mps)
     return problem_of(replace(ORDERS, restrictions=(good, bad)))
 
 
 @MESSAGES
-def test_an_honest_message_has_no_problem(message: Message) -> None:
+def test_a_valid_message_has_no_problem(message: Message) -> None:
     assert problem_of(message) == ""
 
 
 @pytest.mark.parametrize(("message", "name", "least", "most"), WHOLE_NUMBERS)
-def test_a_whole_number_is_sound_from_its_least_to_its_most(
+def test_an_integer_is_valid_from_its_minimum_to_its_maximum(
     message: Message, name: str, least: int, most: int
 ) -> None:
     for value in (least, least + 1, most - 1, most):
@@ -78,7 +79,7 @@ def test_a_whole_number_is_sound_from_its_least_to_its_most(
 
 
 @pytest.mark.parametrize(("message", "name", "least", "most"), WHOLE_NUMBERS)
-def test_a_whole_number_beyond_its_range_is_named_with_the_range(
+def test_an_integer_out_of_range_is_named_with_the_range(
     message: Message, name: str, least: int, most: int
 ) -> None:
     for value in (-most, least - 1, most + 1, 2 * most + 2):
@@ -87,7 +88,7 @@ def test_a_whole_number_beyond_its_range_is_named_with_the_range(
 
 
 @pytest.mark.parametrize(("message", "name", "most"), MEASURES)
-def test_a_measure_is_sound_in_both_directions_up_to_its_edge(
+def test_a_measure_is_valid_in_both_directions_up_to_its_limit(
     message: Message, name: str, most: float
 ) -> None:
     for value in (-most, 0.0, most):
@@ -95,7 +96,7 @@ def test_a_measure_is_sound_in_both_directions_up_to_its_edge(
 
 
 @pytest.mark.parametrize(("message", "name", "most"), MEASURES)
-def test_a_measure_a_hair_beyond_its_edge_or_no_number_is_named(
+def test_a_measure_just_beyond_its_limit_or_nan_is_named(
     message: Message, name: str, most: float
 ) -> None:
     beyond = math.nextafter(most, math.inf)
@@ -116,7 +117,7 @@ def test_a_measure_a_hair_beyond_its_edge_or_no_number_is_named(
         (LINE_END_M, LINE_END_M, LINE_END_M),
     ],
 )
-def test_a_report_may_be_certain_to_the_metre_and_at_either_end_of_the_line(
+def test_a_report_may_have_exact_positions_and_lie_at_either_end_of_the_line(
     rear_m: float, low_m: float, high_m: float
 ) -> None:
     report = replace(REPORT, rear_min_m=rear_m, front_min_m=low_m, front_max_m=high_m)
@@ -139,7 +140,7 @@ def test_a_report_may_be_certain_to_the_metre_and_at_either_end_of_the_line(
         (5.0, 6.0, math.inf, "off every line"),
     ],
 )
-def test_a_report_whose_places_contradict_each_other_or_the_line_is_unsound(
+def test_a_report_with_contradicting_positions_is_invalid(
     rear_m: float, low_m: float, high_m: float, words: str
 ) -> None:
     report = replace(REPORT, rear_min_m=rear_m, front_min_m=low_m, front_max_m=high_m)
@@ -148,7 +149,7 @@ def test_a_report_whose_places_contradict_each_other_or_the_line_is_unsound(
 
 
 @pytest.mark.parametrize("rear_m", [None, -LINE_END_M, 0.0, 1450.0])
-def test_an_authority_protects_nothing_behind_or_anything_up_to_its_end(
+def test_an_authority_may_protect_any_track_up_to_its_end(
     rear_m: float | None,
 ) -> None:
     assert problem_of(replace(AUTHORITY, rear_m=rear_m)) == ""
@@ -158,7 +159,7 @@ def test_an_authority_protects_nothing_behind_or_anything_up_to_its_end(
     "rear_m",
     [-JUST_OFF_LINE_M, math.nextafter(1450.0, 1451.0), math.nan, math.inf, -math.inf],
 )
-def test_an_authority_protects_nothing_off_the_line_or_beyond_its_end(rear_m: float) -> None:
+def test_an_authority_may_not_protect_track_off_the_line_or_beyond_its_end(rear_m: float) -> None:
     words = f"rear_m {rear_m} is off every line or beyond end_m 1450.0"
 
     assert problem_of(replace(AUTHORITY, rear_m=rear_m)) == words
@@ -173,7 +174,7 @@ def test_an_authority_protects_nothing_off_the_line_or_beyond_its_end(rear_m: fl
         (-LINE_END_M, -LINE_END_M, math.nextafter(0.0, 1.0)),
     ],
 )
-def test_a_restriction_may_be_one_point_or_the_whole_line_and_as_slow_as_anything_that_moves(
+def test_a_restriction_may_cover_one_point_or_the_whole_line_at_any_positive_speed(
     start_m: float, end_m: float, limit_mps: float
 ) -> None:
     assert restricted(start_m, end_m, limit_mps) == ""
@@ -189,14 +190,14 @@ def test_a_restriction_may_be_one_point_or_the_whole_line_and_as_slow_as_anythin
         (3.0, math.nan),
     ],
 )
-def test_a_restriction_without_a_stretch_is_unsound(start_m: float, end_m: float) -> None:
+def test_a_restriction_with_reversed_ends_is_invalid(start_m: float, end_m: float) -> None:
     words = f"restriction from {start_m} m to {end_m} m is no stretch of a line"
 
     assert restricted(start_m, end_m, 5.0) == words
 
 
 @pytest.mark.parametrize("limit_mps", [0.0, -1.0, TOO_FAST_MPS, math.inf, math.nan])
-def test_a_restriction_to_no_speed_or_an_absurd_one_is_unsound(limit_mps: float) -> None:
+def test_a_restriction_to_zero_or_an_absurd_speed_is_invalid(limit_mps: float) -> None:
     words = f"restriction to {limit_mps} m/s is not in 0..200.0"
 
     assert restricted(0.0, 1.0, limit_mps) == words
@@ -210,7 +211,7 @@ def test_eight_restrictions_fit_and_nine_do_not() -> None:
 
 
 @given(st.tuples(*3 * [st.floats()]))
-def test_no_report_without_an_order_of_finite_places_is_sound(
+def test_only_finite_ordered_positions_make_a_valid_report(
     places_m: tuple[float, float, float],
 ) -> None:
     rear_m, low_m, high_m = places_m

@@ -1,4 +1,5 @@
-"""Train-to-train messages are laid out as documented, and sound up to the edges of their fields."""
+"""Train-to-train messages have the documented layout, and are valid up to the limits of their
+fields."""
 
 import dataclasses
 import enum
@@ -62,7 +63,7 @@ LINE_END_M = 1_000_000.0
 JUST_OFF_LINE_M = math.nextafter(LINE_END_M, math.inf)
 HEAD = (9, 4, 1, 7, 2, 100, STAMP_NS)
 HEAD_OF_BODY: list[object] = [1, 7, 2]
-"""Area, term and boot: the rest of the head stands in the header of the envelope."""
+"""Area, term and boot; the header of the envelope holds the rest."""
 SLOW = SpeedRestriction(10.5, 20.5, 5.5)
 SHUT = SpeedRestriction(30.5, 40.5, 6.5)
 REPORT = TrainReport(
@@ -137,10 +138,11 @@ examples = pytest.mark.parametrize(
 )
 
 UNPLACED = dataclasses.replace(REPORT, localised=False)
-"""Its places are void, so that each may be tried alone."""
+"""A report without position, whose positions do not count, so that the test can vary each alone."""
 WHOLE_LINE = dataclasses.replace(AUTHORITY, rear_m=-LINE_END_M, end_m=LINE_END_M)
 ALONE: dict[type[T2tMessage], T2tMessage] = {TrainReport: UNPLACED, AreaAuthority: WHOLE_LINE}
-"""Where fields are compared with each other: examples that stay sound if one is changed."""
+"""Examples for messages whose fields depend on each other; they stay valid when one field
+changes."""
 TRIED = [ALONE.get(type(message), message) for _, message, _ in EXAMPLES]
 ADDRESSES = frozenset(
     (
@@ -151,7 +153,7 @@ ADDRESSES = frozenset(
 
 
 def sealed(number: int, body: object) -> bytes:
-    """An envelope by the document alone."""
+    """An envelope built from the documented format alone."""
     header = struct.pack(">BBHHIQ", 2, number, 9, 4, 100, STAMP_NS)
     told = header + msgspec.msgpack.encode(body)
     return told + hmac.digest(BENCH_KEY, told, "sha256")[:16]
@@ -163,7 +165,7 @@ def reason(number: int, body: object) -> RefusedReason | None:
 
 
 def most_of(name: str) -> int:
-    """The greatest whole number that a field of this name may hold."""
+    """The largest integer that a field of this name may hold."""
     if name.endswith("_ns"):
         return MAX_STAMP_NS
     if name in ADDRESSES:
@@ -172,7 +174,7 @@ def most_of(name: str) -> int:
 
 
 def fields_of(kind: type) -> list[tuple[T2tMessage, str]]:
-    """Every field of every message that holds exactly this type."""
+    """Every field of every message whose type is exactly `kind`."""
     return [
         (message, field.name)
         for message in TRIED
@@ -201,15 +203,16 @@ def test_a_message_is_laid_out_as_documented(
 
 
 @examples
-def test_what_was_laid_out_comes_back_with_all_its_types(
+def test_an_unpacked_message_has_all_its_types(
     number: int, message: T2tMessage, rest: list[object]
 ) -> None:
-    """Equality takes a list for an entry and a number for an enumeration; the text does not."""
+    """Equality accepts a list for an entry and a number for an enumeration; the text form does
+    not."""
     assert repr(unpack(sealed(number, HEAD_OF_BODY + rest))) == repr(message)
 
 
 @examples
-def test_a_body_with_a_field_too_few_or_too_many_is_refused(
+def test_a_body_with_a_missing_or_extra_field_is_refused(
     number: int, message: T2tMessage, rest: list[object]
 ) -> None:
     whole = HEAD_OF_BODY + rest
@@ -240,7 +243,7 @@ def test_a_value_of_another_type_is_refused_in_any_field(
 
 
 @examples
-def test_a_value_of_another_type_is_refused_in_any_place_of_an_entry(
+def test_a_value_of_another_type_is_refused_in_any_field_of_an_entry(
     number: int, message: T2tMessage, rest: list[object]
 ) -> None:
     whole = HEAD_OF_BODY + rest
@@ -275,7 +278,7 @@ def test_types_are_numbered_from_16_without_a_gap() -> None:
 
 
 @pytest.mark.parametrize("message", [*TRIED, REPORT, AUTHORITY], ids=lambda m: type(m).__name__)
-def test_an_honest_message_has_no_problem(message: T2tMessage) -> None:
+def test_a_valid_message_has_no_problem(message: T2tMessage) -> None:
     assert problem_of_t2t(message) == ""
 
 
@@ -283,7 +286,7 @@ WHOLE_NUMBERS = fields_of(int)
 
 
 @pytest.mark.parametrize(("message", "name"), WHOLE_NUMBERS, ids=told_of(WHOLE_NUMBERS))
-def test_a_whole_number_is_sound_from_zero_to_its_most(message: T2tMessage, name: str) -> None:
+def test_an_integer_is_valid_from_zero_to_its_maximum(message: T2tMessage, name: str) -> None:
     most = most_of(name)
 
     for value in (0, 1, most - 1, most):
@@ -296,7 +299,7 @@ MEASURES = fields_of(float)
 
 
 @pytest.mark.parametrize(("message", "name"), MEASURES, ids=told_of(MEASURES))
-def test_a_measure_is_sound_in_both_directions_up_to_its_edge(
+def test_a_measure_is_valid_in_both_directions_up_to_its_limit(
     message: T2tMessage, name: str
 ) -> None:
     most = 200.0 if name.endswith("_mps") else LINE_END_M
@@ -309,10 +312,8 @@ def test_a_measure_is_sound_in_both_directions_up_to_its_edge(
 
 
 @pytest.mark.parametrize(("message", "name"), MEASURES, ids=told_of(MEASURES))
-def test_a_measure_given_as_a_whole_number_is_judged_as_a_measure(
-    message: T2tMessage, name: str
-) -> None:
-    """A chainage of -5 is a place, and one of 1,000,001 is none."""
+def test_an_integer_measure_is_checked_like_any_measure(message: T2tMessage, name: str) -> None:
+    """A chainage of -5 is valid; one of 1 000 001 is not."""
     most = 200 if name.endswith("_mps") else 1_000_000
 
     for value in (-most, -5, 0, most):
@@ -322,7 +323,7 @@ def test_a_measure_given_as_a_whole_number_is_judged_as_a_measure(
 
 
 @pytest.mark.parametrize("message", TRIED, ids=lambda m: type(m).__name__)
-def test_either_answer_to_yes_or_no_and_every_named_number_is_sound(message: T2tMessage) -> None:
+def test_both_booleans_and_every_enumeration_value_are_valid(message: T2tMessage) -> None:
     for field in dataclasses.fields(message):
         value = getattr(message, field.name)
         if isinstance(value, bool):
@@ -333,7 +334,7 @@ def test_either_answer_to_yes_or_no_and_every_named_number_is_sound(message: T2t
             assert problem_with(message, field.name, each) == ""
 
 
-# Lists and what stands in them.
+# Lists and their entries.
 
 LISTS = [
     (message, field.name)
@@ -349,7 +350,7 @@ lists = pytest.mark.parametrize(("message", "name"), LISTS, ids=told_of(LISTS))
 
 
 @lists
-def test_a_list_is_sound_until_it_is_full(message: T2tMessage, name: str) -> None:
+def test_a_list_is_valid_up_to_its_maximum_length(message: T2tMessage, name: str) -> None:
     one, most = getattr(message, name)[:1], MOST_ENTRIES[name]
 
     for count in (0, 1, most - 1, most):
@@ -371,7 +372,7 @@ ENTRIES = [
     ENTRIES,
     ids=[f"{type(message).__name__}.{name}.{place}" for message, name, place in ENTRIES],
 )
-def test_what_stands_in_an_entry_is_judged_as_it_is_in_a_message(
+def test_a_field_of_an_entry_is_checked_like_a_field_of_a_message(
     message: T2tMessage, name: str, place: str
 ) -> None:
     good = getattr(message, name)[0]
@@ -413,7 +414,7 @@ stretches = pytest.mark.parametrize(("message", "name"), STRETCHES, ids=told_of(
         (0.0, 1.0, math.nextafter(0.0, 1.0)),
     ],
 )
-def test_a_stretch_may_be_one_point_or_the_whole_line_at_any_speed_that_moves(
+def test_a_stretch_may_cover_one_point_or_the_whole_line_at_any_positive_speed(
     message: T2tMessage, name: str, start_m: float, end_m: float, limit_mps: float
 ) -> None:
     stretch = SpeedRestriction(start_m, end_m, limit_mps)
@@ -432,7 +433,7 @@ def test_a_stretch_may_be_one_point_or_the_whole_line_at_any_speed_that_moves(
         (3.0, math.nan),
     ],
 )
-def test_a_stretch_that_is_none_is_unsound(
+def test_a_stretch_with_reversed_ends_is_invalid(
     message: T2tMessage, name: str, start_m: float, end_m: float
 ) -> None:
     stretch = SpeedRestriction(start_m, end_m, 5.0)
@@ -443,7 +444,7 @@ def test_a_stretch_that_is_none_is_unsound(
 
 @stretches
 @pytest.mark.parametrize("limit_mps", [0.0, -1.0, math.nextafter(200.0, 201.0), math.inf, math.nan])
-def test_a_limit_to_no_speed_or_an_absurd_one_is_unsound(
+def test_a_limit_of_zero_or_an_absurd_speed_is_invalid(
     message: T2tMessage, name: str, limit_mps: float
 ) -> None:
     stretch = SpeedRestriction(1.0, 2.0, limit_mps)
@@ -452,11 +453,11 @@ def test_a_limit_to_no_speed_or_an_absurd_one_is_unsound(
     assert problem_with(message, name, (SLOW, stretch)) == words
 
 
-# Fields against each other.
+# Fields that depend on each other.
 
 
 def placed(rear_m: float, low_m: float, high_m: float, latent_m: float, protected_m: float) -> str:
-    """What is wrong with a located train that reports these places."""
+    """The problem of a located train that reports these positions."""
     report = dataclasses.replace(
         REPORT,
         rear_min_m=rear_m,
@@ -478,7 +479,7 @@ def placed(rear_m: float, low_m: float, high_m: float, latent_m: float, protecte
         (-LINE_END_M, 6.0, 7.0, LINE_END_M, 0.0),
     ],
 )
-def test_a_located_train_may_know_its_places_to_the_metre(
+def test_a_located_train_may_report_exact_positions(
     places_m: tuple[float, float, float, float, float],
 ) -> None:
     assert placed(*places_m) == ""
@@ -493,7 +494,7 @@ def test_a_located_train_may_know_its_places_to_the_metre(
         (9.0, 8.0, 7.0, 6.0, 7.0),
     ],
 )
-def test_a_located_train_whose_places_are_out_of_order_says_nothing_honest(
+def test_a_located_train_with_positions_out_of_order_is_invalid(
     places_m: tuple[float, float, float, float, float],
 ) -> None:
     rear_m, low_m, high_m, latent_m, _ = places_m
@@ -507,20 +508,20 @@ def test_a_located_train_whose_places_are_out_of_order_says_nothing_honest(
 @pytest.mark.parametrize(
     "protected_m", [math.nextafter(4.0, 3.0), 3.0, math.nextafter(6.0, 7.0), 7.0]
 )
-def test_a_train_comes_to_rest_between_its_rear_and_its_front(protected_m: float) -> None:
+def test_the_stopping_place_lies_between_rear_and_front(protected_m: float) -> None:
     words = f"protected_m {protected_m} is not between rear_min_m 4.0 and front_max_m 6.0"
 
     assert placed(4.0, 5.0, 6.0, 9.0, protected_m) == words
 
 
-def test_the_places_of_a_train_that_is_not_located_are_void_and_need_no_order() -> None:
+def test_positions_of_a_train_that_is_not_located_need_no_order() -> None:
     void = dataclasses.replace(UNPLACED, rear_min_m=9.0, front_min_m=8.0, front_max_m=7.0)
 
     assert problem_of_t2t(void) == ""
     assert unpack(pack(void)) == void
 
 
-def test_also_void_places_are_numbers() -> None:
+def test_positions_of_a_train_that_is_not_located_must_still_be_finite() -> None:
     assert problem_with(UNPLACED, "latent_m", math.nan).startswith("latent_m nan is not in ")
 
 
@@ -555,7 +556,7 @@ def test_an_authority_protects_up_to_its_end_at_most(
         (dataclasses.replace(REPORT, latent_m=102.0), "rear_min_m 20.5, .* not in this order"),
     ],
 )
-def test_what_no_honest_train_says_is_not_sent_and_named(message: T2tMessage, words: str) -> None:
+def test_an_invalid_message_is_not_sent_and_named(message: T2tMessage, words: str) -> None:
     with pytest.raises(ValueError, match=f"^{type(message).__name__}: {words}"):
         pack(message)
 
@@ -576,7 +577,7 @@ def test_what_no_honest_train_says_is_not_sent_and_named(message: T2tMessage, wo
         (31, [1, 7, 2, 4900, 10, 3, 10.5, 20.5, 200.5]),
     ],
 )
-def test_a_genuine_envelope_with_an_unsound_body_is_refused(
+def test_an_envelope_with_a_correct_code_and_an_invalid_body_is_refused(
     number: int, body: list[object]
 ) -> None:
     assert reason(number, body) is RefusedReason.INVALID_VALUE
@@ -592,7 +593,7 @@ def test_a_genuine_envelope_with_an_unsound_body_is_refused(
         (32, [1, 7, 2, 5, 98, 7, [], [[1, 3, 7, 9, 5, 4000]], [], [], []]),
     ],
 )
-def test_a_number_that_nothing_is_named_by_is_refused(number: int, body: list[object]) -> None:
+def test_an_undefined_enumeration_value_is_refused(number: int, body: list[object]) -> None:
     assert reason(number, body) is RefusedReason.WRONG_FIELDS
 
 
@@ -626,7 +627,7 @@ EIGHT = 8 * (SpeedRestriction(-123_456.789, 123_456.789, 12.3),)
     ],
     ids=lambda message: type(message).__name__,
 )
-def test_the_fullest_message_of_the_greatest_numbers_is_short_enough_to_be_read(
+def test_the_largest_message_fits_the_length_limit(
     message: T2tMessage,
 ) -> None:
     assert repr(unpack(pack(message))) == repr(message)
