@@ -1,4 +1,4 @@
-"""Expressions of users: Python's own arithmetic over named signals, and nothing else."""
+"""Expressions of users: Python's arithmetic over named signals, and nothing else."""
 
 from dataclasses import make_dataclass
 from types import SimpleNamespace
@@ -32,7 +32,9 @@ def texts(draw: st.DrawFn, depth: int = 3) -> str:
 
 
 @given(texts(), numbers, numbers, numbers)
-def test_the_value_is_that_of_python(text: str, speed: float, front: float, doors: float) -> None:
+def test_the_value_equals_that_of_python(
+    text: str, speed: float, front: float, doors: float
+) -> None:
     signals = dict(zip(NAMES, (speed, front, doors), strict=True))
 
     value = compile_expression(text, NAMES)(SimpleNamespace(**signals))
@@ -40,7 +42,7 @@ def test_the_value_is_that_of_python(text: str, speed: float, front: float, door
     assert value == float(eval(text, {}, signals))  # noqa: S307 - the oracle
 
 
-def test_the_names_that_are_read_are_known() -> None:
+def test_the_names_in_an_expression_are_listed() -> None:
     expression = compile_expression("abs(front_m) > 3 and speed_mps < 1", NAMES)
 
     assert expression.names == {"front_m", "speed_mps"}
@@ -81,7 +83,7 @@ def test_true_and_false_are_numbers() -> None:
         ("\0", "not an expression"),
     ],
 )
-def test_anything_else_is_refused_with_words(text: str, words: str) -> None:
+def test_anything_else_is_refused_with_a_message(text: str, words: str) -> None:
     with pytest.raises(ExpressionError) as raised:
         compile_expression(text, NAMES)
 
@@ -89,7 +91,7 @@ def test_anything_else_is_refused_with_words(text: str, words: str) -> None:
 
 
 @given(st.text(max_size=40))
-def test_no_text_does_anything_but_compile_or_be_refused(text: str) -> None:
+def test_any_text_is_either_compiled_or_refused(text: str) -> None:
     try:
         expression = compile_expression(text, NAMES)
     except ExpressionError:

@@ -1,4 +1,4 @@
-"""A signal is a wish to end, and handlers are given back."""
+"""A signal requests the end, and the former handlers are restored."""
 
 import os
 import signal
@@ -9,7 +9,7 @@ from firmware_py.interrupts import Interrupts
 
 
 @pytest.mark.parametrize(("number", "keyboard"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
-def test_a_signal_leaves_a_note_and_handlers_are_given_back(number: int, keyboard: bool) -> None:
+def test_a_signal_is_recorded_and_handlers_are_restored(number: int, keyboard: bool) -> None:
     before = signal.getsignal(number)
     interrupts = Interrupts()
 
@@ -22,7 +22,7 @@ def test_a_signal_leaves_a_note_and_handlers_are_given_back(number: int, keyboar
     assert signal.getsignal(number) is before
 
 
-def test_handlers_are_given_back_after_an_exception_too() -> None:
+def test_handlers_are_restored_after_an_exception_too() -> None:
     before = signal.getsignal(signal.SIGTERM)
 
     with pytest.raises(RuntimeError), Interrupts().caught():

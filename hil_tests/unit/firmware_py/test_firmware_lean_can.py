@@ -1,4 +1,4 @@
-"""A process that opens a bus starts without python-can's MF4, and has it whole when asked."""
+"""A process that opens a bus starts without python-can's MF4 module and loads it on demand."""
 
 import json
 import subprocess
@@ -24,7 +24,7 @@ print(json.dumps([before, found, whole]))
 """
 
 
-def test_mf4_is_left_out_until_it_is_used_and_then_works(tmp_path: Path) -> None:
+def test_mf4_is_loaded_only_when_used_and_then_works(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", ASK, str(tmp_path / "log.mf4")],
         capture_output=True,
@@ -36,7 +36,7 @@ def test_mf4_is_left_out_until_it_is_used_and_then_works(tmp_path: Path) -> None
     assert json.loads(done.stdout) == [[], [[0x123, "metro"]], True]
 
 
-def test_a_python_can_that_is_there_stays_as_it_is() -> None:
+def test_an_already_loaded_python_can_stays_unchanged() -> None:
     text = (
         "import can, sys, firmware_py.buses.lean_can as lean\n"
         "one = sys.modules['can.io.mf4']; lean.put_off_mf4()\n"

@@ -1,4 +1,4 @@
-"""The frame of a command: one line and a documented exit code, however the command ends."""
+"""The frame around a command: one line and a documented exit code, however the command ends."""
 
 import os
 import signal
@@ -31,7 +31,7 @@ CLOSED: Final = "tried: standard output: closed; the rest of the output is lost"
 def tried(
     *body: str, load: str = "pass", stdout: int | str = subprocess.PIPE, **environment: str
 ) -> tuple[int, str, list[str]]:
-    """Exit code, standard output and the lines of standard error of such a command."""
+    """Exit code, standard output and lines of standard error of such a command."""
     lines = "\n".join(f"    {line}" for line in body)
     script = FRAME.format(body=lines, load=f"    {load}")
     opened = os.open(stdout, os.O_WRONLY) if isinstance(stdout, str) else stdout
@@ -53,15 +53,15 @@ def tried(
     ("ending", "code"),
     [("return 0", 0), ("return 2", 2), ("sys.exit(3)", 3), ("sys.exit()", 0)],
 )
-def test_the_exit_code_of_a_command_is_its_own(ending: str, code: int) -> None:
+def test_a_command_decides_its_exit_code(ending: str, code: int) -> None:
     assert tried("print('said')", ending) == (code, "said\n", [])
 
 
-def test_what_a_command_says_as_its_exit_code_is_1() -> None:
+def test_a_text_as_exit_code_gives_exit_code_1() -> None:
     assert tried("sys.exit('this is wrong')") == (1, "", ["this is wrong"])
 
 
-def test_a_mistake_of_ours_keeps_its_traceback() -> None:
+def test_a_program_error_keeps_its_traceback() -> None:
     code, _, errors = tried("raise ValueError('ours')")
 
     assert code == 1
@@ -91,7 +91,7 @@ def test_a_second_ctrl_c_while_python_ends_leaves_no_traceback() -> None:
     assert errors == ["tried: ended by Ctrl-C"]
 
 
-def test_what_the_disk_refuses_is_one_line_and_3(tmp_path: Path) -> None:
+def test_a_disk_error_is_one_line_and_exit_code_3(tmp_path: Path) -> None:
     absent = tmp_path / "absent" / "x"
 
     assert tried(f"open({str(absent)!r})") == (
@@ -107,12 +107,12 @@ def test_a_full_standard_output_ends_a_command_that_only_shows() -> None:
     assert (code, errors) == (3, [FULL])
 
 
-def test_a_little_that_was_never_written_is_lost_too() -> None:
+def test_a_short_unwritten_output_counts_as_lost_too() -> None:
     assert tried("print('x')", "return 0", stdout="/dev/full") == (3, "", [FULL])
 
 
 @pytest.mark.parametrize("code", [0, 1])
-def test_a_command_at_work_goes_on_without_standard_output(code: int) -> None:
+def test_a_working_command_goes_on_without_standard_output(code: int) -> None:
     ended, _, errors = tried(
         "with working():",
         "    print('x' * 100_000, flush=True)",
@@ -124,7 +124,7 @@ def test_a_command_at_work_goes_on_without_standard_output(code: int) -> None:
     assert (ended, errors) == (code or 3, ["went on", FULL])
 
 
-def test_a_thread_that_prints_is_no_traceback() -> None:
+def test_a_printing_thread_causes_no_traceback() -> None:
     code, _, errors = tried(
         "thread = threading.Thread(target=lambda: print('x', flush=True))",
         "thread.start()",
@@ -135,7 +135,7 @@ def test_a_thread_that_prints_is_no_traceback() -> None:
     assert (code, errors) == (3, [FULL])
 
 
-def test_a_reader_that_is_gone_ends_a_command_that_only_shows() -> None:
+def test_a_closed_pipe_ends_a_command_that_only_shows() -> None:
     reader, writer = os.pipe()
     os.close(reader)
 
@@ -147,7 +147,8 @@ def test_a_reader_that_is_gone_ends_a_command_that_only_shows() -> None:
 
 
 def test_no_file_is_opened_in_place_of_a_closed_standard_output(tmp_path: Path) -> None:
-    """It would get descriptor 1, and whatever is printed by a library or a child would go there."""
+    """Such a file would get descriptor 1, and the output of libraries and children would go into
+    it."""
     log = tmp_path / "bus.log"
     script = FRAME.format(
         body=f"    log = open({str(log)!r}, 'w')\n    os.system('echo from a child')\n"
@@ -167,7 +168,7 @@ def test_no_file_is_opened_in_place_of_a_closed_standard_output(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252:strict"])
-def test_what_a_terminal_cannot_show_is_replaced_and_told(encoding: str) -> None:
+def test_characters_that_a_terminal_cannot_show_are_replaced_with_a_notice(encoding: str) -> None:
     code, said, errors = tried("print('II → III, ┃')", PYTHONIOENCODING=encoding, PYTHONUTF8="0")
 
     assert (code, said) == (3, "II ? III, ?\n")
@@ -175,7 +176,7 @@ def test_what_a_terminal_cannot_show_is_replaced_and_told(encoding: str) -> None
     assert "cannot show '\\u2192' and 1 other character; set PYTHONIOENCODING=utf-8" in errors[0]
 
 
-def test_who_asked_for_replacements_gets_them_without_a_word() -> None:
+def test_requested_replacements_come_without_a_notice() -> None:
     assert tried("print('→')", PYTHONIOENCODING="ascii:namereplace") == (
         0, "\\N{RIGHTWARDS ARROW}\n", []
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Configuration files: what is right arrives typed, what is wrong is said with file and key."""
+"""Configuration files: valid values arrive typed, and errors name file and key."""
 
 import enum
 import re
@@ -91,7 +91,7 @@ def test_a_table_becomes_a_dataclass_with_every_value_of_its_type() -> None:
         assert isinstance(number, float)
 
 
-def test_a_file_that_changed_is_read_anew_and_one_that_is_wrong_is_refused_each_time(
+def test_a_changed_file_is_read_again_and_a_wrong_one_is_refused_each_time(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "axle.toml"
@@ -112,7 +112,7 @@ def test_a_file_that_changed_is_read_anew_and_one_that_is_wrong_is_refused_each_
         settings.load(Axle, str(other), "firmware_py")
 
 
-def test_what_has_a_default_may_be_left_out() -> None:
+def test_a_key_with_a_default_may_be_omitted() -> None:
     wagon = settings.build(Wagon, {"name": "A", "seats": 1, "mass_kg": 1, "axles": []}, "w.toml")
 
     assert wagon == Wagon("A", 1, 1.0, ())
@@ -174,7 +174,7 @@ def test_a_file_written_from_settings_gives_the_same_settings(
         ({"limits_mps": {"a": "fast"}}, "limits_mps.a: 'fast' is not a number"),
     ],
 )
-def test_a_wrong_value_is_said_with_file_key_and_value(
+def test_a_wrong_value_is_reported_with_file_key_and_value(
     change: dict[str, Any], said: str, tmp_path: Path
 ) -> None:
     assert refusal(with_change(**change), tmp_path).startswith(said)
@@ -199,7 +199,7 @@ def test_a_missing_key_is_named(key: str, tmp_path: Path) -> None:
         b"seats = 2020-01-01T00:00:00+99:99",
     ],
 )
-def test_what_is_no_toml_is_said_with_the_file(content: bytes, tmp_path: Path) -> None:
+def test_invalid_toml_is_reported_with_the_file(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "wagon.toml"
     path.write_bytes(content)
 
@@ -213,7 +213,7 @@ def test_a_number_that_no_float_holds_is_not_finite(tmp_path: Path) -> None:
     assert "is not a finite number" in refusal(with_change(mass_kg=10**400), tmp_path)
 
 
-def test_dates_are_no_numbers(tmp_path: Path) -> None:
+def test_a_date_is_refused_for_a_number(tmp_path: Path) -> None:
     path = tmp_path / "wagon.toml"
     path.write_text('name = "A"\nseats = 1\naxles = []\nmass_kg = 1979-05-27\n')
 
@@ -233,7 +233,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
         assert str(Path(name)) in str(caught.value)
 
 
-def test_a_name_that_is_not_shipped_gets_the_nearest_that_is() -> None:
+def test_an_unknown_shipped_name_is_reported_with_the_nearest() -> None:
     with pytest.raises(SettingsError, match="florenz: nearest valid shipped name: florence"):
         settings.find("florenz", "firmware_py.trackdb")
     with pytest.raises(SettingsError, match=r"xyz: valid shipped names: .*florence"):
@@ -246,7 +246,7 @@ def test_a_name_that_is_not_shipped_gets_the_nearest_that_is() -> None:
     assert "florence" in settings.shipped_names("firmware_py.trackdb")
 
 
-def test_a_field_that_no_file_can_fill_is_our_mistake() -> None:
+def test_a_field_that_no_file_can_fill_is_a_program_error() -> None:
     @dataclass(frozen=True, slots=True)
     class Odd:
         value: int | str
@@ -264,8 +264,8 @@ VALUES = st.recursive(
 
 
 @given(key=st.sampled_from([*WAGON, "other"]), value=VALUES)
-def test_no_value_of_any_kind_gets_past_as_something_else(key: str, value: Any) -> None:
-    """Whatever stands at a key: either it arrives with its own value, or it is refused in words."""
+def test_no_value_is_silently_converted(key: str, value: Any) -> None:
+    """A value at any key either arrives unchanged or is refused with a message."""
     refused = ""
     try:
         wagon = settings.build(Wagon, with_change(**{key: value}), "wagon.toml")
@@ -310,7 +310,7 @@ def overridden(changes: Mapping[str, Any]) -> Train:
     return settings.override(TRAIN, changes, "train.toml")
 
 
-def test_an_override_changes_what_it_names_and_nothing_else() -> None:
+def test_an_override_changes_only_its_key() -> None:
     train = overridden(
         {
             "wagons.1.mass_kg": 31_000,
@@ -350,7 +350,7 @@ def test_without_changes_nothing_changes() -> None:
 def test_a_range_may_be_fixed_or_changed_by_its_ends(
     changes: dict[str, Any], delay_s: Range
 ) -> None:
-    """Both ends at once are checked together, however they are written."""
+    """Both ends given together are checked together, however they are written."""
     assert overridden(changes).delay_s == delay_s
 
 
@@ -380,7 +380,7 @@ def test_a_range_may_be_fixed_or_changed_by_its_ends(
         ({"spare.seats": 3}, "spare.name: missing key"),
     ],
 )
-def test_an_override_that_cannot_be_says_which(changes: dict[str, Any], words: str) -> None:
+def test_an_impossible_override_is_named(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(SettingsError) as caught:
         overridden(changes)
 
@@ -392,8 +392,8 @@ def test_an_override_that_cannot_be_says_which(changes: dict[str, Any], words: s
     key=st.sampled_from(["delay_s", "wagons.0.seats", "wagons.1.axles", "spare", "doors.1", "x.y"]),
     value=VALUES,
 )
-def test_no_override_gets_past_as_something_else(key: str, value: Any) -> None:
-    """It is refused in words, or the train is one that could have stood in a file."""
+def test_no_override_is_silently_converted(key: str, value: Any) -> None:
+    """An override is refused with a message, or gives a train that a file could describe."""
     refused = ""
     try:
         train = overridden({key: value})

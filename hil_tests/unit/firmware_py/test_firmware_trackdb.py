@@ -1,4 +1,4 @@
-"""The line by chainage, against oracles that look at every section and at sampled points."""
+"""The line by chainage, against oracles that examine every section and sampled points."""
 
 import itertools
 import re
@@ -39,7 +39,7 @@ def cut(points_m: list[int]) -> list[tuple[float, float]]:
 
 @st.composite
 def lines(draw: st.DrawFn) -> LineMap:
-    """A line whose sections touch, leave gaps, and end at its ends, as chance has it."""
+    """A random line whose sections touch, leave gaps, and end at the ends of the line."""
     start_m = draw(st.integers(-500, 500))
     end_m = start_m + draw(st.integers(10, 2000))
     inner = st.lists(st.integers(start_m, end_m), max_size=8)
@@ -97,7 +97,7 @@ def radius_by_hand(line: LineMap, at_m: float) -> float | None:
 
 
 def rise_by_hand_m(line: LineMap, rear_m: float, front_m: float) -> Fraction:
-    """Exact: for each gradient the part of the stretch that lies on it."""
+    """Exact sum over all gradients of the part of the stretch that lies on each."""
     rise_m = Fraction(0)
     for section in line.gradients:
         part_m = min(Fraction(front_m), Fraction(section.end_m)) - max(
@@ -110,7 +110,7 @@ def rise_by_hand_m(line: LineMap, rear_m: float, front_m: float) -> Fraction:
 def least_by_hand(
     line: LineMap, value: Callable[[LineMap, float], float], rear_m: float, front_m: float
 ) -> float:
-    """The least at both ends, at every edge between them and at points sampled between them."""
+    """The least value at both ends, at every edge between them and at sampled points."""
     places_m = [rear_m, front_m]
     sections: list[SpeedSection | GradientSection] = [*line.speed_sections, *line.gradients]
     for section in sections:
@@ -120,7 +120,7 @@ def least_by_hand(
 
 
 @given(lines_and_stretches())
-def test_values_at_a_point_are_those_of_the_section_that_holds_it(
+def test_values_at_a_point_are_those_of_its_section(
     drawn: tuple[LineMap, float, float],
 ) -> None:
     line, *places_m = drawn
@@ -156,7 +156,7 @@ def test_the_worst_gradient_is_that_of_the_worst_point_under_the_train(
 @given(lines_and_stretches())
 def test_the_mean_gradient_is_the_rise_over_the_length(drawn: tuple[LineMap, float, float]) -> None:
     line, rear_m, front_m = drawn
-    # A train is some metres long; over a hair's breadth heights of metres cannot be subtracted.
+    # A train is some metres long; over a tiny length the difference of two heights is too inexact.
     if front_m - rear_m < 0.1:
         front_m = rear_m + 0.1
 
@@ -176,7 +176,8 @@ def test_height_is_the_rise_since_the_start_and_never_jumps(
     for at_m in places_m:
         exact_m = float(rise_by_hand_m(line, line.start_m, max(at_m, line.start_m)))
         assert line.height_m(at_m) == pytest.approx(exact_m, abs=1e-9)
-        # No gradient is steeper than 60 per mille here, so a micrometre on is as high.
+        # No gradient is steeper than 60 per mille here, so the height a micrometre further is the
+        # same.
         assert line.height_m(at_m + 1e-6) == pytest.approx(line.height_m(at_m), abs=1e-7)
 
 
@@ -194,7 +195,8 @@ def test_a_train_longer_than_the_slow_section_is_held_by_it() -> None:
 
 
 def test_a_train_partly_off_the_line_is_on_level_track_there() -> None:
-    """Forty metres of it on the climb that begins at the line's start, forty behind."""
+    """Forty metres of the train are on the climb at the start of the line and forty before the
+    line."""
     line = LineMap(
         name="ramp",
         start_m=0.0,
@@ -213,8 +215,8 @@ def test_a_train_partly_off_the_line_is_on_level_track_there() -> None:
     assert (line.limit_mps(-1e6), line.limit_mps(1e6)) == (10.0, 10.0)
 
 
-def test_the_shipped_line_is_that_of_the_paper() -> None:
-    """Tables 3 and 4 and the signalling scenario of section III.C."""
+def test_the_shipped_line_equals_the_published_one() -> None:
+    """Tables 3 and 4 and the signalling scenario of section III.C of [Allotta 2013]."""
     assert {station.name: station.stop_m for station in FLORENCE.stations} == {
         "Start": 0.0,
         "I": 1500.0,
@@ -235,7 +237,8 @@ def test_the_shipped_line_is_that_of_the_paper() -> None:
 
 @pytest.mark.parametrize("name", ["I", "II", "III", "IV"])
 def test_three_tags_lead_to_every_stop_and_a_fourth_lies_under_the_antenna(name: str) -> None:
-    """50, 10 and 1.5 m before the stop, where the antenna is 2 m behind the front coupler."""
+    """The tags lie 50, 10 and 1.5 m before the stop, for an antenna 2 m behind the front
+    coupler."""
     stop_m, antenna_m = FLORENCE.station(name).stop_m, 2.0
 
     to_stop_m = {
@@ -247,7 +250,7 @@ def test_three_tags_lead_to_every_stop_and_a_fourth_lies_under_the_antenna(name:
     assert to_stop_m == {TagKind.T1: 50.0, TagKind.T2: 10.0, TagKind.T3: 1.5, TagKind.STOP: 0.0}
 
 
-def test_every_train_of_the_paper_fits_between_line_start_and_its_first_stop() -> None:
+def test_every_published_train_fits_between_line_start_and_first_stop() -> None:
     consist_m = 2 * 17.455 + 2 * 16.84
 
     assert FLORENCE.stations[0].stop_m - consist_m >= FLORENCE.start_m
@@ -256,12 +259,12 @@ def test_every_train_of_the_paper_fits_between_line_start_and_its_first_stop() -
         assert station.side is PlatformSide.RIGHT
 
 
-def test_stations_between_leaves_out_where_the_train_is_and_keeps_where_it_goes() -> None:
+def test_stations_between_excludes_the_present_and_includes_the_last_station() -> None:
     assert [s.name for s in FLORENCE.stations_between(0.0, 3500.0)] == ["I", "II", "III"]
     assert [s.name for s in FLORENCE.stations_between(1500.0, 1500.0)] == []
 
 
-def test_an_unknown_station_is_told_with_those_there_are() -> None:
+def test_an_unknown_station_is_reported_with_the_known_ones() -> None:
     with pytest.raises(KeyError, match=r"florence has no station V; it has Start, I, II, III, IV"):
         FLORENCE.station("V")
 
@@ -328,7 +331,7 @@ def swapped(key: str, index: int) -> dict[str, Any]:
         ({**florence_table(), "end_m": -120.0}, "end_m -120.0 is not beyond start_m -120.0"),
     ],
 )
-def test_a_line_that_contradicts_itself_is_said_with_file_and_key(
+def test_a_contradiction_in_a_line_is_reported_with_file_and_key(
     table: dict[str, Any], said: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "line.toml"
@@ -349,6 +352,6 @@ def test_a_line_that_contradicts_itself_is_said_with_file_and_key(
         {"stations": (replace(FLORENCE.stations[0], platform_end_m=float("inf")),)},
     ],
 )
-def test_no_line_is_made_of_what_is_no_number(change: dict[str, Any]) -> None:
+def test_a_line_with_nan_or_infinity_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"nan|not on the line"):
         replace(FLORENCE, **change)

@@ -1,4 +1,4 @@
-"""The words of a program, and what it says of files that they name."""
+"""The arguments of a program, and its messages about the files that they name."""
 
 import sys
 
@@ -7,14 +7,14 @@ import pytest
 from firmware_py.arguments import of_file, words_of
 
 
-def test_those_of_the_process_count_where_none_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_arguments_of_the_process_are_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["vobc", "run", "é:ü"])
 
     assert words_of("vobc", None) == ["run", "é:ü"]
     assert words_of("vobc", ()) == []
 
 
-def test_one_that_is_no_text_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_argument_that_is_not_utf_8_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         words_of("hil", ["run", "a\udcff.toml"])
 
@@ -22,7 +22,7 @@ def test_one_that_is_no_text_is_refused(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().err.startswith("hil: 'a\\udcff.toml': not UTF-8; ")
 
 
-def test_of_a_file_its_name_is_said_where_there_is_one() -> None:
+def test_the_message_of_a_file_error_names_the_file() -> None:
     assert of_file(OSError(28, "No space left on device", "x.log")) == (
         "x.log: No space left on device"
     )

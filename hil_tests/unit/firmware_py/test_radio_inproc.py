@@ -1,4 +1,4 @@
-"""The virtual radio delays, loses, doubles and cuts as told, the same way every time."""
+"""The virtual radio delays, loses, duplicates and cuts as configured, reproducibly."""
 
 import random
 from collections import Counter
@@ -27,7 +27,7 @@ def test_a_message_arrives_after_the_delay_and_not_before() -> None:
     assert list(train.receive(FAR_NS)) == []
 
 
-def test_a_port_hears_what_it_subscribed_to_and_not_itself() -> None:
+def test_a_port_receives_its_subscriptions_and_not_its_own_messages() -> None:
     wayside, train = pair(InprocRadio(0.0))
     train.send(0, "st/1", b"here")
     train.send(0, "ma/7", b"own voice")
@@ -37,7 +37,7 @@ def test_a_port_hears_what_it_subscribed_to_and_not_itself() -> None:
     assert list(train.receive(0)) == []
 
 
-def test_messages_of_one_instant_come_in_the_order_of_sending() -> None:
+def test_messages_of_one_instant_arrive_in_the_order_of_sending() -> None:
     radio = InprocRadio(0.010)
     wayside, train = pair(radio)
     other = radio.port("other", [])
@@ -73,17 +73,17 @@ def test_jitter_only_adds_and_fills_its_range() -> None:
     assert max(late_ns) > 118 * MS
 
 
-def test_loss_and_duplication_have_the_ratio_asked_for() -> None:
+def test_loss_and_duplication_have_the_configured_ratio() -> None:
     counts = Counter(payload for _, payload in heard(4, loss_ratio=0.2, duplication_ratio=0.3))
 
-    # Six standard deviations either way.
+    # Six standard deviations to either side.
     assert len(counts) == pytest.approx(1600, abs=110)
     doubled = sum(count == 2 for count in counts.values())
     assert doubled == pytest.approx(0.3 * len(counts), abs=115)
     assert set(counts.values()) == {1, 2}
 
 
-def test_loss_leaves_the_delays_of_what_arrives_alone() -> None:
+def test_loss_does_not_change_the_delays_of_other_messages() -> None:
     whole = {payload: stamp_ns for stamp_ns, payload in heard(5, jitter_s=0.1)}
     lossy = {payload: stamp_ns for stamp_ns, payload in heard(5, jitter_s=0.1, loss_ratio=0.5)}
 
@@ -91,7 +91,7 @@ def test_loss_leaves_the_delays_of_what_arrives_alone() -> None:
     assert lossy == {payload: whole[payload] for payload in lossy}
 
 
-def test_a_cut_silences_both_ways_until_it_heals() -> None:
+def test_a_cut_blocks_both_directions_until_it_ends() -> None:
     radio = InprocRadio(0.001)
     wayside, train = pair(radio)
     wayside.send(0, "ma/7", b"in the air")
@@ -118,7 +118,7 @@ def test_a_cut_of_one_direction_leaves_the_other() -> None:
     assert [message.payload for message in wayside.receive(0)] == [b"heard"]
 
 
-def test_nothing_vanishes_uncounted() -> None:
+def test_every_lost_message_is_counted() -> None:
     radio = InprocRadio(0.0, loss_ratio=0.3, duplication_ratio=0.3, generator=random.Random(1))
     wayside, train = pair(radio)
     for number in range(INBOX_MESSAGES * 4):
@@ -144,7 +144,7 @@ def test_a_full_inbox_keeps_the_newest() -> None:
     assert int.from_bytes(messages[-1].payload, "big") == INBOX_MESSAGES + 4
 
 
-def test_a_closed_port_neither_sends_nor_hears() -> None:
+def test_a_closed_port_neither_sends_nor_receives() -> None:
     wayside, train = pair(InprocRadio(0.0))
     wayside.send(0, "ma/7", b"x")
     train.close()

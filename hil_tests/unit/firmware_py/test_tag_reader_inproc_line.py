@@ -1,4 +1,4 @@
-"""The virtual wire takes the time that a real one takes and loses nothing unseen."""
+"""The virtual serial line takes the transmission time of a real one and counts every loss."""
 
 from fractions import Fraction
 
@@ -15,7 +15,7 @@ def byte_end_ns(count: int, baud: int = 115_200) -> Fraction:
     return Fraction(count * 10 * 10**9, baud)
 
 
-def test_a_byte_is_heard_when_its_stop_bit_is_over_and_not_before() -> None:
+def test_a_byte_is_received_at_the_end_of_its_stop_bit() -> None:
     reader, controller = inproc_line()
     reader.send(5 * MS, b"ab")
 
@@ -52,10 +52,10 @@ def test_both_directions_are_independent() -> None:
     st.lists(st.tuples(st.integers(0, 20 * MS), st.binary(min_size=1, max_size=40)), max_size=8),
     st.lists(st.integers(0, 60 * MS), max_size=12),
 )
-def test_when_bytes_arrive_does_not_depend_on_when_one_looks(
+def test_arrival_times_do_not_depend_on_the_instants_of_reception(
     sends: list[tuple[int, bytes]], looks: list[int]
 ) -> None:
-    """Against a wire that is played byte by byte in exact fractions."""
+    """The oracle transmits byte by byte with exact fractions."""
     reader, controller = inproc_line()
     for at_ns, data in sorted(sends):
         reader.send(at_ns, data)
@@ -71,14 +71,14 @@ def test_when_bytes_arrive_does_not_depend_on_when_one_looks(
         for chunk in controller.receive(now_ns):
             assert chunk.stamp_ns <= now_ns
             heard += chunk.data
-        # Ends are whole nanoseconds in the port, so it may be ahead by what rounding took away.
+        # The port rounds ends to whole nanoseconds, so it may be ahead by the rounding.
         assert len(heard) >= sum(end_ns <= now_ns for end_ns, _ in played)
         assert len(heard) <= sum(end_ns <= now_ns + len(sends) + 1 for end_ns, _ in played)
 
     assert heard == bytes(byte for _, byte in played)[: len(heard)]
 
 
-def test_a_line_that_nobody_reads_is_bounded_and_counts_what_it_drops() -> None:
+def test_an_unread_line_is_bounded_and_counts_dropped_bytes() -> None:
     reader, controller = inproc_line(capacity_bytes=100)
     for _ in range(5):
         reader.send(0, b"z" * 30)
@@ -91,7 +91,7 @@ def test_a_line_that_nobody_reads_is_bounded_and_counts_what_it_drops() -> None:
     assert controller.counters.received == 90
 
 
-def test_a_closed_end_neither_sends_nor_hears() -> None:
+def test_a_closed_end_neither_sends_nor_receives() -> None:
     reader, controller = inproc_line()
     reader.send(0, b"abc")
     controller.close()

@@ -1,4 +1,4 @@
-"""Telegrams survive any cutting of the stream, and no damage ever turns one into another."""
+"""Telegrams survive any cutting of the stream, and no damage turns one into another."""
 
 import itertools
 from dataclasses import replace
@@ -30,7 +30,7 @@ BALISE = TagTelegram(
 )
 HEALTH = HealthTelegram(9, 5000.0, antenna_ok=True, telegrams_read=2, crc_errors=1, uptime_s=5)
 
-# The wire holds tenths of a millisecond; only those come back unchanged.
+# The wire holds tenths of a millisecond; only those are read back unchanged.
 stamps_ms = st.integers(0, 2**32 - 1).map(lambda ticks: ticks / 10)
 tags = st.builds(
     TagTelegram,
@@ -62,7 +62,8 @@ def heard(*pieces: bytes) -> list[Heard]:
 
 
 def on_the_wire(content: bytes) -> bytes:
-    """Stuffed byte by byte, with another CRC implementation: the oracle for everything below."""
+    """The oracle for all tests below: it stuffs byte by byte and uses another CRC
+    implementation."""
     stuffed = bytearray()
     for byte in content + int(Crc32.calc(content)).to_bytes(4, "big"):
         stuffed += bytes([0x7D, byte ^ 0x20]) if byte in (0x7E, 0x7D) else bytes([byte])
@@ -94,17 +95,17 @@ def health_content(health: HealthTelegram) -> bytes:
 
 
 @given(tags)
-def test_a_tag_goes_on_the_wire_as_documented(tag: TagTelegram) -> None:
+def test_a_tag_telegram_is_encoded_as_documented(tag: TagTelegram) -> None:
     assert encode(tag) == on_the_wire(tag_content(tag))
 
 
 @given(healths)
-def test_a_health_telegram_goes_on_the_wire_as_documented(health: HealthTelegram) -> None:
+def test_a_health_telegram_is_encoded_as_documented(health: HealthTelegram) -> None:
     assert encode(health) == on_the_wire(health_content(health))
 
 
 @given(st.lists(tags | healths, min_size=1, max_size=12), st.data())
-def test_telegrams_come_back_however_the_stream_is_cut(
+def test_telegrams_are_decoded_however_the_stream_is_cut(
     telegrams: list[TagTelegram | HealthTelegram], data: st.DataObject
 ) -> None:
     sent = [replace(telegram, sequence=at) for at, telegram in enumerate(telegrams)]
@@ -117,7 +118,7 @@ def test_telegrams_come_back_however_the_stream_is_cut(
     assert heard(*pieces) == sent
 
 
-def test_telegrams_come_back_byte_by_byte() -> None:
+def test_telegrams_are_decoded_byte_by_byte() -> None:
     stream = encode(TAG) + encode(BALISE) + encode(HEALTH)
 
     assert heard(*(bytes([byte]) for byte in stream)) == [TAG, BALISE, HEALTH]
@@ -128,7 +129,7 @@ def test_two_telegrams_may_share_a_flag() -> None:
 
 
 @pytest.mark.parametrize("victim", [TAG, BALISE, HEALTH], ids=["tag", "balise", "health"])
-def test_no_single_wrong_bit_makes_another_telegram_or_costs_a_neighbour(
+def test_no_single_wrong_bit_gives_another_telegram_or_loses_a_neighbour(
     victim: TagTelegram | HealthTelegram,
 ) -> None:
     before = replace(HEALTH, sequence=victim.sequence - 1)
@@ -146,7 +147,7 @@ def test_no_single_wrong_bit_makes_another_telegram_or_costs_a_neighbour(
 
 
 @pytest.mark.parametrize("victim", [TAG, BALISE, HEALTH], ids=["tag", "balise", "health"])
-def test_no_byte_missing_or_doubled_makes_another_telegram(
+def test_no_missing_or_doubled_byte_gives_another_telegram(
     victim: TagTelegram | HealthTelegram,
 ) -> None:
     before = replace(HEALTH, sequence=victim.sequence - 1)
@@ -158,13 +159,13 @@ def test_no_byte_missing_or_doubled_makes_another_telegram(
             result = heard(encode(before) + broken + encode(after))
             telegrams = [item for item in result if not isinstance(item, TornTelegram)]
 
-            # A flag may be missing or doubled without harm; everything else costs the telegram.
+            # A missing or doubled flag does no harm; any other byte costs the telegram.
             assert telegrams in ([before, after], [before, victim, after])
             assert (victim in telegrams) == (at in (0, len(frame) - 1))
 
 
 @pytest.mark.parametrize("length", range(1, len(encode(BALISE)) - 1))
-def test_a_telegram_cut_short_is_torn_and_the_next_is_heard(length: int) -> None:
+def test_a_truncated_telegram_is_torn_and_the_next_is_received(length: int) -> None:
     result = heard(encode(BALISE)[:length] + encode(HEALTH))
 
     assert result[-1] == HEALTH
@@ -172,7 +173,7 @@ def test_a_telegram_cut_short_is_torn_and_the_next_is_heard(length: int) -> None
 
 
 @given(st.lists(noise, max_size=8))
-def test_noise_never_raises_and_the_next_telegram_is_heard(pieces: list[bytes]) -> None:
+def test_noise_never_raises_and_the_next_telegram_is_received(pieces: list[bytes]) -> None:
     parser = TelegramParser()
     for piece in pieces:
         for item in parser.feed(piece):
@@ -183,7 +184,7 @@ def test_noise_never_raises_and_the_next_telegram_is_heard(pieces: list[bytes]) 
 
 
 @given(noise)
-def test_every_torn_piece_is_counted_by_reason(data: bytes) -> None:
+def test_every_torn_telegram_is_counted_by_reason(data: bytes) -> None:
     parser = TelegramParser()
 
     torn = [item.reason for item in parser.feed(data) if isinstance(item, TornTelegram)]
@@ -191,7 +192,7 @@ def test_every_torn_piece_is_counted_by_reason(data: bytes) -> None:
     assert sorted(parser.torn.elements(), key=str) == sorted(torn, key=str)
 
 
-def test_a_line_that_sends_no_flag_fills_no_memory() -> None:
+def test_a_line_without_flags_does_not_fill_the_memory() -> None:
     parser = TelegramParser()
     for _ in range(1000):
         assert parser.feed(b"x" * 1000) == []
@@ -206,7 +207,7 @@ def test_a_line_that_sends_no_flag_fills_no_memory() -> None:
 
 @pytest.mark.parametrize("length", [0, 1, MAX_PAYLOAD_BYTES - 1, MAX_PAYLOAD_BYTES])
 @pytest.mark.parametrize("byte", [b"\x00", b"\x7d", b"\x7e", b"\xff"])
-def test_payloads_of_every_length_come_back(length: int, byte: bytes) -> None:
+def test_payloads_of_every_length_are_read_back(length: int, byte: bytes) -> None:
     balise = replace(BALISE, payload=byte * length)
 
     assert len(encode(balise)) <= MAX_FRAME_BYTES
@@ -234,7 +235,7 @@ def test_payloads_of_every_length_come_back(length: int, byte: bytes) -> None:
         (b"\x01\x02" + bytes(400), TornReason.TOO_LONG),
     ],
 )
-def test_a_sound_frame_with_unsound_content_is_torn(content: bytes, reason: TornReason) -> None:
+def test_a_correct_frame_with_invalid_content_is_torn(content: bytes, reason: TornReason) -> None:
     (torn,) = heard(on_the_wire(content))
 
     assert isinstance(torn, TornTelegram)
@@ -242,7 +243,7 @@ def test_a_sound_frame_with_unsound_content_is_torn(content: bytes, reason: Torn
 
 
 @pytest.mark.parametrize("tail", [b"\x7d", b"\x7dA", b"\x7d\x7d"])
-def test_an_escape_that_escapes_nothing_is_torn(tail: bytes) -> None:
+def test_an_invalid_escape_is_torn(tail: bytes) -> None:
     (torn,) = heard(b"\x7e" + encode(TAG)[1:-1] + tail + b"\x7e")
 
     assert torn == TornTelegram(TornReason.BROKEN_ESCAPE, encode(TAG)[1:-1] + tail)
@@ -258,7 +259,7 @@ def test_a_wrong_crc_is_torn() -> None:
 
 
 def numbered(*sequences: int) -> tuple[TelegramParser, list[Heard]]:
-    """Health telegrams that differ in more than their sequence."""
+    """Health telegrams that differ in more than their sequence number."""
     parser = TelegramParser()
     stream = (replace(HEALTH, sequence=s, uptime_s=at) for at, s in enumerate(sequences))
     return parser, [item for telegram in stream for item in parser.feed(encode(telegram))]
@@ -271,7 +272,7 @@ def test_a_repeated_sequence_is_not_delivered_twice() -> None:
     assert (parser.duplicates, parser.lost, parser.healths) == (1, 0, 2)
 
 
-def test_an_old_telegram_played_again_is_not_delivered() -> None:
+def test_a_replayed_old_telegram_is_not_delivered() -> None:
     parser = TelegramParser()
     frames = [encode(replace(TAG, sequence=s, pulses=s)) for s in range(5)]
 
@@ -285,14 +286,14 @@ def test_an_old_telegram_played_again_is_not_delivered() -> None:
     ("sequences", "gaps"),
     [
         ((), 0),
-        ((7,), 1),  # What came before it nobody heard.
+        ((7,), 1),  # Telegrams before the first one may be missing.
         ((7, 8, 9), 1),
         ((254, 255, 0, 1), 1),
         ((7, 9), 2),
         ((7, 9, 10, 13), 3),
         ((0, 128), 2),
         ((100, 0, 1), 2),
-        ((3, 3, 4), 2),  # Two that differ: one of them is not delivered.
+        ((3, 3, 4), 2),  # Two telegrams differ; one of them is not delivered.
     ],
 )
 def test_each_place_where_a_telegram_may_be_missing_is_counted(
@@ -301,7 +302,7 @@ def test_each_place_where_a_telegram_may_be_missing_is_counted(
     assert numbered(*sequences)[0].gaps == gaps
 
 
-def test_a_telegram_that_is_said_twice_leaves_no_gap_and_a_torn_one_does() -> None:
+def test_a_repeated_telegram_leaves_no_gap_and_a_torn_one_does() -> None:
     parser, frames = TelegramParser(), [encode(replace(TAG, sequence=s)) for s in range(9)]
     parser.feed(b"".join([*frames[:5], frames[2], frames[4]]))
     assert (parser.gaps, parser.duplicates) == (1, 2)
@@ -348,12 +349,14 @@ def test_gaps_in_the_sequence_are_counted(
         ({"payload": bytes(105)}, "payload: 105 bytes, 104 at most"),
     ],
 )
-def test_what_no_frame_can_carry_is_said_by_name(change: dict[str, object], words: str) -> None:
+def test_values_that_no_frame_can_hold_are_refused_by_name(
+    change: dict[str, object], words: str
+) -> None:
     with pytest.raises(ValueError, match=words):
         encode(replace(TAG, **change))  # type: ignore[arg-type]
 
 
-def test_the_reader_clock_wraps_without_a_step_in_the_age() -> None:
+def test_a_wrap_of_the_reader_clock_causes_no_step_in_the_age() -> None:
     (tag,) = heard(
         encode(replace(TAG, stamp_ms=CLOCK_PERIOD_MS - 2.0, sent_ms=CLOCK_PERIOD_MS + 5))
     )

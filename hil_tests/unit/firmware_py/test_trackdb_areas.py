@@ -1,4 +1,4 @@
-"""How a line is divided: what a file may say of it, and what is refused with which words."""
+"""The division of a line into areas: valid files, and the messages about invalid ones."""
 
 from pathlib import Path
 
@@ -34,7 +34,7 @@ def test_in_shipped_lines_every_section_lies_within_one_area(name: str) -> None:
         assert area.start_m <= section.start_m < section.end_m <= area.end_m
 
 
-def test_the_last_section_of_an_area_is_what_is_left() -> None:
+def test_the_last_section_of_an_area_takes_the_rest() -> None:
     line = divided(-120.0, 80.0, 205.0, section_m=100.0)
 
     assert line.sections == (
@@ -53,7 +53,7 @@ def test_a_line_without_sections_has_none() -> None:
     ("end_m", "ends_m"),
     [(224.9, (100.0, 224.9)), (225.0, (100.0, 200.0, 225.0)), (20.0, (20.0,)), (25.0, (25.0,))],
 )
-def test_no_section_is_so_short_that_a_train_may_stand_over_it_with_no_axle_in_it(
+def test_every_section_under_a_train_holds_one_of_its_axles(
     end_m: float, ends_m: tuple[float, ...]
 ) -> None:
     line = divided(0.0, end_m, end_m + 100.0, section_m=100.0)
@@ -65,7 +65,7 @@ def test_no_section_is_so_short_that_a_train_may_stand_over_it_with_no_axle_in_i
     lengths_m=st.lists(st.floats(10.0, 5000.0), min_size=1, max_size=5),
     section_m=st.floats(25.0, 900.0),
 )
-def test_whatever_the_borders_sections_are_as_long_as_told_and_leave_no_crumbs(
+def test_sections_have_the_configured_length_without_tiny_remainders(
     lengths_m: list[float], section_m: float
 ) -> None:
     borders_m = [0.0]
@@ -82,7 +82,7 @@ def test_whatever_the_borders_sections_are_as_long_as_told_and_leave_no_crumbs(
     assert {area.start_m for area in line.areas} <= {s.start_m for s in line.sections}
 
 
-def test_of_a_tenth_that_binary_numbers_do_not_know_nothing_is_left_over() -> None:
+def test_inexact_decimal_lengths_leave_no_tiny_section() -> None:
     assert len(divided(0.0, 0.3 * 1000.0, section_m=0.1 * 1000.0).sections) == 3
     assert len(divided(0.0, (0.7 + 0.1) * 1000.0, section_m=0.1 * 1000.0).sections) == 8
 
@@ -136,7 +136,7 @@ def test_of_a_tenth_that_binary_numbers_do_not_know_nothing_is_left_over() -> No
         (AREAS, (), (), 0.0, "apply_m 0.0 is not positive"),
     ],
 )
-def test_a_division_that_makes_no_sense_is_refused(
+def test_an_impossible_division_is_refused(
     areas: tuple[Area, ...],
     sections: tuple[TrackSection, ...],
     objects: tuple[ObjectSite, ...],
@@ -156,7 +156,7 @@ def test_a_division_that_makes_no_sense_is_refused(
         ("borders_m = [0.0, 9e9]\nsection_m = 25.0", "more than 10,000 sections"),
     ],
 )
-def test_a_file_is_refused_by_its_name_and_what_is_wrong_in_it(
+def test_an_invalid_file_is_refused_by_name_with_its_error(
     tmp_path: Path, told: str, words: str
 ) -> None:
     path = tmp_path / "odd.toml"
@@ -167,7 +167,7 @@ def test_a_file_is_refused_by_its_name_and_what_is_wrong_in_it(
     assert "odd.toml" in str(found.value)
 
 
-def test_areas_know_their_neighbours_their_objects_and_whose_a_metre_is() -> None:
+def test_areas_know_their_neighbours_objects_and_track() -> None:
     site = ObjectSite(4, ObjectKind.SWITCH, 1000.0, 1010.0)
     line = AreaMap("test", AREAS, (), (site,))
 
@@ -181,7 +181,7 @@ def test_areas_know_their_neighbours_their_objects_and_whose_a_metre_is() -> Non
         line.area(3)
 
 
-def test_a_master_is_told_of_its_sections_and_of_one_beyond_either_border() -> None:
+def test_a_master_gets_its_sections_and_one_beyond_either_border() -> None:
     line = divided(0.0, 300.0, 500.0, 900.0, section_m=100.0)
 
     assert [section.number for section in line.sections_told(2)] == [3, 4, 5, 6]

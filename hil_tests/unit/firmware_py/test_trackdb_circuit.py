@@ -1,4 +1,4 @@
-"""A line that trains run round: what is written out lap behind lap, and what is refused."""
+"""A circular line: the generated laps, and invalid circuits."""
 
 import itertools
 from pathlib import Path
@@ -23,7 +23,7 @@ def loaded(tmp_path: Path, table: dict[str, Any]) -> object:
     return load_line(str(path))
 
 
-def test_each_further_lap_is_the_first_one_moved_on() -> None:
+def test_each_further_lap_is_the_first_one_shifted() -> None:
     line = load_line("changping")
     first, second = line.stations[:8], line.stations[8:16]
 
@@ -45,7 +45,7 @@ def test_the_way_back_is_as_long_as_the_way_there() -> None:
     assert gaps_m[4:] == gaps_m[2::-1]
 
 
-def test_every_tag_of_every_lap_is_one_of_its_own() -> None:
+def test_every_tag_of_every_lap_has_a_unique_number() -> None:
     line = load_line("changping")
 
     assert len({tag.tag_id for tag in line.tags}) == len(line.tags) == 8 * 92
@@ -63,14 +63,14 @@ def test_every_tag_of_every_lap_is_one_of_its_own() -> None:
         (7, r"round\.toml:\d+: circuit: 7 is not a table"),
     ],
 )
-def test_a_circuit_that_is_none_is_refused_by_name(
+def test_an_invalid_circuit_is_refused_by_name(
     circuit: object, complaint: str, tmp_path: Path
 ) -> None:
     with pytest.raises(SettingsError, match=complaint):
         loaded(tmp_path, {**shipped(), "circuit": circuit})
 
 
-def test_a_tag_number_that_would_meet_the_next_lap_is_refused(tmp_path: Path) -> None:
+def test_a_tag_number_that_collides_with_the_next_lap_is_refused(tmp_path: Path) -> None:
     table = shipped()
     table["tags"][0]["tag_id"] = 100_104
 

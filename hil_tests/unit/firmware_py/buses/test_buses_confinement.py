@@ -1,4 +1,4 @@
-"""Error counters and the bus time of destroyed frames, against frames looked at by hand."""
+"""Error counters and the bus time of destroyed frames, against frames worked out by hand."""
 
 import itertools
 
@@ -26,7 +26,7 @@ def test_thirty_two_failures_take_a_sender_off_the_bus_and_sixteen_make_it_passi
     assert counters.tec == 256
 
 
-def test_a_sender_that_nobody_hears_becomes_passive_but_stays_on_the_bus() -> None:
+def test_a_sender_without_receivers_becomes_passive_but_stays_on_the_bus() -> None:
     counters = ErrorCounters()
     for _ in range(1000):
         counters.nobody_acknowledged()
@@ -34,7 +34,7 @@ def test_a_sender_that_nobody_hears_becomes_passive_but_stays_on_the_bus() -> No
     assert (counters.tec, counters.state) == (128, ErrorState.PASSIVE)
 
 
-def test_eight_good_frames_make_up_for_one_bad_one() -> None:
+def test_eight_good_frames_compensate_for_one_destroyed_frame() -> None:
     counters = ErrorCounters()
     counters.sending_failed()
     for _ in range(7):
@@ -62,7 +62,7 @@ def test_a_passive_receiver_is_active_again_after_one_good_frame() -> None:
 
 
 @given(can_id=st.integers(0, 0x7FF), data=st.binary(max_size=8))
-def test_the_frame_bit_by_bit_is_as_long_as_the_tables_say(can_id: int, data: bytes) -> None:
+def test_the_frame_bit_by_bit_has_the_length_from_the_tables(can_id: int, data: bytes) -> None:
     frame = wire_frame(can_id, data)
     receiver = Receiver(len(data))
 
@@ -72,8 +72,8 @@ def test_the_frame_bit_by_bit_is_as_long_as_the_tables_say(can_id: int, data: by
     assert max(runs) <= 5
 
 
-def test_a_known_frame_has_the_bits_that_it_has() -> None:
-    """Alternating identifier and data, so nothing is stuffed before the CRC."""
+def test_a_known_frame_has_its_known_bits() -> None:
+    """Identifier and data alternate, so no bit is stuffed before the CRC."""
     frame = wire_frame(0x555, FOUR)
 
     text = "".join(map(str, frame.bits))
@@ -82,24 +82,23 @@ def test_a_known_frame_has_the_bits_that_it_has() -> None:
     assert text.endswith("1" + "0" + "1" + "1111111")
 
 
-# 0x555#AAAAAAAA, length 0100 and data 1010... from bit 19 on. Dominant bits follow the wrong bit.
+# Frame 0x555#AAAAAAAA: the length is 0100 and the data 1010... begins at bit 19. Dominant bits
+# follow the wrong bit.
 @pytest.mark.parametrize(
     ("bit", "flag_bits"),
     [
-        # 19 becomes 0 behind the length's 00: three in a row, so the third of the flag is the
-        # sixth; the receivers' six follow: 3 + 6.
+        # Bit 19 becomes 0 after the two 0 of the length: three in a row. The third bit of the flag
+        # is the sixth, and the six bits of the receivers follow: 3 + 6.
         (19, 9),
-        # 20 becomes 1: the run of dominant bits begins with the flag: all six, then six more.
+        # Bit 20 becomes 1, so the dominant run begins with the flag: all six bits, then six more.
         (20, 12),
-        # 21 becomes 0 behind the 0 of bit 20: two in a row, four more, six.
+        # Bit 21 becomes 0 after the 0 of bit 20: two in a row, four more, then six.
         (21, 10),
         (22, 12),
         (23, 10),
     ],
 )
-def test_the_flags_of_sender_and_receivers_overlap_as_the_stuffing_has_it(
-    bit: int, flag_bits: int
-) -> None:
+def test_the_overlap_of_error_flags_follows_from_the_stuffing(bit: int, flag_bits: int) -> None:
     frame = wire_frame(0x555, FOUR)
 
     bits = confinement.destroyed_bits(frame, bit, sender_passive=False, hearers_active=True)
@@ -107,8 +106,8 @@ def test_the_flags_of_sender_and_receivers_overlap_as_the_stuffing_has_it(
     assert bits == bit + 1 + flag_bits + DELIMITER_AND_GAP
 
 
-def test_a_wrong_stuff_bit_is_seen_by_all_at_once() -> None:
-    """Five recessive data bits, then a stuff bit; inverted it is the sixth."""
+def test_all_nodes_detect_a_wrong_stuff_bit_at_once() -> None:
+    """A stuff bit follows five recessive data bits; inverted it is the sixth."""
     frame = wire_frame(0x555, b"\xff" * 4)
     stuff_bit = frame.first + 5
     assert frame.bits[stuff_bit - 5 : stuff_bit + 1] == (1, 1, 1, 1, 1, 0)
@@ -129,7 +128,7 @@ def test_a_passive_sender_among_passive_receivers_leaves_the_wire_recessive() ->
 
 
 def test_the_recessive_flag_of_a_passive_sender_is_answered_by_dominant_ones() -> None:
-    """Bit 20 becomes recessive behind the recessive bit 19: four more make six, then six."""
+    """Bit 20 becomes recessive after the recessive bit 19: four more make six, then six follow."""
     frame = wire_frame(0x555, FOUR)
 
     bits = confinement.destroyed_bits(frame, 20, sender_passive=True, hearers_active=True)
@@ -143,7 +142,7 @@ def test_the_recessive_flag_of_a_passive_sender_is_answered_by_dominant_ones() -
     place_ratio=st.floats(0.0, 1.0),
     passive=st.booleans(),
 )
-def test_every_wrong_bit_is_found_within_what_the_standard_allows(
+def test_every_wrong_bit_is_detected_within_the_limit_of_the_standard(
     can_id: int, data: bytes, place_ratio: float, passive: bool
 ) -> None:
     frame = wire_frame(can_id, data)
@@ -155,8 +154,9 @@ def test_every_wrong_bit_is_found_within_what_the_standard_allows(
     assert FLAG <= flags <= 2 * FLAG or (passive and frame.last - at_bit < 6)
 
 
-def test_a_frame_that_nobody_acknowledges_ends_with_one_flag() -> None:
-    """79 bits with gap and no stuff bit: 19, 32 and 15, delimiter and slot, then 6, 8 and 3."""
+def test_an_unacknowledged_frame_ends_with_one_flag() -> None:
+    """The frame has 79 bits with intermission and no stuff bit: 19, 32 and 15, delimiter and
+    slot, then 6, 8 and 3."""
     can_id = next(can_id for can_id in range(0x800) if frame_bits(can_id, FOUR) == 47 + 32)
 
     assert confinement.unacknowledged_bits(frame_bits(can_id, FOUR)) == 66 + 2 + 6 + 8 + 3

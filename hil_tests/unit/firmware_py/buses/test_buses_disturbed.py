@@ -1,4 +1,4 @@
-"""A bus with errors in virtual time: instants and counters worked out by hand."""
+"""A bus with errors in virtual time, against instants and counters worked out by hand."""
 
 from collections.abc import Callable
 
@@ -18,13 +18,14 @@ MS = 1_000_000
 FAR_NS = 10**12
 NODES = ("bcu", "dcu", "tcu", "vobc")
 FOUR = b"\xaa" * 4
-"""With identifier 0x555 nothing is stuffed before the CRC; data bit 1 costs 12 bits of flags."""
+"""With identifier 0x555 no bit is stuffed before the CRC; an error in data bit 1 costs 12 bits
+of flags."""
 
 Spoils = Callable[[int, str], bool]
 
 
 class Strikes:
-    """Inverts the second bit of the data field of the frames that it is told to."""
+    """Inverts the second data bit of the frames that the test selects."""
 
     def __init__(self, spoils: Spoils) -> None:
         self.spoils = spoils
@@ -68,7 +69,7 @@ STEPS = st.lists(
 
 
 @given(steps=STEPS, taken_over_at=st.integers(0, 40))
-def test_while_nothing_is_wrong_the_bus_is_the_same_to_the_nanosecond(
+def test_without_errors_the_bus_behaves_the_same_to_the_nanosecond(
     steps: list[Step], taken_over_at: int
 ) -> None:
     def run(disturbed: bool) -> tuple[list[object], object]:
@@ -90,7 +91,8 @@ def test_while_nothing_is_wrong_the_bus_is_the_same_to_the_nanosecond(
 
 
 def test_a_destroyed_frame_costs_its_bits_and_an_error_frame_and_is_sent_again() -> None:
-    """Destroyed at bit 20, so 21 bits, 12 of flags, 8 of delimiter, 3 of intermission: 44."""
+    """The frame is destroyed at bit 20: 21 bits, 12 of flags, 8 of delimiter and 3 of
+    intermission make 44."""
     rig = Rig(lambda number, sender: number == 1)
     rig.ports["vobc"].send(0, 0x555, FOUR)
     heard = rig.ports["bcu"].receive(FAR_NS)
@@ -104,7 +106,7 @@ def test_a_destroyed_frame_costs_its_bits_and_an_error_frame_and_is_sent_again()
     assert rig.ports["vobc"].counters.sent == 1
 
 
-def test_a_lower_identifier_offered_meanwhile_goes_before_the_repetition() -> None:
+def test_a_lower_identifier_goes_before_the_repetition() -> None:
     rig = Rig(lambda number, sender: number == 1)
     rig.ports["vobc"].send(0, 0x555, FOUR)
     rig.ports["bcu"].send(10 * BIT_NS, 0x100, FOUR)
@@ -113,10 +115,13 @@ def test_a_lower_identifier_offered_meanwhile_goes_before_the_repetition() -> No
     assert [can_id for _, can_id, _ in rig.log] == [0x100, 0x555]
 
 
-def test_a_node_whose_every_frame_is_destroyed_is_off_after_thirty_two() -> None:
-    """The first 16 fail while it is active: 44 bits each. From then on its flag is recessive: bits
-    19 and 20 are recessive, four more make six, then six: 10 instead of 12, and it waits 8 bits
-    more before each try. The receivers, at 16 errors and more, are active all the time."""
+def test_a_node_goes_bus_off_after_thirty_two_destroyed_frames() -> None:
+    """The first 16 attempts fail while the node is error active, 44 bits each.
+
+    Then its flag is recessive. Bits 19 and 20 are recessive, four more make six, then six follow:
+    10 bits instead of 12. It also waits 8 bits before each attempt. The receivers with 16 or more
+    errors stay active.
+    """
     rig = Rig(lambda number, sender: sender == "vobc")
     rig.ports["vobc"].send(0, 0x555, FOUR)
     rig.ports["vobc"].send(0, 0x556, FOUR)
@@ -132,7 +137,7 @@ def test_a_node_whose_every_frame_is_destroyed_is_off_after_thirty_two() -> None
         (off_bit * BIT_NS, ErrorState.OFF),
     ]
     assert rig.log == []
-    # Both frames are gone, and so is all that it says from now on.
+    # Both frames are lost, and so is every later one.
     assert rig.ports["vobc"].counters.dropped_out == 2
     rig.ports["vobc"].send(FAR_NS, 0x555, FOUR)
     assert rig.ports["vobc"].counters.dropped_out == 3
@@ -142,7 +147,7 @@ def test_a_node_whose_every_frame_is_destroyed_is_off_after_thirty_two() -> None
 
 
 def test_a_passive_node_lets_a_higher_identifier_go_first() -> None:
-    """After its 16th failure it waits eight bits, in which another node starts."""
+    """After its 16th failure the node waits eight bits, in which another node starts."""
     rig = Rig(lambda number, sender: number <= 16)
     rig.ports["vobc"].send(0, 0x100, FOUR)
     rig.ports["bcu"].send(1, 0x700, FOUR)
@@ -152,7 +157,7 @@ def test_a_passive_node_lets_a_higher_identifier_go_first() -> None:
 
 
 def off_node(spoiled: str = "vobc") -> tuple[Rig, int]:
-    """A rig whose controller has gone off the bus, and an instant after that."""
+    """A rig whose node `spoiled` is bus off, and an instant after that."""
     rig = Rig(lambda number, sender: sender == spoiled)
     rig.ports[spoiled].send(0, 0x555, FOUR)
     rig.bus.advance(100 * MS)
@@ -161,7 +166,7 @@ def off_node(spoiled: str = "vobc") -> tuple[Rig, int]:
     return rig, 100 * MS
 
 
-def test_a_node_is_off_until_it_is_told_to_restart() -> None:
+def test_a_node_stays_bus_off_until_a_restart() -> None:
     rig, now_ns = off_node()
 
     assert rig.state("vobc", now_ns + 10_000 * MS) is ErrorState.OFF
@@ -180,7 +185,7 @@ def test_on_an_idle_bus_recovery_takes_128_times_eleven_bits() -> None:
 
 
 def test_on_a_full_bus_recovery_takes_128_frames() -> None:
-    """Frame follows frame: each brings its eleven recessive bits once, at its end."""
+    """The frames follow without a gap; each brings its eleven recessive bits once, at its end."""
     rig, now_ns = off_node()
     for _ in range(200):
         rig.ports["bcu"].send(now_ns, 0x555, FOUR)
@@ -191,7 +196,7 @@ def test_on_a_full_bus_recovery_takes_128_frames() -> None:
     assert rig.state("vobc", back_ns) is ErrorState.ACTIVE
 
 
-def test_a_node_that_is_off_hears_nothing() -> None:
+def test_a_bus_off_node_receives_nothing() -> None:
     rig, now_ns = off_node()
     rig.ports["bcu"].send(now_ns, 0x101, FOUR)
 
@@ -216,13 +221,13 @@ def test_a_babbling_idiot_starves_higher_identifiers_and_not_lower_ones() -> Non
     carried = [node for _, _, node in rig.log]
     assert carried.count("bcu") == 100
     assert carried.count("vobc") == 0
-    # No lower frame waits for more than the one that is on the wire.
+    # A lower identifier waits for at most the frame that is on the wire.
     longest_ns = frame_bits(0x200, FOUR) * BIT_NS + frame_bits(0x1FF, FOUR) * BIT_NS
     ends_ns = [at_ns for at_ns, can_id, _ in rig.log if can_id == 0x1FF]
     assert all(end_ns - n * MS <= longest_ns for n, end_ns in enumerate(ends_ns))
 
 
-def test_when_it_is_hushed_what_has_waited_is_carried() -> None:
+def test_when_the_babbling_stops_waiting_frames_are_sent() -> None:
     rig, idiot = babbling(1.0)
     rig.ports["vobc"].send(0, 0x201, FOUR)
     rig.wire.hush(idiot, 50 * MS)
@@ -234,14 +239,14 @@ def test_when_it_is_hushed_what_has_waited_is_carried() -> None:
 
 
 @pytest.mark.parametrize("load_ratio", [0.1, 0.5, 0.9, 1.0])
-def test_alone_it_fills_the_share_that_it_is_told(load_ratio: float) -> None:
+def test_alone_a_babbling_node_uses_its_configured_share(load_ratio: float) -> None:
     rig, _ = babbling(load_ratio)
     rig.bus.advance(1000 * MS)
 
     assert rig.bus.statistics().load_ratio(1000 * MS) == pytest.approx(load_ratio, rel=0.01)
 
 
-def test_nothing_is_heard_of_a_node_that_is_cut_off_and_it_hears_nothing() -> None:
+def test_a_disconnected_node_neither_sends_nor_receives() -> None:
     rig = Rig()
     rig.wire.cut("vobc", 0)
     for n in range(30):
@@ -253,7 +258,7 @@ def test_nothing_is_heard_of_a_node_that_is_cut_off_and_it_hears_nothing() -> No
     assert list(rig.ports["vobc"].receive(50 * MS)) == []
     assert rig.ports["vobc"].counters.dropped_out == 30
     rig.wire.mend("vobc", 50 * MS)
-    # Alone it heard no acknowledgement: passive, but never off.
+    # Alone it received no acknowledgement: it is error passive but never bus off.
     assert rig.wire.errors_of("vobc", 50 * MS).tec == 128
     rig.ports["vobc"].send(50 * MS, 0x101, FOUR)
     rig.bus.advance(FAR_NS)
@@ -262,8 +267,11 @@ def test_nothing_is_heard_of_a_node_that_is_cut_off_and_it_hears_nothing() -> No
 
 
 def test_a_cut_in_the_middle_of_a_frame_destroys_it() -> None:
-    """Cut at bit 25 of a frame of alternating bits: bits 23 and 24 are 1 0, then recessive: all six
-    of them, six dominant ones of the receivers, delimiter and intermission."""
+    """The cut is at bit 25 of a frame of alternating bits.
+
+    Bits 23 and 24 are 1 0, then all six bits of the flag are recessive. Six dominant bits of the
+    receivers, delimiter and intermission follow.
+    """
     rig = Rig()
     rig.ports["vobc"].send(0, 0x555, FOUR)
     rig.bus.advance(1)
@@ -278,7 +286,7 @@ def test_a_cut_in_the_middle_of_a_frame_destroys_it() -> None:
     assert rig.ports["vobc"].counters.dropped_out == 1
 
 
-def test_a_frame_on_the_wire_when_it_is_mended_is_not_heard() -> None:
+def test_a_reconnected_node_does_not_receive_the_frame_on_the_wire() -> None:
     rig = Rig()
     rig.wire.cut("vobc", 0)
     rig.ports["bcu"].send(0, 0x101, FOUR)
@@ -308,9 +316,7 @@ def test_a_node_alone_on_the_bus_sends_its_frame_over_and_over() -> None:
     struck=st.sets(st.integers(1, 80), max_size=40),
     cut=st.sampled_from((*NODES, "")),
 )
-def test_nothing_is_lost_without_being_counted(
-    steps: list[Step], struck: set[int], cut: str
-) -> None:
+def test_every_lost_frame_is_counted(steps: list[Step], struck: set[int], cut: str) -> None:
     rig = Rig(lambda number, sender: number in struck)
     for number, (at_ns, _, node, can_id, data) in enumerate(steps):
         if cut and number == 10:

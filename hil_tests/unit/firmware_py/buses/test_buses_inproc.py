@@ -1,4 +1,4 @@
-"""The bus in virtual time, against an oracle that looks at every offer at every start."""
+"""The bus in virtual time, against an oracle that examines every offered frame at every start."""
 
 import itertools
 from dataclasses import dataclass
@@ -42,9 +42,9 @@ class Sent:
 
 
 def arbitrate_by_hand(offers: list[Offer], leaver: str = "", leaves_ns: int = 0) -> list[Sent]:
-    """At every instant at which the bus is idle, the lowest identifier of all that is offered.
+    """Whenever the bus is idle, send the lowest identifier of all offered frames.
 
-    A node that leaves takes back what it has offered and what has not started until then.
+    A node that leaves withdraws its frames that have not started by then.
     """
     left = [(offer.can_id, offer.node, number, offer) for number, offer in enumerate(offers)]
     sent: list[Sent] = []
@@ -64,7 +64,7 @@ def arbitrate_by_hand(offers: list[Offer], leaver: str = "", leaves_ns: int = 0)
 
 
 class Recorded:
-    """A bus with four nodes, everything it carried, and everything each node heard."""
+    """A bus with four nodes that records all its frames and everything each node received."""
 
     def __init__(self, order: tuple[str, ...] = NODES) -> None:
         self.log: list[Sent] = []
@@ -76,7 +76,8 @@ class Recorded:
         self.log.append(Sent(frame.stamp_ns, node, frame.can_id, frame.data))
 
     def play(self, offers: list[Offer], looks: list[tuple[int, str]]) -> None:
-        """Offer and look in order of time; at equal instants look before, between and after."""
+        """Send and receive in order of time; at equal instants receive before, between and
+        after."""
         steps: list[tuple[int, Offer | str]] = [(at_ns, who) for at_ns, who in looks]
         for offer in offers:
             steps.append((offer.at_ns, offer))
@@ -95,8 +96,8 @@ class Recorded:
         self.heard[node] += frames
 
 
-# Instants on a coarse grid, so that offers meet, and odd ones between; few identifiers, so that
-# they collide.
+# Instants lie on a coarse grid, so that offers coincide, with odd ones between. There are few
+# identifiers, so that they collide.
 INSTANTS = st.one_of(st.integers(0, 8).map(lambda n: n * 500_000), st.integers(0, 4_000_000))
 OFFERS = st.lists(
     st.builds(
@@ -115,7 +116,7 @@ LOOKS = st.lists(
 
 
 @given(offers=OFFERS, looks=LOOKS)
-def test_the_bus_carries_what_arbitration_by_hand_gives(
+def test_the_bus_sends_the_frames_that_the_oracle_sends(
     offers: list[Offer], looks: list[tuple[int, str]]
 ) -> None:
     recorded = Recorded()
@@ -126,7 +127,7 @@ def test_the_bus_carries_what_arbitration_by_hand_gives(
 
 
 @given(offers=OFFERS, looks=LOOKS)
-def test_every_frame_is_recorded_once_and_heard_once_by_each_other_node(
+def test_every_frame_is_recorded_once_and_received_once_by_each_other_node(
     offers: list[Offer], looks: list[tuple[int, str]]
 ) -> None:
     recorded = Recorded()
@@ -174,10 +175,11 @@ def test_one_nodes_frames_of_one_identifier_keep_their_order(
 
 
 @given(offers=OFFERS, looks=LOOKS, order=st.permutations(NODES), data=st.data())
-def test_order_of_ports_of_calls_and_of_looking_changes_nothing(
+def test_the_order_of_ports_calls_and_receptions_has_no_effect(
     offers: list[Offer], looks: list[tuple[int, str]], order: list[str], data: st.DataObject
 ) -> None:
-    """Another order of making ports, of nodes at one instant, and looks at other instants."""
+    """The test varies the order of ports and of nodes at one instant, and the instants of
+    reception."""
     plain = Recorded()
     plain.play(offers, [])
     rank = {name: number for number, name in enumerate(data.draw(st.permutations(NODES)))}
@@ -224,7 +226,7 @@ def test_a_started_frame_is_not_interrupted_by_a_lower_identifier() -> None:
     assert [sent.can_id for sent in recorded.log] == [0x700, 0x001]
 
 
-def test_a_frame_is_heard_at_its_last_bit_and_not_before() -> None:
+def test_a_frame_is_received_at_its_last_bit_and_not_before() -> None:
     recorded = Recorded()
     recorded.ports["vobc"].send(1000, 0x101, b"\x12\x34")
     end_ns = 1000 + (frame_bits(0x101, b"\x12\x34") - 3) * BIT_NS
@@ -234,7 +236,7 @@ def test_a_frame_is_heard_at_its_last_bit_and_not_before() -> None:
     assert recorded.ports["bcu"].receive(end_ns) == [CanFrame(end_ns, 0x101, b"\x12\x34")]
 
 
-def test_a_frame_is_heard_at_its_last_bit_also_by_who_did_not_look_before() -> None:
+def test_a_frame_is_received_at_its_last_bit_without_earlier_receptions() -> None:
     recorded = Recorded()
     recorded.ports["vobc"].send(1000, 0x101, b"\x12\x34")
     end_ns = 1000 + (frame_bits(0x101, b"\x12\x34") - 3) * BIT_NS
@@ -242,7 +244,7 @@ def test_a_frame_is_heard_at_its_last_bit_also_by_who_did_not_look_before() -> N
     assert recorded.ports["bcu"].receive(end_ns) == [CanFrame(end_ns, 0x101, b"\x12\x34")]
 
 
-def test_looking_at_an_instant_leaves_room_for_who_still_offers_at_it() -> None:
+def test_a_reception_does_not_exclude_later_offers_at_the_same_instant() -> None:
     recorded = Recorded()
     recorded.ports["bcu"].send(1000, 0x182, b"")
     recorded.look(1000, "dcu")
@@ -254,7 +256,7 @@ def test_looking_at_an_instant_leaves_room_for_who_still_offers_at_it() -> None:
 
 
 @given(offers=OFFERS, leaver=st.sampled_from(NODES), leaves_ns=INSTANTS)
-def test_a_node_that_leaves_takes_back_just_what_has_not_started(
+def test_a_leaving_node_withdraws_only_frames_that_have_not_started(
     offers: list[Offer], leaver: str, leaves_ns: int
 ) -> None:
     offers = [offer for offer in offers if offer.node != leaver or offer.at_ns < leaves_ns]
@@ -285,7 +287,7 @@ def test_the_next_frame_starts_after_the_intermission() -> None:
     assert second.start_ns == first.end_ns + INTERMISSION_NS
 
 
-def test_only_accepted_identifiers_are_handed_over() -> None:
+def test_only_accepted_identifiers_are_delivered() -> None:
     bus = InprocBus("can0", BIT_RATE)
     sender, brake, deaf = bus.port("vobc"), bus.port("bcu", [0x101]), bus.port("tag", [])
     sender.send(0, 0x101, b"")
@@ -295,7 +297,7 @@ def test_only_accepted_identifiers_are_handed_over() -> None:
     assert deaf.receive(FAR_NS) == ()
 
 
-def test_a_node_that_joins_later_hears_what_ends_from_then_on() -> None:
+def test_a_node_that_joins_later_receives_frames_that_end_afterwards() -> None:
     bus = InprocBus("can0", BIT_RATE)
     sender = bus.port("vobc")
     sender.send(0, 0x101, b"")
@@ -318,8 +320,8 @@ def test_full_mailboxes_drop_and_count() -> None:
     assert recorded.ports["vobc"].counters.dropped_out == 3
 
 
-def test_mailboxes_are_full_only_of_what_has_not_started() -> None:
-    """Whether somebody looked meanwhile must make no difference to what is dropped."""
+def test_only_frames_that_have_not_started_fill_a_mailbox() -> None:
+    """Reception in between must not change which frames are dropped."""
     recorded = Recorded()
     for _ in range(MAILBOX_FRAMES):
         recorded.ports["vobc"].send(0, 0x101, b"")
@@ -342,7 +344,7 @@ def test_a_full_inbox_drops_and_counts() -> None:
     assert lazy.counters.dropped_in == 2
 
 
-def test_a_node_that_leaves_takes_its_waiting_frames_along() -> None:
+def test_a_leaving_node_withdraws_its_waiting_frames() -> None:
     recorded = Recorded()
     recorded.ports["vobc"].send(0, 0x101, b"")
     recorded.ports["vobc"].send(0, 0x102, b"")
@@ -377,7 +379,7 @@ def test_two_nodes_of_one_name_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("can_id", "data"), [(0x800, b""), (-1, b""), (1, bytes(9))])
-def test_the_sender_is_told_of_an_impossible_frame(can_id: int, data: bytes) -> None:
+def test_an_impossible_frame_is_refused_to_its_sender(can_id: int, data: bytes) -> None:
     recorded = Recorded()
 
     with pytest.raises(ValueError, match="frame"):
@@ -392,7 +394,7 @@ def test_a_bus_without_a_bit_rate_is_refused() -> None:
         InprocBus("can0", 0)
 
 
-def test_time_that_runs_backwards_is_our_own_mistake() -> None:
+def test_time_that_runs_backwards_is_a_program_error() -> None:
     recorded = Recorded()
     recorded.bus.advance(1000)
 

@@ -1,4 +1,4 @@
-"""Buses by name: what the user may write, and what `auto` comes to."""
+"""Buses by name: what a user may write, and how `auto` is resolved."""
 
 import socket
 import struct
@@ -33,7 +33,7 @@ def bench_of_its_own(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def interfaces(monkeypatch: pytest.MonkeyPatch) -> dict[str, Interface]:
-    """The machine's interfaces, instead of those it happens to have."""
+    """Simulated interfaces that replace those of the machine."""
     known: dict[str, Interface] = {}
     monkeypatch.setattr(firmware_py.buses, "look_up", known.get)
     return known
@@ -42,7 +42,7 @@ def interfaces(monkeypatch: pytest.MonkeyPatch) -> dict[str, Interface]:
 @pytest.mark.parametrize(
     ("text", "kind"), [("socketcan:can0", BusKind.SOCKETCAN), ("embedded:can0", BusKind.EMBEDDED)]
 )
-def test_kind_and_name_are_told_apart(text: str, kind: BusKind) -> None:
+def test_kind_and_name_are_separated(text: str, kind: BusKind) -> None:
     assert parse_spec(text) == BusSpec(kind, "can0")
     assert str(parse_spec(text)) == text
 
@@ -61,7 +61,7 @@ def test_kind_and_name_are_told_apart(text: str, kind: BusKind) -> None:
         ("embedded:" + "a" * 16, "1 to 15"),
     ],
 )
-def test_what_is_no_bus_says_what_would_be_one(text: str, words: str) -> None:
+def test_an_invalid_bus_is_refused_with_the_valid_forms(text: str, words: str) -> None:
     with pytest.raises(BusError) as caught:
         parse_spec(text)
     assert words in str(caught.value)
@@ -71,18 +71,18 @@ def test_what_is_no_bus_says_what_would_be_one(text: str, words: str) -> None:
         is_virtual(text)
 
 
-def test_a_hub_that_does_not_run_is_named_with_the_remedy() -> None:
+def test_a_missing_hub_is_reported_with_the_remedy() -> None:
     with pytest.raises(BusError, match=r"embedded:vcan0: no hub .* start it with `vcan up vcan0`"):
         open_can("embedded:vcan0", clock=LockstepClock(), node="vobc")
 
 
 @pytest.mark.parametrize("node", ["", "n" * 65])
-def test_a_node_name_the_hub_cannot_take_is_refused(node: str) -> None:
+def test_a_node_name_that_the_hub_cannot_store_is_refused(node: str) -> None:
     with pytest.raises(BusError, match="node name"):
         open_can("embedded:vcan0", clock=LockstepClock(), node=node)
 
 
-def test_auto_takes_the_kernels_interface_when_it_is_up(interfaces: dict[str, Interface]) -> None:
+def test_auto_chooses_the_kernels_interface_when_it_is_up(interfaces: dict[str, Interface]) -> None:
     interfaces["vcan0"] = VCAN
 
     assert resolve_auto("vcan0").spec == "socketcan:vcan0"
@@ -96,7 +96,7 @@ def test_auto_takes_the_kernels_interface_when_it_is_up(interfaces: dict[str, In
         (Interface(is_can=False, is_up=True, kind=""), "interface vcan0 is no CAN interface"),
     ],
 )
-def test_auto_says_why_there_is_none(
+def test_auto_names_the_reason_when_there_is_no_bus(
     interfaces: dict[str, Interface], found: Interface | None, words: str
 ) -> None:
     if found is not None:
@@ -108,7 +108,7 @@ def test_auto_says_why_there_is_none(
     assert words in choice.reason
 
 
-def test_only_what_is_known_to_be_virtual_is_virtual(interfaces: dict[str, Interface]) -> None:
+def test_only_known_virtual_interfaces_count_as_virtual(interfaces: dict[str, Interface]) -> None:
     interfaces |= {
         "vcan0": VCAN,
         "vxcan0": Interface(is_can=True, is_up=False, kind="vxcan"),
@@ -129,7 +129,7 @@ def attribute(kind: int, value: bytes) -> bytes:
 
 
 def link_answer(hardware: int, flags: int, attributes: bytes, kind: int = 16) -> bytes:
-    """A netlink answer as the kernel lays it out: header, ifinfomsg, attributes."""
+    """A netlink answer in the layout of the kernel: header, ifinfomsg, attributes."""
     body = struct.pack("=BBHiII", 0, 0, hardware, 3, flags, 0) + attributes
     return struct.pack("=IHHII", 16 + len(body), kind, 0, 1, 0) + body
 
@@ -143,7 +143,7 @@ def link_answer(hardware: int, flags: int, attributes: bytes, kind: int = 16) ->
             ),
             Interface(is_can=True, is_up=True, kind="vcan"),
         ),
-        # The nested flag is set by newer kernels.
+        # Newer kernels set the nested flag.
         (
             link_answer(
                 280, 0x80, attribute(18 | 0x8000, attribute(1, b"can") + attribute(2, b"x"))
@@ -159,7 +159,7 @@ def link_answer(hardware: int, flags: int, attributes: bytes, kind: int = 16) ->
         (link_answer(280, 1, b"\x40\0\x12\0\x01"), Interface(is_can=True, is_up=True, kind="")),
     ],
 )
-def test_the_kernels_answer_is_read(answer: bytes, expected: Interface | None) -> None:
+def test_the_kernels_answer_is_decoded(answer: bytes, expected: Interface | None) -> None:
     assert parse_link(answer) == expected
 
 
@@ -171,7 +171,7 @@ def test_the_question_names_the_interface() -> None:
 
 
 def test_this_machines_own_interfaces_are_found() -> None:
-    """Every name the system itself lists, asked over netlink; and one that cannot exist."""
+    """Netlink must know every name that the system lists, and no name that cannot exist."""
     names = [name for _, name in socket.if_nameindex()]
     assert names
 

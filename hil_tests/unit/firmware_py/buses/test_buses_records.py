@@ -1,4 +1,4 @@
-"""The embedded bus's records: what is packed, cut and stamped, whatever pieces it comes in."""
+"""Records of the embedded bus: packing, reassembly and stamps, however the stream is cut."""
 
 import itertools
 import struct
@@ -31,7 +31,7 @@ FRAMES = st.lists(
 
 
 def by_hand(flags_and_id: int, data: bytes, stamp_ns: int = 0, length: int | None = None) -> bytes:
-    """A record put together field by field from the layout in the module's text."""
+    """A record built field by field from the layout in the module's docstring."""
     count = len(data) if length is None else length
     return (
         flags_and_id.to_bytes(4, "little")
@@ -53,13 +53,13 @@ def test_the_layout_is_the_kernels_own_for_the_first_sixteen_bytes() -> None:
 
 
 @pytest.mark.parametrize(("can_id", "data"), [(0x800, b""), (-1, b""), (1, bytes(9))])
-def test_what_is_no_plain_frame_is_not_packed(can_id: int, data: bytes) -> None:
+def test_only_plain_frames_are_packed(can_id: int, data: bytes) -> None:
     with pytest.raises(ValueError, match="frame"):
         pack_frame(can_id, data)
 
 
 @given(frames=FRAMES, cuts=st.lists(st.integers(0, 500), max_size=12))
-def test_frames_come_out_the_same_however_the_stream_is_cut(
+def test_frames_are_decoded_equally_however_the_stream_is_cut(
     frames: list[tuple[int, int, bytes]], cuts: list[int]
 ) -> None:
     stream = b"".join(by_hand(can_id, data, stamp_ns) for stamp_ns, can_id, data in frames)
@@ -75,7 +75,7 @@ def test_frames_come_out_the_same_however_the_stream_is_cut(
 
 
 @given(frames=FRAMES, accepted=st.sets(st.integers(0, 0x7FF)))
-def test_only_accepted_identifiers_come_out(
+def test_only_accepted_identifiers_are_returned(
     frames: list[tuple[int, int, bytes]], accepted: set[int]
 ) -> None:
     accepted |= {can_id for _, can_id, _ in frames[::2]}
@@ -86,8 +86,8 @@ def test_only_accepted_identifiers_come_out(
     assert heard == [CanFrame(*frame) for frame in frames if frame[1] in accepted]
 
 
-def test_no_frame_is_younger_than_now() -> None:
-    """The hub may stamp after the reader was told the time and before it reads."""
+def test_no_frame_has_a_stamp_in_the_future() -> None:
+    """The hub may stamp a frame after the reader took its time and before it reads."""
     stream = by_hand(0x10, b"", 900) + by_hand(0x11, b"", 1100)
 
     assert [frame.stamp_ns for frame in RecordReader(None).feed(stream, 1000)] == [900, 1000]
@@ -113,14 +113,14 @@ def test_uncommon_frames_are_marked_and_kept_from_who_asked_for_identifiers() ->
         by_hand(EXTENDED | REMOTE | ERROR | 77, b""),
     ],
 )
-def test_what_is_no_frame_is_counted_and_nothing_else(record: bytes) -> None:
+def test_an_invalid_record_is_only_counted(record: bytes) -> None:
     for reader in (RecordReader(None), RecordReader([0x101])):
         assert reader.feed(record + by_hand(0x101, b"z"), LATE_NS) == [CanFrame(0, 0x101, b"z")]
         assert reader.errors == 1
 
 
 @pytest.mark.parametrize("accept_ids", [None, [0x101]])
-def test_the_reader_learns_what_the_hub_had_no_room_for(accept_ids: list[int] | None) -> None:
+def test_the_reader_learns_how_many_frames_the_hub_dropped(accept_ids: list[int] | None) -> None:
     reader = RecordReader(accept_ids)
 
     frames = reader.feed(pack_lost(7) + by_hand(0x101, b"") + pack_lost(123_456_789_012), LATE_NS)
@@ -146,10 +146,10 @@ RECORDS = st.lists(
 
 
 @given(records=RECORDS, stamp_ns=st.integers(0, 2**63 - 1))
-def test_the_hub_stamps_every_frame_and_leaves_out_all_else(
+def test_the_hub_stamps_every_frame_and_drops_all_other_records(
     records: list[bytes], stamp_ns: int
 ) -> None:
-    """One by one by hand, against the stamping of all columns at once."""
+    """The oracle stamps record by record; the product stamps all columns at once."""
     expected = b""
     for record in records:
         is_control = record[3] >> 5 == 0b111

@@ -1,4 +1,5 @@
-"""Where the processes of a bench meet: private, predictable, and not to be led astray."""
+"""The folder where the processes of a bench meet: private, predictable and safe from other
+users."""
 
 import os
 import stat
@@ -14,7 +15,7 @@ from firmware_py.rendezvous import RendezvousError
 
 @pytest.fixture
 def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder for the bench with a short name, since a socket's address holds few bytes."""
+    """A runtime folder with a short name, because the address of a socket holds few bytes."""
     with tempfile.TemporaryDirectory() as folder:
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
         yield Path(folder)
@@ -28,7 +29,7 @@ def test_a_bench_has_a_private_folder_by_user_and_bus(runtime: Path) -> None:
         assert stat.S_IMODE(made.stat().st_mode) == 0o700
 
 
-def test_asking_again_gives_the_same_folder_and_keeps_what_is_in_it(runtime: Path) -> None:
+def test_asking_again_gives_the_same_folder_and_keeps_its_content(runtime: Path) -> None:
     (rendezvous.bench_dir("vcan0") / "note").write_text("kept")
 
     assert (rendezvous.bench_dir("vcan0") / "note").read_text() == "kept"
@@ -73,10 +74,10 @@ def test_a_link_or_a_file_in_its_place_is_refused_and_left_alone(
     assert list(elsewhere.iterdir()) == []
 
 
-def test_a_folder_of_somebody_else_is_refused(
+def test_a_folder_of_another_user_is_refused(
     runtime: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only root could make one for real, so this process takes itself for another user."""
+    """Only root could create such a folder, so the process pretends to be another user."""
     owner = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: owner + 1)
 
@@ -91,7 +92,7 @@ def test_a_name_that_is_no_interface_name_is_refused(runtime: Path, name: str) -
     assert list(runtime.iterdir()) == []
 
 
-def test_a_socket_path_that_is_too_long_says_what_to_do(
+def test_a_socket_path_that_is_too_long_is_refused_with_a_remedy(
     runtime: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     deep = runtime / ("d" * 100)
@@ -125,13 +126,13 @@ def test_a_published_radio_is_read_back_until_withdrawn(runtime: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"  \n", b"\xff\xfe"])
-def test_a_radio_note_without_sense_counts_as_none(runtime: Path, content: bytes) -> None:
+def test_an_invalid_radio_note_counts_as_none(runtime: Path, content: bytes) -> None:
     rendezvous.radio_note("vcan0").write_bytes(content)
 
     assert rendezvous.read_radio("vcan0") is None
 
 
-def test_nothing_but_what_was_published_is_left_in_the_folder(runtime: Path) -> None:
+def test_only_published_files_are_left_in_the_folder(runtime: Path) -> None:
     rendezvous.publish_tags("vcan0", "/dev/pts/7")
     rendezvous.publish_radio("vcan0", "tcp/127.0.0.1:7447")
 

@@ -1,4 +1,4 @@
-"""The length of a frame, against an oracle that writes the frame out bit by bit."""
+"""The length of a frame, against an oracle that writes the frame bit by bit."""
 
 import pytest
 from crccheck.crc import Crc15
@@ -9,7 +9,7 @@ from firmware_py.buses.timing import LONGEST_FRAME_BITS, frame_bits
 
 STANDARD_IDS = st.integers(0, 0x7FF)
 EXTENDED_IDS = st.integers(0, 0x1FFF_FFFF)
-# Long runs are what stuffing is about, and random bytes seldom have any.
+# Stuffing depends on long runs, which random bytes seldom contain.
 PAYLOADS = st.lists(
     st.one_of(st.integers(0, 255), st.sampled_from([0x00, 0xFF, 0x0F, 0xF0, 0x07, 0x83, 0xE1])),
     max_size=8,
@@ -17,7 +17,7 @@ PAYLOADS = st.lists(
 
 
 def stuffed_part(can_id: int, data: bytes, *, extended: bool, remote: bool) -> str:
-    """Start of frame to CRC as a text of zeros and ones, before stuffing."""
+    """Start of frame to CRC as a string of zeros and ones, before stuffing."""
     rtr = "1" if remote else "0"
     control = f"{len(data):04b}"
     if extended:
@@ -30,7 +30,7 @@ def stuffed_part(can_id: int, data: bytes, *, extended: bool, remote: bool) -> s
 
 
 def remainder_15(bits: str) -> int:
-    """What is left of the bits, fifteen zeros behind them, divided by the polynomial."""
+    """Remainder of the bits, followed by fifteen zeros, after division by the polynomial."""
     divisor = 0b1100010110011001
     left = int(bits + "0" * 15, 2)
     while left.bit_length() > 15:
@@ -56,22 +56,24 @@ def bits_by_hand(can_id: int, data: bytes, *, extended: bool = False, remote: bo
 
 
 @given(can_id=STANDARD_IDS, data=PAYLOADS)
-def test_a_standard_frame_is_as_long_as_written_out(can_id: int, data: bytes) -> None:
+def test_a_standard_frame_has_the_length_of_the_oracle(can_id: int, data: bytes) -> None:
     assert frame_bits(can_id, data) == bits_by_hand(can_id, data)
 
 
 @given(can_id=STANDARD_IDS, data=st.binary(min_size=8, max_size=8))
-def test_a_full_standard_frame_is_as_long_as_written_out(can_id: int, data: bytes) -> None:
+def test_a_full_standard_frame_has_the_length_of_the_oracle(can_id: int, data: bytes) -> None:
     assert frame_bits(can_id, data) == bits_by_hand(can_id, data)
 
 
 @given(can_id=EXTENDED_IDS, data=PAYLOADS)
-def test_an_extended_frame_is_as_long_as_written_out(can_id: int, data: bytes) -> None:
+def test_an_extended_frame_has_the_length_of_the_oracle(can_id: int, data: bytes) -> None:
     assert frame_bits(can_id, data, extended=True) == bits_by_hand(can_id, data, extended=True)
 
 
 @given(can_id=EXTENDED_IDS, data=PAYLOADS, extended=st.booleans())
-def test_a_remote_frame_is_as_long_as_written_out(can_id: int, data: bytes, extended: bool) -> None:
+def test_a_remote_frame_has_the_length_of_the_oracle(
+    can_id: int, data: bytes, extended: bool
+) -> None:
     can_id = can_id if extended else can_id & 0x7FF
 
     bits = frame_bits(can_id, data, extended=extended, remote=True)
@@ -80,8 +82,8 @@ def test_a_remote_frame_is_as_long_as_written_out(can_id: int, data: bytes, exte
 
 
 @given(data=st.binary(max_size=40))
-def test_the_oracle_divides_as_the_catalogue_of_crcs_does(data: bytes) -> None:
-    """The oracle's own CRC against a library whose check value is the published one."""
+def test_the_oracles_crc_matches_a_library(data: bytes) -> None:
+    """The oracle's own CRC is checked against a library with the published check value."""
     bits = "".join(f"{byte:08b}" for byte in data)
 
     assert remainder_15(bits or "0") == Crc15.calc(data)
@@ -98,7 +100,8 @@ def test_the_published_check_value_of_the_crc() -> None:
 def test_no_frame_is_outside_the_published_bounds(
     length: int, extended: bool, overhead: int, stuffable: int
 ) -> None:
-    """47 or 67 bits and the data without a stuff bit; at most one more for four after the first."""
+    """A frame has 47 or 67 bits plus data without stuffing; at most every fourth bit adds a
+    stuff bit."""
     shortest = overhead + 8 * length
     longest = shortest + (stuffable + 8 * length - 1) // 4
     patterns = [bytes([byte]) * length for byte in range(256)]
@@ -110,7 +113,7 @@ def test_no_frame_is_outside_the_published_bounds(
 
 
 def test_a_frame_without_any_long_run_has_no_stuff_bit() -> None:
-    """Alternating bits; the longest run is that of RTR, IDE, r0 and the length's first bit."""
+    """The bits alternate; the longest run is RTR, IDE, r0 and the first bit of the length."""
     part = stuffed_part(0x555, b"\x55\x55\x55\x08", extended=False, remote=False)
     assert "00000" not in part
     assert "11111" not in part
@@ -128,14 +131,14 @@ def test_a_frame_without_any_long_run_has_no_stuff_bit() -> None:
         (1, bytes(17), False),
     ],
 )
-def test_what_no_classic_frame_can_carry_is_refused(
+def test_data_that_no_classic_frame_can_hold_is_refused(
     can_id: int, data: bytes, extended: bool
 ) -> None:
     with pytest.raises(ValueError, match=f"frame {can_id:#x}"):
         frame_bits(can_id, data, extended)
 
 
-def test_too_much_data_is_refused_also_when_its_identifier_is_known() -> None:
+def test_too_much_data_is_refused_even_with_a_cached_identifier() -> None:
     for length in range(9):
         for can_id in (0x10, 0x11, 0x12):
             frame_bits(can_id, bytes(length))

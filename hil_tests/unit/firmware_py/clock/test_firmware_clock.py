@@ -1,4 +1,4 @@
-"""The clocks: instants that never run backwards, waits that never end early."""
+"""The clocks: instants never run backwards and waits never end early."""
 
 import signal
 import sys
@@ -20,7 +20,7 @@ YEAR_NS = 365 * 86_400 * NS_PER_S
 
 
 class ScriptedTime:
-    """Stands in for the module `time`: readings as a list says."""
+    """Replaces the module `time` with scripted readings."""
 
     def __init__(self, monotonic_ns: list[int], time_ns: list[int]) -> None:
         self._monotonic, self._epoch = iter(monotonic_ns), iter(time_ns)
@@ -43,7 +43,7 @@ def test_a_wait_never_ends_before_its_instant(spin_s: float) -> None:
         assert clock.now_ns() >= instant_ns
 
 
-def test_without_the_kernels_absolute_sleep_a_wait_is_as_long(
+def test_without_the_kernels_absolute_sleep_a_wait_takes_as_long(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(clock_module, "_absolute_sleep", lambda: None)
@@ -71,7 +71,7 @@ def test_a_wait_for_the_past_does_not_sleep(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.fixture
 def alarms() -> Iterator[list[int]]:
-    """The signals that this process got; the first comes in 2 ms."""
+    """The signals that this process received; the first one comes after 2 ms."""
     heard: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -84,7 +84,7 @@ def alarms() -> Iterator[list[int]]:
     signal.signal(signal.SIGALRM, before)
 
 
-def test_signals_are_answered_during_a_wait_and_do_not_shorten_it(alarms: list[int]) -> None:
+def test_signals_are_handled_during_a_wait_and_do_not_shorten_it(alarms: list[int]) -> None:
     clock = WallClock()
     instant_ns = clock.now_ns() + 20 * NS_PER_MS
 
@@ -95,7 +95,7 @@ def test_signals_are_answered_during_a_wait_and_do_not_shorten_it(alarms: list[i
 
 
 def test_an_interrupt_ends_a_wait_that_would_last_a_year() -> None:
-    """A person's Ctrl-C must not wait for the next release."""
+    """Ctrl-C must not wait for the next release."""
     clock = WallClock()
 
     def raise_it(number: int, frame: FrameType | None) -> None:
@@ -112,7 +112,7 @@ def test_an_interrupt_ends_a_wait_that_would_last_a_year() -> None:
 
 
 def test_two_threads_may_wait_on_one_clock() -> None:
-    """Each has an instant of its own; neither is woken by the other's."""
+    """Each thread has its own instant and is not woken by the other's."""
     clock = WallClock()
     start_ns = clock.now_ns()
     woken_ns: dict[int, int] = {}
@@ -144,10 +144,10 @@ def test_a_corrected_time_of_day_does_not_jump_the_stamps(monkeypatch: pytest.Mo
     assert clock.epoch_ns() - instant_ns - clock.epoch_offset_ns >= 0
 
 
-def test_the_offset_comes_from_the_try_that_was_disturbed_least(
+def test_the_offset_comes_from_the_shortest_reading(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of five tries the third takes 2 ns, and half of that is when the time of day was read."""
+    """The third of five readings takes 2 ns, so the time of day belongs to the middle of it."""
     gaps_ns = [500, 90, 2, 40, 1_000_000]
     monotonic_ns = [
         reading for k, gap_ns in enumerate(gaps_ns) for reading in (k * 10_000, k * 10_000 + gap_ns)
@@ -159,13 +159,13 @@ def test_the_offset_comes_from_the_try_that_was_disturbed_least(
 
 
 @pytest.mark.parametrize("spin_s", [-0.001, float("nan")])
-def test_a_spin_of_no_length_is_refused(spin_s: float) -> None:
+def test_a_spin_of_negative_length_is_refused(spin_s: float) -> None:
     with pytest.raises(ValueError, match="spin_s"):
         WallClock(spin_s)
 
 
 @given(st.integers(-YEAR_NS, YEAR_NS), st.lists(st.integers(-YEAR_NS, YEAR_NS)))
-def test_virtual_time_is_the_latest_instant_anybody_waited_for(
+def test_virtual_time_is_the_latest_requested_instant(
     start_ns: int, instants_ns: list[int]
 ) -> None:
     clock = LockstepClock(start_ns)
@@ -178,7 +178,7 @@ def test_virtual_time_is_the_latest_instant_anybody_waited_for(
     assert seen_ns[-1] == max([start_ns, *instants_ns])
 
 
-def test_a_lockstep_log_is_stamped_with_the_time_since_start_unless_told_otherwise() -> None:
+def test_a_lockstep_log_is_stamped_with_the_time_since_start_by_default() -> None:
     plain, dated = LockstepClock(), LockstepClock(epoch_offset_ns=YEAR_NS)
     for clock in (plain, dated):
         clock.wait_until(5)

@@ -1,4 +1,4 @@
-"""The cyclic executive, against an oracle that keeps every release of the grid in a list."""
+"""The cyclic executive, against an oracle that keeps a list of all releases."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ NS_PER_US = 1_000
 
 
 class StopwatchClock:
-    """Real time on a script: it moves by what is waited for, by wake-up latency and by work."""
+    """A scripted real-time clock: waits, wake-up latency and work advance it."""
 
     def __init__(self, wake_ns: int = 0) -> None:
         self._now_ns = 0
@@ -55,7 +55,7 @@ def report_of(executive: Executive, name: str) -> TaskReport:
 
 @dataclass(frozen=True)
 class Plan:
-    """A task as a test makes it up: grid and the work of each of its runs in turn."""
+    """A task of the tests: its grid and the duration of each of its runs."""
 
     period_ms: int
     offset_ms: int
@@ -70,8 +70,8 @@ class Began:
 
 
 def rhythm_by_hand(plans: list[Plan], end_ms: int, wake_ns: int) -> list[Began]:
-    """Every release in a list, struck off when it is served or past; nothing is calculated."""
-    # No work that begins before the end reaches a second beyond it.
+    """Keep a list of all releases and strike off those that are served or past."""
+    # No work that begins before the end takes longer than a second.
     grids = [list(range(plan.offset_ms, end_ms + 1000, plan.period_ms)) for plan in plans]
     runs = [0] * len(plans)
     now_ns, began = 0, list[Began]()
@@ -93,7 +93,7 @@ def rhythm_by_hand(plans: list[Plan], end_ms: int, wake_ns: int) -> list[Began]:
 def played(
     plans: list[Plan], end_ms: int, clock: StopwatchClock | LockstepClock
 ) -> tuple[list[Began], Executive]:
-    """The same plans run by the executive."""
+    """Run the same plans with the executive."""
     began: list[Began] = []
     runs = [0] * len(plans)
 
@@ -127,7 +127,7 @@ PLANS = st.lists(
 
 @given(PLANS, st.integers(1, 80), st.sampled_from([0, 1, 300_000, 999_999]))
 def test_runs_and_slips_are_those_of_the_grid(plans: list[Plan], end_ms: int, wake_ns: int) -> None:
-    """Tasks that overrun in every way: each release is served once, or skipped and counted."""
+    """The tasks overrun in every way; each release is served once, or skipped and counted."""
     began, executive = played(plans, end_ms, StopwatchClock(wake_ns))
 
     assert began == rhythm_by_hand(plans, end_ms, wake_ns)
@@ -139,7 +139,7 @@ def test_runs_and_slips_are_those_of_the_grid(plans: list[Plan], end_ms: int, wa
 
 
 @given(PLANS, st.integers(1, 80))
-def test_lockstep_keeps_the_rhythm_of_a_host_that_takes_no_time(
+def test_lockstep_keeps_the_schedule_of_an_infinitely_fast_host(
     plans: list[Plan], end_ms: int
 ) -> None:
     timeless = [Plan(plan.period_ms, plan.offset_ms, (0,)) for plan in plans]
@@ -151,7 +151,7 @@ def test_lockstep_keeps_the_rhythm_of_a_host_that_takes_no_time(
 
 
 @pytest.mark.parametrize("clock", [LockstepClock(), StopwatchClock()])
-def test_executives_then_tables_decide_among_equal_instants(
+def test_equal_instants_are_ordered_by_executive_and_then_by_table(
     clock: LockstepClock | StopwatchClock,
 ) -> None:
     order: list[str] = []
@@ -200,8 +200,8 @@ def test_nothing_runs_at_or_after_the_end() -> None:
     assert executive.next_due_ns() == 30 * NS_PER_MS
 
 
-def test_a_task_that_wants_the_end_has_the_last_word() -> None:
-    """Others due at the same instant are left for whoever runs the executive again."""
+def test_a_task_that_requests_the_end_runs_last() -> None:
+    """The next run of the executive serves other tasks that are due at the same instant."""
     order: list[str] = []
 
     def said(name: str) -> Callable[[int], None]:
@@ -219,7 +219,8 @@ def test_a_task_that_wants_the_end_has_the_last_word() -> None:
 
 
 def test_lateness_work_and_overruns_of_a_real_run_are_counted() -> None:
-    """Woken 70 µs late each time; works 1 ms, but 3 ms each fourth time; may take 2 ms."""
+    """Every wake-up is 70 µs late; the work takes 1 ms, every fourth time 3 ms, with a budget of
+    2 ms."""
     clock = StopwatchClock(wake_ns=70 * NS_PER_US)
     runs = 0
 
@@ -239,7 +240,7 @@ def test_lateness_work_and_overruns_of_a_real_run_are_counted() -> None:
             slips=0,
             overruns=25,
             lateness_us_p50=70,
-            # The first release is at the start itself, where nobody had to wait.
+            # The first release is at the start itself, where the executive did not wait.
             lateness_us_p99=70,
             lateness_us_max=70,
             # 1000 shares its bucket with the values up to 1007.
@@ -252,7 +253,7 @@ def test_lateness_work_and_overruns_of_a_real_run_are_counted() -> None:
     assert executive.execution_ns("control") == 3 * NS_PER_MS
 
 
-def test_work_of_exactly_the_budget_is_within_it() -> None:
+def test_work_of_exactly_the_budget_is_no_overrun() -> None:
     clock = StopwatchClock()
     executive = Executive([Task("a", 10, lambda now_ns: clock.spend(2_000_000), budget_ms=2)], 0)
 
@@ -272,7 +273,7 @@ def test_a_stall_of_three_and_a_half_periods_is_three_slips_and_the_grid_stays()
     executive = Executive([Task("control", 50, work)], 0)
     run([executive], clock, until_ms(300))
 
-    # The release of 50 is begun at 175, those of 100 and 150 are skipped.
+    # The release at 50 begins at 175; those at 100 and 150 are skipped.
     assert seen == [(0, 0), (175, 2), (200, 0), (250, 0)]
     assert executive.report()[0].slips == 2
 
@@ -290,7 +291,7 @@ def test_in_virtual_time_nothing_is_late_and_nothing_takes_time() -> None:
         assert report.execution_us_max == report.execution_us_p99 == report.execution_us_p50 == 0
 
 
-def test_a_lockstep_clock_that_is_ahead_makes_slips_like_any_other() -> None:
+def test_a_lockstep_clock_that_is_ahead_causes_slips() -> None:
     seen: list[int] = []
     executive = Executive([Task("late", 10, seen.append)], 0)
 
@@ -316,7 +317,7 @@ def test_a_failing_task_ends_the_loop_and_its_release_is_not_repeated() -> None:
     assert seen == [0, 10, 20, 30, 40]
 
 
-def test_told_the_time_by_hand_it_runs_what_is_due_once_each() -> None:
+def test_at_a_given_time_every_due_task_runs_once() -> None:
     order: list[tuple[str, int]] = []
     executive = Executive(
         [
@@ -354,7 +355,7 @@ def test_the_grid_moves_to_a_later_start_only_before_the_first_release() -> None
 
 @pytest.mark.parametrize("period_ms", [20, 20.0, 0.1, 33.333333, 1e-6, 1000.0])
 def test_a_period_is_a_whole_number_of_nanoseconds(period_ms: float) -> None:
-    """The tenth release is ten whole periods away, however the float was written."""
+    """The tenth release is ten whole periods away, whatever the float."""
     seen: list[int] = []
     executive = Executive([Task("task", period_ms, seen.append)], 0)
 
@@ -379,7 +380,7 @@ def test_a_period_is_a_whole_number_of_nanoseconds(period_ms: float) -> None:
         ("budget_ms", float("inf"), "not a time"),
     ],
 )
-def test_a_time_that_cannot_be_is_refused_with_task_key_and_value(
+def test_an_impossible_time_is_refused_with_task_key_and_value(
     key: str, value: float, why: str
 ) -> None:
     times = {"period_ms": 10.0, key: value}
@@ -401,10 +402,11 @@ def test_a_table_needs_tasks_and_names_that_differ() -> None:
 
 
 @given(st.lists(st.integers(0, 2**42), max_size=200), st.floats(0.01, 100.0))
-def test_a_percentile_is_never_understated_and_at_most_a_64th_over(
+def test_a_percentile_is_never_too_low_and_at_most_a_64th_too_high(
     values: list[int], percent: float
 ) -> None:
-    """Against the sorted list: the least value that at least so many per cent do not exceed."""
+    """The oracle is the sorted list: the least value that at least this percentage does not
+    exceed."""
     histogram = Histogram()
     for value in values:
         histogram.add(value)
@@ -427,7 +429,7 @@ def test_a_percentile_is_never_understated_and_at_most_a_64th_over(
     assert found <= max(values)
 
 
-def test_an_hour_of_lateness_takes_no_more_room_than_a_second() -> None:
+def test_an_hour_of_lateness_needs_no_more_memory_than_a_second() -> None:
     histogram = Histogram()
     for value in range(0, 2**20, 7):
         histogram.add(value)
@@ -437,7 +439,7 @@ def test_an_hour_of_lateness_takes_no_more_room_than_a_second() -> None:
     assert len(histogram._buckets) <= 64 * 35
 
 
-def test_a_watchdog_bites_once_when_the_limit_is_passed_and_again_after_a_kick() -> None:
+def test_a_watchdog_fires_once_past_its_limit_and_again_after_a_kick() -> None:
     bites: list[int] = []
     watchdog = Watchdog(150, bites.append, start_ns=1000)
 
@@ -453,8 +455,8 @@ def test_a_watchdog_bites_once_when_the_limit_is_passed_and_again_after_a_kick()
     assert watchdog.bites == 2
 
 
-def test_a_watchdog_tells_that_control_has_been_silent_for_three_cycles() -> None:
-    """The control task hangs up its work after 200 ms; the watch looks every 10 ms."""
+def test_a_watchdog_fires_when_control_is_silent_for_three_cycles() -> None:
+    """The control task stops after 200 ms; the watchdog task checks every 10 ms."""
     bitten_ms: list[float] = []
     clock = LockstepClock()
     watchdog = Watchdog(
@@ -478,6 +480,6 @@ def test_a_watchdog_tells_that_control_has_been_silent_for_three_cycles() -> Non
 
 
 @pytest.mark.parametrize("limit_ns", [0, -5])
-def test_a_watchdog_without_patience_is_refused(limit_ns: int) -> None:
+def test_a_watchdog_without_a_positive_limit_is_refused(limit_ns: int) -> None:
     with pytest.raises(ValueError, match="limit_ns"):
         Watchdog(limit_ns, idle, 0)

@@ -1,4 +1,5 @@
-"""What the host grants: nothing raises, every refusal has its reason, and steal is counted."""
+"""Real-time measures of the host: none raises, every refusal has its reason, and steal is
+counted."""
 
 import errno
 import gc
@@ -41,7 +42,7 @@ def bare_metal(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 @pytest.fixture
 def thawed() -> Any:
-    """Gives the collector of this test process back as it was."""
+    """Restore the garbage collector of the test process afterwards."""
     yield
     gc.enable()
     gc.unfreeze()
@@ -64,8 +65,8 @@ def run_python(program: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_entering_real_time_answers_for_every_measure_and_does_what_it_says() -> None:
-    """In a process of its own; which measures are granted is up to this host."""
+def test_entering_real_time_reports_every_measure_truthfully() -> None:
+    """The test runs in its own process; this host decides which measures are granted."""
     done = run_python("""
 import gc, json, os
 from firmware_py.clock.realtime import enter_realtime
@@ -91,7 +92,7 @@ print(json.dumps({
     assert (told["locked_kb"] > 0) == granted["memory lock"]
     assert granted["garbage collector"]
     assert told["collector"] == [False, True]
-    # Threads of a real-time policy have no slack, and the kernel then says 0.
+    # Threads with a real-time policy have no slack, and the kernel then reports 0.
     assert not granted["timer slack"] or told["slack_ns"] in ("0", "1")
     for name, given, detail in told["measures"]:
         assert detail
@@ -136,7 +137,7 @@ def test_a_host_that_refuses_everything_is_reported_with_its_reasons(
         (None, None, False),
     ],
 )
-def test_a_virtual_machine_is_told_by_its_processor_or_its_idle_driver(
+def test_a_virtual_machine_is_recognised_by_its_processor_or_its_idle_driver(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     cpu_info: str | None,
@@ -176,7 +177,7 @@ def test_idle_processors_are_kept_awake_on_bare_metal_only(
 
 
 @pytest.mark.usefixtures("thawed", "bare_metal")
-def test_a_system_without_any_of_it_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_without_any_measure_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(os, "sched_setscheduler")
     monkeypatch.setattr(sys, "platform", "darwin")
     monkeypatch.setattr(realtime, "PM_QOS", Path("/no/such/device"))
@@ -206,7 +207,8 @@ def test_a_priority_that_does_not_exist_is_named(priority: int) -> None:
 def test_the_future_is_locked_only_where_no_limit_can_kill_the_run(
     limit: int, user: int, locked: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """1 is what is mapped now; 2 what will be, with 4 once it is touched."""
+    """Flag 1 locks the present mappings, 2 the future ones, and 4 delays the lock to the first
+    access."""
     asked: list[int] = []
     monkeypatch.setattr(realtime, "_mlockall", asked.append)
     monkeypatch.setattr(resource, "getrlimit", lambda which: (limit, limit))
@@ -219,7 +221,7 @@ def test_the_future_is_locked_only_where_no_limit_can_kill_the_run(
 
 
 @pytest.mark.usefixtures("thawed")
-def test_cycles_are_collected_in_the_slack_although_the_collector_is_off() -> None:
+def test_garbage_cycles_are_collected_in_the_slack_although_the_collector_is_off() -> None:
     class Ring:
         alive = 0
 
@@ -255,7 +257,7 @@ def test_steal_is_the_eighth_number_of_the_first_line(
 
 
 @pytest.mark.parametrize("text", [None, "", "cpu 1 2 3\n", "cpu a b c d e f g h\n", "\xff\n"])
-def test_steal_is_unknown_where_the_kernel_does_not_say(
+def test_steal_is_unknown_where_the_kernel_does_not_report_it(
     text: str | None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     stat = tmp_path / "stat"
@@ -267,7 +269,7 @@ def test_steal_is_unknown_where_the_kernel_does_not_say(
     assert HostLoad().sample().steal_ns is None
 
 
-def test_a_sample_of_the_host_tells_what_came_since_the_one_before(
+def test_a_host_sample_holds_the_difference_to_the_last_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     steals = iter([5 * NS_PER_S, 7 * NS_PER_S, None, 9 * NS_PER_S, 9 * NS_PER_S])
@@ -287,7 +289,7 @@ def test_a_sample_of_the_host_tells_what_came_since_the_one_before(
 
 
 def test_a_child_ends_with_its_parent() -> None:
-    """The parent is killed without a word; the pipe that the child holds is closed by its end."""
+    """The parent is killed without notice; the end of the child closes the pipe that it holds."""
     child = (
         "import signal, sys; from firmware_py.clock.realtime import die_with_parent; "
         "assert die_with_parent(int(sys.argv[1])); print('guarded', flush=True); "
@@ -305,7 +307,7 @@ def test_a_child_ends_with_its_parent() -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == "guarded\n"
         process.send_signal(signal.SIGKILL)
-        # The end of the pipe comes when the last holder, the child, is gone.
+        # The pipe ends when its last holder, the child, is gone.
         rest, _ = process.communicate(timeout=TIMEOUT_S)
 
     assert rest == ""
@@ -319,7 +321,7 @@ def test_a_child_whose_parent_is_gone_already_ends_at_once() -> None:
     assert done.returncode == -signal.SIGTERM
 
 
-def test_a_host_that_cannot_guard_a_child_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_host_that_cannot_guard_a_child_reports_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(realtime, "_prctl", refuse(errno.ENOSYS))
 
     assert not die_with_parent(os.getppid())

@@ -1,4 +1,4 @@
-"""The memory that survives: whatever interrupts a write leaves the old record or the new one."""
+"""Non-volatile memory: any interruption of a write leaves the old record or the new one."""
 
 import os
 import signal
@@ -24,7 +24,7 @@ from firmware_py.storage.nvram import (
 OLD = NvramRecord(boot_count=7, wheel_diameter_m=0.853, front_m=1500.25, standing=True)
 NEW = NvramRecord(boot_count=8, distance_m=123_456.75, emergency_count=3, highest_term=2**40)
 STEPS = ("open", "write", "fsync", "close", "replace")
-"""What a write asks of the operating system."""
+"""The requests of one write to the operating system."""
 
 RECORDS = st.builds(
     NvramRecord,
@@ -40,20 +40,21 @@ RECORDS = st.builds(
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    """Of a memory that holds OLD."""
+    """The file of a memory that holds OLD."""
     file = tmp_path / "vobc.nvram"
     assert Nvram(file).put(OLD)
     return file
 
 
 class Killed(BaseException):
-    """The process ended here. No handler of the program may see it."""
+    """Ends the process at this point; no handler of the program may catch it."""
 
 
 def before_each_step(
     monkeypatch: pytest.MonkeyPatch, note: Callable[[int, str], None]
 ) -> Callable[[], None]:
-    """Call `note(number, step)` before every request to the system; gives what ends that."""
+    """Call `note(number, step)` before every request to the system; return a function that ends
+    this."""
     number = 0
 
     def watched(step: str, real: Callable[..., Any]) -> Callable[..., Any]:
@@ -77,21 +78,21 @@ def before_each_step(
 
 
 @given(RECORDS)
-def test_a_record_comes_back_as_it_was(record: NvramRecord) -> None:
+def test_a_record_is_read_back_unchanged(record: NvramRecord) -> None:
     found = decode_record(encode_record(record))
 
     assert found == record
     assert repr(found) == repr(record)
 
 
-def test_whole_numbers_where_lengths_belong_are_lengths() -> None:
+def test_an_integer_for_a_length_is_read_as_a_float() -> None:
     found = decode_record(encode_record(NvramRecord(front_m=1500, distance_m=0)))
 
     assert found == NvramRecord(front_m=1500.0, distance_m=0.0)
     assert isinstance(found.front_m, float)
 
 
-def test_what_was_put_is_there_after_the_power_cycle(path: Path) -> None:
+def test_a_stored_record_survives_a_power_cycle(path: Path) -> None:
     memory = Nvram(path)
     assert (memory.state, memory.detail, memory.record) == (NvramState.OK, "", OLD)
 
@@ -115,11 +116,11 @@ def test_a_record_is_on_the_disk_before_the_name_points_to_it(
 
 
 @pytest.mark.parametrize("fatal", range(1, 9))
-def test_killed_at_any_step_the_old_or_the_new_record_is_left(
+def test_a_kill_at_any_step_leaves_the_old_or_the_new_record(
     fatal: int, path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def kill(number: int, step: str) -> None:
-        # Closing is done for a killed process by the system, so that it goes on.
+        # The system closes the files of a killed process, so closing goes on.
         if number >= fatal and step != "close":
             raise Killed
 
@@ -141,7 +142,7 @@ def test_killed_at_any_step_the_old_or_the_new_record_is_left(
 
 
 @pytest.mark.parametrize("failing", range(1, 9))
-def test_a_disk_that_fails_at_any_step_is_counted_and_never_raised(
+def test_a_disk_failure_at_any_step_is_counted_and_never_raised(
     failing: int, path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(number: int, step: str) -> None:
@@ -162,8 +163,8 @@ def test_a_disk_that_fails_at_any_step_is_counted_and_never_raised(
     assert Nvram(path).record == NEW
 
 
-def test_killed_for_real_while_writing_it_holds_all_that_was_promised(tmp_path: Path) -> None:
-    """A process stores ever higher terms and says each one it has stored; then comes SIGKILL."""
+def test_a_real_kill_during_a_write_loses_no_confirmed_record(tmp_path: Path) -> None:
+    """A process stores ever higher terms and prints each stored one; then it gets SIGKILL."""
     path = tmp_path / "vobc.nvram"
     program = f"""
 from firmware_py.storage.nvram import Nvram, NvramRecord
@@ -186,7 +187,7 @@ for term in range(1_000_000):
         assert found.record.highest_term in (promised[-1], promised[-1] + 1)
 
 
-def test_no_single_flipped_bit_goes_unnoticed() -> None:
+def test_every_single_flipped_bit_is_detected() -> None:
     stored = encode_record(OLD)
 
     for place in range(len(stored) * 8):
@@ -196,7 +197,7 @@ def test_no_single_flipped_bit_goes_unnoticed() -> None:
             decode_record(bytes(flipped))
 
 
-def test_no_torn_end_goes_unnoticed(path: Path) -> None:
+def test_every_truncation_is_detected(path: Path) -> None:
     stored = path.read_bytes()
 
     for length in range(len(stored)):
@@ -238,7 +239,7 @@ def test_no_garbage_is_a_record_or_a_crash(garbage: bytes) -> None:
         (lambda text: "[" * 100_000, ""),
     ],
 )
-def test_content_of_another_making_is_corrupt_although_its_crc_fits(
+def test_foreign_content_with_a_correct_crc_counts_as_corrupt(
     change: Callable[[str], str], why: str, path: Path
 ) -> None:
     text = path.read_text().splitlines()[0]
@@ -253,7 +254,7 @@ def test_content_of_another_making_is_corrupt_although_its_crc_fits(
     assert found.record == NvramRecord()
 
 
-def test_absent_and_unreadable_are_told_apart(tmp_path: Path) -> None:
+def test_absent_and_unreadable_files_are_distinguished(tmp_path: Path) -> None:
     absent, folder = Nvram(tmp_path / "none"), Nvram(tmp_path)
 
     assert (absent.state, absent.record) == (NvramState.ABSENT, NvramRecord())
@@ -264,13 +265,13 @@ def test_absent_and_unreadable_are_told_apart(tmp_path: Path) -> None:
     assert not Nvram(tmp_path / "no" / "folder").put(NEW)
 
 
-def test_where_the_file_gives_no_record_the_initial_one_is_used(path: Path) -> None:
+def test_without_a_readable_record_the_initial_one_is_used(path: Path) -> None:
     assert Nvram(path, initial=NEW).record == OLD
     assert Nvram(path.with_name("none"), initial=NEW).record == NEW
     assert Nvram(None, initial=NEW).record == NEW
 
 
-def test_in_memory_everything_is_the_same_but_for_the_power_cycle() -> None:
+def test_a_memory_without_a_file_behaves_the_same_except_for_a_power_cycle() -> None:
     memory = Nvram(None)
     assert (memory.state, memory.record) == (NvramState.ABSENT, NvramRecord())
 
@@ -282,7 +283,7 @@ def test_in_memory_everything_is_the_same_but_for_the_power_cycle() -> None:
     assert memory.failed_writes == 0
 
 
-def test_what_was_put_for_later_is_on_the_disk_after_closing(path: Path) -> None:
+def test_a_deferred_record_is_on_the_disk_after_closing(path: Path) -> None:
     memory = Nvram(path)
     for count in range(100):
         memory.put_later(NvramRecord(boot_count=count))
@@ -296,7 +297,7 @@ def test_what_was_put_for_later_is_on_the_disk_after_closing(path: Path) -> None
 
 
 @pytest.mark.parametrize("repetition", range(20))
-def test_what_is_put_now_overtakes_what_was_put_for_later(path: Path, repetition: int) -> None:
+def test_an_immediate_record_overrides_a_deferred_one(path: Path, repetition: int) -> None:
     memory = Nvram(path)
     memory.put_later(OLD)
     memory.put(NEW)
@@ -305,7 +306,7 @@ def test_what_is_put_now_overtakes_what_was_put_for_later(path: Path, repetition
     assert Nvram(path).record == NEW
 
 
-def test_a_late_write_that_fails_is_counted(tmp_path: Path) -> None:
+def test_a_failed_deferred_write_is_counted(tmp_path: Path) -> None:
     memory = Nvram(tmp_path / "no" / "folder")
     memory.put_later(NEW)
     memory.close()
@@ -330,7 +331,7 @@ def test_a_late_write_that_fails_is_counted(tmp_path: Path) -> None:
         {"distance_m": float("nan")},
     ],
 )
-def test_a_record_that_cannot_be_is_refused_by_name_and_value(values: dict[str, Any]) -> None:
+def test_an_impossible_record_is_refused_by_name_and_value(values: dict[str, Any]) -> None:
     (name, value), *_ = values.items()
 
     with pytest.raises(ValueError, match=name) as caught:

@@ -1,4 +1,5 @@
-"""The black box: lines as can-utils writes them, on the disk in time, and a full disk survived."""
+"""The recorder: lines in the format of can-utils, on the disk in time, and robust against a full
+disk."""
 
 import csv
 import enum
@@ -109,7 +110,7 @@ def test_a_frame_is_written_as_candump_writes_it(
         (9_999_999_999 * NS_PER_S, "(9999999999.000000)"),
     ],
 )
-def test_a_stamp_is_cut_to_microseconds_and_never_carried(
+def test_a_stamp_is_truncated_to_microseconds_and_never_rounded_up(
     epoch_ns: int, text: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "bus.log"
@@ -123,7 +124,7 @@ def test_a_stamp_is_cut_to_microseconds_and_never_carried(
 def test_stamps_in_any_order_are_written_exactly(
     frames: list[CanFrame], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """The text of the second is cached between frames; decimals computed afresh must agree."""
+    """The text of the second is cached between frames; freshly computed decimals must agree."""
     path = tmp_path_factory.mktemp("any") / "bus.log"
 
     write_all(path, frames)
@@ -134,7 +135,7 @@ def test_stamps_in_any_order_are_written_exactly(
 
 
 @given(frames=st.lists(FRAMES, max_size=30))
-def test_what_is_written_is_read_back_to_the_microsecond(
+def test_written_frames_are_read_back_to_the_microsecond(
     frames: list[CanFrame], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.mktemp("back") / "bus.log"
@@ -152,7 +153,7 @@ def test_what_is_written_is_read_back_to_the_microsecond(
 def test_python_can_reads_the_same_frames(
     frames: list[CanFrame], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """An independent reader as the oracle; it has no way to tell error frames."""
+    """An independent reader is the oracle; it cannot recognise error frames."""
     path = tmp_path_factory.mktemp("oracle") / "bus.log"
 
     write_all(path, frames)
@@ -174,21 +175,21 @@ def test_the_digest_is_that_of_the_file(tmp_path: Path) -> None:
     assert (writer.frames, writer.lost_lines, writer.error) == (50, 0, None)
 
 
-def test_when_the_second_turns_everything_before_is_on_the_disk(tmp_path: Path) -> None:
+def test_at_each_full_second_everything_before_is_on_the_disk(tmp_path: Path) -> None:
     path = tmp_path / "bus.log"
     writer = CandumpWriter(path, "vcan0")
 
     for tenth in range(1, 25):
         writer.frame(STAMP_NS + tenth * NS_PER_S // 10, 0x100, b"")
         on_disk = path.read_text().count("\n")
-        # The first stamp is a quarter past: the 8th frame opens a new second, so does the 18th.
+        # The first stamp is at a quarter second: the 8th and the 18th frame begin a new second.
         assert on_disk == (0 if tenth < 8 else 7 if tenth < 18 else 17)
     writer.close()
 
     assert path.read_text().count("\n") == 24
 
 
-def test_a_stamp_that_stands_still_fills_no_memory(tmp_path: Path) -> None:
+def test_a_constant_stamp_does_not_fill_the_memory(tmp_path: Path) -> None:
     path = tmp_path / "bus.log"
     writer = CandumpWriter(path, "vcan0")
 
@@ -200,7 +201,7 @@ def test_a_stamp_that_stands_still_fills_no_memory(tmp_path: Path) -> None:
 
 
 def test_a_killed_process_loses_at_most_its_last_second(tmp_path: Path) -> None:
-    """Logs 10.5 s at ten frames a second and is killed without a chance to close."""
+    """The process logs 10.5 s with ten frames a second and is killed without a chance to close."""
     path = tmp_path / "bus.log"
     program = f"""
 import os, signal
@@ -246,7 +247,7 @@ def test_a_full_disk_is_counted_and_never_raised() -> None:
     bus.close()
     rows.close()
 
-    # The CSV log loses its header line as well.
+    # The CSV log loses its header line, too.
     assert (bus.lost_lines, rows.lost_lines) == (5, 6)
     for log in (bus, rows):
         assert log.error == "/dev/full: No space left on device"
@@ -254,7 +255,7 @@ def test_a_full_disk_is_counted_and_never_raised() -> None:
 
 
 class SmallDisk:
-    """A file that takes only so many bytes at a time, and fails when it has no room at all."""
+    """A file that takes a limited number of bytes at a time and fails without any room."""
 
     def __init__(self, room: list[int]) -> None:
         self._room = room
@@ -269,7 +270,7 @@ class SmallDisk:
         return len(part)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing."""
 
 
 def test_after_a_torn_line_the_log_goes_on_with_a_whole_one(tmp_path: Path) -> None:
@@ -293,7 +294,7 @@ def test_after_a_torn_line_the_log_goes_on_with_a_whole_one(tmp_path: Path) -> N
     assert writer.sha256 == hashlib.sha256(disk.taken).hexdigest()
 
 
-def test_a_write_that_is_taken_in_parts_is_whole(tmp_path: Path) -> None:
+def test_a_partial_write_is_completed(tmp_path: Path) -> None:
     writer = CandumpWriter(tmp_path / "bus.log", "vcan0")
     disk = SmallDisk([1, 2, 3, 4])
     writer._file._file = disk  # type: ignore[assignment]
@@ -343,12 +344,13 @@ def test_frames_after_closing_are_lost_and_counted(tmp_path: Path) -> None:
         "(١٤٣٦٥٠٩٠٥٢.249713) vcan0 044#00\n",
     ],
 )
-def test_a_line_that_is_no_frame_is_none(line: str) -> None:
+def test_a_line_without_a_frame_is_ignored(line: str) -> None:
     assert parse_candump_line(line) is None
 
 
 def test_dialects_of_candump_are_understood() -> None:
-    """Nanoseconds (-N), direction (-x), lower case, a padded interface name, CR LF."""
+    """The dialects are: nanoseconds (-N), direction (-x), lower case, a padded interface name,
+    CR LF."""
     nanos = parse_candump_line("(0000000001.000000002)  can0 044#2a T\r\n")
 
     assert nanos is not None
@@ -370,7 +372,7 @@ def test_bad_lines_are_counted_and_the_rest_is_read(tmp_path: Path) -> None:
         assert reader.bad_lines == 3
 
 
-def test_a_log_that_is_not_there_is_an_error_that_names_it(tmp_path: Path) -> None:
+def test_a_missing_log_is_an_error_that_names_it(tmp_path: Path) -> None:
     with pytest.raises(RecorderError, match=r"bus\.log: cannot be read: No such file"):
         list(read_candump(tmp_path / "bus.log"))
 
@@ -383,7 +385,7 @@ TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_siz
 
 
 @given(texts=st.lists(TEXTS, max_size=10))
-def test_any_text_comes_back_from_the_csv_reader(
+def test_any_text_is_read_back_by_the_csv_reader(
     texts: list[str], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.mktemp("csv") / "rows.csv"
@@ -401,7 +403,7 @@ def test_any_text_comes_back_from_the_csv_reader(
 
 @given(st.floats(allow_nan=False))
 def test_a_number_keeps_nine_digits(number: float) -> None:
-    """Five units of the tenth digit at most; infinities survive."""
+    """The error is at most five units of the tenth digit; infinities survive."""
     log = LineLog("/dev/null", ("t_s", "value"))
     log.row(0.0, number)
     text = log._lines[0].rstrip("\n").split(",")[1]
@@ -410,7 +412,7 @@ def test_a_number_keeps_nine_digits(number: float) -> None:
     assert float(text) == number or math.isclose(float(text), number, rel_tol=5e-9)
 
 
-def test_what_is_no_number_and_no_text_has_its_own_form(tmp_path: Path) -> None:
+def test_booleans_enumerations_none_and_nan_have_their_own_form(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     log = LineLog(path, ("t_s", "a", "b", "c", "d", "e", "f"))
 
@@ -420,7 +422,7 @@ def test_what_is_no_number_and_no_text_has_its_own_form(tmp_path: Path) -> None:
     assert path.read_text() == "t_s,a,b,c,d,e,f\n0.250,1,0,,bright_red,nan,-3\n"
 
 
-def test_rows_reach_the_disk_when_their_second_turns(tmp_path: Path) -> None:
+def test_rows_reach_the_disk_at_the_next_full_second(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     log = LineLog(path, ("t_s", "k"))
     lengths = []
@@ -429,12 +431,12 @@ def test_rows_reach_the_disk_when_their_second_turns(tmp_path: Path) -> None:
         lengths.append(path.read_text().count("\n"))
     log.close()
 
-    # The header is there at once; each turn of the second brings all rows before it.
+    # The header is written at once; each full second writes all rows before it.
     assert lengths == [1, 1, 1, 4, 4, 6]
     assert path.read_text().count("\n") == 7
 
 
-def test_a_row_of_the_wrong_length_is_our_mistake(tmp_path: Path) -> None:
+def test_a_row_of_the_wrong_length_is_a_program_error(tmp_path: Path) -> None:
     log = LineLog(tmp_path / "rows.csv", ("t_s", "a"))
 
     with pytest.raises(AssertionError, match=r"rows\.csv: 3 values"):
@@ -442,7 +444,7 @@ def test_a_row_of_the_wrong_length_is_our_mistake(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("columns", [(), ("t_s", ""), ("t_s", "a", "a")])
-def test_columns_need_names_that_differ(columns: tuple[str, ...], tmp_path: Path) -> None:
+def test_columns_need_different_names(columns: tuple[str, ...], tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="distinct names"):
         LineLog(tmp_path / "rows.csv", columns)
 

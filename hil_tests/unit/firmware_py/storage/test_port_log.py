@@ -1,4 +1,4 @@
-"""The log of a controller's ports: what is written is read again, and damage is named."""
+"""The log of a controller's ports: written entries are read back, and damage is named."""
 
 from pathlib import Path
 
@@ -35,7 +35,8 @@ def commission(start: OdometryRecord | None = None) -> Commission:
 
 
 def record(path: Path) -> None:
-    """One controller of one task that hears and says one of everything, and is told to end."""
+    """Record a controller with one task that receives and sends one message of each kind and
+    then ends."""
     log, handed = PortLog(path / PORTS_LOG), HandedPorts()
     can, tags, radio = log.can(handed.can), log.tags(handed.tags), log.radio(handed.radio)
 
@@ -56,7 +57,7 @@ def record(path: Path) -> None:
     log.close()
 
 
-def test_everything_that_passed_the_ports_is_read_as_it_was(tmp_path: Path) -> None:
+def test_everything_that_passed_the_ports_is_read_back_unchanged(tmp_path: Path) -> None:
     record(tmp_path)
 
     recording = read_recording(tmp_path)
@@ -80,13 +81,15 @@ def test_everything_that_passed_the_ports_is_read_as_it_was(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("start", [None, OdometryRecord(12.5, 2.0, 0.0105)])
-def test_what_a_controller_is_told_survives_as_a_table(start: OdometryRecord | None) -> None:
+def test_the_commission_of_a_controller_is_read_back_unchanged(
+    start: OdometryRecord | None,
+) -> None:
     told = commission(start)
 
     assert read_commission(told.table(), "here") == told
 
 
-def test_an_older_version_leaves_out_what_it_does_not_know() -> None:
+def test_an_older_version_ignores_unknown_entries() -> None:
     table = commission().table()
     table["params"]["atp"]["later_m"] = 1.0
     table["line"]["stations"][0]["colour"] = "red"
@@ -98,7 +101,7 @@ def test_an_older_version_leaves_out_what_it_does_not_know() -> None:
     assert left_out == ["line.stations[0].colour", "params.atp.later_m"]
 
 
-def test_a_recorder_that_was_killed_loses_its_last_step_only(tmp_path: Path) -> None:
+def test_a_killed_recorder_loses_its_last_step_only(tmp_path: Path) -> None:
     record(tmp_path)
     whole = (tmp_path / PORTS_LOG).read_bytes()
     cut = whole[: whole.index(b"\nstop") + 3]
@@ -139,7 +142,7 @@ def test_a_folder_without_a_recording_is_named(tmp_path: Path) -> None:
         read_recording(tmp_path)
 
 
-def test_a_task_that_wakes_itself_runs_when_it_said(tmp_path: Path) -> None:
+def test_a_task_that_wakes_itself_runs_at_its_instant(tmp_path: Path) -> None:
     ran: list[int] = []
 
     def run(now_ns: int) -> int:

@@ -1,4 +1,4 @@
-"""A file is replaced as a whole or stays as it was, whatever happens while it is written."""
+"""A file is replaced as a whole or stays unchanged, whatever interrupts the write."""
 
 import os
 from pathlib import Path
@@ -15,7 +15,7 @@ def names(folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("content", ["", "é\n", b"\xff\x00"])
-def test_what_is_written_is_there(content: str | bytes, tmp_path: Path) -> None:
+def test_the_written_content_is_in_the_file(content: str | bytes, tmp_path: Path) -> None:
     path = tmp_path / "results.json"
 
     write_whole(path, content)
@@ -52,7 +52,7 @@ def test_a_full_disk_leaves_the_old_content_and_names_the_file(tmp_path: Path) -
     assert names(tmp_path) == ["results.json"]
 
 
-def test_what_a_killed_writer_left_is_overwritten(tmp_path: Path) -> None:
+def test_the_leftover_of_a_killed_writer_is_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     (tmp_path / f"{PART}results.json").write_text("half of the n")
 
@@ -62,7 +62,7 @@ def test_what_a_killed_writer_left_is_overwritten(tmp_path: Path) -> None:
     assert names(tmp_path) == ["results.json"]
 
 
-def test_the_suffix_stays_as_writers_take_the_format_from_it(tmp_path: Path) -> None:
+def test_the_suffix_stays_because_writers_derive_the_format_from_it(tmp_path: Path) -> None:
     with whole_file(tmp_path / "run.png") as part:
         assert part.suffix == ".png"
         part.write_text("")
@@ -79,7 +79,7 @@ def test_a_link_stays_a_link(tmp_path: Path) -> None:
     assert target.read_text() == "new"
 
 
-def test_a_device_is_written_to_and_stays_what_it_is() -> None:
+def test_a_device_is_written_to_and_not_replaced() -> None:
     device = Path("/dev/full")
 
     with pytest.raises(OSError, match="No space left"):
@@ -89,7 +89,7 @@ def test_a_device_is_written_to_and_stays_what_it_is() -> None:
     assert device.is_char_device()
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     path = tmp_path / "absent" / "results.json"
 
     with pytest.raises(OSError, match="No such file") as caught:
