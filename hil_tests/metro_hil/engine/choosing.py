@@ -1,4 +1,4 @@
-"""From a campaign and the options of `hil run` to the cases that are run. Pure."""
+"""Selects the cases that `hil run` runs from a campaign and the options. Pure."""
 
 import re
 from collections.abc import Sequence
@@ -22,9 +22,10 @@ def choose(
     controller: str | None = None,
     wires: WireNames | None = None,
 ) -> tuple[Case, ...]:
-    """Cases whose id or scenario matches, numbered anew, on another bench or with another device.
+    """Cases whose id or scenario matches the pattern, with new numbers and the options applied.
 
-    Raises UsageError when nothing is left or an option is wrong.
+    The options `bench`, `controller` and `wires` replace what the cases name. Raises UsageError
+    when no case is left or an option is wrong.
     """
     chosen = [case for case in cases if pattern is None or _matches(case, pattern)]
     if not chosen:
@@ -53,7 +54,7 @@ def _matches(case: Case, pattern: str) -> bool:
 
 
 def read_controller(text: str) -> ControllerSpec:
-    """What `--controller` says. Raises UsageError."""
+    """Parse the value of `--controller`. Raises UsageError."""
     kind, _, rest = text.partition(":")
     if text == "shipped":
         return ControllerSpec()
@@ -65,7 +66,7 @@ def read_controller(text: str) -> ControllerSpec:
 
 
 def pick_case(cases: Sequence[Case], wanted: str) -> Case:
-    """By id, unique beginning of an id, or index. Raises UsageError."""
+    """Find a case by id, unique beginning of an id, or index. Raises UsageError."""
     by_id = {case.id: case for case in cases}
     if wanted in by_id:
         return by_id[wanted]
@@ -75,5 +76,5 @@ def pick_case(cases: Sequence[Case], wanted: str) -> Case:
     if len(found) == 1:
         return found[0]
     ids = ", ".join(case.id for case in (found or list(cases))[:5])
-    what = f"{len(found)} cases begin so" if found else "no such case"
+    what = f"{len(found)} cases begin like this" if found else "no such case"
     raise UsageError(f"{wanted}: {what}: {ids}{', …' if len(found or cases) > 5 else ''}")

@@ -1,4 +1,4 @@
-"""A crew on an existing Dask cluster: the same cases, the same results, more processors."""
+"""A worker pool on an existing Dask cluster: same cases and results, more processors."""
 
 import contextlib
 import queue
@@ -18,21 +18,21 @@ from metro_hil.engine.worker_pool import CaseFinished, CaseRaised, Outcome, Pool
 
 CONNECT_S: Final = 15.0
 TASK_S: Final = 1.0
-"""A task shall take so long: much more than the scheduler needs for it, and short enough that
-results keep coming."""
+"""Target run time of one task, s: long against the scheduler's overhead, and short enough for a
+steady stream of results."""
 BATCHES_MAX: Final = 64
-"""In a task."""
+"""Maximum number of batches in one task."""
 TASKS_PER_THREAD: Final = 2
 LOOK_S: Final = 2.0
-"""Between two looks at who is there."""
+"""Period at which the pool checks which Dask workers are present, s."""
 SMOOTHING: Final = 0.1
 
 
 class DaskPool:
-    """A `Crew` of all threads of a cluster, each with a process of its own.
+    """A `WorkerPool` of all threads of a cluster; each thread has its own worker process.
 
-    A Dask worker that is lost is noticed by the scheduler, which gives its tasks to others; a task
-    that was lost with too many workers comes back here, and its cases are tried one by one.
+    When a Dask worker is lost, the scheduler gives its tasks to others. A task that was lost with
+    too many workers comes back here, and the engine tries its cases one by one.
     """
 
     def __init__(
@@ -43,10 +43,11 @@ class DaskPool:
         runner: str = RUNNER,
         case_timeout_s: float | None = None,
     ) -> None:
-        """Raises EngineError when there is no scheduler, or a worker with another program.
+        """Raises EngineError without a scheduler, or if a worker runs another version of the
+        program.
 
         Args:
-            address: of the scheduler, HOST:PORT.
+            address: HOST:PORT of the scheduler.
         """
         try:
             import distributed
@@ -75,12 +76,12 @@ class DaskPool:
             raise
 
     def _look(self) -> dict[str, int]:
-        """Threads by address."""
+        """Number of threads of each Dask worker, by its address."""
         known = self._client.scheduler_info(n_workers=-1)["workers"]
         return {str(address): int(worker["nthreads"]) for address, worker in known.items()}
 
     def _check_programs(self) -> None:
-        """Before anything is run; workers that come later are checked by their first task."""
+        """Check all workers before any case runs; later workers are checked at their first task."""
         try:
             found: Mapping[str, str] = self._client.run(program_version)
         except Exception as error:
@@ -107,15 +108,15 @@ class DaskPool:
 
     @property
     def _size(self) -> int:
-        """Batches in a task, so that it takes about `TASK_S`."""
+        """Number of batches in a task that takes about `TASK_S`."""
         return max(1, min(BATCHES_MAX, round(TASK_S / max(self._case_s, 1e-4))))
 
     def room(self, plenty: bool) -> bool:
-        """The scheduler moves waiting tasks to idle workers by itself, so plenty means nothing."""
+        """`plenty` has no effect: the scheduler moves waiting tasks to idle workers by itself."""
         return not self._stopping and self.busy < TASKS_PER_THREAD * self.workers * self._size
 
     def hand(self, batch: Batch) -> None:
-        """It leaves with the next `wait`."""
+        """Queue the batch; the next `wait` sends it."""
         self._waiting.append(batch)
 
     def _send(self) -> None:
@@ -161,7 +162,9 @@ class DaskPool:
             self._hear(msgspec.json.decode(task.result(), type=DaskAnswer), batches, outcomes)
             return
         if task.status != "error":
-            raise EngineError(f"dask://{self._address}: the scheduler let a task go: {task.status}")
+            raise EngineError(
+                f"dask://{self._address}: the scheduler dropped a task: {task.status}"
+            )
         error = task.exception()
         if isinstance(error, EngineError):
             raise EngineError(f"dask://{self._address}: {error}")
@@ -182,7 +185,7 @@ class DaskPool:
             outcomes.append(WorkerLost(batches[loss.number], left, loss.begun, loss.reason))
 
     def stop(self) -> None:
-        """Tasks that are with the scheduler end; their cases have results then."""
+        """The tasks that the scheduler already has run to their end and give results."""
         self._stopping = True
         self._waiting.clear()
 

@@ -1,4 +1,4 @@
-"""What runs on a Dask worker: batches of cases, in a process of their own that may die alone."""
+"""Runs batches of cases on a Dask worker, in a separate process whose death harms no other."""
 
 import hashlib
 import os
@@ -19,46 +19,46 @@ WAIT_S = 1.0
 
 
 class DaskOrder(msgspec.Struct, frozen=True):
-    """Master to Dask worker."""
+    """Message from master to Dask worker: cases to run, and everything that they need."""
 
     program: str
-    """Whose results are wanted; another program computes nothing."""
+    """Program version that the master runs; a worker of another version computes nothing."""
     runner: str
     files: dict[str, str]
-    """Content by the name by which cases call a file."""
+    """File contents, by the name by which cases refer to the file."""
     case_timeout_s: float | None
     batches: dict[str, tuple[Case, ...]]
-    """By number."""
+    """Cases of each batch, by the number of the batch as text."""
 
 
 class Loss(msgspec.Struct, frozen=True):
-    """What never got a result, as in `Gone`."""
+    """Cases of a batch that never got a result, as in `WorkerLost`."""
 
     number: int
     left: int
-    """So many at the end of the batch."""
+    """Number of cases without a result, at the end of the batch."""
     begun: int
     reason: str
 
 
 class DaskAnswer(msgspec.Struct, frozen=True):
-    """Dask worker to master."""
+    """Message from Dask worker to master: what became of the cases of one order."""
 
     program: str
     results: tuple[tuple[int, CaseResult], ...] = ()
-    """With the number of their batch."""
+    """Results, each with the number of its batch."""
     raised: tuple[tuple[int, str, str], ...] = ()
-    """Number of the batch, case, traceback."""
+    """Cases whose run raised an exception: number of the batch, id of the case, traceback."""
     losses: tuple[Loss, ...] = ()
 
 
 _mine = threading.local()
-"""Each thread of a Dask worker has a worker process of its own, which lives as long as it is used
-for the same campaign and dies with the Dask worker."""
+"""Worker process of each thread of a Dask worker. It lives until the thread gets another campaign,
+and dies with the Dask worker."""
 
 
 def run_order(text: bytes) -> bytes:
-    """One order as JSON, its answer as JSON."""
+    """Run one order, given as JSON, and return its answer as JSON."""
     order = msgspec.json.decode(text, type=DaskOrder)
     if order.program != program_version():
         return msgspec.json.encode(DaskAnswer(program_version()))
@@ -78,11 +78,11 @@ def _crew_for(order: DaskOrder) -> LocalPool:
 
 
 def _on_disk(content: str) -> Path:
-    """A file of this user with this content; another one for another content."""
+    """Store `content` in a file of this user whose name is a hash of the content."""
     folder = Path(tempfile.gettempdir()) / f"metro_hil_files_{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     path = folder / f"{hashlib.sha256(content.encode()).hexdigest()}.toml"
-    # Others may write the same file at this moment; replacing it leaves it whole for all.
+    # Another thread may write the same file now; the atomic replacement always leaves a whole file.
     part = folder / f"{path.name}.{os.getpid()}.{threading.get_ident()}"
     part.write_text(content, encoding="utf-8")
     part.replace(path)

@@ -1,9 +1,9 @@
-"""What can be wrong with a campaign's folder, its journal or those who run its cases."""
+"""Errors of the engine: in a campaign's folder, its journal, its workers, or the user's request."""
 
 
 class EngineError(Exception):
-    """The host, the folder or the crew does not let the campaign go on (exit code 3)."""
+    """The host, the folder or the workers prevent the campaign from going on (exit code 3)."""
 
 
 class UsageError(Exception):
-    """What the user asked for cannot be done (exit code 2); the text says what could."""
+    """The user's request cannot be carried out (exit code 2); the text says what is possible."""

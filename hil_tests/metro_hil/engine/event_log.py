@@ -1,4 +1,4 @@
-"""The story of one case: verdict, margins, what happened when, where its logs are."""
+"""Shows one case on the terminal: verdict, margins, events with their times, and its logs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ EVENTS_SHOWN_MAX: Final = 60
 
 
 def tell(console: Console, case: Case, result: CaseResult | None, logs: Sequence[Path]) -> None:
-    """For people."""
+    """Print verdict, margins, measures, events and log paths of a case for a person."""
 
     def say(words: str, style: str = "") -> None:
         console.print(words, style=style, markup=False, highlight=False, soft_wrap=True)

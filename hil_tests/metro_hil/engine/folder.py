@@ -27,44 +27,44 @@ HASH_DIGITS: Final = 16
 
 
 class FileEntry(msgspec.Struct, frozen=True):
-    """A file of the user's, copied into the campaign's folder."""
+    """A file of the user, copied into the campaign's folder."""
 
     path: str
-    """Below the campaign's folder."""
+    """Path relative to the campaign's folder."""
     sha256: str
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True):
-    """What the campaign is. Written before anything is run, and never again."""
+    """Describes the campaign. It is written once, before any case runs."""
 
     name: str
     title: str = ""
     description: str = ""
     layout: str | None = None
     fingerprint: str
-    """Hash over cases, files and program; two campaigns with the same one are the same."""
+    """Hash over cases, files and program; equal fingerprints mean equal campaigns."""
     cases: int
     planned_cases: int = 0
-    """How many the whole campaign has; more than `cases` where only some were chosen."""
+    """Number of cases of the whole campaign; more than `cases` where only some were selected."""
     cases_sha256: str
     files: dict[str, FileEntry] = {}
-    """By the name by which cases call them."""
+    """File entries, by the name by which cases refer to the file."""
     started: str
-    """UTC."""
+    """Start of the campaign in UTC."""
     program: str
     versions: dict[str, str]
     options: dict[str, Any] = {}
-    """As given to `hil run`."""
+    """Options as given to `hil run`."""
 
     @property
     def subset(self) -> str:
-        """Such as `3 of 8 cases`; empty where all cases of the campaign were chosen."""
+        """Text such as `3 of 8 cases`; empty where all cases of the campaign were selected."""
         return subset_text(self.cases, self.planned_cases)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignPlan:
-    """What a campaign folder is made from."""
+    """All inputs from which a campaign folder is made."""
 
     name: str
     cases: Sequence[Case]
@@ -72,15 +72,15 @@ class CampaignPlan:
     description: str = ""
     layout: str | None = None
     planned_cases: int = 0
-    """How many the whole campaign has, if not all of them are here."""
+    """Number of cases of the whole campaign, if `cases` is only a part of it."""
     files: Mapping[str, str]
-    """Content by the name by which cases call a file."""
+    """File contents, by the name by which cases refer to the file."""
     options: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignFolder:
-    """Where everything of one campaign lies."""
+    """Paths and contents of one campaign's folder."""
 
     path: Path
 
@@ -97,12 +97,13 @@ class CampaignFolder:
         return self.path / "journal.jsonl"
 
     def kept(self, case_id: str) -> RunFolder:
-        """The logs of one case, if they were kept: below `cases/`, at the id of the case."""
+        """Folder of the logs of one case, if they were kept: below `cases/`, named by the case
+        id."""
         parts = (folder_name(part) for part in case_id.split("/"))
         return RunFolder(self.path.joinpath("cases", *parts))
 
     def manifest(self) -> Manifest:
-        """Raises EngineError when it is not there or cannot be read."""
+        """Read the manifest. Raises EngineError if it is missing or unreadable."""
         data = _read(self.manifest_path)
         try:
             return msgspec.json.decode(data, type=Manifest)
@@ -110,7 +111,7 @@ class CampaignFolder:
             raise EngineError(f"{self.manifest_path}: {error}") from error
 
     def cases(self) -> tuple[Case, ...]:
-        """Raises EngineError when they are not those that the manifest names."""
+        """Read the cases. Raises EngineError if they are not those that the manifest names."""
         data = _read(self.cases_path)
         if _sha256(data) != self.manifest().cases_sha256:
             raise EngineError(f"{self.cases_path}: not the cases that {MANIFEST} names")
@@ -123,7 +124,7 @@ class CampaignFolder:
             ) from error
 
     def files(self) -> dict[str, Path]:
-        """Path by the name by which cases call a file. Raises EngineError when one was changed."""
+        """Paths by the name that cases use. Raises EngineError if a file was changed."""
         paths = {}
         for name, entry in self.manifest().files.items():
             path = self.path / entry.path
@@ -133,13 +134,13 @@ class CampaignFolder:
         return paths
 
     def head(self) -> JournalHead:
-        """What the journal has to belong to."""
+        """The head that the journal of this campaign must have."""
         manifest = self.manifest()
         return JournalHead(manifest.fingerprint, manifest.cases)
 
 
 def folder_name(words: str) -> str:
-    """A name for a folder, another one for other words; plain words stay as they are."""
+    """A valid folder name, different for each text; plain texts stay as they are."""
     name = quote(words, safe=PLAIN_CHARACTERS) or "%"
     if len(name) > NAME_BYTES_MAX:
         digits = hashlib.sha256(words.encode()).hexdigest()[:HASH_DIGITS]
@@ -148,11 +149,11 @@ def folder_name(words: str) -> str:
 
 
 def make_folder(plan: CampaignPlan, out: str | None = None, root: Path = ROOT) -> CampaignFolder:
-    """A new folder with everything but the journal.
+    """Create a new folder with everything but the journal.
 
     Raises:
-        UsageError: when there is no case, a case cannot be written down or `out` is not empty.
-        EngineError: when the disk refuses.
+        UsageError: if there is no case, a case cannot be stored, or `out` is not empty.
+        EngineError: if the disk refuses.
     """
     if not plan.cases:
         raise UsageError(f"{plan.name}: there is no case to run")
@@ -165,7 +166,7 @@ def make_folder(plan: CampaignPlan, out: str | None = None, root: Path = ROOT) -
         path.mkdir(parents=True, exist_ok=True)
         if any(path.iterdir()):
             raise UsageError(
-                f"--out {path}: not empty; `hil resume {path}` goes on with a campaign"
+                f"--out {path}: not empty; to continue a campaign use `hil resume {path}`"
             )
         entries = {
             name: _copy(path, number, name, content.encode())
@@ -196,19 +197,19 @@ def make_folder(plan: CampaignPlan, out: str | None = None, root: Path = ROOT) -
 
 
 def fingerprint(cases: bytes, file_hashes: Mapping[str, str], program: str) -> str:
-    """Equal for two campaigns that are the same: cases, contents of files, program."""
+    """Hash that is equal for two campaigns with equal cases, file contents and program."""
     parts = (_sha256(cases), sorted(file_hashes.items()), program)
     return _sha256(msgspec.json.encode(parts))[:HASH_DIGITS]
 
 
 def fingerprint_of(cases: Sequence[Case], files: Mapping[str, str]) -> str:
-    """That of the folder that these cases and contents of files would get. Raises UsageError."""
+    """Fingerprint that the folder of these cases and files would get. Raises UsageError."""
     hashes = {name: _sha256(content.encode()) for name, content in files.items()}
     return fingerprint(_cases_text(cases), hashes, program_version())
 
 
 def _cases_text(cases: Sequence[Case]) -> bytes:
-    """One line each. Raises UsageError for what would not come back from JSON as it went in."""
+    """One line for each case. Raises UsageError for a value that JSON would not give back."""
     pieces = []
     ids: set[str] = set()
     for index, case in enumerate(cases):
@@ -218,7 +219,7 @@ def _cases_text(cases: Sequence[Case]) -> bytes:
         ids.add(case.id)
         piece = msgspec.json.encode(case)
         again = msgspec.json.decode(piece, type=Case)
-        # MessagePack keeps what JSON turns into null.
+        # JSON turns some values, such as infinity, into null; MessagePack keeps them.
         if msgspec.msgpack.encode(again) != msgspec.msgpack.encode(case):
             raise UsageError(f"{case.id}: a value is infinite, not a number or a date")
         pieces.append(piece + b"\n")
@@ -226,9 +227,10 @@ def _cases_text(cases: Sequence[Case]) -> bytes:
 
 
 def find_folder(name: str | None, root: Path = ROOT) -> CampaignFolder:
-    """By path, full name or unique beginning, or the last one of a campaign; None for the last.
+    """Find a campaign by path, full name, unique beginning, or campaign name; None means the last.
 
-    Raises UsageError when there is none or more than one.
+    A campaign name stands for the last run of that campaign. Raises UsageError when there is none
+    or more than one.
     """
     if name is not None and (Path(name) / MANIFEST).is_file():
         return CampaignFolder(Path(name))
@@ -244,7 +246,7 @@ def find_folder(name: str | None, root: Path = ROOT) -> CampaignFolder:
     matches = matches or [folder for folder in known if _ran(folder, name)][-1:]
     if len(matches) > 1:
         found = ", ".join(folder.path.name for folder in matches)
-        raise UsageError(f"{name}: more than one campaign begins so: {found}")
+        raise UsageError(f"{name}: more than one campaign begins like this: {found}")
     if not known:
         raise UsageError(f"{name}: no campaign below {root}; `hil run` makes one")
     if not matches:
@@ -253,7 +255,7 @@ def find_folder(name: str | None, root: Path = ROOT) -> CampaignFolder:
 
 
 def folders(root: Path = ROOT) -> list[CampaignFolder]:
-    """All campaigns there, the oldest first. What has no manifest never began."""
+    """All campaigns below `root`, the oldest first. A folder without a manifest is ignored."""
     found = [CampaignFolder(path.parent) for path in root.glob(f"*/{MANIFEST}")]
     return sorted(found, key=lambda folder: (_began(folder), folder.path.name))
 
@@ -266,12 +268,12 @@ def _ran(folder: CampaignFolder, name: str) -> bool:
 
 
 def _began(folder: CampaignFolder) -> int:
-    """Two campaigns of one second are told apart by when their manifests were written."""
+    """Time of the manifest, which orders two campaigns that began in the same second."""
     return folder.manifest_path.stat().st_mtime_ns
 
 
 def _copy(folder: Path, number: int, name: str, content: bytes) -> FileEntry:
-    """Files may share the last part of their names, so each lies in a folder of its own."""
+    """Each file has its own folder, because files may share the last part of their names."""
     place = Path("files") / str(number) / folder_name(Path(name).name)
     (folder / place).parent.mkdir(parents=True)
     write_whole(folder / place, content)
@@ -298,7 +300,7 @@ def _sha256(data: bytes) -> str:
 
 
 def empty_run_folder(folder: RunFolder) -> RunFolder:
-    """Made, and without what an earlier try left in it."""
+    """Create the folder of a run, without anything that an earlier attempt left in it."""
     shutil.rmtree(folder.path, ignore_errors=True)
     folder.path.mkdir(parents=True)
     return folder

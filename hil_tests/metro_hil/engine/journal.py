@@ -1,12 +1,12 @@
 """The journal of a campaign: one line for each result, each with a checksum, never rewritten.
 
-A line is a JSON object whose first member is the checksum (BLAKE2b, 8 bytes) of all that follows it
-up to the end of the line:
+A line is a JSON object whose first member is the checksum (BLAKE2b, 8 bytes) of the rest of the
+line:
 
     {"sum":"0f1e2d3c4b5a6978","result":{"case_id":"..."}}
 
-The line of a result goes to the kernel at once, so that `kill -9` loses at most the one that is
-being written, and to the disk at least every `SYNC_S`.
+The journal passes each line to the kernel at once, so that `kill -9` loses at most the line that is
+being written. It flushes to the disk at least every `SYNC_S`.
 """
 
 import fcntl
@@ -31,15 +31,15 @@ _BODY_FROM: Final = len(_OPENING) + _SUM_DIGITS + 2
 
 
 class JournalHead(msgspec.Struct, frozen=True):
-    """What the journal belongs to."""
+    """Names the campaign that the journal belongs to."""
 
     fingerprint: str
-    """Of the campaign."""
+    """Fingerprint of the campaign."""
     cases: int
 
 
 class Session(msgspec.Struct, frozen=True):
-    """Somebody began, or went on, to run the campaign."""
+    """A process began to run the campaign, or resumed it."""
 
     at: str
     program: str
@@ -47,7 +47,7 @@ class Session(msgspec.Struct, frozen=True):
 
 
 class LostAttempt(msgspec.Struct, frozen=True):
-    """A case was begun and its worker died or hung."""
+    """A worker began a case, then died or hung."""
 
     case_id: str
     attempt: int
@@ -55,7 +55,7 @@ class LostAttempt(msgspec.Struct, frozen=True):
 
 
 class JournalLine(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One line; exactly one of the members is there."""
+    """One line; exactly one of the members is present."""
 
     head: JournalHead | None = None
     session: Session | None = None
@@ -65,21 +65,21 @@ class JournalLine(msgspec.Struct, frozen=True, omit_defaults=True):
 
 @dataclass(slots=True)
 class JournalContent:
-    """What a journal says."""
+    """Parsed content of a journal."""
 
     head: JournalHead | None = None
     sessions: list[Session] = field(default_factory=list)
     results: list[CaseResult] = field(default_factory=list)
-    """As written: a case may be there more than once."""
+    """Results as written: a case may have several."""
     lost_attempts: list[LostAttempt] = field(default_factory=list)
     damaged: list[int] = field(default_factory=list)
-    """Numbers of the lines, from 1, that are not what was written."""
+    """Numbers of the damaged lines, from 1."""
     whole_bytes: int = 0
-    """Up to the end of the last line; what follows was torn off while it was written."""
+    """Length up to the end of the last complete line; a torn line may follow."""
 
 
 class JournalDamageError(EngineError):
-    """Lines in the middle are not what was written; the text names them."""
+    """Some lines of the journal are damaged; the text gives their numbers."""
 
 
 _encode: Final = msgspec.json.Encoder().encode
@@ -93,7 +93,7 @@ def encode_line(line: JournalLine) -> bytes:
 
 
 def decode_line(text: bytes) -> JournalLine | None:
-    """Of one line without its end; None when it is not what was written."""
+    """Decode one line, given without its end; None if it is damaged."""
     body = text[_BODY_FROM:]
     if not text.startswith(_OPENING) or text[:_BODY_FROM] != _OPENING + _sum(body) + b'",':
         return None
@@ -108,7 +108,7 @@ def _sum(body: bytes) -> bytes:
 
 
 def parse_journal(data: bytes) -> JournalContent:
-    """Whatever the bytes are; what is torn or damaged is said, never guessed."""
+    """Parse any bytes; damaged and torn lines are reported, never guessed."""
     content = JournalContent(whole_bytes=data.rfind(b"\n") + 1)
     for number, text in enumerate(data[: content.whole_bytes].split(b"\n")[:-1], start=1):
         line = decode_line(text)
@@ -126,7 +126,7 @@ def parse_journal(data: bytes) -> JournalContent:
 
 
 def read_journal(path: Path) -> JournalContent:
-    """What is written so far, also while somebody writes. Empty when there is none."""
+    """Read what is written until now, even while another process writes; empty without a file."""
     try:
         return parse_journal(path.read_bytes())
     except FileNotFoundError:
@@ -136,7 +136,7 @@ def read_journal(path: Path) -> JournalContent:
 
 
 def refuse_damage(path: Path, content: JournalContent) -> None:
-    """Raises JournalDamageError when a line in the middle cannot be trusted."""
+    """Raises JournalDamageError if the journal holds a damaged line."""
     if content.damaged:
         lines = ", ".join(str(number) for number in content.damaged)
         raise JournalDamageError(
@@ -145,20 +145,20 @@ def refuse_damage(path: Path, content: JournalContent) -> None:
 
 
 class Journal:
-    """A journal to write to. Only one process at a time has it."""
+    """A journal open for writing. A lock admits only one process at a time."""
 
     def __init__(self, path: Path, head: JournalHead) -> None:
-        """Open or begin it. A torn end is cut off, damaged lines are left out.
+        """Open or create the journal; cut off a torn end and leave out damaged lines.
 
         The file with the damaged lines is kept as `journal.damaged`.
 
         Raises:
-            EngineError: when another process has it, it belongs to another campaign, or the disk
-                refuses.
+            EngineError: if another process has the journal, it belongs to another campaign, or the
+                disk refuses.
         """
         self._path = path
         self.left_out = 0
-        """Lines that were damaged; their cases have no result any more."""
+        """Number of damaged lines that were left out; their cases have no result any more."""
         self._clock = WallClock()
         self._lock = _lock(path.with_suffix(".lock"))
         self._file = -1
@@ -198,7 +198,7 @@ class Journal:
             data = data[os.write(self._file, data) :]
 
     def append(self, entry: CaseResult | LostAttempt | Session) -> None:
-        """Raises EngineError when the disk refuses."""
+        """Write one line. Raises EngineError if the disk refuses."""
         if isinstance(entry, CaseResult):
             line = JournalLine(result=entry)
         elif isinstance(entry, LostAttempt):
@@ -213,7 +213,7 @@ class Journal:
             raise EngineError(f"{self._path}: {error.strerror}") from error
 
     def sync(self, at_once: bool = False) -> None:
-        """Onto the disk, if that was not done for `SYNC_S`."""
+        """Flush to the disk, unless the last flush is less than `SYNC_S` ago."""
         now_ns = self._clock.now_ns()
         if self._unsynced and (at_once or now_ns - self._synced_ns >= SYNC_S * NS_PER_S):
             os.fsync(self._file)
@@ -221,7 +221,7 @@ class Journal:
             self._synced_ns = self._clock.now_ns()
 
     def close(self) -> None:
-        """Raises EngineError when the disk refuses; other processes may have it all the same."""
+        """Flush and release the lock, even on failure. Raises EngineError if the disk refuses."""
         file, lock, self._lock = self._file, self._lock, -1
         try:
             if file >= 0:
@@ -236,7 +236,7 @@ class Journal:
 
 
 def _lock(path: Path) -> int:
-    """Held until it is closed or the process is gone, however it goes."""
+    """Lock that the kernel releases when it is closed or the process ends in any way."""
     try:
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
@@ -250,7 +250,7 @@ def _lock(path: Path) -> int:
 
 
 def _rewrite(path: Path, head: JournalHead, found: JournalContent) -> None:
-    """Keep the damaged file under another name; only the good lines stay in its place."""
+    """Move the damaged file aside, and write a journal of the good lines in its place."""
     lines: list[JournalLine] = [JournalLine(head=head)]
     lines += [JournalLine(session=session) for session in found.sessions]
     lines += [JournalLine(lost_attempt=attempt) for attempt in found.lost_attempts]
@@ -260,7 +260,7 @@ def _rewrite(path: Path, head: JournalHead, found: JournalContent) -> None:
 
 
 def same_result(one: CaseResult, other: CaseResult) -> bool:
-    """Whether two results agree in all but how the host served them."""
+    """Whether two results are equal, apart from what depends on the host."""
     return without_host(one) == without_host(other)
 
 
@@ -271,7 +271,7 @@ def without_host(result: CaseResult) -> dict[str, Any]:
 
 
 def once_each(results: Iterable[CaseResult]) -> dict[str, CaseResult]:
-    """By case id, in the order of the campaign; of several lines for a case the first counts."""
+    """Results by case id, in the campaign's order; the first of several for one case counts."""
     by_id: dict[str, CaseResult] = {}
     for result in results:
         by_id.setdefault(result.case_id, result)

@@ -1,13 +1,13 @@
-"""Kills a campaign's master at random instants, or fills its disk, and compares what comes out.
+"""Kills a campaign's master at random instants, or fills its disk, and compares the results.
 
     python -m metro_hil.engine.kill_trial --kills 100
     unshare --map-root-user --mount python -m metro_hil.engine.kill_trial --full-disks 10
 
-The same cases are run once undisturbed. Whenever a disturbed campaign is complete at last, its
-results and reports have to be those of the undisturbed one, with each case in its journal exactly
-once. A disk is full for one life of the master: a file leaves a random part of the room that the
-campaign still needs on a file system of its own. The master has to end with exit code 3, a line
-that names the disk, and no traceback.
+The trial first runs the same cases undisturbed. When a disturbed campaign is complete, its results
+and reports must equal those of the undisturbed one, with each case in its journal exactly once. A
+disk is full for one life of the master: a filler file leaves a random part of the space that the
+campaign still needs. The master must then end with exit code 3, one line that names the disk, and
+no traceback.
 """
 
 import argparse
@@ -43,47 +43,47 @@ CASE_WORK_S: Final = 0.02
 UNDISTURBED_S: Final = 600.0
 KEEP_WORST: Final = 3
 DISK: Final = "256m"
-"""Size of the disk that is filled: several whole campaigns."""
+"""Size of the file system that the trial fills: room for several whole campaigns."""
 FULL: Final = (os.strerror(errno.ENOSPC).encode(), b"the disk did not take")
-"""What a master says of a full disk."""
+"""Texts of which a master must print one when the disk is full."""
 BLOCK_BYTES: Final = 512
 """Unit of `st_blocks`."""
 BARREN_KILLS_MAX: Final = 20
-"""So many kills in a row without a new result would go on for ever."""
+"""Maximum number of kills in a row without a new result, after which the master lives longer."""
 
 
 @dataclass(slots=True)
 class KillReport:
-    """What the trial saw."""
+    """Counts and faults of a trial."""
 
     kills: int = 0
     full_disks: int = 0
     campaigns: int = 0
-    """That were completed in spite of both."""
+    """Number of campaigns that were completed in spite of the disturbances."""
     faults: list[str] = field(default_factory=list)
-    """None if nothing was lost, doubled or different."""
+    """Results that were lost, doubled or different; empty if all is well."""
 
 
 @dataclass(frozen=True, slots=True)
 class KillTrial:
-    """What is run, and how often it is disturbed."""
+    """The campaign to run, and how often the trial disturbs it."""
 
     plan: CampaignPlan
     root: Path
-    """Where the campaigns' folders are made."""
+    """Folder in which the campaigns' folders are made."""
     kills: int
     full_disks: int = 0
-    """`root` has to be a small file system of its own where there are any."""
+    """Number of full disks; if there are any, `root` must be a small file system of its own."""
     seed: int = 1
     workers: int = 2
     reports: bool = False
-    """Whether reports are written and compared, too."""
+    """Whether reports are written and compared as well."""
     life_s: float = 1.5
-    """The master is killed at an instant drawn evenly from 0 to this after its start, or to the
-    time that it needs undisturbed. It grows while nothing is achieved."""
+    """The master is killed at an instant sampled evenly from 0 to this after its start, or to its
+    undisturbed run time if that is longer. It doubles while kills give no new result."""
 
     def run(self) -> KillReport:
-        """Raises RuntimeError when not even the undisturbed campaign can be run."""
+        """Run the trial. Raises RuntimeError if the undisturbed campaign fails to run."""
         began_ns = WallClock().now_ns()
         wanted_folder = make_folder(self.plan, str(self.root / "undisturbed"))
         done = self._start(wanted_folder)
@@ -103,7 +103,7 @@ class KillTrial:
         return report
 
     def _left(self, report: KillReport) -> int:
-        """Disturbances that are still to come."""
+        """Number of disturbances still to come."""
         return self.kills + self.full_disks - report.kills - report.full_disks
 
     def _through(
@@ -114,11 +114,11 @@ class KillTrial:
         life_s: float,
         size: int,
     ) -> bytes:
-        """Resume and disturb until the campaign ends by itself; what it then says.
+        """Resume and disturb until the campaign ends by itself; return its output.
 
         Args:
-            life_s: the master lives at most so long.
-            size: of the whole folder, in bytes.
+            life_s: maximum time from the master's start to its kill.
+            size: size of the whole folder, in bytes.
         """
         clock, barren, results = WallClock(), 0, 0
         while True:
@@ -144,14 +144,14 @@ class KillTrial:
             barren = barren + 1 if new == results else 0
             results = new
             if barren == BARREN_KILLS_MAX:
-                # The machine is too slow for anything to happen in so short a life.
+                # The machine is too slow for a case to finish in this time.
                 life_s, barren = 2.0 * life_s, 0
 
     def _start(self, folder: CampaignFolder) -> "subprocess.Popen[bytes]":
         words = [sys.executable, "-m", "metro_hil.cli.hil", "resume", str(folder.path)]
         words += ["--json", "--workers", str(self.workers)]
         words += [] if self.reports else ["--no-report", "--keep", "0", "--keep-worst", "0"]
-        # A session of its own, so that Ctrl-C does not count as one of the kills.
+        # The master has its own session, so that Ctrl-C does not count as a kill.
         return subprocess.Popen(
             words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
         )
@@ -159,7 +159,7 @@ class KillTrial:
 
 @contextmanager
 def _filled(root: Path, folder: Path, dice: random.Random, size: int) -> Iterator[None]:
-    """Leave only a random part of the room that a campaign still needs."""
+    """Fill the disk, except for a random part of the space that a campaign still needs."""
     filler, needed = root / "filler", max(1, size - _size(folder))
     stat = os.statvfs(root)
     with filler.open("wb") as file:
@@ -173,12 +173,12 @@ def _filled(root: Path, folder: Path, dice: random.Random, size: int) -> Iterato
 
 
 def _size(folder: Path) -> int:
-    """Bytes on the disk of all files in a folder."""
+    """Bytes that all files in a folder occupy on the disk."""
     return sum(path.stat().st_blocks * BLOCK_BYTES for path in folder.rglob("*"))
 
 
 def _says_full(code: int, errors: bytes) -> bool:
-    """Whether a master ended as it should on a full disk."""
+    """Whether a master ended as required on a full disk."""
     told = [line for line in errors.splitlines() if line.startswith(b"hil: ")]
     return (
         code == EXIT_ENVIRONMENT
@@ -189,7 +189,7 @@ def _says_full(code: int, errors: bytes) -> bool:
 
 
 def _outcome(folder: CampaignFolder, output: bytes) -> dict[str, Any]:
-    """All that has to be the same: results by case, totals, contents of the reports."""
+    """Everything that must be equal: results by case, totals, contents of the reports."""
     found = read_journal(folder.journal_path)
     results = {name: without_host(result) for name, result in once_each(found.results).items()}
     said: dict[str, Any] = msgspec.json.decode(output) if output else {}
@@ -223,15 +223,17 @@ def plan_of(cases: Sequence[Case], runner: str, files: dict[str, str]) -> Campai
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code 0 when nothing was lost, doubled or different."""
+    """Exit code 0 when no result was lost, doubled or different."""
     require_assertions("kill_trial")
     parser = argparse.ArgumentParser(prog="kill_trial", description=__doc__)
     parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--full-disks", type=int, default=0, help="takes the right to mount")
-    parser.add_argument("--seed", type=int, default=1, help="of the instants")
+    parser.add_argument(
+        "--full-disks", type=int, default=0, help="number of full disks; needs the right to mount"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="seed of the random instants")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--campaign", help="run this one instead of made-up cases")
-    parser.add_argument("--limit", type=int, help="only so many of its cases")
+    parser.add_argument("--limit", type=int, help="run only its first LIMIT cases")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(argv)
     with tempfile.TemporaryDirectory(prefix="kill_trial_") as root, ExitStack() as stack:

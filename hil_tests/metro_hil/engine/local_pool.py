@@ -1,4 +1,4 @@
-"""Worker processes on this machine's processors: fed, watched, replaced when they die or hang."""
+"""Worker processes on this machine: feeds and watches them, replaces those that die or hang."""
 
 import os
 import selectors
@@ -34,9 +34,9 @@ from metro_hil.model.case import BenchKind, Case
 from metro_hil.model.compiled_copy import compiled_library, worker_environment
 
 LEASE_S: Final = 120.0
-"""Wall time that a case may take in virtual time, and a worker to start."""
+"""Maximum wall time of a case in virtual time, and of the start of a worker, s."""
 TOO_LATE: Final = "no result within"
-"""Begins the reason of a case that took too long."""
+"""Beginning of the reason of a case that took too long."""
 START_FAILURES_MAX: Final = 3
 READ_BYTES: Final = 1 << 18
 LAST_LINES: Final = 6
@@ -44,38 +44,41 @@ END_S: Final = 2.0
 ONE_THREAD: Final = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
 )
-"""Each worker has one processor; more threads of a numerical library would only fight for it."""
+"""Environment that limits numerical libraries to one thread, because a worker has one processor."""
 
 
 def lease_s(case: Case, asked_s: float | None) -> float:
-    """Wall time after which a case is taken for hanging."""
+    """Wall time after which the pool treats a case as hanging, s."""
     if asked_s is not None:
         return asked_s
     return LEASE_S + (2.0 * case.setup.duration_s if case.bench is not BenchKind.LOCKSTEP else 0.0)
 
 
 class _Entry:
-    """One batch at a worker."""
+    """One batch that a worker holds."""
 
     def __init__(self, batch: Batch) -> None:
         self.batch = batch
         self.left = deque(batch.cases)
 
     def gone(self, begun: bool, reason: str) -> WorkerLost:
-        """What never got a result: the first of it is the suspect, unless nothing came at all."""
+        """The loss of this batch. Its first case without a result is the suspect.
+
+        If the batch gave no result at all, every case of it is a suspect.
+        """
         first = len(self.left) == len(self.batch.cases)
         suspects = (len(self.left) if first else min(1, len(self.left))) if begun else 0
         return WorkerLost(self.batch, tuple(self.left), suspects, reason)
 
 
 class Worker:
-    """One process, with its pipes and what it was given."""
+    """One worker process, with its pipes and its batches."""
 
     def __init__(
         self, hello: WorkerHello, environment: Mapping[str, str], nice: int, now_ns: int
     ) -> None:
         self.stderr = tempfile.TemporaryFile()  # noqa: SIM115
-        # A session of its own: Ctrl-C reaches the master only.
+        # The worker has its own session: Ctrl-C reaches the master only.
         self.process = subprocess.Popen(
             [
                 *(sys.executable, "-m", "metro_hil.engine.worker"),
@@ -96,7 +99,7 @@ class Worker:
         self.entries: deque[_Entry] = deque()
         self.ready = False
         self.since_ns = now_ns
-        """Begin of the case that it is at, or of its own start."""
+        """When the worker began its present case, or its own start."""
         self.send(hello)
 
     def send(self, message: ToWorker) -> None:
@@ -104,7 +107,7 @@ class Worker:
         self.flush()
 
     def flush(self) -> None:
-        """Write what the pipe takes. That the worker is gone is seen when reading."""
+        """Write as much as the pipe takes. A dead worker is noticed when reading."""
         while self.unsent:
             try:
                 sent = os.write(self.input.fileno(), self.unsent)
@@ -116,7 +119,7 @@ class Worker:
             del self.unsent[:sent]
 
     def last_words(self) -> str:
-        """The end of what it wrote to standard error, in one line."""
+        """The last lines of the worker's standard error, joined into one line."""
         self.stderr.seek(0)
         text = self.stderr.read().decode("utf-8", "replace")
         return " | ".join(line.strip() for line in text.strip().splitlines()[-LAST_LINES:])
@@ -138,7 +141,7 @@ class Worker:
 
 
 class LocalPool:
-    """A `Crew` of processes. They die with this process, however it dies."""
+    """A `WorkerPool` of processes, which die with this process, however it ends."""
 
     def __init__(
         self,
@@ -153,13 +156,13 @@ class LocalPool:
         """The processes start with the first batches.
 
         Args:
-            workers: at most so many; at least 1.
-            files: path by the name by which cases call a file.
+            workers: maximum number of processes; at least 1.
+            files: paths, by the name by which cases refer to a file.
             runner: `module:function`.
             case_timeout_s: wall time for each case; None for `lease_s`.
             nice: added to the workers' niceness.
-            environment: of the workers; None for that of this process with the compiled copy, if
-                there is one.
+            environment: environment of the workers; None for that of this process, with the
+                compiled copy if there is one.
         """
         assert workers >= 1
         self._workers_max = workers
@@ -188,7 +191,7 @@ class LocalPool:
 
     @property
     def ready(self) -> int:
-        """Workers that have imported everything."""
+        """Number of workers that have imported everything."""
         return sum(worker.ready for worker in self._crew)
 
     def room(self, plenty: bool) -> bool:
@@ -220,7 +223,7 @@ class LocalPool:
         return worker
 
     def _watch(self, worker: Worker) -> None:
-        """Ask for room in a worker's pipe only while something has to go in."""
+        """Wait for room in a worker's pipe only while data is unsent."""
         watched = worker.input in self._selector.get_map()
         if worker.unsent and not watched:
             self._selector.register(worker.input, selectors.EVENT_WRITE, worker)
@@ -253,7 +256,7 @@ class LocalPool:
                 self._hear(worker, message, outcomes)
         except msgspec.DecodeError as error:
             worker.process.kill()
-            self._replace(worker, f"the worker said what nobody understands: {error}", outcomes)
+            self._replace(worker, f"the worker sent an unreadable message: {error}", outcomes)
             return
         if not data:
             worker.process.kill()
@@ -297,7 +300,7 @@ class LocalPool:
                 self._replace(worker, words + (f": {said}" if said else ""), outcomes)
 
     def _replace(self, worker: Worker, reason: str, outcomes: list[Outcome]) -> None:
-        """Take a dead worker out; the next batch starts another."""
+        """Remove a dead worker; the next batch starts another one."""
         if not worker.ready:
             self._start_failures += 1
             if self._start_failures >= START_FAILURES_MAX:
@@ -308,7 +311,7 @@ class LocalPool:
         self._remove(worker)
 
     def _discard(self, worker: Worker, outcomes: list[Outcome]) -> None:
-        """Give back what waits at a worker, and end it before it begins with that."""
+        """Give back the batches that wait at a worker, and end it before it begins them."""
         outcomes += [entry.gone(begun=False, reason="stopped") for entry in worker.entries]
         self._remove(worker)
 
@@ -326,7 +329,7 @@ class LocalPool:
                 self._remove(worker)
 
     def close(self) -> None:
-        """Idle workers leave by themselves once their pipe is closed; busy ones are killed."""
+        """Idle workers end by themselves once their pipe is closed; busy ones are killed."""
         for worker in self._crew:
             self._selector.unregister(worker.output)
             if worker.entries:

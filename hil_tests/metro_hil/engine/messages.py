@@ -1,4 +1,4 @@
-"""What master and worker say to each other: JSON with its length before it."""
+"""Messages between master and worker: JSON, each with its length before it."""
 
 import struct
 from collections.abc import Iterator
@@ -13,36 +13,36 @@ LENGTH_BYTES: Final = _LENGTH.size
 
 
 class WorkerHello(msgspec.Struct, frozen=True, tag="hello"):
-    """Master to worker, once."""
+    """Master to worker, once: what the worker needs before its first batch."""
 
     runner: str
-    """`module:function`; it is called like `metro_hil.run.dispatch.run_case`."""
+    """`module:function`; called like `metro_hil.run.dispatch.run_case`."""
     files: dict[str, str]
-    """Path by the name by which cases call a file."""
+    """Paths, by the name by which cases refer to a file."""
 
 
 class CaseBatch(msgspec.Struct, frozen=True, tag="job"):
-    """Master to worker: run these, one after the other."""
+    """Master to worker: run these cases one after the other."""
 
     number: int
     cases: tuple[Case, ...]
     folder: str | None = None
-    """Keeps the logs of the only case."""
+    """Folder for the logs, if the batch is a single case whose logs are kept."""
 
 
 class WorkerReady(msgspec.Struct, frozen=True, tag="ready"):
-    """Worker to master, once: everything is imported."""
+    """Worker to master, once: all modules are imported."""
 
 
 class Done(msgspec.Struct, frozen=True, tag="done"):
-    """Worker to master: one case of a job has its result."""
+    """Worker to master: one case of a batch has its result."""
 
     number: int
     result: CaseResult
 
 
 class Raised(msgspec.Struct, frozen=True, tag="raised"):
-    """Worker to master: the runner raised, which is a mistake of this program."""
+    """Worker to master: the runner raised an exception, which is a mistake of this program."""
 
     number: int
     case_id: str
@@ -50,7 +50,7 @@ class Raised(msgspec.Struct, frozen=True, tag="raised"):
 
 
 class Over(msgspec.Struct, frozen=True, tag="over"):
-    """Worker to master: the job is over."""
+    """Worker to master: the batch is over."""
 
     number: int
 
@@ -69,7 +69,7 @@ def pack(message: ToWorker | ToMaster) -> bytes:
 
 
 def read_length(head: bytes) -> int:
-    """Bytes of the body that follows these `LENGTH_BYTES`."""
+    """Number of bytes in the body that follows the `LENGTH_BYTES` of `head`."""
     length: int = _LENGTH.unpack(head)[0]
     return length
 
@@ -80,7 +80,7 @@ def read_for_worker(body: bytes) -> ToWorker:
 
 
 def take_for_master(received: bytearray) -> Iterator[ToMaster]:
-    """The whole messages at the front of `received`, which are removed from it."""
+    """Yield the whole messages at the front of `received`, and remove them from it."""
     while len(received) >= LENGTH_BYTES:
         end = LENGTH_BYTES + read_length(bytes(received[:LENGTH_BYTES]))
         if len(received) < end:

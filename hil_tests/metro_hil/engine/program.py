@@ -1,4 +1,4 @@
-"""Which program this is: two hosts with the same words here compute the same results."""
+"""Version of this program: two hosts with the same version text compute the same results."""
 
 import hashlib
 from functools import cache
@@ -11,7 +11,7 @@ from firmware_py import __version__
 PACKAGES: Final = (
     *("can_dbc", "firmware_py", "metro_hil", "plant_emulator", "vobc", "zenoh_config"),
 )
-"""All that a case is made of."""
+"""All packages that decide the result of a case."""
 ENDINGS: Final = (".py", ".dbc", ".toml", ".json5")
 DIGITS: Final = 12
 

@@ -1,4 +1,4 @@
-"""What people see of a campaign while it runs: a bar with the time left, failures as they come."""
+"""Shows a running campaign: a bar with the time left, and failures as they come."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_hil.model.case import Case, CaseResult, Verdict, mismatch
 
 PLAIN_EVERY_S: Final = 10.0
-"""Between two lines of progress where no terminal shows a bar."""
+"""Time between two progress lines where no terminal shows a bar, s."""
 FAILURES_SHOWN_MAX: Final = 50
 ESTIMATE_OVER_S: Final = 60.0
 COLOURS: Final = {
@@ -33,7 +33,7 @@ COLOURS: Final = {
 
 
 class Watcher(Protocol):
-    """Is told what happens."""
+    """Receives the events of a running campaign."""
 
     def begin(self, cases: int, known: Sequence[CaseResult], what: str) -> None: ...
     def result(self, case: Case, result: CaseResult) -> None: ...
@@ -53,14 +53,14 @@ class Silent:
 
 
 def margin_words(margin: float | None, unit: str, digits: int = 4) -> str:
-    """Signed, with its unit; the unit `1` is not written. Empty where there is no margin."""
+    """The margin with sign and unit; the unit `1` is not written, and no margin gives no text."""
     if margin is None:
         return ""
     return f"{margin:+.{digits}g} {'' if unit == '1' else unit}".rstrip()
 
 
 def failure_line(case: Case, result: CaseResult) -> str:
-    """One line: verdict, case, the monitor with the least margin, and the reason."""
+    """One line with verdict, case, the monitor with the least margin, and the reason."""
     words = [f"{result.verdict.value:>12}  {case.id}"]
     least = result.least_margin()
     if least is not None and least.margin is not None and result.verdict is Verdict.FAIL:
@@ -70,7 +70,7 @@ def failure_line(case: Case, result: CaseResult) -> str:
 
 
 class ProgressDisplay:
-    """A `Watcher` for a terminal, or with a line now and then for a file."""
+    """A `Watcher` that draws a bar on a terminal, or writes a line now and then to a file."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -83,9 +83,11 @@ class ProgressDisplay:
         self._what = ""
 
     def begin(self, cases: int, known: Sequence[CaseResult], what: str) -> None:
-        """Args:
-        cases: in all.
-        known: results of an earlier session; they count as done, not for the rate.
+        """Start the display.
+
+        Args:
+            cases: number of cases in all.
+            known: results of an earlier session; they count as done, but not for the rate.
         """
         self._counts = Counter(result.verdict for result in known)
         self._cases, self._done, self._known = cases, len(known), len(known)
@@ -161,7 +163,7 @@ class ProgressDisplay:
         self.say(f"{self._what}: {self._done} of {self._cases}{self._left()}; {counts or 'none'}")
 
     def _left(self) -> str:
-        """Rate and time left, once there is something to go by."""
+        """Rate and time left as text; empty until the first new result."""
         new, since_s = self._done - self._known, (self._said_ns - self._began_ns) / NS_PER_S
         if new <= 0 or since_s <= 0.0:
             return ""

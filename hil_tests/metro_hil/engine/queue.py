@@ -1,4 +1,4 @@
-"""Which case is handed out next, how often one is tried, and when it is lost. Pure."""
+"""Decides which case is next, how often a case is tried, and when it is lost. Pure."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -9,31 +9,34 @@ from metro_hil.model.case import BenchKind, Case, CaseResult, Host, Verdict
 
 ATTEMPTS_MAX: Final = 3
 GROUP_CASES_MAX: Final = 64
-"""So that a group is shared by several workers and little is lost with one of them."""
+"""Maximum number of cases in a batch, so that several workers share a group and the loss of a
+worker costs little."""
 CHUNKS_PER_WORKER: Final = 2
 RESERVE_PER_WORKER: Final = 2
-"""While so many batches are left for each worker, one may wait at a worker that is busy. Nearer to
-the end a waiting batch would wait for the wrong one."""
+"""A busy worker gets one more batch only while more than this many batches are left for each
+worker. Near the end, a batch could otherwise wait behind a long one while another worker is
+idle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Handed to one worker in one piece."""
+    """Cases that one worker gets in one piece."""
 
     number: int
     cases: tuple[Case, ...]
     attempt: int = 1
     folder: str | None = None
-    """Keeps the logs of its only case."""
+    """Folder for the logs of the batch's only case."""
 
     @property
     def alone(self) -> bool:
-        """Real time: nothing else may run on the machine meanwhile."""
+        """Whether the batch runs in real time, while nothing else may run on the machine."""
         return any(case.bench is not BenchKind.LOCKSTEP for case in self.cases)
 
 
 GroupKey = Callable[[Case], bytes | None]
-"""The same for cases that are one run up to their branch; None for a case without one."""
+"""Gives the same key for cases that are one run up to their branch; None for a case without
+branch."""
 
 
 def no_group(case: Case) -> bytes | None:
@@ -41,7 +44,7 @@ def no_group(case: Case) -> bytes | None:
 
 
 class WorkQueue:
-    """What is still to be run, in the order of the campaign; real time comes last."""
+    """Batches still to be run, in the campaign's order; real time comes last."""
 
     def __init__(
         self,
@@ -63,12 +66,12 @@ class WorkQueue:
         return Batch(self._numbers, cases, attempt)
 
     def __len__(self) -> int:
-        """Batches that wait."""
+        """Number of batches that wait."""
         return len(self._waiting)
 
     @property
     def plenty(self) -> bool:
-        """So much waits that a busy worker may be given one more batch."""
+        """Whether so many batches wait that a busy worker may get one more."""
         return len(self._waiting) > self._reserve
 
     def peek(self) -> Batch | None:
@@ -78,21 +81,21 @@ class WorkQueue:
         return self._waiting.popleft()
 
     def put_back(self, batch: Batch, cases: Sequence[Case]) -> None:
-        """Cases of a batch that were never begun; they are next."""
+        """Put cases of a batch that never began at the front of the queue."""
         if cases:
             self._waiting.appendleft(self._batch(tuple(cases), batch.attempt))
 
     def failed(
         self, batch: Batch, left: Sequence[Case], begun: int, reason: str
     ) -> list[CaseResult]:
-        """A batch ended with its worker.
+        """Handle a batch that ended with its worker.
 
         Args:
-            left: its cases without a result, in order.
-            begun: so many at the front of `left` may be the cause.
+            left: the batch's cases without a result, in order.
+            begun: number of cases at the front of `left` that may be the cause.
 
-        Returns results for those that have been tried often enough: LOST. The others wait again, at
-        the end, the suspicious ones each in a batch of its own.
+        Returns a LOST result for each suspect that has been tried often enough. The other suspects
+        wait at the end of the queue, each in its own batch; cases that never began are next.
         """
         suspects, others = left[:begun], left[begun:]
         self.put_back(batch, others)
@@ -103,7 +106,7 @@ class WorkQueue:
         return []
 
     def _insert(self, batch: Batch) -> None:
-        """At the end, but real time stays behind virtual time."""
+        """Insert at the end, but keep real time behind virtual time."""
         place = len(self._waiting)
         if not batch.alone:
             place = sum(not waiting.alone for waiting in self._waiting)
@@ -123,7 +126,7 @@ def lost(case: Case, reason: str, attempts: int) -> CaseResult:
 def chunks(
     cases: Iterable[Case], workers: int, key: GroupKey = no_group
 ) -> Iterator[tuple[Case, ...]]:
-    """One case each; those of a group together, in pieces that keep all workers busy."""
+    """Cases of one group together, in pieces that keep all workers busy; others one by one."""
     groups: dict[bytes | int, list[Case]] = {}
     for case in sorted(cases, key=lambda case: (case.bench is not BenchKind.LOCKSTEP, case.index)):
         common = key(case) if case.bench is BenchKind.LOCKSTEP else None

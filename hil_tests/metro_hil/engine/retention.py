@@ -1,4 +1,4 @@
-"""Logs of the cases that people will want to look at: run once more, compared, kept."""
+"""Keeps the logs of interesting cases: runs each once more, compares the result, keeps the logs."""
 
 import hashlib
 from collections.abc import Callable, Collection, Sequence
@@ -22,9 +22,10 @@ from metro_hil.model.run_folder import RunFolder
 WAIT_S: Final = 0.1
 TRACEBACK: Final = "traceback.txt"
 REFUSED: Final = ("firmware_py.storage.errors.RecorderError:", "OSError:")
-"""Beginnings of what a worker raises where the disk does not take its logs."""
+"""Beginnings of exceptions that a worker raises when the disk refuses its logs."""
 SEAL: Final = "files.json"
-"""SHA-256 of each kept log by its name. Written after the logs, and the result after it."""
+"""File with the SHA-256 of each kept log by name. It is written after the logs and before the
+result."""
 
 
 def worth_keeping(
@@ -35,11 +36,10 @@ def worth_keeping(
     keep_worst: int,
     always: Collection[str] = (),
 ) -> list[Case]:
-    """The first `keep` cases that are not as expected, then the `keep_worst` least margins, and
-    those whose ids are in `always`.
+    """The first `keep` unexpected cases, the `keep_worst` least margins, and all of `always`.
 
-    A function of the results, not of their order. What has all its logs already is left out; so is
-    real time, which cannot be repeated, and what would only hang again.
+    The choice depends on the results, not on their order. It leaves out cases that have all their
+    logs, real time, which cannot be repeated, and cases that would only hang again.
     """
     by_id = {case.id: case for case in cases if case.bench is BenchKind.LOCKSTEP}
     known = sorted(
@@ -74,7 +74,7 @@ def keep_logs(
     watcher: Watcher,
     stop: StopWish,
 ) -> None:
-    """Run them once more with logs. A worker that dies again leaves what was written till then."""
+    """Run the cases once more with logs. A worker that dies again leaves a partial log."""
     cases = "1 case" if len(chosen) == 1 else f"{len(chosen)} cases"
     watcher.say(f"keeping the logs of {cases}")
     crew = make_keeper()
@@ -112,9 +112,9 @@ def _take(folder: CampaignFolder, outcome: Outcome, watcher: Watcher) -> None:
 
 
 def kept_result(kept: RunFolder) -> CaseResult | None:
-    """The result beside kept logs; None unless all the logs are as they were written.
+    """The result beside kept logs; None unless all logs are as they were written.
 
-    A power cut may leave a file empty or half, and a full disk may have taken none of it.
+    A power cut may leave a file empty or half written, and a full disk may have refused it.
     """
     try:
         seal = msgspec.json.decode((kept.path / SEAL).read_bytes(), type=dict[str, str])
@@ -133,7 +133,7 @@ def _repeated(kept: RunFolder) -> CaseResult | None:
 
 
 def _digests(path: Path) -> dict[str, str]:
-    """SHA-256 of every file in a folder, by its name."""
+    """SHA-256 of every file in a folder, by file name."""
     digests = {}
     for each in sorted(path.iterdir()):
         with each.open("rb") as file:
@@ -150,7 +150,7 @@ def note_traceback(folder: CampaignFolder, case: Case, traceback: str) -> None:
 def doubts(
     folder: CampaignFolder, cases: Sequence[Case], results: Sequence[CaseResult]
 ) -> list[str]:
-    """Cases that gave something else when they were repeated. There must never be one."""
+    """Messages about cases whose repetition gave another result; there must never be one."""
     found = []
     by_id = once_each(results)
     for case in cases:

@@ -1,4 +1,4 @@
-"""One campaign from its folder to its totals: hand out, journal, try again, keep logs."""
+"""Runs one campaign from its folder to its totals: hands out, journals, retries, keeps logs."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
@@ -27,30 +27,30 @@ from metro_hil.model.case import Case, CaseResult, as_expected
 from metro_hil.model.run_folder import utc_text
 
 WAIT_S: Final = 0.1
-"""At most so long nobody looks whether the journal is due for the disk, or an end is wished for."""
+"""Longest time between two checks for a stop request or a journal that needs a flush, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignOptions:
-    """What `hil run` and `hil resume` are told of the way."""
+    """Options of `hil run` and `hil resume`."""
 
     keep: int = 10
-    """Cases that failed, of which the logs are kept."""
+    """Number of failed cases whose logs are kept."""
     keep_worst: int = 3
-    """Further ones with the least margins."""
+    """Number of further cases, those with the least margins, whose logs are kept."""
     always: Collection[str] = ()
-    """Ids of cases whose logs are kept, however they come out."""
+    """Ids of cases whose logs are always kept."""
     fail_fast: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignEnd:
-    """What came of it."""
+    """Outcome of a session."""
 
     totals: Totals
     cases: Sequence[Case]
     results: Sequence[CaseResult]
-    """One for each case that has one, in order."""
+    """One result for each case that has one, in order."""
     interrupted: bool
 
 
@@ -62,16 +62,16 @@ def run_campaign(
     stop: StopWish,
     wishes: CampaignOptions = CampaignOptions(),
 ) -> CampaignEnd:
-    """Run what has no result yet, then keep the logs of what deserves it.
+    """Run the cases without a result, then keep the logs of the cases worth it.
 
     Args:
-        folder: also of a campaign that was begun before.
-        make_crew: who runs the cases; not called when all have their results.
-        make_keeper: who runs cases again and keeps their logs on this machine.
-        stop: looked at all the time; the first wish lets running cases end, the second does not.
+        folder: folder of a new campaign, or of one that was begun before.
+        make_crew: makes the pool that runs the cases; not called if all have results.
+        make_keeper: makes the pool that repeats cases and keeps their logs on this machine.
+        stop: checked all the time; at the first request running cases end, at the second not.
 
     Raises:
-        EngineError: when disk, journal or crew do not let it go on; what arrived is in the journal.
+        EngineError: if disk, journal or workers fail; results until then are in the journal.
     """
     cases = folder.cases()
     journal = Journal(folder.journal_path, folder.head())
@@ -102,7 +102,7 @@ def totals_of(
     results: Sequence[CaseResult],
     sessions: Sequence[Session],
 ) -> Totals:
-    """Of a campaign as far as it is."""
+    """Totals of a campaign, complete or not."""
     problems = doubts(folder, cases, results)
     programs = list(dict.fromkeys(session.program for session in sessions))
     if len(programs) > 1:
@@ -111,7 +111,7 @@ def totals_of(
 
 
 class _Shift:
-    """The time in which one process works at a campaign."""
+    """One session: the time during which one process works on a campaign."""
 
     def __init__(
         self,
@@ -181,7 +181,7 @@ class _Shift:
             crew.hand(self._with_logs(batch) if batch.alone else batch)
 
     def _with_logs(self, batch: Batch) -> Batch:
-        """Real time cannot be repeated to keep its logs, so they are kept from the beginning."""
+        """Real time cannot be repeated to get its logs, so the first run keeps them."""
         kept = empty_run_folder(self._folder.kept(batch.cases[0].id))
         return replace(batch, folder=str(kept.path))
 
@@ -221,7 +221,7 @@ class _Shift:
 
 
 def group_key_of(cases: Sequence[Case]) -> GroupKey:
-    """The bench is imported only for campaigns that have branches."""
+    """Key of the groups of cases; the bench is imported only if a case has a branch."""
     if all(case.branch is None for case in cases):
         return no_group
     from metro_hil.run.branch import group_key

@@ -1,7 +1,7 @@
 """A hash over the sources that decide the result of a case in virtual time.
 
-Published figures carry it. Comments, docstrings and modules that no case runs do not count, so that
-a change of words or of a report does not make a figure old.
+Published figures carry it. Comments, docstrings and modules that no case runs do not count.
+Rewording a comment or changing a report therefore leaves published figures valid.
 """
 
 import ast
@@ -17,7 +17,7 @@ from typing import Final
 from metro_hil.run import case
 
 PACKAGES: Final = ("can_dbc", "firmware_py", "plant_emulator", "vobc", "zenoh_config")
-"""The files of data in these decide as well: frames, lines, trains, parameters."""
+"""Packages whose data files decide results as well: frames, lines, trains, parameters."""
 OURS: Final = frozenset({*PACKAGES, "metro_hil", "metro_tools"})
 DATA: Final = (".dbc", ".toml", ".json5")
 DIGITS: Final = 16
@@ -25,7 +25,7 @@ DIGITS: Final = 16
 
 @cache
 def sources_hash() -> str:
-    """Equal for two trees in which every case in virtual time gives the same result."""
+    """Hash that is equal for two source trees whose cases give equal results in virtual time."""
     digest = hashlib.sha256()
     for name in sorted(modules_of(case.__name__)):
         digest.update(name.encode() + b"\0" + meaning(_tree(name)).encode() + b"\0")
@@ -36,7 +36,7 @@ def sources_hash() -> str:
 
 
 def modules_of(name: str) -> frozenset[str]:
-    """This module of ours and all that it imports, directly or not, also inside of functions."""
+    """This module and all modules of the project that it imports, even inside functions."""
     found: set[str] = set()
     waiting = [name]
     while waiting:
@@ -48,7 +48,7 @@ def modules_of(name: str) -> frozenset[str]:
 
 
 def meaning(tree: ast.Module) -> str:
-    """A module without docstrings, which are taken out of it; comments and layout never count."""
+    """Text of the syntax tree without docstrings, which are removed from `tree`."""
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
@@ -88,7 +88,7 @@ def _tree(module: str) -> ast.Module:
 
 @cache
 def _path(module: str) -> Path | None:
-    """The file of one of our modules, or None for a name inside of a module."""
+    """The file of one of our modules, or None for a name inside a module."""
     package, *parts = module.split(".")
     spec = importlib.util.find_spec(package)
     assert spec is not None

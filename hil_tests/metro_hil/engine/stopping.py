@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM while a campaign runs: the first asks, the second insists."""
+"""Ctrl-C and SIGTERM while a campaign runs: the first lets running cases end, the second not."""
 
 import signal
 from types import FrameType, TracebackType
@@ -8,7 +8,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class StopWish:
-    """Counts how often somebody wished for an end; between `with` and its end the signals do."""
+    """Counts the stop requests; inside its `with` block the signals count instead of ending."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -1,6 +1,6 @@
-"""What a campaign comes to: counts by verdict, and whether every case was shown to be as expected.
+"""Totals of a campaign: counts by verdict, and whether every case is as expected.
 
-Nothing that is missing, doubled or foreign can make a campaign green. Pure.
+A missing, doubled or foreign result always makes the campaign fail. Pure.
 """
 
 from collections import Counter
@@ -16,20 +16,20 @@ NAMED_MAX: Final = 5
 
 
 class Totals(msgspec.Struct, frozen=True, kw_only=True):
-    """Of all results that are there."""
+    """Totals over all results of a campaign."""
 
     cases: int
-    """As the manifest says."""
+    """Number of cases that the manifest names."""
     done: int
     """Cases with a result."""
     counts: dict[str, int]
-    """Of the cases with a result, by verdict; all verdicts are there."""
+    """Number of cases with a result, for every verdict."""
     unexpected: tuple[str, ...]
-    """Ids of the cases with a result that is not the expected one, in order."""
+    """Ids of the cases with an unexpected result, in order."""
     missing: tuple[str, ...]
     """Ids of the cases without a result, in order."""
     problems: tuple[str, ...]
-    """What makes the whole untrustworthy, in words."""
+    """Reasons, as text, why the totals cannot be trusted."""
     passed: bool
 
 
@@ -39,13 +39,13 @@ def total(
     results: Sequence[CaseResult],
     problems: Sequence[str] = (),
 ) -> Totals:
-    """Count.
+    """Count the results.
 
     Args:
-        cases_expected: how many the manifest names.
-        cases: those of the campaign's folder.
+        cases_expected: number of cases that the manifest names.
+        cases: cases of the campaign's folder.
         results: all lines of the journal; equal ones for one case count once.
-        problems: what is known already to be wrong with the folder.
+        problems: faults of the folder that are known already.
     """
     found = [*problems, *_faults(cases_expected, cases, results)]
     by_id: dict[str, CaseResult] = {}
@@ -73,7 +73,7 @@ def total(
 
 
 def counts_words(counts: Mapping[str, int], missing: int) -> str:
-    """Such as `pass 8, fail 1, missing 3`; what is not run yet is not lost."""
+    """Text such as `pass 8, fail 1, missing 3`; a case that has not run is missing, not lost."""
     shown = {**counts, "missing": missing}
     return ", ".join(f"{name} {count}" for name, count in shown.items() if count)
 

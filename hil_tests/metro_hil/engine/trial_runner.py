@@ -1,6 +1,6 @@
-"""A runner that simulates nothing and misbehaves on request: the engine is tried with it.
+"""A runner that simulates nothing and misbehaves on request, to test the engine.
 
-What it does with a case is said by the case's `setup.real`, under the keys below.
+The keys below, in the case's `setup.real`, say how it treats a case.
 """
 
 import hashlib
@@ -15,20 +15,20 @@ from metro_hil.model.case import Case, CaseEvent, CaseResult, MonitorResult, Set
 from metro_hil.model.run_folder import RunFolder
 
 WORK_S: Final = "trial.work_s"
-"""So long a processor is kept busy."""
+"""Time during which the runner keeps a processor busy, s."""
 DIE_UNLESS: Final = "trial.die_unless"
-"""Kill the worker, unless this file is there; the first death makes it. Empty: die always."""
+"""Kill the worker unless this file exists; the first death creates it. Empty: always die."""
 HANG: Final = "trial.hang"
 RAISE: Final = "trial.raise"
 VERDICT: Final = "trial.verdict"
 FICKLE: Final = "trial.fickle"
-"""Another result in each process."""
+"""Give a different result in each process."""
 
 
 def run_case(
     case: Case, *, files: Mapping[str, Path] | None = None, folder: RunFolder | None = None
 ) -> CaseResult:
-    """A result that is a function of the case and the files."""
+    """Return a result that depends only on the case and the files."""
     asked = case.setup.real
     _work(float(asked.get(WORK_S, 0.0)))
     if DIE_UNLESS in asked:
@@ -51,7 +51,7 @@ def run_case(
 def run_group(
     cases: Sequence[Case], *, files: Mapping[str, Path] | None = None
 ) -> Iterator[CaseResult]:
-    """One after the other."""
+    """Run the cases one after the other."""
     for case in cases:
         yield run_case(case, files=files)
 
@@ -99,7 +99,7 @@ def _die_unless(name: str) -> None:
 
 
 def trial_cases(count: int, scenario: str = "trial", **asked: object) -> tuple[Case, ...]:
-    """Cases for this runner, all alike but for their seeds.
+    """Cases for this runner, which differ only in their seeds.
 
     Args:
         asked: keys of this module without their `trial.`.

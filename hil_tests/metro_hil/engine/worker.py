@@ -1,4 +1,4 @@
-"""A worker process: runs the cases that it is given, one at a time, until its master is gone."""
+"""A worker process: runs the cases that it receives, one at a time, until its master ends."""
 
 import argparse
 import gc
@@ -35,14 +35,15 @@ from metro_hil.model.run_folder import RunFolder
 
 RUNNER: Final = "metro_hil.run.dispatch:run_case"
 GROUP_FUNCTION: Final = "run_group"
-"""Beside the runner; takes the cases of one branch and yields their results in order."""
+"""Name of an optional function beside the runner. It takes the cases of one branch and yields their
+results in order."""
 NS_PER_S: Final = 1_000_000_000
 
 Files = Mapping[str, Path]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Not for people: `hil` starts it."""
+    """`hil` starts this program; people do not."""
     require_assertions("hil")
     parser = argparse.ArgumentParser(prog="hil worker", description=__doc__)
     parser.add_argument("--parent", type=int, required=True)
@@ -51,19 +52,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     die_with_parent(options.parent)
     if options.nice:
         os.nice(options.nice)
-    # What a runner prints must not get between the messages.
+    # Output that a runner prints must not mix with the messages to the master.
     to_master = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    # The few cycles that a case leaves behind are no hurry: once in several cases.
+    # A case leaves few reference cycles, so the collector runs once in several cases.
     collect_rarely()
     serve(cast(BinaryIO, sys.stdin.buffer), cast(BinaryIO, to_master))
-    # Taking down everything that was imported would cost more than many a case.
+    # Skip the interpreter's cleanup, which takes longer than many cases.
     sys.stderr.flush()
     os._exit(0)
 
 
 def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
-    """Answer until the incoming side is closed."""
+    """Answer messages until the incoming side is closed."""
 
     def say(message: ToMaster) -> None:
         outgoing.write(pack(message))
@@ -74,11 +75,11 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
         message = read_for_worker(body)
         if isinstance(message, WorkerHello):
             bench = Runner(message.runner, {key: Path(at) for key, at in message.files.items()})
-            # What was imported stays, and is not looked through again.
+            # Exempt the imported modules from garbage collection.
             gc.freeze()
             say(WorkerReady())
             continue
-        assert bench is not None, "a job before the greeting"
+        assert bench is not None, "a batch before the hello message"
         for answer in bench.run(message):
             say(answer)
         say(Over(message.number))
@@ -93,17 +94,17 @@ def _read(incoming: BinaryIO) -> bytes | None:
 
 
 class _Began(NamedTuple):
-    """When a case began, by the clock and by this process's processor time."""
+    """Start of a case: wall clock, and processor time of this process."""
 
     now_ns: int
     processor_s: float
 
 
 class Runner:
-    """The function that runs a case, and the one for groups if its module has that."""
+    """Holds the function that runs a case, and its module's function for groups, if any."""
 
     def __init__(self, name: str, files: Files) -> None:
-        """Raises ImportError or AttributeError when there is no such function."""
+        """Raises ImportError or AttributeError if there is no such function."""
         module_name, _, function = name.partition(":")
         module = importlib.import_module(module_name)
         self._run_case: Callable[..., CaseResult] = getattr(module, function)
@@ -114,7 +115,7 @@ class Runner:
         self._clock = WallClock()
 
     def run(self, job: CaseBatch) -> Iterator[ToMaster]:
-        """Results as they come. After an exception in a group the rest is run one by one."""
+        """Yield results as they come. After an exception in a group, run the rest one by one."""
         left = list(job.cases)
         if len(left) > 1 and self._run_group is not None:
             yield from self._group(job, left)
@@ -122,7 +123,7 @@ class Runner:
             yield self._single(job, case)
 
     def _group(self, job: CaseBatch, left: list[Case]) -> Iterator[ToMaster]:
-        """Removes from `left` what is done."""
+        """Run the cases as a group, and remove those that are done from `left`."""
         assert self._run_group is not None
         began = self._begin()
         try:
@@ -150,7 +151,7 @@ class Runner:
         return _Began(self._clock.now_ns(), processor_time_s())
 
     def _signed(self, result: CaseResult, began: "_Began") -> CaseResult:
-        """With who ran it for how long, and exactly as it will be read from the journal."""
+        """Add worker, wall time and processor time, and convert to what the journal gives back."""
         wall_s = result.host.wall_s or (self._clock.now_ns() - began.now_ns) / NS_PER_S
         processor_s = processor_time_s() - began.processor_s
         worker = f"{os.uname().nodename}:{os.getpid()}"

@@ -1,4 +1,4 @@
-"""Those who run cases, as the campaign sees them."""
+"""Interface between a campaign and the pools that run its cases."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,19 +27,20 @@ class CaseRaised:
 
 @dataclass(frozen=True, slots=True)
 class WorkerLost:
-    """A batch ended with its worker."""
+    """A worker ended before its batch did."""
 
     batch: Batch
     left: tuple[Case, ...]
-    """Without a result, in order."""
+    """Cases without a result, in order."""
     begun: int
-    """So many at the front of `left` may be the cause; 0 when the batch was still waiting."""
+    """Number of cases at the front of `left` that may be the cause; 0 if the batch had not
+    begun."""
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class PoolMessage:
-    """Something that people shall know of."""
+    """A message for the user."""
 
     words: str
 
@@ -48,32 +49,32 @@ Outcome = CaseFinished | CaseRaised | WorkerLost | PoolMessage
 
 
 class WorkerPool(Protocol):
-    """Takes batches and gives outcomes. A batch that is not heard of any more is over."""
+    """Takes batches and gives outcomes. A batch without further outcomes is over."""
 
     @property
     def workers(self) -> int:
-        """That work at the same time."""
+        """Number of workers that run at the same time."""
         ...
 
     @property
     def busy(self) -> int:
-        """Batches that are not over."""
+        """Number of batches that are not over."""
         ...
 
     def room(self, plenty: bool) -> bool:
-        """Whether another batch may be handed over; with `plenty`, also to wait at a worker."""
+        """Whether `hand` may be called; with `plenty`, a batch may also wait at a busy worker."""
         ...
 
     def hand(self, batch: Batch) -> None: ...
 
     def wait(self, timeout_s: float) -> Sequence[Outcome]:
-        """What happened; returns early when something did. Raises EngineError."""
+        """Outcomes since the last call, at the latest after the timeout. Raises EngineError."""
         ...
 
     def stop(self) -> None:
-        """Begin nothing that was not begun: it comes back as `WorkerLost` with none begun."""
+        """Start no further case: those not begun come back in a `WorkerLost` with `begun` 0."""
         ...
 
     def close(self) -> None:
-        """End all at once."""
+        """End all workers at once."""
         ...
