@@ -1,1 +1,1 @@
-"""The values at the bottom of the bench: cases, verdicts, options, run folders, names of frames."""
+"""The bench's base values: cases, verdicts, options, run folders, names of frames."""

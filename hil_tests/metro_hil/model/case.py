@@ -1,4 +1,4 @@
-"""The nouns of a campaign: case, result, verdict. Plain values that travel as JSON."""
+"""Case, result and verdict: the values of a campaign, stored and sent as JSON."""
 
 import enum
 from typing import Any, Final
@@ -6,26 +6,27 @@ from typing import Any, Final
 import msgspec
 
 ConfigTable = dict[str, Any]
-"""A table as TOML and JSON know it."""
+"""A table of TOML or JSON as Python reads it."""
 
 
 class Verdict(enum.Enum):
-    """What became of one case. Only `PASS` says that it was shown to work."""
+    """Outcome of one case. Only `PASS` says that the case showed what its file claims."""
 
     PASS = "pass"  # noqa: S105
     FAIL = "fail"
     BLOCKED = "blocked"
-    """What the case needs did not come about: a fault that never began, a bench that is not there,
+    """A prerequisite of the case was missing: a fault that never began, a bench that is not there,
     a controller that did not start."""
     INCONCLUSIVE = "inconclusive"
-    """It ran, but it ended before a monitor could judge, or a measure could not be taken."""
+    """The run ended before a monitor could judge, or before a measure could be taken."""
     VACUOUS = "vacuous"
-    """It ran to its end and shows nothing of what its file claims: the premise of a monitor never
-    held, a fault touched nothing, or nothing was watched."""
+    """The run reached its end but shows nothing of what its file claims. The premise of a monitor
+    never held, a fault touched nothing, or no monitor watched."""
     INVALID = "invalid"
-    """The host disturbed a run in real time, so that its outcome says nothing of the controller."""
+    """The host disturbed a run in real time, so its outcome does not depend on the controller
+    alone."""
     LOST = "lost"
-    """No result came back, however often it was tried."""
+    """No attempt gave a result."""
 
 
 class BenchKind(enum.Enum):
@@ -38,38 +39,40 @@ class BenchKind(enum.Enum):
 
 
 TIME_MAX_S: Final = 3600.0
-"""Bound on each time of a timetable."""
+"""Maximum of each time in a timetable, s."""
 
 
 class Setup(msgspec.Struct, frozen=True, kw_only=True):
-    """One train on one line. None takes what the files say."""
+    """One train on one line. A value of None means that of the files."""
 
     line: str = "florence"
     start: str | None = None
     end: str | None = None
     consist: str = "florence4"
-    """What the train really is."""
+    """Name of the consist file, which describes the real train."""
     params: str = "florence4"
-    """What the controller believes of it."""
+    """Name of the parameter file, which says what the controller believes about the train."""
     load_ratio: float | None = None
     odometer_error: float | None = None
     cycle_ms: float = 50.0
     duration_s: float = 1800.0
-    """The case ends after this at the latest; a train still on its way then has not arrived."""
+    """Maximum virtual duration of the case, s; a train that has not arrived by then has failed to
+    arrive."""
     desk_mode: str = "auto"
     driver: str | None = None
-    """A model of a driver at the desk: `obedient`, `reckless` or `late`; None for nobody."""
+    """Driver model at the desk: `obedient`, `reckless` or `late`; None for no driver."""
     desk_recording: str | None = None
-    """A recording of a desk that is played; a file of the user's."""
+    """Desk recording to play back; a file of the user."""
     wakes_up: bool = False
-    """The controller was switched off at `start` and remembers it; else the train was set up there.
-    What it remembers counts once the detector of cold movement bears it out."""
+    """Whether the controller was switched off at `start` and remembers its place; otherwise it was
+    set up there. The remembered place counts once the detector of cold movement confirms it."""
     stops: tuple[str, ...] | None = None
     """Stations to stop at, in running order; None for all between start and end."""
     dwell_s: dict[str, float] = {}
-    """By station; others dwell as the line's file says."""
+    """Dwell times by station, s; at other stations the line's file applies."""
     run_s: dict[str, float] = {}
-    """Planned running times to stations, from the one before; others as the line's file says."""
+    """Planned running times to stations from the one before, s; for others the line's file
+    applies."""
     real: ConfigTable = {}
     """Overrides of the consist's file by dotted key, such as `brake.service.gain_ratio.low`."""
     believed: ConfigTable = {}
@@ -77,44 +80,44 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ControllerSpec(msgspec.Struct, frozen=True, kw_only=True):
-    """What is under test."""
+    """The controller under test."""
 
     kind: str = "shipped"
     """`shipped`, `checkout` (another version, by `path`) or `command` (any program)."""
     path: str = ""
     command: str = ""
-    """Started through no shell; {bus}, {tags}, {radio}, {line}, {params}, {start}, {end}, {out} and
-    {grant} are filled in."""
+    """Command line, run without a shell; the bench fills in {bus}, {tags}, {radio}, {line},
+    {params}, {start}, {end}, {out} and {grant}."""
     lease_s: float = 5.0
-    """On the lockstep bench a program of its own has so much wall time for each answer; one that
-    takes longer hangs."""
+    """Wall time that an external program may take for each answer on the lockstep bench; beyond it,
+    the program counts as hanging."""
 
 
 class WireNames(msgspec.Struct, frozen=True, kw_only=True):
-    """What the benches in real time use, as the user names it; see `metro_hil.realtime.wires`."""
+    """Wires of the benches in real time, as the user names them; see `metro_hil.realtime.wires`."""
 
     bus_a: str = "auto"
-    """The controller's segment, such as `socketcan:can0`."""
+    """Bus segment of the controller, such as `socketcan:can0`."""
     bus_b: str = "auto"
-    """The train's segment, for cases with faults of the bus."""
+    """Bus segment of the train, for cases with bus faults."""
     tags: str = "auto"
     """Serial line of the tag reader, such as `/dev/ttyUSB0`."""
     radio: str = "auto"
-    """Where the wayside listens, such as `tcp/192.168.10.1:7447`."""
+    """Address on which the wayside listens, such as `tcp/192.168.10.1:7447`."""
     plant: str = "auto"
-    """Who brings it along: `auto`, `ours` or `elsewhere`."""
+    """Who provides the plant: `auto`, `ours` or `elsewhere`."""
     controller: str = "auto"
 
 
 class Branch(msgspec.Struct, frozen=True, kw_only=True):
-    """All cases of a group are the same up to here, so that this part is run once.
+    """Point up to which all cases of a group are equal, so that this part runs only once.
 
-    Up to the branch the run is drawn from `seed`; from then on from the seed of the case.
+    Random values up to the branch come from `seed`, later ones from the seed of the case.
     """
 
     seed: int
     when: str
-    """Expression over the plant's truth; the branch is the first step at which it holds."""
+    """Expression over the plant's true values; the branch is the first step at which it holds."""
 
 
 class ExpectedFailure(msgspec.Struct, frozen=True, kw_only=True):
@@ -123,15 +126,15 @@ class ExpectedFailure(msgspec.Struct, frozen=True, kw_only=True):
     monitor: str
     """Name of the monitor or invariant."""
     margin_min: float | None = None
-    """Least margin that is still the failure that is meant, in the monitor's unit."""
+    """Least margin that still counts as the expected failure, in the monitor's unit."""
     margin_max: float | None = None
 
 
 class Allowance(msgspec.Struct, frozen=True, kw_only=True):
-    """Parts of a case that may show nothing, and why."""
+    """Parts of a case that may show nothing, with the reason."""
 
     names: tuple[str, ...]
-    """Monitors, kinds of faults, requirements, or one of the groups below."""
+    """Names of monitors, fault kinds or requirements, or one of the groups below."""
     reason: str
 
 
@@ -139,85 +142,87 @@ ANY_FAULT: Final = "faults"
 ANY_REQUIREMENT: Final = "requirements"
 WHOLE_CASE: Final = "case"
 ALLOWANCE_GROUPS: Final = (ANY_FAULT, ANY_REQUIREMENT, WHOLE_CASE)
-"""Every fault, every requirement named on the scenario, and the case as a whole."""
+"""Group names: every fault, every requirement of the scenario, and the case as a whole."""
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
-    """One run, completely described: the same case gives the same bytes anywhere."""
+    """One run, completely described: in virtual time, the same case gives the same bytes
+    anywhere."""
 
     id: str
-    """Unique in its campaign and stable: the same campaign file gives the same ids."""
+    """Unique in its campaign, and stable: the same campaign file gives the same ids."""
     index: int
-    """From 0, without gaps, in the order of the campaign."""
+    """Number from 0, without gaps, in the order of the campaign."""
     scenario: str
     seed: int
     setup: Setup
     faults: tuple[ConfigTable, ...] = ()
-    """As in the scenario file, with the values of this case; see `read_faults`."""
+    """Faults as in the scenario file, with the values of this case; see `read_faults`."""
     monitors: tuple[ConfigTable, ...] = ()
-    """As in the scenario file; see `read_monitors`."""
+    """Monitors as in the scenario file; see `read_monitors`."""
     invariants: str | tuple[str, ...] = "all"
-    """`all`, `none`, or names; they are judged beside the monitors."""
+    """Invariants to judge beside the monitors: `all`, `none`, or names."""
     factors: dict[str, Any] = {}
-    """What the sweep chose for this case, by swept key."""
+    """Values that the sweep sets for this case, by swept key."""
     requirements: tuple[str, ...] = ()
     bench: BenchKind = BenchKind.LOCKSTEP
     controller: ControllerSpec = ControllerSpec()
     wires: WireNames = WireNames()
     branch: Branch | None = None
     expected: tuple[ExpectedFailure, ...] = ()
-    """The monitors that fail, all of them and no other; empty for a case that passes."""
+    """Monitors that must fail, and no others; empty for a case that must pass."""
     vacuous: tuple[Allowance, ...] = ()
-    """What of it may show nothing."""
+    """Parts of the case that may show nothing."""
     stop_at_violation: bool = True
     idle_counts: bool = False
-    """Whether a train that never moved is evidence."""
+    """Whether a run counts as evidence even if the train never moves."""
 
 
 class MonitorResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What one monitor says."""
+    """Result of one monitor."""
 
     name: str
     verdict: Verdict
     """PASS, FAIL, INCONCLUSIVE or VACUOUS."""
     margin: float | None
-    """Least distance to violation, negative when violated; None when nothing was seen."""
+    """Least distance to violation, negative if violated; None if the monitor judged nothing."""
     unit: str
     at_s: float | None = None
-    """Of the least margin."""
+    """Time of the least margin, s."""
     detail: str = ""
     requirements: tuple[str, ...] = ()
     asked: bool = True
-    """The file asks for it by name. An invariant that is watched by default may see nothing."""
+    """Whether the file names the monitor. A default invariant may be vacuous without harm."""
     own: bool = True
-    """It stands under `[[monitor]]`, so it judges the requirements named on the scenario."""
+    """Whether it stands under `[[monitor]]`; then it judges the requirements of the scenario."""
 
 
 class FaultResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What one fault of a case did."""
+    """Effect of one fault of a case."""
 
     kind: str
     began: bool
     touched: int | None
-    """Frames, telegrams, messages, cycles or values that it changed; None where nobody counts."""
+    """Number of frames, telegrams, messages, cycles or values that the fault changed; None if not
+    counted."""
 
 
 class CaseEvent(msgspec.Struct, frozen=True):
-    """Something that happened, for the story of a run."""
+    """An event for the event log of a run."""
 
     at_s: float
     what: str
 
 
 class Host(msgspec.Struct, frozen=True, kw_only=True):
-    """How the host served the run. Not part of what a report is made of: it differs every time."""
+    """How the host served the run. It differs each time, so no report depends on it."""
 
     wall_s: float = 0.0
-    """Of the whole case."""
+    """Wall time of the whole case, s."""
     stepping_s: float = 0.0
-    """Of that, spent in the run itself."""
+    """Part of `wall_s` that the run itself took, s."""
     processor_s: float = 0.0
-    """Processor time of the whole case, its processes included; 0: not measured."""
+    """Processor time of the case and its processes, s; 0 if not measured."""
     steal_s: float | None = None
     lateness_us_p99: float | None = None
     worker: str = ""
@@ -225,33 +230,34 @@ class Host(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CaseResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of one case. All but `host` is a function of the case on the lockstep bench."""
+    """Result of one case. On the lockstep bench, all but `host` depends only on the case."""
 
     case_id: str
     index: int
     verdict: Verdict
     reason: str = ""
-    """Why it is not a pass, or which part of it may show nothing and why."""
+    """Why the case is no pass, or which part of it may show nothing and why."""
     lacking: tuple[str, ...] = ()
-    """What keeps it from being evidence, whatever the monitors found."""
+    """Reasons why the case is no evidence, independent of the monitors."""
     died: str = ""
-    """How the controller ended by itself; empty when it did not."""
+    """How the controller ended by itself; empty if it did not."""
     exit_reason: str = ""
     """How the run ended."""
     sim_s: float = 0.0
     frames: int = 0
     chain: str = ""
-    """Hash over all frames of the run in bus order, with their instants; hexadecimal."""
+    """Hash over all frames of the run in bus order with their times, in hexadecimal."""
     monitors: tuple[MonitorResult, ...] = ()
     faults: tuple[FaultResult, ...] = ()
-    """In the order of the case."""
+    """Effect of each fault, in the order of the case."""
     measures: dict[str, float | None] = {}
-    """By name; the unit is the last part of the name."""
+    """Measured values by name; the unit is the last part of the name."""
     events: tuple[CaseEvent, ...] = ()
     host: Host = Host()
 
     def least_margin(self) -> MonitorResult | None:
-        """Of the monitor that was violated most, or came nearest to it, relative to none other."""
+        """Result of the monitor with the least margin; the margins are compared as numbers,
+        whatever their units."""
         known = [result for result in self.monitors if result.margin is not None]
         return min(known, key=lambda result: result.margin or 0.0, default=None)
 
@@ -262,13 +268,13 @@ def as_expected(case: Case, result: CaseResult) -> bool:
 
 
 def mismatch(case: Case, result: CaseResult) -> str:
-    """Why the result is not the expected one; empty when it is.
+    """Why the result is not the expected one; empty if it is.
 
-    A case that expects a failure is as expected only when exactly the named monitors failed, each
-    within its range, while the controller lived and nothing else was missing.
+    A case with expected failures needs exactly the named monitors to fail, each within its range.
+    The controller must live on, and no other evidence may be missing.
     """
     if not case.expected:
-        # A vacuous case that lacks nothing is one that may show nothing, by its file.
+        # The file allows a vacuous case that lacks nothing to show nothing.
         good = result.verdict in (Verdict.PASS, Verdict.VACUOUS) and not result.lacking
         return "" if good else result.reason or f"{result.verdict.value} instead of pass"
     named = {each.monitor: each for each in case.expected}
@@ -303,14 +309,14 @@ def _range_text(expected: ExpectedFailure) -> str:
 
 
 def expected_text(case: Case) -> str:
-    """What the case is expected to come to, in a few words."""
+    """Short text of the expected outcome."""
     if not case.expected:
         return Verdict.PASS.value
     return f"{Verdict.FAIL.value} by {', '.join(each.monitor for each in case.expected)}"
 
 
 def fault_text(fault: FaultResult) -> str:
-    """What one fault did, such as `frame_drop: touched 40`."""
+    """Text of the effect of one fault, such as `frame_drop: touched 40`."""
     if not fault.began:
         return f"{fault.kind}: never began"
     if fault.touched is None:
@@ -319,5 +325,5 @@ def fault_text(fault: FaultResult) -> str:
 
 
 def subset_text(chosen: int, planned: int) -> str:
-    """Such as `3 of 8 cases`; empty where all cases of a campaign were chosen."""
+    """Text such as `3 of 8 cases`; empty where all cases of a campaign were selected."""
     return f"{chosen} of {planned} cases" if chosen < planned else ""

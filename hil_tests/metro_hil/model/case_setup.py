@@ -1,4 +1,4 @@
-"""From a case to what its devices are made of: line, mission, real train, believed train."""
+"""Builds from a case what its devices need: line, mission, real train, believed train."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,13 +16,13 @@ from vobc.config import VobcConfig, load_config, plan_mission
 from vobc.vocabulary import Mission
 
 Files = Mapping[str, Path]
-"""Where the files are that a case calls by a name of the user's."""
+"""Paths of the user's files, by the name by which cases refer to them."""
 NO_FILES: Files = {}
 
 
 @dataclass(frozen=True, slots=True)
 class CaseParts:
-    """Everything that a bench puts together."""
+    """All parts from which a bench sets up a run."""
 
     journey: Journey
     scenario: TrainScenario
@@ -31,7 +31,7 @@ class CaseParts:
 
 
 def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
-    """Raises SettingsError for what does not fit together."""
+    """Build the parts. Raises SettingsError for values that do not fit together."""
     setup = case.setup
     line = line_of(setup, files)
     mission = mission_of(setup, line)
@@ -51,7 +51,7 @@ def _first_seed(case: Case) -> int:
 
 
 def line_of(setup: Setup, files: Files = NO_FILES) -> LineMap:
-    """The line's file with the times of the timetable."""
+    """The line's file, with dwell and running times of the case."""
     line = load_line(file_name(setup.line, files))
     names = [station.name for station in line.stations]
     for key, times_s in (("dwell_s", setup.dwell_s), ("run_s", setup.run_s)):

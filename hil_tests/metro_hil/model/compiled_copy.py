@@ -1,7 +1,7 @@
-"""Finds the copy with compiled modules that `make compiled` makes, if it is of these sources.
+"""Finds the copy with compiled modules that `make compiled` makes, if it fits these sources.
 
-The copy gives the same bytes, faster, so campaigns take it for their workers where it is there. A
-copy of other sources would run another program than the one that is looked at; it is left alone.
+The copy gives the same bytes, faster, so campaigns use it for their workers. A copy of other
+sources would be another program; it is ignored.
 """
 
 import filecmp
@@ -20,12 +20,12 @@ PACKAGES: Final[Mapping[str, str]] = {
     "plant_emulator": "plant_emulator",
     "metro_hil": "hil_tests/metro_hil",
 }
-"""What a worker imports: name in the copy, place in the checkout."""
+"""Packages that a worker imports: name in the copy, place in the checkout."""
 BUILT: Final = frozenset({".so", ".pyc"})
 
 
 def compiled_library(checkout: Path | None = None) -> Path | None:
-    """What belongs onto the PYTHONPATH of a worker; None where no copy is of these sources."""
+    """PYTHONPATH entry for a worker; None if no copy fits these sources."""
     root = checkout or Path(firmware_py.__file__).resolve().parent.parent
     library = root / FOLDER / "lib"
     if not library.is_dir() or not any(library.glob("*/*.so")):
@@ -35,7 +35,7 @@ def compiled_library(checkout: Path | None = None) -> Path | None:
 
 
 def worker_environment(environment: Mapping[str, str], library: Path | None) -> dict[str, str]:
-    """Of a worker that shall import from the copy; unchanged without one."""
+    """Environment of a worker that imports from the copy; unchanged if there is none."""
     if library is None:
         return dict(environment)
     return {**environment, "PYTHONPATH": str(library), "PYTHONSAFEPATH": "1"}

@@ -1,4 +1,4 @@
-"""How a run ends: the conditions, and what it hands to the report."""
+"""Decides when a run ends, and holds what the run then gives to the report."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from vobc.atp.emergencies import RULE_OF, Reset
 
 NEAR_M = 5.0
 AFTER_ARRIVAL_S = 3.0
-"""How long a run goes on with open doors at its last station."""
+"""Time for which a run continues with open doors at its last station, s."""
 UNATTENDED_S = 30.0
-"""How long a train may stand in emergency where nobody can let it go, or behind doors that nobody
-can open by hand: longer than any release, or jog, that comes by itself."""
+"""Time after which a run ends whose train stands in emergency, or behind shut doors, without a
+person to help, s. Every automatic release or jog comes sooner."""
 MENDED_BY_MOVING = Withheld.NOT_LOCALISED | Withheld.NO_PLATFORM | Withheld.MISALIGNED
-"""What stands against doors as long as the train stands where it does."""
+"""Reasons to withhold doors that remain as long as the train does not move."""
 
 ARRIVED = "arrived"
 DURATION = "duration over"
@@ -22,7 +22,7 @@ INTERRUPTED = "interrupted"
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """What the run itself knows; everything else is measured from its logs."""
+    """Results that only the run itself knows; all others are measured from its logs."""
 
     exit_reason: str
     failed: bool
@@ -34,14 +34,14 @@ class Ending:
     realtime: Sequence[str] = ()
     truth_known: bool = True
     dropped_frames: int = 0
-    """That the tap was told of but did not get."""
+    """Number of frames that the tap missed."""
     lost_log_lines: int = 0
-    """That the disk did not take."""
+    """Number of log lines that the disk refused."""
 
 
 @dataclass(slots=True)
 class ArrivalWatch:
-    """Says when the train has stood with open doors at its last station for a while."""
+    """Detects that the train has stood with open doors at its last station for a while."""
 
     stop_m: float
     _since_ns: int | None = None
@@ -58,14 +58,15 @@ class ArrivalWatch:
 
 @dataclass(slots=True)
 class HeldEmergencyCondition:
-    """Says why a run is over whose train stands in emergency and has nobody to let it go."""
+    """Ends a run whose train stands in emergency without a person who can release the brake."""
 
     centre: bool = False
-    """Somebody supervises the line: what the centre may let go is waited for."""
+    """Whether an operator supervises the line; the run then waits for a release that the centre may
+    give."""
     _since_ns: int | None = None
 
     def stands_for_good(self, now_ns: int, supervision: Supervision, cause: Cause) -> str | None:
-        """The reason to end, or None; to be asked again and again."""
+        """The reason to end the run, or None; called in every cycle."""
         waits = self.centre and centre_may_let_go(cause)
         if supervision is not Supervision.EMERGENCY or waits:
             self._since_ns = None
@@ -74,22 +75,22 @@ class HeldEmergencyCondition:
             self._since_ns = now_ns
         if now_ns - self._since_ns < UNATTENDED_S * 1e9:
             return None
-        words = f"in emergency for {UNATTENDED_S:.0f} s and nobody there to let go"
+        words = f"in emergency for {UNATTENDED_S:.0f} s and no person there to release it"
         return f"{words}: {cause_words(cause)}"
 
 
 @dataclass(slots=True)
 class ShutDoorsCondition:
-    """Says why a run is over whose train has stopped where its doors stay shut, with nobody there.
+    """Ends a run whose train has stopped where its doors stay shut, without a person to open them.
 
-    After a stop the place may be known too roughly for doors, say because the machine was held up
-    on the last metres; a tag would mend it, but a train at its stop passes none.
+    After a stop the position may be too uncertain for doors, for example because the machine was
+    held up on the last metres. A tag would correct it, but a stopped train passes none.
     """
 
     _since_ns: int | None = None
 
     def shut_for_good(self, now_ns: int, phase: AtoPhase, withheld: Withheld) -> str | None:
-        """The reason to end, or None; to be asked again and again."""
+        """The reason to end the run, or None; called in every cycle."""
         reasons = withheld & MENDED_BY_MOVING
         if phase is not AtoPhase.STOPPED or not reasons:
             self._since_ns = None
@@ -98,22 +99,22 @@ class ShutDoorsCondition:
             self._since_ns = now_ns
         if now_ns - self._since_ns < UNATTENDED_S * 1e9:
             return None
-        words = f"doors shut for {UNATTENDED_S:.0f} s at a stop and nobody there to open them"
+        words = f"doors shut for {UNATTENDED_S:.0f} s at a stop and no person there to open them"
         return f"{words}: {withheld_words(reasons)}"
 
 
 def centre_may_let_go(cause: Cause) -> bool:
-    """By its own rule, once the train stands and the cause is gone."""
+    """Whether the centre may release this emergency brake, once the train stands without cause."""
     rule = RULE_OF.get(cause)
     return rule is not None and Reset.CENTRE in rule.reset_by
 
 
 def withheld_words(withheld: Withheld) -> str:
-    """What stands against doors, as short as the bus tells it."""
+    """Reasons to withhold doors, named as on the bus."""
     names = [flag.name for flag in Withheld if flag in withheld and flag.name is not None]
     return ", ".join(names).replace("_", " ").lower()
 
 
 def cause_words(cause: Cause) -> str:
-    """What the emergency brake is for, as short as the bus tells it."""
+    """Cause of the emergency brake, named as on the bus."""
     return cause.name.replace("_", " ").lower()

@@ -1,22 +1,22 @@
-"""The hash chain over the frames of a run: equal chains mean equal bus traffic, bit for bit."""
+"""Running hash over the frames of a run: equal hashes mean equal bus traffic, bit for bit."""
 
 import hashlib
 import struct
 from typing import Final
 
 LINK_S: Final = 10
-"""A link of the chain covers so many seconds."""
+"""Time that one link of the hash chain covers, s."""
 _LINK_NS: Final = LINK_S * 1_000_000_000
 _FLUSH: Final = 512
 _head: Final = struct.Struct("<qHB").pack
 
 
 class FrameHash:
-    """Fed with every frame in bus order.
+    """Hash of all frames, which it receives in bus order.
 
-    A link is SHA-256 over the link before it and, for each frame that ended within its seconds, the
-    instant of its end (int64 ns, little endian), identifier (uint16), length (uint8) and data. Two
-    runs that differ share the links up to the one in which they part.
+    A link is SHA-256 over the link before it and each frame that ended within its time. For a frame
+    it takes the instant of its end (int64 ns, little endian), identifier (uint16), length (uint8)
+    and data. Two runs that differ share all links before their first difference.
     """
 
     def __init__(self) -> None:
@@ -49,11 +49,11 @@ class FrameHash:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """The closed links, and last the open one as it is now."""
+        """The closed links, followed by the present value of the open one."""
         self._flush()
         return (*self._links, self._digest.hexdigest())
 
     @property
     def value(self) -> str:
-        """The last link: of the whole run."""
+        """The last link, which is the hash of the whole run."""
         return self.links[-1]

@@ -1,4 +1,4 @@
-"""The messages of the train bus by name and identifier; whether a bus fault names real ones."""
+"""Names and identifiers of the train bus's messages; checks that bus faults name real ones."""
 
 import difflib
 import functools
@@ -26,7 +26,7 @@ from plant_emulator.faults.declared_bus import (
 from plant_emulator.faults.plan import FaultPlan
 
 EVERYTHING: Final = "*"
-"""Also matches frames that no DBC file knows."""
+"""Pattern that also matches frames that no DBC file defines."""
 FRAME_FAULTS: Final = (
     FrameDrop,
     FrameDelay,
@@ -35,7 +35,7 @@ FRAME_FAULTS: Final = (
     FrameReplay,
     FrameCorrupt,
 )
-"""Parameters of faults that choose frames by pattern and way."""
+"""Parameters of faults that select frames by pattern and direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +46,20 @@ class KnownMessage:
     can_id: int
     sender: str
     acting: str
-    """The node that acts on it. Train management hears most messages, but only keeps book."""
+    """Node that acts on the message. Train management receives most messages, but only records
+    them."""
     bound: Binding
     is_twin: bool
 
     @property
     def way(self) -> FrameDirection:
-        """Which way it goes between the controller and the train."""
+        """Direction of the message between controller and train."""
         return FrameDirection.TO_TRAIN if self.sender == Node.VOBC.name else FrameDirection.TO_VOBC
 
 
 @functools.cache
 def known_messages() -> Mapping[int, KnownMessage]:
-    """By identifier, rising."""
+    """All messages by ascending identifier."""
     found = {}
     for kind in binding.kinds():
         bound = binding.binding_of(kind)
@@ -81,7 +82,7 @@ def known_names() -> Mapping[str, KnownMessage]:
 
 
 def name_of(can_id: int) -> str:
-    """The message's name; the identifier for one that no DBC file knows."""
+    """The message's name, or the identifier if no DBC file defines it."""
     known = known_messages().get(can_id)
     return f"{can_id:#05x}" if known is None else known.name
 
@@ -93,14 +94,14 @@ def matches(pattern: str, can_id: int) -> bool:
 
 
 def concerns(pattern: str, way: FrameDirection, can_id: int, going: FrameDirection) -> bool:
-    """Whether a fault of this pattern and way concerns a frame that goes that way."""
+    """Whether a fault with this pattern and direction concerns the frame with direction `going`."""
     return way in (FrameDirection.BOTH, going) and matches(pattern, can_id)
 
 
 def check_bus_fault(plan: FaultPlan) -> None:
-    """SettingsError, naming key, value and the nearest valid one, for frames that do not exist.
+    """Raises SettingsError if a bus fault names frames that do not exist.
 
-    Faults of other places and those that choose no frames are let through.
+    The text names key, value and the nearest valid value. Other faults are accepted.
     """
     parameters = plan.parameters
     where = f"fault[{plan.index}]"
@@ -144,7 +145,7 @@ def _check_masquerade(parameters: Masquerade, where: str) -> None:
 
 
 def is_value_of(field: FieldLayout, value: float) -> bool:
-    """Whether a frame can carry it; numbers beyond the range are sent as its end."""
+    """Whether a frame can carry the value; numbers outside the range are sent as its end."""
     if field.kind is bool:
         return value in (0.0, 1.0)
     table = value_table(field)

@@ -1,4 +1,4 @@
-"""Python looks for cycles of objects far less often where much runs that leaves none behind."""
+"""Raises the garbage-collection threshold for allocation-heavy code that creates few cycles."""
 
 import gc
 from collections.abc import Iterator
@@ -6,11 +6,11 @@ from contextlib import contextmanager
 from typing import Final
 
 COLLECT_AFTER: Final = 50_000
-"""New objects after which cycles are looked for."""
+"""Number of new objects after which the collector looks for cycles."""
 
 
 def collect_rarely() -> None:
-    """From now on in this process, unless somebody set it to be rarer, or off."""
+    """Raise the threshold of this process, unless it is higher already or collection is off."""
     usual = gc.get_threshold()
     if 0 < usual[0] < COLLECT_AFTER:
         gc.set_threshold(COLLECT_AFTER, *usual[1:])
@@ -18,7 +18,7 @@ def collect_rarely() -> None:
 
 @contextmanager
 def rarely_collected() -> Iterator[None]:
-    """Within the block, and as it was after it."""
+    """Raise the threshold within the block and restore it afterwards."""
     usual = gc.get_threshold()
     collect_rarely()
     try:

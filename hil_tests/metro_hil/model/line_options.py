@@ -1,4 +1,4 @@
-"""Words of a command line about trains that command themselves."""
+"""Command-line options of trains that command themselves."""
 
 import argparse
 from typing import Final
@@ -13,7 +13,8 @@ DEFAULT_TIMERS: Final = "A"
 
 
 def add_options(run: argparse.ArgumentParser) -> None:
-    """None is what was not given: without --train none of them means anything."""
+    """Add the options. Their default is None, because without --train none of them has a
+    meaning."""
     group = run.add_argument_group(
         "trains that command themselves",
         "The wayside of the line is `plant wayside`; the train gets a bus of its own.",
@@ -27,25 +28,25 @@ def add_options(run: argparse.ArgumentParser) -> None:
         nargs="?",
         const="",
         metavar="ENDPOINT",
-        help="speak to other trains that do so directly; they reach this one at ENDPOINT, by "
-        "default the address on the way to the wayside and any port",
+        help="connect to other trains that have this option directly; they reach this one at "
+        "ENDPOINT, by default the address on the way to the wayside and any port",
     )
     group.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
     group.add_argument(
         "--line-timers",
         choices=sorted(TIMER_SETS),
-        help=f"have to be those of the wayside; default: {DEFAULT_TIMERS}",
+        help=f"must be those of the wayside; default: {DEFAULT_TIMERS}",
     )
     group.add_argument(
         "--arbiters",
         type=int,
         choices=LINE_ARBITERS,
-        help=f"have to be as many as the wayside has; default: {DEFAULT_ARBITERS}",
+        help=f"number of arbiters of the wayside; default: {DEFAULT_ARBITERS}",
     )
 
 
 def train_number(text: str) -> int:
-    """`T3` or `3`, for argparse."""
+    """Parse `T3` or `3`, for argparse."""
     number = text.removeprefix("T")
     if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
         raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")

@@ -16,20 +16,20 @@ class RunLogError(Exception):
 
 
 class Columns:
-    """The columns of one log, by name. Rows that a killed run left torn are counted, not used."""
+    """The columns of one log, by name. Torn rows of a killed run are counted, not used."""
 
     def __init__(self, source: str, values: Mapping[str, Sequence[object]], torn_rows: int) -> None:
         self._source = source
         self._values = values
         self._numbers: dict[str, Numbers] = {}
-        """Those that were asked for; nobody may write to them."""
+        """Cache of converted columns, which are read-only."""
         self.torn_rows = torn_rows
 
     @classmethod
     def of_rows(
         cls, source: str, names: Sequence[str], rows: Sequence[Sequence[object]]
     ) -> "Columns":
-        """From rows of values as a log would have written them."""
+        """Make columns from rows of values, as a log would hold them."""
         columns = list(zip(*rows, strict=True)) if rows else [()] * len(names)
         return cls(source, dict(zip(names, columns, strict=True)), 0)
 
@@ -48,7 +48,7 @@ class Columns:
         return [value in (True, "1") for value in self._column(name)]
 
     def numbers(self, name: str) -> Numbers:
-        """Shape (n_rows,), read-only; an empty field is NaN."""
+        """A column as read-only array of shape (n_rows,); an empty field is NaN."""
         known = self._numbers.get(name)
         if known is not None:
             return known
@@ -64,13 +64,13 @@ class Columns:
         return numbers
 
     def has(self, name: str) -> bool:
-        """Logs of older versions, or of others, may lack some."""
+        """Whether the column exists; logs of other versions may lack some."""
         return name in self._values
 
     def vectors(self, name: str) -> Numbers:
-        """Of a column with several numbers in a field: shape (n_rows, n_numbers).
+        """A column with several numbers in a field, as array of shape (n_rows, n_numbers).
 
-        Raises LogError for a row that has not as many as the others.
+        Raises RunLogError if the rows differ in their number of values.
         """
         rows = [value.split() if isinstance(value, str) else value for value in self._column(name)]
         try:
@@ -81,7 +81,7 @@ class Columns:
 
 
 def read_columns(path: Path) -> Columns:
-    """Raises LogError when the file is missing or has no header."""
+    """Read a log. Raises RunLogError if the file is missing or has no header."""
     try:
         with path.open(newline="", encoding="utf-8") as lines:
             rows = csv.reader(lines)

@@ -1,4 +1,4 @@
-"""Loads what a run needs and checks that its parts fit, before anything is started."""
+"""Loads the parts of a run and checks that they fit, before any process starts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from vobc.vocabulary import Mission
 
 @dataclass(frozen=True, slots=True)
 class Journey:
-    """One way along one line."""
+    """One trip along one line."""
 
     line: LineMap
     mission: Mission
     wakes_up: bool = False
-    """The controller was switched off at the start and remembers it."""
+    """Whether the controller was switched off at the start and remembers its place."""
 
     @property
     def start(self) -> Station:
@@ -26,7 +26,7 @@ class Journey:
 
     @property
     def stops(self) -> Sequence[Station]:
-        """Where the train shall stop, in running order."""
+        """Stations at which the train stops, in running order."""
         return self.mission.stops
 
     @property
@@ -35,7 +35,8 @@ class Journey:
 
     @property
     def planned_run_s(self) -> dict[str, float]:
-        """Planned running times between stops, by the stop they lead to; where there is a plan."""
+        """Planned running times between stops by the later stop, s; only where the line plans
+        them."""
         planned: dict[str, float] = {}
         before_m = self.start.stop_m
         for stop in self.stops:
@@ -47,7 +48,8 @@ class Journey:
 
 
 def check_reference(config: VobcConfig, train: TrainConfig) -> None:
-    """Raises SettingsError for a train that would not move, since it listens elsewhere."""
+    """Raises SettingsError if the train takes its demands from another output than the
+    controller's."""
     by_loop = config.ato.output.stage == "current_loop"
     if by_loop and not train.loop.connected:
         raise SettingsError(
@@ -62,6 +64,6 @@ def check_reference(config: VobcConfig, train: TrainConfig) -> None:
 
 
 def plan_journey(options: RunOptions) -> Journey:
-    """Raises SettingsError when line and stations do not fit together."""
+    """Load line and mission. Raises SettingsError if line and stations do not fit together."""
     line = load_line(options.line)
     return Journey(line, plan_mission(line, options.start, options.end))

@@ -1,4 +1,4 @@
-"""What the product is held to: the catalogue of requirements that scenarios and monitors name."""
+"""The catalogue of requirements that scenarios and monitors name."""
 
 import re
 import tomllib
@@ -23,17 +23,18 @@ class CatalogueError(SettingsError):
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """One requirement, in our own words."""
+    """One requirement, stated in this project's words."""
 
     id: str
-    """Such as `INV-04`."""
+    """Id such as `INV-04`."""
     source: str
-    """Clause of the document that it stems from."""
+    """Clause of the document from which it stems."""
     text: str
     seed: str = ""
-    """Number of the source document that it comes from; empty for one that all of them share."""
+    """Number of the source paper, as in docs/references.md; empty for a requirement of all of
+    them."""
     tests: tuple[str, ...] = ()
-    """Tests that show it, as pytest names them: file below the project, `::`, function."""
+    """Tests that show it, named as for pytest: file below the project, `::`, function."""
 
 
 @cache
@@ -44,7 +45,7 @@ def shipped_requirements() -> Mapping[str, Requirement]:
 
 
 def read_requirements(path: Path) -> Mapping[str, Requirement]:
-    """Raises CatalogueError when the file is missing or wrong."""
+    """Read a catalogue. Raises CatalogueError if the file is missing or wrong."""
     try:
         return parse_requirements(path.read_text(encoding="utf-8"), str(path))
     except OSError as error:
@@ -52,11 +53,11 @@ def read_requirements(path: Path) -> Mapping[str, Requirement]:
 
 
 def parse_requirements(text: str, source: str) -> Mapping[str, Requirement]:
-    """By id, in the order of the text.
+    """Requirements by id, in the order of the text.
 
     Raises:
-        CatalogueError: on what is not TOML, an unknown or missing key, an empty text, an id that
-            is not one or comes twice.
+        CatalogueError: if the text is not TOML, a key is unknown or missing, a text is empty, or an
+            id is invalid or repeated.
     """
     try:
         document = tomllib.loads(text)

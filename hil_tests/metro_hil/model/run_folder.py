@@ -24,7 +24,7 @@ class RunFolderError(Exception):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class RunFolder:
-    """Where everything of one run lies."""
+    """Paths of the files of one run."""
 
     path: Path
 
@@ -66,10 +66,10 @@ class RunFolder:
 
 
 def make_run_folder(out: str | None, epoch_ns: int, words: str) -> RunFolder:
-    """A new folder: `out`, or one below `runs/` named by date, time and what is run.
+    """Make a new folder: `out`, or one below `runs/` named by date, time and `words`.
 
     Raises:
-        RunFolderError: when it exists with something in it, or cannot be made.
+        RunFolderError: if it is not empty, or cannot be made.
     """
     stamp = utc_text(epoch_ns).replace(":", "-")
     path = Path(out) if out else Path("runs") / f"{stamp}_{words}"
@@ -87,15 +87,13 @@ def make_run_folder(out: str | None, epoch_ns: int, words: str) -> RunFolder:
 
 
 def discard_unused(folder: RunFolder) -> None:
-    """Remove the folder of a run that never came about: one that holds nothing but run.toml, and
-    logs in which nothing was written yet.
-    """
+    """Remove the folder of a run that never began, if it holds only run.toml and empty logs."""
     made = list(folder.path.iterdir())
     if all(path == folder.config or path.stat().st_size == 0 for path in made):
         for path in made:
             path.unlink()
         folder.path.rmdir()
-        # Loaded here, because it brings the whole reader of logs along.
+        # Imported here, because this module brings all log readers along.
         from canlog.run_names import forget_removed
 
         forget_removed()
@@ -107,7 +105,7 @@ def utc_text(epoch_ns: int) -> str:
 
 
 def _made_under_free_name(path: Path) -> Path:
-    """Another run may begin in the same second: only one of them can make a folder."""
+    """Another run may begin in the same second, but only one of them can make a folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     number, free = 1, path
     while True:
@@ -121,7 +119,7 @@ def _made_under_free_name(path: Path) -> Path:
 
 
 def write_config(folder: RunFolder, tables: Mapping[str, object], epoch_ns: int) -> None:
-    """run.toml: the effective configuration, versions and host."""
+    """Write run.toml: the effective configuration, versions and host."""
     document = {
         "started": utc_text(epoch_ns) + "Z",
         **{name: plain(value) for name, value in tables.items()},
@@ -136,7 +134,7 @@ def write_config(folder: RunFolder, tables: Mapping[str, object], epoch_ns: int)
 
 
 def versions() -> dict[str, str]:
-    """Python and the packages that shape a run."""
+    """Versions of Python and of the packages that shape a run."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -147,7 +145,7 @@ def versions() -> dict[str, str]:
 
 
 def plain(value: object) -> Any:
-    """Dataclasses, enums and paths as what TOML and JSON know; what is None is left out."""
+    """Convert dataclasses, enums and paths to TOML or JSON values; None is left out."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {
             field.name: plain(getattr(value, field.name))

@@ -1,4 +1,4 @@
-"""What `vobc run` was asked to do."""
+"""The options of `vobc run`."""
 
 import argparse
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ ELSEWHERE = (EXTERNAL, "none")
 DESKS = ("auto", "manual", "off", *ELSEWHERE)
 
 LINE_DEFAULTS = {"line": "changping", "consist": "typeB4", "params": "typeB4"}
-"""With --trains."""
+"""Defaults with --trains."""
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -28,27 +28,27 @@ EXIT_ENVIRONMENT = 3
 EXIT_INTERRUPTED = 130
 
 OTHER_VERBS = {
-    "explain": "tell what the controller of a run decided, why, and from which frames",
+    "explain": "show what the controller of a run decided, why, and from which frames",
     "tune": "re-tune a control law and write a parameter file",
     "timetable": "find a timetable that saves energy on a whole line",
     "design-curve": "design the power-limited running curve of one hop",
-    "line-log": "what trains and wayside of a line said: frame by frame, counted, drawn",
-    "demo-ca": "make certificates and all else that a secured line needs, for demonstrations",
+    "line-log": "show messages of trains and wayside: frame by frame, counted, as a plot",
+    "demo-ca": "make certificates and the other files of a secured line, for demonstrations",
 }
-"""With the help; each has a program of its own."""
+"""Help texts of verbs that are separate programs."""
 LINE_VERBS = {
     "line": "show areas, track and trains of a line",
-    "master": "tell who commands which area, and why",
+    "master": "show which train commands each area, and why",
     "switch-master": "let another train command an area",
-    "out-of-service": "let a train command nothing any more",
-    "remove-train": "say that a silent train is gone, so that nobody waits behind it",
+    "out-of-service": "withdraw a train from commanding areas",
+    "remove-train": "take a silent train off the line, so that others stop waiting behind it",
     "hold": "keep a train at the present or next platform",
     "skip": "let a train pass the next station",
-    "emergency-brake": "brake a train and keep it",
-    "restrict": "limit all trains on a stretch",
-    "close": "let no train enter a stretch",
+    "emergency-brake": "apply a train's emergency brake and hold it",
+    "restrict": "limit the speed of all trains on a stretch",
+    "close": "close a stretch to all trains",
 }
-"""Supervision of a line whose trains command themselves."""
+"""Help texts of the verbs that supervise a line whose trains command themselves."""
 EPILOG = """\
 exit codes: 0 the train arrived, or the given duration is over; 1 the run failed; 2 wrong usage or
 configuration; 3 bus, rights, disk or a process missing; 130 ended by Ctrl-C (results are written)
@@ -57,7 +57,7 @@ configuration; 3 bus, rights, disk or a process missing; 130 ended by Ctrl-C (re
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """One run, as its user asked for it; None where the default depends on the rest."""
+    """Options of one run as the user gave them; None where the default depends on other options."""
 
     lockstep: bool
     bus: str
@@ -78,29 +78,29 @@ class RunOptions:
     priority: int
     json: bool
     desk: str = "auto"
-    """Mode of the plant's desk; external: `plant desk` is the desk; none: there is none."""
+    """Mode of the plant's desk; external: `plant desk` is the desk; none: no desk."""
     driver: str | None = None
     desk_recording: str | None = None
     ato: str | None = None
-    """Control law of the automatic operation, instead of that of the parameters."""
+    """Control law of ATO; None for that of the parameters."""
     output: str | None = None
-    """Its output stage, instead of that of the parameters."""
+    """Output stage of ATO; None for that of the parameters."""
     trains: int | None = None
-    """So many on the line at once, in lockstep; None: one, without others."""
+    """Number of trains on the line in lockstep; None for a single train without network."""
     supply: str | None = None
-    """Network of the line that feeds them."""
+    """Supply network of the line that feeds the trains."""
     logs: bool = True
-    """Of each train, when there are several."""
+    """Whether each of several trains writes logs."""
     train: int | None = None
-    """Its number among trains that command themselves."""
+    """Number of this train among trains that command themselves."""
     line_radio: str | None = None
-    """Where the wayside of such a line listens."""
+    """Address on which the line's wayside listens."""
     line_peer: str | None = None
-    """Speak to other peers directly; where they reach this one, or empty."""
+    """Address at which other peers reach this one, or empty; None for no direct connection."""
     secure: str | None = None
-    """Certificates and keys of a secured line."""
+    """Folder with certificates and keys of a secured line."""
     line_timers: str | None = None
-    """Their set, and how many arbiters there are: as the wayside has them."""
+    """Set of timers; must be that of the wayside, as must the number of arbiters."""
     arbiters: int | None = None
 
 
@@ -163,11 +163,17 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
         "--odometer-error",
         type=_odometer_error,
         metavar="RATIO",
-        help="systematic error of the tachos, such as 0.05; default: drawn by the consist",
+        help="systematic error of the tachos, such as 0.05; default: sampled by the consist",
     )
-    group.add_argument("--seed", type=_seed, default=1, help="of all noise in the run; default: 1")
     group.add_argument(
-        "--duration", dest="duration_s", type=_seconds, metavar="SECONDS", help="end after so long"
+        "--seed", type=_seed, default=1, help="seed of all noise in the run; default: 1"
+    )
+    group.add_argument(
+        "--duration",
+        dest="duration_s",
+        type=_seconds,
+        metavar="SECONDS",
+        help="end the run after this time",
     )
 
 
@@ -182,7 +188,7 @@ def _add_desk(run: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--driver", choices=list(DRIVERS), help="a model of a driver drives, with --desk manual"
     )
-    group.add_argument("--desk-recording", metavar="FILE", help="played at the desk")
+    group.add_argument("--desk-recording", metavar="FILE", help="recording of a desk to play back")
 
 
 def _add_wires(run: argparse.ArgumentParser) -> None:
@@ -248,7 +254,7 @@ def _add_rest(run: argparse.ArgumentParser) -> None:
 
 
 def parse(argv: Sequence[str]) -> RunOptions:
-    """Raises SystemExit as argparse does."""
+    """Parse the command line. Raises SystemExit as argparse does."""
     top = parser()
     chosen = vars(top.parse_args(argv))
     del chosen["verb"]
@@ -268,7 +274,7 @@ def parse(argv: Sequence[str]) -> RunOptions:
 
 
 def _of_line(options: RunOptions) -> RunOptions:
-    """With what the wayside has by default, where nothing else was asked for."""
+    """Fill in the wayside's defaults where the user gave no value."""
     return replace(
         options,
         line_radio=options.line_radio or LINE_ENDPOINT,
@@ -278,7 +284,7 @@ def _of_line(options: RunOptions) -> RunOptions:
 
 
 def wires_problem(options: RunOptions) -> str:
-    """Which wire of a real-time run was asked for in virtual time; empty when none was."""
+    """Error text if --lockstep comes with a wire of real time; else empty."""
     wires = {
         "--bus": options.bus,
         "--plant": options.plant,
@@ -292,7 +298,7 @@ def wires_problem(options: RunOptions) -> str:
 
 
 def trains_problem(options: RunOptions) -> str:
-    """What cannot be asked for with several trains, or only with them; empty when it can."""
+    """Error text if an option does not fit --trains, or needs it; else empty."""
     if options.trains is None:
         alone = {"--supply": options.supply is not None, "--no-logs": not options.logs}
         asked = [name for name, given in alone.items() if given]
@@ -310,23 +316,25 @@ def trains_problem(options: RunOptions) -> str:
         "--desk-recording": options.desk_recording is not None,
     }
     asked = [name for name, given in fixed.items() if given]
-    return f"{asked[0]}: not with --trains; the line's traffic says it" if asked else ""
+    return (
+        f"{asked[0]}: not with --trains, where the line's traffic file decides it" if asked else ""
+    )
 
 
 def desk_problem(options: RunOptions) -> str:
-    """What cannot be asked of the desk at once; empty when it can."""
+    """Error text if the desk's options contradict each other; else empty."""
     if options.desk == EXTERNAL and options.lockstep:
-        return "--desk external: nobody can drive by hand in virtual time; leave out --lockstep"
+        return "--desk external: a person cannot drive in virtual time; leave out --lockstep"
     if options.driver and options.desk_recording:
-        return "--desk-recording: cannot be played beside --driver"
+        return "--desk-recording: not together with --driver"
     if (options.driver or options.desk_recording) and options.desk in ELSEWHERE:
         asked = "--driver" if options.driver else "--desk-recording"
-        return f"{asked}: there is no desk of the plant's with --desk {options.desk}"
+        return f"{asked}: the plant has no desk with --desk {options.desk}"
     return ""
 
 
 def line_problem(options: RunOptions) -> str:
-    """What does not go with trains that command themselves; empty when it does."""
+    """Error text if an option does not fit trains that command themselves; else empty."""
     of_train = {
         "--line-radio": options.line_radio,
         "--line-peer": options.line_peer,
@@ -336,11 +344,11 @@ def line_problem(options: RunOptions) -> str:
     }
     asked = [name for name, given in of_train.items() if given is not None]
     if asked and options.train is None:
-        return f"{asked[0]}: which train is it? --train T1 says so"
+        return f"{asked[0]}: needs --train, such as --train T1"
     if options.train is not None and options.lockstep:
         return "--train: in virtual time `hil run line --bench lockstep` runs a whole line"
     if options.line_peer is not None and options.secure is not None:
-        return "--line-peer: not with --secure, as peers speak past the wayside and its rules"
+        return "--line-peer: not with --secure, because peers bypass the wayside and its rules"
     try:
         check_endpoint(options.line_radio or LINE_ENDPOINT)
     except ValueError as error:

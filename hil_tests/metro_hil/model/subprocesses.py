@@ -1,4 +1,4 @@
-"""The controller and the plant as processes of their own: started, watched and ended."""
+"""Starts, watches and ends controller and plant as separate processes."""
 
 import contextlib
 import os
@@ -13,11 +13,11 @@ END_TIMEOUT_S = 5.0
 
 
 class ChildError(Exception):
-    """A child that ended by itself; the text holds its last words."""
+    """A child process ended by itself; the text holds the last lines of its output."""
 
 
 class Process:
-    """One process with a log of what it says, the first of a process group of its own."""
+    """One process, first of its own process group, with a log of its output."""
 
     def __init__(
         self,
@@ -26,12 +26,13 @@ class Process:
         log: Path,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        """Raises OSError when there is no such program, or the log cannot be written."""
+        """Start the process. Raises OSError if the program is missing or the log cannot be
+        written."""
         self.name = name
         self._log = log
         self._output = log.open("ab")
-        # A session of its own, so that Ctrl-C reaches only the bench, which ends its children in
-        # the right order.
+        # The process has its own session, so that Ctrl-C reaches only the bench, which ends its
+        # children in the right order.
         try:
             self._process = subprocess.Popen(
                 list(command),
@@ -58,7 +59,7 @@ class Process:
         return self._process.poll()
 
     def end_words(self) -> str:
-        """How it ended: its exit code, or the signal that ended it."""
+        """How the process ended: its exit code, or the signal that ended it."""
         code = self.returncode
         if code is None:
             return "still running"
@@ -67,7 +68,7 @@ class Process:
         return f"exit code {code}"
 
     def last_words(self) -> str:
-        """The end of what it said; empty when it said nothing."""
+        """The last lines of its output; empty if there was none."""
         try:
             text = self._log.read_text(encoding="utf-8", errors="replace")
         except OSError as error:
@@ -75,7 +76,7 @@ class Process:
         return "\n".join(text.strip().splitlines()[-TAIL_LINES:])
 
     def end(self) -> int:
-        """Ask it to end, wait, and kill it if it does not; returns its exit code."""
+        """Ask the process to end, wait, kill it if it does not end; return its exit code."""
         if not self.ended:
             self._process.send_signal(signal.SIGTERM)
         try:
@@ -87,15 +88,15 @@ class Process:
         return code
 
     def signal_group(self, number: signal.Signals) -> None:
-        """To the process and to all that it started and that stayed in its group."""
+        """Send a signal to the process and all its descendants in the same group."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, number)
 
 
 class Child(Process):
-    """A program of ours. It never outlives the bench."""
+    """A program of this project, which never outlives the bench."""
 
     def __init__(self, name: str, module: str, arguments: Sequence[str], log: Path) -> None:
-        # The child itself asks the kernel to end it when the bench dies.
+        # The child asks the kernel to end it when the bench dies.
         words = [sys.executable, "-m", module, *arguments, "--parent", str(os.getpid())]
         super().__init__(name, words, log)

@@ -1,4 +1,4 @@
-"""From what a run showed to its verdict; the same rules on every bench."""
+"""Derives the verdict from what a run showed; the same rules hold on every bench."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from metro_hil.model.case import (
 
 DEAD: Final = "the controller ended by itself"
 MOVED_MIN_M: Final = 1.0
-"""A train that did not move by this much has shown nothing about driving."""
+"""Minimum movement of the train, m; with less, a run shows nothing about driving."""
 EXERCISED: Final = (Verdict.PASS, Verdict.FAIL)
 """Verdicts of a monitor that judged something."""
 
@@ -28,18 +28,18 @@ class RunEvidence:
     monitors: Sequence[MonitorResult]
     faults: Sequence[FaultResult] = ()
     died: str = ""
-    """How the controller ended by itself; empty when it did not."""
+    """How the controller ended by itself; empty if it did not."""
     branched: bool = True
-    """Whether the branch of the case came; True for a case without one."""
+    """Whether the run reached the branch of the case; True for a case without one."""
     moved_m: float
-    """Greatest distance of the train from its first place."""
+    """Greatest distance of the train from its first position, m."""
     violated: bool
-    """The run ended at a violation, so later parts of it were never tried."""
+    """Whether the run ended at a violation, so that its later parts were never tried."""
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The verdict of a case and what it lacks as evidence."""
+    """The verdict of a case, and what the case lacks as evidence."""
 
     verdict: Verdict
     reason: str
@@ -47,7 +47,7 @@ class Judgement:
 
 
 def judge(case: Case, shown: RunEvidence) -> Judgement:
-    """The verdict, why it is not a pass, and what keeps the case from being evidence."""
+    """Derive the verdict, the reason for it, and what the case lacks as evidence."""
     gaps = _Gaps(case)
     blocked = gaps.blocked(shown)
     unmeasured = [each.name for each in shown.monitors if each.verdict is Verdict.INCONCLUSIVE]
@@ -80,7 +80,7 @@ def judge(case: Case, shown: RunEvidence) -> Judgement:
 
 
 class _Gaps:
-    """What a run did not show, apart from what the file allows it not to show."""
+    """Collects what a run did not show, and leaves out what the case's file allows."""
 
     def __init__(self, case: Case) -> None:
         self._case = case
@@ -89,8 +89,10 @@ class _Gaps:
         """Each gap that the file allows, with its reason."""
 
     def _kept(self, gaps: Iterable[tuple[str, str, str]]) -> list[str]:
-        """Args:
-        gaps: name, group and text of each.
+        """The texts of the gaps that the file does not allow.
+
+        Args:
+            gaps: name, group and text of each.
         """
         kept = []
         for name, group, text in gaps:
@@ -103,7 +105,7 @@ class _Gaps:
         return kept
 
     def blocked(self, shown: RunEvidence) -> list[str]:
-        """Faults and the branch that never began."""
+        """Faults that never began, and the branch if the run did not reach it."""
         faults = [
             (each.kind, ANY_FAULT, f"fault {each.kind}") for each in shown.faults if not each.began
         ]
@@ -132,9 +134,9 @@ class _Gaps:
 
 
 def judges(requirement: str, monitors: Sequence[MonitorResult]) -> list[MonitorResult]:
-    """The monitors that answer for a requirement of the scenario.
+    """The monitors that judge a requirement of the scenario.
 
-    Those that name it themselves; where none does, all that stand under `[[monitor]]`.
+    These are the monitors that name it; if none does, all under `[[monitor]]`.
     """
     named = [each for each in monitors if requirement in each.requirements]
     return named or [each for each in monitors if each.own]

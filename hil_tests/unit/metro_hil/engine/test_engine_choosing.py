@@ -50,5 +50,5 @@ def test_a_case_is_meant_by_id_beginning_or_number(words: str) -> None:
 
 @pytest.mark.parametrize("words", ["trial/00", "12", "x", ""])
 def test_a_case_that_is_none_or_several_is_refused(words: str) -> None:
-    with pytest.raises(UsageError, match=r"trial/0000-s1|cases begin so"):
+    with pytest.raises(UsageError, match=r"trial/0000-s1|cases begin like this"):
         pick_case(CASES, words)
