@@ -1,4 +1,4 @@
-"""Campaigns: the file, the scenarios in it, the points of its sweeps, the cases they make."""
+"""Reads campaigns: the file, its scenarios, the points of its sweeps, and the resulting cases."""
 
 from metro_hil.campaign.plan import Campaign, ScenarioPlan, SweepPoint, fingerprint, plan_cases
 from metro_hil.campaign.problems import CampaignError

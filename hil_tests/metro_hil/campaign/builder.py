@@ -1,4 +1,4 @@
-"""A scenario in Python: the same keys as in a campaign file, and the same cases."""
+"""A scenario defined in Python, with the keys of a campaign file and the same cases."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -18,13 +18,15 @@ Table = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """What a campaign file says of one scenario; what is left out is left to its default.
+    """The keys of one scenario in a campaign file; a key that is left out has its default.
 
-    Tables are dictionaries and arrays of tables are sequences of them, so that
+    Tables are dictionaries, and arrays of tables are sequences of them. Thus
 
-        Scenario(name="hop", train={"end": "I"}, fault=[{"kind": "tacho_stuck", "start_s": 20.0}])
+        Scenario(name="hop", train={"end": "I"}, fault=[{"kind": "tacho_stuck", "start_s":
+        20.0}])
 
-    is the file with `name`, `[train]` and `[[fault]]`.
+    equals a file with `name`, `[train]` and `[[fault]]`.
+
     """
 
     name: str = "scenario"
@@ -48,22 +50,22 @@ class Scenario:
     sweep: Table = field(default_factory=dict)
 
     def table(self) -> dict[str, Any]:
-        """As the file would have it."""
+        """The scenario as a table of a campaign file."""
         values = ((item.name, getattr(self, item.name)) for item in fields(self))
         given = {name: value for name, value in values if value is not None}
         made: dict[str, Any] = copied(msgspec.to_builtins(given))
         return made
 
     def campaign(self, folder: Path | None = None) -> Campaign:
-        """The campaign of this scenario alone; raises CampaignError with all that is wrong.
+        """A campaign of this scenario alone. Raises CampaignError with every problem.
 
         Args:
-            folder: where relative paths of line and train files start; None for the one of work.
+            folder: start of relative paths of line and train files; None for the working directory.
         """
         where = Path() if folder is None else folder
         source = f"Scenario {self.name}"
         return define(self.table(), source=source, folder=where, name=self.name).campaign
 
     def cases(self, folder: Path | None = None) -> tuple[Case, ...]:
-        """Raises CampaignError."""
+        """The cases of the scenario. Raises CampaignError."""
         return plan_cases(self.campaign(folder))

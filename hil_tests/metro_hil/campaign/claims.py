@@ -1,4 +1,4 @@
-"""What a scenario claims of its outcome: expected failures, and parts that may show nothing."""
+"""Reads what a scenario claims: its expected failures, and its parts that may show nothing."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -17,7 +17,7 @@ MARGINS: Final = ("margin_min", "margin_max")
 
 
 def read_expected(table: Mapping[str, Any], findings: Findings) -> tuple[ExpectedFailure, ...]:
-    """The monitors that are expected to fail; `pass`, the default, names none."""
+    """The monitors that are expected to fail; the default, `pass`, names none."""
     value = table.get(EXPECTED, "pass")
     if value == "pass":
         return ()
@@ -39,7 +39,7 @@ def read_expected(table: Mapping[str, Any], findings: Findings) -> tuple[Expecte
 
 
 def read_vacuous(table: Mapping[str, Any], findings: Findings) -> tuple[Allowance, ...]:
-    """What may show nothing, each with a reason that the reports print."""
+    """The parts that may show nothing, each with a reason that the reports print."""
     if VACUOUS not in table:
         return ()
     value = table[VACUOUS]
@@ -67,7 +67,7 @@ def check_claims(
     requirements: Sequence[str],
     findings: Findings,
 ) -> None:
-    """Report every name that is neither of a monitor nor, where that counts, of another part."""
+    """Report every claimed name that no monitor, or other part that counts, of the scenario has."""
     seen: list[object] = []
     for point in points if expected or vacuous else ():
         parts = (point.monitors, point.faults)

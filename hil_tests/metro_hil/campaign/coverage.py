@@ -1,4 +1,4 @@
-"""How much of the space that sweeps span was run: t-wise coverage, its gaps, margins by bin."""
+"""Measures how much of a sweep's space was run: t-wise coverage, its gaps, margins by bin."""
 
 import itertools
 import math
@@ -12,40 +12,41 @@ from metro_hil.model.case import Case, CaseResult, Verdict
 STRENGTH_MAX: Final = 3
 GAPS_MAX: Final = 50
 LEVELS_MAX: Final = 12
-"""A factor with more numbers than this is looked at in bins."""
+"""A factor with more numeric levels than this is divided into bins."""
 BINS: Final = 5
 CONCLUSIVE: Final = (Verdict.PASS, Verdict.FAIL)
 
 
 class Axis(msgspec.Struct, frozen=True, kw_only=True):
-    """One factor, as bins in order."""
+    """The bins of one factor, in order."""
 
     key: str
     bins: tuple[str, ...]
-    """A level, or a range `low..high` that holds its low end and, as the last, both."""
+    """Labels of the bins: a level, or a range `low..high`. A range holds its low end; the last also
+    its high end."""
     edges: tuple[float, ...] | None
-    """Between and around the bins of numbers; None where each level is a bin."""
+    """Borders of the bins of numbers, with both ends; None where each level is a bin."""
 
 
 class Gap(msgspec.Struct, frozen=True, kw_only=True):
-    """A combination that says nothing: bin by key."""
+    """A combination of bins without a conclusive result."""
 
     bins: dict[str, str]
     ran: bool
-    """It was run, but to no verdict that says anything."""
+    """Whether a case of the combination ran; if so, no case passed or failed."""
 
 
 class Share(msgspec.Struct, frozen=True, kw_only=True):
-    """Combinations of the bins of `strength` factors."""
+    """Coverage of the combinations of `strength` factors' bins."""
 
     strength: int
     combinations: int
     run: int
-    """With any result at all."""
+    """Number of combinations with any result."""
     conclusive: int
-    """With a pass or a fail."""
+    """Number of combinations with a pass or a fail."""
     gaps: tuple[Gap, ...]
-    """Those that are not conclusive, the first GAPS_MAX of them."""
+    """The first GAPS_MAX combinations that are not conclusive."""
     gap_count: int
 
     @property
@@ -58,16 +59,16 @@ class Share(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
-    """One bin, or two of different factors together."""
+    """Results in one bin, or in two bins of different factors together."""
 
     bins: dict[str, str]
     cases: int
     conclusive: int
     failed: int
     margins: dict[str, float]
-    """Least margin of each monitor, by its name."""
+    """Least margin of each monitor, by the monitor's name."""
     worst: dict[str, str]
-    """The case that it comes from."""
+    """Id of the case with each least margin, by the monitor's name."""
 
 
 class ScenarioCoverage(msgspec.Struct, frozen=True, kw_only=True):
@@ -75,29 +76,29 @@ class ScenarioCoverage(msgspec.Struct, frozen=True, kw_only=True):
     cases: int
     axes: tuple[Axis, ...]
     shares: tuple[Share, ...]
-    """For one factor, for two, up to the strength that was asked for."""
+    """Coverage by single factors, by pairs, and so on up to the requested strength."""
     singles: tuple[Cell, ...]
-    """Each bin that was run."""
+    """Results in each bin that was run."""
     pairs: tuple[Cell, ...]
-    """Each pair of bins of two factors that was run: what heat maps are drawn from."""
+    """Results in each pair of bins that was run, for heat maps."""
 
 
 class Coverage(msgspec.Struct, frozen=True, kw_only=True):
     scenarios: tuple[ScenarioCoverage, ...]
-    """Those that sweep something, in the order of the cases."""
+    """Scenarios with factors, in the order of the cases."""
 
 
 def coverage(
     cases: Sequence[Case], results: Sequence[CaseResult], strength: int = 2, *, bins: int = BINS
 ) -> Coverage:
-    """Of all scenarios with factors.
+    """Coverage of all scenarios with factors.
 
-    The space is that of the values that occur in `cases`; a case without a result was not run.
-    Points that a design leaves out on purpose are gaps, as is all that nobody asked for.
+    The space consists of the values that occur in `cases`; a case without a result was not run.
+    Points that a design omits on purpose therefore count as gaps.
 
     Args:
-        strength: 1 to 3; lower ones are told as well.
-        bins: of a factor with more than LEVELS_MAX numbers, of equal width.
+        strength: 1 to 3; lower strengths are reported as well.
+        bins: number of bins, of equal width, for a factor with more than LEVELS_MAX numbers.
     """
     assert 1 <= strength <= STRENGTH_MAX
     assert bins >= 1
@@ -155,7 +156,7 @@ def axis_of(key: str, values: Sequence[Any], bins: int) -> Axis:
 
 
 def _finder(axis: Axis) -> Callable[[Any], int]:
-    """From a value to the number of its bin."""
+    """Function that gives the number of a value's bin."""
     edges = axis.edges
     if edges is None:
         index = {label: place for place, label in enumerate(axis.bins)}

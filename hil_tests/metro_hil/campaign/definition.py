@@ -1,4 +1,4 @@
-"""A scenario as its file has it, able to make a point of any choice of values for its factors."""
+"""A scenario as in its file, from which points are made for any values of its factors."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from metro_hil.model.frame_names import check_bus_fault
 from plant_emulator.faults.plan import read_fault
 
 STATION_MEASURES: Final = ("stop_*_error_m", "stop_*_run_s")
-"""Beside those of every case there are these of each station."""
+"""Patterns of the measures of each station, in addition to those of every case."""
 
 PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "setup": ("train", "timetable"),
@@ -28,19 +28,19 @@ PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "controller": ("controller",),
     "branch": ("branch",),
 }
-"""What a point is made of, and the tables it is read from."""
+"""The parts of a point, and the tables from which each is read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """The tables of one scenario that a point is made of, with all that it inherits."""
+    """The tables of one scenario, including all that it inherits, from which points are made."""
 
     raw: ConfigTable
     invariants: str | tuple[str, ...]
     sources: Sources
 
     def parts(self, names: Sequence[str], findings: Findings) -> dict[str, Any]:
-        """The named parts of a point; what is wrong is reported, and then the part is None."""
+        """Read the named parts of a point; a part with problems, which are reported, is None."""
         readers: dict[str, Callable[[], Any]] = {
             "setup": lambda: read_setup(self.raw, self.sources, findings),
             "faults": lambda: self._faults(findings),
@@ -51,7 +51,7 @@ class Body:
         return {name: readers[name]() for name in names}
 
     def with_values(self, values: Mapping[str, Any]) -> "Body":
-        """Raises KeyMissingError, with the reason and the key."""
+        """The scenario with other values by key. Raises KeyMissingError with reason and key."""
         raw = self.raw
         for key, value in values.items():
             try:
@@ -99,7 +99,7 @@ class Body:
         return tuple(tables)
 
     def _monitor(self, table: ConfigTable, measures: Sequence[str]) -> object:
-        """One monitor by itself. Raises SettingsError."""
+        """Read a single monitor. Raises SettingsError."""
         from metro_hil.monitors import read_monitors
 
         invariants = self.invariants if table.get("invariant") == "all" else "none"
@@ -136,7 +136,7 @@ def _fault_reader(index: int) -> Callable[[dict[str, Any]], object]:
         try:
             check_bus_fault(plan)
         except SettingsError as error:
-            # As the other readers say it: the source, here none, comes first.
+            # Use the form of the other readers: the source, empty here, comes first.
             raise SettingsError(f": {error}") from error
         return plan
 
@@ -144,7 +144,7 @@ def _fault_reader(index: int) -> Callable[[dict[str, Any]], object]:
 
 
 def _in_words(key: str, value: Any) -> Any:
-    """As a factor of the case: what is no plain value becomes words, so that it can be compared."""
+    """The value as a factor of the case; tables become text, so that they can be compared."""
     if key == FAULTS:
         return faults_words(value)
     if isinstance(value, dict):
@@ -153,10 +153,10 @@ def _in_words(key: str, value: Any) -> Any:
 
 
 class PointMaker:
-    """Makes points of one scenario; reads again only what its factors change."""
+    """Makes points of one scenario; reads again only the parts that its factors change."""
 
     def __init__(self, body: Body, keys: Sequence[str], findings: Findings) -> None:
-        """What is wrong with the scenario apart from its sweep is reported."""
+        """Report all problems that the scenario has apart from its sweep."""
         self._body = body
         touching = {
             part: tuple(key for key in keys if key.partition(".")[0] in tables)
@@ -170,9 +170,9 @@ class PointMaker:
         self._read: dict[tuple[str, ...], tuple[Any, Findings]] = {}
 
     def report_body(self, findings: Findings) -> None:
-        """What is wrong with what the sweep changes, when the sweep itself cannot be made.
+        """Report problems in the parts that the sweep changes, when the sweep itself fails.
 
-        A key that is missing may be one that the sweep was to give.
+        A missing key is not reported, because the sweep may have been meant to set it.
         """
         for key, what in self._before.found:
             if what != "missing key":
@@ -181,9 +181,9 @@ class PointMaker:
     def point(
         self, number: int, values: Mapping[str, Any], findings: Findings
     ) -> SweepPoint | None:
-        """One point, or None with the reasons.
+        """Make one point; None if it has problems, which are reported.
 
-        Problems that the scenario has without the sweep as well are reported as its own.
+        Problems that the scenario also has without the sweep are reported as the scenario's own.
         """
         body = self._body
         try:
@@ -209,7 +209,7 @@ class PointMaker:
         return SweepPoint(number=number, factors=factors, **parts) if fine else None
 
     def _part(self, body: Body, part: str, values: Sequence[Any]) -> tuple[Any, Findings]:
-        """One part with what is wrong with it; points that share the values share the part."""
+        """Read one part with its problems; points with equal values share the part."""
         key = (part, *map(repr, values))
         if key not in self._read:
             seen = Findings()
@@ -220,7 +220,7 @@ class PointMaker:
         if (key, what) in self._before.found:
             findings.add(key, what)
             return
-        # Of an override the words begin with its key.
+        # The text about an override begins with the override's key.
         path = f"{key.replace('[', '.').replace(']', '')}.{what}".replace(": ", ".")
         for factor, value in factors.items():
             if factor != FAULTS and path.startswith((f"{factor}.", f"{factor} ")):

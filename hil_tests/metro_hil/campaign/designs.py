@@ -1,4 +1,4 @@
-"""Which points of the space that a sweep spans are run."""
+"""Designs of a sweep: which points of its space are run."""
 
 import itertools
 import math
@@ -12,18 +12,18 @@ from metro_hil.campaign.factors import Factor
 from metro_hil.campaign.schema import POINTS_MAX, SAMPLED, DesignKind, SweepKeys
 
 Choice = dict[str, Any]
-"""Value by swept key."""
+"""Values by swept key."""
 Refused = Callable[[Choice], bool]
 
 COMBINATIONS_MAX = 200_000
-"""A covering design of more is out of reach of the greedy search."""
+"""Maximum number of combinations for which the greedy search can find a covering design."""
 REDRAWS_MAX = 1000
 
 
 def design(keys: SweepKeys, factors: Sequence[Factor]) -> list[Choice]:
-    """The points of a sweep: a function of its arguments alone.
+    """The points of a sweep, which depend only on the arguments.
 
-    Raises SettingsError, below the key `sweep`, when the design cannot be made.
+    Raises SettingsError, with a key below `sweep`, if the design is impossible.
     """
     refused = exclusion(keys.exclude, factors)
     if keys.design in SAMPLED:
@@ -63,8 +63,8 @@ def factorial(factors: Sequence[Factor], refused: Refused) -> list[Choice]:
 def covering(factors: Sequence[Factor], strength: int, refused: Refused) -> list[Choice]:
     """Points in which every combination of levels of `strength` factors occurs.
 
-    Combinations that occur in no point that is left are not asked for. With no more factors than
-    `strength` that is every combination there is.
+    Combinations that `refused` excludes everywhere are not required. With no more factors than
+    `strength`, the result holds every combination.
     """
     if strength >= len(factors):
         return factorial(factors, refused)
@@ -108,7 +108,7 @@ def _sampled(keys: SweepKeys, factors: Sequence[Factor], refused: Refused) -> li
 
 
 def _random(keys: SweepKeys, factors: Sequence[Factor], refused: Refused) -> list[Choice]:
-    """As many as asked for: what is refused is drawn again."""
+    """Sample the requested number of points; an excluded point is sampled again."""
     import numpy as np
 
     assert keys.count is not None
@@ -130,7 +130,7 @@ def _at(factors: Sequence[Factor], shares: Sequence[float]) -> Choice:
 
 
 def latin_hypercube(count: int, dimensions: int, seed: int) -> list[list[float]]:
-    """Shape (count, dimensions), in [0, 1): each of `count` strata of each axis is met once."""
+    """Shares in [0, 1), shape (count, dimensions): each stratum of each axis occurs once."""
     import numpy as np
     from scipy.stats import qmc
 
@@ -140,9 +140,9 @@ def latin_hypercube(count: int, dimensions: int, seed: int) -> list[list[float]]
 
 
 def sobol(count: int, dimensions: int, seed: int) -> list[list[float]]:
-    """Shape (count, dimensions), in [0, 1): the first of a scrambled sequence.
+    """Shares in [0, 1), shape (count, dimensions): the beginning of a scrambled Sobol sequence.
 
-    Its balance is exact for powers of two; others begin the sequence of the next one.
+    Its balance is exact for powers of two; other counts take a part of the next larger one.
     """
     import numpy as np
     from scipy.stats import qmc
@@ -153,10 +153,10 @@ def sobol(count: int, dimensions: int, seed: int) -> list[list[float]]:
 
 
 def exclusion(texts: Sequence[str], factors: Sequence[Factor]) -> Refused:
-    """Whether a point is one that a sweep leaves out.
+    """A function that says whether a sweep excludes a point.
 
-    The expressions speak of numeric factors by key with `_` for each `.`, or by the last part of
-    the key where that is clear. Raises SettingsError.
+    The expressions name numeric factors by key with `_` for each `.`, or by the last part of the
+    key if it is unique. Raises SettingsError.
     """
     names = expression_names(factors)
     compiled = []
@@ -178,7 +178,7 @@ def exclusion(texts: Sequence[str], factors: Sequence[Factor]) -> Refused:
 
 
 def expression_names(factors: Sequence[Factor]) -> dict[str, str]:
-    """Name in an expression to swept key."""
+    """Swept keys by their names in expressions."""
     numeric = [factor.key for factor in factors if factor.numeric]
     lasts = [key.rpartition(".")[2] for key in numeric]
     short = {last: key for last, key in zip(lasts, numeric, strict=True) if lasts.count(last) == 1}

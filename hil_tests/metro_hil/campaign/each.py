@@ -1,4 +1,4 @@
-"""Scenarios that are one for each of several values, such as one for each control law."""
+"""Expands `each`: a scenario that stands for several, such as one for each control law."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -10,19 +10,19 @@ from metro_hil.campaign.schema import NAME
 EACH: Final = "each"
 WITH: Final = "with"
 Numbered = tuple[int, str, Mapping[str, Any]]
-"""Place in the file, name in the file, and the scenario itself."""
+"""Index in the file, name in the file, and the scenario itself."""
 
 
 def scenarios_of(table: Mapping[str, Any], findings: Findings | None = None) -> list[Numbered]:
-    """All scenarios that a file's table makes, value by value, then those that stand alone.
+    """All scenarios of a file's table: first those with `each`, value by value, then the others.
 
-    A scenario takes `each` from above unless it has one of its own; an empty one keeps it single.
-    The value is a factor of its sweep with one level, and ends its name. `with` says what else is
-    to hold for a value: further factors of one level each.
+    A scenario inherits `each` from the campaign unless it has its own; an empty one switches it
+    off. The value becomes a factor of the sweep with one level, and is appended to the name. `with`
+    adds further factors of one level for a value.
 
     Args:
-        table: of a whole file; what is wrong with it otherwise does not matter here.
-        findings: takes what is wrong with `each`, and such a scenario stays single.
+        table: table of a whole file; other errors in it do not matter here.
+        findings: takes errors in `each`; a scenario with such an error stays single.
     """
     found = Findings() if findings is None else findings
     above = _checked(table.get(EACH, {}), EACH, found)
@@ -49,7 +49,7 @@ def scenarios_of(table: Mapping[str, Any], findings: Findings | None = None) -> 
 
 
 def _with_factors(sweep: Any, added: Mapping[str, Any]) -> Any:
-    """First of all factors, so that points keep their order."""
+    """Put the added factors first, so that points keep their order."""
     if not isinstance(sweep, Mapping):
         return sweep
     factors = sweep.get("factors", {})
@@ -62,7 +62,7 @@ def _with_factors(sweep: Any, added: Mapping[str, Any]) -> Any:
 def _checked(
     each: Any, where: str, findings: Findings
 ) -> tuple[str, Sequence[Any], Mapping[str, Mapping[str, Any]]] | None:
-    """Key, values, and what else holds for some; None where there is none, or where it is wrong."""
+    """Key, values, and further factors of some values; None without `each`, or if it is wrong."""
     if each == {}:
         return None
     keys = [key for key in each if key != WITH] if isinstance(each, Mapping) else []

@@ -1,4 +1,4 @@
-"""What can be seen of a scenario before it runs: parts of it that will show nothing."""
+"""Finds parts of a scenario that cannot show anything, before it runs."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,22 +12,22 @@ from metro_hil.monitors.constant import Range, refuse_constant
 from metro_hil.monitors.reading import FormulaError
 
 OVERRUN_M = 500.0
-"""A train that runs off its line is not followed farther than this."""
+"""Distance beyond the line's ends up to which the bench follows a runaway train, m."""
 
 
 def empty_parts(plan: ScenarioPlan, paths: Mapping[str, Path]) -> Iterator[str]:
-    """One line for each, with scenario and monitor.
+    """One line of text for each such part, with scenario and monitor.
 
     Args:
-        paths: of the user's files, by their names in the cases.
+        paths: paths of the user's files, by their names in the cases.
     """
     point = plan.points[0]
     monitors = read_monitors(point.monitors, "", plan.invariants)
     if not monitors:
-        yield f"{plan.name}: nothing is watched, so that each case will be vacuous"
+        yield f"{plan.name}: no monitor watches it, so each case will be vacuous"
     for name in plan.requirements:
         if not judges(name, _answers(monitors)):
-            yield f"{plan.name}: {name}: no monitor answers for it; name it in a [[monitor]]"
+            yield f"{plan.name}: {name}: no monitor judges it; name it in a [[monitor]]"
     ranges = _ranges(plan, paths)
     for monitor in monitors:
         if monitor.kind is MonitorKind.STL:
@@ -38,7 +38,7 @@ def empty_parts(plan: ScenarioPlan, paths: Mapping[str, Path]) -> Iterator[str]:
 
 
 def _answers(monitors: Sequence[MonitorPlan]) -> list[MonitorResult]:
-    """As if each had judged."""
+    """Results as if each monitor had judged."""
     return [
         MonitorResult(
             name=each.name,
@@ -53,7 +53,7 @@ def _answers(monitors: Sequence[MonitorPlan]) -> list[MonitorResult]:
 
 
 def _ranges(plan: ScenarioPlan, paths: Mapping[str, Path]) -> tuple[tuple[str, Range], ...]:
-    """Where and when the train of any point may be."""
+    """Ranges of time and place in which the train of any point may be."""
     lines = [load_line(str(paths.get(name, name))) for name in _lines(plan)]
     place = (
         min(line.start_m for line in lines) - OVERRUN_M,

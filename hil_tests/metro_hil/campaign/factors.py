@@ -1,4 +1,4 @@
-"""What a sweep varies: levels, ranges, and phases of the control cycle."""
+"""The factors of a sweep: levels, ranges, and phases of the control cycle."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from metro_hil.campaign.problems import Findings, attempt
 
 LEVELS_MAX: Final = 100_000
 DIGITS: Final = 12
-"""Significant ones of a computed level, so that none reads 0.30000000000000004."""
+"""Significant digits of a computed level, so that no level reads 0.30000000000000004."""
 
 
 class LevelScale(Enum):
@@ -22,7 +22,7 @@ class LevelScale(Enum):
 
 class PhaseOf(Enum):
     CYCLE = "cycle"
-    """The controller's."""
+    """Control cycle of the controller."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class NumberRange:
     integer: bool = False
 
     def at(self, share: float) -> float | int:
-        """The number at a share in [0, 1) of the way; whole numbers each have an equal part."""
+        """The number at a share in [0, 1) of the range; whole numbers have equal parts."""
         if self.integer:
             return int(self.low) + int(share * (int(self.high) - int(self.low) + 1))
         if self.scale is LevelScale.LOG:
@@ -45,7 +45,7 @@ class NumberRange:
 
 @dataclass(frozen=True, slots=True)
 class CyclePhase:
-    """A level that is an instant: `base_s` and a share of the control cycle."""
+    """An instant as level: `base_s` plus a share of the control cycle."""
 
     base_s: float
     cycle_share: float
@@ -56,23 +56,23 @@ class CyclePhase:
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """One thing that a sweep varies."""
+    """One quantity that a sweep varies."""
 
     key: str
     levels: tuple[Any, ...]
-    """None for a range of which a design draws; then there is a span."""
+    """The levels; empty for a range without steps, which has a span."""
     span: NumberRange | None = None
-    """What a search may choose from; None for levels that are listed."""
+    """Range from which a search may choose; None for listed levels."""
 
     def at(self, share: float) -> Any:
-        """The value at a share in [0, 1); levels each have an equal part."""
+        """The value at a share in [0, 1); levels have equal parts."""
         if self.levels:
             return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
         assert self.span is not None
         return self.span.at(share)
 
     def searched(self, share: float) -> Any:
-        """As `at`, but over the whole of a range whose levels only say how a sweep steps."""
+        """Like `at`, but from the whole range even if it has levels."""
         return self.at(share) if self.span is None else self.span.at(share)
 
     @property
@@ -84,7 +84,7 @@ class Factor:
 
 @dataclass(frozen=True, slots=True)
 class RangeKeys:
-    """`{ low, high }` and what makes levels of it."""
+    """A table `{ low, high }` with the keys that divide the range into levels."""
 
     low: float
     high: float
@@ -97,7 +97,7 @@ class RangeKeys:
         if not self.low < self.high:
             raise ValueError(f"high {self.high:g} is not above low {self.low:g}")
         if self.count is not None and self.step is not None:
-            raise ValueError(f"step {self.step:g} cannot stand beside count {self.count}")
+            raise ValueError(f"step {self.step:g} and count {self.count} exclude each other")
         if self.count is not None and not 2 <= self.count <= LEVELS_MAX:
             raise ValueError(f"count {self.count} is not within 2..{LEVELS_MAX}")
         if self.step is not None and not self.step > 0.0:
@@ -117,7 +117,7 @@ class RangeKeys:
 
 @dataclass(frozen=True, slots=True)
 class PhaseKeys:
-    """`{ phase_of, count, base }`: the same instant at every offset in the control cycle."""
+    """A table `{ phase_of, count, base }`: an instant at several offsets in the control cycle."""
 
     phase_of: PhaseOf
     count: int
@@ -129,7 +129,7 @@ class PhaseKeys:
 
 
 def read_factors(table: object, findings: Findings) -> tuple[Factor, ...]:
-    """Of `[sweep.factors]`, in the order of the file."""
+    """Factors of `[sweep.factors]`, in the order of the file."""
     if not isinstance(table, Mapping):
         findings.add("sweep.factors", f"{table!r} is not a table")
         return ()
@@ -138,7 +138,7 @@ def read_factors(table: object, findings: Findings) -> tuple[Factor, ...]:
 
 
 def where(key: str) -> str:
-    """How a factor is named in a message."""
+    """Name of a factor in messages."""
     return f'sweep.factors."{key}"'
 
 
@@ -167,7 +167,7 @@ def _listed(key: str, levels: list[Any], findings: Findings) -> Factor | None:
         return None
     doubles = [level for index, level in enumerate(levels) if _among(level, levels[:index])]
     for level in doubles:
-        findings.add(where(key), f"{level!r} stands there twice")
+        findings.add(where(key), f"{level!r} is listed twice")
     return None if doubles else Factor(key, tuple(levels))
 
 
@@ -188,10 +188,10 @@ def phases(keys: PhaseKeys) -> tuple[CyclePhase, ...]:
 
 
 def ladder(keys: RangeKeys, integer: bool) -> tuple[float | int, ...]:
-    """The levels of a range, as a person would write them; none for a range without steps."""
+    """The levels of a range without rounding noise; none for a range without steps."""
     if keys.step is not None:
         low, step, high = (Decimal(str(value)) for value in (keys.low, keys.step, keys.high))
-        # A last step that falls short of the end by rounding alone is still meant.
+        # Keep a last step that misses the end only by rounding.
         number = int((high - low) / step + Decimal("1e-9")) + 1
         levels = [float(low + index * step) for index in range(number)]
     elif keys.count is not None:

@@ -1,4 +1,4 @@
-"""A campaign that is ready to run: its scenarios with all their points, and the cases they make."""
+"""A campaign ready to run: its scenarios with all their points, and the resulting cases."""
 
 import hashlib
 
@@ -17,14 +17,14 @@ from metro_hil.model.case import (
 
 NUMBER_DIGITS = 4
 DRAWN = "drawn"
-"""Design in which a case is what its seed says, so that the seed alone names it."""
+"""Design whose cases depend only on their seeds, so that the seed alone names a case."""
 
 
 class SweepPoint(msgspec.Struct, frozen=True, kw_only=True):
-    """One choice of values for what a scenario sweeps; without a sweep there is one."""
+    """One set of values for the swept keys; a scenario without a sweep has one point."""
 
     number: int
-    """From 0, in the order of the design."""
+    """Number from 0, in the order of the design."""
     factors: ConfigTable
     setup: Setup
     faults: tuple[ConfigTable, ...]
@@ -34,7 +34,7 @@ class SweepPoint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ScenarioPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """One scenario; its cases are its points, each with its seeds."""
+    """One scenario; each of its points makes one case for each seed."""
 
     name: str
     title: str
@@ -43,16 +43,16 @@ class ScenarioPlan(msgspec.Struct, frozen=True, kw_only=True):
     bench: BenchKind
     seeds: tuple[int, ...]
     new_seeds: bool
-    """Whether the second point goes on where the seeds of the first end, and so on."""
+    """Whether each point continues the seeds where those of the point before end."""
     expected: tuple[ExpectedFailure, ...]
     vacuous: tuple[Allowance, ...]
     stop_at_violation: bool
     idle_counts: bool
     invariants: str | tuple[str, ...]
     design: str | None
-    """None without a sweep."""
+    """Name of the sweep's design; None without a sweep."""
     levels: dict[str, str]
-    """By swept key: the levels or the range, in words."""
+    """Text of the levels or the range, by swept key."""
     points: tuple[SweepPoint, ...]
 
     @property
@@ -65,27 +65,27 @@ class ScenarioPlan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Campaign(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that is to be run, and nothing that differs between machines."""
+    """Everything that the campaign runs, independent of the machine."""
 
     name: str
     title: str
     description: str
     layout: str | None
-    """Name of a printed table of its own."""
+    """Name of the printed table for this campaign's results, if it has its own."""
     scenarios: tuple[ScenarioPlan, ...]
     files: dict[str, str]
-    """Files of the user: name as in the cases to content."""
+    """Contents of the user's files, by their names in the cases."""
     notes: tuple[str, ...] = ()
-    """What its author may want to know and is not wrong."""
+    """Remarks for the author, none of them an error."""
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 over all cases and files; two campaigns with the same one run the same."""
+        """SHA-256 over all cases and files; campaigns with equal fingerprints run equally."""
         return fingerprint(plan_cases(self), self.files)
 
 
 def fingerprint(cases: tuple[Case, ...], files: dict[str, str]) -> str:
-    """SHA-256, hexadecimal, over canonical JSON: keys sorted, shortest exact numbers."""
+    """SHA-256 in hexadecimal over canonical JSON with sorted keys and shortest exact numbers."""
     return hashlib.sha256(msgspec.json.encode([cases, files], order="sorted")).hexdigest()
 
 
@@ -102,7 +102,7 @@ def plan_cases(campaign: Campaign) -> tuple[Case, ...]:
 
 
 def case_of(scenario: ScenarioPlan, point: SweepPoint, seed: int, index: int) -> Case:
-    """One run of one point."""
+    """The case of one point with one seed."""
     numbered = scenario.design not in (None, DRAWN)
     number = f"{point.number:0{NUMBER_DIGITS}d}-" if numbered else ""
     return Case(

@@ -1,4 +1,4 @@
-"""What is wrong with a campaign file: all of it at once, one line each."""
+"""Collects every problem of a campaign file, one line each."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -9,30 +9,31 @@ T = TypeVar("T")
 
 
 class CampaignError(SettingsError):
-    """A campaign that cannot be used; its text is all its problems, one a line."""
+    """A campaign that cannot be used; its text holds all problems, one a line."""
 
     def __init__(self, problems: tuple[str, ...]) -> None:
         super().__init__("\n".join(problems))
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Each names file, key and value."""
+        """Texts that each name file, key and value."""
         return tuple(str(self).split("\n"))
 
 
 class Findings:
-    """Problems as they are found: keys are those of a scenario with all that it inherits."""
+    """Problems found so far, with keys of the scenario including all that it inherits."""
 
     def __init__(self) -> None:
         self.found: list[tuple[str, str]] = []
-        """Key and what is wrong with it; each only once, in the order of finding."""
+        """Key and text of each problem, without repetition, in the order of finding."""
 
     def add(self, key: str, what: str) -> None:
         if (key, what) not in self.found:
             self.found.append((key, what))
 
     def add_text(self, text: str, key: str, names: Mapping[str, Any] | tuple[str, ...]) -> None:
-        """A message `KEY.NAME: WHAT`, or `KEY: NAME VALUE is …` as dataclasses word it."""
+        """Add a message of the form `KEY.NAME: WHAT`, or `KEY: NAME VALUE is …` as of
+        dataclasses."""
         text = text.removeprefix(": ")
         rest = text.removeprefix(f"{key}: ")
         name = next((name for name in names if rest.startswith(f"{name} ")), None)
@@ -49,7 +50,7 @@ class Findings:
 def attempt(
     make: Callable[[dict[str, Any]], T], table: Mapping[str, Any], key: str, findings: Findings
 ) -> T | None:
-    """Make something of a table; None when anything is wrong with it, all of which is reported."""
+    """Make a value from a table; None if anything is wrong, all of which is reported."""
     made, rest = salvage(make, table, key, findings)
     return made if len(rest) == len(table) else None
 
@@ -57,10 +58,10 @@ def attempt(
 def salvage(
     make: Callable[[dict[str, Any]], T], table: Mapping[str, Any], key: str, findings: Findings
 ) -> tuple[T | None, dict[str, Any]]:
-    """What can be made of a table without what is wrong with it, and what of it is right.
+    """Make a value from the valid entries of a table; return it with those entries.
 
-    `make` raises SettingsError for the first thing that it dislikes, with no source and below
-    `key`; so what it names is set aside and it is asked again, until all is said.
+    `make` raises SettingsError for the first error, without a source and below `key`. This function
+    removes the entry that the error names and calls `make` again, until no error is left.
     """
     rest = dict(table)
     set_aside: list[str] = []
@@ -71,18 +72,18 @@ def salvage(
             text = str(error)
             name = offender(text, key, rest)
             if name is None and set_aside:
-                # It may miss what was set aside.
+                # The error may come from the removed entry.
                 return None, rest
             findings.add_text(text, key, rest)
             if name is None:
-                # Shorter than the table, so that nobody takes it for right.
+                # An empty table, so that the caller does not treat the table as valid.
                 return None, {}
             del rest[name]
             set_aside.append(name)
 
 
 def offender(text: str, key: str, table: Mapping[str, Any]) -> str | None:
-    """The entry of the table that a message is about, if it is about one of its entries."""
+    """The entry of the table that a message names, if any."""
     rest = text.removeprefix(": ")
     if not rest.startswith(key):
         return None

@@ -1,4 +1,4 @@
-"""From a campaign file, or the same tables in Python, to a campaign; all that is wrong at once."""
+"""Reads a campaign from a file, or from the same tables in Python; reports all errors at once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,31 +37,31 @@ from metro_hil.model.requirements import shipped_requirements
 
 PACKAGE: Final = "metro_hil.campaign.shipped"
 PROBLEM_POINTS_MAX: Final = 10
-"""A sweep that is wrong in principle is wrong at every point; after so many it is clear."""
+"""Number of wrong points after which reading stops, as an error of a sweep often affects all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """A campaign with what its scenarios were made of, for whoever wants to make other points."""
+    """A campaign with the tables and factors from which further points can be made."""
 
     campaign: Campaign
     bodies: tuple[Body, ...]
     factors: tuple[tuple[Factor, ...], ...]
-    """Of each scenario, like `bodies`."""
+    """Factors of each scenario, in the order of `bodies`."""
 
 
 def read_campaign(name_or_path: str) -> Campaign:
-    """A campaign by the stem of a shipped file or by path.
+    """Read a campaign by the stem of a shipped file or by path.
 
     Raises:
-        CampaignError: with everything that is wrong with the file.
-        SettingsError: when there is no such file, or it is not TOML.
+        CampaignError: with every problem of the file.
+        SettingsError: if the file does not exist or is not TOML.
     """
     return read_definition(name_or_path).campaign
 
 
 def read_definition(name_or_path: str) -> Definition:
-    """As `read_campaign`."""
+    """Like `read_campaign`, but with the tables and factors."""
     path = settings.find(name_or_path, PACKAGE)
     text = settings.text_of(path)
     with settings.located(str(path), text):
@@ -72,24 +72,24 @@ def read_definition(name_or_path: str) -> Definition:
 def define(
     table: Mapping[str, Any], *, source: str, folder: Path = Path(), name: str = "campaign"
 ) -> Definition:
-    """Of the tables of one file.
+    """Read a campaign from the tables of one file.
 
     Args:
-        source: what messages call the file.
-        folder: where relative paths in it start.
-        name: of the campaign unless the file has one.
+        source: name of the file in messages.
+        folder: start of relative paths.
+        name: name of the campaign unless the file has one.
     """
     return _Reader(source, Sources(folder)).read(table, name)
 
 
 @dataclass(frozen=True, slots=True)
 class KeyPlace:
-    """Where a key of a scenario with all that it inherits stands in the file."""
+    """Finds the place in the file of a scenario's key, which may be inherited."""
 
     above: ConfigTable
     own: ConfigTable
     index: int | None
-    """Of its `[[scenario]]`; None where the file is one scenario."""
+    """Index of the `[[scenario]]`; None where the file is one scenario."""
 
     def key(self, key: str) -> str:
         if self.index is None:
@@ -106,7 +106,7 @@ class KeyPlace:
 
 
 def _depth(table: Mapping[str, Any], key: str) -> int:
-    """How far along a dotted key a table has something."""
+    """Number of parts of a dotted key that lead to a value in the table."""
     depth = 0
     inner: Any = table
     for name in key.replace('"', "").split("."):
@@ -134,7 +134,7 @@ class _Reader:
         self._take(findings, None)
         above.pop("scenario", None)
         if above.pop(EACH, None) is not None and not has_scenarios:
-            self._say(EACH, "needs a [[scenario]] to be made for each")
+            self._say(EACH, "needs a [[scenario]] to repeat for each value")
         campaign_name = above.pop("name", name)
         layout = above.pop("layout", None)
         made = [
@@ -226,7 +226,7 @@ class _Reader:
             )
 
     def _note_requirements(self, names: Sequence[str]) -> None:
-        """A project may have requirements of its own, so they are no mistake."""
+        """Note names that the shipped catalogue lacks; a project may have its own requirements."""
         known = list(shipped_requirements())
         for name in names:
             hint = nearest(name, known, "id")
@@ -236,11 +236,12 @@ class _Reader:
                 self._notes.append(note)
 
     def _check_names(self, tables: Sequence[tuple[int | None, Mapping[str, Any] | None]]) -> None:
-        """Names of folders: they must differ where letters have no case as well."""
+        """Report names that differ only in case: they name folders, and some systems ignore
+        case."""
         names = [str((table or {}).get("name", "")).lower() for _, table in tables]
         for number, ((index, _), name) in enumerate(zip(tables, names, strict=True)):
             if name and names.index(name) != number:
-                self._say(f"scenario[{index}].name", f"{name!r} stands there twice")
+                self._say(f"scenario[{index}].name", f"{name!r} is used twice")
 
     def _take(self, findings: Findings, prefix: str | None) -> None:
         for key, what in findings.found:
@@ -255,7 +256,7 @@ def _head(table: Mapping[str, Any]) -> ConfigTable:
 
 
 def read_seeds(table: Mapping[str, Any], findings: Findings) -> tuple[int, ...]:
-    """A number of seeds from `seed_base` on, or a list of them."""
+    """The seeds: a number of them from `seed_base` on, or a list."""
     seeds, base = table.get("seeds", 1), table.get("seed_base", 1)
     if isinstance(seeds, int) and not isinstance(seeds, bool):
         if not 1 <= seeds <= SEEDS_MAX:
@@ -269,12 +270,12 @@ def read_seeds(table: Mapping[str, Any], findings: Findings) -> tuple[int, ...]:
         if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= SEED_MAX:
             findings.add("seeds", f"{seed!r} is not a whole number of 0 or more")
         elif seeds.count(seed) > 1:
-            findings.add("seeds", f"{seed} stands there twice")
+            findings.add("seeds", f"{seed} is listed twice")
     return tuple(seeds)
 
 
 def read_invariants(table: Mapping[str, Any], findings: Findings) -> str | tuple[str, ...]:
-    """`all`, `none` or a list of names and numbers; these are checked with the monitors."""
+    """`all`, `none` or a list of names and numbers, which are checked with the monitors."""
     value = table.get("invariants", "all")
     if value in ("all", "none"):
         return str(value)
@@ -288,10 +289,10 @@ def read_invariants(table: Mapping[str, Any], findings: Findings) -> str | tuple
 def _drawn(
     sweep: SweepKeys | None, seeds: Sequence[int], table: Mapping[str, Any], findings: Findings
 ) -> bool:
-    """Whether every seed is a point of its own."""
+    """Whether the design is `drawn`, in which every seed makes its own point."""
     drawn = sweep is not None and sweep.design is DesignKind.DRAWN
     if drawn and len(seeds) > 1 and not isinstance(table.get("seeds", 1), int):
-        findings.add("seeds", "of design 'drawn' are a number or a single one in a list")
+        findings.add("seeds", "with design 'drawn' must be a number, or a list of one seed")
     return drawn
 
 
@@ -316,7 +317,7 @@ def _read_sweep(
     elif any(name in table for name in POOL):
         findings.add("sweep.fault", "is for design 'drawn' alone")
     if table and not factors and not pool.entries and len(findings.found) == before:
-        findings.add("sweep.factors", "missing key; a sweep needs something to vary")
+        findings.add("sweep.factors", "missing key; a sweep needs at least one factor")
     return (None if len(findings.found) > before else keys), factors, pool
 
 
@@ -329,7 +330,7 @@ def _points(
     pool: FaultPool,
     seeds: Sequence[int],
 ) -> tuple[SweepPoint, ...]:
-    """All points of the sweep, in order; what is wrong with them is reported."""
+    """All points of the sweep, in order; their problems are reported."""
     keys = [factor.key for factor in factors]
     maker = PointMaker(body, [*keys, *([FAULTS] if pool.entries else [])], findings)
     choices = _choices(body, sweep, factors, findings, pool=pool, seeds=seeds)
@@ -358,7 +359,7 @@ def _choices(
     pool: FaultPool,
     seeds: Sequence[int],
 ) -> list[Choice] | None:
-    """The points of the design; None when the sweep is wrong in itself."""
+    """The choices of the design; None if the sweep itself is wrong."""
     if not _keys_lead_somewhere(body, factors, findings) or sweep is None:
         return None
     if sweep.design is DesignKind.DRAWN:
@@ -384,7 +385,7 @@ def _keys_lead_somewhere(body: Body, factors: Sequence[Factor], findings: Findin
 
 
 def in_words(factor: Factor) -> str:
-    """Levels, or a range; long lists are shortened."""
+    """Text of the levels or the range; long lists are shortened."""
     if not factor.levels:
         assert factor.span is not None
         span = factor.span

@@ -1,4 +1,4 @@
-"""Cases that are drawn whole from their seed: values of factors, and faults out of a pool."""
+"""Design `drawn`: samples whole cases from their seeds, with values of factors and pool faults."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ if TYPE_CHECKING:
     import numpy as np
 
 DRAW_SPAWN_KEY: Final = 0xCA
-"""Keeps what a case is drawn from apart from what its run draws of the same seed."""
+"""Separates the random numbers that make a case from those that its run uses with the same seed."""
 FAULTS: Final = "fault"
-"""Key of a choice under which the drawn faults stand; they follow those of the scenario."""
+"""Key of a choice for the sampled faults; they follow those of the scenario."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultPool:
-    """Faults of which each case gets some, every one of them at most once."""
+    """Faults of which each case gets some, each at most once."""
 
     entries: tuple["PoolEntry", ...] = ()
     least: int = 0
@@ -28,7 +28,7 @@ class FaultPool:
 
 @dataclass(frozen=True, slots=True)
 class PoolEntry:
-    """One fault with what of it is drawn."""
+    """One fault with its fixed and its sampled keys."""
 
     fixed: Mapping[str, Any]
     drawn: tuple[Factor, ...]
@@ -37,9 +37,9 @@ class PoolEntry:
 def read_pool(
     tables: object, window: object, *, least: int, most: int, findings: Findings
 ) -> FaultPool:
-    """Of `[[sweep.fault]]`, each with the keys of `[sweep.window]` that it does not have itself.
+    """The faults of `[[sweep.fault]]`, each with the keys of `[sweep.window]` that it lacks.
 
-    A list is levels and `{ low, high }` a range, as in factors; anything else stays as it is.
+    A list holds levels and `{ low, high }` is a range, as in factors; other values are fixed.
     """
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         findings.add("sweep.fault", "is not an array of tables; write [[sweep.fault]]")
@@ -73,7 +73,7 @@ def _entry(table: Mapping[str, Any], where: str, findings: Findings) -> PoolEntr
 
 
 def draw(seed: int, factors: Sequence[Factor], pool: FaultPool) -> Choice:
-    """The choice of one seed, a function of its arguments alone."""
+    """The choice of one seed, which depends only on the arguments."""
     import numpy as np
 
     sequence = np.random.SeedSequence(seed, spawn_key=(DRAW_SPAWN_KEY,))
@@ -92,5 +92,5 @@ def _fault(entry: PoolEntry, generator: "np.random.Generator") -> dict[str, Any]
 
 
 def faults_words(faults: Sequence[Mapping[str, Any]]) -> str:
-    """Kinds of fault, as a factor of the case."""
+    """Kinds of the faults as text, for a factor of the case."""
     return " + ".join(sorted(str(fault.get("kind", "?")) for fault in faults)) or "none"

@@ -1,4 +1,4 @@
-"""Scenarios by their own name: which shipped campaign holds one, and that one alone."""
+"""Finds a shipped scenario by its own name and makes a campaign of it alone."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Named:
 
 
 def shipped_scenarios() -> tuple[Named, ...]:
-    """All of them, campaign by campaign in the order of their files; nothing of them is checked."""
+    """All shipped scenarios, campaign by campaign in file order; their contents are not checked."""
     return tuple(
         Named(
             name=str(own.get("name", campaign)),
@@ -40,17 +40,17 @@ def shipped_scenarios() -> tuple[Named, ...]:
 
 
 def read_named(name_or_path: str, seed: int | None = None) -> Campaign:
-    """A campaign by its name or path, or a campaign of the one shipped scenario that is called so.
+    """A campaign by name or path, or a campaign of the one shipped scenario with this name.
 
-    A scenario that is one for each of several values is meant with all of them by its own name.
+    The own name of a scenario with `each` means all of its values.
 
     Args:
-        seed: instead of all seeds; of a campaign, only its scenarios that have this one, or all of
-            them if none has.
+        seed: replaces all seeds. In a campaign it keeps only the scenarios that have this seed, or
+            all of them if none has.
 
     Raises:
-        CampaignError: with everything that is wrong with the file.
-        SettingsError: when there is neither, with the names that come nearest.
+        CampaignError: with every problem of the file.
+        SettingsError: if there is neither, with the nearest names.
     """
     campaigns = settings.shipped_names(PACKAGE)
     if name_or_path in campaigns or name_or_path.endswith(".toml") or "/" in name_or_path:
@@ -81,7 +81,7 @@ def read_named(name_or_path: str, seed: int | None = None) -> Campaign:
 
 
 def is_scenario(name: str) -> bool:
-    """Whether it names one scenario of a shipped campaign, and no campaign."""
+    """Whether the name is that of a shipped scenario and of no campaign."""
     known = settings.shipped_names(PACKAGE)
     return name not in known and any(each.name == name for each in shipped_scenarios())
 
@@ -112,7 +112,7 @@ def _scenarios(campaign: str) -> list[Numbered]:
 
 
 def _hint(name: str) -> str:
-    """The names that come nearest; of words in common more than of letters."""
+    """The nearest names; common parts of a name count as well as common letters."""
     import difflib
 
     known = [*settings.shipped_names(PACKAGE), *(each.name for each in shipped_scenarios())]

@@ -23,19 +23,19 @@ POOL_MAX: Final = 1000
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
-"""All but tabs and ends of lines."""
+"""Control characters, except tabs and line feeds."""
 REQUIREMENT: Final = re.compile(r"[A-Z][A-Z0-9]*(?:-[A-Za-z0-9]+)+")
 
 TABLES: Final = ("train", "timetable", "controller", "branch", "sweep", "each")
 ARRAYS: Final = ("fault", "monitor", "scenario")
 SWEPT: Final = ("train", "timetable", "controller", "branch", "fault", "monitor")
-"""What a sweep may change."""
+"""Tables that a sweep may change."""
 OVERRIDES: Final = ("real", "believed")
 """Tables of dotted keys below `train`."""
 
 
 def in_range(owner: object, name: str, low: float, high: float) -> None:
-    """Raises ValueError that names key and value; None is left to the default."""
+    """Raises ValueError that names key and value; None stands for the default and is accepted."""
     value = getattr(owner, name)
     if value is not None and not low <= value <= high:
         raise ValueError(f"{name} {value!r} is not within {low:g}..{high:g}")
@@ -49,10 +49,10 @@ def fits(owner: object, name: str, pattern: re.Pattern[str], what: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class HeadKeys:
-    """What stands above all tables. What has more than one form is read apart, as `seeds` is."""
+    """Keys above all tables. Keys with more than one form, such as `seeds`, are read elsewhere."""
 
     name: str = "campaign"
-    """Never taken: a file without a name has its stem."""
+    """Placeholder: a file without a name is named by its stem."""
     title: str = ""
     description: str = ""
     requirements: tuple[str, ...] = ()
@@ -79,7 +79,7 @@ CAMPAIGN_ONLY: Final = ("layout", "scenario")
 
 @dataclass(frozen=True, slots=True)
 class TrainKeys:
-    """`[train]` without its overrides. Defaults are those of Setup; these are never taken."""
+    """`[train]` without its overrides. These defaults are placeholders; those of Setup apply."""
 
     line: str = ""
     start: str | None = None
@@ -104,8 +104,7 @@ class TrainKeys:
             raise ValueError(f"driver {self.driver!r}: {nearest(self.driver, list(DRIVERS))}")
         if self.driver is not None and self.desk_recording is not None:
             raise ValueError(
-                f"desk_recording {self.desk_recording!r} cannot be played beside driver "
-                f"{self.driver!r}"
+                f"desk_recording {self.desk_recording!r} excludes driver {self.driver!r}"
             )
 
 
@@ -117,11 +116,11 @@ class TimetableKeys:
     stops: tuple[str, ...] | None = None
     dwell_s: dict[str, float] | None = None
     run_s: dict[str, float] | None = None
-    """Planned running times, by the station that they lead to."""
+    """Planned running times by the station at which they end, s."""
 
     def __post_init__(self) -> None:
         if self.stops == ():
-            raise ValueError("stops [] names no station; leave it out to stop at all")
+            raise ValueError("stops [] names no station; leave it out to stop at every station")
         for key, times_s in (("dwell_s", self.dwell_s), ("run_s", self.run_s)):
             for station, time_s in (times_s or {}).items():
                 if not 0.0 <= time_s <= TIME_MAX_S:
@@ -175,18 +174,18 @@ class DesignKind(Enum):
     PAIRWISE = "pairwise"
     """Every combination of two levels of two factors at least once."""
     COVERING = "covering"
-    """The same for `strength` factors."""
+    """Every combination of levels of `strength` factors at least once."""
     LHS = "lhs"
-    """Latin hypercube: each factor's range in `count` strata, each met once."""
+    """Latin hypercube: each factor's range in `count` strata, each used once."""
     SOBOL = "sobol"
     """Scrambled Sobol sequence."""
     RANDOM = "random"
     DRAWN = "drawn"
-    """Every seed is a case of its own, drawn whole from it."""
+    """Every seed is a case of its own, sampled entirely from the seed."""
 
 
 SAMPLED: Final = (DesignKind.LHS, DesignKind.SOBOL, DesignKind.RANDOM)
-"""Designs that draw `count` points and so can take factors without levels."""
+"""Designs that sample `count` points, and so accept factors without levels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,18 +194,18 @@ class SweepKeys:
 
     design: DesignKind = DesignKind.FACTORIAL
     strength: int | None = None
-    """Of a covering design; 2 where it is left out."""
+    """Number of factors of which a covering design combines all levels; default 2."""
     count: int | None = None
-    """Points of a sampled design."""
+    """Number of points of a sampled design."""
     seed: int = 1
-    """Of what a sampled design draws; no part of the seeds of the runs."""
+    """Seed of a sampled design, independent of the seeds of the runs."""
     new_seeds: bool = False
-    """Whether each point has seeds of its own rather than all points the same."""
+    """Whether each point has its own seeds; otherwise all points share them."""
     exclude: tuple[str, ...] = ()
     faults_min: int | None = None
-    """Of the pool of a drawn design, so many faults at least in each case; 0 where left out."""
+    """Least number of pool faults in each case of design `drawn`; default 0."""
     faults_max: int | None = None
-    """And so many at most; 1 where it is left out."""
+    """Greatest number of pool faults in each case of design `drawn`; default 1."""
 
     def __post_init__(self) -> None:
         in_range(self, "strength", 1, STRENGTH_MAX)
@@ -229,12 +228,12 @@ class SweepKeys:
 
 
 POOL: Final = ("fault", "window")
-"""Tables of a drawn design: what faults are drawn from, and what their windows have in common."""
+"""Tables of design `drawn`: the pool of faults, and keys that their windows share."""
 SWEEP: Final = (*SweepKeys.__dataclass_fields__, "factors", *POOL)
 
 
 def unfit(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Which values of TOML below a key cannot be part of a case, and why."""
+    """Keys and reasons of TOML values that cannot be part of a case."""
     if isinstance(value, dict):
         for name, inner in value.items():
             yield from unfit(inner, f"{key}.{name}")
@@ -252,5 +251,5 @@ def _unfit_alone(value: Any) -> str | None:
         return None if abs(value) <= SEED_MAX else f"{value} is too large"
     if not isinstance(value, str):
         return f"{value} is neither number, text nor true or false"
-    # They would reach terminals by way of names and reasons.
+    # Names and reasons are printed, so control characters would reach the terminal.
     return f"{value!r} holds control characters" if CONTROL.search(value) else None

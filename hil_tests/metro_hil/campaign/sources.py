@@ -13,23 +13,23 @@ from vobc.config import VobcConfig, load_config
 
 T = TypeVar("T")
 SHIPPED: Final = ("line", "consist", "params")
-"""Of these some ship and are called by their stem; anything else is a file of the user's."""
+"""Kinds of files of which some ship, named by their stem; all others are files of the user."""
 
 
 class Sources:
-    """Files of the user get a name that is the same on every machine; shipped ones keep theirs."""
+    """Gives the user's files names that are equal on every machine; shipped files keep theirs."""
 
     def __init__(self, folder: Path) -> None:
-        """Relative paths start in `folder`, where the campaign's file is."""
+        """`folder` is that of the campaign's file; relative paths start there."""
         self._folder = folder
         self.files: dict[str, str] = {}
-        """Name in the cases to content, of the user's files."""
+        """Contents of the user's files, by their names in the cases."""
         self.paths: dict[str, Path] = {}
         self._names: dict[str, str] = {}
         self._read: dict[tuple[str, str], object] = {}
 
     def line(self, written: str) -> tuple[str, LineMap]:
-        """The name for a case, and what it stands for. Raises SettingsError."""
+        """Name for the case, and the line. Raises SettingsError."""
         return self._get("line", written, load_line)
 
     def train(self, written: str) -> tuple[str, TrainConfig]:
@@ -39,7 +39,7 @@ class Sources:
         return self._get("params", written, load_config)
 
     def recording(self, written: str) -> tuple[str, DeskRecording]:
-        """Of a desk. Always a file of the user's."""
+        """Name and content of a desk recording, which is always a file of the user."""
         return self._get("desk_recording", written, load_recording)
 
     def _get(self, what: str, written: str, load: Callable[[str], T]) -> tuple[str, T]:
@@ -64,7 +64,7 @@ class Sources:
         return self._name(path), loaded
 
     def _name(self, path: Path) -> str:
-        """The file's own name, with some of its hash if another file is called the same."""
+        """The file's own name, with part of its hash if another file has the same name."""
         content = path.read_text(encoding="utf-8")
         name = path.name if path.suffix in (".toml", ".desk") else f"{path.name}.toml"
         if self.files.get(name, content) != content:

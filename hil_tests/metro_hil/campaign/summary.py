@@ -1,4 +1,4 @@
-"""What a campaign would run, in plain values and in words."""
+"""Summarises what a campaign would run, as values and as text."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -20,18 +20,18 @@ class ScenarioSummary(msgspec.Struct, frozen=True, kw_only=True):
     seeds: int
     design: str | None
     factors: dict[str, str]
-    """Levels or range of each, in words."""
+    """Text of the levels or the range, by factor."""
     faults: tuple[str, ...]
-    """Of the first point, in words."""
+    """Texts of the first point's faults."""
     monitors: tuple[str, ...]
     invariants: str | tuple[str, ...]
     requirements: tuple[str, ...]
     expected: list[str]
-    """Names of the monitors that fail; empty where none does."""
+    """Names of the monitors that must fail; empty for a scenario that must pass."""
     vacuous: dict[str, str]
-    """What may show nothing, and why."""
+    """Reasons by the name of a part that may show nothing."""
     simulated_s_max: float
-    """Sum of the limits of all cases; most end before."""
+    """Sum of the time limits of all cases, s; most cases end earlier."""
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,7 +43,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     cases: int
     simulated_s_max: float
     files: dict[str, str]
-    """Of the user, by name in the cases: SHA-256."""
+    """SHA-256 of the user's files, by their names in the cases."""
     scenarios: tuple[ScenarioSummary, ...]
     listed: tuple[str, ...]
     """Ids of the first cases, or of all."""
@@ -51,7 +51,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def summarise(campaign: Campaign, listed: int | None = None) -> tuple[Summary, tuple[Case, ...]]:
-    """The summary, and all cases; None lists the ids of all of them."""
+    """The summary and all cases; `listed` limits the ids in the summary, None lists all."""
     cases = plan_cases(campaign)
     scenarios = tuple(_scenario(scenario) for scenario in campaign.scenarios)
     summary = Summary(
@@ -132,7 +132,7 @@ def monitor_words(table: Mapping[str, Any]) -> str:
 
 
 def lines(summary: Summary) -> Iterator[str]:
-    """The summary for people."""
+    """The summary as lines of text for a person."""
     title = f": {summary.title}" if summary.title else ""
     yield f"{summary.name}{title}"
     yield (
@@ -154,7 +154,7 @@ def lines(summary: Summary) -> Iterator[str]:
 
 
 def _scenario_lines(scenario: ScenarioSummary, above: str) -> Iterator[str]:
-    """An inherited title is not said again."""
+    """Lines of one scenario; its title is left out if it equals the campaign's."""
     title = f": {scenario.title}" if scenario.title not in ("", above) else ""
     yield ""
     yield f"{scenario.name}{title}"

@@ -1,4 +1,4 @@
-"""Tables as files have them: their shape, how scenarios inherit, and values set by dotted key."""
+"""Tables of campaign files: their shape, inheritance, and values set by dotted key."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -19,15 +19,15 @@ ConfigTable = dict[str, Any]
 APPENDED: Final = ("fault", "monitor")
 REPLACED: Final = ("sweep", "stops", "expected", "vacuous")
 WHOLE: Final = ("train", "timetable")
-"""Tables of which a level may set several keys at once."""
+"""Tables of which one level may set several keys."""
 
 
 class KeyMissingError(KeyError):
-    """A dotted key that leads nowhere; its first argument says why."""
+    """A dotted key that leads to no value; the first argument says why."""
 
 
 def shaped(table: Mapping[str, Any], findings: Findings, *, inside_scenario: bool) -> ConfigTable:
-    """What of a file's table has known keys and the right kind of value; the rest is reported."""
+    """The entries of a file's table with known keys and right kinds; others are reported."""
     known = [
         name
         for name in (*HEAD, *TABLES, *ARRAYS)
@@ -52,7 +52,7 @@ def shaped(table: Mapping[str, Any], findings: Findings, *, inside_scenario: boo
 
 
 def flat_overrides(train: Mapping[str, Any], findings: Findings) -> ConfigTable:
-    """Overrides by dotted key, whether they were written quoted or as tables."""
+    """Overrides by dotted key, whether the file quotes the keys or nests tables."""
     made = dict(train)
     for name in OVERRIDES:
         if name not in made:
@@ -66,7 +66,7 @@ def flat_overrides(train: Mapping[str, Any], findings: Findings) -> ConfigTable:
 
 
 def flat(table: Mapping[str, Any]) -> ConfigTable:
-    """Nested tables as one, by dotted key."""
+    """Nested tables as one table with dotted keys."""
     made: ConfigTable = {}
     for name, value in table.items():
         if isinstance(value, dict):
@@ -78,14 +78,14 @@ def flat(table: Mapping[str, Any]) -> ConfigTable:
 
 
 def put(overrides: ConfigTable, key: str, value: Any) -> None:
-    """Set one dotted key; it takes the place of what lies under it."""
+    """Set one dotted key, and remove all keys below it."""
     for other in [name for name in overrides if name.startswith(f"{key}.")]:
         del overrides[other]
     overrides[key] = value
 
 
 def merged(above: Mapping[str, Any], own: Mapping[str, Any]) -> ConfigTable:
-    """A scenario with what it inherits: tables key by key, faults and monitors after the others."""
+    """A scenario with what it inherits: tables merge by key; faults and monitors are appended."""
     made: ConfigTable = copied(above)
     for name, value in own.items():
         if name in APPENDED:
@@ -102,7 +102,7 @@ def merged(above: Mapping[str, Any], own: Mapping[str, Any]) -> ConfigTable:
 
 
 def copied(value: Any) -> Any:
-    """A copy of tables and arrays all the way down."""
+    """A deep copy of tables and arrays."""
     if isinstance(value, dict):
         return {name: copied(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -111,9 +111,9 @@ def copied(value: Any) -> Any:
 
 
 def with_value(table: Mapping[str, Any], key: str, value: Any) -> ConfigTable:
-    """The same scenario with one value set by key, such as `fault.0.start_s`.
+    """The scenario with one value set by key, such as `fault.0.start_s`.
 
-    Only what lies on the way is copied. Raises KeyMissingError.
+    It copies only the tables on the way to the key. Raises KeyMissingError.
     """
     head, _, rest = key.partition(".")
     if head not in SWEPT:

@@ -1,4 +1,4 @@
-"""`[train]` and `[timetable]` of a scenario: checked against the line and the trains they name."""
+"""Checks `[train]` and `[timetable]` of a scenario against the line and trains that they name."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -20,7 +20,7 @@ DEFAULT = Setup()
 
 
 def read_setup(raw: Mapping[str, Any], sources: Sources, findings: Findings) -> Setup | None:
-    """What a case carries of its train; None when anything is wrong with it."""
+    """The setup of a case; None if anything is wrong with it."""
     before = len(findings.found)
     train, timetable = raw.get("train", {}), raw.get("timetable", {})
     given = _given(train, timetable, findings)
@@ -47,7 +47,7 @@ def read_setup(raw: Mapping[str, Any], sources: Sources, findings: Findings) -> 
 def _given(
     train: Mapping[str, Any], timetable: Mapping[str, Any], findings: Findings
 ) -> dict[str, Any]:
-    """The keys that are there and right, by field of Setup."""
+    """The valid keys that the file gives, by field of Setup."""
     plain = {name: value for name, value in train.items() if name not in OVERRIDES}
     for name in [name for name in plain if name not in TRAIN]:
         findings.add(f"train.{name}", f"unknown key; {nearest(name, list(TRAIN), 'key')}")
@@ -89,9 +89,9 @@ def _real_train(setup: Setup, train: TrainConfig, findings: Findings) -> TrainCo
 
 
 def _check_stations(setup: Setup, line: LineMap, train: TrainConfig, findings: Findings) -> Setup:
-    """Start, end and stops in running order on the line, and dwell times of its stations.
+    """Check that start, end, stops and timed stations exist, and that stops are in running order.
 
-    A timetable whose end is not named ends at its last stop.
+    A timetable without an end ends at its last stop.
     """
     names = [station.name for station in line.stations]
     stops = list(setup.stops or ())
@@ -145,4 +145,4 @@ def _check_way(
             return
         reached = station
     if setup.stops is not None and reached is not last:
-        findings.add("timetable.stops", f"the last has to be {last.name!r}, where the way ends")
+        findings.add("timetable.stops", f"the last stop must be {last.name!r}, where the run ends")

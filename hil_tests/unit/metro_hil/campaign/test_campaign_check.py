@@ -126,8 +126,8 @@ def test_a_requirement_that_is_in_no_catalogue_is_noted(
     assert json.loads(capsys.readouterr().out)["notes"] == [
         "requirements: ACC-999 is not in the catalogue; nearest valid id: ACC-29",
         "requirements: OURS-X is not in the catalogue",
-        "one: ACC-999: no monitor answers for it; name it in a [[monitor]]",
-        "one: OURS-X: no monitor answers for it; name it in a [[monitor]]",
+        "one: ACC-999: no monitor judges it; name it in a [[monitor]]",
+        "one: OURS-X: no monitor judges it; name it in a [[monitor]]",
     ]
 
 

@@ -107,7 +107,7 @@ def test_the_kinds_that_were_drawn_are_a_factor_of_the_case() -> None:
     [
         (DRAWN.format(seeds=2, least=2, most=1), r"sweep.faults_max: 1 is not within"),
         (DRAWN.format(seeds=2, least=0, most=4), r"sweep.faults_max: 4 is not within"),
-        (DRAWN.format(seeds=[1, 2], least=0, most=1), r"seeds: of design 'drawn'"),
+        (DRAWN.format(seeds=[1, 2], least=0, most=1), r"seeds: with design 'drawn'"),
         (
             DRAWN.format(seeds=2, least=0, most=3).replace("slip_ratio", "slip"),
             r"fault\[\d\].slip.*unknown",
