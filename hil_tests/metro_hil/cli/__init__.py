@@ -1,1 +1,1 @@
-"""The commands `vobc` and `hil`: parse, decide, do."""
+"""The commands `vobc` and `hil`: they parse, decide and act."""

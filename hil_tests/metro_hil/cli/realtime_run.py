@@ -1,4 +1,4 @@
-"""A run in real time: controller and plant as processes on a bus, watched from a tap."""
+"""A run in real time: controller and plant as processes on a bus, observed through a tap."""
 
 import json
 from collections.abc import Callable
@@ -31,7 +31,7 @@ from zenoh_config.sessions import LINE_ENDPOINT
 BIT_RATE = 250_000
 AUTO_NAME = "vcan0"
 DESK_LINE = "loop"
-"""That supervision takes when none is named."""
+"""Line that the supervision commands assume when the user names none."""
 PLANT_ANSWER_S = 1.0
 PLANT_START_S = 20.0
 POLL_NS = 20_000_000
@@ -39,7 +39,7 @@ NS_PER_S = 1_000_000_000
 
 
 class RealtimeRun:
-    """Brings up what is missing, watches, and ends everything it started."""
+    """Starts what is missing, observes, and ends everything that it started."""
 
     def __init__(
         self,
@@ -51,8 +51,8 @@ class RealtimeRun:
         check_train: Callable[[], None],
     ) -> None:
         """Args:
-        check_train: called before a plant of ours is started; raises SettingsError for a train that
-            does not go with the controller.
+        check_train: called before this bench starts a plant; raises SettingsError if the train does
+        not fit the controller.
         """
         self._options, self._journey, self._folder = options, journey, folder
         self._check_train = check_train
@@ -67,7 +67,7 @@ class RealtimeRun:
         return f"{journey.line.name} {journey.start.name} → {journey.end.name}"
 
     def run(self) -> Ending:
-        """Raises BusError, ChildError or RendezvousError when the run cannot come about."""
+        """Run. Raises BusError, ChildError or RendezvousError if the run cannot take place."""
         with ExitStack() as stack:
             stack.enter_context(self._interrupts.caught())
             spec = self._choose_bus(stack)
@@ -110,7 +110,8 @@ class RealtimeRun:
         return f"embedded:{AUTO_NAME}"
 
     def _own_bus(self, name: str, stack: ExitStack) -> str:
-        """Of a train among others: the one of its name, started for this run if it is not there."""
+        """Bus of one train among several; it has the train's name and is started if it is
+        missing."""
         if hub_status(name) is None:
             hub = start_hub(name, bound=True)
             stack.callback(hub.stop)
@@ -120,7 +121,7 @@ class RealtimeRun:
     def _find_or_start_plant(
         self, stack: ExitStack, spec: str, tap: CanPort
     ) -> tuple[str, str, bool]:
-        """Where tags and radio are, and whether the truth is logged by a plant of ours."""
+        """Addresses of tags and radio, and whether a plant of this bench logs the true values."""
         options, folder = self._options, rendezvous.bench_dir(spec.partition(":")[2])
         heard = self._listen(tap, PLANT_ANSWER_S)
         if Node.VOBC in heard:
@@ -139,7 +140,7 @@ class RealtimeRun:
         radio = options.radio
         if radio == "auto" and options.train is None:
             radio = pick_endpoint()
-        self._display.say("plant: none answered within a second; starting the emulator beside")
+        self._display.say("plant: none answered within a second; starting the plant emulator")
         child = Child(
             "plant", "plant_emulator", self._plant_arguments(spec, radio), self._log("plant")
         )
@@ -158,7 +159,7 @@ class RealtimeRun:
         return rendezvous.read_radio(spec.partition(":")[2]) or DEFAULT_ENDPOINT
 
     def _listen(self, tap: CanPort, wait_s: float) -> set[Node]:
-        """The nodes that send something within a time."""
+        """The nodes that send something within the given time."""
         names = {can_id(kind): Node[sender(kind)] for kind in kinds()}
         until_ns = self._clock.now_ns() + int(wait_s * NS_PER_S)
         heard: set[Node] = set()
@@ -216,24 +217,25 @@ class RealtimeRun:
         return self._folder.path / f"{name}.log"
 
     def _adopt(self, stack: ExitStack, child: Child) -> None:
-        # Callbacks run backwards, so the controller, started last, is ended first.
+        # Callbacks run in reverse order, so the controller, which starts last, ends first.
         self._children.append(child)
         stack.callback(child.end)
 
     def _end_children(self, watch: BusWatch) -> None:
-        """The controller first, so that its safe output is heard; the tap listens to the last."""
+        """End the controller first, so that the plant receives its safe output; the tap records
+        all."""
         for child in reversed(self._children):
             child.end()
             watch.drain(self._clock.now_ns())
 
     def _nobody_at_the_desk(self) -> bool:
-        """A given duration is waited for; a desk that is worked may reset an emergency brake."""
+        """Whether neither a driver nor a given duration can end a wait, such as for a reset."""
         options = self._options
         worked = options.desk_recording or options.driver or options.desk in ("manual", EXTERNAL)
         return options.duration_s is None and not worked
 
     def _lost_by_children(self) -> int:
-        """Lines of logs that the disk did not take from controller and plant, as they noted."""
+        """Number of log lines that the disk refused, as controller and plant recorded them."""
         lost = 0
         for name in ("vobc.json", "plant.json"):
             with suppress(OSError, ValueError, KeyError):
@@ -242,7 +244,7 @@ class RealtimeRun:
         return lost
 
     def _granted(self) -> list[str]:
-        """What the controller was granted for real time, as it wrote it down."""
+        """What the host granted the controller for real time, as the controller recorded it."""
         try:
             granted = json.loads((self._folder.path / "realtime.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -251,7 +253,7 @@ class RealtimeRun:
 
 
 def hints_of(options: RunOptions) -> Hints:
-    """What is said beside the picture of such a train: with the words of its line."""
+    """Hints beside the display, with the commands for the train's line."""
     if options.train is None or options.line_radio is None:
         return no_hints
     where = [] if options.line == DESK_LINE else ["--line", options.line]
@@ -263,7 +265,7 @@ def hints_of(options: RunOptions) -> Hints:
 
 
 def line_arguments(options: RunOptions) -> list[str]:
-    """Of plant and controller among trains that command themselves."""
+    """Arguments for plant and controller of a train that commands itself."""
     if options.train is None or options.line_radio is None:
         return []
     secure = [] if options.secure is None else ["--secure", options.secure]
@@ -271,7 +273,7 @@ def line_arguments(options: RunOptions) -> list[str]:
 
 
 def controller_line_arguments(options: RunOptions) -> list[str]:
-    """What the plant has no need to know of a line."""
+    """Arguments about the line that only the controller needs."""
     peer = options.line_peer
     words = [] if peer is None else ["--line-peer", *([peer] if peer else [])]
     if options.line_timers is not None and options.arbiters is not None:

@@ -1,4 +1,4 @@
-"""`vobc run`: parse, run in real time or in lockstep, report; and the doors to its sister verbs."""
+"""`vobc run`: parses, runs in real time or in lockstep, reports; also starts the other verbs."""
 
 import sys
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ from zenoh_config.secured import train_name
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The console script `vobc`. Whatever the user got wrong is one line, never a traceback."""
+    """The console script `vobc`. A user's mistake gives one line, never a traceback."""
     require_assertions("vobc")
     words = words_of("vobc", argv)
     if words[:1] == ["explain"]:
@@ -106,7 +106,7 @@ def _complain(error: Exception | str, code: int) -> int:
 
 def _run(options: RunOptions, console: Console) -> int:
     if options.trains is not None:
-        # Only with several trains the network is there, which may bring a compiler along.
+        # The network of several trains may need a compiler, so it is imported only here.
         from metro_hil.line.virtual import command as line_run
 
         return line_run.run(options, console)
@@ -147,7 +147,7 @@ def _run(options: RunOptions, console: Console) -> int:
 
 
 def _check_line(options: RunOptions, line: LineMap, epoch_ns: int) -> None:
-    """What a train that commands itself needs before it joins others; raises SettingsError."""
+    """Check what a train that commands itself needs to join others. Raises SettingsError."""
     if options.train is None:
         return
     reachable_areas(options.line, line)
@@ -168,10 +168,10 @@ def _exit_code(ending: Ending) -> int:
 def make_results(
     folder: RunFolder, journey: Journey, ending: Ending, inertia_kg: float
 ) -> RunResults:
-    """Measure a run from its logs; what a run ended too early for is left out.
+    """Measure a run from its logs; measures that a short run did not reach are left out.
 
     Args:
-        inertia_kg: of the emulated train; it counts only where that is the one that ran.
+        inertia_kg: mass of the emulated train with rotating parts; used only if that train ran.
     """
     truth = read_columns(folder.truth_log) if ending.truth_known else None
     cycles = read_columns(folder.cycle_log) if folder.cycle_log.exists() else None
@@ -199,7 +199,7 @@ def make_results(
 def report(
     folder: RunFolder, journey: Journey, results: RunResults, ending: Ending, console: Console
 ) -> None:
-    """Table, plot and results file."""
+    """Print the table, draw the plot, write the results file."""
     print_results(console, results)
     write_whole(folder.results, results.to_json() + "\n")
     if results.cycles and results.cycles.cycles > 1:

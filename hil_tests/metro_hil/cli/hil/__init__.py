@@ -30,23 +30,23 @@ VERBS: Final = (
     ),
     *("requirements", "laws", "line", "simulate"),
 )
-"""In the order of the help; each is a module of this package with `add` and `run`."""
+"""Verbs in the order of the help; each is a module of this package with `add` and `run`."""
 WORKING: Final = frozenset(
     {"run", "resume", "rerun", "replay", "verify", "search", "line", "simulate"}
 )
-"""Verbs that leave something. They go on when standard output is lost."""
+"""Verbs that leave results. They continue when standard output is closed."""
 EPILOG: Final = """\
 exit codes: 0 every expected case passed; 1 some did not, or are missing; 2 wrong usage or
-configuration; 3 disk, workers, bus or rights missing; 130 ended by Ctrl-C (`hil resume` goes on)
+configuration; 3 disk, workers, bus or rights missing; 130 ended by Ctrl-C (`hil resume` continues)
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The console script `hil`. Whatever the user got wrong is one line, never a traceback."""
+    """The console script `hil`. A user's mistake gives one line, never a traceback."""
     require_assertions("hil")
     words = words_of("hil", argv)
     if words[:2] == ["run", "line"]:
-        # A line is no campaign and has options of its own.
+        # A line is not a campaign and has its own options.
         del words[0]
     options = parser().parse_args(words)
     options.typed = words

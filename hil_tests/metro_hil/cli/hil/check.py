@@ -1,4 +1,4 @@
-"""`hil check`: whether a campaign is right, and what it would run."""
+"""`hil check`: checks a campaign file and shows what it would run."""
 
 import argparse
 
@@ -13,12 +13,12 @@ LISTED = 5
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "check",
-        help="check a campaign file and say what it would run",
-        description="Check a campaign file and say what it would run, without running it. All that "
-        "is wrong with it is said at once, one line each.",
+        help="check a campaign file and show what it would run",
+        description="Check a campaign file and show what it would run, without running it. All "
+        "errors are reported at once, one line each.",
     )
     parser.add_argument(
-        "campaign", metavar="CAMPAIGN", help="of a shipped campaign or scenario, or a file"
+        "campaign", metavar="CAMPAIGN", help="shipped campaign or scenario, or a file"
     )
     parser.add_argument("--cases", action="store_true", help="list the ids of all cases")
     parser.add_argument(
@@ -33,7 +33,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Raises SettingsError with all that is wrong with the campaign."""
+    """Raises SettingsError with all errors of the campaign."""
     import msgspec
 
     from metro_hil.campaign import CampaignError
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
             print(msgspec.json.encode({"problems": problems}).decode())
         raise
     summary, cases = summarise(campaign, None if options.cases else options.list)
-    # The one that `hil run` writes down, with the program in it.
+    # The fingerprint that `hil run` stores, which includes the program's version.
     found = fingerprint_of(cases, campaign.files)
     summary = msgspec.structs.replace(summary, fingerprint=found)
     if options.json:

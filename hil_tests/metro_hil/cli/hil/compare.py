@@ -1,4 +1,4 @@
-"""`hil compare`: what got worse from one campaign to another, and whether by chance."""
+"""`hil compare`: what got worse between two campaigns, and whether by chance."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -28,15 +28,15 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "for their number. Exit code 1 when a verdict got worse.",
     )
     parser.add_argument(
-        "before", metavar="A", help="of a campaign, of its folder or its beginning, or a path"
+        "before", metavar="A", help="campaign, its folder, the beginning of that name, or a path"
     )
-    parser.add_argument("after", metavar="B", help="the one that is compared with it")
+    parser.add_argument("after", metavar="B", help="campaign to compare with A")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.add_argument(
         "--fail-on-worse",
         action="store_true",
-        help="exit code 1 also when a margin or measure got significantly worse, in all or in one "
-        "scenario, and when the comparison cannot tell",
+        help="exit code 1 also if a margin or measure got significantly worse, in total or in one "
+        "scenario, or if the comparison is inconclusive",
     )
     parser.add_argument(
         "--relevant",
@@ -50,7 +50,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """1 when a verdict got worse or, if wanted, a margin or measure did."""
+    """Exit code 1 if a verdict got worse or, on request, a margin or measure did."""
     from metro_hil.engine.folder import find_folder
 
     before, after = find_folder(options.before).path, find_folder(options.after).path
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
 def compare_campaigns(
     a: Path, b: Path, relevance: Mapping[str, float] | None = None
 ) -> "JudgedComparison":
-    """Of two campaign folders. Raises EngineError when one cannot be read."""
+    """Compare two campaign folders. Raises EngineError if one cannot be read."""
     from metro_hil.report.judged_comparison import judge_comparison
 
     return judge_comparison(_read(a), _read(b), relevance)
@@ -119,7 +119,7 @@ def comparison_json(judged: "JudgedComparison", a: Path, b: Path) -> str:
 
 
 def print_comparison(console: "Console", judged: "JudgedComparison", a: Path, b: Path) -> None:
-    """What can be found, then the verdicts, then what moved, then what cannot be compared."""
+    """Print what can be detected, then verdicts, then shifts, then what cannot be compared."""
     from rich.text import Text
 
     comparison = judged.pool
@@ -160,7 +160,7 @@ def _detectable_lines(found: "Sequence[tuple[str, Detectable]]") -> list[str]:
 
 
 def detectable_words(found: "Detectable") -> str:
-    """For people, before they are shown a difference."""
+    """Text about the smallest detectable difference, which stands before the differences."""
     size = f"{found.pairs} pairs, {found.tests} tests"
     if found.hopeless:
         return f"nothing, with {size}; it takes {found.pairs_needed} pairs, so run more seeds"
@@ -184,7 +184,7 @@ def drop_words(drop: "Drop") -> str:
 
 
 def _print_scenarios(console: "Console", scenarios: "Sequence[ScenarioComparison]") -> None:
-    """Those that got worse first."""
+    """Print a table of the scenarios; those that got worse come first."""
     from rich.table import Table
     from rich.text import Text
 

@@ -1,4 +1,4 @@
-"""`hil faults`: the catalogue of faults, or all about one of them."""
+"""`hil faults`: shows the catalogue of faults, or one of them in full."""
 
 import argparse
 import difflib
@@ -16,18 +16,18 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "faults",
         help="show the catalogue of faults",
-        description="Show the catalogue of faults, or all about one of them: what it does, its "
-        "parameters, what may come of it, and how each bench brings it about.",
+        description="Show the catalogue of faults, or one of them in full: what it does, its "
+        "parameters, its possible consequences, and how each bench produces it.",
     )
-    parser.add_argument("kind", nargs="?", metavar="KIND", help="this one only, with all details")
+    parser.add_argument("kind", nargs="?", metavar="KIND", help="show only this one, in full")
     places = ", ".join(place.value for place in FaultPlace)
-    parser.add_argument("--place", metavar="P", help=f"of this place only: {places}")
+    parser.add_argument("--place", metavar="P", help=f"show only faults at this place: {places}")
     parser.add_argument("--json", action="store_true", help="one JSON array on standard output")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Raises SettingsError, with the nearest valid one, for a kind or place that is not there."""
+    """Raises SettingsError, with the nearest valid name, for an unknown kind or place."""
     from plant_emulator.faults.described import all_described
 
     known = all_described()

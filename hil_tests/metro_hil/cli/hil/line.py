@@ -1,4 +1,4 @@
-"""`hil run line`: trains that command themselves on one line, struck by faults and watched."""
+"""`hil run line`: trains that command themselves on one line, under faults and observation."""
 
 import argparse
 import sys
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 BENCHES: Final = ("processes", "lockstep")
 EPILOG: Final = """\
-Faults may be asked for several times. What is killed, stopped or cut stays away for --down-for
-seconds; in lockstep a killed controller stays dead. The folder keeps what was asked
-for (run.toml), the story (story.txt), the table and the verdict (results.json), what was said on
-the line's radio (`vobc line-log FOLDER`) and the logs of every train.
+Each fault option may be given several times. A process or link that is killed, stopped or cut
+stays away for --down-for seconds; in lockstep a killed controller stays dead. The folder keeps the
+options (run.toml), the event log (story.txt), the table and the verdict (results.json), the
+messages on the line's radio (`vobc line-log FOLDER`) and the logs of every train.
 exit codes: 0 no train came too near, and none braked by emergency without need; 1 one did; 2 wrong
-usage; 3 the run proves nothing, as its observer lagged or a takeover that was ordered was never
-seen, or bus, radio, rights or a process missing; 130 ended by Ctrl-C
+usage; 3 the run proves nothing, because its observer lagged or never saw an ordered takeover, or
+bus, radio, rights or a process missing; 130 ended by Ctrl-C
 """
 
 
@@ -40,7 +40,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         description="Run several trains that command themselves on one line, the foremost first, "
         "each on its way to the second station ahead: real processes, one controller, plant and "
         "bus for each train and one wayside, over real zenoh; or whole trains in virtual time. "
-        "Tells what happens, strikes as asked, and ends with a table.",
+        "Prints the events, injects the requested faults, and ends with a table.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -49,12 +49,12 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument("--for", type=float, default=90.0, dest="duration_s", metavar="SECONDS")
     parser.add_argument("--bench", choices=BENCHES, default="processes", help="default: processes")
     parser.add_argument(
-        "--seed", type=int, default=1, help="in lockstep, and of packets' fates; default: 1"
+        "--seed", type=int, default=1, help="seed in lockstep, and of the packet faults; default: 1"
     )
     parser.add_argument("--line-timers", choices=("A", "B"), default="A", help="default: A")
     parser.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1, help="default: 1")
     parser.add_argument(
-        "--line-radio", metavar="ENDPOINT", help="of the wayside; default: a free port"
+        "--line-radio", metavar="ENDPOINT", help="address of the wayside; default: a free port"
     )
     parser.add_argument("--topology", choices=TOPOLOGIES, default="star", help=TOPOLOGY_HELP)
     parser.add_argument(
@@ -63,10 +63,10 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         choices=range(100),
         default=40,
         metavar="0..99",
-        help="of controllers, SCHED_FIFO where the rights allow it; 0: none; default: 40",
+        help="priority of controllers, SCHED_FIFO where the rights allow it; 0: none; default: 40",
     )
     parser.add_argument(
-        "--secure", type=Path, metavar="FOLDER", help="certificates and keys by `vobc demo-ca`"
+        "--secure", type=Path, metavar="FOLDER", help="certificates and keys of `vobc demo-ca`"
     )
     parser.add_argument("--out", metavar="FOLDER", help="default: a new one below runs/")
     group = parser.add_argument_group("what goes wrong")
@@ -85,7 +85,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Raises UsageError and SettingsError for what does not fit together."""
+    """Raises UsageError and SettingsError for options that do not fit together."""
     from canlog.run_names import mark_latest
     from firmware_py.clock.clock import WallClock
     from metro_hil.cli.hil.line_settings import config_of, settings_of
@@ -140,7 +140,7 @@ def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
         reason = str(error)
         raise EngineError(reason) from error
     finally:
-        # Also of a run that is broken off: its story is worth reading.
+        # An aborted run is recorded as well: its event log is worth reading.
         wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().rollback_m)
         invalid = [*line.doubts, *doubts(line.story, trains)]
         if reason != DURATION:

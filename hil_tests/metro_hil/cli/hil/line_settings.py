@@ -1,4 +1,4 @@
-"""What `hil run line` was asked for: whether it fits together, and how it is written down."""
+"""Checks the options of `hil run line` and writes them to run.toml."""
 
 import argparse
 import shlex
@@ -21,13 +21,13 @@ from zenoh_config.timers import TIMER_SETS
 DEFAULT_LINE: Final = "loop"
 LOCKSTEP: Final = "lockstep"
 DURATION_MAX_S: Final = 1e9
-"""Thirty years."""
+"""Maximum duration of a run, about thirty years, s."""
 INTERNAL: Final = ("run", "words", "apart", "verb")
-"""What argparse keeps and nobody asked for."""
+"""Entries of the parsed options that are not the user's."""
 
 
 def settings_of(options: argparse.Namespace) -> Settings:
-    """Raises UsageError and SettingsError for what does not fit together."""
+    """Raises UsageError and SettingsError for options that do not fit together."""
     areas, line = load_areas(options.line), load_line(options.line)
     ways, faults = _ways(options, line), faults_of(options)
     _refuse_faults(options, faults)
@@ -75,7 +75,7 @@ def _refuse_faults(options: argparse.Namespace, faults: Sequence[Fault]) -> None
 
 
 def _refuse_places(options: argparse.Namespace, networks: OwnNetworks | None) -> None:
-    """What there is no network for, or another one."""
+    """Refuse options that need a network that the run lacks, or another one."""
     lockstep, apart = options.bench == LOCKSTEP, networks is not None
     radio, secure = options.line_radio, options.secure
     for refused, words in (
@@ -92,13 +92,13 @@ def _refuse_places(options: argparse.Namespace, networks: OwnNetworks | None) ->
 def _topology(
     options: argparse.Namespace, faults: Sequence[Fault], networks: OwnNetworks | None
 ) -> Topology:
-    """Raises UsageError for what only a star has."""
+    """Raises UsageError for options that need a star."""
     topology = Topology(options.topology)
     cut = any(each.strike is Strike.CUT_MASTER for each in faults)
     for given, words in (
         (options.bench == LOCKSTEP, "--bench lockstep has no sessions"),
         (networks is not None, "networks of their own lead to the wayside only"),
-        (options.secure is not None, "not with --secure: peers speak past the wayside's rules"),
+        (options.secure is not None, "not with --secure: peers bypass the wayside's rules"),
         (cut, "--cut-master-at cuts the way to the wayside only"),
     ):
         if given and topology is not Topology.STAR:
@@ -107,7 +107,7 @@ def _topology(
 
 
 def radio_words(settings: Settings) -> str:
-    """Where the line's radio is, with a command that can be run as it stands."""
+    """Text with the address of the line's radio and a command to watch it."""
     if settings.networks is not None:
         return "line radio: in a network of its own, which nothing outside of the run reaches"
     words = ["vobc", "line", "--watch", "--line-radio", settings.endpoint]

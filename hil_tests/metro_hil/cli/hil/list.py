@@ -1,4 +1,4 @@
-"""`hil list`: the campaigns that were run here."""
+"""`hil list`: lists the campaigns that were run here."""
 
 import argparse
 from typing import Any
@@ -17,7 +17,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Always 0: a campaign that failed is no mistake of the list's."""
+    """Always exit code 0: the list itself has not failed if a campaign has."""
     import msgspec
 
     from metro_hil.engine.folder import folders
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def row_of(folder: Any) -> dict[str, Any]:
-    """One campaign. What cannot be read is said in its place."""
+    """One row about a campaign; an unreadable one gets its problem as text."""
     from metro_hil.engine.errors import EngineError
     from metro_hil.engine.journal import read_journal
     from metro_hil.engine.run_campaign import totals_of

@@ -1,4 +1,4 @@
-"""`hil monitors`: the invariants that are watched, and the signals of expressions."""
+"""`hil monitors`: shows the watched invariants, and the signals of expressions."""
 
 import argparse
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Raises SettingsError, with the nearest valid one, for a name that is not there."""
+    """Raises SettingsError, with the nearest valid name, for an unknown name."""
     from metro_hil.monitors.catalogue import INVARIANTS
     from metro_hil.monitors.vocabulary import SIGNALS
 

@@ -1,4 +1,4 @@
-"""`hil replay`: the recorded inputs of a run into a controller, its outputs beside the recorded."""
+"""`hil replay`: feeds recorded inputs to a controller and compares its outputs."""
 
 import argparse
 import sys
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "replay",
-        help="feed a recorded run to a controller again and compare what it says",
-        description="Feed what the controller of a run heard to a controller again, in virtual "
-        "time, and compare what it says frame by frame with what was recorded. Exit code 0 when "
-        "both are identical, 1 when they part.",
+        help="feed a recorded run to a controller again and compare its outputs",
+        description="Feed the recorded inputs of a controller to a controller again, in virtual "
+        "time, and compare its outputs frame by frame with the recorded ones. Exit code 0 if "
+        "both are identical, 1 if they differ.",
     )
     parser.add_argument(
         "recording",
@@ -41,24 +41,24 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="with another parameter, such as ato.limits.accel_mps2=0.7; may be repeated",
+        help="change a parameter, such as ato.limits.accel_mps2=0.7; may be repeated",
     )
     parser.add_argument(
         "--tolerance",
         type=_milliseconds,
         default=0.0,
         metavar="MS",
-        help="outputs so far apart may be the same one; default: 0",
+        help="largest time difference between equal outputs; default: 0",
     )
     parser.add_argument(
-        "--context", type=_count, default=3, metavar="N", help="tell the inputs of N cycles"
+        "--context", type=_count, default=3, metavar="N", help="show the inputs of N cycles"
     )
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 1 when the controller parts from the recording."""
+    """Exit code 1 if the controller's outputs differ from the recording."""
     import msgspec
 
     from metro_hil.replay import replay_run
@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _recording(word: str | None) -> Path:
-    """Raises UsageError."""
+    """Find the recorded run. Raises UsageError."""
     from canlog.damage import LogError
     from canlog.run_names import choose_run
 
@@ -89,7 +89,7 @@ def _recording(word: str | None) -> Path:
 
 
 def controller_of(text: str) -> "ControllerSpec":
-    """Raises UsageError."""
+    """Parse the value of `--controller`. Raises UsageError."""
     from metro_hil.model.case import ControllerSpec
 
     kind, _, rest = text.partition(":")
@@ -116,7 +116,7 @@ def _believed(changes: Sequence[str]) -> dict[str, Any]:
 
 
 def lines(result: "ReplayResult") -> Sequence[str]:
-    """For a person."""
+    """The result as lines of text for a person."""
     text = [
         f"{result.recording}: {result.controllers} controller(s), {result.cycles} cycles; heard "
         f"{result.heard_frames} frames, {result.heard_chunks} pieces of the tag reader's line, "

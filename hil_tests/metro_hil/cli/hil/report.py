@@ -1,4 +1,4 @@
-"""`hil report`: write the reports of a campaign anew, and show where they are."""
+"""`hil report`: writes the reports of a campaign again and shows where they are."""
 
 import argparse
 import sys
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "report",
-        help="write the reports of a campaign anew",
+        help="write the reports of a campaign again",
         description="Write report.html, junit.xml, measures.parquet, requirements.md and "
-        "summary.json of a campaign anew, from its cases and its journal.",
+        "summary.json of a campaign again, from its cases and its journal.",
     )
     parser.add_argument(
         "name",
         nargs="?",
         metavar="NAME",
-        help="of a campaign, of its folder or its beginning, or a path; default: the last one",
+        help="campaign, its folder, the beginning of that name, or a path; default: the last one",
     )
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
@@ -30,7 +30,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code as the campaign's: 0 only when every case came out as expected."""
+    """The campaign's exit code: 0 only if every case is as expected."""
     import msgspec
 
     from metro_hil.cli.hil.working import info_of

@@ -1,4 +1,4 @@
-"""`hil rerun`: repeat one case exactly, or with another seed, with all logs and a plot."""
+"""`hil rerun`: repeats one case exactly, or with another seed, with all logs and a plot."""
 
 import argparse
 import sys
@@ -19,7 +19,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "rerun",
         help="repeat one case with all logs",
         description="Repeat one case exactly, or with another seed, with all logs and a plot in a "
-        "fresh run folder, and tell its story.",
+        "new run folder, and show its event log.",
     )
     parser.add_argument(
         "campaign_run",
@@ -31,10 +31,10 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "case",
         nargs="?",
         metavar="CASE",
-        help="id, its beginning, or number; default: the first that is not as expected, or the one "
+        help="id, its beginning, or number; default: the first unexpected one, or the one "
         "with the least margin",
     )
-    parser.add_argument("--seed", type=number(0), metavar="N", help="default: as the case has it")
+    parser.add_argument("--seed", type=number(0), metavar="N", help="default: the seed of the case")
     parser.add_argument("--out", metavar="DIR", help="default: a new folder below runs/")
     parser.add_argument("--no-plot", action="store_true", help="draw no plot")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
@@ -43,7 +43,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0 when the case is as expected and, with its own seed, gave the same again."""
+    """Exit code 0 if the case is as expected and, with its own seed, gave the same result."""
     import msgspec
 
     from canlog.run_names import mark_latest
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
 def find_case(
     name: str | None, wanted: str | None
 ) -> "tuple[CampaignFolder, Case, CaseResult | None]":
-    """The case and what is known of it. Raises UsageError."""
+    """Find a case and its result, if it has one. Raises UsageError."""
     from metro_hil.engine.choosing import pick_case
     from metro_hil.engine.errors import UsageError
     from metro_hil.engine.folder import find_folder
@@ -89,7 +89,7 @@ def find_case(
     try:
         folder = find_folder(name)
     except UsageError:
-        # Reports name a case by campaign and id in one word; the id may hold slashes itself.
+        # Reports name a case as campaign/id in one word; the id may hold slashes itself.
         if name is None or wanted is not None or "/" not in name:
             raise
         folder, wanted = _split(name)
@@ -109,11 +109,11 @@ def _split(name: str) -> "tuple[CampaignFolder, str]":
             return find_folder("/".join(parts[:place])), "/".join(parts[place:])
         except UsageError:
             continue
-    raise UsageError(f"{name}: no campaign begins so")
+    raise UsageError(f"{name}: no campaign begins like this")
 
 
 def default_case(cases: "tuple[Case, ...]", by_id: "dict[str, CaseResult]") -> "Case":
-    """The first that is not as expected; else the one with the least margin; else the first."""
+    """The first unexpected case; else the one with the least margin; else the first."""
     from metro_hil.model.case import as_expected
 
     margins = []
@@ -144,7 +144,7 @@ def repeat(
 
 
 def difference_of(case: "Case", before: "CaseResult | None", now: "CaseResult") -> str:
-    """What must never be said of a case in virtual time; empty when it is not to be said."""
+    """Error text if a case in virtual time gave two different results; empty otherwise."""
     from metro_hil.engine.journal import same_result
     from metro_hil.model.case import BenchKind, Verdict
 
@@ -156,7 +156,7 @@ def difference_of(case: "Case", before: "CaseResult | None", now: "CaseResult") 
 
 
 def draw(case: "Case", files: dict[str, Path], place: "RunFolder") -> bool:
-    """The plot of the run, if there is something to draw."""
+    """Draw the plot of the run; False if there is nothing to draw."""
     from metro_hil.metrics.run import measure_stops
     from metro_hil.model.case_setup import parts_of
     from metro_hil.model.log_columns import read_columns

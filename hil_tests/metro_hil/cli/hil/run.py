@@ -1,4 +1,4 @@
-"""`hil run`: run all cases of a campaign."""
+"""`hil run`: runs all cases of a campaign."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from metro_hil.engine.folder import CampaignPlan
 
 LINE_WORDS = """\
-`hil run line` is no campaign but a whole line of trains that command themselves, in processes or in
-virtual time. It has options of its own, such as --trains 8, --for 60, --kill-master-at 20 and
+`hil run line` is not a campaign but a whole line of trains that command themselves, in processes or
+in virtual time. It has options of its own, such as --trains 8, --for 60, --kill-master-at 20 and
 --secure FOLDER; `hil line --help` has them all.
 """
 BENCHES = ("lockstep", "processes", "hardware")
@@ -31,22 +31,22 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "run",
         help="run a campaign, or one scenario by its name",
         description="Run all cases of a campaign. Ctrl-C, and even kill -9, lose nothing: "
-        "`hil resume` goes on.",
+        "`hil resume` continues.",
         epilog=LINE_WORDS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "campaign", metavar="NAME", help="of a shipped campaign or scenario, or a file"
-    )
-    parser.add_argument("--bench", choices=BENCHES, help="default: as each scenario says")
+    parser.add_argument("campaign", metavar="NAME", help="shipped campaign or scenario, or a file")
+    parser.add_argument("--bench", choices=BENCHES, help="default: that of each scenario")
     parser.add_argument(
         "--controller",
         metavar="DEVICE",
-        help="shipped, checkout:PATH or command:WORDS; default: as each scenario says",
+        help="shipped, checkout:PATH or command:WORDS; default: that of each scenario",
     )
-    parser.add_argument("--filter", metavar="GLOB", help="only cases whose id matches, as *-s7")
     parser.add_argument(
-        "--seed", type=number(0), metavar="N", help="only this seed, whatever the scenario says"
+        "--filter", metavar="GLOB", help="only cases whose id matches, such as *-s7"
+    )
+    parser.add_argument(
+        "--seed", type=number(0), metavar="N", help="use only this seed, instead of the scenario's"
     )
     parser.add_argument("--limit", type=number(1), metavar="N", help="only the first N cases")
     parser.add_argument(
@@ -55,7 +55,9 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         help="refuse to run less than the whole campaign; for continuous integration",
     )
     parser.add_argument(
-        "--out", metavar="DIR", help="default: a folder by date and name below runs/hil"
+        "--out",
+        metavar="DIR",
+        help="default: a new folder below runs/hil, named by date and campaign",
     )
     add_work_options(parser)
     _add_wires(parser)
@@ -67,13 +69,13 @@ def _add_wires(parser: argparse.ArgumentParser) -> None:
         "the wires, in real time", "`auto`, the default, leaves the choice to the bench."
     )
     group.add_argument(
-        "--bus", default=AUTO, metavar="SPEC", help="the controller's, such as socketcan:can0"
+        "--bus", default=AUTO, metavar="SPEC", help="bus of the controller, such as socketcan:can0"
     )
     group.add_argument(
         "--train-bus",
         default=AUTO,
         metavar="SPEC",
-        help="the train's, behind the gateway that brings faults of the bus about",
+        help="bus of the train, behind the gateway that injects bus faults",
     )
     group.add_argument("--tags", default=AUTO, metavar="DEVICE", help="such as /dev/ttyUSB0")
     group.add_argument("--radio", default=AUTO, metavar="ENDPOINT", help="such as tcp/HOST:7447")
@@ -82,16 +84,16 @@ def _add_wires(parser: argparse.ArgumentParser) -> None:
             f"--{device}",
             choices=PRESENCES,
             default=AUTO,
-            help=f"who brings the {device} along: the bench, or it is there already",
+            help=f"who provides the {device}: the bench, or it runs already",
         )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0 only when every case is as expected."""
+    """Exit code 0 only if every case is as expected."""
     import sys
 
     if options.campaign == GREEN:
-        # A whole line by points of mass: no cases of the bench, but the same door.
+        # This simulates a whole line with point masses, without cases of the bench.
         from metro_hil.energy.line import command
 
         return command.run(options)
@@ -103,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def plan_of(options: argparse.Namespace) -> "CampaignPlan":
-    """Raises SettingsError or UsageError."""
+    """Select the cases and plan the folder. Raises SettingsError or UsageError."""
     from metro_hil.campaign import plan_cases
     from metro_hil.campaign.scenarios import read_named
     from metro_hil.engine.choosing import choose
@@ -133,7 +135,7 @@ def plan_of(options: argparse.Namespace) -> "CampaignPlan":
     planned = sum(scenario.case_count for scenario in whole.scenarios)
     if options.complete and len(cases) < planned:
         raise UsageError(
-            f"--complete: {subset_text(len(cases), planned)} are chosen; leave out --filter, "
+            f"--complete: {subset_text(len(cases), planned)} are selected; leave out --filter, "
             "--limit and --seed"
         )
     return CampaignPlan(

@@ -1,4 +1,4 @@
-"""`hil scenarios`: what ships and can be run by name."""
+"""`hil scenarios`: lists the shipped scenarios, which can be run by name."""
 
 import argparse
 
@@ -8,7 +8,7 @@ from metro_hil.model.run_options import EXIT_OK
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "scenarios",
-        help="list the scenarios that ship, each to be run by its name",
+        help="list the shipped scenarios, which can be run by name",
         description="List the scenarios of all shipped campaigns. `hil run NAME` runs one of them, "
         "`hil run CAMPAIGN` all of a campaign.",
     )
@@ -18,7 +18,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Raises UsageError when no scenario has all the words."""
+    """Raises UsageError if no scenario contains all the words."""
     import msgspec
     from rich.markup import escape
     from rich.table import Table

@@ -1,4 +1,4 @@
-"""`hil search`: look for the worst case of a scenario."""
+"""`hil search`: searches for the worst case of a scenario."""
 
 import argparse
 import os
@@ -23,8 +23,8 @@ METHODS = ("cma", "random")
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "search",
-        help="look for the worst case of a scenario",
-        description="Vary what a scenario sweeps so that the margin of a monitor becomes least. "
+        help="search for the worst case of a scenario",
+        description="Vary the swept keys of a scenario to minimise the margin of a monitor. "
         "The worst cases found are written as a campaign file, which `hil run` repeats.",
     )
     parser.add_argument("campaign", metavar="CAMPAIGN", help="a shipped name, or a file")
@@ -33,22 +33,22 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "--factors", nargs="+", default=[], metavar="KEY", help="vary these only; default: all"
     )
     parser.add_argument(
-        "--budget", type=number(1), default=200, metavar="N", help="runs; default: 200"
+        "--budget", type=number(1), default=200, metavar="N", help="number of runs; default: 200"
     )
     parser.add_argument(
         "--monitor",
         metavar="NAME",
-        help="whose margin; default: the least over all, each over its usual size",
+        help="monitor whose margin counts; default: the least of all, each over its usual size",
     )
     parser.add_argument(
-        "--seed", type=number(0), default=1, metavar="S", help="of the search; default: 1"
+        "--seed", type=number(0), default=1, metavar="S", help="seed of the search; default: 1"
     )
     parser.add_argument("--method", choices=METHODS, default="cma", help="default: cma")
     parser.add_argument(
         "--workers",
         type=number(1, PROCESSES_MAX),
         metavar="N",
-        help="processes; default: one for each core",
+        help="number of processes; default: one for each core",
     )
     parser.add_argument("--out", metavar="DIR", help="default: a new folder below runs/")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
@@ -56,7 +56,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0 when the search came to its end, whatever it found.
+    """Exit code 0 if the search reached its end, whatever it found.
 
     Raises SettingsError, RunFolderError or EngineError.
     """
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
         def heard(new: "Sequence[Sought]") -> None:
             append_history(folder.path, new)
             worst = search.worst(1)
-            least = f"least {worst[0].value:.4g}" if worst else "nothing seen so far"
+            least = f"least {worst[0].value:.4g}" if worst else "no margin so far"
             _say(f"{len(search.history)} points, {least}")
 
         interrupted, refused = False, None
@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _workers(options: argparse.Namespace, space: "SearchSpace") -> int:
-    """One where runs share a bus and the processor's time."""
+    """One worker if runs share a bus and the processor's time."""
     if space.plan.bench is not BenchKind.LOCKSTEP:
         return 1
     return options.workers or len(os.sched_getaffinity(0))

@@ -1,4 +1,4 @@
-"""`hil sensitivity`: whether a campaign notices a controller with a mistake in it."""
+"""`hil sensitivity`: checks whether a campaign detects mistakes in the controller."""
 
 import argparse
 import os
@@ -32,30 +32,33 @@ def _share(text: str) -> float:
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "sensitivity",
-        help="run a campaign against mutated controllers: which scenario notices each mistake",
+        help="run a campaign against mutated controllers: which scenario detects each mistake",
         description="Give the controller one mistake of the shipped lists at a time, and run cases "
-        "of the campaign until one notices it. Exit code 0 when each mutant is noticed or its list "
-        "argues why no case can; 1 when one is not.",
+        "of the campaign until one detects it. Exit code 0 if each mutant is detected or its list "
+        "argues why no case can; 1 if not.",
     )
     parser.add_argument(
         "campaign",
         metavar="NAME",
         nargs="?",
         default="acceptance",
-        help="of a shipped campaign or scenario, or a file; default: acceptance",
+        help="shipped campaign or scenario, or a file; default: acceptance",
     )
     parser.add_argument(
         "--only",
         action="append",
         default=[],
         metavar="MUTANT",
-        help="only this mutant; a pattern such as 'doors-*' will do; may be given several times",
+        help="only this mutant, or a pattern such as 'doors-*'; may be given several times",
     )
     parser.add_argument(
         "--sample", type=_share, metavar="SHARE", help="only this share of them, such as 0.1"
     )
     parser.add_argument(
-        "--seed", default="1", metavar="TEXT", help="draws the sample, such as a commit; default: 1"
+        "--seed",
+        default="1",
+        metavar="TEXT",
+        help="seed of the sample, such as a commit; default: 1",
     )
     depth = parser.add_mutually_exclusive_group()
     depth.add_argument(
@@ -66,7 +69,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     depth.add_argument(
         "--thorough",
         action="store_true",
-        help="try mutants with an argument against all cases, too",
+        help="also try mutants whose list has an argument, with all cases",
     )
     parser.add_argument(
         "--workers",
@@ -75,7 +78,9 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         help="default: one for each processor",
     )
     parser.add_argument(
-        "--out", metavar="DIR", help="default: a folder by date and name below runs/sensitivity"
+        "--out",
+        metavar="DIR",
+        help="default: a new folder below runs/sensitivity, named by date and campaign",
     )
     parser.add_argument("--list", action="store_true", help="list the mutants and run nothing")
     parser.add_argument(
@@ -85,7 +90,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 1 when a mutant is neither noticed nor argued."""
+    """Exit code 1 if a mutant is neither detected nor argued."""
     from metro_hil.sensitivity.mutants import chosen, sampled, shipped_mutants
 
     shipped = shipped_mutants()
@@ -183,7 +188,7 @@ def _try(
 
 
 def _written_files(campaign: "Campaign", folder: Path) -> dict[str, Path]:
-    """The files that cases call by a name of the campaign."""
+    """Write the campaign's files, and return their paths by the names that cases use."""
     paths = {}
     for place, (name, content) in enumerate(campaign.files.items()):
         paths[name] = folder / str(place) / Path(name).name

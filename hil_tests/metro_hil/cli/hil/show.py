@@ -1,4 +1,4 @@
-"""`hil show`: what a campaign came to, or the story of one of its cases."""
+"""`hil show`: shows the outcome of a campaign, or the event log of one of its cases."""
 
 import argparse
 from collections import Counter
@@ -24,14 +24,14 @@ MISSING: Final = "missing"
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "show",
-        help="show what a campaign came to, or the story of a case",
-        description="Show what a campaign came to, or the story of one of its cases.",
+        help="show the outcome of a campaign, or the event log of a case",
+        description="Show the outcome of a campaign, or the event log of one of its cases.",
     )
     parser.add_argument(
         "name",
         nargs="?",
         metavar="NAME",
-        help="of a campaign, of its folder or its beginning, or a path; default: the last one",
+        help="campaign, its folder, the beginning of that name, or a path; default: the last one",
     )
     parser.add_argument("case", nargs="?", metavar="CASE", help="id, its beginning, or number")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
@@ -39,7 +39,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code as the campaign's."""
+    """Exit code of the campaign."""
     import msgspec
 
     from metro_hil.engine.folder import find_folder
@@ -144,7 +144,7 @@ def _verdicts(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]") -> Any:
 
 
 def _worst(ledger: "Ledger") -> Any:
-    """What to look at first, in the report's order."""
+    """Table of the least margins, in the report's order."""
     from rich.markup import escape
     from rich.table import Table
 
@@ -164,7 +164,7 @@ def _worst(ledger: "Ledger") -> Any:
 
 
 def _unexpected(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]", names: set[str]) -> Any:
-    """What a campaign did not pass for, with the reason of each; None where there is nothing."""
+    """Table of the unexpected cases with their reasons; None if there are none."""
     from rich.markup import escape
     from rich.table import Table
 
@@ -187,7 +187,7 @@ def _unexpected(cases: "Sequence[Case]", by_id: "dict[str, CaseResult]", names: 
 
 
 def _requirements(ledger: "Ledger", *, subset: bool) -> Any:
-    """As the report has them; None where no case names one."""
+    """Table of requirements as in the report; None if no case names one."""
     from rich.markup import escape
     from rich.table import Table
 

@@ -1,4 +1,4 @@
-"""`hil simulate`: trains that command themselves, in virtual time, under random faults."""
+"""`hil simulate`: simulates trains that command themselves in virtual time under random faults."""
 
 import argparse
 import contextlib
@@ -25,13 +25,13 @@ S_PER_H: Final = 3600.0
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "simulate",
-        help="trains that command themselves, in virtual time, under random network faults",
-        description="Each seed is a line with trains, a network and faults of its own. What must "
-        "never happen is judged by where the trains truly are. A seed that fails is repeated, with "
-        "its story, by `hil simulate --seed N --trace`.",
+        help="simulate trains that command themselves, in virtual time, under random faults",
+        description="Each seed gives a line with its own trains, network and faults. The true "
+        "places of the trains decide whether an invariant is broken. `hil simulate --seed N "
+        "--trace` repeats a failed seed with its event log.",
     )
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--seed", type=number(0), metavar="N", help="only this one")
+    which.add_argument("--seed", type=number(0), metavar="N", help="run only this seed")
     which.add_argument(
         "--seeds", type=seeds, metavar="A..B", help=f"from A to B, both included; default: {SEEDS}"
     )
@@ -39,46 +39,50 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "--hours",
         type=_hours,
         metavar="H",
-        help="go on from the first seed until trains have been simulated for so many hours",
+        help="run seeds from the first on until H train hours are simulated",
     )
     parser.add_argument(
-        "--minutes", type=_hours, default=5.0, metavar="M", help="of trouble a seed; default: 5"
+        "--minutes",
+        type=_hours,
+        default=5.0,
+        metavar="M",
+        help="minutes of faults in each seed; default: 5",
     )
     parser.add_argument(
         "--protocol",
         choices=("line", "paper"),
         default="line",
-        help="paper: the rules of the paper, word by word, to see what becomes of them",
+        help="paper: the literal rules of [Xu], to show their consequences",
     )
+    parser.add_argument("--timers", choices=("A", "B"), help="run only seeds that use these timers")
     parser.add_argument(
-        "--timers", choices=("A", "B"), help="only seeds that have drawn these timers"
+        "--bytes", action="store_true", help="encode messages with the real codec in every seed"
     )
-    parser.add_argument("--bytes", action="store_true", help="every seed through the real codec")
-    parser.add_argument("--trace", action="store_true", help="tell what happens, event by event")
+    parser.add_argument("--trace", action="store_true", help="print every event")
     parser.add_argument(
         "--workers",
         type=number(1, PROCESSES_MAX),
         default=1,
         metavar="N",
-        help="processes; default: 1",
+        help="number of processes; default: 1",
     )
     parser.add_argument(
-        "--journal", metavar="FILE", help="append results here; seeds that it has are not run again"
+        "--journal", metavar="FILE", help="append results to this file; its seeds are not run again"
     )
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 1 when an invariant was broken. Raises UsageError."""
+    """Exit code 1 if an invariant was broken. Raises UsageError."""
     from metro_hil.simulation.batch import Total
     from metro_hil.simulation.run import Phases
     from metro_hil.simulation.simulate import SeedJob
 
     if options.trace and options.workers > 1:
-        raise UsageError("--trace tells one story: it takes one worker")
+        raise UsageError("--trace prints one event log: it needs one worker")
     if options.timers and options.protocol == "paper":
-        raise UsageError("--timers: the paper's rules have none of them")
+        raise UsageError("--timers: the paper's rules have no timers")
     job = SeedJob(
         protocol=options.protocol,
         phases=Phases(trouble_s=60.0 * options.minutes),
@@ -113,7 +117,7 @@ def _run(
     total: "Total",
     journal: "SeedJournal | None",
 ) -> None:
-    """Adds to total and journal what each seed came to, as soon as it is known."""
+    """Add the result of each seed to total and journal, as soon as it is known."""
     from metro_hil.simulation.batch import run_many
 
     with contextlib.closing(run_many(todo, job, workers=options.workers)) as results:
@@ -155,7 +159,7 @@ def _wanted(options: argparse.Namespace, total: "Total") -> Iterator[int]:
     from metro_hil.simulation.generate import draw
 
     if options.seed is not None and draw(options.seed).timers != options.timers:
-        raise UsageError(f"--timers {options.timers}: seed {options.seed} has drawn the others")
+        raise UsageError(f"--timers {options.timers}: seed {options.seed} uses the other timers")
     return (seed for seed in every if draw(seed).timers == options.timers)
 
 
@@ -183,7 +187,7 @@ def _tell_broken(result: "RunResult", job: "SeedJob") -> None:
 
 
 def lines(total: "Total") -> list[str]:
-    """For a person."""
+    """The totals as lines of text for a person."""
     rate = total.events / total.cpu_s if total.cpu_s else 0.0
     text = [
         f"{total.runs} seeds: {total.simulated_s / S_PER_H:.2f} h of lines, "
@@ -216,7 +220,7 @@ def _json(total: "Total") -> str:
 
 
 def seeds(text: str) -> tuple[int, int]:
-    """`A..B` as two numbers."""
+    """Parse `A..B` as two numbers."""
     first, dots, last = text.partition("..")
     try:
         low, high = int(first), int(last if dots else first)

@@ -1,4 +1,4 @@
-"""What is said of the cases of one scenario at its end: verdicts, margins, plots."""
+"""Prints the cases of one scenario at the end of a run: verdicts, margins, plots."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 CASES_TOLD_MAX: Final = 40
 PIECES_TOLD_MAX: Final = 8
 SEED_ALONE: Final = re.compile(r"(?P<scenario>[^/]+)/s(?P<seed>\d+)")
-"""Id of a case that its scenario and its seed describe."""
+"""Id of a case that scenario and seed describe completely."""
 
 
 def tell_scenario(
@@ -26,10 +26,10 @@ def tell_scenario(
     results: Sequence[CaseResult],
     plots: Mapping[str, Path],
 ) -> None:
-    """Verdict of each case and least margin of each monitor; nothing for more than one scenario.
+    """Print each verdict and the least margins; nothing for more than one scenario.
 
     Args:
-        plots: by id of the case.
+        plots: paths by the id of the case.
     """
     by_id = {result.case_id: result for result in results}
     told = [(case, by_id[case.id]) for case in cases if case.id in by_id]
@@ -51,7 +51,7 @@ def tell_scenario(
 
 
 def _monitors(told: Sequence[tuple[Case, CaseResult]]) -> Table:
-    """Of each monitor the case in which it came out worst; what was never exercised is counted."""
+    """Table of the worst case for each monitor; monitors that judged nothing are listed below."""
     worst: dict[str, tuple[Case, MonitorResult]] = {}
     idle: set[str] = set()
     for case, result in told:
@@ -85,7 +85,7 @@ def _rank(monitor: MonitorResult) -> tuple[bool, float]:
 
 
 def again(case_id: str, folder: Path) -> str:
-    """The command that repeats one case: by its seed alone where that says all of it."""
+    """Command that repeats one case; shorter if scenario and seed describe it completely."""
     from metro_hil.campaign.scenarios import is_scenario
 
     found = SEED_ALONE.fullmatch(case_id)
@@ -95,7 +95,7 @@ def again(case_id: str, folder: Path) -> str:
 
 
 def seeds_words(cases: Sequence[Case]) -> list[str]:
-    """Which seeds were run of each scenario whose cases are told apart by nothing else."""
+    """Which seeds were run of each scenario whose cases differ only in their seeds."""
     from metro_hil.campaign.scenarios import is_scenario
 
     seeds: dict[str, list[int]] = {}
@@ -111,7 +111,7 @@ def seeds_words(cases: Sequence[Case]) -> list[str]:
 
 
 def _ranges(seeds: Sequence[int]) -> str:
-    """1, 2, 3, 7 as `1 to 3, 7`; of many pieces the ends and how many seeds there are."""
+    """Text such as `1 to 3, 7`; many pieces are shortened to the count and both ends."""
     pieces: list[list[int]] = []
     for seed in seeds:
         if pieces and seed == pieces[-1][-1] + 1:

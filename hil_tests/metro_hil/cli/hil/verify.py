@@ -1,4 +1,4 @@
-"""`hil verify`: whether cases of a campaign come out the same again, to the bit."""
+"""`hil verify`: checks whether cases of a campaign give the same bits again."""
 
 import argparse
 import sys
@@ -18,7 +18,7 @@ SAMPLE = 20
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "verify",
-        help="run a sample of a campaign again and demand the same bytes",
+        help="run a sample of a campaign again and require the same bytes",
         description="Run a random sample of a campaign's cases in virtual time again: in other "
         "processes, in another order, beside busy ones, with another PYTHONHASHSEED. Exit code 0 "
         "when every result and every frame is the same, 1 when one is not.",
@@ -27,34 +27,34 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="of a campaign, of its folder or its beginning, or a path; default: the last one",
+        help="campaign, its folder, the beginning of that name, or a path; default: the last one",
     )
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "--sample", type=number(1), default=SAMPLE, metavar="N", help=f"default: {SAMPLE}"
     )
-    which.add_argument("--all", action="store_true", help="every case")
-    parser.add_argument("--seed", type=number(0), default=1, help="of the choice; default: 1")
+    which.add_argument("--all", action="store_true", help="run every case")
+    parser.add_argument("--seed", type=number(0), default=1, help="seed of the sample; default: 1")
     parser.add_argument(
         "--workers",
         type=number(1, PROCESSES_MAX),
         default=2,
         metavar="N",
-        help="processes; default: 2",
+        help="number of processes; default: 2",
     )
     parser.add_argument(
         "--load",
         type=number(0, PROCESSES_MAX),
         default=2,
         metavar="N",
-        help="busy processes beside; default: 2",
+        help="number of busy processes that load the machine; default: 2",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 1 when a case came out otherwise."""
+    """Exit code 1 if a case gave another result."""
     import msgspec
 
     from metro_hil.engine.folder import find_folder
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def lines(result: "VerifyResult") -> Sequence[str]:
-    """For a person."""
+    """The result as lines of text for a person."""
     text = [f"{result.campaign}: {result.sampled} of {result.of} cases run again"]
     text += [f"note: {note}" for note in result.notes]
     if result.identical:

@@ -1,4 +1,4 @@
-"""What `hil run` and `hil resume` share: options, the work itself, and what is said at its end."""
+"""What `hil run` and `hil resume` share: options, the work itself, and the closing lines."""
 
 import argparse
 import os
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 KEEP: Final = 10
 KEEP_WORST: Final = 3
 KEEP_WORST_ALONE: Final = 12
-"""Of one scenario by itself: people want to look at what they ask for by name."""
+"""Logs kept when one scenario runs alone: its user wants to look at them."""
 UNEXPECTED_SHOWN_MAX: Final = 10
 FILE_COLUMNS: Final = 160
 PROCESSES_MAX: Final = 1024
-"""More at once no machine that this runs on has a use for."""
+"""Maximum number of processes; no machine on which this runs can use more."""
 
 
 def number(least: int, most: int | None = None) -> Callable[[str], int]:
-    """Reads a whole number of at least so much, and at most so much."""
+    """Parser of a whole number within the limits."""
 
     def whole(text: str) -> int:
         try:
@@ -58,7 +58,7 @@ def _seconds(text: str) -> float:
 
 
 def add_work_options(parser: argparse.ArgumentParser) -> None:
-    """Those that say how cases are run, not which."""
+    """Add the options about how cases are run, not which."""
     parser.add_argument("--on", metavar="dask://HOST:PORT", help="default: this machine")
     parser.add_argument(
         "--workers",
@@ -79,14 +79,14 @@ def add_work_options(parser: argparse.ArgumentParser) -> None:
         "--keep-worst",
         type=number(0),
         metavar="N",
-        help=f"and of the N least margins; default: {KEEP_WORST}, of one scenario alone "
-        f"{KEEP_WORST_ALONE}",
+        help=f"also keep those of the N least margins; default: {KEEP_WORST}, for one "
+        f"scenario alone {KEEP_WORST_ALONE}",
     )
     parser.add_argument(
         "--case-timeout",
         type=_seconds,
         metavar="S",
-        help="wall time for one case; default: 120, in real time twice its duration more",
+        help="wall time for one case; default: 120, plus twice its duration in real time",
     )
     parser.add_argument(
         "--fail-fast", action="store_true", help="stop at the first case that is not as expected"
@@ -95,12 +95,12 @@ def add_work_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, all else on stderr"
     )
-    # Who tests the engine replaces the bench by this.
+    # Tests of the engine replace the bench by this option.
     parser.add_argument("--runner", help=argparse.SUPPRESS)
 
 
 def kept_options(options: argparse.Namespace) -> dict[str, Any]:
-    """What the manifest remembers for `hil resume`, and for readers."""
+    """Options that the manifest keeps for `hil resume` and for readers."""
     names = (
         *("campaign", "on", "bench", "controller", "filter", "seed", "limit", "keep"),
         "keep_worst",
@@ -110,7 +110,7 @@ def kept_options(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def refuse_unknown_layout(campaign: str, layout: str | None) -> None:
-    """Raises UsageError for a printed table that nobody prints."""
+    """Raises UsageError for a layout that does not exist."""
     from firmware_py.settings import nearest
     from metro_hil.report.layouts import LAYOUTS
 
@@ -120,7 +120,7 @@ def refuse_unknown_layout(campaign: str, layout: str | None) -> None:
 
 
 def check_on(on: str | None, benches: Sequence[str]) -> None:
-    """Raises UsageError for what is no cluster, or for cases that cannot go to one."""
+    """Raises UsageError for an invalid cluster address, or for cases that need this machine."""
     from metro_hil.model.case import BenchKind
 
     if on is None:
@@ -134,7 +134,7 @@ def check_on(on: str | None, benches: Sequence[str]) -> None:
 def work_on(
     folder: "CampaignFolder", options: argparse.Namespace, remembered: dict[str, Any]
 ) -> int:
-    """Run what is left, report, say how it ended. Options that are not given are as remembered."""
+    """Run the remaining cases, report, print the outcome. Options not given are as remembered."""
     try:
         return _work_on(folder, options, remembered)
     except (EngineError, OSError) as error:
@@ -170,7 +170,7 @@ def _work_on(
         end = run_campaign(folder, crew, keeper, ProgressDisplay(console), stop, wishes)
     reports: Sequence[Path] = ()
     try:
-        # Also of an interrupted campaign; a second Ctrl-C does without.
+        # An interrupted campaign gets reports, too; a second Ctrl-C skips them.
         if not options.no_report and stop.count <= 1:
             reports = _report(console, folder, end)
     finally:
@@ -201,7 +201,7 @@ def wanted_logs(folder: "CampaignFolder") -> Sequence[str]:
 def crews(
     folder: "CampaignFolder", options: argparse.Namespace, benches: Sequence[str]
 ) -> tuple[Callable[[], "WorkerPool"], Callable[[], "WorkerPool"]]:
-    """Who runs the cases, and who repeats some of them here to keep their logs."""
+    """Makers of two pools: one runs the cases, one repeats some on this machine to keep logs."""
     from metro_hil.engine.local_pool import LocalPool
     from metro_hil.engine.worker import RUNNER
 
@@ -230,7 +230,7 @@ def crews(
 
 
 def processors() -> int:
-    """That this process may use."""
+    """Number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -246,7 +246,7 @@ def write_reports(
 
 
 def info_of(manifest: "Manifest", cases: "Sequence[Case]") -> "CampaignInfo":
-    """The head of a campaign's report."""
+    """Head of a campaign's report."""
     from metro_hil.report.campaign import CampaignInfo
 
     benches = dict.fromkeys(case.bench.value for case in cases)
@@ -269,7 +269,7 @@ def info_of(manifest: "Manifest", cases: "Sequence[Case]") -> "CampaignInfo":
 
 
 def console_for(json: bool) -> "Console":
-    """Standard output, or with `--json` standard error; files get wide lines."""
+    """Console on standard output, or with `--json` on standard error; files get wide lines."""
     from rich.console import Console
 
     console = Console(stderr=json)
@@ -337,7 +337,7 @@ def print_layout(
     cases: "Sequence[Case]",
     results: "Sequence[CaseResult]",
 ) -> None:
-    """The table of its own, if the campaign has one."""
+    """Print the campaign's own table, if it has one."""
     if layout is None:
         return
     from metro_hil.report.layouts import show_layout

@@ -191,11 +191,11 @@ def test_a_journal_that_cannot_be_written_is_said_with_the_seed(
         (["--seeds", "7..3"], "not beyond the last"),
         (["--seeds", "x"], "A..B"),
         (["--minutes", "-1"], "not more than 0"),
-        (["--trace", "--workers", "2"], "takes one worker"),
+        (["--trace", "--workers", "2"], "needs one worker"),
         (["--journal", "/proc/nowhere/x"], "--journal /proc/nowhere/x: No such file"),
         (["--journal", "/proc"], "--journal /proc: Is a directory"),
-        (["--timers", "B", "--seed", "1"], "seed 1 has drawn the others"),
-        (["--timers", "B", "--protocol", "paper"], "the paper's rules have none"),
+        (["--timers", "B", "--seed", "1"], "seed 1 uses the other timers"),
+        (["--timers", "B", "--protocol", "paper"], "the paper's rules have no timers"),
     ],
 )
 def test_wrong_words_get_one_line(
