@@ -1,1 +1,1 @@
-"""Measures of a run or a case, computed from the logs that it left."""
+"""Measures of a run or a case, computed from its logs."""

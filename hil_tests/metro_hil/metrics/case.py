@@ -47,8 +47,9 @@ NAMES: Final[Mapping[str, str]] = {
     "rejected_frames_count": "frames that the train's nodes refused",
     "bus_load_ratio": "share of time that the bus was occupied",
 }
-"""Of every case. Beside them, for each station of the timetable: `stop_<name>_error_m`, positive
-beyond the stopping point, and `stop_<name>_run_s`, from leaving the stop before."""
+"""Measures of every case with their meaning. Each station of the timetable adds two:
+`stop_<name>_error_m`, positive beyond the stopping point, and `stop_<name>_run_s`, from leaving the
+previous stop."""
 
 
 NO_PLAN: Final[Mapping[str, float]] = {}
@@ -68,7 +69,7 @@ class MemoryLog:
 
 
 def measure_names(stations: Sequence[Station]) -> tuple[str, ...]:
-    """All that a case with these stops measures."""
+    """Names of all measures of a case with these stops."""
     each = [
         name
         for station in stations
@@ -80,7 +81,7 @@ def measure_names(stations: Sequence[Station]) -> tuple[str, ...]:
 def motion_measures(
     truth: Columns, stops: Sequence[Station], planned_run_s: Mapping[str, float] = NO_PLAN
 ) -> dict[str, float | None]:
-    """What the truth log alone tells: stops, ride, emergencies, punctuality."""
+    """Measures from the truth log alone: stops, motion, emergencies, punctuality."""
     measured = measure_stops(truth, stops)
     ride = measure_ride(truth)
     front_m = truth.numbers("front_m")
@@ -118,10 +119,10 @@ def motion_measures(
 
 
 def _emergency_measures(truth: Columns) -> dict[str, float | None]:
-    """Of applications to a moving train; one that never came to rest has no distance.
+    """Measures of emergency brakes on a moving train; without standstill there is no distance.
 
-    The brake came on somewhere between two rows: the way counts from the row before, so that it is
-    too long by the way of one row, never too short.
+    The brake came on between two rows. The distance counts from the earlier row, so it may be too
+    long by one row, but never too short.
     """
     front_m, speed_mps = truth.numbers("front_m"), truth.numbers("speed_mps")
     emergency = np.array(truth.flags("emergency"), dtype=np.bool_)
@@ -148,11 +149,12 @@ def _door_open_speed_mps(truth: Columns) -> float | None:
 
 
 def _not_locked(states: Sequence[str]) -> "npt.NDArray[np.bool_]":
-    """In memory they are numbers; in a log, which is all that a run in real time leaves, words."""
+    """Doors that are not locked. In memory states are numbers; in logs of real time they are
+    text."""
     locked = (str(DoorState.LOCKED), DoorState.LOCKED.name.lower())
     return np.array([state not in locked for state in states], dtype=np.bool_)
 
 
 def _risings(flags: Sequence[bool]) -> int:
-    """How often it became true; at the start a braked train is no emergency of the run."""
+    """Number of changes to true; a train braked from the start has no emergency of the run."""
     return sum(1 for before, now in itertools.pairwise(flags) if now and not before)

@@ -1,9 +1,9 @@
-"""Comfort of one run: what the passengers of each car felt, and what the controller asked for.
+"""Comfort of one run: felt acceleration and jerk in each car, and the controller's demand.
 
-What is felt is the acceleration along the track of a car's floor, low-passed at 2 Hz: up to there a
-standing person feels horizontal motion in full (weighting Wd of ISO 2631-1), and faster shaking
-moves nobody off the feet. Only service braking counts: an emergency brake is not meant to be
-comfortable.
+The felt acceleration is that of the car's floor along the track, low-passed at 2 Hz. Up to 2 Hz a
+standing person feels horizontal motion in full (weighting Wd of ISO 2631-1); faster vibration does
+not make a person lose balance. Only service braking counts, because an emergency brake is not meant
+to be comfortable.
 """
 
 from dataclasses import asdict, dataclass
@@ -20,7 +20,7 @@ from plant_emulator.train_config import TrainConfig
 from vobc.vocabulary import CycleOutput
 
 SETTLED_S: Final = 2.0
-"""So long after an emergency brake its jolt is still in the filter and in the couplers."""
+"""Time after an emergency brake during which its jolt remains in filter and couplers, s."""
 JERK_WINDOW_S: Final = 1.0
 ROWS_MIN: Final = 8
 DRIVEN: Final = (AtoPhase.RUNNING, AtoPhase.APPROACHING, AtoPhase.STOPPING)
@@ -32,33 +32,34 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Comfort:
-    """The worst of one run; None where it is not known."""
+    """Worst values of one run; None where unknown."""
 
     felt_accel_max_mps2: float | None = None
-    """Of any car, either way."""
+    """Greatest felt acceleration of any car, in either direction."""
     felt_jerk_1s_mps3: float | None = None
-    """Greatest change of the felt acceleration of a car over one second."""
+    """Greatest change of a car's felt acceleration over one second."""
     felt_jerk_2hz_mps3: float | None = None
-    """Greatest slope of the felt acceleration of a car, the jolt into the standstill included."""
+    """Greatest slope of a car's felt acceleration, including the final jolt at standstill."""
     commanded_accel_max_mps2: float | None = None
-    """Tractive effort over the inertia of the true train, less the service brake asked for."""
+    """Greatest commanded acceleration: tractive effort over the true train's inertia, less the
+    service brake demand."""
     commanded_jerk_max_mps3: float | None = None
-    """Greatest change of that from one control cycle to the next."""
+    """Greatest change of the commanded acceleration between two control cycles."""
 
     def measures(self) -> dict[str, float | None]:
-        """By name."""
+        """The measures by name."""
         return asdict(self)
 
 
 class CommandLog:
-    """What the controller asked for, cycle by cycle."""
+    """Records the controller's demand, cycle by cycle."""
 
     def __init__(self, inertia_kg: float) -> None:
         self._inertia_kg = inertia_kg
         self._rows: list[tuple[float, float, bool]] = []
 
     def output(self, t_s: float, output: CycleOutput) -> None:
-        """Once for each cycle."""
+        """Record one cycle; call it once for each."""
         force_n = output.force_n
         if output.direction is not Direction.FORWARD:
             force_n = -force_n if output.direction is Direction.REVERSE else 0.0
@@ -72,7 +73,7 @@ class CommandLog:
         self._rows.append((t_s, accel_mps2, driven))
 
     def worst(self) -> tuple[float | None, float | None]:
-        """As `commanded`."""
+        """Worst acceleration and jerk of the demand; see `commanded`."""
         if not self._rows:
             return None, None
         time_s, accel_mps2, driven = zip(*self._rows, strict=True)
@@ -82,10 +83,10 @@ class CommandLog:
 def comfort_of(
     truth: Columns | None, cycles: Columns | None, *, inertia_kg: float | None
 ) -> Comfort:
-    """From the logs of a run.
+    """Measure comfort from the logs of a run.
 
     Args:
-        inertia_kg: of the true train, rotating masses included; None where nobody knows it.
+        inertia_kg: mass of the true train with rotating parts; None if unknown.
     """
     asked: tuple[float | None, float | None] = None, None
     if cycles is not None and inertia_kg is not None:
@@ -96,7 +97,7 @@ def comfort_of(
 
 
 def _driven(cycles: Columns) -> Flags:
-    """Operation drives, protection does not interfere, and no other brake is asked for."""
+    """Cycles in which ATO drives without interference of ATP or a demand for other brakes."""
     states = zip(cycles.texts("phase"), cycles.texts("supervision"), strict=True)
     driven = np.array([p in DRIVEN_WORDS and s in FREE_WORDS for p, s in states], dtype=np.bool_)
     for released in ("emergency_released", "holding_released"):
@@ -107,9 +108,9 @@ def _driven(cycles: Columns) -> Flags:
 def commanded(
     time_s: Numbers, accel_mps2: Numbers, driven: Flags
 ) -> tuple[float | None, float | None]:
-    """Greatest acceleration and change of it, of the cycles in which operation drives.
+    """Greatest acceleration, and greatest change of it, over the cycles in which ATO drives.
 
-    All of shape (n_cycles,).
+    All arrays have shape (n_cycles,).
     """
     if not np.any(driven):
         return None, None
@@ -120,7 +121,7 @@ def commanded(
 
 
 def felt_worst(truth: Columns) -> dict[str, float | None]:
-    """The three felt measures by name; None of a log that does not tell the cars' speeds."""
+    """The three felt measures by name; None for a log without the cars' speeds."""
     names = ("felt_accel_max_mps2", "felt_jerk_1s_mps3", "felt_jerk_2hz_mps3")
     signals = felt_signals(truth)
     if signals is None:
@@ -129,7 +130,7 @@ def felt_worst(truth: Columns) -> dict[str, float | None]:
     counts = ~_emergency(truth, time_s)
     step_s = float(time_s[1] - time_s[0])
     span = max(1, round(JERK_WINDOW_S / step_s))
-    # Samples that have no emergency in all of the second that they end.
+    # Samples without an emergency in the whole second that they end.
     emergencies = np.concatenate(([0], np.cumsum(~counts)))
     free = emergencies[span + 1 :] == emergencies[: -span - 1]
     over_mps3 = np.abs(accel_mps2[span:] - accel_mps2[:-span]) / (span * step_s)
@@ -143,10 +144,11 @@ def felt_worst(truth: Columns) -> dict[str, float | None]:
 
 
 def felt_signals(truth: Columns) -> tuple[Numbers, Numbers] | None:
-    """Instants, shape (n,), and felt acceleration of each car, shape (n, n_cars).
+    """Times, shape (n,), and felt acceleration of each car, shape (n, n_cars).
 
-    From the cars' speeds, so that nothing between two rows is missed. An acceleration belongs to
-    the middle of its step. None of a log that is too short or does not tell them.
+    It is computed from the cars' speeds, so that no change between two rows is lost. An
+    acceleration belongs to the middle of its step. None for a log that is too short or lacks the
+    speeds.
     """
     if len(truth) < ROWS_MIN or not truth.has("car_speeds_mps"):
         return None
@@ -161,13 +163,13 @@ def felt_signals(truth: Columns) -> tuple[Numbers, Numbers] | None:
 
 
 def _emergency(truth: Columns, time_s: Numbers) -> Flags:
-    """Instants in which, or shortly before which, the emergency brake was on in motion."""
+    """Times at which, or shortly before which, the emergency brake was on in motion."""
     log_s, on = truth.numbers("t_s"), np.array(truth.flags("emergency"), dtype=np.bool_)
     moving = truth.numbers("speed_mps") != 0.0
     edges = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(np.int8), [0]))))
     found = np.zeros(len(time_s), dtype=np.bool_)
     for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        # It came on between two rows.
+        # The brake came on between two rows.
         if np.any(moving[max(0, first - 1) : end]):
             began_s = float(log_s[max(0, first - 1)])
             found |= (time_s >= began_s) & (time_s <= float(log_s[end - 1]) + SETTLED_S)
@@ -180,5 +182,5 @@ def _most(values: Numbers, counts: Flags) -> float | None:
 
 
 def inertia_of(train: TrainConfig) -> float:
-    """Of the true train, rotating masses included, kg."""
+    """Mass of the true train with rotating parts, kg."""
     return train.mass_kg * (1.0 + train.rotating_mass_percent / 100.0)

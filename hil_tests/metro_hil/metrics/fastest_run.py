@@ -1,6 +1,6 @@
-"""The shortest time from rest to rest that limits of speed, acceleration and jerk allow.
+"""The shortest time between two stops that limits of speed, acceleration and jerk allow.
 
-What a run is measured against: no law, no brake that answers late, no resistance.
+It is the reference for a run: without control law, brake delay or resistance.
 """
 
 import math
@@ -9,11 +9,11 @@ import math
 def fastest_run_s(
     distance_m: float, *, accel_mps2: float, jerk_mps3: float, limit_mps: float
 ) -> float:
-    """Time of the run with jerk at its limit wherever nothing else is.
+    """Time of the run whose jerk is at its limit wherever no other limit applies.
 
-    The speed is symmetric in time, so its two ramps to the peak v and back take v * T(v) metres
-    together, where T(v) = v / a + a / j, or 2 * sqrt(v / j) while v is under a**2 / j. What is left
-    is run at the limit.
+    The speed is symmetric in time. Its two ramps to the peak v and back together take v * T(v)
+    metres, where T(v) = v / a + a / j, or 2 * sqrt(v / j) while v is below a**2 / j. The train runs
+    the remaining distance at the speed limit.
 
     Raises:
         ValueError: a distance or a limit is not positive.

@@ -1,7 +1,7 @@
-"""How often the brake command changed its level before each stop, from the frames on the bus.
+"""Counts changes of the brake command's level before each stop, from the frames on the bus.
 
-A level counts once it was held for a while, or where the command turned round on it; what a ramp
-passes through does not. So one notch is one change, however gently it is taken.
+A level counts if the command held it for a while or reversed there; values that a ramp passes
+through do not. So one notch is one change, however slowly the command reaches it.
 """
 
 import itertools
@@ -16,24 +16,24 @@ from metro_hil.model.log_columns import Columns
 
 HELD_S: Final = 0.2
 RELEASED_S: Final = 1.0
-"""A braking begins after the brake was released for so long."""
+"""Least duration of a released brake before a new braking, s."""
 STOPPED_MPS: Final = 0.1
-"""Under this the holding brake takes over."""
+"""Speed below which the holding brake takes over, m/s."""
 BAND_MPS: Final = (4.0 / 3.6, 8.0 / 3.6)
-"""Electro-pneumatic blending of seed 004."""
+"""Speeds between which electro-pneumatic blending takes place [Wu 2022], m/s."""
 NS_PER_S: Final = 1e9
 SAME_MPS2: Final = 1e-6
 
 
 class Level(NamedTuple):
-    """One deceleration asked for, from an instant on."""
+    """One deceleration demand, from a given time on."""
 
     at_s: float
     decel_mps2: float
 
 
 class NotchLog:
-    """Hears every frame of a run; keeps each change of what the service brake is asked for."""
+    """Receives every frame of a run and records each change of the service brake demand."""
 
     __slots__ = ("_changes", "_decode", "_ids")
 
@@ -54,16 +54,16 @@ class NotchLog:
             self._changes.append(Level(stamp_ns / NS_PER_S, decel_mps2))
 
     def measures(self, truth: Columns) -> dict[str, float | None]:
-        """See `notch_measures`."""
+        """Measures of the recorded changes; see `notch_measures`."""
         return notch_measures(self._changes, truth)
 
 
 def notch_measures(changes: Sequence[Level], truth: Columns) -> dict[str, float | None]:
-    """Of every braking that ended at rest; None without any.
+    """Measures over all brakings that ended at rest; None without any.
 
     Args:
-        changes: of the command, in order of time.
-        truth: with `t_s` and `speed_mps`.
+        changes: changes of the command, in order of time.
+        truth: log with `t_s` and `speed_mps`.
     """
     counts, reversals = [], 0
     for begin_s, end_s, band_s in _brakings(truth):
@@ -81,7 +81,7 @@ def notch_measures(changes: Sequence[Level], truth: Columns) -> dict[str, float 
 
 
 def _brakings(truth: Columns) -> list[tuple[float, float, tuple[float, float]]]:
-    """Of each ride from rest to rest its begin, its end, and when it passed the band."""
+    """Begin and end of each run between two stops, and when it passed the blending band."""
     time_s, speed_mps = truth.numbers("t_s"), truth.numbers("speed_mps")
     moving = np.concatenate(([False], speed_mps > STOPPED_MPS, [False])).astype(np.int8)
     edges = np.diff(moving)
@@ -101,11 +101,10 @@ def _brakings(truth: Columns) -> list[tuple[float, float, tuple[float, float]]]:
 def held_levels(
     changes: Sequence[Level], begin_s: float, end_s: float, *, fast_until_s: float
 ) -> list[Level]:
-    """Levels of the last braking in this time, the released brake first; each differs from the one
-    before.
+    """Levels of the last braking in this time, the released brake first; no level repeats.
 
     Args:
-        fast_until_s: a release after this is one notch more and no new beginning.
+        fast_until_s: a release after this counts as one more change, not as a new braking.
     """
     released = Level(begin_s, 0.0)
     within = [released, *(change for change in changes if begin_s < change.at_s < end_s)]
@@ -133,7 +132,7 @@ def _turns(levels: Sequence[Level], index: int) -> bool:
 
 
 def _reversals(levels: Sequence[Level], in_band: Sequence[Level]) -> int:
-    """How often a change in the band goes the other way than the change in the band before it."""
+    """Number of changes in the band whose direction differs from the previous one in the band."""
     risings = [
         here.decel_mps2 > before.decel_mps2
         for before, here in itertools.pairwise(levels)

@@ -1,4 +1,4 @@
-"""Everything that one run says at its end, for people and as JSON."""
+"""All results of one run, for people and as JSON."""
 
 import hashlib
 import json
@@ -15,7 +15,7 @@ BLOCK_BYTES = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class RunResults:
-    """Of one run; what could not be measured is None."""
+    """Results of one run; a value that could not be measured is None."""
 
     exit_reason: str
     stops: Sequence[StationStop]
@@ -30,17 +30,17 @@ class RunResults:
     rejected_frames: Mapping[str, int] = field(default_factory=dict)
     comfort: Comfort = field(default_factory=Comfort)
     truth_known: bool = True
-    """Motion and stops are the plant's truth; else they are what the controller believes."""
+    """Whether motion and stops are the plant's true values; otherwise they are the controller's."""
     dropped_frames: int = 0
-    """Frames on the bus that are not in the log."""
+    """Number of frames on the bus that are missing in the log."""
     lost_log_lines: int = 0
-    """Lines of the logs that the disk did not take."""
+    """Number of log lines that the disk refused."""
     steal_s: float | None = None
     realtime: Sequence[str] = ()
-    """What was granted of scheduling, memory lock and the like, a line each."""
+    """Lines about scheduling, memory lock and the like, as the host granted them."""
 
     def to_json(self) -> str:
-        """One object; the keys that scripts rely on are on top, the rest below them."""
+        """One JSON object; the keys for scripts come first, the others after them."""
         return json.dumps(
             _finite(
                 {
@@ -71,7 +71,7 @@ class RunResults:
 
 
 def _finite(value: object) -> object:
-    """NaN is no JSON; what is not a number is null."""
+    """Replace numbers that JSON does not know, such as NaN, by null."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
@@ -82,7 +82,7 @@ def _finite(value: object) -> object:
 
 
 def sha256_of(path: Path) -> str:
-    """Of a file's content; of nothing when there is no such file."""
+    """SHA-256 of a file's content, or of nothing if there is no such file."""
     digest = hashlib.sha256()
     if path.exists():
         with path.open("rb") as content:

@@ -1,4 +1,4 @@
-"""Measures of one run, from the truth of the plant and the cycle log of the controller."""
+"""Measures of one run, from the plant's truth log and the controller's cycle log."""
 
 import math
 from collections.abc import Sequence
@@ -10,33 +10,34 @@ from firmware_py.trackdb import Station
 from metro_hil.model.log_columns import Columns, Numbers
 
 CUT_OFF_HZ = 2.0
-"""What a standing passenger feels of acceleration and jerk; coupler noise above it is left out."""
+"""Upper limit of the acceleration and jerk that a standing passenger feels, Hz; it removes coupler
+noise."""
 RESPONSE_S = 2.5
-"""After so long nothing is left of an impulse."""
+"""Time after which an impulse response has decayed, s."""
 NEAR_STOP_M = 50.0
-"""A standstill farther than this from a stopping point is not a stop at that station."""
+"""Greatest distance of a standstill from the stopping point that counts as a stop there, m."""
 ROWS_MIN = 8
 
 
 @dataclass(frozen=True, slots=True)
 class StationStop:
-    """How the train stood at one station."""
+    """How the train stopped at one station."""
 
     station: str
     error_m: float | None
-    """Positive beyond the stopping point; None when the train never stood near it."""
+    """Stopping error, positive beyond the stopping point; None if the train never stood near it."""
     arrived_s: float | None
     run_time_s: float | None
-    """From leaving the standstill before to this one."""
+    """Time from leaving the previous standstill to this one."""
 
 
 @dataclass(frozen=True, slots=True)
 class RideComfort:
-    """What the passengers felt."""
+    """Motion of the train as passengers feel it."""
 
     max_accel_mps2: float
     max_jerk_mps3: float
-    """Change of the low-passed acceleration, the last jolt into the standstill included."""
+    """Greatest change of the low-passed acceleration, including the final jolt at standstill."""
     duration_s: float
     distance_m: float
     top_speed_mps: float
@@ -44,7 +45,7 @@ class RideComfort:
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """How the controller kept its rhythm."""
+    """Timing of the controller's cycles."""
 
     cycles: int
     slips: int
@@ -54,11 +55,11 @@ class Cycles:
     lateness_us_p99: float
     lateness_us_max: float
     least_margin_mps: float
-    """Least distance in speed to the emergency curve while moving."""
+    """Least difference between the emergency curve and the speed while moving."""
 
 
 def measure_stops(truth: Columns, stations: Sequence[Station]) -> list[StationStop]:
-    """One entry for each station that the mission should stop at, in running order."""
+    """One entry for each station at which the mission stops, in running order."""
     time_s, front_m = truth.numbers("t_s"), truth.numbers("front_m")
     still = truth.numbers("speed_mps") == 0.0
     starts, ends = _runs(still)
@@ -72,7 +73,7 @@ def measure_stops(truth: Columns, stations: Sequence[Station]) -> list[StationSt
         if not near:
             stops.append(StationStop(station.name, None, None, None))
             continue
-        # The last standstill near the point is the stop; one before it was a miss that was mended.
+        # The last standstill near the point is the stop; a jog has corrected an earlier one.
         _, first, index = max(near, key=lambda entry: entry[2])
         left_s = float(time_s[ends[index - 1]]) if index > 0 else float(time_s[0])
         arrived_s = float(time_s[first])
@@ -88,13 +89,13 @@ def _runs(flags: "np.typing.NDArray[np.bool_]") -> tuple[list[int], list[int]]:
 
 
 def measure_ride(truth: Columns) -> RideComfort:
-    """Acceleration and jerk of the consist's mean motion, low-passed at `CUT_OFF_HZ`."""
+    """Acceleration and jerk of the train's mean motion, low-passed at `CUT_OFF_HZ`."""
     time_s, front_m = truth.numbers("t_s"), truth.numbers("front_m")
     if len(time_s) < ROWS_MIN:
         return RideComfort(0.0, 0.0, 0.0, 0.0, 0.0)
     step_s = float(np.median(np.diff(time_s)))
     grid_s = np.arange(time_s[0], time_s[-1], step_s)
-    # From speeds, not from the logged acceleration, so that nothing between two rows is missed.
+    # Differences of speeds, unlike the logged acceleration, lose no change between two rows.
     speed_mps = np.interp(grid_s, time_s, truth.numbers("speed_mps"))
     accel_mps2 = low_pass(np.diff(speed_mps) / step_s, step_s)
     jerk_mps3 = np.diff(accel_mps2) / step_s
@@ -110,11 +111,11 @@ def measure_ride(truth: Columns) -> RideComfort:
 def low_pass(samples: Numbers, step_s: float) -> Numbers:
     """Second-order Butterworth at `CUT_OFF_HZ` by the bilinear transform, run once forwards.
 
-    Sums the impulse response as far as it is above 1e-8 of the input, in a fixed order, so that
-    every processor comes to the same bits.
+    It sums the impulse response down to 1e-8 of the input in a fixed order, so that every processor
+    gives the same bits.
 
     Args:
-        samples: shape (n,), or (n, k) for k signals at once; before the first it was as there.
+        samples: shape (n,), or (n, k) for k signals; before the first sample its value is assumed.
     """
     response = _impulse_response(step_s, max(2, math.ceil(RESPONSE_S / step_s)))
     before = np.repeat(samples[:1], len(response) - 1, axis=0)
@@ -142,7 +143,7 @@ def _impulse_response(step_s: float, count: int) -> list[float]:
 
 
 def measure_cycles(cycles: Columns) -> Cycles:
-    """Rhythm and margin from the controller's own log."""
+    """Timing and margin from the controller's own log."""
     work_us, lateness_us = cycles.numbers("work_us"), cycles.numbers("lateness_us")
     speed_mps = cycles.numbers("speed_mps")
     margin_mps = cycles.numbers("emergency_mps") - speed_mps
@@ -167,7 +168,7 @@ def _percentile(values: Numbers, percent: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class SupervisionEvent:
-    """The protection changed its state."""
+    """A change of the protection's state."""
 
     at_s: float
     state: str
@@ -175,7 +176,7 @@ class SupervisionEvent:
 
 
 def supervision_events(cycles: Columns) -> list[SupervisionEvent]:
-    """Every change of state or cause, the first row included."""
+    """Every change of state or cause, including the first row."""
     time_s = cycles.numbers("t_s")
     rows = list(zip(cycles.texts("supervision"), cycles.texts("cause"), strict=True))
     return [

@@ -1,7 +1,7 @@
-"""The worst motion that the safe braking model declares, added up in small steps of time.
+"""The worst motion that the safe braking model declares, integrated in small time steps.
 
-An independent measure for braking curves. No formula of the controller is in it: falls are looked
-up section by section, and motion is added up.
+It is an independent reference for braking curves. It uses no formula of the controller: gradients
+come from the line's sections, and the motion is summed step by step.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -22,7 +22,8 @@ FAR_M: Final = 1e6
 KMH: Final = 1.0 / 3.6
 STEP_S: Final = 0.005
 EDGE_S: Final = 1e-12
-"""A change of the fall is met so exactly. A step meets one at most: sections are longer."""
+"""Precision with which a step ends at a change of gradient, s. A step meets at most one change,
+because sections are longer."""
 GRAVITY_MPS2: Final = 9.81
 
 Section = tuple[float, float, float]
@@ -31,7 +32,7 @@ Section = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class WorstCase:
-    """The motion that the safe braking model declares, by its parameters."""
+    """Parameters of the motion that the safe braking model declares."""
 
     runaway_mps2: float
     runaway_s: float
@@ -63,7 +64,7 @@ def line_of(
 
 
 def sections(pieces: Iterable[tuple[float, float, float]]) -> tuple[Section, ...]:
-    """Gradients from the start of a line on, of gap before, length and per mille each."""
+    """Gradients from the start of a line on; each piece has gap before, length and per mille."""
     found: list[Section] = []
     at_m = 0.0
     for gap_m, run_m, gradient_permille in pieces:
@@ -75,7 +76,7 @@ def sections(pieces: Iterable[tuple[float, float, float]]) -> tuple[Section, ...
 
 
 def limits(first_mps: float, changes: Iterable[tuple[float, float]]) -> tuple[Section, ...]:
-    """Speed limits over the whole line, of chainage and limit from there on, in any order."""
+    """Speed limits of the whole line from chainages and the limits from there on, in any order."""
     at = {0.0: first_mps} | {at_m: limit_mps for at_m, limit_mps in changes if at_m < LINE_END_M}
     starts_m = sorted(at)
     ends_m = [*starts_m[1:], LINE_END_M]
@@ -102,7 +103,7 @@ def ceilings(
 
 
 def declared_reach_m(front_m: Interval, length_m: float) -> float:
-    """Train and interval, the latter as wide as the next multiple of the step that is set."""
+    """Train length plus width of the interval, rounded up to the next multiple of the set step."""
     width_m = 0.0
     while width_m < front_m.high - front_m.low:
         width_m += CONFIG.interval_step_m
@@ -110,7 +111,7 @@ def declared_reach_m(front_m: Interval, length_m: float) -> float:
 
 
 def declared_fall_mps2(line: LineMap, at_m: float, reach_m: float) -> float:
-    """The steepest section that any of the metres behind this front may lie on."""
+    """Acceleration by the steepest fall on which any part of the train may be, m/s²."""
     steepest_permille = 0.0
     for section in line.gradients:
         if section.start_m <= at_m and section.end_m > at_m - reach_m:
@@ -128,9 +129,9 @@ def worst_stop_m(
     target_mps: float = 0.0,
     lead_s: float = 0.0,
 ) -> float:
-    """How far the declared motion goes until it is down to the target speed, in small steps.
+    """Distance of the declared motion until it reaches the target speed, in small steps, m.
 
-    A step has one acceleration, hence no error but that of rounding.
+    The acceleration is constant in a step, so the only error is rounding.
     """
     at_m = front_m + speed_mps * lead_s
     for push_mps2, lasts_s in (
@@ -157,7 +158,8 @@ def worst_stop_m(
 def _clear_step_s(
     line: LineMap, at_m: float, speed_mps: float, accel_mps2: float, reach_m: float
 ) -> float:
-    """A step in which the fall stays as it is, or one that ends just beyond where it changes."""
+    """Length of a step in which the gradient is constant, or that ends just beyond its change,
+    s."""
     fall_mps2 = declared_fall_mps2(line, at_m, reach_m)
 
     def changed(step_s: float) -> bool:
@@ -177,10 +179,10 @@ def _clear_step_s(
 
 
 def steps_blur_m(speed_mps: float) -> float:
-    """What steps of STEP_S may be off that meet each edge of a fall up to one step late.
+    """Error bound for steps of STEP_S that meet each change of gradient up to one step late, m.
 
-    A fall of 0.4 m/s2 that is one step late changes the speed by 2 mm/s, and the distance by less
-    than that times the braking time; a dozen edges at most.
+    A fall of 0.4 m/s² that comes one step late changes the speed by 2 mm/s. It changes the distance
+    by less than that times the braking time. There are at most a dozen changes.
     """
     return 0.02 + 12 * 0.4 * STEP_S * (speed_mps + 2.0) / 0.55 * 0.2
 
@@ -188,7 +190,7 @@ def steps_blur_m(speed_mps: float) -> float:
 def fastest_by_halving(
     limit_m: float, distance_of: Callable[[float], float], *, top_mps: float = 40.0
 ) -> float:
-    """The highest speed from which the way is not longer than the limit."""
+    """The highest speed from which the distance stays within the limit."""
     low_mps, high_mps = 0.0, top_mps
     while high_mps - low_mps > 1e-3:
         middle_mps = 0.5 * (low_mps + high_mps)

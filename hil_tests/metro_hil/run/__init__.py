@@ -1,1 +1,1 @@
-"""Runs in virtual time: the lockstep bench, a case on it, cases that share their beginning."""
+"""Runs in virtual time: the lockstep bench, single cases, and cases that share their beginning."""

@@ -1,7 +1,7 @@
-"""Cases that are the same up to a branch: that part is run once, and each case goes on from a copy.
+"""Runs the common beginning of several cases once; each case continues from a copy of it.
 
-A copy is a fork of the process, so it holds every bit of the state, and a case gives the same
-result as if it had been run alone from its start.
+A copy is a fork of the process, so it holds every bit of the state. A case therefore gives the same
+result as if it had run alone from its start.
 """
 
 import gc
@@ -23,10 +23,11 @@ READ_BYTES: Final = 1 << 16
 
 
 def group_key(case: Case) -> bytes | None:
-    """Cases with the same key share what comes before their branch; None for a case without one.
+    """Key that is equal for cases with the same beginning; None for a case without a branch.
 
-    A controller of a process of its own cannot be copied with the process of the bench. What the
-    monitors are told before the branch depends on the faults that come after it.
+    An external controller has no key: the fork of the bench cannot copy its process. Whether
+    monitors observe the controller's own port depends on the later faults, so that is in the key,
+    too.
     """
     if case.branch is None or case.controller.kind != ControllerSpec().kind:
         return None
@@ -49,10 +50,10 @@ def group_key(case: Case) -> bytes | None:
 
 
 def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[CaseResult]:
-    """The results in the order of the cases, which must have one key.
+    """Yield the results in the order of the cases, which must have one key.
 
-    A case whose copy of the process dies is run again alone, so that what is wrong with it shows
-    where it would without a group.
+    A case whose copy of the process dies runs again alone, so that its error appears as without a
+    group.
     """
     assert cases
     assert len({group_key(case) for case in cases}) == 1
@@ -70,7 +71,8 @@ def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[Cas
         return
     run.to_branch()
     run.warm_up()
-    # What is there now stays: a collection in a copy would only touch, and so copy, all of it.
+    # Freeze the present objects: a collection in a copy would touch, and so copy, all of their
+    # pages.
     gc.collect()
     gc.freeze()
     try:
@@ -82,7 +84,7 @@ def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[Cas
 
 
 def _in_copy(run: CaseRun, case: Case) -> CaseResult | None:
-    """Fork, let the child run the case to its end, and take its result; None if it died."""
+    """Fork, let the child run the case to its end, and return its result; None if it died."""
     parent = os.getpid()
     reader, writer = os.pipe()
     child = os.fork()
@@ -95,7 +97,7 @@ def _in_copy(run: CaseRun, case: Case) -> CaseResult | None:
             _write_all(writer, msgspec.json.encode(_finish(run, case)))
             status = 0
         finally:
-            # Nothing of the parent's may be flushed or cleaned up twice.
+            # The child must not flush or clean up the parent's files.
             os._exit(status)
     os.close(writer)
     with os.fdopen(reader, "rb") as pipe:

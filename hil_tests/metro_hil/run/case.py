@@ -40,12 +40,13 @@ from vobc.vocabulary import CycleOutput
 NS_PER_S: Final = 1_000_000_000
 MS_PER_S: Final = 1000.0
 INPUT_AGE_S: Final = 0.25
-"""What faults delay by less is heard, and believed to be as old as it is."""
+"""Greatest delay by which faults may age an input that the controller still accepts, s."""
 J_PER_KWH: Final = 3.6e6
 STUCK_S: Final = 60.0
-"""So long after the longest dwell, with no fault to come or to go, a standing train stays."""
+"""Time after the longest dwell for which a train may stand without a pending fault, s; it counts as
+stuck then."""
 AFTER_DEATH_S: Final = 180.0
-"""The train is followed for so long after its controller died, to see where it comes to stand."""
+"""How long the run follows the train after its controller died, until it stands, s."""
 EVENTS_MAX: Final = 500
 
 CONTROLLER_MODULE: Final = "vobc."
@@ -81,7 +82,7 @@ def run_alone(
 
 
 class CaseRun:
-    """A case while it runs."""
+    """A running case."""
 
     def __init__(
         self,
@@ -91,12 +92,12 @@ class CaseRun:
         places: frozenset[FaultPlace] = frozenset(),
     ) -> None:
         """Args:
-        places: where faults of other cases may act that go on from a copy of this run.
+        places: places where faults of other cases may act that continue from a copy of this run.
         """
         self.case = case
         self.parts = parts
         self.truth = Truth()
-        """What is true of the train, as of the last step of the plant."""
+        """True state of the train after the last step of the plant."""
         self._chain = FrameHash()
         self._rows = MemoryLog()
         self._commands = CommandLog(inertia_of(parts.scenario.train))
@@ -191,7 +192,7 @@ class CaseRun:
         self._note(now_ns / NS_PER_S, words)
 
     def to_branch(self) -> bool:
-        """Run to where the cases of a group part; False when that never comes."""
+        """Run to the branch; False if the run never reaches it."""
         limit_ns = round(self.case.setup.duration_s * NS_PER_S)
         self._run_until(
             lambda now_ns: (
@@ -201,7 +202,7 @@ class CaseRun:
         return self._branched
 
     def become(self, case: Case, faults: Sequence[FaultPlan]) -> None:
-        """At the branch: from here on it is this case's run."""
+        """At the branch: continue as the run of the given case."""
         self.case = case
         self._stepping_ns = 0
         if self._branched:
@@ -209,11 +210,12 @@ class CaseRun:
             self.bench.plant.schedule.plan(faults)
 
     def warm_up(self) -> None:
-        """Load what only the end of a run needs, so that copies of this process have it already."""
+        """Load modules that only the end of a run needs, so that copies of this process have
+        them."""
         self._measures()
 
     def to_end(self) -> None:
-        """Run until the case is over. A controller that dies leaves the train to itself."""
+        """Run until the case is over. If the controller dies, the train rolls on without it."""
         if self._died:
             return
         limit_ns = round(self.case.setup.duration_s * NS_PER_S)
@@ -229,7 +231,8 @@ class CaseRun:
         self._stepping_ns += self._wall.now_ns() - began_ns
 
     def bury(self, error: Exception) -> None:
-        """Take down how the controller died and go on without it; what the bench raised goes on."""
+        """Record that the controller died and continue without it; raise errors of the bench
+        again."""
         if not _raised_by_controller(error):
             raise error
         self._died = _last_line(error)
@@ -239,7 +242,7 @@ class CaseRun:
 
     @property
     def died(self) -> str:
-        """How the controller ended by itself; empty while it has not."""
+        """How the controller ended by itself; empty while it runs."""
         return self._died
 
     def _follow_to_standstill(self) -> None:
@@ -249,7 +252,7 @@ class CaseRun:
 
     def _over(self, now_ns: int, limit_ns: int) -> bool:
         if now_ns % STEP_NS:
-            # Only steps of the plant, so that no other task decides when a run ends.
+            # A run ends only at steps of the plant, so that no other task decides when.
             return False
         if self.case.stop_at_violation and self._monitors.violated is not None:
             self._reason = VIOLATION
@@ -272,16 +275,16 @@ class CaseRun:
             try:
                 self.bury(error)
             finally:
-                # Whoever is to blame, no process and no log stays open.
+                # Close processes and logs, whichever side raised.
                 self.bench.without_controller()
                 self.bench.close()
         self._monitors.finish(self._reason == VIOLATION)
 
     def result(self, began_ns: int | None = None) -> CaseResult:
-        """Judge what was seen. Call it after `close`.
+        """Judge the run. Call it after `close`.
 
         Args:
-            began_ns: when running began, on the wall clock.
+            began_ns: start of the run on the wall clock.
         """
         case, bench = self.case, self.bench
         measures = self._measures()
@@ -335,7 +338,7 @@ class CaseRun:
         return Host(wall_s=wall_s, stepping_s=self._stepping_ns / NS_PER_S)
 
     def _story(self) -> tuple[CaseEvent, ...]:
-        """All that is known to have happened, in order of time."""
+        """All recorded events, in order of time."""
         told = [CaseEvent(at_ns / NS_PER_S, what) for at_ns, what in self.bench.bus_story()]
         both = sorted([*self._events, *told], key=lambda event: event.at_s)
         return tuple(both[:EVENTS_MAX])
@@ -347,7 +350,7 @@ class CaseRun:
         measures |= self._notches.measures(truth)
         power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
         if self.case.controller.kind == ControllerSpec().kind:
-            # What a controller in a process of its own asks for, its frames alone tell.
+            # Of an external controller only the frames are known, not its internal demand.
             asked_mps2, asked_mps3 = self._commands.worst()
             measures["commanded_accel_max_mps2"] = asked_mps2
             measures["commanded_jerk_max_mps3"] = asked_mps3
@@ -363,13 +366,13 @@ class CaseRun:
 def hearing_of(
     faults: Sequence[FaultPlan], places: frozenset[FaultPlace] = frozenset()
 ) -> tuple[bool, float]:
-    """Whether the monitors listen at the controller's own port, and how old its inputs may be, s.
+    """Whether monitors listen at the controller's own port, and the greatest age of its inputs, s.
 
-    Where something can happen to what the controller says, it is listened to itself. A clock that
-    jumps ahead makes everything older that was heard before.
+    They listen there if a fault may change what the controller sends. A clock that jumps ahead
+    makes all earlier inputs older.
 
     Args:
-        places: where faults may act besides.
+        places: further places where faults may act.
     """
     if BENCH_PLACES.isdisjoint({*places, *(plan.kind.place for plan in faults)}):
         return False, 0.0
@@ -378,7 +381,7 @@ def hearing_of(
 
 
 def _raised_by_controller(error: BaseException) -> bool:
-    """Whether it was raised in the controller, and not in the bench that the controller called."""
+    """Whether the controller raised the error, and not the bench that it called."""
     if isinstance(error, ControllerDiedError):
         return True
     innermost = ""

@@ -1,4 +1,4 @@
-"""Runs a case on the bench that it asks for. What workers, tests and tools call."""
+"""Runs a case on the bench that it names; called by workers, tests and tools."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,11 +10,11 @@ from metro_hil.run.case import run_alone
 
 
 def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = None) -> CaseResult:
-    """On the lockstep bench the same case gives the same result, bit for bit, anywhere.
+    """Run a case; on the lockstep bench the result is the same everywhere, bit for bit.
 
     Args:
-        files: where the files are that the case calls by a name of the user's.
-        folder: keeps all logs of the run. Without one a case in virtual time touches no disk.
+        files: paths of the user's files, by the name by which cases refer to them.
+        folder: folder for all logs. Without it, a case in virtual time writes nothing to disk.
     """
     if case.bench is BenchKind.LOCKSTEP:
         return run_alone(case, files=files, folder=folder)
@@ -34,5 +34,5 @@ def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = 
 
 
 def run_group(cases: Sequence[Case], *, files: Files = NO_FILES) -> Iterator[CaseResult]:
-    """Cases that share what comes before their branch; see `metro_hil.run.branch`."""
+    """Run cases that share their beginning; see `metro_hil.run.branch`."""
     return branch.run_group(cases, files=files)

@@ -42,9 +42,9 @@ from zenoh_config import keys
 BIT_RATE = 250_000
 BUS_NAME = "vcan0"
 LIMIT_S = 4.0 * 3600.0
-"""A train that has not arrived after so long never will."""
+"""Longest run, s; a train that has not arrived by then never will."""
 STANDS_S = 900.0
-"""Longer than anything holds a train of which nobody gave the duration."""
+"""Standstill after which a run without given duration ends, s; no regular stop lasts so long."""
 STUCK = f"stands for good: not moved for {STANDS_S / 60.0:.0f} min"
 TIME_UP = f"not arrived within {LIMIT_S / 3600.0:.0f} h"
 WATCH_MS = 500.0
@@ -54,18 +54,18 @@ NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Taps:
-    """What a campaign hangs onto a run; none of it is heard by the devices."""
+    """Observers that a campaign attaches to a run; the devices do not notice them."""
 
     frame: Callable[[int, int, bytes], None] | None = None
-    """Told instant of the end, identifier and data of every frame."""
+    """Receives time of the end, identifier and data of every frame."""
     said: Callable[[int, int, bytes], None] | None = None
-    """Told the same of every frame that the controller says, when it does."""
+    """Receives the same of each frame that the controller sends, at the time of sending."""
     truth: Callable[[Truth, int], None] | None = None
-    """Told the truth after every step of the plant."""
+    """Receives the true state after every step of the plant."""
     rows: TruthLog | None = None
-    """Takes the rows of the truth log."""
+    """Receives the rows of the truth log."""
     radio: Callable[[bytes], None] | None = None
-    """Told the payload of every radio message that the controller is given."""
+    """Receives the payload of every radio message that reaches the controller."""
 
 
 UNTAPPED = Taps()
@@ -73,7 +73,7 @@ _Log = LineLog | CandumpWriter | PortLog | EventLines | SerialLog | RadioLog
 
 
 class Lockstep:
-    """One train and its world on a bus of virtual time, ready to run."""
+    """One train and its world on a bus in virtual time, ready to run."""
 
     def __init__(
         self,
@@ -87,16 +87,16 @@ class Lockstep:
         taps: Taps = UNTAPPED,
         controller: ControllerSpec = SHIPPED,
     ) -> None:
-        """Without a folder nothing is logged.
+        """Without a folder, nothing is logged.
 
-        Raises RecorderError for a log that cannot be, ControllerStartError for a controller of a
-        process of its own that does not start.
+        Raises RecorderError if a log cannot be opened, and ControllerStartError if an external
+        controller does not start.
 
         Args:
-            faults: from the start on; `plant.schedule.plan` may change them.
-            places: where faults may act, now or later.
-            taps: who looks on.
-            controller: what is under test.
+            faults: planned faults; `plant.schedule.plan` may change them later.
+            places: places where faults may act, now or later.
+            taps: observers of the run.
+            controller: the controller under test.
         """
         self.clock = LockstepClock()
         self._stack = ExitStack()
@@ -149,7 +149,7 @@ class Lockstep:
     def _connected(
         self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool
     ) -> BenchDevice:
-        """The controller on its ports. One that does not start leaves no log open behind it."""
+        """The controller on its ports. If it does not start, all logs are closed."""
         try:
             device = self._side.device(can, tags, radio, faulty=faulty)
         except BaseException:
@@ -163,7 +163,7 @@ class Lockstep:
     def _controller_port(
         self, accept_ids: Collection[int] | None, seed: int, *, faulty: bool
     ) -> CanPort:
-        """On the bus; where bus faults may act they stand between."""
+        """Port on the bus; if bus faults may act, they stand between port and controller."""
         port = self.bus.port(Node.VOBC.name, accept_ids)
         if not faulty:
             return port
@@ -181,10 +181,11 @@ class Lockstep:
         self.plant.schedule.listen(listener)
 
     def run(self, duration_s: float | None = None, interrupted: Callable[[], bool] = never) -> str:
-        """Until it has arrived, stands for good or time is over; a given duration is waited for.
+        """Run until the train arrives, is stuck, or time is over; a given duration disables the
+        check for a stuck train.
 
         Args:
-            interrupted: whether the user asked for the end.
+            interrupted: whether the user has asked to end the run.
         """
         limit_s = LIMIT_S if duration_s is None else min(duration_s, LIMIT_S)
         end_ns = self.clock.now_ns() + int(limit_s * NS_PER_S)
@@ -206,24 +207,25 @@ class Lockstep:
         return DURATION if limit_s == duration_s else TIME_UP
 
     def run_until(self, over: Callable[[int], bool]) -> None:
-        """Run on; `over` is asked before each release. Runs in pieces equal one in a single one."""
+        """Run on; `over` is called before each release. Pieces of a run equal one run without
+        stops."""
         with rarely_collected():
             run(self._executives, self.clock, over)
 
     def reseed(self, seed: int) -> None:
-        """From now on everything that is drawn comes from another seed."""
+        """From now on all random values come from another seed."""
         self.plant.world.reseed(seed)
         if self._bus_faults is not None:
             self._bus_faults.reseed(seed)
 
     def bus_story(self) -> Sequence[tuple[int, str]]:
-        """What the faults of the bus did, each with its instant."""
+        """Times and texts of what the bus faults did."""
         return () if self._bus_faults is None else self._bus_faults.story()
 
     @property
     def touched(self) -> Counter[int]:
-        """By index of the fault: how many frames, telegrams, messages, cycles or values it changed
-        so far; a fault that never began is not there."""
+        """Number of frames, telegrams, messages, cycles or values that each fault changed, by its
+        index. A fault that never began is missing."""
         found = self.plant.touched
         if self._bus_faults is not None:
             found.update(self._bus_faults.touched)
@@ -232,12 +234,12 @@ class Lockstep:
         return found
 
     def without_controller(self) -> None:
-        """From now on nobody controls: its process has died."""
+        """Continue without a controller, because its process has died."""
         if self.vobc.executive in self._executives:
             self._executives.remove(self.vobc.executive)
 
     def close(self) -> None:
-        """Say the last word on the bus, let it be carried, and close the logs."""
+        """Stop the devices, deliver their last frames, and close the logs."""
         now_ns = self.clock.now_ns()
         if self.vobc.executive in self._executives:
             self.vobc.stop(now_ns)
@@ -249,7 +251,7 @@ class Lockstep:
 
     @property
     def lost_log_lines(self) -> int:
-        """Lines that the disk did not take so far."""
+        """Number of log lines that the disk has refused."""
         return sum(log.lost_lines for log in self._logs)
 
     def _stood_s(self, now_ns: int) -> float:
@@ -329,12 +331,12 @@ class Lockstep:
 
 
 def _heard_by(line_name: str, train: int) -> tuple[str, str]:
-    """What a train listens to on the radio."""
+    """Radio topics to which a train subscribes."""
     return keys.authorities(line_name, train), keys.orders(line_name, train)
 
 
 class _Tee:
-    """One row into two logs."""
+    """Writes each row to two logs."""
 
     def __init__(self, one: TruthLog, other: TruthLog) -> None:
         self._one, self._other = one, other
@@ -351,7 +353,7 @@ def _tee(one: TruthLog | None, other: TruthLog | None) -> TruthLog | None:
 
 
 def scenario_of(options: RunOptions) -> TrainScenario:
-    """The plant's side of a run; raises SettingsError."""
+    """The plant's side of a run. Raises SettingsError."""
     return plan_scenario(
         line=options.line,
         consist=options.consist,
@@ -368,14 +370,14 @@ def scenario_of(options: RunOptions) -> TrainScenario:
 
 
 def config_of(options: RunOptions) -> VobcConfig:
-    """The controller's side of a run; raises SettingsError."""
+    """The controller's side of a run. Raises SettingsError."""
     return load_config(
         options.params, cycle_ms=options.cycle_ms, law=options.ato, stage=options.output
     )
 
 
 def run_lockstep(options: RunOptions, journey: Journey, folder: RunFolder | None) -> Ending:
-    """The whole run and how it ended."""
+    """Run a train from start to end and return how the run ended."""
     wall = WallClock()
     bench = Lockstep(config_of(options), scenario_of(options), journey, folder)
     began_ns = wall.now_ns()

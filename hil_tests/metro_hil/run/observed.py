@@ -1,4 +1,4 @@
-"""Rides in lockstep with everything looked at: what was true and what the controller said of it."""
+"""Runs in lockstep that record the true state and the controller's output at every step."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,20 +15,20 @@ from vobc.vocabulary import CycleOutput
 
 NS_PER_S: Final = 1_000_000_000
 Hand = Callable[[Desk, float], Desk]
-"""What becomes of the desk at an instant, in seconds of the run."""
+"""Gives the desk's new state from the present one and the time of the run, s."""
 
 
 class ObservedInstant(NamedTuple):
     t_s: float
     front_m: float
-    """True, as is the speed."""
+    """True value, like the speed."""
     speed_mps: float
     output: CycleOutput
 
 
 @dataclass
 class ObservedRun:
-    """What was true and what the controller said, every 10 ms."""
+    """True states and controller outputs, every 10 ms."""
 
     seen: list[ObservedInstant] = field(default_factory=list)
 
@@ -39,7 +39,7 @@ class ObservedRun:
         return next(each for each in self.seen if each.t_s >= t_s)
 
     def between(self, start_s: float, end_s: float) -> list[ObservedInstant]:
-        """From the one instant up to the other, which is left out."""
+        """The instants from `start_s` on and before `end_s`."""
         return [each for each in self.seen if start_s <= each.t_s < end_s]
 
     @property
@@ -53,7 +53,7 @@ def ride(
     end: str = "III",
     hand: Hand | None = None,
 ) -> ObservedRun:
-    """From station II of the Florence line to `end`, with faults as in a scenario's file."""
+    """Run from station II of the Florence line to `end`, with faults as in a scenario's file."""
     options = parse(["run", "--lockstep", "--from", "II", "--to", end, "--seed", "3"])
     found = ObservedRun()
 

@@ -1,4 +1,4 @@
-"""A radio port that lets somebody listen to what it hands over."""
+"""A radio port with an observer of the received messages."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,10 +6,10 @@ from firmware_py.ports import LinkCounters, RadioMessage, RadioPort
 
 
 class TappedRadio:
-    """Wraps a port; what it hands over and takes is that of the port."""
+    """Wraps a port and behaves like it."""
 
     def __init__(self, port: RadioPort, heard: Callable[[bytes], None]) -> None:
-        """`heard` is told the payload of each message, in order, when it is handed over."""
+        """`heard` receives the payload of each message, in order, when `receive` returns it."""
         self._port, self._heard = port, heard
 
     @property

@@ -1,4 +1,4 @@
-"""Search for the worst case: what a sweep varies is chosen so that margins become least."""
+"""Searches for the worst case: chooses values of swept keys that minimise the margins."""
 
 from metro_hil.search.find import Sought, WorstCaseSearch
 from metro_hil.search.space import SearchError, SearchSpace

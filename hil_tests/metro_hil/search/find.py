@@ -1,4 +1,4 @@
-"""The search itself: ask for points, have them run, tell what came of them."""
+"""The search loop: gets points from the optimiser, runs them, and returns their values to it."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -11,30 +11,31 @@ from metro_hil.search.optimisers import OPTIMISERS, Shares
 from metro_hil.search.space import Sample, SearchError, SearchSpace
 
 Evaluate = Callable[[Sequence[Case]], Sequence[CaseResult]]
-"""Runs cases, in any order on anything, and gives their results in the order of the cases."""
+"""Runs cases, in any order and place, and gives their results in the order of the cases."""
 
 IN_VAIN_MAX: Final = 200
-"""So many batches one after another without a new point: the space is exhausted."""
+"""Number of batches in a row without a new point after which the space counts as exhausted."""
 
 
 class Sought(msgspec.Struct, frozen=True, kw_only=True):
-    """One point that was run; a line of the history."""
+    """One point that was run; one line of the history."""
 
     number: int
     values: dict[str, Any]
-    """By swept key."""
+    """Values by swept key."""
     value: float
-    """What was minimised: a margin, or one over its usual size; NOTHING_SEEN for none."""
+    """The minimised value: a margin, or its ratio to the usual size; NOTHING_SEEN without
+    margin."""
     seed: int
-    """Of the worst run."""
+    """Seed of the worst run."""
     case_id: str
     verdict: str
     margins: dict[str, float]
-    """Of the worst run, by monitor."""
+    """Margins of the worst run, by monitor."""
 
 
 class WorstCaseSearch:
-    """One search: a function of space, objective, budget and seed, not of who runs the cases."""
+    """One search, which depends on space, objective, budget and seed, but not on the workers."""
 
     def __init__(
         self,
@@ -48,9 +49,9 @@ class WorstCaseSearch:
     ) -> None:
         """
         Args:
-            monitor: whose margin is minimised; None for the least over all, each over the size
-                that it usually has.
-            budget: runs, seeds of one point counted one by one; at least one point is run.
+            monitor: monitor whose margin is minimised. None means the least of all margins, each
+                over its usual size.
+            budget: number of runs, counting each seed of a point; at least one point is run.
             method: a key of OPTIMISERS.
         """
         self._space = space
@@ -62,9 +63,9 @@ class WorstCaseSearch:
         self.history: list[Sought] = []
 
     def run(self, heard: Callable[[Sequence[Sought]], None] = lambda new: None) -> list[Sought]:
-        """Search until the budget is used or nothing new is found; `heard` is told each batch.
+        """Search until the budget is used or no new point is found; `heard` gets each batch.
 
-        Raises SearchError when no point can be run, or none knows the monitor.
+        Raises SearchError if no point can be run, or if no run has the monitor.
         """
         in_vain = 0
         while len(self.history) < self._points_max and in_vain < IN_VAIN_MAX:
@@ -80,7 +81,7 @@ class WorstCaseSearch:
         return self.history
 
     def worst(self, count: int) -> list[Sought]:
-        """The worst points, first the worst; only such as say anything."""
+        """The worst points with a margin, the worst first."""
         seen = [sought for sought in self.history if sought.value < NOTHING_SEEN]
         return sorted(seen, key=lambda sought: (sought.value, sought.number))[:count]
 
@@ -90,7 +91,7 @@ class WorstCaseSearch:
         self._optimiser.tell(values)
 
     def _run_new(self, choices: Sequence[dict[str, Any]]) -> list[Sought]:
-        """Run what was not run before, as far as the budget goes."""
+        """Run the new points, within the budget."""
         samples: list[Sample] = []
         keys: list[bytes] = []
         for choice in choices:

@@ -1,4 +1,4 @@
-"""What a search leaves: its history, and the worst cases as a campaign that repeats them."""
+"""Writes a search's results: its history, and a campaign that repeats the worst cases."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ NAMED: Final = ("line", "consist", "params")
 
 
 def append_history(folder: Path, new: Sequence[Sought]) -> None:
-    """One JSON object a line, as they are found. Raises OSError."""
+    """Append one JSON object a line to the history. Raises OSError."""
     lines = b"".join(msgspec.json.encode(sought) + b"\n" for sought in new)
     with named(folder / HISTORY), (folder / HISTORY).open("ab") as history:
         history.write(lines)
@@ -28,7 +28,7 @@ def append_history(folder: Path, new: Sequence[Sought]) -> None:
 def write_worst(
     folder: Path, space: SearchSpace, worst: Sequence[Sought], files: Mapping[str, str]
 ) -> Path:
-    """A campaign file of the worst cases, first the worst, beside the user's files it needs.
+    """Write a campaign file of the worst cases, the worst first, with the user's files it needs.
 
     Raises OSError.
     """
@@ -62,7 +62,7 @@ def _scenario(space: SearchSpace, sought: Sought, place: int) -> ConfigTable:
 
 
 def _localised(table: ConfigTable, space: SearchSpace) -> list[str]:
-    """Let a scenario's table name the copies of the user's files; gives their names."""
+    """Change a scenario's table to name the copies of the user's files; return their names."""
     train = dict(table.get("train", {}))
     copied: list[str] = []
     sources = space.body.sources

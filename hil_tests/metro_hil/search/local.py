@@ -1,4 +1,4 @@
-"""Cases run by processes on this machine, for whoever has no better place."""
+"""Runs cases in processes on this machine."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from metro_hil.search.find import Evaluate
 
 Files = Mapping[str, Path]
 _files: dict[str, Path] = {}
-"""Of a worker's process, set as it starts."""
+"""Files of a worker process, set at its start."""
 
 
 def _begin(files: Files) -> None:
@@ -26,11 +26,11 @@ def _run(case: Case) -> CaseResult:
 
 @contextmanager
 def local_crew(workers: int, files: Files) -> Iterator[Evaluate]:
-    """An evaluator over so many processes; their number changes nothing but the time."""
+    """Evaluator with the given number of processes, which affects nothing but the time."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    # Spawned: a fork would carry over whatever threads hold at that moment.
+    # Spawn instead of fork, which would copy locks that other threads hold at that moment.
     with ProcessPoolExecutor(
         workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(dict(files),)
     ) as pool:

@@ -1,4 +1,4 @@
-"""Which points of the unit cube to look at next: functions of the seed and of what came out."""
+"""Optimisers in the unit cube, which depend only on the seed and on the values of past points."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
@@ -9,28 +9,28 @@ Shares = tuple[float, ...]
 """One number in [0, 1) for each factor."""
 
 BATCH: Final = 8
-"""Points that are asked for together, however many workers there are, so that their number changes
-nothing. With 200 evaluations of four factors 8 found lower values than 10 or 16."""
+"""Number of points in a batch, independent of the number of workers, so that it changes nothing.
+With 200 evaluations of four factors, 8 found lower values than 10 or 16."""
 FIRST_SHARE: Final = 0.2
-"""Of the budget that goes into a first look all over the space."""
+"""Share of the budget for the first sample of the whole space."""
 STEP: Final = 0.2
-"""First step of the descent, in widths of the space."""
+"""First step size of CMA-ES, in widths of the space."""
 DIMENSIONS_MIN: Final = 2
-"""CMA-ES has no meaning for less; a second one that nobody looks at does no harm."""
+"""Least number of dimensions for CMA-ES; an unused second one does no harm."""
 BELOW_ONE: Final = 1.0 - 1e-9
-"""Shares end before 1."""
+"""Greatest share, because shares are less than 1."""
 
 
 class Optimiser(Protocol):
     def ask(self) -> list[Shares]: ...
 
     def tell(self, values: Sequence[float]) -> None:
-        """What came of the points that were asked for last; the least is sought."""
+        """Give the values of the points of the last `ask`; the optimiser minimises them."""
         ...
 
 
 class Everywhere:
-    """Draws points evenly; what every search has to beat."""
+    """Samples points evenly: the baseline for every search."""
 
     def __init__(self, dimensions: int, budget: int, seed: int) -> None:
         del budget
@@ -46,10 +46,10 @@ class Everywhere:
 
 
 class Descent:
-    """A Latin hypercube first, then CMA-ES from its best point; once settled, from the next.
+    """Starts with a Latin hypercube, then runs CMA-ES from its best points in turn.
 
-    CMA-ES (Hansen & Ostermeier 2001, by `cma`) learns from ranks alone which directions matter, so
-    that margins in any unit and with kinks will do; levels are steps in it.
+    CMA-ES (Hansen & Ostermeier 2001, package `cma`) uses only ranks, so margins may have any unit
+    and kinks. Levels appear to it as steps.
     """
 
     def __init__(self, dimensions: int, budget: int, seed: int) -> None:
@@ -101,7 +101,7 @@ class Descent:
         import cma
 
         draw = self._generator.standard_normal
-        # Its own stream of numbers: what else draws in this process must not disturb it.
+        # CMA-ES gets its own random stream, which nothing else in this process can disturb.
         options = {
             "bounds": [0.0, 1.0],
             "popsize": BATCH,
@@ -116,4 +116,4 @@ OPTIMISERS: Final[dict[str, Callable[[int, int, int], Optimiser]]] = {
     "cma": Descent,
     "random": Everywhere,
 }
-"""By name: from dimensions, points to be asked for and seed."""
+"""Optimisers by name, made from dimensions, number of points and seed."""

@@ -1,4 +1,4 @@
-"""The space that a scenario's sweep spans, and the case at any point of it."""
+"""The space that a scenario's sweep spans, and the cases at its points."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from metro_hil.model.case import Case, ConfigTable
 
 
 class SearchError(SettingsError):
-    """A search that was asked for and cannot be made; the text names option and value."""
+    """An impossible search; the text names option and value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One point of the space that can be run: a case for each seed."""
+    """One valid point of the space, with a case for each seed."""
 
     number: int
     values: dict[str, Any]
@@ -31,7 +31,7 @@ class Sample:
 
 
 class SearchSpace:
-    """Points of the unit cube, one share for each factor, and what they stand for."""
+    """Maps points of the unit cube, with one share for each factor, to cases."""
 
     def __init__(
         self, plan: ScenarioPlan, body: Body, factors: Sequence[Factor], exclude: Sequence[str]
@@ -49,9 +49,9 @@ class SearchSpace:
         }
 
     def sample(self, number: int, values: dict[str, Any]) -> Sample | None:
-        """None for values that do not go together.
+        """The cases of a point; None for values that do not fit together.
 
-        The runs go on after a violation, or all violations would look alike.
+        Runs continue after a violation, because otherwise all violations would look alike.
         """
         if self._refused(values):
             return None
@@ -65,7 +65,7 @@ class SearchSpace:
         return Sample(number, dict(point.factors), cases)
 
     def table(self, values: dict[str, Any]) -> ConfigTable:
-        """The scenario with these values, as a file has it, without its sweep."""
+        """The scenario with these values as a table of a file, without its sweep."""
         table = self.body.with_values(values).raw
         return {name: value for name, value in table.items() if name != "sweep"}
 
@@ -73,10 +73,10 @@ class SearchSpace:
 def space_of(
     definition: Definition, scenario: str | None = None, keys: Sequence[str] = ()
 ) -> SearchSpace:
-    """The space of one scenario; of the only one that sweeps something when none is named.
+    """The space of one scenario, by default of the only one with a sweep.
 
     Args:
-        keys: swept keys that may vary, others stay as the scenario has them; empty for all.
+        keys: swept keys that may vary; the others stay as in the scenario. Empty means all.
 
     Raises SearchError.
     """
@@ -105,7 +105,7 @@ def space_of(
 
 
 def _exclusions(body: Body, factors: Sequence[Factor], chosen: Sequence[Factor]) -> list[str]:
-    """Those that speak of nothing but what varies; names are clear or not as in the sweep."""
+    """Exclusions that name only varied factors; ambiguous names are resolved as in the sweep."""
     names = expression_names(factors)
     kept = {factor.key for factor in chosen}
     texts: list[str] = body.raw.get("sweep", {}).get("exclude", [])

@@ -1,4 +1,4 @@
-"""Re-tunes a control law on the bench: what may change, on which runs, by which search."""
+"""Re-tunes a control law on the bench: its parameters, its training runs, and the search."""
 
 from metro_hil.tuning.parameters import DEFAULTS, PARAMETERS, TunedParameter, chosen_parameters
 from metro_hil.tuning.tuner import RunFigures, Tuned, Tuner

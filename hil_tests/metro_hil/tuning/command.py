@@ -1,4 +1,4 @@
-"""`vobc tune`: parse, tune with a bar of progress, show before and after, write the parameters."""
+"""`vobc tune`: tunes with a progress bar, shows before and after, writes the parameters."""
 
 import argparse
 import json
@@ -25,7 +25,7 @@ from vobc.config import load_config
 
 DESCRIPTION: Final = (
     "Re-tune a control law on the bench: many short runs with loads, odometer errors, brake delays "
-    "and seeds of their own; the best settings are judged on other seeds and written as a "
+    "and seeds; the best settings are judged on other seeds and written as a "
     "parameter file for `vobc run --params`. The same options give the same file."
 )
 EPILOG: Final = (
@@ -41,7 +41,10 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--line", default="florence", metavar="NAME|FILE", help="default: florence")
     top.add_argument("--consist", default="florence4", metavar="NAME|FILE", help="the real train")
     top.add_argument(
-        "--params", default="florence4", metavar="NAME|FILE", help="begin with these; florence4"
+        "--params",
+        default="florence4",
+        metavar="NAME|FILE",
+        help="start with these parameters; default: florence4",
     )
     top.add_argument(
         "--parameters", nargs="+", default=[], metavar="KEY", help="tune these; default: the law's"
@@ -60,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Whatever the user got wrong is one line, never a traceback."""
+    """A user's mistake gives one line, never a traceback."""
     from concurrent.futures import BrokenExecutor
 
     options = parser().parse_args(argv)
@@ -98,7 +101,7 @@ def _tune(options: argparse.Namespace) -> int:
         )
         interrupted = _run(tuner, console)
     if not tuner.begun:
-        print("vobc: ended before anything was known; no file is written", file=sys.stderr)
+        print("vobc: ended before the first result; no file is written", file=sys.stderr)
         return EXIT_INTERRUPTED
     tuned = tuner.tuned
     head = {"seed": options.seed, "budget": options.budget, "method": options.method}
@@ -114,7 +117,7 @@ def _tune(options: argparse.Namespace) -> int:
 
 
 def _run(tuner: Tuner, console: Console) -> bool:
-    """Train and judge under a bar; True when it was ended by Ctrl-C."""
+    """Train and judge with a progress bar; True if Ctrl-C ended it."""
     progress = Progress(
         TextColumn("{task.description}"),
         BarColumn(),

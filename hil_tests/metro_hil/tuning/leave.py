@@ -1,4 +1,4 @@
-"""What a tuning leaves: a parameter file that is whole, and says what made it."""
+"""Writes the tuned parameters as a complete parameter file that records its origin."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -17,12 +17,12 @@ from vobc.config import SHIPPED, load_config
 
 
 def parameter_file(ground: Ground, tuned: Tuned, head: Mapping[str, object]) -> str:
-    """The file that was begun with, the law chosen and its settings as tuned.
+    """The parameter file of the start, with the chosen law and the tuned settings.
 
-    A table that a tuned setting lies in is written whole, so that it can be read and edited.
+    A table with a tuned setting is written in full, so that a person can read and edit it.
 
     Args:
-        head: what else made it, for the comment at the top.
+        head: further origins for the comment at the top.
     """
     changes = {"ato.strategy": ground.law, **tuned.after}
     config = load_config(ground.params, changes=changes)
@@ -36,7 +36,7 @@ def parameter_file(ground: Ground, tuned: Tuned, head: Mapping[str, object]) -> 
 
 
 def write_parameters(path: Path, text: str) -> None:
-    """Raises OSError when it cannot be written."""
+    """Write the file. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, text)
 
@@ -74,7 +74,7 @@ def _words(figures: RunFigures) -> str:
 
 
 def as_document(tuned: Tuned) -> dict[str, Any]:
-    """For `--json`."""
+    """The result as a table for `--json`."""
     return {name: plain_figures(getattr(tuned, name)) for name in tuned.__struct_fields__}
 
 

@@ -1,4 +1,4 @@
-"""The flexible simplex of Nelder & Mead (1965), which tuned the PIDs of Allotta et al. 2013."""
+"""The flexible simplex of Nelder & Mead (1965), which tuned the PIDs of [Allotta 2013]."""
 
 from collections.abc import Generator, Sequence
 from typing import Final
@@ -8,21 +8,21 @@ import numpy as np
 from metro_hil.search.optimisers import BELOW_ONE, Shares
 
 STEP: Final = 0.15
-"""First edges of the simplex, in widths of the space."""
+"""Length of the first simplex's edges, in widths of the space."""
 REFLECT: Final = 1.0
 EXPAND: Final = 2.0
 CONTRACT: Final = 0.5
 SHRINK: Final = 0.5
 SMALL: Final = 0.01
-"""A simplex no larger than this has settled; the next one starts around the best point."""
+"""Size at which a simplex has settled; the next one starts around the best point."""
 
 Asking = Generator[list[Shares], Sequence[float], None]
 
 
 class NelderMead:
-    """In the unit cube, from a first point; points beyond a face are moved onto it.
+    """Works in the unit cube from a first point; moves points beyond a face onto it.
 
-    Begins with the whole simplex at once, then asks for one point after another.
+    It asks for the whole first simplex at once, then for one point after another.
     """
 
     def __init__(self, start: Shares, seed: int) -> None:
@@ -48,7 +48,7 @@ class NelderMead:
             best = simplex[0][1]
 
     def _edges(self, start: Shares) -> list[Shares]:
-        """One corner along each axis, to either side by chance, away from a near face."""
+        """One corner along each axis, in a random direction that stays inside the cube."""
         corners = []
         for axis, share in enumerate(start):
             sign = 1.0 if self._signs.random() < 0.5 else -1.0
@@ -92,7 +92,7 @@ def _points(simplex: Sequence[tuple[float, Shares]]) -> list[Shares]:
 def _with(
     simplex: list[tuple[float, Shares]], value: float, point: Shares
 ) -> list[tuple[float, Shares]]:
-    """With this corner in the place of the worst."""
+    """The simplex with this corner in place of the worst."""
     return sorted([*simplex[:-1], (value, point)])
 
 
@@ -105,7 +105,7 @@ def _inside(shares: Sequence[float]) -> Shares:
 
 
 def _size(simplex: list[tuple[float, Shares]]) -> float:
-    """Longest way of a corner from the best one, along any axis."""
+    """Greatest distance of a corner from the best one along any axis."""
     best = simplex[0][1]
     return max(
         abs(share - near)

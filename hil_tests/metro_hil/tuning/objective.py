@@ -1,4 +1,4 @@
-"""What a set of runs is worth: centimetres off the mark, and what else counts as centimetres."""
+"""Cost of a set of runs: stopping error in centimetres, plus penalties in the same unit."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,28 +11,29 @@ from metro_hil.model.case import CaseResult
 CM_PER_M: Final = 100.0
 TOLERANCE_CM: Final = 10.0
 OUTSIDE_RATIO: Final = 5.0
-"""Each centimetre beyond the tolerance counts so much more."""
+"""Weight of each centimetre beyond the tolerance."""
 NOT_ARRIVED_CM: Final = 200.0
-"""A run that misses its stop, or stands there with doors shut."""
+"""Cost of a run that misses its stop, or stands there with doors shut."""
 JERK_MPS3: Final = 0.75
 JERK_CM_PER_MPS3: Final = 20.0
-"""For felt jerk over that."""
+"""Cost of felt jerk above `JERK_MPS3`, for each m/s³."""
 NOTCH_CHANGES: Final = 15.0
 NOTCH_CM: Final = 0.5
-"""For each change of notch beyond so many in a braking, where there are notches."""
+"""Cost of each change of notch in a braking beyond `NOTCH_CHANGES`, for notched control."""
 SLOW_CM_PER_S: Final = 0.1
-"""For each second a run takes longer than with the settings of before; faster is no merit."""
+"""Cost of each second that a run takes longer than with the initial settings; a faster run gains
+nothing."""
 EMERGENCY_CM: Final = 100.0
 REFUSED_CM: Final = 1.0e6
-"""Settings that do not go together, and points that were not run."""
+"""Cost of settings that do not fit together, and of points that were not run."""
 
 
 class RunFigures(msgspec.Struct, frozen=True, kw_only=True):
-    """Of a set of runs."""
+    """Figures of a set of runs."""
 
     runs: int
     stops_missed: int
-    """Runs whose stop was missed or did not end with open doors."""
+    """Number of runs whose stop was missed or did not end with open doors."""
     error_mean_m: float | None
     error_worst_m: float | None
     run_time_mean_s: float | None
@@ -40,13 +41,14 @@ class RunFigures(msgspec.Struct, frozen=True, kw_only=True):
     accel_max_mps2: float
     emergencies: int
     notch_changes: int | None = None
-    """The most in one braking; None where there are no notches."""
+    """Most changes in one braking; None without notches."""
 
 
 def figures_of(results: Sequence[CaseResult], *, notches: bool) -> RunFigures:
-    """
+    """Figures of the results.
+
     Args:
-        notches: the train is driven by notches; without them every cycle changes the command.
+        notches: whether notches drive the train; without them every cycle changes the command.
     """
     errors_m = _known(results, "stop_error_worst_m")
     changes = _known(results, "notch_changes_max_count") if notches else []
@@ -64,11 +66,11 @@ def figures_of(results: Sequence[CaseResult], *, notches: bool) -> RunFigures:
 
 
 def cost_cm(results: Sequence[CaseResult], usual_s: float | None, *, notches: bool) -> float:
-    """Mean over the runs, in cm; less is better.
+    """Mean cost of the runs, in cm; less is better.
 
     Args:
-        usual_s: mean running time with the settings of before; None for no comparison.
-        notches: the train is driven by notches.
+        usual_s: mean running time with the initial settings; None for no comparison.
+        notches: whether notches drive the train.
     """
     costs = [_cost_of_run(result, usual_s) for result in results]
     if notches:

@@ -1,4 +1,4 @@
-"""What of each control law can be tuned, and within which bounds: one table."""
+"""The tunable parameters of each control law, with their bounds."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,21 +10,21 @@ from vobc.ato.laws import STRATEGIES
 from vobc.config import VobcConfig
 
 DIGITS: Final = 4
-"""Significant digits that a setting is tried and written with."""
+"""Number of significant digits of a tried or written setting."""
 
 
 @dataclass(frozen=True, slots=True)
 class TunedParameter:
-    """One setting by dotted key; `low` and `high` in its own unit."""
+    """One parameter by dotted key, with bounds in its own unit."""
 
     key: str
     low: float
     high: float
     logarithmic: bool = False
-    """Whether equal steps of the search are equal ratios."""
+    """Whether equal steps of the search are equal ratios of the value."""
 
     def value(self, share_ratio: float) -> float:
-        """The setting at a share of the way from `low` to `high`."""
+        """The value at a share of the range from `low` to `high`."""
         if self.logarithmic:
             raw = self.low * (self.high / self.low) ** share_ratio
         else:
@@ -32,7 +32,7 @@ class TunedParameter:
         return float(f"{raw:.{DIGITS}g}")
 
     def share_ratio(self, value: float) -> float:
-        """The way back; a value out of bounds counts as the bound."""
+        """The share of the range at a value; a value out of bounds counts as the bound."""
         within = min(self.high, max(self.low, value))
         if self.logarithmic:
             return math.log(within / self.low) / math.log(self.high / self.low)
@@ -57,7 +57,7 @@ STOPPING: Final = (
     TunedParameter("ato.braking.least_decel_mps2", 0.02, 0.06),
     TunedParameter("ato.braking.decel_mps2", 0.5, 0.78),
 )
-"""The braking of the predictive law, and of those that choose a speed and leave it the rest."""
+"""Braking parameters of the predictive law. Laws that only choose a speed brake with it as well."""
 
 PARAMETERS: Final[Mapping[str, tuple[TunedParameter, ...]]] = {
     "chasing": (
@@ -98,7 +98,7 @@ PARAMETERS: Final[Mapping[str, tuple[TunedParameter, ...]]] = {
     "predictive": STOPPING,
     "timing": STOPPING,
 }
-"""By law; a new law adds its line."""
+"""Tunable parameters by law; a new law adds an entry."""
 
 DEFAULTS: Final[Mapping[str, tuple[str, ...]]] = {
     "pid": tuple(
@@ -114,20 +114,20 @@ DEFAULTS: Final[Mapping[str, tuple[str, ...]]] = {
     },
     "chasing": tuple(parameter.key for parameter in PARAMETERS["chasing"][:7]),
 }
-"""What is tuned when nothing is named: gains, or the shape of the last metres."""
+"""Parameters tuned by default: gains, or the shape of the last metres."""
 
 
 def chosen_parameters(law: str, keys: Sequence[str]) -> tuple[TunedParameter, ...]:
-    """Those named, in the order of the table; the law's default ones for none.
+    """The named parameters, in the order of the table; without names, the law's default ones.
 
-    Raises SettingsError for a law without a table or a key that is not in it.
+    Raises SettingsError for a law without a table, or a key that its table lacks.
     """
     if law not in STRATEGIES:
         raise SettingsError(f"--law {law}: {nearest(law, sorted(STRATEGIES), 'law')}")
     table = PARAMETERS.get(law)
     if table is None:
         others = ", ".join(sorted(PARAMETERS))
-        raise SettingsError(f"--law {law}: nothing of it can be tuned; it can of {others}")
+        raise SettingsError(f"--law {law}: it has no tunable parameters; laws with some: {others}")
     known = [parameter.key for parameter in table]
     for key in keys:
         if key not in known:
@@ -137,7 +137,7 @@ def chosen_parameters(law: str, keys: Sequence[str]) -> tuple[TunedParameter, ..
 
 
 def value_of(config: VobcConfig, key: str) -> float:
-    """What the parameters say now."""
+    """The present value of a parameter."""
     found: Any = config
     for name in key.split("."):
         found = getattr(found, name)

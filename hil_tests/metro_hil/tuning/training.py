@@ -1,4 +1,4 @@
-"""The runs a law is tuned on, and those it is judged on afterwards: never the same seeds."""
+"""The runs on which a law is tuned, and those with other seeds on which it is judged."""
 
 import itertools
 from collections.abc import Mapping
@@ -18,13 +18,14 @@ ODOMETER_ERRORS: Final = (0.05, -0.01, 0.02)
 TRAINING: Final = 6
 VALIDATION: Final = 12
 SEEDS_APART: Final = 100_000
-"""Between seeds that are tuned on and those that are judged on."""
+"""Distance between the seeds of training and those of validation."""
 DURATION_S: Final = 300.0
 
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """Where a law is tuned: the shortest hop of a line, a train, what is believed of it."""
+    """Where a law is tuned: the shortest hop of a line, a train, and the controller's
+    parameters."""
 
     law: str
     line: str
@@ -32,19 +33,19 @@ class Ground:
     params: str
 
     def check(self) -> None:
-        """Raises SettingsError for what cannot be read or does not fit."""
+        """Raises SettingsError for files that are unreadable or do not fit."""
         load_train(self.consist)
         load_config(self.params, law=self.law)
         self._hop()
 
     @property
     def by_notches(self) -> bool:
-        """Whether notches drive the train: the law picks them, or the output stage does."""
+        """Whether notches drive the train, chosen by the law or by the output stage."""
         stage = load_config(self.params, law=self.law).ato.output.stage
         return self.law.startswith("chasing") or stage == "notches"
 
     def _hop(self) -> tuple[str, str]:
-        """Two neighbouring stations, the nearest to each other that have a stop to make."""
+        """The two neighbouring stations with the shortest distance."""
         stations = load_line(self.line).stations
         if len(stations) < 2:
             raise SettingsError(f"--line {self.line}: has no two stations to run between")
@@ -59,7 +60,7 @@ class Ground:
         return self._cases("validation", VALIDATION, values, seed + SEEDS_APART)
 
     def allows(self, values: Mapping[str, Any]) -> bool:
-        """Whether settings go together; the parameters themselves say."""
+        """Whether the parameter classes accept these settings together."""
         try:
             load_config(self.params, changes=self._believed(values))
         except SettingsError:
@@ -70,7 +71,7 @@ class Ground:
         return {"ato.strategy": self.law, **values}
 
     def _cases(self, name: str, count: int, values: Mapping[str, Any], seed: int) -> list[Case]:
-        """Loads, odometer errors and brake delays in turn: drawn, and fixed at either bound."""
+        """Cases that vary loads, odometer errors and brake delays: random, or fixed at a bound."""
         start, end = self._hop()
         dead_time_s = load_train(self.consist).brake.service.dead_time_s
         delays: tuple[float | None, ...] = (None, dead_time_s.high, None, dead_time_s.low)

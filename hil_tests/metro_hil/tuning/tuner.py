@@ -1,4 +1,4 @@
-"""The tuning itself: ask for settings, run them, keep the best, judge it on other seeds."""
+"""The tuning loop: gets settings, runs them, keeps the best, judges it on other seeds."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -17,29 +17,29 @@ __all__ = ["RunFigures", "Tuned", "Tuner"]
 
 METHODS: Final = ("nelder-mead", "cma-es")
 IN_VAIN_MAX: Final = 200
-"""So many batches one after another with nothing new to run: there is nothing more to find."""
+"""Number of batches in a row without a new point after which the search ends."""
 
 Values = Mapping[str, float]
 
 
 class Tuned(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of it. Costs are of the training runs, figures of runs with other seeds."""
+    """Result of a tuning. Costs are of the training runs, figures of runs with other seeds."""
 
     before: dict[str, float]
     after: dict[str, float]
     cost_before_m: float
     cost_after_m: float
     points: int
-    """Sets of settings that were run."""
+    """Number of sets of settings that were run."""
     runs: int
-    """In training."""
+    """Number of training runs."""
     figures_before: RunFigures | None = None
-    """None when it was ended before the judging was done."""
+    """Figures with other seeds; None if the tuning ended before the judgement."""
     figures_after: RunFigures | None = None
 
 
 class Tuner:
-    """A function of ground, parameters, budget, seed and method, not of who runs the cases."""
+    """Tunes a law; the result depends on all arguments except the evaluator."""
 
     def __init__(
         self,
@@ -55,7 +55,8 @@ class Tuner:
         """
         Args:
             before: present value of each parameter; the first point that is run.
-            budget: training runs; at least one set of settings beside the present ones is tried.
+            budget: number of training runs; at least one set of settings besides the present ones
+                is tried.
         """
         self._ground = ground
         self._parameters = tuple(parameters)
@@ -80,7 +81,7 @@ class Tuner:
         return OPTIMISERS["cma"](len(self._parameters), self.points_max, self._seed)
 
     def train(self, heard: Callable[[int, float], None] = lambda points, cost: None) -> None:
-        """Until the budget is used; `heard` is told the points run and the least cost so far."""
+        """Run until the budget is used; `heard` gets the number of points and the least cost."""
         self._cost_before_cm = self._run([self._before], heard)[0]
         in_vain = 0
         while self._points < self.points_max and in_vain < IN_VAIN_MAX:
@@ -91,7 +92,7 @@ class Tuner:
             self._optimiser.tell(costs)
 
     def judge(self, heard: Callable[[str], None] = lambda which: None) -> None:
-        """Run the settings of before and the best on seeds that were not tuned on."""
+        """Run the initial and the best settings on seeds that were not used for tuning."""
         for which, values in (("before", self._before), ("after", self._best_values())):
             if which == "after" and values == self._before:
                 self._judged[which] = self._judged["before"]
@@ -102,7 +103,7 @@ class Tuner:
 
     @property
     def begun(self) -> bool:
-        """Whether anything is known that is worth keeping."""
+        """Whether any result exists that is worth keeping."""
         return self._best is not None
 
     @property
@@ -131,7 +132,7 @@ class Tuner:
     def _run(
         self, choices: Sequence[dict[str, float]], heard: Callable[[int, float], None]
     ) -> list[float]:
-        """Costs of these settings; what was run before is remembered."""
+        """Costs of these settings; earlier results are reused."""
         new: list[dict[str, float]] = []
         for values in choices:
             key = tuple(values.values())
@@ -161,5 +162,5 @@ class Tuner:
 
 
 def runs_in_all(points_max: int) -> int:
-    """Training and judging together, for a bar of progress."""
+    """Number of training and validation runs together, for a progress bar."""
     return points_max * TRAINING + 2 * VALIDATION

@@ -255,7 +255,7 @@ def test_a_file_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_a_law_without_a_table_is_said() -> None:
     with pytest.raises(SettingsError, match="--law nothing"):
         chosen_parameters("nothing", ())
-    with pytest.raises(SettingsError, match="nothing of it can be tuned"):
+    with pytest.raises(SettingsError, match="it has no tunable parameters"):
         chosen_parameters("chasing_literal", ())
 
 
