@@ -1,6 +1,7 @@
-"""What goes over the air, judged: who issues, on which lease, and what authority is made of.
+"""Checks all messages: who issues authorities, under which lease, and what a train obeys.
 
-It reads messages and knows none of the machines: it reckons leases anew from requests and answers.
+It uses messages only and no state of the nodes: it computes leases itself from requests and
+answers.
 """
 
 import math
@@ -30,14 +31,14 @@ LESS_MAX: Final = 1000
 ANSWERS_MAX: Final = 1000
 LET_IN_MAX: Final = 1000
 HEARD_NS: Final = 200 * NS_PER_MS
-"""Whoever was heard so lately is heard, whatever the timers are."""
+"""A train whose report is at most this old counts as received, whatever the timers are."""
 TOLERANCE_NS: Final = 2 * NS_PER_MS
-"""What drift may do to a lease."""
+"""Tolerance for the effect of clock drift on a lease."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaseRules:
-    """What is agreed about leases."""
+    """Parameters of the leases."""
 
     lease_ns: int
     drift_ratio: float
@@ -47,16 +48,16 @@ class LeaseRules:
 
 
 class Readiness(NamedTuple):
-    """What a master last heard of a train since it prepares a switch."""
+    """State of a train as its master last received it while a switch is prepared."""
 
     nonce: int
     at_ns: int
     rear_m: float
-    """It is not farther back, as far as it knows."""
+    """Position behind which the train's rear is not, by its own knowledge."""
 
 
 class Switch(NamedTuple):
-    """A planned switch that is being prepared."""
+    """A planned switch that a master prepares."""
 
     term: int
     nonce: int
@@ -64,60 +65,59 @@ class Switch(NamedTuple):
 
 
 class HeldLease(NamedTuple):
-    """What a train holds."""
+    """A lease that a train holds."""
 
     until_ns: int
-    """By the true clock."""
+    """End of the lease, by the true clock."""
     arbiters: frozenset[int]
-    """That majority which granted it."""
+    """The majority of arbiters that granted the lease."""
 
 
 class AuthorityChecks:
-    """One for all nodes; raises ViolationError."""
+    """Checks the messages of all nodes; raises ViolationError."""
 
     def __init__(
         self, rules: LeaseRules, looked: Counter[str], ends_m: Mapping[int, float] | None = None
     ) -> None:
-        """`ends_m`: of areas; of one that is not there nobody knows."""
+        """`ends_m` gives the ends of the areas; an area that is missing has no known end."""
         self.rules, self.looked, self._ends_m = rules, looked, ends_m or {}
         self._issuers: dict[tuple[int, int], int] = {}
-        """By area and term: who issues."""
+        """Issuing train, by area and term."""
         self._until_ns: dict[tuple[int, int], tuple[int, int]] = {}
-        """By train and area: term of its lease, and until when by its own clock."""
+        """Term of a train's lease and its end by the train's clock, by train and area."""
         self._answers: dict[tuple[int, int, int, int], dict[int, int]] = {}
-        """By train, area, term and nonce: stamp of the request that each arbiter granted."""
+        """Stamp of the request that each arbiter granted, by train, area, term and nonce."""
         self._less_ns: dict[tuple[int, int, int, int], int] = {}
-        """By train, area, term and nonce of what was asked for in this life: how much less than a
-        whole lease."""
+        """How much shorter than a whole lease a request asked for; by train, area, term and nonce.
+        Only requests of the current incarnation are kept."""
         self._told: dict[tuple[int, int], dict[tuple[int, int], float]] = {}
-        """By train and area: ends of the authorities that came, by term and sequence."""
+        """Ends of the received authorities by term and sequence, for each train and area."""
         self._won: set[tuple[int, int, int]] = set()
         """Train, area and term of every lease ever granted."""
         self._stale: set[tuple[int, int, int, int]] = set()
-        """Train, area, term and sequence of authorities that were too old when they came."""
+        """Train, area, term and sequence of authorities that were too old on arrival."""
         self._leases: dict[int, dict[int, HeldLease]] = {}
-        """By area and train."""
+        """Leases, by area and train."""
         self._named: dict[tuple[int, int], dict[int, tuple[int, int, int]]] = {}
-        """By arbiter and area, by train: boot, sequence and successor of the newest that it said
-        there."""
+        """Boot, sequence and successor of each train's newest request, by arbiter and area."""
         self._let_in: dict[tuple[int, int, int, int], frozenset[int]] = {}
-        """By arbiter, train, area and term of a lease granted: which trains had named this one."""
+        """Trains that had named the new holder as successor, by arbiter, train, area and term."""
         self._rosters: dict[tuple[int, int, int, int], tuple[frozenset[int], set[int]]] = {}
-        """By train, area, term and version: who is on it, and which arbiters keep it."""
+        """Trains on a roster and the arbiters that store it, by train, area, term and version."""
         self._proposed: dict[tuple[int, int, int], frozenset[int]] = {}
-        """By train, area and term: who is on the roster that it said last."""
+        """Trains on the newest roster that a master sent, by train, area and term."""
         self._kept: dict[tuple[int, int], tuple[int, frozenset[int]]] = {}
-        """By area and term: the newest roster that a majority keeps, by version and trains."""
+        """Version and trains of the newest committed roster, by area and term."""
         self._given_back: set[tuple[int, int, int]] = set()
-        """Train, area and term of leases that their holder gave back."""
+        """Train, area and term of leases that their holders gave back."""
         self.clocks_sound = True
-        """No clock was stepped: leases can be held against each other."""
+        """No clock was stepped, so that leases of different holders can be compared."""
         self._switches: dict[tuple[int, int], Switch] = {}
-        """By master and area: the planned switch that it prepares."""
+        """The planned switch that a master prepares, by master and area."""
         self._newest: dict[tuple[int, int, int], tuple[int, int]] = {}
-        """By train that heard it, area and train that said it: boot and sequence of a report."""
+        """Boot and sequence of the newest report, by receiver, area and sender."""
         self._ready: set[tuple[int, int, int, int]] = set()
-        """Successor, master, area and nonce of what successors said they are ready for."""
+        """Successor, master, area and nonce of each readiness that a successor reported."""
 
     def stepped(
         self,
@@ -127,7 +127,7 @@ class AuthorityChecks:
         heard: Sequence[Any],
         letters: Sequence[QueuedMessage],
     ) -> None:
-        """A train read something and says something, at this instant of its own clock."""
+        """Check what a train received and sent in one step, at this instant of its own clock."""
         for message in heard:
             kind = type(message)
             if kind is AreaAuthority:
@@ -158,7 +158,7 @@ class AuthorityChecks:
     def answered(
         self, arbiter: int, heard: Sequence[Any], letters: Sequence[QueuedMessage]
     ) -> None:
-        """An arbiter read requests, and answers: whom it lets in, and who had named that train."""
+        """Note what an arbiter received and granted, and which trains had named the new holder."""
         asked: dict[tuple[int, int, int], frozenset[int]] = {}
         for message in heard:
             if type(message) is not LeaseRequest:
@@ -181,7 +181,7 @@ class AuthorityChecks:
                         del self._let_in[next(iter(self._let_in))]
 
     def booted(self, address: int) -> None:
-        """A train begins a new life: what it was told or asked for before is void."""
+        """Forget what the previous incarnation of a train received and asked for."""
         memories: tuple[dict[Any, Any], ...] = (
             self._told,
             self._until_ns,
@@ -197,7 +197,7 @@ class AuthorityChecks:
         if message.destination == address:
             told = self._told.setdefault((address, message.area), {})
             number = message.term, message.sequence
-            # A second copy may come too late; the train took the first one.
+            # A second copy may come too late; the train accepted the first one.
             if number not in told and now_ns - message.echo_ns > self.rules.age_max_ns:
                 self._stale.add((address, message.area, *number))
             told[number] = message.end_m
@@ -225,15 +225,17 @@ class AuthorityChecks:
                 self._kept[key] = message.version, names
 
     def keeps(self, train: int, area: int) -> bool:
-        """Whether a majority has it, in whatever life, on the roster of the newest term."""
+        """Tell whether the newest committed roster holds the train, in any incarnation."""
         term = max([term for each, term in self._kept if each == area], default=0)
         return train in self._kept.get((area, term), (0, frozenset()))[1]
 
     def _alone(
         self, address: int, area: int, term: int, true_ns: int, arbiters: frozenset[int]
     ) -> None:
-        """19: nobody else's lease of the area runs, but for one whose holder had named this train,
-        as far as those arbiters had heard that granted both.
+        """Check invariant 19: no other lease of the area runs.
+
+        Exempt is a lease whose holder had named this train as successor, if every arbiter that
+        granted both leases knew that.
         """
         self.looked["19 lease"] += 1
         for other, lease in self._leases.get(area, {}).items():
@@ -249,11 +251,11 @@ class AuthorityChecks:
                 )
 
     def _note_answer(self, address: int, message: LeaseAnswer, now_ns: int, ahead_ns: int) -> None:
-        """`ahead_ns` is what the true clock reads more than the train's."""
+        """`ahead_ns` is the difference of the true clock to the train's clock."""
         if not message.granted or message.destination != address:
             return
         asked = (address, message.area, message.term, message.nonce)
-        # An answer may come so late that whoever asked is not there any more.
+        # An answer may come after the train that asked has restarted.
         if asked not in self._less_ns or asked[:3] in self._given_back:
             return
         answers = self._answers.setdefault(asked, {})
@@ -285,14 +287,14 @@ class AuthorityChecks:
             raise ViolationError(
                 "19",
                 f"train {message.source} issues in area {message.area}, term {message.term}, "
-                f"which is train {issuer}'s",
+                f"which belongs to train {issuer}",
             )
         _, kept = self._kept.get((message.area, message.term), (0, frozenset()))
         if message.destination not in kept:
             raise ViolationError(
                 "roster",
                 f"train {message.source} issues to train {message.destination} in area "
-                f"{message.area}, which no majority of arbiters has on its roster",
+                f"{message.area}, which is not on a committed roster",
             )
         term, until_ns = self._until_ns.get((message.source, message.area), (0, 0))
         late_ns = now_ns - (until_ns - self.rules.margin_ns)
@@ -304,16 +306,17 @@ class AuthorityChecks:
             )
 
     def _report(self, report: TrainReport) -> None:
-        """24, 29: what a train says that it holds was young when it came."""
+        """Check invariants 24 and 29: an authority that a train reports was fresh on arrival."""
         self.looked["24"] += 1
         number = report.held_term, report.held_sequence
         if self._stale and (report.source, report.area, *number) in self._stale:
             raise ViolationError(
-                "24", f"train {report.source} took {number} in area {report.area}: too old it came"
+                "24",
+                f"train {report.source} accepted {number} in area {report.area}, late on arrival",
             )
 
     def made_of(self, address: int, grant: BrakeLoopGrant) -> None:
-        """27: what a brake loop goes by was said to this train, in this life."""
+        """Check invariant 27: this incarnation of the train received what its brake loop obeys."""
         self.looked["27"] += 1
         if (address, grant.area, grant.term) in self._won:
             return
@@ -322,12 +325,12 @@ class AuthorityChecks:
         if end_m is None or grant.end_m > end_m:
             raise ViolationError(
                 "27",
-                f"train {address} goes by {grant.end_m:.2f} m of area {grant.area}, term "
-                f"{grant.term}, number {grant.sequence}; it was told {end_m}",
+                f"train {address} obeys {grant.end_m:.2f} m of area {grant.area}, term "
+                f"{grant.term}, number {grant.sequence}; it received {end_m}",
             )
 
     def _switch(self, step: SwitchStep, now_ns: int) -> None:
-        """What a master or a successor says of a planned switch."""
+        """Note a message of a master or a successor about a planned switch."""
         key = step.source, step.area
         if step.kind is SwitchKind.READY:
             self._ready.add((step.source, step.destination, step.area, step.nonce))
@@ -341,7 +344,7 @@ class AuthorityChecks:
                 self._commit(step, switch, now_ns)
 
     def _note_readiness(self, address: int, report: TrainReport, now_ns: int) -> None:
-        """A copy that comes late, after a newer report, tells nobody anything."""
+        """Note a report while a switch is prepared; a late copy of an older report is ignored."""
         stream, number = (address, report.area, report.source), (report.boot, report.sequence)
         if number <= self._newest.get(stream, (0, 0)):
             return
@@ -352,13 +355,16 @@ class AuthorityChecks:
             switch.heard[report.source] = Readiness(report.ready_nonce, now_ns, rear_m)
 
     def _commit(self, step: SwitchStep, switch: "Switch", now_ns: int) -> None:
-        """26: the successor is ready, and so is every train on the kept roster that the master
-        hears; of one that it does not hear the way is reserved, and who has left the area, or is
-        not on the roster that the master has proposed since, is about to leave it."""
+        """Check invariant 26: all trains are ready when a master commits a switch.
+
+        The successor must be ready, and so must every train on the committed roster that the master
+        receives. The way of a non-communicating train is reserved. A train that has left the area,
+        or that is missing on the roster proposed since, is about to leave the roster.
+        """
         self.looked["26"] += 1
-        words = f"train {step.source} commits switch {step.nonce} of area {step.area}"
+        text = f"train {step.source} commits switch {step.nonce} of area {step.area}"
         if (step.successor, step.source, step.area, step.nonce) not in self._ready:
-            raise ViolationError("26", f"{words}; its successor {step.successor} is not ready")
+            raise ViolationError("26", f"{text}; its successor {step.successor} is not ready")
         _, kept = self._kept.get((step.area, switch.term), (0, frozenset()))
         proposed = self._proposed.get((step.source, step.area, switch.term), kept)
         for train in sorted((kept & proposed) - {step.source}):
@@ -367,4 +373,4 @@ class AuthorityChecks:
                 continue
             if heard.rear_m >= self._ends_m.get(step.area, math.inf):
                 continue
-            raise ViolationError("26", f"{words}; train {train} is ready for {heard.nonce}")
+            raise ViolationError("26", f"{text}; train {train} is ready for {heard.nonce}")

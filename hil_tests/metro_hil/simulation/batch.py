@@ -1,4 +1,4 @@
-"""Many seeds on several processes: each is a run by itself, so they may run in any order."""
+"""Runs many seeds in several processes. Seeds are independent, so they may finish in any order."""
 
 import json
 import multiprocessing
@@ -17,20 +17,20 @@ from metro_hil.simulation.run import RunResult
 
 NS_PER_S: Final = 1_000_000_000
 AHEAD: Final = 2
-"""So many seeds for each process wait for their turn: enough that none is idle."""
+"""Number of queued seeds for each worker process; two keep every worker busy."""
 BEGINNING: Final = b'{"seed": '
-"""Of each line of a journal."""
+"""First bytes of each line of a seed journal."""
 
 
 def cpu_ns() -> int:
-    """Processor time of this process so far."""
+    """Return the processor time that this process has used, in nanoseconds."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return int((usage.ru_utime + usage.ru_stime) * NS_PER_S)
 
 
 @dataclass(slots=True)
 class Total:
-    """Of all results so far."""
+    """Sums over the results of many seeds."""
 
     runs: int = 0
     simulated_s: float = 0.0
@@ -62,9 +62,11 @@ class Total:
 def run_many(
     seeds: Iterable[int], run: Callable[[int], RunResult], *, workers: int
 ) -> Generator[RunResult]:
-    """Results as they come. With one worker all happens here, in the order of the seeds.
+    """Yield results as they finish.
 
-    Whoever takes no more of them closes it: what runs then ends at once.
+    A single worker runs in this process, in the order of the seeds.
+
+    A caller that closes the generator early ends all running seeds at once.
     """
     if workers == 1:
         yield from map(run, seeds)
@@ -92,7 +94,7 @@ def run_many(
 
 
 def _begin_worker(parent: int) -> None:
-    """It ends with whoever started it, who hears Ctrl-C for all."""
+    """Let the worker end with its parent process; only the parent handles Ctrl-C."""
     leave_to_parent()
     die_with_parent(parent)
 
@@ -102,10 +104,13 @@ def _seed(result: RunResult) -> int:
 
 
 class SeedJournal:
-    """Results as lines of JSON in a file: what is in it need not be run again."""
+    """Results of seeds as lines of JSON in a file. Seeds in the file need not run again."""
 
     def __init__(self, path: Path) -> None:
-        """Raises OSError, and ValueError naming file and line for one that is none of ours."""
+        """Read the results that the file holds.
+
+        Raises OSError, and ValueError naming file and line for a line that is not a result.
+        """
         self._path = path
         path.open("a", encoding="utf-8").close()
         self.results = list(_read(path))
@@ -116,7 +121,7 @@ class SeedJournal:
 
 
 def as_table(result: "RunResult | Total") -> dict[str, Any]:
-    """For JSON."""
+    """Return the fields of a result as values that JSON can hold."""
     table: dict[str, Any] = {}
     for each in fields(result):
         value = getattr(result, each.name)
@@ -133,7 +138,7 @@ def _read(path: Path) -> Iterator[RunResult]:
     *whole, torn = path.read_bytes().split(b"\n")
     for number, line in enumerate([*whole, torn] if torn else whole, 1):
         if number > len(whole) and (line.startswith(BEGINNING) or BEGINNING.startswith(line)):
-            # A killed program had not finished its last line.
+            # The program was killed while it wrote its last line.
             os.truncate(path, path.stat().st_size - len(line))
             break
         try:
@@ -141,15 +146,17 @@ def _read(path: Path) -> Iterator[RunResult]:
         except ValueError:
             told = None
         if not isinstance(told, dict):
-            raise ValueError(f"{path}:{number}: is no result of a seed: {line[:40]!a}")
+            raise ValueError(f"{path}:{number}: is not the result of a seed: {line[:40]!a}")
         if set(told) != names:
             differing = sorted(set(told) ^ names)
-            raise ValueError(f"{path}:{number}: has not the fields of a result: {differing}")
+            raise ValueError(
+                f"{path}:{number}: the fields differ from those of a result: {differing}"
+            )
         for name in ("faults", "looked", "covered", "messages"):
             told[name] = Counter(told[name])
         yield RunResult(**told)
 
 
 def repeat_with(result: RunResult, options: Sequence[str] = ()) -> str:
-    """The one command that tells the story of a seed again."""
+    """Return the command that repeats a seed and prints its event log."""
     return " ".join(["hil simulate", f"--seed {result.seed}", *options, "--trace"])

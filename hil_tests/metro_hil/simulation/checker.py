@@ -1,7 +1,7 @@
-"""What must never happen, judged by where trains truly are and what they truly may do.
+"""Checks the safety invariants against true positions and true authorities of all trains.
 
-It shares nothing with the protocol: it sees true motion, what each train's brake loop goes by,
-what is on the air and what arbiters stored. Numbers are those of the safety invariants 19 to 29.
+It shares no code with the protocol. It sees true motion, the authority in each brake loop, the
+messages, and what arbiters stored. The numbers are those of safety invariants 19 to 29.
 """
 
 import math
@@ -14,15 +14,15 @@ from metro_hil.simulation.true_train import ROLL_BACK_MAX_M, BrakeLoopGrant, Tru
 
 NS_PER_MS: Final = 1_000_000
 NOBODY: Final = 0
-"""The issuer of an authority whose term is no longer the newest that its train has seen."""
+"""Issuer of an authority whose term is no longer the newest one that its train knows."""
 CYCLE_M: Final = 4.0
-"""A train that is told to stop shorter notices it within a control cycle."""
+"""Allowance for a train whose authority is shortened: it notices within one control cycle."""
 TOUCH_M: Final = 1e-6
-"""Rounding."""
+"""Tolerance for rounding."""
 
 
 class ViolationError(Exception):
-    """An invariant is broken; the run ends here."""
+    """A violated invariant; it ends the run."""
 
     def __init__(self, invariant: str, what: str) -> None:
         super().__init__(f"{invariant}: {what}")
@@ -31,43 +31,48 @@ class ViolationError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What the protocol promises, in its own figures."""
+    """What the protocol guarantees, in figures."""
 
     age_max_ns: int
-    """An authority older than this by the train's own clock binds no more: the train brakes."""
+    """Maximum age of an authority by the train's own clock; after it the train brakes."""
     roll_back_m: float = ROLL_BACK_MAX_M
     jog_m: float = 0.0
-    """So far a train may set back, where its authority allows it."""
+    """Maximum distance that a train may jog back where its authority allows it."""
     unjudged: frozenset[str] = frozenset()
-    """Invariants that the protocol does not even try to keep: looked at, not judged."""
+    """Invariants that the protocol does not claim to keep; violations are counted but do not end
+    the run."""
 
 
 class Checker:
-    """Told of all that concerns an invariant; raises ViolationError at the first broken one."""
+    """Invariants that the protocol does not claim to keep.
+
+    Violations are counted, and the run goes on.
+    """
 
     def __init__(self, trains: Iterable[TrueTrain], rules: Rules) -> None:
         self.trains = {train.address: train for train in trains}
         self.rules = rules
         self.looked = Counter[str]()
-        """How often each invariant was looked at."""
+        """Number of checks of each invariant."""
         self.held: dict[int, dict[int, BrakeLoopGrant]] = {}
-        """By train and area: what it may still act on."""
+        """Authorities that a train may still act on, by train and area."""
         self._issuers: dict[tuple[int, int], int] = {}
-        """By area and term: whose authorities were accepted."""
+        """Train whose authorities were accepted, by area and term."""
         self._terms: dict[tuple[int, int], int] = {}
-        """By train and area: the highest accepted term, over all its lives."""
+        """Highest accepted term over all incarnations, by train and area."""
         self._excused_m: dict[int, float] = {}
-        """By train: as far as it may come although its authority was shortened."""
+        """How far a train may run although its authority was shortened, by train."""
         self._newest: dict[tuple[int, int], tuple[int, int]] = {}
 
-    # -- told --------------------------------------------------------------------------------------
+    # -- notifications
+    # ------------------------------------------------------------------------------
 
     def accepted(
         self, address: int, grant: BrakeLoopGrant, now_ns: int, *, whole: bool = True
     ) -> None:
         """A train begins to act on an authority; `now_ns` is its own clock.
 
-        One that is not whole is put together of several, and as old as the oldest of them.
+        An authority that is not `whole` combines several and is as old as the oldest of them.
         """
         self._one_issuer(address, grant)
         if self._is_news(address, grant) and whole:
@@ -77,14 +82,14 @@ class Checker:
         self.train_apart(self.trains[address])
 
     def gave_up(self, address: int, area: int | None = None) -> None:
-        """A train acts no more on what it held (of one area); it stops as soon as it can."""
+        """A train stops acting on its authorities, of one area or of all, and brakes to a stop."""
         if area is None:
             self.held.pop(address, None)
         else:
             self.held.get(address, {}).pop(area, None)
 
     def moved(self, train: TrueTrain) -> None:
-        """Its motion was brought forward."""
+        """Check a train whose motion was brought forward."""
         self.train_apart(train)
         self._within_reach(train)
 
@@ -108,7 +113,7 @@ class Checker:
             )
 
     def _is_news(self, address: int, grant: BrakeLoopGrant) -> bool:
-        """And neither term nor number falls."""
+        """Tell whether the authority is new; check that neither term nor sequence falls."""
         self.looked["20"] += 1
         key = address, grant.area
         before = self._terms.get(key, 0)
@@ -119,7 +124,7 @@ class Checker:
             )
         self._terms[key] = grant.term
         newest = self._newest.get(key, (-1, -1))
-        # The same one comes again when another area had the last word meanwhile.
+        # The same authority comes again after another area's was the lower one meanwhile.
         if (grant.term, grant.sequence) < newest:
             self._break(
                 "29",
@@ -139,12 +144,12 @@ class Checker:
             )
 
     def reach_m(self, train: TrueTrain) -> float:
-        """As far as its front may come before it can be told otherwise."""
+        """Return how far the train's front may come before a new authority can reach it."""
         farthest_m = train.motion.farthest_m if train.motion.speed_mps > 0.0 else train.front_m
         return max(farthest_m, self.granted_m(train))
 
     def granted_m(self, train: TrueTrain) -> float:
-        """As far as its front may come by what it holds."""
+        """Return the end of the authorities that the train holds."""
         grants = self.held.get(train.address)
         if not grants:
             return -math.inf
@@ -154,11 +159,9 @@ class Checker:
         return end_m
 
     def hindmost_m(self, train: TrueTrain) -> float:
-        """As far back as its rear may come: by a jog that it is allowed, and then by all that it
-        may still roll back.
+        """Return how far back the rear may come: by an allowed jog and then a full rollback.
 
-        No train jogs before it stands, and that is farther on for one that moves, by what its
-        brake needs.
+        A train stops before it jogs back. A moving train stops farther on, by its braking distance.
         """
         allowed_m = [each.rear_m for each in self.held.get(train.address, {}).values()]
         jog_m = 0.0
@@ -172,7 +175,10 @@ class Checker:
         return most_m - train.length_m - max(jog_m, 0.0) - self.rules.roll_back_m
 
     def train_apart(self, train: TrueTrain) -> None:
-        """21 and 22: no metre is two trains', and authorities end before the leader's rear."""
+        """Check invariants 21 and 22: no two trains may reach the same metre of track.
+
+        An authority ends before the rear of the train ahead.
+        """
         if not train.on_line:
             return
         self.looked["21"] += 1
@@ -200,7 +206,7 @@ class Checker:
         self._leaves_room(train)
 
     def _leaves_room(self, train: TrueTrain) -> None:
-        """22, for the authority itself: also room for a leader that is still to roll back."""
+        """Check invariant 22: an authority leaves room for a leader that may still roll back."""
         grants = self.held.get(train.address)
         if not grants:
             return
@@ -219,13 +225,13 @@ class Checker:
                 )
 
     def _excuse(self, train: TrueTrain, grant: BrakeLoopGrant) -> None:
-        """One that is shortened under a train that moves cannot be kept to the metre."""
+        """Allow a moving train to overrun an authority shortened within its braking distance."""
         if train.motion.speed_mps > 0.0 and train.motion.farthest_m > grant.end_m:
             excused_m = max(train.motion.farthest_m, self._excused_m.get(train.address, 0.0))
             self._excused_m[train.address] = excused_m + CYCLE_M
 
     def _within_reach(self, train: TrueTrain) -> None:
-        """24, in the flesh: with or without radio no train passes what it was last granted."""
+        """Check invariant 24 in motion: no train passes its last authority, even without radio."""
         grants = self.held.get(train.address)
         if not grants or train.shunts:
             return

@@ -1,6 +1,8 @@
-"""The monotonic clock of one node: it starts anywhere, drifts, and may be stepped.
+"""The monotonic clock of one node.
 
-What is multiplied stays below 2**31, as products of more are made of objects in compiled code.
+It starts at any value, drifts, and may be stepped.
+
+Factors stay below 2**31, because compiled code stores larger products as objects.
 """
 
 from typing import Final
@@ -9,7 +11,7 @@ MILLION: Final = 1_000_000
 
 
 class NodeClock:
-    """Local nanoseconds as a function of true ones; between two changes it is a straight line."""
+    """Local time as a function of true time, linear between two changes."""
 
     __slots__ = ("_local_ns", "_rate", "_true_ns")
 
@@ -18,24 +20,24 @@ class NodeClock:
         self._rate = MILLION + drift_ppm
 
     def local_ns(self, true_ns: int) -> int:
-        """What the node reads at a true instant."""
+        """Return the node's clock reading at a true instant."""
         since_ns = true_ns - self._true_ns
         whole, rest = since_ns // MILLION, since_ns % MILLION
         return self._local_ns + whole * self._rate + rest * self._rate // MILLION
 
     def true_ns(self, local_ns: int) -> int:
-        """The first true instant at which the node reads so much or more."""
+        """Return the first true instant at which the node's clock has reached `local_ns`."""
         until_ns = self._local_ns - local_ns
         whole, rest = until_ns // self._rate, until_ns % self._rate
         return self._true_ns - (whole * MILLION + rest * MILLION // self._rate)
 
     def drift(self, true_ns: int, drift_ppm: int) -> None:
-        """From now on it gains so many parts in a million; what it reads now stays."""
+        """Change the drift, in parts per million fast, without a step of the reading."""
         self._local_ns, self._true_ns = self.local_ns(true_ns), true_ns
         self._rate = MILLION + drift_ppm
 
     def step(self, true_ns: int, by_ns: int) -> None:
-        """It jumps, forwards or (which no sound monotonic clock does) backwards."""
+        """Step the clock forwards or, as no sound monotonic clock does, backwards."""
         self._local_ns, self._true_ns = self.local_ns(true_ns) + by_ns, true_ns
 
     @property

@@ -1,4 +1,4 @@
-"""What of the protocol a run went through: states, transitions, guards, kinds of message."""
+"""Counts the protocol's states, transitions, guard answers and message kinds that a run reached."""
 
 import dataclasses
 import enum
@@ -34,20 +34,20 @@ KINDS: Final[dict[type[T2tMessage], tuple[str, type[enum.IntEnum]]]] = {
     Admission: ("state", AdmissionState),
     RemovalAnswer: ("state", RemovalState),
 }
-"""Messages of which each kind counts by itself."""
+"""Message types whose kinds are counted separately, with the field that holds the kind."""
 PLAIN: Final = {kind: kind.__name__ for kind in T2T_TYPES if kind not in KINDS}
 NAMES: Final = {
     (kind, value): f"{kind.__name__} {value.name}"
     for kind, (_, values) in KINDS.items()
     for value in values
 }
-"""Of those, by type and kind."""
+"""Names under which these messages are counted, by type and kind."""
 FORMULAS: Final = frozenset({"latent_authority_m", "unused_term", "granted_until_ns"})
-"""Among the guards, but not true or false."""
+"""Entries among the guards that return something other than true or false."""
 
 
 def counted(guards: Any, counting: "list[CountedGuard]") -> Any:
-    """The same guards; each counts its answers, and is added to the list."""
+    """Return the same guards, each counting its answers; add each counting guard to the list."""
     changed: dict[str, Any] = {}
     for each in dataclasses.fields(guards):
         value = getattr(guards, each.name)
@@ -60,7 +60,7 @@ def counted(guards: Any, counting: "list[CountedGuard]") -> Any:
 
 
 class CountedGuard:
-    """A guard, and what it answered so far."""
+    """A guard that counts its answers."""
 
     __slots__ = ("_call", "name", "no", "yes")
 
@@ -78,7 +78,7 @@ class CountedGuard:
 
 
 def answers(counting: Sequence[CountedGuard]) -> Counter[str]:
-    """What guards have answered, by name; those of one name together."""
+    """Return the answers of all guards by name; guards of one name are counted together."""
     counts = Counter[str]()
     for each in counting:
         counts.update({f"guard {each.name}: no": each.no, f"guard {each.name}: yes": each.yes})
@@ -86,7 +86,7 @@ def answers(counting: Sequence[CountedGuard]) -> Counter[str]:
 
 
 def told_kinds(messages: Iterable[T2tMessage], counts: Counter[str]) -> None:
-    """Count what is said, by kind."""
+    """Count sent messages by kind."""
     for message in messages:
         kind = type(message)
         finer = KINDS.get(kind)
@@ -97,14 +97,12 @@ def told_kinds(messages: Iterable[T2tMessage], counts: Counter[str]) -> None:
 
 
 def never(counts: Counter[str]) -> list[str]:
-    """What could have happened and did not."""
+    """Return the names that the run could have reached and did not."""
     return sorted(everything() - set(counts))
 
 
 def everything() -> set[str]:
-    """States and roles, every way from one to another, both answers of every guard, all kinds of
-    message.
-    """
+    """Return the names of all states, roles, transitions, guard answers and message kinds."""
     found = {f"state {state.value}" for state in TrainState}
     found |= {f"from {a.value} to {b.value}" for a, b in itertools.permutations(TrainState, 2)}
     found |= {f"role {role.value}" for role in Role}
@@ -112,7 +110,7 @@ def everything() -> set[str]:
     found |= set(_guard_names(TrainGuards()))
     for kind in T2T_TYPES:
         if kind in (Decree, LineState):
-            # Between desks and the wayside: no part of what is simulated.
+            # Only consoles and the wayside exchange these; the simulation has no console.
             continue
         finer = KINDS.get(kind)
         if finer is None:

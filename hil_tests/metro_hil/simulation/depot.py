@@ -1,4 +1,4 @@
-"""Trains that leave the line at its end, by hand, and come back at its beginning after a while."""
+"""Trains that leave the line by hand at its end and come back at its start after a while."""
 
 import random
 from typing import Final
@@ -10,25 +10,28 @@ from zenoh_config.t2t_supervision import RemovalState
 
 NS_PER_S: Final = 1_000_000_000
 NEAR_M: Final = 60.0
-"""So near the end of the line a train may be driven off it."""
+"""Maximum distance from the end of the line at which a train may be driven off it."""
 BEYOND_M: Final = 20.0
-"""So far behind the end its rear is in the depot, and its controller is switched off."""
+"""Distance of a train's rear beyond the end of the line at which its controller is switched off."""
 LOOK_NS: Final = 500_000_000
 SEEN_NS: Final = 4_000_000_000
 AWAY_S: Final = (5.0, 60.0)
 ROOM_M: Final = 40.0
-"""Free track ahead of a train that is set onto the line."""
+"""Free track that a train needs ahead of it when it is set onto the line."""
 
 
 class Depot:
-    """Drives trains off and sets them on again."""
+    """Drives trains off the line and sets them on again."""
 
     def __init__(self, world: LineWorld, rng: random.Random) -> None:
         self.world, self._rng = world, rng
         self.entered = 0
 
     def leaves(self) -> bool:
-        """Let the foremost train leave; whether it is there to do so."""
+        """Let the foremost train leave.
+
+        Return False if it is not at rest near the end of the line.
+        """
         trains = [each for each in self.world.trains.values() if each.on_line]
         if not trains:
             return False
@@ -56,7 +59,10 @@ class Depot:
         seen_gone(self.world, train)
 
     def _enters(self, train: TrueTrain) -> None:
-        """When there is room: its place is nobody's, as none is behind it."""
+        """Set the train onto the start of the line when there is room there.
+
+        No train can stand behind it there.
+        """
         net, world = self.world.net, self.world
         front_m = train.length_m + self._rng.uniform(10.0, 60.0)
         rears_m = [each.rear_m for each in world.trains.values() if each.on_line]
@@ -69,7 +75,7 @@ class Depot:
 
 
 def take_off(world: LineWorld, train: TrueTrain) -> None:
-    """It is not on the line any more, and nobody has been told so yet."""
+    """Take a train off the line. No master knows of it yet."""
     train.on_line = train.localised = False
     world.checker.gave_up(train.address)
     for area in world.drawn.cast.line.areas:
@@ -77,7 +83,7 @@ def take_off(world: LineWorld, train: TrueTrain) -> None:
 
 
 def set_on(world: LineWorld, train: TrueTrain, front_m: float) -> None:
-    """Switched off, whatever ran while it was away: it begins anew with what it stored."""
+    """Set a switched-off train onto the line. Its controller restarts with what it stored."""
     net = world.net
     net.kill(train.address, why="is switched off before it comes back")
     train.motion = SimulatedMotion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)
@@ -87,8 +93,9 @@ def set_on(world: LineWorld, train: TrueTrain, front_m: float) -> None:
 
 
 def seen_gone(world: LineWorld, train: TrueTrain) -> None:
-    """By a person, who asks every master to take it off its roster until all have: theirs may not
-    have heard of it. Where it is again by then it is seen, too.
+    """Let a person ask every master to take an absent train off its roster, until all have done so.
+
+    Masters may have missed earlier requests. An area that the train has entered again is left out.
     """
     told = world.t2t.removals
     left = [

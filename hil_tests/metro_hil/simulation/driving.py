@@ -1,7 +1,7 @@
-"""What a train's own protection and operation do with the authority that it holds.
+"""What the ATP and ATO of a train do with its authority.
 
-It stands in for the whole on-board controller: supervision of the braking curve towards the end
-of authority, automatic driving below it, stops at stations.
+It replaces the whole on-board controller: supervision of the braking curve to the end of authority,
+automatic driving below it, and stops at stations.
 """
 
 import math
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Final
 
 GUARANTEED_MPS2: Final = 1.0
-"""What supervision reckons with; no emergency brake is weaker."""
+"""Guaranteed emergency brake rate (GEBR) that supervision assumes; no emergency brake is weaker."""
 REACTION_S: Final = 1.3
-"""From the excess to the full brake: a control cycle and the build-up, with some margin."""
+"""Time from the overspeed to the full brake: a control cycle and the build-up, with a margin."""
 SERVICE_MPS2: Final = 0.8
 TRACTION_MPS2: Final = 0.9
 DRIVE_REACTION_S: Final = 1.6
@@ -20,15 +20,16 @@ CREEP_M: Final = 0.5
 
 @dataclass(frozen=True, slots=True)
 class DrivingTarget:
-    """Where automatic driving wants to come to rest, and how fast it may go."""
+    """Where automatic driving plans to stop, and its maximum speed."""
 
     speed_max_mps: float
     stop_m: float
-    """The nearer one of station and end of authority less its margin."""
+    """Position of the station stop or of the end of authority less a margin, whichever is
+    nearer."""
 
 
 def braking_curve_mps(distance_m: float, *, decel_mps2: float, reaction_s: float) -> float:
-    """From v the train runs on for the reaction and then stops within v²/2b; solved for v."""
+    """Return the speed v from which reaction distance plus v²/2b equals `distance_m`."""
     if distance_m <= 0.0:
         return 0.0
     lost_mps = decel_mps2 * reaction_s
@@ -36,9 +37,9 @@ def braking_curve_mps(distance_m: float, *, decel_mps2: float, reaction_s: float
 
 
 def must_trip(front_m_max: float, speed_mps: float, end_m: float, *, accel_mps2: float) -> bool:
-    """Whether supervision has to apply the emergency brake now.
+    """Tell whether supervision must apply the emergency brake now.
 
-    Traction may act for the reaction time still, so the speed is taken with what it adds.
+    Traction may still act during the reaction time, so the test adds the speed that it gains.
     """
     distance_m = end_m - front_m_max
     fastest_mps = speed_mps + max(0.0, accel_mps2) * 0.3
@@ -47,7 +48,7 @@ def must_trip(front_m_max: float, speed_mps: float, end_m: float, *, accel_mps2:
 
 
 def demand_mps2(front_m: float, speed_mps: float, aim: DrivingTarget) -> float:
-    """Acceleration that automatic driving asks for; it stays well below supervision."""
+    """Return the acceleration that ATO demands; it stays well below the supervision curve."""
     distance_m = aim.stop_m - front_m
     if distance_m <= CREEP_M:
         return -SERVICE_MPS2

@@ -1,8 +1,8 @@
-"""One queue of events for all nodes and links, and the faults that they can suffer.
+"""Event queue of all nodes and links of the simulated network, with the faults that it can apply.
 
-A node is a machine that is told the time and what it heard and says what to store, what to send and
-when to wake it. What it stores is stored before anything goes out. Every draw comes from one
-generator, so a run is a function of its seed.
+A node is a state machine. It receives the time and its messages, and returns what to store, what to
+send and when to wake it. The queue stores before it sends. One generator gives all random numbers,
+so a run is a function of its seed.
 """
 
 import random
@@ -15,30 +15,30 @@ from metro_hil.simulation.node import NEVER, Doom, NodeStep, QueuedMessage, Simu
 from metro_hil.simulation.trace import EventHash, Teller
 
 INBOX_MAX: Final = 256
-"""A bounded inbox drops its oldest message."""
+"""Size of an inbox. A full inbox drops its oldest message."""
 TURN_NS: Final = 3_000_000
-"""From the arrival of a message to the step that reads it and all that came meanwhile, at most;
-drawn for each."""
+"""Maximum time from the arrival of a message to the step that reads it. The time is sampled for
+each message."""
 LEAST_REST_NS: Final = 100_000
-"""A node that asks to be woken at once is woken so much later."""
+"""Delay after which a node that asks to be woken at once is woken."""
 
 
 Meddler = Callable[[int, int, Any], int | None]
-"""Takes source, target and message; None loses it, 0 leaves it to the weather, else it comes so
-many nanoseconds later."""
+"""Receives source, target and message. It returns None to lose the message, 0 to leave it to the
+link, or a delay in nanoseconds."""
 
 
 class Codec(Protocol):
-    """Values to bytes and back, for runs that go through the real codec."""
+    """Converts messages to bytes and back, for runs that go through the real codec."""
 
     def seal(self, message: Any) -> bytes: ...
 
     def open(self, payload: bytes) -> Any | None:
-        """None when it must not be believed."""
+        """Return None for a payload that must be rejected."""
 
 
 class SimulatedNetwork:
-    """Nodes, links and the queue."""
+    """Nodes, the links between them and the event queue."""
 
     def __init__(self, seed: int, *, codec: Codec | None = None, tell: Teller | None = None):
         self.now_ns = 0
@@ -60,16 +60,16 @@ class SimulatedNetwork:
 
     @property
     def events(self) -> int:
-        """Messages sent, messages that came or were lost on the way, and steps of nodes."""
+        """Number of messages sent, messages delivered or lost on the way, and steps of nodes."""
         return self.sent + self.delivered + self.lost + self.damaged + self.steps
 
     def at(self, at_ns: int, call: Callable[[Any], None], argument: object = None) -> None:
-        """Call at a true instant, after everything that was queued for it before."""
+        """Queue a call for a true instant, after all earlier calls for the same instant."""
         self._number += 1
         heappush(self._heap, (at_ns, self._number, call, argument))
 
     def run(self, until_ns: int) -> None:
-        """Everything up to and including that instant."""
+        """Run all events up to and including that instant."""
         heap, trace = self._heap, self.trace
         fired = 0
         while heap and heap[0][0] <= until_ns:
@@ -82,7 +82,7 @@ class SimulatedNetwork:
         self.fired += fired
 
     def add(self, node: SimulatedNode) -> None:
-        """Join a node to all others; it does not run yet."""
+        """Link a node to all others; its process does not run yet."""
         assert node.address not in self.nodes
         for other in self.nodes.values():
             other.links[node.address] = SimulatedLink(other.address, node.address)
@@ -93,7 +93,7 @@ class SimulatedNetwork:
         return (link for node in self.nodes.values() for link in node.links.values())
 
     def boot(self, address: int) -> None:
-        """Start the process of a node; one that runs is left alone."""
+        """Start the process of a node; a running process is left alone."""
         node = self.nodes[address]
         if node.machine is not None:
             return
@@ -107,7 +107,7 @@ class SimulatedNetwork:
         self._wake_at(node, self.now_ns)
 
     def kill(self, address: int, *, why: str = "is killed", disk_lost: bool = False) -> None:
-        """The process ends. What it stored stays unless the disk goes with it."""
+        """End the process of a node. Its disk keeps what was stored, unless `disk_lost`."""
         node = self.nodes[address]
         if disk_lost:
             node.disk = None
@@ -121,7 +121,10 @@ class SimulatedNetwork:
         node.wake_ns = NEVER
 
     def stop(self, address: int, for_ns: int) -> None:
-        """SIGSTOP: neither reads nor sends; then it acts on what piled up."""
+        """Stop a process as SIGSTOP does.
+
+        Later it continues with the messages that have piled up.
+        """
         node = self.nodes[address]
         if node.machine is not None and self.now_ns + for_ns > node.stopped_until_ns:
             self.say(node.name, f"is stopped for {for_ns / 1e9:.3f} s")
@@ -133,7 +136,7 @@ class SimulatedNetwork:
         self._wake_at(node, node.stopped_until_ns)
 
     def runs(self, address: int) -> bool:
-        """Whether the process of a node is there and not stopped."""
+        """Tell whether the process of a node runs and is not stopped."""
         node = self.nodes[address]
         return node.machine is not None and node.stopped_until_ns <= self.now_ns
 
@@ -155,14 +158,14 @@ class SimulatedNetwork:
             self._wake_at(node, self.now_ns + LEAST_REST_NS)
 
     def cut(self, pairs: Iterable[tuple[int, int]], *, keeps: bool = False) -> None:
-        """From the first of each pair to the second nothing comes through any more."""
+        """Cut the link from first to second node of each pair; `keeps` holds messages back."""
         for source, target in pairs:
             link = self.nodes[source].links[target]
             link.cut += 1
             link.keeps = keeps
 
     def heal(self, pairs: Iterable[tuple[int, int]]) -> None:
-        """Undo one cut of each pair; what was kept comes now, in order and at once."""
+        """Undo one cut of each pair; messages held back arrive now, in order and all at once."""
         for source, target in pairs:
             link = self.nodes[source].links[target]
             link.cut -= 1
@@ -173,7 +176,7 @@ class SimulatedNetwork:
                     self.at(at_ns, self._delivers, (self.nodes[target], payload))
 
     def deliver(self, target: int, message: Any) -> None:
-        """A message from nowhere, for directed scenarios."""
+        """Deliver a message that no node sent, for directed scenarios."""
         self.at(self.now_ns, self._delivers, (self.nodes[target], message))
 
     def weather(self, links: Iterable[SimulatedLink], weather: Weather) -> None:
@@ -181,7 +184,7 @@ class SimulatedNetwork:
             link.change(weather)
 
     def meddle(self, meddler: Meddler | None) -> None:
-        """Let someone see each message and lose it or hold it back, for directed scenarios."""
+        """Let `meddler` inspect each message and lose or delay it, for directed scenarios."""
         self._meddler = meddler
         for link in self.links():
             link.watch(meddler is not None)
@@ -223,7 +226,7 @@ class SimulatedNetwork:
             self._wake_at(node, due_ns if due_ns > least_ns else least_ns)
 
     def _dying(self, node: SimulatedNode, turn: NodeStep) -> None:
-        """A step that is not carried out to its end."""
+        """Carry out only the part of the step that comes before the node's death."""
         doom = node.doom
         assert doom is not None
         if doom is not Doom.BEFORE_STORING:
@@ -300,7 +303,8 @@ class SimulatedNetwork:
             if draw() < weather.damage_share:
                 self.damaged += 1
                 if self.codec is None:
-                    # Values cannot be damaged; the code of a damaged message is found wrong.
+                    # A message that was not encoded cannot be damaged; the receiver's codec would
+                    # reject it.
                     continue
                 copy = self._flipped(payload)
             at_ns = self.now_ns + weather.delay_ns + int(draw() * weather.spread_ns)

@@ -1,4 +1,4 @@
-"""What a seed plays: line, trains, arbiters and timers; everything that is no fault."""
+"""Generates the line, trains, arbiters and timers of a seed; faults come from other modules."""
 
 import itertools
 import random
@@ -23,27 +23,26 @@ from zenoh_config.timers import TIMERS_A, TIMERS_B
 
 AREA_M: Final = 2000.0
 SECTION_PIECES: Final = 8
-"""In each area."""
+"""Number of sections in each area."""
 FIRST_ARBITER: Final = 65_001
 EVEN_BELOW: Final = 10_000
-"""Seeds below have areas of one length, trains of one length, and objects at the same places of
-each; from this one on all of that is drawn, too."""
+"""First seed with random areas, train lengths and object places. Lower seeds use areas and trains
+of equal length, with objects at the same places in each area."""
 ORDERED_FROM: Final = 20_000
-"""From this seed on supervision takes trains out of service by order, too."""
+"""First seed for which supervision also takes trains out of service by command."""
 CHOOSY_FROM: Final = 100_000
-"""From this seed on not everything happens on the railway, and some of it far more often."""
+"""First seed for which only some kinds of railway event happen, and some of them far more often."""
 SIDINGS_FROM: Final = 110_000
-"""From this seed on trains are taken off the line anywhere and set on elsewhere, and are not all of
-one length."""
+"""First seed for which trains leave the line anywhere, return elsewhere, and differ in length."""
 BY_HAND_FROM: Final = 120_000
-"""From this seed on trains are driven by hand, on sight, too."""
+"""First seed for which trains are also driven by hand, on sight."""
 DISTURBED_FROM: Final = 130_000
-"""From this seed on counters of axles are disturbed, too."""
+"""First seed for which axle counters are also disturbed."""
 DENSE_FROM: Final = 200_000
-"""From this seed on lines are shorter and fuller, and far more happens on them and to them; on some
-of them something is lost or late all the time."""
+"""First seed with shorter and denser lines and far more events and faults. On some of these lines
+messages are lost or late all the time."""
 FAULTS_S: Final = (1.0, 40.0)
-"""The mean time from one fault to the next is between these, unless something else is said."""
+"""Default range of the mean time between two faults, in seconds."""
 PLACES_M: Final = 10.0
 """Borders and objects lie at whole multiples of this."""
 
@@ -51,8 +50,9 @@ PLACES_M: Final = 10.0
 def line_of_areas(
     areas: int, *, objects: bool = True, area_m: float = AREA_M, pieces: int = SECTION_PIECES
 ) -> AreaMap:
-    """Areas of one length, each of so many sections; in each a switch and a platform track, when
-    there are objects.
+    """Return areas of equal length, each divided into `pieces` sections.
+
+    With `objects`, each area has one switch and one platform track.
     """
     length_m = areas * area_m
     sites: list[ObjectSite] = []
@@ -75,17 +75,17 @@ def line_of_areas(
 
 
 class SampledRanges(NamedTuple):
-    """What lines and trains are drawn from."""
+    """Values from which lines and trains are sampled."""
 
     areas: Sequence[int]
     areas_m: Sequence[float]
-    """Lengths, to which up to 190 m are added."""
+    """Lengths of areas; a random length of up to 190 m is added to each."""
     objects: Sequence[int]
-    """In each area."""
+    """Number of objects in each area."""
     sections_m: Sequence[float]
     trains_m: Sequence[float]
     trains: tuple[int, int]
-    """At least and at most."""
+    """Minimum and maximum number of trains."""
     between_s: Sequence[float]
 
 
@@ -110,7 +110,7 @@ DENSE: Final = SampledRanges(
 
 
 def line_by_chance(rng: random.Random, span: SampledRanges = WIDE) -> AreaMap:
-    """Some areas, each of its own length; objects anywhere, at borders, too."""
+    """Return a line of random areas, with objects at random places, also at borders."""
     lengths_m = [
         rng.choice(span.areas_m) + PLACES_M * rng.randrange(20)
         for _ in range(rng.choice(span.areas))
@@ -133,42 +133,42 @@ def line_by_chance(rng: random.Random, span: SampledRanges = WIDE) -> AreaMap:
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """What a seed plays."""
+    """Line, trains and settings that a seed runs with."""
 
     cast: LineParticipants
     setting: Setting
     turn_ms: int = 3
-    """How long a process may take to look into its inbox."""
+    """Maximum time from the arrival of a message until the process reads its inbox."""
     leisurely: bool = False
-    """A train that follows leaves what concerns masters only in its inbox until it has something to
-    do: nearly the same run in fewer steps."""
+    """Whether a train that is not the master wakes only for messages that concern it. Messages for
+    masters then stay in its inbox, which gives nearly the same run in fewer steps."""
     between_s: float = 12.0
-    """Mean time from one thing that happens on the railway to the next."""
+    """Mean time between two railway events."""
     ordered: bool = False
-    """Trains are taken out of service by order, too."""
+    """Whether supervision also takes trains out of service by command."""
     choosy: bool = False
-    """Of what may happen on the railway only a part does, each with a frequency of its own: what
-    comes of one thing after the other hides where everything happens now and then."""
+    """Whether only some kinds of railway event happen, each with its own frequency. Sequences of
+    one kind stay rare where every kind happens now and then."""
     sidings: bool = False
-    """Trains are taken off the line and set on again elsewhere."""
+    """Whether trains are taken off the line and set on again elsewhere."""
     by_hand: bool = False
-    """Trains are driven by hand behind the next one."""
+    """Whether trains are driven by hand up to the train ahead."""
     disturbed: bool = False
-    """Counters of axles are disturbed now and then."""
+    """Whether axle counters are disturbed now and then."""
     faults_s: tuple[float, float] = FAULTS_S
-    """As `FAULTS_S`."""
+    """Range of the mean time between two faults; see `FAULTS_S`."""
     foul_share: float = 0.0
-    """Up to this share of messages is lost all the time, and late, and doubled, now on some links
-    and now on others."""
+    """Upper bound of the share of messages that links lose, delay or duplicate all the time. The
+    affected links change during the run."""
 
     @property
     def timers(self) -> str:
-        """A or B."""
+        """Name of the timer set: A or B."""
         return "B" if self.cast.config.timers == TIMERS_B else "A"
 
 
 def draw(seed: int) -> Draw:
-    """The same for the same seed."""
+    """Generate everything that a seed runs with; equal seeds give equal results."""
     return _draw_even(seed) if seed < EVEN_BELOW else _draw_any(seed)
 
 
@@ -238,7 +238,7 @@ def _shorter(rng: random.Random, length_m: float) -> Build:
 def _fronts_m(
     rng: random.Random, trains: Sequence[int], room_m: float, end_m: float
 ) -> dict[int, float]:
-    """Anywhere, but with room between them."""
+    """Return random places of the train fronts, with free track between the trains."""
     spare_m = sorted(rng.uniform(0.0, end_m - room_m * len(trains)) for _ in trains)
     return {
         train: spare_m[index] + room_m * (index + 1) - 20.0 for index, train in enumerate(trains)

@@ -1,6 +1,6 @@
-"""Every guard of the protocol taken away in turn: a scenario or a few seeds have to notice.
+"""Removes each guard of the protocol in turn; a scenario or some seeds must fail without it.
 
-`NOTICED` says by what each is found; `ARGUED` why one cannot be missed by anything that is judged.
+`NOTICED` names the scenario that fails; `ARGUED` says why no check can fail without the guard.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -30,7 +30,7 @@ ALL_SCENARIOS: Final = {
 
 
 def effective_authority_m(seen: Latency) -> float:
-    """What the train is told to keep to, and not what it may still need to stop."""
+    """Return the end of the train's authority, without the distance that it still needs to stop."""
     return seen.front_max_m if seen.held_end_m is None else seen.held_end_m
 
 
@@ -47,7 +47,7 @@ FORMULAS: Final[Mapping[str, Callable[[Any], Any]]] = {
     "unused_term": term_without_tried,
     "granted_until_ns": whole_lease_ns,
 }
-"""What stands in the place of those that are no yes or no."""
+"""Replacements for guards that do not return true or false."""
 
 
 def _holds(*_: Any) -> bool:
@@ -55,7 +55,7 @@ def _holds(*_: Any) -> bool:
 
 
 def mutants() -> Iterator[tuple[str, Guards]]:
-    """Name and guards of each."""
+    """Yield the name and the changed guards of each mutant."""
     safe = Guards()
     for part in PARTS:
         guards: Any = getattr(safe.train, part)
@@ -77,7 +77,7 @@ def mutants() -> Iterator[tuple[str, Guards]]:
 
 
 def noticed_by(scenario: DirectedScenario, guards: Guards) -> str:
-    """What a scenario says of these guards; empty: nothing strikes it."""
+    """Return the error with which the scenario fails under these guards; empty if it passes."""
     try:
         scenario.play(lambda plot: ScriptedLine(replace(plot, guards=guards)))
     except (ViolationError, UnexpectedError) as error:
@@ -112,12 +112,12 @@ NOTICED: Final[Mapping[str, str]] = {
     "memory of arbiter": "term-again",
     "memory of object": "object-restarts",
 }
-"""By guard: the scenario that fails without it."""
+"""The scenario that fails without the guard, by guard."""
 
 ARGUED: Final[Mapping[str, str]] = {
     "master.comes_in_line": (
-        "A train that is heard after the one behind it was admitted is kept free of it, and "
-        "finds its place as soon as that one's authority has been shortened (out-of-line)."
+        "A train received only after the one behind it was admitted is kept clear of it, and "
+        "gets its place once the authority of that one has been shortened (out-of-line)."
     ),
     "lease.answers_this_attempt": (
         "Votes are counted by nonce all the same, so that no two attempts make a majority "
@@ -125,21 +125,21 @@ ARGUED: Final[Mapping[str, str]] = {
         "confirms by keeping its roster, and without that nothing is issued."
     ),
     "memory of train": (
-        "Who begins anew gets nothing before its master has renewed its roster entry at a "
-        "majority of arbiters, and these keep nothing under an older term than they promised."
+        "A restarted train gets no authority before its roster entry is committed by a "
+        "majority of arbiters, which store nothing under a lower term than they acknowledged."
     ),
     "master.report_alive": (
         "An authority echoes the report that it answers. One that answers an old report "
         "is too old when it comes (member.young_enough)."
     ),
     "master.cleared_after": (
-        "A view of the track is no older than an authority may be, and a silent train is "
-        "one that has not been heard for half of that: in the rest no train runs its own "
+        "A track status is no older than an authority may be, and a non-communicating train is "
+        "one that was not received for half of that. In the other half no train runs its own "
         "length, which is what the sections behind it would have to miss."
     ),
     "arbiter.term_is_new": (
-        "A train asks above all terms that it saw, tried or was refused with; who knows "
-        "of none meets trains that do, and these obey only what is newer or the owner's."
+        "A train asks for a term above all that it received, tried or was refused. If it knows "
+        "none, the other trains still obey only a newer term or the owner of a known one."
     ),
     "arbiter.by_holder": (
         "A renewal or a release under a term names its holder; another train would have "
@@ -148,12 +148,12 @@ ARGUED: Final[Mapping[str, str]] = {
     "object.term_not_old": ("object.newer_claim orders claims by term first."),
     "object.owner_of_term": (
         "Terms have one owner each (arbiter.term_is_new); the envelope's code keeps out "
-        "whoever only pretends."
+        "senders that pretend to be the owner."
     ),
     "object.nobody_in_it": (
-        "The interlocking's own last look: masters release only what no train of the "
-        "roster can reach (master.cannot_reach), and none is within what nobody can "
+        "This is the interlocking's own last check. Masters release only what no train of the "
+        "roster can reach (master.cannot_reach), and no train is within what no train can "
         "reach."
     ),
 }
-"""By guard: why nothing that is judged goes wrong without it alone: another one stands behind."""
+"""Why no check can fail without the guard, by guard: another guard stands behind it."""

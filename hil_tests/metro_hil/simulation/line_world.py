@@ -1,4 +1,4 @@
-"""Trains that command themselves on a line of their own: areas, objects, supervision, depot."""
+"""A line of trains that command themselves, with areas, objects, supervision and depot."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ NS_PER_MS: Final = 1_000_000
 
 
 class LineWorld(SimulatedLine):
-    """With the protocol itself on all nodes."""
+    """A simulated line whose nodes all run the real protocol."""
 
     def __init__(
         self, seed: int, drawn: Draw, *, codec: Codec | None = None, tell: Teller | None = None
@@ -49,7 +49,8 @@ class LineWorld(SimulatedLine):
         self.net.turn_ns = drawn.turn_ms * NS_PER_MS
         self._closed: list[tuple[int, SpeedRestriction]] = []
         self._places: dict[int, deque[tuple[int, float]]] = {each: deque() for each in self.trains}
-        """By train: when and where its front was at most, those that nothing later exceeds."""
+        """Times and greatest front positions by train; positions that a later one exceeds are
+        dropped."""
         ends_m = {area.number: area.end_m for area in drawn.cast.line.areas}
         self.air = AuthorityChecks(rules, self.checker.looked, ends_m)
         crew.answered = self.air.answered
@@ -85,9 +86,11 @@ class LineWorld(SimulatedLine):
         self.check_objects()
 
     def without_authority(self) -> list[int]:
-        """But for those that have closed up: a leader that rolled back into the room that it has to
-        leave behind it takes from the next train what it could be given, until it moves on. And who
-        is found so near ahead of another, and is on no roster, gets no place on one.
+        """Return the trains without authority, except those that stand too close to another.
+
+        A leader that rolls back into the room it must leave behind it takes away what its follower
+        could get. An unregistered train that appears so close ahead of another is not put on a
+        roster.
         """
         return [each for each in super().without_authority() if not self._closed_up(each)]
 
@@ -108,7 +111,7 @@ class LineWorld(SimulatedLine):
         return closed_up
 
     def _too_near(self, train: TrueTrain | None, leader: TrueTrain | None) -> bool:
-        """As far as they know themselves."""
+        """Tell whether the trains are too close by their own position intervals."""
         if train is None or leader is None:
             return False
         rules = self.checker.rules
@@ -116,14 +119,15 @@ class LineWorld(SimulatedLine):
         return train.reading().front_max_m > leader.reading().rear_min_m - room_m
 
     def is_in(self, train: TrueTrain, area: Area) -> bool:
-        """Some of it is."""
+        """Tell whether any part of the train is in the area."""
         return train.on_line and train.rear_m < area.end_m and train.front_m > area.start_m
 
     def unsettled(self, waiting: Sequence[int]) -> bool:
-        """Also while a train moves between which and one of these no section is empty: who begins
-        anew waits until others stand, and tell its area where. And while any moves, if one that is
-        elsewhere has to leave a roster: its way is looked at, as far as it may have been let. And
-        while that one moves itself, and is heard.
+        """Tell whether trains have to wait because another train moves.
+
+        A restarted train waits while a train moves that no empty section separates from it: others
+        have to stand and report where. A train that left an area stays on its roster while the way
+        that it may have taken is checked, or while it moves and its master still receives it.
         """
         moving = [each for each in self.trains.values() if each.motion.speed_mps > 0.0]
         if not moving:
@@ -143,29 +147,31 @@ class LineWorld(SimulatedLine):
         )
 
     def removes(self, train: int, areas: Sequence[int] = ()) -> None:
-        """Supervision takes it off the rosters of these areas; of all, if none is named."""
+        """Let supervision take the train off the rosters of these areas; by default of all."""
         wanted = areas or [area.number for area in self.drawn.cast.line.areas]
         self.net.say("railway", f"supervision takes train {train} off rosters {wanted}")
         self.t2t.orders += [TrainOrder(None, area, train) for area in wanted]
 
     @property
     def may_close(self) -> bool:
-        """The wayside tells of no more than so many stretches."""
+        """Whether the wayside can report another closed stretch; their number is limited."""
         return len(self.t2t.closed) < RESTRICTIONS_MAX
 
     def is_closed(self, closed: SpeedRestriction) -> bool:
-        """This very one; another may be of the same metres."""
+        """Tell whether this object is still closed; another one may cover the same metres."""
         return any(each is closed for each in self.t2t.closed)
 
     def opens(self, closed: SpeedRestriction) -> None:
-        """As `is_closed`."""
+        """End this closure; another one of the same metres stays."""
         crew = self.t2t
         crew.closed = tuple([each for each in crew.closed if each is not closed])
 
     def closes(self, closed: SpeedRestriction) -> None:
-        """23: from some time on no authority that is accepted enters a closed stretch any more.
+        """Close a stretch.
 
-        That time is what the news may take to a master, and what an authority may be old.
+        Invariant 23: after a while no accepted authority enters it any more.
+
+        This while covers the way of the news to a master and the maximum age of an authority.
         """
         self.t2t.closed = (*self.t2t.closed, closed)
         age_max_ns = self.checker.rules.age_max_ns
@@ -187,7 +193,7 @@ class LineWorld(SimulatedLine):
                 )
 
     def notes_place(self, train: TrueTrain) -> None:
-        """Before it rolls back, and while it does."""
+        """Record the front position of a train before and while it rolls back."""
         now_ns, front_max_m = self.net.now_ns, train.reading().front_max_m
         places = self._places[train.address]
         while places and places[-1][1] <= front_max_m:
@@ -197,14 +203,18 @@ class LineWorld(SimulatedLine):
             places.popleft()
 
     def _lately_m(self, train: TrueTrain) -> float:
-        """Where its front may have been at most for as long as an authority is obeyed: a train that
-        rolls back is told to stay where it was when it said so.
+        """Return the greatest position of the train's front within the maximum age of an authority.
+
+        The master tells a train that rolls back to stay where it stood when it reported.
         """
         self.notes_place(train)
         return self._places[train.address][0][1]
 
     def _in_its_area(self, address: int, grant: BrakeLoopGrant) -> None:
-        """27: beyond a border only what the master behind it grants."""
+        """Check invariant 27: an authority ends at its area's border at the latest.
+
+        Only the master behind the border grants what lies beyond.
+        """
         area = self.drawn.cast.line.area(grant.area)
         if grant.end_m > area.end_m:
             raise ViolationError(
@@ -224,7 +234,7 @@ class LineWorld(SimulatedLine):
         self.check_objects()
 
     def check_objects(self) -> None:
-        """23: over an object that may move, no train has authority and none stands."""
+        """Check invariant 23: no train stands on or may enter an object that may move."""
         self.checker.looked["23"] += 1
         for thing in self.track.objects.values():
             if thing.locked:
@@ -234,13 +244,15 @@ class LineWorld(SimulatedLine):
                     self._clear_of(train, thing.number, thing.start_m)
 
     def _clear_of(self, train: TrueTrain, number: int, start_m: float) -> None:
-        """A train that stands in it, or did lately, keeps it from moving by that alone, and goes no
-        farther. Who drives by hand looks at it himself, and is bound by nothing but that.
+        """Check that a train cannot run onto an unlocked object.
+
+        A train that stands in the object now, or stood there lately, keeps it from moving and may
+        stay. A train driven by hand runs on sight and is bound only by its authorities.
         """
         reach_m = self.checker.granted_m(train) if train.shunts else self.checker.reach_m(train)
         stood_m = self._lately_m(train)
         if train.front_m > start_m:
-            # Where it stood before it rolled back it may come again.
+            # After rolling back, the train may come again to where it stood before.
             stood_m = max(stood_m, train.foremost_front_max_m)
         if reach_m > max(start_m, stood_m):
             raise ViolationError(

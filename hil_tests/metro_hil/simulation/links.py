@@ -1,4 +1,4 @@
-"""What the way from one node to another does to messages."""
+"""How a link between two nodes delays, loses, duplicates and damages messages."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,26 +8,30 @@ NS_PER_MS: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """How a link treats each message; shares are drawn for each message by itself."""
+    """How a link treats messages; each share is the probability for a single message."""
 
     delay_ns: int = 1 * NS_PER_MS
     spread_ns: int = 2 * NS_PER_MS
-    """Added to the delay, uniformly. Messages sent closer together than this change their order."""
+    """Upper bound of the random extra delay, uniform. Messages sent closer together than this may
+    change their order."""
     loss_share: float = 0.0
     double_share: float = 0.0
-    """Come a second time."""
+    """Share of messages that arrive twice."""
     damage_share: float = 0.0
-    """Come with flipped bits."""
+    """Share of messages that arrive with flipped bits."""
     late_share: float = 0.0
     late_ns: int = 0
-    """So many come later still, by up to so much."""
+    """Upper bound of the extra delay of late messages, whose share is `late_share`."""
 
 
 CLEAR: Final = Weather()
 
 
 class SimulatedLink:
-    """One direction between two nodes. A cut one loses messages, or keeps them until it heals."""
+    """One direction between two nodes.
+
+    While cut it loses messages, or holds them until it heals.
+    """
 
     __slots__ = ("_watched", "cut", "fair", "keeps", "kept", "source", "target", "weather")
 
@@ -35,9 +39,10 @@ class SimulatedLink:
         self.source, self.target = source, target
         self.weather = weather
         self.cut = 0
-        """How many cuts lie on it at present."""
+        """Number of cuts on the link at present."""
         self.keeps = False
-        """What is sent while it is cut comes in one burst after it heals, as TCP has it."""
+        """Whether messages sent while the link is cut arrive in one burst after it heals, as with
+        TCP."""
         self.kept: list[object] = []
         self._watched = False
         self.fair = _is_fair(weather)
@@ -47,13 +52,13 @@ class SimulatedLink:
         self.fair = _is_fair(weather) and not self._watched
 
     def watch(self, watched: bool) -> None:
-        """Nothing passes unseen while it is watched."""
+        """While watched, the link passes each message through the network's `meddler`."""
         self._watched = watched
         self.change(self.weather)
 
 
 def _is_fair(weather: Weather) -> bool:
-    """Nothing is to be drawn but the delay."""
+    """Tell whether only the delay of a message is random."""
     shares = (
         weather.loss_share,
         weather.double_share,

@@ -1,4 +1,4 @@
-"""A line of many areas, each with trains and a master: what one of them costs another."""
+"""A line of many areas with trains and a master each; measures how one area affects the others."""
 
 from typing import Final, NamedTuple
 
@@ -6,28 +6,28 @@ from metro_hil.simulation.scripted_line import NS_PER_MS, Plot, ScriptedLine
 from zenoh_config.timers import TIMERS_A, LineTimers
 
 GAP_M: Final = 300.0
-"""From front to front."""
+"""Distance between the fronts of two successive trains."""
 SECTION_M: Final = 100.0
 LOOK_S: Final = 0.05
 SETTLE_S: Final = 20.0
 
 
 class LongLine(NamedTuple):
-    """What came of some seconds on it."""
+    """Measurements of one run on the long line."""
 
     trains: int
     held_s: float
-    """From the start of all programs until all trains had authority."""
+    """Time from the start of all programs until all trains held an authority."""
     heard_per_s: float
-    """Messages that came in a second, for each train; those to the wayside counted in."""
+    """Messages received per second for each train, including those that the wayside received."""
     oldest_ms: float
-    """Age of the oldest authority that a train went by, before a master was killed."""
+    """Age of the oldest authority that any train obeyed before a master was killed."""
     followed_ms: float
-    """From the death of the master in the middle until all trains in its area obeyed the next."""
+    """Time from the death of the middle area's master until all its trains obeyed the next term."""
     other_terms: int
-    """Areas beside it in which another term began meanwhile."""
+    """Number of other areas in which the term changed meanwhile."""
     emergencies: int
-    """Brakes, the killed train's not counted in."""
+    """Number of emergency brakings, without those of the killed train."""
 
 
 def play(
@@ -38,10 +38,10 @@ def play(
     timers: LineTimers = TIMERS_A,
     seed: int = 1,
 ) -> LongLine:
-    """Trains that all start at once and drive on, closely one behind the other, over all borders.
+    """Start all trains at once and let them run closely behind each other over all borders.
 
-    The judge of `hil simulate` looks at all of it. Raises ViolationError, and UnexpectedError where
-    trains stay without authority.
+    The checks of `hil simulate` apply. Raises ViolationError, and UnexpectedError if trains stay
+    without authority.
     """
     area_m = GAP_M * trains_each
     trains = areas * trains_each
@@ -66,7 +66,7 @@ def play(
 
 
 def _age_ms(scene: ScriptedLine, train: int) -> float:
-    """0: it has none."""
+    """Return the age of the oldest authority that the train holds; 0 if it holds none."""
     node = scene.protocol(train)
     if node is None or not node.grants:
         return 0.0
@@ -75,7 +75,7 @@ def _age_ms(scene: ScriptedLine, train: int) -> float:
 
 
 def _killed(scene: ScriptedLine, areas: int) -> tuple[float, int]:
-    """The master of the area in the middle is killed, once there is a standby."""
+    """Kill the master of the middle area once it has a standby, and wait for the next master."""
     middle = (areas + 1) // 2
     scene.until("there is a standby", lambda: scene.standby(middle) is not None, within_s=5.0)
     master = scene.master(middle)

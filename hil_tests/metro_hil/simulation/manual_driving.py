@@ -1,7 +1,7 @@
-"""Trains that are driven by hand, on sight, up to before the section of the next one.
+"""Trains driven by hand, on sight, up to the section of the next train.
 
-The track is closed before, from the train on: a master may not let it go meanwhile. Its controller
-runs and knows where it is, or has lost its place, or is switched off and the train is towed.
+The track ahead is closed first, so that no master lets the train go meanwhile. The controller runs
+with or without its position, or is off while the train is towed.
 """
 
 import enum
@@ -19,18 +19,18 @@ NS_PER_S: Final = 1_000_000_000
 LEAST_M: Final = 5.0
 MOST_M: Final = 400.0
 APART_M: Final = 20.0
-"""Not nearer to the section of the next train, to an object, or to the end of the line; and so far
-behind where the next train says that its rear may be begins what counts as its own."""
+"""Least distance to the next train's section, to an object and to the end of the line. Track from
+this far behind the next train's reported rear belongs to that train."""
 DEAD_S: Final = (0.0, 30.0)
 OPENED_S: Final = (0.0, 10.0)
 
 
 class ManualController(enum.Enum):
-    """What it does while its train is driven by hand."""
+    """State of the controller while its train is driven by hand."""
 
     RUNS = "runs"
     LOST = "is lost"
-    """And knows its place again when the train stands, or somewhere on the way."""
+    """The train is localised again when it stands, or somewhere on the way."""
     OFF = "is off"
 
 
@@ -41,10 +41,10 @@ class ByHand:
         self.world, self._rng = world, rng
         self.driven = 0
         self.over = False
-        """Nobody begins any more, and who drives stops."""
+        """No new drive begins, and trains driven by hand stop."""
 
     def drives(self) -> bool:
-        """Begin with a train that stands and has room ahead; whether there is one."""
+        """Start to drive a train that stands and has room ahead; return False if there is none."""
         choice = [each for each in self.world.trains.values() if self._to_m(each) > each.front_m]
         if not choice or self.over or not self.world.may_close:
             return False
@@ -63,7 +63,10 @@ class ByHand:
         return True
 
     def _to_m(self, train: TrueTrain) -> float:
-        """As far as it may be driven now; where it is, if nowhere."""
+        """Start to drive a train that stands and has room ahead.
+
+        Return False if there is none.
+        """
         motion = train.motion
         stands = train.on_line and not train.shunts and not train.rolls and not motion.speed_mps
         if not stands or motion.accel_mps2 > 0.0:
@@ -76,9 +79,10 @@ class ByHand:
         return train.front_m + (min(room_m, MOST_M) if room_m >= LEAST_M else 0.0)
 
     def _before_m(self, ahead: TrueTrain) -> float:
-        """The section that another stands in, may come back to, or may believe that it is in:
-        counters do not tell the two apart in there, and whoever comes up behind may not know of the
-        one that is driven.
+        """Return the start of the section that the train ahead is in, may come back to, or reports.
+
+        Axle counters cannot tell the two trains apart in that section, and another train from
+        behind may not know of the driven one.
         """
         told_m = ahead.reading().rear_min_m
         hindmost_m = min(self.world.checker.hindmost_m(ahead), told_m - APART_M)
@@ -88,7 +92,7 @@ class ByHand:
     def _begins(
         self, train: TrueTrain, how: ManualController, closed: SpeedRestriction, until_ns: int
     ) -> None:
-        """Once it has nothing left that lets it go; nor has anybody else who was there before."""
+        """Drive off once neither this train nor an earlier one holds an authority here."""
         net = self.world.net
         to_m = min(self._to_m(train), closed.end_m - APART_M)
         left = self.over or not self.world.is_closed(closed)

@@ -1,4 +1,4 @@
-"""Exhaustive search over the protocol's own state machines for a few nodes (`make explore`)."""
+"""Exhaustive search over the protocol's real state machines for a few nodes (`make explore`)."""
 
 import argparse
 import sys
@@ -16,27 +16,28 @@ from vobc.train_to_train.vocabulary import T2tConfig
 
 SLOT_NS: Final = 25_000_000
 WARM_SLOTS: Final = 200
-"""Slots without faults before the search begins: a master, a standby, all authorities."""
+"""Slots without faults before the search: enough for a master, a standby and all authorities."""
 NS_PER_S: Final = 1e9
 SKEW_PPM: Final = 2000
-"""The trains' clocks run apart by as much as the timers allow."""
+"""Clock drift of the trains in opposite directions: the maximum that the timers allow."""
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What is searched, and how far."""
+    """Nodes, bounds and faults of one search."""
 
     name: str
     trains: int
     arbiters: int
     warm: bool
-    """From a line in order; else from the start of all nodes."""
+    """Whether the search begins from a running line; otherwise from the start of all nodes."""
     slots: int
     faults: int
     everything: bool = False
-    """Reports and authorities are exposed to faults, too, not only what the election is made of."""
+    """Whether reports and authorities are exposed to faults too, not only election messages."""
     deaf_slots: int = 0
-    """The master hears nothing for so long; what it says of that is exposed, too."""
+    """Number of slots for which the master receives nothing; its switch messages are exposed,
+    too."""
 
 
 MODELS: Final = (
@@ -52,11 +53,11 @@ MODELS: Final = (
         "deaf-for-two-answers", trains=2, arbiters=1, warm=True, slots=24, faults=1, deaf_slots=6
     ),
 )
-"""`small` runs with the tests, all with `make explore`."""
+"""`small` runs with the tests, and `make explore` runs all."""
 
 
 def search(model: Model) -> SearchResult:
-    """Every schedule within the model's bounds."""
+    """Search every schedule within the bounds of the model."""
     line = line_of_areas(1, objects=False)
     arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + model.arbiters))
     config = T2tConfig(arbiters=arbiters)
@@ -84,13 +85,13 @@ def search(model: Model) -> SearchResult:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints one line for each model; exit code 1 when one breaks a rule."""
+    """Print one line for each model; exit code 1 if a model breaks a rule."""
     require_assertions("python -m metro_hil.simulation.model_check")
     parser = argparse.ArgumentParser(
         prog="python -m metro_hil.simulation.model_check", description=__doc__
     )
     names = [model.name for model in MODELS]
-    parser.add_argument("names", nargs="*", metavar="MODEL", help=f"of {names}; default: all")
+    parser.add_argument("names", nargs="*", metavar="MODEL", help=f"one of {names}; default: all")
     options = parser.parse_args(argv)
     broken = 0
     for model in MODELS:
@@ -104,15 +105,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def lines(model: Model, found: SearchResult, cpu_s: float) -> list[str]:
-    """For a person."""
-    start = "from a line in order" if model.warm else "from the start"
+    """Return the result as text."""
+    start = "from a running line" if model.warm else "from the start"
     head = (
         f"{model.name}: {model.trains} trains, {model.arbiters} arbiters, {start}, {model.slots} "
         f"slots, up to {model.faults} faults: {found.states} states, {found.schedules} steps, "
         f"{found.ends} ends, {cpu_s:.1f} s"
     )
     if found.broken is None:
-        return [f"{head}: nothing broken, every end comes back to life"]
+        return [f"{head}: nothing broken, all trains get authority again in every end"]
     return [f"{head}: {found.broken}", *(f"  slot {s.slot}: {s.what}" for s in found.story)]
 
 

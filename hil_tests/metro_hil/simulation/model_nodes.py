@@ -1,4 +1,4 @@
-"""The protocol itself on a handful of nodes that stand still, for the explicit-state search."""
+"""The real protocol on a few nodes at standstill, for the explicit-state search."""
 
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -27,15 +27,15 @@ from zenoh_config.t2t import (
 
 MILLION: Final = 1_000_000
 EXPOSED: Final = (LeaseRequest, LeaseAnswer, Heartbeat, RosterCommit, RosterAck)
-"""What the election is made of."""
+"""Messages of the election."""
 EXPOSED_DEAF: Final = (*EXPOSED, SwitchStep)
-"""With what a master says when it gives up."""
+"""Messages of the election and those with which a master resigns."""
 EXPOSED_ALL: Final = (*EXPOSED, AreaAuthority, TrainReport)
-"""With what fences and promises travel in, too."""
+"""Messages of the election, and those that carry terms and acknowledgements."""
 
 
 class NodePlace:
-    """One node: what runs there, and its disk."""
+    """One node: its state machine and its disk."""
 
     __slots__ = ("address", "boots", "disk", "drift_ppm", "grants", "machine", "offset_ns", "tuned")
 
@@ -46,14 +46,14 @@ class NodePlace:
         self.machine: Any = None
         self.grants: tuple[BrakeLoopGrant, ...] = ()
         self.tuned: Collection[int] | None = None
-        """All are in one area."""
+        """Topics that the node receives; unused, as all nodes are in one area."""
 
     def local_ns(self, true_ns: int) -> int:
         return self.offset_ns + true_ns + true_ns * self.drift_ppm // MILLION
 
 
 class LineStage:
-    """Trains at rest, arbiters and the wayside; the judges are those of the simulation."""
+    """Trains at rest, arbiters and wayside, with the checks of the simulation."""
 
     def __init__(
         self,
@@ -104,7 +104,7 @@ class LineStage:
         }
 
     def deafen_master(self, until_ns: int) -> None:
-        """Who commands now hears nothing before that instant."""
+        """Let the present master receive nothing before that instant."""
         for address in self._trains:
             machine = self._places[address].machine
             last = machine.last if isinstance(machine, TrainNode) else None
@@ -116,7 +116,7 @@ class LineStage:
         return self._checker.looked
 
     def constants(self) -> dict[str, object]:
-        """Parts that never change while all runs, by name."""
+        """Return the parts that never change during the search, by name."""
         return {"looked": self.looked, "lease rules": self._air.rules}
 
     def exposed(self, message: Any) -> bool:
@@ -172,7 +172,7 @@ class LineStage:
             self._air.made_of(place.address, grant)
 
     def alive(self) -> bool:
-        """Every train has an authority that is young enough."""
+        """Tell whether every train holds an authority that is fresh enough."""
         return all(self._has_authority(self._places[address]) for address in self._trains)
 
     def _has_authority(self, place: NodePlace) -> bool:
@@ -182,7 +182,7 @@ class LineStage:
 
 
 def begin(stage: LineStage, now_ns: int) -> SearchState:
-    """All nodes booted at that instant."""
+    """Return the state in which all nodes start at that instant."""
     for address in stage.addresses:
         stage.boot(address, now_ns)
     return SearchState(stage, (), ())

@@ -1,18 +1,18 @@
-"""How a train truly moves: constant accelerations one after the other, brakes that take their time.
+"""True motion of a train: constant accelerations in turn, with brakes that build up slowly.
 
-Metres are path distance in running direction, from wherever the line begins.
+Positions are path distances in running direction from the start of the line.
 """
 
 from typing import Final
 
 NS_PER_S: Final = 1_000_000_000
 BUILD_UP_NS: Final = 900_000_000
-"""From any brake demand until the brake is on; until then the train rolls on."""
+"""Time from a brake demand to its effect; until then the train coasts."""
 ROLL_BACK_MPS: Final = 0.4
 
 
 class SimulatedMotion:
-    """Front and speed of one train; it is told what to do and brought forward to any instant."""
+    """Front position and speed of one train; takes demands and moves forward to any instant."""
 
     __slots__ = (
         *("accel_mps2", "at_ns", "back_m", "demand_mps2", "due_ns", "front_m", "speed_mps"),
@@ -20,22 +20,22 @@ class SimulatedMotion:
     )
 
     def __init__(self, at_ns: int, front_m: float, *, emergency_mps2: float) -> None:
-        """`emergency_mps2` is what its emergency brake truly reaches; positive."""
+        """`emergency_mps2` is the true emergency brake rate; positive."""
         self.at_ns, self.front_m = at_ns, front_m
         self.speed_mps = self.accel_mps2 = self.demand_mps2 = 0.0
         self.due_ns = at_ns
-        """When the demand takes effect."""
+        """Instant at which the demand takes effect."""
         self.emergency = False
         self.emergency_mps2 = emergency_mps2
         self.back_m = 0.0
-        """So much it is still to roll back."""
+        """Distance that the train is still to roll back."""
         self.most_m = front_m
-        """As far as the front ever came."""
+        """Farthest position that the front ever reached."""
         self.jogged_m = 0.0
-        """So much of the way back was meant, or is to be; what it went forwards again is less."""
+        """Part of the way back that was or will be a jog; running forwards again reduces it."""
 
     def advance(self, now_ns: int) -> None:
-        """To an instant that is not in the past."""
+        """Move forward to an instant that is not in the past."""
         if self.due_ns > self.at_ns and self.due_ns <= now_ns:
             self._run(self.due_ns)
             self.accel_mps2 = self.demand_mps2
@@ -66,13 +66,16 @@ class SimulatedMotion:
             self.jogged_m = self.rolled_m
 
     def demand(self, now_ns: int, accel_mps2: float) -> None:
-        """Traction and less brake act at once, more brake after its build-up. Not in emergency."""
+        """Set the demand, except in emergency.
+
+        More braking takes effect only after the build-up.
+        """
         if self.emergency or accel_mps2 == self.demand_mps2:
             return
         falling = accel_mps2 < min(self.accel_mps2, 0.0) - 1e-9
         self.demand_mps2 = accel_mps2
         if falling:
-            # Traction goes first, and a brake already on its way is not made to wait again.
+            # Traction ends first, and a brake that already builds up does not start again.
             self.accel_mps2 = min(self.accel_mps2, 0.0)
             if self.due_ns <= now_ns:
                 self.due_ns = now_ns + BUILD_UP_NS
@@ -81,7 +84,7 @@ class SimulatedMotion:
             self.due_ns = now_ns
 
     def apply_emergency(self, now_ns: int) -> None:
-        """Latched until released."""
+        """Apply the emergency brake; it stays applied until its release."""
         if self.emergency:
             return
         self.emergency = True
@@ -90,18 +93,18 @@ class SimulatedMotion:
         self.due_ns = now_ns + BUILD_UP_NS
 
     def release_emergency(self) -> None:
-        """At standstill."""
+        """Release the emergency brake at standstill."""
         assert self.speed_mps == 0.0
         self.emergency = False
         self.demand_mps2 = self.accel_mps2 = 0.0
 
     @property
     def rolled_m(self) -> float:
-        """So much it has gone back since it was farthest."""
+        """Distance that the train has gone back from its farthest position."""
         return self.most_m - self.front_m
 
     def stop_m(self, decel_mps2: float, reaction_s: float) -> float:
-        """Where the front comes to rest with such a brake."""
+        """Return where the front comes to rest with this deceleration and reaction time."""
         speed_mps = self.speed_mps
         return self.front_m + speed_mps * reaction_s + speed_mps**2 / (2.0 * decel_mps2)
 

@@ -1,7 +1,7 @@
-"""A seeded timetable of faults: which kinds a seed has, how often, on whom and for how long.
+"""A schedule of faults from a seed: which kinds it has, how often, on which nodes and for how long.
 
-Each seed takes some kinds and leaves out others: a run with everything at once hides
-what a run with one kind shows.
+Each seed takes some kinds and leaves out others, because a run with all kinds at once can hide what
+a run with one kind shows.
 """
 
 import random
@@ -19,22 +19,22 @@ NS_PER_MS: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class FaultScale:
-    """How bad it may get. The mean time between faults is drawn between the two ends."""
+    """Severity of the faults. The mean time between two faults is sampled from the given range."""
 
     between_s_min: float = 2.0
     between_s_max: float = 30.0
     drift_ppm: int = 200
-    """What the protocol is told that clocks may drift; a run stays within."""
+    """Maximum clock drift that the protocol assumes; a run stays within it."""
     steps: bool = True
-    """Clocks may jump forwards, which their owner cannot know, or back, which it can."""
+    """Whether clocks may jump forwards, which their node cannot notice, or back, which it can."""
     disks: bool = True
-    """Disks may be lost."""
+    """Whether disks may be lost."""
     foul_share: float = 0.0
-    """So bad the weather is all the time, now here and now there; 0: it is only now and then."""
+    """Severity of the disturbance that affects changing links all the time; 0 for none."""
 
 
 class NetworkFaults:
-    """Begins faults on a network and ends them; `calm` ends all and begins none any more."""
+    """Begins and ends faults on a network; `calm` ends all of them and begins no new one."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class NetworkFaults:
         revive: Callable[[int], None],
         scale: FaultScale,
     ) -> None:
-        """`revive` starts a dead node, by whatever it takes to do so."""
+        """`revive` starts a dead node."""
         self.net, self.victims, self.revive, self.scale = net, victims, revive, scale
         self.counts: dict[str, int] = {}
         self._rng = random.Random(seed ^ 0x5EED)
@@ -53,7 +53,7 @@ class NetworkFaults:
         self._cuts: dict[int, list[tuple[int, int]]] = {}
         self._cut_number = 0
         self._void: set[int] = set()
-        """Nodes whose clocks went back and that have not been started anew since."""
+        """Nodes whose clocks went back and that have not been restarted since."""
         self._usual = CLEAR
         rng = self._rng
         kinds: list[tuple[str, Callable[[], None], int]] = [
@@ -85,7 +85,7 @@ class NetworkFaults:
         self._next()
 
     def calm(self) -> None:
-        """Everything heals now: links, clocks and nodes; nothing new begins."""
+        """End all faults of links, clocks and nodes; no new fault begins."""
         self._over = True
         for pairs in self._cuts.values():
             self.net.heal(pairs)
@@ -100,7 +100,8 @@ class NetworkFaults:
             self.revive(address)
         self.net.say("faults", "all over")
 
-    # -- the rhythm --------------------------------------------------------------------------------
+    # -- schedule
+    # -----------------------------------------------------------------------------------
 
     def _next(self) -> None:
         wait_ns = int(self._rng.expovariate(1.0) * self._between_ns)
@@ -115,28 +116,28 @@ class NetworkFaults:
         self._next()
 
     def _later(self, for_ns: int, call: Callable[[object], None]) -> None:
-        """Ends of faults are left out once all is calm."""
+        """Queue the end of a fault; it is skipped if all faults have ended meanwhile."""
         self.net.at(self.net.now_ns + for_ns, lambda _: None if self._over else call(_))
 
     def _victim(self) -> int:
         return self._rng.choice(self.victims)
 
     def _span_ns(self, least_ms: float, most_ms: float) -> int:
-        """Short ones are as frequent as long ones."""
+        """Return a random duration; short ones are as frequent as long ones."""
         ratio = most_ms / least_ms
         return int(least_ms * ratio ** self._rng.random() * NS_PER_MS)
 
     # -- the faults --------------------------------------------------------------------------------
 
     def _ambient(self) -> None:
-        """The weather of the whole run, before anything strikes."""
+        """Set the link quality of the whole run before the first fault."""
         self._usual = self._weather(0.03 * self._rng.random())
         self.net.weather(self.net.links(), self._usual)
         if self.scale.foul_share:
             self._foul(None)
 
     def _foul(self, _: object) -> None:
-        """On half of the links, and after a while on others, too; a storm that ends clears some."""
+        """Degrade half of the links, and others after a while; the end of a storm clears some."""
         weather = self._weather(self.scale.foul_share)
         self.net.weather([each for each in self.net.links() if self._rng.random() < 0.5], weather)
         self._later(self._span_ns(1000.0, 8000.0), self._foul)
@@ -193,7 +194,7 @@ class NetworkFaults:
         self._kill(self._victim(), disk_lost=True)
 
     def _stampede(self) -> None:
-        """Several die at once, as when a supply fails."""
+        """Kill several nodes at once, as a power failure does."""
         for address in self._rng.sample(list(self.victims), k=max(1, len(self.victims) // 2)):
             self._kill(address)
 
@@ -251,7 +252,7 @@ class NetworkFaults:
         self.net.step_clock(self._victim(), self._span_ns(1.0, 5000.0))
 
     def _clock_back(self) -> None:
-        """Which no sound monotonic clock does; somebody starts that node anew after a while."""
+        """Set a clock back, as no sound monotonic clock does; restart the node after a while."""
         address = self._victim()
         self.net.step_clock(address, -self._span_ns(1.0, 5000.0))
         self._void.add(address)

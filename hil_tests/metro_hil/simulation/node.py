@@ -1,4 +1,4 @@
-"""One process of the simulated network, what runs in it, and what a step of that comes to."""
+"""One process of the simulated network, the state machine that it runs and the result of a step."""
 
 from collections.abc import Callable, Collection, Sequence
 from enum import Enum
@@ -11,34 +11,34 @@ NEVER: Final = 2**62
 
 
 class QueuedMessage(NamedTuple):
-    """A message and the nodes that hear it."""
+    """A message and the nodes that receive it."""
 
     targets: Sequence[int]
     message: Any
     topic: int | None = None
-    """Not for those who are tuned to other topics only."""
+    """Topic of the message; nodes tuned to other topics do not receive it."""
 
 
 class NodeStep(NamedTuple):
-    """What one step of a machine came to."""
+    """Result of one step of a state machine."""
 
     letters: Sequence[QueuedMessage]
     keep: Any
-    """To be stored before the letters go out; the same object as before: nothing new."""
+    """What to store before the messages go out; the same object as before if nothing changed."""
     due_ns: int
-    """On the node's own clock: when to step again even if nothing is heard."""
+    """When to step again if no message arrives, by the node's own clock."""
     apply: Callable[[], None] | None = None
-    """What is to be done after storing and before sending."""
+    """What to do after storing and before sending."""
 
 
 class NodeMachine(Protocol):
-    """Whatever runs on a node."""
+    """A state machine that runs on a node."""
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep: ...
 
 
 class Doom(Enum):
-    """Where in a step a node is to die."""
+    """Point within a step at which a node dies."""
 
     BEFORE_STORING = "before it stored"
     BEFORE_SENDING = "after it stored, before it sent"
@@ -46,7 +46,7 @@ class Doom(Enum):
 
 
 class SimulatedNode:
-    """One process: its machine while it runs, its disk, its clock, its inbox."""
+    """One process: its state machine while it runs, its disk, its clock and its inbox."""
 
     __slots__ = (
         *("address", "boots", "clock", "disk", "doom", "freeze_ns", "inbox", "links", "machine"),
@@ -61,14 +61,14 @@ class SimulatedNode:
         start: Callable[["SimulatedNode", int], NodeMachine],
         clock: NodeClock,
     ) -> None:
-        """`start` makes the machine from what is on the disk (None: empty), at a local instant."""
+        """`start` creates the state machine from the disk (None: empty) and the local time."""
         self.address, self.name, self.start, self.clock = address, name, start, clock
         self.machine: NodeMachine | None = None
         self.minds: Callable[[Any], bool] | None = None
-        """Whether it looks at once at a message that comes; the others wait in the inbox until it
-        steps for another reason. None: at all. For the life of its machine."""
+        """Whether an arriving message wakes the node; other messages wait in the inbox for its next
+        step. None: every message wakes it. Valid for the life of the state machine."""
         self.tuned: Collection[int] | None = None
-        """Topics that it wants to hear; None: all."""
+        """Topics that the node receives; None: all."""
         self.disk: Any = None
         self.boots = 0
         self.inbox: list[Any] = []
@@ -78,4 +78,4 @@ class SimulatedNode:
         self.slow_ns = 0
         self.doom: Doom | None = None
         self.freeze_ns = 0
-        """Its next step is held up for so long between deciding and sending."""
+        """Time for which the next step is held up between its decision and the sending."""

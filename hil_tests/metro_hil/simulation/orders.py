@@ -1,4 +1,4 @@
-"""What supervision wants of those who command, and of trains."""
+"""Commands of supervision to masters and to trains."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -9,15 +9,15 @@ from zenoh_config.t2t_supervision import Removal
 
 ORDER_REPEATS: Final = 10
 SERVICE: Final = frozenset((OrderKind.OUT_OF_SERVICE, OrderKind.IN_SERVICE))
-"""A train has to know of these itself: it tells every master there will be."""
+"""Commands that the train itself must receive, because it reports them to every later master."""
 
 
 @dataclass(slots=True)
 class TrainOrder:
-    """Of the master of an area, for a train; said again and again."""
+    """A command about a train to the master of an area; it is sent repeatedly."""
 
     kind: OrderKind | None
-    """None: take it off the roster."""
+    """None: take the train off the roster."""
     area: int
     train: int
     left: int = ORDER_REPEATS
@@ -25,16 +25,17 @@ class TrainOrder:
 
 @dataclass(slots=True)
 class OrderSource:
-    """Says them, in one life of the wayside."""
+    """Sends the commands during one incarnation of the wayside."""
 
     boot: int
     masters: dict[int, Heartbeat] = field(default_factory=dict)
-    """By area, the last that was heard."""
+    """Last received heartbeat, by area."""
     _sequence: int = 0
 
     def says(self, orders: Iterable[TrainOrder], now_ns: int) -> list[T2tMessage]:
-        """To whoever commands each area at present, and to a train that has to know it itself: also
-        where nobody commands if it may do so again.
+        """Return the commands to the present masters and to trains that must receive them.
+
+        A train that returns to service receives its command even if no train commands the area.
         """
         said: list[T2tMessage] = []
         for order in orders:

@@ -1,4 +1,4 @@
-"""The paper's protocol on a line, drawn from a seed like the real one."""
+"""A line with the paper's protocol, generated from a seed like that of the real one."""
 
 import random
 from typing import Final
@@ -15,7 +15,10 @@ LINE_END_M: Final = 6000.0
 def paper_world(
     seed: int, *, codec: Codec | None = None, tell: Teller | None = None
 ) -> SimulatedLine:
-    """Two to six trains; `codec` must be None, for these messages have no bytes."""
+    """Return a line of two to six trains.
+
+    `codec` must be None, because these messages have no encoding.
+    """
     assert codec is None
     rng = random.Random(seed ^ 0x9A9E)
     trains = tuple(range(1, rng.randint(2, 6) + 1))

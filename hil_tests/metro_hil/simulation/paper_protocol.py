@@ -1,9 +1,9 @@
-"""Train-to-train control as the paper of seed 003 has it, word by word, to see what becomes of it.
+"""Train-to-train control exactly as [Xu] describes it, to show where it fails.
 
-Its rules: a train asks all others, and if none of them is master it is; whoever hears no master any
-more takes over at once; during a planned switch old and new master both compute, "because any
-moving authorization is safe"; a third party that finds two masters picks one of them.
-Nothing here has terms, leases or reservations, because the paper has none.
+Its rules: a train asks all others and becomes master if none of them is. A train that receives no
+master takes over at once. During a planned switch the old and the new master both compute, "because
+any moving authorization is safe". A third party that finds two masters picks one of them. Terms,
+leases and reservations are missing because the paper has none.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ CYCLE_NS: Final = 200 * NS_PER_MS
 ASKING_NS: Final = 400 * NS_PER_MS
 SILENT_NS: Final = 800 * NS_PER_MS
 MARGIN_M: Final = 3.0
-"""Kept to the minimum safe rear of the train ahead, on top of what it may roll back."""
+"""Distance to the minimum safe rear of the train ahead, in addition to its possible rollback."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Authorization:
 
 @dataclass(frozen=True, slots=True)
 class MasterRuling:
-    """Of the third party: this one stays master."""
+    """Ruling of the third party: this train stays master."""
 
     master: int
 
@@ -65,7 +65,7 @@ class PaperSettings:
 
 @dataclass(slots=True)
 class PaperTrain:
-    """One train; it forgets everything when it dies, as nothing is said about memory."""
+    """One train. It forgets everything when it dies, because the paper names no memory."""
 
     address: int
     settings: PaperSettings
@@ -107,7 +107,7 @@ class PaperTrain:
         return []
 
     def _hold(self, end_m: float, issuer: int, echo_ns: int, now_ns: int) -> None:
-        """Any authorization is safe, so the newest is."""
+        """Accept the newest authorization, as the paper holds any authorization to be safe."""
         self._heard_master_ns = now_ns
         self._count += 1
         self.grants = (BrakeLoopGrant(end_m, 0, self._count, issuer, 1, echo_ns),)
@@ -123,7 +123,7 @@ class PaperTrain:
         return []
 
     def _authorize(self, now_ns: int) -> list[QueuedMessage]:
-        """To each train heard of, up to the train ahead of it."""
+        """Authorise each known train up to the train ahead of it."""
         letters = []
         for report in self._reports.values():
             front_m = report.reading.front_max_m
@@ -148,7 +148,7 @@ class PaperTrain:
 
 @dataclass(slots=True)
 class ThirdParty:
-    """Watches who authorizes itself; finds it two, it lets the one with the lower number stay."""
+    """Watches which trains authorise themselves; of two it keeps the one with the lower number."""
 
     settings: PaperSettings
     _heard_ns: dict[int, int] = field(default_factory=dict)
@@ -167,7 +167,7 @@ class ThirdParty:
 
 
 class PaperNodes:
-    """The paper's protocol on all nodes. It has no terms, so what is about terms is not judged."""
+    """The paper's protocol on all nodes. It has no terms, so checks of terms do not apply."""
 
     rules: Final = Rules(age_max_ns=1500 * NS_PER_MS, unjudged=frozenset({"19", "20", "29"}))
 

@@ -1,4 +1,4 @@
-"""The protocol itself on the nodes of the simulation: trains, arbiters, objects and track."""
+"""The real protocol on the simulated nodes: trains, arbiters, objects and track."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -47,13 +47,13 @@ FOR_MASTERS: Final = frozenset((TrainReport, ObjectStatus))
 
 @dataclass(frozen=True, slots=True)
 class Guards:
-    """Those of the protocol, or others, to see that they are missed."""
+    """Guards of the protocol, or changed ones that show that a check fails without them."""
 
     train: TrainGuards = field(default_factory=TrainGuards)
     arbiter: ArbiterGuards = field(default_factory=ArbiterGuards)
     thing: ObjectGuards = field(default_factory=ObjectGuards)
     forget: frozenset[str] = frozenset()
-    """Whose memory is empty after a restart but for the number of its starts: train, arbiter,
+    """Nodes whose memory is empty after a restart except for the boot count: train, arbiter,
     object."""
 
 
@@ -62,7 +62,7 @@ SAFE: Final = Guards()
 
 @dataclass(frozen=True, slots=True)
 class LineParticipants:
-    """Who takes part and what they believe."""
+    """Line, configuration, trains and guards of a run."""
 
     line: AreaMap
     config: T2tConfig
@@ -71,21 +71,21 @@ class LineParticipants:
 
 
 WaysideDisk = tuple[int, tuple[tuple[int, ObjectMemory], ...]]
-"""Incarnation, and what each object stored."""
+"""Incarnation, and the memory of each object."""
 
 
 class MachineStart(Protocol):
-    """What a machine is started on."""
+    """What a state machine starts from."""
 
     address: int
     boots: int
     disk: Any
     tuned: Collection[int] | None
-    """Areas of which it wants to hear what is said to all."""
+    """Areas whose broadcasts the node receives."""
 
 
 class TrainNode:
-    """A train's core with what it stored."""
+    """The core of a train with its stored memory."""
 
     __slots__ = (
         "_age_max_ns",
@@ -124,7 +124,7 @@ class TrainNode:
         self._held: Any = None
         self.grants: tuple[BrakeLoopGrant, ...] = ()
         self.last: Any = None
-        """What the latest step came to."""
+        """Result of the latest step."""
 
     def step(self, now_ns: int, heard: Sequence[Any], reading: OdometryReading) -> NodeStep:
         own = OwnTrain(
@@ -152,7 +152,7 @@ class TrainNode:
             self._keep = stepped.memory
         held = stepped.authority
         if held is not None and now_ns - held.echo_ns > self._age_max_ns:
-            # The protection that this stands in for does not go by what has run out.
+            # The ATP that this replaces ignores an expired authority.
             held = None
         if held is not self._held and held != self._held:
             self._held = held
@@ -167,7 +167,7 @@ class TrainNode:
                 covered[f"from {self._state.value} to {stepped.state.value}"] += 1
         before, after = dict(self._roles), dict(stepped.roles)
         for area in before.keys() | after.keys():
-            # Of areas that it has nothing to do with a train says nothing.
+            # A train reports no role in areas that it has nothing to do with.
             was, role = before.get(area, Role.OUTSIDE), after.get(area, Role.OUTSIDE)
             if was is not role:
                 covered[f"role {role.value}"] += 1
@@ -176,14 +176,15 @@ class TrainNode:
         self._follows = all(role in FOLLOWING for _, role in stepped.roles)
 
     def waits_for(self, message: Any) -> bool:
-        """Whether to look at it at once. What concerns only those who command, or are about to, a
-        train that follows looks at when it has something to do anyway.
+        """Tell whether a message wakes the train at once.
+
+        A train that follows reads messages meant for masters only when it steps anyway.
         """
         return not self._follows or type(message) not in FOR_MASTERS
 
 
 class Mute:
-    """A train whose memory cannot be read takes no part: somebody has to come."""
+    """A train whose memory cannot be read; it takes no part until a person intervenes."""
 
     grants: tuple[BrakeLoopGrant, ...] = ()
 
@@ -294,7 +295,7 @@ class WaysideNode:
             due_ns = min(due_ns, thing.next_due_ns())
         if changed:
             self._keep = (self._boot, tuple(self._memories.items()))
-        # It is locked before it is stored that it is, and free to move only after that is.
+        # Lock an object before storing that it is locked; free it only after storing that.
         self._crew.move([each for each in moved if each[1]])
         freed = [each for each in moved if not each[1]]
         for message in heard:
@@ -327,12 +328,12 @@ def _concerns(message: T2tMessage, number: int, area: int) -> bool:
 
 
 class ProtocolNodes:
-    """All nodes of a line, started from what they stored."""
+    """Starts all nodes of a line from their disks."""
 
     def __init__(self, cast: LineParticipants, seed: int) -> None:
         self.cast, self._seed = cast, seed
         self.said = Counter[str]()
-        """What of the protocol nodes said and went through, by name, but for guards."""
+        """Counts of what nodes sent and went through, by name, without guards."""
         self._counting: list[CountedGuard] = []
         self._guards = counted(cast.guards.train, self._counting)
         self.rules = Rules(
@@ -345,22 +346,22 @@ class ProtocolNodes:
         self.restrictions: tuple[Any, ...] = ()
         self.orders: list[TrainOrder] = []
         self.removals: dict[tuple[int, int], RemovalState] = {}
-        """By area and train: what supervision was answered last."""
+        """Last answer that supervision received, by area and train."""
         self.track: TrueTrack | None = None
         self.true_ns: Callable[[], int] = lambda: 0
         self.move: Callable[[list[tuple[int, bool]]], None] = lambda moved: None
         self.answered: Callable[[int, Sequence[Any], Sequence[QueuedMessage]], None] = lambda *_: (
             None
         )
-        """Told what an arbiter read, and what it says to that."""
+        """Receives what an arbiter read and what it sends in answer."""
 
     @property
     def covered(self) -> Counter[str]:
-        """What of the protocol was gone through so far, by name."""
+        """Counts of what the run reached of the protocol, by name."""
         return self.said + answers(self._counting)
 
     def constants(self) -> dict[str, object]:
-        """Parts that never change while all runs, by name."""
+        """Return the parts that never change during the run, by name."""
         guards = self._guards
         return {
             "crew": self,

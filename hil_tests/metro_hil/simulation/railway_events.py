@@ -1,7 +1,7 @@
-"""What happens on a railway besides faults.
+"""Random events on the railway besides faults of nodes and network.
 
-Objects want to move, people close track and give orders, trains roll back, lose their place, or
-leave the line at its end and come back at its beginning.
+Objects request their release. People close track and give commands. Trains roll back, lose their
+position, or leave the line at its end and come back at its start.
 """
 
 import random
@@ -19,24 +19,25 @@ from zenoh_config.t2t import OrderKind
 NS_PER_S: Final = 1_000_000_000
 SLOW_MPS: Final = 4.0
 ALL_CLEAR_NS: Final = (0, 4 * NS_PER_S, 9 * NS_PER_S)
-"""Not all hear it the first time: a process may stand for 8 s yet."""
+"""Times at which all commands are cancelled. They repeat because a process may be stopped for 8
+s."""
 APART_NS: Final = 300_000_000
-"""Between what is said of one train and of the next: of many orders at once the first are overtaken
-by others, and count as old."""
+"""Time between the commands for two successive trains. Of many commands sent at once, later ones
+would overtake the first, and the receiver would reject those as old."""
 
 
 Thing = tuple[str, Callable[[], object]]
 
 
 def some_of(things: Sequence[Thing], rng: random.Random) -> list[Thing]:
-    """Each kind or not, by even odds, but one at least; and each of them once or several times."""
+    """Choose each kind of event with even odds, at least one, and give each a random weight."""
     kinds = dict(things)
     chosen = [name for name in kinds if rng.random() < 0.5] or [rng.choice(list(kinds))]
     return [(name, kinds[name]) for name in chosen for _ in range(rng.choice((1, 1, 2, 4, 8)))]
 
 
 class RailwayEvents:
-    """Begins things at random on a line world; `calm` undoes all and begins none any more."""
+    """Starts random events on a simulated line; `calm` undoes all of them and starts no new one."""
 
     def __init__(self, world: LineWorld, seed: int) -> None:
         self.world = world
@@ -77,8 +78,10 @@ class RailwayEvents:
         self.world.net.at(self.world.net.now_ns + int(wait_s * NS_PER_S), self._strike)
 
     def calm(self) -> None:
-        """Nothing is wanted, closed or out of service any more; and who waits behind a train that
-        ran on or was driven on unheard, and stands elsewhere, is helped by a person who sees that.
+        """End all closures, requests and commands.
+
+        A person then asks for the removal of trains that ran on or were driven on without radio, so
+        that no other train waits behind their old position.
         """
         self._over = self._sidings.over = self._by_hand.over = True
         for thing in self.world.track.objects.values():
@@ -115,7 +118,7 @@ class RailwayEvents:
         if self._over:
             return
         name, call = self._rng.choice(self._things)
-        # What says False did not come about.
+        # An event that returns False did not happen.
         if call() is not False:
             self.counts[name] = self.counts.get(name, 0) + 1
         self.begin()
@@ -130,7 +133,7 @@ class RailwayEvents:
     # -- things ------------------------------------------------------------------------------------
 
     def _roll_back(self) -> None:
-        """A brake applied too late after a stop."""
+        """Let a train at rest roll back, as after a brake that is applied too late."""
         standing = [
             t
             for t in self.world.trains.values()
@@ -147,7 +150,7 @@ class RailwayEvents:
             self._say(f"train {train.address} rolls back {motion.back_m:.2f} m")
 
     def _jog(self) -> None:
-        """A train that stands sets back, as far as its authority allows."""
+        """Let a train at rest jog back as far as its authority allows."""
         for train in self.world.trains.values():
             held = self.world.checker.held.get(train.address)
             motion = train.motion
@@ -161,7 +164,7 @@ class RailwayEvents:
                 if room_m > 0.0:
                     self.world.notes_place(train)
                     motion.back_m = self._rng.uniform(0.0, room_m)
-                    # Instead of what was still to come of the last one.
+                    # This jog replaces what is left of the previous one.
                     motion.jogged_m = min(motion.jogged_m, motion.rolled_m) + motion.back_m
                     self._say(f"train {train.address} sets back {motion.back_m:.2f} m")
 
@@ -210,7 +213,7 @@ class RailwayEvents:
         self._later(5.0, 40.0, lifted)
 
     def _disturb(self) -> None:
-        """A counter that may have missed an axle is not trusted until somebody has looked."""
+        """Disturb an axle counter that may have missed an axle; inspection ends the disturbance."""
         track = self.world.track
         number = self._rng.choice(track.line.sections).number
         track.disturbed |= {number}
@@ -229,12 +232,12 @@ class RailwayEvents:
         self._later(1.0, 15.0, lambda: self._order(OrderKind.GO, train))
 
     def _order(self, kind: OrderKind, train: int, left: int = ORDER_REPEATS) -> None:
-        """In every area."""
+        """Give a command about the train in every area."""
         for area in self.world.drawn.cast.line.areas:
             self.world.t2t.orders.append(TrainOrder(kind, area.number, train, left))
 
     def _remove_in_error(self) -> bool:
-        """Somebody takes a train that is there for one that is not."""
+        """Ask by mistake for the removal of a train that is still on the line."""
         there = [t for t in self.world.trains.values() if t.on_line and not t.shunts]
         if not there:
             return False
@@ -257,7 +260,7 @@ class RailwayEvents:
         self._later(2.0, 20.0, back)
 
     def _retire(self) -> None:
-        """Supervision takes a train out of service, which obeys in whatever area it is."""
+        """Take a train out of service by command; it obeys in whatever area it is."""
         train = self._rng.choice(list(self.world.trains))
         self._order(OrderKind.OUT_OF_SERVICE, train)
         self._say(f"supervision takes train {train} out of service")

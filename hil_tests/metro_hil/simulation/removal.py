@@ -1,7 +1,7 @@
-"""Trains that leave the line sideways, switched off, and are set on again anywhere else.
+"""Trains that leave the line sideways, switched off, and are set on again at any other place.
 
-They may so pass others. Where one is to stand the track is closed before: nobody could keep free
-what another was granted already.
+They may pass other trains in this way. The track there is closed first, because a master cannot
+take back at once what it has granted there.
 """
 
 import random
@@ -15,31 +15,33 @@ from zenoh_config.messages import SpeedRestriction
 
 NS_PER_S: Final = 1_000_000_000
 AWAY_S: Final = (12.0, 60.0)
-"""No train is away for less than the protocol reckons with."""
+"""Range of the time away from the line; no shorter than what the protocol assumes."""
 OFF_NS: Final = 4 * NS_PER_S
-"""So long a train is switched off before it is moved: whoever heard it knows by then."""
+"""Time for which a train is switched off before it is moved; receivers notice its silence by
+then."""
 DEAD_S: Final = (2.0, 40.0)
 OPENED_S: Final = (1.0, 20.0)
 CLOSED_NS: Final = 6 * NS_PER_S
-"""From then on all that trains hold was granted after they were told that it is closed."""
+"""Time from a closure until every authority in force was issued with knowledge of it."""
 PATIENCE_NS: Final = 30 * NS_PER_S
 ROOM_M: Final = 40.0
-"""Closed on either side of the train, at least."""
+"""Minimum length of closed track on either side of the train."""
 APART_M: Final = 20.0
-"""No other train stands so near to what is closed, nor may, by what it says itself."""
+"""Least distance of other trains to the closed track, by their true and by their reported
+position."""
 
 
 class Sidings:
-    """Takes trains off and sets them on again."""
+    """Takes trains off the line and sets them on again."""
 
     def __init__(self, world: LineWorld, rng: random.Random) -> None:
         self.world, self._rng = world, rng
         self.entered = 0
         self.over = False
-        """Nobody is set on any more."""
+        """No train is set onto the line any more."""
 
     def leaves(self) -> bool:
-        """Let a train that stands leave; whether there is one."""
+        """Let a train at rest leave the line; return False if there is none."""
         standing = [
             each
             for each in self.world.trains.values()
@@ -52,14 +54,14 @@ class Sidings:
         return True
 
     def _switch_off(self, train: TrueTrain) -> None:
-        """Some time before it is moved."""
+        """Switch the train off some time before it is moved."""
         net = self.world.net
         net.kill(train.address, why="is switched off")
         lives = net.nodes[train.address].boots
         net.at(net.now_ns + OFF_NS, lambda _: self._goes(train, lives))
 
     def _goes(self, train: TrueTrain, lives: int) -> None:
-        """Unless somebody switched it on again."""
+        """Take the train off the line, unless it was switched on again."""
         net = self.world.net
         if train.shunts or not train.on_line or net.nodes[train.address].boots != lives:
             return
@@ -75,9 +77,11 @@ class Sidings:
         self.world.net.at(self.world.net.now_ns + wait_ns, call, train)
 
     def _wants_in(self, train: TrueTrain) -> None:
-        """Close whole sections for it where nobody is, and no object: in one with another train, or
-        that another may roll back into, no counter would tell. And from some way before them on:
-        who stops there must not think that it may be in them, by what it is unsure of.
+        """Close whole sections without trains and objects, and set the train on there later.
+
+        Axle counters could not distinguish it from another train in the same section, or from one
+        that may roll back into it. The closure begins some way before, so that a train that stops
+        there is sure not to be in these sections.
         """
         world, net = self.world, self.world.net
         if self.over:
@@ -104,8 +108,10 @@ class Sidings:
     def _enters(
         self, train: TrueTrain, front_m: float, closed: SpeedRestriction, until_ns: int
     ) -> None:
-        """Once nobody may come there any more; somewhere else if that takes long, or somebody else
-        was set on there: counters have to have seen for a while that nobody is there.
+        """Set the train on once no other train may come there, or else choose another place.
+
+        Another place is needed if that takes long or if a train was set on there: the counters must
+        have shown free track for a while.
         """
         world, net = self.world, self.world.net
         if self.over:
@@ -139,7 +145,7 @@ class Sidings:
         for train in self.world.trains.values():
             if not train.on_line or train.rear_m >= closed.end_m:
                 continue
-            # Also as far as the train itself reckons with: into a section in which it may be.
+            # A train may also be in a section by its own position interval.
             comes_to_m = max(train.reading().reach_m, judge.reach_m(train))
             if comes_to_m > closed.start_m:
                 return False

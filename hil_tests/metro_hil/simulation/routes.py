@@ -1,4 +1,4 @@
-"""Which nodes hear a message, as the key expressions of the radio would have it."""
+"""Determines which nodes receive a message, as the radio's key expressions do."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from zenoh_config.t2t import BROADCAST, SUPERVISION, Heartbeat, T2tMessage
 
 
 class Routes:
-    """Which nodes hear a message, as the key expressions would have it."""
+    """Determines which nodes receive a message, as the radio's key expressions do."""
 
     def __init__(self, trains: Sequence[int]) -> None:
         self._others = {
@@ -16,7 +16,7 @@ class Routes:
         }
         self._trains = tuple(trains)
         self._heartbeat = {source: (*others, WAYSIDE) for source, others in self._others.items()}
-        # Whoever sits at a desk sits with the wayside.
+        # The supervision console is simulated as part of the wayside.
         self._one: dict[int, tuple[int, ...]] = {SUPERVISION: (WAYSIDE,)}
 
     def letters(self, out: Sequence[T2tMessage]) -> list[QueuedMessage]:

@@ -1,4 +1,4 @@
-"""One seed, from the first start to the verdict: trouble for a while, then calm and a bound."""
+"""Runs one seed: a phase with faults, then a calm phase in which all trains must get authority."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -12,55 +12,59 @@ from metro_hil.simulation.world import SimulatedLine
 
 NS_PER_S: Final = 1_000_000_000
 LOOK_NS: Final = 100_000_000
-"""How often it is looked whether all trains have authority again."""
+"""Time between two checks whether all trains have authority again."""
 UNSETTLED_BOUNDS: Final = 10
-"""While something goes on behind which trains have to wait the bound begins anew, up to so many of
-them altogether."""
+"""Upper bound of the extension of the calm phase, as a multiple of `calm_s`. The bound restarts
+while something goes on that trains have to wait for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Phases:
-    """What happens when."""
+    """Durations of the phases of a run."""
 
     trouble_s: float = 300.0
     calm_s: float = 30.0
-    """After all faults have ended every train on the line must hold an authority within this."""
+    """Time after the last fault within which every train on the line must hold an authority."""
     start_s: float = 5.0
-    """Nodes start at any time within this."""
+    """Nodes start at random instants within this time."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        """To worker processes; compiled, nothing else would fill in what is frozen."""
+        """Pickle for worker processes.
+
+        A compiled frozen class cannot be restored in any other way.
+        """
         return Phases, (self.trouble_s, self.calm_s, self.start_s)
 
 
 @dataclass(slots=True)
 class RunResult:
-    """What one seed came to."""
+    """Outcome of one seed."""
 
     seed: int
     digest: str = ""
-    """Of the trace: the same for the same seed."""
+    """Hash over the events of the run; equal seeds give equal digests."""
     invariant: str = ""
-    """That was broken; empty when none was."""
+    """Number of the violated invariant; empty if all held."""
     what: str = ""
     simulated_s: float = 0.0
     train_s: float = 0.0
-    """Simulated time of all trains together."""
+    """Simulated time summed over all trains."""
     events: int = 0
     cpu_s: float = 0.0
     recovery_s: float = 0.0
-    """From the end of all faults until the last train had authority."""
+    """Time from the end of the last fault until the last train held an authority."""
     emergencies: int = 0
     faults: Counter[str] = field(default_factory=Counter)
     looked: Counter[str] = field(default_factory=Counter)
     covered: Counter[str] = field(default_factory=Counter)
-    """What of the protocol was gone through, by name."""
+    """Counts of states, transitions and guard answers of the protocol that the run reached, by
+    name."""
     messages: Counter[str] = field(default_factory=Counter)
-    """Sent, delivered, lost, doubled, damaged, and writes to disks."""
+    """Counts of messages sent, delivered, lost, duplicated and damaged, and of writes to disks."""
 
 
 class Also(Protocol):
-    """What happens on the line besides faults."""
+    """A source of events on the line other than network faults."""
 
     counts: dict[str, int]
 
@@ -77,7 +81,7 @@ def run_seed(
     cpu_ns: Callable[[], int],
     also: Sequence[Also] = (),
 ) -> RunResult:
-    """To the end or to the first broken invariant. `cpu_ns` reads a clock of the processor."""
+    """Run to the end or to the first violated invariant. `cpu_ns` returns used processor time."""
     trouble = NetworkFaults(
         world.net,
         seed=seed,
@@ -118,7 +122,7 @@ def _play(world: SimulatedLine, things: Sequence[Also], phases: Phases, result: 
             end_ns = min(net.now_ns + bound_ns, last_ns)
     result.recovery_s = (net.now_ns - calm_ns) / NS_PER_S
     if waiting and not net.disks_lost:
-        # Whoever lost its memory waits for a person, and others may wait for it.
+        # A train that lost its disk waits for a person, and other trains may wait for it.
         raise ViolationError(
             "40", f"{phases.calm_s:.0f} s after the last fault trains {waiting} have no authority"
         )

@@ -1,4 +1,4 @@
-"""A line world for a directed scenario: what happens is said step by step, not drawn."""
+"""A simulated line that a directed scenario controls step by step instead of by random events."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ NS_PER_MS: Final = 1_000_000
 
 
 class UnexpectedError(Exception):
-    """A scenario did not come out as it has to; no invariant was broken."""
+    """A scenario had an unexpected outcome although no invariant was violated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """Where a scenario begins."""
+    """Trains, line and timers with which a scenario starts."""
 
     fronts_m: Mapping[int, float]
     areas: int = 1
@@ -39,7 +39,7 @@ class Plot:
     line: AreaMap | None = None
     area_m: float = 2000.0
     pieces: int = SECTION_PIECES
-    """Sections in each area."""
+    """Number of sections in each area."""
     seed: int = 1
     speed_max_mps: float = 60.0 / 3.6
     length_m: float = 80.0
@@ -47,7 +47,7 @@ class Plot:
 
 @dataclass(slots=True)
 class HeldMessage:
-    """A message that the scenario keeps back."""
+    """A message that the scenario holds back."""
 
     source: int
     target: int
@@ -55,7 +55,7 @@ class HeldMessage:
 
 
 class ScriptedLine:
-    """The world and the words to direct it."""
+    """A simulated line with the actions and queries that scenarios use."""
 
     def __init__(self, plot: Plot, tell: Teller | None = None) -> None:
         line = plot.line or line_of_areas(
@@ -88,7 +88,7 @@ class ScriptedLine:
         self.net.run(self.net.now_ns + int(seconds * NS_PER_S))
 
     def until(self, what: str, holds: Callable[[], bool], *, within_s: float) -> float:
-        """Runs until it holds and says how long that took. Raises UnexpectedError."""
+        """Run until the condition holds; return the duration in seconds. Raises UnexpectedError."""
         begun_ns, end_ns = self.net.now_ns, self.net.now_ns + int(within_s * NS_PER_S)
         while not holds():
             if self.net.now_ns >= end_ns:
@@ -98,17 +98,17 @@ class ScriptedLine:
 
     def expect(self, what: str, holds: bool) -> None:
         if not holds:
-            raise UnexpectedError(f"not so, at {self.now_s:.3f} s: {what}")
+            raise UnexpectedError(f"expectation failed at {self.now_s:.3f} s: {what}")
 
     def settle(self, within_s: float = 20.0) -> None:
-        """All nodes started; until every train has authority."""
+        """Start all nodes and run until every train has authority."""
         self.world.boot_all()
         self.until("all trains have authority", self.all_held, within_s=within_s)
 
-    # -- what there is -----------------------------------------------------------------------------
+    # -- queries -----------------------------------------------------------------------------------
 
     def protocol(self, train: int) -> TrainNode | None:
-        """None while its process is dead."""
+        """Return the protocol of the train; None while its process is dead."""
         machine = self.net.nodes[train].machine
         if isinstance(machine, TrainNodeController) and isinstance(machine.protocol, TrainNode):
             return machine.protocol
@@ -122,7 +122,7 @@ class ScriptedLine:
         return roles.get(area, Role.OUTSIDE)
 
     def master(self, area: int = 1) -> int | None:
-        """Who takes itself for master and runs; the one with the highest term."""
+        """Return the running train that takes itself for master, by the highest term if several."""
         masters = [
             train
             for train in self.world.trains
@@ -135,18 +135,18 @@ class ScriptedLine:
         return found[0] if found else None
 
     def term(self, train: int, area: int = 1) -> int:
-        """The highest that it has stored."""
+        """Return the highest term that the train has stored."""
         memory = self.net.nodes[train].disk
         return memory.of_area(area).seen_term if isinstance(memory, TrainMemory) else 0
 
     def held_term(self, train: int, area: int = 1) -> int:
-        """Of the authority that its brake loop goes by; 0 without any."""
+        """Return the term of the authority in the train's brake loop; 0 without any."""
         machine = self.net.nodes[train].machine
         grants = machine.grants if isinstance(machine, TrainNodeController) else ()
         return max([grant.term for grant in grants if grant.area == area], default=0)
 
     def end_m(self, train: int) -> float | None:
-        """Of the authority that is in force."""
+        """Return the end of the authority in force; None without any."""
         grants, _ = self.world.drivers[train].in_force(self.net.now_ns)
         return min([grant.end_m for grant in grants], default=None)
 
@@ -154,13 +154,13 @@ class ScriptedLine:
         return not self.world.without_authority()
 
     def without(self) -> list[int]:
-        """Trains that have no authority in force."""
+        """Return the trains that have no authority in force."""
         return self.world.without_authority()
 
     def emergencies(self) -> int:
         return sum(train.emergencies for train in self.world.trains.values())
 
-    # -- what is done ------------------------------------------------------------------------------
+    # -- actions -----------------------------------------------------------------------------------
 
     def others(self, *addresses: int) -> list[int]:
         return [each for each in self.net.nodes if each not in addresses]
@@ -169,13 +169,16 @@ class ScriptedLine:
         return [pair for a in one for b in two for pair in ((a, b), (b, a))]
 
     def cut_off(self, address: int, *, keeps: bool = False) -> list[tuple[int, int]]:
-        """From everybody; what is given back heals it."""
+        """Cut the links of a node to all others; return the pairs, which `heal` takes."""
         pairs = self.both_ways([address], self.others(address))
         self.net.cut(pairs, keeps=keeps)
         return pairs
 
     def rule(self, rule: Callable[[int, int, Any], int | None]) -> None:
-        """Source, target and message to None (lost), 0 (comes) or nanoseconds (comes later)."""
+        """Add a rule for messages.
+
+        It gets source, target and message, and returns None (lost) or the extra delay in ns.
+        """
         self._rules.append(rule)
         self.net.meddle(self._meddle)
 
@@ -193,7 +196,7 @@ class ScriptedLine:
         return late_ns
 
     def lose(self, *kinds: type, source: int | None = None, target: int | None = None) -> None:
-        """From now on messages of these kinds between these two never come."""
+        """Lose all later messages of these kinds from this source to this target."""
         self.rule(
             lambda a, b, message: (
                 None
@@ -203,7 +206,7 @@ class ScriptedLine:
         )
 
     def keep_back(self, wanted: Callable[[int, int, Any], bool]) -> None:
-        """Messages that are wanted are held until `let_go`."""
+        """Hold back the messages that `wanted` selects until `let_go`."""
 
         def rule(source: int, target: int, message: Any) -> int | None:
             if not wanted(source, target, message):
@@ -214,7 +217,7 @@ class ScriptedLine:
         self.rule(rule)
 
     def let_go(self, source: int | None = None) -> int:
-        """All that is held (of one source) comes now, in order; how many."""
+        """Deliver all held messages (of one source) now, in order; return their number."""
         held = [each for each in self.held if source in (None, each.source)]
         self.held = [each for each in self.held if source not in (None, each.source)]
         for each in held:
@@ -230,15 +233,15 @@ class ScriptedLine:
         self.world.t2t.orders.append(TrainOrder(kind, area, train))
 
     def commanded(self, *, within_s: float) -> float:
-        return self.until("somebody commands", lambda: self.master() is not None, within_s=within_s)
+        return self.until("a train commands", lambda: self.master() is not None, within_s=within_s)
 
     def until_without(self, trains: list[int], *, within_s: float) -> float:
-        """Until just these have no authority."""
+        """Run until exactly these trains have no authority."""
         what = f"all but {trains} have authority"
         return self.until(what, lambda: self.without() == trains, within_s=within_s)
 
     def stands(self, train: int) -> float:
-        """Until it does; how long that took."""
+        """Run until the train stands; return how long that took."""
         motion = self.world.trains[train].motion
         return self.until(f"{train} stands", lambda: motion.speed_mps == 0.0, within_s=120.0)
 

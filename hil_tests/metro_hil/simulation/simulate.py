@@ -1,4 +1,4 @@
-"""What `hil simulate` runs for one seed, as one call that can go to another process."""
+"""The job that `hil simulate` runs for one seed; worker processes can receive it."""
 
 import random
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from metro_hil.simulation.world import SimulatedLine
 
 PROTOCOLS: Final = ("line", "paper")
 BYTES_EVERY: Final = 8
-"""One seed in so many goes through the real codec, byte by byte."""
+"""Every seed divisible by this number sends its messages through the real codec as bytes."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeedJob:
-    """Runs seeds; travels to worker processes."""
+    """Runs one seed for each call; picklable, so that worker processes can receive it."""
 
     phases: Phases
     protocol: str = "line"
@@ -48,7 +48,7 @@ class SeedJob:
         return result
 
     def options(self) -> list[str]:
-        """What has to be typed to get the same run."""
+        """Return the command-line options that repeat this run."""
         words = [] if self.protocol == "line" else [f"--protocol {self.protocol}"]
         words += ["--bytes"] if self.bytes_always else []
         minutes = self.phases.trouble_s / 60.0

@@ -1,11 +1,11 @@
-"""Explicit-state search: every schedule of a few nodes with at most so many faults.
+"""Explicit-state search over every schedule of a few nodes with a limited number of faults.
 
-Time goes in slots. In each slot every node that runs reads what has arrived and steps once, with
-the very code that runs on trains. A message arrives in the next slot unless it is lost, late or
-doubled; a node may be stopped or die at every point of its step. Each such departure counts against
-the budget of faults; within it all combinations are tried. Two schedules that lead to the same
-state are followed once. At the horizon faults end, and each state found there has to come back to
-life by itself.
+Time runs in slots. In each slot every running node reads what has arrived and steps once, with the
+same code that runs on trains. A message arrives in the next slot unless it is lost, late or
+duplicated. A node may be stopped or die at every point of its step. Each such deviation counts
+against a budget of faults, within which the search tries all combinations. Schedules that lead to
+the same state are followed once. At the horizon faults end, and every state there must recover by
+itself.
 """
 
 import io
@@ -24,14 +24,14 @@ class Flight(NamedTuple):
     """A message on its way."""
 
     slot: int
-    """In which it arrives."""
+    """Slot in which the message arrives."""
     target: int
     order: int
     message: Any
 
 
 class Fate(NamedTuple):
-    """What becomes of a message: the delays in slots of its copies; none: lost."""
+    """Fate of a message: the delay of each copy in slots; no copy means that it is lost."""
 
     name: str
     copies: tuple[int, ...]
@@ -46,7 +46,7 @@ class NodeFault(NamedTuple):
     name: str
     doom: Doom | None
     slots: int
-    """So long it is stopped, or down."""
+    """Number of slots for which the node is stopped or down."""
 
 
 NODE_FAULTS: Final = (
@@ -59,41 +59,41 @@ NODE_FAULTS: Final = (
 
 
 class SearchModel(Protocol):
-    """A handful of nodes and their judge; everything that changes is in its attributes."""
+    """A few nodes and their checks; the attributes hold all state that changes."""
 
     @property
     def addresses(self) -> Sequence[int]: ...
 
     @property
     def victims(self) -> Sequence[int]:
-        """Of these, those that may be stopped or die."""
+        """Nodes that may be stopped or die."""
 
     def exposed(self, message: Any) -> bool:
-        """Whether this message may be lost, late or doubled; the others always come."""
+        """Tell whether this message may be lost, late or duplicated; others always arrive."""
 
     def step(
         self, address: int, now_ns: int, heard: Sequence[Any], doom: Doom | None
     ) -> Sequence[QueuedMessage]:
-        """One step of a node that runs. Raises ViolationError."""
+        """Run one step of a node. Raises ViolationError."""
 
     def boot(self, address: int, now_ns: int) -> None:
-        """A dead node begins anew with what it stored."""
+        """Restart a dead node with what it stored."""
 
     def alive(self) -> bool:
-        """Whether all is as it should be when nothing has gone wrong for a while."""
+        """Tell whether the system works as it must after some time without faults."""
 
 
 class SearchState(NamedTuple):
-    """Between two slots."""
+    """State between two slots."""
 
     stage: SearchModel
     flights: tuple[Flight, ...]
     away: tuple[tuple[int, int, bool], ...]
-    """Nodes that do not run: address, slot in which they run again, whether they died."""
+    """Nodes that do not run: address, slot in which they run again, and whether they died."""
 
 
 class Deviation(NamedTuple):
-    """One departure from the plain course, for the story."""
+    """One deviation from the schedule without faults, for the report."""
 
     slot: int
     what: str
@@ -101,31 +101,31 @@ class Deviation(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """How far and how wide the search goes."""
+    """Bounds of the search: its length, its number of faults and the duration of a slot."""
 
     slots: int
     faults: int
     slot_ns: int
     calm_slots: int = 40
-    """After the horizon, without faults, until every state has to be alive again."""
+    """Number of slots without faults after the horizon within which every state must recover."""
 
 
 @dataclass(slots=True)
 class SearchResult:
-    """What a search came to."""
+    """Result of a search."""
 
     states: int = 0
-    """Different ones."""
+    """Number of different states."""
     schedules: int = 0
-    """Slots played: states times what may happen in them."""
+    """Number of slots played: states times the combinations of faults in them."""
     ends: int = 0
-    """Different states at the horizon, each followed until it was alive again."""
+    """Number of different states at the horizon, each followed until it recovered."""
     broken: ViolationError | None = None
     story: tuple[Deviation, ...] = ()
 
 
 class _Saver(pickle.Pickler):
-    """Leaves out what never changes: it is named and put back in."""
+    """Pickler that writes objects that never change by name only."""
 
     def __init__(self, file: io.BytesIO, names: Mapping[int, str]) -> None:
         super().__init__(file, protocol=5)
@@ -154,7 +154,7 @@ class Explorer:
         self.found = SearchResult()
 
     def warm_up(self, start: SearchState, slots: int) -> SearchState:
-        """So many slots without faults; the slots of the search go on from there."""
+        """Run this many slots without faults; the slots of the search continue from there."""
         state = start
         for slot in range(-slots, 0):
             state, letters = self._play(self._save(state), slot, {}, ())
@@ -165,7 +165,7 @@ class Explorer:
     def search(
         self, start: SearchState, *, told: Callable[[str], None] = lambda _: None
     ) -> SearchResult:
-        """Stops at the first broken invariant, with the departures that led to it."""
+        """Stop at the first violated invariant, with the deviations that led to it."""
         found, bounds = self.found, self.bounds
         layer: dict[bytes, tuple[bytes, int, tuple[Deviation, ...]]] = {}
         self._keep(layer, start, bounds.faults, ())
@@ -204,7 +204,7 @@ class Explorer:
         budget: int,
         story: tuple[Deviation, ...],
     ) -> None:
-        """Of two ways to one state the one with more faults left sees all that the other sees."""
+        """Keep a state with the larger fault budget; it leads to all that the smaller one does."""
         blob = self._save(state)
         key = blake2b(blob, digest_size=16).digest()
         known = layer.get(key)
@@ -276,7 +276,7 @@ class Explorer:
         return SearchState(stage, tuple(later), gone), letters
 
     def _come_back(self, blob: bytes, story: tuple[Deviation, ...]) -> None:
-        """Without faults all is alive within the bound; it is not stuck."""
+        """Check that the state recovers within the bound if no more faults occur."""
         state = self._load(blob)
         first = self.bounds.slots
         for slot in range(first, first + self.bounds.calm_slots):
@@ -285,7 +285,7 @@ class Explorer:
             state = state._replace(flights=state.flights + tuple(_flights(sent, {}, slot)))
             if not state.away and state.stage.alive():
                 return
-        what = f"{self.bounds.calm_slots} slots after the last fault it is not alive again"
+        what = f"{self.bounds.calm_slots} slots after the last fault the state has not recovered"
         raise _BrokenError(ViolationError("40", what), story)
 
 

@@ -1,4 +1,4 @@
-"""What happened, as a hash that two runs of one seed share, and as a story for people."""
+"""Records a run: as a hash that is equal for equal seeds, and as a transcript for people."""
 
 from array import array
 from collections.abc import Callable
@@ -10,11 +10,11 @@ NS_PER_US: Final = 1000
 US_PER_S: Final = 1_000_000
 
 Teller = Callable[[int, str, str], None]
-"""Takes the true instant, who, and what."""
+"""Takes the true instant, the name of the node, and the event as text."""
 
 
 class EventHash:
-    """Numbers go into a running hash in the order in which they come."""
+    """A running hash over numbers in the order of their arrival."""
 
     __slots__ = ("_numbers", "_state", "note")
 
@@ -22,15 +22,15 @@ class EventHash:
         self._state = blake2b(digest_size=16)
         self._numbers: list[int] = []
         self.note: Callable[[int], None] = self._numbers.append
-        """Takes one whole number of 64 bits, signed."""
+        """Adds one signed whole number of 64 bits."""
 
     def spill(self) -> None:
-        """Hash what has been noted so far; to be called now and then, so that memory stays."""
+        """Hash the collected numbers; called now and then to bound the memory."""
         if len(self._numbers) >= CHUNK:
             self._flush()
 
     def digest(self) -> str:
-        """Of all noted so far, in hexadecimal."""
+        """Return the hash of all numbers so far, in hexadecimal."""
         self._flush()
         return self._state.hexdigest()
 
@@ -40,7 +40,7 @@ class EventHash:
 
 
 class EventTranscript:
-    """Lines in the order of events: second, who, what."""
+    """Writes one line for each event: second, node and text."""
 
     def __init__(self, out: Callable[[str], None]) -> None:
         self._out = out

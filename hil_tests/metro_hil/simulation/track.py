@@ -1,4 +1,4 @@
-"""The true track: what stands on it, which sections it occupies, what objects are locked."""
+"""True state of the track: trains on it, occupied sections and locked objects."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -9,24 +9,24 @@ from firmware_py.trackdb.areas import AreaMap
 from metro_hil.simulation.true_train import TrueTrain
 
 AXLE_INSET_M: Final = 2.0
-"""The first and the last axle are so far from the ends of the train."""
+"""Distance of the first and last axle from the ends of the train."""
 
 
 @dataclass(slots=True)
 class TrueObject:
-    """A switch, crossing or platform track as it lies."""
+    """True state of a switch, crossing or platform track."""
 
     number: int
     area: int
     start_m: float
     end_m: float
     locked: bool = False
-    """While it is not, it may move or stand open at any moment."""
+    """An unlocked object may move or stand open at any moment."""
     release_wanted: bool = False
 
 
 class TrueTrack:
-    """Axle counters and objects."""
+    """Axle counters and objects of the line."""
 
     def __init__(self, line: AreaMap, trains: Sequence[TrueTrain]) -> None:
         self.line = line
@@ -38,17 +38,17 @@ class TrueTrack:
             for site in line.objects
         }
         self.disturbed: frozenset[int] = frozenset()
-        """Numbers of sections whose counters are not to be trusted."""
+        """Numbers of sections whose axle counters are disturbed and cannot be trusted."""
         self._sections = [(s.number, s.start_m, s.end_m) for s in line.sections]
 
     def advance(self, now_ns: int) -> None:
-        """Bring all trains to where they are now."""
+        """Bring all trains to their position at this instant."""
         for train in self.trains:
             if train.on_line:
                 train.motion.advance(now_ns)
 
     def axles(self) -> dict[int, int]:
-        """How many axles stand in each section that is not empty."""
+        """Return the number of axles in each occupied section."""
         counts: dict[int, int] = {}
         for train in self.trains:
             if not train.on_line:
@@ -66,7 +66,7 @@ class TrueTrack:
         return counts
 
     def joined_to(self, train: TrueTrain) -> list[TrueTrain]:
-        """Trains between which and this one, which is among them, no section is empty."""
+        """Return the trains that no empty section separates from this one, itself included."""
         axles = self.axles().keys() | self.disturbed
         for taken, sections in itertools.groupby(self._sections, lambda each: each[0] in axles):
             spans = [(start_m, end_m) for _, start_m, end_m in sections]
@@ -84,7 +84,7 @@ def _axles_before(at_m: float, first_m: float, pitch_m: float, axles: int) -> in
 
 
 def _has_axles(train: TrueTrain, start_m: float, end_m: float) -> bool:
-    """On this stretch, at least one."""
+    """Tell whether at least one axle of the train stands on this stretch."""
     first_m, last_m = train.rear_m + AXLE_INSET_M, train.front_m - AXLE_INSET_M
     return train.on_line and first_m < end_m and start_m <= last_m
 
@@ -94,6 +94,6 @@ def _touches(train: TrueTrain, start_m: float, end_m: float) -> bool:
 
 
 def stretch(start_m: float, length_m: float, pieces: int) -> Iterable[tuple[int, float, float]]:
-    """Number, start and end of equal pieces, numbered from 1."""
+    """Return number, start and end of equal pieces, numbered from 1."""
     each_m = length_m / pieces
     return [(n + 1, start_m + n * each_m, start_m + (n + 1) * each_m) for n in range(pieces)]

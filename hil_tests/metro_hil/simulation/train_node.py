@@ -1,4 +1,4 @@
-"""A train's controller in the simulation: the protocol under test, and what drives by it."""
+"""A train's controller in the simulation: the protocol under test and a simple driver."""
 
 import math
 from collections.abc import Sequence
@@ -12,27 +12,30 @@ from metro_hil.simulation.true_train import BrakeLoopGrant, OdometryReading, Tru
 
 CONTROL_NS: Final = 200_000_000
 SILENCE_NS: Final = 300_000_000
-"""A brake that hears nothing from its controller for so long applies itself."""
+"""Time without a sign of its controller after which a brake unit applies the brake itself."""
 STOPPING_MARGIN_M: Final = 2.0
-"""Operation stops so much before the end of authority."""
+"""Distance before the end of authority at which ATO stops."""
 SHUNTING_MPS: Final = 5.0
 SHUNTING_MPS2: Final = 0.5
 RELEASE_M: Final = 5.0
-"""An emergency at standstill is released once there is so much authority again."""
+"""Length of authority at which an emergency brake at standstill is released."""
 
 
 class Protocolled(Protocol):
-    """The protocol of one train, as the cab sees it."""
+    """The protocol of one train, as its controller uses it."""
 
     def step(self, now_ns: int, heard: Sequence[Any], reading: OdometryReading) -> NodeStep: ...
 
     @property
     def grants(self) -> Sequence[BrakeLoopGrant]:
-        """All must hold at once; none: the train must not move. The same object while unchanged."""
+        """Authorities that must all hold at once; none: the train must not move.
+
+        The object is the same until they change.
+        """
 
 
 class RadioListener(Protocol):
-    """Judges what goes over the air."""
+    """Checks the messages of trains."""
 
     def stepped(
         self,
@@ -47,7 +50,7 @@ class RadioListener(Protocol):
 
 
 class TrainNodeController:
-    """What runs on a train's node."""
+    """State machine that runs on a train's node."""
 
     __slots__ = ("_checker", "_driver", "_net", "_train", "grants", "listener", "protocol")
 
@@ -63,7 +66,7 @@ class TrainNodeController:
         self._net, self._checker = net, checker
         self.listener: RadioListener | None = None
         self.grants: Sequence[BrakeLoopGrant] = ()
-        """What the brake loop goes by."""
+        """Authorities in the brake loop."""
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
         self._train.motion.advance(self._net.now_ns)
@@ -103,7 +106,7 @@ class TrainNodeController:
 
 
 class SimulatedDriver:
-    """Every control cycle of one train: watchdog, supervision, operation, stops."""
+    """Control cycle of one train: watchdog, supervision, ATO and station stops."""
 
     __slots__ = (
         *("_age_max_ns", "_checker", "_dwell_ns", "_net", "_node", "_speed_max_mps", "_stops_m"),
@@ -128,16 +131,17 @@ class SimulatedDriver:
         self._age_max_ns = checker.rules.age_max_ns
 
     def begins_anew(self) -> None:
-        """A new life goes by nothing of what its former one held: it brakes from its first output
-        on, before it says how far that lets it come.
+        """Brake at the start of a new incarnation, which has none of the former authorities.
+
+        The brake acts from the first output on, before the train reports how far it can still come.
         """
         self._checker.gave_up(self.train.address)
         if self.train.on_line and not self.train.shunts:
             self.train.motion.advance(self._net.now_ns)
-            self._trip(self._net.now_ns, "begins anew")
+            self._trip(self._net.now_ns, "restarts")
 
     def cycle(self, _: object) -> None:
-        """Brings the motion forward, looks, and says what the train does until the next one."""
+        """Bring the motion forward, check it, and set the demand until the next cycle."""
         net, train = self._net, self.train
         now_ns = net.now_ns
         train.motion.advance(now_ns)
@@ -186,16 +190,14 @@ class SimulatedDriver:
         motion.demand(now_ns, self._wanted_mps2(now_ns, reading, end_m))
 
     def supervises(self) -> None:
-        """What is new is looked at before it is acknowledged, by how far the brake then lets it
-        come.
-        """
+        """Supervise a new authority before the train acknowledges it with how far it may come."""
         train, now_ns = self.train, self._net.now_ns
         grants, _ = self.in_force(now_ns)
         if grants and train.on_line and train.localised and not train.shunts:
             self._is_too_fast(now_ns, min(grant.end_m for grant in grants))
 
     def _is_too_fast(self, now_ns: int, end_m: float) -> bool:
-        """For this end; its brake is applied, if so."""
+        """Apply the emergency brake if the train is too fast for this end; tell whether it is."""
         motion, front_max_m = self.train.motion, self.train.reading().front_max_m
         if not must_trip(front_max_m, motion.speed_mps, end_m, accel_mps2=motion.accel_mps2):
             return False
@@ -203,7 +205,7 @@ class SimulatedDriver:
         return True
 
     def in_force(self, now_ns: int) -> tuple[Sequence[BrakeLoopGrant], float]:
-        """What may be acted on now, and the age of the oldest as a share of the limit."""
+        """Return the authorities in force, and the age of the oldest as a share of the limit."""
         node, train = self._node, self.train
         if self._net.runs(node.address):
             train.heard_ns = now_ns

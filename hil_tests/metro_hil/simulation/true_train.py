@@ -1,4 +1,4 @@
-"""Where trains truly are: what no protocol sees and every check looks at."""
+"""True positions of trains, which the checks use and the protocol never sees."""
 
 import math
 from dataclasses import dataclass
@@ -9,27 +9,27 @@ from metro_hil.simulation.motion import SimulatedMotion
 SERVICE_MPS2: Final = 0.6
 SERVICE_REACTION_S: Final = 2.0
 HARDEST_MPS2: Final = 10.0
-"""What trains believe of the hardest brake that there is."""
+"""Deceleration of the hardest brake that trains assume."""
 ROLL_BACK_MAX_M: Final = 2.0
-"""No train ever rolls back farther; the allowance that the protocol is told."""
+"""Maximum distance that any train rolls back; the allowance in the protocol's configuration."""
 
 AXLES: Final = 16
 
 
 class OdometryReading(NamedTuple):
-    """What a train's own odometry tells its controller: intervals that hold the truth."""
+    """Reading of a train's odometry: intervals that contain the true position."""
 
     front_min_m: float
     front_max_m: float
     rear_min_m: float
     rests_m: float
-    """Its rear comes to rest nowhere behind this."""
+    """Position behind which the train's rear cannot come to rest."""
     speed_mps: float
     standstill: bool
     reach_m: float
-    """As far as it comes with the emergency brake commanded now."""
+    """Where the front may come to rest if the emergency brake is commanded now."""
     easy_m: float
-    """As far as it comes with the service brake."""
+    """Where the front may come to rest with the service brake."""
     localised: bool = True
     out_of_service: bool = False
     axles: int = AXLES
@@ -37,7 +37,7 @@ class OdometryReading(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BrakeLoopGrant:
-    """What a train's brake loop goes by."""
+    """An authority in a train's brake loop."""
 
     end_m: float
     term: int
@@ -45,20 +45,20 @@ class BrakeLoopGrant:
     issuer: int
     area: int
     stamp_ns: int
-    """The train's own clock at sending the report that this answers."""
+    """Reading of the train's own clock when it sent the report that this authority answers."""
     rear_m: float = math.inf
-    """Its minimum safe rear may move back to here; by default not at all."""
+    """Position to which the minimum safe rear may move back; by default not at all."""
 
 
 class Build(NamedTuple):
-    """How a train is made."""
+    """Length and number of axles of a train."""
 
     length_m: float
     axles: int
 
 
 class TrueTrain:
-    """One train on the track, or away from the line."""
+    """One train, on the track or away from the line."""
 
     __slots__ = (
         *("address", "axles", "dwell_until_ns", "emergencies", "half_width_m", "heard_ns", "lane"),
@@ -83,18 +83,18 @@ class TrueTrain:
         self.next_stop = 0
         self.dwell_until_ns = 0
         self.heard_ns = 0
-        """When its controller last showed a sign of life to its brake."""
+        """Time of the controller's last sign of life to the brake unit."""
         self.emergencies = 0
         self.localised = True
         self.out_of_service = False
         self.shunts = False
-        """Driven by hand, whatever its authority is."""
+        """Whether the train is driven by hand, whatever its authority."""
         self.shunts_to_m = math.inf
-        """Where it is driven by hand; by default off the line."""
+        """Where a train driven by hand stops; by default beyond the line."""
 
     @property
     def rolls(self) -> bool:
-        """It is still to roll or set back."""
+        """Whether the train has still to roll or jog back."""
         return self.motion.back_m > 0.0
 
     @property
@@ -103,7 +103,7 @@ class TrueTrain:
 
     @property
     def driven_to_m(self) -> float:
-        """By hand; else where its front is."""
+        """Where a train driven by hand stops; for others the position of the front."""
         return max(self.front_m, self.shunts_to_m) if self.shunts else self.front_m
 
     @property
@@ -115,21 +115,21 @@ class TrueTrain:
 
     @property
     def foremost_rear_min_m(self) -> float:
-        """Its minimum safe rear when it was farthest."""
+        """Minimum safe rear when the train was farthest on."""
         most_m = self.motion.most_m
         return most_m + self._error_m(most_m) - self.half_width_m - self.length_m
 
     @property
     def foremost_front_max_m(self) -> float:
-        """Where its front may have been at most when it was farthest."""
+        """Maximum safe front when the train was farthest on."""
         most_m = self.motion.most_m
         return most_m + self._error_m(most_m) + self.half_width_m
 
     def reading(self) -> OdometryReading:
-        """As of the instant to which the motion was brought forward.
+        """Return the reading at the instant to which the motion was brought forward.
 
-        The error depends on the place alone and so slightly that the reading of a train which
-        does not roll back never goes back.
+        The error depends on the position alone, and so slightly that the reading never goes back
+        while the train does not roll back.
         """
         motion = self.motion
         front_m, half_m = motion.front_m, self.half_width_m

@@ -11,12 +11,13 @@ OPENED_MAX: Final = 512
 
 
 class RealCodec:
-    """Counts what it refuses by reason."""
+    """Encodes and decodes messages; counts rejected ones by reason."""
 
     def __init__(self) -> None:
         self.refusals: Counter[RefusedReason] = Counter()
         self._opened: dict[bytes, AnyMessage | Refused] = {}
-        """What the newest payloads came to: all that hear one get the same bytes."""
+        """Decoded messages of the newest payloads. All receivers of one message get the same
+        bytes."""
 
     def seal(self, message: T2tMessage) -> bytes:
         return pack(message)

@@ -1,4 +1,4 @@
-"""A line with trains on it, the wayside's nodes, a network between them, and their judge."""
+"""A simulated line: its trains, wayside nodes, network and checker."""
 
 import random
 from collections.abc import Callable, Mapping, Sequence
@@ -25,15 +25,15 @@ LOCAL_START_NS_MAX: Final = 3600 * NS_PER_S
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Where trains start and what they drive to."""
+    """Where trains start, where they stop and how they are built."""
 
     fronts_m: Mapping[int, float]
-    """By train."""
+    """Position of each train's front at the start, by train."""
     stops_m: Sequence[float] = ()
     dwell_s: float = 20.0
     length_m: float = 80.0
     builds: Mapping[int, Build] = field(default_factory=dict)
-    """Of trains that are made otherwise."""
+    """Build of each train that differs from the default, by train."""
     drift_ppm: int = 100
     speed_max_mps: float = 60.0 / 3.6
 
@@ -42,7 +42,7 @@ class Setting:
 
 
 class ProtocolUnderTest(Protocol):
-    """The protocol under test, as nodes."""
+    """The protocol under test, which starts its own nodes."""
 
     @property
     def rules(self) -> Rules: ...
@@ -50,14 +50,14 @@ class ProtocolUnderTest(Protocol):
     def train(self, node: SimulatedNode, now_ns: int) -> Protocolled: ...
 
     def installed(self, address: int) -> object:
-        """What is on the disk of a new node."""
+        """Return what the disk of a new node holds."""
 
     def wayside(self) -> Mapping[int, tuple[str, Callable[[SimulatedNode, int], NodeMachine]]]:
-        """By address: name and start of everything that is no train."""
+        """Return name and start function of every node that is not a train, by address."""
 
 
 class SimulatedLine:
-    """All of it, built and started at true instant 0."""
+    """The whole simulated line, built at true instant 0."""
 
     def __init__(
         self,
@@ -125,12 +125,12 @@ class SimulatedLine:
         self.net.at(self.rng.randrange(CONTROL_NS), driver.cycle)
 
     def stops_next(self, train: TrueTrain) -> None:
-        """At the first stop ahead of where it has been set."""
+        """Make the first stop ahead of the train's position its next one."""
         train.next_stop = sum(stop_m < train.front_m for stop_m in self.setting.stops_m)
         train.dwell_until_ns = 0
 
     def without_authority(self) -> list[int]:
-        """Trains on the line whose brake loop has no authority in force at this instant."""
+        """Return the trains on the line whose brake loop holds no authority in force now."""
         return [
             address
             for address, driver in self.drivers.items()
@@ -140,5 +140,5 @@ class SimulatedLine:
         ]
 
     def unsettled(self, waiting: Sequence[int]) -> bool:
-        """Whether something goes on now behind which these trains have to wait."""
+        """Tell whether something goes on now that these trains have to wait for."""
         return any(each.shunts for each in self.trains.values())

@@ -1,7 +1,7 @@
-"""The acceptance scenarios of train-to-train control, as scripts for the simulated line.
+"""Acceptance scenarios of train-to-train control, as scripts for the simulated line.
 
-Each is played by the same machines and judged by the same checks as random seeds; what only a
-script can know is expected here. They double as detectors when a guard is taken away.
+They run the same state machines and the same checks as random seeds, and add expectations that only
+a script can have. They also show that a check fails when a guard is removed.
 """
 
 from collections.abc import Callable
@@ -16,14 +16,15 @@ from zenoh_config.t2t import LeaseAnswer, OrderKind, SwitchKind, SwitchStep
 
 Make = Callable[[Plot], ScriptedLine]
 FAILOVER_S: Final = 0.45
-"""From the end of a master to an authority of the new term at every follower, timers A."""
+"""Maximum time from the end of a master until every follower has an authority of the new term;
+timers A."""
 AGE_S: Final = 0.4
-"""No authority gets older during a planned switch."""
+"""Maximum age of any authority during a planned switch."""
 
 
 @dataclass(frozen=True, slots=True)
 class DirectedScenario:
-    """By name; `number` is that of the acceptance scenario, 0 for one of our own."""
+    """A named scenario; `number` is that of the acceptance scenario, 0 for one of our own."""
 
     name: str
     number: int
@@ -32,7 +33,7 @@ class DirectedScenario:
 
 
 def convoy(trains: int, *, first_m: float = 300.0, gap_m: float = 400.0) -> dict[int, float]:
-    """Fronts of trains one behind the other; the foremost has the highest number."""
+    """Return the fronts of trains one behind the other; the foremost has the highest number."""
     return {n + 1: first_m + gap_m * n for n in range(trains)}
 
 
@@ -52,7 +53,7 @@ def two_candidates(make: Make) -> None:
 
 
 def at_speed(make: Make, *, trains: int = 5, **more: Any) -> tuple[ScriptedLine, int]:
-    """A convoy at full speed in one long area, and its master."""
+    """Return a convoy at full speed in one long area, and its master."""
     plot = Plot(convoy(trains), area_m=8000.0, **more)
     scene = make(plot)
     scene.settle()
@@ -100,7 +101,7 @@ def master_isolated(make: Make) -> None:
         pairs = scene.cut_off(master, keeps=keeps)
         scene.until("the followers obey a new term", _new_term(scene, master, old), within_s=5.0)
         scene.run(10.0)
-        scene.expect("the old one commands no more", scene.role(master) is not Role.MASTER)
+        scene.expect("the former master commands no more", scene.role(master) is not Role.MASTER)
         scene.net.heal(pairs)
         scene.run(3.0)
         _no_emergency(scene, master)
@@ -118,7 +119,7 @@ def master_stopped(make: Make) -> None:
 
 
 def master_stopped_before_sending(make: Make) -> None:
-    """It looked at its lease, then it is stopped, then it sends."""
+    """The master is stopped after it checked its lease and before it sends."""
     for for_ms in (250, 950, 4000):
         scene, master = at_speed(make, trains=3, seed=for_ms)
         scene.net.nodes[master].freeze_ns = for_ms * NS_PER_MS
@@ -128,7 +129,7 @@ def master_stopped_before_sending(make: Make) -> None:
 
 
 def worst_age_s(scene: ScriptedLine, seconds: float) -> float:
-    """The oldest that any train's authority gets meanwhile."""
+    """Return the oldest age of any train's authority during this time."""
     worst_ns, end_ns = 0, scene.net.now_ns + int(seconds * NS_PER_S)
     while scene.net.now_ns < end_ns:
         scene.run(0.01)
@@ -151,7 +152,7 @@ def planned_switch(make: Make) -> None:
 
 
 def planned_switch_disturbed(make: Make) -> None:
-    """A step of it is lost, or one message in five: it completes or it comes to nothing."""
+    """One step or a fifth of all messages is lost: the switch completes or has no effect."""
     for lost in (SwitchKind.READY, SwitchKind.COMMIT, SwitchKind.PREPARE, None):
         scene, master = at_speed(make, trains=4, seed=3)
         successor = next(train for train in scene.world.trains if train != master)
@@ -161,7 +162,7 @@ def planned_switch_disturbed(make: Make) -> None:
             scene.rule(_loses(lost))
         scene.order(OrderKind.SWITCH_MASTER, successor)
         scene.run(4.0)
-        scene.expect("somebody commands", scene.master() is not None)
+        scene.expect("a train commands", scene.master() is not None)
         scene.no_rules()
         scene.run(4.0)
         _no_emergency(scene)
@@ -190,7 +191,7 @@ def hand_over(make: Make) -> None:
 
 
 def hand_over_silent(make: Make) -> None:
-    """Nobody commands the area behind the border: the train stops before it."""
+    """No train commands the area behind the border: the train stops before it."""
     scene = make(Plot(BORDER, areas=2, area_m=BORDER_M))
     for address in scene.others(2):
         scene.net.boot(address)
@@ -205,7 +206,7 @@ def hand_over_silent(make: Make) -> None:
 
 
 def hand_over_refused(make: Make) -> None:
-    """The first metres behind the border are closed; when they are opened it goes on."""
+    """The first metres behind the border are closed; the train goes on when they are opened."""
     scene = make(Plot(BORDER, areas=2, area_m=BORDER_M))
     scene.world.t2t.closed = (SpeedRestriction(BORDER_M, BORDER_M + 100.0, 1.0),)
     scene.settle()
@@ -243,7 +244,7 @@ def radio_lost(make: Make) -> None:
 
 
 def hidden_train(make: Make) -> None:
-    """A train whose process never starts stands among the others: nobody is sent into it."""
+    """A train whose process never starts stands among the others: no train may be sent into it."""
     fronts_m = {1: 172.6, 2: 579.3, 3: 803.6, 4: 1137.9, 5: 1330.5, 6: 1619.1}
     for hidden in (2, 4):
         scene = make(Plot(fronts_m, seed=hidden))
@@ -251,17 +252,17 @@ def hidden_train(make: Make) -> None:
             scene.net.boot(address)
             scene.run(0.4)
         scene.run(15.0)
-        scene.expect("somebody commands", scene.master() is not None)
+        scene.expect("a train commands", scene.master() is not None)
 
 
 def hidden_beyond_a_border(make: Make) -> None:
-    """All its axles are counted behind the border, and it hangs over; then it rolls back."""
+    """A shadow train hangs over a border and rolls back; all its axles are counted behind it."""
     for commanded in (True, False):
         _draw_up_to_a_border(make, commanded=commanded)
 
 
 def _draw_up_to_a_border(make: Make, *, commanded: bool) -> None:
-    """`commanded`: somebody has the lease of the area behind it."""
+    """`commanded`: a train holds the lease of the area behind the border."""
     scene = make(Plot({1: 1400.0, 2: BORDER_M + 79.0}, areas=2, area_m=BORDER_M))
     if not commanded:
         scene.rule(lambda a, b, m: None if isinstance(m, LeaseAnswer) and m.area == 2 else 0)
@@ -270,13 +271,13 @@ def _draw_up_to_a_border(make: Make, *, commanded: bool) -> None:
     scene.until("train 1 has authority", lambda: scene.end_m(1) is not None, within_s=20.0)
     scene.run(60.0)
     front_m = scene.world.trains[1].front_m
-    scene.expect(f"it drew up to it: {front_m:.1f} m", front_m > BORDER_M - 30.0)
+    scene.expect(f"it drew up to the border: {front_m:.1f} m", front_m > BORDER_M - 30.0)
     scene.roll_back(2, 2.0)
     scene.run(10.0)
 
 
 def close_at_a_border(make: Make) -> None:
-    """Two trains wake up on either side of a border, in sections without a clear one between."""
+    """Two trains start on either side of a border, with no clear section between them."""
     scene = make(Plot({1: 1782.0, 2: 2318.0}, areas=2, area_m=BORDER_M))
     scene.settle(within_s=10.0)
 
@@ -297,7 +298,9 @@ SCENARIOS: Final[tuple[DirectedScenario, ...]] = (
     DirectedScenario("planned-switch", 21, "supervision moves the command", planned_switch),
     DirectedScenario("switch-disturbed", 21, "steps of it are lost", planned_switch_disturbed),
     DirectedScenario("hand-over", 22, "from one area to the next at speed", hand_over),
-    DirectedScenario("hand-over-silent", 22, "nobody commands behind the border", hand_over_silent),
+    DirectedScenario(
+        "hand-over-silent", 22, "no train commands behind the border", hand_over_silent
+    ),
     DirectedScenario(
         "hand-over-refused", 22, "the stretch behind the border is closed", hand_over_refused
     ),
@@ -305,13 +308,13 @@ SCENARIOS: Final[tuple[DirectedScenario, ...]] = (
         "leader-rolls-back", 23, "the train ahead stops and rolls back", leader_rolls_back
     ),
     DirectedScenario(
-        "close-at-a-border", 0, "trains stand on either side of it", close_at_a_border
+        "close-at-a-border", 0, "trains stand on either side of a border", close_at_a_border
     ),
-    DirectedScenario("hidden-train", 0, "a train stands there and says nothing", hidden_train),
+    DirectedScenario("hidden-train", 0, "a shadow train stands among others", hidden_train),
     DirectedScenario(
         "hidden-beyond-a-border",
         0,
-        "a train hangs over a border and says nothing",
+        "a shadow train hangs over a border",
         hidden_beyond_a_border,
     ),
     DirectedScenario("radio-lost", 25, "a train is cut off and comes back", radio_lost),

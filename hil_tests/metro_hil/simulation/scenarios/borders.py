@@ -1,4 +1,4 @@
-"""Scenarios of a train that stands, or runs, with its front in one area and its rear in another."""
+"""Scenarios of trains with their front in one area and their rear in another."""
 
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -18,7 +18,8 @@ BEHIND: Final = 1
 OVER: Final = 2
 AHEAD: Final = 3
 OVER_M: Final = BORDER_M + 30.0
-"""The train is 80 m long: its rear is on the switch that ends 20 m before the border."""
+"""Front of the train in both areas. It is 80 m long, so its rear is on the switch, which ends 20 m
+before the border."""
 ROLLS_M: Final = 2.0
 
 
@@ -34,7 +35,7 @@ def _line(switch_ends_m: float) -> AreaMap:
 def _on_a_free_switch(
     make: Make, front_m: float, switch_ends_m: float, stops_m: Sequence[float] = ()
 ) -> ScriptedLine:
-    """It cannot be locked, as nobody hears what is said to it."""
+    """Start all nodes with the switch unlocked; it stays unlocked because claims of it are lost."""
     fronts_m = {BEHIND: 1000.0, OVER: front_m, AHEAD: 3000.0}
     line = _line(switch_ends_m)
     scene = make(Plot(fronts_m, line=line, stops_m=stops_m, dwell_s=100.0))
@@ -45,11 +46,11 @@ def _on_a_free_switch(
 
 
 def over_a_free_switch(make: Make) -> None:
-    """It begins there, and the switch is not locked: the area of its front knows of no switch."""
+    """A train starts on an unlocked switch, of which the area of its front knows nothing."""
     scene = _on_a_free_switch(make, OVER_M, BORDER_M - 20.0)
     scene.run(10.0)
     for area in (1, 2):
-        scene.expect(f"somebody commands area {area}", scene.master(area) is not None)
+        scene.expect(f"a train commands area {area}", scene.master(area) is not None)
     scene.expect("the one ahead goes on", AHEAD not in scene.without())
     scene.expect("it stays where it is", scene.world.trains[OVER].motion.speed_mps == 0.0)
     scene.no_rules()
@@ -57,7 +58,7 @@ def over_a_free_switch(make: Make) -> None:
 
 
 def back_onto_a_free_switch(make: Make) -> None:
-    """It begins a little beyond, within an area or with a border between, and rolls back."""
+    """A train starts just beyond the switch, with or without a border between, and rolls back."""
     for switch_ends_m in (1750.0, BORDER_M):
         front_m = switch_ends_m + 80.0 + 0.95 * ROLLS_M
         scene = _on_a_free_switch(make, front_m, switch_ends_m, stops_m=(front_m,))
@@ -66,13 +67,13 @@ def back_onto_a_free_switch(make: Make) -> None:
         scene.run(3.0)
         scene.roll_back(OVER, ROLLS_M)
         scene.run(10.0)
-        scene.expect("it is not any more", over.rear_m < switch_ends_m)
+        scene.expect("it is beyond no longer", over.rear_m < switch_ends_m)
         scene.no_rules()
         scene.until("all trains have authority", scene.all_held, within_s=10.0)
 
 
 def master_left_behind(make: Make) -> None:
-    """Who commands the area of its rear dies while it runs over the border: it goes on."""
+    """The master of the rear's area is lost during a border crossing: the train runs on."""
     losses: tuple[Callable[[ScriptedLine], object], ...] = (
         lambda scene: scene.net.kill(BEHIND),
         lambda scene: scene.net.stop(BEHIND, 20 * NS_PER_S),
@@ -100,8 +101,9 @@ def _goes_on(make: Make, lose: Callable[[ScriptedLine], object]) -> None:
 
 
 def hangs_over_the_border(make: Make) -> None:
-    """Track is closed from just before the border on, so that the area there lets nobody come to
-    it; one that nobody hears stands just beyond and hangs over, which only the next area may know.
+    """A shadow train hangs over a border, which only the next area can know.
+
+    Track is closed from just before the border on, so that the area before lets no train come near.
     """
     hides_m = BORDER_M + 78.0
     scene = make(Plot({BEHIND: 1000.0, OVER: hides_m, AHEAD: 3000.0}, line=_line(1000.0)))
@@ -111,14 +113,16 @@ def hangs_over_the_border(make: Make) -> None:
         scene.net.boot(address)
     runs = scene.world.trains[BEHIND]
     scene.until("it is on its way", lambda: runs.front_m > 1500.0, within_s=60.0)
-    scene.expect("somebody commands there", scene.master(2) == AHEAD)
+    scene.expect("the train ahead commands there", scene.master(2) == AHEAD)
     scene.stands(BEHIND)
     scene.expect(f"it comes no nearer: {runs.front_m}", runs.front_m < BORDER_M - 11.0)
 
 
 def gone_before_the_border(make: Make) -> None:
-    """One that stands before the border is taken off the line, and comes back behind another: the
-    next area, which is not told of axles so far before it, waits for its old entry no longer.
+    """A train that stood before the border is taken off the line and set on again behind another.
+
+    The next area receives no axle counts from so far before its border. It must not wait for the
+    old roster entry.
     """
     fronts_m = {BEHIND: 1500.0, OVER: 1780.0, AHEAD: 3000.0}
     scene = make(Plot(fronts_m, line=_line(1000.0), stops_m=(1500.0, 1780.0, 3000.0), dwell_s=90.0))
@@ -140,9 +144,10 @@ def gone_before_the_border(make: Make) -> None:
 
 
 def moved_over_the_border(make: Make) -> None:
-    """Somebody hides before the border. The train behind is moved past it and over the border by
-    hand, begins anew there, and so is off the roster of the area: that one is not seen in its last
-    section, whenever that was looked at.
+    """A train is moved past a shadow train and over the border by hand, and restarts there.
+
+    The restart takes it off the roster of its former area. Its last section there still holds the
+    shadow train, which that area must not take for the moved one.
     """
     fronts_m = {BEHIND: 300.0, OVER: 1500.0, AHEAD: 3900.0}
     scene = make(Plot(fronts_m, areas=2, pieces=10, stops_m=(300.0, 1500.0), dwell_s=200.0))
@@ -161,11 +166,15 @@ def moved_over_the_border(make: Make) -> None:
     set_on(scene.world, moved, 2150.0)
     scene.world.t2t.closed = ()
     scene.run(2.0)
-    scene.expect(f"somebody is seen: {scene.end_m(BEHIND)}", scene.end_m(BEHIND) == 1789.0)
+    scene.expect(
+        f"the shadow train's axles are seen: {scene.end_m(BEHIND)}", scene.end_m(BEHIND) == 1789.0
+    )
     scene.net.boot(OVER)
-    scene.until("it begins anew", lambda: scene.end_m(OVER) is not None, within_s=5.0)
+    scene.until("the moved train restarts", lambda: scene.end_m(OVER) is not None, within_s=5.0)
     scene.run(1.0)
-    scene.expect(f"nobody is forgotten: {scene.end_m(BEHIND)}", scene.end_m(BEHIND) == 1789.0)
+    scene.expect(
+        f"the shadow train is not forgotten: {scene.end_m(BEHIND)}", scene.end_m(BEHIND) == 1789.0
+    )
     scene.net.boot(AHEAD)
     scene.until("all trains have authority", scene.all_held, within_s=20.0)
 
@@ -174,16 +183,21 @@ BORDER_LURES: Final[tuple[DirectedScenario, ...]] = (
     DirectedScenario(
         "gone-before-the-border",
         0,
-        "one is away that stood before the border",
+        "a train that stood before the border is taken away",
         gone_before_the_border,
     ),
-    DirectedScenario("over-a-free-switch", 0, "a train begins in two areas", over_a_free_switch),
+    DirectedScenario("over-a-free-switch", 0, "a train starts in two areas", over_a_free_switch),
     DirectedScenario(
         "back-onto-a-switch", 0, "a train just beyond rolls back", back_onto_a_free_switch
     ),
-    DirectedScenario("hangs-over-the-border", 0, "one hides just beyond", hangs_over_the_border),
     DirectedScenario(
-        "moved-over-the-border", 0, "one is moved over the border by hand", moved_over_the_border
+        "hangs-over-the-border", 0, "a shadow train stands just beyond", hangs_over_the_border
+    ),
+    DirectedScenario(
+        "moved-over-the-border",
+        0,
+        "a train is moved over the border by hand",
+        moved_over_the_border,
     ),
     DirectedScenario(
         "master-left-behind", 0, "the master of the rear's area is lost", master_left_behind

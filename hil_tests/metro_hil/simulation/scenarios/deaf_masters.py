@@ -1,4 +1,4 @@
-"""Scenarios of a master that is heard and hears nothing, or not those whom it needs."""
+"""Scenarios of a master that sends but receives nothing, or not from all that it needs."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -19,7 +19,7 @@ from zenoh_config.t2t import (
 def _deafen(
     scene: ScriptedLine, master: int, to: Sequence[int] | None = None
 ) -> list[tuple[int, int]]:
-    """Nothing comes to it (of these); what it sends does."""
+    """Cut the links to the master (from these nodes); what it sends still arrives."""
     pairs = [(each, master) for each in (to or scene.others(master))]
     scene.net.cut(pairs)
     return pairs
@@ -41,7 +41,7 @@ def _taken_over(
 
 
 def deaf_master(make: Make) -> None:
-    """To all, and to its arbiters alone: it says itself that it commands no more."""
+    """The master receives nothing from all others, or from its arbiters: it resigns by itself."""
     for arbiters in (1, 3):
         for to_all in (True, False):
             scene, master = at_speed(make, trains=4, arbiters=arbiters, seed=arbiters)
@@ -53,7 +53,7 @@ def deaf_master(make: Make) -> None:
 
 
 def deaf_to_trains(make: Make) -> None:
-    """It goes on holding the lease and saying heartbeats, and serves nobody."""
+    """The master keeps its lease and sends heartbeats, but receives no train and so serves none."""
     scene, master = at_speed(make, trains=4)
     old = scene.held_term(master)
     pairs = _deafen(scene, master, [each for each in scene.world.trains if each != master])
@@ -64,7 +64,7 @@ def deaf_to_trains(make: Make) -> None:
 
 
 def deaf_then_mute(make: Make) -> None:
-    """It cannot say so any more when it notices: its lease runs out where it is kept, too."""
+    """The deaf master cannot resign any more: its lease ends at the arbiters at the same time."""
     for heard_s in (0.05, 0.1, 0.15):
         scene, master = at_speed(make, trains=4, seed=int(heard_s * 1000.0))
         old = scene.held_term(master)
@@ -81,7 +81,7 @@ def deaf_then_mute(make: Make) -> None:
 
 
 def _keeps_its_lease(master: int) -> Callable[[int, int, Any], int | None]:
-    """What it gives back never comes."""
+    """Return a rule that loses the requests with which the master gives its lease back."""
 
     def rule(source: int, target: int, message: Any) -> int | None:
         gives_back = isinstance(message, LeaseRequest) and message.kind is LeaseKind.RELEASE
@@ -91,7 +91,7 @@ def _keeps_its_lease(master: int) -> Callable[[int, int, Any], int | None]:
 
 
 def shortened_lease(make: Make) -> None:
-    """Answers stay away for a while; then one comes, to a request for less than a whole lease."""
+    """Answers are lost for a while; then one arrives for a request of less than a whole lease."""
     scene, master = at_speed(make, trains=3)
     arbiter = scene.arbiters[0]
     asked: dict[int, int] = {}
@@ -111,7 +111,7 @@ def shortened_lease(make: Make) -> None:
     assert standby is not None
     scene.net.cut(scene.both_ways([master], [arbiter, standby]))
     old = scene.held_term(master)
-    # The third train is heard; that there is a new term is not.
+    # The third train is received; the new term is not.
     scene.rule(
         lambda source, target, message: None if target == master and message.term > old else 0
     )
@@ -119,8 +119,7 @@ def shortened_lease(make: Make) -> None:
 
 
 def resignation_late(make: Make) -> None:
-    """What the former master said of its end comes to a standby when it commands itself, or when
-    another does."""
+    """The resignation of a former master arrives at a standby after the next takeover."""
     scene, master = at_speed(make, trains=4)
     scene.keep_back(
         lambda source, target, message: (
@@ -138,18 +137,18 @@ def resignation_late(make: Make) -> None:
     term = scene.held_term(master)
     scene.let_go()
     scene.run(3.0)
-    scene.expect("who commands goes on", scene.master() == now)
+    scene.expect("the present master goes on", scene.master() == now)
     scene.expect("under the same term", scene.held_term(master) == term)
 
 
 def _newer(scene: ScriptedLine, train: int) -> Callable[[], bool]:
-    """Whether it goes by a later term than now."""
+    """Return a condition: the train obeys a later term than now."""
     old = scene.held_term(train)
     return lambda: scene.held_term(train) > old
 
 
 def stop_outlives_master(make: Make) -> None:
-    """Whom supervision stopped, the next master does not let go, nor the one after it."""
+    """A train stopped by supervision stays stopped under the next master and the one after it."""
     scene, first = at_speed(make, trains=4)
     stopped = next(train for train in scene.world.trains if train not in (first, scene.standby()))
     scene.order(OrderKind.STOP, stopped)
@@ -170,14 +169,19 @@ def stop_outlives_master(make: Make) -> None:
 
 
 DEAF_LURES: Final[tuple[DirectedScenario, ...]] = (
-    DirectedScenario("deaf-master", 0, "the master is heard and hears nothing", deaf_master),
-    DirectedScenario("deaf-to-trains", 0, "the master hears arbiters and no train", deaf_to_trains),
-    DirectedScenario("deaf-then-mute", 0, "it cannot say that it is deaf", deaf_then_mute),
+    DirectedScenario("deaf-master", 0, "the master sends and receives nothing", deaf_master),
+    DirectedScenario(
+        "deaf-to-trains", 0, "the master receives arbiters and no train", deaf_to_trains
+    ),
+    DirectedScenario("deaf-then-mute", 0, "a deaf master cannot resign", deaf_then_mute),
     DirectedScenario("shortened-lease", 0, "a grant for less than a whole lease", shortened_lease),
     DirectedScenario(
-        "stop-outlives-master", 0, "a stop is kept with the roster", stop_outlives_master
+        "stop-outlives-master",
+        0,
+        "a stop command is committed with the roster",
+        stop_outlives_master,
     ),
     DirectedScenario(
-        "resignation-late", 0, "a resignation comes when it is over", resignation_late
+        "resignation-late", 0, "a resignation comes after the next takeover", resignation_late
     ),
 )

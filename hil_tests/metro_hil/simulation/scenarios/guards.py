@@ -1,6 +1,6 @@
-"""Scenarios that lead straight to where a guard is needed: random seeds alone miss half of them.
+"""Scenarios that lead straight to where a guard is needed; random seeds alone miss half of these.
 
-Most hold back one message until it has become dangerous and then let it go.
+Most hold back one message until it has become dangerous, and then deliver it.
 """
 
 from dataclasses import replace
@@ -25,14 +25,14 @@ from zenoh_config.timers import LineTimers
 SWITCH: Final = 1
 SWITCH_M: Final = 700.0
 STANDS_M: Final = {1: 560.0, 2: 1000.0, 3: 1250.0, 4: 200.0}
-"""Train 1 waits before the switch; all stand at stations of their own. The rearmost, 4, becomes
-standby."""
+"""Fronts at the start. Train 1 waits before the switch, and all stand at stations of their own.
+Train 4, the rearmost, becomes standby."""
 
 
 def before_the_switch(
     make: Make, *, masters: tuple[int, ...] = (3, 2, 1, 4), **more: Any
 ) -> ScriptedLine:
-    """Four trains that stand; the first of `masters` commands, the switch wants to move."""
+    """Four trains at rest; the first of `masters` commands, and the switch requests its release."""
     stops_m = tuple(sorted(STANDS_M.values()))
     scene = make(Plot(STANDS_M, objects=True, stops_m=stops_m, dwell_s=1000.0, **more))
     switch = scene.world.track.objects[SWITCH]
@@ -72,8 +72,7 @@ def _until_taken_over(scene: ScriptedLine) -> None:
 
 
 def late_authority_after_takeover(make: Make) -> None:
-    """A long authority is on its way; meanwhile its master ends, and the next one lets the switch
-    move."""
+    """A long authority is late: meanwhile its master dies and the next one frees the switch."""
     scene = before_the_switch(make)
     scene.expect("the switch is free", _free(scene))
     scene.keep_back_authorities(1)
@@ -90,7 +89,7 @@ def late_authority_after_takeover(make: Make) -> None:
 
 
 def unpromised(make: Make) -> None:
-    """A train that has not heard the new term still obeys the old one."""
+    """A train that has not received the new term still obeys the old one."""
     scene = before_the_switch(make)
     scene.keep_back_authorities(1)
     _wish(scene, False)
@@ -136,7 +135,10 @@ def late_authority_after_restart(make: Make) -> None:
 
 
 def unacceptable(make: Make) -> None:
-    """29: what is old, of another life, of another master or repeated changes nothing."""
+    """29: an old, repeated or foreign authority changes nothing.
+
+    Foreign means for another incarnation or from another master.
+    """
     scene = before_the_switch(make)
     came: list[AreaAuthority] = []
 
@@ -172,7 +174,7 @@ def unacceptable(make: Make) -> None:
 
 
 def stale_burst(make: Make) -> None:
-    """What a cut kept comes in one burst, seconds old."""
+    """Messages held by a cut arrive in one burst, seconds old."""
     scene, master = at_speed(make, trains=3)
     train = next(each for each in scene.world.trains if each != master)
     pairs = scene.cut_off(train, keeps=True)
@@ -182,7 +184,7 @@ def stale_burst(make: Make) -> None:
 
 
 def shortened_at_speed(make: Make) -> None:
-    """A train is told to stop at once; until it has, the switch before it must not move."""
+    """A train is ordered to stop; the switch ahead must not move until the train has stopped."""
     fronts_m = {1: 250.0, 2: 1250.0}
     scene = make(Plot(fronts_m, objects=True, stops_m=(1250.0,), dwell_s=1000.0))
     scene.settle()
@@ -195,7 +197,7 @@ def shortened_at_speed(make: Make) -> None:
 
 
 def late_release(make: Make) -> None:
-    """A release is on its way while the switch is claimed anew and trains are sent over it."""
+    """A release is late: meanwhile the switch is claimed again and trains are sent over it."""
     scene = before_the_switch(make)
     _wish(scene, False)
     scene.until("it is locked", lambda: not _free(scene), within_s=3.0)
@@ -214,7 +216,7 @@ def late_release(make: Make) -> None:
 
 
 def stale_status(make: Make) -> None:
-    """A status LOCKED from before the release is all that the next master hears."""
+    """The next master receives only a status LOCKED from before the release."""
     scene = before_the_switch(make)
     _wish(scene, False)
     scene.until("it is locked", lambda: not _free(scene), within_s=3.0)
@@ -244,7 +246,7 @@ def stale_status(make: Make) -> None:
 
 
 def closed_unknown(make: Make) -> None:
-    """A stretch is closed, and the next master hears nothing of the track."""
+    """A stretch is closed, and the next master receives no track status."""
     scene = before_the_switch(make)
     _wish(scene, False)
     scene.lose(TrackStatus)
@@ -275,7 +277,7 @@ def forgetful_train(make: Make) -> None:
 
 
 def object_restarts(make: Make) -> None:
-    """A switch that was locked is locked when its interlocking starts anew."""
+    """A locked switch is still locked after its interlocking restarts."""
     scene = before_the_switch(make)
     _wish(scene, False)
     scene.until("train 1 may pass", lambda: (scene.end_m(1) or 0.0) > SWITCH_M, within_s=5.0)
@@ -285,7 +287,7 @@ def object_restarts(make: Make) -> None:
 
 
 def late_claim(make: Make) -> None:
-    """A claim comes when the switch is asked to move and free to do so."""
+    """A claim arrives when the switch is free and requested to move."""
     scene = before_the_switch(make)
     scene.keep_back(lambda source, target, message: isinstance(message, ObjectClaim))
     _wish(scene, False)
@@ -297,8 +299,10 @@ def late_claim(make: Make) -> None:
 
 
 def removed_in_error(make: Make) -> None:
-    """A person takes a train for gone that stands there and says nothing: one with a train close
-    behind it, and one that is heard.
+    """A person reports a train as gone that still stands there.
+
+    It is either a non-communicating train with another close behind it, or one that the master
+    receives.
     """
     for silent in (True, False):
         scene = make(Plot({1: 560.0, 2: 680.0}, stops_m=(3000.0,)))
@@ -318,8 +322,9 @@ def removed_in_error(make: Make) -> None:
 
 
 def removed_from_the_end(make: Make) -> None:
-    """A train is driven off the line unheard, close before one that stands in the last section:
-    who comes next waits for a person's word, and then is no more in its way.
+    """A train leaves the line unnoticed, close before one that stands in the last section.
+
+    The next train waits until a person confirms that the train is gone, and then runs on.
     """
     end_m = 4000.0
     scene = make(Plot({1: end_m - 150.0, 2: end_m - 30.0}, area_m=end_m, stops_m=(end_m - 30.0,)))
@@ -336,7 +341,7 @@ def removed_from_the_end(make: Make) -> None:
     scene.world.removes(2)
     scene.run(60.0)
     answer = scene.world.t2t.removals[1, 2]
-    scene.expect(f"it was told: {answer.name}", answer is RemovalState.GONE)
+    scene.expect(f"the removal succeeded: {answer.name}", answer is RemovalState.GONE)
     runs_m = scene.world.trains[1].front_m
     scene.expect(f"the other runs on: {runs_m:.1f} m", runs_m > end_m - 35.0)
 
@@ -357,7 +362,7 @@ LURES: Final[tuple[DirectedScenario, ...]] = (
     DirectedScenario(
         "late-authority-restart",
         0,
-        "an authority for an earlier life",
+        "an authority for an earlier incarnation",
         late_authority_after_restart,
     ),
     DirectedScenario("unacceptable", 0, "forged, old and repeated authorities", unacceptable),
@@ -368,18 +373,18 @@ LURES: Final[tuple[DirectedScenario, ...]] = (
     DirectedScenario("late-release", 0, "a release comes after the next claim", late_release),
     DirectedScenario("stale-status", 0, "an object's old status", stale_status),
     DirectedScenario(
-        "closed-unknown", 0, "a closed stretch of which the master has not heard", closed_unknown
+        "closed-unknown", 0, "a closed stretch that the master does not know", closed_unknown
     ),
-    DirectedScenario("unpromised", 0, "a train that has not promised", unpromised),
+    DirectedScenario("unpromised", 0, "a train that has not acknowledged the new term", unpromised),
     DirectedScenario(
         "forgetful-train", 0, "a train restarts while two leases run", forgetful_train
     ),
     DirectedScenario("object-restarts", 0, "an interlocking restarts", object_restarts),
     DirectedScenario("late-claim", 0, "a claim comes when the switch is to move", late_claim),
     DirectedScenario(
-        "removed-in-error", 0, "a train that is there is taken for gone", removed_in_error
+        "removed-in-error", 0, "a train is removed although it is there", removed_in_error
     ),
     DirectedScenario(
-        "removed-from-the-end", 0, "a train leaves the line unheard", removed_from_the_end
+        "removed-from-the-end", 0, "a non-communicating train leaves the line", removed_from_the_end
     ),
 )

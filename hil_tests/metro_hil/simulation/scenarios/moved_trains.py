@@ -1,4 +1,4 @@
-"""Scenarios of trains that were moved by hand, or run on unheard, and of who is where they were."""
+"""Scenarios of trains moved by hand or running without radio, and of trains at their old place."""
 
 import math
 from collections.abc import Sequence
@@ -25,9 +25,10 @@ HIDES: Final = 3
 
 
 def passed_by_hand(make: Make) -> None:
-    """The second of three is switched off, and moved past the first by hand; the third one close up
-    to the first, into its section. The roster still has the second between them: behind that one
-    nobody may be let through the first.
+    """The second of three trains is moved past the first by hand, and the third up to the first.
+
+    The roster still has the second between them. The third must not be let through the first
+    because the second is ahead.
     """
     first, second, third, fourth = 1, 2, 3, 4
     fronts_m = {first: 1580.0, second: 1350.0, third: 1100.0, fourth: 3500.0}
@@ -52,8 +53,10 @@ def passed_by_hand(make: Make) -> None:
 
 
 def came_back_unheard(make: Make) -> None:
-    """One between two others is switched off and taken away, so that counters move it on to the
-    next joint, as far as they know; then it is set on a bit farther back, and nobody hears it.
+    """A train between two others is taken away and set on a bit farther back, without radio.
+
+    The axle counters have moved its assumed position on to the next joint, ahead of where it
+    stands.
     """
     away, follows, ahead = 1, 2, 4
     fronts_m = {follows: 500.0, away: 1330.0, ahead: 1590.0}
@@ -77,14 +80,14 @@ def came_back_unheard(make: Make) -> None:
 
 
 def _take_off(scene: ScriptedLine, train: int) -> None:
-    """Switched off, and some time later sideways off the line."""
+    """Switch the train off, and some time later take it sideways off the line."""
     scene.net.kill(train)
     scene.run(4.0)
     take_off(scene.world, scene.world.trains[train])
 
 
 def _set_where_it_was(scene: ScriptedLine) -> None:
-    """Into the section from 600 m to 800 m, where the rear of the one ahead was heard of last."""
+    """Set the shadow train into the section where the rear of the train ahead was last reported."""
     hides = scene.world.trains[HIDES]
     hides.motion = SimulatedMotion(scene.net.now_ns, 790.0, emergency_mps2=1.0)
     hides.on_line = True
@@ -114,8 +117,9 @@ def _one_follows(make: Make, stops_m: Sequence[float], *, ahead_m: float = 820.0
 
 
 def kept_long_ago(make: Make) -> None:
-    """The one ahead goes on, and both are switched off. Whoever commands next knows of its rear
-    only what arbiters kept, and never saw that section clear.
+    """The train ahead runs on, and both are switched off.
+
+    The next master knows its rear only from the committed roster, and never saw that section clear.
     """
     scene = _one_follows(make, (300.0, 1100.0))
     scene.run(5.0)
@@ -130,8 +134,9 @@ def kept_long_ago(make: Make) -> None:
 
 
 def lost_and_driven_on(make: Make) -> None:
-    """The one ahead loses its place, and is driven on by hand: it speaks, but not of where it is,
-    so that what is counted behind it tells nothing of it.
+    """The train ahead loses its position and is driven on by hand.
+
+    It communicates but reports no position, so axle counts behind it do not tell where it is.
     """
     scene = _one_follows(make, (300.0, 820.0))
     scene.world.t2t.closed = (SpeedRestriction(600.0, 800.0, 1.0),)
@@ -150,8 +155,9 @@ def lost_and_driven_on(make: Make) -> None:
 
 
 def unseen_since(make: Make) -> None:
-    """One is set on behind the one ahead. What is said of the track is lost for a while: by then
-    the one ahead might have come from where somebody was seen, had it not stood all the time.
+    """A train is set on behind the train ahead, and track statuses are lost for a while.
+
+    By then the train ahead could have come from where the axles were counted, had it not stood.
     """
     scene = _one_follows(make, (300.0, 910.0), ahead_m=910.0)
     scene.world.t2t.closed = (SpeedRestriction(600.0, 800.0, 1.0),)
@@ -164,14 +170,15 @@ def unseen_since(make: Make) -> None:
         scene.run(0.1)
         end_m = scene.end_m(FOLLOWS)
         scene.expect(f"it is not forgotten: {end_m}", end_m in (None, 589.0))
-    scene.expect("without a look at the track nobody goes", scene.end_m(FOLLOWS) is None)
+    scene.expect("without a track status no train goes", scene.end_m(FOLLOWS) is None)
     scene.no_rules()
     _stays_before_it(scene)
 
 
 def stood_and_taken_off(make: Make) -> None:
-    """One stands behind another that is over a joint, and somebody hides ahead of that. The first
-    is taken away: as many axles are left as the two have that said where they are.
+    """A train is taken away from behind another that stands over a joint before a shadow train.
+
+    As many axles remain as the two trains have that reported their positions.
     """
     away, hemmed_in, commands = 1, 2, 4
     fronts_m = {commands: 300.0, away: 1100.0, hemmed_in: 1250.0, HIDES: 1500.0}
@@ -181,14 +188,16 @@ def stood_and_taken_off(make: Make) -> None:
     scene.until_without([away, hemmed_in, HIDES], within_s=20.0)
     _take_off(scene, away)
     scene.run(5.0)
-    scene.expect("somebody hides there", scene.end_m(hemmed_in) is None)
+    scene.expect("a shadow train stands there", scene.end_m(hemmed_in) is None)
     scene.net.boot(HIDES)
     scene.until("all trains have authority", scene.all_held, within_s=20.0)
 
 
 def gone_from_behind(make: Make) -> None:
-    """Somebody hides in the last section, before which another waits. The last of all is taken off
-    the line, and off the roster: it was not the one that is seen there.
+    """A shadow train stands in the last section, and another waits before it.
+
+    The rearmost train is taken off the line and the roster: the axles in that section are not its
+    own.
     """
     away, first = 1, 2
     fronts_m = {away: 300.0, first: 1500.0, HIDES: 1970.0}
@@ -205,9 +214,10 @@ def gone_from_behind(make: Make) -> None:
 
 
 def heard_and_deaf(make: Make) -> None:
-    """One is heard, but hears nothing, and does not take what it is granted. Track ahead is closed,
-    and somebody set on there; then it hears again: what it was granted long ago does not say that
-    it may be itself where axles are counted.
+    """A train sends but does not receive, and so does not accept what it is granted.
+
+    Track ahead is closed and a shadow train set on there; then the deaf train receives again. The
+    old authority does not prove that the counted axles may be its own.
     """
     commands, deaf = 2, 1
     fronts_m = {commands: 200.0, deaf: 500.0, HIDES: 1900.0}
@@ -232,7 +242,7 @@ def heard_and_deaf(make: Make) -> None:
     scene.run(1.0)
     scene.expect(f"it gets no more: {scene.end_m(deaf)}", scene.end_m(deaf) is None)
     scene.no_rules()
-    scene.until("it is told", lambda: scene.end_m(deaf) is not None, within_s=10.0)
+    scene.until("it receives an authority", lambda: scene.end_m(deaf) is not None, within_s=10.0)
     scene.run(1.0)
     scene.expect(f"it is let no farther: {scene.end_m(deaf)}", scene.end_m(deaf) == 1589.0)
     scene.net.boot(HIDES)
@@ -240,9 +250,10 @@ def heard_and_deaf(make: Make) -> None:
 
 
 def seems_to_overtake(make: Make) -> None:
-    """The first of three dies and is driven on by hand, the second comes after it. Whoever commands
-    next knows of the first only where arbiters kept it, behind where the second is by now, which
-    begins anew: it passed nobody, and keeps its place, also when nothing is heard of it any more.
+    """The first of three trains dies and is driven on by hand, and the second runs on after it.
+
+    The next master knows the first only from the committed roster, behind the restarted second. The
+    second has passed no train and keeps its place, even when it is not received any more.
     """
     third, second, first = 1, 2, 3
     fronts_m = {third: 300.0, second: 560.0, first: 820.0}
@@ -282,8 +293,9 @@ def seems_to_overtake(make: Make) -> None:
 
 
 def driven_off(make: Make) -> None:
-    """The first of two is driven off the line by hand, and says where it is, while somebody hides
-    between them: as many of its axles have left the last section as the one that hides has.
+    """The first of two trains is driven off the line by hand, with a shadow train between them.
+
+    As many of its axles have left the last section as the shadow train has.
     """
     fronts_m = {FOLLOWS: 300.0, HIDES: 700.0, AHEAD: 1900.0}
     scene = make(Plot(fronts_m, pieces=2, stops_m=sorted(fronts_m.values()), dwell_s=200.0))
@@ -295,7 +307,7 @@ def driven_off(make: Make) -> None:
     ahead.shunts = True
     scene.until("it is off the line", lambda: ahead.rear_m > 2020.0, within_s=120.0)
     ahead.shunts = False
-    scene.expect("somebody hides there", scene.end_m(FOLLOWS) is None)
+    scene.expect("a shadow train stands there", scene.end_m(FOLLOWS) is None)
     take_off(scene.world, ahead)
     scene.net.kill(AHEAD)
     scene.net.boot(HIDES)
@@ -303,8 +315,10 @@ def driven_off(make: Make) -> None:
 
 
 def set_before_one_that_is_lost(make: Make) -> None:
-    """What one says of its authority, which is shortened, is lost until it has lost its place. Then
-    another is set on before it, where it was let before; and track is closed before that one.
+    """The reports of a shortened authority are lost until their train has lost its position.
+
+    Then another train is set on ahead of it, within its old authority, and track ahead of that one
+    is closed.
     """
     scene = _one_follows(make, (300.0, 1900.0), ahead_m=1900.0)
     follows, comes = scene.world.trains[FOLLOWS], scene.world.trains[HIDES]
@@ -333,9 +347,10 @@ def set_before_one_that_is_lost(make: Make) -> None:
 
 
 def kept_farther_on(make: Make) -> None:
-    """One is taken off while nobody commands, and set on again farther back, where it begins anew
-    and is driven on by hand; another comes onto the line behind it, into its section. The place on
-    the roster is still where it was before: when it is not heard any more, that keeps nobody off.
+    """A train is taken off the line without a master, set on farther back, restarted and driven on.
+
+    Another comes onto the line behind it into the same section. The roster entry is still at the
+    old place. When the first is not received any more, that entry does not prove the section clear.
     """
     comes, away, commands = 1, 2, 4
     fronts_m = {comes: 100.0, away: 380.0, commands: 1500.0}
@@ -371,35 +386,42 @@ def kept_farther_on(make: Make) -> None:
 
 
 MOVED_LURES: Final[tuple[DirectedScenario, ...]] = (
-    DirectedScenario("driven-off", 0, "one is driven off the line, and another hides", driven_off),
+    DirectedScenario(
+        "driven-off", 0, "a train is driven off the line, and a shadow train stays", driven_off
+    ),
     DirectedScenario(
         "set-before-one-that-is-lost",
         0,
-        "one is set on where another was let once that has lost its place",
+        "a train is set on within the old authority of a lost one",
         set_before_one_that_is_lost,
     ),
-    DirectedScenario("passed-by-hand", 0, "one is moved past another by hand", passed_by_hand),
+    DirectedScenario("passed-by-hand", 0, "a train is moved past another by hand", passed_by_hand),
     DirectedScenario(
-        "came-back-unheard", 0, "one that counters saw leave is set on", came_back_unheard
-    ),
-    DirectedScenario("kept-farther-on", 0, "one was kept farther on than it is", kept_farther_on),
-    DirectedScenario(
-        "kept-long-ago", 0, "one is set on where the one ahead was once", kept_long_ago
+        "came-back-unheard", 0, "a train returns after counters saw it leave", came_back_unheard
     ),
     DirectedScenario(
-        "lost-and-driven-on", 0, "one is set on where one was that is lost", lost_and_driven_on
+        "kept-farther-on", 0, "a roster entry lies ahead of its train", kept_farther_on
     ),
     DirectedScenario(
-        "unseen-since", 0, "one is set on, and nothing is seen for a while", unseen_since
+        "kept-long-ago", 0, "a train is set on where the one ahead once was", kept_long_ago
     ),
     DirectedScenario(
-        "stood-and-taken-off", 0, "one is taken away that explained axles", stood_and_taken_off
-    ),
-    DirectedScenario("gone-from-behind", 0, "one leaves, and another hides", gone_from_behind),
-    DirectedScenario(
-        "heard-and-deaf", 0, "one is set on before another that is deaf", heard_and_deaf
+        "lost-and-driven-on", 0, "a train is set on where a lost one was", lost_and_driven_on
     ),
     DirectedScenario(
-        "seems-to-overtake", 0, "one is ahead of where one was kept", seems_to_overtake
+        "unseen-since", 0, "a train is set on, and track statuses are lost", unseen_since
+    ),
+    DirectedScenario(
+        "stood-and-taken-off",
+        0,
+        "a train that accounted for axles is taken away",
+        stood_and_taken_off,
+    ),
+    DirectedScenario(
+        "gone-from-behind", 0, "a train leaves, and a shadow train stays", gone_from_behind
+    ),
+    DirectedScenario("heard-and-deaf", 0, "a train is set on ahead of a deaf one", heard_and_deaf),
+    DirectedScenario(
+        "seems-to-overtake", 0, "a train is ahead of another's roster entry", seems_to_overtake
     ),
 )

@@ -1,8 +1,8 @@
-"""Scenarios of who may hide, and of who does not.
+"""Scenarios of shadow trains, and of full lines without any.
 
-A train hides beside a newcomer, where a third one said that it is itself, which has as many axles
-and has long run on. What it said is old: it was long on its way, it has lost its place since, or
-died.
+A shadow train stands beside a new train, where a third train with as many axles reported itself and
+has long run on. That report is old: it was delayed, or its train has lost its position or died
+since.
 """
 
 from collections.abc import Sequence
@@ -20,17 +20,17 @@ NEWCOMER: Final = 2
 HIDES: Final = 3
 COMMANDS: Final = 4
 SAID_M: Final = 830.0
-"""Where its front was when it said so, in the section from 600 m to 800 m with its middle."""
+"""Front of the train when it reported, with its middle in the section from 600 m to 800 m."""
 AWAY_M: Final = 1000.0
-"""Its rear has left the section that follows, too."""
+"""Position of its rear after which it has also left the section that follows."""
 NEWCOMER_M: Final = 690.0
 HIDES_M: Final = 780.0
 TOLD_S: Final = 0.5
-"""Within this trains hear of axles by their master."""
+"""Time within which trains receive axle counts through their master."""
 
 
 def _on_its_way(make: Make, stops_m: Sequence[float] = (1980.0,)) -> ScriptedLine:
-    """Two trains run; two are not on the line yet, and nobody has ever heard of them."""
+    """Two trains run; two others are not yet on the line and have never communicated."""
     fronts_m = {RUNS_ON: 100.0, NEWCOMER: 300.0, HIDES: 400.0, COMMANDS: 1980.0}
     scene = make(Plot(fronts_m, pieces=10, stops_m=stops_m, dwell_s=100.0, speed_max_mps=25.0))
     for address in (NEWCOMER, HIDES):
@@ -47,7 +47,7 @@ def _on_its_way(make: Make, stops_m: Sequence[float] = (1980.0,)) -> ScriptedLin
 
 
 def _set_on(scene: ScriptedLine) -> None:
-    """Once it is away, by hand, from a siding: the one that hides is switched off."""
+    """Set both trains on by hand once the running one is away; the shadow train is switched off."""
     train = scene.world.trains[RUNS_ON]
     scene.until("it is away", lambda: train.rear_m > AWAY_M, within_s=60.0)
     for address, front_m in ((NEWCOMER, NEWCOMER_M), (HIDES, HIDES_M)):
@@ -64,7 +64,7 @@ def _stays(scene: ScriptedLine) -> None:
 
 
 def late_report(make: Make) -> None:
-    """One report is long on its way, and those that follow are lost."""
+    """One report is delayed for long, and those that follow are lost."""
     scene = _on_its_way(make)
 
     def hold_the_first(source: int, target: int, message: object) -> int | None:
@@ -81,7 +81,7 @@ def late_report(make: Make) -> None:
 
 
 def lost_on_its_way(make: Make) -> None:
-    """It does not know where it is any more, and says so ever since."""
+    """The running train has lost its position and reports that ever since."""
     scene = _on_its_way(make)
     scene.world.trains[RUNS_ON].localised = False
     _set_on(scene)
@@ -89,7 +89,7 @@ def lost_on_its_way(make: Make) -> None:
 
 
 def towed_away(make: Make) -> None:
-    """It stood there when it died, and was driven on by hand."""
+    """The running train stood there when it died, and was driven on by hand."""
     scene = _on_its_way(make, stops_m=(SAID_M, 1980.0))
     train = scene.world.trains[RUNS_ON]
     scene.stands(RUNS_ON)
@@ -103,8 +103,9 @@ def towed_away(make: Make) -> None:
 
 
 def full_line(make: Make) -> None:
-    """All of two areas is occupied without a gap when all trains begin: the rearmost is never heard
-    in the area ahead, and nobody hides.
+    """All trains start on two areas that are occupied without a gap, and there is no shadow train.
+
+    The area ahead never receives the rearmost train.
     """
     fronts_m = {train: 220.0 * train for train in range(1, 11)}
     scene = make(Plot(fronts_m, areas=2, area_m=1400.0, pieces=4, length_m=160.0))
@@ -112,8 +113,10 @@ def full_line(make: Make) -> None:
 
 
 def packed_line(make: Make) -> None:
-    """At every joint of sections a train stands on it, so that all axles hang together, and the
-    rearmost and the foremost are never heard in each other's area unless they tell next to it.
+    """A train stands on every joint, so that no clear section separates any two trains.
+
+    The rearmost and the foremost train are received in each other's area only because trains also
+    report to neighbouring areas.
     """
     fronts_m = dict(enumerate((205.0, 408.0, 658.0, 859.0, 1076.0, 1310.0, 1556.0), start=1))
     line = Division("packed", (0.0, 760.0, 1660.0), 400.0, 400.0, ()).area_map()
@@ -122,8 +125,9 @@ def packed_line(make: Make) -> None:
 
 
 def hangs_over(make: Make) -> None:
-    """One that nobody has ever heard of leaves the line by hand, and stands with its last axle off
-    the last section, but for its overhang: that section is clear, and nothing counts beyond.
+    """A train that never communicated leaves the line by hand, and its overhang remains.
+
+    The last section is clear although the train stands over it, and no counter lies beyond.
     """
     line_m = 2000.0
     scene = make(Plot({RUNS_ON: 600.0, HIDES: 1700.0}, area_m=line_m, pieces=10))
@@ -143,9 +147,10 @@ def hangs_over(make: Make) -> None:
 
 
 def came_back_behind(make: Make) -> None:
-    """The first of three is driven off the line unheard, the second is dead, and the first begins
-    anew behind the third, near one that nobody hears: that it comes no farther than there is true
-    of nobody else, and so no reason to let an object go that the third may run over.
+    """The first of three trains leaves the line without radio and restarts behind the third.
+
+    The second is dead. The restarted train stands near a shadow train. That it comes no farther
+    proves nothing about others, and so no object may be released that the third may run over.
     """
     line_m, platform_m, platform = 4000.0, 2800.0, 2
     fronts_m = {1: 2400.0, 2: line_m - 120.0, 3: line_m - 30.0, 4: 290.0}
@@ -174,9 +179,10 @@ def came_back_behind(make: Make) -> None:
 
 
 def forgotten_newcomer(make: Make) -> None:
-    """One that is heard ahead hangs over into the section before its own. No arbiter keeps it on
-    the roster, and the next master has heard nothing of it: nobody was let into that section yet by
-    what the last one knew, so that the next one still sees that somebody has to be there.
+    """A reporting train hangs over into the section behind its own, and is on no committed roster.
+
+    The next master has not received it. The former master let no train into that section, so the
+    next one still sees that a train must be there.
     """
     section_m, rear_m = 200.0, 1560.0
     scene = make(Plot({1: 500.0, 2: rear_m + 80.0}, area_m=4000.0, pieces=20, stops_m=(500.0,)))
@@ -186,7 +192,9 @@ def forgotten_newcomer(make: Make) -> None:
     scene.lose(RosterCommit)
     scene.net.boot(2)
     scene.until(
-        "it is told", lambda: scene.world.t2t.said["Admission COMMITTING"] > 0, within_s=5.0
+        "it receives its admission",
+        lambda: scene.world.t2t.said["Admission COMMITTING"] > 0,
+        within_s=5.0,
     )
     scene.run(1.0)
     term, end_m = scene.term(1), scene.end_m(1)
@@ -197,7 +205,7 @@ def forgotten_newcomer(make: Make) -> None:
     scene.net.cut(pairs)
     scene.run(0.5)
     scene.net.heal(pairs)
-    scene.until("it commands anew", lambda: scene.term(1) > term, within_s=5.0)
+    scene.until("it commands again", lambda: scene.term(1) > term, within_s=5.0)
     scene.run(3.0)
     scene.no_rules()
     scene.until("all trains have authority", scene.all_held, within_s=20.0)
@@ -206,13 +214,13 @@ def forgotten_newcomer(make: Make) -> None:
 
 
 def _set_before(scene: ScriptedLine, front_m: float, ends_m: float) -> None:
-    """By hand, into sections that the one that runs was let into long ago."""
+    """Set the shadow train by hand into sections that the running train was granted long ago."""
     runs, hides = scene.world.trains[RUNS_ON], scene.world.trains[HIDES]
     end_m = scene.end_m(RUNS_ON)
     scene.expect(f"it was let past there: {end_m}", end_m is not None and end_m > front_m)
     hides.motion = SimulatedMotion(scene.net.now_ns, front_m, emergency_mps2=1.0)
     hides.on_line = True
-    # Nobody can keep free what was granted until its axles are told.
+    # Invariants 21 and 22 cannot hold until the master has received the axle counts.
     judge = scene.world.checker
     rules, judge.rules = judge.rules, replace(judge.rules, unjudged=frozenset({"21", "22"}))
     scene.run(TOLD_S)
@@ -224,13 +232,13 @@ def _set_before(scene: ScriptedLine, front_m: float, ends_m: float) -> None:
 
 
 def set_between(make: Make) -> None:
-    """Before one that runs, behind the next one, both of which are commanded all the time."""
+    """Set the shadow train between two running trains that are commanded all the time."""
     scene = _on_its_way(make)
     _set_before(scene, 1590.0, 1389.0)
 
 
 def set_before_all(make: Make) -> None:
-    """Before the foremost one."""
+    """Set the shadow train ahead of the foremost train."""
     fronts_m = {COMMANDS: 100.0, RUNS_ON: 300.0, HIDES: 400.0}
     scene = make(Plot(fronts_m, pieces=10, stops_m=(100.0,), dwell_s=200.0, speed_max_mps=25.0))
     train = scene.world.trains[HIDES]
@@ -245,26 +253,22 @@ def set_before_all(make: Make) -> None:
 
 
 HIDDEN_LURES: Final[tuple[DirectedScenario, ...]] = (
-    DirectedScenario("late-report", 0, "a report comes when its train is elsewhere", late_report),
+    DirectedScenario("late-report", 0, "a report arrives when its train is elsewhere", late_report),
     DirectedScenario(
-        "lost-on-its-way", 0, "a train runs on after it lost its place", lost_on_its_way
+        "lost-on-its-way", 0, "a train runs on after it lost its position", lost_on_its_way
     ),
     DirectedScenario("towed-away", 0, "a train that stood is driven on by hand", towed_away),
-    DirectedScenario(
-        "hangs-over", 0, "one that nobody hears leaves the line at its end", hangs_over
-    ),
+    DirectedScenario("hangs-over", 0, "a shadow train leaves the line at its end", hangs_over),
     DirectedScenario(
         "came-back-behind", 0, "a train left and came back behind others", came_back_behind
     ),
     DirectedScenario(
-        "forgotten-newcomer", 0, "no arbiter keeps one that is ahead", forgotten_newcomer
+        "forgotten-newcomer", 0, "a train ahead is on no committed roster", forgotten_newcomer
     ),
+    DirectedScenario("set-between", 0, "a train is set on between two running ones", set_between),
     DirectedScenario(
-        "set-between", 0, "one is set onto the track between two that run", set_between
+        "set-before-all", 0, "a train is set on ahead of the first one", set_before_all
     ),
-    DirectedScenario(
-        "set-before-all", 0, "one is set onto the track before the first", set_before_all
-    ),
-    DirectedScenario("packed-line", 0, "trains stand on every joint, and all begin", packed_line),
-    DirectedScenario("full-line", 0, "trains stand everywhere, and all begin", full_line),
+    DirectedScenario("packed-line", 0, "trains stand on every joint, and all start", packed_line),
+    DirectedScenario("full-line", 0, "trains stand everywhere, and all start", full_line),
 )

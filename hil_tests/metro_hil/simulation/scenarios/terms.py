@@ -11,7 +11,7 @@ from zenoh_config.t2t import LeaseKind, LeaseRequest, RosterCommit, TrainReport
 
 
 def reused_term(make: Make) -> None:
-    """A candidacy fails; what gives its grants back comes when the next one has succeeded."""
+    """A candidacy fails; the release of its grants arrives when the next one has succeeded."""
     for seed in range(1, 6):
         scene = make(Plot({1: 560.0, 2: 1240.0}, arbiters=3, seed=seed))
         for address in scene.others(1, 2):
@@ -26,7 +26,7 @@ def reused_term(make: Make) -> None:
 
 
 def _first_attempt_fails(one: int) -> Callable[[int, int, Any], int | None]:
-    """Only one arbiter hears of it; releases come late and renewals never."""
+    """Return a rule: one arbiter gets the first request, releases come late and renewals never."""
     nonces: list[int] = []
 
     def rule(source: int, target: int, message: Any) -> int | None:
@@ -44,7 +44,7 @@ def _first_attempt_fails(one: int) -> Callable[[int, int, Any], int | None]:
 
 
 def term_again(make: Make) -> None:
-    """Who has never heard of the terms that there were gets none of them again."""
+    """A train that has never received the earlier terms does not get one of them again."""
     for restarts in (False, True):
         fronts_m = {1: 200.0, 2: 700.0, 3: 1200.0, 4: 1700.0}
         scene = make(Plot(fronts_m, stops_m=tuple(fronts_m.values()), dwell_s=1000.0))
@@ -63,7 +63,7 @@ def term_again(make: Make) -> None:
 
 
 def out_of_line(make: Make) -> None:
-    """The second of two trains before a border is heard first; the first must not be shut out."""
+    """A restarted arbiter forgets no term and grants nothing that may still be granted."""
     fronts_m = {1: 1300.0, 2: 1700.0, 3: 3000.0}
     scene = make(Plot(fronts_m, areas=2, stops_m=(3000.0,), dwell_s=1000.0))
     scene.rule(
@@ -82,7 +82,7 @@ def out_of_line(make: Make) -> None:
 
 
 def arbiter_restarts(make: Make) -> None:
-    """It forgets no term and grants nothing that it may have granted before."""
+    """A restarted arbiter forgets no term and grants nothing that it may have granted before."""
     for after_s in (0.05, 0.2):
         scene, master = at_speed(make, trains=3)
         arbiter = scene.arbiters[0]
@@ -98,7 +98,7 @@ def arbiter_restarts(make: Make) -> None:
 
 
 def uncommitted(make: Make) -> None:
-    """The roster with a newcomer on it is kept nowhere: the newcomer gets nothing."""
+    """The roster with a new train is not committed: the train gets no authority."""
     fronts_m = {1: 200.0, 2: 1000.0, 3: 1450.0}
     scene = make(Plot(fronts_m, stops_m=tuple(fronts_m.values()), dwell_s=1000.0))
     for address in scene.others(1):
@@ -113,7 +113,7 @@ def uncommitted(make: Make) -> None:
 
 
 def duelling_candidates(make: Make) -> None:
-    """Three arbiters, four trains that start at once, again and again: somebody wins soon."""
+    """Three arbiters and four trains that start at once, several times: a train soon wins."""
     for seed in range(1, 6):
         scene = make(Plot(STANDS_M, arbiters=3, seed=seed))
         for address in scene.others(*STANDS_M):
@@ -127,7 +127,7 @@ def duelling_candidates(make: Make) -> None:
 
 
 def clock_steps(make: Make) -> None:
-    """Clocks jump ahead at the master, a follower, the arbiter: nobody gets what is another's."""
+    """The clock of the master, a follower or the arbiter jumps ahead: no invariant breaks."""
     for ahead_ms in (900,):
         for who in range(3):
             scene, master = at_speed(make, trains=3, seed=ahead_ms + who)
@@ -140,9 +140,9 @@ def clock_steps(make: Make) -> None:
 TERM_LURES: Final[tuple[DirectedScenario, ...]] = (
     DirectedScenario("reused-term", 0, "a release of a failed candidacy comes late", reused_term),
     DirectedScenario("term-again", 0, "trains that know of no term", term_again),
-    DirectedScenario("out-of-line", 0, "the second in line is heard first", out_of_line),
+    DirectedScenario("out-of-line", 0, "the second in line is received first", out_of_line),
     DirectedScenario("arbiter-restarts", 0, "an arbiter forgets nothing", arbiter_restarts),
-    DirectedScenario("uncommitted", 0, "a roster that nobody keeps", uncommitted),
+    DirectedScenario("uncommitted", 0, "a roster that no arbiter stores", uncommitted),
     DirectedScenario(
         "duelling-candidates", 0, "three candidates, three arbiters", duelling_candidates
     ),

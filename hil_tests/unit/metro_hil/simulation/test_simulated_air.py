@@ -98,5 +98,5 @@ def test_a_second_copy_that_comes_too_late_says_nothing_of_the_first_that_was_ta
     line.holds(1, 6, 1)
 
     line.hears_authority(1, 6, 2, echo_ns=4000 * MS)
-    with pytest.raises(ViolationError, match="too old it came"):
+    with pytest.raises(ViolationError, match="late on arrival"):
         line.holds(1, 6, 2)
