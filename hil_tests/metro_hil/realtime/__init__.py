@@ -1,4 +1,4 @@
-"""The benches in real time: the same case as in lockstep, with processes, wires and a clock."""
+"""Benches in real time: the same case as in lockstep, with processes, wires and a clock."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +17,7 @@ def run_realtime_case(
     folder: RunFolder | None = None,
     wires: RealtimeWires | None = None,
 ) -> CaseResult:
-    """See `metro_hil.realtime.case_run`, which is loaded only when a case is run."""
+    """Run one case; `metro_hil.realtime.case_run` is imported only here, when a case runs."""
     from metro_hil.realtime import case_run
 
     return case_run.run_realtime_case(

@@ -1,4 +1,4 @@
-"""The processes of a case: started, signalled and ended; none of them outlives the bench."""
+"""Starts, signals and ends the processes of a case; none of them outlives the bench."""
 
 import signal
 from collections.abc import Mapping, Sequence
@@ -11,11 +11,13 @@ from metro_hil.realtime.wires import Blocked
 
 
 class CaseProcesses:
-    """All processes of one case. Leaving it ends them, the last started first."""
+    """All processes of one case. `close` ends them, the last started first."""
 
     def __init__(self, folder: Path, meetings: Sequence[Path] = ()) -> None:
-        """Args:
-        meetings: folders that are removed with the processes when the bench is killed.
+        """Start the guard that ends the processes if the bench is killed.
+
+        Args:
+            meetings: folders that the guard then removes, too.
         """
         self._folder = folder
         self._guard = ProcessGuard()
@@ -26,7 +28,7 @@ class CaseProcesses:
     def start(
         self, name: str, words: Sequence[str], environment: Mapping[str, str] | None = None
     ) -> Process:
-        """Raises Blocked when there is no such program."""
+        """Start a process. Raises Blocked when there is no such program."""
         try:
             process = Process(name, words, self._folder / f"{name}.log", environment)
         except OSError as error:
@@ -36,9 +38,9 @@ class CaseProcesses:
         return process
 
     def end(self, process: Process) -> int:
-        """Ask it to end, kill it if it does not, and then all that it left behind."""
+        """Ask the process to end and kill it if it does not; then kill all that it left behind."""
         if not process.ended:
-            # A process that stands still hears no wish to end.
+            # A stopped process cannot react to the request to end.
             process.signal_group(signal.SIGCONT)
         code = process.end()
         process.signal_group(signal.SIGKILL)
@@ -54,10 +56,10 @@ class CaseProcesses:
 
 
 class ControllerActor:
-    """The controller's process, as the faults of a scenario and the run treat it."""
+    """The controller's process, as the run and the faults of a scenario use it."""
 
     def __init__(self, cast: CaseProcesses, start: ControllerStart) -> None:
-        """Raises Blocked."""
+        """Start the controller. Raises Blocked."""
         self._cast, self._start = cast, start
         self._starts = 0
         self._process: Process | None = None
@@ -71,7 +73,7 @@ class ControllerActor:
         self.paused = False
 
     def kill(self) -> None:
-        """As by kill -9: no last word."""
+        """Kill the process as by kill -9, without an orderly end."""
         if self._process is not None:
             self._process.signal_group(signal.SIGKILL)
             self._cast.end(self._process)
@@ -88,14 +90,14 @@ class ControllerActor:
         self.paused = False
 
     def end(self) -> None:
-        """In good order, so that its last word can be heard."""
+        """End the process in good order, so that its last output can be received."""
         if self._process is not None:
             self._cast.end(self._process)
             self._process = None
 
     @property
     def there(self) -> bool:
-        """Started and not killed by the bench; it may have ended by itself."""
+        """Whether the bench started the process and has not killed it; it may have ended itself."""
         return self._process is not None
 
     @property
@@ -104,14 +106,14 @@ class ControllerActor:
 
     @property
     def ended_by(self) -> signal.Signals | int | None:
-        """The signal or exit code of an end that was not the bench's; None while it runs."""
+        """Signal or exit code of an end not caused by the bench; None while the process runs."""
         code = None if self._process is None else self._process.returncode
         if code is None or code >= 0:
             return code
         return signal.Signals(-code)
 
     def end_words(self) -> str:
-        """How it ended by itself, and the last that it said."""
+        """Return how the process ended by itself, and its last line of output."""
         if self._process is None:
             return "there is none"
         said = self._process.last_words().splitlines()

@@ -1,22 +1,22 @@
-"""Whose fault a failure in real time is: the controller's, or the host's that ran the bench.
+"""Decides whether a failure in real time is due to the controller or to the host of the bench.
 
 The rules, applied to evidence that the run collected:
 
-1. A *disturbance* is a stretch of the run in which the host demonstrably held something up: other
-   guests took processor time (steal), the controller or what carries its frames was ready to run
-   and got no processor, the controller was begun late though its own cycles were short, the plant
-   fell behind its steps, or a frame waited in the gateway. Each has a threshold, below which it is
-   everyday jitter that monitors allow for (`metro_hil.realtime.tolerances`).
-2. What a fault of the scenario did to the controller's process is no disturbance; neither is a
-   cycle that is late because the one before took too long: that is the controller's own.
-3. A *failure* is INVALID instead of FAIL when a disturbance overlaps its window: from `LOOKBACK_S`
-   before the instant of the violation to the instant itself; the whole run where a failure has no
-   instant. Otherwise it stays a FAIL.
-4. A program that ends by itself does so whatever the host does; only its own watchdog, or silence,
-   may be the host's doing, and then only of a disturbance that is long enough for it.
-5. A *pass* stands only where the bench saw everything: frames that the tap lost, or truth that did
-   not arrive for longer than `BLIND_S`, make it INCONCLUSIVE. A plant that gave up steps makes it
-   INVALID: the train did not move as its physics says.
+1. A *disturbance* is a stretch of the run in which the host demonstrably delayed something. Other
+guests took processor time (steal). The controller or a carrier of its frames was ready to run and
+got no processor. The controller's cycle started late although its own cycles were short. The plant
+fell behind its steps. Or a frame waited in the gateway. Each has a threshold; below it is everyday
+jitter, which monitors allow for (`metro_hil.realtime.tolerances`).
+2. What a fault of the scenario did to the controller's process is not a disturbance. Neither is a
+cycle that is late because the one before took too long: that is the controller's own failure.
+3. A *failure* is INVALID instead of FAIL when a disturbance overlaps its window. The window begins
+`LOOKBACK_S` before the violation and ends with it; for a failure without an instant it is the whole
+run. Otherwise the failure stays a FAIL.
+4. A program that ends by itself does so whatever the host does. Only an end by its watchdog, or
+silence, may be due to the host, and only if a disturbance is long enough for it.
+5. A *pass* stands only where the bench observed everything. Frames that the tap lost, or truth that
+did not arrive for longer than `BLIND_S`, make it INCONCLUSIVE. A plant that skipped steps makes it
+INVALID: the train did not move as its physics demands.
 """
 
 import enum
@@ -27,29 +27,30 @@ from typing import Final
 from metro_hil.model.case import Verdict
 
 STEAL_S: Final = 0.05
-"""Taken from all processors together within a second: as long as a control cycle."""
+"""Stolen time from all processors together within a second: as long as a control cycle."""
 WAITED_S: Final = 0.05
-"""Summed over a second."""
+"""Waiting time for a processor, summed over a second."""
 LATE_S: Final = 0.05
-"""A whole cycle of the default period, a third of what the train's units wait for."""
+"""Lateness of a cycle: one default period, a third of the time that the train's units wait."""
 PLANT_LATE_S: Final = 0.05
 GATEWAY_LATE_S: Final = 0.02
 BLIND_S: Final = 0.05
-"""Five steps of the plant."""
+"""Gap in the truth: five steps of the plant."""
 LOOKBACK_S: Final = 5.0
-"""How long before a violation its cause may lie: units that brake for want of commands do so within
-0.15 s, and a train that was braked from full speed stands within some seconds more."""
+"""How long before a violation its cause may lie. Units that miss commands brake within 0.15 s, and
+a train braked from full speed stands some seconds later."""
 START_UP_S: Final = 2.0
-"""While the processes of a case start they hold each other up, and the train still stands: what
-goes wrong much later is not the fault of that."""
+"""Time in which starting processes delay each other while the train still stands. Later failures do
+not come from that."""
 HANG_S: Final = 0.5
-"""Nothing shorter makes a controller silent for two seconds, or its watchdog of one second bite."""
+"""Shortest delay that can make a controller silent for two seconds or trip its watchdog of one
+second."""
 NO_EXCUSE_S: Final = 1.0e9
 WHOLE_RUN_S: Final = 1.0e9
 
 
 class DisturbanceSource(enum.Enum):
-    """What shows a disturbance."""
+    """Evidence of a disturbance."""
 
     STEAL = "processor time stolen by other guests"
     WAITING = "controller ready to run, no processor given"
@@ -62,13 +63,13 @@ class DisturbanceSource(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """Seconds since the start of the plant's time."""
+    """A delay by the host, in seconds since the start of the plant's time."""
 
     begin_s: float
     end_s: float
     source: DisturbanceSource
     amount_s: float
-    """How long it held things up."""
+    """Duration of the delay."""
 
     def words(self) -> str:
         return (
@@ -79,12 +80,12 @@ class Disturbance:
 
 @dataclass(frozen=True, slots=True)
 class CycleRow:
-    """What the controller's log says of one cycle."""
+    """One cycle in the controller's log."""
 
     t_s: float
-    """In the plant's time."""
+    """Start of the cycle in the plant's time."""
     work_s: float
-    """Of the cycle before, as the controller's log has it."""
+    """Work time of the cycle before, as the controller logs it."""
     lateness_s: float
     period_s: float
 
@@ -102,37 +103,37 @@ class RunWindow:
 
 @dataclass(frozen=True, slots=True)
 class HostEvidence:
-    """What the bench knows of its host at the end of a run."""
+    """What the bench knows about its host at the end of a run."""
 
     disturbances: Sequence[Disturbance] = ()
     dropped_frames: int = 0
-    """That the tap did not get."""
+    """Number of frames that the tap lost."""
     blind: Sequence[RunWindow] = ()
-    """Where no truth arrived."""
+    """Stretches in which no truth arrived."""
     given_up_s: float = 0.0
-    """Of the plant's time, that it passed over."""
+    """Plant time in steps that the plant skipped."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """One thing that went wrong."""
+    """One failure of the run."""
 
     at_s: float | None
-    """Of the violation, in the plant's time; None for the run as a whole."""
+    """Instant of the violation in the plant's time; None for the run as a whole."""
     least_s: float = 0.0
-    """A disturbance that is to excuse it has to have held things up for at least so long."""
+    """Least duration of a disturbance that can explain this failure."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """The verdict that stands, and why it is another than the monitors'."""
+    """The final verdict, and the reason if it differs from the monitors' verdict."""
 
     verdict: Verdict
     reason: str = ""
 
 
 def rule(verdict: Verdict, failures: Sequence[Failure], evidence: HostEvidence) -> Ruling:
-    """Apply the rules to what the monitors say; `failures` is empty but for a FAIL."""
+    """Apply the rules to the monitors' verdict; `failures` is empty except for a FAIL."""
     if verdict is Verdict.FAIL:
         return _rule_failure(failures or (Failure(None),), evidence)
     if verdict is Verdict.PASS:
@@ -144,14 +145,14 @@ def _rule_failure(failures: Sequence[Failure], evidence: HostEvidence) -> Ruling
     found = [_cause(failure, evidence.disturbances) for failure in failures]
     excused = [cause for cause in found if cause is not None]
     if len(excused) < len(found):
-        # One failure that nothing excuses is enough.
+        # One failure that no disturbance explains is enough.
         return Ruling(Verdict.FAIL)
     worst = max(excused, key=lambda cause: cause.amount_s)
     return Ruling(Verdict.INVALID, f"the host disturbed the run: {worst.words()}")
 
 
 def _cause(failure: Failure, disturbances: Sequence[Disturbance]) -> Disturbance | None:
-    """The greatest disturbance that may have brought about a failure."""
+    """Return the greatest disturbance that may have caused the failure."""
     window = failure_window(failure.at_s)
     near = [
         each
@@ -169,16 +170,16 @@ def failure_window(at_s: float | None) -> RunWindow:
 
 def _rule_pass(evidence: HostEvidence) -> Ruling:
     if evidence.given_up_s > 0.0:
-        reason = f"the plant was held up by the host and gave up {evidence.given_up_s:.2f} s"
+        reason = f"the host delayed the plant, which skipped {evidence.given_up_s:.2f} s"
         return Ruling(Verdict.INVALID, reason)
     if evidence.dropped_frames:
-        reason = f"{evidence.dropped_frames} frames on the bus were not seen by the monitors"
+        reason = f"{evidence.dropped_frames} frames on the bus did not reach the monitors"
         return Ruling(Verdict.INCONCLUSIVE, reason)
     longest = max(evidence.blind, key=lambda each: each.end_s - each.begin_s, default=None)
     if longest is not None and longest.end_s - longest.begin_s > BLIND_S:
         return Ruling(
             Verdict.INCONCLUSIVE,
-            f"the monitors saw no truth for {longest.end_s - longest.begin_s:.2f} s at "
+            f"the monitors received no truth for {longest.end_s - longest.begin_s:.2f} s at "
             f"{longest.begin_s:.2f} s",
         )
     return Ruling(Verdict.PASS)
@@ -187,7 +188,7 @@ def _rule_pass(evidence: HostEvidence) -> Ruling:
 def second_disturbances(
     samples: Sequence[tuple[float, float]], source: DisturbanceSource, least_s: float
 ) -> list[Disturbance]:
-    """From (end of a second, how long it held things up within it), a sample a second."""
+    """Return disturbances from samples of (end of a second, delay within that second)."""
     found = []
     last_s = 0.0
     for at_s, held_s in samples:
@@ -200,13 +201,13 @@ def second_disturbances(
 def lateness_disturbances(
     rows: Sequence[CycleRow], excused: Sequence[RunWindow] = ()
 ) -> list[Disturbance]:
-    """Cycles that the host began late.
+    """Return the cycles that the host started late.
 
-    A cycle is late by itself when the one before overran its period; only what is late beyond that
-    is the host's.
+    A cycle is late by itself when the one before overran its period; the host is responsible only
+    for the rest.
 
     Args:
-        excused: while a fault of the scenario held the process up.
+        excused: while a fault of the scenario delayed the process.
     """
     found = []
     for row in rows:
@@ -220,7 +221,7 @@ def lateness_disturbances(
 
 
 def plant_disturbances(arrivals: Sequence[tuple[float, float]]) -> list[Disturbance]:
-    """From (plant's time, how late the step was that brought it there)."""
+    """Return disturbances from samples of (plant time, lateness of the step that reached it)."""
     return [
         Disturbance(at_s - late_s, at_s, DisturbanceSource.PLANT, late_s)
         for at_s, late_s in arrivals

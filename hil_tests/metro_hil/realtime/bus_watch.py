@@ -1,4 +1,4 @@
-"""Watches a run in real time from a tap: logs every frame, shows it, says when it is over."""
+"""Watches a run in real time from a tap: logs and displays every frame, and detects the end."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -28,14 +28,14 @@ DRAIN_MS = 20.0
 DISPLAY_MS = 250.0
 WINDOW_MS = 1000.0
 SILENT_NS = 2_000_000_000
-"""A controller that says nothing for so long hangs, whatever its process does."""
+"""Silence after which a controller counts as hung, whatever its process does."""
 NS_PER_S = 1_000_000_000
 CONTROLLER_ID = can_id(BrakeCommand)
 HOST_COLUMNS = ("t_s", "steal_ms", "frames_per_s", "bus_load_ratio")
 
 
 class BusWatch:
-    """The tap's own rhythm: drain, display, account."""
+    """Periodic tasks of the tap: drain the bus, refresh the display, compute the bus load."""
 
     def __init__(
         self,
@@ -67,11 +67,13 @@ class BusWatch:
         unattended: bool,
         centre: bool = False,
     ) -> str:
-        """Until the train has arrived, time is over, somebody asks, or a child ends; says which.
+        """Run until arrival, the end of the duration, an interrupt or the end of a child.
+
+        Return the reason of the end.
 
         Args:
-            unattended: nobody is there who could reset an emergency brake or open doors by hand.
-            centre: supervision of the line is there, which may let a train go.
+            unattended: no person can reset an emergency brake or open doors by hand.
+            centre: supervision of the line runs and may release a train's emergency brake.
         """
         now_ns = self._clock.now_ns()
         alone = (HeldEmergencyCondition(centre), ShutDoorsCondition()) if unattended else None
@@ -109,7 +111,7 @@ class BusWatch:
         return reason
 
     def drain(self, now_ns: int) -> None:
-        """Take what came on the bus into log and picture."""
+        """Move the received frames into log and picture."""
         offset_ns, picture = self._epoch_offset_ns, self._picture
         for frame in self._tap.receive(now_ns):
             self._log.frame(frame.stamp_ns + offset_ns, frame.can_id, frame.data)
@@ -119,7 +121,7 @@ class BusWatch:
                 self._silence.kick(frame.stamp_ns)
 
     def _note_silence(self, silent_ns: int) -> None:
-        words = f"the controller is silent since {silent_ns / NS_PER_S:.1f} s"
+        words = f"the controller has been silent for {silent_ns / NS_PER_S:.1f} s"
         self._display.say(words)
 
     def _close_window(self, now_ns: int) -> None:
@@ -155,7 +157,7 @@ class BusWatch:
         return emergency.stands_for_good(now_ns, status.supervision, mode.cause) or shut
 
     def ending(self, reason: str, *, truth_known: bool, realtime: Sequence[str] = ()) -> Ending:
-        """What the tap knows of the run; closes its log."""
+        """Return what the tap knows about the run, and close its log."""
         self._host.close()
         stolen_ns, steal_s = steal_ns(), None
         if stolen_ns is not None and self._steal_start_ns is not None:

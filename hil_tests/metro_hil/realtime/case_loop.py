@@ -1,4 +1,4 @@
-"""Runs a case in real time to its end: hears, judges, brings about faults, and never waits long."""
+"""Runs a case in real time to its end: receives, judges and applies faults without long waits."""
 
 import select
 import signal
@@ -30,21 +30,21 @@ from plant_emulator.truth import Truth
 
 TICK_S: Final = 0.02
 START_S: Final = 20.0
-"""Train and controller have to be heard within this time."""
+"""Time within which train and controller have to send their first frames."""
 DRAIN_S: Final = 0.1
-"""After an end, for the last words on the bus."""
+"""Time after an end in which the taps receive the last frames."""
 RADIO_TRIES: Final = 3
 ENVIRONMENT_EXIT: Final = 3
 VITAL_MS: Final = 50.0
 EVENTS_MAX: Final = 500
 SAMPLE_GAP_S: Final = 0.015
-"""The plant takes a step every 10 ms."""
+"""Longest gap between two samples of truth; the plant takes a step every 10 ms."""
 EXCUSED_AFTER_S: Final = 1.0
 NS_PER_S: Final = 1_000_000_000
 
 
 class Conduct:
-    """One case from its first frame to its last."""
+    """Runs one case from its first frame to its last."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class Conduct:
         self.events: list[CaseEvent] = []
         self.blind: list[RunWindow] = []
         self.excused: list[RunWindow] = []
-        """While a fault of the process acted."""
+        """Stretches in which a fault of the process acted."""
         self.reason = ""
         self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._plant: Process | None = None
@@ -93,7 +93,7 @@ class Conduct:
         self._schedule.listen(self._changed_by_time)
 
     def run(self) -> None:
-        """Raises Blocked when the case does not come about or the bench itself breaks."""
+        """Run the case. Raises Blocked when it cannot start or the bench itself fails."""
         try:
             self._bring_up()
             self._began_ns = self._second_ns = self._looked_ns = self._clock.now_ns()
@@ -102,7 +102,7 @@ class Conduct:
                 self._check_bench()
                 self.reason = self._over()
             self._note(f"over: {self.reason}")
-            # What the host did just before the end is what may have brought it about.
+            # What the host did just before the end may have caused the end.
             self._close_second(self._looked_ns)
             self.hearing.finish()
         finally:
@@ -119,7 +119,7 @@ class Conduct:
                 self._take_controller(stage.start_controller())
             if self._await(self._truth_there, may_fail=attempt < RADIO_TRIES - 1):
                 break
-            # Another case took the radio's port between the look and the use.
+            # Another case took the radio's port after it was chosen and before its use.
             if self.controller is not None:
                 self.controller.kill()
         if stage.parts.controller and self.controller is None:
@@ -136,7 +136,10 @@ class Conduct:
         return self._plant is None or self.hearing.origin_ns is not None
 
     def _await(self, there: Callable[[], bool], *, may_fail: bool = False) -> bool:
-        """Whether it came in time; False only where a radio that is in use may be tried again."""
+        """Wait until `there` holds.
+
+        Return False only if the radio's port was taken and may be tried again.
+        """
         until_ns = self._clock.now_ns() + round(START_S * NS_PER_S)
         while not there():
             self._turn()
@@ -154,7 +157,7 @@ class Conduct:
                 if self._killed:
                     break
                 words = "" if controller is None else f": {controller.last_words()}"
-                raise Blocked(f"no controller was heard within {START_S:.0f} s{words}")
+                raise Blocked(f"the controller sent nothing within {START_S:.0f} s{words}")
         return True
 
     @property
@@ -162,7 +165,7 @@ class Conduct:
         return self._process_faults is not None and self._process_faults.killed
 
     def _turn(self) -> None:
-        """One look at everything; waits for truth, or a tick at the longest."""
+        """Process everything that has arrived; wait for truth, but at most one tick."""
         faults, feed = self._process_faults, self._stage.feed
         waiting: list[int] = [] if feed is None else [feed.fileno()]
         wait_s = TICK_S
@@ -211,12 +214,12 @@ class Conduct:
     def _note_blindness(self, truth: Truth) -> None:
         last_s, self._truth_s = self._truth_s, truth.t_s
         at_rest = truth.t_s < START_UP_S and self.motion.moved_m == 0.0
-        # Processes that start hold each other up; a train that has not moved hides nothing by it.
+        # Starting processes delay each other, which does not matter while the train stands.
         if last_s is not None and truth.t_s - last_s > SAMPLE_GAP_S and not at_rest:
             self.blind.append(RunWindow(last_s, truth.t_s))
 
     def _tell_time(self, now_ns: int) -> None:
-        """Without a plant of ours, faults begin and end by the bench's own time."""
+        """Let faults begin and end by the bench's own time if the bench does not run the plant."""
         clock, hearing = Truth(), self.hearing
         clock.t_s = self._run_s(now_ns)
         status, position = hearing.status, hearing.position
@@ -226,7 +229,7 @@ class Conduct:
             doors_open=status is not None and status.ato_phase is AtoPhase.DOORS_OPEN,
         )
         self._schedule.step(clock, now_ns)
-        # Monitors of what is said on the bus are told the time, and nothing else, as truth.
+        # Monitors of bus frames receive the time as their only truth.
         self.hearing.truth(clock, now_ns)
 
     def _changed_by_time(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
@@ -239,7 +242,9 @@ class Conduct:
         if plan.kind.place is FaultPlace.BUS and not tell(
             self._sender, self._stage.gateway_control, message
         ):
-            raise Blocked(f"the gateway could not be told that {plan.kind.name} begins or ends")
+            raise Blocked(
+                f"the gateway did not take the message that {plan.kind.name} begins or ends"
+            )
         if self._process_faults is not None:
             try:
                 self._process_faults.change(plan, active, now_ns)
@@ -251,7 +256,7 @@ class Conduct:
             self._process_faults.cycle_heard(self._clock.now_ns())
 
     def _check_bench(self) -> None:
-        """What has to be there for the run to say anything."""
+        """Raise Blocked if the plant, the gateway or a bus has gone."""
         stage = self._stage
         for process in (self._plant, stage.gateway):
             if process is not None and process.ended:
@@ -268,7 +273,8 @@ class Conduct:
         ended = controller is not None and controller.ended_by is not None
         excused = faults is not None and faults.acting(now_ns)
         if ended and excused and controller is not None:
-            # What its own watchdog does to a process that was held up is the fault's doing.
+            # A process that a fault delayed may be ended by its own watchdog; that is the fault's
+            # effect.
             self._note(f"the controller ended while it was held up ({controller.end_words()})")
             controller.end()
             self._lost_to_fault = True
@@ -297,27 +303,27 @@ class Conduct:
 
     @property
     def touched(self) -> Mapping[int, int]:
-        """By index of each fault of the controller's process: how often it was held up for it."""
+        """How often each fault delayed or ended the controller's process, by index of the fault."""
         return {} if self._process_faults is None else self._process_faults.touched
 
     @property
     def died_s(self) -> float:
-        """When the controller was found dead, in the plant's time."""
+        """Time at which the controller was found dead, in the plant's time."""
         return self._run_s(self.pulse.died_ns)
 
     @property
     def crashed(self) -> bool:
-        """Its process ended, and not by its own watchdog."""
+        """Whether the controller's process ended, and not by its own watchdog."""
         return self.ended_by is not None and self.ended_by is not signal.SIGALRM
 
     @property
     def _lost(self) -> bool:
-        """A fault of the scenario ended the controller, and nothing will start it again."""
+        """Whether a fault of the scenario ended the controller and will not start it again."""
         faults = self._process_faults
         return self._lost_to_fault or (faults is not None and faults.for_good)
 
     def _tell_state(self) -> None:
-        """What the controller says of itself, whenever that changes."""
+        """Record the state that the controller reports whenever it changes."""
         status = self.hearing.status
         if status is None:
             return
@@ -343,7 +349,7 @@ class Conduct:
 
     @property
     def _carriers(self) -> tuple[int, ...]:
-        """Processes by which controller and train hear of each other."""
+        """Processes that carry frames between controller and train."""
         gateway = self._stage.gateway
         return (*self._stage.segments.hubs, *([] if gateway is None else [gateway.pid]))
 
@@ -356,7 +362,7 @@ class Conduct:
             self.events.append(CaseEvent(round(self._run_s(self._clock.now_ns()), 3), words))
 
     def _bring_down(self) -> None:
-        """The controller first, so that its safe output is heard; the taps listen to the last."""
+        """End the controller first, so that the taps still receive its safe output."""
         if self.controller is not None:
             self.controller.end()
         self._drain()

@@ -1,4 +1,4 @@
-"""One case in real time: set up, run, judged by the same rules as in lockstep, attributed."""
+"""Runs one case in real time: sets it up, judges it as in lockstep, and attributes failures."""
 
 import tempfile
 from contextlib import ExitStack
@@ -38,14 +38,14 @@ def run_realtime_case(
     folder: RunFolder | None = None,
     wires: RealtimeWires = CASE_WIRES,
 ) -> CaseResult:
-    """Run it to its end and judge it.
+    """Run a case to its end and judge it.
 
-    Whatever the bench lacks is the verdict BLOCKED with the reason; nothing that was started is
-    left behind.
+    If the bench lacks something, the verdict is BLOCKED with the reason. All started processes are
+    ended.
 
     Args:
-        files: where the files are that the case calls by a name of the user's.
-        folder: keeps all logs of the run; without one they are thrown away.
+        files: paths of the files that the case names by a user's name.
+        folder: keeps all logs of the run; without one the logs are discarded.
     """
     clock = WallClock()
     began_ns = clock.now_ns()
@@ -69,7 +69,7 @@ def _blocked(case: Case, reason: str) -> CaseResult:
 
 
 class _Run:
-    """A case that has been run, with everything that is left of it."""
+    """A case that has run, with all its evidence."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class _Run:
         clock: Clock,
     ) -> None:
         if case.branch is not None:
-            raise Blocked("branch: a run in real time cannot be gone on with from a copy")
+            raise Blocked("branch: a run in real time cannot be continued from a copy")
         self._case, self._made, self._folder = case, made, folder
         self._plans = plans_of(case)
         with ExitStack() as stack:

@@ -1,4 +1,4 @@
-"""The command lines of the processes of a case. Pure: nothing is looked up, nothing is started."""
+"""The command lines of the processes of a case. Pure functions: nothing is looked up or started."""
 
 import os
 import shlex
@@ -13,25 +13,25 @@ from metro_hil.model.case import Case, ControllerSpec
 from metro_hil.realtime.wires import Blocked, RealtimeWires
 
 CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
-"""Where the packages of a checkout lie."""
+"""Folders of a checkout that hold its packages."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandPlaceholders:
-    """What {words} in the command of a controller stand for."""
+    """Values of the {placeholders} in the command of a controller."""
 
     bus: str
     tags: str
     radio: str
     line: str
-    """Name or file."""
+    """Name of a shipped line, or a file."""
     params: str
     start: str
     end: str
     out: str
-    """The folder for what the controller logs."""
+    """Folder for the controller's logs."""
     stops: str = ""
-    """Where to stop, names with commas between; empty for all stations on the way."""
+    """Names of the stops, separated by commas; empty for all stations on the way."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +40,13 @@ class ControllerStart:
 
     first: tuple[str, ...]
     again: tuple[str, ...]
-    """After it was killed: nobody is there to say where the train stands."""
+    """Command after the controller was killed; it does not say where the train stands."""
     environment: Mapping[str, str]
     out: str = ""
-    """Where a program of ours logs; empty for others, whose command says it or not."""
+    """Log folder of the project's own programs; empty for others, whose command may name one."""
 
     def words(self, number: int) -> tuple[str, ...]:
-        """The command of the start with this number, from 0; each start logs in its own folder."""
+        """Return the command of start `number`, from 0; each start logs in its own folder."""
         words = self.again if number else self.first
         if not self.out:
             return words
@@ -54,7 +54,7 @@ class ControllerStart:
 
 
 def again(out: Path, number: int) -> Path:
-    """The folder in which the start of the controller with this number logs, from 0."""
+    """Return the log folder of start `number`, from 0."""
     return out / f"again{number}" if number else out
 
 
@@ -68,17 +68,19 @@ def controller_start(
     environment: Mapping[str, str],
     wakes_up: bool = False,
 ) -> ControllerStart:
-    """Raises Blocked for a kind or a checkout that is not there.
+    """Return how the controller is started.
+
+    Raises Blocked for an unknown kind or a missing checkout.
 
     Args:
-        wakes_up: `nvram` tells the controller where it stands, nobody else does.
+        wakes_up: the controller knows its position only from `nvram`.
     """
     if controller.kind == "command":
         if wakes_up:
             raise Blocked("wakes_up: a program of another kind has no memory that could be filled")
         if places.stops and "{stops}" not in controller.command:
             raise Blocked(
-                "stops: the controller's command cannot pass stations; put {stops}, here "
+                "stops: the controller's command does not contain {stops}; put {stops}, here "
                 f"{places.stops}, into it or leave `stops` out"
             )
         words = fill_in(controller.command, places)
@@ -98,9 +100,10 @@ def controller_start(
 
 
 def fill_in(command: str, places: CommandPlaceholders) -> tuple[str, ...]:
-    """The words of a command with its {names} filled in, as a shell would split it, without one.
+    """Split a command as a shell would, and fill in its {placeholders}.
 
-    Names are filled in after splitting, so that a path with blanks stays one word. Raises Blocked.
+    Placeholders are filled in after splitting, so that a path with blanks stays one word. Raises
+    Blocked.
     """
     values = {field.name: str(getattr(places, field.name)) for field in fields(places)}
     try:
@@ -120,14 +123,14 @@ def _filled(word: str, values: Mapping[str, str]) -> str:
     for name in names:
         if name not in values:
             known = ", ".join(f"{{{known}}}" for known in values)
-            raise Blocked(f"controller.command: {{{name}}}: nothing is known by it here; {known}")
+            raise Blocked(f"controller.command: {{{name}}}: unknown placeholder; known are {known}")
     return word.format(**values)
 
 
 def _search_path(checkout: str) -> str:
     root = Path(checkout)
     if not (root / "vobc").is_dir():
-        raise Blocked(f"controller.path: {checkout}: no checkout, there is no folder vobc in it")
+        raise Blocked(f"controller.path: {checkout}: is not a checkout: it has no folder vobc")
     return os.pathsep.join(str((root / part).resolve()) for part in CHECKOUT_ROOTS)
 
 
@@ -146,7 +149,7 @@ def plant_words(
     parent: int,
     recording: str | None = None,
 ) -> list[str]:
-    """The emulated train."""
+    """Return the command that starts the emulated train."""
     setup = case.setup
     words = [sys.executable, "-m", "plant_emulator", "run", "--bus", bus, "--line", line]
     words += ["--consist", consist, "--seed", str(case.seed), "--desk", setup.desk_mode]
@@ -174,7 +177,7 @@ def gateway_words(
     priority: int,
     parent: int,
 ) -> list[str]:
-    """The gateway between the controller's segment and the train's."""
+    """Return the command of the gateway between the controller's and the train's segment."""
     a, b = segments
     words = [sys.executable, "-m", "metro_hil.realtime.gateway", "--a", a, "--b", b]
     words += ["--faults", str(faults), "--seed", str(seed), "--feed", str(control)]

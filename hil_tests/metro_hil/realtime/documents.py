@@ -15,7 +15,7 @@ from metro_hil.model.run_folder import plain
 
 @dataclass(frozen=True, slots=True)
 class Documents:
-    """Names of shipped files, the user's own files, or ones written for this case alone."""
+    """Names of shipped files, the user's own files, or files written for this case."""
 
     line: str
     consist: str
@@ -25,7 +25,7 @@ class Documents:
 
 
 def write_documents(case: Case, parts: CaseParts, files: Files, folder: Path) -> Documents:
-    """Only for what the case changes, so that an older controller reads files of its own."""
+    """Write only files that the case changes; an older controller then reads its own files."""
     setup = case.setup
     line = file_name(setup.line, files)
     if setup.dwell_s or setup.run_s:

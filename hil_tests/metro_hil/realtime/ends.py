@@ -1,4 +1,4 @@
-"""When a case in real time is over, and whether its controller is dead. Pure: told everything."""
+"""Decides when a case in real time is over, and whether its controller is dead. Pure functions."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,17 +8,18 @@ from plant_emulator.truth import Truth
 
 NS_PER_S: Final = 1_000_000_000
 SILENT_NS: Final = 2 * NS_PER_S
-"""A controller that says nothing for so long hangs, whatever its process does."""
+"""Silence after which a controller counts as hung, whatever its process does."""
 RESTART_NS: Final = 20 * NS_PER_S
-"""A controller that was started again is given so long to speak."""
+"""Time that a restarted controller has for its first frame."""
 STAND_S: Final = 2.0
-"""A train without a controller that stands for so long stays there."""
+"""Standstill after which a train without a controller counts as stopped for good."""
 FOLLOW_NS: Final = 180 * NS_PER_S
-"""It is followed for so long, to see where it comes to stand."""
+"""Time for which a train without a controller is observed, to see where it stops."""
 FOLLOW_BLIND_NS: Final = 10 * NS_PER_S
-"""Where nobody can say whether it stands, the taps go on for so long."""
+"""The same where no truth shows whether the train stands."""
 STUCK_S: Final = 60.0
-"""So long after the longest dwell, with no fault to come or to go, a standing train stays."""
+"""Standstill beyond the longest dwell after which a train counts as stuck; no fault may be due or
+active."""
 
 DURATION: Final = "duration over"
 VIOLATION: Final = "stopped at the first violation"
@@ -29,20 +30,20 @@ STUCK: Final = "stands for good"
 
 @dataclass(slots=True)
 class TrueMotion:
-    """What the truth told so far."""
+    """Motion of the train according to the truth so far."""
 
     stop_m: float
-    """Of the last station of the way."""
+    """Stopping point of the last station."""
     patience_s: float
-    """A train that stands for longer stays."""
+    """Standstill after which the train counts as stuck."""
     t_s: float = 0.0
     front_m: float = 0.0
     first_m: float | None = None
     farthest_m: float = 0.0
     still_s: float | None = None
-    """Since when it stands; None while it moves."""
+    """Start of the present standstill; None while the train moves."""
     open_s: float | None = None
-    """Since when it has stood with open doors at its last station."""
+    """Time since which the train has stood with open doors at its last station."""
 
     def take(self, truth: Truth) -> None:
         self.t_s, self.front_m = truth.t_s, truth.front_m
@@ -56,7 +57,7 @@ class TrueMotion:
         self.open_s = _since(there, self.open_s, truth.t_s)
 
     def believe(self, t_s: float, front_m: float | None, *, doors_open: bool) -> None:
-        """Where nobody knows the truth, what the controller says of itself; never a standstill."""
+        """Without truth, use what the controller reports; it never proves a standstill."""
         self.t_s = t_s
         if front_m is None:
             return
@@ -87,10 +88,10 @@ def _since(now: bool, since_s: float | None, t_s: float) -> float | None:
 
 @dataclass(slots=True)
 class Pulse:
-    """Whether the controller lives: its process and what it says."""
+    """Tells whether the controller is alive, from its process and its frames."""
 
     died: str = ""
-    """How it ended by itself or fell silent; empty while it lives."""
+    """How the controller ended or that it fell silent; empty while it is alive."""
     died_ns: int = 0
 
     def check(
@@ -102,12 +103,12 @@ class Pulse:
         restarted_ns: int | None,
         excused: bool,
     ) -> bool:
-        """True once, when it is found dead.
+        """Return True once, when the controller is found dead.
 
         Args:
-            ended: how its process ended by itself, empty while it runs.
-            last_ns: when it was last heard.
-            restarted_ns: when a fault that had killed it ended.
+            ended: how its process ended by itself; empty while it runs.
+            last_ns: instant of its last frame.
+            restarted_ns: end of a fault that had killed it.
             excused: a fault of its process acts, or did a moment ago.
         """
         if self.died:
@@ -140,11 +141,11 @@ def over(
     pending: bool,
     truth_known: bool = True,
 ) -> str:
-    """Why the case is over; empty while it is not.
+    """Return why the case is over; empty while it is not.
 
     Args:
-        violated: a monitor is violated and the case asks to stop then.
-        pending: time alone will begin or end a fault.
+        violated: a monitor is violated and the case stops in that event.
+        pending: a fault will still begin or end by time alone.
     """
     if violated:
         return VIOLATION

@@ -1,4 +1,4 @@
-"""Collects from the logs of a run what shows that its host disturbed it."""
+"""Collects from the logs of a run the evidence that the host disturbed it."""
 
 import json
 import math
@@ -39,11 +39,13 @@ def collect_evidence(
     excused: Sequence[RunWindow],
     own_controller: bool,
 ) -> HostEvidence:
-    """Args:
-    origin_s: the start of the plant's time on the machine's clock.
-    starts_s: the first cycle of each start of the controller, in the plant's time.
-    excused: while a fault of the scenario held the process up.
-    own_controller: its log may be believed to be of this run.
+    """Collect all disturbances of the run.
+
+    Args:
+        origin_s: start of the plant's time on the machine's clock.
+        starts_s: first cycle of each start of the controller, in the plant's time.
+        excused: while a fault of the scenario delayed the process.
+        own_controller: whether the controller's log belongs to this run.
     """
     found: list[Disturbance] = []
     found += second_disturbances(host.stolen, DisturbanceSource.STEAL, STEAL_S)
@@ -64,7 +66,7 @@ def collect_evidence(
 
 
 def cycle_rows(path: Path, *, cycle_s: float, begin_s: float) -> list[CycleRow]:
-    """Of the controller's log; none when it keeps no such log."""
+    """Return the rows of the controller's log; none if it keeps no such log."""
     log = _read(path)
     if log is None:
         return []
@@ -75,7 +77,7 @@ def cycle_rows(path: Path, *, cycle_s: float, begin_s: float) -> list[CycleRow]:
     rows = [row for row in zip(*columns, strict=True) if not any(map(math.isnan, row))]
     if not rows:
         return []
-    # The first row is the first cycle, and that is when the controller was first heard.
+    # The log's first row is the first cycle, and its frame is the controller's first one.
     shift_s = begin_s - rows[0][0]
     return [
         CycleRow(t_s + shift_s, work_us / 1e6, lateness_us / 1e6, cycle_s)
@@ -84,7 +86,7 @@ def cycle_rows(path: Path, *, cycle_s: float, begin_s: float) -> list[CycleRow]:
 
 
 def gateway_waits(folder: RunFolder, origin_s: float) -> list[tuple[float, float]]:
-    """End of each second and the longest wait in it of a frame that no fault held back."""
+    """Return (end of each second, longest wait of a frame that no fault delayed)."""
     log = _read(folder.path / GATEWAY_LOG)
     if log is None:
         return []
@@ -93,7 +95,7 @@ def gateway_waits(folder: RunFolder, origin_s: float) -> list[tuple[float, float
 
 
 def lost_steps(folder: RunFolder) -> int:
-    """Steps that the plant gave up because it was held up for too long."""
+    """Return the number of steps that the plant skipped after a long delay."""
     try:
         told = json.loads((folder.path / "plant.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -102,7 +104,7 @@ def lost_steps(folder: RunFolder) -> int:
 
 
 def touched_counts(folder: RunFolder) -> dict[int, int]:
-    """By index of the fault: what plant and gateway say that it changed."""
+    """Return how often plant and gateway report that a fault acted, by index of the fault."""
     found: dict[int, int] = {}
     for name in ("plant.json", "gateway.json"):
         try:

@@ -1,4 +1,4 @@
-"""Which faults of a case have begun, act and may still change."""
+"""Keeps track of which faults of a case have begun, are active and may still change."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,7 +7,7 @@ from plant_emulator.faults.plan import FaultPlan
 
 
 class FaultWatch:
-    """Told every change; knows what never began."""
+    """Receives every change of a fault, and knows which faults never began."""
 
     def __init__(self, plans: Sequence[FaultPlan]) -> None:
         self._plans = {plan.index: plan for plan in plans}
@@ -25,10 +25,10 @@ class FaultWatch:
             self._active.discard(plan.index)
 
     def results(self, touched: Mapping[int, int]) -> tuple[FaultResult, ...]:
-        """What each fault did.
+        """Return what each fault did.
 
         Args:
-            touched: by index, from the devices that counted; what no device counted is not known.
+            touched: counts by index from the devices that count; without one the count is unknown.
         """
         return tuple(
             FaultResult(kind=plan.kind.name, began=index in self._begun, touched=touched.get(index))
@@ -37,7 +37,7 @@ class FaultWatch:
 
     @property
     def pending(self) -> bool:
-        """Whether time alone will begin or end a fault; a condition may never come."""
+        """Whether time alone will begin or end a fault; a condition may never come true."""
         return any(self._pending(plan) for plan in self._plans.values())
 
     def _pending(self, plan: FaultPlan) -> bool:

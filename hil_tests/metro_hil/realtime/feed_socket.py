@@ -1,4 +1,4 @@
-"""The bench's end of the plant's feed: a Unix datagram socket that the plant writes to."""
+"""The bench's end of the truth feed: a Unix datagram socket that the plant writes to."""
 
 import contextlib
 import socket
@@ -18,10 +18,10 @@ _TIMESPEC: Final = struct.Struct("@qq")
 
 
 class FeedSocket:
-    """Messages with the instants at which they were sent, as far as the kernel tells."""
+    """Returns messages with their send instants, as far as the kernel provides them."""
 
     def __init__(self, path: Path, clock: Clock) -> None:
-        """Raises OSError."""
+        """Bind the socket. Raises OSError."""
         self.path = path
         self._clock = clock
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -40,7 +40,7 @@ class FeedSocket:
         return self._socket.fileno()
 
     def receive(self, now_ns: int) -> Iterator[tuple[int, bytes]]:
-        """What came since the last call, with the instant of each, never later than now."""
+        """Yield the messages since the last call with the instant of each, never later than now."""
         for _ in range(MESSAGES_PER_DRAIN):
             try:
                 message, notes, _, _ = self._socket.recvmsg(
@@ -63,7 +63,7 @@ class FeedSocket:
 
 
 def tell(sender: socket.socket, path: Path, message: bytes) -> bool:
-    """One datagram to whoever listens there, without waiting; whether it was taken."""
+    """Send one datagram without waiting; return whether it was taken."""
     try:
         sender.sendto(message, socket.MSG_DONTWAIT, str(path))
     except OSError:

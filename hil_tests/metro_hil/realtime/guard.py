@@ -1,10 +1,10 @@
-"""Ends what a case started when the bench can no longer do it, however it was ended.
+"""Ends the processes of a case when the bench has ended in any way and cannot do it itself.
 
-A process beside the bench that reads from a pipe which processes the bench has started. The pipe
-ends with the bench; what was not ended by then is killed, with all that it started in its turn. A
-process that stands still by SIGSTOP dies of that, too, which no gentler signal could do.
+A process beside the bench reads from a pipe which processes the bench has started. The pipe ends
+with the bench. The guard then kills all processes that still run, with all their children. SIGKILL
+also ends a process that SIGSTOP has stopped, which no gentler signal does.
 
-Run as a script: it needs nothing but the standard library, and has to be there at once.
+The guard runs as a script: it needs only the standard library, and has to start at once.
 """
 
 import contextlib
@@ -20,9 +20,9 @@ CLOSE_S: Final = 5.0
 
 
 def main() -> int:
-    """Lines `+PID` and `-PID` on standard input: a process group that is there, and one no more.
+    """Read `+PID` and `-PID` from standard input: a process group that runs, or has ended.
 
-    `=FOLDER` is to be removed, too, and `.` takes that back for all: the bench does it itself.
+    `=FOLDER` names a folder to remove, too. `.` cancels all folders: the bench removes them itself.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
@@ -59,19 +59,19 @@ class ProcessGuard:
         )
 
     def watch(self, pid: int) -> None:
-        """From now on this process group does not outlive the bench."""
+        """Watch a process group: it does not outlive the bench."""
         self._tell(f"+{pid}\n")
 
     def forget(self, pid: int) -> None:
-        """It has ended, and its number may become another's."""
+        """Stop watching a process group that has ended; its number may be used again."""
         self._tell(f"-{pid}\n")
 
     def clear(self, folder: Path) -> None:
-        """It does not outlive the bench either; a bench that ends by itself has to remove it."""
+        """Remove the folder if the bench is killed; otherwise the bench removes it itself."""
         self._tell(f"={folder}\n")
 
     def close(self) -> None:
-        """Kills what is still watched."""
+        """End the guard; it kills the groups that it still watches."""
         self._tell(".\n")
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):
@@ -84,7 +84,7 @@ class ProcessGuard:
 
     def _tell(self, line: str) -> None:
         assert self._process.stdin is not None
-        # A guard that somebody ended cannot be told any more; the case goes on without.
+        # A person may have ended the guard; the case goes on without it.
         with contextlib.suppress(OSError):
             self._process.stdin.write(line)
             self._process.stdin.flush()

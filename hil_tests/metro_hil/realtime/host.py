@@ -1,4 +1,4 @@
-"""What the host took from a run while it went on, second by second."""
+"""Measures, second by second, what processor time the host withheld from a run."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -20,19 +20,19 @@ COLUMNS: Final = (
 NS_PER_S: Final = 1_000_000_000
 PROC: Final = Path("/proc")
 EVERYDAY_NS: Final = 100_000
-"""Each time that a process wakes up it may wait so long: of many such waits none holds up a run."""
+"""Normal wait for a processor at each wake-up of a process; it is not counted as a delay."""
 
 
 class HostRecord:
-    """Sampled once a second."""
+    """Takes one sample a second."""
 
     def __init__(self, path: Path, steal: Callable[[], int | None] = steal_ns) -> None:
-        """Raises RecorderError."""
+        """Open the log of the samples. Raises RecorderError."""
         self._log = LineLog(path, COLUMNS)
         self._read = steal
         self._first_ns = self._last_ns = steal()
         self._before: dict[int, Scheduled] = {}
-        """What each process had got at the last sample, by its id."""
+        """Processor time of each process at the last sample, by process id."""
         self._bench_late_ns = 0
         self._truth_late_ns = 0
         self.stolen: list[tuple[float, float]] = []
@@ -40,19 +40,19 @@ class HostRecord:
         self.waited: list[tuple[float, float]] = []
         """End of each second, and how long the controller was ready and got no processor."""
         self.carriers_waited: list[tuple[float, float]] = []
-        """The same of the bus's or the gateway's process, of the one that waited the longest."""
+        """The same for the bus or gateway process, whichever waited longest."""
         self.stalled: list[tuple[float, float]] = []
-        """End of each second, and how long the bench was held up in which neither it nor the
-        controller ran: then hardly anything on this machine did."""
+        """End of each second, and how long the bench was delayed while neither it nor the
+        controller ran. Then hardly any process on this machine ran."""
         self.truth_late: list[tuple[float, float]] = []
-        """Instants of truth that was sent late by the plant, and by how much."""
+        """Instants of truth that the plant sent late, and the lateness."""
 
     def bench_late(self, late_ns: int) -> None:
-        """The bench itself looked at its wires so late."""
+        """Note how late the bench itself read its wires."""
         self._bench_late_ns = max(self._bench_late_ns, late_ns)
 
     def truth(self, t_s: float, late_ns: int) -> None:
-        """One sample of truth was sent so long after the instant that it tells of."""
+        """Note how long after its instant a sample of truth was sent."""
         self._truth_late_ns = max(self._truth_late_ns, late_ns)
         self.truth_late.append((t_s, late_ns / NS_PER_S))
 
@@ -64,10 +64,12 @@ class HostRecord:
         *,
         excused: bool,
     ) -> None:
-        """Args:
-        controller: its process id, None when it is not ours or not there.
-        carriers: process ids of what carries frames between controller and train.
-        excused: a fault of the scenario held the controller up within this second.
+        """Record the past second.
+
+        Args:
+            controller: its process id; None if the bench did not start it or it does not run.
+            carriers: ids of the processes that carry frames between controller and train.
+            excused: a fault of the scenario delayed the controller within this second.
         """
         stolen_ns, stolen_s = self._read(), 0.0
         if stolen_ns is not None and self._last_ns is not None:
@@ -91,7 +93,7 @@ class HostRecord:
         self._bench_late_ns = self._truth_late_ns = 0
 
     def _got_s(self, pid: int) -> tuple[float, float]:
-        """How long a process waited for a processor and how long it ran, since the last call."""
+        """Return how long a process waited for a processor and ran since the last call."""
         now = scheduled(pid)
         if now is None:
             return 0.0, 0.0
@@ -103,7 +105,7 @@ class HostRecord:
 
     @property
     def steal_s(self) -> float | None:
-        """Over the whole run; None where the kernel does not say."""
+        """Stolen time over the whole run; None if the kernel does not report it."""
         last_ns = self._read()
         if last_ns is None or self._first_ns is None:
             return None
@@ -115,9 +117,10 @@ class HostRecord:
 
 @contextmanager
 def at_priority(priority: int) -> Iterator[None]:
-    """Run the calling thread with SCHED_FIFO, where the rights allow it; its children without.
+    """Run the calling thread with SCHED_FIFO if permitted; its children run without it.
 
-    Only ten messages fit into the plant's feed: a bench that waits for a busy machine goes blind.
+    The plant's feed holds only ten messages, so a bench that waits for a busy machine would miss
+    truth.
     """
     before = (os.sched_getscheduler(0), os.sched_getparam(0))
     with suppress(OSError):
@@ -131,17 +134,17 @@ def at_priority(priority: int) -> Iterator[None]:
 
 
 class Scheduled(NamedTuple):
-    """What the kernel gave the first thread of a process since it began."""
+    """Processor time that the kernel gave the first thread of a process since its start."""
 
     ran_ns: int
     waited_ns: int
-    """Ready to run, and not given a processor."""
+    """Time ready to run without a processor."""
     times: int
-    """How often it was given one."""
+    """Number of times that the thread got a processor."""
 
 
 def scheduled(pid: int) -> Scheduled | None:
-    """None where the kernel does not say."""
+    """Return the processor time of a process; None if the kernel does not report it."""
     try:
         fields = (PROC / str(pid) / "schedstat").read_text(encoding="ascii").split()
         return Scheduled(*map(int, fields[:3]))

@@ -1,4 +1,4 @@
-"""What a person can do for a train of a line that commands itself, shown beside its picture."""
+"""Hints for the operator of a train on a line that commands itself, shown beside its picture."""
 
 import shlex
 from collections.abc import Sequence
@@ -9,15 +9,15 @@ from metro_hil.realtime.live_display import BusPicture
 
 
 class LineHints:
-    """The bench cannot let such a train go itself: supervision of the line does."""
+    """Names the supervision command that releases the train; the bench cannot release it itself."""
 
     def __init__(self, train: int, endpoint: str, where: Sequence[str] = ()) -> None:
-        """`where` are the options by which supervision finds the line; none where it does so."""
+        """`where` holds the options by which supervision finds the line; empty if it needs none."""
         self._endpoint = endpoint
         self._release = shlex.join(["vobc", "emergency-brake", f"T{train}", "--end", *where])
 
     def __call__(self, picture: BusPicture) -> list[str]:
-        """Whole sentences, the most urgent first."""
+        """Return whole sentences, the most urgent first."""
         return [*self._let_go(picture), *self._silent(picture)]
 
     def _let_go(self, picture: BusPicture) -> list[str]:
@@ -26,7 +26,7 @@ class LineHints:
             return []
         if not isinstance(mode, VobcMode) or not centre_may_let_go(mode.cause):
             return []
-        return [f"waits for the centre: `{self._release}` lets go"]
+        return [f"waits for the centre: `{self._release}` releases the train"]
 
     def _silent(self, picture: BusPicture) -> list[str]:
         if not picture.line_silent:

@@ -1,4 +1,4 @@
-"""The live picture of a run in the terminal, made only from what is heard on the bus."""
+"""The live picture of a run in the terminal, made only from received bus frames."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -45,9 +45,9 @@ FRESH_NS = 500_000_000
 """Age beyond which a frame is not shown: two and a half periods of the slowest, VOBC_TARGET."""
 NOTHING = "--"
 FAR_M = 80_000.0
-"""A distance beyond this on the wire means that there is no stopping point."""
+"""Distance on the wire beyond which there is no stopping point."""
 LINE_RADIO = 0
-"""Number of the input that no flag of `missing` stands for."""
+"""Number of the input that has no flag in `missing`."""
 BAR_WIDTH = 46
 FULL_SCALE_KMH = 90.0
 PLAIN_PERIOD_S = 5.0
@@ -64,7 +64,7 @@ STATE_STYLE = {
 
 @dataclass(slots=True)
 class BusPicture:
-    """The latest of every frame, and how busy the bus was over the last second."""
+    """The latest frame of each kind, and the bus load over the last second."""
 
     bit_rate: int
     decoder: Decoder = field(default_factory=lambda: Decoder(SEEN))
@@ -75,13 +75,13 @@ class BusPicture:
     load_ratio: float = 0.0
     frames_per_s: float = 0.0
     line_silent: bool = False
-    """The controller hears nobody on the radio of its line."""
+    """Whether the controller receives nothing on the radio of its line."""
     _bits: int = 0
     _count: int = 0
     _since_ns: int | None = None
 
     def take(self, frame: CanFrame) -> None:
-        """Account one frame and, when it is one of ours, keep what it says."""
+        """Count one frame and, if the decoder knows it, keep its content."""
         self.frames += 1
         self._count += 1
         self._bits += frame_bits(frame.can_id, frame.data, frame.extended, frame.remote)
@@ -99,7 +99,7 @@ class BusPicture:
             self.line_silent = told.event is EventKind.INPUT_LOST
 
     def close_window(self, now_ns: int) -> None:
-        """Make load and frame rate of what came since the last call."""
+        """Compute bus load and frame rate since the last call."""
         if self._since_ns is not None and now_ns > self._since_ns:
             elapsed_s = (now_ns - self._since_ns) / NS_PER_S
             self.load_ratio = self._bits / (self.bit_rate * elapsed_s)
@@ -107,7 +107,7 @@ class BusPicture:
         self._since_ns, self._bits, self._count = now_ns, 0, 0
 
     def fresh(self, now_ns: int) -> "BusPicture":
-        """The same without what is too old to be shown."""
+        """Return the same picture without the frames that are too old to be shown."""
         latest = {
             kind: frame
             for kind, frame in self.latest.items()
@@ -117,7 +117,7 @@ class BusPicture:
         return replace(self, latest=latest, line_silent=self.line_silent and not silent)
 
     def silence(self, kinds: Sequence[type], now_ns: int) -> str:
-        """That a node was never heard, or for how long it has been silent; empty while it is heard.
+        """Return how long a node has been silent, or that it never sent; empty while it sends.
 
         Args:
             kinds: frames of the node.
@@ -141,7 +141,7 @@ class BusPicture:
 
 
 Hints = Callable[[BusPicture], Sequence[str]]
-"""What a person should know beside what is heard, in whole sentences."""
+"""Returns whole sentences for the operator that do not follow from bus frames."""
 
 
 def no_hints(_picture: BusPicture) -> Sequence[str]:
@@ -149,7 +149,7 @@ def no_hints(_picture: BusPicture) -> Sequence[str]:
 
 
 def missing_words(missing: Missing) -> str:
-    """What the controller waits for, in words."""
+    """Return the inputs that the controller waits for, as text."""
     words = {
         Missing.BRAKE: "brake status",
         Missing.TRACTION: "traction status",
@@ -166,7 +166,7 @@ def missing_words(missing: Missing) -> str:
 def render(
     picture: BusPicture, now_ns: int, elapsed_s: float, title: str, hints: Sequence[str] = ()
 ) -> RenderableType:
-    """The whole panel for one moment; what is too old is left blank."""
+    """Return the whole panel for one moment; values that are too old are left blank."""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", justify="right", min_width=16)
     table.add_column(min_width=60)
@@ -211,7 +211,7 @@ def _motion_rows(motion: VobcMotion) -> list[tuple[str, RenderableType]]:
 
 
 def _bar(motion: VobcMotion) -> Text:
-    """Speed as a filled bar with the ceiling (|) and the emergency speed (!) on it."""
+    """Return the speed as a filled bar with the ceiling (|) and the emergency limit (!) on it."""
     cells = ["━" if _cell(motion.speed_mps) > i else "─" for i in range(BAR_WIDTH)]
     text = Text("".join(cells))
     text.stylize("blue", 0, _cell(motion.speed_mps))
@@ -243,7 +243,7 @@ def _target_rows(picture: BusPicture) -> list[tuple[str, RenderableType]]:
 
 
 def _why(picture: BusPicture) -> str:
-    """What the emergency brake is for, as the controller says; empty while it is off."""
+    """Return the cause of the emergency brake as the controller reports it; empty without one."""
     status, mode = picture.status, picture.latest.get(VobcMode)
     emergency = status is not None and status.supervision is Supervision.EMERGENCY
     if not emergency or not isinstance(mode, VobcMode):
@@ -252,7 +252,7 @@ def _why(picture: BusPicture) -> str:
 
 
 def _operation(picture: BusPicture, status: VobcStatus) -> str:
-    """What operation is about; at a stop, why its doors stay shut."""
+    """Return the phase of ATO and, at a stop, why the doors stay closed."""
     words, mode = status.ato_phase.name.lower().replace("_", " "), picture.latest.get(VobcMode)
     if status.ato_phase is not AtoPhase.STOPPED or not isinstance(mode, VobcMode):
         return words
@@ -272,7 +272,7 @@ def _state_rows(status: VobcStatus, mode: str, why: str) -> list[tuple[str, Rend
 
 
 def _train_text(picture: BusPicture, fresh: BusPicture, now_ns: int) -> str:
-    """What the train's units report; of one that fell silent, for how long."""
+    """Return what the train's units report, or how long a unit has been silent."""
     if not any(kind in picture.heard_ns for kind in TRAIN_SEEN):
         return "not heard yet"
     units = (
@@ -304,7 +304,7 @@ def _doors_text(doors: object) -> str:
 
 
 class LiveDisplay:
-    """Shows the picture on a terminal, or as a line every few seconds where there is none."""
+    """Shows the picture on a terminal, or as a line every few seconds without one."""
 
     def __init__(
         self, console: Console, picture: BusPicture, title: str, hints: Hints = no_hints
@@ -329,7 +329,7 @@ class LiveDisplay:
             self._live.stop()
 
     def say(self, text: str) -> None:
-        """A lasting line above the picture."""
+        """Print a lasting line above the picture."""
         self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def refresh(self, now_ns: int) -> None:
@@ -345,7 +345,7 @@ class LiveDisplay:
 
 
 def plain_line(picture: BusPicture, now_ns: int, elapsed_s: float) -> str:
-    """The picture in one line, for logs; what is too old is left blank."""
+    """Return the picture in one line, for logs; values that are too old are left blank."""
     fresh = picture.fresh(now_ns)
     status, motion, target = fresh.status, fresh.motion, fresh.latest.get(VobcTarget)
     if silence := picture.silence(VOBC_SEEN, now_ns):

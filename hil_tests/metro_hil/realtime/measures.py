@@ -1,4 +1,4 @@
-"""Measures of a case in real time, from the logs that its processes left."""
+"""Measures of a case in real time, from the logs of its processes."""
 
 import json
 from typing import Protocol
@@ -27,7 +27,7 @@ class Watched(Protocol):
 def realtime_measures(
     folder: RunFolder, made: CaseParts, run: Watched, *, truth_known: bool
 ) -> dict[str, float | None]:
-    """By name, as in lockstep; what nobody measured is None or left out."""
+    """Return the measures by name, as in lockstep; one that was not taken is None or missing."""
     measures: dict[str, float | None] = {}
     truth = _read(folder, "truth.csv") if truth_known else None
     if truth is not None:
@@ -55,13 +55,13 @@ def _commanded(cycles: Columns | None, made: CaseParts) -> dict[str, float | Non
 
 
 def up_to(truth: Columns, end_s: float) -> Columns:
-    """What was logged until the case was over; then the controller ends and the train brakes."""
+    """Return the truth until the end of the case, when the controller ends and the train brakes."""
     rows = zip(*(truth.texts(name) for name in TRUTH_COLUMNS), strict=True)
     return Columns.of_rows("truth", TRUTH_COLUMNS, [row for row in rows if float(row[0]) <= end_s])
 
 
 def lateness_us_p99(folder: RunFolder) -> float | None:
-    """Of the controller's cycles, as it logged them."""
+    """Return the 99th percentile of the lateness of the controller's cycles, from its log."""
     cycles = _read(folder, "cycles.csv")
     try:
         late_us = None if cycles is None else cycles.numbers("lateness_us")
@@ -73,7 +73,7 @@ def lateness_us_p99(folder: RunFolder) -> float | None:
 
 
 def _gateway(folder: RunFolder) -> dict[str, float | None]:
-    """How long frames waited in the gateway that no fault held back."""
+    """Return how long frames waited in the gateway without a delaying fault."""
     told = _json(folder, "gateway.json")
     names = ("wait_p50_us", "wait_p99_us", "wait_max_us")
     values = {name: told.get(name) for name in names}

@@ -1,4 +1,4 @@
-"""Puts frames and truth, which come over different ways, back into the order of their instants."""
+"""Merges frames and truth, which arrive on different ways, in the order of their instants."""
 
 import heapq
 from collections.abc import Iterator
@@ -7,18 +7,18 @@ from typing import Final, Generic, TypeVar
 T = TypeVar("T")
 
 HOLD_NS: Final = 30_000_000
-"""So long everything is held, for something older that is still on its way."""
+"""Time for which items are held, for an older one that is still on its way."""
 
 
 class Merge(Generic[T]):
-    """Held until it is older than `HOLD_NS`; what comes later than that is not put back."""
+    """Holds each item until it is older than `HOLD_NS`; the order of later arrivals is lost."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, T]] = []
         self._number = 0
         self._last_ns: int | None = None
         self.late = 0
-        """Things that came after something younger had been let go; they get its instant."""
+        """Number of items that arrived after a younger one was released; they get its instant."""
 
     def add(self, stamp_ns: int, thing: T) -> None:
         if self._last_ns is not None and stamp_ns < self._last_ns:
@@ -28,11 +28,11 @@ class Merge(Generic[T]):
         heapq.heappush(self._heap, (stamp_ns, self._number, thing))
 
     def due(self, now_ns: int) -> Iterator[tuple[int, T]]:
-        """What is old enough, oldest first; of one instant what was added first."""
+        """Yield the items that are old enough, oldest first; equal instants keep their order."""
         return self._until(now_ns - HOLD_NS)
 
     def rest(self) -> Iterator[tuple[int, T]]:
-        """Everything that is left, when nothing more can come."""
+        """Yield all remaining items when no more can arrive."""
         while self._heap:
             yield self._pop()
 

@@ -1,4 +1,4 @@
-"""What the bench hears of a run: frames from its taps, truth from the plant; logged and judged."""
+"""Receives frames from the taps and truth from the plant; logs them and passes them to monitors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ from plant_emulator.truth import Truth
 CONTROLLER_IDS: Final = frozenset(
     can_id(kind) for kind in kinds() if sender(kind) == Node.VOBC.name
 )
-"""Of its frames, twins left out."""
+"""Identifiers of the controller's frames, without twins."""
 BRAKE_ID: Final = can_id(BrakeCommand)
 STATUS_ID: Final = can_id(VobcStatus)
 NS_PER_S: Final = 1_000_000_000
 
 
 class Monitors(Protocol):
-    """Judge a run while it goes on."""
+    """Monitors that judge a run while it goes on."""
 
     def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None: ...
 
@@ -38,19 +38,19 @@ class Monitors(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ControllerFrame:
-    """A frame of the controller on a segment of its own, before anything could happen to it."""
+    """A frame of the controller on its own segment, before the gateway could change it."""
 
     frame: CanFrame
 
 
 @dataclass(slots=True)
 class SegmentTap:
-    """Listens to one segment and logs all of it."""
+    """Listens to one segment and logs all of its frames."""
 
     port: CanPort
     log: CandumpWriter
     offset_ns: int
-    """Added to a stamp it gives nanoseconds since 1970."""
+    """Offset from a stamp to nanoseconds since 1970."""
     frames: int = 0
     bits: int = 0
 
@@ -76,7 +76,7 @@ class SegmentTap:
 
 
 class RunObserver:
-    """Hands on what it hears in the order of the instants, counted from the start of the run."""
+    """Passes everything on in the order of its instants, counted from the start of the run."""
 
     def __init__(
         self,
@@ -87,12 +87,15 @@ class RunObserver:
         cycle_id: int,
         on_cycle: Callable[[int], None],
     ) -> None:
-        """Args:
-        train: of the segment that the train hears; what is hashed, and heard by its units.
-        controller: of the segment on which the controller speaks; the same without a gateway.
-            With one, what the controller says is judged here.
-        cycle_id: of the frame by which a control cycle is known.
-        on_cycle: told the instant at which one was heard.
+        """Connect taps and monitors.
+
+        Args:
+            train: tap of the train's segment; its frames are hashed, and the train's units receive
+                them.
+            controller: tap of the controller's segment; the same one without a gateway. With a
+                gateway, frames sent by the controller are judged here.
+            cycle_id: identifier of the frame that marks a control cycle.
+            on_cycle: receives the instant of each such frame.
         """
         self.train, self.controller = train, controller
         self.chain = FrameHash()
@@ -102,19 +105,19 @@ class RunObserver:
         self.status: VobcStatus | None = None
         self.position: VobcPosition | None = None
         self.origin_ns: int | None = None
-        """The start of the run on the machine's clock; nothing from before it is judged."""
+        """Start of the run on the machine's clock; earlier frames are not judged."""
         self.controller_last_ns: int | None = None
         self.starts_ns: list[int] = []
-        """When each start of the controller was first heard."""
+        """Instant of the first frame after each start of the controller."""
         self._start_awaited = True
         self._over = False
 
     def await_start(self) -> None:
-        """The controller was started again; nothing is under way of what it said before."""
+        """Expect the first frame of a restarted controller; no earlier frame is on its way."""
         self._start_awaited = True
 
     def frames(self, now_ns: int) -> None:
-        """Take what came on the wires."""
+        """Take the frames that have arrived."""
         split = self.train is not self.controller
         for frame in self.controller.take(now_ns):
             if frame.can_id in CONTROLLER_IDS and _is_common(frame):
@@ -128,13 +131,13 @@ class RunObserver:
                 self._merge.add(frame.stamp_ns, frame)
 
     def truth(self, truth: Truth, stamp_ns: int) -> None:
-        """Take one sample; the first tells when the run began."""
+        """Take one sample of truth; the first one defines the start of the run."""
         if self.origin_ns is None:
             self.origin_ns = stamp_ns - round(truth.t_s * NS_PER_S)
         self._merge.add(stamp_ns, truth)
 
     def judge(self, now_ns: int) -> None:
-        """Hand on what is old enough to be in order."""
+        """Pass on the items that are old enough to be in order."""
         origin_ns = self.origin_ns
         if origin_ns is None or self._over:
             return
@@ -142,7 +145,7 @@ class RunObserver:
             self._hand_on(stamp_ns - origin_ns, thing)
 
     def finish(self) -> None:
-        """The case is over: hand on the rest. What is heard from now on is logged, not judged."""
+        """Pass on the rest at the end of the case. Later frames are logged, but not judged."""
         if self.origin_ns is not None:
             for stamp_ns, thing in self._merge.rest():
                 self._hand_on(stamp_ns - self.origin_ns, thing)
@@ -150,7 +153,7 @@ class RunObserver:
 
     @property
     def controller_heard(self) -> bool:
-        """Ever, since the bench began to listen."""
+        """Whether the controller has sent a frame since the bench began to listen."""
         return bool(self.starts_ns)
 
     @property
@@ -186,5 +189,5 @@ class RunObserver:
 
 
 def _is_common(frame: CanFrame) -> bool:
-    """What nodes of a train send: 11-bit data frames."""
+    """Tell whether a node of a train can have sent the frame: an 11-bit data frame."""
     return not (frame.extended or frame.remote or frame.error)

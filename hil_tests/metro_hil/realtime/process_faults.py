@@ -1,10 +1,9 @@
-"""Faults of the controller's process, brought about with the signals that the kernel has for them.
+"""Applies faults of the controller's process with the signals of the kernel.
 
-A slow cycle is a process that stands still for so long after every cycle's commands were heard on
-the bus. The next cycle then begins late and those that fell due meanwhile slip, as with a program
-that takes too long; only the decision itself is fresher than it would be. The clock of a process
-cannot be set from outside (a time namespace is fixed before its first process), so a step of it is
-refused.
+A slow cycle stops the process for some time after the commands of every cycle arrived on the bus.
+The next cycle then begins late, and the cycles due meanwhile slip, as with a program that takes too
+long. Only the decision itself is fresher than it would be. The clock of a process cannot be set
+from outside: a time namespace is fixed before its first process. So a clock step is refused.
 """
 
 from collections import Counter
@@ -23,11 +22,11 @@ from plant_emulator.faults.plan import FaultPlan
 
 NS_PER_S: Final = 1_000_000_000
 SETTLE_NS: Final = 2_000_000_000
-"""So long after a fault of the process what it does is put down to the fault."""
+"""Time after a fault of the process in which its effects are attributed to the fault."""
 
 
 class ControllerHandle(Protocol):
-    """What can be done to the process."""
+    """What faults can do to the process."""
 
     def start(self) -> None: ...
 
@@ -42,7 +41,7 @@ class ControllerHandle(Protocol):
 
 
 def refuse_impossible(faults: Sequence[FaultPlan], *, controller_ours: bool) -> None:
-    """Raises Blocked for faults of the process that cannot be brought about here."""
+    """Raise Blocked for faults of the process that the bench cannot apply."""
     for plan in faults:
         if isinstance(plan.parameters, ClockStep):
             raise Blocked(
@@ -55,13 +54,13 @@ def refuse_impossible(faults: Sequence[FaultPlan], *, controller_ours: bool) -> 
             )
         if plan.kind.place is FaultPlace.PROCESS and not controller_ours:
             raise Blocked(
-                f"{plan.kind.name}: the controller is no process of this bench's; its process "
+                f"{plan.kind.name}: the bench did not start the controller, so its process "
                 "cannot be touched"
             )
 
 
 class ProcessFaults:
-    """Which faults of the process act now, and what is done to it for them."""
+    """The faults of the process that are active, and their effects on it."""
 
     def __init__(self, controller: ControllerHandle) -> None:
         self._controller = controller
@@ -71,15 +70,15 @@ class ProcessFaults:
         self._resume_ns: int | None = None
         self._touched_ns: int | None = None
         self.started_ns: int | None = None
-        """When it was last started again."""
+        """Instant of its last restart."""
         self.touched: Counter[int] = Counter()
-        """By index of the fault: how often the process was ended or held up for it."""
+        """How often each fault ended or delayed the process, by index of the fault."""
         self.for_good = False
-        """It was killed by a fault without an end."""
+        """Whether a fault without an end killed the process."""
 
     @property
     def slow(self) -> bool:
-        """Each cycle has to be told by `cycle_heard`, soon."""
+        """Whether `cycle_heard` has to be called soon after each cycle."""
         return bool(self._slowers)
 
     @property
@@ -87,7 +86,7 @@ class ProcessFaults:
         return self._resume_ns
 
     def acting(self, now_ns: int) -> bool:
-        """A fault of the process acts, or did a moment ago."""
+        """Tell whether a fault of the process acts, or did a moment ago."""
         if self._killers or self._pausers or self._slowers:
             return True
         return self._touched_ns is not None and now_ns - self._touched_ns <= SETTLE_NS
@@ -97,7 +96,7 @@ class ProcessFaults:
         return bool(self._killers)
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """A fault begins or ends; others than those of the process are passed over."""
+        """Begin or end a fault; faults of other places are ignored."""
         parameters, index = plan.parameters, plan.index
         if plan.kind.place is not FaultPlace.PROCESS:
             return
@@ -118,7 +117,7 @@ class ProcessFaults:
                 self._slowers.pop(index, None)
 
     def cycle_heard(self, now_ns: int) -> None:
-        """The controller has just sent what a cycle decided."""
+        """Note that the controller has just sent the commands of a cycle."""
         if self._slowers and self._resume_ns is None and not self._killers:
             self._controller.pause()
             self.touched.update(index for index, extra_s in self._slowers.items() if extra_s > 0.0)

@@ -24,21 +24,21 @@ _numbers = itertools.count()
 
 @dataclass(frozen=True, slots=True)
 class Segments:
-    """Where the devices of a case are connected."""
+    """The segments that connect the devices of a case."""
 
     controller: str
     train: str
-    """The same as `controller` where no gateway lies between."""
+    """The same as `controller` if no gateway lies between."""
     own: bool
-    """Made for this case: nobody else can be there."""
+    """Whether the segments were made for this case, so that no other device can be there."""
     virtual: bool
-    """No train can hang on the train's segment."""
+    """Whether the train's segment is virtual, so that no real train can be connected to it."""
     meeting: Path
     """A private folder of this case for the sockets of its processes."""
     hubs: tuple[int, ...] = ()
     """Process ids of the buses that were made for this case."""
     folders: tuple[Path, ...] = ()
-    """Made for this case, to be removed with it."""
+    """Folders that were made for this case and are removed with it."""
 
     @property
     def split(self) -> bool:
@@ -48,8 +48,10 @@ class Segments:
 def make_segments(
     bench: BenchKind, wires: RealtimeWires, *, gateway: bool, stack: ExitStack
 ) -> Segments:
-    """Args:
-        gateway: the case has faults of the bus, so that controller and train are kept apart.
+    """Make or open the segments of a case.
+
+    Args:
+        gateway: the case has bus faults, so that controller and train are kept apart.
 
     Raises Blocked or BusError.
     """
@@ -81,14 +83,14 @@ def make_segments(
 
 
 def _meeting_name(stack: ExitStack) -> str:
-    """Unique on this machine while this process lives: its number and a count."""
+    """Return a name that is unique on this machine while this process lives."""
     for _ in range(NAME_TRIES):
         name = f"h{os.getpid():x}-{next(_numbers) % 0xFFFF:x}"
         folder = rendezvous.bench_dir(name)
         if not any(folder.iterdir()):
             stack.callback(shutil.rmtree, folder, ignore_errors=True)
             return name
-    raise BusError(f"{folder}: left over from another run, as its neighbours are; remove it")
+    raise BusError(f"{folder}: left over from an earlier run, as similar folders are; remove it")
 
 
 def _own_hub(name: str, stack: ExitStack, hubs: list[HubHandle]) -> str:
@@ -102,7 +104,7 @@ def _own_hub(name: str, stack: ExitStack, hubs: list[HubHandle]) -> str:
 def open_taps(
     segments: Segments, folder: RunFolder, clock: Clock, stack: ExitStack
 ) -> tuple[SegmentTap, SegmentTap]:
-    """Of the controller's and of the train's segment; the same where they are one.
+    """Open the taps of the controller's and the train's segment; one tap if they are the same.
 
     Raises BusError or RecorderError.
     """

@@ -1,4 +1,4 @@
-"""Sets up a case in real time: buses, gateway, plant and controller, each heard before the run."""
+"""Sets up a case in real time: buses, gateway, plant and controller."""
 
 import os
 from collections.abc import Callable
@@ -37,7 +37,8 @@ from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 
 LISTEN_S: Final = 1.2
-"""Every node of a train and the controller say something within a second."""
+"""Listening time before the start; every node of a train and the controller sends within a
+second."""
 POLL_NS: Final = 20_000_000
 GATEWAY_START_S: Final = 20.0
 NODE_OF: Final = {can_id(kind): Node[sender(kind)] for kind in kinds()}
@@ -46,7 +47,7 @@ NS_PER_S: Final = 1_000_000_000
 
 @dataclass(slots=True)
 class PreparedCase:
-    """Everything of a case that is there before it begins."""
+    """Everything of a case that exists before it begins."""
 
     segments: Segments
     parts: Parts
@@ -54,11 +55,11 @@ class PreparedCase:
     controller_tap: SegmentTap
     train_tap: SegmentTap
     feed: FeedSocket | None
-    """None where the train is not ours: then nobody knows the truth."""
+    """None if the bench does not emulate the train: then the truth is unknown."""
     gateway: Process | None
     gateway_control: Path
     start_plant: Callable[[], Process]
-    """Starts the train, each time with a radio of its own."""
+    """Starts the train, each time with a new radio."""
     start_controller: Callable[[], ControllerActor]
 
 
@@ -72,7 +73,7 @@ def set_stage(
     clock: Clock,
     stack: ExitStack,
 ) -> PreparedCase:
-    """Raises Blocked, BusError, RecorderError or OSError when the case cannot come about."""
+    """Prepare a case. Raises Blocked, BusError, RecorderError or OSError if that is impossible."""
     with_gateway = needs_gateway(made.faults)
     segments = make_segments(case.bench, wires, gateway=with_gateway, stack=stack)
     cast = CaseProcesses(folder.path, segments.folders)
@@ -106,7 +107,7 @@ def set_stage(
 
 
 def refuse_without_truth(faults: tuple[FaultPlan, ...], *, plant_ours: bool) -> None:
-    """Raises Blocked for faults that need an emulated train, or its truth to begin and end."""
+    """Raise Blocked for faults that need an emulated train, or its truth to begin and end."""
     if plant_ours:
         return
     for plan in faults:
@@ -117,7 +118,7 @@ def refuse_without_truth(faults: tuple[FaultPlan, ...], *, plant_ours: bool) -> 
             )
         if plan.window.when or plan.window.until:
             raise Blocked(
-                f"{plan.kind.name}: its condition needs the truth, which nobody knows of this "
+                f"{plan.kind.name}: its condition needs the truth, which is unknown for this "
                 "train; give start_s and duration_s instead"
             )
 
@@ -140,7 +141,7 @@ def _parts(
     )
     if parts.plant and parts.controller and wires.tags != AUTO:
         raise Blocked(
-            f"tags: {wires.tags}: with train and controller both the bench's own there is no line "
+            f"tags: {wires.tags}: the bench starts both train and controller, so there is no line "
             "between them; leave it out"
         )
     if (
@@ -149,7 +150,7 @@ def _parts(
         and case.controller.kind != ("shipped")
     ):
         raise Blocked(
-            f"controller.kind: {case.controller.kind!r} cannot be started: a controller is there"
+            f"controller.kind: {case.controller.kind!r} cannot be started: one already runs"
         )
     return parts
 
@@ -185,7 +186,7 @@ def _start_gateway(
 
 
 class _Links:
-    """Starts train and controller with the wires that lead from one to the other."""
+    """Starts train and controller with the wires that connect them."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What can be judged of a train of which nobody knows the truth: what is said on the bus."""
+"""Judges a train without truth by its bus frames alone."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
@@ -9,12 +9,12 @@ from metro_hil.monitors.stl import Formula
 from metro_hil.monitors.vocabulary import BOOLEANS, NAMES, SIGNALS, Origin
 
 KNOWN: Final = frozenset(signal.name for signal in SIGNALS if signal.origin is Origin.BUS) | {"t_s"}
-"""Signals that are the same with and without the truth."""
-DETAIL: Final = "needs the truth, which nobody knows of this train"
+"""Signals that are the same with and without truth."""
+DETAIL: Final = "needs the truth, which is unknown for this train"
 
 
 def needs_truth(plan: MonitorPlan) -> bool:
-    """A measure does not: one that nobody took is inconclusive by itself."""
+    """Tell whether a monitor needs truth; without truth a measure is inconclusive by itself."""
     if plan.kind is MonitorKind.INVARIANT:
         return True
     if plan.kind is MonitorKind.STL:
@@ -25,7 +25,7 @@ def needs_truth(plan: MonitorPlan) -> bool:
 def with_unjudged(
     plans: Sequence[MonitorPlan], judged: Iterable[MonitorResult]
 ) -> tuple[MonitorResult, ...]:
-    """In the order of the plans; what was not judged is inconclusive."""
+    """Return the results in the order of the plans; what was not judged is inconclusive."""
     known: Mapping[str, MonitorResult] = {result.name: result for result in judged}
     return tuple(known.get(plan.name) or _unjudged(plan) for plan in plans)
 

@@ -1,4 +1,4 @@
-"""Determines which nodes receive a message, as the radio's key expressions do."""
+"""Routing of messages between the simulated nodes."""
 
 from collections.abc import Sequence
 

@@ -1,1 +1,1 @@
-"""A gateway between two bus segments that brings about the faults of the bus, on real CAN too."""
+"""A gateway between two bus segments that applies bus faults, on real CAN as well."""

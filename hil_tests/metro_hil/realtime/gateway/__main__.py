@@ -1,4 +1,4 @@
-"""Makes `python -m metro_hil.realtime.gateway` the gateway."""
+"""Makes `python -m metro_hil.realtime.gateway` start the gateway."""
 
 import sys
 

@@ -32,14 +32,14 @@ WINDOW_NS: Final = 1_000_000_000
 NS_PER_S: Final = 1_000_000_000
 COLUMNS: Final = ("t_s", "wait_max_us", "to_train", "to_vobc")
 
-DESCRIPTION: Final = "Joins two bus segments and brings about faults of the bus between them."
+DESCRIPTION: Final = "Joins two bus segments and applies bus faults between them."
 EPILOG: Final = """\
 exit codes: 0 ended by SIGTERM or Ctrl-C; 2 wrong usage or faults; 3 a bus or a folder missing
 """
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     top = argparse.ArgumentParser(
         prog="python -m metro_hil.realtime.gateway",
         description=DESCRIPTION,
@@ -49,18 +49,20 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--a", required=True, metavar="SPEC", help="the controller's segment")
     top.add_argument("--b", required=True, metavar="SPEC", help="the train's segment")
     top.add_argument("--faults", metavar="FILE", help="a scenario's [[fault]] tables")
-    top.add_argument("--seed", type=int, default=1, help="of all draws; default: 1")
+    top.add_argument("--seed", type=int, default=1, help="seed of all random values; default: 1")
     top.add_argument(
-        "--feed", metavar="PATH", help="make a Unix datagram socket there that is told of faults"
+        "--feed",
+        metavar="PATH",
+        help="create a Unix datagram socket there that receives fault changes",
     )
     top.add_argument("--out", metavar="FOLDER", help="for gateway.csv and gateway.json")
-    top.add_argument("--priority", type=int, default=0, help="of SCHED_FIFO; 0: none")
+    top.add_argument("--priority", type=int, default=0, help="SCHED_FIFO priority; 0: none")
     top.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
     return top
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Whatever the user got wrong is one line, never a traceback."""
+    """Run the gateway; every error of the user becomes one line, never a traceback."""
     require_assertions("gateway")
     options = parser().parse_args(argv)
     if options.parent is not None:
@@ -75,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _faults(name: str | None) -> tuple[FaultPlan, ...]:
-    """Those of the bus; raises SettingsError."""
+    """Read the faults of the bus. Raises SettingsError."""
     if name is None:
         return ()
     tables = parse(Path(name)).get("fault", [])
@@ -100,7 +102,7 @@ def _serve(options: argparse.Namespace, faults: Sequence[FaultPlan]) -> int:
             enter_realtime(options.priority)
         feed = None
         if options.feed is not None:
-            # The last thing: whoever waits for this path may take the gateway for ready.
+            # Create the socket last: its path tells waiting processes that the gateway is ready.
             feed = FeedSocket(Path(options.feed), clock)
             stack.callback(feed.close)
         forwarding = Forwarding(a, b, core)
@@ -116,7 +118,7 @@ def _serve(options: argparse.Namespace, faults: Sequence[FaultPlan]) -> int:
 
 
 class _Loop:
-    """Waits for frames, for what is due, and for news of faults."""
+    """Waits for frames, for due frames and for changes of faults."""
 
     def __init__(
         self,
@@ -130,7 +132,7 @@ class _Loop:
         *,
         still: bool,
     ) -> None:
-        """`still`: no garbage is collected but by this loop."""
+        """`still`: only this loop collects garbage."""
         self._still = still
         self._forwarding, self._core, self._feed, self._log = forwarding, core, feed, log
         self._plans = {plan.index: plan for plan in plans}

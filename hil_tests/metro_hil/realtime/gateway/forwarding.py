@@ -1,7 +1,7 @@
-"""Frames from one segment to the other, through the faults of the bus that act now.
+"""Forwards frames between two segments through the bus faults that are active.
 
-The gateway stands between the controller on segment A and the train on segment B. What comes in on
-one side goes out on the other in the order of its arrival, unless a fault says otherwise.
+The gateway stands between the controller on segment A and the train on segment B. Frames of one
+side leave on the other in the order of their arrival, unless a fault changes that.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,24 +15,26 @@ NS_PER_US: Final = 1_000
 
 
 class Faults(Protocol):
-    """The faults of the bus, without a bus: frames go in, and come out when they are due."""
+    """The bus faults, without a bus: frames go in, and come out when they are due."""
 
     def offer(self, now_ns: int, way: FrameDirection, can_id: int, data: bytes) -> None: ...
 
     def take(self, now_ns: int, way: FrameDirection) -> Sequence[tuple[int, int, bytes]]:
-        """Instant at which it is due, identifier, data."""
+        """Return due instant, identifier and data of each frame."""
         ...
 
     def next_due_ns(self) -> int | None: ...
 
 
 class Forwarding:
-    """Moves what is there; never waits."""
+    """Forwards the frames that have arrived; never waits."""
 
     def __init__(self, a: CanPort, b: CanPort, faults: Faults) -> None:
-        """Args:
-        a: the controller's segment.
-        b: the train's.
+        """Join the two segments.
+
+        Args:
+            a: the controller's segment.
+            b: the train's segment.
         """
         self._sources: Mapping[FrameDirection, CanPort] = {
             FrameDirection.TO_TRAIN: a,
@@ -45,19 +47,20 @@ class Forwarding:
         self._faults = faults
         self.came = {FrameDirection.TO_TRAIN: 0, FrameDirection.TO_VOBC: 0}
         self.sent = {FrameDirection.TO_TRAIN: 0, FrameDirection.TO_VOBC: 0}
-        """More than came, or less, is the faults' doing."""
+        """Frames sent; a difference to the frames received comes from faults."""
         self.uncommon = 0
-        """Extended, remote and error frames, which no node of a train sends: not passed on."""
+        """Extended, remote and error frames, which no node of a train sends; they are not
+        forwarded."""
         self.wait_us = Histogram()
-        """From the instant at which a frame is due on the other side, which is its own where no
-        fault delays it, to its being sent."""
+        """Time from the instant at which a frame is due on the other side until it is sent. Without
+        a delaying fault a frame is due on its arrival."""
         self._longest_ns = 0
         self._offered_ns = 0
 
     def step(self, now_ns: int) -> None:
-        """Take what came on both sides, and send what is due."""
+        """Receive frames on both sides, and send those that are due."""
         for way, frame in self._arrivals(now_ns):
-            # Stamps of two segments need not rise together; the faults' time never runs back.
+            # Stamps of two segments may not rise together; the time of the faults never goes back.
             self._offered_ns = max(self._offered_ns, min(frame.stamp_ns, now_ns))
             self._faults.offer(self._offered_ns, way, frame.can_id, frame.data)
         self._offered_ns = max(self._offered_ns, now_ns)
@@ -84,7 +87,7 @@ class Forwarding:
         self._longest_ns = max(self._longest_ns, wait_ns)
 
     def longest_wait_us(self) -> float:
-        """Since the last call."""
+        """Return the longest wait since the last call."""
         longest_ns, self._longest_ns = self._longest_ns, 0
         return longest_ns / NS_PER_US
 
@@ -98,7 +101,7 @@ class Forwarding:
         return all(getattr(port, "alive", True) for port in self._sources.values())
 
     def summary(self) -> dict[str, int]:
-        """Counts, and how long frames waited beyond what a fault held them back."""
+        """Return frame counts, and how long frames waited beyond any delay by a fault."""
         ports = self._sources.values()
         return {
             **{f"came_{way.value}": count for way, count in self.came.items()},

@@ -122,4 +122,4 @@ def test_what_lets_a_train_go_is_told_for_its_very_line(words: list[str], where:
     }
     said = hints_of(parse(["run", "--train", "T3", *words]))(picture)
 
-    assert said == [f"waits for the centre: `vobc emergency-brake T3 --end{where}` lets go"]
+    assert said == [f"waits for the centre: `vobc emergency-brake T3 --end{where}` releases the train"]

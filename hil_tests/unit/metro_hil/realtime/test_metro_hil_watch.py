@@ -145,7 +145,7 @@ def test_one_that_the_centre_of_its_line_may_let_go_waits_for_it_and_says_so(
     bench = Bench(tmp_path, STATUS, replace(MODE, cause=cause), HINTS)
 
     assert bench.run(unattended=True, centre=True) == (DURATION, 100.0)
-    words = "waits for the centre: `vobc emergency-brake T3 --end` lets go"
+    words = "waits for the centre: `vobc emergency-brake T3 --end` releases the train"
     assert words in bench.printed.getvalue()
 
 

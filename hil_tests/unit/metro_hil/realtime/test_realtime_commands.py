@@ -90,7 +90,7 @@ def test_another_version_is_the_same_program_found_elsewhere(tmp_path: Path) -> 
 
 
 def test_a_checkout_that_is_none_blocks_the_case(tmp_path: Path) -> None:
-    with pytest.raises(Blocked, match="no checkout"):
+    with pytest.raises(Blocked, match="is not a checkout"):
         start_of(ControllerSpec(kind="checkout", path=str(tmp_path)))
 
 

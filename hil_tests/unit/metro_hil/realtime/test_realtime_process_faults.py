@@ -109,7 +109,7 @@ def test_a_step_of_the_clock_is_refused_with_the_reason() -> None:
 
 
 def test_a_process_that_is_not_ours_is_not_touched() -> None:
-    with pytest.raises(Blocked, match="no process of this bench"):
+    with pytest.raises(Blocked, match="did not start the controller"):
         refuse_impossible([plan_of("controller_paused")], controller_ours=False)
 
 
