@@ -32,7 +32,10 @@ from vobc.cli import parser as vobc_parser
         (["--lockstep", "--radio", "tcp/127.0.0.1:7447"], "--radio: not with --lockstep"),
         (["--driver", "late", "--desk-recording", "x.desk"], "not together with --driver"),
         (["--desk", "none", "--driver", "late"], "--driver: the plant has no desk"),
-        (["--desk", "external", "--desk-recording", "x"], "--desk-recording: the plant has no desk"),
+        (
+            ["--desk", "external", "--desk-recording", "x"],
+            "--desk-recording: the plant has no desk",
+        ),
         (["--driver", "asleep"], "invalid choice"),
         (["--desk", "crew"], "invalid choice"),
         (["--line-peer"], "--line-peer: needs --train"),
@@ -122,4 +125,5 @@ def test_what_lets_a_train_go_is_told_for_its_very_line(words: list[str], where:
     }
     said = hints_of(parse(["run", "--train", "T3", *words]))(picture)
 
-    assert said == [f"waits for the centre: `vobc emergency-brake T3 --end{where}` releases the train"]
+    release = f"`vobc emergency-brake T3 --end{where}` releases the train"
+    assert said == [f"waits for the centre: {release}"]
