@@ -136,7 +136,7 @@ def test_figures_are_those_that_were_kept() -> None:
         "| 98.8 % [93.5 %] | 95.0 | 0.79, – | –, –, 0.67 |",
     ):
         assert words in row
-    assert "None was taken over yet" in page()
+    assert "None is stored yet" in page()
 
 
 @pytest.mark.parametrize(
@@ -155,12 +155,16 @@ def test_figures_are_those_that_were_kept() -> None:
             "motion.pit:",
             "equation 1: code 'vobc.ato.motion.pit:Pid.step': No module named",
         ),
-        ('to = "control"', 'to = "kontrol"', "link 1: to 'kontrol' is no block's id"),
-        ('id = "control"', 'id = "profile"', "block 2: id 'profile' is no name, or there twice"),
+        ('to = "control"', 'to = "kontrol"', "link 1: to 'kontrol' is not the id of a block"),
+        (
+            'id = "control"',
+            'id = "profile"',
+            "block 2: id 'profile' is not a name, or is defined twice",
+        ),
         (
             ":PidGains",
             ":MAX_DEAD_TIMES",
-            "settings 2 'vobc.ato.settings.ato:MAX_DEAD_TIMES' is no class",
+            "settings 2 'vobc.ato.settings.ato:MAX_DEAD_TIMES' is not a class",
         ),
         ("[[remark]]", "[[remrk]]", "unknown key remrk"),
     ],

@@ -188,5 +188,5 @@ def test_another_package_under_the_pinned_version_is_refused(
 
 
 def test_a_mirror_that_cannot_be_reached_is_said(mirror: Mirror) -> None:
-    with pytest.raises(NoKernelError, match="apt-get update failed; is a mirror reached"):
+    with pytest.raises(NoKernelError, match="apt-get update failed; is a mirror reachable"):
         mirror.apt.with_sources(f"deb [trusted=yes] file:{mirror.folder}/nowhere sid main\n")

@@ -1,4 +1,4 @@
-"""A headless Chromium that tests and benches drive: pages, keys, pointer, screenshots."""
+"""A headless Chromium for tests and benchmarks: pages, keys, pointer, screenshots."""
 
 import base64
 import json
@@ -30,16 +30,19 @@ FLAGS: Final = (
 
 
 def browser_path() -> str | None:
-    """The first browser there is."""
+    """Return the path of the first browser found; None if none is installed."""
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
 class BrowserError(Exception):
-    """The browser refused or did not answer."""
+    """The browser refused a call or did not answer."""
 
 
 class Browser:
-    """One page. Speaks DevTools over two pipes, so that no port is opened and no library needed."""
+    """One page in a browser.
+
+    It uses DevTools over two pipes, so it needs no port and no library.
+    """
 
     def __init__(self, *, width: int = 1440, height: int = 900) -> None:
         path = browser_path()
@@ -49,7 +52,8 @@ class Browser:
         self._from, from_write = os.pipe()
 
         def ends() -> None:
-            # DevTools wants to read from 3 and write to 4; neither may be overwritten on the way.
+            # DevTools reads from descriptor 3 and writes to 4; neither may be overwritten before it
+            # is set.
             low, high = os.dup(to_read), os.dup(from_write)
             high_low, high_high = os.dup2(low, 60), os.dup2(high, 61)
             os.dup2(high_low, 3)
@@ -104,7 +108,7 @@ class Browser:
         self._profile.cleanup()
 
     def call(self, method: str, **parameters: Any) -> Any:
-        """One call of DevTools, and its result. Raises BrowserError."""
+        """Call a DevTools method and return its result. Raises BrowserError."""
         self._number += 1
         message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
         if self._session is not None:
@@ -141,12 +145,15 @@ class Browser:
             self.asked.append(told["request"]["url"])
 
     def open(self, address: str, ready: str = "document.documentElement.dataset.ready") -> None:
-        """Load a page and wait until the expression is true in it."""
+        """Load a page and wait until the expression `ready` is true in it."""
         self.call("Page.navigate", url=address)
         self.wait(ready)
 
     def run(self, script: str) -> Any:
-        """The value of an expression in the page; promises are waited for. Raises BrowserError."""
+        """Evaluate an expression in the page, wait for promises, and return its value.
+
+        Raises BrowserError.
+        """
         got = self.call(
             "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
         )
@@ -155,7 +162,7 @@ class Browser:
         return got["result"].get("value")
 
     def wait(self, script: str) -> Any:
-        """Until an expression is true, looked at often; its value. Raises BrowserError."""
+        """Poll an expression until it is true, and return its value. Raises BrowserError."""
         return self.run(
             f"""new Promise((done, failed) => {{
               const end = performance.now() + {PATIENCE_S * 1000};
@@ -171,7 +178,7 @@ class Browser:
         )
 
     def settle(self) -> None:
-        """Until what was asked for has been drawn."""
+        """Wait until the page has drawn all pending changes."""
         self.run("new Promise(done => requestAnimationFrame(() => setTimeout(done, 30)))")
 
     def key(self, key: str, *, shift: bool = False) -> None:
@@ -196,7 +203,7 @@ class Browser:
         self.drag([(x, y)])
 
     def drag(self, points: list[tuple[float, float]], *, shift: bool = False) -> None:
-        """Press at the first point, move along the others, let go at the last."""
+        """Press at the first point, move along the others, and release at the last."""
         more: dict[str, Any] = {"button": "left", "modifiers": 8 if shift else 0}
         self.mouse("mouseMoved", *points[0])
         self.mouse("mousePressed", *points[0], clickCount=1, buttons=1, **more)
@@ -210,7 +217,7 @@ class Browser:
         self.settle()
 
     def box(self, selector: str) -> tuple[float, float, float, float]:
-        """Left, top, width and height of an element."""
+        """Return left, top, width and height of an element."""
         got = self.run(
             f"(b => [b.left, b.top, b.width, b.height])"
             f"(document.querySelector({json.dumps(selector)}).getBoundingClientRect())"

@@ -9,18 +9,18 @@ from metro_tools.vcan_plan import KernelLink
 
 @dataclass(frozen=True, slots=True)
 class BusRow:
-    """One bus as `vcan status` shows it; None where a kind of bus does not tell."""
+    """One bus as `vcan status` shows it; None for values that a kind of bus does not report."""
 
     name: str
     kind: str
     up: bool
     bus: str
-    """What to give to --bus."""
+    """Value for the option --bus."""
     frames: int
     dropped: int
     clients: list[str] | None
     made_by_vcan: bool
-    """`vcan down` removes it."""
+    """`vcan down` may remove the bus."""
 
 
 def link_row(link: KernelLink) -> BusRow:
@@ -50,7 +50,7 @@ def hub_row(hub: HubStatus) -> BusRow:
 
 
 def table(rows: Sequence[BusRow]) -> str:
-    """The rows for people, a line each."""
+    """Format the rows as a table, one line each."""
     cells = [("name", "kind", "state", "frames", "dropped", "clients", "use --bus")]
     for row in rows:
         clients = "-" if row.clients is None else ",".join(row.clients) or "none"

@@ -1,10 +1,11 @@
-"""Compiles the hot modules with mypyc into a copy of the packages: the same bytes, faster.
+"""Compiles the hot modules with mypyc into a copy of the packages, which gives the same results
+faster.
 
-The sources stay plain Python and stay what is run by default: a compiled module that lies beside
-its source would go on being imported after the source was changed. So the copy has a folder and
-commands of its own, and is made anew by each call. It needs a C compiler and Python's headers. All
-that is compiled besides the sources is the constructors of dataclasses and the packing functions of
-frames, written out, and the types of fields, by which settings are read.
+The sources stay plain Python and run by default. A compiled module beside its source would still be
+imported after the source has changed. So the copy has its own folder and commands, and each call
+creates it from scratch. It needs a C compiler and Python's headers. Besides the sources, the copy
+contains generated constructors of dataclasses, generated packing functions of frames, and the field
+types from which settings are read.
 """
 
 import argparse
@@ -42,8 +43,8 @@ FRAMES: Final = (
     *("can_dbc/doors.py", "can_dbc/energy.py", "can_dbc/odometer.py", "can_dbc/tags.py"),
     *("can_dbc/traction.py", "can_dbc/vobc.py"),
 )
-"""Modules whose frame classes are compiled, with their packing functions written out beside them;
-the classes of `diagnostics` are made while it is imported."""
+"""Modules whose frame classes are compiled together with generated packing functions. The classes
+of `diagnostics` are created during import and cannot be compiled."""
 WRITTEN: Final = "can_dbc/written_packing.py"
 HOT: Final = (
     *FRAMES,
@@ -111,7 +112,7 @@ HOT: Final = (
     "vobc/wire/*.py",
     "zenoh_config/*.py",
 )
-"""What a profile shows."""
+"""Modules that take most of the time in a profile."""
 SIMULATOR: Final = (
     "firmware_py/trackdb/*.py",
     "metro_hil/simulation/*.py",
@@ -120,7 +121,7 @@ SIMULATOR: Final = (
     "vobc/train_to_train/*.py",
     "zenoh_config/*.py",
 )
-"""What of it `hil simulate` spends its time in."""
+"""Modules in which `hil simulate` spends its time."""
 LEFT_OUT: Final = (
     *("/__init__.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
     *(f"zenoh_config/{name}.py" for name in ("bodies", "t2t_types")),
@@ -130,9 +131,9 @@ LEFT_OUT: Final = (
     ),
     "simulation/simulate.py",
 )
-"""Ends of the paths of modules that stay as they are: they start processes, are seldom run, or hold
-classes that others inherit from, whose constructors cannot be written out. Of the generic dataclass
-in `t2t_vocabulary` mypyc makes what cannot be imported."""
+"""Path endings of modules that are not compiled. They start processes, are seldom run, or define
+base classes whose constructors cannot be generated. The generic dataclass in `t2t_vocabulary` does
+not import when mypyc has compiled it."""
 RECORDS: Final = (
     "metro_hil/simulation/",
     "plant_emulator/power/",
@@ -141,8 +142,8 @@ RECORDS: Final = (
     "vobc/atp/",
     "vobc/train_to_train/",
 )
-"""In these folders classes of named tuples become native ones; elsewhere they are packed as tuples,
-or asked for the names of their fields."""
+"""Folders in which named tuples become native classes. Elsewhere they are packed as tuples, or
+their field names are read."""
 TUPLES: Final = (
     *(
         "AreaMemory",
@@ -156,7 +157,8 @@ TUPLES: Final = (
     ),
     *("_Answers", "_Four", "_Phase", "_Piece", "_Step"),
 )
-"""But for these, which are unpacked, sorted or counted there; mypyc refuses any other that is."""
+"""Named tuples that stay tuples, because code unpacks, sorts or counts them; mypyc rejects any
+other such use."""
 COMMANDS: Final = {
     "vobc": "metro_hil.cli.entry",
     "plant": "plant_emulator.entry",
@@ -166,15 +168,15 @@ COMMANDS: Final = {
 HEADS: Final = "zenoh_config/t2t.py"
 """The module of the dataclass that all kinds of messages inherit from."""
 FLAGS: Final = "-w -fvisibility=hidden -fno-semantic-interposition -ffp-contract=off"
-"""To look for warnings in generated C takes the compiler several times as long as all the rest. And
-what nobody outside the library can call is called directly or put in line: a fifth less time.
-Products are rounded before anything is added to them, as the interpreter does, on processors that
-could do both at once, too."""
+"""Flags for the C compiler. Warnings are off, because checking generated C for them takes several
+times as long as compiling. Functions that are not visible outside the library are called directly
+or inlined, which saves a fifth of the time. Products are rounded before additions, as in the
+interpreter, even on processors with fused multiply-add."""
 UNTYPED: Final = "--ignore-missing-imports"
-"""For mypy: libraries without types are no error."""
+"""Option for mypy: libraries without types are not an error."""
 WATCHED: Final = "-fprofile-generate -fprofile-update=single"
 TRAINED: Final = "-fprofile-use -fprofile-partial-training"
-"""For gcc: the first writes down which way programs go when they end, the second goes by it."""
+"""Flags for gcc: the first records a profile when a program ends, the second optimises by it."""
 CASES: Final = """\
 from metro_hil.campaign.builder import Scenario
 from metro_hil.run.dispatch import run_case
@@ -191,7 +193,8 @@ TRAINING: Final = (
     *SEEDS,
     ("-m", "metro_hil.cli.vobc", *RIDE, "--trains", "7", "--ato", "green", "--duration", "60"),
 )
-"""What a copy is trained with: a ride, cases with their monitors, seeds, whole trains on a line."""
+"""Programs that train a copy: a single run, cases with monitors, simulation seeds, whole trains on
+a line."""
 SETUP: Final = """\
 from setuptools import setup
 from mypyc.build import mypycify
@@ -212,23 +215,25 @@ EXIT_ENVIRONMENT: Final = 3
 
 
 class CompileError(Exception):
-    """The copy cannot be made; the text says why."""
+    """The copy cannot be created; the text gives the reason."""
 
 
 class Part(NamedTuple):
-    """Of the programs: what to compile, and what to train it with."""
+    """A part of the programs: the modules to compile and the training runs."""
 
     modules: Sequence[str]
     training: Sequence[Sequence[str]]
 
 
 def part_of(*, simulator: bool) -> Part:
-    """The simulator of lines alone, or all that is hot."""
+    """Return the part for the line simulator alone, or that with all hot modules."""
     return Part(SIMULATOR, SEEDS) if simulator else Part(HOT, TRAINING)
 
 
 def hot_modules(root: Path, patterns: Sequence[str] | None = None) -> list[str]:
-    """Of the packages of a copy or a checkout, as paths from the package on, sorted."""
+    """Return the hot modules of a copy or a checkout as sorted paths that begin with the
+    package.
+    """
     found: set[str] = set()
     for pattern in HOT if patterns is None else patterns:
         package, _, rest = pattern.partition("/")
@@ -238,7 +243,7 @@ def hot_modules(root: Path, patterns: Sequence[str] | None = None) -> list[str]:
 
 
 def copy_packages(source: Path, library: Path) -> None:
-    """The packages as they are in a checkout, side by side as they are imported."""
+    """Copy the packages of a checkout side by side, as they are imported."""
     skip = shutil.ignore_patterns("__pycache__", "*.so")
     for name, place in PACKAGES.items():
         if not (source / place).is_dir():
@@ -249,9 +254,10 @@ def copy_packages(source: Path, library: Path) -> None:
 def compile_into(
     library: Path, level: str, *, trained: bool = False, simulator: bool = False
 ) -> None:
-    """Put a compiled module beside each hot one of the copy, with that much optimisation in C.
+    """Compile each hot module of the copy, with this optimisation level of C.
 
-    Trained ones are compiled twice, the second time by what runs with the first ones showed.
+    With `trained` all modules are compiled twice, the second time by the profile of runs with the
+    first.
     """
     part = part_of(simulator=simulator)
     modules = hot_modules(library, part.modules)
@@ -305,7 +311,7 @@ def _build(setup: Path, flags: str) -> None:
 
 
 def _train(library: Path, training: Sequence[Sequence[str]]) -> None:
-    """Run what there is much of, each in a process of its own, in a folder that goes with it."""
+    """Run each training program as a process in a temporary folder."""
     with tempfile.TemporaryDirectory() as place:
         for command in training:
             done = subprocess.run(  # noqa: S603 - our own interpreter and modules
@@ -324,7 +330,7 @@ def _train(library: Path, training: Sequence[Sequence[str]]) -> None:
 
 
 def _packing(library: Path) -> str:
-    """The text of the module of packing functions, by the DBC files of the copy."""
+    """Return the source of the module of packing functions, from the DBC files of the copy."""
     names = [name.removesuffix(".py").replace("/", ".") for name in FRAMES]
     done = subprocess.run(  # noqa: S603 - our own interpreter and module
         [sys.executable, "-c", PACKING.format(names=names)],
@@ -349,7 +355,7 @@ def write_commands(folder: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Make the copy; what is missing is one message."""
+    """Create the copy; a missing tool gives one message."""
     require_assertions("compiled")
     parser = argparse.ArgumentParser(prog="python -m metro_tools.compiled", description=__doc__)
     parser.add_argument("--into", default=".compiled", metavar="FOLDER", help="default: .compiled")
@@ -358,25 +364,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--optimise",
         default="2",
         choices=("0", "1", "2", "3"),
-        help="the C compiler's level; 0 is made in a fraction of the time; default: 2",
+        help="optimisation level of the C compiler; 0 compiles much faster; default: 2",
     )
     parser.add_argument(
         "--trained",
         action="store_true",
-        help="compile twice, the second time by what runs with the first showed: faster programs "
-        "in three times the time; needs gcc",
+        help="compile twice, the second time by the profile of runs with the first: faster "
+        "programs in three times the time; needs gcc",
     )
     parser.add_argument(
         "--simulator",
         action="store_true",
-        help="compile only what `hil simulate` spends its time in: half the time",
+        help="compile only the modules of `hil simulate`, in half the time",
     )
     options = parser.parse_args(argv)
     folder, source = Path(options.into).resolve(), Path(options.source).resolve()
     try:
         if folder.exists():
             if not (folder / "lib").is_dir():
-                raise CompileError(f"{folder}: is there and is no earlier copy of this program")
+                raise CompileError(f"{folder}: exists and is not an earlier copy by this program")
             shutil.rmtree(folder)
         copy_packages(source, folder / "lib")
         compile_into(

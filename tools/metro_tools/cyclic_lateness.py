@@ -1,4 +1,4 @@
-"""How late the cyclic executive begins an empty task on this host; the bench's own cyclictest."""
+"""Measures how late the cyclic executive begins an empty task on this host, like cyclictest."""
 
 import argparse
 import dataclasses
@@ -17,7 +17,7 @@ EXIT_OK = 0
 
 
 def measure(period_ms: float, seconds: float, spin_us: float) -> TaskReport:
-    """Release an empty task for some time and answer what the executive noted."""
+    """Release an empty task for some time and return its statistics."""
     clock = WallClock(spin_s=spin_us / 1e6)
     start_ns = clock.now_ns() + START_DELAY_NS
     end_ns = start_ns + round(seconds * NS_PER_S)
@@ -51,8 +51,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="cyclic_lateness", description=__doc__)
     parser.add_argument("--period-ms", type=_positive, default=50.0)
     parser.add_argument("--seconds", type=_positive, default=10.0)
-    parser.add_argument("--priority", type=int, default=80, help="of SCHED_FIFO; default: 80")
-    parser.add_argument("--spin-us", type=_not_negative, default=0.0, help="wait that long awake")
+    parser.add_argument("--priority", type=int, default=80, help="SCHED_FIFO priority; default: 80")
+    parser.add_argument(
+        "--spin-us",
+        type=_not_negative,
+        default=0.0,
+        help="poll the clock for this time at the end of each wait",
+    )
     parser.add_argument("--json", action="store_true", help="one object on standard output")
     options = parser.parse_args(argv)
     host = enter_realtime(options.priority)

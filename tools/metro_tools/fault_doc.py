@@ -22,10 +22,10 @@ HEADER: Final = """\
 # Faults
 
 Generated from the declarations in `plant_emulator/faults/` by `python -m metro_tools.fault_doc`;
-change those and generate it anew. `hil faults` shows the same in the terminal.
+change those and generate it again. `hil faults` shows the same in the terminal.
 
-A fault is a table of a scenario file: its kind, when it acts, and its parameters. What is left out
-takes its default.
+A fault is a table of a scenario file: its kind, its time window, and its parameters. A missing
+key has its default.
 
 ```toml
 [[fault]]                       # a tacho slips for 8 s
@@ -39,7 +39,7 @@ kind = "traction_runaway"
 when = "speed_mps > 16.6"
 accel_mps2 = 1.0
 
-[[fault]]                       # brake commands arrive late as long as the train brakes, every time
+[[fault]]                       # brake commands arrive late while the train brakes, every time
 kind = "frame_delay"
 frames = "BRAKE_CMD*"
 way = "to_train"
@@ -48,7 +48,7 @@ when = "accel_mps2 < -0.3"
 until = "speed_mps == 0"
 repeat = true
 
-[[fault]]                       # the same share of telegrams is torn whatever the seed of the case
+[[fault]]                       # the same telegrams are truncated for any seed of the case
 kind = "telegram_torn"
 share_ratio = 0.5
 seed = 7
@@ -58,49 +58,48 @@ seed = 7
 
 | key | meaning |
 | --- | --- |
-| `start_s` | not before this, in seconds of the run; default 0 |
-| `when` | and not before this holds, an expression over the truth of the plant |
-| `end_s` | until this instant of the run |
-| `duration_s` | until so long after it began |
-| `until` | until this holds |
-| `repeat` | whether it may begin again after it has ended; default false |
-| `seed` | of its own draws; else they come from the case's seed and its place in the file |
+| `start_s` | earliest begin, in seconds of the run; default 0 |
+| `when` | condition that must also hold at the begin, an expression over the truth of the plant |
+| `end_s` | end, in seconds of the run |
+| `duration_s` | duration from the begin |
+| `until` | condition that ends the fault |
+| `repeat` | whether the fault may begin again after its end; default false |
+| `seed` | seed of its random numbers; by default the case's seed and its place in the file |
 
-The first end that comes counts; without any the fault acts to the end of the run. Begin and end are
-looked for in each step of the plant, every 10 ms. A fault that never begins makes the case
-blocked, not passed. Faults that act at once are applied in the order of the file, and each draws
-from a generator of its own, so that one more changes nothing in what the others draw.
+The earliest of these ends counts; without any, the fault acts to the end of the run. The plant
+checks begin and end in each step, every 10 ms. A fault that never begins makes the case blocked,
+not passed. Concurrent faults are applied in the order of the file. Each has its own random
+generator, so an additional fault does not change the random numbers of the others.
 
-Expressions know {signals}.
-A train that stands at its first station has `to_stop_m` 0: what shall begin on the way to the next
-one is better said with `front_m`.
+Expressions can use {signals}. A train that stands at its first station has `to_stop_m` 0. For a
+fault on the way to the next station, use `front_m`.
 
-`frames` names messages of the [CAN interface](can_interface.md), with `*` and `?` as in a shell; a
-twin has a name of its own, so `BRAKE_CMD*` means both halves. A name that matches nothing is
-refused when the file is checked. `way` is seen from the controller.
+`frames` names messages of the [CAN interface](can_interface.md), with `*` and `?` as in a shell;
+a twin has its own name, so `BRAKE_CMD*` selects both halves. A name without a match is an error
+when the file is checked. `way` is the direction as seen from the controller.
 """
 
 NOTES: Final = """\
 ## How errors on the bus are modelled
 
-In virtual time each node has the error counters of ISO 11898-1. A destroyed frame costs its bits up
-to the error, the superposed error flags (6 to 12 bits, by what the receivers see of the stuffing),
-8 bits of delimiter and 3 of intermission; then it is arbitrated for again. Its sender's counter
-rises by 8, every receiver's by 1, and each good frame takes 1 back. From 128 on a node is passive:
-its flags are recessive, and it waits 8 bits more after a frame of its own. From 256 on it is off,
-drops what it had to say, and comes back after 128 times 11 recessive bits, 5.6 ms on an idle bus.
-So one node's frames, when more than one in nine is destroyed, take it off the bus in the end; when
-the fault ends it comes back.
+In virtual time each node has the error counters of ISO 11898-1. A destroyed frame costs its bits
+up to the error, the superposed error flags (6 to 12 bits, by what the receivers see of the
+stuffing), 8 bits of delimiter and 3 of intermission; then its sender arbitrates again. Its
+sender's counter rises by 8, every receiver's by 1, and each good frame subtracts 1. From 128 on a
+node is error passive: its flags are recessive, and it waits 8 more bits after its own frame. From
+256 on it is bus off, drops its frames, and returns after 128 times 11 recessive bits, 5.6 ms on
+an idle bus. So a node goes bus off in the end when more than one in nine of its frames is
+destroyed; it returns when the fault ends.
 
-What a node says while it is off or cut off is lost; nothing old is said when it is back.
+Frames of a node that is bus off or cut off are lost; it sends no old frames when it returns.
 
-`after_crc` leaves no frame that the codec would accept, if the message has a CRC at all;
-`before_crc` leaves counter, CRC and twin right and signals wrong, each within its range.
+`after_crc` damages frames so that the codec rejects every one, if the message has a CRC;
+`before_crc` keeps counter, CRC and twin valid and makes signals wrong, each within its range.
 """
 
 
 def document() -> str:
-    """The whole catalogue."""
+    """Return the whole catalogue."""
     signals = ", ".join(f"`{name}`" for name in SIGNALS)
     parts = [HEADER.format(signals=signals), _benches(), _overview()]
     for place in FaultPlace:
@@ -122,7 +121,7 @@ def _benches() -> str:
         (f"`{name}`", each.lockstep, each.processes, each.hardware)
         for name, each in BY_KIND.items()
     ]
-    return "## Who brings it about\n\n" + markdown_table(
+    return "## How each bench applies faults\n\n" + markdown_table(
         ("fault", "lockstep", "processes", "hardware"), rows
     )
 
@@ -132,7 +131,7 @@ def _overview() -> str:
         (f"[`{each.name}`](#{each.name})", PLACE_TITLES[each.place], "; ".join(each.hazards))
         for each in all_described()
     ]
-    return "## Kinds\n\n" + markdown_table(("kind", "place", "what may come of it"), rows)
+    return "## Kinds\n\n" + markdown_table(("kind", "place", "possible consequences"), rows)
 
 
 def _kinds(place: FaultPlace) -> Iterator[str]:
@@ -162,7 +161,7 @@ def _row(parameter: FaultParameter) -> tuple[str, ...]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the document, or with --check only say whether it is current."""
+    """Write the document, or with --check only report whether it is current."""
     return write_or_check(
         argv,
         module="metro_tools.fault_doc",

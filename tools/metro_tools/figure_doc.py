@@ -1,12 +1,13 @@
-"""Writes published figures into README.md and docs, or checks that they are those that are kept.
+"""Writes published figures into README.md and docs, or checks that they equal the stored ones.
 
-A figure of a run in virtual time stands between two comments, and this tool writes what is between:
+A figure of a run in virtual time stands between two comments, and this tool writes the text
+between:
 
     <!-- figure table-7-predictive mean_cm -->0.18<!-- / -->
 
-It comes from the results of control laws, which `hil laws --check` holds against the code. Figures
-that depend on a machine cannot be held so. Above their table stands when, where and on which commit
-they were measured, and `make docs` prints how old they are:
+It comes from the results of control laws, which `hil laws --check` compares with the code. Figures
+that depend on a machine cannot be checked in this way. A mark above their table gives date, machine
+and commit of the measurement, and `make docs` prints its age:
 
     <!-- measured: 2026-11-23, shared virtual machine with two cores, daf1434 -->
 """
@@ -37,15 +38,15 @@ MEASURED: Final = re.compile(rf"^<!-- measured: ({DAY}), (.+), ([0-9a-f]{{7,40}}
 LIKE_MEASURED: Final = re.compile(r"^<!--\s*measured\b")
 
 Figures = Mapping[str, Any]
-"""Of one scenario, as they are kept."""
+"""Stored figures of one scenario."""
 
 
 class FigureError(Exception):
-    """A figure that a document names and that is not kept; the text has no file and line yet."""
+    """A document names a figure that is not stored; the text has no file and line yet."""
 
 
 def _centimetres(value_m: float) -> str:
-    """Two decimals below a centimetre, one above."""
+    """Format centimetres with two decimals below 1 cm and one decimal above."""
     value_cm = abs(value_m) * CM_PER_M
     return f"{value_cm:.1f}" if value_cm >= 1.0 else f"{value_cm:.2f}"
 
@@ -61,11 +62,11 @@ FORMS: Final[Mapping[str, Callable[[Figures], str]]] = {
     ),
     "run_s": lambda kept: f"{kept['run_s']:.1f}",
 }
-"""Names that documents may ask for, beside those of the comfort (`jerk_max_mps3`, …)."""
+"""Names of figures for documents, in addition to those of comfort (`jerk_max_mps3`, …)."""
 
 
 def figure(results: Mapping[str, Figures], scenario: str, name: str) -> str:
-    """As it is printed. Raises FigureError."""
+    """Return a figure as it is printed. Raises FigureError."""
     kept = results.get(scenario)
     if kept is None:
         raise FigureError(f"no scenario {scenario} in {RESULTS}; `hil scenarios` lists all")
@@ -79,7 +80,10 @@ def figure(results: Mapping[str, Figures], scenario: str, name: str) -> str:
 
 
 def filled(text: str, results: Mapping[str, Figures], name: str) -> str:
-    """A document with the figures that are kept. Raises FigureError with file and line."""
+    """Return a document with the stored figures filled in.
+
+    Raises FigureError with file and line.
+    """
     lines = []
     fenced = _fenced(text)
     for number, line in enumerate(text.split("\n"), start=1):
@@ -104,7 +108,7 @@ def _span(found: "re.Match[str]", results: Mapping[str, Figures]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """When, where and on which commit the figures of a table were measured."""
+    """Date, machine and commit of the measurement of a table."""
 
     line: int
     on: str
@@ -113,7 +117,7 @@ class Measured:
 
 
 def measured_tables(text: str) -> tuple[list[Measured], list[tuple[int, str]]]:
-    """The marks of a document, and lines of tables with figures that nothing accounts for."""
+    """Return the marks of a document, and table rows with figures of unknown origin."""
     lines = text.splitlines()
     marks: list[Measured] = []
     wrong: list[tuple[int, str]] = []
@@ -136,13 +140,13 @@ def measured_tables(text: str) -> tuple[list[Measured], list[tuple[int, str]]]:
 
 
 def _fenced(text: str) -> frozenset[int]:
-    """Numbers of the lines inside of blocks, where nothing is a mark."""
+    """Return the numbers of lines inside of code blocks, where marks have no meaning."""
     blocks, _ = read_blocks(text)
     return frozenset(line for each in blocks for line in range(each.line, each.end + 1))
 
 
 def _tables(lines: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
-    """Each table with a column of measured figures, by the number of its first line."""
+    """Yield each table with a column of measured figures, with the number of its first line."""
     for index, line in enumerate(lines):
         if line.startswith("|") and (index == 0 or not lines[index - 1].startswith("|")):
             rows = []
@@ -155,7 +159,7 @@ def _tables(lines: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
 
 
 def _unaccounted(number: int, rows: Sequence[str]) -> list[tuple[int, str]]:
-    """The first row whose figure is neither taken from the results nor dated."""
+    """Return the first row whose figure is neither taken from the results nor dated."""
     column = _cells(rows[0]).index(MEASURED_HEAD)
     bare = [below for below, row in enumerate(rows) if not SPAN.search(_cells(row)[column])]
     return [
@@ -173,7 +177,7 @@ def _cells(row: str) -> list[str]:
 
 
 def read_results(root: Path) -> dict[str, Figures]:
-    """By scenario. Raises FigureError."""
+    """Read the results by scenario. Raises FigureError."""
     try:
         laws = json.loads((root / RESULTS).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -182,7 +186,7 @@ def read_results(root: Path) -> dict[str, Figures]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the figures, or with --check only report which documents have others."""
+    """Write the figures, or with --check only report documents with outdated ones."""
     parser = argparse.ArgumentParser(prog="python -m metro_tools.figure_doc", description=__doc__)
     parser.add_argument("root", nargs="?", default=".", help="the project's folder; default: here")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")

@@ -1,4 +1,4 @@
-"""What the generators of documents have in common: their tables and their command line."""
+"""Common parts of the document generators: tables and command line."""
 
 import argparse
 import sys
@@ -14,7 +14,7 @@ EXIT_USAGE: Final = 2
 
 
 def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """In Markdown."""
+    """Format a table in Markdown."""
     lines = [heads, ["---"] * len(heads), *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
@@ -27,11 +27,11 @@ def write_or_check(
     default_path: str,
     document: Callable[[], str],
 ) -> int:
-    """Write the document, or with --check only say whether it is current; the exit code.
+    """Write the document, or with --check only report whether it is current; returns the exit code.
 
     Args:
-        module: that is run by `python -m`.
-        document: makes the text.
+        module: the module that `python -m` runs.
+        document: creates the text.
     """
     parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
     parser.add_argument("path", nargs="?", default=default_path, help="default: %(default)s")

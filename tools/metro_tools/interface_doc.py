@@ -1,4 +1,4 @@
-"""Writes docs/reference/can_interface.md from the DBC files, or checks that it is what they say."""
+"""Writes docs/reference/can_interface.md from the DBC files, or checks that it is current."""
 
 import itertools
 import math
@@ -18,17 +18,18 @@ from metro_tools.generated_doc import markdown_table, write_or_check
 DEFAULT_PATH: Final = "docs/reference/can_interface.md"
 BIT_RATE_BPS: Final = 250_000
 FRAME_BITS: Final = 47
-"""Of a frame with 11-bit identifier and no data, interframe space included, without stuffing."""
+"""Bits of a frame with 11-bit identifier and no data, including the interframe space, without
+stuffing."""
 STUFFED_BITS: Final = 34
-"""Of these, as many can be stuffed; data bits come on top."""
+"""Number of these bits that can be stuffed; data bits are additional."""
 
 HEADER: Final = """\
 # CAN interface of the train bus
 
 Generated from the DBC files in `can_dbc/` by `python -m metro_tools.interface_doc`; change those
-and generate it anew. For a tool that takes a single file, such as `cantools monitor` and
-`cantools decode`, `python -m can_dbc.merged > train.dbc` makes one of them. The telegrams of the
-tag reader are on a line of their own: [serial interface](serial_interface.md).
+and generate it again. For a tool that accepts a single file, such as `cantools monitor` and
+`cantools decode`, `python -m can_dbc.merged > train.dbc` merges them. The telegrams of the tag
+reader have their own line: [serial interface](serial_interface.md).
 """
 
 PROTECTION: Final = """\
@@ -44,47 +45,47 @@ PROTECTION: Final = """\
 | n − 2 | `crc16`, low byte |
 | n − 1 | `crc16`, high byte |
 
-The CRC has the polynomial 0x1021, starts at {crc_start:#06x}, is not reflected and not inverted at
-the end. It runs over the data id of the message (low byte, high byte), then the payload, then the
+The CRC has the polynomial 0x1021, starts at {crc_start:#06x}, is not reflected and not inverted
+at the end. It covers the data id of the message (low byte, high byte), then the payload, then the
 alive counter. The data id is not sent: a frame under a wrong identifier fails its CRC. Every
-combination of up to three wrong bits is found.
+combination of up to three wrong bits is detected.
 
-A receiver judges the alive counter of a frame whose CRC is right by its step from the last such
-frame that it believed:
+A receiver checks the alive counter of a frame with a valid CRC by its step from the last accepted
+frame:
 
 | step | verdict |
 |---|---|
-| first frame, or all was silent for longer than the timeout | believed, whatever the counter |
-| 1 | believed |
-| 2 to {max_step} | believed; the frames between are counted as lost |
-| 0 | refused as stuck; since frames keep coming, the timeout never makes it believed |
-| anything else | refused as jumped |
+| first frame, or a silence longer than the timeout | accepted, whatever the counter |
+| 1 | accepted |
+| 2 to {max_step} | accepted; the frames between are counted as lost |
+| 0 | rejected as stuck; while frames keep coming, the timeout never makes it accepted |
+| anything else | rejected as jumped |
 
-A stream of frames that jumped is believed only once the frames that were believed, stuck ones
-among them, ceased for longer than the timeout, and only from a frame on that has step 1 from the
-refused one before it. So what somebody repeats is not believed beside a sender that still sends.
-Eight bits cannot tell a frame from one that is 256 transmissions older; the timeout has to.
+A stream of frames that jumped is accepted only after the accepted stream, stuck frames included,
+has been silent for longer than the timeout, and only from a frame on that has step 1 from the
+rejected one before it. So repeated frames are rejected while the true sender still sends. Eight
+bits cannot tell a frame from one that is 256 transmissions older; only the timeout can.
 
 A protected boolean takes two bits: `10` is true, `01` is what a sender sends for false, and a
-receiver takes everything but `10` for false. What permits something is named so that true permits.
+receiver takes everything but `10` as false. A permissive signal is named so that true permits.
 
 **VITAL.** SAFETY, and each transmission is a pair: the message, then within
 {twin_ms:g} ms its twin `NAME_INV` on the next identifier, with every payload bit inverted, the
-same alive counter and a CRC over a data id of its own. A receiver acts on a complete and matching
-pair only; half a pair is nothing. The DBC scales the twin's signals backwards, so that a
+same alive counter and a CRC over its own data id. A receiver uses only a complete and matching
+pair; half a pair has no effect. The DBC scales the twin's signals backwards, so that a
 tool shows the same values for both.
 
-**Everywhere.** A receiver refuses a frame of the wrong length, a number outside the range of its
+**Everywhere.** A receiver rejects a frame of the wrong length, a number outside the range of its
 signal and a value that a value table lacks. A sender sends the end of the range for a number
-beyond it. A message not heard for its timeout counts as absent, and every receiver then takes the
-restrictive state. Unused bits are sent as 0 and not looked at.
+beyond it. A message not received for its timeout counts as absent, and every receiver then
+assumes the restrictive state. Unused bits are sent as 0 and ignored.
 
 Example: {example}
 """
 
 
 def document() -> str:
-    """The whole interface document."""
+    """Return the whole interface document."""
     bound = [binding.binding_of(kind) for kind in binding.kinds()]
     parts = [
         HEADER,
@@ -120,12 +121,14 @@ def _bus(bound: Sequence[Binding]) -> str:
 
 
 def plain_bits(length: int) -> int:
-    """Bit times of a frame with `length` data bytes and the gap behind it, without stuff bits."""
+    """Return the bit times of a frame with `length` data bytes and the gap behind it, without stuff
+    bits.
+    """
     return FRAME_BITS + 8 * length
 
 
 def stuffed_bits(length: int) -> int:
-    """The same with as many stuff bits as any content can force."""
+    """Return the same with the maximum number of stuff bits."""
     return plain_bits(length) + (STUFFED_BITS + 8 * length - 1) // 4
 
 
@@ -140,11 +143,11 @@ def _nodes(bound: Sequence[Binding]) -> str:
         )
         for node in Node
     ]
-    return "## Nodes\n\n" + markdown_table(("number", "name", "what it is", "sends"), rows)
+    return "## Nodes\n\n" + markdown_table(("number", "name", "description", "sends"), rows)
 
 
 def _example() -> str:
-    """The first pair of a full service brake application, as candump would print it."""
+    """Return the first pair of a full service brake application, in the format of candump."""
     command = BrakeCommand(service_decel_mps2=1.0, emergency_released=True, holding_released=True)
     first, second = Encoder().encode(command)
     message, twin = binding.binding_of(BrakeCommand).messages
@@ -190,7 +193,7 @@ def _data_id(message: Message) -> str:
 
 
 def _sections(bound: Sequence[Binding]) -> Iterator[str]:
-    """One for each message; neighbours with the same signals share one."""
+    """Yield one section for each message; neighbours with the same signals share one."""
     for signals, group in itertools.groupby(bound, key=_signals):
         same = list(group)
         yield f"### {_joined(each.message.name for each in same)}\n"
@@ -265,7 +268,7 @@ def _joined(words: Iterable[str]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the document, or with --check only say whether it is current."""
+    """Write the document, or with --check only report whether it is current."""
     return write_or_check(
         argv,
         module="metro_tools.interface_doc",

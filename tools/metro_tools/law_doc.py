@@ -62,15 +62,15 @@ FELT: Final = ("felt_accel_max_mps2", "felt_jerk_1s_mps3", "felt_jerk_2hz_mps3")
 
 
 class LawDocError(Exception):
-    """A file that no page can be made from; the text names file, key and value."""
+    """A file from which no page can be generated; the text names file, key and value."""
 
 
 def document(law: str, table: Mapping[str, Any], results: Mapping[str, Any]) -> str:
-    """The page of one law.
+    """Return the page of one law.
 
     Args:
-        table: of its TOML file.
-        results: figures by scenario, as `hil laws --write` keeps them for this law.
+        table: content of its TOML file.
+        results: figures by scenario, as `hil laws --write` stores them for this law.
 
     Raises LawDocError.
     """
@@ -79,7 +79,7 @@ def document(law: str, table: Mapping[str, Any], results: Mapping[str, Any]) -> 
     parts = [
         f"# {table['title']}\n",
         f"Generated from `{where}`, the settings in the code and `{RESULTS}` by\n"
-        "`python -m metro_tools.law_doc` (`make docs`); change those and generate it anew.\n",
+        "`python -m metro_tools.law_doc` (`make docs`); change those and generate it again.\n",
         f"{_prose(table['summary'])}\n",
         f"Source: {_prose(table['source']).rstrip('.')}. `vobc run --ato {law}` drives with it; a "
         f'campaign does with `believed = {{ "ato.strategy" = "{law}" }}` in its `[train]`.\n',
@@ -125,13 +125,17 @@ def _diagram(table: Mapping[str, Any], where: str) -> Iterator[str]:
     ids = [block["id"] for block in blocks]
     for number, name in enumerate(ids, start=1):
         if not name.isidentifier() or name in ids[: number - 1]:
-            raise LawDocError(f"{where}: block {number}: id {name!r} is no name, or there twice")
+            raise LawDocError(
+                f"{where}: block {number}: id {name!r} is not a name, or is defined twice"
+            )
     lines = ["## Block diagram\n", "```mermaid", "flowchart LR"]
     lines += [f'    {block["id"]}["{_quoted(block["label"])}"]' for block in blocks]
     for number, link in enumerate(table["link"], start=1):
         for end in ("from", "to"):
             if link[end] not in ids:
-                raise LawDocError(f"{where}: link {number}: {end} {link[end]!r} is no block's id")
+                raise LawDocError(
+                    f"{where}: link {number}: {end} {link[end]!r} is not the id of a block"
+                )
         label = link.get("label", "")
         arrow = f'-- "{_quoted(label)}" -->' if label else "-->"
         lines.append(f"    {link['from']} {arrow} {link['to']}")
@@ -140,7 +144,7 @@ def _diagram(table: Mapping[str, Any], where: str) -> Iterator[str]:
 
 
 def _quoted(text: str) -> str:
-    """As mermaid takes it inside quotes."""
+    """Escape text for quotes in mermaid."""
     return " ".join(text.split()).replace('"', "#quot;")
 
 
@@ -158,7 +162,7 @@ def _equations(equations: Sequence[Mapping[str, str]], where: str) -> Iterator[s
 
 
 def found(code: str, where: str) -> Any:
-    """What `module:qualified name` means. Raises LawDocError."""
+    """Return the object named by `module:qualified name`. Raises LawDocError."""
     module, colon, names = code.partition(":")
     if not colon or not names:
         raise LawDocError(f"{where} {code!r} is not module:name")
@@ -176,11 +180,11 @@ def found(code: str, where: str) -> Any:
 def _settings(names: Sequence[str], where: str) -> Iterator[str]:
     yield "## Parameters\n"
     if not names:
-        yield "None of its own.\n"
+        yield "It has no parameters of its own.\n"
     for number, code in enumerate(names, start=1):
         kind = found(code, f"{where}: settings {number}")
         if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
-            raise LawDocError(f"{where}: settings {number} {code!r} is no class of settings")
+            raise LawDocError(f"{where}: settings {number} {code!r} is not a class of settings")
         words, of_fields = docstrings(kind)
         yield f"### {kind.__name__}\n"
         if words:
@@ -193,7 +197,7 @@ def _settings(names: Sequence[str], where: str) -> Iterator[str]:
 
 
 def docstrings(kind: type) -> tuple[str, dict[str, str]]:
-    """Of a class, and of those of its fields that have one, from its source."""
+    """Return the docstring of a class, and those of its fields, from its source."""
     (node,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
     assert isinstance(node, ast.ClassDef)
     words: dict[str, str] = {}
@@ -210,7 +214,9 @@ def docstrings(kind: type) -> tuple[str, dict[str, str]]:
 
 
 def unit_of(name: str) -> str:
-    """By the end of the name: `kp_per_s2` is in 1/s², `jerk_mps3` in m/s³; else a dash."""
+    """Return the unit by the end of the name: `kp_per_s2` is in 1/s², `jerk_mps3` in m/s³;
+    otherwise a dash.
+    """
     head, per, below = name.rpartition("_per_")
     if per:
         above = UNITS.get(head.rpartition("_")[2], "1")
@@ -227,7 +233,7 @@ def _default(field: "dataclasses.Field[Any]") -> str:
 
 
 def _value(value: Any) -> str:
-    """Numbers short; settings inside settings by their fields."""
+    """Format numbers briefly, and nested settings by their fields."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -243,10 +249,10 @@ def _value(value: Any) -> str:
 def _figures(results: Mapping[str, Any]) -> Iterator[str]:
     yield "## Figures\n"
     if not results:
-        yield "None was taken over yet: `hil laws --run FOLDER --write` does it.\n"
+        yield "None is stored yet; `hil laws --run FOLDER --write` stores them.\n"
         return
     yield (
-        "From campaigns on the bench, frames and all. Means of |stop error| with their bootstrap\n"
+        "From campaigns on the bench with all frames. Means of |stop error| with their bootstrap\n"
         "interval over runs, shares with their lower bound by Clopper–Pearson, 95 % each; comfort\n"
         "is the greatest of all runs, felt in the worst car.\n"
     )
@@ -290,7 +296,7 @@ def _remarks(remarks: Sequence[Mapping[str, str]]) -> Iterator[str]:
 
 
 def _prose(text: str) -> str:
-    """In one line, as wide tables and paragraphs need it."""
+    """Return the text in one line, for tables and paragraphs."""
     return " ".join(text.split())
 
 
@@ -301,7 +307,7 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Raises LawDocError for a file that is no TOML."""
+    """Read a TOML file. Raises LawDocError if it is not TOML."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -311,7 +317,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def pages(root: Path) -> dict[Path, str]:
-    """What each page has to be, by its path, of all laws that have a file. Raises LawDocError."""
+    """Return the expected pages of all laws with a file, by path. Raises LawDocError."""
     kept = root / RESULTS
     try:
         results: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
@@ -324,7 +330,7 @@ def pages(root: Path) -> dict[Path, str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the pages, or with --check only say whether they are current."""
+    """Write the pages, or with --check only report whether they are current."""
     parser = argparse.ArgumentParser(prog="python -m metro_tools.law_doc", description=__doc__)
     parser.add_argument("root", nargs="?", default=".", help="the project's folder; default: here")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")

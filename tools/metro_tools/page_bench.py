@@ -1,4 +1,4 @@
-"""What the page of a log costs: to write, to open, to move in. `make bench-page` prints it."""
+"""Measures the page of a log: writing, opening and moving. `make bench-page` prints the results."""
 
 import argparse
 import resource
@@ -25,7 +25,7 @@ from metro_tools.browser import Browser, browser_path
 ROUNDS: Final = 3
 MANY: Final = 1_000_000
 MANY_ID: Final = 0x385
-"""IMU: carries one number with noise."""
+"""Identifier of IMU, which carries one noisy number."""
 SMOOTH: Final = """new Promise(done => {
   const took = [];
   const step = at => {
@@ -38,15 +38,15 @@ SMOOTH: Final = """new Promise(done => {
   };
   step();
 })"""
-"""Sixty steps of panning and zooming, each with all that it draws; milliseconds, rising."""
+"""Sixty steps of panning and zooming with all drawing; sorted durations in milliseconds."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints the figures of a run folder, and of a signal with a million frames."""
+    """Print the figures of a run folder, and of a signal with a million frames."""
     require_assertions("page_bench")
     parser = argparse.ArgumentParser(prog="page_bench", description=__doc__)
     parser.add_argument(
-        "run", nargs="?", type=Path, help="folder of a run; default: a whole line is run first"
+        "run", nargs="?", type=Path, help="folder of a run; default: run a whole line first"
     )
     given = parser.parse_args(argv)
     if browser_path() is None:
@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _whole_line(folder: Path) -> Path:
-    """Eight minutes of the whole Florence line. Raises LogError."""
+    """Run eight minutes of the whole Florence line. Raises LogError."""
     words = ["vobc", "run", "--lockstep", "--out", str(folder)]
     program = Path(sys.executable).with_name(words[0])
     done = subprocess.run([program, *words[1:]], capture_output=True, check=False)  # noqa: S603
@@ -94,7 +94,7 @@ def _report(run: Path, log: Log, path: Path, *, read_again: bool) -> None:
     for _ in range(ROUNDS):
         with Browser() as browser:
             browser.open(path.as_uri())
-            # A browser that is short of time is ready before it has painted for the first time.
+            # A busy browser may be ready before its first paint.
             browser.wait("performance.getEntriesByName('first-contentful-paint').length")
             shown.append(
                 browser.run(
@@ -116,7 +116,7 @@ def _cpu_s() -> float:
 
 
 def _many() -> Log:
-    """A million frames of one message, a millisecond apart, with a peak of one frame."""
+    """Create a million frames of one message, a millisecond apart, with a peak of one frame."""
     noise = np.random.default_rng(1)
     data = np.zeros((MANY, 8), np.uint8)
     data[:, :5] = noise.integers(0, 256, (MANY, 5), np.uint8)

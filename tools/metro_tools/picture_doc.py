@@ -1,7 +1,8 @@
-"""Makes the pictures of the documents, each from a run, or checks that they show the code of today.
+"""Creates the pictures of the documents, each from a run, or checks that they match the present
+code.
 
-`docs/images/pictures.toml` has the commands of each picture. A picture is made again when its run
-gives other frames than when it was made; the hashes of those are kept in `frames.json` beside it.
+`docs/images/pictures.toml` has the commands of each picture. A picture is created again when its
+run gives other frames than before; `frames.json` beside it stores the hashes of the frames.
 """
 
 import argparse
@@ -30,11 +31,11 @@ EXIT_ENVIRONMENT: Final = 3
 
 
 class PictureError(Exception):
-    """A picture cannot be made; the text says which and why."""
+    """A picture cannot be created; the text says which and why."""
 
 
 def read_recipes(images: Path) -> dict[str, Mapping[str, Any]]:
-    """By the stem of the picture's file. Raises PictureError."""
+    """Read the recipes by the name of the picture's file. Raises PictureError."""
     path = images / RECIPES
     try:
         recipes = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -50,13 +51,13 @@ def read_recipes(images: Path) -> dict[str, Mapping[str, Any]]:
 
 
 def read_frames(images: Path) -> dict[str, str]:
-    """Hash of the frames that each picture was made from; empty where none is kept."""
+    """Read the hash of the frames of each picture; empty if none is stored."""
     path = images / FRAMES
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Make what is outdated, or with --check only report it."""
+    """Create the outdated pictures, or with --check only report them."""
     parser = argparse.ArgumentParser(prog="python -m metro_tools.picture_doc", description=__doc__)
     parser.add_argument("picture", nargs="*", help="names without .png; default: all")
     parser.add_argument("--root", default=".", help="the project's folder; default: here")
@@ -88,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _outdated(images: Path, recipes: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
-    """Names of pictures, each with the hash of the frames that its run gives now."""
+    """Yield the names of outdated pictures, each with the hash of the present frames."""
     kept = read_frames(images)
     found: dict[tuple[str, str], str] = {}
     for name, recipe in recipes.items():
@@ -112,7 +113,9 @@ def _make(images: Path, name: str, recipe: Mapping[str, Any]) -> None:
             return
         page = _only(name, place, recipe["page"])
         if browser_path() is None:
-            raise PictureError(f"{name}: a page is pictured by Chromium, and there is none")
+            raise PictureError(
+                f"{name}: a picture of a page needs Chromium, which is not installed"
+            )
         with Browser(width=recipe["width"], height=recipe["height"]) as browser:
             browser.open(page.as_uri(), ready="document.readyState === 'complete'")
             browser.settle()
@@ -120,7 +123,7 @@ def _make(images: Path, name: str, recipe: Mapping[str, Any]) -> None:
 
 
 def _run(name: str, commands: Sequence[str], place: Path) -> None:
-    """Each with the programs of the environment that runs now. Raises PictureError."""
+    """Run each command with the programs of the present environment. Raises PictureError."""
     programs = Path(sys.executable).parent
     for command in commands:
         words = shlex.split(command)
@@ -131,7 +134,7 @@ def _run(name: str, commands: Sequence[str], place: Path) -> None:
             text=True,
             check=False,
         )
-        # A monitor that fails gives 1; its picture is worth showing all the same.
+        # A failed monitor gives 1; its picture is still useful.
         if done.returncode not in (0, 1):
             last = (done.stderr or done.stdout).strip().splitlines()[-1:]
             raise PictureError(f"{name}: {command}: status {done.returncode}: {' '.join(last)}")
@@ -140,7 +143,7 @@ def _run(name: str, commands: Sequence[str], place: Path) -> None:
 def _only(name: str, place: Path, pattern: str) -> Path:
     found = sorted(place.glob(pattern))
     if not found:
-        raise PictureError(f"{name}: its commands leave no {pattern}")
+        raise PictureError(f"{name}: its commands create no {pattern}")
     return found[0]
 
 

@@ -1,4 +1,6 @@
-"""Writes docs/design/train_to_train.md: the protocol's tables as they run, and their purpose."""
+"""Writes docs/design/train_to_train.md: the text of the protocol with tables generated from the
+code.
+"""
 
 import dataclasses
 import inspect
@@ -24,11 +26,11 @@ from zenoh_config.timers import TIMER_SETS
 DEFAULT_PATH: Final = "docs/design/train_to_train.md"
 
 TEMPLATE: Final = "train_to_train.md"
-"""Beside this module: the words, with a place for each table."""
+"""The text beside this module, with a placeholder for each table."""
 
 
 def document() -> str:
-    """The words with the tables in their places."""
+    """Return the text with the tables filled in."""
     text = (resources.files("metro_tools") / TEMPLATE).read_text(encoding="utf-8")
     tables = {
         "messages": markdown_table(("type", "message", "key", "body"), _messages()),
@@ -85,7 +87,7 @@ def _timers() -> Iterator[Sequence[str]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the document, or with --check only say whether it is current."""
+    """Write the document, or with --check only report whether it is current."""
     return write_or_check(
         argv,
         module="metro_tools.t2t_doc",

@@ -1,6 +1,7 @@
-"""Bring a virtual CAN bus up or down, or show which there are.
+"""Bring a virtual CAN bus up or down, or show the existing ones.
 
-It is SocketCAN where the kernel has it, else the embedded bus, which needs no module and no rights.
+The bus is SocketCAN if the kernel has it, otherwise the embedded bus, which needs no module and no
+privileges.
 """
 
 import argparse
@@ -36,11 +37,11 @@ EXIT_ENVIRONMENT: Final = 3
 COMMAND_TIMEOUT_S: Final = 30
 DEFAULT_NAME: Final = "vcan0"
 
-GUEST_HINT: Final = "real SocketCAN without the kernel's or rights: vcan-guest COMMAND"
+GUEST_HINT: Final = "real SocketCAN without a kernel module or root rights: vcan-guest COMMAND"
 
 
 class HostWorld(Protocol):
-    """All that the command touches; tests have one of paper."""
+    """Everything outside the program that the command uses; tests replace it."""
 
     def kernel(self) -> Kernel: ...
 
@@ -49,7 +50,7 @@ class HostWorld(Protocol):
     def links(self) -> list[KernelLink]: ...
 
     def run(self, words: Sequence[str]) -> bool:
-        """Whether the command succeeded; it complains to standard error by itself."""
+        """Run a command and return whether it succeeded; it prints its own errors."""
         ...
 
     def hub(self, name: str) -> HubStatus | None: ...
@@ -69,7 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def obey(options: argparse.Namespace, world: HostWorld) -> int:
-    """Do what was asked for in a world; the exit code."""
+    """Execute the options in a world and return the exit code."""
     if options.name is not None and (fault := vcan_plan.name_fault(options.name)):
         return _complain(fault, EXIT_USAGE)
     try:
@@ -83,14 +84,14 @@ def obey(options: argparse.Namespace, world: HostWorld) -> int:
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
-    """The options of a command line; a wrong one ends the program with exit code 2."""
+    """Parse a command line; a wrong one ends the program with exit code 2."""
     return _parser().parse_args(argv)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="vcan", description=__doc__)
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="up|down|status")
-    for verb, words in (("up", "bring a bus up"), ("down", "remove what `vcan up` made")):
+    for verb, words in (("up", "bring a bus up"), ("down", "remove a bus that `vcan up` made")):
         one = verbs.add_parser(verb, help=words, description=words)
         one.add_argument("name", nargs="?", metavar="NAME", help=f"default: {DEFAULT_NAME}")
         one.add_argument(
@@ -100,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
             help="SocketCAN only, the embedded bus only, or the first that works (default)",
         )
         one.add_argument(
-            "--dry-run", action="store_true", help="show what would be done, do nothing"
+            "--dry-run", action="store_true", help="show the commands without running them"
         )
     status = verbs.add_parser("status", help="show a bus, or all", description="show a bus, or all")
     status.add_argument("name", nargs="?", metavar="NAME", help="default: all")
@@ -122,7 +123,7 @@ def _up(name: str, kind: str, world: HostWorld, *, dry_run: bool) -> int:
     _tell(
         [
             *_missing_lines(step),
-            f"so {name} becomes an embedded bus, which candump and cansend cannot see",
+            f"so {name} becomes an embedded bus, which candump and cansend cannot use",
             GUEST_HINT,
         ]
     )
@@ -133,7 +134,7 @@ def _start_embedded(name: str, world: HostWorld, *, dry_run: bool) -> int:
     if (link := world.link(name)) is not None:
         return _complain(
             f"{name} is an interface of the kernel ({link.kind}); an embedded bus of the same name "
-            "would only confuse, so take another name",
+            "would be ambiguous; choose another name",
             EXIT_ENVIRONMENT,
         )
     print(f"+ start the embedded bus {name}")
@@ -166,7 +167,7 @@ def _down(name: str, kind: str, world: HostWorld, *, dry_run: bool) -> int:
 
 
 def _run_all(plan: Commands, world: HostWorld, *, dry_run: bool) -> Step:
-    """Show each command and run it; what failed comes back as missing."""
+    """Print each command and run it; a failed one is returned as not available."""
     for words in plan.words:
         print(f"+ {shlex.join(words)}", flush=True)
         if not dry_run and not world.run(words):
@@ -175,7 +176,7 @@ def _run_all(plan: Commands, world: HostWorld, *, dry_run: bool) -> Step:
 
 
 def _conclude(step: Step, success: str, dry_run: bool) -> int:
-    """Say how it came out."""
+    """Print the result and return the exit code."""
     match step:
         case Commands():
             if not dry_run:
@@ -209,7 +210,7 @@ def _status(name: str | None, world: HostWorld, *, as_json: bool) -> int:
 
 
 def survey(name: str | None, world: HostWorld) -> list[BusRow]:
-    """The buses of that name, or all."""
+    """Return the buses of that name, or all."""
     if name is None:
         links, hub_names = world.links(), world.hub_names()
     else:
@@ -230,7 +231,7 @@ def _complain(text: str, code: int) -> int:
 
 
 class RealMachine:
-    """The world as it is."""
+    """The real machine."""
 
     def __init__(self) -> None:
         self._places = vcan_survey.SystemPaths(release=os.uname().release)
@@ -258,7 +259,7 @@ class RealMachine:
         return hub_status(name)
 
     def hub_names(self) -> list[str]:
-        # Every bus has a folder beside the default one's.
+        # Every bus has a folder beside the default bus's folder.
         benches = bench_dir(DEFAULT_NAME).parent
         return sorted(folder.name for folder in benches.iterdir() if folder.is_dir())
 

@@ -1,34 +1,34 @@
-"""What to do about a virtual CAN bus, given what the machine has. Pure: it runs nothing."""
+"""Plans the commands for a virtual CAN bus on this machine. Pure: it runs nothing."""
 
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
 ALIAS: Final = "made by vcan up"
-"""Put on interfaces that `vcan up` makes, so that `vcan down` removes no others."""
+"""Alias of interfaces made by `vcan up`, so that `vcan down` removes no others."""
 NAME_MAX_BYTES: Final = 15
-"""IFNAMSIZ less the closing zero."""
+"""IFNAMSIZ minus the terminating zero."""
 
 
 class CanSupport(Enum):
-    """How a kernel stands to vcan interfaces."""
+    """A kernel's support of vcan interfaces."""
 
     READY = "the module vcan is loaded or built in"
-    LOADABLE = "the module vcan is there, but not loaded"
+    LOADABLE = "the module vcan exists, but is not loaded"
     ABSENT = "there is no vcan"
 
 
 @dataclass(frozen=True, slots=True)
 class Kernel:
-    """What this machine allows, as far as it can be told without trying."""
+    """Capabilities of this machine, as far as they are known without trying."""
 
     support: CanSupport
     evidence: str
-    """How the support is known, in words for the user."""
+    """Evidence of the support, as text for the user."""
     has_ip: bool
     has_modprobe: bool
     may_configure: bool
-    """CAP_NET_ADMIN: make interfaces and change them."""
+    """CAP_NET_ADMIN: create interfaces and change them."""
     may_load: bool
     """CAP_SYS_MODULE: load the module."""
 
@@ -39,41 +39,42 @@ class KernelLink:
 
     name: str
     kind: str
-    """vcan, can (a controller chip), vxcan, slcan, or whatever else bears the name."""
+    """vcan, can (a controller chip), vxcan, slcan, or any other kind of interface with this
+    name."""
     is_up: bool
     is_ours: bool
     """Made by `vcan up`."""
     frames: int = 0
-    """All that passed since it was made."""
+    """All frames since it was created."""
     dropped: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """Do this, in this order."""
+    """Commands to run in this order."""
 
     words: tuple[tuple[str, ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Nothing:
-    """It is so already."""
+    """Nothing to do: the state is already reached."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class NotAvailable:
-    """The kernel cannot, or these rights do not reach; something else may do instead."""
+    """The kernel or the privileges do not allow it; an alternative may work."""
 
     reason: str
     remedy: tuple[str, ...]
-    """What to type to change that; empty when nothing would."""
+    """Commands for the user that change this; empty if none would."""
 
 
 @dataclass(frozen=True, slots=True)
 class NameTaken:
-    """The name belongs to something that is not ours to touch."""
+    """The name belongs to an interface that this program must not change."""
 
     text: str
 
@@ -82,7 +83,7 @@ Step = Commands | Nothing | NotAvailable | NameTaken
 
 
 def name_fault(name: str) -> str | None:
-    """Why no bus may have this name; None when one may."""
+    """Return why a bus cannot have this name; None if it can."""
     size_bytes = len(name.encode())
     if not name:
         return "a bus needs a name"
@@ -96,7 +97,7 @@ def name_fault(name: str) -> str | None:
 
 
 def plan_up(name: str, kernel: Kernel, link: KernelLink | None) -> Step:
-    """How a kernel vcan of this name comes up."""
+    """Plan how to bring up a kernel vcan of this name."""
     if link is not None and link.kind != "vcan":
         return _taken(link)
     if link is not None and link.is_up:
@@ -108,7 +109,7 @@ def plan_up(name: str, kernel: Kernel, link: KernelLink | None) -> Step:
 
 
 def plan_down(name: str, kernel: Kernel, link: KernelLink | None) -> Step:
-    """How the kernel vcan that `vcan up` made goes away again."""
+    """Plan how to remove a kernel vcan that `vcan up` made."""
     if link is None:
         return Nothing(f"{name}: no such kernel interface")
     remove = ("ip", "link", "delete", "dev", name)
@@ -116,7 +117,7 @@ def plan_down(name: str, kernel: Kernel, link: KernelLink | None) -> Step:
         return _taken(link)
     if not link.is_ours:
         return NameTaken(
-            f"{name} was not made by `vcan up`, so it stays; to remove it all the same: "
+            f"{name} was not made by `vcan up`, so it stays; to remove it anyway: "
             f"sudo {' '.join(remove)}"
         )
     return _if_allowed((remove,), kernel)
@@ -136,7 +137,7 @@ def _up_recipe(name: str, kernel: Kernel, link: KernelLink | None) -> tuple[tupl
 
 
 def _if_allowed(recipe: tuple[tuple[str, ...], ...], kernel: Kernel) -> Step:
-    """The recipe, or the first thing that stands in its way."""
+    """Return the recipe, or the first obstacle."""
     loads = any(words[0] == "modprobe" for words in recipe)
     typed = tuple(f"sudo {_quoted(words)}" for words in recipe)
     if not kernel.has_ip:
@@ -149,10 +150,10 @@ def _if_allowed(recipe: tuple[tuple[str, ...], ...], kernel: Kernel) -> Step:
             ("sudo apt install kmod   # or your system's like",),
         )
     if not kernel.may_configure:
-        return NotAvailable("no right to make interfaces (CAP_NET_ADMIN)", typed)
+        return NotAvailable("no permission to create interfaces (CAP_NET_ADMIN)", typed)
     if loads and not kernel.may_load:
         return NotAvailable(
-            f"{kernel.evidence}, and no right to load it (CAP_SYS_MODULE)", typed[:1]
+            f"{kernel.evidence}, and no permission to load it (CAP_SYS_MODULE)", typed[:1]
         )
     return Commands(recipe)
 
@@ -169,5 +170,5 @@ def _taken(link: KernelLink) -> NameTaken:
             f"then --bus socketcan:{link.name}"
         )
     return NameTaken(
-        f"{link.name} exists, but it is of type {link.kind}, not vcan; take another name"
+        f"{link.name} exists, but it is of type {link.kind}, not vcan; choose another name"
     )

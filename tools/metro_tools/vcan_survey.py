@@ -1,4 +1,6 @@
-"""What this machine's kernel has of CAN, from /proc, /sys and /lib/modules; changes nothing."""
+"""Surveys the CAN support of this machine's kernel from /proc, /sys and /lib/modules; changes
+nothing.
+"""
 
 import gzip
 import json
@@ -23,15 +25,15 @@ IP_TIMEOUT_S: Final = 5
 
 @dataclass(frozen=True, slots=True)
 class SystemPaths:
-    """Where to look; a test lays out a tree of its own."""
+    """Paths to read; tests use a tree of their own."""
 
     root: Path = Path("/")
     release: str = ""
-    """Of the kernel, as `uname -r` says."""
+    """Release of the kernel, as from `uname -r`."""
 
 
 def survey_kernel(places: SystemPaths) -> Kernel:
-    """What is there and what this process may do."""
+    """Return the kernel's CAN support and the rights of this process."""
     support, evidence = _support(places)
     capabilities = _capabilities(places.root / "proc/self/status")
     return Kernel(
@@ -46,19 +48,19 @@ def survey_kernel(places: SystemPaths) -> Kernel:
 
 def _support(places: SystemPaths) -> tuple[CanSupport, str]:
     if not sys.platform.startswith("linux"):
-        return CanSupport.ABSENT, f"this is {sys.platform}, and SocketCAN is Linux's"
+        return CanSupport.ABSENT, f"this is {sys.platform}, and only Linux has SocketCAN"
     if (places.root / "sys/module/vcan").is_dir():
         return CanSupport.READY, "the module vcan is loaded"
     modules = places.root / "lib/modules" / places.release
     if _is_listed(modules / "modules.builtin"):
         return CanSupport.READY, "vcan is built into the kernel"
     if _is_listed(modules / "modules.dep"):
-        return CanSupport.LOADABLE, "the module vcan is there, but not loaded"
+        return CanSupport.LOADABLE, "the module vcan exists, but is not loaded"
     return CanSupport.ABSENT, "; ".join(_absence(places, modules))
 
 
 def _absence(places: SystemPaths, modules: Path) -> Iterator[str]:
-    """How it is known that there is none, for a reader who doubts it."""
+    """Yield the evidence that there is no vcan."""
     if (fault := _can_socket_fault()) is not None:
         yield f"a CAN socket gives {fault!r}"
     for path in (places.root / "proc/config.gz", places.root / f"boot/config-{places.release}"):
@@ -72,7 +74,7 @@ def _absence(places: SystemPaths, modules: Path) -> Iterator[str]:
 
 
 def _is_listed(path: Path) -> bool:
-    """Whether a list of modules has vcan; its files may be compressed: vcan.ko.xz."""
+    """Return whether a list of modules has vcan; its files may be compressed: vcan.ko.xz."""
     try:
         text = path.read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -81,7 +83,7 @@ def _is_listed(path: Path) -> bool:
 
 
 def _config_line(path: Path) -> str | None:
-    """What a kernel's configuration says about CAN."""
+    """Return the line about CAN in a kernel's configuration."""
     try:
         raw = path.read_bytes()
         text = (gzip.decompress(raw) if path.suffix == ".gz" else raw).decode(errors="replace")
@@ -103,7 +105,7 @@ def _can_socket_fault() -> str | None:
 
 
 def _capabilities(status: Path) -> int:
-    """The effective capabilities of this process; those of root where the kernel does not say."""
+    """Effective capabilities of this process; those of root if the kernel does not report them."""
     try:
         for line in status.read_text(encoding="utf-8").splitlines():
             if line.startswith("CapEff:"):
@@ -114,7 +116,7 @@ def _capabilities(status: Path) -> int:
 
 
 def find_link(name: str, places: SystemPaths) -> KernelLink | None:
-    """The kernel's network interface of this name."""
+    """Return the kernel's network interface of this name."""
     folder = places.root / "sys/class/net" / name
     if not folder.is_dir():
         return None
@@ -126,14 +128,14 @@ def find_link(name: str, places: SystemPaths) -> KernelLink | None:
         kind=kind,
         is_up=bool(_number(folder / "flags") & IFF_UP),
         is_ours=_text(folder / "ifalias") == ALIAS,
-        # A vcan hears again what it sends, unless nobody listens.
+        # A vcan counts its own frames as received, unless no socket listens.
         frames=sent if kind == "vcan" else heard + sent,
         dropped=_statistic(folder, "rx_dropped") + _statistic(folder, "tx_dropped"),
     )
 
 
 def can_links(places: SystemPaths) -> list[KernelLink]:
-    """All CAN interfaces of the kernel, by name."""
+    """Return all CAN interfaces of the kernel, by name."""
     folder = places.root / "sys/class/net"
     names = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
     found = (
@@ -143,11 +145,11 @@ def can_links(places: SystemPaths) -> list[KernelLink]:
 
 
 def _link_kind(name: str, folder: Path) -> str:
-    """The kind as `ip` knows it; from /sys alone where there is no `ip`."""
+    """Return the kind from `ip`, or from /sys if `ip` is missing."""
     if (kind := _kind_from_ip(name)) is not None:
         return kind
     if _number(folder / "type") != ARPHRD_CAN:
-        return "something else than CAN"
+        return "another type than CAN"
     return "vcan" if "/devices/virtual/" in str(folder.resolve()) else "can"
 
 

@@ -1,8 +1,8 @@
-"""Writes out the constructors of dataclasses, so that mypyc can compile them.
+"""Generates the constructors of dataclasses, so that mypyc can compile them.
 
-The one that `dataclass` makes when a module is imported stays interpreted, and of a frozen class it
-sets every field through `object.__setattr__`. One that stands in the class is compiled with it, and
-`dataclass` keeps it. Each takes the place of the empty line behind its class, so that all other
+The constructor that `dataclass` creates during import stays interpreted, and in a frozen class it
+sets every field through `object.__setattr__`. A constructor written in the class is compiled with
+it, and `dataclass` keeps it. Each generated one takes the empty line after its class, so all other
 lines keep their numbers in tracebacks.
 """
 
@@ -14,29 +14,31 @@ Heads = Mapping[str, Sequence[ast.AnnAssign]]
 """Fields by class."""
 
 KEYWORDS: Final = {"frozen", "slots"}
-"""A dataclass that is told anything else is left as it is."""
+"""Permitted arguments of `dataclass`; classes with others are left unchanged."""
 
 
 def bases_in(source: str) -> set[str]:
-    """Names of all classes that others of a module inherit from."""
+    """Return the names of all base classes in a module."""
     classes = _classes(source)
     return {ast.unparse(base).split(".")[-1] for node in classes for base in node.bases}
 
 
 def heads_in(source: str) -> Heads:
-    """Plain dataclasses of a module that inherit from nothing, with their fields: the head of what
-    inherits from them."""
+    """Return the plain dataclasses of a module without bases, with their fields; they may be bases
+    of others.
+    """
     return {node.name: _fields(node) for node in _classes(source) if _is_plain(node)}
 
 
 def with_written_inits(source: str, bases: Collection[str] = (), heads: Heads | None = None) -> str:
-    """The same module with a constructor in each class that `dataclass` would give a plain one.
+    """Return the module with a constructor in each plain dataclass.
 
     Args:
-        bases: names of classes that any module inherits from. They are left as they are: a
-            constructor that stands in a base hides from mypyc the one that the heir is given.
-        heads: of these bases all heirs are plain dataclasses but for their base, in modules that
-            are written like this one; so they get constructors as their heirs do.
+        bases: names of classes that any module inherits from. They are left unchanged: a
+            constructor
+            in a base would hide from mypyc the one given to its subclass.
+        heads: those of these bases whose subclasses are all plain dataclasses in modules processed
+            like this one; they get constructors like their subclasses.
     """
     heads = heads or {}
     lines = [*source.splitlines(), ""]
@@ -51,15 +53,15 @@ def with_written_inits(source: str, bases: Collection[str] = (), heads: Heads | 
 
 
 def with_native_records(source: str, tuples: Collection[str] = ()) -> str:
-    """The same module with a frozen dataclass for each class of named tuples.
+    """Return the module with a frozen dataclass for each named tuple.
 
-    Of named tuples mypyc knows nothing: each is made by the interpreter, and each field is looked
-    up by its name. The decorator takes the place of the empty line before the class; what makes a
-    changed copy, and where there are three such lines what compares two, and the hash that belongs
-    to that, that of words about the class and its fields.
+    mypyc has no support for named tuples: the interpreter creates each one and looks each field up
+    by name. The decorator takes the empty line before the class. `_replace` takes the place of the
+    class's docstring; if the class has at least three docstrings, equality and hash take the next
+    two.
 
     Args:
-        tuples: names of classes that somebody unpacks, orders or counts. They are left as they are.
+        tuples: names of classes that code unpacks, sorts or counts. They are left unchanged.
     """
     lines = source.splitlines()
     records = [each for each in _classes(source) if _is_record(each) and each.name not in tuples]
@@ -86,9 +88,10 @@ def with_native_records(source: str, tuples: Collection[str] = ()) -> str:
 
 
 def with_kept_types(source: str) -> str:
-    """The same module that at its end gives each dataclass the types of its fields once more.
+    """Return the module with statements at its end that set the field types of each dataclass
+    again.
 
-    What reads settings goes by them, and mypyc keeps only the names.
+    The settings reader needs the types, and mypyc keeps only the names.
     """
     kept: list[str] = []
     for node in ast.parse(source).body:
@@ -102,9 +105,9 @@ def with_kept_types(source: str) -> str:
 
 
 def with_bound_frames(source: str) -> str:
-    """The same module with `@frame(...)` over a class as a call behind it.
+    """Return the module with `@frame(...)` over a class replaced by a call behind it.
 
-    mypyc leaves a class under a decorator that it does not know as it is.
+    mypyc does not compile a class with an unknown decorator.
     """
     lines = [*source.splitlines(), "", ""]
     for node in _classes(source):
@@ -113,7 +116,7 @@ def with_bound_frames(source: str) -> str:
             continue
         behind = node.body[-1].end_lineno
         assert behind is not None
-        # The first of the two empty lines is the constructor's.
+        # The first of the two empty lines is for the constructor.
         assert not any(line.strip() for line in lines[behind : behind + 2])
         lines[behind + 1] = f"{ast.unparse(binder)}({node.name})"
         assert binder.end_lineno is not None
@@ -136,7 +139,10 @@ def _hash(node: ast.ClassDef) -> str:
 
 
 def _equality(node: ast.ClassDef) -> str:
-    """Of a dataclass it is interpreted, and makes a tuple of either side."""
+    """Return an equality method.
+
+    That of a dataclass is interpreted and creates a tuple of both sides.
+    """
     names = [ast.unparse(field.target) for field in _fields(node)]
     values = " and ".join(f"self.{name} == other.{name}" for name in names)
     head = f"{_margin(node)}def __eq__(self, other: object) -> bool"
@@ -155,7 +161,7 @@ def _is_dataclass(node: ast.ClassDef) -> bool:
 
 
 def _head_of(node: ast.ClassDef, heads: Heads) -> Sequence[ast.AnnAssign] | None:
-    """The fields that a plain class inherits; None of a class that is not plain."""
+    """Return the fields that a plain class inherits; None if the class is not plain."""
     if _is_plain(node):
         return ()
     head = heads.get(ast.unparse(node.bases[0])) if len(node.bases) == 1 else None
@@ -163,7 +169,7 @@ def _head_of(node: ast.ClassDef, heads: Heads) -> Sequence[ast.AnnAssign] | None
 
 
 def _is_plain(node: ast.ClassDef, *, heir: bool = False) -> bool:
-    """Whether it is a dataclass without bases, with fields and nothing unusual about them."""
+    """Return whether a class is a dataclass without bases, with only ordinary fields."""
     if (node.bases and not heir) or node.keywords or len(node.decorator_list) != 1:
         return False
     call = node.decorator_list[0]
@@ -189,7 +195,9 @@ def _methods(node: ast.ClassDef) -> set[str]:
 
 
 def _calls_or_class_variable(field: ast.AnnAssign) -> bool:
-    """A default that is a call may be `field(...)`, and one object that all instances share."""
+    """Return whether the default is a call, which may be `field(...)` or an object shared by all
+    instances, or the field belongs to the class.
+    """
     kind = ast.unparse(field.annotation)
     return isinstance(field.value, ast.Call) or "ClassVar" in kind or "InitVar" in kind
 
@@ -208,6 +216,6 @@ def _init(node: ast.ClassDef, head: Sequence[ast.AnnAssign]) -> str:
     if "__post_init__" in _methods(node):
         statements.append("self.__post_init__()")
     line = f"{_margin(node)}def __init__({', '.join(parameters)}) -> None: "
-    # Of a frozen class only the constructor may assign, and mypy knows of no exception.
+    # Only the constructor may assign to a frozen class, and mypy has no exception for that.
     exception = "  # type: ignore[misc]" if _is_frozen(node) else ""
     return f"{line}{'; '.join(statements)}{exception}"

@@ -1,8 +1,8 @@
-"""Writes the packing functions of all frame classes as one typed module, for mypyc to compile.
+"""Writes the packing functions of all frame classes as one typed module for mypyc.
 
-It has the functions that `can_dbc.packing` makes when a program starts, which stay interpreted,
-under the same names of fields and with the same numbers. What no compiled class stands for is left
-to `can_dbc.packing`.
+It contains the functions that `can_dbc.packing` generates at program start, which would stay
+interpreted, with the same field names and numbers. Frames without a compiled class are left to
+`can_dbc.packing`.
 """
 
 import enum
@@ -30,7 +30,7 @@ def _table(kind: Any, name: str) -> Any:
 
 
 def written(modules: Iterable[str]) -> str:
-    """The module's text, for the frame classes that stand in these modules by their own names."""
+    """Return the module's text for the frame classes that these modules define by name."""
     places = {name: importlib.import_module(name) for name in modules}
     chosen = [
         kind

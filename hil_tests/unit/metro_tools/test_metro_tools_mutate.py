@@ -127,12 +127,12 @@ def test_a_survivor_with_a_reason_counts_as_equivalent_and_a_stale_entry_is_an_e
 
     (planted / EQUIVALENTS_FILE).write_text(named + entry.format("over", "a  ->  b", "gone"))
     assert run(planted) == 1
-    assert "over: a  ->  b: there is no such mutant any more" in capsys.readouterr().err
+    assert "over: a  ->  b: this mutant does not exist any more" in capsys.readouterr().err
 
     tests.write_text(GOOD_TESTS)
     (planted / EQUIVALENTS_FILE).write_text(named)
     assert run(planted, "--fresh") == 1
-    assert "tests/test_speed.py::test_braking notices it" in capsys.readouterr().err
+    assert "tests/test_speed.py::test_braking detects it" in capsys.readouterr().err
 
     (planted / EQUIVALENTS_FILE).write_text(named.replace("0 is 0", " "))
     assert run(planted) == 2
@@ -175,9 +175,9 @@ def test_the_score_is_written_only_for_all_modules(
     assert run(planted, "--write") == 0
 
     page = (planted / PAGE_FILE).read_text()
-    assert f"**{count} of {count} mutants are noticed (100.0 %); 0 more are equivalent" in page
+    assert f"**{count} of {count} mutants are detected (100.0 %); 0 more are equivalent" in page
     assert f"| `planted/speed.py` | {count} | {count} | 0 | 0 | 100.0 % |" in page
-    assert capsys.readouterr().err.startswith("mutate: --write is for all modules\n")
+    assert capsys.readouterr().err.startswith("mutate: --write needs a run of all modules\n")
 
 
 def test_the_number_of_hypothesis_examples_is_limited(planted: Path) -> None:

@@ -1,1 +1,1 @@
-"""Runs the code blocks of README.md and docs as a reader would, and checks what they print."""
+"""Runs the code blocks of README.md and docs as a reader would, and checks their output."""

@@ -1,4 +1,4 @@
-"""`python -m metro_tools.doc_blocks`: run the documents, or list what becomes of each block."""
+"""`python -m metro_tools.doc_blocks`: runs the documents, or lists how each block is treated."""
 
 import argparse
 import sys
@@ -18,12 +18,12 @@ EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
 EXIT_USAGE: Final = 2
 EXIT_ENVIRONMENT: Final = 3
-AGAIN: Final = "mend the command or the document, then run `make examples DOCUMENTS={}`"
+AGAIN: Final = "correct the command or the document, then run `make examples DOCUMENTS={}`"
 NS_PER_S: Final = 1e9
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code 1 when a block does not do what its document says."""
+    """Return exit code 1 when a block does not do what its document says."""
     require_assertions("doc_blocks")
     options = _parser().parse_args(argv)
     root = Path(options.root).resolve()
@@ -31,10 +31,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     wanted = [Path(name).as_posix() for name in options.document]
     unknown = [name for name in wanted if name not in known]
     if unknown:
-        words = f"{unknown[0]}: no document of this project; README.md and docs/**/*.md are"
+        words = (
+            f"{unknown[0]}: not a document of this project; choose README.md or one of docs/**/*.md"
+        )
         print(f"doc_blocks: {words}", file=sys.stderr)
         return EXIT_USAGE
-    # A reader comes from the README, and later documents use what its commands left behind.
+    # A reader starts with the README, and later documents use files that its commands created.
     chosen = [name for name in known if not wanted or name in (README, *wanted)]
     try:
         return _list(root, chosen) if options.list else _run(root, chosen)
@@ -84,7 +86,7 @@ def _run(root: Path, names: Sequence[str]) -> int:
     ran = 0
     failures: list[str] = []
     with tempfile.TemporaryDirectory(prefix="docs-") as scratch:
-        # Sockets of the embedded bus lie in here, and their paths may have 100 bytes only.
+        # The embedded bus puts sockets here, and their paths are limited to about 100 bytes.
         runtime = Path(scratch) / "r"
         runtime.mkdir(mode=0o700)
         clone = Path(scratch) / "clone"

@@ -1,13 +1,13 @@
-"""Code blocks of a Markdown document, with the mark above each that says what becomes of it.
+"""Code blocks of a Markdown document, with the mark above each that says how it is treated.
 
-A mark is an HTML comment directly above the fence, so no reader of the page sees it:
+A mark is an HTML comment directly above the fence, so readers of the page do not see it:
 
     <!-- run: prints "run folder", "exit reason" -->    executed; the output must contain the texts
     <!-- run: exits 1, prints "FAILED" -->              executed; the last command must exit with 1
     <!-- skip: needs a CAN interface -->                not executed, for this reason
     <!-- file: runaway.toml -->                         saved under this name for the blocks below
 
-Every block of shell or Python carries one of them; blocks of other languages may be files.
+Every block of shell or Python has one of them; blocks of other languages may be files.
 """
 
 import re
@@ -23,7 +23,7 @@ PYTHON: Final = frozenset({"python", "py"})
 PROGRAMS: Final = frozenset(
     {"vobc", "plant", "hil", "vcan", "canlog", "make", "python", "python3", "pip", "pytest"}
 )
-"""A block that begins with one of these is a block of shell, whatever its fence says."""
+"""Programs that mark a block as shell commands, whatever the language of its fence is."""
 FENCE: Final = re.compile(r"^( {0,3})(`{3,}|~{3,})\s*(.*?)\s*$")
 MARK: Final = re.compile(r"^\s*<!--\s*(run|skip|file)\s*:\s*(.*?)\s*-->\s*$")
 LIKE_MARK: Final = re.compile(r"^\s*<!--\s*(run|skip|file)\b")
@@ -35,7 +35,7 @@ RUN_FORM: Final = 'write <!-- run: prints "text" --> or <!-- run: exits 1, print
 
 @dataclass(frozen=True, slots=True)
 class BlockMark:
-    """What becomes of one block."""
+    """How one block is treated."""
 
     run: bool = False
     prints: tuple[str, ...] = ()
@@ -63,7 +63,7 @@ class Block:
 
     @property
     def commands(self) -> list[str]:
-        """The lines for bash. In a block of `console` all others show what the commands print."""
+        """Lines for bash. In a block of `console` the lines without a prompt are output."""
         if self.language != CONSOLE:
             return list(self.text)
         return [line[2:] if line.startswith("$ ") else "" for line in self.text]
@@ -76,14 +76,14 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class DocumentFault:
-    """What is wrong with a document before anything is run."""
+    """An error in a document, found before any block is run."""
 
     line: int
     text: str
 
 
 def read_blocks(text: str) -> tuple[list[Block], list[DocumentFault]]:
-    """All fenced blocks of a document in order, and what is wrong with their marks."""
+    """Return all fenced blocks of a document in order, and the errors in their marks."""
     blocks: list[Block] = []
     faults: list[DocumentFault] = []
     lines = text.splitlines()
@@ -107,7 +107,7 @@ def read_blocks(text: str) -> tuple[list[Block], list[DocumentFault]]:
 
 
 def _outside(lines: Sequence[str], number: int) -> Iterator[DocumentFault]:
-    """Commands outside of any fence, and marks that stand above no fence."""
+    """Find commands outside of any fence, and marks that stand above no fence."""
     line = lines[number - 1]
     indented = INDENTED.match(line)
     before = lines[number - 2].strip() if number > 1 else ""
@@ -130,7 +130,7 @@ def _inside(lines: Sequence[str], fence: str, indent: int) -> Iterator[str]:
 
 
 def _mark_above(lines: Sequence[str], number: int) -> tuple[BlockMark, list[DocumentFault]]:
-    """The mark in the last line with text above a fence."""
+    """Return the mark in the last non-empty line above a fence."""
     above = number - 1
     while above > 0 and not lines[above - 1].strip():
         above -= 1
@@ -139,7 +139,7 @@ def _mark_above(lines: Sequence[str], number: int) -> tuple[BlockMark, list[Docu
     found = MARK.match(lines[above - 1])
     if found is None:
         return BlockMark(), [
-            DocumentFault(above, f"this mark has no text; {RUN_FORM}, or give the reason")
+            DocumentFault(above, f"this mark is empty; {RUN_FORM}, or give the reason")
         ]
     kind, text = found.groups()
     if kind == "skip":
@@ -151,7 +151,7 @@ def _mark_above(lines: Sequence[str], number: int) -> tuple[BlockMark, list[Docu
         name = PurePosixPath(text)
         good = text and not name.is_absolute() and ".." not in name.parts
         return BlockMark(file=text), [] if good else [
-            DocumentFault(above, f"{text!r} is no name of a file")
+            DocumentFault(above, f"{text!r} is not the name of a file")
         ]
     return _run_mark(text, above)
 

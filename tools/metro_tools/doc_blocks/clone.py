@@ -1,7 +1,7 @@
-"""A fresh clone of the project with an environment of its own, made in seconds.
+"""A fresh clone of the project with its own environment, created in seconds.
 
-The environment shares the installed libraries of the one that runs now, but every program in it
-imports the packages of the clone.
+The environment shares the installed libraries of the present one, but every program in it imports
+the packages of the clone.
 """
 
 import shutil
@@ -14,7 +14,7 @@ from typing import Final
 
 VENV: Final = ".venv"
 MADE: Final = (".ready-to-run", ".ready-to-test")
-"""Files by which the Makefile knows that the environment is complete."""
+"""Files by which the Makefile recognises a complete environment."""
 
 
 class CloneError(Exception):
@@ -22,7 +22,7 @@ class CloneError(Exception):
 
 
 def make_clone(source: Path, target: Path) -> None:
-    """Clone what is committed, and add what was changed or written since. Raises CloneError."""
+    """Clone the committed files, and add uncommitted changes and new files. Raises CloneError."""
     try:
         _git(source.parent, "clone", "--quiet", "--shared", str(source), str(target))
         changed = _git(source, "diff", "--name-only", "--no-renames", "-z", "HEAD")
@@ -58,7 +58,8 @@ def _make_environment(clone: Path) -> None:
     ours = sysconfig.get_paths()["purelib"]
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     packages = venv / "lib" / version / "site-packages"
-    # Names order these files: the clone's packages come before those of the other environment.
+    # The files are processed by name: the clone's packages come before those of the other
+    # environment.
     folders = "".join(f"{folder}\n" for folder in _source_folders(clone))
     (packages / "a_clone.pth").write_text(folders, encoding="utf-8")
     libraries = f"import site; site.addsitedir({ours!r})\n"
@@ -70,14 +71,14 @@ def _make_environment(clone: Path) -> None:
 
 
 def _source_folders(clone: Path) -> list[Path]:
-    """Folders that hold the packages, by what the wheel is made of."""
+    """Return the folders of the packages, from the settings of the wheel."""
     settings = tomllib.loads((clone / "pyproject.toml").read_text(encoding="utf-8"))
     packages = settings["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
     return list(dict.fromkeys(clone / Path(package).parent for package in packages))
 
 
 def _adopt(script: Path, copy: Path, python: Path) -> None:
-    """Copy a console script so that the clone's Python runs it; leave anything else out."""
+    """Copy a console script so that the clone's Python runs it; skip all other files."""
     if copy.exists() or not script.is_file():
         return
     content = script.read_bytes()

@@ -1,4 +1,4 @@
-"""The documents of the project in the order in which a reader meets them."""
+"""The documents of the project in reading order."""
 
 import re
 from collections import deque
@@ -10,7 +10,8 @@ LINK: Final = re.compile(r"\]\(([^)#\s]+\.md)(?:#[^)]*)?\)")
 
 
 def documents(root: Path) -> list[str]:
-    """README.md, then what it links to, then what those link to; the rest by name.
+    """Return README.md, then the documents it links to, then those they link to, then the rest by
+    name.
 
     Each is given by its path below the project's folder.
     """

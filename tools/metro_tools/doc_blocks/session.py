@@ -1,7 +1,7 @@
-"""One document in one bash, block by block, as a reader would type it.
+"""Runs one document in one bash, block by block, as a reader would type it.
 
-The script that bash reads has the lines of the document at their own numbers, so a command that
-fails is reported with the line of the document in which it stands.
+The script for bash has each line at its number in the document. A failing command is therefore
+reported with the line number of the document.
 """
 
 import os
@@ -19,7 +19,7 @@ from typing import Final
 from metro_tools.doc_blocks.blocks import Block
 
 BLOCK_SECONDS: Final = 300.0
-"""Longest time for one block. Blocks take seconds; only a block that hangs takes longer."""
+"""Time limit of one block, s. Blocks take seconds; only a hanging block takes longer."""
 SHOWN_LINES: Final = 12
 ENVIRONMENT: Final = {"TERM": "dumb", "PAGER": "cat", "COLUMNS": "120", "NO_COLOR": "1"}
 DROPPED: Final = ("PYTHONPATH", "PYTHONSAFEPATH", "PYTHONDONTWRITEBYTECODE", "MAKEFLAGS", "CI")
@@ -46,13 +46,13 @@ _block_ends() {
 
 @dataclass(frozen=True, slots=True)
 class BlockFailure:
-    """One block that did not do what the document says."""
+    """A block that did not do what the document says."""
 
     document: str
     line: int
     text: str
     output: str = ""
-    """The end of what the block printed."""
+    """Last part of the block's output."""
 
     def __str__(self) -> str:
         shown = "".join(f"\n    | {line}" for line in self.output.splitlines()[-SHOWN_LINES:])
@@ -61,12 +61,12 @@ class BlockFailure:
 
 @dataclass(frozen=True, slots=True)
 class DocumentOutcome:
-    """Of one document."""
+    """Result of one document."""
 
     ran: int
-    """Blocks that were executed to their end."""
+    """Number of blocks executed to their end."""
     failure: BlockFailure | None
-    """The first one; the blocks below it were not executed, because they may build on it."""
+    """The first failure; the blocks after it were not executed, because they may depend on it."""
 
 
 def run_document(
@@ -81,7 +81,7 @@ def run_document(
     """Execute the marked blocks of one document in the clone.
 
     Args:
-        runtime: folder in which the embedded buses of this session meet; its path must be short.
+        runtime: folder for the sockets of embedded buses in this session; its path must be short.
     """
     marked = [block for block in blocks if block.mark.run or block.mark.file]
     if not marked:
@@ -96,7 +96,7 @@ def run_document(
 
 
 def _script(length: int, blocks: Sequence[Block], place: Path) -> str:
-    """Bash, with each line of a block at its own number in the document."""
+    """Return the bash script, with each line of a block at its number in the document."""
     lines = [""] * (length + 1)
     for block in blocks:
         before, after = block.line - 1, block.end - 1
@@ -112,7 +112,7 @@ def _script(length: int, blocks: Sequence[Block], place: Path) -> str:
         lines[before] = f"_block_starts {block.line} {manner}"
         lines[after] = f"_block_ends {block.line}"
         if block.is_python:
-            # Empty lines in front, so that a traceback has the numbers of the document.
+            # Leading empty lines give tracebacks the line numbers of the document.
             program = place / f"{block.line}.py"
             program.write_text("\n".join([*[""] * block.line, *block.text, ""]), encoding="utf-8")
             lines[block.line] = f"python {shlex.quote(str(program))}"
@@ -128,7 +128,7 @@ def _environment(clone: Path, runtime: Path) -> Mapping[str, str]:
 
 
 class _Follow:
-    """Reads what bash reports about each block, and judges the block when it ends."""
+    """Reads the reports of bash about each block, and checks each block when it ends."""
 
     def __init__(self, name: str, blocks: Sequence[Block], place: Path) -> None:
         self._name = name
@@ -160,7 +160,7 @@ class _Follow:
         try:
             self._follow(bash, reading, seconds)
         finally:
-            # Programs that a block left in the background end with their document.
+            # End programs that a block left in the background.
             with suppress(ProcessLookupError):
                 os.killpg(bash.pid, signal.SIGKILL)
             bash.wait()
@@ -184,10 +184,10 @@ class _Follow:
                     break
         os.close(pidfd)
         if self._failure is None and (self._current is not None or bash.wait() != 0):
-            self._fail("bash ended here; mend the command, or leave `exit` out of the block")
+            self._fail("bash ended here; correct the command, or remove `exit` from the block")
 
     def _take(self, text: str) -> str:
-        """Obey all whole lines of what bash reported; return the rest."""
+        """Process all complete lines of the reports; return the rest."""
         *lines, rest = text.split("\n")
         for line in lines:
             verb, *numbers = line.split()
@@ -212,7 +212,7 @@ class _Follow:
             self._fail("a program of this block ended with a traceback")
         elif missing:
             texts = ", ".join(f'"{text}"' for text in missing)
-            self._fail(f"the output lacks {texts}; mend the block, or the mark above it")
+            self._fail(f"the output lacks {texts}; correct the block, or the mark above it")
         else:
             self._ran += 1
 

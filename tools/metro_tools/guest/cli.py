@@ -21,37 +21,37 @@ EXIT_INTERRUPTED: Final = 130
 EXIT_BROKEN_PIPE: Final = 141
 KERNEL_VARIABLE: Final = "VCAN_GUEST_KERNEL"
 GUEST_VARIABLE: Final = "VCAN_GUEST"
-"""Set in the guest's environment, so that a program can tell where it runs."""
+"""Variable in the guest's environment by which programs recognise the guest."""
 KERNELS: Final = (AUTOMATIC, *(kernel.value for kernel in GuestKernel))
 DEFAULT_TIMEOUT_S: Final = 900
 DEFAULT_MEMORY_MIB: Final = 2048
 
 NOTES: Final = """\
 The guest is Debian's user-mode Linux: a kernel that runs as an ordinary process. It needs neither
-root nor KVM, sees the same files, directory and environment, and is gone afterwards. What the
-command writes below the working directory stays; all other writes go to memory and vanish. The
-command is root, has a loopback and no other network, and an empty standard input.
-Ctrl-C reaches it.
+root nor KVM. It has the same files, directory and environment, and leaves nothing behind. Files
+written below the working directory stay; all other writes go to memory and are lost. The command
+runs as root, with a loopback interface as its only network and an empty standard input. Ctrl-C
+reaches it.
 
 kernels: stock, the distribution's user-mode Linux; newer, Debian unstable's, which also runs on
 processors with AMX; qemu, an emulated PC, about 15 times slower. The processor decides which is
-tried first; where it does not come up, the next one is. Only qemu has can-isotp.
+tried first; if it does not boot, the next one is tried. Only qemu has can-isotp.
 
-exit status: the command's; 2: wrong use; 124: it ran out of time; 125: there was no guest, and why
-is said on standard error; 126, 127: the command cannot be executed, was not found; 128+N: ended
+exit status: that of the command; 2: wrong use; 124: time limit exceeded; 125: no guest, with the
+reason on standard error; 126, 127: the command cannot be executed, was not found; 128+N: ended
 by signal N.
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, ask for the guest, say why not if so."""
+    """Run the command in a guest; without a guest, print the reason."""
     require_assertions("vcan-guest")
     parser = _parser()
     options = parser.parse_args(words_of("vcan-guest", argv))
     command = options.command[1:] if options.command[:1] == ["--"] else options.command
     if not command:
         parser.error("a command is missing")
-    if options.kernel not in KERNELS:  # argparse looks at no default
+    if options.kernel not in KERNELS:  # argparse does not check the default.
         parser.error(f"{KERNEL_VARIABLE}={options.kernel}: choose from {', '.join(KERNELS)}")
     try:
         _check_machine()
@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(request: GuestRequest, options: argparse.Namespace) -> int:
-    """The command's exit status, from the first kernel that comes up."""
+    """Return the command's exit status from the first kernel that boots."""
     choice = choose(options.kernel, this_processor())
     failures: list[tuple[GuestKernel, str]] = []
     for kernel in choice.kernels:
@@ -113,37 +113,38 @@ def _parser() -> argparse.ArgumentParser:
         "--write",
         action="append",
         metavar="DIRECTORY",
-        help="a directory whose changes stay, may be repeated (default: the working directory)",
+        help="directory in which changes stay, may be repeated (default: working directory)",
     )
     parser.add_argument(
         "--timeout",
         type=_whole_number,
         default=DEFAULT_TIMEOUT_S,
         metavar="S",
-        help=f"seconds that the command may run, 0 for any (default: {DEFAULT_TIMEOUT_S})",
+        help=f"time limit of the command in seconds, 0 for none (default: {DEFAULT_TIMEOUT_S})",
     )
     parser.add_argument(
         "--memory",
         type=_whole_number,
         default=DEFAULT_MEMORY_MIB,
         metavar="MIB",
-        help=f"taken as it is used; less if there is less (default: {DEFAULT_MEMORY_MIB})",
+        help="memory of the guest, allocated on use; less if less is available "
+        f"(default: {DEFAULT_MEMORY_MIB})",
     )
     parser.add_argument(
         "--cache",
         type=_folder,
         default=packages.default_cache(),
         metavar="DIRECTORY",
-        help="where the unpacked guest is kept (default: below ~/.cache)",
+        help="folder for the unpacked guest (default: below ~/.cache)",
     )
     parser.add_argument(
         "--kernel",
         choices=KERNELS,
         default=os.environ.get(KERNEL_VARIABLE) or AUTOMATIC,
-        help=f"what to boot (default: ${KERNEL_VARIABLE}, or what suits the processor and, "
-        "where that does not come up, the next one)",
+        help=f"kernel to boot (default: ${KERNEL_VARIABLE}, or the one for this processor, and the "
+        "next one if that does not boot)",
     )
-    parser.add_argument("--quiet", action="store_true", help="do not say which kernel boots")
+    parser.add_argument("--quiet", action="store_true", help="do not print which kernel boots")
     parser.add_argument(
         "--verbose", action="store_true", help="show the kernel's messages at the end"
     )
@@ -157,19 +158,19 @@ def _whole_number(text: str) -> int:
 
 
 def _folder(text: str) -> Path:
-    """The guest starts in another directory."""
+    """Return an absolute path, because the guest starts in another directory."""
     return Path(text).absolute()
 
 
 def _check_machine() -> None:
-    """Say early what cannot work, in words about this machine."""
+    """Report at once if this machine cannot run a guest."""
     if os.environ.get(GUEST_VARIABLE):
         raise GuestError("this is a guest already; run the command itself")
     system, processor = platform.system(), platform.machine()
     if system != "Linux" or processor not in ("x86_64", "AMD64"):
         raise GuestError(
             f"this is {system} on {processor}, but user-mode Linux exists for Linux on x86_64 "
-            "only. `vcan up` gives an embedded bus that needs no kernel support"
+            "only. `vcan up` starts an embedded bus, which needs no kernel support"
         )
 
 
@@ -194,7 +195,9 @@ def _request(options: argparse.Namespace, command: tuple[str, ...]) -> GuestRequ
 
 
 def _environment() -> dict[str, str]:
-    """The caller's, with the programs of this installation found after all others."""
+    """Return the caller's environment, with the programs of this installation at the end of
+    PATH.
+    """
     checkout = Path(__file__).resolve().parents[3] / ".venv/bin"
     folders = (os.environ.get("PATH", os.defpath), Path(sys.executable).parent, checkout)
     found = [str(folder) for folder in folders if isinstance(folder, str) or folder.is_dir()]

@@ -1,4 +1,4 @@
-"""Packages that are pinned by version and checksum, and what a mirror offers of them. Pure."""
+"""Packages pinned by version and checksum, and the versions that a mirror offers. Pure."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -23,14 +23,15 @@ PINNED: Final = (
     ),
     Package("libc6", "2.43-7", "5c71715c51103beb4fbba9fe9f8dff604af6610dfa71c70bff342f54a7860803"),
 )
-"""Of Debian unstable: the kernel that boots on every processor so far, and its C library."""
+"""Packages of Debian unstable: the kernel that boots on every processor tried so far, and its C
+library."""
 
 
 def offered(name: str, text: str) -> Package:
-    """The package that the output of `apt-cache show` describes first.
+    """Return the package that the output of `apt-cache show` describes first.
 
     Raises:
-        NoKernelError: it describes none.
+        NoKernelError: the output describes none.
     """
     fields: dict[str, str] = {}
     for line in text.splitlines():
@@ -48,18 +49,18 @@ def offered(name: str, text: str) -> Package:
 
 
 def settle(pinned: Package, offer: Package) -> tuple[Package, str]:
-    """The package to take, and what to say of it: nothing if it is the pinned one.
+    """Return the package to use, and a remark unless it is the pinned one.
 
-    Debian unstable keeps one version of a package. When the pinned one is gone, the one that took
-    its place is authentic, too: the signed index states its checksum.
+    Debian unstable keeps only one version of a package. When the pinned one is gone, its successor
+    is authentic, too: the signed index contains its checksum.
 
     Raises:
-        NoKernelError: the index states another checksum for the pinned version.
+        NoKernelError: the index has another checksum for the pinned version.
     """
     if offer.version != pinned.version:
         return offer, (
-            f"the mirror has {offer.name} {offer.version} instead of the tried {pinned.version}; "
-            f"taking it, SHA-256 {offer.sha256} by the signed index"
+            f"the mirror has {offer.name} {offer.version} instead of the tested {pinned.version}; "
+            f"using it, SHA-256 {offer.sha256} by the signed index"
         )
     if offer.sha256 != pinned.sha256:
         raise NoKernelError(
@@ -70,11 +71,11 @@ def settle(pinned: Package, offer: Package) -> tuple[Package, str]:
 
 
 def sources_line(index_targets: str, keyring: str | None) -> str:
-    """The sources.list line of Debian unstable on the mirror that this machine uses.
+    """Return the sources.list line of Debian unstable on the mirror that this machine uses.
 
     Args:
-        index_targets: addresses of the machine's repositories, one a line. The first one of the
-            Debian archive counts; without any it is Debian's own.
+        index_targets: addresses of the machine's repositories, one a line. The first address of the
+            Debian archive is used; without any it is Debian's own.
         keyring: file with Debian's keys; None: the keys that the machine trusts.
     """
     mirrors = [line.strip() for line in index_targets.splitlines()]

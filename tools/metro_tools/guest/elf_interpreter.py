@@ -1,23 +1,23 @@
-"""Which dynamic loader an ELF program starts with. Pure."""
+"""Sets the dynamic loader of an ELF program. Pure."""
 
 import struct
 from typing import Final
 
 PT_INTERP: Final = 3
 HEADER: Final = "<16xHHIQQQIHHHHHH"
-"""ELF64, little endian: the part of the header after the 16 bytes that identify it."""
+"""ELF64, little endian: the part of the header after the 16 identification bytes."""
 SEGMENT: Final = "<IIQQQQQQ"
 """Type, flags, offset, virtual and physical address, size in the file and in memory, alignment."""
 
 
 def with_interpreter(program: bytes, loader: str) -> bytes:
-    """The program, started by the dynamic loader at this absolute path.
+    """Return the program with the dynamic loader at this absolute path.
 
-    The path goes behind the end of the file, and the segment that names the loader points there.
-    Linux reads the path from the file, so no address in the program changes.
+    The path is appended to the file, and the segment that names the loader points to it. Linux
+    reads the path from the file, so no address in the program changes.
 
     Raises:
-        ValueError: no 64-bit ELF program, or one without a dynamic loader.
+        ValueError: not a 64-bit ELF program, or one without a dynamic loader.
     """
     if len(program) < struct.calcsize(HEADER) or program[:6] != b"\x7fELF\x02\x01":
         raise ValueError("no 64-bit ELF program")

@@ -9,7 +9,7 @@ TRAILER: Final = "TRAILER!!!"
 
 
 def archive(directories: tuple[str, ...], files: Mapping[str, bytes]) -> bytes:
-    """The archive with these directories, parents first, and these files, all executable."""
+    """Return the archive with these directories, parents first, and these files, all executable."""
     entries = [(name, DIRECTORY, b"") for name in directories]
     entries += [(name, PROGRAM, content) for name, content in files.items()]
     parts = [_entry(number, *entry) for number, entry in enumerate(entries, start=1)]
@@ -17,7 +17,7 @@ def archive(directories: tuple[str, ...], files: Mapping[str, bytes]) -> bytes:
 
 
 def _entry(number: int, name: str, mode: int, content: bytes) -> bytes:
-    """Header of 13 hexadecimal fields, name and content, each padded to four bytes."""
+    """Return a header of 13 hexadecimal fields, name and content, each padded to four bytes."""
     path = name.encode() + b"\0"
     fields = (number, mode, 0, 0, 1, 0, len(content), 0, 0, 0, 0, len(path), 0)
     header = b"070701" + "".join(f"{field:08X}" for field in fields).encode()

@@ -1,20 +1,20 @@
-"""Kernel modules with all that they depend on, in the order to load. Pure."""
+"""Kernel modules with their dependencies, in load order. Pure."""
 
 import re
 from collections.abc import Callable, Iterable
 from typing import Final
 
 DEPENDS: Final = re.compile(rb"\0depends=([^\0]*)\0")
-"""In the section .modinfo of a module: the names of others, with commas."""
+"""Names of required modules in a module's section .modinfo, separated by commas."""
 
 
 def module_name(file_name: str) -> str:
-    """As the kernel calls it: without .ko and what follows, and with underscores."""
+    """Return the kernel's name of a module: without .ko and what follows, and with underscores."""
     return file_name.partition(".ko")[0].replace("-", "_")
 
 
 def dependencies(module: bytes) -> list[str]:
-    """The modules that have to be loaded before this one."""
+    """Return the modules that must be loaded before this one."""
     found = DEPENDS.search(module)
     return found[1].decode().replace("-", "_").split(",") if found and found[1] else []
 
@@ -22,11 +22,12 @@ def dependencies(module: bytes) -> list[str]:
 def in_load_order(
     wanted: Iterable[str], content: Callable[[str], bytes | None]
 ) -> dict[str, bytes]:
-    """Modules by name, each behind those that it depends on.
+    """Return modules by name, each after those that it depends on.
 
     Args:
-        wanted: names, spelt either way.
-        content: of a module by name; None if it is no file, as the kernel has it built in.
+        wanted: names, with hyphens or underscores.
+        content: content of a module by name; None without a file, because the kernel has it built
+            in.
     """
     loaded: dict[str, bytes] = {}
 

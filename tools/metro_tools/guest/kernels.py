@@ -7,16 +7,15 @@ from typing import Final
 
 AUTOMATIC: Final = "auto"
 SIGNAL_FRAME_MAX_BYTES: Final = 3632
-"""Signal frame of a processor with AVX-512 and protection keys, whose XSAVE area has 2,696 bytes.
-
-User-mode Linux before 6.13 keeps this area in a buffer of just that size and dies on a larger one.
-"""
+"""Size of the signal frame on a processor with AVX-512 and protection keys, whose XSAVE area has
+2,696 bytes. User-mode Linux before 6.13 has a buffer of exactly this size and crashes on a larger
+one."""
 AMX_FLAG: Final = "amx_tile"
 """Flag in /proc/cpuinfo of a processor whose XSAVE area has 11,008 bytes."""
 
 
 class GuestKernel(Enum):
-    """A kernel to boot; the value is the user's name of it and its folder in the cache."""
+    """A kernel to boot; the value is its name for users and its folder in the cache."""
 
     STOCK = "stock"
     NEWER = "newer"
@@ -32,36 +31,36 @@ TITLES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Processor:
-    """What decides which user-mode kernel can run."""
+    """Properties of the processor that decide which user-mode kernel can run."""
 
     flags: Collection[str]
-    """As in /proc/cpuinfo."""
+    """Flags as in /proc/cpuinfo."""
     signal_frame_bytes: int | None
-    """AT_MINSIGSTKSZ, which grows with the XSAVE area; None where the host does not give it."""
+    """AT_MINSIGSTKSZ, which grows with the XSAVE area; None if the host does not give it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Kernels in the order to try, and why that order."""
+    """Kernels in the order to try, and the reason of that order."""
 
     kernels: Sequence[GuestKernel]
     reason: str
 
 
 def choose(wanted: str, processor: Processor) -> Choice:
-    """One kernel if the user named it, else all three; the later ones are for when one fails.
+    """Return one kernel if the user named it, otherwise all three; each later one is a fallback.
 
     Args:
         wanted: a value of `GuestKernel`, or `AUTOMATIC`.
-        processor: of this machine.
+        processor: properties of this machine's processor.
     """
     if wanted != AUTOMATIC:
-        return Choice((GuestKernel(wanted),), "as asked for")
+        return Choice((GuestKernel(wanted),), "as requested")
     frame_bytes = processor.signal_frame_bytes or 0
     if AMX_FLAG in processor.flags:
-        reason = "the processor has AMX, on which older ones die"
+        reason = "the processor has AMX, on which older kernels crash"
     elif frame_bytes > SIGNAL_FRAME_MAX_BYTES:
-        reason = f"older ones die on the processor's signal frame of {frame_bytes} bytes"
+        reason = f"older kernels crash on the processor's signal frame of {frame_bytes} bytes"
     else:
         return Choice(
             (GuestKernel.STOCK, GuestKernel.NEWER, GuestKernel.QEMU), "it suits the processor"
@@ -70,12 +69,12 @@ def choose(wanted: str, processor: Processor) -> Choice:
 
 
 def booting_line(kernel: GuestKernel, release: str, reason: str) -> str:
-    """The line that names the kernel before it boots, and says why this one."""
+    """Return the line that names the kernel before it boots, with the reason."""
     return f"kernel {kernel.value}: {TITLES[kernel]} {release} ({reason})"
 
 
 def failure_text(failures: Sequence[tuple[GuestKernel, str]]) -> str:
-    """Why no kernel gave a guest: each reason once."""
+    """Return why no kernel booted: each reason once."""
     texts = dict.fromkeys(text for _, text in failures)
     if len(texts) == 1:
         return next(iter(texts))

@@ -1,4 +1,4 @@
-"""How the kernels from the cache are started: files, command line and environment of each."""
+"""Start of a kernel from the cache: files, command line and environment."""
 
 import shutil
 from collections.abc import Mapping, Sequence
@@ -12,13 +12,13 @@ from metro_tools.guest.plan import Engine, GuestFolders
 from metro_tools.guest.wires import GuestWires
 
 NEWER_LIBRARIES: Final = PurePath("lib")
-"""In the folder of the kernel, which is the working directory that it starts in."""
+"""Library folder, relative to the kernel's folder, in which the kernel starts."""
 LIBRARY_FOLDER: Final = "lib/x86_64-linux-gnu"
 
 
 @dataclass(frozen=True, slots=True)
 class GuestMemory:
-    """Where the guest's memory is, and how many MiB it has."""
+    """Location and size (MiB) of the guest's memory."""
 
     place: str | None
     """Directory of a tmpfs; None: memory of the process."""
@@ -27,15 +27,15 @@ class GuestMemory:
 
 @dataclass(frozen=True, slots=True)
 class Launch:
-    """What the host starts."""
+    """A process that the host starts."""
 
     words: Sequence[str]
     settings: Mapping[str, str]
-    """Environment variables that are set over the launcher's own."""
+    """Environment variables in addition to the launcher's own."""
 
 
 def machine_for(kernel: GuestKernel, cache: Path, run_dir: Path) -> GuestFolders:
-    """Where the parts of a guest with this kernel are."""
+    """Return the locations of a guest's parts for this kernel."""
     folder, emulator = cache / kernel.value, cache / packages.EMULATOR
     own = shutil.which(qemu.PROGRAM)
     firmware: tuple[Path, ...] = ()
@@ -59,7 +59,10 @@ def machine_for(kernel: GuestKernel, cache: Path, run_dir: Path) -> GuestFolders
 
 
 def launch(machine: GuestFolders, memory: GuestMemory, wires: GuestWires) -> Launch:
-    """Command line and environment; names the pipes of the control line in the run directory."""
+    """Return command line and environment.
+
+    It creates links for the pipes of the control line in the run directory.
+    """
     settings = {}
     if machine.libraries is not None:
         settings["LD_LIBRARY_PATH"] = str(machine.libraries)

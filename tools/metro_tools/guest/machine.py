@@ -1,4 +1,4 @@
-"""The guest as a process: started, listened to, passed signals, and never left behind."""
+"""The guest as a process: starts it, reads its output, passes signals on, and always ends it."""
 
 import os
 import selectors
@@ -29,36 +29,39 @@ from metro_tools.guest.plan import (
 from metro_tools.guest.wires import GuestWires, lay_wires, write_all
 
 BOOT_TIMEOUTS_S: Final = {Engine.UML: 90.0, Engine.QEMU: 300.0}
-"""One or two seconds are usual, 25 with QEMU; the rest is for a busy machine."""
+"""Time limits for booting. One or two seconds are usual, 25 with QEMU; the rest is for a busy
+machine."""
 HANG_GRACE_S: Final = 60.0
-"""Beyond the command's own limit, which the guest enforces: this is for a guest that hangs."""
+"""Additional time after the command's own limit, which the guest enforces; it detects a hanging
+guest."""
 SIGNAL_GRACE_S: Final = 20.0
-"""From a signal passed on to the end of the guest; a run writes its report in that time."""
+"""Time from a forwarded signal to the end of the guest, in which a run writes its report."""
 FLUSH_TIMEOUT_S: Final = 5.0
-"""For the guest to power off, and for the last of its output."""
+"""Time for the guest to power off and for its last output."""
 WAIT_MAX_S: Final = 60.0
 CLOCK: Final = WallClock()
 CHUNK_BYTES: Final = 65536
 PASSED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 WATCHDOG: Final = 'read -r _; kill -s KILL -- "-$1"; rm -rf -- "$2"'
-"""Waits for the end of its input, which the launcher holds open as long as it lives."""
+"""Shell script that waits for the end of its input, which the launcher keeps open while it
+lives."""
 
 
 @dataclass(slots=True)
 class _Course:
-    """How far the guest has come."""
+    """State of the guest's run."""
 
     is_up: bool = False
     status: int | None = None
     signals: list[int] = field(default_factory=list)
-    """Received and not passed on yet."""
+    """Received signals that have not been passed on yet."""
     deadline_s: float = 0.0
     why: str = "did not come up"
-    """What to say when the deadline passes."""
+    """Message when the deadline passes."""
 
 
 def find_memory(kernel: GuestKernel, wanted_mib: int) -> GuestMemory:
-    """Where the guest's memory will be, and how much it gets.
+    """Return location and size of the guest's memory.
 
     Raises:
         NoKernelError: there is no room for it.
@@ -72,10 +75,10 @@ def find_memory(kernel: GuestKernel, wanted_mib: int) -> GuestMemory:
 def run(
     request: GuestRequest, cache: Path, kernel: GuestKernel, memory: GuestMemory, *, verbose: bool
 ) -> int:
-    """Boot, run, power off; the command's exit status.
+    """Boot, run, power off, and return the command's exit status.
 
     Raises:
-        NoKernelError: the guest did not come up; with its last messages.
+        NoKernelError: the guest did not boot; with its last messages.
         GuestError: it hung or crashed later.
     """
     with _run_dir() as run_dir:
@@ -92,7 +95,7 @@ def run(
 
 
 def memory_places() -> Iterator[MemoryPlace]:
-    """File systems where the guest's memory could live, best first."""
+    """File systems that could hold the guest's memory, best first."""
     kinds = {}
     for line in Path("/proc/mounts").read_text(errors="replace").splitlines():
         _, mount_point, kind, *_ = line.split()
@@ -115,7 +118,8 @@ def _available_mib() -> int:
 
 @contextmanager
 def _run_dir() -> Iterator[Path]:
-    # Directly in /tmp: the path goes on the kernel's command line, where a blank would end it.
+    # Directly in /tmp, because the path is part of the kernel's command line, where a blank would
+    # end it.
     path = Path(tempfile.mkdtemp(prefix="vcan-guest.", dir="/tmp"))
     try:
         yield path
@@ -140,7 +144,7 @@ def _write_scripts(request: GuestRequest, machine: GuestFolders, run_dir: Path) 
 
 
 def _write(path: Path, text: str) -> None:
-    """The environment need not be UTF-8; its bytes stay as they came."""
+    """Write text byte for byte; the environment need not be UTF-8."""
     path.write_bytes(os.fsencode(text))
 
 
@@ -162,7 +166,7 @@ def _boot(request: GuestRequest, machine: GuestFolders, memory: GuestMemory) -> 
 def _start(
     start: Launch, machine: GuestFolders, wires: GuestWires, console: IO[bytes]
 ) -> subprocess.Popen[bytes]:
-    """Start the kernel as leader of a session of its own, so that a Ctrl-C does not reach it."""
+    """Start the kernel as leader of its own session, so that Ctrl-C does not reach it."""
     try:
         process = subprocess.Popen(  # noqa: S603 # the kernel from the cache
             start.words,
@@ -184,10 +188,10 @@ def _start(
 
 @contextmanager
 def _watched(process: subprocess.Popen[bytes], run_dir: str) -> Iterator[None]:
-    """End the guest's processes also when the launcher has no time left to do it.
+    """End the guest's processes even if the launcher is killed.
 
-    They have to be killed all at once: what is left of the guest when its kernel has died alone
-    would go on as a process of the host.
+    All must be killed at once: if only the guest's kernel died, its remaining processes would
+    continue on the host.
     """
     with subprocess.Popen(  # noqa: S603 # a fixed script and a number
         ["sh", "-c", WATCHDOG, "sh", str(process.pid), run_dir],  # noqa: S607 # whichever shell there is
@@ -208,7 +212,7 @@ def _now_s() -> float:
 
 @contextmanager
 def _kept_signals() -> Iterator[_Course]:
-    """Note the signals that would end the launcher, to pass them on instead."""
+    """Record the signals that would end the launcher, to pass them on instead."""
     course = _Course()
 
     def note(number: int, _frame: FrameType | None) -> None:
@@ -225,7 +229,7 @@ def _kept_signals() -> Iterator[_Course]:
 def _attend(
     process: subprocess.Popen[bytes], wires: GuestWires, timeout_s: int, course: _Course
 ) -> int:
-    """Relay output, follow reports and pass signals on until the guest is gone."""
+    """Relay output, follow reports and pass signals on until the guest has ended."""
     reports = bytearray()
     with selectors.DefaultSelector() as selector, _wakeup(selector):
         selector.register(wires.reports_in, selectors.EVENT_READ, None)
@@ -237,7 +241,8 @@ def _attend(
             _follow(reports, course, timeout_s)
             _pass_signals(course, wires.orders_out)
             if process.poll() is not None:
-                # It is gone; its pipes end at once unless a stray process of it holds them.
+                # The guest has ended; its pipes close at once unless a stray process of it holds
+                # them.
                 course.deadline_s = min(course.deadline_s, _now_s() + FLUSH_TIMEOUT_S)
     if course.status is None and not course.is_up:
         raise NoKernelError(f"the guest {course.why}")
@@ -248,7 +253,7 @@ def _attend(
 
 @contextmanager
 def _wakeup(selector: selectors.BaseSelector) -> Iterator[None]:
-    """Let a signal end the wait of the selector."""
+    """Let a signal end the selector's wait."""
     read, write = os.pipe()
     os.set_blocking(read, False)
     os.set_blocking(write, False)
@@ -263,7 +268,7 @@ def _wakeup(selector: selectors.BaseSelector) -> Iterator[None]:
 
 
 def _take(selector: selectors.BaseSelector, key: selectors.SelectorKey, reports: bytearray) -> None:
-    """Move what there is: output to where it goes, reports to their buffer."""
+    """Move available data: output to its destination, reports to their buffer."""
     data = os.read(key.fd, CHUNK_BYTES)
     if key.data == key.fd:  # the wake-up pipe
         return
@@ -276,7 +281,7 @@ def _take(selector: selectors.BaseSelector, key: selectors.SelectorKey, reports:
 
 
 def _follow(reports: bytearray, course: _Course, timeout_s: int) -> None:
-    """Act on the whole lines among the reports."""
+    """Process the complete lines of the reports."""
     while (end := reports.find(b"\n")) >= 0:
         words = bytes(reports[:end]).split()
         del reports[: end + 1]
@@ -291,7 +296,7 @@ def _follow(reports: bytearray, course: _Course, timeout_s: int) -> None:
 
 
 def _pass_signals(course: _Course, orders_out: int) -> None:
-    """Hand the first signal to the command; on a second one there is no more patience."""
+    """Pass the first signal to the command; a second one ends the launcher at once."""
     while course.signals:
         number = course.signals.pop(0)
         if not course.is_up or course.why == "did not end after a signal":
@@ -302,7 +307,7 @@ def _pass_signals(course: _Course, orders_out: int) -> None:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Kill what is left of the guest: the kernel and the host processes that its processes are."""
+    """Kill the rest of the guest: the kernel and the host processes of its processes."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
@@ -311,4 +316,4 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 def _last_messages(run_dir: Path) -> str:
     text = (run_dir / "console.log").read_text(errors="replace").strip()
     lines = text.splitlines()[-15:]
-    return "its last messages:\n  " + "\n  ".join(lines) if lines else "it said nothing"
+    return "its last messages:\n  " + "\n  ".join(lines) if lines else "it printed nothing"

@@ -1,4 +1,4 @@
-"""Debian packages, fetched and unpacked into a cache; installs nothing and needs no rights."""
+"""Debian packages, downloaded and unpacked into a cache, without installation or root rights."""
 
 import fcntl
 import hashlib
@@ -37,7 +37,8 @@ MODULES: Final = (
     *("ipv6", "overlay", "vcan", "vxcan", "slcan"),
     *("can", "can-raw", "can-bcm", "can-gw", "can-j1939"),
 )
-"""What a kernel has built in has no file; only the required must have one."""
+"""Modules to load. Modules built into a kernel have no file; only the required ones must have a
+file."""
 FETCH_TIMEOUT_S: Final = 600
 DEPENDENCY_DEPTH_MAX: Final = 6
 
@@ -45,19 +46,21 @@ Say = Callable[[str], None]
 
 
 def default_cache() -> Path:
-    """Where the unpacked guest is kept: below the user's cache directory."""
+    """Return the folder for the unpacked guest, below the user's cache directory."""
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(base) / "metro-bench" / "vcan-guest"
 
 
 def parts_of(kernel: GuestKernel) -> tuple[str, ...]:
-    """Folders of the cache that a guest with this kernel takes."""
+    """Return the folders of the cache that a guest with this kernel needs."""
     bundled = kernel is GuestKernel.QEMU and shutil.which(qemu.PROGRAM) is None
     return (kernel.value, TOOLBOX, *([EMULATOR] if bundled else []))
 
 
 def fill_cache(cache: Path, kernel: GuestKernel, say: Say) -> None:
-    """Make sure that the parts of this kernel are in the cache. A part that is there is whole.
+    """Ensure that the parts of this kernel are in the cache.
+
+    An existing part is complete.
 
     Raises:
         NoKernelError: no apt, no such package, no network.
@@ -97,13 +100,13 @@ def _fill_stock(apt: "_Apt", tree: Path, to: Path) -> None:
 
 
 def _fill_newer(apt: "_Apt", tree: Path, to: Path) -> None:
-    """Its C library comes along, as that of the host may be too old for it."""
+    """Unpack the newer kernel with its own C library, because the host's may be too old."""
     apt.unpack(("busybox-static",), tree)
     apt.unstable().unpack_pinned(PINNED, tree)
     _arrange_user_mode(tree, to)
     shutil.copytree(_loader(tree).parent, to / "lib", symlinks=True)
     kernel = to / "linux"
-    # A relative path: the kernel starts in its own folder, which may be moved.
+    # A relative path, because the kernel starts in its own folder, which may be moved.
     kernel.write_bytes(with_interpreter(kernel.read_bytes(), f"lib/{LOADER}"))
 
 
@@ -140,7 +143,7 @@ FILLERS: Final = {
 
 
 def release(cache: Path, kernel: GuestKernel) -> str:
-    """Version of a kernel in the cache, as `uname -r` gives it."""
+    """Return the version of a kernel in the cache, as from `uname -r`."""
     return (cache / kernel.value / "release").read_text().strip()
 
 
@@ -163,9 +166,9 @@ def _arrange(tree: Path, to: Path, modules: Sequence[str]) -> None:
 
 
 def _modules(tree: Path, names: Sequence[str]) -> dict[str, bytes]:
-    """File names and contents of the modules and all that they depend on.
+    """Return file names and contents of the modules and all their dependencies.
 
-    The number in a file's name makes a shell's * give them in the order to load.
+    The number in a file's name makes a shell's * list them in load order.
     """
     files = {module_name(path.name): path for path in tree.rglob("*.ko*")}
 
@@ -187,7 +190,7 @@ def _only(tree: Path, folder: str, name: str) -> Path:
 
 
 def _loader(tree: Path) -> Path:
-    """The C library's dynamic loader; the folder it lies in is the library's."""
+    """Return the C library's dynamic loader; its folder is that of the library."""
     for path in tree.rglob(LOADER):
         if path.is_file() and path.with_name("libc.so.6").exists():
             return path
@@ -197,7 +200,7 @@ def _loader(tree: Path) -> Path:
 def merge_usr(tree: Path) -> None:
     """Move /bin, /sbin and /lib of a tree below /usr.
 
-    The tree is laid under a root where these are links; directories of that name would clash.
+    The tree is mounted under a root where these are links; directories of that name would conflict.
     """
     for name in ("bin", "sbin", "lib"):
         source = tree / name
@@ -207,7 +210,7 @@ def merge_usr(tree: Path) -> None:
 
 
 class _Apt:
-    """The package tools, with lists of their own for when the machine's are missing or too old."""
+    """The package tools, with own package lists in case the machine's are missing or too old."""
 
     def __init__(self, state: Path, say: Say) -> None:
         self._state = state
@@ -215,13 +218,15 @@ class _Apt:
         self._options: tuple[str, ...] = ("-q", "-o", "APT::Sandbox::User=root")
 
     def unstable(self) -> "_Apt":
-        """The same for Debian unstable, from the mirror that this machine uses."""
+        """Return the same tools for Debian unstable, from the mirror that this machine uses."""
         words = ["apt-get", *self._options, "indextargets", "--format", "$(REPO_URI)"]
         keyring = next((path for path in KEYRINGS if Path(path).exists()), None)
         return self.with_sources(sources_line(_call(words, Path("/")), keyring))
 
     def with_sources(self, text: str) -> "_Apt":
-        """The same for other sources, whatever releases this machine has or prefers."""
+        """Return the same tools for other sources, whatever releases this machine has or
+        prefers.
+        """
         state = Path(tempfile.mkdtemp(prefix="apt.", dir=self._state.parent))
         other = _Apt(state, self._say)
         (state / "sources.list").write_text(text)
@@ -236,20 +241,20 @@ class _Apt:
         return other
 
     def unpack(self, packages: Sequence[str], to: Path) -> None:
-        """Download, which checks signatures and hashes, and unpack."""
+        """Download packages, which checks signatures and hashes, and unpack them."""
         self._say(f"downloading {_listed(packages)} (once)")
         debs = self._new_folder("debs.")
         fetch = ("-o", "Acquire::Retries=3", "download", *packages)
         try:
             self._get(fetch, debs)
         except NoKernelError:
-            # Lists that are missing or out of date are the usual reason for a first failure.
+            # Missing or outdated lists are the usual reason for a first failure.
             self._update()
             self._get(fetch, debs)
         _unpack_all(debs, to)
 
     def unpack_pinned(self, packages: Sequence[Package], to: Path) -> None:
-        """Download the pinned versions, or what took their place, and unpack what is authentic."""
+        """Download the pinned versions or their successors, check their hashes, and unpack them."""
         taken = []
         for pinned in packages:
             shown = _call(["apt-cache", *self._options, "show", pinned.name], Path("/"))
@@ -268,7 +273,7 @@ class _Apt:
         _unpack_all(debs, to)
 
     def with_libraries(self, packages: Sequence[str]) -> list[str]:
-        """The packages and, over a few steps, the libraries that they depend on."""
+        """Return the packages and, up to a depth limit, the libraries that they depend on."""
         known, new = set(packages), set(packages)
         for _ in range(DEPENDENCY_DEPTH_MAX):
             new = library_names(self._depends(sorted(new))) - known
@@ -278,7 +283,7 @@ class _Apt:
         return sorted(known)
 
     def needed_by(self, package: str, prefix: str) -> list[str]:
-        """The packages with such a name that a package depends on."""
+        """Return the packages with this prefix that a package depends on."""
         words = [line.split() for line in self._depends([package]).splitlines()]
         return [w[1] for w in words if w[:1] == ["Depends:"] and w[1].startswith(prefix)]
 
@@ -297,7 +302,7 @@ class _Apt:
         _call(["apt-get", *self._options, *words], directory)
 
     def _update(self) -> None:
-        """Fetch package lists of our own: the machine's may be changed by root only."""
+        """Fetch own package lists, because only root may change the machine's."""
         lists = self._state / "lists"
         (lists / "partial").mkdir(parents=True, exist_ok=True)
         self._say("fetching the lists of packages")
@@ -318,7 +323,7 @@ def _unpack_all(debs: Path, to: Path) -> None:
 
 
 def _call(words: Sequence[str], directory: Path) -> str:
-    """Run a program and return what it says; what it complains of goes into the error."""
+    """Run a program and return its output; its error messages go into the exception."""
     environment = {**os.environ, "LC_ALL": "C.UTF-8"}
     try:
         done = subprocess.run(  # noqa: S603 # fixed programs, no shell
@@ -337,14 +342,14 @@ def _call(words: Sequence[str], directory: Path) -> str:
     if done.returncode != 0:
         complaint = "\n  ".join((done.stderr or done.stdout).strip().splitlines()[-5:])
         short = " ".join(word for word in words if word[0] != "-" and "::" not in word)
-        hint = "; is a mirror reached?" if words[0] == "apt-get" else ""
+        hint = "; is a mirror reachable?" if words[0] == "apt-get" else ""
         raise NoKernelError(f"{short} failed{hint}\n  {complaint}")
     return done.stdout
 
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Hold a lock file, so that runs that start together download once."""
+    """Hold a lock file, so that simultaneous runs download only once."""
     with path.open("a") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield

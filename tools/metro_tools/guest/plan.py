@@ -1,4 +1,4 @@
-"""What a guest is told before it boots: memory, kernel arguments, scripts. Pure."""
+"""Settings of a guest before it boots: memory, kernel arguments, scripts. Pure."""
 
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,14 +9,14 @@ from typing import Final
 
 MIB: Final = 1024 * 1024
 MEMORY_LEAST_MIB: Final = 384
-"""Less than this and Python with numpy no longer fits beside the kernel."""
+"""Minimum memory for Python with numpy beside the kernel."""
 MEMORY_MARGIN_MIB: Final = 64
-"""Left free where the guest's memory lives, for whoever else uses that file system."""
+"""Memory left free in the file system of the guest's memory, for its other users."""
 KILL_GRACE_S: Final = 10
-"""From SIGTERM at the end of the command's time to SIGKILL."""
+"""Time from SIGTERM at the command's time limit to SIGKILL."""
 C_LIBRARY: Final = ("libc6", "libgcc", "libcrypt1")
 INTERFACE_NAME_MAX: Final = 15
-"""IFNAMSIZ less the closing zero."""
+"""IFNAMSIZ minus the terminating zero."""
 
 
 class GuestError(Exception):
@@ -24,11 +24,14 @@ class GuestError(Exception):
 
 
 class NoKernelError(GuestError):
-    """One kernel cannot be had or does not come up; the command has not begun, another may do."""
+    """One kernel is unavailable or does not boot.
+
+    The command has not begun, and another kernel may work.
+    """
 
 
 class Engine(Enum):
-    """What runs the guest's kernel; the value is what `VCAN_GUEST` says in the guest."""
+    """Program that runs the guest's kernel; the value is that of `VCAN_GUEST` in the guest."""
 
     UML = "uml"
     QEMU = "qemu"
@@ -36,7 +39,7 @@ class Engine(Enum):
 
 @dataclass(frozen=True, slots=True)
 class GuestRequest:
-    """What runs in the guest, and what it sees there."""
+    """The command that runs in the guest, and its environment."""
 
     command: tuple[str, ...]
     directory: str
@@ -46,9 +49,9 @@ class GuestRequest:
     interfaces: tuple[str, ...]
     """Virtual CAN interfaces that are up before the command starts."""
     writable: tuple[str, ...]
-    """Directories whose changes reach the host; everything else is written to memory."""
+    """Directories whose changes reach the host; all other writes go to memory."""
     timeout_s: int
-    """0: no limit."""
+    """Time limit; 0: none."""
     hostname: str
     one_stream: bool
     """Standard output and standard error go to the same place and must keep their order."""
@@ -67,7 +70,7 @@ class MemoryPlace:
 
 @dataclass(frozen=True, slots=True)
 class GuestFolders:
-    """Where the unpacked guest is, and where this run of it keeps its files."""
+    """Locations of the unpacked guest and of the files of this run."""
 
     engine: Engine
     kernel: PurePath
@@ -76,18 +79,18 @@ class GuestFolders:
     toolbox: PurePath
     run_dir: PurePath
     libraries: PurePath | None = None
-    """Shared libraries that the kernel, or its emulator, takes before the host's."""
+    """Shared libraries that the kernel or its emulator uses instead of the host's."""
     emulator: PurePath | None = None
     """Program that emulates a PC."""
     firmware: Sequence[PurePath] = ()
-    """Directories with the PC's firmware; empty: where the emulator looks by itself."""
+    """Directories with the PC's firmware; empty: the emulator's defaults."""
 
 
 def choose_memory(places: Iterable[MemoryPlace], wanted_mib: int) -> tuple[MemoryPlace, int]:
-    """Where the guest's memory goes, and how many MiB of it.
+    """Choose location and size (MiB) of the guest's memory.
 
-    User-mode Linux maps its memory from a file and runs code in it, so it takes a tmpfs that is not
-    mounted noexec. The first place with all that is wanted wins, else the roomiest one.
+    User-mode Linux maps its memory from a file and runs code in it, so it needs a tmpfs that is not
+    mounted noexec. The first place with the full size is used, otherwise the largest one.
 
     Raises:
         NoKernelError: no place is usable; the text lists each with its reason.
@@ -118,7 +121,7 @@ def choose_memory(places: Iterable[MemoryPlace], wanted_mib: int) -> tuple[Memor
 
 
 def emulated_memory_mib(available_mib: int, wanted_mib: int) -> int:
-    """How many MiB of the machine's available memory an emulated PC gets.
+    """Return how many MiB of the machine's available memory an emulated PC gets.
 
     Raises:
         NoKernelError: too little is available.
@@ -133,7 +136,7 @@ def emulated_memory_mib(available_mib: int, wanted_mib: int) -> int:
 
 
 def interface_name_fault(name: str) -> str | None:
-    """Why the kernel would refuse a network interface of this name; None if it would not."""
+    """Return why the kernel would refuse a network interface of this name; None if it would not."""
     if not name:
         return "an interface name cannot be empty"
     if len(name.encode()) > INTERFACE_NAME_MAX:
@@ -148,13 +151,13 @@ def interface_name_fault(name: str) -> str | None:
 def kernel_arguments(
     machine: GuestFolders, memory_mib: int, control: tuple[int, int], streams: Sequence[int]
 ) -> list[str]:
-    """Command line of the user-mode kernel.
+    """Return the command line of the user-mode kernel.
 
     Args:
         machine: its `run_dir` must not contain blanks, which separate kernel arguments.
-        memory_mib: as chosen.
+        memory_mib: the chosen size.
         control: descriptors to read orders from and to write reports to.
-        streams: descriptors for the command's standard output and, if apart, standard error.
+        streams: descriptors for the command's standard output and, if separate, standard error.
     """
     assert " " not in str(machine.run_dir)
     lines = [f"ssl0=fd:{control[0]},fd:{control[1]}"]
@@ -167,13 +170,13 @@ def kernel_arguments(
         *("con=null", "con0=null,fd:1", "ssl=null"),
         *lines,
         *(f"uml_dir={machine.run_dir}", "umid=guest"),
-        # Times RAID algorithms for most of a second, and nothing here has a RAID.
+        # This initcall times RAID algorithms for most of a second, and the guest has no RAID.
         "initcall_blacklist=raid6_select_algo",
     ]
 
 
 def settings_script(request: GuestRequest, machine: GuestFolders) -> str:
-    """Shell variables that PID 1 reads first."""
+    """Return shell variables that PID 1 reads first."""
     values = {
         "engine": machine.engine.value,
         "run": str(machine.run_dir),
@@ -187,14 +190,16 @@ def settings_script(request: GuestRequest, machine: GuestFolders) -> str:
 
 
 def writable_list(request: GuestRequest) -> str:
-    """The directories to let through, one a line."""
+    """Return the writable directories, one a line."""
     return "".join(f"{path}\n" for path in request.writable)
 
 
 def command_script(
     request: GuestRequest, engine: Engine, busybox: str, timeout_program: str
 ) -> str:
-    """Shell script that becomes the command, with the host's environment and directory."""
+    """Return the shell script that becomes the command, with the host's environment and
+    directory.
+    """
     environment = [f"{name}={value}" for name, value in request.environment.items()]
     limit = [timeout_program, "-k", str(KILL_GRACE_S), str(request.timeout_s)]
     words = [
@@ -215,9 +220,9 @@ def command_script(
 
 
 def library_names(depends_text: str) -> set[str]:
-    """Library packages named in the output of `apt-cache depends`, the C library's own apart.
+    """Return the library packages in the output of `apt-cache depends`, without the C library.
 
-    Whatever the host runs already has the C library, and a second one would not match its loader.
+    Every host already has the C library, and a second one would not match its loader.
     """
     names = set[str]()
     for line in depends_text.splitlines():

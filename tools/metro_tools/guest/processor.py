@@ -1,4 +1,4 @@
-"""What this machine's processor says of itself."""
+"""Properties of this machine's processor."""
 
 import struct
 from pathlib import Path
@@ -12,7 +12,7 @@ ENTRY: Final = struct.Struct("@LL")
 
 
 def this_processor() -> Processor:
-    """Flags and size of a signal frame, as far as the host tells them."""
+    """Return flags and size of the signal frame, if the host reports them."""
     return Processor(_flags(), _auxiliary().get(AT_MINSIGSTKSZ))
 
 

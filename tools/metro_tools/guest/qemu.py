@@ -8,13 +8,13 @@ from metro_tools.guest.plan import GuestFolders
 
 PROGRAM: Final = "qemu-system-x86_64"
 CONTROL_PIPE: Final = "control"
-"""In the run directory: QEMU opens this name with `.in` and `.out` for the control line."""
+"""Base name in the run directory: QEMU opens it with `.in` and `.out` for the control line."""
 EARLY_MODULES: Final = ("virtio_pci", "virtio_console", "9pnet_virtio", "9p")
-"""What the host's file system and the lines need."""
+"""Modules for the host's file system and for the lines."""
 
 INIT: Final = """\
 #!/bin/busybox sh
-# Makes the host's file system the root and goes on there.
+# Makes the host's file system the root and continues there.
 b=/bin/busybox
 $b mount -t proc proc /proc
 for module in /modules/*; do $b insmod "$module"; done
@@ -27,12 +27,14 @@ $b poweroff -f
 
 
 def arguments(machine: GuestFolders, memory_mib: int, *, streams: Sequence[int]) -> list[str]:
-    """Command line of the emulator. Line 0 is the control pipe, lines 1 and 2 are the streams.
+    """Return the command line of the emulator.
+
+    Line 0 is the control pipe, lines 1 and 2 are the streams.
 
     Args:
         machine: its `kernel` is a bzImage with `initrd` beside it.
-        memory_mib: as chosen.
-        streams: descriptors for the command's standard output and, if apart, standard error.
+        memory_mib: the chosen size.
+        streams: descriptors for the command's standard output and, if separate, standard error.
     """
     assert " " not in str(machine.run_dir)
     words = [str(machine.emulator), *("-M", "q35"), *("-accel", "tcg,thread=multi")]
@@ -69,5 +71,5 @@ def _exported(tag: str, directory: PurePath, read_only: str) -> list[str]:
 
 
 def _escaped(path: PurePath) -> str:
-    """A comma would end the value of an option; two stand for one."""
+    """Double each comma, because a single one would end the value of an option."""
     return str(path).replace(",", ",,")

@@ -7,14 +7,17 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class GuestWires:
-    """Pipes between launcher and guest, who makes its ends non-blocking: they are nobody else's."""
+    """Pipes between launcher and guest.
+
+    The guest makes its ends non-blocking, so no other process shares them.
+    """
 
     orders_in: int
     orders_out: int
     reports_in: int
     reports_out: int
     streams: list[tuple[int, int, int]] = field(default_factory=list)
-    """Read end, write end, and the launcher's own descriptor where it goes."""
+    """Read end, write end, and the launcher's own descriptor that receives the output."""
 
     def guest_ends(self) -> list[int]:
         return [self.orders_in, self.reports_out, *(write for _, write, _ in self.streams)]
@@ -35,5 +38,5 @@ def write_all(descriptor: int, data: bytes) -> None:
     while view:
         try:
             view = view[os.write(descriptor, view) :]
-        except BlockingIOError:  # somebody else made it non-blocking
+        except BlockingIOError:  # another process made it non-blocking
             select.select([], [descriptor], [])

@@ -1,1 +1,1 @@
-"""Mutation testing: every small mistake in the safety half must be noticed by some test."""
+"""Mutation testing: some test must detect every small mistake in the safety code."""

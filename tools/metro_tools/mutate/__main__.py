@@ -1,4 +1,4 @@
-"""`make mutate`: tries all mutants of the safety half and says who survived."""
+"""`make mutate`: tries all mutants of the safety code and reports the survivors."""
 
 import argparse
 import dataclasses
@@ -44,17 +44,19 @@ TOLD_EVERY: Final = 25
 
 
 class TrialError(Exception):
-    """The tests of a group do not even pass without a mutant."""
+    """The tests of a group fail even without a mutant."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """0 when every mutant is noticed or equivalent, 1 with survivors or stale entries, else 2."""
+    """Return 0 when every mutant is detected or equivalent, 1 with survivors or stale entries,
+    otherwise 2.
+    """
     options = _parser().parse_args(argv)
     root: Path = options.root.resolve()
     if options.worker is not None:
         return _work(options.worker)
     if options.write and (options.modules or options.only):
-        print("mutate: --write is for all modules", file=sys.stderr)
+        print("mutate: --write needs a run of all modules", file=sys.stderr)
         return EXIT_USAGE
     tried: list[Tried] = []
     unfit: list[str] = []
@@ -81,18 +83,25 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="mutate", description=__doc__)
-    parser.add_argument("modules", nargs="*", help="paths; default: all in mutation_targets.toml")
-    parser.add_argument("--only", action="append", default=[], metavar="KEY", help="one mutant")
+    parser.add_argument("modules", nargs="*", help="paths; default: all of mutation_targets.toml")
+    parser.add_argument(
+        "--only", action="append", default=[], metavar="KEY", help="try only this mutant"
+    )
     parser.add_argument(
         "--fresh",
         action="store_true",
-        help="forget earlier results; without it a mutant is tried again when its module changed,"
-        " when the test that noticed it changed, or when it survived and any test changed",
+        help="ignore earlier results; without it a mutant is tried again when its module changed,"
+        " when the test that detected it changed, or when it survived and any test changed",
     )
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="default: processors")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        help="number of processes; default: number of processors",
+    )
     parser.add_argument("--write", action="store_true", help=f"also write {PAGE_FILE}")
     parser.add_argument("--root", type=Path, default=Path.cwd(), help="the checkout")
-    parser.add_argument("--json", type=Path, help="write all results there, too")
+    parser.add_argument("--json", type=Path, help="write all results to this file, too")
     parser.add_argument("--worker", help=argparse.SUPPRESS)
     return parser
 
@@ -112,7 +121,7 @@ def _told(tried: Sequence[Tried], equivalents: Sequence[Equivalent], *, whole: b
 
 
 class _Run:
-    """One group: what is remembered, and what must be tried."""
+    """One group: its stored results, and the mutants to try."""
 
     def __init__(
         self,
@@ -133,7 +142,7 @@ class _Run:
         self._progress = _Progress(group.name)
 
     def tried(self) -> list[Tried]:
-        """All mutants that are asked for, in the order of the source. Raises TrialError."""
+        """Return all requested mutants in the order of the source. Raises TrialError."""
         found = {} if self._keys else dict(self._remembered())
         wanted = {
             module: tuple(
@@ -158,7 +167,7 @@ class _Run:
             mutants = self._mutants[module]
             for number, entry in memory.results.items():
                 item = Tried(module, mutants[number], entry.result, entry.by)
-                # Who has an argument why nobody can notice it is not asked for again each time.
+                # A mutant with an argument why no test can detect it is not tried again each time.
                 if memory.holds(entry) or (
                     entry.result in NOT_NOTICED and is_equivalent(item, self._equivalents)
                 ):
@@ -197,7 +206,9 @@ class _Run:
 
 
 class _Progress:
-    """One line that is written over on a terminal, and a line now and then in a file."""
+    """Progress output: one line that is overwritten on a terminal, or a line now and then in a
+    file.
+    """
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -208,7 +219,7 @@ class _Progress:
     def begin(self, count: int, known: int, tests: int) -> None:
         self._count = count
         print(
-            f"{self._name}: {count} mutants to try, {known} known; {tests} files of tests",
+            f"{self._name}: {count} mutants to try, {known} known; {tests} test files",
             file=sys.stderr,
             flush=True,
         )
@@ -216,7 +227,7 @@ class _Progress:
     def told(self, ended: int, *, survived: bool) -> None:
         self._survived += survived
         if ended % self._every == 0 or ended == self._count:
-            words = f"{self._name}: {ended} of {self._count}, {self._survived} not noticed"
+            words = f"{self._name}: {ended} of {self._count}, {self._survived} not detected"
             print(words, file=sys.stderr, end="\r" if self._terminal else "\n", flush=True)
 
     def end(self) -> None:
@@ -225,7 +236,7 @@ class _Progress:
 
 
 def _results(root: Path, task: MutantTask) -> Iterator[dict[str, Any]]:
-    """What the process that tries them tells, as soon as it does."""
+    """Yield the reports of the worker process as they arrive."""
     read_fd, write_fd = os.pipe()
     with tempfile.TemporaryFile() as output:
         argv = [sys.executable, "-m", "metro_tools.mutate", "--worker"]
@@ -245,7 +256,7 @@ def _results(root: Path, task: MutantTask) -> Iterator[dict[str, Any]]:
 
 
 def _work(told: str) -> int:
-    """The process in which tests are collected once and forked for each mutant."""
+    """Run the worker process, which collects the tests once and forks for each mutant."""
     entries = json.loads(told)
     task = MutantTask(
         root=entries["root"],

@@ -1,7 +1,8 @@
-"""Tries what runs on import - constants, tables, defaults - in processes that import it anew.
+"""Tries mutants of code that runs on import (constants, tables, defaults) in processes that import
+it afresh.
 
-They are forks of one that has imported all that is not of this project, and has bytecode of the
-rest where nobody else reads it.
+The processes are forks of one that has imported only modules outside of this project. It has
+bytecode of the rest in a folder that no other process uses.
 """
 
 import contextlib
@@ -24,7 +25,9 @@ from metro_tools.mutate.task import PYTEST_ARGS, FreshImportTask, MutantOrder, M
 
 
 class Anew:
-    """A pytest plugin for tests in a process of their own: their order, and who failed first."""
+    """A pytest plugin for tests in a separate process: it sets their order and reports the first
+    failure.
+    """
 
     def __init__(self, order: Sequence[str], told: TextIO) -> None:
         self._place = {name: at for at, name in enumerate(order)}
@@ -44,7 +47,7 @@ class Anew:
 
 
 def tell_test(told: TextIO, name: str) -> None:
-    """The last one told is who fails, or never ends."""
+    """Report a test before it runs; the last reported one is the one that fails or never ends."""
     told.write(name + "\n")
     told.flush()
 
@@ -54,7 +57,7 @@ def last_told(text: str) -> str:
 
 
 def try_anew(task: MutantTask, orders: FreshImportTask, report: TextIO) -> int:
-    """Each order in a fork of this process, which has imported nothing of the project."""
+    """Try each order in a fork of this process, which has imported nothing of the project."""
 
     def ended(name: tuple[str, int], code: int, text: str) -> None:
         result, by = result_of(code), last_told(text)
@@ -77,7 +80,7 @@ def try_anew(task: MutantTask, orders: FreshImportTask, report: TextIO) -> int:
 
 
 def _run(task: MutantTask, order: MutantOrder, folder: str, told: TextIO) -> int:
-    """Import the module with the mistake and run the tests; 0 when nobody noticed."""
+    """Import the mutated module and run the tests; returns 0 when no test failed."""
     own = Path(folder) / f"{Path(order.module).stem}-{order.number}"
     own.mkdir()
     os.environ["PYTEST_DEBUG_TEMPROOT"] = str(own)
@@ -92,6 +95,6 @@ def _import(names: Iterable[str]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name in names:
-            # Some exist only after somebody else has made them.
+            # Some modules can be imported only after others have prepared them.
             with contextlib.suppress(Exception):
                 importlib.import_module(name)

@@ -1,4 +1,4 @@
-"""Few and always the same examples for tests that draw theirs: a mutant meets many of them."""
+"""Few and deterministic examples for property tests, because many mutants meet them."""
 
 from collections.abc import Iterable
 from typing import Any, Final
@@ -13,7 +13,7 @@ _OF_FUNCTION: Final = "_hypothesis_internal_use_settings"
 
 
 def same_always() -> None:
-    """No chance, no memory, and no search for the smallest example that fails."""
+    """Disable randomness, the example database, and the shrinking of failing examples."""
     settings.register_profile(
         PROFILE,
         deadline=None,
@@ -27,7 +27,7 @@ def same_always() -> None:
 
 
 def few(items: Iterable[pytest.Item]) -> None:
-    """Also for tests that ask for more themselves."""
+    """Limit the examples of tests that set a higher number themselves."""
     for item in items:
         function = getattr(item, "obj", None)
         function = getattr(function, "__func__", function)

@@ -1,4 +1,4 @@
-"""Children of a process: each runs something, tells a little, and ends in time."""
+"""Child processes with a time limit that report a short text."""
 
 import json
 import os
@@ -14,24 +14,30 @@ from metro_tools.mutate.result import KILLED, SURVIVED, TIMED_OUT
 
 EXIT_KILLED: Final = 1
 EXIT_ANEW: Final = 77
-"""The mistake cannot be put into what lives already; it needs a process of its own."""
+"""Exit code of a mutant that cannot be swapped into loaded code; it needs a fresh process."""
 CPU_FACTOR: Final = 5.0
 CPU_FLOOR_S: Final = 2.0
-"""A mutant may take this much longer than the tests without it, and then counts as noticed."""
+"""Factor and minimum of the time limit against the tests' normal time. A mutant that exceeds it
+counts as detected."""
 WALL_FACTOR: Final = 5.0
 MEMORY_BYTES: Final = 4 << 30
 HEARD_BYTES: Final = 1 << 16
 
 
 class Pool:
-    """So many children at a time; what each told is given to `ended` with its name."""
+    """Runs up to `jobs` children at a time; `ended` receives the name, exit code and report of
+    each.
+    """
 
     def __init__(self, jobs: int, ended: Callable[[tuple[str, int], int, str], None]) -> None:
         self._jobs, self._ended = jobs, ended
         self._running: dict[TextIO, _Child] = {}
 
     def start(self, name: tuple[str, int], run: Callable[[TextIO], int], limit_s: float) -> None:
-        """Waits for a place. `limit_s` is the processor time that `run` needs without a mistake."""
+        """Wait for a free place and start a child.
+
+        `limit_s` is the processor time that `run` needs without a mutant.
+        """
         while len(self._running) >= self._jobs:
             self._reap()
         pid, pipe = fork(run, limit_s)
@@ -42,7 +48,7 @@ class Pool:
             self._reap()
 
     def _reap(self) -> None:
-        """Hear all of them for once: a child waits when it has told as much as a pipe holds."""
+        """Read the reports of all children once: a child blocks when its pipe is full."""
         ready, _, _ = select.select(list(self._running), [], [])
         for pipe in ready:
             child = self._running[pipe]
@@ -64,14 +70,16 @@ class _Child:
 
 
 def result_of(code: int) -> str:
-    """What became of a mutant whose tests ended like this."""
+    """Return the result of a mutant whose tests ended with this exit code."""
     if code in (-signal.SIGPROF, -signal.SIGALRM):
         return TIMED_OUT
     return KILLED if code else SURVIVED
 
 
 def fork(run: Callable[[TextIO], int], limit_s: float = 0.0) -> tuple[int, TextIO]:
-    """A child that runs and ends, and what it tells; without a limit it may take for ever."""
+    """Start a child that runs `run`, and return its process id and its report; without a limit it
+    may run for ever.
+    """
     read_fd, write_fd = os.pipe()
     sys.stdout.flush()
     pid = os.fork()
@@ -103,8 +111,11 @@ def cpu_s() -> float:
 
 
 def limit(tests_s: float) -> None:
-    """The kernel ends what runs too long from now on; by processor time, so that a busy machine
-    does not. `tests_s` is what it needs without a mistake."""
+    """Let the kernel end this process after a time limit.
+
+    Processor time counts, so a busy machine does not matter. `tests_s` is the time needed without a
+    mutant.
+    """
     limit_s = CPU_FLOOR_S + CPU_FACTOR * tests_s
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)

@@ -1,9 +1,9 @@
-"""What became of each mutant the last time, for as long as it is still true.
+"""Stored result of each mutant, for as long as it is still valid.
 
-One file for each module, in a folder that is no part of the project. A module that changed, or
-a changed driver, is forgotten wholly. What a test noticed stays noticed while that test says the
-same; a survivor stays one while all its tests do. Whether a changed *other* module would hide it
-from its test is not asked: `--fresh` tries everything.
+There is one file for each module, in a folder outside of version control. A change of the module or
+of this program discards all its results. A detected mutant stays detected while the test that
+detected it is unchanged; a survivor stays one while all its tests are unchanged. Changes of other
+modules, which could hide a mutant from its test, are not considered: `--fresh` tries everything.
 """
 
 import ast
@@ -24,7 +24,7 @@ _DIGITS: Final = 16
 
 @dataclass(frozen=True, slots=True)
 class Remembered:
-    """A result, and a digest of what it rests upon."""
+    """A result, with a digest of the tests that it depends on."""
 
     result: str
     by: str
@@ -37,16 +37,16 @@ class Memory:
 
     path: Path
     module: str
-    """Digest of the module and of the driver."""
+    """Digest of the module and of this program."""
     tests: "Tests"
     results: dict[int, Remembered] = field(default_factory=dict)
 
     def holds(self, entry: Remembered) -> bool:
-        """The tests still say what the result rests upon."""
+        """Return whether the tests that a result depends on are unchanged."""
         return entry.rests_on == self._rests_on(entry.result, entry.by)
 
     def is_of(self, path: Path) -> bool:
-        """The module is still the one that the results are of."""
+        """Return whether the results belong to the present module."""
         return self.module == module_digest(path)
 
     def note(self, number: int, result: str, by: str) -> None:
@@ -67,7 +67,7 @@ class Memory:
 
 
 class Tests:
-    """Digests of a group's tests: of each, and of all with what they import from beside them."""
+    """Digests of a group's tests: of each test, and of all with the modules beside them."""
 
     def __init__(self, root: Path, group: TargetGroup) -> None:
         self._root = root
@@ -84,7 +84,10 @@ class Tests:
         )
 
     def of(self, name: str) -> str:
-        """Of one test, as pytest names it. One that is gone has a digest that no other has."""
+        """Return the digest of one test by its pytest name.
+
+        A removed test has a digest that no other has.
+        """
         if not name:
             return ""
         if name not in self._of:
@@ -106,7 +109,7 @@ class Tests:
 
 
 def recall(root: Path, module: str, tests: Tests, *, fresh: bool) -> Memory:
-    """What is still known of a module's mutants; nothing of a file that cannot be read."""
+    """Return the valid stored results of a module's mutants; none from an unreadable file."""
     digest = module_digest(root / module)
     memory = Memory(root / FOLDER / f"{module.replace('/', '.')}.json", digest, tests)
     if fresh:
@@ -121,12 +124,12 @@ def recall(root: Path, module: str, tests: Tests, *, fresh: bool) -> Memory:
 
 
 def module_digest(path: Path) -> str:
-    """Of a module as it is now, and of the driver."""
+    """Return the digest of the present module and of this program."""
     return _digest(each.read_bytes() for each in (path, *sorted(DRIVER.glob("*.py"))))
 
 
 def _functions(source: str) -> Iterator[tuple[str, str]]:
-    """All tests of a file with their text, comments and places left out."""
+    """Yield all tests of a file with their text, without comments and line numbers."""
     for statement in ast.parse(source).body:
         inner = statement.body if isinstance(statement, ast.ClassDef) else ()
         outer = f"{statement.name}." if isinstance(statement, ast.ClassDef) else ""

@@ -1,4 +1,4 @@
-"""Puts a mistake into a module: on import, or into the functions of one that is there already."""
+"""Inserts a mutation into a module: on import, or into the functions of a loaded one."""
 
 import ast
 import functools
@@ -17,11 +17,11 @@ _CACHED: Final = type(functools.cache(lambda: None))
 
 
 class NotSwappableError(Exception):
-    """The mistake cannot be put into functions that exist already."""
+    """The mutation cannot be put into existing functions."""
 
 
 class MutantFinder(MetaPathFinder):
-    """Hands out one module with a mistake in it; all others come from where they always do."""
+    """Loads one module with a mutation; all other modules are imported as usual."""
 
     def __init__(self, name: str, path: Path, tree: ast.Module) -> None:
         self._name = name
@@ -47,18 +47,20 @@ class _MutantLoader(importlib.machinery.SourceFileLoader):
 
 
 def install(name: str, path: Path, tree: ast.Module) -> None:
-    """From now on the module is imported with the mistake. It must not be imported yet."""
+    """Import the module with the mutation from now on. It must not be imported yet."""
     assert name not in sys.modules
     sys.meta_path.insert(0, MutantFinder(name, path, tree))
 
 
 def _file_of(function: object) -> str | None:
-    """Where it is written; None for one of a compiled library."""
+    """Return the source file of a function; None for one of a compiled library."""
     return function.__code__.co_filename if isinstance(function, FunctionType) else None
 
 
 class Living:
-    """All functions and caches of some files, found once: to look for them takes a while."""
+    """All loaded functions and caches of some files, collected once because the search takes a
+    while.
+    """
 
     def __init__(self, paths: set[str]) -> None:
         self._functions: dict[str, list[FunctionType]] = {path: [] for path in paths}
@@ -72,11 +74,11 @@ class Living:
                 self._caches.append(item)
 
     def swap(self, path: Path, tree: ast.Module) -> None:
-        """Give all functions of an imported module the code of the mistaken one.
+        """Replace the code of all functions of an imported module by the mutated code.
 
-        Whoever holds such a function runs the mistake from now on. Raises NotSwappableError for
-        code that holds other variables of functions around it, or cannot be told from its
-        neighbour, or is not imported yet.
+        Every holder of such a function runs the mutation from now on. Raises NotSwappableError for
+        code with other closure variables, for code that cannot be distinguished from its neighbour,
+        and for modules that are not imported.
         """
         codes = list(_codes(compile(tree, str(path), "exec", dont_inherit=True)))
         counted = Counter(_place(code) for code in codes)
@@ -97,7 +99,7 @@ class Living:
         self.forget()
 
     def forget(self) -> None:
-        """Empty all caches: the mistake is not in what they hold."""
+        """Empty all caches, because their contents were computed without the mutation."""
         for item in self._caches:
             item.cache_clear()
 

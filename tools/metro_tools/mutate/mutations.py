@@ -1,4 +1,4 @@
-"""The small mistakes that are made on purpose: all mutants of one module's source. Pure."""
+"""Generates all mutants of one module's source. Pure."""
 
 import ast
 import hashlib
@@ -11,7 +11,7 @@ from metro_tools.mutate.operators import changed, dropped_elements
 
 LONGEST_TEXT: Final = 160
 CONTEXT: Final = 48
-"""Characters left on either side of the change where a statement is too long to be shown."""
+"""Characters shown on either side of the change in a long statement."""
 KEY_DIGITS: Final = 8
 MODULE_LEVEL: Final = "(module)"
 
@@ -21,14 +21,14 @@ class Mutant:
     """One changed place of one module."""
 
     number: int
-    """In the order of the source; only valid for that very source."""
+    """Number in the order of the source; valid only for exactly that source."""
     function: str
-    """Qualified name as Python gives it, or (module) for what runs on import."""
+    """Qualified name of the function, or (module) for code that runs on import."""
     line: int
     before: str
     after: str
     occurrence: int
-    """Which of several equal changes in one function this is, from 1."""
+    """Number of this change among equal changes in one function, from 1."""
     on_import: bool
     """The place runs when the module is imported: a constant, a table, a default."""
 
@@ -40,14 +40,14 @@ class Mutant:
 
     @property
     def key(self) -> str:
-        """Short name to ask for this mutant by; as stable as the text of the change."""
+        """Short name to select this mutant by; as stable as the text of the change."""
         told = f"{self.function}|{self.mutation}".encode()
         return hashlib.sha256(told).hexdigest()[:KEY_DIGITS]
 
 
 @dataclass(frozen=True, slots=True)
 class _Site:
-    """Where something may be replaced, and what by."""
+    """A place in the syntax tree, with its replacement."""
 
     holder: ast.AST
     field: str
@@ -58,7 +58,7 @@ class _Site:
     on_import: bool
 
     def put(self, value: object) -> object:
-        """Returns what stood there."""
+        """Put a value in place and return the old one."""
         if self.index is None:
             old = getattr(self.holder, self.field)
             setattr(self.holder, self.field, value)
@@ -69,7 +69,7 @@ class _Site:
 
 
 def mutants_of(source: str) -> list[Mutant]:
-    """All mutants, in the order of the source. Raises SyntaxError."""
+    """Return all mutants in the order of the source. Raises SyntaxError."""
     found: list[Mutant] = []
     seen: Counter[tuple[str, str, str]] = Counter()
     for number, site in enumerate(_sites(ast.parse(source))):
@@ -95,7 +95,7 @@ def mutants_of(source: str) -> list[Mutant]:
 
 
 def mutated(source: str, number: int) -> ast.Module:
-    """The tree with one mistake in it; all else keeps its lines."""
+    """Return the syntax tree with one mutation; all line numbers stay."""
     tree = ast.parse(source)
     for at, site in enumerate(_sites(tree)):
         if at == number:
@@ -147,7 +147,7 @@ def _of_statement(
 
 
 def _outer(names: tuple[str, ...]) -> str:
-    """The qualified name of the function around a statement."""
+    """Return the qualified name of the function around a statement."""
     return ".".join(names[:-1]) if names[-1:] == ("<locals>",) else ".".join(names)
 
 
@@ -174,7 +174,7 @@ def _of_field(
 def _of_parts(
     node: ast.AST, field: str, statement: ast.stmt, function: str, *, on_import: bool
 ) -> Iterator[_Site]:
-    """What may be replaced in one field of a node, and then inside of it."""
+    """Yield the possible replacements in one field of a node, and then inside of it."""
     value = getattr(node, field)
     places = enumerate(value) if isinstance(value, list) else ((None, value),)
     for index, item in places:
@@ -192,7 +192,7 @@ def _of_parts(
 
 
 def _is_type(item: ast.AST, *, on_import: bool) -> bool:
-    """Type aliases and the like say nothing that a program does."""
+    """Return whether a node is a type alias or the like, which has no effect at run time."""
     if not on_import:
         return False
     if isinstance(item, ast.Subscript):
@@ -208,7 +208,7 @@ def _is_type(item: ast.AST, *, on_import: bool) -> bool:
 
 
 def _is_told(statement: ast.stmt) -> bool:
-    """Docstrings, and names that exist for readers of the code."""
+    """Return whether a statement is a docstring or a name that only readers of the code use."""
     if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
         return True
     if isinstance(statement, ast.Assign):
@@ -227,7 +227,7 @@ def _may_go(statement: ast.stmt) -> bool:
 
 
 def _told(statement: ast.stmt) -> str:
-    """A statement on one line; of a compound one its head."""
+    """Return a statement in one line; for a compound statement its head."""
     bodies = [
         name
         for name in ("body", "orelse", "finalbody", "handlers", "cases")
@@ -247,7 +247,7 @@ def _told(statement: ast.stmt) -> str:
 
 
 def _shortened(before: str, after: str) -> tuple[str, str]:
-    """Both without most of what they have in common, where they are long."""
+    """Shorten both texts by most of their common parts if they are long."""
     if max(len(before), len(after)) <= LONGEST_TEXT:
         return before, after
     start = next(

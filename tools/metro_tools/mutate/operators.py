@@ -1,4 +1,4 @@
-"""The mutation operators: what one node of a syntax tree may be replaced by. Pure."""
+"""The mutation operators: possible replacements of one node of a syntax tree. Pure."""
 
 import ast
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ COMPARED: Final[dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]]] = {
     ast.In: (ast.NotIn,),
     ast.NotIn: (ast.In,),
 }
-"""The boundary moved, and the answer turned round."""
+"""Replacements of comparisons: a moved boundary, and the negation."""
 
 COMPUTED: Final[dict[type[ast.operator], type[ast.operator]]] = {
     ast.Add: ast.Sub,
@@ -52,14 +52,16 @@ OTHER_END: Final = {
     "start_m": "end_m",
     "end_m": "start_m",
 }
-"""The mistake that a reader misses most easily: the wrong end of an interval, the wrong side."""
+"""Swapped attributes, a mistake that readers easily miss: the wrong end of an interval or the wrong
+side."""
 
 FLOAT_FACTOR: Final = 1.1
-"""A quantity that may be ten percent off without a test that says so is not tested."""
+"""Factor on floating-point constants. If no test fails when a quantity changes by ten percent, it
+is not tested."""
 
 
 def changed(holder: ast.AST, field: str, node: ast.AST) -> Iterator[ast.AST]:
-    """What `node` may be replaced by, where it stands in `field` of `holder`."""
+    """Yield the possible replacements of `node` in `field` of `holder`."""
     if isinstance(node, ast.cmpop):
         yield from (kind() for kind in COMPARED[type(node)])
     elif isinstance(node, ast.operator):
@@ -85,7 +87,7 @@ def changed(holder: ast.AST, field: str, node: ast.AST) -> Iterator[ast.AST]:
 
 
 def dropped_elements(node: ast.AST) -> Iterator[ast.AST]:
-    """A table or a choice with one of its entries gone."""
+    """Yield a table or a choice without one of its entries."""
     if isinstance(node, ast.Dict):
         for gone in range(len(node.keys)):
             yield ast.Dict(keys=_without(node.keys, gone), values=_without(node.values, gone))
@@ -103,7 +105,7 @@ def _without(items: list[T], gone: int) -> list[T]:
 
 
 def _shorter(node: ast.BoolOp) -> Iterator[ast.AST]:
-    """The same without one of its conditions."""
+    """Yield the expression without one of its conditions."""
     for gone in range(len(node.values)):
         rest = _without(node.values, gone)
         yield rest[0] if len(rest) == 1 else ast.BoolOp(op=node.op, values=rest)

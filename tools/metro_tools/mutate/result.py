@@ -1,4 +1,4 @@
-"""What mutation testing found, as tables and words. Pure."""
+"""Results of mutation testing, as tables and text. Pure."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,21 +18,21 @@ PAGE_FILE: Final = "docs/mutation.md"
 TENTHS: Final = 10
 PAGE_HEAD: Final = f"""# Mutation score
 
-Written by `make mutate MUTATE_ARGS=--write`; [protection.md](protection.md#mutation) says what is
-changed and how it is tried. A mutant is noticed when a test fails, or never ends. An equivalent one
-has an argument in `{EQUIVALENTS_FILE}` why nobody can notice it.
+Written by `make mutate MUTATE_ARGS=--write`; [protection.md](protection.md#mutation) describes
+the changes and how they are tried. A mutant is detected when a test fails or never ends.
+`{EQUIVALENTS_FILE}` has an argument for each equivalent mutant why no test can detect it.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """One mutant and what became of it."""
+    """One mutant and its result."""
 
     module: str
     mutant: Mutant
     result: str
     by: str
-    """The test that noticed it first."""
+    """The first test that detected it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Score:
 
     @property
     def percent(self) -> float:
-        """Share of the mutants noticed, those left out that nobody can notice."""
+        """Share of detected mutants, equivalent ones excluded."""
         wanted = self.mutants - self.equivalent
         return PERCENT * self.killed / wanted if wanted else PERCENT
 
@@ -61,7 +61,7 @@ def is_equivalent(tried: Tried, equivalents: Iterable[Equivalent]) -> bool:
 
 
 def survivors(tried: Iterable[Tried], equivalents: Sequence[Equivalent]) -> list[Tried]:
-    """Whom a test must still notice."""
+    """Return the mutants that a test must still detect."""
     return [
         item
         for item in tried
@@ -70,7 +70,9 @@ def survivors(tried: Iterable[Tried], equivalents: Sequence[Equivalent]) -> list
 
 
 def stale(tried: Sequence[Tried], equivalents: Iterable[Equivalent]) -> Iterator[str]:
-    """Entries of the list of equivalents that are not true any more; `tried` is all of a module."""
+    """Yield the entries in the list of equivalents that are not valid any more; `tried` covers
+    whole modules.
+    """
     results = {(t.module, t.mutant.function, t.mutant.mutation): t for t in tried}
     modules = {item.module for item in tried}
     for entry in equivalents:
@@ -79,13 +81,13 @@ def stale(tried: Sequence[Tried], equivalents: Iterable[Equivalent]) -> Iterator
         found = results.get((entry.module, entry.function, entry.mutation))
         where = f"{EQUIVALENTS_FILE}: {entry.module}: {entry.function}: {entry.mutation}"
         if found is None:
-            yield f"{where}: there is no such mutant any more; remove the entry"
+            yield f"{where}: this mutant does not exist any more; remove the entry"
         elif found.result not in NOT_NOTICED:
-            yield f"{where}: {found.by or 'a test'} notices it; remove the entry"
+            yield f"{where}: {found.by or 'a test'} detects it; remove the entry"
 
 
 def scores(tried: Sequence[Tried], equivalents: Sequence[Equivalent]) -> dict[str, Score]:
-    """By module, in the order they were tried; the last is `all`."""
+    """Return the scores by module, in the order of the trials; the last is `all`."""
     counts: dict[str, Counter[str]] = {}
     for item in tried:
         of = "killed"
@@ -102,7 +104,7 @@ def _score(count: Counter[str]) -> Score:
 
 
 def table(of: dict[str, Score]) -> str:
-    """One line a module."""
+    """Format the scores, one line a module."""
     width = max(len(name) for name in of)
     head = f"{'module':<{width}}  mutants  killed  survived  equivalent   score"
     lines = [
@@ -114,7 +116,7 @@ def table(of: dict[str, Score]) -> str:
 
 
 def as_page(of: dict[str, Score]) -> str:
-    """The table as a page of the documentation."""
+    """Format the scores as a page of the documentation."""
     total = of["all"]
     head = ("module", "mutants", "killed", "survived", "equivalent", "score")
     rows = [
@@ -131,21 +133,21 @@ def as_page(of: dict[str, Score]) -> str:
 
 
 def score_line(total: Score) -> str:
-    """What the README says, word by word."""
+    """Return the line of the README, word for word."""
     wanted = total.mutants - total.equivalent
     return (
-        f"**{total.killed} of {wanted} mutants are noticed ({_share(total)}); "
+        f"**{total.killed} of {wanted} mutants are detected ({_share(total)}); "
         f"{total.equivalent} more are equivalent, each with its argument.**"
     )
 
 
 def _share(score: Score) -> str:
-    """Rounded down, so that only all is 100 %."""
+    """Round down, so that only a full score gives 100 %."""
     return f"{int(score.percent * TENTHS) / TENTHS:.1f} %"
 
 
 def as_difference(tried: Tried) -> str:
-    """A survivor for a person: the change, where, and how to try it again."""
+    """Describe a survivor: the change, its place, and how to try it again."""
     mutant = tried.mutant
     reach = "  (no test runs this function)" if tried.result == "unreached" else ""
     return (

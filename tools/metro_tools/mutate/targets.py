@@ -1,4 +1,6 @@
-"""Which modules are mutated, which tests must notice it, and the mutants nobody can notice."""
+"""Selects the modules to mutate, the tests that must detect each mutant, and the equivalent
+mutants.
+"""
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,12 +14,12 @@ EQUIVALENT_KEYS: Final = frozenset({"module", "function", "mutation", "why"})
 
 
 class TargetError(Exception):
-    """A file of the proof says something that cannot be; names file, key and value."""
+    """A file of the proof has an impossible value; the text names file, key and value."""
 
 
 @dataclass(frozen=True, slots=True)
 class TargetGroup:
-    """Modules that the same tests look after."""
+    """Modules covered by the same tests."""
 
     name: str
     modules: tuple[str, ...]
@@ -27,7 +29,7 @@ class TargetGroup:
 
 @dataclass(frozen=True, slots=True)
 class Equivalent:
-    """A mutant that no test can tell from the module, and the argument for it."""
+    """A mutant that no test can distinguish from the original, with the argument."""
 
     module: str
     function: str
@@ -36,7 +38,7 @@ class Equivalent:
 
 
 def read_groups(root: Path) -> list[TargetGroup]:
-    """All groups, patterns resolved. Raises TargetError."""
+    """Return all groups with patterns resolved. Raises TargetError."""
     told = _read(root, TARGETS_FILE)
     groups = []
     for name, table in told.items():
@@ -55,20 +57,25 @@ def read_groups(root: Path) -> list[TargetGroup]:
 
 
 def read_equivalents(root: Path) -> list[Equivalent]:
-    """Raises TargetError, also for an entry without an argument."""
+    """Read the equivalent mutants. Raises TargetError, also for an entry without an argument."""
     entries = []
     for number, table in enumerate(_read(root, EQUIVALENTS_FILE).get("mutant", []), 1):
         where = f"{EQUIVALENTS_FILE}: mutant {number}"
         if table.keys() != EQUIVALENT_KEYS:
             raise TargetError(f"{where}: needs {', '.join(sorted(EQUIVALENT_KEYS))}, no more")
         if not table["why"].strip():
-            raise TargetError(f"{where}: why: is empty; an equivalent mutant needs its argument")
+            raise TargetError(
+                f"{where}: why: is empty; give the argument for this equivalent mutant"
+            )
         entries.append(Equivalent(**table))
     return entries
 
 
 def chosen(groups: Iterable[TargetGroup], modules: Sequence[str]) -> list[TargetGroup]:
-    """The groups with only the wanted modules; all without a wish. Raises TargetError."""
+    """Return the groups with only the wanted modules; without any, all groups.
+
+    Raises TargetError.
+    """
     if not modules:
         return list(groups)
     known = {module for group in groups for module in group.modules}
@@ -98,8 +105,8 @@ def _found(
     for pattern in patterns:
         paths = sorted(str(path.relative_to(root)) for path in root.glob(pattern))
         if not paths and "*" not in pattern:
-            raise TargetError(f"{TARGETS_FILE}: {group}.{key}: {pattern!r} fits no file")
+            raise TargetError(f"{TARGETS_FILE}: {group}.{key}: {pattern!r} matches no file")
         found.update(dict.fromkeys(paths))
     if not found:
-        raise TargetError(f"{TARGETS_FILE}: {group}.{key}: no pattern fits a file: {patterns}")
+        raise TargetError(f"{TARGETS_FILE}: {group}.{key}: no pattern matches a file: {patterns}")
     return tuple(path for path in found if path not in without)

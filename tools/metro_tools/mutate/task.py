@@ -1,4 +1,4 @@
-"""What a process is to try, and in which order; plain values that cross a pipe."""
+"""Work of a process and its order, as plain values that can be sent through a pipe."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,30 +13,30 @@ class MutantTask:
 
     root: str
     modules: tuple[str, ...]
-    """All that the tests are watched for."""
+    """All modules whose functions are watched while the tests run."""
     tests: tuple[str, ...]
-    """Files."""
+    """Test files."""
     numbers: Mapping[str, tuple[int, ...]]
-    """Of each module: the mutants to be tried."""
+    """Numbers of the mutants to try, by module."""
     jobs: int
 
 
 @dataclass(frozen=True, slots=True)
 class MutantOrder:
-    """One mutant and the tests for it, in the order in which they are likely to notice it."""
+    """One mutant and its tests, ordered by how likely they detect it."""
 
     module: str
     number: int
     tests: tuple[str, ...]
-    """As pytest names them."""
+    """Names of the tests in pytest."""
     limit_s: float
-    """Processor time that they take without the mistake."""
+    """Processor time of the tests without the mutation."""
 
 
 @dataclass(frozen=True, slots=True)
 class FreshImportTask:
-    """What is tried by importing everything once more."""
+    """Mutants that need a fresh import of everything."""
 
     orders: tuple[MutantOrder, ...]
     foreign: tuple[str, ...]
-    """Modules that no mistake is in; imported only once."""
+    """Modules outside of the project, without mutations; imported only once."""

@@ -1,4 +1,6 @@
-"""Tries mutants against tests: tests are collected once, each mutant meets them in a fork."""
+"""Tries mutants against tests: the tests are collected once, and each mutant runs them in a
+fork.
+"""
 
 import dataclasses
 import gc
@@ -36,27 +38,27 @@ from metro_tools.mutate.task import PYTEST_ARGS, FreshImportTask, MutantOrder, M
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """What the tests do without any mistake."""
+    """Properties of the tests without any mutation."""
 
     duration_s: Mapping[str, float]
-    """Of each test."""
+    """Duration of each test."""
     reached: Mapping[str, frozenset[str]]
-    """Of each test: the functions it runs, as path:qualified name."""
+    """Functions that each test runs, as path:qualified name."""
 
 
 class Trials:
-    """A pytest plugin: instead of running the tests once it runs them for every mutant."""
+    """A pytest plugin that runs the tests once for every mutant."""
 
     def __init__(self, task: MutantTask, report: TextIO) -> None:
         self._task, self._report = task, report
         self._paths = {str(Path(task.root) / module) for module in task.modules}
         self._on_import: set[str] = set()
-        """Functions that run while tests are collected: what they made cannot be mended later."""
+        """Functions that run during collection; a mutation in them needs a fresh process."""
         self._collecting_s = 0.0
         self._places: dict[tuple[str, int], str] = {}
         self._orders: dict[tuple[str, int], MutantOrder] = {}
         self._killers: Counter[tuple[str, str]] = Counter()
-        """How many mistakes in one function a test has noticed so far."""
+        """Number of mutations in one function that a test has detected so far."""
         self._anew: list[MutantOrder] = []
         self.failed: str | None = None
 
@@ -87,7 +89,7 @@ class Trials:
 
     @property
     def left(self) -> FreshImportTask:
-        """What only processes of their own can try."""
+        """The mutants that need processes of their own."""
         foreign = [name for name, module in sys.modules.items() if self._is_foreign(name, module)]
         return FreshImportTask(tuple(self._anew), tuple(foreign))
 
@@ -98,7 +100,7 @@ class Trials:
         return "site-packages" in file or not file.startswith(f"{self._task.root}/")
 
     def _baseline(self, items: Sequence[pytest.Item]) -> tuple[Baseline | None, str]:
-        """Run all tests once, in a fork that nobody inherits from."""
+        """Run all tests once, in a fork that no other process is forked from."""
         pid, pipe = fork(lambda told: self._run_watched(items, told))
         with pipe:
             text = pipe.read()
@@ -117,7 +119,8 @@ class Trials:
         used_s = cpu_s()
         for item, after in _pairs(items):
             reached: set[str] = set()
-            # What an earlier test has left in a cache would hide that this one needs it.
+            # Clear the caches: a value cached by an earlier test would hide that this test needs
+            # the function.
             living.forget()
             with _watching(self._paths, reached):
                 item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
@@ -164,7 +167,7 @@ class Trials:
         pool.drain()
 
     def _cost(self, item: pytest.Item, place: str, baseline: Baseline) -> float:
-        """Quick ones first, and those that noticed the neighbours."""
+        """Order quick tests first, and those that detected mutations nearby."""
         return baseline.duration_s[item.nodeid] / (1 + self._killers[place, item.nodeid])
 
     def _ended(self, name: tuple[str, int], code: int, text: str) -> None:
@@ -183,7 +186,7 @@ class Trials:
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """One mutant in its fork. What `run` returns is the status that the fork ends with."""
+    """One mutant in its fork; `run` returns the fork's exit status."""
 
     trials: Trials
     task: MutantTask
@@ -193,11 +196,11 @@ class _Trial:
     mutant: Mutant
     picked: Sequence[pytest.Item]
     durations_s: Sequence[float]
-    """Of the picked ones, without a mistake."""
+    """Durations of the picked tests without the mutation."""
     folder: str
 
     def run(self, told: TextIO) -> int:
-        """Change the functions that are there already; that costs no import."""
+        """Change the loaded functions, which avoids an import."""
         try:
             tree = mutated(self.source, self.mutant.number)
             self.living.swap(Path(self.task.root) / self.module, tree)
@@ -208,7 +211,7 @@ class _Trial:
         os.environ["PYTEST_DEBUG_TEMPROOT"] = str(own)
         for (item, after), duration_s in zip(_pairs(self.picked), self.durations_s, strict=True):
             tell_test(told, item.nodeid)
-            # One that never ends is found by the first quick test that runs into it.
+            # The limit per test finds an endless loop at the first quick test that runs into it.
             limit(duration_s)
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
             if self.trials.failed is not None:
@@ -250,7 +253,7 @@ def _orders(told: str) -> FreshImportTask:
 
 @contextmanager
 def _watching(paths: set[str], reached: set[str]) -> Iterator[None]:
-    """Note all functions of these files that are called."""
+    """Record all called functions of these files."""
     known: dict[CodeType, str | None] = {}
 
     def note(frame: FrameType, event: str, _argument: Any) -> None:
@@ -272,5 +275,5 @@ def _watching(paths: set[str], reached: set[str]) -> Iterator[None]:
 
 
 def _pairs(items: Sequence[pytest.Item]) -> Iterator[tuple[pytest.Item, pytest.Item | None]]:
-    """Each test and the one after it."""
+    """Yield each test with its successor."""
     yield from zip(items, [*items[1:], None], strict=True)
