@@ -1,4 +1,4 @@
-"""A train without noise on a level line, with whatever a scenario has go wrong with it."""
+"""A train without noise on a level line, with the faults that a scenario gives it."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -54,7 +54,8 @@ START_M: Final = 2000.0
 
 
 class Train:
-    """Commands go to it every 50 ms; faults are looked after before each step, as in the plant."""
+    """A train that gets commands every 50 ms and updates its faults before each step, as in the
+    plant."""
 
     RELEASED = BrakeCommand(service_decel_mps2=0.0, emergency_released=True, holding_released=True)
     EMERGENCY = replace(RELEASED, emergency_released=False)
@@ -85,7 +86,7 @@ class Train:
         )
         self.truth = self.stage.truth
         self.samples: list[bytes] = []
-        """The truth of every step."""
+        """The truth signals of every step."""
 
     def _observe(self, truth: object, now_ns: int) -> None:
         self.samples.append(self.truth.pack())
@@ -116,7 +117,7 @@ class Train:
             self.world.doors.hear(doors, now_ns)
 
     def _currents(self, brake: BrakeCommand, traction: TractionCommand) -> AnalogueCommand:
-        """What a controller for current loops sends beside these commands."""
+        """The frame that a controller for current loops sends beside these commands."""
         pull_mps2 = traction.force_n / self.world.consist.inertia_kg
         traction_ma, brake_ma = (
             4.0 + 14.0 * min(1.0, amount_mps2) if amount_mps2 > 0.0 else 3.8
@@ -131,7 +132,7 @@ class Train:
         traction: TractionCommand | None = COASTING,
         doors: DoorCommand | None = None,
     ) -> Iterator[World]:
-        """The world after every step; None is silence."""
+        """Yield the world after every step; a command of None means silence."""
         for step in range(round(duration_s / STEP_S)):
             if step % 5 == 0:
                 self._hear(brake, traction, doors)
@@ -140,7 +141,7 @@ class Train:
             yield self.world
 
     def run(self, duration_s: float, *commands: Any, **named: Any) -> World:
-        """The world afterwards."""
+        """Run and return the world afterwards."""
         for _ in self.each_step(duration_s, *commands, **named):
             pass
         return self.world
@@ -153,23 +154,24 @@ class Train:
 
     @property
     def decel_mps2(self) -> float:
-        """By what all brakes gave in the last step."""
+        """Deceleration that all brakes together gave in the last step."""
         return self.world.brake_n / self.world.consist.inertia_kg
 
 
 @pytest.fixture
 def a_train() -> Callable[..., Train]:
-    """`a_train(fault, ..., speed_mps=10.0)`: released, faults as in a scenario."""
+    """Factory `a_train(fault, ..., speed_mps=10.0)`: a released train with faults as in a
+    scenario."""
     return Train
 
 
 @pytest.fixture
 def looped() -> TrainConfig:
-    """The same train with its reference from current loops without error or scatter."""
+    """The same train controlled by current loops without error or scatter."""
     return LOOPED
 
 
 @pytest.fixture
 def quiet() -> TrainConfig:
-    """The train of `a_train`: without running resistance, noise, errors and random delays."""
+    """The train of `a_train`: without running resistance, noise, errors or random delays."""
     return QUIET

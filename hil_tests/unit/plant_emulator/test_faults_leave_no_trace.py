@@ -1,4 +1,4 @@
-"""What is over is over: after a fault the train does again exactly what one without it does."""
+"""After the end of a fault the train behaves exactly like one that never had it."""
 
 from collections.abc import Callable
 from typing import Any
@@ -31,15 +31,15 @@ LOOPED = override(
     {"loop.recovery_s": 3.0, "brake.service.dead_time_s": 0.5},
     "looped",
 )
-"""A short of its loop applies the brake, which draws a dead time where it is not fixed."""
+"""A shorted loop applies the brake, which would sample a dead time if it were not fixed."""
 MILD = {"traction_runaway": {"accel_mps2": 0.2}}
-"""So that the train stays where it is under its holding brake."""
+"""A runaway this weak leaves the train standing under its holding brake."""
 OPEN = DoorCommand(enable_left=True, enable_right=True, open_left=True, open_right=True)
 CLOSE = DoorCommand(enable_left=False, enable_right=False, open_left=False, open_right=False)
 
 
 def program(train: Any) -> list[object]:
-    """Everything that the train says while it opens and closes, drives over tags and brakes."""
+    """Everything that the train sends while it opens and closes doors, passes tags and brakes."""
     world, said = train.world, []
     last = world.tag_reader.last
     for duration_s, brake, traction, doors in (
@@ -74,7 +74,7 @@ def program(train: Any) -> list[object]:
 
 
 def orders_to(train: Any, now_ns: int) -> tuple[bytes, ...]:
-    """What the wayside answers to a train that asks, but for the count of resets."""
+    """The wayside's answer to a train's request, except for the count of resets."""
     status = TrainStatus(
         train=1, boot=1, sequence=now_ns // STEP_NS, stamp_ns=now_ns, mode=0, supervision=0,
         cause=0, localised=True, standstill=True, front_m=1500.0, doors_locked=True,
@@ -93,7 +93,7 @@ def orders_to(train: Any, now_ns: int) -> tuple[bytes, ...]:
 def after(
     a_train: ATrain, *faults: dict[str, Any], consist: TrainConfig | None = None
 ) -> list[object]:
-    """What the train says from 12 s on, having stood before."""
+    """What the train sends from 12 s on, after standing until then."""
     train = a_train(*faults, train=consist or load_train("florence4"), front_m=1350.0)
     for _ in train.each_step(12.0, train.HOLDING, train.FORBIDDEN, CLOSE):
         train.world.tag_reader.telegrams(train.world.now_ns)
@@ -105,11 +105,11 @@ def after(
 
 @pytest.fixture(scope="module")
 def untouched() -> list[list[object]]:
-    """Filled once with what a healthy train says."""
+    """The messages of a healthy train, computed once."""
     return []
 
 
-def test_after_its_end_nothing_of_a_fault_of_a_loop_is_left(a_train: ATrain) -> None:
+def test_an_ended_fault_of_a_loop_leaves_no_trace(a_train: ATrain) -> None:
     untouched = after(a_train, consist=LOOPED)
 
     for kind in LOOP_KINDS:
@@ -119,7 +119,7 @@ def test_after_its_end_nothing_of_a_fault_of_a_loop_is_left(a_train: ATrain) -> 
 
 
 @pytest.mark.parametrize("kind", BUS_KINDS)
-def test_after_its_end_nothing_of_a_fault_is_left(
+def test_an_ended_fault_leaves_no_trace(
     a_train: ATrain, untouched: list[list[object]], kind: str
 ) -> None:
     if not untouched:
@@ -141,7 +141,8 @@ def test_faults_that_have_not_begun_change_nothing(
 
 
 def test_every_kind_of_the_train_has_an_effect(a_train: ATrain, looped: TrainConfig) -> None:
-    """Brought about one after the other on a running train, without an assertion of ours."""
+    """The faults occur one after the other on a running train; no assertion of the plant may
+    fail."""
     faults = [{"kind": kind, "start_s": 0.5 * i, "duration_s": 1.0} for i, kind in enumerate(KINDS)]
     train = a_train(*faults, speed_mps=10.0, train=looped)
     train.run(0.5 * len(KINDS) + 2.0)

@@ -1,4 +1,4 @@
-"""Brakes and traction that are late, weak, stuck, failed or beyond control."""
+"""Brakes and traction that are late, weak, stuck, failed or uncontrolled."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,7 +12,7 @@ ATrain = Callable[..., Any]
 def since(
     train: Any, condition: Callable[[Any], bool], *commands: Any, limit_s: float = 20.0
 ) -> float:
-    """Seconds from now until it holds."""
+    """Seconds from now until the condition holds."""
     begin_ns = train.world.now_ns
     for world in train.each_step(limit_s, *commands):
         if condition(world):
@@ -21,30 +21,30 @@ def since(
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.25, 1.0])
-def test_a_late_brake_answers_so_much_later(a_train: ATrain, delay_s: float) -> None:
+def test_a_late_brake_answers_later_by_the_delay(a_train: ATrain, delay_s: float) -> None:
     train = a_train({"kind": "brake_late", "delay_s": delay_s}, speed_mps=20.0)
     bites_s = since(train, lambda world: world.brake_n > 0.0, train.braking(0.8))
     assert bites_s == pytest.approx(0.5 + delay_s, abs=0.011)
-    # It lets go as late.
+    # The release is just as late.
     train.run(3.0, train.braking(0.8))
     full_n = train.world.brake_n
     eases_s = since(train, lambda world: world.brake_n < full_n, train.RELEASED)
     assert eases_s == pytest.approx(0.5 + delay_s, abs=0.011)
 
 
-def test_what_a_late_brake_was_asked_arrives_when_the_fault_is_over(a_train: ATrain) -> None:
+def test_demands_to_a_late_brake_arrive_when_the_fault_ends(a_train: ATrain) -> None:
     train = a_train({"kind": "brake_late", "delay_s": 5.0, "end_s": 1.0}, speed_mps=20.0)
     bites_s = since(train, lambda world: world.brake_n > 0.0, train.braking(0.8))
     assert bites_s == pytest.approx(1.01, abs=0.001)
 
 
-def test_a_fault_also_holds_up_what_is_on_its_way(a_train: ATrain) -> None:
+def test_a_fault_also_delays_demands_in_transit(a_train: ATrain) -> None:
     train = a_train({"kind": "brake_late", "delay_s": 1.0, "start_s": 0.3}, speed_mps=20.0)
     bites_s = since(train, lambda world: world.brake_n > 0.0, train.braking(0.8))
     assert bites_s == pytest.approx(1.5, abs=0.011)
 
 
-def test_a_weak_brake_gives_its_share_and_reports_what_it_was_asked(a_train: ATrain) -> None:
+def test_a_weak_brake_gives_its_share_and_reports_the_demand(a_train: ATrain) -> None:
     fault = {"kind": "brake_weak", "gain_ratio": 0.5, "end_s": 5.0}
     train = a_train(fault, speed_mps=20.0)
     train.run(4.9, train.braking(0.8))
@@ -54,7 +54,7 @@ def test_a_weak_brake_gives_its_share_and_reports_what_it_was_asked(a_train: ATr
     assert train.decel_mps2 == pytest.approx(0.8, rel=1e-3)
 
 
-def test_a_stuck_brake_stays_on_and_then_lets_go(a_train: ATrain) -> None:
+def test_a_stuck_brake_stays_on_and_then_releases(a_train: ATrain) -> None:
     train = a_train({"kind": "brake_stuck", "start_s": 3.0, "end_s": 8.0}, speed_mps=20.0)
     train.run(3.0, train.braking(0.6))
     train.run(4.0, train.RELEASED)
@@ -64,7 +64,7 @@ def test_a_stuck_brake_stays_on_and_then_lets_go(a_train: ATrain) -> None:
     assert train.decel_mps2 == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_brake_stuck_at_nothing_gives_nothing_but_the_emergency_brake_does(
+def test_with_the_service_brake_stuck_released_the_emergency_brake_still_works(
     a_train: ATrain,
 ) -> None:
     train = a_train({"kind": "brake_stuck"}, speed_mps=20.0)
@@ -118,7 +118,7 @@ def test_a_late_emergency_brake_cuts_traction_in_time(a_train: ATrain, delay_s: 
     assert (train.world.now_ns - begin_ns) / 1e9 == pytest.approx(0.3 + delay_s, abs=0.011)
 
 
-def test_it_is_released_as_ever_even_if_it_never_bit(a_train: ATrain) -> None:
+def test_a_late_emergency_brake_is_released_normally_even_before_it_acted(a_train: ATrain) -> None:
     train = a_train({"kind": "emergency_late", "delay_s": 2.0}, speed_mps=15.0)
     train.run(0.5, train.EMERGENCY)
     train.run(5.0, train.RELEASED)
@@ -126,7 +126,7 @@ def test_it_is_released_as_ever_even_if_it_never_bit(a_train: ATrain) -> None:
     assert train.world.speed_mps == pytest.approx(15.0, rel=1e-6)
 
 
-def test_runaway_traction_pushes_although_its_command_is_silent(a_train: ATrain) -> None:
+def test_runaway_traction_acts_although_its_command_is_silent(a_train: ATrain) -> None:
     fault = {"kind": "traction_runaway", "accel_mps2": 0.7, "start_s": 1.0, "end_s": 6.0}
     train = a_train(fault, speed_mps=5.0)
     train.run(3.0, train.RELEASED, None)
@@ -144,7 +144,7 @@ def test_runaway_traction_pushes_although_its_command_is_silent(a_train: ATrain)
 
 
 @pytest.mark.parametrize("obeys", [True, False])
-def test_the_emergency_brake_cuts_off_a_runaway_that_still_obeys(
+def test_the_emergency_brake_cuts_off_a_runaway_unless_it_ignores_the_cut(
     a_train: ATrain, obeys: bool
 ) -> None:
     fault = {"kind": "traction_runaway", "accel_mps2": 0.5, "obeys_cut_off": obeys}
@@ -163,7 +163,7 @@ def test_the_emergency_brake_cuts_off_a_runaway_that_still_obeys(
         assert train.truth.accel_mps2 == pytest.approx(0.5 - 1.2, rel=1e-2)
 
 
-def test_motors_that_push_do_not_brake_so_friction_does(a_train: ATrain) -> None:
+def test_motors_in_runaway_do_not_brake_so_friction_does(a_train: ATrain) -> None:
     train = a_train({"kind": "traction_runaway", "accel_mps2": 0.3}, speed_mps=15.0)
     train.run(4.0, train.braking(0.8), train.FORBIDDEN)
     assert train.world.brake.electric_n == 0.0
@@ -171,7 +171,7 @@ def test_motors_that_push_do_not_brake_so_friction_does(a_train: ATrain) -> None
     assert train.truth.accel_mps2 == pytest.approx(0.3 - 0.8, rel=1e-2)
 
 
-def test_not_even_a_runaway_pushes_without_voltage(a_train: ATrain) -> None:
+def test_a_runaway_has_no_effect_without_voltage(a_train: ATrain) -> None:
     train = a_train(
         {"kind": "traction_runaway", "accel_mps2": 0.5},
         {"kind": "breaker_open", "start_s": 3.0},
@@ -193,7 +193,7 @@ def test_weak_traction_gives_its_share(a_train: ATrain) -> None:
 
 
 @pytest.mark.parametrize("delay_s", [0.5, 1.0, 3.0])
-def test_late_traction_comes_in_time_and_goes_late(a_train: ATrain, delay_s: float) -> None:
+def test_late_traction_builds_up_on_time_and_fades_late(a_train: ATrain, delay_s: float) -> None:
     late = a_train({"kind": "traction_late", "delay_s": delay_s})
     well = a_train()
     pushes_s, goes_s = [], []
@@ -205,11 +205,12 @@ def test_late_traction_comes_in_time_and_goes_late(a_train: ATrain, delay_s: flo
         goes_s.append(since(train, lambda world: world.drive_n < 40_000.0, *commands))
 
     assert pushes_s[1] == pushes_s[0]
-    # A healthy unit blocks its inverters as soon as it may not push, well before a demand fades.
+    # A healthy unit blocks its inverters as soon as traction is forbidden, well before a demand
+    # fades.
     assert delay_s - 0.05 <= goes_s[1] - goes_s[0] <= delay_s + 0.3
 
 
-def test_late_traction_follows_what_grows_and_keeps_what_shrinks(a_train: ATrain) -> None:
+def test_late_traction_follows_rising_demands_and_delays_falling_ones(a_train: ATrain) -> None:
     train = a_train({"kind": "traction_late", "delay_s": 2.0, "end_s": 9.0})
     seen = []
     for force_n in (60_000.0, 20_000.0, 90_000.0, 0.0):
@@ -229,7 +230,7 @@ def test_the_train_line_of_the_emergency_brake_takes_late_traction_in_time(
     assert cut_s <= 0.3
 
 
-def test_a_late_holding_brake_lets_a_train_wait_and_says_so(a_train: ATrain) -> None:
+def test_a_late_holding_brake_delays_the_train_and_reports_it(a_train: ATrain) -> None:
     train = a_train({"kind": "holding_late", "delay_s": 2.0})
     begin_ns = train.world.now_ns
     since(train, lambda world: world.brake.holding_mps2 > 0.0, train.HOLDING)
@@ -241,7 +242,7 @@ def test_a_late_holding_brake_lets_a_train_wait_and_says_so(a_train: ATrain) -> 
     assert gone_s < 0.2, "it lets go as ever"
 
 
-def test_a_sticking_holding_brake_lets_go_late(a_train: ATrain) -> None:
+def test_a_sticking_holding_brake_releases_late(a_train: ATrain) -> None:
     train = a_train({"kind": "holding_sticks", "delay_s": 2.0})
     engaged_s = since(train, lambda world: world.brake.holding_mps2 > 0.0, train.HOLDING)
     train.run(2.0, train.HOLDING)

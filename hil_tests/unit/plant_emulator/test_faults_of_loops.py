@@ -1,4 +1,4 @@
-"""Current loops that are read, broken, off and shorted, and what the units make of them."""
+"""Current loops that are read, broken, off and shorted, and the reaction of the units."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -54,7 +54,7 @@ def test_a_looped_train_brakes_and_pulls_by_its_currents(
 
 
 @pytest.mark.parametrize(("bits", "steps"), [(6, 63), (12, 4095)])
-def test_what_a_unit_reads_is_a_count_of_its_converter(
+def test_a_unit_reads_whole_counts_of_its_converter(
     a_train: ATrain, looped: TrainConfig, bits: int, steps: int
 ) -> None:
     train = a_train(
@@ -68,7 +68,7 @@ def test_what_a_unit_reads_is_a_count_of_its_converter(
     assert abs(train.world.loops.brake.read_ma - 12.4) <= 12.0 / steps + 1e-9
 
 
-def test_each_loop_of_each_run_has_an_offset_of_its_own_and_scatters(
+def test_each_loop_of_each_run_has_its_own_offset_and_scatter(
     a_train: ATrain, quiet: TrainConfig
 ) -> None:
     errors = {
@@ -87,7 +87,7 @@ def test_each_loop_of_each_run_has_an_offset_of_its_own_and_scatters(
 
 
 @pytest.mark.parametrize(("wait_s", "reads_ma"), [(0.14, 12.4), (0.18, 0.0)])
-def test_without_a_word_for_150_ms_the_module_puts_out_nothing(
+def test_after_150_ms_of_silence_the_module_outputs_no_current(
     a_train: ATrain, looped: TrainConfig, wait_s: float, reads_ma: float
 ) -> None:
     train = a_train(train=looped, speed_mps=15.0)
@@ -113,7 +113,7 @@ def test_a_loop_under_3_6_ma_counts_as_broken(
 
 
 @pytest.mark.parametrize(("after_s", "ready"), [(0.28, True), (0.33, False)])
-def test_a_unit_gives_its_loop_some_time(
+def test_a_unit_tolerates_a_loop_fault_for_some_time(
     a_train: ATrain, looped: TrainConfig, after_s: float, ready: bool
 ) -> None:
     train = a_train({"kind": "loop_break"}, train=looped, speed_mps=15.0)
@@ -122,7 +122,7 @@ def test_a_unit_gives_its_loop_some_time(
     assert train.world.brake.status().ready is ready
 
 
-def test_a_brake_whose_loop_breaks_gives_what_the_protected_command_says(
+def test_a_brake_with_a_broken_loop_follows_the_protected_command(
     a_train: ATrain, looped: TrainConfig
 ) -> None:
     train = a_train({"kind": "loop_break"}, train=looped, speed_mps=15.0)
@@ -133,7 +133,7 @@ def test_a_brake_whose_loop_breaks_gives_what_the_protected_command_says(
     assert eased[-1] == pytest.approx(0.6, rel=1e-3)
 
 
-def test_traction_whose_loop_breaks_gives_nothing(a_train: ATrain, looped: TrainConfig) -> None:
+def test_traction_with_a_broken_loop_gives_no_effort(a_train: ATrain, looped: TrainConfig) -> None:
     train = a_train(
         {"kind": "loop_break", "loop": "traction", "start_s": 3.0}, train=looped, speed_mps=15.0
     )
@@ -146,7 +146,7 @@ def test_traction_whose_loop_breaks_gives_nothing(a_train: ATrain, looped: Train
     assert train.world.brake.status().ready
 
 
-def test_a_loop_that_was_not_trusted_has_to_be_right_for_long(
+def test_a_distrusted_loop_must_be_right_for_some_time(
     a_train: ATrain, looped: TrainConfig
 ) -> None:
     train = a_train({"kind": "loop_break", "end_s": 2.0}, train=looped, speed_mps=15.0)
@@ -156,11 +156,11 @@ def test_a_loop_that_was_not_trusted_has_to_be_right_for_long(
     assert ready.index(True, 50) == pytest.approx(1200, abs=2)
 
 
-# One that lies.
+# A loop with a wrong current.
 
 
 @pytest.mark.parametrize(("offset_ma", "ready"), [(-2.7, True), (-2.9, False), (2.9, False)])
-def test_a_loop_off_the_protected_command_by_more_than_0_2_mps2_is_not_trusted(
+def test_a_loop_more_than_0_2_mps2_off_the_protected_command_is_distrusted(
     a_train: ATrain, looped: TrainConfig, offset_ma: float, ready: bool
 ) -> None:
     train = a_train({"kind": "loop_offset", "offset_ma": offset_ma}, train=looped, speed_mps=15.0)
@@ -171,7 +171,7 @@ def test_a_loop_off_the_protected_command_by_more_than_0_2_mps2_is_not_trusted(
     assert train.decel_mps2 >= least_mps2 - 1e-3
 
 
-def test_what_a_lying_loop_asks_in_addition_the_brake_gives(
+def test_the_brake_follows_a_wrong_loop_that_demands_more(
     a_train: ATrain, looped: TrainConfig
 ) -> None:
     train = a_train({"kind": "loop_offset", "offset_ma": 1.4}, train=looped, speed_mps=15.0)
@@ -180,7 +180,7 @@ def test_what_a_lying_loop_asks_in_addition_the_brake_gives(
     assert train.decel_mps2 == pytest.approx(0.7, abs=2e-3)
 
 
-# Shorted to a supply.
+# A loop shorted to a supply.
 
 
 @pytest.mark.parametrize(
@@ -217,10 +217,10 @@ def test_permission_and_emergency_brake_need_no_loop(a_train: ATrain, looped: Tr
     assert train.decel_mps2 == pytest.approx(1.2, rel=1e-3)
 
 
-# Who has no loops.
+# Trains without loops.
 
 
-def test_a_train_on_the_bus_that_hears_currents_says_that_it_is_not_ready(
+def test_a_train_without_loops_that_receives_currents_reports_not_ready(
     a_train: ATrain, quiet: TrainConfig
 ) -> None:
     train = a_train(train=quiet, speed_mps=15.0)
@@ -236,7 +236,7 @@ def test_a_train_on_the_bus_that_hears_currents_says_that_it_is_not_ready(
     assert train.decel_mps2 == pytest.approx(0.3, abs=2e-3)
 
 
-def test_a_fault_of_a_loop_that_is_not_there_is_refused() -> None:
+def test_a_fault_of_a_missing_loop_is_refused() -> None:
     faults = read_faults([{"kind": "wheel_slip"}, {"kind": "loop_break"}], "scenario")
 
     with pytest.raises(SettingsError, match=r"scenario: fault\[1\]\.kind: loop_break"):
@@ -245,8 +245,8 @@ def test_a_fault_of_a_loop_that_is_not_there_is_refused() -> None:
     check_fitting(faults[:1], load_train("florence4"), "scenario")
 
 
-def test_the_loops_draw_nothing_from_anybody_else() -> None:
-    """Their two sources came to the fourteen before them, whose numbers stay."""
+def test_the_loops_have_their_own_noise_sources() -> None:
+    """The two sources of the loops come after the fourteen earlier ones, whose numbers stay."""
     before = np.random.SeedSequence(7).spawn(14)
 
     for source, child in zip(NoiseSource, before, strict=False):

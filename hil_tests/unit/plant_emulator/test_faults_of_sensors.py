@@ -1,4 +1,4 @@
-"""Wheels, tachos, radar and accelerometer that are wrong, on a train that runs by itself."""
+"""Wrong wheels, tachos, radar and accelerometer on a running train."""
 
 import itertools
 from collections.abc import Callable
@@ -47,7 +47,7 @@ def test_a_slipping_wheel_runs_ahead_of_the_train_while_the_fault_lasts(
     assert after == pytest.approx([20.0 * share + 10.0 for share in shares])
 
 
-def test_a_locked_wheel_counts_nothing_and_then_counts_on(a_train: ATrain) -> None:
+def test_a_locked_wheel_counts_nothing_until_the_fault_ends(a_train: ATrain) -> None:
     fault = {"kind": "wheel_slide", "slide_ratio": 1.0, "start_s": 1.0, "duration_s": 2.0}
     train = a_train(fault, speed_mps=SPEED_MPS)
     train.run(1.0)
@@ -62,8 +62,8 @@ def test_a_locked_wheel_counts_nothing_and_then_counts_on(a_train: ATrain) -> No
     assert counted_m(train)[0] == pytest.approx(begin[0] + 10.0, abs=0.022)
 
 
-def test_a_ramp_lets_slip_come_and_go_slowly(a_train: ATrain) -> None:
-    """The area under the trapezium of 2 s up, 2 s whole and 2 s down is that of 4 s whole."""
+def test_a_ramp_builds_up_and_ends_slip_slowly(a_train: ATrain) -> None:
+    """The area under a trapezium of 2 s up, 2 s full and 2 s down equals that of 4 s full."""
     fault = {"kind": "wheel_slip", "slip_ratio": 0.4, "ramp_s": 2.0, "start_s": 1.0, "end_s": 5.0}
     train = a_train(fault, speed_mps=SPEED_MPS)
     ahead = [rolled_m(train)[0] - rolled_m(train)[1]]
@@ -81,7 +81,7 @@ def test_a_ramp_lets_slip_come_and_go_slowly(a_train: ATrain) -> None:
     ratio=st.floats(-1.0, 2.0),
     speed_mps=st.floats(-20.0, 20.0),
 )
-def test_slip_of_rail_and_fault_together_is_neither_less_than_each_nor_turns_a_wheel_back(
+def test_combined_slip_of_rail_and_fault_is_at_least_each_and_never_turns_a_wheel_back(
     own_mps: float, ratio: float, speed_mps: float
 ) -> None:
     if own_mps * speed_mps < 0.0:
@@ -102,7 +102,7 @@ def test_slip_of_rail_and_fault_together_is_neither_less_than_each_nor_turns_a_w
     assert tread_mps * speed_mps >= -1e-6, "slides at most to a standstill"
 
 
-def test_leaves_on_the_rail_take_the_brake_and_make_the_wheels_slide(a_train: ATrain) -> None:
+def test_low_adhesion_weakens_the_brake_and_makes_the_wheels_slide(a_train: ATrain) -> None:
     fault = {"kind": "low_adhesion", "adhesion_ratio": 0.04, "end_s": 5.0}
     train = a_train(fault, speed_mps=15.0)
 
@@ -128,7 +128,7 @@ def test_of_two_slippery_rails_the_worse_counts(a_train: ATrain) -> None:
     assert train.truth.adhesion_ratio == 0.05
 
 
-def test_a_stuck_tacho_takes_itself_for_healthy(a_train: ATrain) -> None:
+def test_a_stuck_tacho_reports_itself_healthy(a_train: ATrain) -> None:
     fault = {"kind": "tacho_stuck", "axle": "b", "start_s": 1.0, "duration_s": 3.0}
     train = a_train(fault, speed_mps=SPEED_MPS)
     train.run(1.0)
@@ -144,7 +144,7 @@ def test_a_stuck_tacho_takes_itself_for_healthy(a_train: ATrain) -> None:
     assert counts(train)[1] - stuck[1] == pytest.approx(10.0 / (3.1415926 * 0.86) * 256, abs=2)
 
 
-def test_a_failed_tacho_says_so_and_counts_no_more(a_train: ATrain) -> None:
+def test_a_failed_tacho_reports_it_and_counts_no_more(a_train: ATrain) -> None:
     fault = {"kind": "tacho_unhealthy", "axle": "both", "start_s": 1.0, "duration_s": 1.0}
     train = a_train(fault, speed_mps=SPEED_MPS)
     train.run(1.0)
@@ -163,10 +163,10 @@ def test_a_failed_tacho_says_so_and_counts_no_more(a_train: ATrain) -> None:
     assert (well.healthy_a, well.healthy_b) == (True, True)
 
 
-def test_drift_adds_up_and_is_gone_after_the_fault_but_not_what_was_counted(
+def test_drift_ends_with_the_fault_but_its_extra_pulses_stay(
     a_train: ATrain,
 ) -> None:
-    """The integral of rate * t over ten seconds is half of its last value."""
+    """The integral of rate * t over ten seconds is half of its last value times the duration."""
     fault = {"kind": "tacho_drift", "ratio_per_s": 0.01, "start_s": 1.0, "end_s": 11.0}
     train = a_train(fault, speed_mps=SPEED_MPS)
     train.run(11.0)
@@ -178,7 +178,7 @@ def test_drift_adds_up_and_is_gone_after_the_fault_but_not_what_was_counted(
 
 
 @pytest.mark.parametrize("ratio", [0.97, 1.03, 0.5])
-def test_worn_wheels_count_more_from_then_on_without_a_jump(a_train: ATrain, ratio: float) -> None:
+def test_worn_wheels_count_more_without_a_jump(a_train: ATrain, ratio: float) -> None:
     fault = {"kind": "wheel_wear", "diameter_ratio": ratio, "axle": "a", "start_s": 1.0}
     train = a_train({**fault, "end_s": 3.0}, speed_mps=SPEED_MPS)
     before = counts(train)[0]
@@ -202,7 +202,7 @@ def test_faults_of_one_scale_multiply(a_train: ATrain) -> None:
     assert counted_m(train) == pytest.approx([25.0, 0.0], abs=0.02)
 
 
-def test_a_blind_radar_says_that_it_is(a_train: ATrain) -> None:
+def test_a_blind_radar_reports_it(a_train: ATrain) -> None:
     train = a_train({"kind": "doppler_outage", "start_s": 1.0, "end_s": 2.0}, speed_mps=SPEED_MPS)
     seen = []
     for _ in range(3):
@@ -214,7 +214,7 @@ def test_a_blind_radar_says_that_it_is(a_train: ATrain) -> None:
     assert all(frame.healthy for frame in seen)
 
 
-def test_a_wrong_radar_does_not(a_train: ATrain) -> None:
+def test_a_wrong_radar_does_not_report_it(a_train: ATrain) -> None:
     fault = {"kind": "doppler_wrong", "error_ratio": -0.3, "end_s": 1.0}
     train = a_train(fault, speed_mps=SPEED_MPS)
     train.run(1.0)

@@ -1,4 +1,4 @@
-"""A line without voltage or with too much of it, doors that do as they like, hands on the desk."""
+"""Faults of the line supply, of the doors and of the driver's desk."""
 
 import math
 from collections.abc import Callable
@@ -21,7 +21,7 @@ LOCKED = DoorState.LOCKED
 @pytest.mark.parametrize(
     "fault", [{"kind": "line_voltage", "voltage_v": 0.0}, {"kind": "breaker_open"}]
 )
-def test_without_a_line_there_is_no_effort_and_friction_brakes(
+def test_without_line_voltage_there_is_no_effort_and_friction_brakes(
     a_train: ATrain, fault: dict[str, Any]
 ) -> None:
     train = a_train({**fault, "start_s": 3.0, "end_s": 8.0}, speed_mps=15.0)
@@ -50,7 +50,7 @@ def test_without_a_line_there_is_no_effort_and_friction_brakes(
     assert train.world.drive_n > 90_000.0
 
 
-def test_energy_is_neither_made_nor_lost_at_an_outage(a_train: ATrain) -> None:
+def test_energy_is_conserved_at_an_outage(a_train: ATrain) -> None:
     train = a_train({"kind": "line_voltage", "voltage_v": 0.0, "start_s": 4.0, "end_s": 6.0})
     train.run(5.0, train.RELEASED, train.driving(100_000.0))
     train.run(5.0, train.braking(0.5))
@@ -69,7 +69,7 @@ LATE_FRICTION = {
 
 
 def dips(train: Any, decel_mps2: float, until_mps: float) -> float:
-    """Least share of the asked force from 4 s on, until the train is as slow as that."""
+    """Least share of the demanded force from 4 s on, until the train has slowed to `until_mps`."""
     least = 1.0
     for world in train.each_step(60.0, train.braking(decel_mps2), train.FORBIDDEN):
         if world.speed_mps < until_mps:
@@ -79,7 +79,7 @@ def dips(train: Any, decel_mps2: float, until_mps: float) -> float:
     raise AssertionError("it does not stop")
 
 
-def test_where_the_line_takes_nothing_the_resistor_carries_the_electric_brake(
+def test_a_line_that_takes_no_power_leaves_the_electric_brake_to_the_resistor(
     a_train: ATrain, quiet: TrainConfig
 ) -> None:
     train = a_train(HIGH, speed_mps=17.0, train=override(quiet, LATE_FRICTION, "late"))
@@ -90,16 +90,16 @@ def test_where_the_line_takes_nothing_the_resistor_carries_the_electric_brake(
     assert train.truth.voltage_v == 920.0
 
 
-def test_a_resistor_that_its_own_power_melts_is_refused(quiet: TrainConfig) -> None:
+def test_a_resistor_that_overheats_at_its_own_power_is_refused(quiet: TrainConfig) -> None:
     with pytest.raises(SettingsError, match=r"heat_max_j 3e\+07 within fade_s 15"):
         override(quiet, {"supply.resistor.heat_max_j": 30.0e6}, "small")
 
 
 @pytest.mark.parametrize("dead_time_s", [0.6, 1.0])
-def test_a_resistor_that_gets_hot_hands_over_to_late_friction_without_a_dip_over_a_tenth(
+def test_a_hot_resistor_hands_over_to_late_friction_with_a_dip_of_at_most_a_tenth(
     a_train: ATrain, quiet: TrainConfig, dead_time_s: float
 ) -> None:
-    """It is half hot from the start, and does not bear the rest of the train's 24 MJ."""
+    """The resistor is half hot from the start and cannot take the rest of the train's 24 MJ."""
     changes = {
         **LATE_FRICTION,
         "supply.resistor.heat_max_j": 36.0e6,
@@ -111,7 +111,7 @@ def test_a_resistor_that_gets_hot_hands_over_to_late_friction_without_a_dip_over
     assert train.world.power.heat_j < 36.0e6
 
 
-def test_without_a_resistor_all_is_gone_until_friction_comes(
+def test_without_a_resistor_there_is_no_brake_until_friction_acts(
     a_train: ATrain, quiet: TrainConfig
 ) -> None:
     bare = replace(quiet, supply=replace(quiet.supply, resistor=None))
@@ -120,7 +120,7 @@ def test_without_a_resistor_all_is_gone_until_friction_comes(
     assert train.world.power.resistor_j == 0.0
 
 
-def test_energy_is_neither_made_nor_lost_in_the_resistor(a_train: ATrain) -> None:
+def test_energy_is_conserved_in_the_resistor(a_train: ATrain) -> None:
     train = a_train(HIGH, speed_mps=17.0)
     train.run(12.0, train.braking(0.8), train.FORBIDDEN)
     power = train.world.power
@@ -134,7 +134,8 @@ def test_energy_is_neither_made_nor_lost_in_the_resistor(a_train: ATrain) -> Non
 
 
 def test_low_voltage_leaves_a_share_of_the_effort(a_train: ATrain) -> None:
-    """Full effort from 600 V, none at 450 V; the line's resistance takes a little more."""
+    """Full effort needs 600 V, and there is none at 450 V; the resistance of the line takes a
+    little more."""
     train = a_train({"kind": "line_voltage", "voltage_v": 540.0, "end_s": 5.0})
     train.run(4.0, train.RELEASED, train.driving(200_000.0))
     weak_n, voltage_v = train.world.drive_n, train.truth.voltage_v
@@ -145,7 +146,7 @@ def test_low_voltage_leaves_a_share_of_the_effort(a_train: ATrain) -> None:
     assert train.world.drive_n == pytest.approx(200_000.0, rel=0.01)
 
 
-def test_a_line_with_too_much_voltage_takes_nothing_back(a_train: ATrain) -> None:
+def test_a_line_with_too_high_voltage_takes_no_power_back(a_train: ATrain) -> None:
     train = a_train({"kind": "line_voltage", "voltage_v": 950.0, "end_s": 6.0}, speed_mps=20.0)
     train.run(5.0, train.braking(0.6), train.FORBIDDEN)
     refused_j, friction_mps2 = train.world.power.returned_j, train.decel_mps2
@@ -157,13 +158,13 @@ def test_a_line_with_too_much_voltage_takes_nothing_back(a_train: ATrain) -> Non
     assert train.world.brake.electric_n > 0.0
 
 
-def test_a_line_with_too_much_voltage_still_drives(a_train: ATrain) -> None:
+def test_a_line_with_too_high_voltage_still_supplies_traction(a_train: ATrain) -> None:
     train = a_train({"kind": "line_voltage", "voltage_v": 950.0})
     train.run(4.0, train.RELEASED, train.driving(100_000.0))
     assert train.world.drive_n == pytest.approx(100_000.0, rel=1e-3)
 
 
-def test_an_interrupted_lock_line_takes_traction_although_the_doors_are_closed(
+def test_an_interrupted_lock_line_cuts_traction_although_the_doors_are_closed(
     a_train: ATrain,
 ) -> None:
     train = a_train({"kind": "door_lock_lost", "start_s": 3.0, "end_s": 6.0})
@@ -196,13 +197,13 @@ def test_doors_open_without_command_and_enable_and_close_again(
     assert train.world.doors.locked
 
 
-def test_doors_open_by_themselves_even_when_nobody_speaks_to_them(a_train: ATrain) -> None:
+def test_doors_open_by_themselves_even_without_commands(a_train: ATrain) -> None:
     train = a_train({"kind": "door_opens", "side": "left"})
     train.run(5.0, doors=None)
     assert train.world.doors.left.state is DoorState.OPEN
 
 
-def test_an_obstacle_is_met_at_every_closing_until_it_is_gone(a_train: ATrain) -> None:
+def test_an_obstacle_blocks_every_closing_until_it_is_gone(a_train: ATrain) -> None:
     train = a_train({"kind": "door_obstacle", "end_s": 30.0})
     train.run(4.0, train.HOLDING, doors=OPEN_RIGHT)
     met, before = 0, DoorState.OPEN
@@ -213,19 +214,19 @@ def test_an_obstacle_is_met_at_every_closing_until_it_is_gone(a_train: ATrain) -
         assert not world.doors.locked
     train.run(10.0, train.HOLDING, doors=CLOSE)
 
-    # Half of 2.5 s to meet it and 3 s to wait, then from open again.
+    # Half of 2.5 s to meet the obstacle and 3 s of waiting, then from open again.
     assert met == 6
     assert train.world.doors.locked
 
 
-def test_an_obstacle_on_the_other_side_is_none(a_train: ATrain) -> None:
+def test_an_obstacle_on_the_other_side_does_not_matter(a_train: ATrain) -> None:
     train = a_train({"kind": "door_obstacle", "side": "left"})
     train.run(4.0, train.HOLDING, doors=OPEN_RIGHT)
     train.run(3.0, train.HOLDING, doors=CLOSE)
     assert train.world.doors.locked
 
 
-def test_deaf_doors_stay_closed_and_hear_again_after_the_fault(a_train: ATrain) -> None:
+def test_deaf_doors_stay_closed_and_obey_again_after_the_fault(a_train: ATrain) -> None:
     train = a_train({"kind": "door_deaf", "side": "right", "end_s": 5.0})
     train.run(5.0, train.HOLDING, doors=OPEN_RIGHT)
     assert train.world.doors.right.state is LOCKED
@@ -253,7 +254,7 @@ def test_doors_that_become_deaf_while_open_can_still_be_closed(a_train: ATrain) 
         ({"kind": "desk_reset"}, "reset_requested", True),
     ],
 )
-def test_the_desk_says_what_was_done_to_it_as_long_as_it_lasts(
+def test_a_desk_fault_shows_while_it_lasts(
     a_train: ATrain, fault: dict[str, Any], field: str, value: object
 ) -> None:
     train = a_train({**fault, "start_s": 1.0, "end_s": 2.0})
@@ -267,7 +268,7 @@ def test_the_desk_says_what_was_done_to_it_as_long_as_it_lasts(
     assert getattr(untouched, field) != value
 
 
-def test_hands_on_the_desk_do_not_undo_each_other(a_train: ATrain) -> None:
+def test_desk_faults_do_not_cancel_each_other(a_train: ATrain) -> None:
     train = a_train(
         {"kind": "passenger_alarm", "end_s": 3.0},
         {"kind": "desk_mode", "mode": "manual", "start_s": 1.0},

@@ -1,4 +1,4 @@
-"""Tags that are missed, displaced, doubled and invented, and an antenna that is dead."""
+"""Missed, displaced, doubled and false tags, and a dead antenna."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +17,7 @@ TAGS = load_line("florence").tags
 NOISY = load_train("florence4")
 FIRST = 6
 START_M = TAGS[FIRST].position_m - 10.0
-"""Twelve metres before the antenna meets the first of six tags within 300 m."""
+"""Twelve metres before the antenna reaches the first of six tags within 300 m."""
 
 
 def passes(train: Any, duration_s: float) -> list[TagPass]:
@@ -60,7 +60,7 @@ def test_all_tags_are_missed_while_the_fault_lasts(a_train: ATrain) -> None:
     assert ids(passes(train, 20.0)) == wanted[3:]
 
 
-def test_what_is_missed_by_chance_is_drawn_from_the_faults_own_seed(a_train: ATrain) -> None:
+def test_random_misses_come_from_the_faults_own_seed(a_train: ATrain) -> None:
     share = {"kind": "tag_missed", "share_ratio": 0.5}
     other = {"kind": "tag_missed", "tag_id": 4_000_000, "share_ratio": 0.5}
 
@@ -75,7 +75,7 @@ def test_what_is_missed_by_chance_is_drawn_from_the_faults_own_seed(a_train: ATr
     assert 0 < len(alone) < len(everything)
 
 
-def test_missing_a_tag_leaves_the_noise_of_the_others_as_it_was(a_train: ATrain) -> None:
+def test_missing_a_tag_does_not_change_the_noise_of_the_others(a_train: ATrain) -> None:
     healthy = passes(fast(a_train, train=NOISY), 20.0)
     missed = healthy[0].site.tag_id
     faulty = passes(fast(a_train, {"kind": "tag_missed", "tag_id": missed}, train=NOISY), 20.0)
@@ -101,7 +101,7 @@ def test_a_displaced_tag_is_read_where_it_lies(a_train: ATrain, offset_m: float)
         assert (each.true_ns - begin_ns) / 1e9 == pytest.approx(after_m / 20.0, abs=1e-3)
 
 
-def test_all_tags_lie_where_they_lay_when_the_fault_is_over(a_train: ATrain) -> None:
+def test_displaced_tags_return_to_their_places_when_the_fault_ends(a_train: ATrain) -> None:
     train = fast(a_train, {"kind": "tag_displaced", "offset_m": 5.0, "end_s": 0.1})
     begin_ns = train.world.now_ns
     for each in passes(train, 10.0):
@@ -109,7 +109,7 @@ def test_all_tags_lie_where_they_lay_when_the_fault_is_over(a_train: ATrain) -> 
         assert (each.true_ns - begin_ns) / 1e9 == pytest.approx(after_m / 20.0, abs=1e-3)
 
 
-def test_a_doubled_tag_is_read_again_where_the_train_is_then(a_train: ATrain) -> None:
+def test_a_doubled_tag_is_read_again_at_the_trains_new_position(a_train: ATrain) -> None:
     tag = TAGS[FIRST]
     train = fast(a_train, {"kind": "tag_duplicate", "gap_s": 0.105, "end_s": 0.65})
     once, twice, *others = passes(train, 15.0)
@@ -122,8 +122,8 @@ def test_a_doubled_tag_is_read_again_where_the_train_is_then(a_train: ATrain) ->
 
 
 @pytest.mark.parametrize("gap_m", [0.01, 0.25, 0.5, 3.0])
-def test_a_doubled_tag_is_read_again_so_far_on(a_train: ATrain, gap_m: float) -> None:
-    """The train does 20 m/s, 0.2 m in a step of the plant."""
+def test_a_doubled_tag_is_read_again_after_the_gap(a_train: ATrain, gap_m: float) -> None:
+    """The train runs at 20 m/s, 0.2 m in a step of the plant."""
     fault = {"kind": "tag_duplicate", "gap_s": 0.0, "gap_m": gap_m, "end_s": 0.65}
     train = fast(a_train, fault)
     once, twice, *others = passes(train, 15.0)
@@ -135,7 +135,7 @@ def test_a_doubled_tag_is_read_again_so_far_on(a_train: ATrain, gap_m: float) ->
     assert ids(others) == expected_ids(300.0)[1:]
 
 
-def test_of_way_and_time_to_the_second_reading_the_longer_one_counts(a_train: ATrain) -> None:
+def test_the_longer_of_distance_and_time_decides_the_second_reading(a_train: ATrain) -> None:
     fault = {"kind": "tag_duplicate", "gap_m": 0.5, "end_s": 0.65}
     once, soon, *_ = passes(fast(a_train, {**fault, "gap_s": 0.02}), 5.0)
     again, late, *_ = passes(fast(a_train, {**fault, "gap_s": 0.1}), 5.0)
@@ -180,7 +180,7 @@ def test_a_false_tag_of_the_line_has_its_kind(a_train: ATrain) -> None:
 
 
 @pytest.mark.parametrize("hidden", [False, True])
-def test_a_dead_antenna_reads_nothing_and_its_next_self_test_finds_out(
+def test_a_dead_antenna_reads_nothing_and_its_next_self_test_detects_it(
     a_train: ATrain, hidden: bool
 ) -> None:
     fault = {"kind": "antenna_dead", "hidden": hidden, "start_s": 0.3, "end_s": 8.0}
@@ -200,7 +200,7 @@ def test_a_dead_antenna_reads_nothing_and_its_next_self_test_finds_out(
     assert reader.frame(train.world.now_ns).antenna_ok
 
 
-def test_the_bus_hears_of_a_dead_antenna_as_well(a_train: ATrain) -> None:
+def test_a_dead_antenna_is_reported_on_the_bus_as_well(a_train: ATrain) -> None:
     train = fast(a_train, {"kind": "antenna_dead"})
     assert train.world.tag_reader.frame(train.world.now_ns).antenna_ok
     for world in train.each_step(3.0):
@@ -208,6 +208,6 @@ def test_the_bus_hears_of_a_dead_antenna_as_well(a_train: ATrain) -> None:
     assert not train.world.tag_reader.frame(train.world.now_ns).antenna_ok
 
 
-def test_a_tag_number_that_no_telegram_can_carry_is_refused() -> None:
+def test_a_tag_number_that_no_telegram_can_hold_is_refused() -> None:
     with pytest.raises(SettingsError, match=r"scenario: fault\[0\]: tag_id 0 is not within 1"):
         read_faults([{"kind": "tag_false", "tag_id": 0}], "scenario")

@@ -1,4 +1,4 @@
-"""When faults begin and end: by the clock, by what is true of the train, once or again."""
+"""When faults begin and end: by time, by conditions on the train, once or repeatedly."""
 
 from collections.abc import Callable
 from typing import Any
@@ -42,7 +42,7 @@ def windows(
 
 
 def ramp(t_s: float) -> float:
-    """10 m/s after 10 s and down to nothing after 20 s, and again."""
+    """A speed that rises to 10 m/s at 10 s and falls to zero at 20 s, repeatedly."""
     return 10.0 - abs(t_s % 20.0 - 10.0)
 
 
@@ -86,7 +86,7 @@ def test_a_fault_acts_in_its_window(table: dict[str, Any], expected: list[object
     duration_s=st.none() | st.floats(0.02, 3.0),
     length_s=st.none() | st.floats(0.02, 3.0),
 )
-def test_a_window_by_the_clock_is_that_of_the_steps_within_it(
+def test_a_window_in_time_covers_the_steps_within_it(
     start_s: float, duration_s: float | None, length_s: float | None
 ) -> None:
     table: dict[str, Any] = {"start_s": start_s}
@@ -111,7 +111,7 @@ def test_a_window_by_the_clock_is_that_of_the_steps_within_it(
         assert (end - 1) * 0.01 < min(ends_s) + 1e-9
 
 
-def test_listeners_hear_of_changes_in_the_order_of_the_scenario() -> None:
+def test_listeners_receive_changes_in_the_order_of_the_scenario() -> None:
     kinds = ["frame_drop", "controller_killed", "wheel_slip", "radio_loss"]
     schedule = Schedule(read_faults([{"kind": kind, "end_s": 0.5} for kind in kinds], "scenario"))
     heard: list[tuple[str, bool]] = []
@@ -174,7 +174,7 @@ def test_a_file_without_faults_gives_none() -> None:
         ({"fault": [{"kind": "tag_missed", "seed": -1}]}, r"fault\[0\].seed: -1 is not a whole"),
     ],
 )
-def test_a_scenario_that_cannot_be_says_file_key_and_value(
+def test_an_impossible_scenario_is_refused_with_file_key_and_value(
     scenario: dict[str, Any], words: str
 ) -> None:
     with pytest.raises(SettingsError, match=words):

@@ -24,7 +24,7 @@ SEED = 11
 
 
 class Wire:
-    """A serial port that keeps what is sent, and hands over what it is given."""
+    """A serial port that records sent data and returns prepared data."""
 
     def __init__(self) -> None:
         self.counters = LinkCounters()
@@ -78,7 +78,7 @@ def telegram(number: int) -> bytes:
 def run_serial(
     *plans: FaultPlan, telegrams: int = 40, seed: int = SEED
 ) -> tuple[Wire, SerialFaults]:
-    """A telegram every 100 ms, polled every 10 ms, all faults acting for the first 2 s."""
+    """Send a telegram every 100 ms and poll every 10 ms; all faults act for the first 2 s."""
     wire = Wire()
     faults = SerialFaults(wire, seed)
     for each in plans:
@@ -102,7 +102,7 @@ def test_without_a_fault_every_telegram_passes_at_once() -> None:
 
 
 @pytest.mark.parametrize("kind", ["telegram_torn", "telegram_corrupt"])
-def test_no_damaged_telegram_is_believed(kind: str) -> None:
+def test_no_damaged_telegram_is_accepted(kind: str) -> None:
     wire, faults = run_serial(plan(kind))
 
     heard = TelegramParser().feed(wire.line)
@@ -110,13 +110,13 @@ def test_no_damaged_telegram_is_believed(kind: str) -> None:
     assert faults.done[kind] == 20
     sound = [each for each in heard if isinstance(each, HealthTelegram)]
     assert [each.uptime_s for each in sound if each.uptime_s >= 21] == list(range(21, 40))
-    # Without its closing flag alone a telegram is whole: the next one's opening flag ends it.
+    # A telegram without its closing flag is still complete: the next opening flag ends it.
     whole = [n for n in range(20) if wire.sent[n][1] == telegram(n)[:-1]]
     assert [each.uptime_s for each in sound if each.uptime_s < 20] == whole
     assert any(isinstance(each, TornTelegram) for each in heard)
 
 
-def test_a_share_of_the_telegrams_is_struck_and_the_rest_is_whole() -> None:
+def test_a_share_of_the_telegrams_is_damaged_and_the_rest_is_intact() -> None:
     wire, faults = run_serial(plan("telegram_corrupt", share_ratio=0.5, bits=3))
 
     whole = sum(data == telegram(n) for n, (_, data) in enumerate(wire.sent))
@@ -130,12 +130,12 @@ def test_delayed_telegrams_stay_in_order_when_the_delay_ends() -> None:
 
     assert [data for _, data in wire.sent] == [telegram(n) for n in range(40)]
     assert [at_ns for at_ns, _ in wire.sent[:20]] == [n * 100 * MS + 350 * MS for n in range(20)]
-    # The last delayed one leaves at 2.25 s: what was said at 2.0 to 2.2 s waits for it.
+    # The last delayed telegram leaves at 2.25 s; those sent from 2.0 to 2.2 s wait for it.
     assert [at_ns for at_ns, _ in wire.sent[20:24]] == [2250 * MS, 2250 * MS, 2250 * MS, 2300 * MS]
     assert faults.held == 0
 
 
-def test_a_repeated_telegram_is_heard_as_a_duplicate() -> None:
+def test_a_repeated_telegram_is_received_as_a_duplicate() -> None:
     wire, _ = run_serial(plan("telegram_duplicate", gap_s=0.5))
 
     heard = TelegramParser().feed(wire.line)
@@ -162,12 +162,12 @@ def test_nothing_passes_a_cut_line_in_either_direction() -> None:
     assert faults.done == {"serial_cut": 2}
 
 
-def test_noise_comes_at_its_rate_also_into_telegrams_and_spoils_only_those() -> None:
+def test_noise_comes_at_its_rate_and_damages_only_the_telegrams_it_hits() -> None:
     wire, faults = run_serial(plan("serial_noise", bytes_per_s=500.0))
 
     heard = TelegramParser().feed(wire.line)
 
-    # 1000 expected in 2 s; five sigma of a Poisson count are 158.
+    # 1000 bytes are expected in 2 s; five standard deviations of a Poisson count are 158.
     assert 842 <= faults.done["serial_noise"] <= 1158
     assert len(wire.line) == sum(len(telegram(n)) for n in range(40)) + faults.done["serial_noise"]
     sound = {each.uptime_s for each in heard if isinstance(each, HealthTelegram)}
@@ -187,7 +187,8 @@ def test_the_same_seed_gives_the_same_line_and_another_one_does_not() -> None:
 
 
 def run_radio(*plans: FaultPlan, messages: int = 30) -> tuple[Air, list[RadioMessage], RadioFaults]:
-    """A message each way every 500 ms, polled every 10 ms, all faults acting for the first 10 s."""
+    """Send a message each way every 500 ms and poll every 10 ms; all faults act for the first 10
+    s."""
     air = Air()
     faults = RadioFaults(air, SEED)
     heard: list[RadioMessage] = []

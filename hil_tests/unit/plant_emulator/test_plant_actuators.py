@@ -1,4 +1,4 @@
-"""Traction, brakes, doors and wheels: when they act, how much, and what they do in silence."""
+"""Traction, brakes, doors and wheels: when they act, how much, and their reaction to silence."""
 
 import itertools
 import math
@@ -49,7 +49,7 @@ def fixed(value: float) -> Spread:
 
 
 def exact_brake(dead_time_s: float = 0.5, lag_s: float = 0.3) -> BrakeConfig:
-    """The brake of florence4 without anything that is drawn."""
+    """The brake of florence4 without random parameters."""
     service = replace(
         TRAIN.brake.service,
         dead_time_s=fixed(dead_time_s),
@@ -60,7 +60,7 @@ def exact_brake(dead_time_s: float = 0.5, lag_s: float = 0.3) -> BrakeConfig:
 
 
 class BrakeStand:
-    """A brake unit that hears a command every 50 ms and is moved step by step."""
+    """A brake unit that receives a command every 50 ms and runs step by step."""
 
     def __init__(self, config: BrakeConfig, seed: int = 1, speed_mps: float = 10.0) -> None:
         self.unit = BrakeUnit(
@@ -90,7 +90,7 @@ class BrakeStand:
         return self.decel_mps2
 
     def run(self, duration_s: float, command: BrakeCommand | None) -> list[float]:
-        """Deceleration of every step; None is silence."""
+        """Deceleration of every step; a command of None means silence."""
         decels_mps2 = []
         for step in range(round(duration_s / STEP_S)):
             if command is not None and step % 5 == 0:
@@ -111,7 +111,8 @@ def released_stand(config: BrakeConfig, seed: int = 1, speed_mps: float = 10.0) 
     dead_ms=st.integers(0, 200),
 )
 def test_dead_time_delays_every_instant_exactly(instants_ms: list[int], dead_ms: int) -> None:
-    """The mean over all steps is the integral of the delayed steps, wherever they fall."""
+    """The mean over all steps equals the integral of the delayed demand, wherever the steps
+    fall."""
     dead_time = DeadTime()
     instants_ns = [1_000_000 * ms + 123 for ms in sorted(instants_ms)]
     for number, instant_ns in enumerate(instants_ns, start=1):
@@ -153,13 +154,13 @@ def test_a_lag_settles_exactly() -> None:
     assert lag.value == 1.0
 
 
-def test_a_shift_moves_by_whole_steps() -> None:
+def test_a_shift_delays_by_whole_steps() -> None:
     shift = DelayLine(0.03, STEP_S)
     assert [shift.step(float(value)) for value in range(6)] == [0.0, 0.0, 0.0, 0.0, 1.0, 2.0]
 
 
-def test_the_service_brake_bites_exactly_one_dead_time_after_the_demand() -> None:
-    """The command falls 3.7 ms into a step, so the brake begins 3.7 ms into another."""
+def test_the_service_brake_acts_exactly_one_dead_time_after_the_demand() -> None:
+    """The command comes 3.7 ms into a step, so the brake begins 3.7 ms into another."""
     stand = released_stand(exact_brake(dead_time_s=0.5, lag_s=0.3))
     heard_ns = stand.now_ns + 3_700_000
     stand.unit.hear(braking(0.8), heard_ns)
@@ -207,7 +208,7 @@ def drawn_dead_times_s(seed: int, count: int) -> list[float]:
     return found
 
 
-def test_each_application_draws_a_dead_time_of_its_own() -> None:
+def test_each_application_samples_its_own_dead_time() -> None:
     found_s = drawn_dead_times_s(seed=5, count=200)
 
     assert len(set(found_s)) == 200
@@ -247,7 +248,7 @@ def test_the_service_brake_has_a_maximum() -> None:
     assert stand.decel_mps2 == pytest.approx(TRAIN.brake.service.max_decel_mps2)
 
 
-def test_the_gain_error_is_what_the_train_gets_and_not_what_the_unit_says() -> None:
+def test_the_gain_error_affects_the_train_and_not_the_units_report() -> None:
     service = replace(exact_brake().service, gain_ratio=fixed(0.95))
     stand = released_stand(replace(exact_brake(), service=service))
 
@@ -259,7 +260,8 @@ def test_the_gain_error_is_what_the_train_gets_and_not_what_the_unit_says() -> N
 
 @pytest.mark.parametrize("name", shipped_names(PACKAGE))
 def test_the_emergency_brake_builds_up_in_time(name: str) -> None:
-    """10 % within 0.5 s and 90 % within 1.6 s of the command, for every train that ships."""
+    """For every shipped train, 10 % of the deceleration is reached within 0.5 s and 90 % within
+    1.6 s."""
     config = load_train(name).brake
     stand = released_stand(config)
     command = replace(RELEASED, emergency_released=False)
@@ -277,7 +279,8 @@ def test_the_emergency_brake_builds_up_in_time(name: str) -> None:
 
 @pytest.mark.parametrize("speed_mps", [5.0, 15.0, 22.0])
 def test_the_emergency_stopping_distance_is_the_closed_form_one(speed_mps: float) -> None:
-    """Run on, build up exponentially, brake: v and x integrated by hand, solved for v = 0."""
+    """The closed form: run on, build up exponentially, brake; v and x integrated, solved for v =
+    0."""
     emergency = TRAIN.brake.emergency
     stand = released_stand(exact_brake())
     command = replace(RELEASED, emergency_released=False)
@@ -306,7 +309,7 @@ def test_the_emergency_stopping_distance_is_the_closed_form_one(speed_mps: float
     assert way_m == pytest.approx(speed_mps * dead_s + braked_m, abs=0.01)
 
 
-def test_silence_beyond_the_timeout_applies_the_emergency_brake_by_itself() -> None:
+def test_silence_beyond_the_timeout_applies_the_emergency_brake() -> None:
     stand = released_stand(exact_brake())
     stand.unit.hear(RELEASED, stand.now_ns)
     wanted_after = []
@@ -320,8 +323,9 @@ def test_silence_beyond_the_timeout_applies_the_emergency_brake_by_itself() -> N
     assert stand.unit.silent
 
 
-def test_an_emergency_of_its_own_is_told_as_long_as_it_is_coming_or_there() -> None:
-    """20 ms of silence beyond the timeout: no status in between says that nothing happened."""
+def test_the_unit_reports_its_own_emergency_from_request_to_release() -> None:
+    """The silence exceeds the timeout by 20 ms; every status in between must report the
+    emergency."""
     stand = released_stand(exact_brake())
     stand.unit.hear(RELEASED, stand.now_ns)
     stand.speed_mps = 0.0
@@ -339,7 +343,7 @@ def test_an_emergency_of_its_own_is_told_as_long_as_it_is_coming_or_there() -> N
     assert stand.unit.losses == 1
 
 
-def test_the_emergency_brake_lets_go_only_when_commanded_again() -> None:
+def test_the_emergency_brake_releases_only_on_command() -> None:
     stand = released_stand(exact_brake())
     stand.run(5.0, None)
     assert stand.decel_mps2 == pytest.approx(1.2, rel=1e-3)
@@ -353,7 +357,7 @@ def test_the_emergency_brake_lets_go_only_when_commanded_again() -> None:
     assert not stand.unit.silent
 
 
-def test_a_unit_that_never_heard_a_command_is_braked() -> None:
+def test_a_unit_without_any_command_brakes() -> None:
     stand = BrakeStand(TRAIN.brake, speed_mps=0.0)
     decels = stand.run(3.0, None)
     assert min(decels) == pytest.approx(1.2)
@@ -363,8 +367,9 @@ def test_a_unit_that_never_heard_a_command_is_braked() -> None:
     assert not status.released
 
 
-def test_a_short_release_does_not_hold_up_the_next_emergency() -> None:
-    """The release is still on its way when the emergency comes again: the brake never lets go."""
+def test_a_short_release_does_not_delay_the_next_emergency() -> None:
+    """The release is still in transit when the emergency comes again, so the brake never
+    releases."""
     stand = BrakeStand(exact_brake())
     emergency = replace(RELEASED, emergency_released=False)
     stand.run(0.3, RELEASED)
@@ -379,8 +384,8 @@ def test_service_and_emergency_do_not_add() -> None:
     assert decels[-1] == pytest.approx(1.2, rel=1e-3)
 
 
-def test_the_holding_brake_is_ignored_by_a_train_that_runs() -> None:
-    """It comes by itself when the train has become slow, the command being the same."""
+def test_a_running_train_ignores_the_holding_brake_command() -> None:
+    """It applies by itself under the same command once the train has become slow."""
     stand = released_stand(exact_brake(), speed_mps=1.0)
     holding = replace(RELEASED, holding_released=False)
     decels = stand.run(2.0, holding)
@@ -394,7 +399,7 @@ def test_the_holding_brake_is_ignored_by_a_train_that_runs() -> None:
     assert stand.unit.status().holding_applied
 
 
-def test_the_holding_brake_once_on_stays_on_whatever_pushes() -> None:
+def test_an_applied_holding_brake_stays_on_at_any_speed() -> None:
     stand = released_stand(exact_brake(), speed_mps=0.0)
     holding = replace(RELEASED, holding_released=False)
     stand.run(1.0, holding)
@@ -403,7 +408,7 @@ def test_the_holding_brake_once_on_stays_on_whatever_pushes() -> None:
     assert stand.decel_mps2 > 0.7
 
 
-def test_released_means_that_nothing_brakes() -> None:
+def test_released_means_that_no_brake_acts() -> None:
     stand = released_stand(exact_brake(), speed_mps=0.0)
     assert stand.unit.status().released
     stand.run(1.0, braking(0.3))
@@ -425,7 +430,8 @@ def test_ideal_blending_keeps_the_total(speed_mps: float) -> None:
 
 
 def test_a_late_friction_brake_dips_while_it_takes_over() -> None:
-    """Blending of 0.8 s and 80 %: less than asked while the motors fade, 80 % of it after."""
+    """With a blending delay of 0.8 s and a gain of 80 %, there is a dip while the motors fade
+    and 80 % afterwards."""
     electric = replace(TRAIN.brake.service.electric, share_ratio=1.0, max_force_n=200_000.0)
     pneumatic = replace(
         TRAIN.brake.service.pneumatic, dead_time_s=fixed(0.8), lag_s=0.2, gain_ratio=fixed(0.8)
@@ -446,8 +452,8 @@ def test_a_late_friction_brake_dips_while_it_takes_over() -> None:
     assert stand.decel_mps2 <= 0.6 * 0.8 + 1e-3
 
 
-def test_friction_that_is_on_its_way_arrives_after_the_release() -> None:
-    """A pulse of 0.3 s, 0.8 s late: the brake must not go to sleep in between."""
+def test_delayed_friction_still_acts_after_the_release() -> None:
+    """A pulse of 0.3 s comes 0.8 s late; the brake must not become idle in between."""
     pneumatic = replace(TRAIN.brake.service.pneumatic, dead_time_s=fixed(0.8))
     service = replace(exact_brake(dead_time_s=0.0, lag_s=0.0).service, pneumatic=pneumatic)
     stand = released_stand(replace(exact_brake(), service=service), speed_mps=0.5)
@@ -457,7 +463,7 @@ def test_friction_that_is_on_its_way_arrives_after_the_release() -> None:
     assert decels[110:] == [0.0] * 70
 
 
-def test_the_electric_brake_obeys_its_power() -> None:
+def test_the_electric_brake_respects_its_power_limit() -> None:
     electric = replace(TRAIN.brake.service.electric, max_power_w=800_000.0)
     service = replace(exact_brake().service, electric=electric)
     stand = released_stand(replace(exact_brake(), service=service), speed_mps=20.0)
@@ -466,7 +472,7 @@ def test_the_electric_brake_obeys_its_power() -> None:
     assert stand.decel_mps2 == pytest.approx(1.0, rel=1e-3)
 
 
-def test_without_motors_friction_does_it_all() -> None:
+def test_without_motors_friction_gives_all_of_the_brake() -> None:
     stand = released_stand(exact_brake())
     stand.electric_possible = False
     stand.run(6.0, braking(0.7))
@@ -534,7 +540,7 @@ def test_effort_is_limited_by_force_and_by_power(speed_mps: float, expected_n: f
     assert stand.run(6.0, driving(400_000.0))[-1] == pytest.approx(expected_n, rel=1e-6)
 
 
-def test_low_voltage_takes_effort() -> None:
+def test_low_voltage_reduces_effort() -> None:
     stand = TractionStand(effort_ratio=0.75)
     stand.unit.feed(0.5)
     assert stand.run(6.0, driving(200_000.0))[-1] == pytest.approx(75_000.0)
@@ -548,7 +554,7 @@ def test_the_direction_of_the_command_is_that_of_the_effort() -> None:
 
 
 @pytest.mark.parametrize("reason", ["not permitted", "emergency", "door", "silence"])
-def test_effort_is_gone_within_three_tenths_whatever_takes_it(reason: str) -> None:
+def test_effort_is_gone_within_three_tenths_of_a_second_whatever_the_reason(reason: str) -> None:
     stand = TractionStand()
     stand.run(3.0, driving(100_000.0))
     command: TractionCommand | None = driving(100_000.0)
@@ -569,7 +575,7 @@ def test_effort_is_gone_within_three_tenths_whatever_takes_it(reason: str) -> No
     assert stand.unit.losses == (1 if reason == "silence" else 0)
 
 
-def test_effort_that_still_builds_up_rises_no_more_once_it_is_forbidden() -> None:
+def test_rising_effort_stops_rising_once_traction_is_forbidden() -> None:
     stand = TractionStand()
     rising_n = stand.run(0.25, driving(200_000.0))
     falling_n = stand.run(0.14, replace(driving(200_000.0), traction_permitted=False))
@@ -578,7 +584,7 @@ def test_effort_that_still_builds_up_rises_no_more_once_it_is_forbidden() -> Non
     assert all(later < earlier for earlier, later in itertools.pairwise(falling_n[1:]))
 
 
-def test_traction_goes_without_the_doors_but_the_electric_brake_stays() -> None:
+def test_unlocked_doors_cut_traction_but_not_the_electric_brake() -> None:
     stand = TractionStand()
     stand.doors_locked = False
     stand.run(1.0, driving(100_000.0))
@@ -586,20 +592,20 @@ def test_traction_goes_without_the_doors_but_the_electric_brake_stays() -> None:
     assert stand.unit.electric_brake_possible
 
 
-def test_an_emergency_takes_the_electric_brake_too() -> None:
+def test_an_emergency_cuts_the_electric_brake_too() -> None:
     stand = TractionStand()
     stand.emergency = True
     stand.run(0.31, driving(100_000.0))
     assert not stand.unit.electric_brake_possible
 
 
-def test_traction_that_never_heard_a_command_is_cut() -> None:
+def test_traction_without_any_command_is_cut() -> None:
     stand = TractionStand()
     assert not any(stand.run(1.0, None))
     assert stand.unit.traction_cut
 
 
-def test_effort_that_was_asked_before_the_cut_does_not_come_back_after_it() -> None:
+def test_effort_demanded_before_the_cut_does_not_return_after_it() -> None:
     stand = TractionStand()
     stand.run(3.0, driving(100_000.0))
     stand.run(1.0, replace(driving(0.0), traction_permitted=False))
@@ -633,7 +639,7 @@ def test_traction_beyond_adhesion_spins_the_wheels_until_they_are_caught() -> No
     assert group.slip_mps == 0.0
 
 
-def test_the_first_slip_is_what_the_excess_does_to_the_wheels() -> None:
+def test_the_first_slip_follows_from_the_excess_force_on_the_wheels() -> None:
     group = wheels(rotating_kg=8000.0)
     group.driven(120_000.0, 0.1, 10.0)
     assert group.slip_mps == pytest.approx(40_000.0 / 8000.0 * STEP_S)
@@ -713,7 +719,7 @@ def test_doors_close_by_themselves_when_their_command_goes_missing() -> None:
     stand = DoorStand()
     stand.run(4.0, OPEN)
     states = stand.run(4.0, None)
-    # The last command was heard 100 ms before the silence was begun to be counted.
+    # The last command came 100 ms before the test began to count.
     assert states.index(DoorState.CLOSING) * STEP_S == pytest.approx(0.2, abs=0.02)
     assert states[-1] is DoorState.LOCKED
     assert stand.unit.losses == 1
@@ -739,7 +745,7 @@ def test_an_obstacle_opens_the_doors_again_and_they_try_once_more() -> None:
     assert stand.unit.status().no_obstruction
 
 
-def test_doors_that_are_asked_to_open_while_closing_open_again() -> None:
+def test_closing_doors_open_again_on_request() -> None:
     stand = DoorStand()
     stand.run(4.0, OPEN)
     stand.run(1.0, CLOSE)
@@ -754,10 +760,10 @@ def test_doors_that_are_asked_to_open_while_closing_open_again() -> None:
         max_size=12,
     )
 )
-def test_a_locked_train_line_means_two_locked_sides(
+def test_the_lock_line_reports_locked_only_with_both_sides_locked(
     commands: list[tuple[bool, bool, bool, bool, int]],
 ) -> None:
-    """And a side moves away from locked only while it is both enabled and asked to open."""
+    """A side leaves the locked state only while it is enabled and requested to open."""
     stand = DoorStand()
     unit = stand.unit
     for enable_left, enable_right, open_left, open_right, tenths in commands:

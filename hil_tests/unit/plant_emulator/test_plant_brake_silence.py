@@ -1,4 +1,4 @@
-"""What the brake unit does with the first commands after a silence, at rest and in motion."""
+"""The brake unit's reaction to the first commands after a silence, at rest and in motion."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ BRAKED = replace(RELEASED, emergency_released=False)
 
 
 class Stand:
-    """A brake unit that hears a command every 50 ms, and takes steps of 10 ms."""
+    """A brake unit that receives a command every 50 ms and runs in steps of 10 ms."""
 
     def __init__(self, speed_mps: float = 10.0) -> None:
         self.unit = BrakeUnit(
@@ -42,10 +42,11 @@ class Stand:
 
 
 @pytest.mark.parametrize("speed_mps", [-10.0, 0.01, 10.0])
-def test_what_silence_applied_in_motion_only_a_command_that_had_the_brake_on_ends(
+def test_a_brake_applied_by_silence_in_motion_ends_only_after_a_braking_command(
     speed_mps: float,
 ) -> None:
-    """So a dead controller's old commands, sent by somebody else, do not let the train go."""
+    """Otherwise old commands of a dead controller, replayed by another node, would release the
+    train."""
     stand = Stand(speed_mps)
     stand.run(5.0, None)
     assert stand.unit.silent
@@ -61,7 +62,7 @@ def test_what_silence_applied_in_motion_only_a_command_that_had_the_brake_on_end
         assert not stand.unit.emergency_wanted
 
 
-def test_each_silence_waits_for_the_brake_anew() -> None:
+def test_each_silence_needs_its_own_braking_command() -> None:
     stand = Stand()
     for _ in range(2):
         stand.run(0.5, None)
@@ -72,8 +73,8 @@ def test_each_silence_waits_for_the_brake_anew() -> None:
         assert not stand.unit.emergency_wanted
 
 
-def test_a_train_that_came_to_rest_braked_by_silence_is_let_go() -> None:
-    """What rest has ended does not come back when the train rolls."""
+def test_a_train_stopped_by_silence_is_released_at_rest() -> None:
+    """A brake that ended at rest does not come back when the train rolls."""
     stand = Stand()
     stand.run(5.0, None)
     stand.speed_mps = 0.0
@@ -86,10 +87,8 @@ def test_a_train_that_came_to_rest_braked_by_silence_is_let_go() -> None:
 
 
 @pytest.mark.parametrize(("late_ns", "losses"), [(0, 0), (1, 1)])
-def test_a_command_just_after_the_timeout_comes_after_a_silence_all_the_same(
-    late_ns: int, losses: int
-) -> None:
-    """Though no step of the unit fell between."""
+def test_a_command_just_after_the_timeout_ends_a_silence(late_ns: int, losses: int) -> None:
+    """This holds although no step of the unit fell in between."""
     stand = Stand()
     stand.unit.hear(RELEASED, stand.now_ms * MS)
     stand.unit.hear(RELEASED, (stand.now_ms + TIMEOUT_MS) * MS + late_ns)

@@ -1,4 +1,4 @@
-"""The moving train against oracles of its own: exact linear theory, energy, momentum, statics."""
+"""The moving train against independent oracles: exact linear theory, energy, momentum, statics."""
 
 import math
 from dataclasses import replace
@@ -89,7 +89,7 @@ def exact_states(
 
 
 def matrix_exponential(matrix: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """By scaling, Taylor series and squaring."""
+    """Matrix exponential by scaling, Taylor series and squaring."""
     result, term = np.eye(len(matrix)), np.eye(len(matrix))
     for order in range(1, 20):
         term = term @ (matrix / 1024.0) / order
@@ -114,7 +114,7 @@ def oscillation_error(step_s: float) -> tuple[float, float]:
     return float(error[:, :cars].max()), float(error[:, cars:].max())
 
 
-def test_the_integrator_keeps_its_promised_error_against_the_exact_chain() -> None:
+def test_the_integrator_keeps_its_error_bound_against_the_exact_chain() -> None:
     position_m, speed_mps = oscillation_error(STEP_S)
 
     assert position_m < 0.02e-3
@@ -129,7 +129,7 @@ def test_halving_the_step_quarters_the_error() -> None:
     assert coarse_mps / fine_mps == pytest.approx(4.0, rel=0.25)
 
 
-def test_couplers_pass_momentum_on_and_make_none() -> None:
+def test_couplers_conserve_momentum() -> None:
     consist = make(replace(TRAIN, resistance=NO_DRAG))
     consist.car_speeds_mps[:] = [10.0, 9.0, 11.0, 10.5]
     before = float(inertias(consist) @ np.array(consist.car_speeds_mps))
@@ -153,7 +153,8 @@ def davis_n(train: Train, mass_kg: float, speed_mps: float) -> float:
 
 
 def test_the_energy_of_a_journey_over_the_florence_line_adds_up() -> None:
-    """Traction, coasting and braking over a climb, a curve and a fall; nothing is lost or won."""
+    """The run has traction, coasting and braking over a climb, a curve and a fall; energy is
+    conserved."""
     line = load_line("florence")
     consist = make(TRAIN, line, front_m=500.0)
     work_j = losses_j = turnover_j = 0.0
@@ -200,7 +201,7 @@ def test_the_energy_of_a_journey_over_the_florence_line_adds_up() -> None:
 
 @pytest.mark.parametrize("train", [TRAIN, POINT], ids=["multi_mass", "point_mass"])
 def test_coasting_down_follows_the_davis_formula(train: Train) -> None:
-    """The oracle integrates the scalar law with a Runge-Kutta method of fourth order."""
+    """The oracle integrates the scalar equation with a fourth-order Runge-Kutta method."""
     consist = throw(make(train), 20.0)
     mass_kg = train.mass_kg
 
@@ -234,7 +235,7 @@ def test_a_coasting_train_comes_to_rest_and_stays() -> None:
     assert consist.standing
 
 
-def test_steady_effort_ends_at_the_speed_where_resistance_equals_it() -> None:
+def test_constant_effort_ends_at_the_speed_where_resistance_equals_it() -> None:
     consist = throw(make(), 24.0)
     effort_n = 12_000.0
     consist.load(effort_n, 0.0, 0.0)
@@ -266,8 +267,8 @@ def test_a_braked_train_on_a_gradient_stands_exactly(
 
 
 @pytest.mark.parametrize(("gradient_permille", "sign"), [(30.0, -1.0), (-30.0, 1.0)])
-def test_a_train_that_nothing_holds_rolls_downhill(gradient_permille: float, sign: float) -> None:
-    """Newton with rotating masses: (gravity - static resistance) / 1.08 at the start."""
+def test_an_unbraked_train_rolls_downhill(gradient_permille: float, sign: float) -> None:
+    """Newton's law with rotating masses: (gravity - static resistance) / 1.08 at the start."""
     consist = make(TRAIN, slope(gradient_permille), front_m=500.0)
 
     for _ in range(100):
@@ -290,7 +291,8 @@ def test_running_resistance_alone_holds_a_train_on_a_slight_gradient() -> None:
 
 
 def test_a_gradient_acts_on_the_share_of_the_train_that_lies_on_it() -> None:
-    """A rigid train pushed slowly up onto a ramp; force by the mean gradient under its length."""
+    """A rigid train runs slowly up a ramp; the force follows from the mean gradient under its
+    length."""
     line = line_of((GradientSection(100.0, 130.0, 30.0), GradientSection(130.0, 400.0, -10.0)))
     train = replace(POINT, resistance=NO_DRAG)
     consist = throw(make(train, line, front_m=90.0), 5.0)
@@ -319,7 +321,7 @@ def test_a_curve_resists_by_roeckl(radius_m: float, per_kn: float) -> None:
 
 
 def test_braking_ends_where_constant_deceleration_ends() -> None:
-    """d = v**2 / 2a; the step in which the train stops may add half of itself at most."""
+    """d = v² / 2a; the step in which the train stops may add half of itself at most."""
     consist = throw(make(replace(POINT, resistance=NO_DRAG)), 15.0)
     brake_n = 0.9 * consist.inertia_kg
     consist.load(0.0, 0.5 * brake_n, 0.5 * brake_n)
@@ -336,7 +338,7 @@ def test_braking_ends_where_constant_deceleration_ends() -> None:
     speed_mps=st.floats(0.0, 22.0),
     motor_share=st.floats(0.0, 1.0),
 )
-def test_brakes_take_energy_and_never_give_any(
+def test_brakes_never_add_energy(
     brakes_mps2: list[float], speed_mps: float, motor_share: float
 ) -> None:
     consist = throw(make(), speed_mps)
@@ -361,7 +363,7 @@ def test_brakes_take_energy_and_never_give_any(
 def test_friction_never_drives_a_rigid_train_the_other_way(
     speed_mps: float, brake_mps2: float, gradient_permille: float
 ) -> None:
-    """It may only pass through zero if gravity is stronger than all that holds."""
+    """The speed may only pass through zero if gravity is stronger than everything that holds."""
     consist = throw(make(POINT, slope(gradient_permille), front_m=5000.0), speed_mps)
     brake_n = brake_mps2 * consist.inertia_kg
     consist.load(0.0, 0.5 * brake_n, 0.5 * brake_n)
@@ -377,7 +379,7 @@ def test_friction_never_drives_a_rigid_train_the_other_way(
 
 
 def test_stiff_couplers_are_resolved_by_sub_steps() -> None:
-    """A hundred times the stiffness: the train stays one and keeps its momentum."""
+    """With a hundred times the stiffness the train stays together and keeps its momentum."""
     coupler = replace(TRAIN.coupler, stiffness_n_per_m=3.0e8, damping_ns_per_m=3.0e6)
     consist = make(replace(TRAIN, coupler=coupler, resistance=NO_DRAG))
     consist.load(100_000.0, 0.0, 0.0)
@@ -404,8 +406,8 @@ def test_both_models_agree_on_the_mean_motion() -> None:
     assert fine.front_m == pytest.approx(rigid.front_m, abs=0.5)
 
 
-def test_a_train_beyond_the_line_still_has_a_track() -> None:
-    """No gradient is known out there, so nothing changes any more."""
+def test_a_train_beyond_the_line_runs_on_level_track() -> None:
+    """No gradient is known out there, so the motion does not change."""
     line = load_line("florence")
     consist = throw(make(replace(TRAIN, resistance=NO_DRAG), line, 4690.0), 10.0)
 

@@ -1,4 +1,4 @@
-"""The desk: keys, recordings, models of drivers, and the screen."""
+"""The driver's desk: keys, recordings, driver models, and the screen."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -84,7 +84,7 @@ def pressed(*keys: str, at_ns: int = 0) -> Hands:
     return hands
 
 
-def test_the_lever_goes_by_tenths_and_stops_at_its_ends() -> None:
+def test_the_lever_moves_by_tenths_and_stops_at_its_ends() -> None:
     assert pressed("up", "up", "down").desk.lever_percent == 10.0
     assert pressed(*["up"] * 30).desk.lever_percent == 100.0
     assert pressed(*["down"] * 30).desk.lever_percent == -100.0
@@ -103,7 +103,7 @@ def test_the_lever_goes_by_tenths_and_stops_at_its_ends() -> None:
         ("y", "door_bypass_requested"),
     ],
 )
-def test_switches_go_in_and_out_and_touch_nothing_else(key: str, field: str) -> None:
+def test_each_switch_toggles_and_affects_nothing_else(key: str, field: str) -> None:
     once = pressed(key).desk
     assert once == replace(MANUAL, **{field: not getattr(MANUAL, field)})  # type: ignore[arg-type]
     assert pressed(key, key).desk == MANUAL
@@ -116,7 +116,7 @@ def test_buttons_spring_back_after_a_second(key: str, field: str) -> None:
     assert not getattr(hands.at(5 + PRESS_NS), field)
 
 
-def test_the_key_is_turned_and_the_desk_is_left() -> None:
+def test_the_key_turns_and_ends_the_desk() -> None:
     modes = [pressed(key).desk.mode for key in "amo"]
     assert modes == [CabMode.AUTO, CabMode.MANUAL, CabMode.OFF]
     assert pressed("q").gone
@@ -124,7 +124,7 @@ def test_the_key_is_turned_and_the_desk_is_left() -> None:
 
 
 @given(desks=st.lists(DESKS, min_size=1, max_size=8))
-def test_what_was_recorded_is_played_the_same(desks: list[Desk]) -> None:
+def test_a_recording_is_played_back_unchanged(desks: list[Desk]) -> None:
     before: Desk | None = None
     text = "# anything\n"
     for second, desk in enumerate(desks):
@@ -137,7 +137,7 @@ def test_what_was_recorded_is_played_the_same(desks: list[Desk]) -> None:
         assert recording.at(second + 0.5, MANUAL) == desk
 
 
-def test_before_its_first_line_a_recording_leaves_the_desk_alone() -> None:
+def test_before_its_first_line_a_recording_does_not_change_the_desk() -> None:
     recording = parse_recording("2.5 lever_percent=40 reset_requested=true\n", "test")
     assert recording.at(2.499, MANUAL) == MANUAL
     assert recording.at(2.5, MANUAL) == replace(MANUAL, lever_percent=40.0, reset_requested=True)
@@ -145,7 +145,7 @@ def test_before_its_first_line_a_recording_leaves_the_desk_alone() -> None:
     assert DeskRecording(()).at(9.0, MANUAL) == MANUAL
 
 
-def test_nothing_is_written_where_nothing_changed() -> None:
+def test_only_changes_are_recorded() -> None:
     assert change_line(1.0, MANUAL, MANUAL) == ""
     assert change_line(1.0, MANUAL, replace(MANUAL, lever_percent=20.0)) == (
         "1.000 lever_percent=20\n"
@@ -169,13 +169,13 @@ def test_nothing_is_written_where_nothing_changed() -> None:
         ("1", "a.desk:1: nothing changes at 1 s"),
     ],
 )
-def test_what_cannot_be_played_is_said_with_file_line_and_key(text: str, words: str) -> None:
+def test_an_unplayable_line_is_reported_with_file_line_and_key(text: str, words: str) -> None:
     with pytest.raises(SettingsError) as refused:
         parse_recording(text, "a.desk")
     assert words in str(refused.value)
 
 
-def test_a_recording_that_is_not_there_or_no_text_is_said(tmp_path: Path) -> None:
+def test_a_missing_or_binary_recording_is_reported(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"nowhere\.desk: no such file"):
         load_recording(str(tmp_path / "nowhere.desk"))
     path = tmp_path / "binary.desk"
@@ -184,7 +184,7 @@ def test_a_recording_that_is_not_there_or_no_text_is_said(tmp_path: Path) -> Non
         load_recording(str(path))
 
 
-def test_only_one_can_be_at_the_desk(tmp_path: Path) -> None:
+def test_only_one_source_can_operate_the_desk(tmp_path: Path) -> None:
     path = tmp_path / "a.desk"
     path.write_text("0 mode=manual\n", encoding="utf-8")
     assert plan_scenario(desk_recording=str(path)).desk_recording is not None
@@ -195,7 +195,7 @@ def test_only_one_can_be_at_the_desk(tmp_path: Path) -> None:
         plan_scenario(driver="ruthless")
 
 
-def test_nobody_is_needed_at_the_desk() -> None:
+def test_the_desk_may_be_unattended() -> None:
     assert attendant(None, None, mode=CabMode.AUTO, start_ns=0) is None
 
 
@@ -217,7 +217,7 @@ def lever(driver: Driver, display: DeskDisplay, now_ns: int = 0) -> float:
 @given(
     speed_mps=st.floats(-5.0, 40.0), ceiling_mps=st.floats(0.0, 30.0), over_mps=st.floats(0.0, 5.0)
 )
-def test_a_reckless_driver_never_lets_go(
+def test_a_reckless_driver_never_releases_the_lever(
     speed_mps: float, ceiling_mps: float, over_mps: float
 ) -> None:
     display = shown(speed_mps, ceiling_mps, ceiling_mps + over_mps)
@@ -225,7 +225,7 @@ def test_a_reckless_driver_never_lets_go(
 
 
 @given(speed_mps=st.floats(0.0, 40.0), ceiling_mps=st.floats(0.0, 30.0))
-def test_an_obedient_driver_never_pulls_at_the_permitted_speed_or_over_it(
+def test_an_obedient_driver_uses_no_traction_at_or_above_the_permitted_speed(
     speed_mps: float, ceiling_mps: float
 ) -> None:
     pull_percent = lever(DRIVERS["obedient"](), shown(speed_mps, ceiling_mps, ceiling_mps + 2.0))
@@ -250,7 +250,7 @@ def test_an_obedient_driver_brakes_before_a_limit_that_falls() -> None:
 def test_an_obedient_driver_brakes_gently_before_the_end_of_the_authority(
     left_m: float, wanted_mps: float
 ) -> None:
-    """At 0.5 m/s² these speeds stop 20 m before it."""
+    """At 0.5 m/s² these speeds stop 20 m before the end."""
     pulls_percent = []
     for speed_mps in (wanted_mps - 0.1, wanted_mps + 0.1):
         display = shown(speed_mps, 19.0, 21.0)
@@ -261,14 +261,14 @@ def test_an_obedient_driver_brakes_gently_before_the_end_of_the_authority(
 
 
 @pytest.mark.parametrize("name", ["obedient", "late"])
-def test_who_sees_no_speeds_brakes(name: str) -> None:
+def test_a_driver_without_a_speed_display_brakes(name: str) -> None:
     driver, display = DRIVERS[name](), shown(5.0, 15.0, 17.0)
     assert lever(driver, DeskDisplay()) == -100.0
     assert lever(driver, display, FRESH_NS) > 0.0
     assert lever(driver, display, FRESH_NS + 1) == -100.0
 
 
-def test_an_obedient_driver_resets_an_emergency_at_standstill_and_lets_the_button_go() -> None:
+def test_an_obedient_driver_presses_reset_at_standstill_and_releases_the_button() -> None:
     driver, seen = DRIVERS["obedient"](), set()
     for speed_mps in (5.0, 0.0):
         display = shown(speed_mps, 0.0, 0.0)
@@ -282,7 +282,7 @@ def test_an_obedient_driver_resets_an_emergency_at_standstill_and_lets_the_butto
     assert seen == {(5.0, False), (0.0, False), (0.0, True)}
 
 
-def test_a_late_driver_brakes_at_the_emergency_limit_and_pulls_again_under_it() -> None:
+def test_a_late_driver_brakes_at_the_emergency_limit_and_accelerates_again_below_it() -> None:
     driver = DRIVERS["late"]()
     assert lever(driver, shown(15.0, 14.0, 16.0)) == 100.0, "over the permitted speed"
     assert lever(driver, shown(15.6, 14.0, 16.0)) == -100.0
@@ -294,7 +294,7 @@ def test_a_late_driver_brakes_at_the_emergency_limit_and_pulls_again_under_it() 
     ("limits_mps", "fall_mps2"),
     [([10.0, 9.9], 1.0), ([10.0, 10.1], 0.0), ([10.0, 9.0], 0.0), ([10.0], 0.0)],
 )
-def test_a_limit_falls_when_it_is_approached_not_when_it_is_changed(
+def test_a_limit_counts_as_falling_when_approached_and_not_when_replaced(
     limits_mps: list[float], fall_mps2: float
 ) -> None:
     trend = Trend()
@@ -303,7 +303,7 @@ def test_a_limit_falls_when_it_is_approached_not_when_it_is_changed(
     assert trend.fall_mps2(limits_mps[-1], 5 * NS_PER_S) == 0.0, "it has stopped falling"
 
 
-def test_the_screen_shows_what_the_controller_says() -> None:
+def test_the_screen_shows_the_controllers_messages() -> None:
     display = shown(10.0, 15.0, 17.0)
     display.hear(replace(MODE, mode=OperatingMode.JOG, jog_attempts=2, alarm_raised=True), 0)
     display.hear(replace(STATUS, missing=Missing.AUTHORITY | Missing.DOORS), 0)
@@ -327,7 +327,7 @@ def test_the_screen_shows_what_the_controller_says() -> None:
         (-0.5, Inhibit.HOLD, "departure  --"),
     ],
 )
-def test_the_screen_tells_of_departure_only_to_who_stands(
+def test_the_screen_shows_departure_inhibits_only_at_standstill(
     speed_mps: float, inhibits: Inhibit, words: str
 ) -> None:
     display = shown(speed_mps, 15.0, 17.0)
@@ -368,7 +368,7 @@ def test_the_screen_calls_doors_enabled_only_when_a_side_is(
         (b"\x1b[", []),
     ],
 )
-def test_what_follows_an_escape_is_one_key_and_never_a_letter_of_the_desk(
+def test_an_escape_sequence_is_one_key_and_never_a_letter_of_the_desk(
     typed: bytes, names: list[str]
 ) -> None:
     assert list(key_names(typed)) == names
@@ -396,7 +396,7 @@ def test_the_screen_always_fits(
     assert all(len(line) <= WIDTH < 80 and line.isprintable() for line in drawn)
 
 
-def test_a_silent_controller_leaves_the_screen_blank_and_is_said_with_its_age() -> None:
+def test_a_silent_controller_blanks_the_screen_and_is_shown_with_its_age() -> None:
     display = shown(10.0, 12.0, 13.0)
     display.hear(MODE, 0)
     display.hear(VobcPosition(front_m=1234.5, uncertainty_m=2.5), 0)
@@ -413,7 +413,7 @@ def test_a_silent_controller_leaves_the_screen_blank_and_is_said_with_its_age() 
     assert "controller silent for 8 s" in after
 
 
-def test_one_frame_that_stays_away_is_blank_alone() -> None:
+def test_a_missing_frame_blanks_only_its_own_values() -> None:
     display = shown(10.0, 12.0, 13.0, now_ns=3 * NS_PER_S)
     display.hear(VobcPosition(front_m=1234.5, uncertainty_m=2.5), 0)
 
@@ -424,7 +424,7 @@ def test_one_frame_that_stays_away_is_blank_alone() -> None:
     assert "36.0" in text
 
 
-def test_before_the_first_frame_the_screen_says_that_none_came() -> None:
+def test_before_the_first_frame_the_screen_reports_that_none_came() -> None:
     text = "\n".join(lines(DeskDisplay(), MANUAL, 0)).lower()
 
     assert "no frame from the controller yet" in text
@@ -432,7 +432,7 @@ def test_before_the_first_frame_the_screen_says_that_none_came() -> None:
 
 
 @given(age_ns=st.integers(0, 20 * NS_PER_S), kind=st.sampled_from(SCREEN_KINDS))
-def test_a_frame_is_shown_just_as_long_as_it_is_fresh(age_ns: int, kind: type[Frame]) -> None:
+def test_a_frame_is_shown_while_it_is_fresh(age_ns: int, kind: type[Frame]) -> None:
     frames: dict[type[Frame], Frame] = {
         VobcStatus: STATUS,
         VobcMode: MODE,
@@ -450,8 +450,9 @@ def test_a_frame_is_shown_just_as_long_as_it_is_fresh(age_ns: int, kind: type[Fr
     assert bool(display.silence(7 + age_ns)) is (age_ns > FRESH_NS)
 
 
-def test_an_obedient_driver_goes_by_no_target_that_the_display_blanked() -> None:
-    """Right before the end of the authority: with the target it brakes, without it it drives on."""
+def test_an_obedient_driver_ignores_a_target_that_the_display_blanked() -> None:
+    """The train is close to the end of authority: with the target the driver brakes, without it
+    he drives on."""
     now_ns = 2 * NS_PER_S
     near = VobcTarget(distance_to_stop_m=0.0, distance_to_authority_m=21.0)
     fresh, stale = (shown(5.0, 20.0, 22.0, now_ns=now_ns) for _ in range(2))

@@ -1,4 +1,4 @@
-"""The high-voltage box of a train that hangs on the network of its line."""
+"""The high-voltage box of a train that is connected to the network of its line."""
 
 import pytest
 
@@ -30,7 +30,7 @@ def interval(power: HighVoltageBox, *, drive_w: float = 0.0, brake_w: float = 0.
             power.rest()
 
 
-def test_what_a_train_takes_is_booked_when_the_network_has_answered() -> None:
+def test_the_energy_of_a_train_is_booked_when_the_network_has_answered() -> None:
     power = box()
     interval(power, drive_w=800_000.0)
     wish, due = power.take_load(INTERVAL_S)
@@ -59,7 +59,7 @@ def test_a_high_voltage_leaves_a_share_of_the_braking_to_the_resistor() -> None:
     assert power.electric_limit_w == float("inf")
 
 
-def test_books_close_whatever_comes() -> None:
+def test_the_energy_balance_closes_for_any_sequence() -> None:
     power = box()
     for number in range(40):
         interval(power, drive_w=4e5 * (number % 3), brake_w=3e5 * (number % 2))
@@ -70,7 +70,7 @@ def test_books_close_whatever_comes() -> None:
     assert power.drawn_j - power.returned_j == pytest.approx(became_j, rel=1e-12)
 
 
-def test_under_a_low_voltage_effort_goes_at_once_and_comes_back_by_and_by() -> None:
+def test_at_low_voltage_effort_falls_at_once_and_recovers_slowly() -> None:
     power = box()
     nothing = Due()
     power.fed(550.0, 0.0, 0.5, nothing, INTERVAL_S)
@@ -84,8 +84,9 @@ def test_under_a_low_voltage_effort_goes_at_once_and_comes_back_by_and_by() -> N
     assert seen == pytest.approx([0.6, 0.7, 0.8, 0.9, 1.0, 1.0])
 
 
-def test_what_a_train_wishes_does_not_shrink_with_what_it_gets() -> None:
-    """Else the voltage would come back, and with it all of the effort, and go again."""
+def test_a_trains_requested_power_does_not_fall_with_the_power_it_gets() -> None:
+    """Otherwise the voltage would recover, the whole effort would return, and the voltage would
+    fall again."""
     power = box()
     power.fed(550.0, 0.0, 0.5, Due(), INTERVAL_S)
     interval(power, drive_w=400_000.0)
@@ -95,7 +96,7 @@ def test_what_a_train_wishes_does_not_shrink_with_what_it_gets() -> None:
     assert wish.traction_w == pytest.approx(1_000_000.0)
 
 
-def test_a_resistor_that_is_hot_leaves_the_rest_to_friction() -> None:
+def test_a_hot_resistor_leaves_the_rest_to_friction() -> None:
     power = box()
     resistor = TRAIN.supply.resistor
     assert resistor is not None
@@ -110,7 +111,7 @@ def test_a_resistor_that_is_hot_leaves_the_rest_to_friction() -> None:
     assert limits_w[-1] < 3_000_000.0
 
 
-def test_off_the_network_nothing_is_asked_of_it_and_the_breaker_ends_all() -> None:
+def test_a_train_off_the_network_requests_no_power_and_an_open_breaker_ends_all_current() -> None:
     power = box()
     power.connect(None, breaker_closed=False)
     interval(power)

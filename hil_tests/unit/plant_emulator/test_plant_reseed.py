@@ -1,4 +1,4 @@
-"""From one prefix many continuations: what is drawn anew comes from another seed."""
+"""Many continuations of one prefix: from the branch on, samples come from another seed."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ BRANCH_S = 25.0
 def driven(
     seed: int, reseed: int | None = None
 ) -> tuple[World, list[tuple[Any, ...]], list[TagPass]]:
-    """Start, run, brake, run on, brake again; a row of all noise every 50 ms, and all tags."""
+    """Start, run, brake, run on and brake again; return all noise every 50 ms, and all tags."""
     world = World(TRAIN, LINE, seed=seed, front_m=1100.0)
     rows, tags = list[tuple[Any, ...]](), list[TagPass]()
     for step in range(round(60.0 / STEP_S)):
@@ -64,21 +64,21 @@ def test_the_same_branch_is_the_same_run() -> None:
     assert driven(1, reseed=7)[1:] != driven(1, reseed=8)[1:]
 
 
-def test_what_is_drawn_once_a_run_stays() -> None:
+def test_parameters_sampled_once_per_run_stay() -> None:
     world, other = driven(1, reseed=7)[0], World(TRAIN, LINE, seed=1, front_m=1100.0)
     assert world.tachos.error == other.tachos.error
     quiet_mps = [w.doppler.frame(15.0).speed_mps for w in (world, other)]
     assert quiet_mps[0] != quiet_mps[1]
     for each in (world, other):
         each.reseed(3)
-    # With the same noise scale and bias are what is left.
+    # With the same noise, only scale and bias differ.
     assert world.doppler.frame(15.0) == other.doppler.frame(15.0)
     shown = [w.imu.frame(w.now_ns + 10**15, 0.0, 0.0).accel_mps2 for w in (world, other)]
     assert abs(shown[0] - shown[1]) < 1e-4
 
 
-def test_a_continuation_draws_what_a_run_of_that_seed_would() -> None:
-    """The brake's first dead time, its lag and its gain, and the places of the tags ahead."""
+def test_a_continuation_samples_like_a_run_of_that_seed() -> None:
+    """This covers the brake's first dead time, lag and gain, and the places of the tags ahead."""
     branched, run = (
         World(TRAIN, LINE, seed=1, front_m=1100.0),
         World(TRAIN, LINE, seed=7, front_m=1100.0),
@@ -101,7 +101,7 @@ def test_a_continuation_draws_what_a_run_of_that_seed_would() -> None:
     assert branched.brake.service.dead_time_s == run.brake.service.dead_time_s
 
 
-def test_tags_ahead_are_felt_where_the_new_seed_puts_them_and_passed_ones_stay() -> None:
+def test_tags_ahead_get_the_offset_of_the_new_seed_and_passed_ones_stay() -> None:
     def felt(seed: int, reseed: int | None = None) -> dict[int, float]:
         _, _, tags = driven(seed, reseed)
         return {each.site.tag_id: each.pulses / 256.0 for each in tags}
@@ -114,7 +114,7 @@ def test_tags_ahead_are_felt_where_the_new_seed_puts_them_and_passed_ones_stay()
 
 
 def test_a_brake_that_is_on_keeps_its_gain_until_it_is_applied_again() -> None:
-    """So a force never jumps because of a branch."""
+    """A branch therefore never makes a force jump."""
     worlds = [World(TRAIN, LINE, seed=1, front_m=2000.0) for _ in range(2)]
     for step in range(900):
         for number, world in enumerate(worlds):

@@ -1,4 +1,4 @@
-"""Tachos, radar, accelerometer, tag reader and supply: what they say against what is true."""
+"""Tachos, radar, accelerometer, tag reader and supply: their readings against the truth."""
 
 import itertools
 import math
@@ -32,7 +32,7 @@ B_PERIOD = 1024
 
 
 def off_by(counted_b: int, wanted: float) -> float:
-    """How far counter B is from what it should show, across its wrap."""
+    """Difference between counter B and its expected value, across its wrap."""
     return abs((counted_b - wanted + B_PERIOD / 2) % B_PERIOD - B_PERIOD / 2)
 
 
@@ -40,8 +40,8 @@ def with_error(error_ratio: float) -> SensorConfig:
     return replace(IDEAL, odometer_error_ratio=Spread(error_ratio, error_ratio))
 
 
-class Ride:
-    """Axles that are rolled along by hand, with tachos and a tag reader on them."""
+class AxleRun:
+    """Axles that the test moves, with tachos and a tag reader."""
 
     def __init__(
         self,
@@ -64,9 +64,11 @@ class Ride:
 
 
 @given(ways_m=st.lists(st.floats(-0.3, 0.4), max_size=60), error_ratio=st.floats(-0.01, 0.05))
-def test_pulses_are_the_way_over_the_pulse_length(ways_m: list[float], error_ratio: float) -> None:
-    """Off by half a pulse at most, whichever way the train went and however often it turned."""
-    ride = Ride(with_error(error_ratio))
+def test_pulses_equal_the_distance_over_the_pulse_length(
+    ways_m: list[float], error_ratio: float
+) -> None:
+    """The error is at most half a pulse, whatever the direction and the number of turns."""
+    ride = AxleRun(with_error(error_ratio))
     for way_m in ways_m:
         ride.move(way_m)
 
@@ -79,7 +81,7 @@ def test_pulses_are_the_way_over_the_pulse_length(ways_m: list[float], error_rat
 
 
 def test_the_counter_wraps_and_goes_on() -> None:
-    ride = Ride()
+    ride = AxleRun()
     seen, total = [], 0
     before = ride.tachos.frame(0).pulses_a
     for _ in range(1000):
@@ -95,20 +97,20 @@ def test_the_counter_wraps_and_goes_on() -> None:
     assert total == pytest.approx(1000.0 / PULSE_M, abs=1.0)
 
 
-def test_worn_wheels_count_more_and_each_for_itself() -> None:
+def test_each_worn_wheel_counts_more_independently() -> None:
     tachos = tuple(
         replace(tacho, wheel_diameter_m=diameter_m)
         for tacho, diameter_m in zip(IDEAL.tachos, (0.80, 0.86), strict=True)
     )
-    ride = Ride(replace(IDEAL, tachos=tachos))  # type: ignore[arg-type]
+    ride = AxleRun(replace(IDEAL, tachos=tachos))  # type: ignore[arg-type]
     ride.move(100.0)
     frame = ride.tachos.frame(ride.now_ns)
     assert frame.pulses_a == pytest.approx(100.0 * 256.0 / (math.pi * 0.80), abs=1.0)
     assert off_by(frame.pulses_b, 100.0 * 256.0 / (math.pi * 0.86)) <= 1.0
 
 
-def test_slip_is_counted_by_the_axle_that_slips() -> None:
-    ride = Ride()
+def test_only_the_slipping_axle_counts_slip() -> None:
+    ride = AxleRun()
     for _ in range(100):
         ride.move(0.1, slip_mps=2.0)
     frame = ride.tachos.frame(ride.now_ns)
@@ -116,8 +118,8 @@ def test_slip_is_counted_by_the_axle_that_slips() -> None:
     assert off_by(frame.pulses_b, 10.0 / PULSE_M) <= 1.0
 
 
-def test_direction_is_by_the_last_pulses_and_neutral_without_any() -> None:
-    ride = Ride()
+def test_the_direction_follows_the_last_pulses_and_is_neutral_without_any() -> None:
+    ride = AxleRun()
     ride.move(0.1)
     assert ride.tachos.frame(ride.now_ns).direction is Direction.FORWARD
     ride.move(-0.1)
@@ -126,14 +128,14 @@ def test_direction_is_by_the_last_pulses_and_neutral_without_any() -> None:
     assert ride.tachos.frame(ride.now_ns + 200_000_000).direction is Direction.NEUTRAL
 
 
-def test_the_error_is_drawn_within_its_spread_for_each_seed() -> None:
-    errors = [Ride(TRAIN.sensors, seed=seed).tachos.error for seed in range(300)]
+def test_the_error_is_sampled_within_its_spread_for_each_seed() -> None:
+    errors = [AxleRun(TRAIN.sensors, seed=seed).tachos.error for seed in range(300)]
     assert -0.01 <= min(errors) < -0.005
     assert 0.045 < max(errors) <= 0.05
     assert np.mean(errors) == pytest.approx(0.02, abs=0.003)
 
 
-def test_the_radar_is_blind_when_slow_and_noisy_when_not() -> None:
+def test_the_radar_is_blind_at_low_speed_and_noisy_above() -> None:
     radar = DopplerRadar(TRAIN.sensors, Generators(1))
     slow = radar.frame(0.49)
     assert (slow.speed_mps, slow.quality_percent) == (0.0, 0.0)
@@ -146,7 +148,7 @@ def test_the_radar_is_blind_when_slow_and_noisy_when_not() -> None:
     assert min(frame.quality_percent for frame in fast) > 50.0
 
 
-def test_the_accelerometer_feels_the_slope_as_acceleration() -> None:
+def test_the_accelerometer_measures_a_gradient_as_acceleration() -> None:
     imu = Accelerometer(IDEAL, Generators(1), start_ns=0)
     assert imu.frame(50_000_000, 0.04, 0.0).accel_mps2 == pytest.approx(0.8)
     assert imu.frame(100_000_000, 0.04, 0.2943).accel_mps2 == pytest.approx(0.2943)
@@ -172,9 +174,9 @@ TAG = TagSite(7, 48.0, TagKind.T1)
 def test_time_and_pulses_are_those_at_the_antennas_centre(
     tag_m: float, speed_mps: float, error_ratio: float
 ) -> None:
-    """At steady speed the truth is known without any interpolation: t = (tag + 2 m) / v."""
+    """At constant speed the truth needs no interpolation: t = (tag + 2 m) / v."""
     site = TagSite(9, tag_m, TagKind.T2)
-    ride = Ride(with_error(error_ratio), (site,))
+    ride = AxleRun(with_error(error_ratio), (site,))
     steps = math.ceil((tag_m + 2.0) / (speed_mps * STEP_S)) + 1
     for _ in range(min(steps, 20_000)):
         ride.move(speed_mps * STEP_S)
@@ -192,8 +194,8 @@ def test_time_and_pulses_are_those_at_the_antennas_centre(
     assert abs(wrapped) <= 0.5 + 1e-6
 
 
-def drive_over(ride: Ride, until_m: float, speed_mps: float = 10.0) -> list[tuple[int, Heard]]:
-    """What a parser on the line makes of it, with the instants at which it left."""
+def drive_over(ride: AxleRun, until_m: float, speed_mps: float = 10.0) -> list[tuple[int, Heard]]:
+    """Telegrams as a parser on the line decodes them, with the instants at which they left."""
     parser = TelegramParser()
     heard: list[tuple[int, Heard]] = []
     while ride.front_m < until_m:
@@ -203,8 +205,8 @@ def drive_over(ride: Ride, until_m: float, speed_mps: float = 10.0) -> list[tupl
     return heard
 
 
-def test_a_telegram_tells_tag_kind_pulses_and_its_own_age() -> None:
-    ride = Ride(TRAIN.sensors, (TAG,), start_ns=5_000_000_000)
+def test_a_telegram_holds_tag_kind_pulses_and_its_own_age() -> None:
+    ride = AxleRun(TRAIN.sensors, (TAG,), start_ns=5_000_000_000)
     heard = [
         (sent_ns, each) for sent_ns, each in drive_over(ride, 60.0) if isinstance(each, TagTelegram)
     ]
@@ -223,9 +225,9 @@ def test_a_telegram_tells_tag_kind_pulses_and_its_own_age() -> None:
     assert passed.due_ns <= sent_ns < passed.due_ns + STEP_NS
 
 
-def test_tags_are_felt_where_they_lie_give_or_take_their_noise() -> None:
+def test_tags_are_detected_at_their_place_within_their_noise() -> None:
     tags = tuple(TagSite(n, 10.0 * n, TagKind.BALISE) for n in range(1, 401))
-    ride = Ride(replace(IDEAL, tag_sigma_m=0.02, tag_clip_m=0.05), tags)
+    ride = AxleRun(replace(IDEAL, tag_sigma_m=0.02, tag_clip_m=0.05), tags)
     errors_m = []
     while ride.front_m < 4050.0:
         before = ride.reader.tags_read
@@ -243,7 +245,7 @@ def test_tags_are_felt_where_they_lie_give_or_take_their_noise() -> None:
 
 
 def test_a_tag_is_read_again_on_the_way_back() -> None:
-    ride = Ride(IDEAL, (TAG,))
+    ride = AxleRun(IDEAL, (TAG,))
     for _ in range(600):
         ride.move(0.1)
     for _ in range(200):
@@ -255,7 +257,7 @@ def test_a_tag_is_read_again_on_the_way_back() -> None:
 
 
 def test_a_train_that_stands_over_a_tag_reads_it_once() -> None:
-    ride = Ride(IDEAL, (TAG,))
+    ride = AxleRun(IDEAL, (TAG,))
     for _ in range(501):
         ride.move(0.1)
     for _ in range(1000):
@@ -265,7 +267,7 @@ def test_a_train_that_stands_over_a_tag_reads_it_once() -> None:
 
 def test_two_tags_within_one_step_are_both_read_in_order() -> None:
     near = (TagSite(1, 1.00, TagKind.T3), TagSite(2, 1.02, TagKind.STOP))
-    ride = Ride(IDEAL, near)
+    ride = AxleRun(IDEAL, near)
     ride.move(5.0)
     telegrams = b"".join(ride.reader.telegrams(ride.now_ns + 60_000_000))
     read = [each for each in TelegramParser().feed(telegrams) if isinstance(each, TagTelegram)]
@@ -275,14 +277,14 @@ def test_two_tags_within_one_step_are_both_read_in_order() -> None:
 
 def test_telegrams_keep_their_order_whatever_their_latencies() -> None:
     tags = tuple(TagSite(n, 0.2 * n, TagKind.BALISE) for n in range(1, 201))
-    ride = Ride(replace(TRAIN.sensors, tag_sigma_m=0.0), tags)
+    ride = AxleRun(replace(TRAIN.sensors, tag_sigma_m=0.0), tags)
     heard = [each for _, each in drive_over(ride, 50.0, speed_mps=20.0)]
     ids = [each.tag_id for each in heard if isinstance(each, TagTelegram)]
     assert ids == list(range(1, 201))
 
 
-def test_the_reader_shows_that_it_lives_twice_a_second() -> None:
-    ride = Ride(IDEAL)
+def test_the_reader_sends_a_heartbeat_twice_a_second() -> None:
+    ride = AxleRun(IDEAL)
     heard = drive_over(ride, 99.95)
     health = [each for _, each in heard if isinstance(each, HealthTelegram)]
     assert [each.sent_ms for each in health] == [10.0, *(500.0 * n for n in range(1, 21))]
@@ -290,8 +292,8 @@ def test_the_reader_shows_that_it_lives_twice_a_second() -> None:
     assert all(each.antenna_ok for each in health)
 
 
-def test_the_health_frame_counts_what_went_out_on_the_line() -> None:
-    ride = Ride(IDEAL, (TAG,))
+def test_the_health_frame_counts_the_telegrams_on_the_line() -> None:
+    ride = AxleRun(IDEAL, (TAG,))
     drive_over(ride, 60.0)
     frame = ride.reader.frame(ride.now_ns)
     assert frame.telegrams_sent == 1
@@ -299,7 +301,7 @@ def test_the_health_frame_counts_what_went_out_on_the_line() -> None:
 
 
 @given(low=st.floats(-5.0, 5.0), span=st.floats(0.0, 5.0))
-def test_uniform_draws_stay_within_and_do_not_depend_on_blocks(low: float, span: float) -> None:
+def test_uniform_samples_stay_in_range_and_do_not_depend_on_blocks(low: float, span: float) -> None:
     draws = Uniform(Generators(3).of(NoiseSource.TAG_TIME), low=low, high=low + span)
     found = [draws.draw() for _ in range(2 * BLOCK + 3)]
     assert all(low <= value <= low + span for value in found)
@@ -307,15 +309,15 @@ def test_uniform_draws_stay_within_and_do_not_depend_on_blocks(low: float, span:
     assert found[: 2 * BLOCK] == pytest.approx(list(low + span * plain))
 
 
-def test_normal_draws_are_clipped_not_dropped() -> None:
+def test_normal_samples_are_clipped_and_not_dropped() -> None:
     draws = Gaussian(Generators(3).of(NoiseSource.TAG_PLACE), 0.02, clip=0.05)
     found = np.array([draws.draw() for _ in range(20_000)])
     assert float(np.abs(found).max()) == 0.05
     assert float(np.mean(np.abs(found) == 0.05)) == pytest.approx(0.0124, abs=0.003)
 
 
-def test_a_source_draws_the_same_whatever_other_sources_there_are() -> None:
-    """The oracle spawns far more children than there are sources and finds the same numbers."""
+def test_a_source_does_not_depend_on_the_number_of_other_sources() -> None:
+    """The oracle spawns many more children than there are sources and finds the same numbers."""
     generators = Generators(42)
     children = np.random.SeedSequence(42).spawn(100)
     for source in NoiseSource:
@@ -323,7 +325,7 @@ def test_a_source_draws_the_same_whatever_other_sources_there_are() -> None:
         assert generators.of(source).random(5).tolist() == expected.tolist()
 
 
-def test_no_two_sources_draw_alike() -> None:
+def test_no_two_sources_give_the_same_samples() -> None:
     generators = Generators(42)
     first = {struct.pack("d", generators.of(source).random()) for source in NoiseSource}
     assert len(first) == len(NoiseSource)
@@ -343,7 +345,7 @@ def box() -> HighVoltageBox:
         st.tuples(st.floats(-20_000.0, 25_000.0), st.floats(0.0, 25_000.0)), max_size=50
     )
 )
-def test_the_energy_books_close(works_j: list[tuple[float, float]]) -> None:
+def test_the_energy_balance_closes(works_j: list[tuple[float, float]]) -> None:
     power = box()
     for drive_j, brake_j in works_j:
         power.step(drive_j, brake_j)
@@ -358,7 +360,7 @@ def test_the_energy_books_close(works_j: list[tuple[float, float]]) -> None:
 
 
 @pytest.mark.parametrize("drive_w", [0.0, 500_000.0, 2_400_000.0])
-def test_the_voltage_is_what_the_source_leaves_under_the_current(drive_w: float) -> None:
+def test_the_voltage_is_the_source_voltage_minus_the_drop_of_the_current(drive_w: float) -> None:
     power = box()
     power.step(drive_w * STEP_S, 0.0)
     drawn_w = drive_w / 0.88 + 80_000.0
@@ -366,7 +368,7 @@ def test_the_voltage_is_what_the_source_leaves_under_the_current(drive_w: float)
     assert power.voltage_v == pytest.approx(750.0 - 0.02 * power.current_a)
 
 
-def test_a_train_that_feeds_back_lifts_the_voltage() -> None:
+def test_a_train_that_feeds_back_raises_the_voltage() -> None:
     power = box()
     power.step(0.0, 1_000_000.0 * STEP_S)
     frame = power.supply()
@@ -382,7 +384,7 @@ def test_a_train_that_rolls_against_its_effort_feeds_back() -> None:
     assert power.braking_j == pytest.approx(0.85 * 5_000.0)
 
 
-def test_a_train_that_rests_draws_what_its_auxiliaries_take() -> None:
+def test_a_resting_train_takes_the_power_of_its_auxiliaries() -> None:
     power = box()
     power.step(20_000.0, 0.0)
     before_j = power.drawn_j

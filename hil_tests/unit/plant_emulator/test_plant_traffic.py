@@ -1,4 +1,4 @@
-"""Several trains on a line: where they stand, when they leave, what ties them together."""
+"""Several trains on a line: their places, departures and common power supply."""
 
 import itertools
 from dataclasses import replace
@@ -20,7 +20,7 @@ FAR_S = 1.0e6
 
 
 def test_a_lap_leaves_each_station_after_its_run_and_dwell() -> None:
-    """216, 130 and 127 s of running, 30 s of dwell, 97 s of turnback (seed 000)."""
+    """Running takes 216, 130 and 127 s, a dwell 30 s and a turnback 97 s ([Lin])."""
     leaves_s = TIMETABLE.leaves_s
 
     assert leaves_s[1] == 216.0 + 30.0
@@ -71,7 +71,7 @@ def test_a_line_without_traffic_is_refused_by_name() -> None:
         (2 * 16176.0 - 300.0, 0.0),
     ],
 )
-def test_both_tracks_and_all_laps_hang_on_one_feeder(front_m: float, place_m: float) -> None:
+def test_one_feeder_supplies_both_tracks_and_all_laps(front_m: float, place_m: float) -> None:
     assert TRAFFIC.place_m(front_m) == pytest.approx(place_m)
 
 
@@ -81,7 +81,7 @@ def dispatcher_of(index: int, dwell_s: float = 24.0) -> Dispatcher:
 
 
 def test_a_train_is_held_until_shortly_before_it_leaves() -> None:
-    """At Gonghuacheng the timetable of train 6 is 180 s old, and it leaves at 246 s."""
+    """At Gonghuacheng the timetable of train 6 is 180 s old, and the train leaves at 246 s."""
     dispatcher, stop_m = dispatcher_of(1), LINE.stations[1].stop_m
 
     assert dispatcher.holds(0.0, stop_m, 0.0)
@@ -105,7 +105,7 @@ def test_an_arrival_is_noted_and_the_dwell_begins() -> None:
     assert run.error_m == pytest.approx(0.05)
 
 
-def test_a_terminal_is_left_at_once_and_the_platform_behind_it_by_the_clock() -> None:
+def test_a_terminal_is_left_at_once_and_the_next_platform_by_the_timetable() -> None:
     dispatcher, stations = dispatcher_of(2), LINE.stations
     dispatcher.holds(46.0, stations[2].stop_m, 0.0)
     dispatcher.holds(60.0, stations[2].stop_m + 50.0, 10.0)
@@ -122,7 +122,7 @@ def said(front_m: float, *, wants_w: float = 0.0, gives_w: float = 0.0) -> Inter
     return IntervalReport(front_m, 0.0, front_m - 90.0, wants_w, gives_w, 100_000.0)
 
 
-def test_each_train_hears_where_the_one_ahead_ends_and_the_foremost_the_hindmost() -> None:
+def test_each_train_gets_the_rear_of_the_one_ahead_and_the_foremost_that_of_the_last() -> None:
     coupling = Coupling(TRAFFIC, STRONG)
 
     answers = coupling.answers([said(9000.0), said(5000.0), said(1000.0)])

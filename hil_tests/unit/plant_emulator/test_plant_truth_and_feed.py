@@ -1,4 +1,4 @@
-"""What is true of the train, and how it is told to others."""
+"""The truth signals of the train, and how other programs receive them."""
 
 import math
 import socket
@@ -29,8 +29,8 @@ WORLD = World(load_train("florence4"), LINE, seed=1, front_m=700.0)
 
 
 @given(fronts_m=st.lists(st.floats(-200.0, 6000.0), min_size=1, max_size=8))
-def test_what_depends_on_the_place_is_what_the_map_says(fronts_m: list[float]) -> None:
-    """In whatever order places are visited; the map is asked itself."""
+def test_signals_that_depend_on_the_place_equal_the_map(fronts_m: list[float]) -> None:
+    """The test visits places in any order and asks the map itself."""
     truth = Truth()
     for front_m in fronts_m:
         WORLD.consist.car_fronts_m[0] = front_m
@@ -46,7 +46,7 @@ def test_what_depends_on_the_place_is_what_the_map_says(fronts_m: list[float]) -
         assert truth.to_stop_m == (ahead_m or stops_m[-1:])[0] - front_m
 
 
-def test_one_truth_may_watch_several_trains() -> None:
+def test_one_truth_may_read_several_trains() -> None:
     other = World(load_train("florence4"), LINE, seed=1, front_m=3200.0)
     truth = Truth()
     WORLD.consist.car_fronts_m[0] = 700.0
@@ -85,7 +85,7 @@ def test_a_change_arrives_as_it_was_sent(index: int, active: bool, now_ns: int) 
 
 
 @given(st.binary(max_size=300))
-def test_what_is_no_message_is_none(data: bytes) -> None:
+def test_an_invalid_message_is_none(data: bytes) -> None:
     heard = read_message(data)
     if isinstance(heard, FaultChange):
         assert pack_change(heard.index, heard.active, heard.now_ns) == data
@@ -94,12 +94,12 @@ def test_what_is_no_message_is_none(data: bytes) -> None:
 
 
 @pytest.mark.parametrize("cut", [0, 1, 8, 9, 13, 14, 100])
-def test_a_cut_message_is_none(cut: int) -> None:
+def test_a_truncated_message_is_none(cut: int) -> None:
     assert read_message(pack_truth(Truth(), 5)[:cut]) is None
     assert read_message(pack_change(1, True, 5)[: min(cut, 13)]) is None
 
 
-def test_the_feed_counts_what_nobody_takes(tmp_path: Path) -> None:
+def test_the_feed_counts_undelivered_messages(tmp_path: Path) -> None:
     path = tmp_path / "feed"
     (plan,) = read_faults([{"kind": "frame_drop"}], "scenario")
     feed = FeedSender(str(path))
@@ -120,7 +120,7 @@ def test_the_feed_counts_what_nobody_takes(tmp_path: Path) -> None:
 
     lost = feed.lost
     feed.truth(Truth(), 5)
-    # The change that nobody took is told again before the truth; neither arrives.
+    # The feed sends the lost change again before the truth; neither arrives.
     assert feed.lost == lost + 2, "one that has gone is not waited for either"
     feed.close()
 

@@ -1,4 +1,4 @@
-"""The train as a whole on its line, driven by typed commands."""
+"""The train as a whole on its line, controlled by typed commands."""
 
 import itertools
 from dataclasses import replace
@@ -22,7 +22,7 @@ from plant_emulator.world import STEP_NS, STEP_S, World, plan_scenario
 
 FLORENCE = load_line("florence")
 START_M = 2050.0
-"""Level under the longest train that ships."""
+"""A chainage where the longest shipped train stands on level track."""
 TRAIN = load_train("florence4")
 EASY = replace(TRAIN.resistance, error_ratio=replace(TRAIN.resistance.error_ratio, low=0, high=0))
 RELEASED = BrakeCommand(service_decel_mps2=0.0, emergency_released=True, holding_released=True)
@@ -50,7 +50,7 @@ def drive(
     traction: TractionCommand | None = COASTING,
     doors: DoorCommand | None = None,
 ) -> World:
-    """Commands every 50 ms, or none."""
+    """Send commands every 50 ms, or none."""
     for step in range(round(duration_s / STEP_S)):
         if step % 5 == 0:
             if brake is not None:
@@ -64,7 +64,7 @@ def drive(
 
 
 def running(speed_mps: float, train: TrainConfig = TRAIN, seed: int = 1) -> World:
-    """A released train that has been let go at a speed, on the level."""
+    """A released train with this speed on level track."""
     world = world_of(train, seed=seed, front_m=START_M)
     drive(world, 8.0)
     assert world.speed_mps == 0.0
@@ -73,7 +73,7 @@ def running(speed_mps: float, train: TrainConfig = TRAIN, seed: int = 1) -> Worl
     return world
 
 
-def test_without_any_command_the_train_stands_to_the_last_bit() -> None:
+def test_without_any_command_the_train_does_not_move_at_all() -> None:
     world = drive(world_of(front_m=700.0), 20.0, brake=None, traction=None)
     assert world.consist.car_fronts_m == [700.0] * 4
     assert world.speed_mps == 0.0
@@ -86,7 +86,7 @@ def test_traction_does_not_move_a_train_in_emergency() -> None:
 
 
 def test_the_holding_brake_holds_against_starting_effort_on_a_gradient() -> None:
-    """And the train leaves with the brake, not before."""
+    """The train moves with the release of the brake and not before."""
     holding = replace(RELEASED, holding_released=False)
     world = drive(world_of(front_m=740.0), 3.0, holding, driving(60_000.0))
     assert world.front_m == 740.0
@@ -96,7 +96,7 @@ def test_the_holding_brake_holds_against_starting_effort_on_a_gradient() -> None
     assert world.front_m > 740.0
 
 
-def test_a_train_let_go_on_a_climb_rolls_back_and_its_tachos_say_so() -> None:
+def test_a_train_released_on_a_climb_rolls_back_and_its_tachos_show_it() -> None:
     world = drive(world_of(front_m=740.0), 5.0, RELEASED)
     frame = world.tachos.frame(world.now_ns)
     assert world.front_m < 739.5
@@ -104,17 +104,17 @@ def test_a_train_let_go_on_a_climb_rolls_back_and_its_tachos_say_so() -> None:
     assert frame.pulses_a > 60_000
 
 
-def test_losing_its_commands_a_running_train_stops_by_itself() -> None:
+def test_a_running_train_without_commands_stops_by_itself() -> None:
     world = running(15.0)
     drive(world, 20.0, brake=None, traction=None)
     assert world.speed_mps == 0.0
-    # Silence of 0.15 s, dead time 0.3 s, build-up 0.4 s, then 1.2 m/s^2.
+    # The silence takes 0.15 s, the dead time 0.3 s and the build-up 0.4 s; then 1.2 m/s² act.
     assert world.front_m - START_M <= 15.0 * (0.15 + 0.3 + 0.4) + 15.0**2 / 2.4
     assert world.brake.losses == 1
     assert world.traction.losses == 1
 
 
-def test_losing_only_the_traction_command_cuts_traction_and_lets_the_train_coast() -> None:
+def test_without_the_traction_command_the_train_coasts() -> None:
     world = running(10.0)
     drive(world, 2.0, RELEASED, driving(100_000.0))
     drive(world, 1.0, RELEASED, None)
@@ -123,7 +123,7 @@ def test_losing_only_the_traction_command_cuts_traction_and_lets_the_train_coast
     assert world.speed_mps > 9.0
 
 
-def test_an_open_door_takes_traction() -> None:
+def test_an_open_door_cuts_traction() -> None:
     world = drive(world_of(), 5.0, replace(RELEASED, holding_released=False), COASTING, OPEN_RIGHT)
     assert not world.doors.locked
     drive(world, 3.0, RELEASED, driving(100_000.0), OPEN_RIGHT)
@@ -133,8 +133,11 @@ def test_an_open_door_takes_traction() -> None:
 
 @pytest.mark.parametrize("name", shipped_names(PACKAGE))
 @pytest.mark.parametrize("load_ratio", [0.0, 1.0])
-def test_the_emergency_brake_keeps_what_protection_counts_on(name: str, load_ratio: float) -> None:
-    """1.0 m/s^2 on the level after an equivalent delay of 1.05 s, at any load."""
+def test_the_emergency_brake_meets_the_assumptions_of_protection(
+    name: str, load_ratio: float
+) -> None:
+    """The deceleration is 1.0 m/s² on the level after an equivalent delay of 1.05 s, at any
+    load."""
     train = with_overrides(load_train(name), load_ratio=load_ratio)
     world = running(22.0, train)
     drive(world, 30.0, EMERGENCY, driving(200_000.0))
@@ -149,7 +152,7 @@ def test_the_emergency_brake_keeps_what_protection_counts_on(name: str, load_rat
     seed=st.integers(0, 1000),
     load_ratio=st.floats(0.0, 1.0),
 )
-def test_a_service_braked_train_stops_and_then_does_not_stir(
+def test_a_service_braked_train_stops_and_then_does_not_move(
     speed_mps: float, decel_mps2: float, seed: int, load_ratio: float
 ) -> None:
     world = running(speed_mps, with_overrides(TRAIN, load_ratio=load_ratio), seed)
@@ -174,7 +177,7 @@ def test_slippery_rails_show_on_the_driven_axle_only() -> None:
     assert counted_b == pytest.approx(world.front_m, abs=0.1)
 
 
-def test_wheels_that_slide_count_less_than_the_way() -> None:
+def test_sliding_wheels_count_less_than_the_distance() -> None:
     world = running(15.0)
     world.adhesion_ratio = 0.04
     before_m = world.tachos.axles[0].rolled_m
@@ -186,7 +189,7 @@ def test_wheels_that_slide_count_less_than_the_way() -> None:
     assert rolled_m < world.front_m - START_M - 2.0
 
 
-def test_adhesion_limits_the_brake_of_a_train_that_pulls_against_it() -> None:
+def test_adhesion_limits_the_brake_together_with_traction() -> None:
     world = running(15.0)
     world.adhesion_ratio = 0.04
     drive(world, 2.0, replace(RELEASED, service_decel_mps2=1.0), driving(20_000.0))
@@ -195,7 +198,8 @@ def test_adhesion_limits_the_brake_of_a_train_that_pulls_against_it() -> None:
 
 
 def test_the_effort_at_the_rail_is_the_energy_of_the_train() -> None:
-    """Level, no resistance: electrical energy times efficiency is kinetic and coupler energy."""
+    """On the level without resistance, electrical energy times efficiency is kinetic plus
+    coupler energy."""
     free = replace(EASY, a_n_per_kn=0.0, b_n_per_kn_per_mps=0.0, c_n_per_kn_per_mps2=0.0)
     train = replace(TRAIN, resistance=free)
     world = drive(world_of(train, front_m=START_M), 8.0)
@@ -204,11 +208,11 @@ def test_the_effort_at_the_rail_is_the_energy_of_the_train() -> None:
     mechanical_j = world.power.traction_j * train.traction.efficiency_ratio
     stored_j = world.consist.kinetic_j() + world.consist.coupler_j()
     assert stored_j > 1.0e7
-    # What the coupler dampers took is the small rest.
+    # The coupler dampers took the small rest.
     assert stored_j <= mechanical_j <= 1.002 * stored_j
 
 
-def test_braking_feeds_back_what_the_motors_took() -> None:
+def test_braking_feeds_back_the_power_of_the_motors() -> None:
     world = running(19.0)
     start_j = world.consist.kinetic_j()
     service = replace(RELEASED, service_decel_mps2=0.6)
@@ -222,7 +226,8 @@ def test_braking_feeds_back_what_the_motors_took() -> None:
 
 
 def test_every_tag_of_the_line_is_read_once_where_it_lies() -> None:
-    """Run over the whole line; the truth at the stamp is interpolated from the logged motion."""
+    """The run covers the whole line; the truth at the stamp is interpolated from the logged
+    motion."""
     ideal = load_train("florence4_ideal")
     world = drive(world_of(ideal, front_m=-1.0), 3.0)
     track: list[tuple[int, float]] = []
@@ -288,13 +293,13 @@ def test_the_same_seed_gives_the_same_run_to_the_last_bit() -> None:
     assert trace(7) != trace(8)
 
 
-def test_fixing_one_error_leaves_everything_else_as_it_was() -> None:
+def test_fixing_one_error_changes_no_other_sample() -> None:
     drawn, fixed = trace(7), trace(7, odometer_error_ratio=0.0)
     assert [row[:2] + row[3:] for row in drawn] == [row[:2] + row[3:] for row in fixed]
     assert [row[2] for row in drawn] != [row[2] for row in fixed]
 
 
-def test_time_goes_by_in_which_nothing_moves() -> None:
+def test_time_passes_while_the_train_stands() -> None:
     world = running(10.0)
     front_m, now_ns = world.front_m, world.now_ns
     world.pass_over(50)
@@ -324,14 +329,14 @@ def test_a_scenario_takes_the_whole_line_by_default() -> None:
         ({"desk_mode": "manul"}, "desk_mode: 'manul': nearest valid value: manual"),
     ],
 )
-def test_a_scenario_that_cannot_be_says_what_is_wrong(
+def test_an_impossible_scenario_is_refused_with_the_reason(
     changes: dict[str, object], words: str
 ) -> None:
     with pytest.raises(SettingsError, match=words):
         plan_scenario(**changes)  # type: ignore[arg-type]
 
 
-def test_a_scenario_may_change_what_the_train_really_is() -> None:
+def test_a_scenario_may_change_the_true_train() -> None:
     real = {"brake.service.gain_ratio": 0.9, "cars.0.tare_kg": 36_000, "load_ratio": 0.2}
     scenario = plan_scenario(real=real, odometer_error_ratio=0.01, desk_mode="manual")
 
@@ -353,7 +358,7 @@ def test_a_train_must_fit_behind_its_start(tmp_path: Path) -> None:
 
 
 def test_a_gradient_over_the_whole_run_changes_its_energy_by_the_height() -> None:
-    """The same effort over the same way: the energies differ by mass times height."""
+    """With the same effort over the same distance, the energies differ by mass times height."""
     free = replace(EASY, a_n_per_kn=0.0, b_n_per_kn_per_mps=0.0, c_n_per_kn_per_mps2=0.0)
     train = replace(TRAIN, resistance=free)
     ends_j = []

@@ -1,4 +1,4 @@
-"""The DC network: against other ways to solve it, and against what physics forbids."""
+"""The DC network against other solution methods and against physical laws."""
 
 import math
 import subprocess
@@ -42,7 +42,7 @@ loads = st.builds(
 
 @settings(max_examples=150, deadline=None)
 @given(trains=st.lists(loads, min_size=0, max_size=9), weak=st.booleans())
-def test_power_is_neither_made_nor_lost_and_every_instant_has_a_solution(
+def test_power_is_conserved_and_every_instant_has_a_solution(
     trains: list[Load], weak: bool
 ) -> None:
     network = line(850.0, 0.015, 0.03) if weak else line()
@@ -54,18 +54,19 @@ def test_power_is_neither_made_nor_lost_and_every_instant_has_a_solution(
     for train in fed:
         assert VOLTAGES.floor_v < train.voltage_v <= VOLTAGES.chops_all_v + 1.0
         assert 0.0 <= train.resistor_w <= train.regenerated_w + 1e-6
-    # A rectifier takes nothing back.
+    # A rectifier takes no power back.
     assert balance.sources_w >= 0.0
 
 
 @settings(max_examples=25, deadline=None)
 @given(trains=st.lists(loads, min_size=1, max_size=5))
-def test_kirchhoffs_law_written_anew_holds_at_every_node(trains: list[Load]) -> None:
-    """On the whole conductance matrix, with rectifiers and trains as the text describes them."""
+def test_kirchhoffs_law_holds_at_every_node(trains: list[Load]) -> None:
+    """The test uses the whole conductance matrix, with rectifiers and trains as documented."""
     network = line()
     fed, _ = network.solve(trains)
     places = [(at_m, -1) for at_m in AT_M] + [(t.at_m, k) for k, t in enumerate(trains)]
-    # A train right at a joint hangs between it and the joint before, at the very first behind it.
+    # A train exactly at a joint belongs between it and the joint before; at the first joint it
+    # belongs behind it.
     places.sort(key=lambda place: (place[0], place[1] < 0 and place[0] > 0.0))
     n = len(places)
     matrix = np.zeros((n, n))
@@ -107,12 +108,13 @@ def test_one_train_under_one_substation_is_the_root_of_a_quadratic() -> None:
     fed, _ = network.solve([Load(2000.0, power_w, 0.0, 0.0)])
 
     voltage_v = (836.0 + math.sqrt(836.0**2 - 4.0 * ohm * power_w)) / 2.0
-    # The substation's own load and the knee of its rectifier make up for the rest.
+    # The substation's own load and the knee of its rectifier explain the rest.
     assert fed[0].voltage_v == pytest.approx(voltage_v, abs=0.15)
 
 
 def test_two_ends_feed_a_train_by_their_distance() -> None:
-    """Equal sources at both ends of 4 km: a quarter of the way takes three quarters from there."""
+    """Equal sources are 4 km apart. A quarter of the way along, three quarters of the power come
+    from the nearer one."""
     sections = [Section("A", "B", 0.0, 4000.0, 0.03)]
     network = Network(sections, [Substation("A", 836.0, 0.02), Substation("B", 836.0, 0.02)])
 
@@ -122,7 +124,7 @@ def test_two_ends_feed_a_train_by_their_distance() -> None:
     assert 836.0 - fed[0].voltage_v == pytest.approx(ohm * fed[0].current_a, rel=0.02)
 
 
-def test_a_branch_of_the_tree_hangs_on_its_joint() -> None:
+def test_a_branch_of_the_tree_is_connected_at_its_joint() -> None:
     sections = [
         Section("A", "M", 0.0, 1000.0, 0.03),
         Section("M", "B", 1000.0, 2000.0, 0.03),
@@ -141,7 +143,7 @@ def test_a_branch_of_the_tree_hangs_on_its_joint() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(gives_w=st.floats(1e5, 2.5e6), takes_w=st.floats(0.0, 2.0e6), more_w=st.floats(1e3, 1.0e6))
-def test_more_demand_nearby_never_lets_more_go_into_the_resistor(
+def test_more_demand_nearby_never_increases_the_resistor_power(
     gives_w: float, takes_w: float, more_w: float
 ) -> None:
     def burnt_w(wants_w: float) -> float:
@@ -151,7 +153,7 @@ def test_more_demand_nearby_never_lets_more_go_into_the_resistor(
     assert burnt_w(takes_w + more_w) <= burnt_w(takes_w) + 1.0
 
 
-def test_under_a_low_voltage_a_train_does_with_less() -> None:
+def test_a_train_takes_less_power_at_low_voltage() -> None:
     network = Network([Section("A", "B", 0.0, 6000.0, 0.03)], [Substation("A", 750.0, 0.03)])
 
     fed, _ = network.solve([Load(6000.0, 3.0e6, 0.0, 1.0e5)])
@@ -161,12 +163,12 @@ def test_under_a_low_voltage_a_train_does_with_less() -> None:
     assert 0.0 < fed[0].traction_w < 3.0e6
 
 
-def test_without_anybody_to_take_it_all_goes_into_the_resistor() -> None:
+def test_without_a_consumer_all_regenerated_power_goes_into_the_resistor() -> None:
     fed, balance = line().solve([Load(3000.0, 0.0, 2.0e6, 0.0)])
 
     assert fed[0].resistor_w == pytest.approx(2.0e6, rel=0.01)
     assert fed[0].voltage_v > VOLTAGES.chops_from_v
-    # What still flows is the leak of the smooth knee.
+    # The remaining current is the leakage of the smooth rectifier knee.
     assert balance.sources_w < 2.0e5
 
 
@@ -185,7 +187,7 @@ def test_without_anybody_to_take_it_all_goes_into_the_resistor() -> None:
         ([Section("A", "B", 0.0, 1.0, 0.02)], [Substation("A", 100.0, 0.02)], "no_load_v 100"),
     ],
 )
-def test_a_network_that_is_none_is_refused_by_name(
+def test_an_invalid_network_is_refused_by_name(
     sections: list[Section], substations: list[Substation], complaint: str
 ) -> None:
     with pytest.raises(NetworkError, match=complaint):

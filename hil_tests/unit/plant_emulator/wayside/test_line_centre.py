@@ -1,4 +1,4 @@
-"""What supervision decrees is stored, answered, told to trains and track, and taken back."""
+"""Commands of supervision are stored, answered, sent to trains and track, and withdrawn."""
 
 from dataclasses import replace
 
@@ -67,7 +67,7 @@ class Site:
                 self.orders.append(heard)
 
     def tells(self, front_m: float = 1000.0) -> None:
-        """The train tells its status."""
+        """The train sends its status."""
         self.sequence += 1
         status = replace(STATUS, sequence=self.sequence, stamp_ns=self.now_ns, front_m=front_m)
         self.step(RadioMessage(0, keys.status("loop", 3), pack(status)))
@@ -107,7 +107,7 @@ def known() -> Site:
     return site
 
 
-def test_a_train_is_held_until_it_is_let_go_and_every_answer_to_it_says_so() -> None:
+def test_a_train_is_held_until_released_and_every_answer_to_it_shows_this() -> None:
     site = known()
     assert not site.orders[-1].hold
 
@@ -129,7 +129,7 @@ def test_a_train_is_held_until_it_is_let_go_and_every_answer_to_it_says_so() -> 
         (DecreeKind.SKIP, DecreeKind.CALL, DecreeKind.HOLD),
     ],
 )
-def test_what_was_not_decreed_is_not_taken_back(
+def test_a_command_that_was_not_given_cannot_be_withdrawn(
     wanted: DecreeKind, back: DecreeKind, another: DecreeKind
 ) -> None:
     site = known()
@@ -143,7 +143,7 @@ def test_what_was_not_decreed_is_not_taken_back(
     assert site.decree(back) is DecreeAnswer.NOT_THERE
 
 
-def test_a_skipped_station_is_one_only() -> None:
+def test_only_one_station_is_skipped() -> None:
     site = known()
     assert site.decree(DecreeKind.SKIP) is DecreeAnswer.DONE
     site.tells(1599.0)
@@ -169,7 +169,7 @@ def test_an_emergency_brake_stays_until_it_is_released_once() -> None:
     assert (off.emergency, off.releases) == (False, 1)
 
 
-def test_what_is_decreed_survives_a_restart() -> None:
+def test_a_command_survives_a_restart() -> None:
     site = known()
     site.decree(DecreeKind.EMERGENCY)
     site.says(DecreeKind.CLOSE, 0, (2000.0, 2100.0, 0.0))
@@ -181,7 +181,7 @@ def test_what_is_decreed_survives_a_restart() -> None:
     assert again.wayside.track.closed == (SpeedRestriction(2000.0, 2100.0, 1.0),)
 
 
-def test_what_the_disk_does_not_take_is_not_decreed() -> None:
+def test_a_command_that_cannot_be_stored_does_not_take_effect() -> None:
     site = known()
     site.disk_works = False
 
@@ -191,7 +191,7 @@ def test_what_the_disk_does_not_take_is_not_decreed() -> None:
     assert site.wayside.track.closed == ()
 
 
-def test_masters_are_told_of_restrictions_and_closed_stretches() -> None:
+def test_masters_receive_restrictions_and_closed_stretches() -> None:
     site = known()
     assert site.says(DecreeKind.RESTRICT, 0, (1000.0, 1200.0, 5.0)) is DecreeAnswer.DONE
     assert site.says(DecreeKind.CLOSE, 0, (2000.0, 2100.0, 0.0)) is DecreeAnswer.DONE
@@ -203,7 +203,7 @@ def test_masters_are_told_of_restrictions_and_closed_stretches() -> None:
 
 
 @pytest.mark.parametrize("limit_mps", [0.0, 5.0])
-def test_a_restriction_is_taken_back_by_its_stretch_whatever_its_limit(limit_mps: float) -> None:
+def test_a_restriction_is_withdrawn_by_its_stretch_whatever_its_limit(limit_mps: float) -> None:
     site = known()
     site.says(DecreeKind.RESTRICT, 0, (1000.0, 1200.0, 5.0))
 
@@ -223,13 +223,13 @@ def test_a_restriction_is_taken_back_by_its_stretch_whatever_its_limit(limit_mps
         ((1000.0, 1200.0, 0.0), DecreeAnswer.NO_STRETCH),
     ],
 )
-def test_what_is_no_stretch_is_refused(
+def test_an_invalid_stretch_is_refused(
     stretch: tuple[float, float, float], answer: DecreeAnswer
 ) -> None:
     assert known().says(DecreeKind.RESTRICT, 0, stretch) is answer
 
 
-def test_there_is_room_for_as_many_as_a_message_holds() -> None:
+def test_the_number_of_restrictions_is_limited_to_one_message() -> None:
     site = known()
     for n in range(8):
         assert site.says(DecreeKind.CLOSE, 0, (n * 10.0, n * 10.0 + 5.0, 0.0)) is DecreeAnswer.DONE
@@ -237,22 +237,22 @@ def test_there_is_room_for_as_many_as_a_message_holds() -> None:
     assert site.says(DecreeKind.CLOSE, 0, (200.0, 210.0, 0.0)) is DecreeAnswer.FULL
 
 
-def test_a_train_that_nobody_heard_cannot_be_held() -> None:
+def test_a_train_that_never_reported_cannot_be_held() -> None:
     assert known().decree(DecreeKind.HOLD, 4) is DecreeAnswer.UNKNOWN_TRAIN
 
 
-def test_a_decree_that_was_long_on_its_way_is_refused() -> None:
+def test_a_delayed_command_is_refused() -> None:
     assert known().decree(DecreeKind.HOLD, late_ms=4000) is DecreeAnswer.TOO_OLD
 
 
-def test_a_decree_of_somebody_else_than_supervision_changes_nothing() -> None:
+def test_a_command_from_another_sender_than_supervision_has_no_effect() -> None:
     site = known()
 
     assert site.decree(DecreeKind.HOLD, source=7) is DecreeAnswer.NONE
     assert site.stored == CentreMemory()
 
 
-def test_a_repeated_decree_is_carried_out_once() -> None:
+def test_a_repeated_command_is_executed_once() -> None:
     site = known()
     head = (65_100, 0, 0, 0, 9, 77, 0, site.now_ns)
     release = Decree(*head, DecreeKind.RELEASE, 3, 0.0, 0.0, 0.0)
@@ -268,14 +268,14 @@ def keeps(version: tuple[int, int], *trains: int, area: int = 1) -> LeaseMemory:
 
 
 def silent(site: Site, after_ms: int = 1001) -> tuple[tuple[int, int], ...]:
-    """Who is told to be, so much later."""
+    """The trains that the centre reports as silent, this much later."""
     site.now_ns += after_ms * MS
     site.step()
     assert site.state is not None
     return site.state.silent
 
 
-def test_it_tells_who_is_silent_on_the_newest_roster_that_any_arbiter_keeps() -> None:
+def test_it_reports_the_silent_trains_of_the_newest_committed_roster() -> None:
     site = known()
     centre = site.wayside.centre
     assert centre is not None
@@ -289,7 +289,7 @@ def test_it_tells_who_is_silent_on_the_newest_roster_that_any_arbiter_keeps() ->
     assert silent(site) == ((1, 5), (2, 2))
 
 
-def test_who_tells_its_status_is_not_silent_for_a_second() -> None:
+def test_a_train_that_sends_its_status_is_not_silent_for_a_second() -> None:
     site = known()
     assert site.wayside.centre is not None
     site.wayside.centre.granted(None, keeps((5, 2), 3), site.now_ns)
@@ -299,7 +299,7 @@ def test_who_tells_its_status_is_not_silent_for_a_second() -> None:
     assert silent(site, 600) == ((1, 3),)
 
 
-def test_what_does_not_fit_into_one_message_is_left_out() -> None:
+def test_entries_beyond_one_message_are_left_out() -> None:
     site = known()
     centre = site.wayside.centre
     assert centre is not None
@@ -321,7 +321,7 @@ def test_what_does_not_fit_into_one_message_is_left_out() -> None:
         (LeaseMemory(1, 3, 4, 0), LeaseReason.AGAIN),
     ],
 )
-def test_it_tells_why_a_train_commands(before: LeaseMemory | None, reason: LeaseReason) -> None:
+def test_it_reports_why_a_train_commands(before: LeaseMemory | None, reason: LeaseReason) -> None:
     site = known()
     assert site.wayside.centre is not None
     site.wayside.centre.granted(before, LeaseMemory(1, 5, 4), site.now_ns)

@@ -1,4 +1,4 @@
-"""What a desk says of its decrees, to the very centre that keeps them."""
+"""The messages of the supervision commands, checked against the real centre."""
 
 from dataclasses import replace
 from unittest.mock import Mock
@@ -29,7 +29,7 @@ MS = 1_000_000
 
 
 class Ticking:
-    """A clock that runs as soon as somebody waits."""
+    """A clock that runs whenever a caller waits."""
 
     def __init__(self) -> None:
         self.ns = 5 * 10**9
@@ -90,7 +90,7 @@ def at_the_desk(line: Line) -> SupervisionConsole:
     return desk
 
 
-def test_a_restriction_is_taken_back_without_its_limit() -> None:
+def test_a_restriction_is_withdrawn_without_its_limit() -> None:
     line = Line()
     desk = at_the_desk(line)
     assert desk.decree(DecreeKind.RESTRICT, start_m=3500.0, end_m=3700.0, limit_mps=5.0) == 0
@@ -117,7 +117,7 @@ REACH = "no such stretch on loop, which reaches from -120 to 7700 m"
         ),
     ],
 )
-def test_a_refusal_names_the_stretch_that_was_asked_for(
+def test_a_refusal_names_the_requested_stretch(
     kind: DecreeKind,
     stretch: tuple[float, float, float],
     words: str,
@@ -138,7 +138,7 @@ def test_a_refusal_names_the_stretch_that_was_asked_for(
         (3, 7690.0, "train 3: no station is ahead of it, or it does not know where it is"),
     ],
 )
-def test_a_refusal_names_the_train_that_was_asked_for(
+def test_a_refusal_names_the_requested_train(
     train: int, front_m: float, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line = Line(replace(STATUS, front_m=front_m))
@@ -157,17 +157,17 @@ def test_a_refusal_names_the_train_that_was_asked_for(
         ("restrict 5000 5200", "restrict: --limit KMH is missing; --end takes one back"),
     ],
 )
-def test_what_can_be_no_stretch_is_said_before_anybody_is_asked(
+def test_an_impossible_stretch_is_refused_before_a_session_is_opened(
     words: str, complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Nobody is there: it would be no session otherwise."""
+    """No centre is running: the command fails before it opens a session."""
     assert main([*words.split(), "--line-radio", "tcp/127.0.0.1:1"]) == 2
 
     assert capsys.readouterr().err.startswith(f"vobc: {complaint}")
 
 
 @pytest.mark.parametrize("limit", ["0", "-5", "nan", "x"])
-def test_what_is_no_limit_is_said_before_anybody_is_asked(
+def test_an_impossible_limit_is_refused_before_a_session_is_opened(
     limit: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -177,7 +177,7 @@ def test_what_is_no_limit_is_said_before_anybody_is_asked(
     assert f"{limit} is not a number in 1.." in capsys.readouterr().err
 
 
-def test_an_emergency_brake_that_is_not_decreed_is_not_released(
+def test_an_emergency_brake_without_a_command_is_not_released(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     line = Line()
@@ -189,7 +189,7 @@ def test_an_emergency_brake_that_is_not_decreed_is_not_released(
     assert capsys.readouterr() == ("", told)
 
 
-def test_of_a_silent_train_nobody_says_that_it_does_not_brake(
+def test_the_release_of_a_silent_train_never_claims_that_it_does_not_brake(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     line = Line()
@@ -204,7 +204,7 @@ def test_of_a_silent_train_nobody_says_that_it_does_not_brake(
     assert capsys.readouterr().err == told
 
 
-def test_an_emergency_brake_that_is_decreed_is_released(
+def test_a_commanded_emergency_brake_is_released(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     line = Line()
@@ -215,7 +215,7 @@ def test_an_emergency_brake_that_is_decreed_is_released(
     assert "train 3: emergency brake released" in capsys.readouterr().out
 
 
-def test_a_train_that_brakes_of_its_own_is_reset() -> None:
+def test_a_train_that_brakes_by_itself_is_reset() -> None:
     line = Line(replace(STATUS, supervision=Supervision.EMERGENCY, cause=Cause.OVERSHOT))
 
     assert at_the_desk(line).decree(DecreeKind.RELEASE, train=3) == 0
@@ -229,14 +229,14 @@ def test_the_release_of_an_unknown_train_is_left_to_the_wayside(
     assert capsys.readouterr().err == told
 
 
-def test_ctrl_c_ends_watching_as_it_should(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_ends_watching_with_success(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "load_areas", Mock(side_effect=KeyboardInterrupt))
 
     assert main(["line", "--watch"]) == 0
 
 
 @pytest.mark.parametrize("words", ["line", "hold T3", "remove-train T3"])
-def test_what_ctrl_c_ends_otherwise_is_no_success(
+def test_ctrl_c_ends_every_other_command_without_success(
     words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(command, "load_areas", Mock(side_effect=KeyboardInterrupt))
@@ -256,7 +256,7 @@ RUNNING = replace(
     easy_m=3700.0,
     speed_mps=67.0 / 3.6,
 )
-"""Where a user restricted the track ahead of it, and it braked by emergency."""
+"""A user restricted the track ahead of this train, and it applied the emergency brake."""
 
 
 @pytest.mark.parametrize(
@@ -273,10 +273,10 @@ RUNNING = replace(
         ((3000.0, 3360.0, 20.0 / 3.6), False),
     ],
 )
-def test_near_is_who_cannot_be_slow_enough_by_then(
+def test_a_train_is_near_if_it_cannot_slow_down_in_time(
     stretch: tuple[float, float, float], near: bool
 ) -> None:
-    """With 0.6 m/s², after 3 s."""
+    """The limit is a deceleration of 0.6 m/s² after 3 s."""
     assert is_near(RUNNING, SpeedRestriction(*stretch)) is near
 
 
@@ -295,7 +295,7 @@ def test_a_train_that_stands_or_does_not_know_where_it_is_is_not_near() -> None:
         (DecreeKind.RESTRICT, 3900.0, None),
     ],
 )
-def test_who_decrees_too_near_ahead_of_a_train_is_told(
+def test_a_command_too_close_ahead_of_a_train_gives_a_warning(
     kind: DecreeKind, start_m: float, words: str | None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line = Line()
@@ -309,7 +309,7 @@ def test_who_decrees_too_near_ahead_of_a_train_is_told(
     assert capsys.readouterr().err == warning
 
 
-def test_nobody_is_warned_of_what_is_taken_back_or_refused(
+def test_a_withdrawn_or_refused_command_gives_no_warning(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     line = Line()
@@ -321,7 +321,7 @@ def test_nobody_is_warned_of_what_is_taken_back_or_refused(
     assert "emergency" not in capsys.readouterr().err
 
 
-def test_a_train_that_was_heard_long_ago_is_not_told_of(
+def test_a_train_with_an_old_report_gives_no_warning(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     line = Line()

@@ -1,4 +1,4 @@
-"""The operations centre and the doors on the platforms: what they tell a train, and on what."""
+"""The operations centre and the platform doors: their messages to a train, and the conditions."""
 
 import itertools
 from dataclasses import replace
@@ -52,7 +52,7 @@ MOVED_ON = {"front_m": 3250.0, "standstill": False}
 
 
 class Trackside:
-    """A railway that is asked every 200 ms and moves its doors in between."""
+    """A railway that gets a request every 200 ms and moves its doors in between."""
 
     def __init__(self, line: LineMap = LINE) -> None:
         self.railway = Railway(line, line.stations[-1])
@@ -81,7 +81,7 @@ class Trackside:
         return orders
 
     def until_locked_s(self, **changes: object) -> float:
-        """How long until the train is told that the platform doors are locked."""
+        """Time until the train is informed that the platform doors are locked."""
         began_ns = self.now_ns
         while not self.orders(**changes).platform_doors_locked:
             assert self.now_ns - began_ns < 60_000_000_000
@@ -106,7 +106,7 @@ def test_a_train_on_its_way_is_awake_and_free_of_orders() -> None:
     assert orders.platform_doors_locked
 
 
-def test_the_trains_own_gate_takes_every_answer() -> None:
+def test_the_trains_gate_accepts_every_answer() -> None:
     trackside, gate = Trackside(), OrdersGate(train=3, boot=12, max_age_ns=1_000_000_000)
     for _ in range(50):
         stamp_ns = trackside.now_ns
@@ -122,14 +122,14 @@ def test_doors_are_authorised_at_a_platform_on_its_side_alone(front_m: float, ri
     assert (orders.doors_left, orders.doors_right) == (False, right)
 
 
-def test_at_a_platform_on_the_left_it_is_the_left() -> None:
+def test_doors_are_authorised_on_the_left_at_a_platform_on_the_left() -> None:
     stations = tuple(replace(each, side=PlatformSide.LEFT) for each in LINE.stations)
     orders = Trackside(replace(LINE, stations=stations)).orders()
     assert (orders.doors_left, orders.doors_right) == (True, False)
 
 
 def test_a_train_that_does_not_know_where_it_is_gets_orders_but_no_doors() -> None:
-    """Whatever it says about its place."""
+    """The position in its status does not matter then."""
     trackside = Trackside()
     trackside.railway.centre.standing = StandingOrders(emergency=True, creep=True)
     orders = trackside.orders(localised=False, front_m=3000.0)
@@ -178,7 +178,7 @@ def test_platform_doors_close_when_the_train_falls_silent() -> None:
     assert trackside.railway.doors.all_closed
 
 
-def test_an_obstacle_keeps_them_open_until_it_is_gone() -> None:
+def test_an_obstacle_keeps_platform_doors_open_until_it_is_gone() -> None:
     trackside = Trackside()
     for _ in range(15):
         trackside.ask(open_right=True)
@@ -236,7 +236,7 @@ def test_a_silent_centre_answers_nothing_and_authorities_go_on() -> None:
     assert trackside.report().end_m == 4560.0
 
 
-def test_what_is_no_status_is_counted() -> None:
+def test_an_invalid_status_is_counted() -> None:
     railway = Railway(LINE, LINE.station("III"))
     heard = [
         RadioMessage(0, keys.status("florence", 4), pack(STATUS)),
@@ -278,7 +278,7 @@ def test_restrictions_beyond_what_a_message_holds_are_joined_never_dropped(
         assert told == restrictions
 
 
-def test_ten_metres_behind_the_train_are_kept_for_it_and_never_given_back() -> None:
+def test_ten_metres_behind_the_train_stay_reserved_for_it() -> None:
     trackside = Trackside()
     assert trackside.report().rear_m == 2921.0
     assert trackside.report(rear_min_m=2935.0).rear_m == 2925.0
@@ -298,7 +298,7 @@ def test_a_signal_stops_the_trains_before_it_alone(front_min_m: float, end_m: fl
     assert given_m == end_m
 
 
-def test_a_train_that_overruns_a_signal_at_stop_does_not_win_anything_by_it() -> None:
+def test_a_train_that_overruns_a_signal_at_stop_gets_no_longer_authority() -> None:
     trackside = Trackside()
     trackside.railway.zone.show_stop([3100.0])
     trackside.report()
@@ -319,7 +319,7 @@ def test_a_withdrawn_authority_ends_where_the_train_was_then() -> None:
 
 
 def test_the_protected_rear_is_never_ahead_of_the_end() -> None:
-    """Overrun by more than its length and the free track behind it."""
+    """The train has overrun by more than its length plus the free track behind it."""
     trackside = Trackside()
     trackside.railway.zone.show_stop([3100.0])
     trackside.report()
@@ -327,7 +327,7 @@ def test_the_protected_rear_is_never_ahead_of_the_end() -> None:
     assert authority.rear_m == authority.end_m == 3100.0
 
 
-def test_news_are_counted_when_there_are_any() -> None:
+def test_news_are_counted() -> None:
     trackside = Trackside()
     told = [trackside.railway.told]
     trackside.ask(**MOVED_ON)

@@ -1,4 +1,4 @@
-"""Axle counters of the emulated rails, and the command that serves the wayside of a line."""
+"""Axle counters of the emulated track, and the command that serves the wayside of a line."""
 
 import math
 import struct
@@ -15,14 +15,14 @@ from vobc.cli.command import main as vobc
 LOOP = load_areas("loop")
 
 
-def told(train: int, front_m: float, *, axles: int = 16) -> RadioMessage:
+def encoded_position(train: int, front_m: float, *, axles: int = 16) -> RadioMessage:
     return RadioMessage(0, key_of("loop", train), packed(Place(front_m, front_m - 70.0, axles)))
 
 
 def test_every_axle_of_every_train_is_counted_where_it_is() -> None:
     detection = Detection(LOOP)
 
-    detection.hears([told(1, 1000.0), told(2, 560.0)])
+    detection.hears([encoded_position(1, 1000.0), encoded_position(2, 560.0)])
 
     counted = detection.axles()
     assert sum(counted.values()) == 32
@@ -37,14 +37,14 @@ def test_a_train_over_a_joint_has_axles_on_both_sides_of_it() -> None:
     detection = Detection(LOOP)
     joint_m = LOOP.sections[8].end_m
 
-    detection.hears([told(1, joint_m + 35.0)])
+    detection.hears([encoded_position(1, joint_m + 35.0)])
 
     assert detection.axles() == {9: 8, 10: 8}
 
 
-def test_a_train_that_is_told_of_no_more_stays_where_it_was() -> None:
+def test_a_train_without_further_reports_stays_where_it_was() -> None:
     detection = Detection(LOOP)
-    detection.hears([told(1, 1000.0)])
+    detection.hears([encoded_position(1, 1000.0)])
     before = detection.axles()
 
     detection.hears([])
@@ -60,12 +60,12 @@ def test_an_object_is_occupied_while_any_part_of_a_train_is_in_it(
 ) -> None:
     detection = Detection(LOOP)
 
-    detection.hears([told(1, front_m)])
+    detection.hears([encoded_position(1, front_m)])
 
     assert (1 in detection.occupied()) is there
 
 
-def test_what_is_no_place_is_passed_over_and_what_is_not_for_the_rails_comes_back() -> None:
+def test_invalid_positions_are_ignored_and_other_messages_are_returned() -> None:
     detection = Detection(LOOP)
     other = RadioMessage(0, "m/loop/w/1/hb/1/all", b"...")
     key = key_of("loop", 1)
@@ -82,7 +82,7 @@ def test_what_is_no_place_is_passed_over_and_what_is_not_for_the_rails_comes_bac
 def test_a_flood_of_trains_is_bounded() -> None:
     detection = Detection(LOOP)
 
-    detection.hears([told(n, 1000.0) for n in range(1, TRAINS_MAX + 100)])
+    detection.hears([encoded_position(n, 1000.0) for n in range(1, TRAINS_MAX + 100)])
 
     assert len(detection.places) == TRAINS_MAX
 
@@ -114,7 +114,7 @@ def test_a_peer_without_a_wayside_or_beside_rules_is_refused(
     assert said in capsys.readouterr().err
 
 
-def test_the_wayside_tells_each_reason_when_it_comes_up_and_then_now_and_then() -> None:
+def test_the_wayside_reports_each_reason_at_first_and_then_from_time_to_time() -> None:
     refused = RefusalNotes()
 
     assert refused.looks({}) == []
@@ -126,7 +126,7 @@ def test_the_wayside_tells_each_reason_when_it_comes_up_and_then_now_and_then() 
     assert [refused.looks({"too old": 13}) for _ in range(30)] == [[]] * 30
 
 
-def test_an_endpoint_that_is_none_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_endpoint_is_refused_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["wayside", "--line-radio", "nowhere"]) == 3
 
     assert "nowhere: not an endpoint" in capsys.readouterr().err

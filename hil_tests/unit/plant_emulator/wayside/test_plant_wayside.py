@@ -1,4 +1,4 @@
-"""The zone controller: what it answers, and what it leaves unanswered."""
+"""The zone controller: which reports it answers, and how."""
 
 from dataclasses import replace
 
@@ -72,7 +72,7 @@ def test_no_authority_reaches_the_end_of_the_line() -> None:
     assert ZoneController(short, short.station("IV")).end_m == 4500.0
 
 
-def test_the_trains_own_gate_takes_every_answer() -> None:
+def test_the_trains_gate_accepts_every_answer() -> None:
     controller = zone()
     gate = AuthorityGate(train=3, boot=12, max_age_ns=1_000_000_000)
     for sequence in range(1, 50):
@@ -100,7 +100,7 @@ def test_a_report_that_is_not_the_newest_gets_no_answer(
     assert controller.refusals == {reason: 1}
 
 
-def test_a_train_that_started_anew_is_answered_anew() -> None:
+def test_a_restarted_train_is_answered_again() -> None:
     controller = zone()
     answers(controller, REPORT)
     [authority] = answers(controller, replace(REPORT, boot=13, sequence=1, stamp_ns=5))
@@ -128,7 +128,7 @@ def test_noise_is_counted_and_never_answered(payload: bytes) -> None:
 
 
 @given(at=st.integers(0, 10_000), bit=st.integers(0, 7))
-def test_one_flipped_bit_makes_a_report_worthless(at: int, bit: int) -> None:
+def test_a_report_with_one_flipped_bit_is_refused(at: int, bit: int) -> None:
     controller = zone()
     payload = bytearray(pack(REPORT))
     payload[at % len(payload)] ^= 1 << bit
@@ -136,7 +136,7 @@ def test_one_flipped_bit_makes_a_report_worthless(at: int, bit: int) -> None:
     assert controller.answered == 0
 
 
-def test_the_farthest_authority_is_remembered_once_there_is_one() -> None:
+def test_the_farthest_authority_is_remembered() -> None:
     controller = zone()
     assert controller.farthest_end_m is None
     [authority] = answers(controller, REPORT)

@@ -1,4 +1,4 @@
-"""The arbiter: one holder for each area at a time, under terms that only grow, over restarts."""
+"""The arbiter: one holder for each area at a time, under terms that only grow, across restarts."""
 
 import pytest
 from hypothesis import given, settings
@@ -37,8 +37,8 @@ LEASE_MS = TIMERS_A.lease_ms
 ROSTER = (RosterEntry(7, 100.0, True), RosterEntry(4, 10.0, False))
 
 
-class Desk:
-    """An arbiter that has been up long enough, and the sequence numbers of those who ask."""
+class ArbiterRig:
+    """An arbiter that has been up long enough, and the sequence numbers of its clients."""
 
     def __init__(self, memory: ArbiterMemory | None = None, *, waited: bool = True) -> None:
         self.now_ms = 0
@@ -87,8 +87,8 @@ class Desk:
         return any(isinstance(each, RosterAck) for each in out)
 
 
-def test_the_first_who_asks_gets_the_lease_and_the_second_hears_how_long_to_wait() -> None:
-    desk = Desk()
+def test_the_first_request_gets_the_lease_and_the_second_is_informed_how_long_to_wait() -> None:
+    desk = ArbiterRig()
 
     assert desk.ask(1, 1).granted
     desk.now_ms += 100
@@ -100,21 +100,21 @@ def test_the_first_who_asks_gets_the_lease_and_the_second_hears_how_long_to_wait
     assert refused.wait_ns == TIMERS_A.arbiter_lease_ns - 100 * MS
 
 
-def test_a_lease_that_ran_out_goes_to_a_higher_term_and_not_a_tick_before() -> None:
-    desk = Desk()
+def test_an_expired_lease_goes_to_a_higher_term_and_not_a_tick_earlier() -> None:
+    desk = ArbiterRig()
     desk.ask(1, 1)
     granted_ms = desk.now_ms
     desk.now_ms = granted_ms + LEASE_MS
-    assert not desk.ask(2, 2).granted  # Clocks run apart: the arbiter waits a little longer.
+    assert not desk.ask(2, 2).granted  # Clocks differ, so the arbiter waits a little longer.
 
     desk.now_ms += 1
 
-    assert not desk.ask(2, 1).granted  # A term that was promised is never promised again.
+    assert not desk.ask(2, 1).granted  # An acknowledged term is never granted again.
     assert desk.ask(2, 2).granted
 
 
-def test_a_holder_renews_for_as_long_as_it_likes() -> None:
-    desk = Desk()
+def test_a_holder_may_renew_without_limit() -> None:
+    desk = ArbiterRig()
     desk.ask(1, 1)
     for _ in range(20):
         desk.now_ms += TIMERS_A.renew_ms
@@ -123,13 +123,13 @@ def test_a_holder_renews_for_as_long_as_it_likes() -> None:
 
 
 @pytest.mark.parametrize("less_ms", [0, 1, 120])
-def test_a_grant_for_less_than_a_lease_is_waited_out_and_no_tick_longer(less_ms: int) -> None:
-    desk = Desk()
+def test_the_arbiter_waits_exactly_as_long_as_a_shortened_grant(less_ms: int) -> None:
+    desk = ArbiterRig()
     desk.ask(1, 1)
     desk.now_ms += LEASE_MS
     desk.ask(1, 1, LeaseKind.RENEW, less_ms=less_ms)
 
-    # Of a whole lease of 300.6 ms.
+    # This is the end of a whole lease of 300.6 ms.
     desk.now_ms += 300 - less_ms
     assert not desk.ask(2, 2).granted
     desk.now_ms += 1
@@ -137,8 +137,8 @@ def test_a_grant_for_less_than_a_lease_is_waited_out_and_no_tick_longer(less_ms:
 
 
 @pytest.mark.parametrize("less_ms", [150, 300, 100_000])
-def test_no_renewal_shortens_what_was_granted_before(less_ms: int) -> None:
-    desk = Desk()
+def test_no_renewal_shortens_an_earlier_grant(less_ms: int) -> None:
+    desk = ArbiterRig()
     desk.ask(1, 1)
     desk.now_ms += 100
     assert desk.ask(1, 1, LeaseKind.RENEW, less_ms=less_ms).granted
@@ -149,8 +149,8 @@ def test_no_renewal_shortens_what_was_granted_before(less_ms: int) -> None:
     assert desk.ask(2, 2).granted
 
 
-def test_nobody_renews_another_ones_lease_or_a_former_term() -> None:
-    desk = Desk()
+def test_only_the_holder_renews_and_only_under_the_present_term() -> None:
+    desk = ArbiterRig()
     desk.ask(1, 5)
 
     assert not desk.ask(2, 5, LeaseKind.RENEW).granted
@@ -158,7 +158,7 @@ def test_nobody_renews_another_ones_lease_or_a_former_term() -> None:
 
 
 def test_a_named_successor_need_not_wait_and_ends_the_old_lease() -> None:
-    desk = Desk()
+    desk = ArbiterRig()
     desk.ask(1, 1)
     assert not desk.ask(2, 2).granted
     desk.ask(1, 1, LeaseKind.RENEW, successor=2)
@@ -167,8 +167,8 @@ def test_a_named_successor_need_not_wait_and_ends_the_old_lease() -> None:
     assert not desk.ask(1, 1, LeaseKind.RENEW).granted
 
 
-def test_a_name_that_is_taken_back_is_worth_nothing() -> None:
-    desk = Desk()
+def test_a_withdrawn_successor_has_no_right() -> None:
+    desk = ArbiterRig()
     desk.ask(1, 1)
     desk.ask(1, 1, LeaseKind.RENEW, successor=2)
     desk.ask(1, 1, LeaseKind.RENEW)
@@ -176,8 +176,8 @@ def test_a_name_that_is_taken_back_is_worth_nothing() -> None:
     assert not desk.ask(2, 2).granted
 
 
-def test_a_successor_that_gives_up_does_not_free_what_the_old_master_may_still_use() -> None:
-    desk = Desk()
+def test_a_successor_that_gives_up_does_not_free_the_former_masters_lease() -> None:
+    desk = ArbiterRig()
     desk.ask(1, 1)
     desk.ask(1, 1, LeaseKind.RENEW, successor=2)
     desk.ask(2, 2)
@@ -188,8 +188,8 @@ def test_a_successor_that_gives_up_does_not_free_what_the_old_master_may_still_u
     assert desk.ask(3, 3).granted
 
 
-def test_a_lease_given_back_is_free_at_once() -> None:
-    desk = Desk()
+def test_a_returned_lease_is_free_at_once() -> None:
+    desk = ArbiterRig()
     desk.ask(1, 1)
     desk.ask(1, 1, LeaseKind.RELEASE)
 
@@ -197,11 +197,11 @@ def test_a_lease_given_back_is_free_at_once() -> None:
 
 
 def test_a_restarted_arbiter_waits_a_whole_lease_and_remembers_terms_and_roster() -> None:
-    desk = Desk()
+    desk = ArbiterRig()
     desk.ask(1, 7)
     assert desk.commit(1, 7, 3)
 
-    again = Desk(desk.memory, waited=False)
+    again = ArbiterRig(desk.memory, waited=False)
 
     assert not again.ask(2, 8).granted
     assert again.ask(1, 7, LeaseKind.RENEW).granted
@@ -211,10 +211,10 @@ def test_a_restarted_arbiter_waits_a_whole_lease_and_remembers_terms_and_roster(
     assert (answer.roster_term, answer.roster_version, answer.roster) == (7, 3, ROSTER)
 
 
-def test_an_arbiter_whose_memory_cannot_be_read_says_nothing_and_stores_nothing() -> None:
-    """An empty memory would be believed at its next start, and a term granted twice."""
+def test_an_arbiter_with_unreadable_memory_sends_and_stores_nothing() -> None:
+    """Its next start would trust an empty memory and grant a term twice."""
     arbiter = Arbiter(TIMERS_A, address=ADDRESS, memory=None, start_ns=0)
-    request = Desk().request(1, 1)
+    request = ArbiterRig().request(1, 1)
 
     for _ in range(2):
         stepped = arbiter.step(10_000 * MS, (request,))
@@ -222,10 +222,10 @@ def test_an_arbiter_whose_memory_cannot_be_read_says_nothing_and_stores_nothing(
 
 
 @pytest.mark.parametrize(("train", "term", "version"), [(2, 7, 4), (1, 6, 4), (1, 7, 2)])
-def test_a_roster_of_others_of_a_former_term_or_an_older_one_is_not_kept(
+def test_a_foreign_outdated_or_older_roster_is_not_stored(
     train: int, term: int, version: int
 ) -> None:
-    desk = Desk()
+    desk = ArbiterRig()
     desk.ask(1, 7)
     desk.commit(1, 7, 3)
 
@@ -234,7 +234,7 @@ def test_a_roster_of_others_of_a_former_term_or_an_older_one_is_not_kept(
 
 
 def test_a_repeated_request_changes_nothing() -> None:
-    desk = Desk()
+    desk = ArbiterRig()
     request = desk.request(1, 1)
     desk.says(request)
     before = desk.arbiter.memory
@@ -256,11 +256,12 @@ STEPS = st.lists(
 def test_whatever_is_asked_a_term_has_one_holder_and_leases_do_not_overlap(
     steps: list[tuple[int, int, LeaseKind, int]],
 ) -> None:
-    """Kept beside the arbiter: who may think to hold what until when, by their own sending."""
-    desk = Desk()
+    """The oracle keeps beside the arbiter which train may rely on which lease, by the train's
+    own clock."""
+    desk = ArbiterRig()
     owners: dict[int, int] = {}
     valid: dict[int, tuple[int, int]] = {}
-    """By train: term, and the end of its lease as it counts."""
+    """By train: its term, and the end of its lease by its own clock."""
 
     for train, term, kind, pause_ms in steps:
         desk.now_ms += pause_ms
@@ -278,12 +279,12 @@ def test_whatever_is_asked_a_term_has_one_holder_and_leases_do_not_overlap(
 
 
 def plea(source: int, term: int, *, expired: bool = False) -> Plea:
-    """Beside a lease that train 4 holds under term 7, and that train 6 may take over."""
+    """A request while train 4 holds a lease under term 7, which train 6 may take over."""
     return Plea(source, term, LeaseMemory(1, promised=7, holder=4, successor=6), expired)
 
 
 @pytest.mark.parametrize(("term", "new"), [(6, False), (7, False), (8, True)])
-def test_a_term_is_new_only_above_the_one_that_was_promised(term: int, *, new: bool) -> None:
+def test_a_term_is_new_only_above_the_acknowledged_one(term: int, *, new: bool) -> None:
     assert term_is_new(plea(4, term)) is new
 
 
@@ -291,7 +292,7 @@ def test_a_term_is_new_only_above_the_one_that_was_promised(term: int, *, new: b
     ("source", "expired", "free"),
     [(4, False, True), (6, False, True), (5, False, False), (5, True, True), (4, True, True)],
 )
-def test_a_lease_that_runs_is_free_for_its_holder_and_its_heir_only(
+def test_a_running_lease_is_available_to_its_holder_and_successor_only(
     source: int, *, expired: bool, free: bool
 ) -> None:
     assert lease_is_free(plea(source, 8, expired=expired)) is free
@@ -325,11 +326,11 @@ def up_since_long(memory: ArbiterMemory, guards: ArbiterGuards | None = None) ->
 
 
 def kept(term: int, version: int) -> LeaseMemory:
-    """Of area 1, that train 4 commands under term 7."""
+    """The memory of area 1, which train 4 commands under term 7."""
     return LeaseMemory(1, 7, 4, 6, term, version, ROSTER)
 
 
-def test_a_grant_tells_the_request_that_it_answers_and_the_roster_that_is_kept() -> None:
+def test_a_grant_names_its_request_and_holds_the_stored_roster() -> None:
     arbiter = up_since_long(ArbiterMemory(boot=2, areas=(kept(7, 3),)))
 
     granted = arbiter.step(1000, (raw_request(6, term=8),))
@@ -339,7 +340,7 @@ def test_a_grant_tells_the_request_that_it_answers_and_the_roster_that_is_kept()
     assert granted.memory == ArbiterMemory(3, (LeaseMemory(1, 8, 6, 0, 7, 3, ROSTER),))
 
 
-def test_a_refusal_tells_the_promised_term_the_holder_and_the_wait_but_no_roster() -> None:
+def test_a_refusal_holds_acknowledged_term_holder_and_wait_but_no_roster() -> None:
     arbiter = up_since_long(ArbiterMemory(boot=2, areas=(kept(7, 3),)))
     arbiter.step(0, (raw_request(4, term=7, kind=LeaseKind.RENEW),))
 
@@ -358,7 +359,7 @@ def test_a_renewal_is_granted_without_the_roster() -> None:
     assert stepped.out == (LeaseAnswer(*head, True, 55, 777, 4, 0, 0, 0, ()),)
 
 
-def test_an_old_term_is_refused_without_a_wait_after_the_lease_ran_out() -> None:
+def test_an_old_term_is_refused_without_a_wait_after_the_lease_expired() -> None:
     arbiter = up_since_long(ArbiterMemory(areas=(kept(7, 3),)))
 
     (answer,) = arbiter.step(1000, (raw_request(5, term=7),)).out
@@ -376,7 +377,7 @@ def test_an_old_term_is_refused_without_a_wait_after_the_lease_ran_out() -> None
         raw_request(4, term=7, kind=LeaseKind.RELEASE),
     ],
 )
-def test_what_is_not_granted_is_plainly_refused(asked: LeaseRequest) -> None:
+def test_every_other_request_is_refused(asked: LeaseRequest) -> None:
     (answer,) = up_since_long(ArbiterMemory(areas=(kept(7, 3),))).step(1000, (asked,)).out
 
     assert isinstance(answer, LeaseAnswer)
@@ -416,20 +417,20 @@ def test_without_the_guard_of_the_start_an_arbiter_grants_at_once() -> None:
 @pytest.mark.parametrize(
     ("source", "heard"), [(0, False), (1, True), (64_999, True), (65_000, False), (65_535, False)]
 )
-def test_nobody_but_a_train_is_answered(source: int, *, heard: bool) -> None:
+def test_only_trains_are_answered(source: int, *, heard: bool) -> None:
     stepped = up_since_long(ArbiterMemory()).step(1000, (raw_request(source),))
 
     assert (len(stepped.out) == 1) is heard
 
 
-def test_what_is_no_business_of_an_arbiter_is_not_answered() -> None:
+def test_messages_for_other_receivers_are_not_answered() -> None:
     heartbeat = Heartbeat(4, BROADCAST, 1, 7, 1, 1, 0, Phase.ISSUING, 0, 1)
     arbiter = up_since_long(ArbiterMemory(areas=(kept(7, 3),)))
 
     assert arbiter.step(1000, (heartbeat,)).out == ()
 
 
-def test_all_that_comes_in_one_step_is_answered_in_its_order() -> None:
+def test_requests_of_one_step_are_answered_in_order() -> None:
     repeated = raw_request(4, sequence=1)
     other = raw_request(5, term=2)
     arbiter = up_since_long(ArbiterMemory())
@@ -440,14 +441,14 @@ def test_all_that_comes_in_one_step_is_answered_in_its_order() -> None:
     assert arbiter.gate.refusals == {RefusedReason.NOT_NEWER: 1}
 
 
-def test_an_arbiter_hears_nothing_that_is_for_another_one() -> None:
+def test_an_arbiter_ignores_messages_for_another_one() -> None:
     arbiter = Arbiter(TIMERS_A, address=65_002, memory=ArbiterMemory(), start_ns=-(10**9))
 
     assert arbiter.step(1000, (raw_request(4),)).out == ()
     assert arbiter.gate.refusals == {RefusedReason.WRONG_DESTINATION: 1}
 
 
-def test_areas_are_granted_apart_and_stored_in_their_order() -> None:
+def test_areas_are_granted_independently_and_stored_in_order() -> None:
     arbiter = up_since_long(ArbiterMemory())
 
     arbiter.step(0, (raw_request(4, area=2, term=5),))
@@ -473,7 +474,7 @@ def test_it_stores_its_incarnation_first_and_then_only_what_changed() -> None:
     assert arbiter.step(3, (renewal,)).memory is None
 
 
-def test_a_holder_that_asks_anew_leaves_no_heir_behind() -> None:
+def test_a_new_request_of_the_holder_clears_its_successor() -> None:
     arbiter = up_since_long(ArbiterMemory(areas=(kept(7, 3),)))
 
     arbiter.step(0, (raw_request(4, term=8),))
@@ -481,7 +482,7 @@ def test_a_holder_that_asks_anew_leaves_no_heir_behind() -> None:
     assert arbiter.lease(1).successor == 0
 
 
-def test_an_arbiter_without_memory_does_not_even_promise_to_itself() -> None:
+def test_an_arbiter_without_memory_acknowledges_no_term() -> None:
     arbiter = Arbiter(TIMERS_A, address=ADDRESS, memory=None, start_ns=-(10**9))
 
     arbiter.step(1000, (raw_request(4),))
@@ -490,7 +491,7 @@ def test_an_arbiter_without_memory_does_not_even_promise_to_itself() -> None:
     assert arbiter.gate.refusals == {}
 
 
-def test_a_kept_roster_is_acknowledged_by_its_term_and_version_and_stored() -> None:
+def test_a_roster_is_stored_and_acknowledged_with_term_and_version() -> None:
     arbiter = up_since_long(ArbiterMemory(areas=(LeaseMemory(1, 7, 4, 6),)))
 
     stepped = arbiter.step(1000, (raw_commit(term=7, version=2),))
@@ -503,9 +504,7 @@ def test_a_kept_roster_is_acknowledged_by_its_term_and_version_and_stored() -> N
     ("term", "version", "taken"),
     [(7, 2, True), (7, 3, True), (7, 4, False), (6, 9, True), (8, 1, False)],
 )
-def test_version_3_of_term_7_is_kept_over_no_newer_roster(
-    term: int, version: int, *, taken: bool
-) -> None:
+def test_a_roster_never_replaces_a_newer_one(term: int, version: int, *, taken: bool) -> None:
     before = kept(term, version)
     arbiter = up_since_long(ArbiterMemory(areas=(before,)))
 
@@ -515,8 +514,8 @@ def test_version_3_of_term_7_is_kept_over_no_newer_roster(
     assert arbiter.lease(1) == (kept(7, 3) if taken else before)
 
 
-def test_a_roster_is_kept_however_long_ago_the_lease_ran_out() -> None:
-    """No guard is even told of a lease that ran out: nobody else has commanded since."""
+def test_a_roster_is_stored_even_long_after_the_lease_expired() -> None:
+    """The guard ignores an expired lease, because no other train has commanded since."""
     guards = ArbiterGuards(by_holder=lambda plea: not plea.expired)
     arbiter = up_since_long(ArbiterMemory(areas=(kept(7, 2),)), guards)
 
@@ -526,15 +525,16 @@ def test_a_roster_is_kept_however_long_ago_the_lease_ran_out() -> None:
 
 
 @pytest.mark.parametrize(("after_ms", "granted"), [(1, False), (300, False), (301, True)])
-def test_what_was_displaced_before_a_restart_is_waited_out_when_its_heir_gives_up(
+def test_after_a_restart_a_displaced_lease_is_waited_out_when_its_successor_gives_up(
     after_ms: int, *, granted: bool
 ) -> None:
-    """Of a whole lease of 300.6 ms from the start: train 1 may still count on it."""
-    desk = Desk()
+    """It waits a whole lease of 300.6 ms from the start, because train 1 may still rely on its
+    lease."""
+    desk = ArbiterRig()
     desk.ask(1, 1)
     desk.ask(1, 1, LeaseKind.RENEW, successor=2)
     desk.ask(2, 2)
-    again = Desk(desk.memory, waited=False)
+    again = ArbiterRig(desk.memory, waited=False)
     again.sequence = desk.sequence
     again.ask(2, 2, LeaseKind.RELEASE)
 
@@ -545,10 +545,11 @@ def test_what_was_displaced_before_a_restart_is_waited_out_when_its_heir_gives_u
 @pytest.mark.parametrize("arbiters", [0, 1, 2, 3, 4, 5])
 @pytest.mark.parametrize("lease_ms", [LEASE_MS - 1, LEASE_MS, LEASE_MS + 1, TIMERS_B.lease_ms])
 @pytest.mark.parametrize("kind", LeaseKind)
-def test_whoever_counts_on_other_arbiters_or_leases_gets_no_answer_and_changes_nothing(
+def test_a_request_with_other_arbiters_or_lease_times_is_ignored(
     arbiters: int, lease_ms: int, kind: LeaseKind
 ) -> None:
-    """One that asks one of three would have a majority of its own beside that of the others."""
+    """A train that asks one of three arbiters would have its own majority beside that of the
+    others."""
     arbiter = Arbiter(
         TIMERS_A, address=ADDRESS, memory=ArbiterMemory(), start_ns=-(10**9), arbiters=3
     )
@@ -572,7 +573,7 @@ def test_whoever_counts_on_other_arbiters_or_leases_gets_no_answer_and_changes_n
 
 @pytest.mark.parametrize("arbiters", [1, 3])
 @pytest.mark.parametrize("timers", [TIMERS_A, TIMERS_B])
-def test_a_train_says_on_what_arbiters_and_leases_it_counts(
+def test_a_request_names_the_expected_arbiters_and_lease_time(
     arbiters: int, timers: LineTimers
 ) -> None:
     addresses = tuple(range(FIRST_ARBITER, FIRST_ARBITER + arbiters))

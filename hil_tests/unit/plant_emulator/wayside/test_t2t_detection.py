@@ -1,4 +1,4 @@
-"""What the rails tell of trains: every axle where it stands, and every object that is covered."""
+"""Track detection: every axle in its section, and every object under a train."""
 
 import math
 import struct
@@ -28,7 +28,7 @@ LINE = AreaMap(
 )
 
 
-def told(train: int, rear_m: float, front_m: float, *, axles: int = 16) -> RadioMessage:
+def encoded_position(train: int, rear_m: float, front_m: float, *, axles: int = 16) -> RadioMessage:
     return RadioMessage(0, key_of("Line 9", train), packed(Place(front_m, rear_m, axles)))
 
 
@@ -39,10 +39,10 @@ def detection(*messages: RadioMessage) -> Detection:
 
 
 def axles(rear_m: float, front_m: float, count: int) -> dict[int, int]:
-    return detection(told(1, rear_m, front_m, axles=count)).axles()
+    return detection(encoded_position(1, rear_m, front_m, axles=count)).axles()
 
 
-def test_a_place_is_told_by_front_rear_axles_and_instant_in_network_order() -> None:
+def test_a_position_message_holds_front_rear_axles_and_instant_in_network_order() -> None:
     place = Place(90.5, 10.25, 16, 77)
     assert packed(place) == struct.pack(">ddHQ", 90.5, 10.25, 16, 77)
     assert packed(Place(90.5, 10.25, 16)) == struct.pack(">ddHQ", 90.5, 10.25, 16, 0)
@@ -53,16 +53,17 @@ def test_a_place_is_told_by_front_rear_axles_and_instant_in_network_order() -> N
 @pytest.mark.parametrize(
     ("rear_m", "front_m", "counted"),
     [
-        # The first axle is 2 m behind the front coupler; a joint belongs to what begins there.
+        # The first axle is 2 m behind the front coupler; a joint belongs to the section that begins
+        # there.
         (50.0, 102.0, {1: 1, 2: 1}),
         (50.0, 101.9, {1: 2}),
         (50.0, 102.1, {1: 1, 2: 1}),
-        # The last is 2 m before the rear coupler.
+        # The last axle is 2 m before the rear coupler.
         (98.0, 150.0, {2: 2}),
         (97.9, 150.0, {1: 1, 2: 1}),
         (198.0, 302.0, {3: 1, 4: 1}),
         (197.9, 301.9, {2: 1, 3: 1}),
-        # What is beyond the last joint is counted by nobody.
+        # No counter covers the track beyond the last joint.
         (350.0, 402.0, {4: 1}),
         (350.0, 401.9, {4: 2}),
         (-2.0, 30.0, {1: 2}),
@@ -88,12 +89,14 @@ def test_the_outer_axles_are_2_m_from_the_couplers(
     ],
 )
 def test_axles_stand_evenly_over_a_train(count: int, counted: dict[int, int]) -> None:
-    """From 20 m to 380 m; one axle alone is in front."""
+    """The axles are spread from 20 m to 380 m; a single axle is at the front."""
     assert axles(18.0, 382.0, count) == counted
 
 
 def test_axles_of_several_trains_in_a_section_are_summed() -> None:
-    counted = detection(told(1, 10.0, 40.0, axles=3), told(2, 50.0, 95.0, axles=4)).axles()
+    counted = detection(
+        encoded_position(1, 10.0, 40.0, axles=3), encoded_position(2, 50.0, 95.0, axles=4)
+    ).axles()
 
     assert counted == {1: 7}
 
@@ -136,15 +139,19 @@ def test_a_train_off_the_line_has_no_axle_on_it() -> None:
 def test_an_object_is_occupied_by_any_part_of_a_train_between_its_ends(
     rear_m: float, front_m: float, there: set[int]
 ) -> None:
-    assert detection(told(1, rear_m, front_m)).occupied() == there
+    assert detection(encoded_position(1, rear_m, front_m)).occupied() == there
 
 
 def test_objects_under_different_trains_are_all_occupied() -> None:
-    assert detection(told(1, 90.0, 110.0), told(2, 215.0, 240.0)).occupied() == {5, 6}
+    assert detection(
+        encoded_position(1, 90.0, 110.0), encoded_position(2, 215.0, 240.0)
+    ).occupied() == {5, 6}
 
 
 def test_the_newest_place_of_a_train_counts() -> None:
-    moved = detection(told(1, 10.0, 40.0, axles=3), told(1, 110.0, 140.0, axles=3))
+    moved = detection(
+        encoded_position(1, 10.0, 40.0, axles=3), encoded_position(1, 110.0, 140.0, axles=3)
+    )
 
     assert moved.places == {"m/line-9/x/1": Place(140.0, 110.0, 3)}
     assert moved.axles() == {2: 3}
@@ -155,20 +162,20 @@ def test_the_newest_place_of_a_train_counts() -> None:
         st.tuples(st.integers(1, 3), st.floats(-50.0, 450.0), st.floats(5.0, 100.0)), max_size=12
     )
 )
-def test_however_trains_have_moved_only_where_they_are_now_is_counted(
+def test_only_the_present_positions_of_trains_count(
     moves: list[tuple[int, float, float]],
 ) -> None:
     detecting = detection()
     newest: dict[int, RadioMessage] = {}
     for train, rear_m, long_m in moves:
-        newest[train] = told(train, rear_m, rear_m + long_m)
+        newest[train] = encoded_position(train, rear_m, rear_m + long_m)
         detecting.hears([newest[train]])
 
         assert detecting.axles() == detection(*newest.values()).axles()
 
 
-def test_a_train_that_only_says_the_same_anew_is_counted_once() -> None:
-    detecting = detection(told(1, 10.0, 40.0, axles=3))
+def test_a_train_that_repeats_its_position_is_counted_once() -> None:
+    detecting = detection(encoded_position(1, 10.0, 40.0, axles=3))
     again = Place(40.0, 10.0, 3, 50)
     detecting.hears([RadioMessage(0, key_of("Line 9", 1), packed(again))])
 
@@ -176,9 +183,9 @@ def test_a_train_that_only_says_the_same_anew_is_counted_once() -> None:
     assert detecting.places == {"m/line-9/x/1": again}
 
 
-def test_on_a_line_without_counters_nothing_is_counted() -> None:
+def test_a_line_without_axle_counters_counts_no_axles() -> None:
     detecting = Detection(AreaMap("Line 9", (Area(1, 0.0, 400.0),)))
-    detecting.hears([told(1, 10.0, 40.0)])
+    detecting.hears([encoded_position(1, 10.0, 40.0)])
 
     assert detecting.axles() == {}
 
@@ -195,16 +202,16 @@ def test_on_a_line_without_counters_nothing_is_counted() -> None:
         (math.nan, 10.0),
     ],
 )
-def test_what_is_no_stretch_of_the_line_is_no_place(rear_m: float, front_m: float) -> None:
-    assert detection(told(1, rear_m, front_m)).places == {}
+def test_an_impossible_stretch_is_no_position(rear_m: float, front_m: float) -> None:
+    assert detection(encoded_position(1, rear_m, front_m)).places == {}
 
 
 @pytest.mark.parametrize("payload", [b"", bytes(18), bytes(25), bytes(27)])
-def test_a_message_of_a_wrong_length_is_taken_and_passed_over(payload: bytes) -> None:
+def test_a_message_of_a_wrong_length_is_consumed_and_ignored(payload: bytes) -> None:
     assert detection(RadioMessage(0, "m/line-9/x/1", payload)).places == {}
 
 
-def test_what_is_not_for_the_rails_of_this_line_comes_back_in_its_order() -> None:
+def test_other_messages_are_returned_in_order() -> None:
     place = packed(Place(40.0, 10.0, 4))
     others = [
         RadioMessage(0, "m/line-9/w/1/hb/1/all", b"..."),
@@ -213,13 +220,13 @@ def test_what_is_not_for_the_rails_of_this_line_comes_back_in_its_order() -> Non
     ]
     detecting = Detection(LINE)
 
-    assert detecting.hears([others[0], told(1, 10.0, 40.0), *others[1:]]) == others
+    assert detecting.hears([others[0], encoded_position(1, 10.0, 40.0), *others[1:]]) == others
     assert detecting.places == {"m/line-9/x/1": Place(40.0, 10.0, 16)}
 
 
-def test_no_more_than_512_trains_are_kept_and_these_are_followed() -> None:
-    flood = detection(*[told(n, 10.0, 40.0) for n in range(1, 600)])
+def test_at_most_512_trains_are_tracked() -> None:
+    flood = detection(*[encoded_position(n, 10.0, 40.0) for n in range(1, 600)])
     assert list(flood.places) == [f"m/line-9/x/{n}" for n in range(1, 513)]
 
-    flood.hears([told(7, 310.0, 340.0)])
+    flood.hears([encoded_position(7, 310.0, 340.0)])
     assert flood.places["m/line-9/x/7"] == Place(340.0, 310.0, 16)

@@ -1,4 +1,5 @@
-"""What a switch, crossing or platform track obeys, remembers and says of itself."""
+"""A switch, crossing or platform track: which messages it obeys, what it stores and what it
+sends."""
 
 import pytest
 
@@ -33,7 +34,7 @@ LOCK, OPEN = ClaimKind.CLAIM, ClaimKind.RELEASE
 FREE, LOCKED, FAILED = ObjectState.FREE, ObjectState.LOCKED, ObjectState.FAILED
 MEMORY = ObjectMemory(boot=6, seen_term=7, owner=4, state=LOCKED, claim_term=7, nonce=20)
 STARTED = ObjectMemory(boot=7, seen_term=7, owner=4, state=LOCKED, claim_term=7, nonce=20)
-"""The same after the next start."""
+"""The same memory after the next start."""
 
 
 def claim(
@@ -122,27 +123,25 @@ def test_a_train_in_it_forbids_to_open_and_not_to_lock(
         (OPEN, LOCKED, True, True),
     ],
 )
-def test_only_what_may_open_just_now_is_not_locked(
+def test_an_object_that_may_open_now_is_not_locked(
     kind: ClaimKind, state: ObjectState, *, wanted: bool, allowed: bool
 ) -> None:
     assert free_to_lock(demand(kind, state=state, wanted=wanted)) is allowed
 
 
 @pytest.mark.parametrize(("term", "obeyed"), [(6, False), (7, True), (8, True)])
-def test_no_term_before_the_one_that_was_seen_is_obeyed(term: int, *, obeyed: bool) -> None:
+def test_no_term_below_the_highest_received_is_obeyed(term: int, *, obeyed: bool) -> None:
     assert term_not_old(ObjectTerm(term, 4, MEMORY)) is obeyed
 
 
 @pytest.mark.parametrize(
     ("term", "source", "owner"), [(7, 4, True), (7, 5, False), (8, 5, True), (8, 4, True)]
 )
-def test_a_term_belongs_to_the_train_that_spoke_first_under_it(
-    term: int, source: int, *, owner: bool
-) -> None:
+def test_a_term_belongs_to_its_first_sender(term: int, source: int, *, owner: bool) -> None:
     assert owner_of_term(ObjectTerm(term, source, MEMORY)) is owner
 
 
-def test_it_says_all_that_it_knows_and_counts_what_it_says() -> None:
+def test_a_status_holds_the_whole_state_and_a_running_number() -> None:
     line_object = started()
 
     (first,) = stepped(line_object, now_ns=5).out
@@ -152,7 +151,7 @@ def test_it_says_all_that_it_knows_and_counts_what_it_says() -> None:
     assert second == ObjectStatus(0, 65_535, 1, 7, 7, 2, 6, 3, LOCKED, 7, 20, True)
 
 
-def test_it_says_its_status_every_50_ms_and_keeps_quiet_between() -> None:
+def test_a_status_is_sent_every_50_ms() -> None:
     line_object = started(start_ns=1_000)
     assert line_object.next_due_ns() == 1_000
     assert len(stepped(line_object, now_ns=1_000).out) == 1
@@ -164,7 +163,7 @@ def test_it_says_its_status_every_50_ms_and_keeps_quiet_between() -> None:
     assert line_object.next_due_ns() == 100_001_000
 
 
-def test_what_has_never_spoken_speaks_at_its_first_step_whenever_that_is() -> None:
+def test_the_first_step_sends_a_status() -> None:
     assert len(stepped(started(start_ns=1_000), now_ns=10).out) == 1
 
 
@@ -179,7 +178,7 @@ def test_what_has_never_spoken_speaks_at_its_first_step_whenever_that_is() -> No
         ((claim(OPEN, nonce=20),), False, 0),
     ],
 )
-def test_a_change_is_said_at_once_and_puts_off_the_next_status(
+def test_a_change_is_sent_at_once_and_delays_the_next_status(
     messages: tuple[T2tMessage, ...], said: int, *, wanted: bool
 ) -> None:
     line_object = started()
@@ -207,7 +206,7 @@ def test_a_change_in_the_first_step_is_stored_with_it() -> None:
 
 
 @pytest.mark.parametrize(("kind", "state"), [(ClaimKind.CLAIM, LOCKED), (ClaimKind.RELEASE, FREE)])
-def test_what_is_obeyed_is_kept_with_its_term_owner_and_number(
+def test_an_obeyed_message_is_stored_with_its_term_owner_and_number(
     kind: ClaimKind, state: ObjectState
 ) -> None:
     line_object = after(claim(kind, source=9, term=8, nonce=1))
@@ -216,7 +215,7 @@ def test_what_is_obeyed_is_kept_with_its_term_owner_and_number(
     assert line_object.refused == 0
 
 
-def test_nothing_of_what_is_heard_in_one_step_is_passed_over() -> None:
+def test_every_message_of_one_step_is_processed() -> None:
     line_object = after(claim(OPEN, nonce=21), claim(LOCK, nonce=22))
 
     assert line_object.memory == ObjectMemory(7, 7, 4, LOCKED, 7, 22)
@@ -239,7 +238,7 @@ def test_nothing_of_what_is_heard_in_one_step_is_passed_over() -> None:
         RosterCommit(4, BROADCAST, 1, 8, 1, 1, 0, 1, ()),
     ],
 )
-def test_what_nobody_may_tell_it_changes_nothing_and_is_counted(message: T2tMessage) -> None:
+def test_a_message_from_a_wrong_sender_is_counted_without_effect(message: T2tMessage) -> None:
     line_object = after(message)
     assert line_object.memory == STARTED
     assert line_object.refused == 1
@@ -255,34 +254,34 @@ def test_every_train_may_bring_a_new_term(source: int) -> None:
     assert line_object.memory == ObjectMemory(7, 8, source, FREE, 8, 1)
 
 
-def test_a_heartbeat_of_the_term_that_is_known_is_neither_refused_nor_kept() -> None:
+def test_a_heartbeat_of_the_known_term_is_neither_refused_nor_stored() -> None:
     line_object = after(heartbeat(7))
 
     assert (line_object.memory, line_object.refused) == (STARTED, 0)
 
 
 @pytest.mark.parametrize("term", [6, 7, 8])
-def test_a_claim_for_its_neighbour_is_none_of_its_business(term: int) -> None:
+def test_a_claim_for_another_object_is_ignored(term: int) -> None:
     line_object = after(claim(OPEN, number=2, term=term))
 
     assert (line_object.memory, line_object.refused) == (STARTED, 0)
 
 
-def test_a_claim_that_it_cannot_obey_teaches_it_the_term_all_the_same() -> None:
+def test_a_claim_that_it_cannot_obey_still_updates_the_term() -> None:
     line_object = after(claim(OPEN, source=9, term=8, nonce=1), occupied=True)
 
     assert line_object.memory == ObjectMemory(7, 8, 9, LOCKED, 7, 20)
     assert line_object.refused == 1
 
 
-def test_what_is_asked_to_open_is_not_locked_after_it_was_opened() -> None:
+def test_an_opened_object_with_a_pending_request_is_not_locked() -> None:
     line_object = after(claim(OPEN), claim(LOCK, nonce=22), wanted=True)
 
     assert line_object.memory.state is FREE
     assert line_object.refused == 1
 
 
-def test_without_memory_it_has_failed_hears_nothing_and_stores_nothing() -> None:
+def test_an_object_without_memory_has_failed_and_ignores_and_stores_nothing() -> None:
     line_object = started(None)
 
     first = stepped(line_object, heartbeat(8), claim(LOCK, term=9))
@@ -309,7 +308,7 @@ def passes(_: object) -> bool:
         (ObjectGuards(free_to_lock=passes), claim(LOCK), True, False),
     ],
 )
-def test_each_guard_stands_alone_against_one_fault(
+def test_each_guard_alone_prevents_one_fault(
     guards: ObjectGuards, message: T2tMessage, *, wanted: bool, occupied: bool
 ) -> None:
     memory = ObjectMemory(seen_term=7, owner=4, state=FREE, claim_term=7, nonce=20)

@@ -1,4 +1,4 @@
-"""What the wayside takes of a train: what is meant for it, once, and in order."""
+"""Which messages of a train the wayside accepts: those for it, once, and in order."""
 
 import pytest
 
@@ -19,7 +19,9 @@ def heartbeat(
     ("destination", "admitted"),
     [(65_001, True), (65_535, True), (65_002, False), (65_000, False), (0, False)],
 )
-def test_what_is_for_it_or_for_all_is_taken(destination: int, *, admitted: bool) -> None:
+def test_messages_for_the_wayside_or_for_all_are_accepted(
+    destination: int, *, admitted: bool
+) -> None:
     gate = OrderGate(HERE)
 
     assert gate.admits(heartbeat(1, 1, destination=destination)) is admitted
@@ -40,7 +42,7 @@ def test_what_is_for_it_or_for_all_is_taken(destination: int, *, admitted: bool)
         (4, 900, RefusedReason.WRONG_BOOT),
     ],
 )
-def test_after_message_3_of_incarnation_5_only_what_is_newer_is_taken(
+def test_only_newer_messages_are_accepted(
     boot: int, sequence: int, refused: RefusedReason | None
 ) -> None:
     gate = OrderGate(HERE)
@@ -50,7 +52,7 @@ def test_after_message_3_of_incarnation_5_only_what_is_newer_is_taken(
     assert gate.refusals == ({} if refused is None else {refused: 1})
 
 
-def test_a_young_incarnation_with_high_numbers_gives_way_to_the_next() -> None:
+def test_the_next_incarnation_replaces_one_with_high_numbers() -> None:
     gate = OrderGate(HERE)
     gate.admits(heartbeat(2, 900))
 
@@ -58,7 +60,7 @@ def test_a_young_incarnation_with_high_numbers_gives_way_to_the_next() -> None:
     assert not gate.admits(heartbeat(2, 901))
 
 
-def test_what_was_refused_does_not_move_the_order() -> None:
+def test_a_refused_message_does_not_advance_the_order() -> None:
     gate = OrderGate(HERE)
     gate.admits(heartbeat(5, 3))
     gate.admits(heartbeat(5, 900, destination=HERE + 1))
@@ -67,7 +69,7 @@ def test_what_was_refused_does_not_move_the_order() -> None:
     assert gate.admits(heartbeat(5, 4))
 
 
-def test_every_refusal_is_counted_by_its_reason() -> None:
+def test_refusals_are_counted_by_reason() -> None:
     gate = OrderGate(HERE)
     gate.admits(heartbeat(5, 3))
     for _ in range(3):
@@ -87,7 +89,8 @@ def test_every_refusal_is_counted_by_its_reason() -> None:
     ],
 )
 def test_order_is_kept_by_sender_area_and_kind(other: T2tMessage) -> None:
-    """One sender numbers all that it says by one count, and it need not come in that order."""
+    """One sender numbers all its messages with one counter, and they may arrive in another
+    order."""
     gate = OrderGate(HERE)
     gate.admits(heartbeat(5, 3))
 
@@ -95,7 +98,7 @@ def test_order_is_kept_by_sender_area_and_kind(other: T2tMessage) -> None:
     assert not gate.admits(other)
 
 
-def test_no_more_than_32768_streams_are_kept_and_those_go_on() -> None:
+def test_at_most_32768_streams_are_kept_and_go_on() -> None:
     gate = OrderGate(HERE)
 
     admitted = [gate.admits(heartbeat(1, 1, source=n)) for n in range(1, 32_770)]
