@@ -1,4 +1,5 @@
-"""What all tests share: the guest with a real vcan, hypothesis settings, and what was not run."""
+"""Shared by all tests: the guest with a real vcan, hypothesis settings, and a report of skipped
+tests."""
 
 import gc
 import os
@@ -39,8 +40,8 @@ REALTIME: Final = "real_time"
 NICE: Final = os.getpriority(os.PRIO_PROCESS, 0)
 COMPUTING_NICE: Final = 15
 
-# No deadlines: a busy machine is no fault of the code. Where nobody looks, the examples are always
-# the same; on a developer's machine they are new ones every time, and what fails is remembered.
+# There are no deadlines, because a busy machine is no fault of the code. In CI the examples are
+# always the same. On a developer's machine they are new each time, and failures are remembered.
 QUIET: Final = [HealthCheck.too_slow]
 settings.register_profile("ci", deadline=None, derandomize=True, suppress_health_check=QUIET)
 settings.register_profile("local", deadline=None, suppress_health_check=QUIET)
@@ -55,7 +56,7 @@ def checkout() -> Path:
 
 @pytest.fixture(scope="session")
 def guest() -> Guest:
-    """A guest that has been seen to work. Without one a test fails in CI, else it is left out."""
+    """A guest that works. Without one a test fails in CI and is skipped elsewhere."""
     guest = Guest()
     done = guest.run("true")
     if done.returncode == 0:
@@ -68,7 +69,7 @@ def guest() -> Guest:
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """One headless browser for all tests. Without one a test is left out."""
+    """One headless browser for all tests. Without one a test is skipped."""
     if browser_path() is None:
         pytest.skip(f"no browser: none of {', '.join(NAMES)} is installed")
     with Browser() as found:
@@ -77,7 +78,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="session")
 def c_compiler() -> str:
-    """The C compiler of this Python's extensions. Without it a test is left out."""
+    """The C compiler of this Python's extensions. Without it a test is skipped."""
     name = str(sysconfig.get_config_var("CC") or "cc").split()[0]
     headers = Path(sysconfig.get_paths()["include"]) / "Python.h"
     missing = name if shutil.which(name) is None else str(headers)
@@ -92,8 +93,11 @@ def is_realtime(path: Path) -> bool:
 
 
 class ByFile(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types
-    """Each file to one worker, and all that run by the real clock to the same one: one after the
-    other, however many workers there are. (Marks of xdist's own do nothing under pytest 9.)"""
+    """Assigns each file to one worker, and all tests that depend on the real clock to the same one.
+
+    These run one after the other for any number of workers. (xdist's own marks have no effect under
+    pytest 9.)
+    """
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.split("::", 1)[0]
@@ -103,29 +107,30 @@ class ByFile(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
-    # In the order of the folders: files of few but long tests come first, not last.
+    # Keep the order of the folders: files with few but long tests come first, not last.
     config.option.loadscopereorder = False
     return ByFile(config, log)
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish() -> None:
-    """Half a million objects are there to the end: no collection looks through them again."""
+    """Half a million objects live to the end, so garbage collections need not examine them."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """What only computes makes way for what runs by the real clock on the same processors."""
-    if os.geteuid() == 0:  # anybody else could make way, but not take it back
+    """Computing tests get a lower priority than tests that depend on the real clock."""
+    if os.geteuid() == 0:  # Other users could lower the priority but not restore it.
         nice = NICE if is_realtime(item.path) else NICE + COMPUTING_NICE
         os.setpriority(os.PRIO_PROCESS, 0, nice)
     return (yield)
 
 
 def pytest_configure() -> None:
-    """Tests are made of asserts, and so are the programs' own checks."""
+    """Refuse to run without asserts, because the tests and the programs' own checks consist of
+    them."""
     if not __debug__:
         raise pytest.UsageError(
             "the tests will not run under `python -O`: it removes their asserts"
@@ -133,19 +138,19 @@ def pytest_configure() -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Say loudly what was not run, and why."""
+    """Report every skipped test with its reason."""
     skipped = terminalreporter.stats.get("skipped", [])
     if not skipped:
         return
     terminalreporter.section("NOT RUN", sep="!", red=True, bold=True)
     for report in skipped:
-        # A skipped test is reported as file, line and reason.
+        # pytest reports a skipped test as file, line and reason.
         reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
         terminalreporter.line(f"{report.nodeid}: {reason.removeprefix('Skipped: ')}", red=True)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Where nobody looks, nothing may be left out."""
+    """Fail a CI session in which a test was skipped."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if IN_CI and reporter is not None and reporter.stats.get("skipped"):
         session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -1,4 +1,4 @@
-"""A disk that is full, for tests that have no disk of their own."""
+"""A full disk, for tests that have no disk of their own."""
 
 import resource
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def small_disk(size: int) -> Iterator[None]:
-    """Inside, no file of this process and of those it starts grows beyond `size` bytes."""
+    """Inside this context, no file of this process and its children grows beyond `size` bytes."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:

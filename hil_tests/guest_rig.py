@@ -16,12 +16,10 @@ class Guest:
     def run(
         self, *command: str | Path, timeout_s: int = GUEST_TIMEOUT_S, options: Sequence[str] = ()
     ) -> subprocess.CompletedProcess[str]:
-        """The command's status and output. Its working directory is the checkout.
+        """Run a command in the checkout and return its status and output.
 
-        Args:
-            command: as typed; nothing is added.
-            timeout_s: for the command; the guest's boot comes on top.
-            options: of vcan-guest.
+        Args: command: unchanged arguments. timeout_s: timeout of the command, in addition to the
+        guest's boot. options: options of `vcan-guest`.
         """
         launcher = [str(ROOT / "tools/vcan-guest"), "--timeout", str(timeout_s), *options, "--"]
         return subprocess.run(

@@ -1,4 +1,5 @@
-"""Whole trains one behind the other into a station, and what if the one ahead is braked."""
+"""Two trains with controllers, one behind the other into a station, when the one ahead brakes
+hard."""
 
 from collections.abc import Iterator
 
@@ -10,12 +11,14 @@ from metro_hil.line.train_group import BenchTrain
 
 INTERVAL_S = 74.1
 LEFT_S = 45.0
-"""In which the train behind has been braked for good."""
+"""Time after which the train behind has certainly finished braking, s."""
 
 
 def after_the_kill(at_m: float) -> Iterator[tuple[BenchTrain, BenchTrain]]:
-    """Both trains, again and again, from when the one behind is so far before the stop; the
-    controller of the one ahead is killed there."""
+    """Yield both trains repeatedly after the controller of the one ahead was killed.
+
+    The kill happens when the train behind is `at_m` before the stop.
+    """
     with approach(2, INTERVAL_S) as (bench, stop_m):
         ahead, follower = (bench.trains[number] for number in sorted(bench.trains))
         while follower.plant.world.front_m < stop_m - at_m:
@@ -27,10 +30,10 @@ def after_the_kill(at_m: float) -> Iterator[tuple[BenchTrain, BenchTrain]]:
 
 
 @pytest.mark.parametrize("at_m", [260.0, 220.0])
-def test_a_train_ahead_that_is_braked_hard_costs_the_one_behind_no_emergency_brake(
+def test_a_hard_braked_leader_causes_no_emergency_brake_of_the_follower(
     at_m: float,
 ) -> None:
-    """Operation reckons with the way that the train ahead still makes, and that one makes less."""
+    """ATO assumes a stopping distance of the train ahead, which then stops in less."""
     closest_m = 1000.0
     states: set[Supervision] = set()
     for ahead, follower in after_the_kill(at_m):

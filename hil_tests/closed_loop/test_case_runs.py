@@ -1,4 +1,4 @@
-"""Whole cases in virtual time: the same bits each time, alone, in a group, and with faults."""
+"""Whole cases in virtual time: identical frames each time, alone, in a group, and with faults."""
 
 import functools
 from collections.abc import Sequence
@@ -27,17 +27,17 @@ def hop(**keys: object) -> Scenario:
 
 
 def without_host(results: Sequence[CaseResult]) -> list[CaseResult]:
-    """All but what differs from run to run."""
+    """The results without the data that differ from run to run."""
     return [msgspec.structs.replace(result, host=Host()) for result in results]
 
 
 @functools.cache
 def plain() -> CaseResult:
-    """Of the hop without a fault, run once for all that is held against it."""
+    """The result of the hop without a fault, computed once for all comparisons."""
     return run_case(hop(monitor=[ARRIVES]).cases()[0])
 
 
-def test_the_same_case_gives_the_same_result_to_the_last_bit() -> None:
+def test_the_same_case_gives_exactly_the_same_result() -> None:
     (case,) = hop(monitor=[ARRIVES]).cases()
 
     one, two = plain(), run_case(case)
@@ -81,7 +81,7 @@ def test_logs_change_nothing(bench: Bench) -> None:
         ],
     ],
 )
-def test_cases_that_go_on_from_one_branch_equal_those_run_alone(
+def test_cases_continued_from_one_branch_equal_those_run_alone(
     faults: list[dict[str, object]],
 ) -> None:
     branch = {"seed": 9, "when": "front_m > 3270"}
@@ -94,8 +94,8 @@ def test_cases_that_go_on_from_one_branch_equal_those_run_alone(
     assert len({result.chain for result in grouped}) == len(cases)
 
 
-def test_cases_of_different_faults_are_grouped_only_where_they_equal_those_run_alone() -> None:
-    """Faults of bus and process change how monitors listen, also before the branch."""
+def test_cases_with_different_faults_are_grouped_only_if_the_results_stay_equal() -> None:
+    """Faults of bus and process change the reception of the monitors, even before the branch."""
     branch = {"seed": 9, "when": "front_m > 3270"}
     faults: list[list[dict[str, object]]] = [
         [],
@@ -144,7 +144,7 @@ def test_a_fault_after_the_end_of_the_run_changes_no_frame() -> None:
     assert run_case(faulty).chain == plain().chain
 
 
-def test_faults_to_come_leave_the_rhythm_of_an_odd_cycle_alone() -> None:
+def test_future_faults_do_not_change_the_schedule_of_an_odd_cycle() -> None:
     odd = {**HOP, "duration_s": 20.0, "cycle_ms": 31.25}
     (plain,) = Scenario(name="hop", train=odd).cases()
     (faulty,) = Scenario(name="hop", train=odd, fault=late_faults()).cases()
@@ -153,13 +153,13 @@ def test_faults_to_come_leave_the_rhythm_of_an_odd_cycle_alone() -> None:
 
 
 def late_faults() -> list[dict[str, object]]:
-    """One for each place where faults act."""
+    """One fault for each place where faults act."""
     kinds = ("frame_drop", "wheel_slip", "telegram_torn", "brake_weak", "line_voltage")
     more = ("door_lock_lost", "passenger_alarm", "radio_loss", "controller_paused")
     return [{"kind": kind, "start_s": 1000.0} for kind in (*kinds, *more)]
 
 
-def test_a_controller_that_dies_fails_the_case_and_the_train_is_followed_to_its_standstill(
+def test_a_crashed_controller_fails_the_case_and_the_run_continues_to_standstill(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     decide = VobcDevice._decide
@@ -180,12 +180,12 @@ def test_a_controller_that_dies_fails_the_case_and_the_train_is_followed_to_its_
     end_m, top_mps = result.measures["front_end_m"], result.measures["speed_max_mps"]
     assert end_m is not None
     assert top_mps is not None
-    # It had left its station, and it stands well before the next one.
+    # The train had left its station and stands well before the next one.
     assert 3001.0 < end_m < 3400.0
     assert result.sim_s < 60.0
 
 
-def test_a_mistake_of_the_bench_is_no_verdict_on_the_controller(
+def test_a_bench_error_is_no_verdict_on_the_controller(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fails(self: object, stamp_ns: int, can_id: int, data: bytes) -> None:
@@ -198,7 +198,7 @@ def test_a_mistake_of_the_bench_is_no_verdict_on_the_controller(
         run_case(case)
 
 
-def test_a_mistake_of_the_bench_that_the_controller_calls_is_no_verdict_either(
+def test_a_bench_error_inside_a_controller_call_is_no_verdict_either(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fails(self: object, stamp_ns: int, can_id: int, data: bytes) -> None:
@@ -211,7 +211,7 @@ def test_a_mistake_of_the_bench_that_the_controller_calls_is_no_verdict_either(
         run_case(case)
 
 
-def test_what_does_not_fit_together_blocks_with_words() -> None:
+def test_an_inconsistent_case_is_blocked_with_a_reason() -> None:
     (case,) = hop().cases()
     setup = msgspec.structs.replace(case.setup, consist="no_such_train")
 
@@ -221,7 +221,7 @@ def test_what_does_not_fit_together_blocks_with_words() -> None:
     assert "no_such_train" in result.reason
 
 
-def test_a_train_that_stands_for_good_does_not_use_up_its_time() -> None:
+def test_a_run_ends_early_when_the_train_stands_for_good() -> None:
     (case,) = hop(fault=[{"kind": "emergency_button", "when": "front_m > 3100"}]).cases()
 
     result = run_case(case)
@@ -230,7 +230,7 @@ def test_a_train_that_stands_for_good_does_not_use_up_its_time() -> None:
     assert result.sim_s < 140.0
 
 
-def test_a_test_can_look_while_the_train_runs_and_spoil_it(bench: Bench) -> None:
+def test_a_test_can_observe_and_disturb_a_running_train(bench: Bench) -> None:
     run = bench.start(hop())
     run.run_until("speed_mps > 8", timeout_s=60.0)
     before_m = run.train.front_m
@@ -243,7 +243,7 @@ def test_a_test_can_look_while_the_train_runs_and_spoil_it(bench: Bench) -> None
     assert run.close().measures["emergency_count"] == 1.0
 
 
-def test_waiting_for_what_does_not_come_ends_with_words(bench: Bench) -> None:
+def test_waiting_in_vain_ends_with_a_reason(bench: Bench) -> None:
     run = bench.start(hop())
 
     with pytest.raises(BenchTimeoutError, match=r"speed_mps > 90: not within 5 s"):
@@ -267,14 +267,14 @@ def test_cases_travel_as_json_unchanged() -> None:
     assert msgspec.json.decode(msgspec.json.encode(case), type=Case) == case
 
 
-def test_faults_that_do_not_exist_are_refused_while_the_train_runs(bench: Bench) -> None:
+def test_unknown_faults_are_refused_during_a_run(bench: Bench) -> None:
     run = bench.start(hop())
 
     with pytest.raises(SettingsError, match="NOPE"):
         run.plan_faults({"kind": "frame_drop", "frames": "NOPE*"})
 
 
-def test_a_fault_that_acts_is_not_planned_away(bench: Bench) -> None:
+def test_an_active_fault_cannot_be_removed(bench: Bench) -> None:
     run = bench.start(hop())
     run.plan_faults({"kind": "brake_weak"})
     run.run_for(1.0)
@@ -284,10 +284,11 @@ def test_a_fault_that_acts_is_not_planned_away(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("memory_lost", [False, True])
-def test_the_centre_hears_a_controller_that_starts_again_with_or_without_its_memory(
+def test_the_centre_accepts_a_restarted_controller_with_or_without_its_memory(
     memory_lost: bool,
 ) -> None:
-    """Restarted at 6 s; 512 of what inhibits its departure is that the centre is silent."""
+    """The controller restarts at 6 s. Bit 512 of its departure inhibits means that the centre is
+    silent."""
     killed = {
         "kind": "controller_killed",
         "start_s": 5.0,

@@ -1,4 +1,5 @@
-"""The whole train on its line in virtual time: stops, limits, protection, the same bytes again."""
+"""The whole train on its line in virtual time: stops, limits, protection, and reproducible
+bytes."""
 
 import dataclasses
 import json
@@ -33,7 +34,7 @@ def options(*arguments: str) -> RunOptions:
 
 
 def lockstep(folder: Path, *arguments: str) -> RunFolder:
-    """One run in this process; its folder."""
+    """Run once in this process and return the run folder."""
     folder.mkdir()
     chosen, kept = options(*arguments), RunFolder(folder)
     ending = run_lockstep(chosen, plan_journey(chosen), kept)
@@ -56,7 +57,7 @@ def test_the_train_stops_within_ten_centimetres_at_every_station(whole_line: Run
 
 
 def test_the_true_speed_stays_under_the_civil_limit_and_its_margin(whole_line: RunFolder) -> None:
-    """For every part of the train: the limit is that of the slowest metre it stands on."""
+    """The limit of the slowest metre under the train applies to the whole train."""
     truth = read_columns(whole_line.truth_log)
     line, length_m = plan_journey(options()).line, scenario_of(options()).train.length_m
 
@@ -65,14 +66,14 @@ def test_the_true_speed_stays_under_the_civil_limit_and_its_margin(whole_line: R
         assert speed_mps < line.least_limit_mps(front_m - length_m, front_m) + WARNING_MPS, front_m
 
 
-def test_protection_never_has_to_act_on_a_healthy_run(whole_line: RunFolder) -> None:
+def test_protection_never_acts_in_a_run_without_faults(whole_line: RunFolder) -> None:
     events = supervision_events(read_columns(whole_line.cycle_log))
 
     assert [event.state for event in events][-1] == "nominal"
     assert {event.state for event in events} == {"no_authority", "nominal"}
 
 
-def test_the_position_interval_holds_the_truth_all_the_way(whole_line: RunFolder) -> None:
+def test_the_position_interval_always_holds_the_truth(whole_line: RunFolder) -> None:
     cycles, truth = read_columns(whole_line.cycle_log), read_columns(whole_line.truth_log)
     true_m = dict(zip(truth.texts("t_s"), truth.numbers("front_m").tolist(), strict=True))
     checked = 0
@@ -109,7 +110,7 @@ def test_doors_open_only_where_the_train_stands_at_a_platform(whole_line: RunFol
     assert opened > 4 * 20, "they open at all four stations"
 
 
-def test_every_frame_of_the_log_can_be_read_and_none_is_out_of_order(whole_line: RunFolder) -> None:
+def test_every_frame_of_the_log_is_readable_and_in_order(whole_line: RunFolder) -> None:
     log = read_candump(whole_line.bus_log)
     stamps_ns = [logged.frame.stamp_ns for logged in log]
 
@@ -120,10 +121,11 @@ def test_every_frame_of_the_log_can_be_read_and_none_is_out_of_order(whole_line:
 
 @pytest.mark.parametrize("brake", ["florence4", "florence4_fixed_delay"])
 @pytest.mark.parametrize(("error", "load"), [("-0.01", "0"), ("0.05", "1"), ("0.02", "0.5")])
-def test_odometer_error_load_and_brake_delay_do_not_move_the_stop(
+def test_odometer_error_load_and_brake_delay_do_not_shift_the_stop(
     tmp_path: Path, brake: str, error: str, load: str
 ) -> None:
-    """A sample of what `make bench` sweeps in full: station I after 1500 m, 70 km/h and a climb."""
+    """This is a sample of the sweep of `make bench`: station I after 1500 m, 70 km/h and a
+    climb."""
     arguments = ["--to", "I", "--consist", brake, "--odometer-error", error, "--load-ratio", load]
     folder = lockstep(tmp_path / "run", *arguments, "--seed", "11")
 
@@ -135,8 +137,8 @@ def test_odometer_error_load_and_brake_delay_do_not_move_the_stop(
     assert abs(stop.error_m) <= TOLERANCE_M
 
 
-def test_the_ideal_train_rides_within_the_papers_limits(tmp_path: Path) -> None:
-    """Allotta et al. 2013, table 1. A filter of second order overshoots a ramp by 4.3 %."""
+def test_the_ideal_train_stays_within_the_published_limits(tmp_path: Path) -> None:
+    """[Allotta 2013], table 1. A second-order filter overshoots a ramp by 4.3 %."""
     folder = lockstep(tmp_path / "run", "--consist", "florence4_ideal", *HOP)
 
     ride = measure_ride(read_columns(folder.truth_log))
@@ -146,7 +148,7 @@ def test_the_ideal_train_rides_within_the_papers_limits(tmp_path: Path) -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes_in_a_fresh_process_under_load(tmp_path: Path) -> None:
-    """Once here, and once in a process of its own that has to share its processor."""
+    """One run is in this process, the other in a new process on a loaded processor."""
     here = lockstep(tmp_path / "here", *HOP, "--seed", "5")
     command = [sys.executable, "-m", "metro_hil.cli.vobc", "run", "--lockstep", *HOP]
     busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
@@ -177,7 +179,7 @@ def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:
 
 
 def test_a_short_authority_is_never_passed() -> None:
-    """The wayside lets the train go only as far as the overlap behind the station it stands at."""
+    """The wayside lets the train go only as far as the overlap behind its present station."""
     chosen = options(*HOP)
     scenario = scenario_of(chosen)
     short = dataclasses.replace(scenario, destination=scenario.start)
@@ -191,8 +193,9 @@ def test_a_short_authority_is_never_passed() -> None:
     assert scenario.start.stop_m < bench.plant.world.consist.front_m < end_m
 
 
-def test_a_controller_that_falls_silent_leaves_a_train_that_brakes_by_itself() -> None:
-    """Nothing is said any more at 40 km/h; the train stands within its emergency brake's way."""
+def test_a_train_with_a_silent_controller_brakes_by_itself() -> None:
+    """The controller stops sending at 40 km/h; the train stands within its emergency braking
+    distance."""
     chosen = options(*HOP)
     bench = Lockstep(config_of(chosen), scenario_of(chosen), plan_journey(chosen))
     bench.run(20.0)
@@ -204,12 +207,12 @@ def test_a_controller_that_falls_silent_leaves_a_train_that_brakes_by_itself() -
     run([bench.plant.executive], bench.clock, lambda now_ns: now_ns >= until_ns)
 
     assert world.speed_mps == 0.0
-    # Commands count as lost after 150 ms; 0.9 m/s² is less than any emergency brake gives.
+    # Commands count as lost after 150 ms; every emergency brake gives more than 0.9 m/s².
     assert world.consist.front_m - at_m < speed_mps * 1.5 + speed_mps**2 / (2.0 * 0.9)
 
 
 class MutePort:
-    """A node that is cut off from its bus."""
+    """The port of a node that is disconnected from its bus."""
 
     counters = LinkCounters()
 
@@ -222,7 +225,7 @@ class MutePort:
     def close(self) -> None: ...
 
 
-def test_a_train_that_loses_its_odometer_on_the_way_is_stopped_and_kept(
+def test_a_train_that_loses_its_odometer_is_stopped_and_held(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     chosen = options(*HOP)
@@ -239,10 +242,11 @@ def test_a_train_that_loses_its_odometer_on_the_way_is_stopped_and_kept(
 
 
 @pytest.mark.parametrize("seed", ["89", "253"])
-def test_doors_open_where_the_last_tag_before_the_mark_was_told_late(
+def test_doors_open_although_the_last_tag_before_the_mark_was_reported_late(
     tmp_path: Path, seed: str
 ) -> None:
-    """A cycle of 100 ms, tags that lie 4 cm off, and the one at the mark is not reached."""
+    """The cycle takes 100 ms and tags are displaced by 4 cm, so the train does not reach the one
+    at the mark."""
     run = lockstep(tmp_path / "run", *HOP, "--cycle-ms", "100", "--seed", seed)
 
     cycles = read_columns(run.cycle_log)

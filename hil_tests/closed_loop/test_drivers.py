@@ -1,4 +1,4 @@
-"""Models of drivers at the desk of a train whose controller supervises them."""
+"""Driver models at the desk of a train that the controller supervises."""
 
 from functools import cache
 
@@ -14,7 +14,7 @@ END_S = 90.0
 
 @cache
 def driven(name: str) -> tuple[frozenset[Supervision], float, float]:
-    """All that protection did, and the front and the end of its authority at the end."""
+    """All supervision states, and the final front and end of authority."""
     options = parse(
         ["run", "--lockstep", "--from", "II", "--to", "III", "--desk", "manual", "--driver", name]
     )
@@ -31,15 +31,15 @@ def driven(name: str) -> tuple[frozenset[Supervision], float, float]:
     return frozenset(seen), plant.world.front_m, plant.authority_end_m
 
 
-def test_an_obedient_driver_gets_there_without_protection_stepping_in() -> None:
+def test_an_obedient_driver_arrives_without_intervention_of_protection() -> None:
     seen, front_m, _ = driven("obedient")
-    # The output of a controller that has not run yet is the safe one.
+    # Before its first cycle a controller sends the safe output.
     assert seen <= {Supervision.EMERGENCY, Supervision.NO_AUTHORITY, Supervision.NOMINAL}
     assert front_m > 3500.0
 
 
 @pytest.mark.parametrize("name", ["reckless", "late"])
-def test_who_goes_too_far_is_braked_and_never_passes_the_end(name: str) -> None:
+def test_a_reckless_driver_is_braked_and_never_passes_the_end_of_authority(name: str) -> None:
     seen, front_m, end_m = driven(name)
     assert Supervision.SERVICE in seen
     assert 3250.0 < front_m <= end_m

@@ -1,4 +1,4 @@
-"""A sample of `hil run energy`: friction where it must, and low voltage without harm."""
+"""A sample of `hil run energy`: friction braking where necessary, and low voltage without harm."""
 
 from pathlib import Path
 

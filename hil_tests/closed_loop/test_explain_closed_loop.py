@@ -1,4 +1,4 @@
-"""The events of whole runs: on the bus, in the log, and each with frames that really were there."""
+"""Events of whole runs: on the bus and in the log, each with frames that were really sent."""
 
 import json
 from collections import Counter
@@ -18,12 +18,12 @@ from metro_hil.report.explain.known import known_at
 
 Sent = tuple[float, int, bytes]
 TICK_S = 1e-3
-"""Stamps of the log are cut to microseconds."""
+"""Resolution of the log's stamps, which are truncated to microseconds, as a tolerance in s."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """From II to III in virtual time."""
+    """The folder of a run from II to III in virtual time."""
     path = tmp_path_factory.mktemp("explain") / "run"
     assert main(["run", "--lockstep", "--from", "II", "--to", "III", "--out", str(path)]) == 0
     return path
@@ -38,7 +38,7 @@ def on_the_bus(folder: Path) -> list[Sent]:
     return frames
 
 
-def test_the_bus_tells_the_same_events_as_the_log(folder: Path) -> None:
+def test_the_bus_carries_the_same_events_as_the_log(folder: Path) -> None:
     decoder = Decoder([VobcEvent])
     heard = [
         decoder.decode(can_id, data, 0)
@@ -55,7 +55,7 @@ def test_the_bus_tells_the_same_events_as_the_log(folder: Path) -> None:
     ]  # fmt: skip
 
 
-def test_every_frame_that_an_event_names_was_on_the_bus_before_it(folder: Path) -> None:
+def test_every_frame_named_by_an_event_was_on_the_bus_before_it(folder: Path) -> None:
     frames: dict[tuple[int, bytes], list[float]] = {}
     for stamp_s, can_id, data in on_the_bus(folder):
         frames.setdefault((can_id, data), []).append(stamp_s)
@@ -76,7 +76,7 @@ def test_every_frame_that_an_event_names_was_on_the_bus_before_it(folder: Path) 
     assert len(checked) >= 6
 
 
-def test_every_frame_that_an_event_names_is_found_in_the_bus_log(folder: Path) -> None:
+def test_every_frame_named_by_an_event_is_in_the_bus_log(folder: Path) -> None:
     lines = (folder / "bus.log").read_text(encoding="ascii").splitlines()
     found = 0
 
@@ -94,7 +94,7 @@ def test_every_frame_that_an_event_names_is_found_in_the_bus_log(folder: Path) -
     assert found > 20
 
 
-def test_a_driverless_run_tells_its_whole_story(folder: Path) -> None:
+def test_a_driverless_run_has_a_complete_event_log(folder: Path) -> None:
     kinds = Counter(event.kind for event in read_story(folder).events)
 
     assert kinds["EMERGENCY_APPLIED"] == kinds["SERVICE_BRAKE"] == 0
@@ -103,7 +103,7 @@ def test_a_driverless_run_tells_its_whole_story(folder: Path) -> None:
     assert kinds["MODE"] >= 2
 
 
-def test_the_same_run_tells_the_same_story(folder: Path, tmp_path: Path) -> None:
+def test_the_same_run_has_the_same_event_log(folder: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     main(["run", "--lockstep", "--from", "II", "--to", "III", "--out", str(again)])
 
@@ -111,7 +111,7 @@ def test_the_same_run_tells_the_same_story(folder: Path, tmp_path: Path) -> None
         assert (again / name).read_bytes() == (folder / name).read_bytes()
 
 
-def test_what_was_known_fits_the_cycle(folder: Path) -> None:
+def test_the_inputs_of_an_event_fit_its_cycle(folder: Path) -> None:
     known = known_at(RunFolder(folder), 30.01)
 
     assert float(known.cycle["t_s"]) == pytest.approx(30.0)

@@ -1,4 +1,4 @@
-"""Inputs that show nothing, or the opposite, and once came out green: none of them passes."""
+"""Inputs without evidence, or with the opposite, that once came out green: none of them passes."""
 
 import json
 from collections.abc import Callable
@@ -111,7 +111,7 @@ def outcomes(pytester: pytest.Pytester, body: str) -> tuple[dict[str, int], str]
 
 
 @pytest.mark.parametrize("name", BY_FIXTURE)
-def test_the_fixture_fails_a_test_that_overlooks_what_its_runs_show(
+def test_the_fixture_fails_a_test_that_ignores_a_failed_run(
     pytester: pytest.Pytester, name: str
 ) -> None:
     counts, said = outcomes(pytester, BY_FIXTURE[name])
@@ -119,7 +119,7 @@ def test_the_fixture_fails_a_test_that_overlooks_what_its_runs_show(
     assert counts == {"failed": 1}, said
 
 
-def test_what_a_test_expects_and_what_is_in_order_passes(pytester: pytest.Pytester) -> None:
+def test_expected_failures_and_correct_runs_pass(pytester: pytest.Pytester) -> None:
     body = """
 def test_expected(bench):
     bench.start(Scenario(train=TRAIN, monitor=[BROKEN]), expect="broken").run_for(1.0)
@@ -136,7 +136,7 @@ def test_not_to_begin(bench):
     assert outcomes(pytester, body)[0] == {"passed": 3}
 
 
-def test_the_failure_of_the_test_itself_comes_first(pytester: pytest.Pytester) -> None:
+def test_the_failure_of_the_test_itself_is_reported_first(pytester: pytest.Pytester) -> None:
     body = """
 def test_it(bench):
     bench.start(Scenario(train=TRAIN, monitor=[BROKEN])).run_for(1.0)
@@ -157,7 +157,7 @@ def test_skipped(bench):
 
 
 def beats(*, tacho_until_ms: int = 2000, brake: bool = True) -> Frames:
-    """Two messages of the bus with their cycle times; all others never come."""
+    """Two messages of the bus at their cycle times; all others are missing."""
     tacho = [(at * MS, can_id(Tacho), 0, "c", bytes(8)) for at in range(0, tacho_until_ms, 20)]
     brakes = [(at * MS, can_id(BrakeCommand), 0, "c", bytes(8)) for at in range(0, 2000, 50)]
     return from_rows(sorted([*tacho, *(brakes if brake else [])]))
@@ -210,13 +210,13 @@ BY_CANLOG: dict[str, tuple[Callable[[Path], Path], tuple[str, ...], int]] = {
 
 
 @pytest.mark.parametrize("name", BY_CANLOG)
-def test_canlog_stats_passes_no_log_that_proves_nothing(tmp_path: Path, name: str) -> None:
+def test_canlog_stats_passes_no_log_without_evidence(tmp_path: Path, name: str) -> None:
     write, rules, code = BY_CANLOG[name]
 
     assert canlog(["stats", str(write(tmp_path)), *rules]) == code
 
 
-def test_a_log_in_order_passes_the_rules_that_judge_it(tmp_path: Path) -> None:
+def test_a_correct_log_passes_its_rules(tmp_path: Path) -> None:
     log = str(a_log(tmp_path))
 
     for rule in ("TACHO: missing > 0", "BRAKE_CMD: stale > 0", "bus_load_ratio > 0.9"):
@@ -224,7 +224,7 @@ def test_a_log_in_order_passes_the_rules_that_judge_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "once upon a time\n"])
-def test_nothing_is_written_from_a_file_without_a_frame(tmp_path: Path, text: str) -> None:
+def test_a_file_without_a_frame_is_not_converted(tmp_path: Path, text: str) -> None:
     source, target = of_text(text)(tmp_path), tmp_path / "y.blf"
 
     assert canlog(["convert", str(source), str(target)]) == 2
@@ -272,7 +272,7 @@ def compared(tmp_path: Path, a: Campaign, b: Campaign, *words: str) -> int:
 
 
 @pytest.mark.parametrize("name", BY_COMPARE)
-def test_a_comparison_fails_on_worse_unless_it_shows_that_nothing_is(
+def test_a_comparison_that_fails_on_worse_needs_evidence_that_nothing_is_worse(
     tmp_path: Path, name: str
 ) -> None:
     assert compared(tmp_path, *BY_COMPARE[name], "--fail-on-worse") == 1
@@ -284,7 +284,7 @@ def test_a_comparison_that_shows_that_nothing_is_worse_passes(tmp_path: Path) ->
     assert compared(tmp_path, campaign_of({"stop": [1.0] * 9}), better, "--fail-on-worse") == 0
 
 
-def test_a_smallest_difference_that_is_none_is_wrong_usage(
+def test_an_invalid_smallest_difference_is_a_usage_error(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one = campaign_of({"stop": [1.0]})
@@ -294,7 +294,7 @@ def test_a_smallest_difference_that_is_none_is_wrong_usage(
     assert said == "hil: --relevant 'm=small' is not UNIT=NUMBER, such as m=0.01\n"
 
 
-def test_a_line_that_ends_before_the_takeover_that_it_ordered_is_invalid(
+def test_a_line_that_ends_before_its_ordered_takeover_is_invalid(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--trains", "3", "--bench", "lockstep", "--for", "3.1", "--kill-master-at", "3"]

@@ -1,4 +1,4 @@
-"""Faults in the whole loop: they strike, they disturb nothing else, and a run stays a function."""
+"""Faults in the closed loop: they act, they disturb nothing else, and runs stay reproducible."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -75,24 +75,24 @@ def healthy() -> Run:
     return run()
 
 
-def test_truth_is_told_at_the_start_and_after_every_step(healthy: Run) -> None:
+def test_the_truth_is_reported_at_the_start_and_after_every_step(healthy: Run) -> None:
     assert healthy.instants_ns == [10_000_000 * step for step in range(round(END_S * 100))]
     assert [sample["t_s"] for sample in healthy.samples[:3]] == [0.0, 0.01, 0.02]
     assert healthy.samples[-1]["front_m"] > healthy.samples[0]["front_m"] + 50.0
 
 
-def test_the_authority_is_the_trains_front_until_there_is_one(healthy: Run) -> None:
+def test_without_an_authority_its_end_is_the_trains_front(healthy: Run) -> None:
     assert healthy.samples[0]["authority_end_m"] == healthy.samples[0]["front_m"]
     assert healthy.bench is not None
     assert healthy.samples[-1]["authority_end_m"] == healthy.bench.plant.zone.end_m
 
 
-def test_watching_a_run_does_not_change_it(healthy: Run) -> None:
+def test_an_observer_does_not_change_a_run(healthy: Run) -> None:
     assert run(watched=False).chain == healthy.chain
 
 
-def test_faults_that_begin_after_the_end_leave_every_frame_as_it_was(healthy: Run) -> None:
-    """Of all kinds that the plant brings about, at once."""
+def test_faults_after_the_end_change_no_frame(healthy: Run) -> None:
+    """All kinds that the plant causes are scheduled at once."""
     late = run(*({"kind": kind, "start_s": END_S + 1.0} for kind in PLANT_KINDS))
     assert late.chain == healthy.chain
     assert late.changes == []
@@ -122,13 +122,13 @@ def test_faults_of_loops_give_the_same_frames_and_none_before_they_begin() -> No
     assert len(one.changes) == 6
 
 
-def test_a_fault_begins_with_the_frames_of_its_instant_and_is_told_with_it() -> None:
+def test_a_fault_begins_with_the_frames_of_its_instant_and_is_reported_then() -> None:
     struck = run({"kind": "passenger_alarm", "start_s": 20.0, "end_s": 20.5})
     assert struck.changes == [("passenger_alarm", True, 20.0), ("passenger_alarm", False, 20.5)]
 
 
-def test_faults_of_bus_and_process_are_only_told(healthy: Run) -> None:
-    """The plant alone brings nothing of them about."""
+def test_faults_of_bus_and_process_are_only_reported(healthy: Run) -> None:
+    """The plant alone does not cause these faults."""
     struck = run({"kind": "clock_step", "step_s": 0.0, "when": "speed_mps > 3", "end_s": 24.0})
     ((_, began, at_s), (_, ended, end_s)) = struck.changes
     assert (began, ended, end_s) == (True, False, 24.0)
@@ -137,7 +137,7 @@ def test_faults_of_bus_and_process_are_only_told(healthy: Run) -> None:
 
 
 def test_a_runaway_is_stopped_by_protection() -> None:
-    """Acceptance: the emergency brake by 8 km/h over the limit, and traction cut within 0.3 s."""
+    """Acceptance: the emergency brake at 8 km/h above the limit, and traction cut within 0.3 s."""
     fault = {"kind": "traction_runaway", "when": "speed_mps > 16", "accel_mps2": 1.0}
     struck = run(fault, duration_s=60.0)
     began_s = struck.changes[0][2]
@@ -150,7 +150,7 @@ def test_a_runaway_is_stopped_by_protection() -> None:
     assert struck.samples[-1]["speed_mps"] == 0.0
 
 
-def test_a_lost_supply_is_lost_effort(healthy: Run) -> None:
+def test_a_lost_supply_cuts_effort(healthy: Run) -> None:
     dark = run({"kind": "line_voltage", "voltage_v": 0.0, "start_s": 10.0, "end_s": 20.0})
     assert healthy.at(19.0)["drive_n"] != 0.0 or healthy.at(12.0)["drive_n"] != 0.0
     assert {dark.at(t_s)["drive_n"] for t_s in (10.5, 15.0, 19.9)} == {0.0}
@@ -163,7 +163,7 @@ def test_without_radio_there_is_no_authority_and_no_motion() -> None:
     assert struck.samples[-1]["front_m"] == struck.samples[0]["front_m"]
 
 
-def test_without_the_serial_line_tags_are_read_and_not_heard(healthy: Run) -> None:
+def test_without_the_serial_line_tags_are_read_but_not_received(healthy: Run) -> None:
     struck = run({"kind": "serial_cut"})
     assert struck.bench is not None
     assert struck.bench.plant.world.tag_reader.tags_read > 0

@@ -1,4 +1,4 @@
-"""The first scenario of the guide to campaigns, as a reader copies it from there."""
+"""The first scenario of the campaign guide, exactly as a reader copies it."""
 
 import re
 import tomllib
@@ -23,7 +23,7 @@ def block() -> str:
 
 @pytest.mark.parametrize("index", [0, -1], ids=["weakest runaway", "strongest runaway"])
 def test_the_scenario_of_the_guide_passes_on_evidence(index: int) -> None:
-    """Emergency brake, faults and requirement are all shown by the run."""
+    """The run shows the emergency brake, the faults and the requirement."""
     case = plan_cases(define(tomllib.loads(block()), source="guide", name="guide").campaign)[index]
 
     result = run_case(case)

@@ -1,4 +1,4 @@
-"""The acceptance campaign: what it claims to show, and that its quickest scenarios show it."""
+"""The acceptance campaign: its claims, and evidence from its quickest scenarios."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from plant_emulator.process import TRUTH_COLUMNS
 LEAST_SCENARIOS = 60
 ROWS = {f"{row:02d}" for row in (*range(1, 15), *range(25, 30))}
 NOT_MET = {"felt-jerk-2hz", "signalled-stop-gap"}
-"""What the product does not do today; a scenario that joins or leaves them is noticed here."""
+"""Scenarios that the product fails today; the tests notice when one joins or leaves them."""
 PHASES = 10
 CYCLE_S = 0.05
 
@@ -49,7 +49,7 @@ def rows_of(plan: ScenarioPlan) -> set[str]:
     return {name.removeprefix("ACC-") for name in plan.requirements if name.startswith("ACC-")}
 
 
-def test_every_scenario_has_a_speaking_name_and_the_row_that_it_states(campaign: Campaign) -> None:
+def test_every_scenario_has_a_descriptive_name_and_names_its_row(campaign: Campaign) -> None:
     for plan in campaign.scenarios:
         assert re.fullmatch(r"[a-z]+(-[a-z0-9]+)*", plan.name), plan.name
         assert not plan.name.startswith("acc-"), plan.name
@@ -69,11 +69,11 @@ def test_every_requirement_that_is_named_exists(cases: Mapping[str, Case]) -> No
     assert named <= set(known)
 
 
-def test_every_scenario_has_criteria_of_its_own(cases: Mapping[str, Case]) -> None:
+def test_every_scenario_has_its_own_criteria(cases: Mapping[str, Case]) -> None:
     assert [case.id for case in cases.values() if not case.monitors] == []
 
 
-def test_what_is_not_met_is_known_by_name(campaign: Campaign) -> None:
+def test_scenarios_that_are_not_met_are_listed_by_name(campaign: Campaign) -> None:
     assert {plan.name for plan in campaign.scenarios if plan.expected} == NOT_MET
     assert all(each.margin_min for plan in campaign.scenarios for each in plan.expected)
 
@@ -89,7 +89,7 @@ def test_fixed_brake_delay_takes_the_21_runs_of_its_row(cases: Mapping[str, Case
     assert len(setups) == 21
 
 
-def test_every_run_with_drawn_brake_delays_has_a_seed_of_its_own(cases: Mapping[str, Case]) -> None:
+def test_every_run_with_random_brake_delays_has_its_own_seed(cases: Mapping[str, Case]) -> None:
     seeds = [case.seed for case in cases.values() if case.scenario == "odometer-error-random-delay"]
 
     assert len(seeds) == len(set(seeds)) == 20
@@ -106,7 +106,7 @@ def test_every_run_with_drawn_brake_delays_has_a_seed_of_its_own(cases: Mapping[
         "bus-babbling",
     ],
 )
-def test_faults_of_the_bus_begin_everywhere_in_the_cycle(
+def test_bus_faults_begin_in_every_phase_of_the_cycle(
     campaign: Campaign, cases: Mapping[str, Case], name: str
 ) -> None:
     assert not scenario(campaign, name).expected
@@ -143,7 +143,7 @@ def test_the_quickest_come_out_as_the_campaign_says(
     assert as_expected(cases[case_id], result), result.reason
 
 
-# The measures that the criteria are stated in, on rows written by hand.
+# The measures of the criteria, on rows written by hand.
 
 LOCKED = int(DoorState.LOCKED)
 
@@ -155,7 +155,7 @@ def rows(
     emergency: Sequence[bool] | None = None,
     door_right: Sequence[int] | None = None,
 ) -> Columns:
-    """A truth log with a row each second; what is not given is zero, and doors are locked."""
+    """A truth log with a row each second. Missing columns are zero, and doors are locked."""
     count = len(front_m)
     given: dict[str, Sequence[object]] = {
         "t_s": range(count),
@@ -169,7 +169,7 @@ def rows(
     return Columns.of_rows("truth", TRUTH_COLUMNS, list(zip(*columns, strict=True)))
 
 
-def test_the_emergency_way_counts_from_the_row_before_it_came_on_to_standstill() -> None:
+def test_the_emergency_distance_counts_from_the_row_before_the_brake_to_standstill() -> None:
     measures = motion_measures(
         rows(
             front_m=[0.0, 10.0, 20.0, 28.0, 30.0, 30.0],
@@ -183,7 +183,7 @@ def test_the_emergency_way_counts_from_the_row_before_it_came_on_to_standstill()
     assert measures["emergency_speed_mps"] == 9.0
 
 
-def test_of_several_emergencies_the_longest_way_and_the_greatest_speed_count() -> None:
+def test_of_several_emergencies_the_longest_distance_and_the_highest_speed_count() -> None:
     measures = motion_measures(
         rows(
             front_m=[0.0, 5.0, 8.0, 8.0, 9.0, 19.0, 40.0],
@@ -197,7 +197,7 @@ def test_of_several_emergencies_the_longest_way_and_the_greatest_speed_count() -
     assert measures["emergency_speed_mps"] == 12.0
 
 
-def test_a_train_that_never_came_to_rest_has_no_emergency_way() -> None:
+def test_a_train_that_never_came_to_rest_has_no_emergency_distance() -> None:
     measures = motion_measures(
         rows(
             front_m=[0.0, 10.0, 19.0],
@@ -211,7 +211,7 @@ def test_a_train_that_never_came_to_rest_has_no_emergency_way() -> None:
     assert measures["emergency_speed_mps"] == 10.0
 
 
-def test_an_emergency_at_standstill_has_neither_way_nor_speed() -> None:
+def test_an_emergency_at_standstill_has_neither_distance_nor_speed() -> None:
     measures = motion_measures(
         rows(front_m=[0.0, 0.0], speed_mps=[0.0, 0.0], emergency=[False, True]), ()
     )
@@ -221,7 +221,7 @@ def test_an_emergency_at_standstill_has_neither_way_nor_speed() -> None:
     assert measures["emergency_count"] == 1.0
 
 
-def test_rollback_counts_from_the_foremost_place_so_far() -> None:
+def test_rollback_counts_from_the_foremost_position() -> None:
     measures = motion_measures(
         rows(front_m=[0.0, 1.0, 0.75, 3.0, 2.5], speed_mps=[1.0, 1.0, -0.5, 2.0, -0.5]), ()
     )
@@ -229,7 +229,7 @@ def test_rollback_counts_from_the_foremost_place_so_far() -> None:
     assert measures["rollback_m"] == 0.5
 
 
-def test_speed_with_open_doors_is_the_greatest_either_way() -> None:
+def test_speed_with_open_doors_is_the_highest_in_either_direction() -> None:
     opening = int(DoorState.OPENING)
 
     measures = motion_measures(

@@ -1,4 +1,4 @@
-"""`hil search` on the bench: any number of processes finds the same, and worst cases repeat."""
+"""`hil search` finds the same with any number of processes, and its worst cases repeat."""
 
 import json
 from pathlib import Path
@@ -72,7 +72,7 @@ def test_the_worst_cases_repeat_with_the_same_margins(
         (["--monitor", "top sped", "--budget", "1"], "hil: --monitor top sped: nearest"),
     ],
 )
-def test_a_wrong_wish_is_one_line(
+def test_a_wrong_option_is_one_line(
     words: list[str],
     said: str,
     campaign: Path,

@@ -1,4 +1,4 @@
-"""Ctrl-C in virtual time: exit code 130, and what is known until then is printed and written."""
+"""Ctrl-C in virtual time: exit code 130, and the results so far are printed and written."""
 
 import json
 import multiprocessing
@@ -19,7 +19,7 @@ AT_NS = 20_000_000_000
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_ride_is_measured_and_written(
+def test_an_interrupted_run_is_measured_and_written(
     number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     watch = Lockstep._watch
@@ -66,7 +66,7 @@ def test_an_interrupted_line_reports_every_train(after: int, processors: int) ->
     assert multiprocessing.active_children() == []
 
 
-def test_an_interrupted_line_is_written_with_what_it_came_to(
+def test_an_interrupted_line_is_written_with_its_results_so_far(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from rich.status import Status

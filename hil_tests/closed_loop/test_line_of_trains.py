@@ -1,4 +1,4 @@
-"""Whole trains with their controllers on one line: the same bytes anywhere, and room between."""
+"""Trains with their controllers on one line: reproducible bytes, and distance between trains."""
 
 import os
 from pathlib import Path
@@ -12,8 +12,8 @@ from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, IntervalReport
 LENGTH_M = 78.08
 
 
-def test_processes_change_no_byte(tmp_path: Path) -> None:
-    """Logs are of one of the two only: they change nothing either."""
+def test_the_number_of_processes_changes_no_byte(tmp_path: Path) -> None:
+    """Only one of the two runs writes logs, which change nothing either."""
     plan = plan_line(line="changping", trains=3, consist=None, params=None, seed=5, law="green")
     folders = [tmp_path / f"train{start.train}" for start in plan.starts]
     for folder in folders:
@@ -32,8 +32,9 @@ def test_processes_change_no_byte(tmp_path: Path) -> None:
     assert abs(metered_j / here.books.trains_j - 1.0) < 1e-9
 
 
-def test_the_voltage_at_the_pantograph_is_what_the_bus_says(tmp_path: Path) -> None:
-    """LINE_SUPPLY of one train, decoded from its log, against what the network answered."""
+def test_the_bus_reports_the_voltage_at_the_pantograph(tmp_path: Path) -> None:
+    """The test decodes LINE_SUPPLY of one train from its log and compares it with the network's
+    voltage."""
     plan = plan_line(line="changping", trains=1, consist=None, params=None, seed=1)
     (tmp_path / "train1").mkdir()
 
@@ -91,7 +92,7 @@ def test_a_train_whose_process_ends_is_named_with_its_exit_code(
     ("trains", "processors", "sizes"),
     [(7, 1, [7]), (7, 2, [4, 3]), (7, 4, [2, 2, 2, 1]), (7, 16, [1] * 7), (1, 2, [1])],
 )
-def test_no_processor_has_more_trains_than_it_must(
+def test_trains_are_spread_evenly_over_processors(
     trains: int, processors: int, sizes: list[int]
 ) -> None:
     found = groups(trains, processors)

@@ -1,4 +1,4 @@
-"""Monitors over real runs: silent where all is well, awake where something is not."""
+"""Monitors in real runs: they pass a correct run and detect violations."""
 
 from typing import Any
 
@@ -16,21 +16,21 @@ def run(setup: Setup = HOP, seed: int = 1, **more: Any) -> CaseResult:
 
 
 def shown(result: CaseResult) -> dict[str, MonitorResult]:
-    """Those that saw their premise."""
+    """The monitors whose premise held."""
     return {each.name: each for each in result.monitors if each.verdict is not Verdict.VACUOUS}
 
 
 @pytest.mark.parametrize(
     ("odometer_error", "load_ratio", "seed"), [(0.05, 1.0, 1), (-0.01, 0.0, 2)]
 )
-def test_a_run_in_order_violates_nothing(
+def test_a_correct_run_violates_no_monitor(
     odometer_error: float, load_ratio: float, seed: int
 ) -> None:
     setup = Setup(start="II", end="III", odometer_error=odometer_error, load_ratio=load_ratio)
     result = run(setup, seed)
 
     assert {each.verdict for each in shown(result).values()} == {Verdict.PASS}
-    # Nothing goes wrong, so nothing can be shown of what has to happen then.
+    # No fault occurs, so no reaction to a fault can be shown.
     silent = {each.name for each in WATCHED} - set(shown(result))
     assert silent == {
         "inv-03-emergency-at-curve",
@@ -51,15 +51,15 @@ def test_a_run_in_order_violates_nothing(
 
 
 @pytest.mark.parametrize("cycle_ms", [100.0, 200.0])
-def test_a_slow_controller_knows_its_place_and_arrives(cycle_ms: float) -> None:
+def test_a_controller_with_a_long_cycle_keeps_its_position_and_arrives(cycle_ms: float) -> None:
     result = run(Setup(start="II", end="III", cycle_ms=cycle_ms, duration_s=90.0))
 
     assert {each.verdict for each in shown(result).values()} == {Verdict.PASS}
     assert result.measures["arrived_count"] == 1.0
 
 
-def test_a_runaway_shows_what_the_emergency_brake_is_held_to() -> None:
-    """The paper's worst case: traction pushes with 1 m/s² until it is cut."""
+def test_a_runaway_exercises_the_emergency_brake_monitors() -> None:
+    """The published worst case: traction pushes with 1 m/s² until it is cut."""
     fault = {"kind": "traction_runaway", "when": "speed_mps > 12", "accel_mps2": 1.0}
     stl = "always(emergency and speed_mps > 1 -> eventually[0:0.3](drive_n <= 0))"
     result = run(faults=(fault,), monitors=({"stl": stl, "name": "cut", "unit": "N"},))
@@ -70,7 +70,7 @@ def test_a_runaway_shows_what_the_emergency_brake_is_held_to() -> None:
     margin_s = seen["inv-06-traction-off"].margin
     assert margin_s is not None
     assert 0.0 <= margin_s < 0.3
-    # Less was left than in a run in order, where the authority reaches 60 m past the stop.
+    # The margin is smaller than in a correct run, where the authority reaches 60 m past the stop.
     margin_m = seen["inv-01-stopping-distance"].margin
     assert margin_m is not None
     assert 0.0 < margin_m < 60.0
@@ -86,10 +86,10 @@ def test_the_run_ends_at_the_first_violation() -> None:
     assert slow.at_s == pytest.approx(result.sim_s, abs=0.1)
 
 
-def test_a_wheel_far_from_what_was_declared_puts_the_front_outside_its_interval() -> None:
-    """Pulses come 20 % too rarely; declared are 1 % too rarely to 5 % too often.
+def test_a_wheel_beyond_its_declared_error_puts_the_front_outside_its_interval() -> None:
+    """Pulses come 20 % too rarely; the declared range is 1 % too rarely to 5 % too often.
 
-    The radar alone would hold the place, so it errs alike.
+    The radar has the same error, because otherwise it alone would keep the position correct.
     """
     result = run(
         Setup(start="II", end="III", odometer_error=-0.2, duration_s=60.0),

@@ -1,4 +1,5 @@
-"""One hop behind each output stage in virtual time: where it stops, what leaves, the same bytes."""
+"""One hop behind each output stage in virtual time: stopping place, output, and reproducible
+bytes."""
 
 import itertools
 from pathlib import Path
@@ -21,14 +22,14 @@ from vobc.ato.settings.output import STAGES
 from vobc.cli import EXIT_USAGE
 
 TRAINS = {"current_loop": ("--consist", "florence4_loop")}
-"""The stages that the default train would not follow."""
+"""Trains for output stages that the default train does not follow."""
 WINDOW_M = 0.30
 JERK_MPS3 = 0.75
-"""What a hop may feel like; behind notches the stop itself may jolt, what is commanded may not."""
+"""Jerk limit of the hop. With notches the stop itself may exceed it, the demand may not."""
 CHANGES_MAX = 15
-"""Of the notch of the brake, for a stop."""
+"""Limit for the changes of the brake notch during a stop."""
 RESOLUTION_MPS2 = 1e-3
-"""Of a demand on the bus."""
+"""Resolution of a demand on the bus."""
 
 
 def hop(folder: Path, *arguments: str) -> RunFolder:
@@ -60,7 +61,7 @@ def test_behind_every_stage_the_train_stops_in_its_window(
         assert measure_ride(truth).max_jerk_mps3 <= JERK_MPS3
 
 
-def test_in_notches_the_demand_rests_on_notches_and_ramps_between_them(
+def test_with_notches_the_demand_settles_on_notches_and_ramps_between_them(
     hops: dict[str, RunFolder],
 ) -> None:
     output = config_of(parse(["run", "--lockstep"])).ato.output
@@ -86,9 +87,10 @@ def test_in_notches_the_demand_rests_on_notches_and_ramps_between_them(
 
 
 def test_the_units_follow_their_loops_and_not_the_bus(hops: dict[str, RunFolder]) -> None:
-    """What the loops carry is a demand in mA beside each protected one, and never without it."""
+    """The loops carry a current beside each protected demand, and never without one."""
     decoder, shares = Decoder([AnalogueCommand, BrakeCommand]), []
-    # Its last word overtakes the currents of the cycle before by its identifier.
+    # The last brake command overtakes the currents of the cycle before, because its identifier is
+    # lower.
     before_mps2, said_mps2 = 0.0, 0.0
     with hops["current_loop"].bus_log.open(encoding="ascii") as lines:
         for line in lines:
@@ -112,7 +114,7 @@ def _identifiers(run: RunFolder) -> set[int]:
         return {int(line.split()[2].partition("#")[0], 16) for line in lines}
 
 
-def test_a_train_that_takes_its_reference_from_elsewhere_is_refused_before_the_run(
+def test_a_train_with_another_kind_of_reference_is_refused_before_the_run(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     for words, told in (
@@ -125,7 +127,7 @@ def test_a_train_that_takes_its_reference_from_elsewhere_is_refused_before_the_r
         assert not out.exists()
 
 
-def test_the_same_hop_in_notches_gives_the_same_frames(
+def test_the_same_hop_with_notches_gives_the_same_frames(
     hops: dict[str, RunFolder], tmp_path: Path
 ) -> None:
     again = hop(tmp_path / "again", "--output", "notches")

@@ -1,4 +1,4 @@
-"""The power-limited law on the bench: in time, on the mark, below its limits of power and speed."""
+"""The power-limited law on the bench: on time, at the mark, within its power and speed limits."""
 
 import json
 from pathlib import Path
@@ -29,8 +29,8 @@ def test_one_hop_of_the_nanakuma_line(tmp_path: Path, capsys: pytest.CaptureFixt
     speed_mps, brake_n = truth.numbers("speed_mps"), truth.numbers("brake_force_n")
     traction_n = truth.numbers("traction_force_n")
     assert 10.0 < float(np.max(speed_mps)) < 18.5
-    # Long coasting or a long gentle brake: most of the way without traction.
+    # The train coasts or brakes gently most of the way, without traction.
     fast = speed_mps > 10.0
     assert float(np.mean(traction_n[fast] < 1000.0)) > 0.5
-    # At speed the brake stays far under what the service brake would take (1.1 m/s²).
+    # At speed the brake stays far below the service brake's maximum of 1.1 m/s².
     assert float(np.max(brake_n[speed_mps > 12.0])) < 0.6 * 1.1 * MASS_KG

@@ -1,4 +1,4 @@
-"""People and centre against protection, in the whole loop: nobody gets the train over a limit."""
+"""Drivers and centre against protection in the closed loop: no train exceeds a limit."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ KMH = 1.0 / 3.6
 
 @pytest.fixture(scope="module")
 def reckless() -> ObservedRun:
-    """Full lever from station II on, past station III, up to the end of authority behind IV."""
+    """The lever is at full power from II on, past III, up to the end of authority behind IV."""
     return ride(
         {"kind": "desk_mode", "mode": "manual"},
         {"kind": "desk_lever", "lever_percent": 100.0, "start_s": 3.0},
@@ -22,7 +22,7 @@ def reckless() -> ObservedRun:
     )
 
 
-def test_a_driver_who_always_gives_full_power_stays_inside_the_emergency_margin(
+def test_full_power_all_the_way_stays_inside_the_emergency_margin(
     reckless: ObservedRun,
 ) -> None:
     fastest_mps = max(each.speed_mps for each in reckless.seen)
@@ -31,7 +31,9 @@ def test_a_driver_who_always_gives_full_power_stays_inside_the_emergency_margin(
     assert any(each.output.supervision is Supervision.SERVICE for each in reckless.seen)
 
 
-def test_a_driver_who_never_brakes_stops_before_the_end_of_authority(reckless: ObservedRun) -> None:
+def test_a_train_whose_driver_never_brakes_stops_before_the_end_of_authority(
+    reckless: ObservedRun,
+) -> None:
     last = reckless.seen[-1]
 
     assert last.speed_mps == 0.0
@@ -40,7 +42,7 @@ def test_a_driver_who_never_brakes_stops_before_the_end_of_authority(reckless: O
 
 
 def test_on_sight_the_brake_of_protection_holds_full_power_at_restricted_speed() -> None:
-    """The radio falls silent, the train stops, the emergency is reset, the driver goes on."""
+    """The radio falls silent, the train stops, the driver resets the emergency and goes on."""
 
     def hand(desk: Desk, t_s: float) -> Desk:
         if t_s < 45.0:
@@ -55,7 +57,7 @@ def test_on_sight_the_brake_of_protection_holds_full_power_at_restricted_speed()
     assert all(each.output.supervision is not Supervision.EMERGENCY for each in on_sight)
 
 
-def test_the_centre_stops_a_driverless_train_and_lets_it_go_again() -> None:
+def test_the_centre_stops_a_driverless_train_and_releases_it_again() -> None:
     found = ride(
         {"kind": "remote_emergency", "start_s": 20.0, "end_s": 25.0},
         {"kind": "remote_release", "start_s": 50.0, "end_s": 51.0},

@@ -1,4 +1,5 @@
-"""Random trains with random odometers in the loop: whatever is claimed of them has to be true."""
+"""Random trains with random odometers in the closed loop: every claim of the controller must be
+true."""
 
 import os
 from typing import Final
@@ -12,21 +13,21 @@ from metro_hil.run.lockstep import Lockstep, Taps, config_of, scenario_of
 from plant_emulator.truth import Truth
 
 EXAMPLES: Final = int(os.environ.get("METRO_PROPERTY_EXAMPLES", "4"))
-"""More with METRO_PROPERTY_EXAMPLES=200."""
+"""Number of examples; METRO_PROPERTY_EXAMPLES=200 tries more."""
 CLAIM_AGE_S: Final = 0.1
-"""A claim is as old as a cycle and the frames before it."""
+"""Age of a claim: a cycle and the frames before it, s."""
 STANDS_MPS: Final = 3.0 / 3.6
 RIDE_S: Final = 120.0
 CONSISTS: Final = ("florence4", "florence4_blending", "florence4_fixed_delay", "florence4_ideal")
 
 
 class Oracle:
-    """Holds every claim of the controller against the truth of the plant, step by step."""
+    """Compares every claim of the controller with the truth of the plant, step by step."""
 
     def __init__(self, margin_mps: float) -> None:
         self.bench: Lockstep | None = None
         self.false: dict[str, float] = {}
-        """What was not true, and when first."""
+        """False claims, and when each first occurred."""
         self._margin_mps = margin_mps
 
     def __call__(self, truth: Truth, now_ns: int) -> None:
@@ -61,7 +62,7 @@ class Oracle:
     odometer_error=st.floats(-0.01, 0.05).map(lambda ratio: round(ratio, 4)),
     hop=st.sampled_from([("Start", "I"), ("II", "III"), ("III", "IV")]),
 )
-def test_whatever_is_claimed_of_a_train_is_true(
+def test_every_claim_about_a_train_is_true(
     seed: int, consist: str, load_ratio: float, odometer_error: float, hop: tuple[str, str]
 ) -> None:
     words = ["run", "--lockstep", "--seed", str(seed), "--consist", consist]

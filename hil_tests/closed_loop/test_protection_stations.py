@@ -1,4 +1,4 @@
-"""Doors, departure and missed stops in the whole loop, by what is true of the train."""
+"""Doors, departure and missed stops in the closed loop, judged by the true state of the train."""
 
 from dataclasses import replace
 
@@ -13,11 +13,12 @@ STOP_III_M = 3500.0
 STOP_IV_M = 4500.0
 WINDOW_M = 0.3
 LATEST_S = 0.2
-"""Until the desk's next frame, and a cycle."""
+"""Time to the next frame of the desk plus a cycle, s."""
 
 
 def opened(found: ObservedRun, stop_m: float) -> bool:
-    """Whether doors were let open at a stop, and nowhere outside its window."""
+    """Whether doors were enabled at a stop, after checking that they never were outside its
+    window."""
     enabled = [each for each in found.seen if each.output.open_left or each.output.open_right]
     assert all(each.speed_mps == 0.0 for each in enabled)
     assert all(abs(each.front_m - stop_m) <= WINDOW_M for each in enabled)
@@ -37,7 +38,7 @@ def test_a_train_stays_until_platform_doors_are_proven_locked() -> None:
     assert found.causes == {Cause.NONE}
 
 
-def test_the_sealed_switch_lets_a_train_depart_with_a_door_not_locked_but_slowly() -> None:
+def test_with_the_sealed_switch_a_train_departs_slowly_with_an_unlocked_door() -> None:
     def hand(desk: Desk, t_s: float) -> Desk:
         return replace(desk, door_bypass_requested=t_s >= 8.0)
 
@@ -56,8 +57,10 @@ def test_the_sealed_switch_lets_a_train_depart_with_a_door_not_locked_but_slowly
 
 @pytest.fixture(scope="module")
 def overshoot() -> ObservedRun:
-    """No brake from 12 m before the stop of III until 2 m past it, except for the emergency brake
-    that comes then; a reset at the desk, then one by the centre.
+    """The brake fails from 12 m before the stop of III until 2 m past it, except for the emergency
+    brake.
+
+    A reset at the desk follows, then one by the centre.
     """
     return ride(
         {
@@ -73,7 +76,7 @@ def overshoot() -> ObservedRun:
     )
 
 
-def test_a_train_that_overshoots_by_more_than_five_metres_is_held_until_the_centre_lets_it_go(
+def test_a_train_that_overshoots_by_more_than_five_metres_is_held_until_the_centre_releases_it(
     overshoot: ObservedRun,
 ) -> None:
     held = overshoot.between(66.0, 80.0)
@@ -86,7 +89,9 @@ def test_a_train_that_overshoots_by_more_than_five_metres_is_held_until_the_cent
     assert overshoot.at(81.0).output.emergency_released
 
 
-def test_it_never_goes_back_and_serves_the_next_station(overshoot: ObservedRun) -> None:
+def test_an_overshooting_train_never_goes_back_and_serves_the_next_station(
+    overshoot: ObservedRun,
+) -> None:
     assert min(each.speed_mps for each in overshoot.seen) > -0.01
     assert opened(overshoot, STOP_IV_M)
 
@@ -99,7 +104,8 @@ def test_any_one_of_the_three_tags_before_a_stop_may_be_missed(tag_id: int) -> N
     assert motion is not None
     assert motion.localised
     assert motion.front_m.low <= found.seen[-1].front_m <= motion.front_m.high
-    # A train that stops a millimetre before the last tag may know its place too badly for doors.
+    # A train that stops a millimetre before the last tag may know its position too poorly for
+    # doors.
     fits = (
         motion.front_m.low >= STOP_III_M - WINDOW_M and motion.front_m.high <= STOP_III_M + WINDOW_M
     )
@@ -111,8 +117,9 @@ def test_any_one_of_the_three_tags_before_a_stop_may_be_missed(tag_id: int) -> N
 # Creep.
 
 
-def test_a_train_whose_antenna_dies_creeps_by_order_until_it_knows_its_place_again() -> None:
-    """It brakes, stands without a place, creeps past a tag, and serves the station as ever."""
+def test_a_train_with_a_dead_antenna_creeps_on_order_until_it_is_localised_again() -> None:
+    """The train brakes, stands without a position, creeps past a tag, and serves the station
+    normally."""
     found = ride(
         {"kind": "antenna_dead", "when": "front_m > 3100", "until": "front_m > 3370"},
         {"kind": "remote_release", "start_s": 52.0, "duration_s": 1.0},

@@ -1,7 +1,7 @@
-"""Published figures of control laws, and a picture, are those of the code of today.
+"""The published figures of the control laws, and a picture, agree with the present code.
 
-Nothing is run while the sources are those that were measured. Otherwise one case of each of the
-shorter scenarios, and of the tables that README.md shows, has to give the published digits.
+No case runs while the sources are unchanged since the measurement. Otherwise one case of each
+shorter scenario, and of the tables in README.md, must give the published digits.
 """
 
 from pathlib import Path
@@ -19,8 +19,10 @@ from metro_tools import picture_doc
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 SHORT_S: Final = 150.0
-"""Scenarios whose runs last no longer than this in virtual time are checked here, all by
-`make docs`: a whole line takes several seconds to compute, a single hop about one."""
+"""Longest run in virtual time that is checked here, s. `make docs` checks all scenarios.
+
+A whole line takes several seconds to compute, a single hop about one.
+"""
 SHOWN: Final = ("table-7-predictive", "table-8-predictive", "table-9-predictive")
 FIGURES: Final = published()
 
@@ -39,8 +41,8 @@ CHECKED: Final = [
 
 
 @pytest.mark.parametrize(("law", "name"), CHECKED, ids=[name for _, name in CHECKED])
-def test_published_figures_are_those_of_the_code_of_today(law: str, name: str) -> None:
-    """When this fails, `make figures` measures again what a change of the controller touched."""
+def test_published_figures_agree_with_the_present_code(law: str, name: str) -> None:
+    """When this fails, `make figures` measures again what a change of the controller affected."""
     one: Results = {law: {name: FIGURES[law][name]}}
 
     (standing,) = standings(one, sources_hash(), plan=planned, run=run_cases, probes_max=1)
@@ -56,19 +58,20 @@ def test_every_published_scenario_keeps_cases_to_compare_with() -> None:
     assert all(each.probes for own in FIGURES.values() for each in own.values())
 
 
-def test_the_picture_of_a_reckless_driver_shows_the_code_of_today() -> None:
-    """The others are checked by `make docs`."""
+def test_the_picture_of_a_reckless_driver_agrees_with_the_present_code() -> None:
+    """`make docs` checks the other pictures."""
     assert picture_doc.main(["--check", "--root", str(ROOT), "protection"]) == 0
 
 
 @pytest.mark.parametrize("published_m", [None, 0.1234])
-def test_hil_laws_check_refuses_what_the_code_does_not_give(
+def test_hil_laws_check_refuses_figures_that_the_code_does_not_give(
     published_m: float | None,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Measured by other sources: as published it is current, with another digit it is stale."""
+    """The figure comes from other sources: with the published digits it is current, with another
+    digit it is stale."""
     figures = FIGURES["green"]["green-undervoltage"]
     (probe,) = figures.probes
     (stop,) = (name for name in probe.measures if name.startswith("stop_"))

@@ -1,4 +1,5 @@
-"""A recorded run fed to a controller again: the same says the same, another parts where it must."""
+"""A recorded run fed to a controller again: the same controller sends the same, another
+deviates."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -40,7 +41,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("recorded"))
 
 
-def test_a_run_in_lockstep_is_said_again_to_the_bit(recorded: Path) -> None:
+def test_a_lockstep_run_is_reproduced_exactly(recorded: Path) -> None:
     result = replay_run(recorded)
 
     said = (recorded / PORTS_LOG).read_text().count("\ntx ")
@@ -50,7 +51,7 @@ def test_a_run_in_lockstep_is_said_again_to_the_bit(recorded: Path) -> None:
     assert not result.notes
 
 
-def test_a_controller_that_was_killed_paused_and_started_again_is_said_again(
+def test_a_killed_paused_and_restarted_controller_is_reproduced(
     tmp_path: Path,
 ) -> None:
     result = replay_run(record(tmp_path, [KILLED, PAUSED]))
@@ -59,8 +60,8 @@ def test_a_controller_that_was_killed_paused_and_started_again_is_said_again(
     assert result.controllers == 2
 
 
-def test_another_parameter_parts_in_the_cycle_in_which_it_first_matters(recorded: Path) -> None:
-    """Oracle: the cycle whose frames first differ, found by running both and comparing files."""
+def test_another_parameter_deviates_in_the_cycle_in_which_it_first_matters(recorded: Path) -> None:
+    """The oracle runs both controllers and compares files to find the first differing cycle."""
     change = {"ato.limits.accel_mps2": 0.77}
     first_ns = None
     outputs = [
@@ -96,7 +97,7 @@ def read_steps(folder: Path) -> list[RecordedStep]:
 
 
 def run_again(folder: Path, change: dict[str, float]) -> Iterator[tuple[int, Output]]:
-    """What the changed controller says, step by step."""
+    """The outputs of the changed controller, step by step."""
     (segment,) = read_recording(folder).segments
     config = override(segment.commission.config, change, "here")
     ports = HandedPorts()
@@ -116,8 +117,8 @@ def run_again(folder: Path, change: dict[str, float]) -> Iterator[tuple[int, Out
             yield step.begin_ns, Output("radio", key, payload)
 
 
-def test_a_frame_that_was_forged_in_the_recording_is_found(recorded: Path, tmp_path: Path) -> None:
-    """The brake command of one cycle is replaced; nothing before or after it is different."""
+def test_a_forged_frame_in_the_recording_is_detected(recorded: Path, tmp_path: Path) -> None:
+    """The test replaces the brake command of one cycle; everything else is unchanged."""
     lines = (recorded / PORTS_LOG).read_text().splitlines(keepends=True)
     starts = [number for number, line in enumerate(lines) if line.startswith("run control ")]
     at = next(n for n in range(starts[300], len(lines)) if lines[n].startswith("tx can 101 "))
@@ -132,7 +133,7 @@ def test_a_frame_that_was_forged_in_the_recording_is_found(recorded: Path, tmp_p
     assert sum(each.changed + each.missing + each.extra for each in result.counts) == 1
 
 
-def test_the_command_tells_a_person_and_a_machine(
+def test_the_command_prints_text_and_json(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     same = main(["replay", str(recorded)])
@@ -155,7 +156,7 @@ def test_the_command_tells_a_person_and_a_machine(
         (["--controller", "command:/no/such/program"], "/no/such/program"),
     ],
 )
-def test_a_mistake_gets_one_clear_answer(
+def test_a_user_error_gets_one_clear_message(
     recorded: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
 ) -> None:
     code = main(["replay", str(recorded), *words])

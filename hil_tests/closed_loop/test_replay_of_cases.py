@@ -1,4 +1,4 @@
-"""Whole cases fed to their controller again: faults, restarts and branches, and a forged input."""
+"""Whole cases fed to their controller again: faults, restarts, branches, and a forged input."""
 
 import re
 from pathlib import Path
@@ -58,7 +58,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
     ids=("bus", "process", "both", "branch", "odd cycle", "killed for good"),
 )
-def test_a_case_is_said_again_to_the_bit(
+def test_a_case_is_reproduced_exactly(
     tmp_path: Path, keys: dict[str, Any], controllers: int
 ) -> None:
     (case,) = Scenario(**{"name": "hop", "train": HOP, "stop_at_violation": False, **keys}).cases()
@@ -74,20 +74,21 @@ def test_a_case_is_said_again_to_the_bit(
 
 
 def forged(folder: Path, into: Path, wanted: str, first_cycle: int) -> int:
-    """Change a digit of the first line that fits, after a cycle; answers the one that hears it."""
+    """Change a digit of the first fitting line after a cycle; return the cycle that receives it."""
     lines = (folder / PORTS_LOG).read_text().splitlines(keepends=True)
     cycles = [number for number, line in enumerate(lines) if line.startswith("run control ")]
     after = range(cycles[first_cycle], len(lines))
     at = next(number for number in after if re.match(wanted, lines[number]))
     line = lines[at]
-    # Of the last bytes, so neither of the stamp nor of a start byte.
+    # The digit belongs to the last bytes, so it is part of neither the stamp nor a start byte.
     lines[at] = f"{line[:-4]}{'1' if line[-4] == '0' else '0'}{line[-3:]}"
     (into / PORTS_LOG).write_text("".join(lines))
     return sum(number < at for number in cycles) - 1
 
 
 def first_other_cycle(folder: Path) -> int | None:
-    """Oracle: our controller on the inputs, each step's words beside the recorded ones."""
+    """The oracle feeds the inputs to a controller and compares each step's output with the
+    recorded one."""
     (segment,) = read_recording(folder).segments
     ports = HandedPorts()
     device = segment.commission.device(can=ports.can, tags=ports.tags, radio=ports.radio)
@@ -115,7 +116,7 @@ def first_other_cycle(folder: Path) -> int | None:
     ],
     ids=("odometer", "traction", "tag"),
 )
-def test_one_digit_of_an_input_that_was_forged_is_found_in_its_cycle(
+def test_one_forged_digit_of_an_input_is_detected_in_its_cycle(
     plain: Path, tmp_path: Path, wanted: str, first_cycle: int
 ) -> None:
     heard = forged(plain, tmp_path, wanted, first_cycle)
@@ -129,7 +130,7 @@ def test_one_digit_of_an_input_that_was_forged_is_found_in_its_cycle(
     assert heard <= oracle <= heard + 2
 
 
-def test_another_believed_parameter_is_said_by_exit_code_1(
+def test_another_parameter_ends_with_exit_code_1(
     plain: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     same = main(["replay", str(plain)])

@@ -1,4 +1,4 @@
-"""`hil sensitivity`: a tenth of the mutants, drawn by the commit, and mutants made by hand."""
+"""`hil sensitivity`: a tenth of the mutants, sampled by the commit, and mutants made by hand."""
 
 import json
 import subprocess
@@ -29,7 +29,7 @@ stl = "always(speed_mps < 8)"
 
 
 def commit() -> str:
-    """The commit that is checked out; where there is none, a hash over the sources."""
+    """The commit that is checked out, or without one a hash over the sources."""
     done = subprocess.run(
         ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
     )
@@ -37,10 +37,10 @@ def commit() -> str:
 
 
 @pytest.mark.slow
-def test_a_tenth_of_the_mutants_is_noticed_or_argued(
+def test_a_tenth_of_the_mutants_is_detected_or_justified(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """When this fails: `hil sensitivity --only NAME` with the names that it shows."""
+    """When this fails, run `hil sensitivity --only NAME` with the names that it shows."""
     words = ["sensitivity", "acceptance", "--quick", "--sample", SHARE, "--seed", commit()]
 
     code = main([*words, "--workers", "2", "--out", str(tmp_path / "out")])
@@ -84,7 +84,7 @@ WRONGLY_ARGUED = hand_made(
 )
 
 
-def test_what_becomes_of_each_mutant_is_told_and_written(
+def test_the_result_of_each_mutant_is_printed_and_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tried = (NEVER_MOVES, SAME, MISSPELT, NO_IMPORT, ARGUED, WRONGLY_ARGUED)
@@ -133,7 +133,7 @@ def test_a_wrong_name_is_one_line_and_exit_code_2(
     assert said.count("\n") == 1
 
 
-def test_a_mutant_that_applies_no_more_is_one_line_and_nothing_is_run(
+def test_a_mutant_that_no_longer_applies_is_one_line_and_nothing_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     gone = hand_made("gone", old="return seen.latched_once", new="return False")

@@ -1,8 +1,8 @@
-"""Runs one program many times under hard conditions, in forks of a process that has loaded it.
+"""Runs one program many times under adverse conditions, in forks of a process that has loaded it.
 
-    python -m hil_tests.contract.ends_driver MODULE:NAME
+python -m hil_tests.contract.ends_driver MODULE:NAME
 
-Standard input holds JSON, a list of `[condition, words]`; standard output gets the list of
+Standard input holds a JSON list of `[condition, arguments]`. Standard output gets the list of
 `[exit code, lines of standard error]`.
 """
 
@@ -27,7 +27,7 @@ def _interrupted(*_: Any) -> None:
 
 
 def _interrupt() -> None:
-    """Ctrl-C as soon as the command looks at its options."""
+    """Raise Ctrl-C as soon as the command parses its options."""
     setattr(argparse.ArgumentParser, "parse_args", _interrupted)  # noqa: B010 # a method, on purpose
 
 
@@ -36,7 +36,7 @@ def _full() -> None:
 
 
 def _left() -> None:
-    """The reader, such as `head -1`, is gone."""
+    """The reader, such as `head -1`, has closed the pipe."""
     reader, writer = os.pipe()
     os.close(reader)
     os.dup2(writer, 1)
@@ -48,14 +48,14 @@ def _closed() -> None:
 
 
 def _ascii() -> None:
-    """The terminal takes nothing but ASCII."""
+    """The terminal accepts only ASCII."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     stream = io.TextIOWrapper(open(1, "wb", closefd=False), encoding="ascii")  # noqa: SIM115
     _replace(stream)
 
 
 def _replace(stream: io.TextIOWrapper | None) -> None:
-    """As if Python had begun so."""
+    """Replace standard output as if Python had started with this stream."""
     for name in ("stdout", "__stdout__"):
         setattr(sys, name, stream)
 
@@ -97,7 +97,7 @@ def main() -> None:
     module, _, name = sys.argv[1].partition(":")
     program: Program = getattr(importlib.import_module(module), name)
     asked = json.load(sys.stdin)
-    # What a command imports late is loaded here once, not in each of its forks.
+    # Modules that a command imports late are loaded here once, not in each of its forks.
     for words in (words for condition, words in asked if condition == "plain"):
         sys.argv = [program.name, *words]
         with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):

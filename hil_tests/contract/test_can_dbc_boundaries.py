@@ -1,4 +1,4 @@
-"""Every field of every frame at both sides of each of its limits, with a trailer that is right."""
+"""Every field of every frame on both sides of each of its limits, with a correct trailer."""
 
 import enum
 from typing import Any
@@ -23,7 +23,7 @@ NUMBERS = [each for each in FIELDS if each[2] in (int, float)]
 
 
 def heard_with(kind: type[Any], name: str, raw: int) -> Any:
-    """What a decoder hears of a frame of start values with one field set to raw bits."""
+    """The decoder's result for a frame of start values with one field set to raw bits."""
     message = binding.message(kind)
     word = 0
     for signal in message.signals:
@@ -52,7 +52,7 @@ def signal_of(kind: type[Any], name: str) -> Signal:
 
 
 def lowest(signal: Signal) -> int:
-    """A raw value that every receiver takes: the smallest in its range nearest to zero."""
+    """A raw value that every receiver accepts: the one in the range that is nearest to zero."""
     assert signal.minimum is not None
     assert signal.maximum is not None
     if signal.choices:
@@ -73,7 +73,7 @@ def refused(heard: Any) -> bool:
 
 
 @pytest.mark.parametrize(("kind", "name", "annotation"), BOOLEANS)
-def test_one_pattern_of_a_boolean_permits_and_all_others_do_not(
+def test_only_one_pattern_of_a_boolean_is_permissive(
     kind: type[Any], name: str, annotation: type[Any]
 ) -> None:
     length = signal_of(kind, name).length
@@ -99,7 +99,7 @@ def test_a_choice_is_one_of_its_table_or_refused(
 
 
 @pytest.mark.parametrize(("kind", "name", "annotation"), FLAGS)
-def test_every_flag_comes_back_alone_and_with_all_others(
+def test_every_flag_is_decoded_alone_and_with_all_others(
     kind: type[Any], name: str, annotation: type[enum.IntFlag]
 ) -> None:
     every = sum(flag.value for flag in annotation)
@@ -109,7 +109,7 @@ def test_every_flag_comes_back_alone_and_with_all_others(
 
 
 @pytest.mark.parametrize(("kind", "name", "annotation"), NUMBERS)
-def test_a_number_is_believed_up_to_its_limits_and_refused_one_step_beyond(
+def test_a_number_is_accepted_up_to_its_limits_and_refused_one_step_beyond(
     kind: type[Any], name: str, annotation: type[Any]
 ) -> None:
     signal = signal_of(kind, name)

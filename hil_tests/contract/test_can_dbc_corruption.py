@@ -1,4 +1,5 @@
-"""What a disturbed bus may do to protected frames, tried exhaustively: nothing gets through."""
+"""Exhaustive corruption of protected frames as on a disturbed bus: no corrupted frame is
+accepted."""
 
 import dataclasses
 import itertools
@@ -37,7 +38,7 @@ Sent = tuple[tuple[int, bytes], ...]
 
 
 def some_frames(kind: type[Any], count: int) -> Iterator[Any]:
-    """Valid frames with arbitrary bits, out of their own DBC ranges."""
+    """Valid frames with arbitrary bits, not limited to the ranges of their DBC file."""
     bits = random.Random(kind.__name__)
     for _ in range(count):
         values: dict[str, Any] = {}
@@ -83,7 +84,8 @@ def replaced(sent: Sent, half: int, data: bytes) -> Sent:
 
 @pytest.mark.parametrize("kind", SINGLE)
 def test_every_flip_of_up_to_three_bits_breaks_the_crc(kind: type[Any]) -> None:
-    """The polynomial promises distance 4; every combination of 1, 2 and 3 bits holds it to that."""
+    """The polynomial guarantees a Hamming distance of 4; every combination of 1, 2 and 3 bits
+    checks it."""
     encoder, decoder = in_step(kind)
     ((can_id, data),) = encoder.encode(next(some_frames(kind, 1)))
     bits = range(8 * len(data))
@@ -144,7 +146,7 @@ def test_no_corruption_of_one_byte_in_either_half_gives_a_command(frame: Any) ->
 
 @pytest.mark.parametrize("frame", RESTRICTIVE)
 @given(data=st.data())
-def test_whatever_one_half_becomes_a_restrictive_pair_stays_restrictive(
+def test_a_restrictive_pair_stays_restrictive_whatever_one_half_becomes(
     frame: Any, data: st.DataObject
 ) -> None:
     encoder, decoder = in_step(type(frame))
@@ -157,8 +159,9 @@ def test_whatever_one_half_becomes_a_restrictive_pair_stays_restrictive(
 
 
 @pytest.mark.parametrize("frame", RESTRICTIVE)
-def test_even_a_first_half_forged_with_a_good_crc_needs_its_twin(frame: Any) -> None:
-    """One frame of a permissive command with everything right, inside a restrictive pair."""
+def test_a_forged_half_with_a_correct_crc_needs_its_twin(frame: Any) -> None:
+    """One half of a permissive command, correct in every respect, is placed inside a restrictive
+    pair."""
     kind = type(frame)
     permissive = next(each for each in PERMISSIVE if type(each) is kind)
     for half in (0, 1):
@@ -174,7 +177,8 @@ def test_even_a_first_half_forged_with_a_good_crc_needs_its_twin(frame: Any) -> 
 
 @pytest.mark.parametrize("kind", PROTECTED)
 def test_a_replayed_frame_is_refused(kind: type[Any]) -> None:
-    """Any frame of the last 253; beyond, eight bits of counter cannot tell old from new."""
+    """Any frame of the last 253 is refused; beyond that, an eight-bit counter cannot tell old
+    from new."""
     for age in range(1, 254):
         encoder, decoder = in_step(kind)
         sent = [encoder.encode(frame) for frame in [next(some_frames(kind, 1))] * age]
@@ -184,8 +188,8 @@ def test_a_replayed_frame_is_refused(kind: type[Any]) -> None:
 
 
 @pytest.mark.parametrize("kind", PROTECTED)
-def test_a_recording_played_beside_the_living_sender_is_refused(kind: type[Any]) -> None:
-    """The sender's frames count on whatever was heard between them, and they alone are believed."""
+def test_a_recording_replayed_beside_the_live_sender_is_refused(kind: type[Any]) -> None:
+    """The sender's frames keep counting on, and only they are accepted."""
     encoder, decoder = in_step(kind)
     recording = [encoder.encode(frame) for frame in some_frames(kind, 20)]
     for each in recording:
@@ -197,8 +201,8 @@ def test_a_recording_played_beside_the_living_sender_is_refused(kind: type[Any])
 
 
 @pytest.mark.parametrize("kind", PROTECTED)
-def test_two_frames_in_the_wrong_order_give_no_old_value(kind: type[Any]) -> None:
-    """The second of four comes last: it must not undo what the third and fourth said."""
+def test_frames_in_the_wrong_order_never_give_an_old_value(kind: type[Any]) -> None:
+    """The second of four frames arrives last and must not override the third and the fourth."""
     encoder, decoder = in_step(kind)
     first, late, third, fourth = (encoder.encode(frame) for frame in some_frames(kind, 4))
 
@@ -216,7 +220,7 @@ def test_two_frames_in_the_wrong_order_give_no_old_value(kind: type[Any]) -> Non
 def test_a_frame_under_the_identifier_of_another_is_refused(
     sender: type[Any], victim: type[Any]
 ) -> None:
-    """The data id is what tells two messages of equal length apart."""
+    """The data id distinguishes two messages of equal length."""
     decoder = Decoder([victim])
     for (_, data), message in zip(
         Encoder().encode(next(some_frames(sender, 1))),
@@ -230,8 +234,8 @@ def test_a_frame_under_the_identifier_of_another_is_refused(
 
 
 @pytest.mark.parametrize("kind", VITAL)
-def test_the_halves_of_a_pair_are_not_each_other(kind: type[Any]) -> None:
-    """A first half sent under the identifier of the twin, and the other way round."""
+def test_swapped_halves_of_a_pair_are_refused(kind: type[Any]) -> None:
+    """A first half is sent under the identifier of the twin, and the other way round."""
     (first_id, first), (twin_id, second) = Encoder().encode(next(some_frames(kind, 1)))
     decoder = Decoder([kind])
 
@@ -252,8 +256,8 @@ def test_a_wrong_length_is_refused(kind: type[Any], length: int) -> None:
 
 
 @pytest.mark.parametrize("kind", PROTECTED)
-def test_a_cut_frame_whose_crc_happens_to_fit_is_refused_for_its_length(kind: type[Any]) -> None:
-    """Bytes that end where the CRC should begin and make it 0, as the missing bits read."""
+def test_a_truncated_frame_with_a_fitting_crc_is_refused_for_its_length(kind: type[Any]) -> None:
+    """The bytes end where the CRC should begin and make the CRC 0, as missing bits are read."""
     for message in binding.binding_of(kind).messages:
         assert message.dbc is not None
         data_id = int(message.dbc.attributes["SafetyDataId"].value).to_bytes(2, "little")

@@ -1,4 +1,5 @@
-"""The shipped DBC files: they load cleanly, agree with each other, say what a tool needs."""
+"""The shipped DBC files load cleanly, agree with each other, and hold the attributes that tools
+need."""
 
 import logging
 import math
@@ -67,7 +68,7 @@ AGREED = [
     *((HEARTBEATS[node], node.name, 0x700 + node, 1000) for node in Node),
     *((EMERGENCIES[node], node.name, 0x080 + node, 0) for node in Node),
 ]
-"""Class, sender, identifier and period in milliseconds, as the subsystems agreed on them."""
+"""Class, sender, identifier and period in ms, as the subsystems agreed on them."""
 
 UNPROTECTED = {LineSupply, EnergyMeter, TcmsStatus, TimeOfDay, VobcEvent} | {
     *HEARTBEATS.values(),
@@ -134,7 +135,7 @@ def test_the_agreement_covers_every_class() -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind, *_ in AGREED])
-def test_all_but_energy_and_diagnostics_is_protected(kind: type[Any]) -> None:
+def test_every_message_except_energy_and_diagnostics_is_protected(kind: type[Any]) -> None:
     names = [signal.name for signal in binding.message(kind).signals]
 
     assert names[-2:] == ["alive_counter", "crc16"] or kind in UNPROTECTED
@@ -164,7 +165,7 @@ def test_data_ids_are_unique_among_all_files_twins_included() -> None:
 
 
 @pytest.mark.parametrize("message", all_messages(), ids=lambda message: str(message.name))
-def test_a_message_says_who_what_and_how_often(message: Message) -> None:
+def test_a_message_documents_sender_content_and_period(message: Message) -> None:
     node_names = {node.name for node in Node}
 
     assert message.comment
@@ -181,7 +182,7 @@ def test_a_message_says_who_what_and_how_often(message: Message) -> None:
 
 @pytest.mark.parametrize("message", all_messages(), ids=lambda message: str(message.name))
 def test_start_values_are_encodable_and_permit_nothing(message: Message) -> None:
-    """What a tool sends before anybody set a value must not release a brake or open a door."""
+    """A tool that sends start values must not release a brake or open a door."""
     start = {signal.name: signal.raw_initial or 0 for signal in message.signals}
 
     decoded = message.decode(message.encode(start, scaling=False))
@@ -190,7 +191,7 @@ def test_start_values_are_encodable_and_permit_nothing(message: Message) -> None
     assert "TRUE" not in [str(value) for value in decoded.values()]
 
 
-def test_nodes_are_numbered_as_the_node_enumeration_says() -> None:
+def test_node_numbers_match_the_node_enumeration() -> None:
     for name in FILES:
         assert [node.name for node in load(name).nodes] == [node.name for node in Node]
     numbers = {
@@ -200,8 +201,9 @@ def test_nodes_are_numbered_as_the_node_enumeration_says() -> None:
     assert all(node.comment for node in load("diagnostics.dbc").nodes)
 
 
-def test_heartbeat_and_emergency_lie_where_canopen_puts_them() -> None:
-    """CiA 301: EMCY is code, register, five bytes of the manufacturer; TIME is 28 + 4 + 16 bits."""
+def test_heartbeat_and_emergency_have_the_layout_of_canopen() -> None:
+    """CiA 301: EMCY holds code, register and five bytes of the manufacturer; TIME has 28 + 4 +
+    16 bits."""
     database = load("diagnostics.dbc")
 
     places = {
@@ -216,7 +218,7 @@ def test_heartbeat_and_emergency_lie_where_canopen_puts_them() -> None:
     assert database.get_message_by_name("TIME_OF_DAY").length == 6
 
 
-def test_the_merged_file_says_what_the_single_files_say() -> None:
+def test_the_merged_file_equals_the_single_files() -> None:
     database = Database(strict=True)
 
     database.add_dbc_string(merged())

@@ -1,4 +1,4 @@
-"""The committed interface document says what the DBC files say."""
+"""The committed interface document agrees with the DBC files."""
 
 from pathlib import Path
 
@@ -45,15 +45,14 @@ def test_the_check_fails_for_any_other_text(
     assert "outdated; run python -m metro_tools.interface_doc" in capsys.readouterr().err
 
 
-def test_a_place_that_does_not_exist_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_marker_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for options in ([], ["--check"]):
         assert interface_doc.main([*options, str(tmp_path / "no" / "where.md")]) == 2
         assert "where.md: No such file or directory" in capsys.readouterr().err
 
 
 def test_frame_lengths_are_those_of_the_standard() -> None:
-    """ISO 11898: an 8-byte frame takes 111 bit times with its gap, 135 when stuffed at worst."""
+    """ISO 11898: an 8-byte frame takes 111 bit times with its gap, and at most 135 with
+    stuffing."""
     assert (interface_doc.plain_bits(8), interface_doc.stuffed_bits(8)) == (111, 135)
     assert (interface_doc.plain_bits(0), interface_doc.stuffed_bits(0)) == (47, 55)

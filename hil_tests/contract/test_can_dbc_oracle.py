@@ -26,7 +26,7 @@ def types_of(kind: type[Any]) -> dict[str, type[Any]]:
 
 
 def values_for(kind: type[Any], name: str, annotation: type[Any]) -> st.SearchStrategy[Any]:
-    """Values of one field: within its range often, anything of its type sometimes."""
+    """Values of one field: mostly in its range, sometimes any value of its type."""
     signal = binding.message(kind).get_signal_by_name(name)
     if annotation is bool:
         return st.booleans()
@@ -46,7 +46,7 @@ def limits(signal: Signal) -> tuple[float, float]:
 
 
 def decoded(message: Message, data: bytes, *, names: bool = True) -> dict[str, Any]:
-    """What cantools reads; choices by name or as raw values."""
+    """The values that cantools decodes; choices by name or as raw values."""
     found = message.decode(data, decode_choices=names)
     assert isinstance(found, dict)
     return found
@@ -59,7 +59,7 @@ def frames_of(kind: type[Any]) -> st.SearchStrategy[Any]:
 
 
 def wire_values(kind: type[Any], frame: Any) -> dict[str, Any]:
-    """What cantools is to be told to encode the frame: saturated, choices as raw values."""
+    """The values that cantools needs to encode the frame: saturated, with choices as raw values."""
     wire: dict[str, Any] = {}
     for name, annotation in types_of(kind).items():
         signal = binding.message(kind).get_signal_by_name(name)
@@ -75,7 +75,7 @@ def wire_values(kind: type[Any], frame: Any) -> dict[str, Any]:
 
 
 def with_trailer(message: Message, values: dict[str, Any], data: bytes) -> dict[str, Any]:
-    """Counter and CRC as they are in `data`, for cantools treats them as any other signal."""
+    """Add the counter and CRC of `data`, because cantools treats them like any other signal."""
     found = decoded(message, data, names=False)
     return values | {name: found[name] for name in ("alive_counter", "crc16") if name in found}
 
@@ -121,7 +121,7 @@ def test_cantools_and_the_decoder_read_the_same_values(
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=50)
 @given(data=st.data())
-def test_a_decoded_frame_is_encoded_into_the_bits_it_came_from(
+def test_a_decoded_frame_is_encoded_into_its_original_bits(
     kind: type[Any], data: st.DataObject
 ) -> None:
     sent = Encoder().encode(data.draw(frames_of(kind)))
@@ -139,7 +139,7 @@ def test_a_decoded_frame_is_encoded_into_the_bits_it_came_from(
 def test_the_twin_is_inverted_and_shows_the_same_values(
     kind: type[Any], data: st.DataObject
 ) -> None:
-    """Its payload bits are inverted, and cantools still reads the same values from it."""
+    """The payload bits of the twin are inverted, and cantools still decodes the same values."""
     twin = binding.binding_of(kind).twin
     assert twin is not None
 
@@ -191,7 +191,7 @@ def test_infinity_is_sent_as_the_end_of_the_range(kind: type[Any]) -> None:
 
 
 def some_frame(kind: type[Any]) -> Any:
-    """Zeros, false and the first member of every enumeration."""
+    """A frame of zeros, false and the first member of every enumeration."""
     return kind(*(next(iter(each)) if issubclass(each, enum.Enum) else each(0)
                   for each in types_of(kind).values()))  # fmt: skip
 
@@ -205,7 +205,7 @@ def some_frame(kind: type[Any]) -> Any:
         )
     )
 )
-def test_no_bytes_make_the_decoder_raise(frames: list[tuple[int, bytes, int]]) -> None:
+def test_no_input_makes_the_decoder_raise(frames: list[tuple[int, bytes, int]]) -> None:
     decoder = Decoder(KINDS)
     refused = 0
 
@@ -233,7 +233,8 @@ def crc_of(message: Message, body: bytes) -> bytes:
 def test_any_payload_with_a_good_trailer_is_a_frame_or_an_invalid_value(
     kind: type[Any], data: st.DataObject
 ) -> None:
-    """Every bit pattern of the payload, with the trailer right: cantools judges the values."""
+    """The test tries bit patterns of the payload with a correct trailer; cantools judges the
+    values."""
     message = binding.message(kind)
     guarded = kind in PROTECTED
     payload = data.draw(st.binary(min_size=message.length - 3 * guarded,

@@ -1,4 +1,4 @@
-"""`vobc design-curve` from the outside: what it prints, writes and refuses."""
+"""The command `vobc design-curve`: its output, its files and its refusals."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 from metro_hil.cli.vobc import main
 
 
-def test_the_answer_as_json_says_what_was_used_and_keeps_the_time(
+def test_the_json_output_holds_the_parameters_and_keeps_the_time(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     out = tmp_path / "curve"
@@ -38,7 +38,7 @@ def test_the_answer_as_json_says_what_was_used_and_keeps_the_time(
         (["--out", "."], "--out .: not empty"),
     ],
 )
-def test_a_mistake_of_the_user_is_one_line(
+def test_a_user_error_is_one_line(
     words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["design-curve", *words]) == 2
@@ -49,6 +49,6 @@ def test_a_mistake_of_the_user_is_one_line(
 
 
 @pytest.mark.parametrize("words", [["--eta", "-1"], ["--receptive", "2"], ["--time", "soon"]])
-def test_a_number_out_of_range_is_wrong_usage(words: list[str]) -> None:
+def test_a_number_out_of_range_is_a_usage_error(words: list[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["design-curve", *words])

@@ -1,4 +1,4 @@
-"""The document of events names every kind, and what a line of the log really holds."""
+"""The document of events names every kind of event and the keys of a log line."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ DOCUMENT = (Path(__file__).parents[2] / "docs" / "guide" / "explain.md").read_te
 
 
 class Kept:
-    """A log that keeps what it is told."""
+    """An event log that keeps its events in memory."""
 
     def __init__(self) -> None:
         self.entries: list[dict[str, object]] = []
@@ -21,7 +21,7 @@ class Kept:
         self.entries.append(entry)
 
     def flush(self) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
 
 def first_column(heading: str) -> list[str]:
@@ -29,7 +29,7 @@ def first_column(heading: str) -> list[str]:
     return re.findall(r"^\| `(\w+)` \|", below.split("\n## ", 1)[0], re.MULTILINE)
 
 
-def test_every_kind_of_event_is_in_it_once() -> None:
+def test_the_document_names_every_kind_of_event_once() -> None:
     assert sorted(first_column("Events")) == sorted(kind.name for kind in EventKind)
 
 
@@ -46,7 +46,7 @@ def test_the_keys_of_a_line_are_those_of_the_log() -> None:
         assert f"`{key}`" in DOCUMENT
 
 
-def test_the_limits_are_those_of_the_code() -> None:
+def test_the_limits_equal_those_of_the_code() -> None:
     assert FRAMES_PER_CYCLE == 4
     assert "at most four frames a cycle" in " ".join(DOCUMENT.split())
     assert f"at most {WAITING_MAX} wait" in DOCUMENT

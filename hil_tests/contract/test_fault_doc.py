@@ -1,4 +1,4 @@
-"""The committed catalogue of faults says what the declarations say, and its examples can be run."""
+"""The committed catalogue of faults agrees with the declarations, and its examples can be run."""
 
 import json
 import re
@@ -23,7 +23,7 @@ def test_the_committed_catalogue_is_current() -> None:
     )
 
 
-def test_every_kind_parameter_and_key_of_the_window_is_in_it() -> None:
+def test_the_catalogue_holds_every_kind_parameter_and_window_key() -> None:
     text = DOCUMENT.read_text(encoding="utf-8")
 
     for each in all_described():
@@ -35,7 +35,7 @@ def test_every_kind_parameter_and_key_of_the_window_is_in_it() -> None:
     assert {each.name for each in all_described()} == set(CATALOGUE)
 
 
-def test_its_examples_are_read_and_name_frames_that_exist() -> None:
+def test_the_examples_are_valid_and_name_existing_frames() -> None:
     block = re.search(r"```toml\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
     assert block is not None
     faults = read_faults(tomllib.loads(block[1])["fault"], "faults.md")
@@ -45,7 +45,7 @@ def test_its_examples_are_read_and_name_frames_that_exist() -> None:
         check_bus_fault(each)
 
 
-def test_every_default_is_accepted_and_every_range_is_kept() -> None:
+def test_every_default_is_accepted_and_every_range_is_enforced() -> None:
     for each in all_described():
         assert each.story.endswith("."), each.name
         read_fault({"kind": each.name}, 0, "test")
@@ -96,7 +96,7 @@ def test_the_command_lists_all_kinds_and_details_one(capsys: pytest.CaptureFixtu
     assert "frame_drop" not in one
 
 
-def test_the_command_answers_machines_by_place(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_json_output_groups_faults_by_place(capsys: pytest.CaptureFixture[str]) -> None:
     assert hil.main(["faults", "--place", "radio", "--json"]) == 0
 
     found = json.loads(capsys.readouterr().out)
@@ -117,7 +117,7 @@ def test_the_command_answers_machines_by_place(capsys: pytest.CaptureFixture[str
     ("words", "nearest"),
     [(["frame_dorp"], "frame_drop"), (["--place", "buss"], "bus")],
 )
-def test_the_command_leads_from_a_wrong_name_to_a_right_one(
+def test_the_command_suggests_the_nearest_name(
     words: list[str], nearest: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert hil.main(["faults", *words]) == 2

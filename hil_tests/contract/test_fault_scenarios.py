@@ -1,4 +1,4 @@
-"""Every kind of fault of the catalogue is brought about by a scenario that ships."""
+"""A shipped scenario causes every kind of fault of the catalogue."""
 
 from metro_hil.campaign import plan_cases, read_campaign
 from plant_emulator.faults.kinds import CATALOGUE

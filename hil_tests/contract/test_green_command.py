@@ -1,4 +1,4 @@
-"""`hil run green-cbtc` and `vobc timetable` from the outside."""
+"""The commands `hil run green-cbtc` and `vobc timetable` as a user runs them."""
 
 import json
 import tomllib
@@ -39,7 +39,7 @@ def test_the_campaign_prints_its_table_and_leaves_plots_and_timetables(
         (["--bench", "lockstep"], "--bench: green-cbtc has no cases"),
     ],
 )
-def test_what_the_campaign_has_no_use_for_is_refused(
+def test_options_without_meaning_for_the_campaign_are_refused(
     words: list[str], complaint: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     assert hil(["run", "green-cbtc", *words, "--out", str(tmp_path / "x")]) == 2
@@ -54,7 +54,7 @@ def test_what_the_campaign_has_no_use_for_is_refused(
         (["--out", "nowhere/x.toml"], "--out nowhere/x.toml: there is no folder nowhere"),
     ],
 )
-def test_a_mistake_about_the_timetable_is_one_line(
+def test_a_timetable_error_is_one_line(
     words: list[str],
     complaint: str,
     tmp_path: Path,
@@ -71,7 +71,7 @@ def test_a_mistake_about_the_timetable_is_one_line(
     assert told.count("\n") == 1
 
 
-def test_a_found_timetable_is_told_and_written(
+def test_a_found_timetable_is_printed_and_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "found.toml"

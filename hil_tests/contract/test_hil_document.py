@@ -1,4 +1,4 @@
-"""docs/guide/hil.md says what there is: its measures and its example scenario."""
+"""docs/guide/hil.md agrees with the code: its measures and its example scenario."""
 
 import re
 from pathlib import Path
@@ -11,8 +11,8 @@ DOCUMENT = (Path(__file__).resolve().parents[2] / "docs" / "guide" / "hil.md").r
 )
 
 
-def test_every_measure_is_in_the_table_with_its_words() -> None:
-    """When this fails, put the line it names into the document."""
+def test_every_measure_is_in_the_table_with_its_text() -> None:
+    """When this fails, add the line that it names to the document."""
     for name, words in NAMES.items():
         assert f"| `{name}` | {words} |" in DOCUMENT, name
 

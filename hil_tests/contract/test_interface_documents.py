@@ -46,7 +46,7 @@ def examples(text: str, kind: str) -> list[Fields]:
 
 
 def rows(text: str, heading: str) -> list[list[str]]:
-    """Cells of the first table under a heading, without the line of column names."""
+    """Cells of the first table below a heading, without the header row."""
     _, below = re.split(rf"^##+ {heading}", text, maxsplit=1, flags=re.MULTILINE)
     return first_table(below)[2:]
 
@@ -64,7 +64,7 @@ def table(text: str, first_column: str) -> dict[str, str]:
 
 
 def content_of(frame: bytes) -> bytes:
-    """Unstuffed and with its CRC checked, by the words of the document."""
+    """Unstuff a frame and check its CRC as the document describes."""
     assert frame[0] == frame[-1] == 0x7E
     content = frame[1:-1].replace(b"\x7d\x5e", b"\x7e").replace(b"\x7d\x5d", b"\x7d")
     assert zlib.crc32(content[:-4]) == int.from_bytes(content[-4:], "big")
@@ -118,7 +118,7 @@ def health_of(example: Fields) -> HealthTelegram:
         ),
     ],
 )
-def test_the_example_frames_are_what_the_code_sends(
+def test_the_code_sends_the_example_frames(
     sent: tuple[TagTelegram | HealthTelegram, str],
 ) -> None:
     assert telegram.encode(sent[0]).hex(" ") == sent[1]
@@ -162,7 +162,7 @@ MESSAGES: dict[str, type[Message]] = {
 
 
 def message_of(kind: str, example: Fields) -> Message:
-    """The message that an example spells out; every field but the payload is JSON."""
+    """The message of a written example; every field except the payload is JSON."""
     values = {name: json.loads(text) for name, text in example.items() if name != "payload"}
     if "restrictions" in values:
         values["restrictions"] = tuple(SpeedRestriction(*each) for each in values["restrictions"])
@@ -170,7 +170,7 @@ def message_of(kind: str, example: Fields) -> Message:
 
 
 @pytest.mark.parametrize("kind", MESSAGES)
-def test_the_example_messages_are_what_the_code_sends(kind: str) -> None:
+def test_the_code_sends_the_example_messages(kind: str) -> None:
     (example,) = examples(RADIO, kind)
 
     assert codec.pack(message_of(kind, example)).hex(" ") == example["payload"]

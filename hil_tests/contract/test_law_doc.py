@@ -1,4 +1,4 @@
-"""The pages of the control laws are what files, code and figures say, and every law has one."""
+"""The pages of the control laws agree with files, code and figures, and every law has one."""
 
 import importlib
 import re
@@ -86,7 +86,7 @@ def test_every_law_has_a_page_and_every_page_a_law() -> None:
     assert laws == set(STRATEGIES)
 
 
-def test_what_a_page_names_exists_and_every_equation_has_a_source() -> None:
+def test_every_name_on_a_page_exists_and_every_equation_has_a_source() -> None:
     for table in map(law_doc.read, PAGES):
         for code in [*table["settings"], *(equation["code"] for equation in table["equation"])]:
             module, _, names = code.partition(":")
@@ -97,7 +97,7 @@ def test_what_a_page_names_exists_and_every_equation_has_a_source() -> None:
         assert all(equation["source"].strip() for equation in table["equation"])
 
 
-def test_the_figures_that_are_kept_can_be_read_and_are_of_laws() -> None:
+def test_the_kept_figures_are_readable_and_belong_to_laws() -> None:
     kept = read_results((ROOT / "hil_tests" / "metro_hil" / RESULTS).read_text(encoding="utf-8"))
 
     assert set(kept) <= set(STRATEGIES)
@@ -117,18 +117,18 @@ def test_a_page_draws_blocks_and_links_and_explains_them() -> None:
     assert "- The paper forgets a sign.\n" in text
 
 
-def test_parameters_come_from_the_settings_with_unit_default_and_words() -> None:
+def test_parameters_come_from_the_settings_with_unit_default_and_text() -> None:
     text = page()
 
     assert f"| `decel_mps2` | m/s² | {Braking().decel_mps2} |  |" in text
     assert f"| `plateau_speed_mps` | m/s | {Braking().plateau_speed_mps:g} |  |" in text
     assert re.search(r"\| `least_decel_mps2` \| m/s² \| 0.03 \| The brake stays on .* \|", text)
     assert "Shape of a braking: steady at speed" in text
-    # What has no default has a dash; units with a fraction are written out.
+    # A parameter without a default has a dash; units with a fraction are written out.
     assert "| `ki_per_s2` | 1/s² | – |  |" in text
 
 
-def test_figures_are_those_that_were_kept() -> None:
+def test_the_page_shows_the_kept_figures() -> None:
     row = page(figures=FIGURES).partition("## Figures")[2]
 
     for words in (

@@ -19,12 +19,12 @@ DOCUMENT = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "monito
 
 
 @pytest.mark.parametrize("table", [invariant_tables(), signal_tables()], ids=["inv", "signals"])
-def test_the_tables_are_those_of_the_code(table: str) -> None:
-    """When this fails, put what these functions return into the document."""
+def test_the_document_holds_the_tables_of_the_code(table: str) -> None:
+    """When this fails, put the output of these functions into the document."""
     assert table in DOCUMENT
 
 
-def test_the_example_is_read_without_complaint() -> None:
+def test_the_example_is_valid() -> None:
     (text,) = re.findall(r"^```toml\n(.*?)^```$", DOCUMENT, re.MULTILINE | re.DOTALL)
     table = tomllib.loads(text.replace(', "inv-30", …]', "]"))
 
@@ -34,7 +34,7 @@ def test_the_example_is_read_without_complaint() -> None:
     )
 
 
-def test_the_command_shows_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_lists_all_monitors(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["monitors"]) == 0
     shown = capsys.readouterr().out
     for name in (*NAMES, *(each.name for each in INVARIANTS)):
@@ -55,7 +55,7 @@ def test_the_command_shows_all_there_is(capsys: pytest.CaptureFixture[str]) -> N
         ("speed_mps", ["[m/s]", "exactly 0 at standstill"]),
     ],
 )
-def test_the_command_explains_one(
+def test_the_command_explains_one_monitor(
     name: str, words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["monitors", name]) == 0
@@ -64,6 +64,6 @@ def test_the_command_explains_one(
         assert word in shown
 
 
-def test_an_unknown_name_leads_to_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_name_gets_the_nearest_as_suggestion(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["monitors", "sped_mps"]) == 2
     assert "nearest valid name: speed_mps" in capsys.readouterr().err

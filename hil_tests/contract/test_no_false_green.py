@@ -1,4 +1,4 @@
-"""No evidence is not a pass: no broken or empty scenario may look green."""
+"""No evidence is not a pass: no broken or empty scenario may come out green."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -17,15 +17,16 @@ from metro_hil.run.dispatch import run_case
 Table = Mapping[str, Any]
 
 SHORT: Final = {"start": "II", "end": "III", "duration_s": 9.0}
-"""The train stands for 4.7 s, then pulls. The service brake is at rest from then on."""
+"""The train stands for 4.7 s and then accelerates; the service brake stays released from then
+on."""
 MINE: Final = "MY-01"
 HOLDS: Final = {"name": "holds", "stl": "always(speed_mps <= 40)", "requirements": [MINE]}
 FAILS: Final = {"name": "fails", "stl": "always(speed_mps <= 1)", "requirements": [MINE]}
-"""The train is faster than this from 6 s on."""
+"""The train is faster than this limit from 6 s on."""
 
 
 def watching(*formulas: str) -> Table:
-    """A scenario with these formulas alone."""
+    """A scenario with only these formulas as monitors."""
     monitors = [{"stl": text, "requirements": [MINE]} for text in formulas]
     return {"invariants": "none", "monitor": monitors}
 
@@ -35,7 +36,7 @@ def measuring(**limits: Any) -> Table:
 
 
 def suffering(kind: str, **fault: Any) -> Table:
-    """A scenario whose monitor holds, under a fault that does nothing."""
+    """A scenario whose monitor holds, under a fault without effect."""
     return {"invariants": "none", "monitor": [HOLDS], "fault": [{"kind": kind, **fault}]}
 
 
@@ -186,31 +187,29 @@ def refuse_green(case: Case) -> CaseResult:
 
 
 @pytest.mark.parametrize("table", REFUSED.values(), ids=REFUSED)
-def test_what_no_run_can_decide_is_refused(table: Table) -> None:
+def test_a_scenario_that_no_run_can_decide_is_refused(table: Table) -> None:
     with pytest.raises(SettingsError, match=r"x\.toml: (monitor|expected|vacuous)"):
         made(table)
 
 
 @pytest.mark.parametrize("table", EMPTY.values(), ids=EMPTY)
-def test_what_was_never_judged_is_not_green(table: Table) -> None:
+def test_a_scenario_that_judged_nothing_is_not_green(table: Table) -> None:
     assert refuse_green(made(table)).lacking
 
 
 @pytest.mark.parametrize("table", UNTOUCHED.values(), ids=UNTOUCHED)
-def test_a_fault_that_touched_nothing_is_not_green(table: Table) -> None:
+def test_a_fault_without_effect_is_not_green(table: Table) -> None:
     result = refuse_green(made(table))
 
     assert result.reason == f"fault {result.faults[0].kind} touched nothing"
 
 
 @pytest.mark.parametrize("make", WRONG.values(), ids=WRONG)
-def test_a_failure_that_was_not_meant_is_not_green(
-    make: Callable[[Path], Table], tmp_path: Path
-) -> None:
+def test_an_unexpected_failure_is_not_green(make: Callable[[Path], Table], tmp_path: Path) -> None:
     refuse_green(made(make(tmp_path)))
 
 
-def test_the_failure_that_was_meant_is_green_and_its_requirement_is_known_not_to_be_met() -> None:
+def test_an_expected_failure_is_green_and_its_requirement_counts_as_not_met() -> None:
     case = made(expecting({"fails": "fails", "margin_min": -5.0}, FAILS, HOLDS))
 
     result = run_case(case)
@@ -219,7 +218,7 @@ def test_the_failure_that_was_meant_is_green_and_its_requirement_is_known_not_to
     assert standing_of(case, result) is RequirementStanding.KNOWN
 
 
-def test_what_is_allowed_to_show_nothing_is_green_and_met_by_nothing() -> None:
+def test_an_allowed_vacuous_scenario_is_green_and_meets_no_requirement() -> None:
     allowed = {"allowed": "idle", "reason": "the hop is too short for it"}
     idle = {"name": "idle", "stl": f"always({NEVER} -> standing)", "requirements": ["MY-02"]}
     case = made({"invariants": "none", "monitor": [HOLDS, idle], "vacuous": allowed})

@@ -1,4 +1,4 @@
-"""The command `plant`: what it refuses, and a plant as a process of its own on the embedded bus."""
+"""The command `plant`: its refusals, and a plant as its own process on the embedded bus."""
 
 import csv
 import json
@@ -26,7 +26,7 @@ from plant_emulator.train_config import PACKAGE
 BUS = "planttest0"
 SPEC = f"embedded:{BUS}"
 WAIT_S = 60.0
-"""Far longer than anything takes; only a hang lasts so long."""
+"""Timeout far above every duration here; only a hang reaches it, s."""
 
 
 @pytest.fixture(autouse=True)
@@ -53,7 +53,7 @@ def start(*arguments: str | Path) -> "subprocess.Popen[str]":
 
 
 def serving(*arguments: str | Path) -> "subprocess.Popen[str]":
-    """A plant that has said that everything is open."""
+    """A plant process that has reported that all its ports are open."""
     plant = start("run", "--bus", SPEC, "--radio", "auto", "--priority", "0", *arguments)
     assert plant.stdout is not None
     for line in plant.stdout:
@@ -84,7 +84,7 @@ def test_the_shipped_trains_are_listed(capsys: pytest.CaptureFixture[str]) -> No
         (["--bus", SPEC, "--truth-feed", 200 * "x"], 2, "--truth-feed x"),
     ],
 )
-def test_what_cannot_be_served_is_said_in_one_line(
+def test_an_impossible_plant_is_refused_in_one_line(
     arguments: list[str], code: int, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["run", *arguments]) == code
@@ -94,7 +94,7 @@ def test_what_cannot_be_served_is_said_in_one_line(
     assert said.count("\n") == 1
 
 
-def test_without_any_bus_it_says_how_to_get_one(
+def test_without_any_bus_the_message_tells_how_to_create_one(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     nothing = BusChoice(None, "the kernel has no interface vcan0")
@@ -159,7 +159,7 @@ def test_it_ends_after_its_duration() -> None:
     assert "ended" in said
 
 
-def test_faults_that_cannot_be_are_said_with_file_and_key(
+def test_impossible_faults_are_reported_with_file_and_key(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenario = tmp_path / "leaves.toml"
@@ -172,8 +172,8 @@ def test_faults_that_cannot_be_are_said_with_file_and_key(
 
 
 @pytest.mark.usefixtures("hub")
-def test_the_feed_is_told_the_truth_of_every_step_and_all_faults(tmp_path: Path) -> None:
-    """Its instants are those of the machine's clock; the bus's faults are only told."""
+def test_the_feed_gets_the_truth_of_every_step_and_all_faults(tmp_path: Path) -> None:
+    """The feed uses instants of the machine's clock; the plant only reports faults of the bus."""
     scenario, path = tmp_path / "faults.toml", tmp_path / "feed"
     scenario.write_text(
         '[[fault]]\nkind = "passenger_alarm"\nstart_s = 0.2\nduration_s = 0.1\n'
@@ -214,7 +214,7 @@ def test_the_feed_is_told_the_truth_of_every_step_and_all_faults(tmp_path: Path)
 
 
 @pytest.mark.usefixtures("hub")
-def test_it_says_which_faults_are_not_its_own(tmp_path: Path) -> None:
+def test_the_plant_names_faults_that_it_does_not_cause(tmp_path: Path) -> None:
     scenario = tmp_path / "faults.toml"
     scenario.write_text('[[fault]]\nkind = "frame_drop"\n', encoding="utf-8")
     plant = start(
@@ -259,8 +259,8 @@ def test_a_radio_endpoint_in_use_is_refused() -> None:
 
 
 @pytest.mark.usefixtures("hub")
-def test_it_does_not_outlive_the_parent_it_was_told_of() -> None:
-    """A parent that is killed says nothing; the kernel tells the child."""
+def test_the_plant_does_not_outlive_its_given_parent() -> None:
+    """A killed parent sends nothing; the kernel signals the child."""
     command = [sys.executable, "-m", "plant_emulator", "run", "--bus", SPEC, "--priority", "0"]
     parent = subprocess.Popen(
         [
@@ -281,5 +281,5 @@ def test_it_does_not_outlive_the_parent_it_was_told_of() -> None:
     os.kill(parent.pid, signal.SIGKILL)
     parent.wait(WAIT_S)
 
-    # The pipe closes when the plant, too, has gone, and its last words are those of a clean end.
+    # The pipe closes when the plant has gone, too; its last lines are those of a clean end.
     assert "ended" in parent.stdout.read()

@@ -1,4 +1,4 @@
-"""The consist files that ship, and how a wrong one is refused."""
+"""The shipped consist files, and the refusal of wrong ones."""
 
 import tomllib
 from dataclasses import fields, is_dataclass, replace
@@ -47,7 +47,7 @@ def test_a_shipped_consist_loads_under_its_own_name_and_stands_on_its_line(name:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_key_of_the_files_is_a_field_and_every_field_a_key(name: str) -> None:
-    """Defaults would hide from the reader of a file what the train really is."""
+    """A default would hide a property of the train from the reader of the file."""
 
     def compare(table: dict[str, object], value: object) -> None:
         assert is_dataclass(value)
@@ -63,7 +63,7 @@ def test_every_key_of_the_files_is_a_field_and_every_field_a_key(name: str) -> N
     compare(tomllib.loads(text_of(name)), load_train(name))
 
 
-def test_the_florence_train_is_that_of_the_paper() -> None:
+def test_the_florence_train_equals_the_published_one() -> None:
     train = load_train("florence4")
     assert [car.tare_kg for car in train.cars] == [35_000.0, 30_000.0, 30_000.0, 35_000.0]
     assert [car.motor for car in train.cars] == [True, False, False, True]
@@ -75,7 +75,7 @@ def test_the_florence_train_is_that_of_the_paper() -> None:
     assert train.sensors.antenna_m == 2.0
 
 
-def test_the_variants_differ_from_florence4_in_what_their_names_say() -> None:
+def test_the_variants_differ_from_florence4_as_their_names_say() -> None:
     base, late = load_train("florence4"), load_train("florence4_fixed_delay")
     service = late.brake.service
     assert service.dead_time_s == Spread(1.0, 1.0)
@@ -94,7 +94,7 @@ def test_the_ideal_train_has_neither_noise_nor_error() -> None:
     assert sensors.tag_sigma_m == sensors.doppler_sigma_mps == sensors.imu_sigma_mps2 == 0.0
 
 
-def test_a_consist_says_which_model_it_wants(tmp_path: Path) -> None:
+def test_a_consist_names_its_model(tmp_path: Path) -> None:
     path = changed(tmp_path, 'model = "multi_mass"', 'model = "point_mass"')
     train = load_train(path)
     world = World(train, load_line("florence"), seed=1, front_m=0.0)

@@ -1,4 +1,4 @@
-"""The desk on its wires: in the plant, and as the process `plant desk` on the embedded bus."""
+"""The desk on its wires: inside the plant, and as the process `plant desk` on the embedded bus."""
 
 import os
 import pty
@@ -29,11 +29,11 @@ from plant_emulator.world import STEP_NS, TrainScenario, plan_scenario
 BUS = "desktest0"
 SPEC = f"embedded:{BUS}"
 WAIT_S = 60.0
-"""Far longer than anything takes; only a hang lasts so long."""
+"""Timeout far above every duration here; only a hang reaches it, s."""
 
 
-class Bench:
-    """A plant on a virtual bus, and what it says as its desk."""
+class DeskRig:
+    """A plant on a virtual bus, and the frames that its desk sends."""
 
     def __init__(self, scenario: TrainScenario, *faults: dict[str, object]) -> None:
         self.bus = InprocBus("vcan0", 250_000)
@@ -53,7 +53,7 @@ class Bench:
         self.now_ns = 0
 
     def run(self, duration_s: float, shown: VobcMotion | None = None) -> list[Frame]:
-        """What the desk says meanwhile."""
+        """The frames that the desk sends meanwhile."""
         said: list[Frame] = []
         for step in range(round(duration_s * 1e9) // STEP_NS):
             if shown is not None and step % 10 == 0:
@@ -74,8 +74,8 @@ class Bench:
         return [frame.lever_percent for frame in said if isinstance(frame, Desk)]
 
 
-def test_a_driver_in_the_plant_sees_what_the_controller_says_on_the_bus() -> None:
-    bench = Bench(plan_scenario(driver="obedient"))
+def test_a_driver_in_the_plant_sees_the_controllers_frames_on_the_bus() -> None:
+    bench = DeskRig(plan_scenario(driver="obedient"))
     assert set(bench.levers(1.0)) == {-100.0}, "the display is dark"
     assert bench.levers(1.0, VobcMotion(0.0, 15.0, 17.0))[-1] == 100.0
     assert bench.levers(1.0, VobcMotion(16.0, 15.0, 17.0))[-1] == -100.0
@@ -83,9 +83,9 @@ def test_a_driver_in_the_plant_sees_what_the_controller_says_on_the_bus() -> Non
     assert bench.plant.wire.refused == 0
 
 
-def test_what_is_wrong_with_the_desk_comes_on_top_of_the_driver() -> None:
+def test_desk_faults_override_the_driver() -> None:
     fault = {"kind": "desk_lever", "lever_percent": 30.0, "start_s": 1.0, "end_s": 2.0}
-    bench = Bench(plan_scenario(driver="reckless"), fault)
+    bench = DeskRig(plan_scenario(driver="reckless"), fault)
     assert set(bench.levers(0.95)) == {100.0}
     assert bench.levers(1.0)[2:] == [30.0] * 8
     assert bench.levers(1.0)[2:] == [100.0] * 8
@@ -94,14 +94,14 @@ def test_what_is_wrong_with_the_desk_comes_on_top_of_the_driver() -> None:
 def test_a_recording_is_played_at_its_instants(tmp_path: Path) -> None:
     path = tmp_path / "a.desk"
     path.write_text("0 lever_percent=20\n0.6 lever_percent=-40 mode=off\n", encoding="utf-8")
-    bench = Bench(plan_scenario(desk_recording=str(path), desk_mode="manual"))
+    bench = DeskRig(plan_scenario(desk_recording=str(path), desk_mode="manual"))
     said = [frame for frame in bench.run(1.0) if isinstance(frame, Desk)]
     assert [frame.lever_percent for frame in said] == [20.0] * 6 + [-40.0] * 4
     assert (said[0].mode, said[-1].mode) == (CabMode.MANUAL, CabMode.OFF)
 
 
-def test_a_desk_elsewhere_is_silent_here_and_says_no_last_word() -> None:
-    bench = Bench(plan_scenario(desk_elsewhere=True))
+def test_a_plant_with_an_external_desk_sends_no_desk_frames() -> None:
+    bench = DeskRig(plan_scenario(desk_elsewhere=True))
     assert bench.run(3.0) == []
     bench.plant.stop(bench.now_ns)
     assert bench.run(0.5) == []
@@ -126,7 +126,7 @@ def start(*arguments: str | Path) -> "subprocess.Popen[str]":
 
 
 @pytest.mark.usefixtures("hub")
-def test_what_is_played_on_a_bus_is_recorded_as_it_was(tmp_path: Path) -> None:
+def test_a_playback_on_a_bus_is_recorded_unchanged(tmp_path: Path) -> None:
     played, recorded = tmp_path / "in.desk", tmp_path / "out.desk"
     played.write_text("0 lever_percent=20\n0.5 lever_percent=-40\n", encoding="utf-8")
     desk = start(
@@ -143,7 +143,9 @@ def test_what_is_played_on_a_bus_is_recorded_as_it_was(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("hub")
-def test_two_desks_on_one_bus_are_refused_and_a_plant_makes_room_for_one() -> None:
+def test_two_desks_on_one_bus_are_refused_and_a_plant_can_leave_the_desk_to_another_process() -> (
+    None
+):
     plant = start("run", "--bus", SPEC, "--priority", "0", "--desk", "external")
     assert plant.stdout is not None
     first = None
@@ -205,7 +207,7 @@ def test_a_person_drives_with_the_keys_of_a_terminal(tmp_path: Path) -> None:
         (["--bus", SPEC], 3, "plant desk needs a terminal, or --play FILE, or --driver NAME"),
     ],
 )
-def test_what_cannot_be_driven_is_said_in_one_line(
+def test_an_impossible_desk_is_refused_in_one_line(
     arguments: list[str], code: int, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["desk", *arguments]) == code
@@ -216,9 +218,7 @@ def test_what_cannot_be_driven_is_said_in_one_line(
 
 
 @pytest.mark.usefixtures("hub")
-def test_a_recording_is_not_written_over(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "kept.desk"
     path.write_text("# mine\n", encoding="utf-8")
     assert main(["desk", "--bus", SPEC, "--driver", "late", "--record", str(path)]) == 2

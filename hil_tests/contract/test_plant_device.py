@@ -1,4 +1,4 @@
-"""The plant on its wires: bytes in, bytes out, on the bus of the lockstep and on a shared port."""
+"""The plant on its wires: bytes in and bytes out, on the lockstep bus and on a shared port."""
 
 import hashlib
 import itertools
@@ -42,7 +42,7 @@ CONTROL_IDS = frozenset(can_id(kind) for kind in kinds() if sender(kind) != Node
 
 
 Spoil = Callable[[int, bytes], bytes | None]
-"""What becomes of a command on its way; None loses it."""
+"""How a command is changed on its way; None loses it."""
 
 
 class Rows:
@@ -59,7 +59,7 @@ class Rows:
 
 
 class Stand:
-    """A plant on a virtual bus, and a controller's port to play with."""
+    """A plant on a virtual bus, with a port for the test's controller."""
 
     def __init__(self, scenario: TrainScenario | None = None, start_ns: int = 0) -> None:
         self.log = hashlib.sha256()
@@ -122,7 +122,7 @@ class Stand:
         return [(at_ns, frame) for at_ns, frame in self.heard if type(frame) is kind]
 
 
-def test_the_timetable_has_every_cyclic_frame_of_the_trains_nodes_at_its_period() -> None:
+def test_the_schedule_has_every_cyclic_frame_of_the_trains_nodes_at_its_period() -> None:
     ours = {kind for kind in kinds() if sender(kind) in {node.name for node in PLANT_NODES}}
     cyclic = {kind for kind in ours if period_s(kind) > 0.0}
     counted = Counter(sending.kind for slot in timetable() for sending in slot)
@@ -145,7 +145,7 @@ def test_every_frame_passes_the_decoder_and_comes_from_its_own_node() -> None:
             assert count >= 4
 
 
-def test_frames_come_at_their_periods_within_the_time_that_arbitration_takes() -> None:
+def test_frames_come_at_their_periods_within_the_arbitration_time() -> None:
     stand = Stand().run(5.0, GO)
     for kind, tolerance_ns in ((Tacho, 3_000_000), (BrakeStatus, 3_000_000), (Desk, 3_000_000)):
         stamps_ns = [at_ns for at_ns, _ in stand.all(kind)]
@@ -154,7 +154,7 @@ def test_frames_come_at_their_periods_within_the_time_that_arbitration_takes() -
         assert max(abs(gap_ns - wanted_ns) for gap_ns in gaps_ns) <= tolerance_ns
 
 
-def test_without_a_controller_the_train_stands_braked_and_says_so() -> None:
+def test_without_a_controller_the_train_stands_braked_and_reports_it() -> None:
     stand = Stand().run(3.0)
     brake, traction = stand.latest(BrakeStatus), stand.latest(TractionStatus)
     assert isinstance(brake, BrakeStatus)
@@ -177,7 +177,7 @@ def test_commands_in_valid_pairs_move_the_train() -> None:
 
 
 def test_half_a_pair_is_no_command() -> None:
-    """Without its inverted twins every command is missing, and the train stays braked."""
+    """Without the inverted twins every command is missing, and the train stays braked."""
     stand = Stand()
     first_halves = {can_id(kind) for kind in (BrakeCommand, TractionCommand, DoorCommand)}
     stand.spoil = lambda identifier, data: data if identifier in first_halves else None
@@ -232,7 +232,7 @@ def test_one_flipped_bit_in_every_command_leaves_the_train_braked(bit: int) -> N
 
 
 def test_a_command_that_is_only_repeated_goes_stale() -> None:
-    """The first pair is believed; its copies have a stuck counter."""
+    """The plant accepts the first pair; its copies have a stuck counter."""
     first: dict[int, bytes] = {}
     stand = Stand()
     stand.spoil = first.setdefault
@@ -276,7 +276,7 @@ def test_tags_reach_the_serial_line_as_telegrams() -> None:
         for each in parser.feed(chunk.data)
     ]
     tags = [each.tag_id for each in heard if isinstance(each, TagTelegram)]
-    # The tag of the starting point lies under the antenna, before or behind it by its noise.
+    # The tag of the starting point is under the antenna; its noise puts it before or behind.
     assert [tag_id for tag_id in tags if tag_id != 4] == [1150, 1400]
     assert sum(isinstance(each, HealthTelegram) for each in heard) >= 79
     assert parser.torn == {}
@@ -291,7 +291,7 @@ def test_the_wayside_answers_on_the_radio() -> None:
     authority = unpack(message.payload)
     assert isinstance(authority, MovementAuthority)
     assert (authority.boot, authority.echo_stamp_ns, authority.end_m) == (7, 5, 3060.0)
-    # Two times 20 ms in the air, and the wayside's own cycle of 50 ms.
+    # The delay is two times 20 ms on the radio plus the wayside's cycle of 50 ms.
     assert message.stamp_ns <= 90_000_000
 
 
@@ -312,8 +312,8 @@ def test_the_truth_is_logged_every_50_ms_and_at_every_change_of_standstill() -> 
     assert rows.numbers("front_m")[arrived] == pytest.approx(stand.plant.world.front_m, abs=1e-3)
 
 
-def test_the_very_step_in_which_the_train_comes_to_rest_is_in_the_log() -> None:
-    """Stopped at ten different instants of the grid of rows."""
+def test_the_step_in_which_the_train_comes_to_rest_is_in_the_log() -> None:
+    """The test stops the train at ten different instants of the grid of rows."""
     for offset in range(10):
         truth = Rows()
         plant, _ = process_plant(truth)
@@ -347,7 +347,7 @@ def test_a_start_at_any_instant_is_the_same_run() -> None:
     assert early.truth.rows == late.truth.rows
 
 
-def test_time_of_day_is_the_clock_of_whoever_runs_the_plant() -> None:
+def test_time_of_day_comes_from_the_given_clock() -> None:
     stand = Stand()
     plant = PlantDevice(
         plan_scenario(),
@@ -360,13 +360,13 @@ def test_time_of_day_is_the_clock_of_whoever_runs_the_plant() -> None:
     )
     frame = plant._time_of_day(5_000_000)
     assert isinstance(frame, TimeOfDay)
-    # 2023-11-14 22:13:20 UTC.
+    # This is 2023-11-14 22:13:20 UTC.
     assert frame.days_since_1984 == 14562
     assert frame.since_midnight_ms == pytest.approx(((22 * 60 + 13) * 60 + 20) * 1000.0 + 5.0)
 
 
 class SharedPort:
-    """What a process has: one port for all nodes."""
+    """A port as a process has it: one for all nodes."""
 
     def __init__(self) -> None:
         self.counters = LinkCounters()
@@ -407,7 +407,7 @@ def test_all_nodes_may_share_one_port_that_is_read_once() -> None:
     assert port.asked == 200
 
 
-def test_late_steps_are_made_up_for_and_their_frames_sent_once() -> None:
+def test_late_steps_are_caught_up_and_their_frames_sent_once() -> None:
     plant, port = process_plant()
     plant.step(0)
     port.frames.clear()
@@ -424,8 +424,8 @@ def test_late_steps_are_made_up_for_and_their_frames_sent_once() -> None:
 
 
 @pytest.mark.parametrize("held_up_s", [0.11, 0.155, 0.4, 5.0])
-def test_no_command_is_missing_because_the_plant_stood_still_itself(held_up_s: float) -> None:
-    """A host that stops all processes must not look like a controller that fell silent."""
+def test_a_pause_of_the_plant_itself_loses_no_command(held_up_s: float) -> None:
+    """A host that pauses all processes must not look like a silent controller."""
     stand = Stand().run(12.0, GO)
 
     stand.clock.wait_until(stand.clock.now_ns() + round(held_up_s * 1e9))
@@ -436,7 +436,7 @@ def test_no_command_is_missing_because_the_plant_stood_still_itself(held_up_s: f
 
 
 @pytest.mark.parametrize("held_up_s", [0.155, 0.4])
-def test_a_command_that_stays_away_after_a_hold_up_is_missing_as_ever(held_up_s: float) -> None:
+def test_a_command_missing_after_a_pause_counts_as_lost(held_up_s: float) -> None:
     stand = Stand().run(12.0, GO)
 
     stand.clock.wait_until(stand.clock.now_ns() + round(held_up_s * 1e9))
@@ -446,7 +446,7 @@ def test_a_command_that_stays_away_after_a_hold_up_is_missing_as_ever(held_up_s:
     assert stand.plant.world.brake.emergency_wanted
 
 
-def test_steps_that_are_a_little_late_put_nothing_off() -> None:
+def test_slightly_late_steps_delay_no_timeout() -> None:
     plant, _ = process_plant()
     plant.step(0)
     plant.world.brake.hear(RELEASED, 0)
@@ -457,7 +457,7 @@ def test_steps_that_are_a_little_late_put_nothing_off() -> None:
     assert plant.command_losses["BCU"] == 1
 
 
-def test_a_plant_that_was_stopped_for_minutes_gives_up_and_goes_on_from_now() -> None:
+def test_a_plant_paused_for_minutes_skips_the_lost_time() -> None:
     plant, _ = process_plant()
     plant.step(0)
     plant.step(60_000 * STEP_NS)
@@ -466,7 +466,7 @@ def test_a_plant_that_was_stopped_for_minutes_gives_up_and_goes_on_from_now() ->
     assert plant.late_steps == 99
 
 
-def test_nodes_boot_and_leave_as_canopen_has_it() -> None:
+def test_nodes_boot_and_stop_as_canopen_requires() -> None:
     stand = Stand().run(3.5)
     stand.plant.stop(stand.clock.now_ns())
     stand.run(0.05)
@@ -483,7 +483,7 @@ def test_the_desk_is_in_the_mode_it_was_put_in() -> None:
     assert desk.mode is CabMode.MANUAL
 
 
-def test_a_filter_on_the_shared_port_lets_all_commands_through() -> None:
+def test_a_filter_on_the_shared_port_passes_all_commands() -> None:
     assert {can_id(BrakeCommand), can_id(BrakeCommand) + 1} <= COMMAND_IDS
     assert can_id(AnalogueCommand) in COMMAND_IDS
     assert len(COMMAND_IDS) == 7

@@ -1,4 +1,4 @@
-"""What the documents tell people to type exists, and no program runs without its asserts."""
+"""Commands in the documents exist, and no program runs without its asserts."""
 
 import contextlib
 import importlib
@@ -29,7 +29,7 @@ TARGET: Final = re.compile(r"^([a-z][a-z-]*):", re.MULTILINE)
 
 
 def command_lines(text: str) -> Iterator[str]:
-    """Lines of shell blocks and code spans that begin with something of this project."""
+    """Lines of shell blocks and code spans that begin with a program or file of this project."""
     heads = {*SCRIPTS, "make", ".ci/run"}
     blocks = [line for block in FENCE.findall(text) for line in block.splitlines()]
     for line in [*blocks, *SPAN.findall(FENCE.sub("", text))]:
@@ -40,9 +40,9 @@ def command_lines(text: str) -> Iterator[str]:
 
 @cache
 def help_text(program: str, verb: str) -> str:
-    """All that a program's help says, of one of its verbs if it has that.
+    """The whole help text of a program, or of one of its verbs.
 
-    Asked for in this process: starting a program anew for each of its verbs takes a minute.
+    It runs in this process: a new process for each verb would take a minute.
     """
     module, _, function = SCRIPTS[program].partition(":")
     main = getattr(importlib.import_module(module), function).load()
@@ -58,7 +58,7 @@ def help_text(program: str, verb: str) -> str:
 
 
 @pytest.mark.parametrize("name", sorted(SCRIPTS))
-def test_every_console_script_leads_to_a_function(name: str) -> None:
+def test_every_console_script_names_a_function(name: str) -> None:
     module, _, function = SCRIPTS[name].partition(":")
 
     assert callable(getattr(importlib.import_module(module), function))
@@ -69,7 +69,7 @@ def test_every_console_script_leads_to_a_function(name: str) -> None:
 
 
 def fault_in(line: str) -> str | None:
-    """Why a documented command would not work; None if all that can be checked is right."""
+    """Why a documented command would not work; None if every check passes."""
     words = [word for word in shlex.split(line) if word not in ("[", "]", "…", "...")]
     head = words[0].removeprefix(".venv/bin/")
     if head.startswith(("tools/", ".ci/")):
@@ -84,7 +84,7 @@ def fault_in(line: str) -> str | None:
     if head not in SCRIPTS:
         return None if (BIN / head).exists() else f"no program {head}"
     if words[:3] == ["hil", "run", "line"]:
-        # A line is no campaign: `hil line --help` has its options.
+        # A line is no campaign; `hil line --help` lists its options.
         del words[1]
     verbs = [word for word in words[1:2] if re.fullmatch(r"[a-z]+(-[a-z]+)*", word)]
     said = help_text(head, verbs[0] if verbs else "")
@@ -93,7 +93,7 @@ def fault_in(line: str) -> str | None:
     return f"no options {unknown}" if unknown else None
 
 
-def test_what_the_documents_say_to_type_exists() -> None:
+def test_every_documented_command_exists() -> None:
     faults = [
         f"{document.name}: {line}: {fault}"
         for document in DOCUMENTS
@@ -104,7 +104,7 @@ def test_what_the_documents_say_to_type_exists() -> None:
     assert faults == []
 
 
-def test_a_wrong_command_would_be_found() -> None:
+def test_the_check_detects_wrong_commands() -> None:
     assert fault_in("make nonsense") is not None
     assert fault_in("tools/nonsense x") is not None
     assert fault_in("vcan up --nonsense") is not None
@@ -123,7 +123,7 @@ def test_a_wrong_command_would_be_found() -> None:
     [*([str(BIN / name)] for name in sorted(SCRIPTS)), ["-m", "vobc"], ["-m", "plant_emulator"]],
     ids=lambda words: "_".join(Path(word).name for word in words),
 )
-def test_a_word_that_is_no_text_is_refused_in_a_line(words: list[str]) -> None:
+def test_an_argument_that_is_not_utf_8_is_refused_in_one_line(words: list[str]) -> None:
     """No report or configuration could name such a file."""
     done = subprocess.run(
         [sys.executable, *words, "run", b"--out=a\xff"],

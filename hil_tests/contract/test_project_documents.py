@@ -1,4 +1,4 @@
-"""Every block of commands in the documents is run, or says why it is not."""
+"""Every block of commands in the documents is run, or has a reason why not."""
 
 from pathlib import Path
 from typing import Final
@@ -9,7 +9,7 @@ from metro_tools.doc_blocks.order import documents
 ROOT: Final = Path(__file__).resolve().parents[2]
 
 
-def test_every_block_of_commands_is_run_or_says_why_it_is_not() -> None:
+def test_every_block_of_commands_is_run_or_has_a_reason() -> None:
     faults = [
         f"{name}:{fault.line}: {fault.text}"
         for name in documents(ROOT)
@@ -20,7 +20,7 @@ def test_every_block_of_commands_is_run_or_says_why_it_is_not() -> None:
 
 
 def test_most_documents_with_commands_have_one_that_is_run() -> None:
-    """A block that is skipped is a promise that no test checks, so they must stay the fewer."""
+    """No test checks a skipped block, so skipped ones must stay the minority."""
     marks = [
         block.mark
         for name in documents(ROOT)

@@ -1,4 +1,4 @@
-"""Every command ends in order: on Ctrl-C, on a full disk, without anybody who takes its output."""
+"""Every command ends cleanly: on Ctrl-C, on a full disk, and without a reader of its output."""
 
 import json
 import subprocess
@@ -32,7 +32,7 @@ SHOWING: Final = {
     "hil": (["scenarios"], ["monitors"], ["faults"], ["requirements"], ["check", "smoke"]),
     "vcan": (["status"], ["up", "--kind", "embedded", "--dry-run"]),
 }
-"""Commands that print and need nothing, beside the help of every verb."""
+"""Commands that print and need no input, in addition to the help of every verb."""
 LOSSES: Final = {
     "full": "No space left on device",
     "left": "Broken pipe",
@@ -47,7 +47,7 @@ def commands(program: str) -> list[list[str]]:
 
 @cache
 def ends_of(program: str) -> Mapping[tuple[str, str], tuple[int, list[str]]]:
-    """Exit code and standard error of each command of a program, by condition and words."""
+    """Exit code and standard error of each command of a program, by condition and arguments."""
     asked = [
         (condition, words)
         for condition in ("plain", "interrupt", "full", "left", "closed", "ascii")
@@ -70,7 +70,7 @@ def ends_of(program: str) -> Mapping[tuple[str, str], tuple[int, list[str]]]:
 
 
 def wrong(program: str, condition: str, code: int, words: str) -> list[str]:
-    """The commands of a program that end otherwise under a condition."""
+    """The commands of a program that end differently under a condition."""
     return [
         f"{program} {command}: {found}: {lines}"
         for (where, command), (found, lines) in ends_of(program).items()
@@ -80,8 +80,9 @@ def wrong(program: str, condition: str, code: int, words: str) -> list[str]:
 
 
 @pytest.mark.parametrize("program", sorted(SCRIPTS))
-def test_the_commands_tried_here_are_all_that_there_are(program: str) -> None:
-    """And by themselves they are right, so that what is found below is found."""
+def test_the_tested_commands_are_complete(program: str) -> None:
+    """The commands must also succeed without a condition, so that the tests below find real
+    faults."""
     plain = {command: end for (where, command), end in ends_of(program).items() if where == "plain"}
 
     assert {command: end for command, end in plain.items() if end != (0, [])} == {}
@@ -93,13 +94,13 @@ def test_the_commands_tried_here_are_all_that_there_are(program: str) -> None:
 
 
 @pytest.mark.parametrize("program", sorted(SCRIPTS))
-def test_ctrl_c_ends_every_command_in_a_line_with_130(program: str) -> None:
+def test_ctrl_c_ends_every_command_with_one_line_and_exit_code_130(program: str) -> None:
     assert wrong(program, "interrupt", 130, "ended by Ctrl-C") == []
 
 
 @pytest.mark.parametrize("condition", LOSSES)
 @pytest.mark.parametrize("program", sorted(SCRIPTS))
-def test_a_lost_standard_output_is_a_line_with_3_of_every_command(
+def test_a_lost_standard_output_ends_every_command_with_one_line_and_exit_code_3(
     program: str, condition: str
 ) -> None:
     words = f"standard output: {LOSSES[condition]}; the rest of the output is lost"
@@ -108,7 +109,7 @@ def test_a_lost_standard_output_is_a_line_with_3_of_every_command(
 
 
 @pytest.mark.parametrize("program", sorted(SCRIPTS))
-def test_a_terminal_of_ascii_alone_is_no_traceback_of_any_command(program: str) -> None:
+def test_an_ascii_terminal_causes_no_traceback_of_any_command(program: str) -> None:
     for (condition, command), (code, lines) in ends_of(program).items():
         if condition == "ascii":
             told = [line for line in lines if "ascii cannot show" in line]

@@ -1,4 +1,4 @@
-"""Figures and pictures of the documents come from kept results, or say when they were measured."""
+"""Figures and pictures of the documents come from kept results, or tell when they were measured."""
 
 from pathlib import Path
 from typing import Final
@@ -26,12 +26,12 @@ KEPT: Final = {
 }
 
 
-def test_the_documents_have_the_figures_that_are_kept() -> None:
+def test_the_documents_hold_the_kept_figures() -> None:
     """When this fails, run `make docs`."""
     assert figure_doc.main(["--check", str(ROOT)]) == 0
 
 
-def test_every_picture_has_its_commands_and_is_shown_somewhere() -> None:
+def test_every_picture_has_its_commands_and_is_used() -> None:
     recipes = picture_doc.read_recipes(IMAGES)
     text = "".join((ROOT / name).read_text(encoding="utf-8") for name in documents(ROOT))
 
@@ -83,7 +83,7 @@ def test_a_wrong_figure_is_reported_with_file_and_line(line: str, words: str) ->
     assert str(caught.value).startswith(words)
 
 
-def test_what_stands_in_a_block_is_no_figure() -> None:
+def test_text_in_a_block_is_no_figure() -> None:
     text = "```text\n<!-- figure law mean_cm -->\n<!-- measured: then -->\n```\n"
 
     assert figure_doc.filled(text, {}, "x.md") == text
@@ -93,7 +93,7 @@ def test_what_stands_in_a_block_is_no_figure() -> None:
 TABLE: Final = "| figure | measured | bar |\n|---|---|---|\n| speed | 3 | 4 |\n| way | 5 | 6 |\n"
 
 
-def test_a_table_of_measured_figures_says_when_where_and_on_which_commit() -> None:
+def test_a_table_of_measured_figures_names_date_machine_and_commit() -> None:
     mark = "<!-- measured: 2026-11-23, a machine, with two cores, daf1434 -->"
 
     ((made,), wrong) = figure_doc.measured_tables(f"{mark}\n\n{TABLE}")
@@ -114,7 +114,7 @@ def test_a_table_of_measured_figures_says_when_where_and_on_which_commit() -> No
         (f"<!-- measured: yesterday -->\n{TABLE}", [1, 4]),
     ],
 )
-def test_a_measured_figure_of_unknown_age_is_found(text: str, lines: list[int]) -> None:
+def test_the_check_detects_a_measured_figure_of_unknown_age(text: str, lines: list[int]) -> None:
     assert [line for line, _ in figure_doc.measured_tables(text)[1]] == lines
 
 

@@ -1,4 +1,4 @@
-"""What every file of the project keeps to: size, opening sentence, and nothing of one machine."""
+"""Rules for every file of the project: size, first sentence, and no trace of a single machine."""
 
 import ast
 import re
@@ -16,7 +16,7 @@ from hil_tests.conftest import COMPUTING, ON_ITS_OWN, REALTIME, is_realtime
 ROOT: Final = Path(__file__).resolve().parents[2]
 MODULE_LINES_MAX: Final = 500
 TEST_LINES_MAX: Final = 800
-"""Tests are read one at a time."""
+"""Longest test file in lines; tests are read one at a time."""
 FUNCTION_LINES_MAX: Final = 70
 
 UNFINISHED: Final = re.compile(r"\b(?:TODO|FIXME|XXX|HACK)\b|NotImplementedError")
@@ -25,11 +25,11 @@ REGISTRY: Final = re.compile(
     r"pypi\.org|pythonhosted|artifactory|--(?:extra-index|index-url|find-links)"
 )
 NOT_SEARCHED: Final = ("LICENSE", "hil_tests/contract/test_project_files.py")
-"""The licence is not ours, and this file holds the patterns."""
+"""Files without this check: the licence has another author, and this file holds the patterns."""
 
 
 def tracked() -> list[Path]:
-    """All files of the project that git keeps, and that are there."""
+    """All existing files that git tracks."""
     listing = subprocess.run(
         ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
     )
@@ -38,7 +38,7 @@ def tracked() -> list[Path]:
 
 
 def texts() -> Iterator[tuple[str, str]]:
-    """Name and content of each tracked file that is text."""
+    """Name and content of each tracked text file."""
     for path in tracked():
         try:
             yield str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
@@ -49,7 +49,7 @@ def texts() -> Iterator[tuple[str, str]]:
 PYTHON_FILES: Final = [path for path in tracked() if path.suffix == ".py"]
 
 
-def test_there_is_something_to_check() -> None:
+def test_git_tracks_files() -> None:
     assert len(PYTHON_FILES) > 50
 
 
@@ -73,14 +73,14 @@ def test_no_file_holds(pattern: re.Pattern[str], what: str) -> None:
     assert found == []
 
 
-def test_the_search_finds_what_it_looks_for() -> None:
+def test_the_search_finds_the_patterns() -> None:
     assert UNFINISHED.search("# TODO: later")
     assert ONE_MACHINE.search("open('/home/me/x')")
     assert REGISTRY.search("--index-url=x")
     assert not ONE_MACHINE.search("network/workspace homework/")
 
 
-def test_every_module_says_what_it_holds() -> None:
+def test_every_module_has_a_docstring() -> None:
     mute = [
         str(path.relative_to(ROOT))
         for path in PYTHON_FILES
@@ -91,15 +91,15 @@ def test_every_module_says_what_it_holds() -> None:
     assert mute == []
 
 
-def test_modules_that_are_long_to_read_are_named() -> None:
-    """A long module is a question to its reader, not a fault: pytest prints it as a warning."""
+def test_long_modules_are_reported() -> None:
+    """A long module is no error, so pytest reports it as a warning."""
     for path in PYTHON_FILES:
         lines = len(path.read_text(encoding="utf-8").splitlines())
         if lines > (TEST_LINES_MAX if path.name.startswith("test_") else MODULE_LINES_MAX):
             warnings.warn(f"{path.relative_to(ROOT)} has {lines} lines", stacklevel=1)
 
 
-def test_no_function_is_too_long_to_read() -> None:
+def test_no_function_is_too_long() -> None:
     long = [
         f"{path.relative_to(ROOT)}:{node.lineno}: {node.name}"
         for path in PYTHON_FILES
@@ -112,7 +112,7 @@ def test_no_function_is_too_long_to_read() -> None:
 
 
 def test_no_public_class_name_is_used_twice() -> None:
-    """One name means one thing in the whole product; tests may name their rigs as they like."""
+    """One name means one thing in the whole product; tests may name their rigs freely."""
     places: dict[str, list[str]] = {}
     for path in PYTHON_FILES:
         where = path.relative_to(ROOT)
@@ -125,14 +125,14 @@ def test_no_public_class_name_is_used_twice() -> None:
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
-def test_test_files_have_names_of_their_own() -> None:
+def test_test_files_have_unique_names() -> None:
     names = [path.name for path in PYTHON_FILES if path.name.startswith("test_")]
 
     assert sorted(names) == sorted(set(names))
 
 
-def test_nothing_is_left_out_or_expected_to_fail() -> None:
-    """The one place that may leave tests out is the guest, which says so loudly and fails in CI."""
+def test_no_test_is_skipped_or_expected_to_fail() -> None:
+    """Only the guest may skip tests; it reports this loudly and fails in CI."""
     marks = re.compile(r"pytest\.(?:mark\.)?(?:sk" r"ip|xf" r"ail|importor" r"skip)")
 
     found = [name for name, text in texts() if name.endswith(".py") and marks.search(text)]
@@ -140,7 +140,7 @@ def test_nothing_is_left_out_or_expected_to_fail() -> None:
     assert found == ["hil_tests/conftest.py"]
 
 
-def test_every_toml_file_is_toml() -> None:
+def test_every_toml_file_is_valid() -> None:
     for path in tracked():
         if path.suffix == ".toml":
             tomllib.loads(path.read_text(encoding="utf-8"))
@@ -168,7 +168,7 @@ def test_shell_scripts_can_be_read_by_their_shells() -> None:
             assert (done.returncode, done.stderr) == (0, b""), path
 
 
-def test_the_constraints_pin_everything_and_name_no_place() -> None:
+def test_the_constraints_pin_everything_and_name_no_location() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pins = [line for line in lines if line and not line.startswith("#")]
 

@@ -1,4 +1,4 @@
-"""The import contracts are there, hold, and cover every package."""
+"""The import contracts exist, hold, and cover every package."""
 
 import configparser
 import subprocess
@@ -30,17 +30,17 @@ def test_the_import_contracts_hold() -> None:
     assert " kept, 0 broken" in done.stdout
 
 
-def test_every_package_is_looked_at() -> None:
+def test_the_contracts_cover_every_package() -> None:
     assert set(contracts()["importlinter"]["root_packages"].split()) == PACKAGES
 
 
-def test_nothing_may_be_missing_from_the_layers() -> None:
-    """Parentheses let a module be absent; what is built is there."""
+def test_no_layer_is_optional() -> None:
+    """Parentheses would make a module optional; every existing module must be there."""
     for name, section in contracts().items():
         assert "(" not in section.get("layers", ""), name
 
 
-def test_everything_that_decides_is_held_to_be_pure() -> None:
+def test_all_deciding_code_is_covered_by_the_purity_contract() -> None:
     pure = set(contracts()["importlinter:contract:pure"]["source_modules"].split())
 
     decides = {"can_dbc", "zenoh_config"}

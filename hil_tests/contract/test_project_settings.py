@@ -1,4 +1,4 @@
-"""Every configuration file that ships can be used, and what is wrong in one is said by name."""
+"""Every shipped configuration file is usable, and errors in one are reported by name."""
 
 import tomllib
 from collections.abc import Callable
@@ -31,8 +31,8 @@ def test_a_shipped_file_loads_by_its_stem(package: str, name: str) -> None:
     assert READERS[package](name)
 
 
-def test_every_toml_in_the_packages_is_one_of_these() -> None:
-    """A file that no reader knows would never be checked."""
+def test_every_toml_file_in_the_packages_has_a_reader() -> None:
+    """No test would check a file that no reader knows."""
     known = {find(name, package).resolve() for package, name in SHIPPED}
     packages = {package.partition(".")[0] for package in READERS}
 
@@ -42,7 +42,7 @@ def test_every_toml_in_the_packages_is_one_of_these() -> None:
 
 
 @pytest.mark.parametrize(("package", "name"), SHIPPED)
-def test_a_key_too_many_is_named_with_its_file(package: str, name: str, tmp_path: Path) -> None:
+def test_an_unknown_key_is_named_with_its_file(package: str, name: str, tmp_path: Path) -> None:
     table = _shipped_table(package, name)
     path = tmp_path / "wrong.toml"
     path.write_text(tomli_w.dumps({**table, "unheard_of": 1}), encoding="utf-8")
@@ -52,10 +52,10 @@ def test_a_key_too_many_is_named_with_its_file(package: str, name: str, tmp_path
 
 
 @pytest.mark.parametrize(("package", "name"), SHIPPED)
-def test_without_any_of_its_first_keys_a_file_is_refused_or_complete(
+def test_a_file_without_one_of_its_top_keys_is_refused_or_complete(
     package: str, name: str, tmp_path: Path
 ) -> None:
-    """Leaving out one key either names it or falls back to a default; nothing else may happen."""
+    """A missing key is either named or has a default; no other result is permitted."""
     table = _shipped_table(package, name)
     refusals: dict[str, str] = {}
     for key in table:

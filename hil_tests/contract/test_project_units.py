@@ -1,4 +1,4 @@
-"""The unit ends the name: every number that a class holds says in what it is counted."""
+"""Names end with the unit: every float field of a class names its unit."""
 
 import importlib
 import pkgutil
@@ -20,33 +20,33 @@ UNITS: Final = frozenset(
     }
 )
 QUALIFIERS: Final = frozenset({"min", "max", "mean", "total", "p50", "p90", "p99", "p999"})
-"""May follow the unit: `gap_m_min`."""
+"""Qualifiers that may follow the unit, as in `gap_m_min`."""
 
 UNIT_IS_ELSEWHERE: Final = frozenset(
     {
-        # Of whatever the field that holds it says: `front_m: Interval`.
+        # The field that holds the value names the unit: `front_m: Interval`.
         *("Interval.best", "Interval.high", "Interval.low"),
         *("ConfidenceInterval.best", "ConfidenceInterval.high", "ConfidenceInterval.low"),
         *("Spread.high", "Spread.low"),
-        # One quantity four times over, which the function that uses it names.
+        # Four values of one quantity, which the calling function names.
         *("_Four.emergency", "_Four.permitted", "_Four.service", "_Four.warning"),
-        # Of the signal that the layout describes.
+        # The unit of the signal that the layout describes.
         *("FieldLayout.maximum", "FieldLayout.minimum", "FieldLayout.offset", "FieldLayout.scale"),
         *("SignalSpec.maximum", "SignalSpec.minimum", "SignalSpec.offset", "SignalSpec.scale"),
         # A number of processes.
         "HostSample.runnable_mean",
-        # Carries the name of its option or key, `--odometer-error 0.05`.
+        # Named like its option or key, `--odometer-error 0.05`.
         *("RunOptions.odometer_error", "Setup.odometer_error", "TrainKeys.odometer_error"),
-        # Of whatever a factor, a monitor or an expression is about.
+        # The unit of the factor, monitor or expression.
         *("PhaseKeys.base", "RangeKeys.high", "RangeKeys.low", "RangeKeys.step"),
         *("NumberRange.high", "NumberRange.low", "Expression.value_of", "MonitorResult.margin"),
         "MutantFinding.margin",
         *("Cell.margins", "Sought.margins", "Sought.value"),
         *("ExpectedFailure.margin_max", "ExpectedFailure.margin_min"),
         *("_Linear.constant", "_Linear.factors"),
-        # Of the setting that the key names.
+        # The unit of the setting that the key names.
         *("TunedParameter.high", "TunedParameter.low", "Tuned.after", "Tuned.before"),
-        # Of the signal of a log that is drawn or compared.
+        # The unit of the plotted or compared signal of a log.
         *("Allowed.physical", "SignalDifference.allowed", "SignalDifference.most"),
         "SignalTrace.choices",
     }
@@ -54,7 +54,7 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
 
 
 def float_fields() -> Iterator[tuple[str, str]]:
-    """Class and field of everything annotated as float, or as float or nothing."""
+    """Class and field of everything annotated as float, or as float or None."""
     for package in PACKAGES:
         root = importlib.import_module(package)
         for found in pkgutil.walk_packages(root.__path__, f"{package}."):
@@ -72,8 +72,8 @@ def _fields(kind: type) -> Iterator[tuple[str, str]]:
             yield kind.__name__, name
 
 
-def says_its_unit(name: str) -> bool:
-    """Whether the name ends in a unit, `_per_` joining two, qualifiers apart."""
+def names_its_unit(name: str) -> bool:
+    """Whether the name ends with a unit; `_per_` joins two units, and qualifiers may follow."""
     words = name.split("_")
     while words and words[-1] in QUALIFIERS:
         words.pop()
@@ -82,8 +82,8 @@ def says_its_unit(name: str) -> bool:
     return len(words) > 1 and words[-1] in UNITS
 
 
-def test_every_float_says_its_unit() -> None:
-    mute = {f"{kind}.{name}" for kind, name in float_fields() if not says_its_unit(name)}
+def test_every_float_names_its_unit() -> None:
+    mute = {f"{kind}.{name}" for kind, name in float_fields() if not names_its_unit(name)}
 
     assert mute - UNIT_IS_ELSEWHERE == set()
     assert UNIT_IS_ELSEWHERE - mute == set(), "no longer needed in the list"
@@ -93,14 +93,14 @@ def test_instants_are_whole_nanoseconds() -> None:
     assert [f"{kind}.{name}" for kind, name in float_fields() if name.endswith("_ns")] == []
 
 
-def test_the_rule_tells_names_apart() -> None:
+def test_the_rule_distinguishes_names() -> None:
     for name in ("speed_mps", "gap_m_min", "m_per_pulse", "ki_per_s2", "lateness_us_p99"):
-        assert says_its_unit(name), name
+        assert names_its_unit(name), name
     for name in ("speed", "gap_min", "mps", "error", "max", "speed_mpss"):
-        assert not says_its_unit(name), name
+        assert not names_its_unit(name), name
 
 
-def test_fields_are_found_at_all() -> None:
+def test_the_search_finds_fields() -> None:
     found = {f"{kind}.{name}" for kind, name in float_fields()}
 
     assert len(found) > 200

@@ -1,4 +1,4 @@
-"""What protection believes of its train is never bolder than what its sources allow."""
+"""The parameters of protection are never less conservative than their sources allow."""
 
 import tomllib
 from operator import attrgetter
@@ -17,10 +17,10 @@ KMH = 1.0 / 3.6
 CAMPAIGNS = Path(__file__).parents[1] / "metro_hil" / "campaign" / "shipped"
 
 AT_MOST = {
-    # Seed 001: warning 3 km/h over the segment's speed, emergency 8 km/h.
+    # [Allotta 2013]: warning at 3 km/h above the speed of the segment, emergency at 8 km/h.
     "atp.warning_margin_mps": 3.0 * KMH,
     "atp.emergency_margin_mps": 8.0 * KMH,
-    # Guaranteed emergency brake; 1.2 nominal in seed 000.
+    # Guaranteed emergency brake rate; the nominal value in [Lin] is 1.2.
     "atp.guaranteed_decel_mps2": 1.0,
     "atp.rollback_m": 0.5,
     "atp.held_movement_m": 0.5,
@@ -39,10 +39,10 @@ AT_MOST = {
     "atp.timeouts.traction_s": 0.25,
     "atp.timeouts.doors_s": 0.3,
     "atp.timeouts.desk_s": 0.3,
-    # Seed 001: odometer between 1 % too little and 5 % too much.
+    # [Allotta 2013]: the odometer counts between 1 % too little and 5 % too much.
     "odometry.scale_error_low_ratio": -0.01,
     "odometry.missed_tags_max": 2,
-    # IEEE 1474.1: zero speed is 1 km/h for 2 s.
+    # IEEE 1474.1: zero speed is below 1 km/h for 2 s.
     "odometry.zero_speed_mps": 1.0 * KMH,
     "odometry.cold_movement_m": 2.0,
 }
@@ -50,11 +50,12 @@ AT_LEAST = {
     # The Chinese ATP vehicle interface: traction cut within 0.30 s, brake built up after 1.05 s.
     "atp.traction_cut_s": 0.3,
     "atp.brake_build_up_s": 1.05,
-    # Full traction of the light train that runs away.
+    # Full traction of the lightest train in a runaway.
     "atp.runaway_mps2": 1.0,
     "odometry.scale_error_high_ratio": 0.05,
     "odometry.zero_speed_s": 2.0,
-    # docs/reference/serial_interface.md: so far from a tag its reader may read it again.
+    # docs/reference/serial_interface.md: the distance from a tag at which its reader may read it
+    # again.
     "odometry.tag_reach_m": 0.5,
     "odometry.cold_movement_m": 2.0,
 }
@@ -70,7 +71,7 @@ def test_no_allowance_is_smaller_than_its_source_demands(name: str, least: float
     assert attrgetter(name)(load_config("florence4")) >= least
 
 
-def test_random_runs_read_tags_a_second_time_up_to_the_reach_that_is_believed_in() -> None:
+def test_random_runs_repeat_tag_readings_up_to_the_assumed_reach() -> None:
     campaign = tomllib.loads((CAMPAIGNS / "protection.toml").read_text(encoding="utf-8"))
     drawn = [
         fault["gap_m"]
@@ -93,9 +94,9 @@ def test_random_runs_read_tags_a_second_time_up_to_the_reach_that_is_believed_in
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_what_motion_is_measured_by_has_the_scale_that_the_sensors_have(
+def test_the_motion_signals_have_the_resolution_of_the_sensors(
     frame: Any, bits: int, raw: int
 ) -> None:
-    """By hand: 5 mm/s, 1 mm/s², 1 cm and one pulse a bit."""
+    """The hand calculation assumes 5 mm/s, 1 mm/s², 1 cm and one pulse per bit."""
     kind: type[Frame] = type(frame)
     assert packer(kind)(frame) % (1 << bits) == raw

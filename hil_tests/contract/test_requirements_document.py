@@ -14,14 +14,14 @@ PAGE = (ROOT / "docs" / "reference" / "requirements.md").read_text(encoding="utf
 KEPT = (ROOT / "hil_tests" / "metro_hil" / RESULTS).read_text(encoding="utf-8")
 
 
-def test_the_page_is_that_of_catalogue_campaigns_and_results() -> None:
-    """When this fails: hil requirements --out docs/reference/requirements.md."""
+def test_the_page_agrees_with_catalogue_campaigns_and_results() -> None:
+    """When this fails, run `hil requirements --out docs/reference/requirements.md`."""
     found = read_outcomes(KEPT)
 
     assert requirements_page(shipped_requirements(), shipped_scenarios(), found) == PAGE
 
 
-def test_every_result_is_of_a_scenario_that_ships() -> None:
+def test_every_result_belongs_to_a_shipped_scenario() -> None:
     assert set(read_outcomes(KEPT)) <= {each.name for each in shipped_scenarios()}
 
 
@@ -36,7 +36,7 @@ def test_every_requirement_that_a_scenario_names_has_a_line() -> None:
     [each for each in shipped_requirements().values() if each.tests],
     ids=lambda requirement: requirement.id,
 )
-def test_every_test_that_is_named_exists(requirement: Requirement) -> None:
+def test_every_named_test_exists(requirement: Requirement) -> None:
     for test in requirement.tests:
         path, _, function = test.partition("::")
         assert (ROOT / path).is_file(), test

@@ -1,4 +1,4 @@
-"""The committed document of the tables is what the tables say, and shows all of them."""
+"""The committed document of the tables agrees with the tables and shows all of them."""
 
 import re
 from pathlib import Path
@@ -36,7 +36,7 @@ def test_every_row_of_every_table_is_drawn_as_an_arrow_and_as_a_line() -> None:
                 assert f"| {state.name} | {name} | {to.name} |\n" in text
 
 
-def test_every_state_and_every_cause_is_in_it() -> None:
+def test_the_document_names_every_state_and_every_cause() -> None:
     text = table_doc.document()
 
     for kind in (OperatingMode, Supervision, AtoPhase, JogState):
@@ -47,7 +47,7 @@ def test_every_state_and_every_cause_is_in_it() -> None:
             assert f"| {cause.name} | " in text
 
 
-def test_there_is_one_diagram_for_each_machine_with_one_beginning() -> None:
+def test_every_machine_has_one_diagram_with_one_initial_state() -> None:
     text = table_doc.document()
 
     assert text.count("```mermaid\nstateDiagram-v2\n") == 4

@@ -1,4 +1,5 @@
-"""The committed document of the train-to-train protocol is what runs, and its keys are sound."""
+"""The committed document of the train-to-train protocol agrees with the code, and its keys are
+valid."""
 
 import re
 from pathlib import Path
@@ -20,7 +21,7 @@ def test_the_committed_document_is_current() -> None:
     )
 
 
-def test_the_tests_and_modules_that_it_names_exist() -> None:
+def test_every_test_and_module_named_in_the_document_exists() -> None:
     named = re.findall(
         r"`((?:vobc|plant_emulator|zenoh_config|hil_tests)/[a-z0-9_/]+\.py)`", text()
     )
@@ -34,12 +35,12 @@ def test_every_race_of_the_paper_has_a_line() -> None:
         assert f"\n| R{number} | " in text()
 
 
-def test_every_kind_of_message_has_a_key_of_its_own() -> None:
+def test_every_kind_of_message_has_its_own_key() -> None:
     assert set(t2t_keys.CHUNKS) == set(T2T_TYPES)
     assert len(set(t2t_keys.CHUNKS.values())) == len(T2T_TYPES)
 
 
-def test_zenoh_takes_every_key_and_readers_hear_what_is_for_them_and_no_more() -> None:
+def test_zenoh_accepts_every_key_and_readers_receive_exactly_their_messages() -> None:
     heartbeat = Heartbeat(7, BROADCAST, 2, 1, 1, 1, 0, Phase.ISSUING, 0, 1)
     authority = AreaAuthority(7, 4, 2, 1, 1, 1, 0, 1, 0, 9.0, 1.0, 0, 1, ())
     ack = RosterAck(65_001, 7, 2, 1, 1, 1, 0, 1)

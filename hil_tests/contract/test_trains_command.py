@@ -1,4 +1,4 @@
-"""`vobc run --lockstep --trains` and `plant run --trains` from the outside."""
+"""The commands `vobc run --lockstep --trains` and `plant run --trains` as a user runs them."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ from metro_hil.cli.vobc import main as vobc
 from plant_emulator.cli.command import main as plant
 
 
-def test_a_line_of_trains_leaves_its_page_and_says_what_it_took(
+def test_a_line_of_trains_writes_its_page_and_prints_the_energy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "line"
@@ -39,7 +39,7 @@ def test_a_line_of_trains_leaves_its_page_and_says_what_it_took(
         (["--lockstep", "--no-logs"], "--no-logs: only with --trains"),
     ],
 )
-def test_what_cannot_be_asked_of_a_line_is_said_at_once(
+def test_impossible_options_of_a_line_are_refused_at_once(
     words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -56,7 +56,7 @@ def test_what_cannot_be_asked_of_a_line_is_said_at_once(
         (["--trains", "2", "--line", "florence"], "florence has no traffic file"),
     ],
 )
-def test_a_line_that_cannot_bear_the_trains_is_named(
+def test_a_line_that_cannot_supply_the_trains_is_named(
     words: list[str], complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = str(tmp_path / "none")
@@ -77,7 +77,7 @@ def test_a_line_that_cannot_bear_the_trains_is_named(
         (["--supply", "weak"], "--supply: only with --trains"),
     ],
 )
-def test_a_plant_of_several_trains_refuses_what_speaks_of_one(
+def test_a_plant_of_several_trains_refuses_options_for_one_train(
     words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert plant(["run", *words]) == 2

@@ -1,7 +1,7 @@
 """`make bench-logs`: canlog against python-can + cantools, asammdf and hilspy on one log.
 
-Each figure is frames per second of processor time, the best of a few runs, from the file to the
-physical values of all signals. Machines differ, so the bars that count are ratios.
+Each figure is frames per second of processor time, from the file to the physical values of all
+signals. It is the best of a few runs. Machines differ, so the required figures are ratios.
 """
 
 import argparse
@@ -45,7 +45,7 @@ print(time.process_time(), most_kb / 1024, file=sys.stderr)
 
 
 def canlog(path: Path, bus: Bus, **options: Any) -> int:
-    """Every signal of every message. The DBC file is loaded before."""
+    """Read every signal of every message. The DBC file is loaded before."""
     log = read(path, bus, ReadOptions(**options))
     for name in log.messages:
         table = log.table(name)
@@ -56,9 +56,9 @@ def canlog(path: Path, bus: Bus, **options: Any) -> int:
 
 
 def rate(work: Callable[[], int]) -> float:
-    """Millions of frames per second of processor time, of this process and its threads.
+    """Millions of frames per second of processor time of this process and its threads.
 
-    The best of as many runs as a few seconds hold: what is short is disturbed by others more.
+    It is the best of the runs that fit into a few seconds, because short runs are disturbed more.
     """
     best, rounds, spent_s = 0.0, 0, 0.0
     while rounds < ROUNDS or (spent_s < ROUNDS_S and rounds < ROUNDS_MAX):
@@ -71,7 +71,7 @@ def rate(work: Callable[[], int]) -> float:
 
 
 def reading(folder: Path, count: int) -> list[tuple[str, float, str, bool | None]]:
-    """Figures with their bars, and whether they are met."""
+    """Reading speeds with their required ratios, and whether they are met."""
     paths, dbc = traffic.write_logs(folder, count, FORMS), folder / "bench.dbc"
     bus, database = load_bus(dbc), cantools.database.load_file(dbc)
     rows: list[tuple[str, float, str, bool | None]] = []
@@ -117,7 +117,7 @@ def reading(folder: Path, count: int) -> list[tuple[str, float, str, bool | None
 
 
 def statistics_of(folder: Path, count: int) -> list[tuple[str, float, str, bool | None]]:
-    """`canlog stats` on a log that many times as long, in a process of its own."""
+    """`canlog stats` in its own process on a log that is `STATS_TIMES` times as long."""
     path = folder / "long.log"
     made = traffic.frames(count)
     with path.open("wb") as out:

@@ -1,4 +1,5 @@
-"""What users have today, each from a log to physical values, with the frames it got through."""
+"""Existing tools that convert a log to physical values; each function returns its number of
+frames."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,8 @@ import hilspy
 
 
 def python_can_and_cantools(path: Path, database: Any, most: int) -> int:
-    """Of the first frames only: it is the same work for each. The DBC file is loaded before."""
+    """Read only the first frames, because each one takes the same work. The DBC file is loaded
+    before."""
     readers: dict[str, Callable[..., Any]] = {
         ".log": can.CanutilsLogReader,
         ".blf": can.BLFReader,
@@ -26,7 +28,7 @@ def python_can_and_cantools(path: Path, database: Any, most: int) -> int:
 
 
 def hilspy_channel(path: Path, dbc: Path, most: int) -> int:
-    """Every value is read, as whoever decodes a log does."""
+    """Read every value, as a user who decodes a log does."""
     form = "?format=candump" if path.suffix == ".log" else ""
     frames = 0
     with hilspy.open(f"file://{path}{form}", f"dbc:{dbc}") as channel:
@@ -40,7 +42,7 @@ def hilspy_channel(path: Path, dbc: Path, most: int) -> int:
 
 
 def asammdf_extract(path: Path, dbc: Path, most: int) -> int:
-    """The whole file, whatever `most` is: it does not stop before."""
+    """Convert the whole file whatever `most` is, because asammdf cannot stop earlier."""
     del most
     frames = 0
     with asammdf.MDF(str(path)) as file:

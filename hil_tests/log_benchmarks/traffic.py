@@ -1,4 +1,4 @@
-"""The log that readers are measured with: 12 identifiers, 79 signals, both byte orders."""
+"""The log for the benchmarks: 12 identifiers, 79 signals, both byte orders."""
 
 from pathlib import Path
 from typing import Any
@@ -10,17 +10,17 @@ from canlog.formats.registry import named
 from canlog.frames import EXTENDED, Frames
 
 SIGNALS = (8, 8, 7, 7, 7, 7, 6, 6, 6, 6, 6, 5)
-"""In each message: 79."""
+"""Number of signals in each message, 79 in all."""
 LENGTHS = (8, 8, 8, 8, 8, 8, 8, 7, 8, 6, 8, 5)
 EXTENDED_AT = 11
-"""The last message has 29 bits."""
+"""The last message has an identifier of 29 bits."""
 START_NS = 1_700_000_000_000_000_000
 FRAME_NS = 250_000
 SEED = 1
 
 
 def dbc_text() -> str:
-    """The same for everybody: signals side by side from the first bit on."""
+    """A DBC file that is always the same, with signals side by side from the first bit on."""
     draw = np.random.default_rng(SEED)
     lines = ['VERSION ""', "NS_ :", "BS_:", "BU_: A B", ""]
     for at, (count, length) in enumerate(zip(SIGNALS, LENGTHS, strict=True)):
@@ -46,7 +46,7 @@ def identifier(at: int) -> int:
 
 
 def frames(count: int) -> Frames:
-    """So many frames, one each 250 us and a little, with drawn data."""
+    """Frames about 250 µs apart with random data."""
     draw = np.random.default_rng(SEED)
     which = draw.integers(0, len(LENGTHS), count)
     lengths = np.array(LENGTHS, np.uint8)[which]
@@ -66,7 +66,7 @@ def frames(count: int) -> Frames:
 
 
 def write_logs(folder: Path, count: int, forms: tuple[str, ...]) -> dict[str, Path]:
-    """The same frames in each format, and `train.dbc`."""
+    """Write the same frames in each format, and `bench.dbc`."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "bench.dbc").write_text(dbc_text())
     made: Any = frames(count)
