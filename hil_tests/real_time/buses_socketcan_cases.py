@@ -1,7 +1,7 @@
-"""What the SocketCAN port does on a real kernel interface.
+"""Cases of the SocketCAN port on a real kernel interface.
 
-Not collected by itself: `test_buses_socketcan.py` runs it where a kernel has vcan and this process
-may make an interface, or else in a guest that has.
+pytest does not collect this file by itself. `test_buses_socketcan.py` runs it where the process may
+create a vcan interface, or else in a guest that has one.
 """
 
 import select
@@ -20,7 +20,7 @@ from firmware_py.ports import CanFrame
 NAME = "vcantest0"
 SPEC = f"socketcan:{NAME}"
 WAIT_S = 20.0
-"""Far longer than anything takes; only a loss lasts so long."""
+"""Timeout far above every duration here; only a loss reaches it, s."""
 
 
 def ip(words: str) -> None:
@@ -29,7 +29,8 @@ def ip(words: str) -> None:
 
 @pytest.fixture(autouse=True)
 def interface() -> None:
-    """There and up. It stays for the next test: `ip` takes most of a second in a guest."""
+    """The interface, up. It stays for the next test, because `ip` takes most of a second in a
+    guest."""
     found = look_up(NAME)
     if found is None:
         ip(f"link add dev {NAME} type vcan")
@@ -51,7 +52,7 @@ def clock() -> WallClock:
 
 @pytest.fixture
 def ports(clock: WallClock) -> Iterator[dict[str, SocketcanPort]]:
-    """A sender, somebody who hears all, and a brake that hears one identifier."""
+    """A sender, a listener that receives all frames, and a brake that receives one identifier."""
     opened = {
         "vobc": open_socketcan(NAME, clock=clock),
         "tap": open_socketcan(NAME, clock=clock),
@@ -64,14 +65,14 @@ def ports(clock: WallClock) -> Iterator[dict[str, SocketcanPort]]:
 
 @pytest.fixture
 def stranger() -> Iterator[can.BusABC]:
-    """Another program on the bus, which may send whatever it likes."""
+    """Another program on the bus, which may send any frame."""
     bus = can.Bus(NAME, interface="socketcan", ignore_config=True)
     yield bus
     bus.shutdown()
 
 
 def hear(port: SocketcanPort, count: int, clock: WallClock) -> list[CanFrame]:
-    """So many frames; the kernel hands them over when it comes to it, not while they are sent."""
+    """Receive `count` frames; the kernel delivers them some time after they were sent."""
     heard: list[CanFrame] = []
     while len(heard) < count and select.select([port], [], [], WAIT_S)[0]:
         heard += port.receive(clock.now_ns())
@@ -82,7 +83,7 @@ def without_stamps(frames: list[CanFrame]) -> list[tuple[int, bytes]]:
     return [(frame.can_id, frame.data) for frame in frames]
 
 
-def test_frames_of_all_lengths_arrive_in_order_at_everybody_else(
+def test_frames_of_all_lengths_arrive_in_order_at_all_other_nodes(
     ports: dict[str, SocketcanPort], clock: WallClock
 ) -> None:
     sent = [(0x100 + length, bytes(range(length))) for length in range(9)]
@@ -96,7 +97,7 @@ def test_frames_of_all_lengths_arrive_in_order_at_everybody_else(
     assert (ports["vobc"].counters.sent, ports["tap"].counters.received) == (9, 9)
 
 
-def test_a_port_that_accepts_nothing_hears_nothing(
+def test_a_port_that_accepts_nothing_receives_nothing(
     ports: dict[str, SocketcanPort], clock: WallClock
 ) -> None:
     deaf = open_can(SPEC, clock=clock, node="deaf", accept_ids=[])
@@ -107,7 +108,7 @@ def test_a_port_that_accepts_nothing_hears_nothing(
     deaf.close()
 
 
-def test_more_identifiers_than_the_kernel_can_filter_are_filtered_all_the_same(
+def test_more_identifiers_than_the_kernel_can_filter_are_still_filtered(
     ports: dict[str, SocketcanPort], clock: WallClock
 ) -> None:
     many = open_socketcan(NAME, clock=clock, accept_ids=range(0x100, 0x7FF))
@@ -118,7 +119,7 @@ def test_more_identifiers_than_the_kernel_can_filter_are_filtered_all_the_same(
     many.close()
 
 
-def test_stamps_lie_between_sending_and_hearing_and_never_run_back(
+def test_stamps_lie_between_sending_and_reception_and_never_run_back(
     ports: dict[str, SocketcanPort], clock: WallClock
 ) -> None:
     before_ns = clock.now_ns()
@@ -134,10 +135,10 @@ def test_stamps_lie_between_sending_and_hearing_and_never_run_back(
 
 
 @pytest.mark.parametrize("error_s", [-3600, 3600])
-def test_a_time_of_day_that_was_set_puts_no_stamp_outside_the_drain(
+def test_a_changed_time_of_day_puts_no_stamp_outside_the_reception(
     clock: WallClock, ports: dict[str, SocketcanPort], error_s: int
 ) -> None:
-    """A clock whose idea of the time of day is an hour off, as after somebody set it."""
+    """The clock's offset to the time of day is an hour off, as after a person set it."""
     offset_ns = clock.epoch_offset_ns + error_s * 1_000_000_000
     opened_ns, first_ns, second_ns = (clock.now_ns() + step for step in (0, 10**9, 2 * 10**9))
     port = open_socketcan(NAME, clock=LockstepClock(opened_ns, offset_ns))
@@ -152,7 +153,7 @@ def test_a_time_of_day_that_was_set_puts_no_stamp_outside_the_drain(
     port.close()
 
 
-def test_uncommon_frames_are_marked_and_kept_from_who_asked_for_identifiers(
+def test_special_frames_are_marked_and_hidden_from_filtered_readers(
     ports: dict[str, SocketcanPort], stranger: can.BusABC, clock: WallClock
 ) -> None:
     stranger.send(can.Message(arbitration_id=0x101, is_extended_id=True, data=b"x"))
@@ -170,7 +171,7 @@ def test_uncommon_frames_are_marked_and_kept_from_who_asked_for_identifiers(
     ]
 
 
-def test_an_error_frame_is_counted_and_not_handed_over(
+def test_an_error_frame_is_counted_and_not_delivered(
     ports: dict[str, SocketcanPort], stranger: can.BusABC, clock: WallClock
 ) -> None:
     stranger.send(
@@ -183,7 +184,7 @@ def test_an_error_frame_is_counted_and_not_handed_over(
     assert ports["tap"].counters.errors == 1
 
 
-def test_python_can_hears_what_the_port_sends(
+def test_python_can_receives_the_frames_of_the_port(
     ports: dict[str, SocketcanPort], stranger: can.BusABC, clock: WallClock
 ) -> None:
     ports["vobc"].send(clock.now_ns(), 0x181, b"\x01\x02\x03")
@@ -198,7 +199,8 @@ def test_python_can_hears_what_the_port_sends(
 def test_a_second_of_a_busy_train_waits_without_loss(
     ports: dict[str, SocketcanPort], clock: WallClock
 ) -> None:
-    """2,000 frames while nobody looks; python-can's own socket would hold 278."""
+    """The sender sends 2000 frames while the receiver waits; python-can's own socket would hold
+    278."""
     for number in range(2_000):
         ports["vobc"].send(clock.now_ns(), 0x101, number.to_bytes(8, "big"))
 
@@ -208,10 +210,10 @@ def test_a_second_of_a_busy_train_waits_without_loss(
     assert ports["tap"].counters.dropped_in == 0
 
 
-def test_what_the_kernel_drops_is_counted(
+def test_frames_dropped_by_the_kernel_are_counted(
     ports: dict[str, SocketcanPort], clock: WallClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A port with a small buffer, so that it is soon full."""
+    """The port has a small buffer that is soon full."""
     monkeypatch.setattr(socketcan, "RECEIVE_BUFFER_BYTES", 65_536)
     monkeypatch.setattr(socketcan, "FRAMES_PER_DRAIN", 50)
     small = open_socketcan(NAME, clock=clock)
@@ -222,19 +224,19 @@ def test_what_the_kernel_drops_is_counted(
     while frames := small.receive(clock.now_ns()):
         assert len(frames) <= 50
         heard += len(frames)
-    # The kernel tells with the next frame how many it had no room for.
+    # The kernel reports with the next frame how many it dropped.
     ports["vobc"].send(clock.now_ns(), 0x102, b"after")
     while not frames or frames[-1].can_id != 0x102:
         frames = hear(small, 1, clock)
         assert frames, "the last frame did not come"
         heard += len(frames)
 
-    # Of all that was heard, one came after.
+    # One of all received frames came after the drop.
     assert small.counters.dropped_in == offered - (heard - 1) > 0
     small.close()
 
 
-def test_an_interface_that_goes_down_is_seen_and_comes_back(
+def test_an_interface_that_goes_down_is_detected_and_comes_back(
     ports: dict[str, SocketcanPort], clock: WallClock
 ) -> None:
     sender, tap = ports["vobc"], ports["tap"]
@@ -253,9 +255,7 @@ def test_an_interface_that_goes_down_is_seen_and_comes_back(
     assert [tap.alive, sender.alive] == [True, True]
 
 
-def test_an_interface_that_is_removed_is_seen(
-    ports: dict[str, SocketcanPort], clock: WallClock
-) -> None:
+def test_a_removed_interface_is_detected(ports: dict[str, SocketcanPort], clock: WallClock) -> None:
     ip(f"link del {NAME}")
 
     assert ports["tap"].receive(clock.now_ns()) == []
@@ -276,7 +276,7 @@ def test_a_closed_port_is_quiet(ports: dict[str, SocketcanPort], clock: WallCloc
 
 
 @pytest.mark.parametrize(("can_id", "data"), [(0x800, b""), (-1, b""), (1, bytes(9))])
-def test_an_impossible_frame_is_the_callers_mistake(
+def test_an_impossible_frame_is_an_error_of_the_caller(
     ports: dict[str, SocketcanPort], can_id: int, data: bytes
 ) -> None:
     with pytest.raises(ValueError, match="frame"):
@@ -295,19 +295,23 @@ def test_an_interface_that_is_down_is_refused_with_the_remedy(clock: WallClock) 
     ("name", "words"),
     [("missing0", "there is no interface missing0"), ("lo", "is no CAN interface")],
 )
-def test_an_interface_that_is_none_is_refused(clock: WallClock, name: str, words: str) -> None:
+def test_an_interface_that_is_no_can_bus_is_refused(
+    clock: WallClock, name: str, words: str
+) -> None:
     with pytest.raises(BusError, match=words):
         open_can(f"socketcan:{name}", clock=clock, node="vobc")
 
 
-def test_the_interface_is_known_as_virtual_and_found_by_auto() -> None:
+def test_the_interface_counts_as_virtual_and_auto_finds_it() -> None:
     assert look_up(NAME) == Interface(is_can=True, is_up=True, kind="vcan")
     assert is_virtual(SPEC)
     assert not is_virtual("socketcan:lo")
     assert resolve_auto(NAME).spec == SPEC
 
 
-def test_a_frame_equals_what_was_sent(ports: dict[str, SocketcanPort], clock: WallClock) -> None:
+def test_a_received_frame_equals_the_sent_one(
+    ports: dict[str, SocketcanPort], clock: WallClock
+) -> None:
     ports["vobc"].send(clock.now_ns(), 0x101, b"ab")
     (frame,) = hear(ports["bcu"], 1, clock)
 

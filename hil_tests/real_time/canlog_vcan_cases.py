@@ -1,6 +1,7 @@
-"""`canlog replay` and `--follow` on a real kernel interface.
+"""Cases of `canlog replay` and `--follow` on a real kernel interface.
 
-Not collected by itself: `test_buses_socketcan.py` runs it where it runs its own cases.
+pytest does not collect this file by itself. `test_buses_socketcan.py` runs it where it runs its own
+cases.
 """
 
 import re
@@ -26,7 +27,7 @@ from firmware_py.buses.interfaces import look_up
 NAME = "vcanlog0"
 SPEC = f"socketcan:{NAME}"
 WAIT_S = 20.0
-"""Far longer than anything takes; only a loss lasts so long."""
+"""Timeout far above every duration here; only a loss reaches it, s."""
 MS = 1_000_000
 PAUSE_S = 0.01
 
@@ -48,7 +49,7 @@ def stranger() -> Iterator[can.BusABC]:
 
 @contextmanager
 def repeating(work: Callable[[can.BusABC], None]) -> Iterator[None]:
-    """Somebody else sends again and again meanwhile."""
+    """Another program sends repeatedly meanwhile."""
     done = threading.Event()
 
     def run() -> None:
@@ -72,10 +73,10 @@ def written(folder: Path, frames: Frames) -> Path:
 
 
 @pytest.mark.parametrize("speed", [1, 4])
-def test_a_replay_is_heard_frame_for_frame_and_never_before_its_time(
+def test_a_replay_sends_every_frame_and_never_early(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], speed: int
 ) -> None:
-    """What the kernel stamped against what the log says."""
+    """The test compares the kernel's stamps with those of the log."""
     at_ns = [1_700_000_000_000_000_000 + at * (3 + at % 5) * MS for at in range(60)]
     rows = [(each, 0x100 + at % 7, 0, "can1", bytes([at] * (at % 9)))
             for at, each in enumerate(sorted(at_ns))]  # fmt: skip
@@ -114,7 +115,7 @@ def test_frames_that_the_port_cannot_send_are_counted(
     assert "1 frames that are no 11-bit data frames were left out" in capsys.readouterr().err
 
 
-def test_a_bus_that_is_followed_is_decoded_and_judged(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_followed_bus_is_decoded_and_judged(capsys: pytest.CaptureFixture[str]) -> None:
     encoder = Encoder()
 
     def brake(bus: can.BusABC) -> None:
@@ -136,7 +137,7 @@ def test_a_bus_that_is_followed_is_decoded_and_judged(capsys: pytest.CaptureFixt
     assert "remote request" in said
 
 
-def test_only_what_is_asked_for_is_followed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_only_the_requested_messages_are_followed(capsys: pytest.CaptureFixture[str]) -> None:
     encoder = Encoder()
 
     def brake(bus: can.BusABC) -> None:

@@ -1,4 +1,4 @@
-"""A campaign of made-up cases on real worker processes, for tests of the engine."""
+"""A campaign of invented cases on real worker processes, for tests of the engine."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ NOTHING_KEPT: Final = CampaignOptions(keep=0, keep_worst=0)
 
 
 class Listener(Silent):
-    """Remembers what it is told."""
+    """Records the messages of a campaign."""
 
     def __init__(self) -> None:
         self.results: list[CaseResult] = []
@@ -39,7 +39,7 @@ class Listener(Silent):
 
 
 def asking(cases: Sequence[Case], index: int, **asked: object) -> tuple[Case, ...]:
-    """The same cases, of which one asks something of its runner."""
+    """The same cases, one of which has instructions for its runner."""
     real = {f"trial.{key}": value for key, value in asked.items()}
     setup = msgspec.structs.replace(cases[index].setup, real=real)
     changed = list(cases)
@@ -77,7 +77,7 @@ def work(
 
 
 def plain(end: CampaignEnd) -> list[dict[str, object]]:
-    """All results but for how the host served them."""
+    """All results without the data that depend on the host."""
     return [without_host(result) for result in end.results]
 
 

@@ -1,4 +1,4 @@
-"""Whether processes are still there, and which are the children of one."""
+"""Whether processes are alive, and the children of a process."""
 
 import time
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Run in the guest by its test: two cases on the kernel's own CAN, told as JSON."""
+"""Two cases on the kernel's own CAN, run by their test in the guest; prints the results as JSON."""
 
 import json
 import sys
@@ -25,13 +25,14 @@ MONITORS: tuple[dict[str, object], ...] = (
 
 
 def main(folder: Path) -> None:
-    """Both results on standard output, by name."""
+    """Print both results on standard output, by name."""
     results = {"split": _split(folder / "split"), "real_train": _real_train(folder / "real_train")}
     print(json.dumps({name: msgspec.to_builtins(result) for name, result in results.items()}))
 
 
 def _split(out: Path) -> object:
-    """Controller on vcan0, train on vcan1, and between them a gateway that loses brake commands."""
+    """Controller on vcan0 and train on vcan1, with a gateway between them that drops brake
+    commands."""
     out.mkdir()
     drop = {"kind": "frame_drop", "frames": "BRAKE_CMD*", "start_s": 5.0, "duration_s": 2.0}
     wires = RealtimeWires(bus_a="socketcan:vcan0", bus_b="socketcan:vcan1")
@@ -41,8 +42,10 @@ def _split(out: Path) -> object:
 
 
 def _real_train(out: Path) -> object:
-    """A train that is there already, with its tag reader on a terminal; the bench brings only the
-    controller, and nobody tells it the truth."""
+    """A case with an existing train whose tag reader is on a terminal.
+
+    The bench starts only the controller and does not receive the truth.
+    """
     out.mkdir()
     with ExitStack() as stack:
         words = ["run", "--bus", "socketcan:vcan1", "--radio", RADIO, "--from", "II", "--to", "III"]
@@ -55,7 +58,7 @@ def _real_train(out: Path) -> object:
 
 
 def _terminal_of(link: Path) -> str:
-    """Once the train has made it."""
+    """The terminal behind the link, once the train has created it."""
     clock = WallClock()
     until_ns = clock.now_ns() + round(TRAIN_START_S * 1e9)
     while not link.is_symlink():

@@ -1,4 +1,4 @@
-"""What a user does with the bench: campaign, rerun, replay, verify, and tests of his own."""
+"""The workflow of a bench user: campaign, rerun, replay, verify, and own tests."""
 
 import json
 import subprocess
@@ -94,7 +94,7 @@ SAMPLE: Final = (
     "radio-partition",
     "controller-restarted",
 )
-"""Of each place at least one, those that are found wanting among them."""
+"""At least one fault of each place, including some that the product fails."""
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def said(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     return document
 
 
-def test_what_a_campaign_kept_and_what_is_run_again_is_said_again_and_verified(
+def test_kept_and_repeated_cases_are_reproduced_and_verified(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (here / "mixed.toml").write_text(CAMPAIGN)
@@ -136,7 +136,7 @@ def test_what_a_campaign_kept_and_what_is_run_again_is_said_again_and_verified(
     assert verified["sampled"] == len(results) == 5
 
 
-def test_a_test_file_anywhere_finds_the_bench_and_runs_what_a_campaign_runs(
+def test_a_test_file_in_any_folder_gets_the_bench_and_runs_the_same_cases(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (here / "test_mine.py").write_text(OWN_TESTS)
@@ -158,7 +158,7 @@ def test_a_test_file_anywhere_finds_the_bench_and_runs_what_a_campaign_runs(
 
 
 @pytest.mark.parametrize("scenario", SAMPLE)
-def test_a_shipped_fault_comes_to_the_verdict_that_its_campaign_expects(scenario: str) -> None:
+def test_a_shipped_fault_has_the_verdict_that_its_campaign_expects(scenario: str) -> None:
     (case,) = (case for case in plan_cases(read_campaign("faults")) if case.scenario == scenario)
 
     result = run_case(case)

@@ -1,4 +1,4 @@
-"""The embedded bus: a hub in this process for its decisions, hub processes for their lives."""
+"""The embedded bus: a hub in this process for its decisions, hub processes for starts and ends."""
 
 import os
 import select
@@ -30,7 +30,7 @@ from firmware_py.ports import CanFrame
 
 BUS = "hubtest0"
 WAIT_S = 20.0
-"""Far longer than anything takes; only a hang lasts so long."""
+"""Timeout far above every duration here; only a hang reaches it, s."""
 
 
 @pytest.fixture(autouse=True)
@@ -41,7 +41,7 @@ def bench_of_its_own(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 class HubHere:
-    """A hub that works only when told to, so that every interleaving is the test's own."""
+    """A hub that works only on request, so that the test decides every interleaving."""
 
     def __init__(self, queue_records: int = 1000) -> None:
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -78,7 +78,7 @@ def here() -> Iterator[HubHere]:
     hub_here.hub.close()
 
 
-def test_every_other_node_hears_a_frame_and_the_sender_does_not(here: HubHere) -> None:
+def test_every_other_node_receives_a_frame_and_the_sender_does_not(here: HubHere) -> None:
     vobc, brake, tap = here.port("vobc"), here.port("bcu", [0x101]), here.port("tap")
     vobc.send(0, 0x101, b"\x01\x02")
     vobc.send(0, 0x103, b"")
@@ -93,7 +93,7 @@ def test_every_other_node_hears_a_frame_and_the_sender_does_not(here: HubHere) -
         port.close()
 
 
-def test_all_nodes_hear_one_order(here: HubHere) -> None:
+def test_all_nodes_receive_frames_in_one_order(here: HubHere) -> None:
     ports = {name: here.port(name) for name in ("a", "b", "c", "d")}
     for number in range(50):
         for rank, name in enumerate(ports):
@@ -133,8 +133,10 @@ def test_records_may_arrive_in_pieces(here: HubHere, piece: int) -> None:
     tap.close()
 
 
-def test_a_full_queue_drops_counts_and_tells_the_client_where(here: HubHere) -> None:
-    """The lazy node misses a stretch; what it heard and what it was told add up."""
+def test_a_full_queue_drops_frames_and_reports_the_count_and_place_to_the_client(
+    here: HubHere,
+) -> None:
+    """The slow node misses a part; its received and its reported lost frames add up."""
     lazy, lively, sender = here.port("lazy"), here.port("lively"), here.port("sender")
     offered = 20_000
     lively_heard = 0
@@ -170,7 +172,7 @@ def test_a_full_queue_drops_counts_and_tells_the_client_where(here: HubHere) -> 
         port.close()
 
 
-def test_the_client_is_told_of_drops_even_if_nothing_follows(here: HubHere) -> None:
+def test_the_client_is_informed_of_drops_even_without_later_frames(here: HubHere) -> None:
     lazy, sender = here.port("lazy"), here.port("sender")
     for number in range(20_000):
         sender.send(0, 0x101, b"")
@@ -189,8 +191,8 @@ def test_the_client_is_told_of_drops_even_if_nothing_follows(here: HubHere) -> N
     sender.close()
 
 
-def test_frames_a_stalled_hub_does_not_take_are_dropped_and_counted() -> None:
-    """The sender never waits, and what it could not hand over it did not send."""
+def test_frames_for_a_stalled_hub_are_dropped_and_counted() -> None:
+    """The sender never waits, and it did not send what it could not hand over."""
     here = HubHere(queue_records=100_000)
     sender, tap = here.port("sender"), here.port("tap")
     for _ in range(20_000):
@@ -210,7 +212,7 @@ def test_frames_a_stalled_hub_does_not_take_are_dropped_and_counted() -> None:
     here.hub.close()
 
 
-def test_what_is_no_frame_is_counted_and_not_passed_on(here: HubHere) -> None:
+def test_an_invalid_record_is_counted_and_not_forwarded(here: HubHere) -> None:
     tap = here.port("tap")
     connection = here.connect()
     connection.sendall(pack_text(Control.HELLO, b"noisy"))
@@ -252,7 +254,7 @@ def test_a_wrong_greeting_is_refused_with_the_reason(
     assert here.hub.status()["clients"] == []
 
 
-def test_there_is_no_room_for_endlessly_many_clients(here: HubHere) -> None:
+def test_the_number_of_clients_is_bounded(here: HubHere) -> None:
     connections = []
     for _ in range(70):
         connections.append(here.connect())
@@ -267,7 +269,7 @@ def test_there_is_no_room_for_endlessly_many_clients(here: HubHere) -> None:
     here.port("after the rush").close()
 
 
-def test_a_client_that_vanishes_disturbs_nobody(here: HubHere) -> None:
+def test_a_vanished_client_disturbs_no_other(here: HubHere) -> None:
     gone, sender, tap = here.port("gone"), here.port("sender"), here.port("tap")
     sender.send(0, 0x101, b"")
     gone.close()
@@ -280,7 +282,7 @@ def test_a_client_that_vanishes_disturbs_nobody(here: HubHere) -> None:
     tap.close()
 
 
-def test_a_port_outlives_its_hub_without_a_word() -> None:
+def test_a_port_survives_the_silent_end_of_its_hub() -> None:
     here = HubHere()
     port, other = here.port("vobc"), here.port("bcu")
     other.send(0, 0x181, b"last")
@@ -299,7 +301,7 @@ def test_a_port_outlives_its_hub_without_a_word() -> None:
     other.close()
 
 
-# ---- hub processes
+# Hub processes.
 
 
 @pytest.fixture
@@ -310,7 +312,7 @@ def hub_process() -> Iterator[hub_control.HubHandle]:
 
 
 def hear(port: EmbeddedPort, count: int, clock: WallClock) -> list[CanFrame]:
-    """So many frames, or fewer when nothing more comes for far too long."""
+    """Receive `count` frames, or fewer if no more arrive within the timeout."""
     heard: list[CanFrame] = []
     while len(heard) < count and port.alive:
         if not select.select([port], [], [], WAIT_S)[0]:
@@ -354,7 +356,8 @@ def test_frames_go_from_port_to_port_with_stamps_of_the_machines_clock(
 def test_nothing_is_lost_at_two_thousand_frames_a_second(
     hub_process: hub_control.HubHandle,
 ) -> None:
-    """Two senders of 1,000 frames/s each and two receivers that look every 50 ms, for a second."""
+    """Two senders with 1000 frames/s each and two receivers that read every 50 ms run for a
+    second."""
     clock = WallClock()
     senders, receivers = [join("a"), join("b")], [join("c"), join("d")]
     heard: list[list[CanFrame]] = [[], []]
@@ -402,7 +405,7 @@ sys.stdin.read()
 
 
 def test_flat_out_every_frame_arrives_or_is_counted(hub_process: hub_control.HubHandle) -> None:
-    """A process that sends as fast as it can; what it offered is heard or counted somewhere."""
+    """A process sends as fast as it can; each offered frame is received or counted."""
     clock = WallClock()
     offered = 200_000
     receiver = join("tap")
@@ -431,7 +434,7 @@ def test_flat_out_every_frame_arrives_or_is_counted(hub_process: hub_control.Hub
     receiver.close()
 
 
-def test_there_is_one_hub_of_a_name(hub_process: hub_control.HubHandle) -> None:
+def test_there_is_only_one_hub_per_name(hub_process: hub_control.HubHandle) -> None:
     with pytest.raises(BusError, match=f"runs already .process {hub_process.pid}"):
         start_hub(BUS, bound=True)
 
@@ -449,7 +452,7 @@ def test_auto_finds_the_hub(hub_process: hub_control.HubHandle) -> None:
     assert str(hub_process.pid) in choice.reason
 
 
-def test_a_killed_hub_is_noticed_and_can_be_replaced() -> None:
+def test_a_killed_hub_is_detected_and_can_be_replaced() -> None:
     clock = WallClock()
     killed = start_hub(BUS, bound=False)
     port = join("vobc")
@@ -483,7 +486,7 @@ def test_a_hub_ends_cleanly_when_asked(number: signal.Signals) -> None:
     handle.stop()
 
 
-def test_anybody_may_stop_a_hub_by_name() -> None:
+def test_any_process_may_stop_a_hub_by_name() -> None:
     handle = start_hub(BUS, bound=False)
 
     assert stop_hub(BUS) is True
@@ -513,7 +516,7 @@ def start_elsewhere(mode: str) -> subprocess.Popen[str]:
     return starter
 
 
-def test_a_bound_hub_ends_with_the_process_that_started_it_however_that_ends() -> None:
+def test_a_bound_hub_ends_with_its_starter_in_every_case() -> None:
     starter = start_elsewhere("bound")
     port = join("vobc")
 
@@ -524,7 +527,7 @@ def test_a_bound_hub_ends_with_the_process_that_started_it_however_that_ends() -
     port.close()
 
 
-def test_a_hub_that_is_not_bound_outlives_its_starter() -> None:
+def test_an_unbound_hub_outlives_its_starter() -> None:
     starter = start_elsewhere("free")
     starter.kill()
     starter.communicate()
@@ -536,7 +539,7 @@ def test_a_hub_that_is_not_bound_outlives_its_starter() -> None:
 
 
 def test_a_hub_that_hangs_is_an_error_and_not_a_hang(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The hub is stopped in its tracks: it holds its lock and its socket and does nothing."""
+    """The hub is stopped by a signal: it keeps its lock and its socket and does nothing."""
     monkeypatch.setattr(hub_control, "ANSWER_S", 0.1)
     monkeypatch.setattr(hub_control, "STOP_S", 0.1)
     clock = WallClock()
@@ -560,7 +563,7 @@ def test_a_hub_that_hangs_is_an_error_and_not_a_hang(monkeypatch: pytest.MonkeyP
     handle.stop()
 
 
-def test_what_listens_there_without_being_a_hub_is_recognised() -> None:
+def test_another_program_at_the_socket_of_a_hub_is_recognised() -> None:
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(str(rendezvous.hub_socket(BUS)))
     listener.listen()
@@ -584,14 +587,14 @@ def test_what_listens_there_without_being_a_hub_is_recognised() -> None:
     listener.close()
 
 
-def test_a_hub_by_hand_says_what_is_wrong(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_hub_started_by_hand_reports_its_error(capfd: pytest.CaptureFixture[str]) -> None:
     from firmware_py.buses.hub import main
 
     assert main(["../etc"]) == 1
     assert "hub: bus name '../etc'" in capfd.readouterr().err
 
 
-def test_the_folder_holds_nothing_that_others_could_use(
+def test_other_users_cannot_use_the_folder(
     hub_process: hub_control.HubHandle,
 ) -> None:
     folder: Path = rendezvous.bench_dir(BUS)

@@ -1,4 +1,4 @@
-"""The SocketCAN port: on a kernel with vcan wherever one can be had, and without any."""
+"""The SocketCAN port, on a kernel with vcan where available, and on a kernel without CAN."""
 
 import re
 import socket
@@ -21,7 +21,7 @@ LIMIT_S = 300
 
 
 def kernel_makes_vcan() -> bool:
-    """Whether this process may make a vcan interface here, found out by making one."""
+    """Whether this process may create a vcan interface here, tested by creating one."""
     made = ["ip", "link", "add", "dev", PROBE, "type", "vcan"]
     try:
         if subprocess.run(made, capture_output=True, check=False).returncode != 0:
@@ -54,8 +54,10 @@ def test_every_case_holds_on_a_real_kernel_interface(request: pytest.FixtureRequ
     assert int(passed[1]) >= cases, report
 
 
-def test_a_kernel_without_can_is_named_with_the_ways_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The answer of such a kernel, also where this one has CAN."""
+def test_a_kernel_without_can_is_reported_with_the_remedies(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The test simulates the answer of such a kernel."""
 
     def refuse(*_: object) -> None:
         raise OSError(97, "Address family not supported by protocol")
@@ -69,7 +71,7 @@ def test_a_kernel_without_can_is_named_with_the_ways_out(monkeypatch: pytest.Mon
     assert "vcan-guest" in str(caught.value)
 
 
-def test_a_socket_without_the_right_to_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_right_to_open_the_socket_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError(1, "Operation not permitted")
 

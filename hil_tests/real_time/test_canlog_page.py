@@ -1,4 +1,4 @@
-"""The page of a log in a real browser: what it decodes, draws and follows."""
+"""The page of a log in a real browser: what it decodes, plots and follows."""
 
 import json
 import shutil
@@ -47,7 +47,7 @@ FILTERS: Final = (
 
 @pytest.fixture(scope="module")
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One hop in virtual time, with events and truth."""
+    """The folder of one hop in virtual time, with events and truth."""
     folder = tmp_path_factory.mktemp("page") / "hop"
     assert vobc(["run", "--lockstep", "--from", "II", "--to", "III", "--out", str(folder)]) == 0
     return folder
@@ -62,7 +62,7 @@ def run_page(run_folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def everything() -> Log:
-    """Random frames of messages with all that a DBC file can say, out of order in places."""
+    """Random frames of messages with every feature of a DBC file, partly out of order."""
     frames = rig.random_frames(FRAMES)
     frames.at_ns[100:120] = frames.at_ns[100:120][::-1].copy()
     return Log(Path("everything.log"), frames, rig.bus())
@@ -88,13 +88,13 @@ def whole_page(everything: Log, tmp_path_factory: pytest.TempPathFactory) -> str
 
 
 def numbers(browser: Browser, script: str) -> "np.ndarray[Any, Any]":
-    """An array of the page, numbers that JSON has not told as null."""
+    """An array of the page; JSON has no NaN or infinity, so those come as strings."""
     plain = "v => Number.isFinite(v) ? v : String(v)"
     told = browser.run(f"JSON.stringify([...({script})].map({plain}))")
     return np.array([float(each) for each in json.loads(told)])
 
 
-def test_the_page_decodes_every_signal_as_the_reader_does(
+def test_the_page_decodes_every_signal_like_the_reader(
     browser: Browser, whole_page: str, everything: Log
 ) -> None:
     browser.open(whole_page)
@@ -107,7 +107,7 @@ def test_the_page_decodes_every_signal_as_the_reader_does(
         np.testing.assert_array_equal(numbers(browser, f"{shown}.v"), trace.values, err_msg=name)
 
 
-def test_the_table_tells_integers_to_the_last_of_64_bits(
+def test_the_table_shows_all_64_bits_of_integers(
     browser: Browser, whole_page: str, everything: Log
 ) -> None:
     browser.open(whole_page)
@@ -136,7 +136,7 @@ def test_the_table_tells_integers_to_the_last_of_64_bits(
 
 
 @pytest.mark.parametrize("text", FILTERS)
-def test_page_and_server_filter_alike(
+def test_page_and_server_filter_identically(
     browser: Browser, whole_page: str, served: tuple[str, PageData], everything: Log, text: str
 ) -> None:
     if browser.run("location.href").split("#")[0] != whole_page:
@@ -195,7 +195,7 @@ def test_a_served_log_shows_the_same_windows_values_and_rows(
     assert browser.log == []
 
 
-def test_the_page_opens_by_itself_and_asks_nobody(browser: Browser, run_page: str) -> None:
+def test_the_page_opens_alone_and_makes_no_request(browser: Browser, run_page: str) -> None:
     browser.asked.clear()
 
     browser.open(run_page)
@@ -209,8 +209,8 @@ def test_the_page_opens_by_itself_and_asks_nobody(browser: Browser, run_page: st
     assert browser.run("document.querySelectorAll('#tab-stats tbody tr').length") == 35
 
 
-def drawn(browser: Browser) -> int:
-    """How many pixels of the first plot are of the colour of its first line."""
+def coloured_pixels(browser: Browser) -> int:
+    """The number of pixels of the first plot in the colour of its first line."""
     return int(
         browser.run(
             """(() => {
@@ -231,12 +231,12 @@ def drawn(browser: Browser) -> int:
 
 
 def margin(browser: Browser) -> float:
-    """Left of the plots, where their axes and the names of bands stand."""
+    """Left margin of the plots, which holds axes and band names."""
     style = "getComputedStyle(document.documentElement).getPropertyValue('--left')"
     return float(browser.run(f"parseFloat({style})"))
 
 
-def test_the_names_of_bands_stand_in_full(browser: Browser, run_page: str) -> None:
+def test_band_names_are_shown_in_full(browser: Browser, run_page: str) -> None:
     browser.open(run_page)
 
     names = browser.run("canlog.view.panels.flat().map(name => name.split('.')[1])")
@@ -262,7 +262,7 @@ def test_wheel_drag_and_keys_move_all_plots_together(browser: Browser, run_page:
     left, top, width, height = browser.box("#panels canvas")
     x, y = left + 0.5 * width, top + 0.5 * height
     whole = span_s(browser)
-    assert drawn(browser) > 500
+    assert coloured_pixels(browser) > 500
 
     browser.wheel(x, y, -500)
     near = span_s(browser)
@@ -279,7 +279,7 @@ def test_wheel_drag_and_keys_move_all_plots_together(browser: Browser, run_page:
     assert chosen[1] - chosen[0] == pytest.approx(ratio * (moved[1] - moved[0]), rel=0.01)
     assert moved[0] < chosen[0] < chosen[1] < moved[1]
     assert span_s(browser) == pytest.approx(whole)
-    assert drawn(browser) > 500
+    assert coloured_pixels(browser) > 500
     assert browser.log == []
 
 
@@ -315,7 +315,7 @@ def test_cursor_table_and_events_follow_each_other(
     assert browser.text("#panels .chip b") != ""
 
 
-def test_signals_are_added_and_the_address_remembers_them(browser: Browser, run_page: str) -> None:
+def test_added_signals_are_kept_in_the_address(browser: Browser, run_page: str) -> None:
     browser.open(run_page)
     before = browser.run("document.querySelectorAll('#panels .panel').length")
 
@@ -332,13 +332,13 @@ def test_signals_are_added_and_the_address_remembers_them(browser: Browser, run_
     assert span_s(browser) == pytest.approx((10.0, 20.0))
 
 
-def test_both_themes_show_lines_that_stand_out(browser: Browser, run_page: str) -> None:
+def test_lines_have_enough_contrast_in_both_themes(browser: Browser, run_page: str) -> None:
     browser.open(run_page)
     first = browser.run("document.documentElement.dataset.theme")
 
-    seen = {first: drawn(browser)}
+    seen = {first: coloured_pixels(browser)}
     browser.key("t")
-    seen[browser.run("document.documentElement.dataset.theme")] = drawn(browser)
+    seen[browser.run("document.documentElement.dataset.theme")] = coloured_pixels(browser)
     browser.key("t")
 
     assert set(seen) == {"light", "dark"}
@@ -366,7 +366,9 @@ def test_the_server_answers_only_to_its_own_name(served: tuple[str, PageData]) -
     assert status("select?filter=no_such_thing%3E1") == 400
 
 
-def test_a_name_with_markup_stays_text(browser: Browser, tmp_path: Path, everything: Log) -> None:
+def test_a_name_with_markup_is_shown_as_text(
+    browser: Browser, tmp_path: Path, everything: Log
+) -> None:
     path = tmp_path / "odd.html"
     title = "</script><script>document.title='taken'</script><b>&"
     data = page_data(everything, title, ["PLAIN.small"], with_frames=True)

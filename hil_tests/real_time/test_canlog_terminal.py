@@ -1,4 +1,4 @@
-"""`canlog browse` on a real pseudo-terminal, of a log and of a live bus."""
+"""`canlog browse` on a real pseudo-terminal, with a log and with a live bus."""
 
 import fcntl
 import os
@@ -30,7 +30,7 @@ CODES: Final = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
 class Screen:
-    """A terminal of 30 lines of 110, as its user sees it."""
+    """A terminal of 30 lines by 110 columns as its user sees it."""
 
     def __init__(self, words: Sequence[str]) -> None:
         self._ours, theirs = pty.openpty()
@@ -56,7 +56,7 @@ class Screen:
         return [rows.get(row, "") for row in range(1, ROWS + 1)]
 
     def wait(self, text: str) -> list[str]:
-        """Until it stands on the screen."""
+        """Wait until the text is on the screen."""
         end_ns = self._clock.now_ns() + PATIENCE_S * NS_PER_S
         while not any(text in row for row in self.lines):
             if self._clock.now_ns() > end_ns or not self._hear():
@@ -74,7 +74,7 @@ class Screen:
         return bool(ready) or self.process.poll() is None
 
     def end(self) -> str:
-        """What was said after the screen was given back; the exit code has to be 0."""
+        """Require exit code 0 and return the output after the screen was restored."""
         assert self.process.wait(PATIENCE_S) == 0
         while select.select([self._ours], [], [], 0.1)[0] and self._hear():
             pass
@@ -107,7 +107,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 @pytest.fixture
 def free_bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """An embedded bus of its own."""
+    """An embedded bus for this test alone."""
     with tempfile.TemporaryDirectory() as folder:
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
         hub = start_hub(BUS, bound=True)
@@ -115,7 +115,7 @@ def free_bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
         hub.stop()
 
 
-def test_a_log_is_searched_played_bookmarked_and_left(log: list[str]) -> None:
+def test_a_log_is_searched_played_bookmarked_and_closed(log: list[str]) -> None:
     with opened(*log) as screen:
         first = screen.wait("PLAIN")
         screen.press("/floats\r")
@@ -155,7 +155,7 @@ def test_a_live_bus_is_watched(free_bus: str) -> None:
     assert "285" in row
 
 
-def test_without_a_terminal_it_says_what_to_use_instead(log: list[str]) -> None:
+def test_without_a_terminal_it_names_the_alternative(log: list[str]) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "canlog.command", "browse", *log],
         stdin=subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""What `make compiled` makes drives the same train to the same byte."""
+"""The copy made by `make compiled` runs the same train with identical bytes."""
 
 import json
 import os
@@ -39,12 +39,12 @@ FAULTS: list[dict[str, object]] = [
     {"kind": "door_lock_lost", "when": "front_m > 3090", "duration_s": 0.5},
     {"kind": "passenger_alarm", "when": "front_m > 3100"},
 ]
-"""Of each place where faults act one."""
+"""One fault for each place where faults act."""
 BY_TYPES = (
     *("test_t2t_envelope.py", "test_zenoh_config_codec.py"),
     *("test_vobc_config.py", "test_firmware_trackdb.py", "test_trackdb_circuit.py"),
 )
-"""Tests of what is said by radio and of settings, which are read by the types of their fields."""
+"""Tests of radio messages and settings, which are decoded by the types of their fields."""
 GROUP = """\
 import sys
 import msgspec
@@ -70,7 +70,7 @@ def results(*command: str | Path) -> dict[str, object]:
 def copy(checkout: Path, c_compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert c_compiler
     place = tmp_path_factory.mktemp("compiled") / "copy"
-    # What mypyc makes of the sources is tested, not the optimiser of the C compiler.
+    # The test covers mypyc's output and not the optimiser of the C compiler.
     subprocess.run(
         [
             *(sys.executable, "-m", "metro_tools.compiled", "--optimise", "0"),
@@ -95,9 +95,7 @@ def test_every_module_of_the_copy_can_be_imported(copy: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_what_is_read_by_the_types_of_fields_is_read_by_the_copy(
-    copy: Path, checkout: Path
-) -> None:
+def test_the_copy_decodes_messages_and_settings_by_field_types(copy: Path, checkout: Path) -> None:
     tests = [next((checkout / "hil_tests/unit").rglob(name)) for name in BY_TYPES]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *tests],
@@ -123,8 +121,8 @@ def test_the_compiled_copy_gives_the_same_bytes(copy: Path, tmp_path: Path) -> N
         assert one.read_bytes() == other.read_bytes(), name
 
 
-def test_cases_with_faults_in_a_group_come_to_the_same_compiled(copy: Path) -> None:
-    """Alone in plain Python, and from copies of one process with compiled modules."""
+def test_grouped_cases_with_faults_give_the_same_results_compiled(copy: Path) -> None:
+    """The cases run alone in plain Python, and in copies of one process with compiled modules."""
     branch = {"seed": 9, "when": "front_m > 3050"}
     cases = Scenario(
         train=SHORT, seeds=3, branch=branch, fault=FAULTS, stop_at_violation=False
@@ -157,14 +155,14 @@ SPARE = """\
 static struct PyModuleDef spare = {PyModuleDef_HEAD_INIT, "spare", 0, -1};
 PyMODINIT_FUNC PyInit_spare(void) { return PyModule_Create(&spare); }
 """
-"""One module in C in the place of all that mypyc would make, which takes it a minute."""
+"""One module in C that replaces mypyc's output, which would take a minute."""
 
 
 @pytest.fixture
 def library(
     checkout: Path, c_compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Path:
-    """Of which few modules are hot, and one is compiled."""
+    """A library with few hot modules, one of which is compiled."""
     assert c_compiler
     monkeypatch.setattr(compiled, "HOT", FEW)
     monkeypatch.setattr(compiled, "SETUP", SETUP)
@@ -173,7 +171,7 @@ def library(
     return tmp_path / "lib"
 
 
-def test_a_trained_copy_is_compiled_by_what_its_training_showed(
+def test_a_trained_copy_is_compiled_with_its_profile(
     checkout: Path, library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = library.parent / "seen"
@@ -194,7 +192,7 @@ def test_a_trained_copy_is_compiled_by_what_its_training_showed(
     compile_into(library, "0", trained=True)
 
     assert flags == [compiled.WATCHED, compiled.TRAINED]
-    # What was trained is what was compiled, and is not what stays: that writes no profile.
+    # The trained module is compiled but not kept; the kept one writes no profile.
     assert Path(seen.read_text()).suffix == ".so"
     (made,) = library.rglob("*.so")
     assert str(made) == seen.read_text()
@@ -204,7 +202,7 @@ def test_a_trained_copy_is_compiled_by_what_its_training_showed(
         assert (library / name).read_bytes() == (checkout / name).read_bytes()
 
 
-def test_training_that_fails_and_a_compiler_that_writes_no_profile_are_told(
+def test_a_failed_training_and_a_missing_profile_are_reported(
     library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compiled, "_build", lambda setup, more: None)
@@ -218,7 +216,7 @@ def test_training_that_fails_and_a_compiler_that_writes_no_profile_are_told(
 
 
 @pytest.mark.parametrize("patterns", [HOT, SIMULATOR])
-def test_every_pattern_of_hot_modules_finds_some(checkout: Path, patterns: tuple[str, ...]) -> None:
+def test_every_pattern_of_hot_modules_matches(checkout: Path, patterns: tuple[str, ...]) -> None:
     found = hot_modules(checkout, patterns)
 
     for pattern in patterns:
@@ -226,7 +224,7 @@ def test_every_pattern_of_hot_modules_finds_some(checkout: Path, patterns: tuple
     assert "zenoh_config/sessions.py" not in found
 
 
-def test_of_the_simulator_alone_no_more_is_compiled_than_of_all(
+def test_a_copy_for_the_simulator_compiles_no_more_than_the_whole_copy(
     checkout: Path, library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert set(hot_modules(checkout, SIMULATOR)) < set(hot_modules(checkout, HOT))
@@ -241,7 +239,7 @@ def test_of_the_simulator_alone_no_more_is_compiled_than_of_all(
     assert list(library.rglob("*.so"))
 
 
-def test_a_folder_that_is_something_else_is_left_alone(checkout: Path, tmp_path: Path) -> None:
+def test_a_foreign_folder_is_not_touched(checkout: Path, tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("kept")
 
     done = subprocess.run(
@@ -256,7 +254,7 @@ def test_a_folder_that_is_something_else_is_left_alone(checkout: Path, tmp_path:
     assert (tmp_path / "precious").read_text() == "kept"
 
 
-def test_seeds_of_the_line_simulator_come_to_the_same_in_compiled_workers(
+def test_line_simulator_seeds_give_the_same_results_in_compiled_workers(
     copy: Path, tmp_path: Path
 ) -> None:
     seeds = ["simulate", "--seeds", "7..9", "--minutes", "0.2", "--workers"]

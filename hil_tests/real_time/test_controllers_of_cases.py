@@ -1,4 +1,4 @@
-"""Cases whose controller is a process of its own: the same frames, and each failure its verdict."""
+"""Cases whose controller is its own process: identical frames, and each failure has its verdict."""
 
 import json
 import re
@@ -55,7 +55,7 @@ def spoiled(lines, message):
 grant._say = spoiled
 sys.exit(grant.main([]))
 """
-"""Our controller, but for one thing. Each start leaves its process id behind."""
+"""The shipped controller with one defect. Each start writes its process id to a file."""
 
 
 class Spoiled:
@@ -65,7 +65,7 @@ class Spoiled:
         self._program.write_text(SPOILED)
 
     def table(self, how: str, **keys: object) -> dict[str, Any]:
-        """Of a scenario's controller."""
+        """The controller table of a scenario."""
         words = (sys.executable, str(self._program), how, str(self._pids))
         return {"kind": "command", "command": shlex.join(words), **keys}
 
@@ -103,12 +103,12 @@ OURS: Final = (
 
 
 def told_by_any(measures: dict[str, float | None]) -> dict[str, float | None]:
-    """What operation asked for is known of the shipped controller alone."""
+    """The measures without those of ATO demands, which only the shipped controller reports."""
     return {name: value for name, value in measures.items() if not name.startswith("commanded_")}
 
 
 @pytest.mark.parametrize("controller", OURS, ids=("checkout", "standard input", "socket"))
-def test_our_controller_in_its_own_process_runs_the_same_case(
+def test_the_shipped_controller_as_a_process_runs_the_same_case(
     controller: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
@@ -135,7 +135,7 @@ def test_our_controller_in_its_own_process_runs_the_same_case(
     ],
     ids=("killed", "restarted", "paused", "stepped", "delayed"),
 )
-def test_a_fault_does_to_it_what_it_does_to_ours(fault: dict[str, Any]) -> None:
+def test_a_fault_acts_equally_on_a_controller_process(fault: dict[str, Any]) -> None:
     ours = result_of(SHORT, controller=OURS[0], fault=[fault])
     shipped = result_of(SHORT, fault=[fault])
 
@@ -144,8 +144,8 @@ def test_a_fault_does_to_it_what_it_does_to_ours(fault: dict[str, Any]) -> None:
     assert ours.measures == told_by_any(shipped.measures)
 
 
-def test_a_slow_one_says_everything_late(bench: Bench, tmp_path: Path) -> None:
-    """Oracle: on the bus BRAKE_CMD comes by so much later than without the fault."""
+def test_a_slow_controller_sends_everything_late(bench: Bench, tmp_path: Path) -> None:
+    """The oracle is BRAKE_CMD on the bus, which comes later by the delay than without the fault."""
     slow = {"kind": "slow_cycle", "extra_s": 0.03, "start_s": 20.0, "end_s": 24.0}
     first_ns = []
     for number, faults in enumerate(([], [slow])):
@@ -158,13 +158,13 @@ def test_a_slow_one_says_everything_late(bench: Bench, tmp_path: Path) -> None:
 
     assert len(first_ns[0]) == len(first_ns[1]) > 70
     late_s = [late - stamp for stamp, late in zip(*first_ns, strict=True)]
-    # Later than that only where a wake-up in between has kept it busy.
+    # It comes later than that only where a wake-up in between kept the controller busy.
     assert min(late_s) > 0.0285
     assert statistics.median(late_s) == pytest.approx(0.03, abs=0.001)
     assert max(late_s) < 0.065
 
 
-def test_one_that_was_killed_is_gone_at_once_and_is_told_of_its_restart(
+def test_a_killed_controller_is_gone_at_once_and_gets_its_restart_data(
     spoiled: Spoiled, tmp_path: Path
 ) -> None:
     fault = {"kind": "controller_killed", "start_s": 20.0, "end_s": 20.5}
@@ -196,7 +196,7 @@ def test_one_that_was_killed_is_gone_at_once_and_is_told_of_its_restart(
         ("garbage", ["broke the protocol at t=20.000 s", "brake!"]),
     ],
 )
-def test_one_that_fails_fails_the_case_and_the_train_is_followed_to_its_standstill(
+def test_a_failing_controller_fails_the_case_and_the_run_continues_to_standstill(
     spoiled: Spoiled, tmp_path: Path, how: str, words: list[str]
 ) -> None:
     lease_s = 0.4 if how == "hangs" else 20.0
@@ -229,7 +229,7 @@ def test_one_that_fails_fails_the_case_and_the_train_is_followed_to_its_standsti
         ({"kind": "command", "command": "cat"}, "controller"),
     ],
 )
-def test_one_that_does_not_start_blocks_the_case(
+def test_a_controller_that_does_not_start_blocks_the_case(
     controller: dict[str, Any], words: str, tmp_path: Path
 ) -> None:
     (case,) = hop(controller=controller).cases()
@@ -241,7 +241,7 @@ def test_one_that_does_not_start_blocks_the_case(
     assert (tmp_path / "ports.log").read_text() == "end 0\n"
 
 
-def test_one_that_does_not_start_again_fails(spoiled: Spoiled) -> None:
+def test_a_controller_that_does_not_restart_fails_the_case(spoiled: Spoiled) -> None:
     fault = {"kind": "controller_killed", "start_s": 20.0, "end_s": 20.5}
 
     result = result_of(controller=spoiled.table("never again"), fault=[fault])
@@ -267,7 +267,9 @@ def test_the_example_of_the_document_is_judged(tmp_path: Path) -> None:
     assert result.exit_reason == "stands for good"
 
 
-def test_a_test_sees_it_die_and_the_run_goes_on_without_it(bench: Bench, spoiled: Spoiled) -> None:
+def test_a_test_observes_the_death_of_a_controller_and_the_run_goes_on(
+    bench: Bench, spoiled: Spoiled
+) -> None:
     run = bench.start(hop(controller=spoiled.table("dies")))
     with pytest.raises(Exception, match=r"died at t=20\.000 s"):
         run.run_for(30.0)
@@ -280,7 +282,7 @@ def test_a_test_sees_it_die_and_the_run_goes_on_without_it(bench: Bench, spoiled
     assert "in the brake curve" in result.reason
 
 
-def test_a_mistake_of_the_bench_leaves_no_process_behind(
+def test_a_bench_error_leaves_no_process_behind(
     spoiled: Spoiled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(self: object, stamp_ns: int, can_id: int, data: bytes) -> None:
@@ -294,13 +296,13 @@ def test_a_mistake_of_the_bench_leaves_no_process_behind(
     spoiled.assert_gone()
 
 
-def test_a_worker_survives_what_its_controllers_do(
+def test_a_worker_survives_every_failure_of_its_controllers(
     spoiled: Spoiled,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """And the logs that the campaign keeps of a failure are those of the same run."""
+    """The campaign keeps the logs of the failing runs themselves."""
     monkeypatch.chdir(tmp_path)
     kinds = {
         "dies": spoiled.table("dies"),

@@ -1,12 +1,13 @@
-"""The commands of README.md and docs, in the order a reader meets them, in a fresh clone."""
+"""The commands of README.md and docs, in the order in which a reader meets them, in a fresh
+clone."""
 
 import subprocess
 import sys
 from pathlib import Path
 
 
-def test_every_command_of_the_documents_does_what_they_say(checkout: Path) -> None:
-    """A block that fails is reported with file, line, command and the end of its output."""
+def test_every_documented_command_works_as_documented(checkout: Path) -> None:
+    """The report of a failed block names file, line, command and the end of its output."""
     done = subprocess.run(
         [sys.executable, "-m", "metro_tools.doc_blocks", "--root", str(checkout)],
         capture_output=True,

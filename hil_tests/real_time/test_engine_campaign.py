@@ -1,4 +1,4 @@
-"""Campaigns on real worker processes: what dies, hangs or is stopped costs no result."""
+"""Campaigns on real worker processes: deaths, hangs and stops of workers cost no result."""
 
 import os
 import signal
@@ -33,7 +33,7 @@ WAIT_S = 30.0
 
 
 class Interruptor(Listener):
-    """Wishes for an end after so many results."""
+    """Requests the end after a number of results."""
 
     def __init__(self, stop: StopWish, after: int, times: int = 1) -> None:
         super().__init__()
@@ -45,7 +45,7 @@ class Interruptor(Listener):
             self._stop.count += self._times
 
 
-def test_every_case_has_one_result_in_the_order_of_the_campaign(tmp_path: Path) -> None:
+def test_every_case_has_one_result_in_campaign_order(tmp_path: Path) -> None:
     folder = folder_of(trial_cases(40), tmp_path, line="a = 1")
 
     end = work(folder)
@@ -63,7 +63,7 @@ def test_the_number_of_workers_changes_no_result(tmp_path: Path) -> None:
     assert plain(work(one, local(one, 1))) == plain(work(three, local(three, 3)))
 
 
-def test_a_complete_campaign_starts_nobody(tmp_path: Path) -> None:
+def test_a_complete_campaign_starts_no_worker(tmp_path: Path) -> None:
     folder = folder_of(trial_cases(3), tmp_path)
     first = work(folder)
 
@@ -77,8 +77,9 @@ def test_a_complete_campaign_starts_nobody(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_a_stopped_campaign_goes_on_to_the_same_end(times: int, tmp_path: Path) -> None:
-    """Once: cases that run are finished. Twice: they are dropped, and run again later."""
+def test_a_stopped_campaign_resumes_to_the_same_results(times: int, tmp_path: Path) -> None:
+    """After one request running cases are finished. After two they are dropped and run again
+    later."""
     whole = work(folder_of(trial_cases(40), tmp_path))
     folder, stop = folder_of(trial_cases(40), tmp_path), StopWish()
 
@@ -93,7 +94,7 @@ def test_a_stopped_campaign_goes_on_to_the_same_end(times: int, tmp_path: Path) 
     assert len(read_journal(folder.journal_path).results) == 40
 
 
-def test_a_worker_that_is_killed_costs_no_result(tmp_path: Path) -> None:
+def test_a_killed_worker_costs_no_result(tmp_path: Path) -> None:
     undisturbed = work(folder_of(trial_cases(12), tmp_path))
     cases = asking(trial_cases(12), 5, die_unless=str(tmp_path / "died"))
     folder, listener = folder_of(cases, tmp_path), Listener()
@@ -119,7 +120,7 @@ def test_a_case_that_kills_every_worker_is_lost_and_the_rest_goes_on(tmp_path: P
     assert not end.totals.passed
 
 
-def test_a_case_that_kills_every_worker_takes_none_of_its_group_along(tmp_path: Path) -> None:
+def test_a_case_that_kills_every_worker_costs_no_other_case_of_its_group(tmp_path: Path) -> None:
     branch = Branch(seed=1, when="speed_mps > 1.0")
     cases = asking(trial_cases(8), 1, die_unless="")
     grouped = [msgspec.structs.replace(case, branch=branch) for case in cases]
@@ -130,7 +131,7 @@ def test_a_case_that_kills_every_worker_takes_none_of_its_group_along(tmp_path: 
     assert verdicts == [Verdict.PASS, Verdict.LOST, *[Verdict.PASS] * 6]
 
 
-def test_a_case_that_hangs_is_lost_when_its_time_is_over(tmp_path: Path) -> None:
+def test_a_hanging_case_is_lost_after_its_timeout(tmp_path: Path) -> None:
     folder = folder_of(asking(trial_cases(3), 1, hang=True), tmp_path)
 
     end = work(folder, local(folder, timeout_s=0.5))
@@ -139,7 +140,7 @@ def test_a_case_that_hangs_is_lost_when_its_time_is_over(tmp_path: Path) -> None
     assert "no result within 0.5 s" in end.results[1].reason
 
 
-def test_what_the_bench_raises_is_lost_with_its_traceback_kept(tmp_path: Path) -> None:
+def test_a_case_that_raises_is_lost_and_its_traceback_kept(tmp_path: Path) -> None:
     folder = folder_of(asking(trial_cases(3), 1, **{"raise": "our mistake"}), tmp_path)
 
     end = work(folder)
@@ -150,7 +151,7 @@ def test_what_the_bench_raises_is_lost_with_its_traceback_kept(tmp_path: Path) -
     assert "our mistake" in kept.read_text()
 
 
-def test_workers_that_cannot_start_end_the_campaign_with_their_last_words(tmp_path: Path) -> None:
+def test_workers_that_cannot_start_end_the_campaign_with_their_last_output(tmp_path: Path) -> None:
     folder = folder_of(trial_cases(3), tmp_path)
 
     with pytest.raises(EngineError, match="no_such_runner"):
@@ -169,7 +170,7 @@ def test_logs_are_kept_of_the_first_failures_and_the_least_margins(tmp_path: Pat
 
     kept = {result.index for result in end.results if folder.kept(result.case_id).results.exists()}
     margins = {one.index: one.monitors[0].margin or 0.0 for one in end.results}
-    # The third failure has a negative margin, so it is the least that is left.
+    # The third failure has a negative margin, so it is the least one left.
     near = sorted(set(margins) - {3, 5}, key=lambda index: margins[index])[:2]
     assert kept == {3, 5, *near}
     assert 8 in near
@@ -177,7 +178,7 @@ def test_logs_are_kept_of_the_first_failures_and_the_least_margins(tmp_path: Pat
     assert folder.kept(cases[3].id).bus_log.read_text() == f"{cases[3].id}\n"
 
 
-def test_logs_that_are_wanted_are_kept_however_their_cases_come_out(tmp_path: Path) -> None:
+def test_requested_logs_are_kept_whatever_the_result(tmp_path: Path) -> None:
     cases = asking(trial_cases(6), 3, verdict="fail")
     folder = folder_of(cases, tmp_path)
     wanted = cases[3].id, cases[4].id
@@ -200,7 +201,7 @@ def test_a_case_that_gives_another_result_when_repeated_is_reported(tmp_path: Pa
     assert problem.startswith(f"NOT DETERMINISTIC: {cases[0].id}")
 
 
-def test_after_the_first_failure_nothing_is_begun_if_so_wished(tmp_path: Path) -> None:
+def test_with_fail_fast_no_case_begins_after_the_first_failure(tmp_path: Path) -> None:
     folder = folder_of(asking(trial_cases(60), 2, verdict="fail"), tmp_path)
 
     end = work(folder, local(folder, 1), CampaignOptions(keep=0, keep_worst=0, fail_fast=True))
@@ -216,7 +217,7 @@ def test_real_time_runs_alone_and_last_with_its_logs_from_the_beginning(tmp_path
         cases[index] = msgspec.structs.replace(cases[index], bench=BenchKind.PROCESSES)
     folder, listener = folder_of(cases, tmp_path), Listener()
     handed: list[tuple[bool, int]] = []
-    """Of every batch: whether it is to be alone, and how many are out when it is handed out."""
+    """For every batch: whether it must run alone, and how many batches are out at that time."""
 
     class Watched(LocalPool):
         def hand(self, batch: Batch) -> None:
@@ -232,8 +233,8 @@ def test_real_time_runs_alone_and_last_with_its_logs_from_the_beginning(tmp_path
     assert folder.kept(cases[1].id).bus_log.exists()
 
 
-def test_a_changed_worker_stream_is_a_death_and_no_crash(tmp_path: Path) -> None:
-    """Whatever a runner prints goes to standard error, not between the messages."""
+def test_output_of_a_runner_does_not_disturb_the_messages(tmp_path: Path) -> None:
+    """Output of a runner goes to standard error and not between the messages."""
     folder = folder_of(trial_cases(2), tmp_path)
 
     end = work(folder, lambda: LocalPool(1, {}, runner="engine_rig_noise:run_case"))
@@ -243,7 +244,7 @@ def test_a_changed_worker_stream_is_a_death_and_no_crash(tmp_path: Path) -> None
 
 @pytest.fixture(autouse=True)
 def noisy_runner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A module that workers can import and that prints."""
+    """A module that workers can import and that prints noise."""
     modules = tmp_path / "modules"
     modules.mkdir()
     (modules / "engine_rig_noise.py").write_text(
@@ -263,7 +264,7 @@ def hanging_crew() -> Iterator[LocalPool]:
     crew.close()
 
 
-def test_what_waits_at_a_worker_comes_back_unblamed_when_the_worker_dies(
+def test_cases_waiting_at_a_dying_worker_come_back_without_blame(
     hanging_crew: LocalPool,
 ) -> None:
     from metro_hil.engine.worker_pool import WorkerLost
@@ -271,7 +272,7 @@ def test_what_waits_at_a_worker_comes_back_unblamed_when_the_worker_dies(
     cases = asking(trial_cases(2), 0, hang=True)
     hanging_crew.hand(Batch(1, cases[:1]))
     hanging_crew.hand(Batch(2, cases[1:]))
-    # Ready is the first that is heard of it.
+    # The first message is the one that reports the worker ready.
     while not hanging_crew.ready:
         hanging_crew.wait(0.1)
     os.kill(hanging_crew.pids[0], signal.SIGKILL)
@@ -287,7 +288,7 @@ def test_what_waits_at_a_worker_comes_back_unblamed_when_the_worker_dies(
     assert hanging_crew.busy == 0
 
 
-def test_a_journal_in_use_is_left_alone(tmp_path: Path) -> None:
+def test_a_journal_in_use_is_not_touched(tmp_path: Path) -> None:
     folder = folder_of(trial_cases(2), tmp_path)
     journal = Journal(folder.journal_path, folder.head())
 
@@ -298,8 +299,8 @@ def test_a_journal_in_use_is_left_alone(tmp_path: Path) -> None:
     assert work(folder).totals.passed
 
 
-def test_a_master_that_is_killed_again_and_again_loses_and_doubles_nothing(tmp_path: Path) -> None:
-    """The instants are drawn anew on a developer's machine only by changing the seed."""
+def test_a_repeatedly_killed_master_neither_loses_nor_repeats_a_result(tmp_path: Path) -> None:
+    """The kill instants are the same everywhere; another seed would change them."""
     cases = trial_cases(60, work_s=0.01)
 
     report = KillTrial(

@@ -1,4 +1,4 @@
-"""A campaign on a Dask cluster: the same results bit for bit, whoever dies meanwhile."""
+"""A campaign on a Dask cluster gives identical results, whichever worker dies meanwhile."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +25,7 @@ from metro_hil.engine.program import program_version
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """Two workers on this machine, each a process; they read the sources as they are now."""
+    """Two worker processes on this machine with the present sources."""
     import distributed
 
     program_version.cache_clear()
@@ -36,12 +36,12 @@ def cluster() -> Iterator[Any]:
 
 
 def on(cluster: Any, folder: Any, timeout_s: float | None = None) -> Any:
-    """Makes a crew of the cluster."""
+    """A factory for a worker pool on the cluster."""
     address = cluster.scheduler_address
     return lambda: DaskPool(address, folder.files(), runner=RUNNER, case_timeout_s=timeout_s)
 
 
-def test_the_results_are_those_of_this_machine_bit_for_bit(cluster: Any, tmp_path: Path) -> None:
+def test_the_results_equal_those_of_this_machine(cluster: Any, tmp_path: Path) -> None:
     here, there = (folder_of(trial_cases(150), tmp_path, line="a = 1") for _ in range(2))
 
     at_home, away = work(here, local(here)), work(there, on(cluster, there))
@@ -51,7 +51,7 @@ def test_the_results_are_those_of_this_machine_bit_for_bit(cluster: Any, tmp_pat
     assert len(read_journal(there.journal_path).results) == 150
 
 
-def test_a_case_that_dies_hangs_or_raises_there_takes_nothing_along(
+def test_a_case_that_dies_hangs_or_raises_there_costs_no_other(
     cluster: Any, tmp_path: Path
 ) -> None:
     cases = asking(trial_cases(8), 1, die_unless="")
@@ -71,7 +71,7 @@ def test_a_case_that_dies_hangs_or_raises_there_takes_nothing_along(
 
 
 def test_a_cluster_worker_that_is_killed_costs_no_result(cluster: Any, tmp_path: Path) -> None:
-    """The nanny starts another one; meanwhile the scheduler gives its tasks to the rest."""
+    """Dask's nanny starts another worker; meanwhile the scheduler gives its tasks to the rest."""
     folder = folder_of(trial_cases(60, work_s=0.01), tmp_path)
 
     class Killer(Listener):
@@ -89,7 +89,7 @@ def test_a_cluster_worker_that_is_killed_costs_no_result(cluster: Any, tmp_path:
 def test_a_worker_with_another_version_is_refused(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Seen from the cluster it is this program that is the other one."""
+    """From the cluster's point of view this program has the other version."""
     folder = folder_of(trial_cases(2), tmp_path)
     monkeypatch.setattr(dask_pool, "program_version", lambda: "9.9.9+other")
 
@@ -112,7 +112,7 @@ def test_a_worker_with_another_version_that_comes_later_computes_nothing(
     assert read_journal(folder.journal_path).results == []
 
 
-def test_without_a_scheduler_it_is_said_where_none_answers(
+def test_a_missing_scheduler_is_reported_with_its_address(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(dask_pool, "CONNECT_S", 0.5)

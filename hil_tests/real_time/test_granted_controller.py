@@ -1,4 +1,4 @@
-"""Controllers in processes of their own in virtual time: the same bytes, and never a hang."""
+"""External controllers as processes in virtual time: identical bytes, and never a hang."""
 
 import os
 import re
@@ -86,7 +86,7 @@ for line in lines or sys.stdin:
 
 
 class Heard:
-    """All frames of a bus."""
+    """Records all frames of a bus."""
 
     def __init__(self) -> None:
         self.chain = FrameHash()
@@ -118,7 +118,7 @@ def misbehaved(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 @pytest.mark.parametrize("cycle_ms", [50.0, 31.25, 110.0])
-def test_our_controller_in_a_process_of_its_own_says_the_same_to_the_bit(cycle_ms: float) -> None:
+def test_the_shipped_controller_as_a_process_sends_identical_frames(cycle_ms: float) -> None:
     ours = ControllerSpec(kind="checkout", path=str(ROOT))
     setup = Setup(start="II", end="III", cycle_ms=cycle_ms)
     outcomes = []
@@ -134,7 +134,7 @@ def test_our_controller_in_a_process_of_its_own_says_the_same_to_the_bit(cycle_m
         assert outcomes[0][0] == ARRIVED
 
 
-def test_the_example_of_the_document_holds_the_train_and_is_understood(tmp_path: Path) -> None:
+def test_the_documented_example_holds_the_train_and_its_messages_are_valid(tmp_path: Path) -> None:
     (example,) = EXAMPLE.findall(DOCUMENT.read_text(encoding="utf-8"))
     path = tmp_path / "example.py"
     path.write_text(example)
@@ -169,7 +169,7 @@ def test_the_example_of_the_document_holds_the_train_and_is_understood(tmp_path:
     ],
 )
 @pytest.mark.parametrize("socket", [False, True])
-def test_a_controller_that_fails_is_named_and_the_train_goes_on_without_it(
+def test_a_failing_controller_is_named_and_the_train_goes_on_without_it(
     misbehaved: list[str], how: str, words: list[str], socket: bool
 ) -> None:
     heard = Heard()
@@ -218,7 +218,9 @@ def test_a_controller_that_does_not_start_blocks_the_case(
         (ControllerSpec(kind="relay"), "relay"),
     ],
 )
-def test_what_is_no_controller_is_said(controller: ControllerSpec, words: str) -> None:
+def test_a_program_that_is_no_controller_is_reported(
+    controller: ControllerSpec, words: str
+) -> None:
     with pytest.raises(ControllerStartError, match=words):
         program_of(controller)
 
@@ -237,7 +239,7 @@ def test_a_stopped_process_is_ended_with_its_bench(misbehaved: list[str]) -> Non
 
 
 def test_a_foreign_bench_of_another_version_is_refused() -> None:
-    """Spoken to as a bench of tomorrow would."""
+    """The test sends the greeting of a future bench version."""
     done = subprocess.run(
         [sys.executable, "-m", "vobc", "grant"],
         input='{"type": "hello", "version": 2, "told": {}}\n',
@@ -252,8 +254,9 @@ def test_a_foreign_bench_of_another_version_is_refused() -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_a_real_time_recording_is_said_again(tmp_path: Path) -> None:
-    """Controller and plant as processes on the embedded bus; then once more in virtual time."""
+def test_a_real_time_recording_is_reproduced(tmp_path: Path) -> None:
+    """Controller and plant run as processes on the embedded bus, and then once more in virtual
+    time."""
     out, runtime = tmp_path / "run", tmp_path / "rt"
     runtime.mkdir(mode=0o700)
     words = ["-m", "metro_hil.cli.vobc", "run", "--from", "II", "--to", "III"]

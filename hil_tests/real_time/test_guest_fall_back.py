@@ -1,4 +1,4 @@
-"""A kernel that does not come up makes way for the next one, and what cannot be had is said."""
+"""A kernel that does not boot is replaced by the next one, and unavailable parts are reported."""
 
 import os
 import shutil
@@ -35,7 +35,7 @@ def cache(guest: Guest, tmp_path: Path) -> Path:
 
 
 def kill(cache: Path, *kernels: GuestKernel) -> None:
-    """Let kernels of a cache die as they start."""
+    """Make kernels of a cache fail at their start."""
     for kernel in kernels:
         (cache / kernel.value / "linux").write_text(DYING_KERNEL)
 
@@ -54,9 +54,7 @@ def launch(
     )
 
 
-def test_the_next_kernel_boots_where_the_first_does_not_come_up(
-    checkout: Path, cache: Path
-) -> None:
+def test_the_next_kernel_boots_where_the_first_does_not(checkout: Path, cache: Path) -> None:
     first, second, _ = choose(AUTOMATIC, this_processor()).kernels
     kill(cache, first)
 
@@ -69,7 +67,7 @@ def test_the_next_kernel_boots_where_the_first_does_not_come_up(
     assert f"({first.value}: the guest did not come up)" in two
 
 
-def test_a_kernel_that_is_asked_for_makes_way_for_no_other(checkout: Path, cache: Path) -> None:
+def test_a_requested_kernel_is_not_replaced_by_another(checkout: Path, cache: Path) -> None:
     kill(cache, GuestKernel.NEWER)
 
     by_option = launch(checkout, cache, "--kernel", "newer", "true")
@@ -82,13 +80,13 @@ def test_a_kernel_that_is_asked_for_makes_way_for_no_other(checkout: Path, cache
         assert "kernel stock" not in done.stderr
 
 
-def test_with_quiet_nothing_is_said_of_the_kernel(checkout: Path, cache: Path) -> None:
+def test_with_quiet_there_is_no_message_about_the_kernel(checkout: Path, cache: Path) -> None:
     done = launch(checkout, cache, "--quiet", "--no-vcan", "true")
 
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_guest_that_crashes_under_its_command_is_not_tried_again(
+def test_a_guest_that_crashes_during_its_command_is_not_tried_again(
     checkout: Path, cache: Path, tmp_path: Path
 ) -> None:
     script = f"echo begun >>{tmp_path}/count; echo c >/proc/sysrq-trigger; sleep 60"
@@ -100,8 +98,8 @@ def test_a_guest_that_crashes_under_its_command_is_not_tried_again(
     assert (tmp_path / "count").read_text() == "begun\n"
 
 
-def test_without_package_tools_the_missing_one_is_said_once(checkout: Path, tmp_path: Path) -> None:
-    """The empty cache has to be filled, and PATH leads to no apt-get."""
+def test_a_missing_package_tool_is_reported_once(checkout: Path, tmp_path: Path) -> None:
+    """The cache is empty and PATH has no apt-get."""
     programs = tmp_path / "bin"
     programs.mkdir()
 
@@ -112,7 +110,7 @@ def test_without_package_tools_the_missing_one_is_said_once(checkout: Path, tmp_
     assert "apt-get is missing" in done.stderr
 
 
-def test_a_kernel_that_does_not_exist_is_wrong_use(checkout: Path, tmp_path: Path) -> None:
+def test_an_unknown_kernel_is_a_usage_error(checkout: Path, tmp_path: Path) -> None:
     by_option = launch(checkout, tmp_path, "--kernel", "best", "true")
     by_variable = launch(checkout, tmp_path, "true", VCAN_GUEST_KERNEL="best")
 
@@ -123,7 +121,7 @@ def test_a_kernel_that_does_not_exist_is_wrong_use(checkout: Path, tmp_path: Pat
 
 
 class Mirror:
-    """A repository of packages in a folder, and what was said while they were taken from it."""
+    """A package repository in a folder, and the messages of the downloads from it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / "mirror"
@@ -132,7 +130,7 @@ class Mirror:
         self.apt = packages._Apt(folder / "apt", self.said.append)
 
     def add(self, version: str) -> Package:
-        """A package whose one file holds its version; the index states its checksum."""
+        """Add a package whose only file holds its version; the index holds its checksum."""
         tree = self.folder / version
         (tree / "DEBIAN").mkdir(parents=True)
         (tree / "content").write_text(version)
@@ -148,7 +146,7 @@ class Mirror:
         return Package("kernel", version, checksum)
 
     def take(self, pinned: Package, to: Path) -> str:
-        """The version that comes of a pin."""
+        """Unpack a pinned package and return the version that it gave."""
         apt = self.apt.with_sources(f"deb [trusted=yes] file:{self.folder} ./\n")
         apt.unpack_pinned([pinned], to)
         return (to / "content").read_text()
@@ -156,7 +154,7 @@ class Mirror:
 
 @pytest.fixture
 def mirror(guest: Guest, tmp_path: Path) -> Mirror:
-    """Empty."""
+    """A mirror without packages."""
     return Mirror(tmp_path)
 
 
@@ -167,9 +165,7 @@ def test_the_pinned_package_is_taken_from_a_mirror_that_has_it(
     assert not any("instead" in line for line in mirror.said)
 
 
-def test_a_mirror_that_moved_on_gives_its_newer_package_and_that_is_said(
-    mirror: Mirror, tmp_path: Path
-) -> None:
+def test_a_newer_package_of_a_mirror_is_used_and_reported(mirror: Mirror, tmp_path: Path) -> None:
     newer = mirror.add("1.1")
 
     assert mirror.take(Package("kernel", "1.0", "00" * 32), tmp_path / "to") == "1.1"
@@ -187,6 +183,6 @@ def test_another_package_under_the_pinned_version_is_refused(
     assert not (tmp_path / "to").exists()
 
 
-def test_a_mirror_that_cannot_be_reached_is_said(mirror: Mirror) -> None:
+def test_an_unreachable_mirror_is_reported(mirror: Mirror) -> None:
     with pytest.raises(NoKernelError, match="apt-get update failed; is a mirror reachable"):
         mirror.apt.with_sources(f"deb [trusted=yes] file:{mirror.folder}/nowhere sid main\n")

@@ -1,4 +1,4 @@
-"""`hil` from the command line: what it says, what it leaves, and its exit codes."""
+"""`hil` on the command line: its output, its files, and its exit codes."""
 
 import json
 import signal
@@ -23,7 +23,7 @@ GIVE_UP_S: Final = 60.0
 
 @pytest.fixture(autouse=True)
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Campaigns go below runs/ of a folder of the test's own."""
+    """A folder for this test alone, which holds runs/ for its campaigns."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -36,7 +36,7 @@ def failing(cases: tuple[Case, ...], *indices: int) -> tuple[Case, ...]:
     return tuple(changed)
 
 
-def begun(cases: tuple[Case, ...] = trial_cases(4), name: str = "trial") -> CampaignFolder:
+def begun_campaign(cases: tuple[Case, ...] = trial_cases(4), name: str = "trial") -> CampaignFolder:
     """A campaign that is ready to be resumed."""
     options = {"runner": RUNNER, "no_report": True}
     return make_folder(CampaignPlan(name=name, cases=cases, files={}, options=options))
@@ -47,10 +47,10 @@ def said(capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], str]:
     return json.loads(output), errors
 
 
-def test_a_campaign_that_passed_is_0_and_one_json_object(
+def test_a_passed_campaign_has_exit_code_0_and_prints_one_json_object(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    folder = begun()
+    folder = begun_campaign()
 
     code = main(["resume", "--json"])
 
@@ -62,10 +62,10 @@ def test_a_campaign_that_passed_is_0_and_one_json_object(
     assert "passed" in errors
 
 
-def test_a_campaign_with_a_failure_is_1_and_names_the_case(
+def test_a_failed_campaign_has_exit_code_1_and_names_the_case(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    begun(failing(trial_cases(4), 2))
+    begun_campaign(failing(trial_cases(4), 2))
 
     code = main(["resume", "--json"])
 
@@ -75,10 +75,10 @@ def test_a_campaign_with_a_failure_is_1_and_names_the_case(
     assert "trial/0002-s3" in errors
 
 
-def test_list_says_how_each_campaign_stands(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["resume", begun(name="good").path.name, "--json"])
-    main(["resume", begun(failing(trial_cases(2), 0), "bad").path.name, "--json"])
-    begun(name="new")
+def test_list_shows_the_state_of_each_campaign(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["resume", begun_campaign(name="good").path.name, "--json"])
+    main(["resume", begun_campaign(failing(trial_cases(2), 0), "bad").path.name, "--json"])
+    begun_campaign(name="new")
     capsys.readouterr()
 
     code = main(["list", "--json"])
@@ -92,8 +92,10 @@ def test_list_says_how_each_campaign_stands(capsys: pytest.CaptureFixture[str]) 
     }
 
 
-def test_show_has_all_results_and_the_story_of_a_case(capsys: pytest.CaptureFixture[str]) -> None:
-    folder = begun(failing(trial_cases(4), 1))
+def test_show_prints_all_results_and_the_event_log_of_a_case(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = begun_campaign(failing(trial_cases(4), 1))
     main(["resume", "--json"])
     capsys.readouterr()
 
@@ -108,10 +110,10 @@ def test_show_has_all_results_and_the_story_of_a_case(capsys: pytest.CaptureFixt
     assert main(["show", folder.path.name, "trial/0002", "--json"]) == 0
 
 
-def test_show_names_what_was_not_as_expected_with_its_reason(
+def test_show_names_unexpected_results_with_their_reasons(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    begun(failing(trial_cases(4), 1))
+    begun_campaign(failing(trial_cases(4), 1))
     main(["resume", "--json"])
     capsys.readouterr()
 
@@ -124,7 +126,7 @@ def test_show_names_what_was_not_as_expected_with_its_reason(
 
 
 def test_rerun_repeats_the_first_failure_with_its_logs(capsys: pytest.CaptureFixture[str]) -> None:
-    begun(failing(trial_cases(4), 2))
+    begun_campaign(failing(trial_cases(4), 2))
     main(["resume", "--json"])
     capsys.readouterr()
 
@@ -137,10 +139,10 @@ def test_rerun_repeats_the_first_failure_with_its_logs(capsys: pytest.CaptureFix
     assert any(path.endswith("bus.log") for path in document["logs"])
 
 
-def test_rerun_takes_campaign_and_case_in_one_word_and_another_seed(
+def test_rerun_accepts_campaign_and_case_in_one_argument_and_another_seed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    folder = begun()
+    folder = begun_campaign()
     main(["resume", "--json"])
     before = read_journal(folder.journal_path).results[1].chain
     capsys.readouterr()
@@ -153,10 +155,12 @@ def test_rerun_takes_campaign_and_case_in_one_word_and_another_seed(
     assert document["result"]["chain"] != before
 
 
-def test_the_same_case_gives_another_chain_only_loudly(capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_frame_hash_of_the_same_case_is_reported_loudly(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     (case,) = trial_cases(1)
     setup = msgspec.structs.replace(case.setup, real={"trial.fickle": True})
-    begun((msgspec.structs.replace(case, setup=setup),))
+    begun_campaign((msgspec.structs.replace(case, setup=setup),))
     main(["resume", "--json", "--keep-worst", "0"])
     capsys.readouterr()
 
@@ -182,11 +186,11 @@ def test_the_same_case_gives_another_chain_only_loudly(capsys: pytest.CaptureFix
     ],
     ids=lambda value: "-".join(value[:2]) if isinstance(value, list) else "",
 )
-def test_what_the_user_got_wrong_is_2_and_one_line_that_names_it(
+def test_a_user_error_has_exit_code_2_and_one_line_that_names_it(
     words: list[str], what: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if "--on" in words:
-        begun()
+        begun_campaign()
 
     code = main(words)
 
@@ -196,17 +200,17 @@ def test_what_the_user_got_wrong_is_2_and_one_line_that_names_it(
     assert len(errors.splitlines()) == 1
 
 
-def test_without_any_campaign_it_is_said_how_to_make_one(
+def test_without_any_campaign_the_message_tells_how_to_run_one(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["resume"]) == 2
     assert "hil run" in capsys.readouterr().err
 
 
-def test_a_damaged_journal_is_3_until_the_campaign_is_resumed(
+def test_a_damaged_journal_gives_exit_code_3_until_the_campaign_is_resumed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    folder = begun()
+    folder = begun_campaign()
     main(["resume", "--json"])
     whole = folder.journal_path.read_bytes()
     folder.journal_path.write_bytes(whole.replace(b"trial/0001-s2", b"trial/0001-s9"))
@@ -223,10 +227,10 @@ def test_a_damaged_journal_is_3_until_the_campaign_is_resumed(
     assert len(read_journal(folder.journal_path).results) == 4
 
 
-def test_a_program_that_was_changed_does_not_go_on_unasked(
+def test_a_changed_program_does_not_resume_without_consent(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    begun()
+    begun_campaign()
     main(["resume", "--json"])
     for module in ("program", "run_campaign", "folder"):
         monkeypatch.setattr(f"metro_hil.engine.{module}.program_version", lambda: "9.9.9+other")
@@ -238,7 +242,7 @@ def test_a_program_that_was_changed_does_not_go_on_unasked(
 def test_a_campaign_run_by_two_programs_never_passes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = begun()
+    folder = begun_campaign()
     main(["resume", "--json", "--fail-fast"])
     lines = folder.journal_path.read_bytes().splitlines(keepends=True)
     folder.journal_path.write_bytes(b"".join(lines[:-1]))
@@ -263,7 +267,7 @@ def master(*words: str) -> "subprocess.Popen[bytes]":
 
 
 def children_of(pid: int) -> list[int]:
-    """Of a process with one thread."""
+    """The children of a process with one thread."""
     text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
     return [int(word) for word in text.split()]
 
@@ -276,8 +280,8 @@ def until(condition: Any) -> None:
         clock.wait_until(clock.now_ns() + NS_PER_S // 100)
 
 
-def test_ctrl_c_is_130_says_how_to_go_on_and_loses_nothing() -> None:
-    folder = begun(trial_cases(300, work_s=0.02))
+def test_ctrl_c_gives_exit_code_130_a_hint_to_resume_and_loses_nothing() -> None:
+    folder = begun_campaign(trial_cases(300, work_s=0.02))
     process = master("resume", "--json")
     until(lambda: len(read_journal(folder.journal_path).results) > 5)
 
@@ -290,8 +294,8 @@ def test_ctrl_c_is_130_says_how_to_go_on_and_loses_nothing() -> None:
     assert main(["resume", "--json"]) == 0
 
 
-def test_workers_die_with_a_master_that_is_killed() -> None:
-    begun(trial_cases(300, work_s=0.05))
+def test_workers_end_with_a_killed_master() -> None:
+    begun_campaign(trial_cases(300, work_s=0.05))
     process = master("resume", "--workers", "2", "--json")
     until(lambda: len(children_of(process.pid)) == 2)
     workers = children_of(process.pid)
@@ -303,7 +307,7 @@ def test_workers_die_with_a_master_that_is_killed() -> None:
 
 
 def _alive(pid: int) -> bool:
-    """A zombie that nobody has fetched yet is dead."""
+    """Whether the process lives; a zombie counts as dead."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except OSError:

@@ -1,7 +1,7 @@
-"""Trains in network namespaces of their own: what is lost there is lost for real programs.
+"""Trains in their own network namespaces: packets lost there are lost for real programs.
 
-Where the kernel or the rights refuse such networks these tests hold what is said instead, and warn
-that the rest is BLOCKED.
+Where the kernel or missing rights refuse such networks, these tests check the refusal and warn that
+the rest is BLOCKED.
 """
 
 import os
@@ -32,7 +32,7 @@ WAY = (HERE, THERE)
 
 
 def in_network(cable: Cable, call: Callable[[], socket.socket]) -> socket.socket:
-    """What is opened there stays there, whoever uses it."""
+    """Open a socket in that network; it stays there whatever thread uses it."""
     opened: list[socket.socket] = []
 
     def go() -> None:
@@ -53,7 +53,7 @@ def bound_to(address: str) -> socket.socket:
 
 
 def predicted(weather: Weather, seed: int) -> list[bytes]:
-    """What arrives of so many packets that are sent at once, in its order."""
+    """The packets that arrive, in order, of `PACKETS` packets sent at once."""
     ether = Ether(weather, seed)
     for n in range(PACKETS):
         ether.send(0, WAY, b"%d" % n)
@@ -65,7 +65,7 @@ def blocked(error: NamespaceError) -> None:
     warnings.warn(f"{REFUSED}: {error}", stacklevel=2)
 
 
-def test_programs_in_two_networks_hear_of_each_other_what_the_seed_says_and_no_more() -> None:
+def test_programs_in_two_networks_receive_exactly_the_packets_that_the_seed_lets_through() -> None:
     try:
         cables = {HERE: cable_away("radio", HERE), THERE: cable_away("radio", THERE)}
     except NamespaceError as error:
@@ -94,7 +94,7 @@ def test_programs_in_two_networks_hear_of_each_other_what_the_seed_says_and_no_m
         os.close(cable.namespace)
 
 
-def test_a_master_that_hears_nothing_is_replaced_and_takes_part_again_afterwards() -> None:
+def test_a_deaf_master_is_replaced_and_participates_again_afterwards() -> None:
     words = [
         "--fault",
         "deafen",
@@ -115,7 +115,8 @@ def test_a_master_that_hears_nothing_is_replaced_and_takes_part_again_afterwards
         assert ended.stderr.startswith(REFUSED)
         warnings.warn(ended.stderr, stacklevel=2)
         return
-    # The second round only begins when all trains, the deafened one too, have authority again.
+    # The second round begins only when all trains, including the deafened one, have authority
+    # again.
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "2 rounds: all others served" in ended.stdout
     assert ended.stdout.count("'cut': 0,") < 6

@@ -1,11 +1,11 @@
-"""Trains in processes of their own that command themselves over real zenoh."""
+"""Trains as processes that command themselves over real zenoh."""
 
 from pathlib import Path
 
 from metro_hil.line.failover_trial import FailoverTrial
 
 
-def test_a_killed_master_is_replaced_and_comes_back_as_one_of_many(tmp_path: Path) -> None:
+def test_a_killed_master_is_replaced_and_comes_back_as_a_member(tmp_path: Path) -> None:
     trial = FailoverTrial(3, "A", tmp_path)
     try:
         result = trial.fault("kill")

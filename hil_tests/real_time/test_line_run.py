@@ -1,4 +1,5 @@
-"""A whole line as processes over real zenoh, its master killed; and the relay that cuts radios."""
+"""A whole line as processes over real zenoh with a killed master, and the relay that cuts
+radios."""
 
 import json
 import socket
@@ -21,10 +22,10 @@ from metro_hil.supervision.radio_log_filter import RadioLogSelection
 from zenoh_config.codec import BENCH_KEY
 
 NEAR = ("authority only", "stands in")
-"""Complaints that no slowness of the machine explains."""
+"""Complaints that a slow machine cannot explain."""
 
 
-def test_a_killed_master_is_replaced_and_nobody_gets_too_near(
+def test_a_killed_master_is_replaced_and_no_train_comes_too_close(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
@@ -42,7 +43,7 @@ def test_a_killed_master_is_replaced_and_nobody_gets_too_near(
     assert {("T1", "TrainReport"), ("T2", "TrainReport"), ("rails", "Place")} <= set(figures.counts)
 
 
-def test_emergency_brakes_while_no_radio_works_are_told_as_the_trains_themselves_log_them(
+def test_emergency_brakes_without_radio_are_reported_from_the_trains_own_logs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
@@ -70,7 +71,7 @@ def test_emergency_brakes_while_no_radio_works_are_told_as_the_trains_themselves
 
 
 class LateRadio:
-    """A session whose messages its program is given a second after they came."""
+    """A session that delivers its messages one second late."""
 
     def __init__(self, radio: ZenohRadio, clock: WallClock) -> None:
         self._radio, self._clock = radio, clock
@@ -109,7 +110,7 @@ def _events(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def test_a_relay_carries_both_ways_holds_while_it_is_cut_and_loses_nothing() -> None:
+def test_a_relay_forwards_both_ways_holds_during_a_cut_and_loses_nothing() -> None:
     server = socket.create_server(("127.0.0.1", 0))
     relay = Relay(["T1", "T2"], "127.0.0.1", server.getsockname()[1])
     with server, socket.create_connection(("127.0.0.1", relay.ports["T1"])) as near:

@@ -1,4 +1,4 @@
-"""A process that hangs is ended by the kernel, one that goes on is left alone."""
+"""The kernel ends a process that hangs, and not one that goes on."""
 
 import signal
 import subprocess
@@ -38,7 +38,7 @@ def test_a_process_that_hangs_is_ended(program: str) -> None:
     assert done.returncode == -signal.SIGALRM
 
 
-def test_a_process_that_kicks_in_time_lives() -> None:
+def test_a_process_that_kicks_the_watchdog_in_time_lives() -> None:
     done = subprocess.run(
         [sys.executable, "-c", GOES_ON], capture_output=True, text=True, timeout=60, check=False
     )
@@ -47,6 +47,6 @@ def test_a_process_that_kicks_in_time_lives() -> None:
 
 
 @pytest.mark.parametrize("limit_s", [0.0, -1.0, float("nan")])
-def test_a_limit_that_is_none_is_refused(limit_s: float) -> None:
+def test_an_invalid_limit_is_refused(limit_s: float) -> None:
     with pytest.raises(ValueError, match="limit_s"):
         ProcessWatchdog(limit_s)

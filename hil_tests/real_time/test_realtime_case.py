@@ -1,4 +1,4 @@
-"""A case as its processes meet it: bus of its own, gateway, faults, deaths, what is missing."""
+"""A case in real time: its own bus, gateway, faults, deaths of processes, and missing parts."""
 
 import itertools
 import json
@@ -21,7 +21,7 @@ SHIPPED = (
     "--consist {params} --from {start} --to {end} --out {out}"
 )
 HOST_MAY_DISTURB = (Verdict.PASS, Verdict.INVALID, Verdict.INCONCLUSIVE)
-"""What a case that nothing is wrong with may be on a machine that is busy."""
+"""Possible verdicts of a correct case on a busy machine."""
 
 
 def case_of(**changes: object) -> Case:
@@ -46,7 +46,7 @@ def run(case: Case, out: Path, wires: RealtimeWires | None = None) -> CaseResult
 
 
 def processes_naming(text: str) -> list[str]:
-    """Command lines of living processes that hold the text."""
+    """Command lines of living processes that contain the text."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -71,10 +71,11 @@ def longest_gap_s(times_s: list[float]) -> float:
     return max(after - before for before, after in itertools.pairwise(times_s))
 
 
-def test_faults_of_bus_sensor_and_process_act_in_real_time_and_the_run_is_whole(
+def test_faults_of_bus_sensor_and_process_act_in_real_time_in_a_complete_run(
     tmp_path: Path,
 ) -> None:
-    """Brake commands are dropped for 0.5 s: the controller's segment has them, the train's not."""
+    """Brake commands are dropped for 0.5 s: the controller's bus segment carries them, the
+    train's does not."""
     faults = (
         {"kind": "frame_drop", "frames": "BRAKE_CMD*", "start_s": 4.0, "duration_s": 0.5},
         {"kind": "doppler_outage", "start_s": 2.0, "duration_s": 1.0},
@@ -95,16 +96,17 @@ def test_faults_of_bus_sensor_and_process_act_in_real_time_and_the_run_is_whole(
     assert lost == struck["frame_drop BRAKE_CMD"] > 0
     emergencies = read_columns(out / "truth.csv").flags("emergency")
     assert emergencies.count(True) > 0
-    # The pause is seen on the controller's own segment, where nothing else is wrong.
+    # The pause shows on the controller's own segment, where no other fault acts.
     assert longest_gap_s(brake_times_s(out / "bus_controller.log")) >= 0.45
     assert result.frames > 1000
     assert result.measures["gateway_wait_p99_us"] is not None
 
 
-def test_a_controller_that_dies_is_a_failure_with_its_end_and_the_train_is_followed(
+def test_a_controller_death_fails_the_case_with_its_reason_and_the_run_continues(
     tmp_path: Path,
 ) -> None:
-    """Some other program on the bus, that is killed as it drives; the train stands thereafter."""
+    """The controller is a foreign program that is killed while the train runs; the train then
+    comes to a stand."""
     command = f"sh -c '{SHIPPED} & sleep 5; kill -9 $!; echo the axle broke; exit 7'"
     out = tmp_path / "run"
 
@@ -133,7 +135,7 @@ def test_a_controller_that_dies_is_a_failure_with_its_end_and_the_train_is_follo
         ),
     ],
 )
-def test_what_cannot_come_about_blocks_the_case_and_says_why(
+def test_an_impossible_case_is_blocked_with_the_reason(
     tmp_path: Path, changes: dict[str, object], words: str
 ) -> None:
     result = run(case_of(**changes), tmp_path / "run")
@@ -150,9 +152,7 @@ def test_what_cannot_come_about_blocks_the_case_and_says_why(
         (RealtimeWires(bus_a="embedded:nobody"), "nobody"),
     ],
 )
-def test_hardware_that_is_not_there_blocks_the_case(
-    tmp_path: Path, wires: RealtimeWires, words: str
-) -> None:
+def test_missing_hardware_blocks_the_case(tmp_path: Path, wires: RealtimeWires, words: str) -> None:
     result = run(case_of(bench=BenchKind.HARDWARE), tmp_path / "run", wires)
 
     assert result.verdict is Verdict.BLOCKED

@@ -19,7 +19,7 @@ def sender() -> socket.socket:
     return socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
 
 
-def test_messages_come_whole_and_in_order_with_the_instant_they_were_sent(
+def test_messages_arrive_complete_and_in_order_with_their_sending_instant(
     tmp_path: Path, sender: socket.socket
 ) -> None:
     clock = WallClock()
@@ -37,20 +37,20 @@ def test_messages_come_whole_and_in_order_with_the_instant_they_were_sent(
     assert isinstance(first, TruthSample)
     assert (first.truth.t_s, first.truth.front_m) == (3.25, 1234.5)
     assert second == FaultChange(2, True, 3_260_000_000)
-    # The kernel's stamp is of the time of day, read a little apart from the clock's.
+    # The kernel's stamp uses the time of day, which differs a little from the clock.
     assert all(stamp_ns >= before_ns - 1_000_000_000 for stamp_ns, _ in received)
 
 
-def test_nobody_who_listens_is_told_to_the_sender_and_harms_nobody(
+def test_a_missing_listener_is_reported_to_the_sender_and_does_no_harm(
     tmp_path: Path, sender: socket.socket
 ) -> None:
     assert not tell(sender, tmp_path / "nobody", b"x")
 
 
-def test_a_change_that_found_no_room_is_said_again_before_the_truth_of_the_next_step(
+def test_an_undelivered_change_is_sent_again_before_the_next_truth(
     tmp_path: Path,
 ) -> None:
-    """A bus fault whose end nobody heard of would act until the end of the run."""
+    """A bus fault whose end was lost would act until the end of the run."""
     clock, path = WallClock(), tmp_path / "truth"
     sender = FeedSender(str(path))
     plans = read_faults([{"kind": "frame_drop"}], "case")

@@ -1,4 +1,4 @@
-"""Nothing that a case started outlives the bench, not even what stands still."""
+"""No process of a case outlives the bench, not even a stopped one."""
 
 import os
 import signal
@@ -27,7 +27,7 @@ sys.stdin.read()
 """
 
 
-def test_when_the_bench_is_killed_its_processes_their_children_and_its_folders_go(
+def test_a_killed_bench_leaves_no_process_child_or_folder(
     tmp_path: Path,
 ) -> None:
     bench = subprocess.Popen(
@@ -57,7 +57,7 @@ def test_when_the_bench_is_killed_its_processes_their_children_and_its_folders_g
     assert not (tmp_path / "meeting").exists()
 
 
-def test_a_controller_that_stands_still_and_its_children_are_ended_in_good_order(
+def test_a_stopped_controller_and_its_children_are_ended_in_order(
     tmp_path: Path,
 ) -> None:
     words = ("sh", "-c", f"sleep 600 & echo $! >{tmp_path}/child; wait")
@@ -75,7 +75,7 @@ def test_a_controller_that_stands_still_and_its_children_are_ended_in_good_order
     assert until_gone(pids) == []
 
 
-def test_the_end_of_a_controller_is_told_with_signal_and_last_words(tmp_path: Path) -> None:
+def test_the_end_of_a_controller_is_reported_with_signal_and_last_output(tmp_path: Path) -> None:
     words = ("sh", "-c", "echo no axle counted >&2; kill -SEGV $$")
     cast = CaseProcesses(tmp_path)
 

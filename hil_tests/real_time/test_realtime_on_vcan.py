@@ -1,4 +1,4 @@
-"""Cases on the kernel's own CAN: a gateway between two interfaces, and a train that is not ours."""
+"""Cases on the kernel's own CAN: a gateway between two interfaces, and a foreign train."""
 
 import json
 import sys
@@ -27,7 +27,7 @@ set -e
 
 @pytest.fixture(scope="module")
 def folder(guest: Guest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of both cases, with what came of them."""
+    """The folder of both cases with their results."""
     folder = tmp_path_factory.mktemp("vcan")
     script = SCRIPT.format(bin=BIN, cases=CASES, folder=folder)
     done = guest.run("bash", "-c", script, timeout_s=RUN_S, options=["--write", str(folder)])
@@ -39,7 +39,7 @@ def brakes_in(log: Path) -> int:
     return sum(1 for logged in read_candump(log) if logged.frame.can_id == BRAKE_ID)
 
 
-def test_a_gateway_between_two_interfaces_loses_what_the_fault_says(folder: Path) -> None:
+def test_a_gateway_between_two_interfaces_drops_the_frames_of_the_fault(folder: Path) -> None:
     result = json.loads((folder / "results.json").read_text())["split"]
 
     assert result["verdict"] not in ("blocked", "fail"), result["reason"]
@@ -52,10 +52,10 @@ def test_a_gateway_between_two_interfaces_loses_what_the_fault_says(folder: Path
     assert gateway["sent_to_vobc"] == gateway["came_to_vobc"] > 1000
 
 
-def test_with_a_train_that_is_not_ours_the_controller_drives_and_no_truth_is_claimed(
+def test_with_a_foreign_train_the_controller_drives_and_no_truth_is_claimed(
     folder: Path,
 ) -> None:
-    """What needs the truth to be judged is not judged, so that this is no pass."""
+    """Monitors that need the truth are inconclusive, so the case is no pass."""
     result = json.loads((folder / "results.json").read_text())["real_train"]
 
     assert result["verdict"] == "inconclusive", result["reason"]

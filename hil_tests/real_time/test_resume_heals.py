@@ -1,4 +1,5 @@
-"""`hil resume` runs again what a power cut or a full disk left damaged, to the same reports."""
+"""`hil resume` repeats the results that a power cut or a full disk damaged, up to the same
+reports."""
 
 import shutil
 from collections.abc import Callable
@@ -23,7 +24,7 @@ FAILED: Final = "trial/0003-s4"
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> CampaignFolder:
-    """A campaign that nothing disturbed."""
+    """A campaign that ran without disturbance."""
     cases = list(trial_cases(CASES))
     setup = msgspec.structs.replace(cases[3].setup, real={"trial.verdict": "fail"})
     cases[3] = msgspec.structs.replace(cases[3], setup=setup)
@@ -36,12 +37,12 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> CampaignFolder:
 
 @pytest.fixture
 def folder(finished: CampaignFolder, tmp_path: Path) -> CampaignFolder:
-    """A copy of it, to be damaged."""
+    """A copy of the campaign that a test damages."""
     return CampaignFolder(shutil.copytree(finished.path, tmp_path / "campaign"))
 
 
 def kept_of(folder: CampaignFolder) -> Path:
-    """The folder of the case that failed."""
+    """The folder of the failed case."""
     return folder.kept(FAILED).path
 
 
@@ -50,7 +51,7 @@ def cut(path: Path, size: int) -> None:
 
 
 def fill(path: Path) -> None:
-    """The length is on the disk, the content is not."""
+    """Keep the length of the file but replace its content by zeros."""
     path.write_bytes(bytes(path.stat().st_size))
 
 
@@ -99,7 +100,7 @@ DAMAGES: Final[dict[str, Callable[[CampaignFolder], object]]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_what_is_damaged_is_run_again_to_the_same_reports(
+def test_damaged_results_are_repeated_to_the_same_reports(
     damage: str,
     folder: CampaignFolder,
     finished: CampaignFolder,
@@ -120,7 +121,7 @@ def test_what_is_damaged_is_run_again_to_the_same_reports(
 
 
 @pytest.mark.parametrize("size", [0, 100, 700, 2000, 4000])
-def test_a_full_disk_ends_the_campaign_in_a_line_and_it_goes_on_later(
+def test_a_full_disk_ends_the_campaign_with_one_line_and_it_resumes_later(
     size: int,
     folder: CampaignFolder,
     finished: CampaignFolder,

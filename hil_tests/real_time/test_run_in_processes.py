@@ -1,4 +1,4 @@
-"""`vobc run` as its user meets it: processes on the embedded bus, Ctrl-C, kill -9, mistakes."""
+"""`vobc run` as its user meets it: processes on the embedded bus, Ctrl-C, kill -9, user errors."""
 
 import json
 import os
@@ -26,7 +26,7 @@ DBC_FOLDER = Path(__file__).parents[2] / "can_dbc"
 
 @pytest.fixture
 def place(tmp_path: Path) -> Iterator[dict[str, str]]:
-    """An environment whose buses nobody else uses; whatever is up in it is taken down."""
+    """An environment with its own buses; buses that are still up are taken down at the end."""
     runtime = tmp_path / "rt"
     runtime.mkdir(mode=0o700)
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(runtime)}
@@ -59,7 +59,7 @@ def start(place: dict[str, str], *arguments: str) -> subprocess.Popen[str]:
 
 
 def wait_for_cycles(folder: Path, rows: int) -> None:
-    """Until the controller has logged so many cycles."""
+    """Wait until the controller has logged this many cycles."""
     end = time.monotonic() + PATIENCE_S
     log = folder / "cycles.csv"
     while time.monotonic() < end:
@@ -70,7 +70,7 @@ def wait_for_cycles(folder: Path, rows: int) -> None:
 
 
 def wait_for_motion(folder: Path) -> None:
-    """Until the train is a metre away from where it stood."""
+    """Wait until the train is a metre away from its starting place."""
     end = time.monotonic() + PATIENCE_S
     log = folder / "truth.csv"
     while time.monotonic() < end:
@@ -83,7 +83,7 @@ def wait_for_motion(folder: Path) -> None:
 
 
 def processes_naming(text: str) -> list[int]:
-    """Of this machine, those whose command line holds the text."""
+    """Processes of this machine whose command line contains the text."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -100,10 +100,11 @@ def command_line(pid: int) -> bytes:
     return (Path("/proc") / str(pid) / "cmdline").read_bytes()
 
 
-def test_controller_and_plant_drive_off_as_two_processes_and_leave_a_whole_folder(
+def test_controller_and_plant_run_as_two_processes_and_leave_a_complete_folder(
     place: dict[str, str], tmp_path: Path
 ) -> None:
-    """Once it moves the run is ended by Ctrl-C; it still reports, and nobody stays behind."""
+    """Ctrl-C ends the run once the train moves; the run still reports, and no process stays
+    behind."""
     out = tmp_path / "run"
     going = start(place, *HOP, "--json", "--out", str(out))
     wait_for_motion(out)
@@ -151,7 +152,9 @@ def test_cantools_reads_the_log_with_the_shipped_files(
     assert senders >= {"VOBC", "BCU", "TCU", "DCU", "ODO", "BTM", "DESK", "HVB", "TCMS"}
 
 
-def test_the_last_word_of_the_controller_is_to_brake(place: dict[str, str], tmp_path: Path) -> None:
+def test_the_last_frames_of_the_controller_apply_the_brake(
+    place: dict[str, str], tmp_path: Path
+) -> None:
     out = tmp_path / "run"
     going = start(place, *HOP, "--out", str(out))
     wait_for_cycles(out, 80)
@@ -173,7 +176,7 @@ def test_the_last_word_of_the_controller_is_to_brake(place: dict[str, str], tmp_
 def test_a_killed_run_keeps_its_log_and_ends_its_children(
     place: dict[str, str], tmp_path: Path
 ) -> None:
-    """What was on the bus more than a second before the kill is in the log."""
+    """The log holds what was on the bus more than a second before the kill."""
     out = tmp_path / "run"
     going = start(place, *HOP, "--out", str(out))
     wait_for_cycles(out, 100)
@@ -183,7 +186,7 @@ def test_a_killed_run_keeps_its_log_and_ends_its_children(
     going.communicate(timeout=PATIENCE_S)
 
     stamps_ns = [logged.frame.stamp_ns for logged in read_candump(out / "bus.log")]
-    # The log is handed over each second; half a second more for a machine that is busy.
+    # The log is written every second; half a second more allows for a busy machine.
     assert killed_ns - stamps_ns[-1] < 1.5e9
     end = time.monotonic() + PATIENCE_S
     while processes_naming(str(out)) and time.monotonic() < end:
@@ -191,10 +194,11 @@ def test_a_killed_run_keeps_its_log_and_ends_its_children(
     assert processes_naming(str(out)) == []
 
 
-def test_a_controller_that_hangs_is_a_verdict_and_the_train_brakes(
+def test_a_hanging_controller_gives_a_verdict_and_the_train_brakes(
     place: dict[str, str], tmp_path: Path
 ) -> None:
-    """Stopped, it says nothing and its process is still there: the bench notices all the same."""
+    """The stopped controller sends nothing while its process still exists; the bench must detect
+    this."""
     out = tmp_path / "run"
     going = start(place, *HOP, "--json", "--out", str(out))
     wait_for_cycles(out, 80)
@@ -214,7 +218,7 @@ def test_a_controller_that_hangs_is_a_verdict_and_the_train_brakes(
     assert processes_naming(str(out)) == []
 
 
-def test_without_a_plant_it_stays_braked_and_says_what_it_waits_for(
+def test_without_a_plant_it_stays_braked_and_lists_missing_inputs(
     place: dict[str, str], tmp_path: Path
 ) -> None:
     out = tmp_path / "run"
@@ -250,7 +254,7 @@ def test_a_second_controller_on_the_bus_is_refused(place: dict[str, str], tmp_pa
 
 
 def test_a_full_disk_does_not_stop_the_train(place: dict[str, str], tmp_path: Path) -> None:
-    """No file takes more than 90 kB, which the log of the bus has written in some seconds."""
+    """No file grows beyond 90 kB, which the bus log reaches in some seconds."""
     out = tmp_path / "run"
 
     with small_disk(90_000):
@@ -269,7 +273,7 @@ def test_a_full_disk_does_not_stop_the_train(place: dict[str, str], tmp_path: Pa
     )
 
 
-def test_a_train_drives_on_when_the_reader_of_its_output_is_gone(
+def test_a_train_runs_on_when_the_reader_of_its_output_is_gone(
     place: dict[str, str], tmp_path: Path
 ) -> None:
     out = tmp_path / "run"
@@ -304,7 +308,7 @@ def test_a_train_drives_on_when_the_reader_of_its_output_is_gone(
         (["--radio", "nonsense"], 3, ["nonsense"]),
     ],
 )
-def test_a_mistake_gets_one_clear_answer(
+def test_a_user_error_gets_one_clear_message(
     place: dict[str, str], tmp_path: Path, arguments: list[str], status: int, words: list[str]
 ) -> None:
     done = run(place, *arguments, "--duration", "3", "--out", str(tmp_path / "run"))
@@ -316,9 +320,7 @@ def test_a_mistake_gets_one_clear_answer(
     assert not (tmp_path / "run" / "cycles.csv").exists(), "no controller was started"
 
 
-def test_a_folder_with_something_in_it_is_never_overwritten(
-    place: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_folder_with_content_is_never_overwritten(place: dict[str, str], tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("kept")
 
     done = run(place, "--lockstep", "--out", str(tmp_path))

@@ -1,4 +1,4 @@
-"""The whole way on real SocketCAN: vcan up, two processes, candump beside them, one station hop."""
+"""The whole workflow on real SocketCAN: vcan up, two processes, candump beside them, one hop."""
 
 import json
 import sys
@@ -20,7 +20,7 @@ HALF_CYCLE_US = 50_000.0
 HOP_S = 420
 TRIES = 3
 STALL_NS = 140_000_000
-"""Just less than the brake unit lets a command be old, before it brakes by itself."""
+"""Just less than the age at which the brake unit rejects a command and brakes by itself, ns."""
 FEW = 100
 DBC_FOLDER = Path(__file__).parents[2] / "can_dbc"
 
@@ -56,7 +56,7 @@ off = any(abs(stop["error_m"]) > {TOLERANCE_M} for stop in results["stops"])
 late = results["cycles"]["lateness_us_max"] > {HALF_CYCLE_US}
 sys.exit(off and late)
 """
-"""Another try is for a stop beyond the tolerance of a train whose controller was held up."""
+"""Retries the run only if a stop is out of tolerance and the controller was delayed."""
 
 
 def test_one_station_hop_on_a_kernel_vcan_with_candump_listening(
@@ -87,7 +87,7 @@ def test_one_station_hop_on_a_kernel_vcan_with_candump_listening(
 def _held_up(folder: Path) -> bool:
     """Whether a try that stopped was disturbed: its controller was half a cycle late.
 
-    Of what it hears late it knows its place more roughly, perhaps too roughly for doors.
+    Late inputs make the position less certain, perhaps too uncertain for doors.
     """
     results = json.loads((folder / "results.json").read_text())
     cycles, reason = results["cycles"], results["exit_reason"]
@@ -96,9 +96,9 @@ def _held_up(folder: Path) -> bool:
 
 
 def _host_stalled(folder: Path) -> bool:
-    """Whether a failed try was the host's: frames of a fast cycle stayed away for too long.
+    """Whether the host made a try fail: frames of a fast cycle were missing for too long.
 
-    A fault of the product that silences a node comes again at the next try; the last one counts.
+    A product fault that silences a node repeats in the next try, and the last try counts.
     """
     stamps_ns: dict[int, list[int]] = defaultdict(list)
     for entry in read_candump(folder / "run/bus.log"):
@@ -108,7 +108,7 @@ def _host_stalled(folder: Path) -> bool:
 
 
 def _check_candump(folder: Path) -> None:
-    """What candump heard is what the bench logged, frame for frame, and cantools can read it."""
+    """candump received the same frames as the bench logged, and cantools decodes them."""
     heard, logged = (
         [(entry.frame.can_id, entry.frame.data) for entry in read_candump(folder / name)]
         for name in ("candump.log", "run/bus.log")
@@ -118,8 +118,8 @@ def _check_candump(folder: Path) -> None:
         database.add_dbc_file(str(path))
     for can_id, data in heard[-2000:]:
         database.decode_message(can_id, data)
-    # One of the two began to listen a little earlier and one ended a little later; a slow frame may
-    # say the same twice before the quick ones begin.
+    # One log begins a little earlier and one ends a little later. A slow frame may repeat before
+    # the fast ones begin.
     start = next(at for at in range(len(heard)) if heard[at : at + FEW] == logged[:FEW])
     common = min(len(logged), len(heard) - start)
     assert common > 60 * 200

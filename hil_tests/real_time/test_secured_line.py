@@ -1,4 +1,4 @@
-"""Who has no certificate, or another name than it claims, says nothing and learns nothing."""
+"""A client without a certificate, or with a name other than its own, sends and receives nothing."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ TO_2 = RosterAck(65_001, 2, 1, 7, 1, 1, 0, 3)
 
 
 class Line:
-    """A wayside and whoever connects to it."""
+    """A wayside and its clients."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -51,7 +51,7 @@ class Line:
         return radio
 
     def train(self, number: int, secure: Credentials | None = None) -> ZenohRadio:
-        """Connected; it asks for everything, whatever it may."""
+        """A connected train that subscribes to everything, permitted or not."""
         radio = self.radio(
             SessionRole.TRAIN,
             (*t2t_keys.of_train("loop", number), "m/loop/w/**"),
@@ -66,7 +66,7 @@ class Line:
 
 
 def errors_of(radio: ZenohRadio) -> Callable[[], bool]:
-    """Whether it has any."""
+    """A condition that holds once the radio has an error."""
     return lambda: radio.counters.errors > 0
 
 
@@ -80,7 +80,8 @@ def until(done: Callable[[], bool]) -> bool:
 
 
 def heard(says: ZenohRadio, hears: ZenohRadio, wanted: T2tMessage, *others: T2tMessage) -> set[str]:
-    """Keys that came, once the wanted one did; the others are said before it, each time."""
+    """The keys received until the wanted message arrives; the other messages are sent before it
+    each time."""
     keys: set[str] = set()
 
     def came() -> bool:
@@ -101,7 +102,7 @@ def line(tmp_path: Path) -> Iterator[Line]:
     made.close()
 
 
-def test_a_train_hears_what_is_for_it_and_nothing_that_is_for_another(line: Line) -> None:
+def test_a_train_receives_its_own_messages_and_none_for_another(line: Line) -> None:
     second = line.train(2)
 
     keys = heard(line.wayside, second, TO_2, ACK_TO_1)
@@ -109,7 +110,7 @@ def test_a_train_hears_what_is_for_it_and_nothing_that_is_for_another(line: Line
     assert keys == {t2t_keys.key_of("loop", TO_2)}
 
 
-def test_a_train_that_speaks_as_another_is_not_heard(line: Line) -> None:
+def test_messages_of_a_train_under_another_name_are_dropped(line: Line) -> None:
     second = line.train(2)
     as_one = RosterAck(1, 65_001, 1, 7, 1, 1, 0, 3)
 
@@ -118,7 +119,7 @@ def test_a_train_that_speaks_as_another_is_not_heard(line: Line) -> None:
     assert keys == {t2t_keys.key_of("loop", TO_1)}
 
 
-def test_only_supervision_learns_whose_sessions_are_there_and_of_nobody_who_is_another(
+def test_only_supervision_sees_sessions_and_only_under_their_true_names(
     line: Line,
 ) -> None:
     """Train 2 declares the token of train 1, too, and asks who is there."""
@@ -143,19 +144,19 @@ def test_only_supervision_learns_whose_sessions_are_there_and_of_nobody_who_is_a
     assert until(lambda: supervision.present == {own})
     CLOCK.wait_until(CLOCK.now_ns() + NS_PER_S)
     assert supervision.present == {own}
-    # A session knows what it declared itself.
+    # A session does not receive its own declaration.
     assert second.present <= {own}
     assert as_one.present <= {of_one}
 
 
-def test_whoever_has_no_certificate_or_one_of_another_authority_gets_no_session(
+def test_a_client_without_a_certificate_of_the_line_gets_no_session(
     line: Line, tmp_path: Path
 ) -> None:
     other = tmp_path / "other"
     make(other, line="loop", trains=1, days=1.0, hosts=["127.0.0.1"], epoch_s=NOW_S)
     stranger = load_credentials(other, "T1", CLOCK.epoch_ns())
     authority = (line.folder / "ca.pem").as_posix()
-    # It even knows the line's authority, so that it is the wayside that turns it away.
+    # The client even has the line's authority certificate, so it is the wayside that refuses it.
     forged = Credentials(
         stranger.settings.replace((other / "ca.pem").as_posix(), authority), stranger.key_hex
     )
@@ -173,7 +174,7 @@ def test_whoever_has_no_certificate_or_one_of_another_authority_gets_no_session(
     assert [each.key for each in line.wayside.receive(CLOCK.now_ns())] == []
 
 
-def test_the_key_of_safety_codes_is_the_lines_own(line: Line) -> None:
+def test_each_line_has_its_own_safety_code_key(line: Line) -> None:
     key = safety_key(line.credentials("T1").key_hex)
     refused = unpack(pack(TO_1, BENCH_KEY), key)
 
@@ -182,7 +183,7 @@ def test_the_key_of_safety_codes_is_the_lines_own(line: Line) -> None:
     assert unpack(pack(TO_1, key), key) == TO_1
 
 
-def test_the_shipped_settings_and_those_for_many_trains_are_taken_by_zenoh() -> None:
+def test_zenoh_accepts_the_shipped_settings_and_those_for_many_trains() -> None:
     for trains in (1, 128):
         text = wayside_settings("secure", "loop", trains)
         rules = zenoh.Config.from_json5(text).get_json("access_control/rules")
@@ -200,7 +201,7 @@ def test_the_shipped_settings_and_those_for_many_trains_are_taken_by_zenoh() -> 
         (lambda f: (f / "line.key").unlink(), "line.key: cannot be read"),
     ],
 )
-def test_credentials_that_are_none_are_told_by_file(
+def test_invalid_credentials_are_reported_by_file(
     spoil: Callable[[Path], object], complaint: str, tmp_path: Path
 ) -> None:
     make(tmp_path, line="loop", trains=2, days=1.0, hosts=["localhost"], epoch_s=NOW_S)
@@ -210,7 +211,7 @@ def test_credentials_that_are_none_are_told_by_file(
         load_credentials(tmp_path, "T1", CLOCK.epoch_ns())
 
 
-def test_expired_and_future_certificates_are_told_with_their_dates(tmp_path: Path) -> None:
+def test_expired_and_future_certificates_are_reported_with_their_dates(tmp_path: Path) -> None:
     make(tmp_path, line="loop", trains=1, days=1.0, hosts=["localhost"], epoch_s=1_000_000_000)
 
     with pytest.raises(SettingsError, match=r"ca.pem: expired on 2001-09-10 01:46 UTC; make new"):
@@ -222,7 +223,7 @@ def test_expired_and_future_certificates_are_told_with_their_dates(tmp_path: Pat
 @pytest.mark.parametrize(
     "host", ["bad host!", "", "-a", "a..b", "a_b", "x" * 64, "::g", "é.example"]
 )
-def test_what_is_no_host_gets_no_certificate(
+def test_an_invalid_host_gets_no_certificate(
     host: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
@@ -232,7 +233,7 @@ def test_what_is_no_host_gets_no_certificate(
     assert not (tmp_path / "ca").exists()
 
 
-def test_the_command_makes_them_once_and_says_what_to_do_next(
+def test_the_command_creates_credentials_once_and_names_the_next_step(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = str(tmp_path / "ca")

@@ -25,7 +25,7 @@ def plant() -> Iterator[tuple[PtyLine, str]]:
 
 
 def hear(port: SerialPort, count: int) -> bytes:
-    """What comes until `count` bytes are there: the kernel carries them in its own time."""
+    """Receive until `count` bytes have arrived; the kernel delivers them with a delay."""
     data = b""
     deadline_s = time.monotonic() + PATIENCE_S
     while len(data) < count and time.monotonic() < deadline_s:
@@ -50,7 +50,7 @@ def test_every_byte_passes_unchanged_both_ways(plant: tuple[PtyLine, str]) -> No
     controller.close()
 
 
-def test_telegrams_pass(plant: tuple[PtyLine, str]) -> None:
+def test_telegrams_pass_the_line(plant: tuple[PtyLine, str]) -> None:
     reader, path = plant
     controller = open_serial(Path(path))
     frame = encode(TAG)
@@ -61,7 +61,7 @@ def test_telegrams_pass(plant: tuple[PtyLine, str]) -> None:
     controller.close()
 
 
-def test_nothing_is_kept_for_a_controller_that_is_not_there_yet(
+def test_no_bytes_are_kept_for_a_controller_that_is_not_there_yet(
     plant: tuple[PtyLine, str],
 ) -> None:
     reader, path = plant
@@ -76,7 +76,7 @@ def test_nothing_is_kept_for_a_controller_that_is_not_there_yet(
 
 
 class PlainReader:
-    """Any program that opens the path like a file and knows nothing of serial lines."""
+    """A program that opens the path like a file and knows nothing of serial lines."""
 
     def __init__(self, path: str) -> None:
         self.counters = LinkCounters()
@@ -96,7 +96,7 @@ class PlainReader:
 
 
 @pytest.mark.parametrize("opened", [open_serial, PlainReader])
-def test_who_comes_back_hears_nothing_old(
+def test_a_returning_reader_receives_no_old_bytes(
     plant: tuple[PtyLine, str], opened: Callable[[str], SerialPort]
 ) -> None:
     reader, path = plant
@@ -106,13 +106,13 @@ def test_who_comes_back_hears_nothing_old(
         assert hear(listener, 5) == b"now %d" % number
         reader.send(0, b"never read" * 2000)
         listener.close()
-        # The plant finds out when it next sends.
+        # The plant detects this at its next transmission.
         reader.send(0, b"missed")
 
     assert reader.counters.dropped_out >= 5 * len(b"missed")
 
 
-def test_any_program_may_listen_and_nothing_comes_back(plant: tuple[PtyLine, str]) -> None:
+def test_any_program_may_read_and_causes_no_echo(plant: tuple[PtyLine, str]) -> None:
     """A terminal that is not raw would alter line ends, act on control bytes and send an echo."""
     reader, path = plant
     listener = PlainReader(path)
@@ -139,7 +139,7 @@ def test_a_controller_that_does_not_read_never_blocks_the_plant(
     controller.close()
 
 
-def test_a_line_that_takes_nothing_never_blocks_the_controller(
+def test_a_full_line_never_blocks_the_controller(
     plant: tuple[PtyLine, str],
 ) -> None:
     _, path = plant
@@ -153,7 +153,7 @@ def test_a_line_that_takes_nothing_never_blocks_the_controller(
     controller.close()
 
 
-def test_an_unplugged_line_is_tried_again_and_found(tmp_path: Path) -> None:
+def test_an_unplugged_line_is_retried_and_found(tmp_path: Path) -> None:
     link = tmp_path / "tags"
     first, first_path = open_pty()
     link.symlink_to(first_path)
@@ -176,7 +176,7 @@ def test_an_unplugged_line_is_tried_again_and_found(tmp_path: Path) -> None:
     second.close()
 
 
-def test_a_line_that_stays_away_is_tried_ever_more_rarely_but_not_forgotten(
+def test_a_missing_line_is_retried_ever_more_rarely_but_always(
     tmp_path: Path,
 ) -> None:
     link = tmp_path / "tags"
@@ -194,13 +194,14 @@ def test_a_line_that_stays_away_is_tried_ever_more_rarely_but_not_forgotten(
         if controller.counters.errors > before:
             tried_ms.append(now_ms)
 
-    # Lost at 0; then 0.1, 0.2, 0.4, 0.8 and 1.6 s later, and every two seconds from there.
+    # The line is lost at 0; retries come 0.1, 0.2, 0.4, 0.8 and 1.6 s apart, then every two
+    # seconds.
     assert tried_ms[:6] == [0, 100, 300, 700, 1500, 3100]
     assert tried_ms[6:] == list(range(5100, 60_000, 2000))
     assert controller.counters.dropped_out == 1200
 
 
-def test_sending_into_an_unplugged_line_is_no_crash(tmp_path: Path) -> None:
+def test_sending_into_an_unplugged_line_does_not_crash(tmp_path: Path) -> None:
     plant, path = open_pty()
     controller = open_serial(path)
     plant.close()
@@ -213,7 +214,7 @@ def test_sending_into_an_unplugged_line_is_no_crash(tmp_path: Path) -> None:
     assert list(controller.receive(10**12)) == []
 
 
-def test_a_closed_pseudo_terminal_neither_sends_nor_hears(plant: tuple[PtyLine, str]) -> None:
+def test_a_closed_pseudo_terminal_neither_sends_nor_receives(plant: tuple[PtyLine, str]) -> None:
     reader, _ = plant
     reader.close()
     reader.send(0, b"abc")
@@ -233,7 +234,7 @@ def test_a_line_belongs_to_one_program(plant: tuple[PtyLine, str]) -> None:
     open_serial(path).close()
 
 
-def test_a_line_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_line_is_named(tmp_path: Path) -> None:
     dangling = tmp_path / "dangling"
     dangling.symlink_to(tmp_path / "nothing")
 
@@ -242,7 +243,7 @@ def test_a_line_that_is_not_there_is_named(tmp_path: Path) -> None:
             open_serial(path)
 
 
-def test_what_is_not_a_serial_line_is_named(tmp_path: Path) -> None:
+def test_a_path_that_is_no_serial_line_is_named(tmp_path: Path) -> None:
     plain = tmp_path / "plain"
     plain.write_bytes(b"")
     fifo = tmp_path / "fifo"

@@ -1,4 +1,4 @@
-"""`hil simulate` on several processes, ended by a person, by the system, or with no word at all."""
+"""`hil simulate` on several processes, ended by a person, by the system, or by a kill."""
 
 import json
 import os
@@ -22,7 +22,7 @@ SIMULATE = (
 
 
 class Simulation:
-    """The command, in a session of its own as a terminal gives it one."""
+    """The command in its own session, as a terminal starts it."""
 
     def __init__(self, journal: Path) -> None:
         self.journal = journal
@@ -35,20 +35,20 @@ class Simulation:
         )
 
     def seeds(self) -> list[int]:
-        """As many as the journal has."""
+        """The seeds in the journal."""
         if not self.journal.exists():
             return []
         lines = self.journal.read_text(encoding="utf-8").splitlines(keepends=True)
         return [json.loads(line)["seed"] for line in lines if line.endswith("\n")]
 
     def until_it_runs(self) -> list[int]:
-        """Its workers, once both have come to an end of something."""
+        """The workers, once the journal has enough seeds."""
         end_s = time.monotonic() + LIMIT_S
         while len(self.seeds()) < 2 * WORKERS:
             assert self.process.poll() is None
             assert time.monotonic() < end_s
             time.sleep(0.05)
-        # One keeps account of what they share.
+        # One more process manages what they share.
         workers = children(self.process.pid)
         assert len(workers) == WORKERS + 1
         return workers
@@ -64,12 +64,12 @@ def simulation(tmp_path: Path) -> Iterator[Simulation]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_who_ends_it_is_told_what_was_run_and_how_it_goes_on(
+def test_an_ended_simulation_reports_its_runs_and_how_to_resume(
     simulation: Simulation, number: signal.Signals
 ) -> None:
     workers = simulation.until_it_runs()
 
-    # Ctrl-C reaches all that run on a terminal, its workers, too.
+    # Ctrl-C reaches all processes of a terminal, including the workers.
     os.killpg(simulation.process.pid, number)
     out, err = simulation.process.communicate(timeout=LIMIT_S)
 
@@ -83,7 +83,7 @@ def test_who_ends_it_is_told_what_was_run_and_how_it_goes_on(
     assert until_gone(workers) == []
 
 
-def test_its_workers_end_with_it_when_it_is_killed(simulation: Simulation) -> None:
+def test_the_workers_end_with_a_killed_simulation(simulation: Simulation) -> None:
     workers = simulation.until_it_runs()
 
     simulation.process.kill()

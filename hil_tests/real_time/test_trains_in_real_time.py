@@ -1,4 +1,4 @@
-"""Two trains of a line in real time, each on its bus, with controllers that come from outside."""
+"""Two trains of a line in real time, each on its own bus, with externally started controllers."""
 
 import json
 import os
@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 PATIENCE_S = 300.0
-"""Far longer than anything takes; only a hang lasts so long."""
+"""Timeout far above every duration here; only a hang reaches it, s."""
 PLANT = [sys.executable, "-m", "plant_emulator", "run", "--trains", "2", "--duration", "600"]
 
 

@@ -1,4 +1,4 @@
-"""`vcan` as its user meets it, with the embedded bus, which every machine can have."""
+"""`vcan` as its user meets it, with the embedded bus, which every machine has."""
 
 import json
 import os
@@ -15,9 +15,9 @@ Vcan = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.fixture
 def vcan() -> Iterator[Vcan]:
-    """The console script, with a meeting place of the test's own."""
+    """The console script with a runtime folder of its own."""
     script = str(Path(sys.executable).with_name("vcan"))
-    # A socket's address holds a hundred bytes, too few for the path of a test's own folder.
+    # The address of a socket holds a hundred bytes, too few for the path of a test's folder.
     place = tempfile.TemporaryDirectory()
     environment = {**os.environ, "XDG_RUNTIME_DIR": place.name}
 
@@ -36,7 +36,7 @@ def vcan() -> Iterator[Vcan]:
         run("down", "--kind", "embedded", "tvcan7")
 
 
-def test_an_embedded_bus_comes_shows_and_goes(vcan: Vcan) -> None:
+def test_an_embedded_bus_is_created_listed_and_removed(vcan: Vcan) -> None:
     up = [vcan("up", "--kind", "embedded", "tvcan7") for _ in range(2)]
     shown = vcan("status", "--json", "tvcan7")
     down = [vcan("down", "tvcan7") for _ in range(2)]
@@ -49,14 +49,14 @@ def test_an_embedded_bus_comes_shows_and_goes(vcan: Vcan) -> None:
     assert "nothing to do" in down[1].stdout
 
 
-def test_the_loopback_is_not_taken_for_a_bus(vcan: Vcan) -> None:
+def test_the_loopback_does_not_count_as_a_bus(vcan: Vcan) -> None:
     done = vcan("up", "lo")
 
     assert done.returncode == 3
     assert "lo exists" in done.stderr
 
 
-def test_nothing_the_user_gets_wrong_ends_in_a_traceback(vcan: Vcan) -> None:
+def test_no_user_error_ends_in_a_traceback(vcan: Vcan) -> None:
     for arguments in ([], ["up", "x" * 16], ["up", "a/b"], ["status", ""], ["down", "--kind", "x"]):
         done = vcan(*arguments)
 

@@ -1,4 +1,4 @@
-"""The guest behaves as its help says, and its SocketCAN is a real one."""
+"""The guest behaves as its help documents, and its SocketCAN is a real one."""
 
 import os
 import signal
@@ -37,7 +37,7 @@ print("heard all")
 """
 
 
-def test_candump_hears_what_cansend_sends(guest: Guest) -> None:
+def test_candump_receives_the_frames_of_cansend(guest: Guest) -> None:
     script = f"""
         candump -L -n 2 vcan0 >/tmp/heard & {RECEIVER_IS_THERE}
         cansend vcan0 101#0102A0; cansend vcan0 702#
@@ -55,7 +55,7 @@ def test_python_can_makes_the_round_trip(guest: Guest) -> None:
     assert (done.returncode, done.stdout) == (0, "heard all\n"), done.stderr
 
 
-def test_the_command_keeps_its_status_streams_directory_and_environment(
+def test_status_streams_directory_and_environment_of_the_command_are_preserved(
     guest: Guest, checkout: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ODD", 'a "quoted" $value\nof two lines')
@@ -70,9 +70,7 @@ def test_the_command_keeps_its_status_streams_directory_and_environment(
     assert rest == "complaint"
 
 
-def test_writes_reach_the_host_only_where_they_are_let_through(
-    guest: Guest, tmp_path: Path
-) -> None:
+def test_writes_reach_the_host_only_in_permitted_folders(guest: Guest, tmp_path: Path) -> None:
     through, memory = tmp_path / "through", tmp_path / "memory"
     through.mkdir()
     memory.mkdir()
@@ -105,7 +103,7 @@ def test_the_named_interfaces_are_up_and_no_others(guest: Guest) -> None:
 
 @pytest.fixture
 def sleeper(guest: Guest, checkout: Path) -> Iterator[subprocess.Popen[str]]:
-    """A launcher whose command runs, says how it was interrupted, and would run for long."""
+    """A launcher whose long-running command reports its interruption."""
     program = (
         "import time\n"
         "print('on', flush=True)\n"
@@ -126,7 +124,7 @@ def sleeper(guest: Guest, checkout: Path) -> Iterator[subprocess.Popen[str]]:
         process.wait()
 
 
-def test_an_interrupt_lets_the_command_end_by_itself(sleeper: subprocess.Popen[str]) -> None:
+def test_an_interrupted_command_ends_by_itself(sleeper: subprocess.Popen[str]) -> None:
     sleeper.send_signal(signal.SIGINT)
 
     output, _ = sleeper.communicate(timeout=PATIENCE_S)
@@ -134,7 +132,7 @@ def test_an_interrupt_lets_the_command_end_by_itself(sleeper: subprocess.Popen[s
     assert (output, sleeper.returncode) == ("put away\n", 3)
 
 
-def test_a_killed_launcher_leaves_nothing(sleeper: subprocess.Popen[str]) -> None:
+def test_a_killed_launcher_leaves_no_process(sleeper: subprocess.Popen[str]) -> None:
     before = set(Path("/tmp").glob("vcan-guest.*"))
     leaders = children(sleeper.pid)
     assert any(_session(leader) for leader in leaders)
@@ -152,7 +150,7 @@ def test_a_killed_launcher_leaves_nothing(sleeper: subprocess.Popen[str]) -> Non
 
 
 def _session(leader: int) -> list[int]:
-    """The processes of a session, the dead that nobody has asked after apart."""
+    """The processes of a session except for zombies."""
     found = []
     for entry in Path("/proc").iterdir():
         if not entry.name.isdecimal():
@@ -166,7 +164,7 @@ def _session(leader: int) -> list[int]:
     return found
 
 
-def test_vcan_makes_shows_and_removes_a_kernel_interface(guest: Guest) -> None:
+def test_vcan_creates_lists_and_removes_a_kernel_interface(guest: Guest) -> None:
     vcan = Path(sys.executable).with_name("vcan")
     script = f"""
         set -e
@@ -194,7 +192,7 @@ def test_vcan_makes_shows_and_removes_a_kernel_interface(guest: Guest) -> None:
     assert "nothing to do" in lines[-1]
 
 
-def test_vcan_leaves_alone_what_it_did_not_make(guest: Guest) -> None:
+def test_vcan_does_not_touch_interfaces_that_it_did_not_create(guest: Guest) -> None:
     vcan = Path(sys.executable).with_name("vcan")
 
     done = guest.run("bash", "-c", f"{vcan} down; echo $?; test -e /sys/class/net/vcan0")
@@ -211,7 +209,7 @@ def test_a_guest_inside_a_guest_is_refused(guest: Guest, checkout: Path) -> None
     assert "guest already" in done.stderr
 
 
-def test_the_wrong_interface_name_is_said_before_anything_boots(checkout: Path) -> None:
+def test_a_wrong_interface_name_is_reported_before_the_boot(checkout: Path) -> None:
     done = subprocess.run(
         [str(checkout / LAUNCHER), "--vcan", "much_too_long_a_name", "true"],
         capture_output=True,

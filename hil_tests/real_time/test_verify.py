@@ -1,4 +1,4 @@
-"""`hil verify`: a run that depends on anything but its case is caught."""
+"""`hil verify` detects a run that depends on anything except its case."""
 
 import json
 from pathlib import Path
@@ -91,7 +91,7 @@ def test_the_bench_in_lockstep_gives_the_same_elsewhere(tmp_path: Path) -> None:
     }
 
 
-def test_a_result_that_was_changed_is_found_with_the_case(
+def test_a_changed_result_is_reported_with_its_case(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = cases(2, duration_s=5.0)
@@ -110,7 +110,7 @@ def test_a_result_that_was_changed_is_found_with_the_case(
     assert "two runs now have the same frames" in mismatch["compared"]
 
 
-def test_a_runner_that_depends_on_the_order_of_a_set_is_caught(
+def test_a_runner_that_depends_on_the_order_of_a_set_is_detected(
     tmp_path: Path, runners: str
 ) -> None:
     made = cases(3)
@@ -126,7 +126,7 @@ def test_a_runner_that_depends_on_the_order_of_a_set_is_caught(
     assert first.one != first.other
 
 
-def test_a_runner_that_depends_on_its_process_is_caught(tmp_path: Path, runners: str) -> None:
+def test_a_runner_that_depends_on_its_process_is_detected(tmp_path: Path, runners: str) -> None:
     made = cases(2)
     folder = campaign(tmp_path, made, passed(made, "7"), f"{runners}:by_process")
 
@@ -137,7 +137,7 @@ def test_a_runner_that_depends_on_its_process_is_caught(tmp_path: Path, runners:
 
 
 @pytest.mark.parametrize(("runner", "words"), [("dies", "status 7"), ("raises", "out of rails")])
-def test_a_run_that_comes_to_nothing_is_no_match(
+def test_a_run_without_a_result_is_no_match(
     tmp_path: Path, runners: str, runner: str, words: str
 ) -> None:
     made = cases(1)
@@ -148,7 +148,7 @@ def test_a_run_that_comes_to_nothing_is_no_match(
     assert words in mismatch.differences[0]
 
 
-def test_a_steady_runner_passes(tmp_path: Path, runners: str) -> None:
+def test_a_reproducible_runner_passes(tmp_path: Path, runners: str) -> None:
     made = cases(4)
     folder = campaign(tmp_path, made, passed(made, "77"), f"{runners}:steady")
 
@@ -158,7 +158,7 @@ def test_a_steady_runner_passes(tmp_path: Path, runners: str) -> None:
     assert found.frames == 28
 
 
-def test_a_campaign_without_results_is_no_success(
+def test_a_campaign_without_results_does_not_pass(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = campaign(tmp_path, cases(1), [])

@@ -36,7 +36,7 @@ Opener = Callable[..., ZenohRadio]
 
 @pytest.fixture
 def radio() -> Iterator[Opener]:
-    """Opens radios of either role that the end of the test closes."""
+    """Opens radios of either role; they are closed at the end of the test."""
     with ExitStack() as stack:
 
         def opened(role: SessionRole, endpoint: str, train: int = 7) -> ZenohRadio:
@@ -56,7 +56,7 @@ def until(condition: Callable[[], object]) -> None:
 
 
 def hears(sender: RadioPort, receiver: RadioPort, key: str, payload: bytes) -> RadioMessage:
-    """Send, as a control cycle would, until something is heard: the first may be lost."""
+    """Send like a control cycle until a message arrives, because the first ones may be lost."""
     heard: list[RadioMessage] = []
 
     def tried() -> bool:
@@ -79,7 +79,7 @@ def all_until(receiver: RadioPort, last: bytes, now_ns: int) -> list[RadioMessag
     return heard
 
 
-def test_a_report_goes_out_and_an_authority_comes_back(radio: Opener) -> None:
+def test_a_report_is_sent_and_an_authority_comes_back(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     started_ns = CLOCK.now_ns()
@@ -95,7 +95,7 @@ def test_a_report_goes_out_and_an_authority_comes_back(radio: Opener) -> None:
     assert train.connected
 
 
-def test_a_train_hears_only_what_is_meant_for_it(radio: Opener) -> None:
+def test_a_train_receives_only_messages_for_it(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside = radio(SessionRole.WAYSIDE, endpoint)
     first, second = radio(SessionRole.TRAIN, endpoint, 1), radio(SessionRole.TRAIN, endpoint, 2)
@@ -105,7 +105,7 @@ def test_a_train_hears_only_what_is_meant_for_it(radio: Opener) -> None:
     assert {message.payload for message in first.receive(CLOCK.now_ns())} <= {b"for 1"}
 
 
-def test_nobody_hears_himself(radio: Opener) -> None:
+def test_no_radio_receives_its_own_messages(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     wayside.send(CLOCK.now_ns(), keys.report(LINE, 7), b"own voice")
@@ -115,7 +115,7 @@ def test_nobody_hears_himself(radio: Opener) -> None:
     assert heard.payload == b"train"
 
 
-def test_a_message_is_never_stamped_later_than_the_cycle_that_takes_it(radio: Opener) -> None:
+def test_a_message_is_never_stamped_later_than_the_cycle_that_receives_it(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(train, wayside, keys.report(LINE, 7), b"x")
@@ -128,7 +128,7 @@ def test_a_message_is_never_stamped_later_than_the_cycle_that_takes_it(radio: Op
 
 
 def test_a_train_without_a_wayside_goes_on_and_finds_it_later(radio: Opener) -> None:
-    """Opening would hang for ever here if it waited for the wayside."""
+    """Opening would hang forever here if it waited for the wayside."""
     endpoint = pick_endpoint()
     train = radio(SessionRole.TRAIN, endpoint)
     for _ in range(10):
@@ -157,7 +157,7 @@ def test_a_train_finds_a_wayside_that_was_restarted(radio: Opener) -> None:
     assert hears(wayside, train, keys.authority(LINE, 0, 7), b"again").payload == b"again"
 
 
-def test_a_train_tuned_to_other_keys_hears_those_and_no_others(radio: Opener) -> None:
+def test_a_train_with_new_subscriptions_receives_only_those(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(wayside, train, keys.authority(LINE, 0, 7), b"before")
@@ -174,7 +174,7 @@ def test_a_train_tuned_to_other_keys_hears_those_and_no_others(radio: Opener) ->
     assert train.counters.errors == 0
 
 
-def test_what_a_train_is_tuned_to_outlives_its_wayside_and_need_not_wait_for_it(
+def test_subscriptions_outlive_the_wayside_and_do_not_wait_for_it(
     radio: Opener,
 ) -> None:
     endpoint = pick_endpoint()
@@ -190,19 +190,19 @@ def test_what_a_train_is_tuned_to_outlives_its_wayside_and_need_not_wait_for_it(
     assert {each.payload for each in train.receive(CLOCK.now_ns())} <= {b"x"}
 
 
-def test_a_closed_radio_may_be_tuned_all_the_same(radio: Opener) -> None:
+def test_a_closed_radio_accepts_new_subscriptions(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(wayside, train, keys.authority(LINE, 0, 7), b"x")
     train.close()
     train.listen([keys.authorities(LINE, 7)])
     wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, 7), b"y")
-    # One that was sent before it was closed may have come.
+    # A message sent before the close may have arrived.
     assert {each.payload for each in train.receive(CLOCK.now_ns())} <= {b"x"}
     assert train.counters.errors == 0
 
 
-def test_an_inbox_that_nobody_empties_is_bounded_and_counts(radio: Opener) -> None:
+def test_an_unread_inbox_is_bounded_and_counts_dropped_messages(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(train, wayside, keys.report(LINE, 7), b"x")
@@ -218,7 +218,7 @@ def test_an_inbox_that_nobody_empties_is_bounded_and_counts(radio: Opener) -> No
     assert len(kept) >= INBOX_MESSAGES
 
 
-def test_more_keys_than_publishers_are_no_trouble(radio: Opener) -> None:
+def test_a_radio_may_use_more_keys_than_publishers(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     hears(wayside, train, keys.authority(LINE, 0, 7), b"x")
@@ -229,7 +229,7 @@ def test_more_keys_than_publishers_are_no_trouble(radio: Opener) -> None:
     assert wayside.counters.errors == 0
 
 
-def test_a_closed_radio_neither_sends_nor_hears_and_closes_twice(radio: Opener) -> None:
+def test_a_closed_radio_neither_sends_nor_receives_and_may_be_closed_twice(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside = radio(SessionRole.WAYSIDE, endpoint)
     wayside.close()
@@ -249,7 +249,7 @@ def test_two_waysides_at_one_endpoint_are_refused_with_its_name(radio: Opener) -
         radio(SessionRole.WAYSIDE, endpoint)
 
 
-def test_a_port_that_any_program_holds_is_refused_with_its_name(radio: Opener) -> None:
+def test_a_port_in_use_by_any_program_is_refused_with_its_name(radio: Opener) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         endpoint = f"tcp/127.0.0.1:{other.getsockname()[1]}"
         with pytest.raises(RadioError, match=f"^{endpoint}: in use by another program"):
@@ -265,7 +265,7 @@ def test_a_port_that_any_program_holds_is_refused_with_its_name(radio: Opener) -
         (SessionRole.WAYSIDE, "tcp/no.such.host.invalid:7447", "the host is unknown"),
     ],
 )
-def test_an_endpoint_that_cannot_be_is_refused_with_its_name(
+def test_an_impossible_endpoint_is_refused_with_its_name(
     radio: Opener, role: SessionRole, endpoint: str, words: str
 ) -> None:
     with pytest.raises(RadioError, match=f"^{endpoint}: .*{words}"):
@@ -277,7 +277,7 @@ def test_picked_endpoints_can_be_listened_at(radio: Opener) -> None:
     radio(SessionRole.WAYSIDE, pick_endpoint())
 
 
-def test_what_has_no_radio_does_not_load_zenoh() -> None:
+def test_a_program_without_a_radio_does_not_load_zenoh() -> None:
     program = """
 import sys
 import firmware_py.radio.inproc_radio, firmware_py.radio.zenoh_radio, zenoh_config.codec
@@ -317,7 +317,8 @@ print("running", flush=True)
     ids=["runs out", "exits", "closes", "interrupted"],
 )
 def test_a_program_always_ends_closed_or_not(ending: str, code: int) -> None:
-    """Known of zenoh in Python: a program that ends with a subscriber open hangs for ever."""
+    """Known behaviour of zenoh in Python: a program that ends with an open subscriber hangs
+    forever."""
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM + ending],
         timeout=2 * PATIENCE_S,
@@ -345,11 +346,11 @@ while not radios[1].connected:
 """
 
 
-def test_a_program_that_forgets_its_radios_closes_them_before_it_goes_down() -> None:
-    """Zenoh's threads would call into an interpreter on its way down and abort the program.
+def test_forgotten_radios_are_closed_before_the_program_ends() -> None:
+    """Zenoh's threads would call into an ending interpreter and abort the program.
 
-    That happens in one of ten programs or fewer, so it is not waited for here: a radio that is
-    closed drops what it is given.
+    That happens in at most one of ten programs, so the test does not wait for it. A closed radio
+    drops what it gets.
     """
     done = subprocess.run(
         [sys.executable, "-c", LEFT_OPEN], timeout=PATIENCE_S, capture_output=True, text=True
@@ -364,7 +365,7 @@ def flood(train: RadioPort) -> bool:
     return False
 
 
-def test_a_terminated_program_ends_in_its_own_way() -> None:
+def test_a_terminated_program_runs_its_own_end() -> None:
     program = PROGRAM + "with train, wayside, lonely:\n    time.sleep(60)"
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as running:
         assert running.stdout is not None

@@ -1,4 +1,4 @@
-"""Trains as clients of the wayside, as peers of each other, and some of each, over real zenoh."""
+"""Trains as clients of the wayside, as peers of each other, and mixed, over real zenoh."""
 
 import itertools
 import time
@@ -26,7 +26,7 @@ BEAT_S = 0.005
 
 
 class Ether:
-    """Radios of a wayside and of trains, each of which hears whatever anybody says."""
+    """Radios of a wayside and of trains, each of which subscribes to all messages."""
 
     def __init__(self, stack: ExitStack) -> None:
         self.endpoint = pick_endpoint()
@@ -49,7 +49,7 @@ class Ether:
         self.radios.pop(name).close()
 
     def heard_once(self) -> list[tuple[str, str, bytes]]:
-        """Each says one word; who heard whom, and what."""
+        """Each radio sends one message; return which radio received which message from which."""
         word = str(time.monotonic_ns()).encode()
         for name, radio in self.radios.items():
             radio.send(CLOCK.now_ns(), f"t/{name}", word)
@@ -65,7 +65,7 @@ class Ether:
         return set(itertools.permutations(self.radios, 2))
 
     def until_heard(self, wanted: Collection[tuple[str, str]]) -> None:
-        """All of them in one go."""
+        """Wait until one round delivers all wanted pairs."""
         until(lambda: {each[:2] for each in self.heard_once()} >= set(wanted))
 
 
@@ -84,7 +84,7 @@ def ether() -> Iterator[Ether]:
 
 @pytest.mark.parametrize("topology", Topology)
 @pytest.mark.parametrize("wayside_first", [True, False])
-def test_everybody_hears_everybody_and_nothing_twice(
+def test_every_radio_receives_every_message_exactly_once(
     ether: Ether, topology: Topology, wayside_first: bool
 ) -> None:
     if wayside_first:
@@ -114,7 +114,7 @@ def test_peers_go_on_without_the_wayside_and_find_it_again(ether: Ether) -> None
     ether.until_heard(ether.pairs())
 
 
-def test_a_peer_that_knows_nobody_is_there_at_once_and_ends_at_once(ether: Ether) -> None:
+def test_a_peer_without_others_starts_and_ends_at_once(ether: Ether) -> None:
     began_s = time.monotonic()
     ether.open_train(1, peer=True)
     assert not ether.radios["T1"].connected
@@ -123,8 +123,9 @@ def test_a_peer_that_knows_nobody_is_there_at_once_and_ends_at_once(ether: Ether
     assert time.monotonic() - began_s < PATIENCE_S / 2
 
 
-def test_a_display_knows_whose_sessions_are_there(ether: Ether) -> None:
-    """Also of those that came before it, and again after the wayside was gone."""
+def test_a_display_knows_the_present_sessions(ether: Ether) -> None:
+    """This includes sessions that came before the display, and holds again after the wayside was
+    gone."""
     ether.open_wayside()
     with ExitStack() as stack:
 
@@ -161,7 +162,7 @@ def test_a_display_knows_whose_sessions_are_there(ether: Ether) -> None:
 
 
 @pytest.mark.parametrize("key", ["m/loop/w/1/tr", "m/loop/w/x/up", "m/loop/w/1/up/2", "up", ""])
-def test_what_is_no_token_is_nobodys(key: str) -> None:
+def test_an_invalid_token_belongs_to_no_train(key: str) -> None:
     assert train_of_token(key) is None
     assert train_of_token(token_of("loop", 7)) == 7
 
@@ -179,7 +180,7 @@ def test_what_is_no_token_is_nobodys(key: str) -> None:
         ),
     ],
 )
-def test_a_peer_that_cannot_be_one_says_why(
+def test_an_impossible_peer_is_refused_with_the_reason(
     endpoint: str, listens_at: str | None, complaint: str
 ) -> None:
     with pytest.raises(RadioError) as caught:

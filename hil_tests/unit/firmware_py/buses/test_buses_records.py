@@ -93,7 +93,7 @@ def test_no_frame_has_a_stamp_in_the_future() -> None:
     assert [frame.stamp_ns for frame in RecordReader(None).feed(stream, 1000)] == [900, 1000]
 
 
-def test_uncommon_frames_are_marked_and_kept_from_who_asked_for_identifiers() -> None:
+def test_special_frames_are_marked_and_hidden_from_filtered_readers() -> None:
     stream = by_hand(EXTENDED | 0x101, b"a") + by_hand(REMOTE | 0x101, b"", length=4)
 
     assert RecordReader([0x101]).feed(stream, LATE_NS) == []
