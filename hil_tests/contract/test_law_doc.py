@@ -22,7 +22,7 @@ title = "A law that was made up"
 summary = '''
 It brakes when it has to,
 and drives else.'''
-source = "Nobody, 2013, section II."
+source = "Author, 2013, section II."
 settings = ["vobc.ato.settings.ato:Braking", "vobc.ato.settings.ato:PidGains"]
 
 [[block]]

@@ -67,10 +67,10 @@ def test_a_complete_campaign_starts_no_worker(tmp_path: Path) -> None:
     folder = folder_of(trial_cases(3), tmp_path)
     first = work(folder)
 
-    def nobody() -> LocalPool:
-        raise AssertionError("somebody was called")
+    def no_pool() -> LocalPool:
+        raise AssertionError("a worker was started")
 
-    again = work(folder, nobody)
+    again = work(folder, no_pool)
 
     assert plain(again) == plain(first)
     assert again.totals == first.totals

@@ -65,13 +65,13 @@ def test_no_bytes_are_kept_for_a_controller_that_is_not_there_yet(
     plant: tuple[PtyLine, str],
 ) -> None:
     reader, path = plant
-    reader.send(0, b"nobody hears this")
+    reader.send(0, b"lost without a reader")
 
     controller = open_serial(path)
     reader.send(0, b"but this")
 
     assert hear(controller, 8) == b"but this"
-    assert reader.counters.dropped_out == len(b"nobody hears this")
+    assert reader.counters.dropped_out == len(b"lost without a reader")
     controller.close()
 
 

@@ -253,7 +253,7 @@ def test_no_truncated_message_is_accepted(message: Message) -> None:
 
 
 def test_a_message_sealed_with_another_key_is_refused() -> None:
-    assert reason_of(pack(AUTHORITY, b"somebody else's key")) is RefusedReason.WRONG_CODE
+    assert reason_of(pack(AUTHORITY, b"the key of another line")) is RefusedReason.WRONG_CODE
 
 
 @given(st.binary(max_size=2 * MAX_BYTES))
