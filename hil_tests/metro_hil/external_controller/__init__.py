@@ -1,6 +1,6 @@
-"""Controllers in processes of their own in virtual time: older versions and foreign programs.
+"""External controllers in virtual time: older versions and other programs in their own processes.
 
-`docs/reference/lockstep_interface.md` describes what passes between bench and controller.
+`docs/reference/lockstep_interface.md` describes the messages between bench and controller.
 """
 
 from metro_hil.external_controller.controller import GrantedController

@@ -1,4 +1,4 @@
-"""The controller of a run in virtual time, of whatever kind, on the ports it is given."""
+"""Makes the controller of a run in virtual time, of any kind, and connects it to its ports."""
 
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -23,21 +23,21 @@ from vobc.process.commission import Commission
 SHIPPED: Final = ControllerSpec()
 NS_PER_S: Final = 1_000_000_000
 DAY_S: Final = 1_700_000_000
-"""Time of day at which a run in virtual time begins, for a board that has lost its memory."""
+"""Time of day at the start of a run in virtual time, for a board that has lost its memory, s."""
 
 Heard = Callable[[int, int, bytes], None]
-"""Told instant, identifier and data."""
+"""Receives time, identifier and data of a frame."""
 
 
 def memory_of(journey: Journey) -> NvramRecord:
-    """What the board holds before its first start in a run."""
+    """Content of the board's memory before its first start in a run."""
     if not journey.wakes_up:
         return NvramRecord(boot_count=1)
     return NvramRecord(boot_count=1, front_m=journey.start.stop_m, standing=True)
 
 
 class ControllerSide:
-    """Starts the controller, and starts it again after it was killed."""
+    """Starts the controller, and restarts it after it was killed."""
 
     def __init__(
         self,
@@ -52,9 +52,9 @@ class ControllerSide:
         event_log: EventLog | None = None,
     ) -> None:
         """Args:
-        cycle_log: of the shipped controller, as is `event_log`.
-        port_log: of what passes the controller's own ports.
-        said: told every frame that the controller says, at the true instant at which it does.
+        cycle_log: cycle log of the shipped controller, like `event_log`.
+        port_log: log of everything at the controller's own ports.
+        said: receives every frame of the controller at the true time of sending.
         """
         self._controller, self._config, self._journey = controller, config, journey
         self._clock, self._cycle_log, self._port_log = clock, cycle_log, port_log
@@ -66,10 +66,10 @@ class ControllerSide:
     def device(
         self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool
     ) -> BenchDevice:
-        """Raises ControllerStartError.
+        """Start the controller. Raises ControllerStartError.
 
         Args:
-            faulty: faults of its process may come.
+            faulty: whether faults of its process may occur.
         """
         if not faulty:
             return self._start(can, tags, radio, 0, False)
@@ -84,7 +84,7 @@ class ControllerSide:
         )
 
     def _forget(self) -> None:
-        """The board's memory is that of a new one: it counts its starts from the time of day on."""
+        """Replace the board's memory by a new one, which counts its starts from the time of day."""
         time_of_day_s = DAY_S + self._clock.now_ns() // NS_PER_S
         self._nvram = Nvram(None, NvramRecord(boot_count=time_of_day_s))
 
@@ -102,7 +102,7 @@ class ControllerSide:
         except ControllerStartError as error:
             if not again:
                 raise
-            # It was there before: the case can be run with it, and it is the one that failed.
+            # It has started before, so the controller failed, not the bench.
             words = str(error).removeprefix("controller: ")
             at_s = self._clock.now_ns() / NS_PER_S
             raise ControllerDiedError(
@@ -113,7 +113,7 @@ class ControllerSide:
         return device
 
     def _commission(self, now_ns: int, again: bool) -> Commission:
-        # What the memory of the board held when it went down, it holds when it comes up.
+        # The board's memory keeps its content over a restart.
         config, journey, record = self._config, self._journey, self._nvram.record
         start = remembered_start(config, record) if journey.wakes_up else None
         if again:
@@ -134,7 +134,8 @@ class ControllerSide:
                 event_log=self._event_log,
             )
         self.close()
-        # The memory of another program does not come back; that it was started again is known.
+        # The memory of another program is unknown to the bench, except for the number of its
+        # starts.
         boots = commission.nvram.boot_count + 1
         self._nvram = Nvram(None, NvramRecord(boot_count=boots))
         self._granted = GrantedController(
@@ -148,14 +149,14 @@ class ControllerSide:
         return self._granted
 
     def close(self) -> None:
-        """End the process of a controller that has one."""
+        """End the process of an external controller."""
         if self._granted is not None:
             self._granted.close()
             self._granted = None
 
 
 class _SpokenCan:
-    """The controller's own port, listened to before anything can happen to what it says."""
+    """The controller's own port, observed before a fault can change what it sends."""
 
     def __init__(self, port: CanPort, clock: Clock, said: Heard) -> None:
         self._port, self._clock, self._said = port, clock, said

@@ -1,4 +1,4 @@
-"""A controller in another process with the face of one in this process, for runs in lockstep."""
+"""A controller in another process with the interface of a local one, for runs in lockstep."""
 
 from typing import Final
 
@@ -21,11 +21,11 @@ from vobc.process import Commission
 from vobc.vocabulary import CycleOutput
 
 SAME_INSTANT_MAX: Final = 1000
-"""So many grants at one instant are no progress."""
+"""Number of time grants at one time after which the controller counts as hanging."""
 
 
 class GrantedController:
-    """Run `executive`; call `stop` as the last thing, or `close` to end it without a word."""
+    """Run `executive`; call `stop` at the end, or `close` to end the process without its output."""
 
     def __init__(
         self,
@@ -38,11 +38,11 @@ class GrantedController:
         start_s: float = START_S,
         lease_s: float = LEASE_S,
     ) -> None:
-        """Start the program and greet it. Raises ControllerStartError.
+        """Start the program and exchange hello. Raises ControllerStartError.
 
         Args:
-            start_s: wall time until it has answered hello.
-            lease_s: wall time for each answer from then on.
+            start_s: wall time until the answer to hello.
+            lease_s: wall time for each later answer.
         """
         self._can, self._tags, self._radio = can, tags, radio
         self._hearsay = ObservedState()
@@ -55,14 +55,14 @@ class GrantedController:
             self._link.close()
             raise
         self.name = ready.name
-        """As the program calls itself."""
+        """Name that the program gives itself."""
         self.executive = Executive.woken(
             "grant", self._grant, max(ready.next_wakeup_ns, commission.start_ns)
         )
 
     @property
     def output(self) -> CycleOutput:
-        """As far as its frames on the bus tell it."""
+        """The controller's state, as far as its frames on the bus show it."""
         return self._hearsay.output
 
     @property
@@ -99,14 +99,14 @@ class GrantedController:
         return max(now_ns, next_ns)
 
     def _exchange(self, now_ns: int, message: grants.OfBench) -> int:
-        """Pass on what it says; answers when it wants to be woken. Raises ControllerDiedError."""
+        """Deliver the controller's outputs; return its next wake-up. Raises ControllerDiedError."""
         try:
             answer = self._link.exchange(message)
             if not isinstance(answer, grants.Yield):
                 raise LinkDownError("broke the protocol: answers with no yield")
             if answer.now_ns != now_ns:
                 raise LinkDownError(
-                    f"broke the protocol: answers what was said at {answer.now_ns / NS_PER_S:.3f} s"
+                    f"broke the protocol: answers the message of {answer.now_ns / NS_PER_S:.3f} s"
                 )
             said = grants.said(answer)
         except LinkDownError as error:
@@ -129,12 +129,12 @@ class GrantedController:
         return self._died
 
     def stop(self, now_ns: int) -> None:
-        """Let it say its last word and end. Raises ControllerDiedError when it does not."""
+        """Let the controller send its last output and end. Raises ControllerDiedError."""
         if self._died is not None:
             raise self._died
         self._exchange(now_ns, grants.Stop(now_ns))
         self._link.close(END_S)
 
     def close(self) -> None:
-        """End its process without a word, as kill -9 does."""
+        """End the process without its output, as kill -9 does."""
         self._link.close()

@@ -1,4 +1,4 @@
-"""A controller's process and the lines that are exchanged with it, each within a lease."""
+"""A controller's process and the lines exchanged with it, each within a time limit."""
 
 import contextlib
 import os
@@ -24,9 +24,9 @@ from firmware_py.settings import SettingsError
 
 SOCKET_WORD: Final = "{grant}"
 START_S: Final = 30.0
-"""Wall time for a program to start and to answer hello."""
+"""Wall time for a program to start and to answer hello, s."""
 LEASE_S: Final = 5.0
-"""Wall time for each answer."""
+"""Wall time for each answer, s."""
 END_S: Final = 1.0
 POLL_S: Final = 0.05
 READ_BYTES: Final = 1 << 16
@@ -34,33 +34,33 @@ LAST_LINES: Final = 4
 
 
 class ControllerStartError(SettingsError):
-    """The case cannot be run with this controller; the text says why."""
+    """The case cannot run with this controller; the text says why."""
 
 
 class ControllerDiedError(Exception):
-    """The controller ended, hung or spoke nonsense during the run; the text says when and how."""
+    """The controller ended, hung or broke the protocol in a run; the text says when and how."""
 
 
 class LinkDownError(Exception):
-    """No answer; the text begins with what the controller did."""
+    """No valid answer; the text begins with what the controller did."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerProgram:
-    """What is started."""
+    """Command and environment of a controller."""
 
     words: tuple[str, ...]
-    """{grant} in one of them stands for the Unix socket."""
+    """The command; {grant} in a word stands for the Unix socket."""
     environment: Mapping[str, str]
 
 
 class ControllerLink:
-    """One process. It is ended by `close`, and told to end by the kernel's end of its input."""
+    """One process. `close` ends it; if the bench dies, the end of its input tells it to end."""
 
     def __init__(
         self, program: ControllerProgram, *, start_s: float = START_S, lease_s: float = LEASE_S
     ) -> None:
-        """Raises ControllerStartError."""
+        """Start the process. Raises ControllerStartError."""
         self._lease_s, self._start_s = lease_s, start_s
         self._clock = WallClock()
         self._received = bytearray()
@@ -77,7 +77,7 @@ class ControllerLink:
             raise
 
     def _attached(self, program: ControllerProgram) -> socket.socket:
-        """Standard input and output of the program are one end of a pair of sockets."""
+        """Start the program with one end of a socket pair as its standard input and output."""
         ours, theirs = socket.socketpair()
         with theirs:
             self._start(program.words, program.environment, theirs.fileno())
@@ -105,7 +105,7 @@ class ControllerLink:
 
     def _start(self, words: tuple[str, ...], environment: Mapping[str, str], wire: int) -> None:
         try:
-            # A session of its own: Ctrl-C reaches the bench only.
+            # The process has its own session: Ctrl-C reaches the bench only.
             self._process = subprocess.Popen(
                 words,
                 stdin=wire,
@@ -125,11 +125,11 @@ class ControllerLink:
         return self._process.pid
 
     def greet(self, message: OfBench) -> OfController:
-        """As `exchange`, with the time that a start may take."""
+        """Like `exchange`, within the time for a start."""
         return self._exchange(message, self._start_s)
 
     def exchange(self, message: OfBench) -> OfController:
-        """Send one line and wait for its answer. Raises LinkDownError."""
+        """Send one line and return the answer. Raises LinkDownError."""
         return self._exchange(message, self._lease_s)
 
     def _exchange(self, message: OfBench, lease_s: float) -> OfController:
@@ -165,11 +165,11 @@ class ControllerLink:
         line = bytes(received[:end])
         del received[: end + 1]
         if received:
-            raise LinkDownError("broke the protocol: it speaks without being asked")
+            raise LinkDownError("broke the protocol: it sends without being asked")
         return line
 
     def _end_words(self) -> str:
-        """How the process ended, and the end of what it wrote to standard error."""
+        """How the process ended, with the end of its standard error."""
         assert self._process is not None
         try:
             code = self._process.wait(END_S)
@@ -181,14 +181,14 @@ class ControllerLink:
         return f"{words}: {said}" if said else words
 
     def _last_words(self) -> str:
-        # The file's place is shared with the process, so it is read without moving it.
+        # Both processes share the file position, so `pread` reads without moving it.
         size = os.fstat(self._errors.fileno()).st_size
         length = min(size, READ_BYTES)
         text = os.pread(self._errors.fileno(), length, size - length).decode("utf-8", "replace")
         return " | ".join(line.strip() for line in text.strip().splitlines()[-LAST_LINES:])
 
     def close(self, patience_s: float = 0.0) -> None:
-        """End the process, whatever state it is in; it has so long to end by itself."""
+        """End the process in any state; it has `patience_s` to end by itself."""
         if self._socket is not None:
             self._socket.close()
         process = self._process

@@ -1,4 +1,4 @@
-"""What is known of a foreign controller: its own frames, put into the words of ours."""
+"""State of an external controller, derived from its frames in the terms of the shipped one."""
 
 import math
 from dataclasses import replace
@@ -22,12 +22,12 @@ NOWHERE = Motion(
 
 
 class ObservedState:
-    """Follows VOBC_STATUS, VOBC_POSITION and VOBC_MOTION; a controller may send none of them."""
+    """Follows VOBC_STATUS, VOBC_POSITION and VOBC_MOTION, none of which a controller must send."""
 
     def __init__(self) -> None:
         self._decoder = Decoder([VobcStatus, VobcPosition, VobcMotion])
         self.output: CycleOutput = replace(SAFE_OUTPUT, cause="")
-        """The parts that no frame tells are those of the safe output."""
+        """State until now; parts that no frame carries are those of the safe output."""
 
     def frame(self, now_ns: int, can_id: int, data: bytes) -> None:
         if can_id not in self._decoder.ids:

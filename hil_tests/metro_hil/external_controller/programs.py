@@ -1,4 +1,4 @@
-"""Which program a case puts under test, as command and environment."""
+"""Command and environment of the controller that a case puts under test."""
 
 import os
 import shlex
@@ -12,16 +12,16 @@ from metro_hil.external_controller.link import ControllerProgram, ControllerStar
 from metro_hil.model.case import ControllerSpec
 
 CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
-"""Where the packages of a checkout lie."""
+"""Folders of a checkout that hold packages."""
 
 
 def program_of(
     controller: ControllerSpec, words: Mapping[str, str] | None = None
 ) -> ControllerProgram:
-    """Raises ControllerStartError for what cannot be a controller in virtual time.
+    """The program of a controller. Raises ControllerStartError for an impossible one.
 
     Args:
-        words: what other {names} in a command stand for.
+        words: values of further {names} in a command.
     """
     if controller.kind == "shipped":
         return _ours(Path(firmware_py.__file__).resolve().parent.parent)
@@ -46,9 +46,9 @@ def _ours(root: Path) -> ControllerProgram:
 
 
 def _command(command: str, known: Mapping[str, str]) -> tuple[str, ...]:
-    """Split as a shell would, without one; names are filled in after, so blanks in them are safe.
+    """Split the command like a shell, then fill in the names, so that blanks in values are safe.
 
-    {grant} is left for the link, which makes the socket; without it the program is spoken to by its
+    {grant} stays for the link, which makes the socket. Without it, the bench uses the program's
     standard input and output.
     """
     try:

@@ -1,4 +1,4 @@
-"""What the fixture `bench` gives a test: scenarios to run, or to drive piece by piece."""
+"""The fixture `bench`: lets a test run scenarios, or drive one piece by piece."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -35,11 +35,11 @@ NS_PER_S = 1_000_000_000
 
 
 class BenchTimeoutError(AssertionError):
-    """The train did not do in time what a test waits for."""
+    """The condition that a test waits for did not come true in time."""
 
 
 class LiveRun:
-    """A run in virtual time that stands still until it is told to go on."""
+    """A run in virtual time that advances only when the test says so."""
 
     def __init__(self, case: Case, files: Files, folder: RunFolder) -> None:
         self.case = case
@@ -47,17 +47,17 @@ class LiveRun:
         self._bench = self._run.bench
         self._result: CaseResult | None = None
         self._planned_away: list[str] = []
-        """Kinds of faults that had not begun when others were planned in their place."""
+        """Kinds of faults that had not begun when others replaced them."""
         self._death_shown = False
 
     @property
     def train(self) -> Truth:
-        """What is true of the train now."""
+        """The true state of the train."""
         return self._run.truth
 
     @property
     def controller(self) -> CycleOutput:
-        """What the controller decided in its last cycle."""
+        """The controller's output of its last cycle."""
         return self._bench.vobc.output
 
     @property
@@ -74,20 +74,21 @@ class LiveRun:
         self._go_on(lambda now_ns: now_ns >= end_ns)
 
     def run_until(self, condition: str | Callable[[], bool], *, timeout_s: float) -> None:
-        """Until an expression over the truth, or a function, says true.
+        """Run until an expression over the true state, or a function, is true.
 
-        Raises BenchTimeoutError when that takes longer than `timeout_s` of the train's time.
+        Raises BenchTimeoutError if that takes longer than `timeout_s` of virtual time.
         """
         holds = self._asker(condition)
         end_ns = self._bench.clock.now_ns() + round(timeout_s * NS_PER_S)
-        # Asked at the steps of the plant, so that the instant does not depend on other tasks.
+        # The condition is checked at steps of the plant, so the instant does not depend on other
+        # tasks.
         self._go_on(lambda now_ns: now_ns >= end_ns or (now_ns % STEP_NS == 0 and holds()))
         if not holds():
             words = condition if isinstance(condition, str) else "the condition"
             raise BenchTimeoutError(f"{words}: not within {timeout_s:g} s, at {self.now_s:.2f} s")
 
     def _go_on(self, over: Callable[[int], bool]) -> None:
-        """A controller that dies shows its exception to the test, and the run goes on without."""
+        """Continue; if the controller dies, raise its exception and continue without it later."""
         assert self._result is None, f"{self.case.id}: the run is over; it was closed and judged"
         try:
             self._bench.run_until(over)
@@ -103,9 +104,9 @@ class LiveRun:
         return lambda: bool(expression(self._run.truth))
 
     def plan_faults(self, *tables: dict[str, Any]) -> None:
-        """From now on these faults act as their windows say, and none of those planned before.
+        """Replace all planned faults by these, which act as their windows say.
 
-        Raises SettingsError for a wrong table, and while a fault that was planned before acts.
+        Raises SettingsError for a wrong table, and while an earlier fault acts.
         """
         schedule = self._bench.plant.schedule
         if schedule.active:
@@ -118,14 +119,14 @@ class LiveRun:
         schedule.plan(plans)
 
     def close(self) -> CaseResult:
-        """End the run and judge what was seen so far."""
+        """End the run and judge it up to here."""
         if self._result is None:
             self._run.close()
             self._result = self._run.result()
         return self._result
 
     def findings(self) -> list[Finding]:
-        """End the run; what a test has to expect or to avoid."""
+        """End the run; return everything that the test must expect or avoid."""
         result = self.close()
         never = [plan.kind.name for plan in self._bench.plant.schedule.never_began]
         return findings_of_live(
@@ -137,9 +138,9 @@ class LiveRun:
 
 
 class Bench:
-    """Runs scenarios; what is run alone keeps its logs in the test's own folder.
+    """Runs scenarios; a single run keeps its logs in the test's own folder.
 
-    Whatever a run violates that its call does not `expect` fails the test when it ends.
+    Any violation that a call does not `expect` fails the test at its end.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -148,11 +149,11 @@ class Bench:
         self._made = 0
 
     def run(self, scenario: Scenario, *, expect: Expect = ()) -> CaseResult:
-        """The one case of a scenario, to its end. Raises CampaignError for a wrong scenario.
+        """Run the only case of a scenario to its end. Raises CampaignError for a wrong scenario.
 
         Args:
-            expect: monitors or invariants that the run is to violate; SettingsError if none has
-                such a name.
+            expect: monitors or invariants that the run must violate; SettingsError for unknown
+                names.
         """
         __tracebackhide__ = True
         case, files = self._only_case(scenario)
@@ -164,10 +165,10 @@ class Bench:
         return result
 
     def run_all(self, scenario: Scenario, *, expect: Expect = ()) -> Sequence[CaseResult]:
-        """Every case of a scenario with a sweep or several seeds, without logs.
+        """Run every case of a scenario with a sweep or several seeds, without logs.
 
         Args:
-            expect: as for `run`; each is to be violated in one case at least.
+            expect: as for `run`; at least one case must violate each.
         """
         __tracebackhide__ = True
         campaign = scenario.campaign()
@@ -181,7 +182,7 @@ class Bench:
         return results
 
     def start(self, scenario: Scenario, *, expect: Expect = ()) -> LiveRun:
-        """A run that the test drives itself. It is closed and judged when the test ends.
+        """Start a run that the test drives. It is closed and judged when the test ends.
 
         Args:
             expect: as for `run`.
@@ -196,7 +197,7 @@ class Bench:
         return live
 
     def judge(self) -> list[str]:
-        """End all runs that were not judged yet; what of them fails the test, as sentences."""
+        """End and judge all runs that are not judged yet; return the failures as sentences."""
         said: list[str] = []
         while self._unjudged:
             expected, findings = self._unjudged.pop(0)
@@ -204,7 +205,7 @@ class Bench:
         return said
 
     def close(self) -> None:
-        """End all runs, whatever they came to."""
+        """End all runs and ignore their failures."""
         self.judge()
 
     def _only_case(self, scenario: Scenario) -> tuple[Case, Files]:
@@ -214,7 +215,7 @@ class Bench:
         return cases[0], self._written(campaign.files)
 
     def _written(self, contents: Mapping[str, str]) -> Files:
-        """The files of the user that the cases name, where a run finds them."""
+        """Write the user's files that the cases name; return their paths."""
         if not contents:
             return {}
         folder = self._new_folder("files")

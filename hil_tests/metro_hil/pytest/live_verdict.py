@@ -1,7 +1,7 @@
-"""What the fixture `bench` holds against a test: what its runs violated, and what they never tried.
+"""Judges the runs of the fixture `bench`: what they violated, and what they never tried.
 
-A test says by `expect=` which monitors or invariants its run is to violate. Anything else that a
-run violated fails the test, and so does an expected violation that did not come.
+With `expect=` a test names the monitors or invariants that its run must violate. Any other
+violation fails the test, and so does an expected violation that did not come.
 """
 
 import difflib
@@ -22,11 +22,11 @@ FAULT: Final = "fault "
 NEVER_BEGAN: Final = "never began: "
 DIED: Final = "the controller"
 OTHER: Final = ""
-"""What no name stands for, so that nothing can expect it."""
+"""Name of findings that no test can expect."""
 
 
 def place_of_call() -> str:
-    """File and line from which the caller of this was called."""
+    """File and line of the call of the caller."""
     frame = sys._getframe(2)
     return f"{frame.f_code.co_filename}:{frame.f_lineno}"
 
@@ -38,7 +38,7 @@ class Expected:
     where: str
     """File and line of the call."""
     names: Mapping[str, frozenset[str]]
-    """As the test wrote it, to the monitors or faults that it stands for."""
+    """Monitors or faults by the name that the test wrote."""
 
     @property
     def all(self) -> frozenset[str]:
@@ -73,21 +73,21 @@ def _hint(name: str, plans: Sequence[MonitorPlan]) -> str:
     own = [plan.name for plan in plans if plan.asked]
     names = f"did you mean {close[0]!r}? " if close else f"its own are {own}; " if own else ""
     return (
-        "no monitor or invariant that this scenario watches is called so; "
+        "no monitor or invariant that this scenario watches has this name; "
         f"{names}`hil monitors` lists the invariants"
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that a test has to expect or to avoid."""
+    """One fact that a test must expect or avoid."""
 
     name: str
     words: str
 
 
 def findings_of(result: CaseResult) -> list[Finding]:
-    """Of a case that ran to its end: all that is not a pass."""
+    """Findings of a case that ran to its end: everything that is not a pass."""
     found = [Finding(each.name, _words(each)) for each in _failed(result.monitors)]
     if result.verdict is Verdict.PASS:
         return found
@@ -105,11 +105,11 @@ def findings_of_live(
     never_began: Sequence[str],
     died: str,
 ) -> list[Finding]:
-    """Of a run that a test drove as far as it liked.
+    """Findings of a run that a test drove.
 
     Args:
-        never_began: kinds of faults that were planned.
-        died: how the controller ended by itself, unless the test was shown that.
+        never_began: kinds of planned faults that never began.
+        died: how the controller ended by itself; empty if the test got that exception.
     """
     found = [Finding(each.name, _words(each)) for each in _failed(monitors)]
     named = {plan.name for plan in plans if plan.asked}
@@ -135,10 +135,10 @@ def _words(monitor: MonitorResult) -> str:
 
 
 def complaints(expected: Expected, found: Sequence[tuple[str, Finding]]) -> list[str]:
-    """Sentences for the test's failure; none when all came about as the test expects.
+    """Sentences for the test's failure; none if everything is as expected.
 
     Args:
-        found: what each run of one call showed, with the run's name.
+        found: findings of each run of one call, with the run's name.
     """
     said = [
         f"{expected.where}: {run}: {finding.words}"

@@ -9,8 +9,8 @@
         )
         assert result.measures["emergency_count"] == 1.0
 
-A scenario is what a campaign file holds and gives the same case, with the same frames. Where a test
-wants to look while the train runs, `bench.start` gives a run that goes on piece by piece.
+A scenario has the keys of a campaign file and gives the same case, with the same frames. If a test
+needs to look while the train runs, `bench.start` gives it a run to drive piece by piece.
 
 When the test ends, the bench judges all of its runs: a violated monitor or invariant, or a planned
 fault that never began, fails the test unless the call says `expect=`.
@@ -36,25 +36,25 @@ REMEDY: Final = (
 @pytest.fixture
 def bench(request: pytest.FixtureRequest, tmp_path: Path) -> "Iterator[Bench]":
     """A bench in virtual time."""
-    # Every run of pytest where this package is installed loads this module.
+    # Imported here, because every run of pytest loads this module where this package is installed.
     from metro_hil.pytest.bench import Bench
 
     made = Bench(tmp_path)
     request.node.stash.setdefault(BENCHES, []).append(made)
     yield made
-    # What was started after the test's own body, or where this plugin is not registered.
+    # Runs that began after the test's own body, or where this plugin is not registered.
     _fail_for(made.judge())
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """Judge when the body ends, so that the test itself fails; its own failure comes first."""
+    """Judge at the end of the body, so that the test itself fails; its own failure comes first."""
     try:
         yield
     except (KeyboardInterrupt, SystemExit, pytest.exit.Exception):
         raise
     except BaseException:
-        # Outcomes of pytest, such as a skip, are no Exception.
+        # Outcomes of pytest, such as a skip, are not subclasses of Exception.
         if said := _judged(item, quietly=True):
             item.add_report_section("call", "bench", _text(said))
         raise

@@ -1,10 +1,12 @@
-"""Re-simulation: recorded inputs into a controller, its outputs beside the recorded ones.
+"""Replay: feeds recorded inputs to a controller and compares its outputs with the recorded ones.
 
-The recording is `ports.log` of a run folder, written at the controller's own ports: every frame,
-telegram byte and radio message with the instant at which it was stamped and the step in which it
-was handed over, the instant at which each task began, and how long the run before it took. So a
-recording in real time feeds the same inputs into the same cycles as one in virtual time, and both
-have to give the same bytes. Only another program in real time is forgiven what `MEASURED` names.
+The recording is `ports.log` of a run folder, written at the controller's own ports. It holds every
+frame, telegram byte and radio message with its time stamp, and the step that received it. It also
+holds when each task began, and how long its previous run took.
+
+A recording in real time therefore feeds the same inputs into the same cycles as one in virtual
+time, and both must give the same bytes. Only another program in real time may differ in the signals
+that `MEASURED` names.
 """
 
 from metro_hil.replay.recording import RecordingError, read_recording

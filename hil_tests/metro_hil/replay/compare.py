@@ -1,4 +1,4 @@
-"""Puts what a controller said beside what was recorded, and finds where they part."""
+"""Compares a controller's outputs with the recorded ones and finds the first difference."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -9,27 +9,27 @@ from metro_hil.replay.recording import Output, RecordedStep
 
 
 class Placed(NamedTuple):
-    """An output with the step in which it was said."""
+    """An output with the step in which the controller sent it."""
 
     step: int
     order: int
-    """Within its step."""
+    """Place within its step."""
     at_ns: int
     output: Output
 
 
 @dataclass(slots=True)
 class Counts:
-    """Of one identifier."""
+    """Results of the comparison for one identifier."""
 
     same: int = 0
     masked: int = 0
-    """The same but for what the host did to them."""
+    """Outputs that differ only in what the host's timing determines."""
     changed: int = 0
     missing: int = 0
-    """Recorded, and not said this time."""
+    """Outputs that were recorded but not sent this time."""
     extra: int = 0
-    """Said this time only."""
+    """Outputs that were only sent this time."""
 
     @property
     def different(self) -> int:
@@ -37,14 +37,14 @@ class Counts:
 
 
 class ReplayDifference(NamedTuple):
-    """One place where both part; one of them is None for what was missing or extra."""
+    """One difference; one side is None if an output is missing or extra."""
 
     recorded: Placed | None
     replayed: Placed | None
 
     @property
     def place(self) -> tuple[int, int, int]:
-        """Order in time. At one place what was recorded counts first."""
+        """Key for the order in time; at equal times the recorded output comes first."""
         at = self.recorded or self.replayed
         assert at is not None
         return at.at_ns, at.step, at.order
@@ -53,7 +53,7 @@ class ReplayDifference(NamedTuple):
 @dataclass(slots=True)
 class ReplayComparison:
     counts: dict[tuple[str, str], Counts] = field(default_factory=dict)
-    """By wire and key."""
+    """Results by wire and key."""
     first: ReplayDifference | None = None
 
     @property
@@ -76,11 +76,11 @@ def compare(
     tolerance_ns: int = 0,
     mask: bool = False,
 ) -> ReplayComparison:
-    """Aligned for each identifier by content and instant.
+    """Compare the outputs of each identifier, aligned by content and time.
 
     Args:
-        tolerance_ns: two payloads so far apart in time may be a pair.
-        mask: what tells only of the host may differ.
+        tolerance_ns: greatest time difference of a pair.
+        mask: whether signals that depend only on the host may differ.
     """
     result = ReplayComparison()
     mine, theirs = _by_key(recorded), _by_key(replayed)
@@ -112,7 +112,7 @@ def _by_key(outputs: Sequence[Placed]) -> dict[tuple[str, str], list[Placed]]:
 def _aligned(
     mine: Sequence[Placed], theirs: Sequence[Placed], tolerance_ns: int, counts: Counts
 ) -> Iterable[ReplayDifference]:
-    """Every pair that is not equal, and everything without a pair. Both are in order of time."""
+    """Every unequal pair, and every output without a pair. Both inputs are in order of time."""
     at = 0
     for one in mine:
         while at < len(theirs) and theirs[at].at_ns < one.at_ns - tolerance_ns:
@@ -134,7 +134,7 @@ def _aligned(
 
 
 def _partner(one: Placed, theirs: Sequence[Placed], first: int, tolerance_ns: int) -> int | None:
-    """The equal one within the tolerance, counter included; else the nearest in time."""
+    """Index of an equal output within the tolerance, including its counter; else the nearest."""
     nearest: int | None = None
     for at in range(first, len(theirs)):
         other = theirs[at]

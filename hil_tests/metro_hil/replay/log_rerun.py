@@ -1,4 +1,4 @@
-"""Runs a controller again on what was recorded, step by step."""
+"""Runs a controller again on recorded inputs, step by step."""
 
 import traceback
 from collections.abc import Callable
@@ -16,7 +16,7 @@ SHIPPED: Final = ControllerSpec()
 
 
 class RerunDevice(Protocol):
-    """A controller as it is run here."""
+    """A controller as the replay runs it."""
 
     executive: Executive
 
@@ -28,16 +28,16 @@ Make = Callable[[Commission, HandedPorts], RerunDevice]
 
 @dataclass(frozen=True, slots=True)
 class Rerun:
-    """What the controller said this time."""
+    """Outputs of the controller in this run."""
 
     outputs: tuple[tuple[Output, ...], ...]
-    """For each step of the segment; shorter than those when the controller died."""
+    """Outputs of each step of the segment; fewer if the controller died."""
     died: str = ""
-    """The exception that ended it, or how its process ended."""
+    """The exception that ended the controller, or how its process ended."""
 
 
 def maker(controller: ControllerSpec) -> Make:
-    """Raises ControllerStartError for a program that is not there."""
+    """Maker of the controller. Raises ControllerStartError for a missing program."""
     if controller.kind == SHIPPED.kind:
         return _in_this_process
     program = program_of(controller)
@@ -60,7 +60,7 @@ def _in_this_process(commission: Commission, ports: HandedPorts) -> RerunDevice:
 
 
 def rerun(segment: Segment, make: Make, commission: Commission) -> Rerun:
-    """Each step begins when it did and hears what it heard. Raises ControllerStartError."""
+    """Run every step at its recorded time with its recorded inputs. Raises ControllerStartError."""
     ports = HandedPorts()
     device = make(commission, ports)
     outputs: list[tuple[Output, ...]] = []
@@ -75,7 +75,7 @@ def rerun(segment: Segment, make: Make, commission: Commission) -> Rerun:
     except ControllerDiedError as error:
         return Rerun(tuple(outputs), str(error))
     except Exception as error:
-        # Its last word is the safe output, which it said before the exception left it.
+        # Before the exception, the controller sent its safe output, which counts as well.
         outputs.append(_outputs(ports.take()))
         return Rerun(tuple(outputs), traceback.format_exception_only(error)[-1].strip())
     finally:

@@ -1,4 +1,4 @@
-"""What bytes on the wires mean, in words, and which signals two payloads differ in."""
+"""Decodes payloads of the wires to text, and finds the signals in which two payloads differ."""
 
 import dataclasses
 import enum
@@ -14,10 +14,10 @@ from zenoh_config.codec import unpack
 from zenoh_config.messages import Refused
 
 MEASURED: Final = {"VOBC_STATUS": frozenset({"work_us"})}
-"""Signals that tell how the host served the controller, not what the controller decided. They are
-not compared where the host is another, which is in real time."""
+"""Signals that depend on the host's timing, not on the controller's decisions. They are not
+compared if another program replays a recording in real time."""
 CHECK_SIGNALS: Final = frozenset({"crc16"})
-"""Follow from the others."""
+"""Signals that follow from the others."""
 RATIO_UNIT: Final = "1"
 TWIN: Final = "the twin of "
 UNKNOWN: Final = "unknown identifier"
@@ -27,7 +27,7 @@ Signals = dict[str, str]
 
 @cache
 def _names() -> dict[str, str]:
-    """By identifier in hexadecimal; a twin is told as its first."""
+    """Names by identifier in hexadecimal; a twin is named after its first frame."""
     found: dict[str, str] = {}
     for kind in kinds():
         bound = binding_of(kind)
@@ -38,7 +38,7 @@ def _names() -> dict[str, str]:
 
 
 def name_of(output: Output) -> str:
-    """Name of a message on the bus; what it is on the other wires."""
+    """Name of a message on bus or radio; `bytes` for the tag reader's line."""
     if output.wire == "can":
         return _names().get(output.key, UNKNOWN)
     if output.wire == "radio":
@@ -47,7 +47,7 @@ def name_of(output: Output) -> str:
 
 
 def signals_of(output: Output) -> Signals:
-    """Value and unit of each signal as text; empty for what has no meaning here."""
+    """Value and unit of each signal as text; empty for payloads that cannot be decoded."""
     if output.wire == "can":
         return _frame_signals(output.key, output.data)
     if output.wire == "radio":
@@ -82,7 +82,7 @@ def _value(value: object, unit: str) -> str:
 
 
 def measured_only(one: Output, other: Output) -> bool:
-    """Whether two payloads differ in nothing but what the host did to them."""
+    """Whether two payloads differ only in signals that the host's timing determines."""
     measured = MEASURED.get(name_of(one))
     if measured is None:
         return False
@@ -92,7 +92,7 @@ def measured_only(one: Output, other: Output) -> bool:
 
 
 def frame_words(frame: CanFrame) -> tuple[str, str]:
-    """Name and signals of a frame that was heard."""
+    """Name and signals of a received frame."""
     if frame.error or frame.remote or frame.extended:
         return ("error frame" if frame.error else "no data frame of the bus"), frame.data.hex()
     key = f"{frame.can_id:03X}"
@@ -106,7 +106,7 @@ def message_words(message: RadioMessage) -> tuple[str, str]:
 
 
 def chunk_words(parser: TelegramParser, chunk: SerialChunk) -> tuple[str, str]:
-    """What a piece of the serial line completes; `parser` has heard what came before."""
+    """Text of the telegrams that a piece of the serial line completes; `parser` has all before."""
     heard = list(parser.feed(chunk.data))
     words = "; ".join(f"{type(each).__name__} {_plain(each)}" for each in heard)
     return "tags", words or chunk.data.hex().upper()

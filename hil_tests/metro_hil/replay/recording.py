@@ -1,4 +1,4 @@
-"""Reads what `PortLog` wrote: the controllers of one process, each with its steps."""
+"""Reads a log of `PortLog`: the controllers of one process, each with its steps."""
 
 import json
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ ERROR: Final = "E:"
 REMOTE: Final = "R:"
 STOP: Final = "stop"
 CYCLE_TASKS: Final = frozenset({"control", "grant"})
-"""The tasks that hear; the second is that of a controller in another process."""
+"""Tasks that read inputs; the second belongs to a controller in another process."""
 
 
 class RecordingError(SettingsError):
@@ -25,10 +25,10 @@ class RecordingError(SettingsError):
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """One thing that a controller said."""
+    """One output of a controller."""
 
     wire: str
-    """can, tags or radio."""
+    """Wire: can, tags or radio."""
     key: str
     """Identifier in hexadecimal, or key on the radio."""
     data: bytes
@@ -41,9 +41,9 @@ class RecordedStep:
     task: str
     begin_ns: int
     execution_ns: int = 0
-    """Of the run of the same task before."""
+    """Execution time of the previous run of the same task."""
     frames: list[CanFrame] = field(default_factory=list)
-    """Handed to the controller in this step; so the next two."""
+    """Frames that the controller received in this step; likewise chunks and messages."""
     chunks: list[SerialChunk] = field(default_factory=list)
     messages: list[RadioMessage] = field(default_factory=list)
     outputs: list[Output] = field(default_factory=list)
@@ -51,11 +51,11 @@ class RecordedStep:
 
 @dataclass(slots=True)
 class Segment:
-    """One controller from its start to its end, or to that of the recording."""
+    """One controller from its start to its end, or to the end of the recording."""
 
     commission: Commission
     virtual: bool
-    """Recorded in virtual time: nothing took time."""
+    """Whether it was recorded in virtual time, in which execution takes no time."""
     steps: list[RecordedStep] = field(default_factory=list)
 
 
@@ -64,11 +64,11 @@ class Recording:
     path: Path
     segments: tuple[Segment, ...]
     complete: bool
-    """False when the recorder was killed; its last step is then left out, for it may be torn."""
+    """False if the recorder was killed; its last step, which may be torn, is left out."""
 
 
 def read_recording(folder: Path) -> Recording:
-    """The recording of a run folder, or the file itself. Raises RecordingError."""
+    """Read the recording of a run folder, or the file itself. Raises RecordingError."""
     path = _recording_of(folder) if folder.is_dir() else folder
     try:
         data = path.read_bytes()
@@ -82,7 +82,7 @@ def read_recording(folder: Path) -> Recording:
 
 
 def _recording_of(folder: Path) -> Path:
-    """In the folder itself, or in the only one below it that has one."""
+    """Path of the recording in the folder itself, or in its only subfolder with one."""
     below = sorted(folder.glob(f"*/{PORTS_LOG}"))
     if (folder / PORTS_LOG).exists() or not below:
         return folder / PORTS_LOG
@@ -93,7 +93,7 @@ def _recording_of(folder: Path) -> Path:
 
 
 def parse_recording(path: Path, data: bytes) -> Recording:
-    """Raises RecordingError for a line that is not what was written, or is missing."""
+    """Parse a recording. Raises RecordingError for a damaged or missing line."""
     *whole, torn = data.split(b"\n")
     reader = _Reader(path)
     for line in whole:
@@ -213,5 +213,5 @@ def _bytes(text: str) -> bytes:
 
 
 def cycles(segment: Segment) -> Iterator[tuple[int, RecordedStep]]:
-    """Index in the steps, and step, of each control cycle."""
+    """Index and step of each control cycle."""
     return ((at, step) for at, step in enumerate(segment.steps) if step.task in CYCLE_TASKS)

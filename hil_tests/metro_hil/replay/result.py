@@ -1,4 +1,4 @@
-"""What a replay found, as a value that travels as JSON."""
+"""Result of a replay, as a value that is sent as JSON."""
 
 import msgspec
 
@@ -11,16 +11,16 @@ class ReplaySignalDifference(msgspec.Struct, frozen=True):
 
 
 class HeardInput(msgspec.Struct, frozen=True):
-    """Something that was handed to the controller."""
+    """One input of the controller."""
 
     at_s: float
-    """When it came, since the start of the controller."""
+    """Time since the start of the controller, s."""
     name: str
     meaning: str
 
 
 class CycleInputs(msgspec.Struct, frozen=True):
-    """All that one control cycle was fed with."""
+    """All inputs of one control cycle."""
 
     cycle: int
     at_s: float
@@ -28,30 +28,30 @@ class CycleInputs(msgspec.Struct, frozen=True):
 
 
 class Divergence(msgspec.Struct, frozen=True, kw_only=True):
-    """The first place where the controller said something else."""
+    """The first difference from the recorded outputs."""
 
     controller: int
-    """0 for the first of the run; a fault may have started another."""
+    """Number of the controller, from 0; a fault may have started another one."""
     cycle: int
-    """Control cycles before it, that of the difference not counted: from 0."""
+    """Number of control cycles before that of the difference."""
     at_s: float
-    """Since the start of this controller."""
+    """Time since the start of this controller, s."""
     task: str
     wire: str
     key: str
     name: str
     kind: str
-    """changed, missing (recorded only) or extra (said this time only)."""
+    """changed, missing (recorded only) or extra (sent this time only)."""
     recorded: str | None
     """Bytes in hexadecimal."""
     replayed: str | None
     signals: tuple[ReplaySignalDifference, ...]
     inputs: tuple[CycleInputs, ...]
-    """Of the cycle of the difference, and of some before, oldest first."""
+    """Inputs of the cycle of the difference and of some before it, the oldest first."""
 
 
 class KeyCounts(msgspec.Struct, frozen=True, kw_only=True):
-    """Of one identifier over the whole recording."""
+    """Results for one identifier over the whole recording."""
 
     wire: str
     key: str
@@ -74,9 +74,9 @@ class ReplayResult(msgspec.Struct, frozen=True, kw_only=True):
     counts: tuple[KeyCounts, ...]
     first: Divergence | None
     notes: tuple[str, ...] = ()
-    """What a reader has to know of how it was compared."""
+    """Remarks about how the outputs were compared."""
 
     @property
     def compared(self) -> int:
-        """Outputs that were recorded."""
+        """Number of recorded outputs."""
         return sum(each.same + each.masked + each.changed + each.missing for each in self.counts)

@@ -1,4 +1,4 @@
-"""Replays a run folder and says where the controller parts from what was recorded."""
+"""Replays a run folder and finds where the controller differs from the recording."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -41,19 +41,19 @@ def replay_run(
     tolerance_s: float = 0.0,
     context: int = CONTEXT,
 ) -> ReplayResult:
-    """Feed the recording of a run folder to a controller and compare what it says.
+    """Feed the recording of a run folder to a controller and compare its outputs.
 
     Args:
-        folder: of the run, or the file `ports.log` itself.
-        controller: another version or another program instead of this one.
+        folder: run folder, or the file `ports.log` itself.
+        controller: the controller to run; another version or program instead of this one.
         believed: changes to the parameters, by dotted key.
-        tolerance_s: outputs so far apart in time may be the same one.
-        context: of so many cycles the inputs are told, up to that of the first difference.
+        tolerance_s: greatest time difference of equal outputs.
+        context: number of cycles, up to that of the first difference, whose inputs are given.
 
     Raises:
-        RecordingError: when there is none, or it is damaged.
-        SettingsError: for a change that cannot be.
-        ControllerStartError: when the other program cannot be started.
+        RecordingError: if there is no recording, or it is damaged.
+        SettingsError: for an impossible change of a parameter.
+        ControllerStartError: if the other program cannot start.
     """
     recording = read_recording(folder)
     make = maker(controller)
@@ -61,7 +61,7 @@ def replay_run(
     totals: dict[tuple[str, str], Counts] = {}
     notes: list[str] = []
     if not recording.complete:
-        notes.append("the recorder did not come to its end; what it was at last is left out")
+        notes.append("the recorder was killed; its last step is left out")
     for number, segment in enumerate(recording.segments):
         commission = segment.commission
         if believed:
@@ -95,7 +95,7 @@ def _compared(
 ) -> ReplayComparison:
     steps = segment.steps
     recorded = placed(steps, (step.outputs for step in steps))
-    # This program is told how long each run took, so that it measures the same; others are not.
+    # The shipped controller gets the recorded execution times, so it measures the same; others not.
     mask = not segment.virtual and controller.kind != SHIPPED.kind
     return compare(recorded, placed(steps, run.outputs), tolerance_ns=tolerance_ns, mask=mask)
 
@@ -191,7 +191,7 @@ def _signal_differences(difference: ReplayDifference) -> tuple[ReplaySignalDiffe
 
 
 def _inputs(segment: Segment, last: int, context: int) -> tuple[CycleInputs, ...]:
-    """Of the cycles up to `last`. The parser of telegrams has to hear from the first on."""
+    """Inputs of the cycles up to `last`. The telegram parser needs all bytes from the first on."""
     parser, told = TelegramParser(), []
     for number, (_, step) in zip(count(), cycles(segment), strict=False):
         if number > last:

@@ -1,8 +1,8 @@
-"""Runs a sample of a finished campaign again, elsewhere and disturbed, and demands the same bytes.
+"""Runs a sample of a finished campaign again under other conditions and requires the same bytes.
 
-Elsewhere: in processes of their own, in another order, each with another PYTHONHASHSEED, of plain
-sources without compiled modules. Disturbed: processes that do nothing but use the processors run
-beside, at several levels of niceness. A run in virtual time must not notice any of it.
+The cases run in separate processes, in another order, each with another PYTHONHASHSEED, from plain
+sources without compiled modules. Meanwhile other processes load the processors at several levels of
+niceness. A run in virtual time must not depend on any of this.
 """
 
 import os
@@ -57,23 +57,23 @@ while True:
 
 
 class FirstFrame(msgspec.Struct, frozen=True):
-    """Where the buses of two runs of one case part."""
+    """First difference between the bus logs of two runs of one case."""
 
     number: int
-    """Of the line in both logs, from 1."""
+    """Number of the line in both logs, from 1."""
     one: str
-    """The line; empty where this run had ended."""
+    """The line; empty where this log has ended."""
     other: str
 
 
 class Mismatch(msgspec.Struct, frozen=True, kw_only=True):
-    """A case that did not come out as before."""
+    """A case with another result than before."""
 
     case_id: str
     differences: tuple[str, ...]
-    """What differs, in words; the run before comes first."""
+    """Differences as text; the run before comes first."""
     compared: str = ""
-    """Which two runs the frames are of."""
+    """Text that names the two runs whose frames are compared."""
     first_frame: FirstFrame | None = None
 
 
@@ -81,13 +81,13 @@ class VerifyResult(msgspec.Struct, frozen=True, kw_only=True):
     campaign: str
     sampled: int
     of: int
-    """Cases in virtual time that have a result."""
+    """Number of cases in virtual time with a result."""
     frames: int
-    """That were the same, over all matching cases."""
+    """Number of equal frames, over all matching cases."""
     mismatches: tuple[Mismatch, ...]
     notes: tuple[str, ...] = ()
     interrupted: bool = False
-    """The user ended it before all of the sample was run."""
+    """Whether the user ended it before the whole sample was run."""
 
     @property
     def identical(self) -> bool:
@@ -106,15 +106,15 @@ def verify(
     """Run a random sample again and compare the results with those in the journal.
 
     Args:
-        sample: so many cases; None for all.
-        seed: of the choice, of the order and of what PYTHONHASHSEED is.
-        workers: processes that run cases at the same time.
-        load: busy processes beside them.
-        told: each case that was run again.
+        sample: number of cases; None for all.
+        seed: seed of the sample, its order, and the values of PYTHONHASHSEED.
+        workers: number of processes that run cases at the same time.
+        load: number of busy processes that load the machine meanwhile.
+        told: receives each case that was run again.
 
     Raises:
-        UsageError: when no case of the campaign can be run again.
-        EngineError: when the folder is damaged or a worker cannot be started.
+        UsageError: if no case of the campaign can run again.
+        EngineError: if the folder is damaged or a worker cannot start.
     """
     manifest, cases = folder.manifest(), {case.id: case for case in folder.cases()}
     found = read_journal(folder.journal_path)
@@ -163,14 +163,14 @@ def verify(
 
 
 class Workplace:
-    """Starts worker processes, each in other circumstances, and has cases run in them."""
+    """Starts worker processes under different conditions and runs cases in them."""
 
     def __init__(self, files: Mapping[str, Path], runner: str, draw: random.Random) -> None:
         self._hello = WorkerHello(runner, {name: str(path) for name, path in files.items()})
         self._draw = draw
 
     def run(self, cases: Sequence[Case], workers: int) -> Iterator[tuple[str, CaseResult | str]]:
-        """Id and result, or what went wrong instead, in the order of the cases."""
+        """Id and result of each case, or an error text instead, in the order of the cases."""
         count = max(1, min(workers, len(cases)))
         shares = [cases[first::count] for first in range(count)]
         circumstances = [self._circumstances() for _ in shares]
@@ -179,7 +179,7 @@ class Workplace:
                 yield from answers
 
     def run_one(self, case: Case, folder: Path) -> CaseResult | str:
-        """In a process of its own, with its logs kept."""
+        """Run one case in its own process and keep its logs."""
         with _WorkerProcess(self._hello, *self._circumstances()) as worker:
             return worker.run(case, folder)
 
@@ -194,7 +194,7 @@ class Workplace:
 
 
 class _WorkerProcess:
-    """One process of the engine's worker, spoken to one case at a time."""
+    """One process of the engine's worker, which runs one case at a time."""
 
     def __init__(self, hello: WorkerHello, hash_seed: int, nice: int) -> None:
         words = (sys.executable, "-m", "metro_hil.engine.worker")
@@ -234,7 +234,7 @@ class _WorkerProcess:
             self._input.write(data)
             self._input.flush()
         except BrokenPipeError:
-            """That it is gone is seen when reading."""
+            """The reader notices that the worker has ended."""
 
     def _hear(self) -> ToMaster | None:
         head = self._output.read(LENGTH_BYTES)
@@ -260,7 +260,7 @@ def _mismatch(
     answer: CaseResult | str,
     places: Workplace,
 ) -> Mismatch:
-    """Run the case with its logs kept until two runs are there whose buses part."""
+    """Run the case with logs until two runs with different frames are found."""
     if isinstance(answer, str):
         return Mismatch(case_id=case.id, differences=(answer,))
     differences = tuple(_differences(before, answer))
@@ -288,7 +288,7 @@ def _mismatch(
 
 
 def first_difference(one: Path, other: Path) -> FirstFrame | None:
-    """The first line in which two bus logs part."""
+    """The first line in which two bus logs differ."""
     with one.open(encoding="ascii") as mine, other.open(encoding="ascii") as theirs:
         for number, (line, its) in enumerate(zip_longest(mine, theirs, fillvalue=""), start=1):
             if line != its:
@@ -310,7 +310,7 @@ def _short(value: object) -> str:
 
 @contextmanager
 def _busy(count: int) -> Iterator[None]:
-    """Processes that use the processors, each as urgently as another."""
+    """Processes that load the processors, at different levels of niceness."""
     words = (sys.executable, "-c", BUSY.format(parent=os.getpid()))
     busy = []
     try:

@@ -1,4 +1,4 @@
-"""What became of each mutant."""
+"""The outcome of each mutant."""
 
 import enum
 from collections.abc import Sequence
@@ -12,11 +12,11 @@ from metro_hil.model.case import CaseResult, Verdict
 class MutantOutcome(enum.Enum):
     NOTICED = "noticed"
     ARGUED = "argued"
-    """No case that was tried noticed it, and its list says why none can."""
+    """No case noticed the mutant, and its list says why none can."""
     UNNOTICED = "unnoticed"
     REFUTED = "noticed against its argument"
     INVALID = "invalid"
-    """The mutant does not run, so that a failure says nothing about the campaign."""
+    """The mutant does not run, so its failure says nothing about the campaign."""
     NOT_TRIED = "not tried"
 
     @property
@@ -25,37 +25,37 @@ class MutantOutcome(enum.Enum):
 
 
 class MutantFinding(msgspec.Struct, frozen=True, kw_only=True):
-    """One mutant and who noticed it."""
+    """One mutant, and the case that noticed it, if any."""
 
     mutant: str
     rule: str
     file: str
     source: str
-    """The list that holds the mutant."""
+    """Name of the list that holds the mutant."""
     outcome: MutantOutcome
     case: str = ""
-    """Id of the case that notices it."""
+    """Id of the case that noticed the mutant."""
     scenario: str = ""
     monitor: str = ""
-    """Violated on the mutant and not on the true controller; the worst of several."""
+    """Monitor that only the mutant violates, not the true controller; the worst of several."""
     margin: float | None = None
     unit: str = ""
     at_s: float | None = None
     why: str = ""
-    """The argument, why the mutant is invalid, or what the case reports without a monitor."""
+    """The list's argument, why the mutant is invalid, or the case's report if no monitor failed."""
     tried: int = 0
-    """Cases that were run on the mutant."""
+    """Number of cases that ran on the mutant."""
     difference: str = ""
     """The change of the source as a unified diff."""
 
     def by(self) -> str:
-        """Who notices it, or what else became of it, for a person."""
+        """The case that noticed the mutant, or its other outcome, as text for a person."""
         if self.outcome in (MutantOutcome.NOTICED, MutantOutcome.REFUTED):
             return f"{self.case}: {self.sign()}"
         return self.why
 
     def sign(self) -> str:
-        """What the case shows that notices it."""
+        """Text of the violation by which the case noticed the mutant."""
         if not self.monitor:
             return self.why
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -67,7 +67,7 @@ class MutantFinding(msgspec.Struct, frozen=True, kw_only=True):
 def violated(finding: MutantFinding, mutated: CaseResult, true: CaseResult) -> MutantFinding:
     """The finding with the monitor that the mutant violates and the true controller does not.
 
-    A case can fail to be as expected without one, as when its fault never begins.
+    A case may also be unexpected without such a monitor, for example if its fault never begins.
     """
     held = {each.name for each in true.monitors if each.verdict is not Verdict.FAIL}
     failed = [
@@ -87,7 +87,7 @@ def violated(finding: MutantFinding, mutated: CaseResult, true: CaseResult) -> M
 
 
 def count_text(findings: Sequence[MutantFinding]) -> str:
-    """How many of each outcome, in one line."""
+    """Number of mutants of each outcome, in one line."""
     counts = dict.fromkeys(MutantOutcome, 0)
     for finding in findings:
         counts[finding.outcome] += 1

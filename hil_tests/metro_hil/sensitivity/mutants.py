@@ -1,4 +1,4 @@
-"""The list of mutants: reading it, choosing from it, and changing the source of the controller."""
+"""The list of mutants: reads it, selects from it, and changes the controller's source."""
 
 import ast
 import fnmatch
@@ -24,21 +24,21 @@ class ControllerMutant:
 
     name: str
     rule: str
-    """The broken rule, of docs/reference/supervision.md or docs/design/protection.md."""
+    """The broken rule, as in docs/reference/supervision.md or docs/design/protection.md."""
     file: str
     """Source file of the controller, relative to the folder that holds the packages."""
     old: str
-    """Source text that occurs once in the file."""
+    """Source text that occurs exactly once in the file."""
     new: str
-    """What stands there instead."""
+    """Source text that replaces `old`."""
     tries: tuple[str, ...] = ()
-    """Scenarios or case ids that are likely to notice it. They are only tried first."""
+    """Scenarios or case ids that are likely to notice the mutant; they run first."""
     argued: str = ""
-    """Why no scenario can notice it; empty for a mutant that a scenario has to notice."""
+    """Why no scenario can notice the mutant; empty if a scenario must notice it."""
     source: str = ""
-    """The list that holds it. Set by the reader."""
+    """Name of the list; set by the reader."""
     line: int = 0
-    """Line of the list on which it begins. Set by the reader; 0 where it was made otherwise."""
+    """First line of the mutant in the list; set by the reader, otherwise 0."""
 
     def __post_init__(self) -> None:
         for key in ("name", "rule", "file", "old"):
@@ -130,7 +130,7 @@ def chosen(
 def sampled(
     mutants: Sequence[ControllerMutant], share_ratio: float, seed: str
 ) -> tuple[ControllerMutant, ...]:
-    """A share of the mutants that depends on nothing but their names and the seed; at least one."""
+    """A sample of at least one mutant, which depends only on the names and the seed."""
     assert 0.0 < share_ratio <= 1.0
     count = math.ceil(share_ratio * len(mutants))
 
@@ -147,7 +147,7 @@ def mutated_source(mutant: ControllerMutant, root: Path) -> str:
     Args:
         root: folder that holds the packages.
 
-    Raises SettingsError when the mutant does not apply to the source any more.
+    Raises SettingsError if the mutant no longer fits the source.
     """
     where = mutant.where
     path = root / mutant.file
@@ -170,7 +170,7 @@ def mutated_source(mutant: ControllerMutant, root: Path) -> str:
         same = ast.dump(ast.parse(changed)) == ast.dump(ast.parse(text))
     except SyntaxError as error:
         line = mutant.file + f":{error.lineno}"
-        raise SettingsError(f"{where}: new: no Python at {line}: {error.msg}; mend it") from None
+        raise SettingsError(f"{where}: new: no Python at {line}: {error.msg}; correct it") from None
     if same:
         raise SettingsError(f"{where}: new: changes nothing but layout; break the rule in it")
     return changed

@@ -1,6 +1,6 @@
-"""Copies of the packages for workers: one as it is, and one with the changed file of each mutant.
+"""Copies of the packages for workers: an unchanged one, and one for each mutant.
 
-A worker imports from these copies only, never from the checkout and never from a compiled copy.
+A worker imports only from these copies, never from the checkout or a compiled copy.
 """
 
 import importlib
@@ -15,16 +15,16 @@ from metro_hil.model.compiled_copy import PACKAGES
 from metro_hil.sensitivity.mutants import ControllerMutant, mutated_source
 
 MUTATED: Final = "METRO_MUTATED"
-"""Environment variable of a worker: `module=path` of the source that it has to run."""
+"""Environment variable of a worker: `module=path` of the source that it must run."""
 TRUE: Final = "true"
 COMPILED: Final = "*.so"
 
 
 class Overlays:
-    """All copies of one session, below one folder that the caller removes."""
+    """All copies of one session, below a folder that the caller removes."""
 
     def __init__(self, folder: Path) -> None:
-        """Copies the packages that this process itself runs from, without compiled modules."""
+        """Copy the packages from which this process runs, without compiled modules."""
         self._folder = folder
         self.true = folder / TRUE
         for name in PACKAGES:
@@ -34,20 +34,21 @@ class Overlays:
             shutil.copytree(source, self.true / name, ignore=shutil.ignore_patterns(COMPILED))
 
     def true_environment(self, environment: Mapping[str, str]) -> dict[str, str]:
-        """Of a worker that runs the controller as it is."""
+        """Environment of a worker that runs the unchanged controller."""
         return _importing_from(environment, self.true)
 
     def environment(
         self, mutant: ControllerMutant, environment: Mapping[str, str]
     ) -> dict[str, str]:
-        """Of a worker that runs the mutant; makes its copy. Raises SettingsError as it applies."""
+        """Copy the mutant, and return the environment of its worker. Raises SettingsError."""
         text = mutated_source(mutant, self.true)
         root = self._folder / f"mutant-{mutant.name}"
         package = root / mutant.package
         shutil.copytree(self.true / mutant.package, package, copy_function=os.link)
         path = root / mutant.file
         path.unlink()
-        # The bytecode of the true file may have the size and the second of the changed one.
+        # Bytecode of the true file may match the changed file's size and time, so Python would run
+        # it.
         for cached in (path.parent / "__pycache__").glob(f"{path.stem}.*.pyc"):
             cached.unlink()
         path.write_text(text, encoding="utf-8")
@@ -57,14 +58,15 @@ class Overlays:
         }
 
     def discard(self, mutant: ControllerMutant) -> None:
-        """Remove the copy of a mutant that is done."""
+        """Remove the copy of a finished mutant."""
         shutil.rmtree(self._folder / f"mutant-{mutant.name}", ignore_errors=True)
 
 
 def _importing_from(environment: Mapping[str, str], *folders: Path) -> dict[str, str]:
-    """Safe path: else Python would look into the working directory first, which may be a checkout.
+    """Environment for imports from these folders.
 
-    The copies belong to one process each, so they need no locks and their bytecode may be kept.
+    The safe path keeps Python from searching the working directory first, which may be a checkout.
+    Each copy belongs to one process, so it needs no locks and may keep its bytecode.
     """
     return {
         **ONE_THREAD,

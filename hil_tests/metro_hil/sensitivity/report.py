@@ -1,4 +1,4 @@
-"""What `hil sensitivity` leaves: `sensitivity.json` and `junit.xml` in a folder of its own."""
+"""Writes the results of `hil sensitivity`: `sensitivity.json` and `junit.xml` in a folder."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,21 +21,21 @@ ERRORS: Final = (MutantOutcome.INVALID, MutantOutcome.NOT_TRIED)
 
 
 class Document(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole of `sensitivity.json`."""
+    """The content of `sensitivity.json`."""
 
     campaign: str
     program: str
     cases: int
     """Number of cases that the campaign offers to each mutant."""
     of_mutants: int
-    """Number of shipped mutants; fewer findings than that are a selection."""
+    """Number of shipped mutants; with fewer findings, only a part of them was tried."""
     interrupted: bool
     counts: dict[str, int]
     findings: tuple[MutantFinding, ...]
 
 
 def new_folder(campaign: str, out: str | None, root: Path = ROOT) -> Path:
-    """An empty folder. Raises UsageError for one with something in it, EngineError for the disk."""
+    """An empty folder. Raises UsageError if it is not empty, and EngineError for a disk error."""
     stamp = utc_text(WallClock().epoch_ns()).replace(":", "-")
     path = Path(out) if out else root / f"{stamp}_{folder_name(campaign)}"
     number, free = 2, path
@@ -75,7 +75,7 @@ def document(
 
 
 def write(folder: Path, report: Document) -> Sequence[Path]:
-    """Both files, each complete or not there. Raises OSError."""
+    """Write both files; each is complete or missing. Raises OSError."""
     body = msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
     contents = {"sensitivity.json": body, "junit.xml": junit_xml(report)}
     paths = []
@@ -87,7 +87,7 @@ def write(folder: Path, report: Document) -> Sequence[Path]:
 
 
 def junit_xml(report: Document) -> bytes:
-    """One test for each mutant. An unnoticed one is a failure, one that was not tried an error."""
+    """One test for each mutant; an unnoticed mutant is a failure, an untried one an error."""
     suites = Tree.Element("testsuites", {"name": f"sensitivity {report.campaign}"})
     suite = Tree.SubElement(suites, "testsuite", {"name": report.campaign})
     for finding in report.findings:
@@ -150,5 +150,5 @@ def summary(report: Document) -> list[str]:
     if len(report.findings) < report.of_mutants:
         text += f"; a selection of {report.of_mutants}"
     if report.interrupted:
-        text += "; interrupted, so that the rest says nothing"
+        text += "; interrupted, so the rest is unknown"
     return [*lines, f"{report.campaign}: {text}"]

@@ -1,4 +1,4 @@
-"""Tries mutants one after the other, each in a worker of its own, until a case notices it."""
+"""Tries mutants one after the other, each in its own worker, until a case notices it."""
 
 import enum
 import os
@@ -27,19 +27,19 @@ UNFIT_ERRORS: Final = (
     *("NameError", "UnboundLocalError", "AttributeError", "TypeError", "ImportError"),
     *("ModuleNotFoundError", "KeyError", "SyntaxError"),
 )
-"""A mutant that dies of these was written wrongly; it breaks no rule of the controller."""
+"""Exceptions that show a badly written mutant; it breaks no rule of the controller."""
 
 
 @dataclass(frozen=True, slots=True)
 class CaseRequest:
-    """A trial wants the result of a case, of the mutant or of the true controller."""
+    """A trial's request for the result of a case, with the mutant or the true controller."""
 
     case: Case
     mutated: bool = True
 
 
 class Depth(enum.Enum):
-    """How many cases a mutant is tried with until one notices it."""
+    """Which cases a mutant is tried with, until one notices it."""
 
     QUICK = "the cases that its list names"
     USUAL = "all cases, or those that its list names if it has an argument"
@@ -54,7 +54,7 @@ Trial = Generator[CaseRequest, CaseResult, MutantFinding]
 
 
 def usable_cases(cases: Sequence[Case]) -> tuple[Case, ...]:
-    """Cases that run the shipped controller in virtual time: no other one can be mutated."""
+    """Cases with the shipped controller in virtual time; only these can run a mutant."""
     own = ControllerSpec().kind
     return tuple(
         case for case in cases if case.bench is BenchKind.LOCKSTEP and case.controller.kind == own
@@ -62,7 +62,8 @@ def usable_cases(cases: Sequence[Case]) -> tuple[Case, ...]:
 
 
 def in_order(mutant: ControllerMutant, cases: Sequence[Case]) -> tuple[Case, ...]:
-    """First those that the mutant's list names, then one of each scenario, then a second one, …"""
+    """Cases that the mutant's list names; then one of each scenario, then a second one, and so
+    on."""
     named = [
         case for wanted in mutant.tries for case in cases if wanted in (case.id, case.scenario)
     ]
@@ -76,15 +77,15 @@ def in_order(mutant: ControllerMutant, cases: Sequence[Case]) -> tuple[Case, ...
 
 
 def trial(mutant: ControllerMutant, cases: Sequence[Case], *, likely: int, depth: Depth) -> Trial:
-    """Ask for results until a case notices the mutant.
+    """Request results until a case notices the mutant.
 
     Args:
-        cases: in the order of trying.
-        likely: how many at the front the mutant's list names.
+        cases: in the order in which they run.
+        likely: number of cases at the front that the mutant's list names.
     """
     began = not_tried(mutant)
     if depth is Depth.QUICK or (mutant.argued and depth is Depth.USUAL):
-        # At least one case shows that it runs.
+        # At least one case runs, which shows that the mutant runs at all.
         cases = cases[: max(1, likely)]
     tried = 0
     try:
@@ -114,7 +115,7 @@ def trial(mutant: ControllerMutant, cases: Sequence[Case], *, likely: int, depth
 
 
 def _refuse_unfit(result: CaseResult) -> None:
-    """Raises UnfitError for a controller that died of how the mutant is written."""
+    """Raises UnfitError if the controller died because the mutant is badly written."""
     if result.verdict is Verdict.FAIL and result.reason.startswith(DEAD):
         kind, _, _ = result.reason.removeprefix(f"{DEAD}: ").partition(":")
         if kind.rpartition(".")[2] in UNFIT_ERRORS:
@@ -122,7 +123,7 @@ def _refuse_unfit(result: CaseResult) -> None:
 
 
 class _Crew:
-    """A local crew that works on one case at a time for its caller."""
+    """A local pool that works on one case at a time for its caller."""
 
     def __init__(self, crew: LocalPool) -> None:
         self._crew = crew
@@ -133,7 +134,7 @@ class _Crew:
         self._crew.hand(Batch(self._numbers, (case,)))
 
     def results(self) -> list[CaseResult]:
-        """Results that came. Raises UnfitError when a case gave none."""
+        """Results since the last call. Raises UnfitError if a case gave none."""
         found = []
         try:
             outcomes = self._crew.wait(POLL_S)
@@ -155,7 +156,7 @@ class _Crew:
 
 @dataclass(slots=True)
 class _Running:
-    """A trial with its worker and what it waits for."""
+    """A trial with its worker and its pending request."""
 
     mutant: ControllerMutant
     trial: Trial
@@ -164,7 +165,7 @@ class _Running:
 
 
 class SensitivitySession:
-    """Tries mutants against cases. `findings` holds what is known, also after an interruption."""
+    """Tries mutants against cases. `findings` is valid after an interruption as well."""
 
     def __init__(
         self,
@@ -177,9 +178,9 @@ class SensitivitySession:
         told: Callable[[MutantFinding], None] = lambda _: None,
     ) -> None:
         """Args:
-        cases: of the campaign; at least one of them usable.
-        files: path by the name by which cases call a file.
-        folder: takes the copies of the packages.
+        cases: cases of the campaign; at least one must be usable.
+        files: paths, by the name by which cases refer to a file.
+        folder: folder for the copies of the packages.
         told: receives each finding as it comes.
         """
         self._cases = cases
@@ -189,21 +190,21 @@ class SensitivitySession:
         self._true_results: dict[str, CaseResult] = {}
         self._true_asked: set[str] = set()
         self.root = self._overlays.true
-        """Folder of the true packages."""
+        """Folder of the unchanged packages."""
         self.findings: dict[str, MutantFinding] = {}
 
     def check(self, mutants: Sequence[ControllerMutant]) -> None:
-        """Raises SettingsError for the first mutant that does not apply to the source."""
+        """Raises SettingsError for the first mutant that does not fit the source."""
         for mutant in mutants:
             mutated_source(mutant, self.root)
 
     def run(
         self, mutants: Sequence[ControllerMutant], stopped: Callable[[], bool] = lambda: False
     ) -> None:
-        """Try mutants that apply. Raises EngineError when no worker can be started.
+        """Try mutants that fit the source. Raises EngineError if no worker can start.
 
         Args:
-            stopped: becomes true when the rest is not to be tried.
+            stopped: returns true when the remaining mutants are not to be tried.
         """
         waiting = deque(mutants)
         running: list[_Running] = []
@@ -236,7 +237,7 @@ class SensitivitySession:
         running.append(_Running(mutant, begun, crew, ask))
 
     def _attend(self, each: _Running, running: list[_Running], true: _Crew) -> None:
-        """Give a trial the result that it waits for, if that came."""
+        """Give a trial its requested result, if it has come."""
         try:
             result = self._result_for(each)
             if result is None:
@@ -277,7 +278,9 @@ def with_difference(finding: MutantFinding, mutant: ControllerMutant, root: Path
     """The finding with the change of the source, as a unified diff.
 
     Args:
-        root: folder that holds the packages. Raises SettingsError as `mutated_source`.
+        root: folder that holds the packages.
+
+    Raises SettingsError like `mutated_source`.
     """
     changed = mutated_source(mutant, root)
     true = (root / mutant.file).read_text(encoding="utf-8")

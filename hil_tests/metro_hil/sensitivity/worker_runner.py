@@ -1,4 +1,4 @@
-"""What a worker of `hil sensitivity` calls: one case, on the source that was asked for."""
+"""Runner of a worker of `hil sensitivity`: runs one case on the requested source."""
 
 import os
 import sys
@@ -18,13 +18,13 @@ class WrongSourceError(Exception):
 
 
 def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = None) -> CaseResult:
-    """As `metro_hil.run.dispatch.run_case` in virtual time. Raises WrongSourceError."""
+    """Like `metro_hil.run.dispatch.run_case` in virtual time. Raises WrongSourceError."""
     demand_mutated_source()
     return run_alone(case, files=files, folder=folder)
 
 
 def demand_mutated_source() -> None:
-    """Raises WrongSourceError unless the module that was mutated comes from its changed file."""
+    """Raises WrongSourceError unless the mutated module comes from its changed file."""
     asked = os.environ.get(MUTATED)
     if asked is None:
         return
