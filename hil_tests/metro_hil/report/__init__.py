@@ -1,1 +1,1 @@
-"""What a person is shown of a run: a table and a plot."""
+"""Reports of runs and campaigns: tables, plots, pages."""

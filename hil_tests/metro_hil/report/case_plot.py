@@ -1,4 +1,4 @@
-"""The plot of one case: speed under all curves, place inside its interval, and states over time."""
+"""The plot of one case: speed below all curves, place in its interval, and states over time."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -32,13 +32,14 @@ NAME: Final = "case.png"
 MARGIN_RATIO: Final = 0.03
 MARGIN_M_MIN: Final = 8.0
 AHEAD_M_MAX: Final = 250.0
-"""An end of authority farther ahead than this is not drawn: the curves would shrink to a corner."""
+"""Greatest distance to an end of authority that is drawn, m; beyond it, the curves would become too
+small."""
 ENDS_MAX: Final = 4
 END_APART_M: Final = 1.0
 STANDS_MAX: Final = 12
 STAND_APART_M: Final = 0.05
 WORD_WIDTH_RATIO: Final = 0.0065
-"""A segment has to be so much of the time for each letter of its word."""
+"""Least width of a segment for each letter of its label, as a share of the whole time."""
 BELIEVED: Final = "#7fb2ea"
 WARNING: Final = "#e8b13a"
 SERVICE: Final = "#e0752d"
@@ -64,7 +65,7 @@ OTHER_COLOUR: Final = "#e4e7eb"
 
 @dataclass(frozen=True, slots=True)
 class RestrictionSpan:
-    """A piece of line with a limit of its own for a while."""
+    """A stretch of line with a temporary speed limit."""
 
     start_m: float
     end_m: float
@@ -89,7 +90,7 @@ def draw_case(
     truth: Columns,
     restrictions: Sequence[RestrictionSpan] = (),
 ) -> bool:
-    """Write a PNG. False when there is nothing to draw: no row of truth."""
+    """Write a PNG. False if the truth log is empty, so that nothing can be drawn."""
     if len(truth) < 2 or not len(cycles):
         return False
     with mpl.rc_context({"font.size": 10, "axes.edgecolor": QUIET, "text.color": INK}):
@@ -111,7 +112,7 @@ def draw_case(
 
 
 def _span_m(cycles: Columns, truth: Columns) -> tuple[float, float]:
-    """What the train ran over, and the end of its authority where that is near."""
+    """Range that the train covered, extended to the end of its authority if that is near."""
     front_m = truth.numbers("front_m")
     low_m, high_m = float(np.nanmin(front_m)), float(np.nanmax(front_m))
     near = [end_m for end_m in _ends_m(cycles) if high_m < end_m < high_m + AHEAD_M_MAX]
@@ -121,9 +122,10 @@ def _span_m(cycles: Columns, truth: Columns) -> tuple[float, float]:
 
 
 def _ends_m(cycles: Columns) -> list[float]:
-    """Ends of authority that the controller went by, in the order in which they came.
+    """Ends of authority that the controller used, in the order in which they came.
 
-    Before it has any, it holds itself to where it stands; that is none to be drawn.
+    Before the first authority, the controller limits itself to its present place; that is not an
+    end to draw.
     """
     to_end_m = cycles.numbers("distance_to_authority_m")
     ends_m = cycles.numbers("front_high_m") + to_end_m
@@ -175,7 +177,7 @@ def _draw_speed(
 def _draw_limits(
     axes: Axes, line: LineMap, restrictions: Sequence[RestrictionSpan], span_m: tuple[float, float]
 ) -> float:
-    """Civil limits as steps, temporary ones as bars; the highest of them in km/h."""
+    """Draw civil limits as steps and temporary ones as bars; return the highest in km/h."""
     civil_m = np.arange(span_m[0], span_m[1], max(0.1, (span_m[1] - span_m[0]) / 2000.0))
     civil_kmh = np.array([line.limit_mps(float(x)) for x in civil_m]) * KMH_PER_MPS
     axes.plot(civil_m, civil_kmh, color=INK, lw=1.1, ls=(0, (6, 3)), label="civil limit", zorder=5)
@@ -191,7 +193,8 @@ def _draw_limits(
 
 
 def _shade_brakes(axes: Axes, cycles: Columns, truth: Columns) -> list[Patch]:
-    """Where the emergency brake was on and where protection braked, as far as the train moved."""
+    """Shade where the emergency brake was on, and where protection braked, while the train
+    moved."""
     moving = truth.numbers("speed_mps") != 0.0
     emergency = np.array(truth.flags("emergency"), dtype=np.bool_) & moving
     service = np.array([state == "service" for state in cycles.texts("supervision")])
@@ -210,7 +213,7 @@ def _shade_brakes(axes: Axes, cycles: Columns, truth: Columns) -> list[Patch]:
 
 
 def _runs(on: "np.ndarray[Any, np.dtype[np.bool_]]") -> list[tuple[int, int]]:
-    """First row and row after the last of each stretch in which it is true."""
+    """First row, and row after the last, of each stretch of true."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -234,7 +237,7 @@ def _draw_ends(axes: Axes, cycles: Columns, span_m: tuple[float, float]) -> None
 
 
 def _draw_stands(axes: Axes, front_m: Numbers, speed_kmh: Numbers) -> None:
-    """Every place where the train came to rest after it had moved."""
+    """Draw every place where the train came to rest."""
     stopped = np.flatnonzero((speed_kmh[:-1] != 0.0) & (speed_kmh[1:] == 0.0)) + 1
     shown: list[float] = []
     if speed_kmh[-1] != 0.0:
@@ -275,7 +278,7 @@ def _upright(axes: Axes, at_m: float, words: str, color: str) -> None:
 
 
 def _draw_place(axes: Axes, cycles: Columns, truth: Columns) -> None:
-    """Ends and best estimate of the position interval, each less the true front at that instant."""
+    """Draw ends and best estimate of the position interval, each minus the true front."""
     times_s, true_s = cycles.numbers("t_s"), truth.numbers("t_s")
     true_m = np.interp(times_s, true_s, truth.numbers("front_m"))
     true_m = np.where(times_s <= true_s[-1], true_m, np.nan)
@@ -299,7 +302,7 @@ def _draw_place(axes: Axes, cycles: Columns, truth: Columns) -> None:
 
 
 def _draw_strip(axes: Axes, cycles: Columns, truth: Columns) -> None:
-    """What state the controller and the doors were in, over time."""
+    """Draw the states of controller and doors over time."""
     cycle_s, truth_s = cycles.numbers("t_s"), truth.numbers("t_s")
     lanes: list[tuple[str, Numbers, Sequence[str]]] = [
         ("mode", cycle_s, cycles.texts("mode")),
@@ -330,7 +333,7 @@ def _draw_strip(axes: Axes, cycles: Columns, truth: Columns) -> None:
 def _segments(
     times_s: Numbers, states: Sequence[str], end_s: float
 ) -> list[tuple[float, float, str]]:
-    """Begin, end and state of each stretch of rows with the same state."""
+    """Begin, end and state of each stretch of rows with equal state."""
     changes = [0] + [
         row for row, (a, b) in enumerate(itertools.pairwise(states), start=1) if a != b
     ]

@@ -1,9 +1,9 @@
-"""Two campaigns side by side: what got worse, what better, by how much, and whether by chance.
+"""Compares two campaigns: what got worse, what better, by how much, and whether by chance.
 
-Differences that are smaller than what matters in their unit count as equal. What is left is tested
-by Wilcoxon's signed-rank test, with Holm's correction within each of three families: margins,
-measures of which less is better, and all others. Which series a family has does not depend on the
-signs of their differences, so the choice does not favour either campaign.
+Differences below the smallest that matters in their unit count as equal. The others are tested by
+Wilcoxon's signed-rank test, with Holm's correction within each of three families: margins, measures
+of which less is better, and all others. The family of a series does not depend on the signs of its
+differences, so the choice favours neither campaign.
 """
 
 import enum
@@ -38,28 +38,28 @@ from metro_hil.report.relevance import InUnit, relevance_of, that_matter
 
 ZERO: Final = InUnit(0.0)
 SIGNIFICANT_RATIO: Final = LEVEL_RATIO
-"""Of p after Holm's correction."""
+"""Greatest significant p, after Holm's correction."""
 EXACT_MAX: Final = 50
 PAIRS_MIN: Final = 6
-"""With fewer differences no two-sided signed-rank test can reach 5 %."""
+"""Least number of differences with which a two-sided signed-rank test can reach 5 %."""
 MORE_IS_WORSE: Final = ("jerk", "missed", "emergency", "slips", "rejected")
-"""Parts of the names of measures that are worse when they are greater."""
+"""Parts of the names of measures for which greater is worse."""
 ERROR: Final = "error"
-"""Measures with this in their name are compared by magnitude, and greater is worse."""
+"""Part of the names of measures that are compared by magnitude; greater is worse."""
 
 
 class MeasureTrend(enum.Enum):
-    """Where a measure went, judged after correction for all that were looked at."""
+    """Direction of a measure's change, after correction for all tested ones."""
 
     WORSE = "worse"
     BETTER = "better"
     DIFFERENT = "different"
-    """Of a measure of which neither more nor less is known to be better."""
+    """A difference of a measure for which neither more nor less is known to be better."""
     UNCLEAR = "no difference shown"
 
 
 class Taste(enum.Enum):
-    """What is better."""
+    """Which values of a series are better."""
 
     MORE = "more"
     LESS = "less"
@@ -68,19 +68,19 @@ class Taste(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class VerdictChange:
-    """One case that came out otherwise."""
+    """One case whose verdict changed."""
 
     case_id: str
     factors: str
     before: str
     after: str
     reason: str
-    """In the second campaign."""
+    """Reason in the second campaign."""
 
 
 @dataclass(frozen=True, slots=True)
 class PairedShift:
-    """How one margin or measure moved from the first campaign to the second, pair by pair."""
+    """Paired differences of one margin or measure between the two campaigns."""
 
     name: str
     kind: str
@@ -88,25 +88,25 @@ class PairedShift:
     unit: str
     pairs: int
     unchanged: int
-    """Pairs without any difference; the signed-rank test says nothing of them."""
+    """Number of pairs without a difference that matters; the signed-rank test leaves them out."""
     mean: ConfidenceInterval
     median: ConfidenceInterval
     p_ratio: float | None
-    """Wilcoxon's signed-rank test, two-sided; None where there is nothing to test."""
+    """p of Wilcoxon's signed-rank test, two-sided; None if there is nothing to test."""
     p_holm_ratio: float | None
     effect_ratio: float | None
-    """Matched-pairs rank-biserial correlation: -1 all fell, +1 all rose."""
+    """Matched-pairs rank-biserial correlation: -1 if all fell, +1 if all rose."""
     direction: MeasureTrend
     notes: tuple[str, ...]
     sd: InUnit = ZERO
     """Standard deviation of the differences."""
     relevant: InUnit = ZERO
-    """Smallest difference that matters, in the unit; pairs that differ by less are unchanged."""
+    """Smallest difference that matters; pairs that differ by less count as unchanged."""
     finds: InUnit | None = None
-    """Mean difference that such a comparison finds in four of five cases, by the scatter of these
-    differences; None where it can find nothing."""
+    """Mean difference that four of five such comparisons find, given the scatter of these
+    differences; None if none can."""
     least_p_ratio: float | None = None
-    """After correction, if all pairs differed and went the same way."""
+    """Corrected p if all pairs differed in the same direction: the least possible one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,17 +115,18 @@ class CampaignComparison:
 
     matched: int
     matched_by_factors: int
-    """Of these, by scenario, factors and seed since their ids differ."""
+    """Number of matched pairs with different ids, matched by scenario, factors and seed."""
     redefined: int
-    """Of these, differently defined apart from the controller: differences may be due to that."""
+    """Number of pairs whose cases are defined differently, apart from the controller; that may
+    cause differences."""
     identical: int
-    """Of these, with the same chain: the same frames at the same instants."""
+    """Number of pairs with equal hashes: the same frames at the same times."""
     only_a: tuple[str, ...]
     only_b: tuple[str, ...]
     worse: tuple[VerdictChange, ...]
     better: tuple[VerdictChange, ...]
     changed: tuple[VerdictChange, ...]
-    """Another verdict, but as expected in both or in neither."""
+    """Cases with another verdict that are as expected in both campaigns or in neither."""
     shifts: tuple[PairedShift, ...]
 
     @property
@@ -140,10 +141,10 @@ Pair = tuple[LedgerEntry, LedgerEntry]
 def compare(
     a: Campaign, b: Campaign, relevance: Mapping[str, float] | None = None
 ) -> CampaignComparison:
-    """Pure; the order of cases and results does not matter.
+    """Compare two campaigns. Pure; the order of cases and results does not matter.
 
     Args:
-        relevance: smallest difference that matters, by unit, where it is not the usual one.
+        relevance: smallest differences that matter, by unit, where they are not the usual ones.
     """
     by_id, by_factors, rest_a, rest_b = _matched(a, b)
     pairs = _in_order(by_id, by_factors)
@@ -163,7 +164,7 @@ def compare(
 
 
 def paired(a: Campaign, b: Campaign) -> list[Pair]:
-    """The same cases of both, in the order of the first."""
+    """Pairs of the same cases of both campaigns, in the order of the first."""
     by_id, by_factors, _, _ = _matched(a, b)
     return _in_order(by_id, by_factors)
 
@@ -175,7 +176,7 @@ def _in_order(by_id: Sequence[Pair], by_factors: Sequence[Pair]) -> list[Pair]:
 def _matched(
     a: Campaign, b: Campaign
 ) -> tuple[list[Pair], list[Pair], list[LedgerEntry], list[LedgerEntry]]:
-    """Pairs by id, pairs by factors and seed, and what is left of both."""
+    """Pairs by id, pairs by factors and seed, and the unmatched cases of both."""
     entries_a = join(*a, expected_cases=len(a[0])).entries
     entries_b = join(*b, expected_cases=len(b[0])).entries
     by_id, rest_a, rest_b = _match(entries_a, entries_b, lambda e: (e.case.id, _key(e)))
@@ -193,7 +194,7 @@ def _match(
     entries_b: Sequence[LedgerEntry],
     key: Callable[[LedgerEntry], object],
 ) -> tuple[list[Pair], list[LedgerEntry], list[LedgerEntry]]:
-    """Pairs of equal keys, first with first; then what is left of both."""
+    """Pairs of equal keys in order, then the unmatched cases of both."""
     waiting: dict[object, list[LedgerEntry]] = {}
     for entry in entries_b:
         waiting.setdefault(key(entry), []).append(entry)
@@ -229,11 +230,11 @@ def shifts_of(
     *,
     only_moved: bool = False,
 ) -> list[PairedShift]:
-    """Margins, then measures, with Holm's correction within each family.
+    """Shifts of margins, then of measures, with Holm's correction within each family.
 
     Args:
-        chosen: as for `compare`.
-        only_moved: leave out those of which all pairs are equal.
+        chosen: as `relevance` of `compare`.
+        only_moved: leave out series whose pairs are all equal.
     """
     series = [
         (key, np.array(differences), relevance_of(key[2], chosen or {}))
@@ -280,7 +281,7 @@ def _measures(pairs: Sequence[Pair]) -> dict[tuple[str, str, str], list[float]]:
 
 
 def _raw(key: tuple[str, str, str], differences: Numbers, relevant: float) -> PairedShift:
-    """Before correction."""
+    """Shift of one series, before correction."""
     name, kind, unit = key
     nonzero = that_matter(differences, relevant)
     mean = mean_with_interval(differences.tolist())
@@ -306,7 +307,7 @@ def _raw(key: tuple[str, str, str], differences: Numbers, relevant: float) -> Pa
 
 
 def _notes(differences: Numbers, nonzero: Numbers) -> list[str]:
-    """What a reader has to know before he believes the figures."""
+    """Remarks that a reader needs to judge the figures."""
     if not len(nonzero):
         return ["all pairs are equal: nothing to test"]
     notes = []
@@ -322,9 +323,10 @@ def _notes(differences: Numbers, nonzero: Numbers) -> list[str]:
 
 
 def signed_rank_p_ratio(nonzero: Numbers) -> float | None:
-    """p of Wilcoxon's signed-rank test, two-sided, of differences none of which is zero.
+    """p of Wilcoxon's signed-rank test, two-sided, of non-zero differences.
 
-    Exact up to `EXACT_MAX` differences, also with ties; by the normal approximation beyond.
+    It is exact up to `EXACT_MAX` differences, even with ties, and uses the normal approximation
+    beyond.
     """
     if not len(nonzero):
         return None
@@ -332,14 +334,14 @@ def signed_rank_p_ratio(nonzero: Numbers) -> float | None:
 
     tied = len(np.unique(np.abs(nonzero))) < len(nonzero)
     if tied and len(nonzero) <= EXACT_MAX:
-        # scipy would walk through all flips of the signs, which takes seconds.
+        # With ties, scipy would enumerate all sign flips, which takes seconds.
         return _exact_p_ratio(nonzero)
     method = "exact" if len(nonzero) <= EXACT_MAX else "asymptotic"
     return float(wilcoxon(nonzero, zero_method="wilcox", method=method).pvalue)
 
 
 def _exact_p_ratio(nonzero: Numbers) -> float:
-    """Over all flips of the signs, by counting how many give each sum of (doubled) ranks."""
+    """Exact p over all sign flips: counts how many flips give each sum of (doubled) ranks."""
     from scipy.stats import rankdata
 
     doubled = np.rint(2.0 * rankdata(np.abs(nonzero))).astype(np.int64)
@@ -353,7 +355,7 @@ def _exact_p_ratio(nonzero: Numbers) -> float:
 
 
 def rank_biserial_ratio(nonzero: Numbers) -> float | None:
-    """Share of rank sum that rose less the share that fell (Kerby 2014)."""
+    """Share of the rank sum that rose minus the share that fell (Kerby 2014)."""
     if not len(nonzero):
         return None
     from scipy.stats import rankdata
@@ -363,7 +365,7 @@ def rank_biserial_ratio(nonzero: Numbers) -> float | None:
 
 
 def holm(p_ratios: Sequence[float]) -> list[float]:
-    """p after Holm's step-down correction, in the order given (Holm 1979)."""
+    """p after Holm's step-down correction, in the given order (Holm 1979)."""
     order = sorted(range(len(p_ratios)), key=lambda place: p_ratios[place])
     corrected, reached = [0.0] * len(p_ratios), 0.0
     for rank, place in enumerate(order):

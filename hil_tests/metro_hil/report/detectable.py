@@ -1,10 +1,11 @@
-"""What a paired comparison can find at all, told before anything is found.
+"""Computes what a paired comparison can detect at all, before its results are shown.
 
-Two limits hold. The exact signed-rank test of k differences gives no p below 2**(1-k), when all of
-them go the same way; Holm's first step compares that with 5 % by the number of tests. And a shift
-that is small beside the scatter of the differences is found in some comparisons only: the power is
-that of the paired t-test, with 3/pi as many pairs, which is the asymptotic relative efficiency of
-the signed-rank test where differences are normal (Hodges and Lehmann 1956).
+Two limits hold. First, the exact signed-rank test of k differences gives no p below 2**(1-k), even
+if all go the same way. Holm's first step compares it with 5 % divided by the number of tests.
+
+Second, only some comparisons find a shift that is small against the scatter of the differences. The
+power is that of the paired t-test with 3/pi as many pairs. That is the asymptotic relative
+efficiency of the signed-rank test for normal differences (Hodges and Lehmann 1956).
 """
 
 import functools
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 LEVEL_RATIO: Final = 0.05
-"""Of p after correction, for one family of tests."""
+"""Significance level after correction, for one family of tests."""
 POWER_RATIO: Final = 0.8
 EFFICIENCY_RATIO: Final = 3.0 / math.pi
 SHIFT_SD_MAX: Final = 100.0
@@ -21,16 +22,16 @@ SHIFT_SD_MAX: Final = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
-    """What one family of tests can find."""
+    """What one family of tests can detect."""
 
     pairs: int
     tests: int
-    """Series with a difference that matters, whichever way."""
+    """Number of series with a difference that matters, in either direction."""
     pairs_needed: int
-    """So many pairs that all go the same way are significant; with fewer nothing is."""
+    """Number of pairs, all in the same direction, that is significant; fewer never are."""
     shift_sd_ratio: float | None
-    """Mean difference, in standard deviations of the differences, that is found in POWER_RATIO of
-    such comparisons; None where nothing can be found."""
+    """Mean difference, in standard deviations of the differences, that a share POWER_RATIO of such
+    comparisons detects; None if nothing is detectable."""
 
     @property
     def hopeless(self) -> bool:
@@ -44,12 +45,12 @@ def detectable(pairs: int, tests: int) -> Detectable:
 
 
 def least_p_ratio(differences: int) -> float:
-    """Of the exact signed-rank test, two-sided, when all differences go the same way."""
+    """p of the exact signed-rank test, two-sided, if all differences go the same way."""
     return min(1.0, 2.0 ** (1 - differences))
 
 
 def pairs_needed(tests: int) -> int:
-    """The fewest with a least p that stays below 5 % when it is multiplied by `tests`."""
+    """Least number of pairs whose least p, multiplied by `tests`, is below 5 %."""
     pairs = 1
     while least_p_ratio(pairs) * max(1, tests) >= LEVEL_RATIO:
         pairs += 1
@@ -58,7 +59,7 @@ def pairs_needed(tests: int) -> int:
 
 @functools.cache
 def shift_sd_of(pairs: int, tests: int) -> float | None:
-    """None where not even a huge shift would be found."""
+    """Detectable shift in standard deviations; None if not even a huge one would be found."""
     from scipy.optimize import brentq
 
     if pairs < 2 or _power_ratio(SHIFT_SD_MAX, pairs, tests) < POWER_RATIO:
@@ -74,5 +75,5 @@ def _power_ratio(shift_sd: float, pairs: int, tests: int) -> float:
 
     worth = max(2.0, pairs * EFFICIENCY_RATIO)
     limit = float(t.isf(LEVEL_RATIO / tests / 2.0, worth - 1.0))
-    # The other tail is beneath notice wherever the power is four fifths.
+    # The other tail is negligible where the power is four fifths.
     return float(nct.sf(limit, worth - 1.0, shift_sd * math.sqrt(worth)))

@@ -12,14 +12,14 @@ CONFIDENCE_RATIO: Final = 0.95
 RESAMPLES: Final = 2000
 BATCH_NUMBERS: Final = 2_000_000
 SEED: Final = 20130628
-"""Fixed, so that the same results give the same interval."""
+"""Fixed seed, so that equal results give equal intervals."""
 DIGITS: Final = 6
-"""Significant digits of what is published: fewer than processors agree on."""
+"""Number of published significant digits, fewer than those in which processors may differ."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConfidenceInterval:
-    """A figure and its confidence interval, in the unit of what it is a figure of."""
+    """A figure and its confidence interval, in the figure's unit."""
 
     best: float
     low: float
@@ -30,7 +30,7 @@ class ConfidenceInterval:
 
 
 def pass_share(passed: int, judged: int) -> ConfidenceInterval | None:
-    """Share of passes with its exact (Clopper–Pearson) interval; None of nothing."""
+    """Share of passes with its exact (Clopper–Pearson) interval; None without cases."""
     assert 0 <= passed <= judged
     if judged == 0:
         return None
@@ -41,15 +41,16 @@ def pass_share(passed: int, judged: int) -> ConfidenceInterval | None:
 
 
 def mean_with_interval(values: Sequence[float]) -> ConfidenceInterval | None:
-    """Mean with its percentile bootstrap interval, the same for every order of the values.
+    """Mean with its percentile bootstrap interval, independent of the order of the values.
 
-    None of nothing; of one value, or of equal ones, the interval is that value and says nothing.
+    None without values. For a single value, or equal ones, the interval is that value and says
+    nothing about the scatter.
     """
     return _with_interval(values, lambda table: table.mean(axis=-1))
 
 
 def median_with_interval(values: Sequence[float]) -> ConfidenceInterval | None:
-    """As `mean_with_interval`, of the median."""
+    """Median with its interval, like `mean_with_interval`."""
     return _with_interval(values, lambda table: np.median(table, axis=-1))
 
 
@@ -80,7 +81,7 @@ def _resampled(values: Numbers, statistic: Callable[[Numbers], Numbers]) -> Numb
 
 
 def rounded(value: float | None) -> float | None:
-    """To the digits that are published; what is not a number becomes None."""
+    """Round to the published digits; NaN and infinity become None."""
     if value is None or not np.isfinite(value):
         return None
     return float(f"{value:.{DIGITS}g}")

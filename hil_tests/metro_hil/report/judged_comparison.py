@@ -1,4 +1,4 @@
-"""Two campaigns side by side as a whole: in all, scenario by scenario, and what is not shown."""
+"""Compares two campaigns in total and scenario by scenario, and finds what is not proven."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -33,22 +33,22 @@ class Drop:
     before: MonitorResult
     after: MonitorResult
     relevance_ratio: float
-    """The drop by the smallest difference that matters in its unit."""
+    """The drop divided by the smallest difference that matters in its unit."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScenarioComparison:
-    """One scenario by itself. Each has an error rate of 5 % of its own."""
+    """Comparison of one scenario alone, with its own error rate of 5 %."""
 
     name: str
     matched: int
     worse: int
-    """Verdicts that got worse."""
+    """Number of verdicts that got worse."""
     better: int
     detectable: tuple[tuple[str, Detectable], ...]
-    """By family."""
+    """What each family of tests can detect."""
     shifts: tuple[PairedShift, ...]
-    """Without those that are equal in all pairs."""
+    """Shifts of the series in which some pair differs."""
     largest_drop: Drop | None
 
     @property
@@ -58,17 +58,17 @@ class ScenarioComparison:
 
 @dataclass(frozen=True, slots=True)
 class JudgedComparison:
-    """What `hil compare` tells."""
+    """Everything that `hil compare` shows."""
 
     pool: CampaignComparison
-    """Of all cases together."""
+    """Comparison of all cases together."""
     detectable: tuple[tuple[str, Detectable], ...]
-    """What the pool can find, by family."""
+    """What the pool can detect, by family."""
     scenarios: tuple[ScenarioComparison, ...]
     largest_drop: Drop | None
     unseen: tuple[tuple[str, int], ...]
-    """Monitors that judged something in the first campaign and nothing in the second, with the
-    number of such pairs."""
+    """Monitors that judged a case in the first campaign but not in the second, with the number of
+    such pairs."""
 
     @property
     def significantly_worse(self) -> tuple[PairedShift, ...]:
@@ -80,7 +80,8 @@ class JudgedComparison:
 
     @property
     def unproven(self) -> tuple[str, ...]:
-        """Why it does not follow that nothing got worse, where nothing did; empty if it does."""
+        """Reasons why the absence of a worse result is no proof that nothing got worse; empty if
+        none."""
         said = []
         if dim := [shift for shift in self.pool.shifts if cannot_tell(shift)]:
             names = ", ".join([shift.name for shift in dim])
@@ -93,7 +94,7 @@ class JudgedComparison:
 
 
 def cannot_tell(shift: PairedShift) -> bool:
-    """It got worse in some pair by what matters, and so few pairs could never show more."""
+    """Whether a pair got worse by a relevant amount, but too few pairs exist for significance."""
     least, effect_ratio = shift.least_p_ratio, shift.effect_ratio
     if least is None or effect_ratio is None or least < SIGNIFICANT_RATIO:
         return False
@@ -105,10 +106,10 @@ def cannot_tell(shift: PairedShift) -> bool:
 def judge_comparison(
     a: Campaign, b: Campaign, relevance: Mapping[str, float] | None = None
 ) -> JudgedComparison:
-    """Pure; the order of cases and results does not matter.
+    """Compare two campaigns. Pure; the order of cases and results does not matter.
 
     Args:
-        relevance: smallest difference that matters, by unit, where it is not the usual one.
+        relevance: smallest differences that matter, by unit, where they are not the usual ones.
     """
     chosen = relevance or {}
     pool, pairs = compare(a, b, chosen), paired(a, b)
@@ -122,7 +123,7 @@ def judge_comparison(
 
 
 def _scenarios(pairs: Sequence[Pair], chosen: Mapping[str, float]) -> list[ScenarioComparison]:
-    """In the order of the first campaign."""
+    """Comparison of each scenario, in the order of the first campaign."""
     by_name: dict[str, list[Pair]] = {}
     for pair in pairs:
         by_name.setdefault(pair[0].case.scenario, []).append(pair)
@@ -144,14 +145,14 @@ def _scenarios(pairs: Sequence[Pair], chosen: Mapping[str, float]) -> list[Scena
 
 
 def _detectable(shifts: Sequence[PairedShift], pairs: int) -> tuple[tuple[str, Detectable], ...]:
-    """What each family with something to test can detect."""
+    """What each family with a test can detect."""
     tests = Counter(family(shift) for shift in shifts if shift.p_ratio is not None)
     return tuple((name, detectable(pairs, tests[name])) for name in FAMILIES if tests[name])
 
 
 def largest_drop(pairs: Sequence[Pair], chosen: Mapping[str, float]) -> Drop | None:
-    """Of one margin in one case, by the smallest difference that matters in its unit; None where
-    no margin fell by that much."""
+    """The largest drop of a margin in one case, relative to the smallest difference that matters;
+    None if no margin fell by that much."""
     worst = max(_drops(pairs, chosen), key=lambda drop: drop.relevance_ratio, default=None)
     return None if worst is None or worst.relevance_ratio < ROUNDING_RATIO else worst
 

@@ -1,4 +1,4 @@
-"""What a control law came to in some cases: stops with their confidence, time, comfort."""
+"""Figures of a control law over some cases: stops with their confidence, time, comfort."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ DEFAULT_LAW: Final = "predictive"
 STOP_ERROR: Final = re.compile(r"stop_.+_error_m")
 RUN: Final = re.compile("run_time_s")
 TOLERANCE_M: Final = 0.10
-"""Of table 1 of Allotta et al. 2013."""
+"""Stopping tolerance of [Allotta 2013], table 1."""
 COMFORT: Final = (
     "commanded_accel_max_mps2",
     "commanded_jerk_max_mps3",
@@ -26,76 +26,79 @@ COMFORT: Final = (
     "felt_jerk_2hz_mps3",
 )
 ALSO: Final = ("jerk_max_mps3", "notch_changes_max_count")
-"""Greatest values that documents publish beside the comfort."""
+"""Measures whose greatest values documents publish besides comfort."""
 PROBE: Final = re.compile("|".join((STOP_ERROR.pattern, RUN.pattern, *COMFORT, *ALSO)))
-"""Measures that a case gives again, digit by digit, as long as published figures are true."""
+"""Measures that a repeated case gives digit by digit, as long as published figures hold."""
 
 Pairs = Sequence[tuple[Case, CaseResult | None]]
 RESULTS: Final = "law_results.json"
-"""Beside the campaigns: how each law came out in the scenarios that were last taken over."""
+"""File beside the campaigns with the published figures of each law and scenario."""
 
 
 class LawFigures(msgspec.Struct, frozen=True, kw_only=True):
-    """Of one law in some cases; None where no case tells."""
+    """Figures of one law over some cases; None where no case gives a value."""
 
     cases: int
     lacking: int
-    """Of them without a result."""
+    """Number of cases without a result."""
     stops: int
-    """That should have been made in the cases that came back."""
+    """Number of stops in the timetables of the cases with a result."""
     missed: int
-    """Stations of them near which the train never stood."""
+    """Number of stations near which the train never stood."""
     mean_m: float | None
-    """Of |stop error|."""
+    """Mean of |stop error|."""
     mean_low_m: float | None
     mean_high_m: float | None
-    """95 %, by drawing the runs again: the stops of one run hang together."""
+    """95 % interval of the mean by bootstrap over runs, because the stops of one run depend on each
+    other."""
     worst_m: float | None
-    """Signed, positive beyond the stopping point."""
+    """Stop error of greatest magnitude, positive beyond the stopping point."""
     within_ratio: float | None
-    """Share of stops within 10 cm, a missed one counted as outside."""
+    """Share of stops within 10 cm; a missed one counts as outside."""
     within_low_ratio: float | None
-    """Its lower bound by Clopper–Pearson, two-sided 95 %."""
+    """Lower bound of that share by Clopper–Pearson, two-sided 95 %."""
     run_s: float | None
-    """Mean duration of a run, with its dwells and what it takes to mend a stop."""
+    """Mean duration of a run, including dwells and jogs."""
     comfort: dict[str, float | None]
-    """Greatest of all cases, by measure."""
+    """Greatest value over all cases, by measure."""
     load_means_m: dict[str, float] = {}
-    """Mean of |stop error| by load, where the cases differ in it."""
+    """Mean of |stop error| by load, where the loads of the cases differ."""
 
 
 class Probe(msgspec.Struct, frozen=True, kw_only=True):
-    """One case of those that were measured, with what it came to."""
+    """One measured case with its results, to be repeated later as a check."""
 
     case_id: str
     measures: dict[str, float | None]
 
 
 class ScenarioFigures(msgspec.Struct, frozen=True, kw_only=True):
-    """Of one law in one scenario of a campaign that was run."""
+    """Figures of one law in one scenario of a campaign that was run."""
 
     campaign: str
     title: str
     figures: LawFigures
     sources: str = ""
-    """Hash of the sources that were measured; empty where that is not known."""
+    """Hash of the measured sources; empty if unknown."""
     probes: tuple[Probe, ...] = ()
-    """The first case and the one with the worst stop."""
+    """The first case, and the one with the worst stop."""
 
 
 Results = dict[str, dict[str, ScenarioFigures]]
-"""By law and by scenario."""
+"""Figures by law and by scenario."""
 
 
 def law_of(case: Case) -> str:
-    """The control law that drives the train of a case: as told, or that of its parameters."""
+    """The control law that drives the train of a case: the case's own, or that of its
+    parameters."""
     told = case.setup.believed.get(LAW)
     return _law_of_parameters(case.setup.params) if told is None else str(told)
 
 
 @cache
 def _law_of_parameters(name: str) -> str:
-    """Of a shipped file; a file of the user's own is not at hand when a result is looked at."""
+    """Law of a shipped parameter file; a file of the user is not available when results are
+    read."""
     try:
         return load_config(name).ato.strategy
     except SettingsError:
@@ -103,7 +106,7 @@ def _law_of_parameters(name: str) -> str:
 
 
 def by_law(pairs: Pairs) -> dict[str, Pairs]:
-    """In the order in which the campaign names them."""
+    """Pairs by law, in the order in which the campaign names the laws."""
     laws: dict[str, list[tuple[Case, CaseResult | None]]] = {}
     for case, result in pairs:
         laws.setdefault(law_of(case), []).append((case, result))
@@ -111,7 +114,7 @@ def by_law(pairs: Pairs) -> dict[str, Pairs]:
 
 
 def figures_of(pairs: Pairs) -> LawFigures:
-    """Of all these cases together."""
+    """Figures over all these cases together."""
     stops = [at_m for _, result in pairs if result is not None for at_m in stops_m(result)]
     known = [at_m for at_m in stops if at_m is not None]
     mean = mean_error_m(pairs)
@@ -139,7 +142,7 @@ def figures_of(pairs: Pairs) -> LawFigures:
 
 
 def _load_means_m(pairs: Pairs) -> dict[str, float]:
-    """Nothing where all cases have one load."""
+    """Mean |stop error| by load; empty if all cases have one load."""
     errors_m: dict[float, list[float]] = {}
     for case, result in pairs:
         known = [abs(at_m) for at_m in (stops_m(result) if result else []) if at_m is not None]
@@ -150,7 +153,7 @@ def _load_means_m(pairs: Pairs) -> dict[str, float]:
 
 
 def probes_of(pairs: Pairs) -> tuple[Probe, ...]:
-    """The first case that came back and the one with the worst stop; they may be the same."""
+    """The first case with a result and the one with the worst stop, which may be the same."""
     back = [(case, result) for case, result in pairs if result is not None]
     if not back:
         return ()
@@ -162,7 +165,7 @@ def probes_of(pairs: Pairs) -> tuple[Probe, ...]:
 
 
 def probed(result: CaseResult) -> dict[str, float | None]:
-    """The measures of a probe, with the digits that are kept."""
+    """The measures of a probe, rounded to the published digits."""
     return {
         name: None if value is None else _rounded(value)
         for name, value in result.measures.items()
@@ -175,12 +178,12 @@ def _worst_m(result: CaseResult) -> float:
 
 
 def stops_m(result: CaseResult) -> list[float | None]:
-    """Of every station of its timetable; None for one that was missed."""
+    """Stop error at every station of the timetable; None for a missed one."""
     return [value for name, value in result.measures.items() if STOP_ERROR.fullmatch(name)]
 
 
 def mean_error_m(pairs: Pairs) -> ConfidenceInterval | None:
-    """Mean |stop error| of the stops that were made."""
+    """Mean |stop error| of the stops that were made, with its interval."""
     runs = []
     for _, result in pairs:
         known = [abs(at_m) for at_m in (stops_m(result) if result else []) if at_m is not None]
@@ -200,10 +203,10 @@ def _measured(pairs: Pairs, name: re.Pattern[str]) -> list[float]:
 
 
 def results_of(campaign: str, pairs: Pairs, *, sources: str = "") -> Results:
-    """Of a campaign that was run, each scenario by itself.
+    """Figures of a campaign that was run, for each scenario.
 
     Args:
-        sources: hash of the sources that ran it, if they are known.
+        sources: hash of the sources that ran it, if known.
     """
     found: Results = {}
     for law, own in by_law(pairs).items():
@@ -220,12 +223,12 @@ def results_of(campaign: str, pairs: Pairs, *, sources: str = "") -> Results:
 
 
 def merged_results(before: Results, news: Results) -> Results:
-    """The newer ones take the place of those of the same law and scenario."""
+    """Replace older figures by newer ones of the same law and scenario."""
     return {law: {**before.get(law, {}), **news.get(law, {})} for law in sorted({*before, *news})}
 
 
 def titled(results: Results, titles: Mapping[str, str]) -> Results:
-    """With titles by scenario; a scenario that is in none is not shipped any more and is left."""
+    """Add titles by scenario; leave out scenarios without one, which are no longer shipped."""
     return {
         law: {
             name: msgspec.structs.replace(each, title=titles[name])
@@ -241,7 +244,7 @@ def read_results(text: str) -> Results:
 
 
 def results_json(results: Results) -> str:
-    """Numbers of four digits; the same campaigns give the same bytes on any day."""
+    """JSON with numbers of four digits; equal campaigns give equal bytes on any day."""
     plain = _short(msgspec.to_builtins(results))
     return msgspec.json.format(msgspec.json.encode(plain), indent=1).decode() + "\n"
 

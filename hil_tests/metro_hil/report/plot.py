@@ -1,4 +1,4 @@
-"""The speed-distance plot of one run: where the train was, how fast, and what it was allowed."""
+"""The speed-distance plot of one run: place, speed, and permitted speed of the train."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,9 +34,9 @@ def draw_run(
     truth: Columns | None,
     stops: Sequence[StationStop],
 ) -> bool:
-    """Write a PNG; without `truth` (a foreign plant) the controller's own estimate is drawn.
+    """Write a PNG; without `truth` (an external plant) it shows the controller's own estimate.
 
-    False when there is nothing to draw: the train's place was never known.
+    False if there is nothing to draw because the train's place was never known.
     """
     moved_m = (truth or cycles).numbers("front_m")
     if np.all(np.isnan(moved_m)):
@@ -97,7 +97,7 @@ def _draw_speed(
 
 
 def _along(at_m: Numbers, values: Numbers) -> tuple[Numbers, Numbers]:
-    """Only rows in which both are known, so that a gap stays a gap."""
+    """Keep a gap where one of both values is unknown."""
     return np.where(np.isnan(values), np.nan, at_m), values
 
 

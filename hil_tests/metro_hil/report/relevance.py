@@ -1,4 +1,4 @@
-"""Smallest difference of each unit that matters: whatever differs by less counts as equal."""
+"""Smallest difference of each unit that matters; smaller differences count as equal."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,24 +24,25 @@ RELEVANT: Final[Mapping[str, float]] = {
     "%": 0.1,
     "": 1.0,
 }
-"""By unit: about half of the last digit that tables of results print, or less. A measure without a
-unit is a number of things."""
+"""Smallest relevant differences by unit: at most about half of the last digit in tables of results.
+A measure without a unit is a count."""
 ROUNDING_RATIO: Final = 1.0 - 1e-9
 
 
 def relevance_of(unit: str, chosen: Mapping[str, float]) -> float:
-    """In the unit; 0 for a unit of which nothing is known, so that any difference counts."""
+    """Smallest relevant difference of a unit; 0 for an unknown unit, so that any difference
+    counts."""
     return chosen.get(unit, RELEVANT.get(unit, 0.0))
 
 
 def that_matter(differences: Numbers, relevant: float) -> Numbers:
-    """Without those that are smaller than what matters, or nothing."""
+    """The differences that are large enough to matter and not zero."""
     sizes = np.abs(differences)
     return differences[(sizes >= relevant * ROUNDING_RATIO) & (sizes > 0.0)]
 
 
 def parse_relevance(texts: Sequence[str]) -> dict[str, float]:
-    """`m=0.01` and the like. Raises ValueError that names the text and says what it has to be."""
+    """Parse texts such as `m=0.01`. Raises ValueError that names the text and the form."""
     found = {}
     for text in texts:
         unit, equals, number = text.rpartition("=")

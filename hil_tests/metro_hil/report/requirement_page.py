@@ -1,4 +1,4 @@
-"""The page of requirements: from each to its scenarios, its tests, and how they came out last."""
+"""The page of requirements, with the scenarios and tests of each and their last results."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -10,17 +10,17 @@ from metro_hil.model.case import Case, CaseResult, Verdict, as_expected
 from metro_hil.model.requirements import Requirement
 
 RESULTS: Final = "scenario_results.json"
-"""Beside the catalogue: how each shipped scenario came out when it was last run."""
+"""File beside the catalogue with the last result of each shipped scenario."""
 NOT_RUN: Final = "not run"
 
 
 class ScenarioOutcome(msgspec.Struct, frozen=True):
-    """Of all cases of one scenario."""
+    """Outcome over all cases of one scenario."""
 
     cases: int
     as_expected: int
     expected: str
-    """`pass`, or `fail` for a scenario that shows what is known not to be met."""
+    """`pass`, or `fail` for a scenario that demonstrates a known violation."""
 
     @property
     def words(self) -> str:
@@ -30,7 +30,7 @@ class ScenarioOutcome(msgspec.Struct, frozen=True):
 
 
 def outcomes(cases: Sequence[Case], results: Sequence[CaseResult]) -> dict[str, ScenarioOutcome]:
-    """By scenario; a case without a result is not as expected."""
+    """Outcomes by scenario; a case without a result is not as expected."""
     by_id = {result.case_id: result for result in results}
     found: dict[str, ScenarioOutcome] = {}
     for case in cases:
@@ -49,7 +49,7 @@ def read_outcomes(text: str) -> dict[str, ScenarioOutcome]:
 
 
 def outcomes_json(found: Mapping[str, ScenarioOutcome]) -> str:
-    """Nothing in it but what came out: the same run gives the same bytes on any day."""
+    """JSON of the outcomes alone, so that equal runs give equal bytes on any day."""
     text = msgspec.json.encode(dict(sorted(found.items())), order="sorted")
     return msgspec.json.format(text, indent=1).decode() + "\n"
 
@@ -59,7 +59,7 @@ def requirements_page(
     scenarios: Sequence[Named],
     found: Mapping[str, ScenarioOutcome],
 ) -> str:
-    """Markdown."""
+    """The page as Markdown."""
     named: dict[str, list[Named]] = {}
     for each in scenarios:
         for name in each.requirements:

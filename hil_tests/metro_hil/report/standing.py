@@ -1,7 +1,7 @@
-"""Whether published figures are those of the code of today.
+"""Decides whether published figures are still those of the present code.
 
-They are if the sources that decide them are still the same. Otherwise some of their cases are run
-again: if these give the same digits, the change did not touch the figures.
+They are if the sources that decide them are unchanged. Otherwise some of their cases run again; if
+these give the same digits, the change did not affect the figures.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,20 +16,20 @@ from metro_hil.report.law_figures import Results, ScenarioFigures, probed
 AGAIN: Final = "`make figures` measures it again"
 
 Plan = Callable[[str], Sequence[Case]]
-"""All cases of the shipped scenario of this name."""
+"""Gives all cases of the shipped scenario with this name."""
 Run = Callable[[Sequence[Case]], Sequence[CaseResult]]
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Of the figures of one scenario."""
+    """State of the published figures of one scenario."""
 
     law: str
     scenario: str
     reason: str = ""
     """Why the figures are stale; empty while they hold."""
     probes: int = 0
-    """Cases that were run again."""
+    """Number of cases that ran again."""
 
     def __str__(self) -> str:
         name = f"{self.scenario} ({self.law})"
@@ -43,10 +43,12 @@ class Standing:
 def standings(
     results: Results, sources: str, *, plan: Plan, run: Run, probes_max: int | None = None
 ) -> Iterator[Standing]:
-    """Of each scenario; cases are run only where the sources are others than those measured.
+    """State of each scenario's figures; cases run only if the sources differ from the measured
+    ones.
 
     Args:
-        probes_max: run at most so many cases of a scenario, the one with the worst stop first.
+        probes_max: greatest number of cases of a scenario to run, the one with the worst stop
+            first.
     """
     for law, own in results.items():
         for name, figures in own.items():
@@ -86,7 +88,7 @@ def _probed(
 
 
 def stamped(results: Results, found: Sequence[Standing], sources: str) -> Results:
-    """With the sources of today where the figures hold for them."""
+    """Mark figures that hold with the present sources."""
     holding = {(each.law, each.scenario) for each in found if not each.reason}
     return {
         law: {

@@ -10,13 +10,13 @@ from metro_hil.metrics.comfort import Comfort
 from metro_hil.metrics.results import RunResults
 
 TOLERANCE_M = 0.10
-"""Stop tolerance of Allotta et al. 2013, table 1."""
+"""Stopping tolerance of [Allotta 2013], table 1."""
 ACCEL_MPS2 = 0.8
 JERK_MPS3 = 0.6
 
 
 def print_results(console: Console, results: RunResults) -> None:
-    """Stops, ride, protection, rhythm; one table each where there is something to say."""
+    """Print tables of stops, motion, protection and timing, as far as there are values."""
     _print_stops(console, results)
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", justify="right")
@@ -77,7 +77,7 @@ def _rows(results: RunResults) -> list[tuple[str, str]]:
 
 
 def _comfort(comfort: Comfort) -> list[tuple[str, str]]:
-    """What is known of it; nothing of a plant that tells no truth."""
+    """Rows of the known comfort values; none for a plant without truth log."""
     asked = (
         (comfort.commanded_accel_max_mps2, ACCEL_MPS2, "m/s²"),
         (comfort.commanded_jerk_max_mps3, JERK_MPS3, "m/s³"),

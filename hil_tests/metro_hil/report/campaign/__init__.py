@@ -1,4 +1,4 @@
-"""The report of a campaign: from cases and results to a page, JUnit XML, Parquet and tables."""
+"""The report of a campaign: makes a page, JUnit XML, Parquet and tables from cases and results."""
 
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.write import write_reports

@@ -1,4 +1,5 @@
-"""Where to look: logs of a kept run, frames around an instant, the command that repeats it."""
+"""Finds the evidence of a case: its kept logs, the frames around a time, the command to repeat
+it."""
 
 import shlex
 from dataclasses import dataclass
@@ -17,19 +18,19 @@ BEFORE_S: Final = 1.0
 AFTER_S: Final = 0.5
 NS_PER_S: Final = 1_000_000_000
 EPOCH_FROM_NS: Final = 1_000_000 * NS_PER_S
-"""Stamps from here on are of the calendar, so that the first of them is the start of the run."""
+"""Stamps from here on are calendar time; the first of them then marks the start of the run."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameSpan:
-    """The frames around one instant of one run."""
+    """The frames around one time of one run."""
 
     from_s: float
     to_s: float
     path: str = ""
-    """Relative to the campaign's folder; empty when the log of this run was not kept."""
+    """Path of the log relative to the campaign's folder; empty if it was not kept."""
     first: int = 0
-    """Number in the log, from 1, of the first one; 0 when there is none."""
+    """Number of the first frame in the log, from 1; 0 if there is none."""
     last: int = 0
 
     @property
@@ -47,7 +48,7 @@ class FrameSpan:
 
 
 def rerun_command(entry: LedgerEntry) -> str:
-    """What repeats this case when typed in the campaign's folder, wherever that lies."""
+    """Command that repeats this case in the campaign's folder, wherever that folder is."""
     return shlex.join(["hil", "rerun", ".", entry.case.id])
 
 
@@ -58,7 +59,7 @@ def kept_run(folder: Path, entry: LedgerEntry) -> RunFolder | None:
 
 
 def frames_around(folder: Path, entry: LedgerEntry, at_s: float) -> FrameSpan:
-    """The interval around `at_s`, with the frames of the bus log if there is one."""
+    """The interval around `at_s`, with its frames if the bus log was kept."""
     from_s, to_s = max(0.0, at_s - BEFORE_S), at_s + AFTER_S
     run = kept_run(folder, entry)
     if run is None or not run.bus_log.is_file():
@@ -68,7 +69,7 @@ def frames_around(folder: Path, entry: LedgerEntry, at_s: float) -> FrameSpan:
 
 
 def numbers_between(log: Path, from_s: float, to_s: float) -> tuple[int, int]:
-    """First and last frame, from 1, of a log within the interval; (0, 0) if none is."""
+    """First and last frame, from 1, of a log within the interval; (0, 0) if there is none."""
     try:
         frames = canlog.read(log).frames
     except canlog.LogError:

@@ -1,4 +1,4 @@
-"""What a report says of its campaign beyond the cases: names, versions, how many there must be."""
+"""Head of a campaign's report: names, versions, number of cases."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,27 +8,28 @@ from metro_hil.model.case import subset_text
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignInfo:
-    """The head of a report. Nothing in it may differ between two runs of the same campaign."""
+    """The head of a report. It must be equal for two runs of the same campaign."""
 
     name: str
     title: str = ""
     description: str = ""
     bench: str = "lockstep"
-    """`BenchKind` by value; several joined by a comma."""
+    """Benches as values of `BenchKind`, joined by commas."""
     controller: str = "shipped"
-    """What is under test, in words."""
+    """Text about the controller under test."""
     fingerprint: str = ""
-    """Hash over definition, files and program; two campaigns with the same one are the same."""
+    """Hash over definition, files and program; equal fingerprints mean equal campaigns."""
     versions: Mapping[str, str] = field(default_factory=dict)
-    """Program to version."""
+    """Versions by program."""
     expected_cases: int
-    """How many the manifest names; fewer results than this make the campaign a failure."""
+    """Number of cases that the manifest names; with fewer results the campaign fails."""
     planned_cases: int = 0
-    """How many the whole campaign has; more than `expected_cases` where only some were chosen."""
+    """Number of cases of the whole campaign; more than `expected_cases` if only some were
+    selected."""
     layout: str | None = None
-    """Name of a table of its own, such as `florence`."""
+    """Name of the campaign's own table, such as `florence`."""
 
     @property
     def subset(self) -> str:
-        """Such as `3 of 8 cases`; empty where all cases of the campaign were chosen."""
+        """Text such as `3 of 8 cases`; empty if all cases of the campaign were selected."""
         return subset_text(self.expected_cases, self.planned_cases)

@@ -1,4 +1,4 @@
-"""JUnit XML: one suite per scenario, one test per case, in simulated time."""
+"""JUnit XML: one suite for each scenario, one test for each case, in simulated time."""
 
 import re
 from collections.abc import Sequence
@@ -19,23 +19,23 @@ from metro_hil.report.campaign.trace import RequirementEvidence, evidence_of, re
 from metro_hil.report.estimates import rounded
 
 NOT_XML: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML 1.0 cannot hold in any spelling."""
+"""Characters that XML 1.0 cannot contain."""
 REQUIREMENT_WORDS: Final = {
     RequirementEvidence.GOOD: "requirement",
     RequirementEvidence.BAD: "requirement",
     RequirementEvidence.KNOWN: "requirement_known_not_met",
     RequirementEvidence.NOTHING: "",
 }
-"""Name of the property that carries a requirement, by what the case says of it. A test that passes
-because a failure was expected must not be read as a proof."""
+"""Name of the property for a requirement, by the case's evidence. A test that passes because its
+failure is expected must not look like a proof."""
 UNLISTED: Final = "cases that the manifest counts"
 
 
 def junit_xml(info: CampaignInfo, ledger: Ledger) -> bytes:
-    """The document. Whatever is not as expected is a failure or an error, so CI is never green.
+    """The document. Any unexpected case is a failure or an error, so CI never passes with one.
 
-    A fail is a failure; lost, missing, blocked, invalid, inconclusive and vacuous cases are errors,
-    and so is a pass where a failure was expected. A fail that was expected passes with a property.
+    A fail is a failure. Lost, missing, blocked, invalid, inconclusive and vacuous cases are errors,
+    and so is a pass where a failure was expected. An expected fail passes, with a property.
     """
     stamp = f" (subset: {info.subset})" if info.subset else ""
     suites = Tree.Element("testsuites", {"name": _text(f"{info.name}{stamp}")})
@@ -125,7 +125,7 @@ def _facts(entry: LedgerEntry) -> list[tuple[str, str]]:
 
 
 def _disorder(ledger: Ledger) -> Tree.Element:
-    """What can be said of no case that the campaign names."""
+    """Suite of errors that belong to no case of the campaign."""
     suite = Tree.Element("testsuite", {"name": "manifest"})
     for number in range(min(1, ledger.unlisted)):
         text = f"{ledger.unlisted} {UNLISTED} are not there: {LACKING_RESULT}"
@@ -157,7 +157,7 @@ def _properties(parent: Tree.Element, facts: Sequence[tuple[str, str]]) -> None:
 
 
 def _seconds(entries: Sequence[LedgerEntry]) -> str:
-    """Simulated, not of the wall clock: a report says the same however busy the host was."""
+    """Simulated time, so that the report does not depend on the load of the host."""
     return f"{sum(e.result.sim_s for e in entries if e.result is not None):.3f}"
 
 

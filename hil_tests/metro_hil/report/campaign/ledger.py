@@ -1,4 +1,4 @@
-"""Cases joined with their results: what was asked for, what came back, what is missing."""
+"""Joins cases with their results, and finds what is missing."""
 
 import math
 from collections import Counter
@@ -21,7 +21,7 @@ from metro_hil.model.case import (
 
 LACKING_RESULT: Final = "no result came back"
 MISSING: Final = "missing"
-"""Stands beside the verdicts for a case without any result."""
+"""Word for a case without a result, beside the verdicts."""
 WORSE_LATER: Final = (
     *(Verdict.LOST, Verdict.PASS, Verdict.VACUOUS, Verdict.INCONCLUSIVE),
     *(Verdict.BLOCKED, Verdict.INVALID, Verdict.FAIL),
@@ -31,7 +31,7 @@ CONTRADICTION: Final = "two results of the same case differ: the run is not a fu
 
 @dataclass(frozen=True, slots=True)
 class LedgerEntry:
-    """One case and its result, if it has one. Of the host the result says nothing."""
+    """One case and its result, if any, without data about the host."""
 
     case: Case
     result: CaseResult | None
@@ -42,7 +42,7 @@ class LedgerEntry:
 
     @property
     def verdict(self) -> Verdict:
-        """Of a missing case `LOST`."""
+        """The verdict; `LOST` for a missing case."""
         return Verdict.LOST if self.result is None else self.result.verdict
 
     @property
@@ -52,7 +52,7 @@ class LedgerEntry:
 
     @property
     def as_expected(self) -> bool:
-        """A missing case never is: it shows nothing."""
+        """Whether the result is as expected; a missing case never is."""
         return self.result is not None and as_expected(self.case, self.result)
 
     @property
@@ -72,7 +72,7 @@ class LedgerEntry:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """A reason that cases share which are as expected and no plain passes."""
+    """A reason shared by cases that are as expected but no plain passes."""
 
     text: str
     first_case: str
@@ -91,7 +91,7 @@ class Ledger:
 
     entries: tuple[LedgerEntry, ...]
     unlisted: int
-    """Cases that the manifest counts but does not name; they are missing, too."""
+    """Number of cases that the manifest counts but does not name; they are missing as well."""
     stray: tuple[str, ...]
     """Ids of results that belong to no case."""
 
@@ -109,11 +109,11 @@ class Ledger:
 
     @property
     def good(self) -> bool:
-        """Whether all that was asked for came back as expected; nothing asked is not good."""
+        """Whether all cases are as expected; a campaign without cases is not good."""
         return 0 < self.expected_cases == self.as_expected and not self.stray
 
     def remarks(self) -> list["Remark"]:
-        """Why cases that are as expected are no plain passes; each reason once."""
+        """Reasons why cases that are as expected are no plain passes, each once."""
         cases: dict[str, list[str]] = {}
         for entry in self.entries:
             if entry.as_expected and entry.reason:
@@ -121,7 +121,8 @@ class Ledger:
         return [Remark(text, ids[0], len(ids)) for text, ids in cases.items()]
 
     def counts(self) -> dict[str, int]:
-        """By verdict and `missing`, in the verdicts' order; all of them, also if zero."""
+        """Number of cases by verdict and `missing`, in the order of the verdicts, including
+        zeros."""
         found = Counter(entry.word for entry in self.entries)
         found[MISSING] += self.unlisted
         return {word: found[word] for word in (*(v.value for v in Verdict), MISSING)}
@@ -135,11 +136,11 @@ class Ledger:
 
 
 def join(cases: Sequence[Case], results: Sequence[CaseResult], *, expected_cases: int) -> Ledger:
-    """In the order of the campaign, whatever the order of arrival.
+    """Join in the order of the campaign, independent of the order of arrival.
 
-    A case that came back twice: a lost attempt gives way to a result. In virtual time two different
-    results make the case `INVALID`, since it is a function of nothing we know; in real time, where
-    no two runs are the same, the worse one counts.
+    If a case has several results, a result replaces a lost attempt. In virtual time two different
+    results make the case `INVALID`, because its outcome is not reproducible. In real time, where no
+    two runs are equal, the worse one counts.
     """
     lockstep = {case.id for case in cases if case.bench is BenchKind.LOCKSTEP}
     by_id: dict[str, CaseResult] = {}
@@ -159,7 +160,7 @@ def join(cases: Sequence[Case], results: Sequence[CaseResult], *, expected_cases
 
 
 def _one_of(known: CaseResult, other: CaseResult, lockstep: bool) -> CaseResult:
-    """The same whichever came first."""
+    """The result that counts, independent of the order."""
     if known == other or other.verdict is Verdict.LOST:
         return known
     if known.verdict is Verdict.LOST:
@@ -179,18 +180,18 @@ def _badness(result: CaseResult) -> tuple[int, bytes]:
 
 
 def exercised(result: MonitorResult) -> bool:
-    """Whether the monitor saw what it judges, so that its word is evidence."""
+    """Whether the monitor judged something, so that its result is evidence."""
     return result.verdict is not Verdict.VACUOUS
 
 
 def known_margin(result: MonitorResult) -> float | None:
-    """The margin if it is a number at all."""
+    """The margin if it is a finite number."""
     margin = result.margin
     return margin if margin is not None and math.isfinite(margin) else None
 
 
 def factor_text(value: Any) -> str:
-    """A factor's value as people write it; floats by their shortest text."""
+    """A factor's value in its usual notation, with at most six digits."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
@@ -201,6 +202,6 @@ def factor_text(value: Any) -> str:
 
 
 def factors_text(case: Case) -> str:
-    """All factors in one line; the seed where there are none."""
+    """All factors in one line; the seed if there are none."""
     words = [f"{name} = {factor_text(value)}" for name, value in case.factors.items()]
     return ", ".join(words) if words else f"seed {case.seed}"

@@ -1,4 +1,4 @@
-"""All measures as one Parquet table: a row per case, units in the metadata of the columns."""
+"""All measures as one Parquet table: a row for each case, units in the columns' metadata."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -40,7 +40,7 @@ FIXED: Final[tuple[tuple[str, str, str, Callable[[LedgerEntry], Any]], ...]] = (
 
 
 def write_parquet(path: Path, info: CampaignInfo, ledger: Ledger) -> None:
-    """The same bytes for the same campaign: nothing of host or time is in it."""
+    """Write the table; equal campaigns give equal bytes, because it holds no host and no date."""
     import pyarrow.parquet as pq
 
     pq.write_table(
@@ -53,7 +53,7 @@ def write_parquet(path: Path, info: CampaignInfo, ledger: Ledger) -> None:
 
 
 def measures_table(info: CampaignInfo, ledger: Ledger) -> "pa.Table":
-    """Columns: what is fixed, then `factor.*`, `monitor.*.margin|at_s|verdict`, `measure.*`."""
+    """Columns: fixed ones, then `factor.*`, `monitor.*.margin|at_s|verdict`, `measure.*`."""
     import pyarrow as pa
 
     types = {"text": pa.string(), "number": pa.float64(), "whole": pa.int64(), "flag": pa.bool_()}
@@ -118,7 +118,7 @@ def _monitors(ledger: Ledger) -> list[Column]:
             next((m for m in entry.monitors() if (m.name, m.unit) == (name, unit)), None)
             for entry in ledger.entries
         ]
-        # One name with two units is two monitors.
+        # A name with two units stands for two monitors.
         stem = f"monitor.{name}" if names.count(name) == 1 else f"monitor.{name} [{unit}]"
         verdicts = [None if m is None else m.verdict.value for m in said]
         columns += [

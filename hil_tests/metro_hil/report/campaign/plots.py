@@ -1,4 +1,4 @@
-"""Plots of the cases whose logs were kept, beside their logs."""
+"""Plots of the cases whose logs were kept, stored beside their logs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,16 +13,16 @@ from metro_hil.model.run_folder import RunFolder
 from metro_hil.report.case_plot import NAME, draw_case, stretches_of
 
 PLOTS_MAX: Final = 40
-"""Each takes most of a second; of more kept runs `hil rerun` draws the one that is asked for."""
+"""Greatest number of plots, each of which takes most of a second; `hil rerun` draws any other."""
 
 
 def plot_of(run: RunFolder) -> Path:
-    """Where the plot of a kept run lies, if it was drawn."""
+    """Path of a kept run's plot, whether it exists or not."""
     return run.path / NAME
 
 
 def draw_kept(folder: CampaignFolder, cases: Sequence[Case]) -> dict[str, Path]:
-    """Draw what has logs and no plot yet; the plots of all kept runs, by id of the case."""
+    """Draw plots that are missing for kept logs; return all plots by id of the case."""
     files = folder.files()
     drawn: dict[str, Path] = {}
     for case in cases:
@@ -35,7 +35,8 @@ def draw_kept(folder: CampaignFolder, cases: Sequence[Case]) -> dict[str, Path]:
 
 
 def draw_run_of(case: Case, files: Files, run: RunFolder) -> bool:
-    """False when its logs do not make a plot: a run that never began, or a plant of others."""
+    """Draw one plot. False if the logs are not enough: the run never began, or the plant is
+    external."""
     try:
         cycles, truth = read_columns(run.cycle_log), read_columns(run.truth_log)
         line = line_of(case.setup, files)

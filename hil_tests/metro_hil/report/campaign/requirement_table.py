@@ -1,4 +1,4 @@
-"""The requirement table: from each requirement to scenarios, cases, worst margin and frames."""
+"""The requirement table: scenarios, cases, worst margin and frames of each requirement."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from metro_hil.report.campaign.units import with_unit
 
 @dataclass(frozen=True, slots=True)
 class RequirementRow:
-    """One line of the table, ready to be shown."""
+    """One line of the table, ready for output."""
 
     id: str
     source: str
@@ -25,20 +25,20 @@ class RequirementRow:
     standing: RequirementStanding
     scenarios: str
     run: int
-    """Cases that name it."""
+    """Number of cases that name the requirement."""
     passed: int
     failed: int
     known: int
-    """Cases that are there to show a violation, and do."""
+    """Number of cases that demonstrate an expected violation."""
     nothing: int
-    """Cases that name it and are evidence of nothing."""
+    """Number of cases that name the requirement but are no evidence."""
     worst: str
     worst_case: str
     frames: FrameSpan | None
 
 
 def requirement_rows(folder: Path, traces: Sequence[RequirementTrace]) -> list[RequirementRow]:
-    """Looks up the frames of each worst case in the campaign's folder."""
+    """Rows with the frames of each worst case, which are looked up in the campaign's folder."""
     return [_row(folder, trace) for trace in traces]
 
 
@@ -71,7 +71,7 @@ def _row(folder: Path, trace: RequirementTrace) -> RequirementRow:
 def requirements_markdown(
     info: CampaignInfo, ledger: Ledger, rows: Sequence[RequirementRow]
 ) -> str:
-    """The table for people who read text; what has no evidence is listed by itself."""
+    """The table as Markdown; requirements without evidence are listed separately."""
     lines = [
         f"# Requirements: {_cell(info.title or info.name)}",
         "",
@@ -104,7 +104,7 @@ def requirements_markdown(
 
 
 def _stamp(info: CampaignInfo) -> list[str]:
-    """What a reader must know before any line of the table."""
+    """Warning above the table if the campaign is only a subset."""
     if not info.subset:
         return []
     words = f"Subset: {info.subset}. No requirement counts as met before all of them were run."
@@ -116,7 +116,7 @@ def _failed(row: RequirementRow) -> str:
 
 
 def _cell(text: str) -> str:
-    """What a name holds must neither end the cell nor be taken for markup."""
+    """Escape text so that it neither ends the cell nor acts as markup."""
     plain = " ".join(text.split()).replace("\\", "\\\\")
     for mark in ("|", "<", "[", "]", "*", "`"):
         plain = plain.replace(mark, "\\" + mark)

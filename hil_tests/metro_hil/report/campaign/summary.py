@@ -1,4 +1,4 @@
-"""summary.json: everything of a campaign that a script asks for."""
+"""summary.json: the data of a campaign for scripts."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ def summary_json(
     measures: Sequence[MeasureTally],
     traces: Sequence[RequirementTrace],
 ) -> str:
-    """The document; keys in a fixed order, numbers of six significant digits."""
+    """The document, with keys in a fixed order and numbers of six significant digits."""
     document = {
         "format": FORMAT,
         "campaign": {
@@ -56,7 +56,7 @@ def summary_json(
 
 
 def totals(ledger: Ledger) -> dict[str, Any]:
-    """Counts of the whole campaign."""
+    """Counts over the whole campaign."""
     return {
         "cases": ledger.expected_cases,
         "done": ledger.expected_cases - ledger.missing,

@@ -19,13 +19,13 @@ from metro_hil.report.campaign.ledger import (
 from metro_hil.report.estimates import ConfidenceInterval, mean_with_interval, pass_share
 
 LEVELS_MAX: Final = 12
-"""A factor with more values than this is shown in bins."""
+"""A factor with more values than this is divided into bins."""
 BINS: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
 class MonitorOutcome:
-    """One monitor's word on one case."""
+    """One monitor's result for one case."""
 
     entry: LedgerEntry
     result: MonitorResult
@@ -33,22 +33,22 @@ class MonitorOutcome:
 
 @dataclass(frozen=True, slots=True)
 class MonitorTally:
-    """One monitor over all cases that it watched."""
+    """Results of one monitor over all cases that it watched."""
 
     name: str
     unit: str
     requirements: tuple[str, ...]
     counts: dict[Verdict, int]
     not_exercised: int
-    """Of all its results, whatever their verdict; these judge nothing."""
+    """Number of results, with any verdict, in which the monitor judged nothing."""
     share: ConfidenceInterval | None
-    """Passes among the cases judged: those passed or failed after being exercised."""
+    """Share of passes among the cases that the monitor judged."""
     seen: tuple[MonitorOutcome, ...]
-    """Exercised and with a margin, in the campaign's order."""
+    """Results with a margin from monitors that judged something, in the campaign's order."""
     mean: ConfidenceInterval | None
     least: MonitorOutcome | None
     unmeasured: int
-    """Exercised, but without a margin."""
+    """Number of results without a margin from monitors that judged something."""
 
     @property
     def judged(self) -> int:
@@ -60,12 +60,12 @@ class MonitorTally:
 
 @dataclass(frozen=True, slots=True)
 class MeasureTally:
-    """One measure over all cases that have it."""
+    """Values of one measure over all cases that have it."""
 
     name: str
     points: tuple[tuple[LedgerEntry, float], ...]
     absent: int
-    """Cases with a result but without this measure."""
+    """Number of cases with a result but without this measure."""
     mean: ConfidenceInterval
 
     def values(self) -> list[float]:
@@ -74,17 +74,17 @@ class MeasureTally:
 
 @dataclass(frozen=True, slots=True)
 class TallyFactor:
-    """One factor and how a case is sorted by it."""
+    """One factor, and how it sorts the cases."""
 
     name: str
     levels: tuple[str, ...]
     level_of: dict[str, str]
-    """By case id; cases without this factor are not in it."""
+    """Level by case id; cases without this factor are missing."""
     binned: bool
 
 
 def tally_monitors(ledger: Ledger) -> list[MonitorTally]:
-    """In the order in which the monitors first appear."""
+    """Tallies in the order in which the monitors first appear."""
     groups: dict[tuple[str, str], list[MonitorOutcome]] = {}
     for entry in ledger.entries:
         for result in entry.monitors():
@@ -111,7 +111,7 @@ def _tally_monitor(name: str, unit: str, group: Sequence[MonitorOutcome]) -> Mon
 
 
 def tally_measures(ledger: Ledger) -> list[MeasureTally]:
-    """In the order in which the cases name them, without those that no case has a number for."""
+    """Tallies in the order of first appearance, without measures for which no case has a number."""
     with_result = [entry for entry in ledger.entries if not entry.missing]
     names = dict.fromkeys(name for entry in with_result for name in entry.measures())
     tallies = []
@@ -169,7 +169,7 @@ def _binned(name: str, values: dict[str, float]) -> TallyFactor:
 def by_level(
     factor: TallyFactor, entries: Sequence[LedgerEntry]
 ) -> list[tuple[str, list[LedgerEntry]]]:
-    """Entries of each level, levels in the factor's order, empty ones included."""
+    """Entries of each level, in the factor's order, including empty levels."""
     groups: dict[str, list[LedgerEntry]] = {level: [] for level in factor.levels}
     for entry in entries:
         level = factor.level_of.get(entry.case.id)
@@ -181,11 +181,11 @@ def by_level(
 def worst_entries(
     ledger: Ledger, tallies: Sequence[MonitorTally], *, count: int
 ) -> list[tuple[LedgerEntry, MonitorResult | None]]:
-    """What to look at first: not as expected, then least margin relative to the usual one.
+    """Cases to look at first: unexpected ones, then the least margins relative to the usual ones.
 
-    The usual margin of a monitor is the median of its margins' magnitudes, so that metres and
-    metres per second can stand in one order. A margin that is the best that its monitor ever had
-    (a count that is right, say) makes no case a bad one; such cases come last.
+    The usual margin of a monitor is the median of its margins' magnitudes. So metres and metres per
+    second can be ordered together. A margin that equals the monitor's best one, such as a correct
+    count, is no bad sign; such cases come last.
     """
     usual = {(tally.name, tally.unit): (_usual(tally), _best(tally)) for tally in tallies}
     ranked = []
@@ -200,7 +200,7 @@ def worst_entries(
 def _nearest(
     entry: LedgerEntry, usual: dict[tuple[str, str], tuple[float, float]]
 ) -> tuple[MonitorResult | None, float]:
-    """The monitor that came nearest to violation, and how near relative to its usual margin."""
+    """The monitor with the least margin relative to its usual one, and that ratio."""
     depths = []
     for number, result in enumerate(entry.monitors()):
         margin = known_margin(result)

@@ -1,4 +1,4 @@
-"""From each requirement to its evidence: scenarios, cases, worst margin, frames of the worst."""
+"""Evidence for each requirement: scenarios, cases, worst margin, frames of the worst."""
 
 import enum
 from collections.abc import Mapping
@@ -12,32 +12,32 @@ from metro_hil.report.campaign.ledger import Ledger, LedgerEntry, exercised, kno
 
 UNKNOWN_SOURCE: Final = "not in the catalogue"
 SAYS_SOMETHING: Final = (Verdict.PASS, Verdict.FAIL)
-"""Cases with another verdict are evidence of nothing."""
+"""Verdicts that are evidence; cases with others are not."""
 
 
 class RequirementStanding(enum.Enum):
-    """Where a requirement stands after this campaign."""
+    """State of a requirement after this campaign."""
 
     MET = "met"
     """Every case that names it has a monitor that judged it and held."""
     VIOLATED = "violated"
     KNOWN = "known not met"
-    """A case that is there to show a violation shows it."""
+    """A case that demonstrates an expected violation shows it."""
     PARTLY = "partly"
-    """What evidence there is is good, but cases that name it gave none."""
+    """All evidence is good, but some cases that name it gave none."""
     SUBSET = "held in a subset"
-    """What evidence there is is good, but not all cases of the campaign were chosen."""
+    """All evidence is good, but not all cases of the campaign were selected."""
     OPEN = "open"
-    """No evidence at all."""
+    """There is no evidence."""
 
 
 class RequirementEvidence(enum.Enum):
-    """What one case says of one requirement."""
+    """Evidence of one case for one requirement."""
 
     GOOD = "good"
     BAD = "bad"
     KNOWN = "known not met"
-    """The case is there to show a violation, and did."""
+    """The case demonstrates an expected violation, and did so."""
     NOTHING = "none"
 
 
@@ -47,18 +47,18 @@ class RequirementTrace:
 
     requirement: Requirement
     subset: bool = False
-    """Not all cases of the campaign were chosen."""
+    """Whether not all cases of the campaign were selected."""
     scenarios: list[str] = field(default_factory=list)
-    """That name it, with or without evidence."""
+    """Scenarios that name it, with or without evidence."""
     counts: dict[RequirementEvidence, int] = field(
         default_factory=lambda: dict.fromkeys(RequirementEvidence, 0)
     )
     worst: tuple[LedgerEntry, MonitorResult] | None = None
-    """Of all monitors that name it. Units may differ; the one relative to zero counts."""
+    """Least margin of all monitors that name it, compared as numbers whatever the unit."""
 
     @property
     def evidence(self) -> int:
-        """Cases that say something of it."""
+        """Number of cases that are evidence."""
         return self.cases - self.counts[RequirementEvidence.NOTHING]
 
     @property
@@ -85,10 +85,11 @@ class RequirementTrace:
 def trace_requirements(
     catalogue: Mapping[str, Requirement], ledger: Ledger, *, subset: bool = False
 ) -> list[RequirementTrace]:
-    """One for each requirement of the catalogue in its order, then those only cases name.
+    """Evidence of each requirement in the catalogue's order, then of those that only cases name.
 
     Args:
-        subset: the campaign has more cases than were chosen, so nothing counts as met.
+        subset: whether only a part of the campaign's cases was selected, so that none counts as
+            met.
     """
     traces = {
         name: RequirementTrace(requirement, subset) for name, requirement in catalogue.items()
@@ -103,7 +104,7 @@ def trace_requirements(
 
 
 def requirements_of(entry: LedgerEntry) -> set[str]:
-    """All that the case or one of its monitors names."""
+    """All requirements that the case or one of its monitors names."""
     by_monitors = {name for result in entry.monitors() for name in result.requirements}
     return {*entry.case.requirements, *by_monitors}
 
@@ -123,9 +124,9 @@ def _add(trace: RequirementTrace, entry: LedgerEntry) -> None:
 
 
 def evidence_of(entry: LedgerEntry, name: str) -> RequirementEvidence:
-    """What this case says of the requirement, through the monitors that answer for it.
+    """Evidence of this case for the requirement, from the monitors that judge it.
 
-    Nothing else counts: a case whose other monitors held says nothing of this requirement.
+    A case whose other monitors held is no evidence for this requirement.
     """
     if entry.result is None or entry.verdict not in SAYS_SOMETHING:
         return RequirementEvidence.NOTHING

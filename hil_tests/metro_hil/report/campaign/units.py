@@ -1,4 +1,4 @@
-"""Units by the last part of a name, and numbers as people read them."""
+"""Units from the last part of a name, and numbers in their usual notation."""
 
 from typing import Final
 
@@ -35,7 +35,8 @@ QUALIFIERS: Final = frozenset({"min", "max", "mean", "total", "p50", "p90", "p99
 
 
 def unit_of(name: str) -> str:
-    """Unit of a quantity by its name, such as `m` of `stop_I_error_m`; empty if it says none."""
+    """Unit of a quantity by its name, such as `m` for `stop_I_error_m`; empty if the name has
+    none."""
     words = name.replace(".", "_").split("_")
     while len(words) > 1 and words[-1] in QUALIFIERS:
         words.pop()
@@ -43,7 +44,7 @@ def unit_of(name: str) -> str:
 
 
 def number_text(value: float | None) -> str:
-    """Four significant digits, as people write them; a dash for nothing."""
+    """A number with four significant digits; a dash for None or NaN."""
     if value is None or value != value:
         return "–"
     text = f"{value:.4g}"
@@ -59,7 +60,7 @@ def with_unit(value: float | None, unit: str) -> str:
 
 
 def percent_text(share: float) -> str:
-    """A share as per cent that never rounds up to all nor down to nothing."""
+    """A share in per cent that is never rounded up to 100 or down to 0."""
     text = f"{share * 100.0:.1f}"
     if text == "100.0" and share < 1.0:
         return "> 99.9\u202f%"

@@ -1,4 +1,4 @@
-"""All files of a campaign's report, written into its folder."""
+"""Writes all files of a campaign's report into its folder."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,16 +11,16 @@ from metro_hil.report.campaign.info import CampaignInfo
 def write_reports(
     folder: Path, info: CampaignInfo, cases: Sequence[Case], results: Sequence[CaseResult]
 ) -> list[Path]:
-    """Write the reports and name them: page, JUnit, measures, requirements, summary, then figures.
+    """Write the reports; return the paths of page, JUnit, measures, requirements, summary, figures.
 
-    The same campaign gives the same bytes, in whatever order and on whatever host its results came.
+    Equal campaigns give equal bytes, independent of the order of the results and of the host.
 
     Args:
-        folder: of the campaign; logs of kept runs are looked for in it.
-        cases: all that the manifest names, in any order.
-        results: what came back, in any order; a case without one is missing.
+        folder: the campaign's folder, which may hold logs of kept runs.
+        cases: all cases that the manifest names, in any order.
+        results: all results, in any order; a case without one is missing.
     """
-    # Heavy libraries come with these; who only names the report does not wait for them.
+    # Imported here, because these need heavy libraries.
     from metro_hil.model.requirements import shipped_requirements
     from metro_hil.report.campaign.junit import junit_xml
     from metro_hil.report.campaign.ledger import join
@@ -53,4 +53,4 @@ def write_reports(
 
 
 FILES = ("report.html", "junit.xml", "measures.parquet", "requirements.md", "summary.json")
-"""In the order in which `write_reports` names them."""
+"""File names in the order of `write_reports`."""

@@ -1,6 +1,6 @@
-"""Tables and figures of their own that a campaign with `layout = "..."` shows beside the report.
+"""Layouts: further tables and figures for a campaign with `layout = "..."`.
 
-A layout is a module or two and its line in `LAYOUTS`.
+A layout is one or two modules and an entry in `LAYOUTS`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ def _wants_nothing(cases: Sequence[Case]) -> list[str]:
 
 
 def _florence_figures(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
-    # Plots come with heavy libraries; who only prints tables does not wait for them.
+    # Plots import heavy libraries, which a mere table does not need.
     from metro_hil.report.layouts.florence_figures import florence_figures
 
     return florence_figures(folder, cases)
@@ -54,25 +54,25 @@ def _hefei_logs(cases: Sequence[Case]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What a layout makes of a campaign."""
+    """Functions that make a campaign's tables and figures."""
 
     tables: Callable[[Pairs], list[LayoutTable]]
-    """From cases, None where no result came back."""
+    """Makes tables from cases and results; a result may be None."""
     draw: Callable[[Path, Sequence[Case]], list[LayoutFigure]] = _draws_nothing
-    """Writes pictures below the campaign's folder, of the cases whose logs were kept."""
+    """Writes pictures of cases with kept logs below the campaign's folder."""
     wants: Callable[[Sequence[Case]], list[str]] = _wants_nothing
-    """Ids of the cases whose logs those pictures need."""
+    """Ids of the cases whose logs the pictures need."""
 
 
 LAYOUTS: Final[Mapping[str, Layout]] = {
     "florence": Layout(florence_tables, _florence_figures, _florence_logs),
     "hefei": Layout(hefei_tables, _hefei_figures, _hefei_logs),
 }
-"""By the name in the campaign's file."""
+"""Layouts by the name in a campaign's file."""
 
 
 def show_layout(console: "Console", name: str, pairs: Pairs) -> None:
-    """Print the tables of this layout; a name that is none says so."""
+    """Print the tables of this layout, or that it does not exist."""
     layout = LAYOUTS.get(name)
     if layout is None:
         words = f"no layout {name}; known are {', '.join(sorted(LAYOUTS))}"

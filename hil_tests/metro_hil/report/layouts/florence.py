@@ -1,4 +1,4 @@
-"""Tables 7, 8 and 9 of Allotta et al. 2013 beside the same figures of a campaign, law by law."""
+"""Tables 7, 8 and 9 of [Allotta 2013] beside the same figures of a campaign, law by law."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ from metro_hil.report.layouts.tables import LayoutCell, LayoutTable, Mark
 STATIONS: Final = ("I", "II", "III", "IV")
 CM_PER_M: Final = 100.0
 TOLERANCE_CM: Final = 10.0
-"""Of the paper's table 1."""
+"""Stopping tolerance of the paper's table 1, cm."""
 LOADS: Final = (0.0, 0.5, 1.0)
 ERRORS: Final = (-0.01, 0.0, 0.01, 0.02, 0.03, 0.04, 0.05)
-"""Of the odometer: -1 to +5 %, as the paper has them in tables 8 and 9."""
+"""Odometer errors of the paper's tables 8 and 9: -1 to +5 %."""
 
 TABLE_7_CM: Final = (1.01, -0.006, -1.7, -0.564)
 TABLE_7_MEAN_CM: Final = 0.824
@@ -40,18 +40,18 @@ TABLE_9_CM: Final[Station] = {
 }
 TABLE_9_LOAD_CM: Final = {0.0: 3.75, 0.5: 2.87, 1.0: 2.75}
 SAME_CM: Final = 0.005
-"""Half of the last digit that the paper prints: nearer than this is the same."""
+"""Half of the last digit that the paper prints, cm; smaller differences count as equal."""
 
 Pairs = Sequence[tuple[Case, CaseResult | None]]
 
 
 @dataclass(frozen=True, slots=True)
 class Mean:
-    """A mean of stop errors and how much of it is there."""
+    """A mean of stop errors, and how many of its stops are known."""
 
     error_m: float | None
     stops: int
-    """That should be in it."""
+    """Number of stops that the mean should cover."""
     known: int
 
     @property
@@ -64,9 +64,10 @@ class Mean:
 
 
 def florence_tables(pairs: Pairs) -> list[LayoutTable]:
-    """For each control law those that the campaign has, then all laws side by side.
+    """Tables of each control law that the campaign has, then all laws side by side.
 
-    A table is of the scenario `table-7`, `table-8` or `table-9`, or one whose name begins so.
+    A table covers the scenario `table-7`, `table-8` or `table-9`, or those whose names begin with
+    it.
     """
     laws = by_law(pairs)
     tables = [table for law, own in laws.items() for table in _tables_of(law, own)]
@@ -90,7 +91,7 @@ def _tables_of(law: str, pairs: Pairs) -> list[LayoutTable]:
 
 
 def _table_7(title: str, pairs: Pairs) -> LayoutTable:
-    """The paper's errors have signs and its mean has none; so have ours."""
+    """Like the paper, the errors have signs, and the mean is that of magnitudes."""
     signed = [_mean(pairs, station, magnitude=False) for station in STATIONS]
     sizes = [_mean(pairs, station, magnitude=True) for station in STATIONS]
     overall = _join(sizes)
@@ -155,7 +156,7 @@ def _table_by_load(
 
 
 def _mean(pairs: Pairs, station: str, *, magnitude: bool, lacking: int = 0) -> Mean:
-    """With `lacking` stops more that should be in it and that no case was made for."""
+    """Mean over the pairs; `lacking` counts further stops for which no case exists."""
     found = [_error_m(result, station) for _, result in pairs]
     known = [abs(error) if magnitude else error for error in found if error is not None]
     return Mean(sum(known) / len(known) if known else None, len(found) + lacking, len(known))
@@ -166,7 +167,7 @@ def _error_m(result: CaseResult | None, station: str) -> float | None:
 
 
 def _join(means: Sequence[Mean]) -> Mean:
-    """Over stations, each with the same weight, as the paper's."""
+    """Mean over stations of equal weight, as in the paper."""
     stops, known = sum(mean.stops for mean in means), sum(mean.known for mean in means)
     if any(mean.error_m is None for mean in means):
         return Mean(None, stops, known)
@@ -206,7 +207,7 @@ def _signed(mean: Mean) -> str:
 def _verdicts(
     parts: Sequence[tuple[str, Mean, float]], wholes: Sequence[tuple[str, Mean, float]]
 ) -> list[str]:
-    """Where ours is better, where worse, in words that nobody can misread."""
+    """Sentences that say where this campaign is better and where it is worse."""
     lines = []
     marks = [_mark(mean, paper_cm) for _, mean, paper_cm in parts]
     said = [
@@ -235,7 +236,7 @@ def _verdicts(
 
 
 def _worst(pairs: Pairs) -> list[str]:
-    """A mean may hide one stop that is far off, so the farthest is named."""
+    """Sentences about the farthest stop, which a mean may hide."""
     stops = [
         (abs(error) * CM_PER_M, case.id, station, error * CM_PER_M)
         for case, result in pairs
@@ -254,7 +255,8 @@ def _worst(pairs: Pairs) -> list[str]:
 
 
 def _errors_covered(pairs: Pairs) -> list[str]:
-    """The paper's mean is over seven odometer errors; over others it is another figure."""
+    """Remarks on missing odometer errors; the paper's mean covers seven, so others do not
+    compare."""
     lines = []
     for load_ratio in LOADS:
         loaded = [pair for pair in pairs if _near(_load_ratio(pair[0]), load_ratio)]

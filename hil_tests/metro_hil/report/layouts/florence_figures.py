@@ -1,4 +1,4 @@
-"""Figures 5, 6 and 7 of Allotta et al. 2013 from the logs of a campaign, for each control law."""
+"""Figures 5, 6 and 7 of [Allotta 2013] from the logs of a campaign, for each control law."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ SIGNALLED: Final = "signalling"
 SERVICE: Final = "#8e44ad"
 REFERENCE: Final = "#2a9d6f"
 SIGNAL_M: Final = 450.0
-"""Where the scenario has its signal at stop."""
+"""Place of the scenario's stop signal, m."""
 NEAR_END_RATIO: Final = 0.03
 TOP_KMH: Final = 88.0
 DRIVING: Final = ("departing", "running", "approaching", "stopping", "jogging", "creeping")
@@ -51,7 +51,7 @@ def wanted_cases(cases: Sequence[Case]) -> list[str]:
 
 
 def florence_figures(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
-    """Write a PNG for each figure whose case has its logs; the others are left out."""
+    """Write a PNG for each figure whose case has logs; leave out the others."""
     drawn = []
     for wanted, case in _pictures(cases):
         run = CampaignFolder(folder).kept(case.id)
@@ -81,7 +81,7 @@ def _pictures(cases: Sequence[Case]) -> Iterator[tuple[PaperFigure, Case]]:
 
 
 def _draw_ride(path: Path, title: str, case: Case, cycles: Columns, truth: Columns) -> bool:
-    """Acceleration and jerk of the first car, low-passed at 2 Hz; figures 5 and 7."""
+    """Draw acceleration and jerk of the first car, low-passed at 2 Hz; figures 5 and 7."""
     signals = felt_signals(truth)
     if signals is None:
         return False
@@ -114,7 +114,7 @@ def _draw_ride(path: Path, title: str, case: Case, cycles: Columns, truth: Colum
 
 
 def _asked(cycles: Columns) -> Numbers:
-    """The demand, where operation has one."""
+    """The demand, where ATO has one."""
     driven = np.array([phase in DRIVING for phase in cycles.texts("phase")])
     return np.where(driven, cycles.numbers("demand_mps2"), np.nan)
 
@@ -125,11 +125,11 @@ def _keep_in_view(axes: Axes, values: Numbers, most: float) -> None:
 
 
 def _draw_tracking(path: Path, title: str, case: Case, cycles: Columns, truth: Columns) -> bool:
-    """Speed against reference, signalling and service profile, over place and time; figure 6."""
+    """Draw speed with reference, signalling and service profile over place and time; figure 6."""
     if len(truth) < 2 or not len(cycles):
         return False
     figure, (place, time) = _figure(title, 2, (1.3, 1.0))
-    # An authority that is not there yet permits nothing and would hide the curves.
+    # Before the first authority nothing is permitted; zeros would hide the curves.
     permitted = np.where(cycles.numbers("permitted_mps") > 0.0, 1.0, np.nan)
     permitted_kmh = cycles.numbers("permitted_mps") * permitted * KMH_PER_MPS
     target_kmh = cycles.numbers("target_mps") * KMH_PER_MPS
@@ -160,9 +160,9 @@ def _draw_tracking(path: Path, title: str, case: Case, cycles: Columns, truth: C
 
 
 def _service_kmh(line: LineMap, at_m: Numbers) -> Numbers:
-    """From the first to the last place at the line's highest speed, as if nothing were signalled.
+    """Speed profile from first to last place at the line's highest speed, without signals.
 
-    Limits of acceleration as operation has them; the rounding by the jerk is left out.
+    It uses ATO's acceleration limits and ignores the rounding by the jerk limit.
     """
     config = AtoConfig()
     top_mps = max(section.limit_mps for section in line.speed_sections)
@@ -173,7 +173,7 @@ def _service_kmh(line: LineMap, at_m: Numbers) -> Numbers:
 
 
 def _marks(line: LineMap, start_m: float, end_m: float) -> dict[float, str]:
-    """What is where on the way, in words."""
+    """Texts of stations, signal and speed limits, by place."""
     found = {SIGNAL_M: ["signal at stop"]}
     for station in line.stations:
         if start_m < station.stop_m <= end_m + 1.0:

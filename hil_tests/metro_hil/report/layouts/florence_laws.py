@@ -1,4 +1,4 @@
-"""All control laws of the Florence campaign side by side, beside what the paper says of its own."""
+"""All control laws of the Florence campaign side by side, with the paper's own figures."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -23,11 +23,12 @@ PAPER: Final[Mapping[str, str]] = {
     "asked for, m/s²": "0.80",
     "asked for, m/s³": "0.60",
 }
-"""Means of tables 8 and 9 over the three loads; acceleration and jerk are those it is held to."""
+"""Figures of the paper. Means of tables 8 and 9 are over the three loads; acceleration and jerk are
+the paper's limits."""
 
 
 def of_scenario(pairs: Pairs, name: str) -> Pairs:
-    """Of the scenario with this name, or of those that are it for one law each."""
+    """Pairs of the scenario with this name, or of its variants for single laws."""
     return [
         pair
         for pair in pairs
@@ -36,7 +37,7 @@ def of_scenario(pairs: Pairs, name: str) -> Pairs:
 
 
 def interval_words(figures: LawFigures) -> str:
-    """Of the mean, without its best guess; a dash where it says nothing."""
+    """Text of the mean's interval without the mean itself; a dash if it says nothing."""
     low_m, high_m = figures.mean_low_m, figures.mean_high_m
     if low_m is None or high_m is None or low_m == high_m:
         return "–"
@@ -44,7 +45,7 @@ def interval_words(figures: LawFigures) -> str:
 
 
 def ride_words(pairs: Pairs) -> str:
-    """Greatest acceleration and jerk of all these cases."""
+    """Sentence with the greatest acceleration and jerk over all these cases."""
     accel, jerk, felt, second, slope = _comfort(figures_of(pairs))
     return (
         f"At most: asked for {accel} m/s² and {jerk} m/s³; felt in the worst car {felt} m/s², "
@@ -69,7 +70,7 @@ def summary_table(laws: Mapping[str, Pairs]) -> LayoutTable:
 
 
 def _column(pairs: Pairs) -> dict[str, str]:
-    """What is said of one law, by the name of the row."""
+    """Cells of one law, by the name of the row."""
     said: dict[str, str] = {}
     for table in TABLES:
         figures = figures_of(of_scenario(pairs, table))
@@ -77,7 +78,7 @@ def _column(pairs: Pairs) -> dict[str, str]:
         said[f"{name}, mean cm"] = _number(figures.mean_m, ".2f", CM_PER_M)
         said[f"{name}, 95 %"] = interval_words(figures)
     own = [pair for name in TABLES for pair in of_scenario(pairs, name)]
-    # What is in no table, such as a law that is only shown failing, speaks for itself.
+    # A law without a table, such as one that only demonstrates a failure, shows all its cases.
     figures = figures_of(own or pairs)
     said["stops"] = str(figures.stops)
     said["worst, cm"] = _number(figures.worst_m, "+.1f", CM_PER_M)
@@ -93,7 +94,7 @@ def _number(value: float | None, form: str, scale: float = 1.0) -> str:
 
 
 def _percent(ratio: float | None) -> str:
-    """Never rounded up to all."""
+    """Per cent, never rounded up to 100."""
     if ratio is None:
         return "–"
     return f"{ratio * 100.0:.1f} %" if ratio == 1.0 or ratio < 0.9995 else "> 99.9 %"

@@ -1,4 +1,4 @@
-"""Stops before and after the additions to control by chasing time, as Wu 2022 sets them out."""
+"""Stops before and after the additions to control by chasing time, as [Wu 2022] presents them."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ Pairs = Sequence[tuple[Case, CaseResult | None]]
 
 
 def hefei_tables(pairs: Pairs) -> list[LayoutTable]:
-    """Of the scenarios `hefei-before` to `hefei-after`, those that the campaign has."""
+    """Tables of those scenarios `hefei-before` to `hefei-after` that the campaign has."""
     of = {
         name: [pair for pair in pairs if pair[0].scenario == scenario]
         for scenario, name in SCENARIOS.items()
@@ -32,12 +32,12 @@ def hefei_tables(pairs: Pairs) -> list[LayoutTable]:
 
 
 def platforms(pairs: Pairs) -> list[str]:
-    """The platforms that the cases end at, in the order of their names."""
+    """The platforms at which the cases end, in the order of their names."""
     return sorted({case.setup.end for case, _ in pairs if case.setup.end is not None})
 
 
 def errors_m(pairs: Pairs, platform: str) -> list[float]:
-    """Of every stop made there."""
+    """Errors of all stops at one platform, m."""
     found = [
         result.measures.get(f"stop_{platform}_error_m")
         for case, result in pairs
@@ -97,7 +97,7 @@ def _mean_and_worst(found_m: Sequence[float]) -> str:
 
 
 def _mark(ours: Sequence[float], theirs: Sequence[float]) -> Mark:
-    """Against the first row."""
+    """Comparison with the first row."""
     if not ours or not theirs:
         return Mark.INCOMPLETE
     ours_m, theirs_m = _mean([abs(one) for one in ours]), _mean([abs(one) for one in theirs])

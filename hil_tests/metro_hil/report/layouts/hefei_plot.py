@@ -1,4 +1,4 @@
-"""The paper's figures 5 to 8 from a campaign: speed curves and stop errors, before and after."""
+"""Figures 5 to 8 of [Wu 2022] from a campaign: speed curves and stop errors, before and after."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,7 +29,7 @@ LEAST_ERROR_CM: Final = 40.0
 
 
 def wanted_cases(cases: Sequence[Case]) -> list[str]:
-    """The first case of each scenario that is shown, by its id."""
+    """Id of the first case of each scenario in the picture."""
     firsts = (
         next((case.id for case in cases if case.scenario == scenario), None)
         for scenario, _ in SHOWN
@@ -38,9 +38,9 @@ def wanted_cases(cases: Sequence[Case]) -> list[str]:
 
 
 def draw_hefei(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
-    """Write one picture below `folder`; none when no case is of those shown.
+    """Write one picture below `folder`; none if the campaign has none of the scenarios.
 
-    The curves are those of the first case of each scenario, the stop errors those of the journal.
+    The curves are those of the first case of each scenario; the stop errors come from the journal.
     """
     journal = read_journal(CampaignFolder(folder).journal_path)
     by_id = {result.case_id: result for result in journal.results}

@@ -1,4 +1,4 @@
-"""A table as a layout draws it up, and how it is printed to a terminal."""
+"""A layout's tables, and how they are printed on a terminal."""
 
 import enum
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ if TYPE_CHECKING:
 
 
 class Mark(enum.Enum):
-    """How a figure compares with the one it stands beside."""
+    """How a figure compares with the one beside it."""
 
     NONE = ""
     BETTER = "better"
     WORSE = "worse"
     INCOMPLETE = "incomplete"
-    """Not all that should be in it is there, so that it compares with nothing."""
+    """Some of its values are missing, so it cannot be compared."""
 
 
 @dataclass(frozen=True, slots=True)
 class LayoutCell:
-    """One cell; `span` columns wide."""
+    """One cell, `span` columns wide."""
 
     text: str
     mark: Mark = Mark.NONE
@@ -30,7 +30,7 @@ class LayoutCell:
 
 @dataclass(frozen=True, slots=True)
 class LayoutTable:
-    """Head rows, body rows (the first cell of each names it) and what is to be said of it."""
+    """Head rows, body rows (the first cell of each is its name), and remarks below."""
 
     title: str
     head: tuple[tuple[LayoutCell, ...], ...]
@@ -48,11 +48,11 @@ class LayoutFigure:
 
 STYLES = {Mark.BETTER: "green", Mark.WORSE: "red", Mark.INCOMPLETE: "yellow", Mark.NONE: ""}
 SIGNS = {Mark.BETTER: "▼", Mark.WORSE: "▲", Mark.INCOMPLETE: "?", Mark.NONE: " "}
-"""Smaller errors are better; read without colours, too."""
+"""Signs of the marks, readable without colours; smaller errors are better."""
 
 
 def print_layout(console: "Console", tables: list[LayoutTable]) -> None:
-    """To the terminal; all figures stay legible without colours."""
+    """Print the tables; all figures are readable without colours."""
     from rich.table import Table
     from rich.text import Text
 
@@ -75,5 +75,5 @@ def print_layout(console: "Console", tables: list[LayoutTable]) -> None:
 
 
 def _spread(row: tuple[LayoutCell, ...]) -> list[str]:
-    """One text per column: of a wide cell the first column has it."""
+    """One text for each column; a wide cell's text is in its first column."""
     return [text for cell in row for text in (cell.text, *[""] * (cell.span - 1))]

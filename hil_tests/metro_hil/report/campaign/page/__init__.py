@@ -1,1 +1,1 @@
-"""The page: what it shows, how it is drawn, and the one file that comes out."""
+"""The page of a campaign: its content, its pictures, and the resulting file."""

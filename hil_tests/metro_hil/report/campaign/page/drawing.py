@@ -1,4 +1,4 @@
-"""Pictures as inline SVG, coloured by the style sheet; the same numbers give the same text."""
+"""Pictures as inline SVG, coloured by the style sheet; equal numbers give equal text."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ CHARACTER_PX: Final = 6.2
 
 
 class PlotScale:
-    """From values to pixels, linearly."""
+    """Linear map from values to pixels."""
 
     def __init__(self, values: tuple[float, float], pixels: tuple[float, float]) -> None:
         self.values = values
@@ -31,7 +31,7 @@ class PlotScale:
         return self.pixels[0] + share * (self.pixels[1] - self.pixels[0])
 
     def ticks(self, count: int = TICKS) -> list[float]:
-        """Round values inside, about `count` of them."""
+        """About `count` round values within the range."""
         low, high = self.values
         if not high > low:
             return [low]
@@ -43,14 +43,14 @@ class PlotScale:
 
 
 def span_of(values: Sequence[float], *also: float) -> tuple[float, float]:
-    """From least to greatest with a little room; never empty."""
+    """Range from least to greatest value with some room; never empty."""
     low, high = min(*values, *also), max(*values, *also)
     room = (high - low) * 0.04 or max(abs(high) * 0.1, 1e-6)
     return low - room, high + room
 
 
 def picture(width: float, height: float, title: str, parts: Sequence[str]) -> Markup:
-    """The parts are trusted: whoever makes them escapes names."""
+    """The parts are trusted: the caller must escape names."""
     head = Markup('<svg viewBox="0 0 {} {}" width="{}" height="{}" role="img"><title>{}</title>')
     body = Markup("").join(Markup(part) for part in parts)  # noqa: S704
     return (
@@ -59,7 +59,7 @@ def picture(width: float, height: float, title: str, parts: Sequence[str]) -> Ma
 
 
 def px(value: float) -> str:
-    """A tenth of a pixel is all that an eye sees."""
+    """Coordinate as text, rounded to a tenth of a pixel."""
     shown = f"{value:.1f}".removesuffix(".0")
     return "0" if shown == "-0" else shown
 
@@ -86,7 +86,7 @@ def dot(x: float, y: float, style: str, title: str = "", radius_px: float = 2.6)
 
 
 def margin_strip(values: Sequence[float], unit: str, least_title: str) -> Markup:
-    """Where the margins lie: zero is the violation, the triangle the least of them."""
+    """Strip of the margins: zero marks the violation, the triangle the least margin."""
     width, base = 300.0, 34.0
     scale = PlotScale(span_of(values, 0.0), (6.0, width - 6.0))
     zero_px, least = scale.at(0.0), min(values)
@@ -141,7 +141,7 @@ def histogram(
     mean: tuple[float, float, float],
     domain: tuple[float, float],
 ) -> Markup:
-    """All values of one measure with their mean and its confidence interval above."""
+    """Histogram of one measure, with the mean and its confidence interval above."""
     width, height, base = 310.0, 132.0, 104.0
     scale = PlotScale(domain, (10.0, width - 10.0))
     parts = []
@@ -165,7 +165,7 @@ class LevelGroup:
 
 
 def by_level_plot(groups: Sequence[LevelGroup], domain: tuple[float, float], unit: str) -> Markup:
-    """A row for each level: every value as a dot, or 5–95 %, quartiles and median of many."""
+    """A row for each level: a dot for every value, or 5–95 %, quartiles and median of many."""
     longest = max(len(_short(group.label)) for group in groups)
     left = 14.0 + CHARACTER_PX * longest
     width, row = left + 236.0, 19.0
@@ -210,7 +210,7 @@ def _short(label: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PlotCurve:
-    """One curve of a plot; where y is NaN it has a gap."""
+    """One curve of a plot, with a gap where y is NaN."""
 
     label: str
     style: str
@@ -221,7 +221,7 @@ class PlotCurve:
 def curves_plot(
     curves: Sequence[PlotCurve], *, x_label: str, y_label: str, mark: tuple[float, float] | None
 ) -> Markup:
-    """Curves over a common abscissa, with a mark where it came nearest to violation."""
+    """Curves over a common abscissa, with a mark at the point nearest to violation."""
     width, height, left, base, top = 545.0, 236.0, 46.0, 196.0, 24.0
     right = width - 18.0
     xs = np.concatenate([curve.x[np.isfinite(curve.x)] for curve in curves])

@@ -1,4 +1,4 @@
-"""The verdict matrix: which scenario, at which values of its factors, came out how."""
+"""The verdict matrix: verdicts of each scenario, by the values of its factors."""
 
 import itertools
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from metro_hil.report.campaign.units import with_unit
 from metro_hil.report.estimates import ConfidenceInterval, pass_share
 
 SQUARES_MAX: Final = 600
-"""Up to so many cases each has a square of its own; more are counted."""
+"""Greatest number of cases with a square each; more cases are counted."""
 PAIR_FACTORS_MAX: Final = 8
 SCENARIOS_MAX: Final = 60
 SYMBOLS: Final = {
@@ -31,7 +31,7 @@ SYMBOLS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Square:
-    """One case, or many counted together."""
+    """One case, or several counted together."""
 
     style: str
     symbol: str
@@ -41,13 +41,13 @@ class Square:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Rows over columns of one scenario."""
+    """Squares of one scenario in rows and columns."""
 
     row_name: str
     column_name: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, tuple[tuple[Square, ...], ...]], ...]
-    """Label and, for each column, its squares."""
+    """Label of each row, and its squares for each column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class ScenarioView:
     good: int
     share: ConfidenceInterval | None
     tally: tuple[tuple[str, str, int], ...]
-    """Word, symbol and number of the verdicts that came up."""
+    """Word, symbol and number of each verdict that occurred."""
     requirements: tuple[str, ...]
     grid: Grid
     levels: tuple[LevelRow, ...]
@@ -81,7 +81,7 @@ class ScenarioView:
 
 
 def scenario_view(name: str, entries: Sequence[LedgerEntry], *, single: bool) -> ScenarioView:
-    """With `single` each case has its square, otherwise each cell is a count."""
+    """View of one scenario; with `single` each case has a square, else a cell shows a count."""
     good = sum(entry.as_expected for entry in entries)
     factors = factors_of(entries)
     counted = [
@@ -135,7 +135,7 @@ def _grid(entries: Sequence[LedgerEntry], factors: Sequence[TallyFactor], *, sin
 def most_telling(
     entries: Sequence[LedgerEntry], factors: Sequence[TallyFactor]
 ) -> tuple[TallyFactor | None, TallyFactor | None]:
-    """The pair of factors that parts good from bad best, the first of equals: rows and columns."""
+    """The pair of factors that best separates good from bad cases, as rows and columns."""
     if not factors:
         return None, None
     if len(factors) == 1:
@@ -145,7 +145,7 @@ def most_telling(
 
 
 def _parted(entries: Sequence[LedgerEntry], rows: TallyFactor, columns: TallyFactor) -> float:
-    """Variance of the share of good cases between the cells."""
+    """Variance between cells of the share of good cases."""
     cells: dict[tuple[str, str], list[bool]] = {}
     for entry in entries:
         key = (_level(rows, entry), _level(columns, entry))
@@ -175,7 +175,7 @@ def _cell(entries: Sequence[LedgerEntry], single: bool) -> tuple[Square, ...]:
 
 
 def square_of(entry: LedgerEntry) -> Square:
-    """One case; what is not as expected leads to its place in the list of failures."""
+    """Square of one case; an unexpected one links to its place in the list of failures."""
     style = f"v-{entry.word}" + ("" if entry.as_expected else " wrong")
     lines = [entry.case.id, factors_text(entry.case), f"{entry.word}"]
     if entry.case.expected:
@@ -191,7 +191,7 @@ def square_of(entry: LedgerEntry) -> Square:
 
 
 def count_square(entries: Sequence[LedgerEntry]) -> Square:
-    """Good of all; of some good and some not the symbol is half a disc."""
+    """Square with the number of good cases; half a disc if only some are good."""
     good, all_of_them = sum(entry.as_expected for entry in entries), len(entries)
     words = [
         f"{number} {word}"

@@ -1,4 +1,4 @@
-"""One self-contained page from everything that is known of a campaign."""
+"""Renders one self-contained page from all data of a campaign."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ GAPS_SHOWN: Final = 15
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """All that goes into the page."""
+    """All data that the page shows."""
 
     info: CampaignInfo
     ledger: Ledger
@@ -51,7 +51,7 @@ class Content:
 
 
 def render_page(folder: Path, content: Content) -> str:
-    """HTML with everything inline. Names are escaped wherever they stand."""
+    """HTML with everything inline; names are escaped everywhere."""
     environment = Environment(
         loader=DictLoader({name: _template(name) for name in ("report.html", "cases.html")}),
         autoescape=True,
@@ -103,7 +103,7 @@ def _coverage(ledger: Ledger) -> Coverage:
 
 
 def _interval(interval: ConfidenceInterval | None, percent: bool = False) -> str:
-    """Best, then the interval; of a share as per cent."""
+    """The best value, then the interval; a share in per cent."""
     if interval is None:
         return "–"
     text = percent_text if percent else number_text

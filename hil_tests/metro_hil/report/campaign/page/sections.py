@@ -1,4 +1,4 @@
-"""What the page shows below its head: margins, measures, worst cases, failures, coverage."""
+"""Sections of the page below its head: margins, measures, worst cases, failures, coverage."""
 
 from base64 import b64encode
 from collections.abc import Sequence
@@ -44,7 +44,8 @@ MEASURES_DRAWN: Final = 8
 FACTORS_DRAWN: Final = 4
 KMH_PER_MPS: Final = 3.6
 MOVED_M: Final = 5.0
-"""A run that covered less is shown over time."""
+"""Distance that a run must cover to be plotted over place; shorter runs are plotted over time,
+m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +62,13 @@ class MonitorView:
 
     @property
     def idle(self) -> bool:
-        """Never saw what it judges."""
+        """Whether the monitor never judged anything."""
         return not (self.tally.judged or self.inconclusive)
 
 
 @dataclass(frozen=True, slots=True)
 class MeasureView:
-    """One measure with its distribution, as a whole and by factor."""
+    """One measure with its distribution, in total and by factor."""
 
     name: str
     unit: str
@@ -127,7 +128,8 @@ def _monitor(tally: MonitorTally) -> MonitorView:
 
 
 def measure_views(ledger: Ledger, tallies: Sequence[MeasureTally]) -> list[MeasureView]:
-    """Those that vary and tell of stopping first; only the first few are drawn."""
+    """Measures that vary come first, those about stopping before others; only the first are
+    drawn."""
     several = len(ledger.scenarios()) > 1
     factors = [*([_by_scenario(ledger)] if several else []), *factors_of(ledger.entries)]
     order = sorted(tallies, key=lambda tally: (not _varies(tally), "error" not in tally.name))
@@ -177,7 +179,7 @@ def _measure(tally: MeasureTally, factors: Sequence[TallyFactor], *, drawn: bool
 
 
 def worst_views(folder: Path, ledger: Ledger, tallies: Sequence[MonitorTally]) -> list[CaseView]:
-    """The first few with a plot, as far as their logs were kept."""
+    """The worst cases; the first ones with kept logs get a plot."""
     views, plots = [], 0
     for entry, nearest in worst_entries(ledger, tallies, count=WORST_MAX):
         plot = _plot(folder, entry, nearest) if plots < PLOTS_MAX else None
@@ -187,13 +189,13 @@ def worst_views(folder: Path, ledger: Ledger, tallies: Sequence[MonitorTally]) -
 
 
 def failure_views(folder: Path, ledger: Ledger) -> list[CaseView]:
-    """Everything not as expected, in the campaign's order, up to `FAILURES_MAX`."""
+    """All unexpected cases, in the campaign's order, up to `FAILURES_MAX`."""
     wrong = [entry for entry in ledger.entries if not entry.as_expected][:FAILURES_MAX]
     return [case_view(folder, entry, _least(entry), None) for entry in wrong]
 
 
 def _least(entry: LedgerEntry) -> MonitorResult | None:
-    """What was violated first, else what came nearest."""
+    """The monitor that was violated first, else the one with the least margin."""
     failed = [m for m in entry.monitors() if m.verdict is Verdict.FAIL]
     if failed:
         return min(failed, key=lambda m: (m.at_s is None, m.at_s or 0.0))
@@ -234,7 +236,7 @@ def _of(case: Case) -> str:
 
 
 def _plot(folder: Path, entry: LedgerEntry, nearest: MonitorResult | None) -> Markup | None:
-    """Speed over distance, or over time of a train that hardly moved; None without a log."""
+    """Plot of speed over distance, or over time if the train hardly moved; None without a log."""
     run = kept_run(folder, entry)
     if run is None:
         return None
@@ -247,7 +249,7 @@ def _plot(folder: Path, entry: LedgerEntry, nearest: MonitorResult | None) -> Ma
 
 
 def picture(path: Path, name: str) -> Markup:
-    """Inline, so that the page stays one file."""
+    """Inline picture, so that the page stays one file."""
     data = b64encode(path.read_bytes()).decode("ascii")
     return Markup('<img class="case" alt="{}" src="data:image/png;base64,{}">').format(name, data)
 
