@@ -1,1 +1,1 @@
-"""The story of a run: what its controller decided, why, and from which bytes on its wires."""
+"""The event log of a run: what its controller decided, why, and from which bytes on its wires."""

@@ -1,4 +1,4 @@
-"""Which frame of the run's bus log each event was decided from."""
+"""Finds the frame of the run's bus log that each event was decided from."""
 
 from dataclasses import replace
 from typing import Final
@@ -10,13 +10,14 @@ from metro_hil.report.explain.event_log import LoggedEvent, LoggedSource, RunEve
 
 NS_PER_S: Final = 1_000_000_000
 HEARD_WITHIN_NS: Final = 5_000_000
-"""By so much the stamps of two listeners of one frame may differ."""
+"""Greatest difference between the time stamps of one frame at two receivers, ns."""
 
 
 def located(story: RunEvents) -> RunEvents:
-    """The same story with the frames' numbers; without them where there is no bus log.
+    """The same events with the numbers of their frames; without numbers if there is no bus log.
 
-    A controller that was started again counts its time anew, so only the first one's are found.
+    A restarted controller counts its time from its restart, so only frames of the first one are
+    found.
     """
     try:
         log = canlog.read(story.folder.path)
@@ -33,7 +34,7 @@ def _located(event: LoggedEvent, log: canlog.Log) -> LoggedEvent:
 
 
 def _number(source: LoggedSource, log: canlog.Log) -> int | None:
-    """From 1, of the frame with these bytes that was on the bus when it was heard."""
+    """Number, from 1, of the frame with these bytes that was on the bus when it was received."""
     heard = source.number is not None and source.heard_s is not None
     if not heard or log.run is None or not source.source.isupper():
         return None

@@ -1,4 +1,4 @@
-"""Which events of a story are to be told."""
+"""Selects the events to show."""
 
 import difflib
 from collections.abc import Sequence
@@ -7,7 +7,8 @@ from metro_hil.report.explain.event_log import KINDS, LoggedEvent, RunEventsErro
 
 
 def kinds_of(text: str) -> frozenset[str]:
-    """Names of kinds, apart by commas, in any case. Raises StoryError naming the nearest one."""
+    """Kinds of event from a comma-separated list in any case. Raises RunEventsError with the
+    nearest."""
     found = set()
     for word in filter(None, (part.strip() for part in text.split(","))):
         name = word.upper().replace("-", "_")
@@ -25,7 +26,7 @@ def chosen(
     to_s: float | None,
     only: frozenset[str],
 ) -> list[LoggedEvent]:
-    """Both ends of the time are included; an empty `only` takes every kind."""
+    """Events in the time range, both ends included; an empty `only` accepts every kind."""
     return [
         event
         for event in events

@@ -1,4 +1,4 @@
-"""`vobc explain`: parse, read, tell."""
+"""`vobc explain`: parses, reads, prints."""
 
 import argparse
 import json
@@ -44,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Whatever the user got wrong is one line, never a traceback."""
+    """A user's mistake gives one line, never a traceback."""
     options = parser().parse_args(argv)
     try:
         return _explain(options)

@@ -1,4 +1,4 @@
-"""Reads what a run folder tells of its controller: events, journey, ending."""
+"""Reads from a run folder its controller's events, the journey, and how it ended."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -16,20 +16,21 @@ KINDS: Final = tuple(kind.name for kind in EventKind)
 
 
 class RunEventsError(Exception):
-    """A folder without a story; the text names it and says what to do."""
+    """A folder without events; the text names it and says what to do."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoggedSource:
-    """What one event was decided from."""
+    """One input that an event was decided from."""
 
     source: str
     number: int | None
-    """Identifier of the frame, id of the tag, sequence of the message; None: never heard."""
+    """Identifier of the frame, id of the tag, or sequence of the message; None if never
+    received."""
     payload: bytes
     heard_s: float | None
     frame: int | None = None
-    """Its number in the bus log, from 1; None where that is not known."""
+    """Number of the frame in the bus log, from 1; None if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,27 +38,27 @@ class LoggedEvent:
     """One line of events.jsonl."""
 
     t_s: float
-    """Since the start of the controller that told it."""
+    """Time since the start of the controller, s."""
     number: int
-    """Of this event since that start."""
+    """Number of the event since that start."""
     kind: str
     words: str
     value: int
     sources: tuple[LoggedSource, ...]
     controller: int
-    """0 for the first one of the run; another one is there after it was started again."""
+    """Number of the controller, from 0; a restart begins another one."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunHead:
-    """What the run was."""
+    """Summary of the run."""
 
     name: str
     line: str
     stations: tuple[str, ...]
-    """Where it began and every stop of its mission."""
+    """The start, and every stop of the mission."""
     ended: str
-    """Why the run ended; empty when it did not come to write that down."""
+    """Why the run ended; empty if the run was killed before it recorded that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,14 +67,14 @@ class RunEvents:
     head: RunHead
     events: tuple[LoggedEvent, ...]
     torn_lines: int
-    """Lines that a killed run left unfinished; they are not used."""
+    """Number of unfinished lines of a killed run, which are not used."""
 
 
 def read_story(path: Path) -> RunEvents:
-    """Raises StoryError.
+    """Read the events of a run. Raises RunEventsError.
 
     Args:
-        path: of the run folder, or of the file events.jsonl in it.
+        path: the run folder, or the file events.jsonl in it.
     """
     folder = _folder_of(path)
     if not folder.path.is_dir():
@@ -93,7 +94,7 @@ def read_story(path: Path) -> RunEvents:
 
 
 def _folder_of(path: Path) -> RunFolder:
-    """The folder itself, or the only one below it that has events."""
+    """The folder itself, or its only subfolder with events."""
     if path.name == RunFolder(path).events_log.name:
         return RunFolder(path.parent)
     folder = RunFolder(path)
@@ -152,7 +153,7 @@ def _source(table: Mapping[str, Any]) -> LoggedSource:
 
 
 def _head(folder: RunFolder) -> RunHead:
-    """Each part from the file that has it; what cannot be read stays empty."""
+    """Read each part from its file; unreadable parts stay empty."""
     told = _told(folder.path / PORTS_LOG)
     mission = told.get("mission", {})
     results = _json(folder.results)
@@ -165,7 +166,7 @@ def _head(folder: RunFolder) -> RunHead:
 
 
 def _told(ports_log: Path) -> Mapping[str, Any]:
-    """What the controller was told before its first cycle."""
+    """Configuration that the controller received before its first cycle."""
     try:
         with ports_log.open(encoding="utf-8") as lines:
             first = lines.readline()

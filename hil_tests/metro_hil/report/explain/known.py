@@ -1,4 +1,4 @@
-"""What the controller knew at one instant: its cycle, and the latest of everything it had heard."""
+"""State of the controller at one time: its cycle, and the latest input of each kind."""
 
 import csv
 import json
@@ -15,12 +15,12 @@ from metro_hil.report.explain.event_log import PORTS_LOG, RunEventsError
 
 NS_PER_S: Final = 1_000_000_000
 HALF_STEP_S: Final = 1e-4
-"""The log has nine digits of its instants; cycles are two hundred times as far apart."""
+"""Tolerance for the rounding of logged times, s; far less than a cycle."""
 
 
 @dataclass(frozen=True, slots=True)
 class LastReceived:
-    """The latest of one frame or message."""
+    """The latest frame or message of one name."""
 
     name: str
     values: str
@@ -29,22 +29,22 @@ class LastReceived:
 
 @dataclass(frozen=True, slots=True)
 class ControllerKnowledge:
-    """At the end of one control cycle."""
+    """What the controller knew at the end of one control cycle."""
 
     cycle: Mapping[str, str]
     """The row of the cycle log, by column."""
     heard: tuple[LastReceived, ...]
-    """In the order of names."""
+    """Latest inputs, in the order of their names."""
 
 
 def known_at(folder: RunFolder, at_s: float) -> ControllerKnowledge:
-    """Of the last cycle that began by then. Raises StoryError for a log that is not there."""
+    """State at the last cycle that began by then. Raises RunEventsError for a missing log."""
     row = cycle_at(folder.cycle_log, at_s)
     return ControllerKnowledge(row, heard_until(folder.path / PORTS_LOG, float(row["t_s"])))
 
 
 def cycle_at(path: Path, at_s: float) -> dict[str, str]:
-    """The last row at or before an instant, by column. Raises StoryError."""
+    """The last row at or before a time, by column. Raises RunEventsError."""
     found: dict[str, str] | None = None
     first_s: float | None = None
     try:
@@ -65,9 +65,9 @@ def cycle_at(path: Path, at_s: float) -> dict[str, str]:
 
 
 def heard_until(ports_log: Path, cycle_s: float) -> tuple[LastReceived, ...]:
-    """The newest of each name, up to the cycle that began at `cycle_s` of its controller's time.
+    """The newest input of each name, up to the cycle that began at `cycle_s` of controller time.
 
-    Only what was heard is read of the recording, so that one of another version will do.
+    It reads only the inputs of the recording, so recordings of other versions work as well.
     """
     ear = _Ear()
     try:
@@ -81,7 +81,7 @@ def heard_until(ports_log: Path, cycle_s: float) -> tuple[LastReceived, ...]:
 
 
 class _Ear:
-    """Keeps the newest of what a controller heard; another start of it begins anew."""
+    """Keeps the newest inputs of a controller; a restart of the controller clears them."""
 
     def __init__(self) -> None:
         self._start_ns = 0
@@ -89,7 +89,7 @@ class _Ear:
         self._messages: dict[str, RadioMessage] = {}
 
     def over(self, line: str, cycle_s: float) -> bool:
-        """Take one line of the recording; true when it begins a later cycle."""
+        """Take one line of the recording; true if it begins a later cycle."""
         kind, *words = line.split(" ")
         if kind == "start":
             told = json.loads(line.removeprefix("start "))

@@ -1,4 +1,4 @@
-"""The bytes behind an event as the controller read them: name and value of each signal."""
+"""Decodes the bytes behind an event: name and value of each signal."""
 
 from typing import Final
 
@@ -12,7 +12,7 @@ RADIO: Final = ("movement authority", "orders")
 
 
 def source_words(source: LoggedSource) -> tuple[str, str]:
-    """Name, and values or why there are none."""
+    """Name and values of an input, or why there are none."""
     if source.number is None:
         return source.source, "never heard" if source.source != "clock" else ""
     if source.source == TAG:

@@ -1,4 +1,4 @@
-"""The story for people, and as one JSON object for programs."""
+"""Shows the event log to a person, or as one JSON object to programs."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -33,11 +33,11 @@ STYLES: Final = {
     "RADIO_REFUSED": "yellow",
 }
 BEFORE_SHOWN: Final = 5
-"""Events up to the instant of `--at`."""
+"""Number of events shown before the time of `--at`."""
 
 
 def show_story(console: Console, story: RunEvents, events: Sequence[LoggedEvent]) -> None:
-    """Head, then the chosen events in their order, each with what it was decided from."""
+    """Print the head, then the chosen events in order, each with its inputs."""
     _show_head(console, story)
     if not events:
         console.print("no event is of that kind and time", style="yellow")
@@ -73,7 +73,7 @@ def _show_events(console: Console, events: Sequence[LoggedEvent]) -> None:
     for event in events:
         if event.controller != controller:
             controller = event.controller
-            again = "the controller was started again; its time begins anew"
+            again = "the controller restarted; its time begins at zero again"
             table.add_row("", "", Text(again, "bold"))
         kind = Text(_kind_words(event.kind), STYLES.get(event.kind, "cyan"))
         table.add_row(f"{event.t_s:.3f} s", kind, Text(event.words))
@@ -96,7 +96,7 @@ def _kind_words(kind: str) -> str:
 
 
 def show_known(console: Console, story: RunEvents, known: ControllerKnowledge, at_s: float) -> None:
-    """One cycle: what it decided, what it had heard, what had just been told."""
+    """Print one cycle: its decisions, its latest inputs, and the last events."""
     _show_head(console, story)
     row = Table(title=f"cycle at {float(known.cycle['t_s']):.3f} s", title_justify="left")
     row.add_column("column")
@@ -118,7 +118,7 @@ def show_known(console: Console, story: RunEvents, known: ControllerKnowledge, a
 
 
 def document(story: RunEvents, events: Sequence[LoggedEvent]) -> dict[str, Any]:
-    """What --json prints."""
+    """The object that --json prints."""
     return {
         "folder": str(story.folder.path),
         **_head_table(story.head),
