@@ -8,7 +8,7 @@ from metro_hil.monitors.vocabulary import SIGNALS, Origin, Signal
 
 ORIGINS: Final = {
     Origin.TRUTH: "Truth of the plant",
-    Origin.BUS: "What was heard on the bus",
+    Origin.BUS: "Frames on the bus",
     Origin.LINE: "Truth, map and claims together",
 }
 
@@ -35,7 +35,7 @@ def invariant_row(each: Invariant) -> dict[str, Any]:
 
 
 def signal_tables() -> str:
-    """Markdown, one table for each origin."""
+    """Return the signals as Markdown, one table for each origin."""
     parts = []
     for origin, title in ORIGINS.items():
         rows = [
@@ -48,7 +48,7 @@ def signal_tables() -> str:
 
 
 def invariant_tables() -> str:
-    """Markdown: what is watched, then what is not and why."""
+    """Return the invariants as Markdown: the watched ones, then the others with the reason."""
     watched = [
         f"| `{each.name}` | {each.unit} | {each.text} | {each.margin} |"
         for each in INVARIANTS

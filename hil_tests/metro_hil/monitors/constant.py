@@ -1,4 +1,4 @@
-"""Formulas that no run can decide: without a signal, or with the same answer whatever happens."""
+"""Rejects formulas that no run can decide: without a signal, or with a constant result."""
 
 import ast
 import math
@@ -15,15 +15,15 @@ from metro_hil.monitors.vocabulary import BOOLEANS, NAMES, RANGES
 Range = tuple[float, float]
 ANYTHING: Final[Range] = (-math.inf, math.inf)
 ATOMS_MAX: Final = 8
-"""A choice of more different comparisons is not tried in all its combinations."""
+"""Number of different comparisons in a choice up to which all combinations are tried."""
 
 
 @lru_cache(maxsize=1024)
 def refuse_constant(text: str, narrower: tuple[tuple[str, Range], ...] = ()) -> None:
-    """Raises FormulaError for a formula that no run can violate, fulfil or put to the test.
+    """Raise FormulaError for a formula that no run can violate, fulfil or exercise.
 
     Args:
-        narrower: ranges of signals that hold for the runs that are meant.
+        narrower: ranges of signals that hold for the intended runs.
     """
     ranges, tree = {**RANGES, **dict(narrower)}, parse(text, NAMES, BOOLEANS)
     for atom in _atoms(tree):
@@ -32,10 +32,12 @@ def refuse_constant(text: str, narrower: tuple[tuple[str, Range], ...] = ()) -> 
     decided = _decided(tree, ranges)
     if decided is not None:
         what = "no run can violate it" if decided else "no run can fulfil it"
-        raise FormulaError(f"{text!r} is {str(decided).lower()} whatever its signals are; {what}")
+        raise FormulaError(
+            f"{text!r} is {str(decided).lower()} for all values of its signals; {what}"
+        )
     needed = witness(tree)
     if needed is not None and _decided(needed, ranges) is False:
-        raise FormulaError(f"{text!r}: its premise cannot hold, so that it never asks for anything")
+        raise FormulaError(f"{text!r}: its premise cannot hold, so the formula never applies")
 
 
 def _error(text: str, position: int, what: str) -> FormulaError:
@@ -56,7 +58,7 @@ def _atoms(node: Node) -> Iterator[Atom]:
 
 
 def _decided(node: Node, ranges: Mapping[str, Range]) -> bool | None:
-    """The answer that does not depend on the run; None where it does."""
+    """Return the result if it is the same in every run, otherwise None."""
     if isinstance(node, Atom):
         return _sign(node.margin, ranges)
     if isinstance(node, Timed):
@@ -75,7 +77,7 @@ def _decided(node: Node, ranges: Mapping[str, Range]) -> bool | None:
 
 
 def _tried(node: Both | Either) -> bool | None:
-    """By every combination of answers of its comparisons, each taken as it is written."""
+    """Try every combination of results of the comparisons; two comparisons of one text agree."""
     atoms = {min(atom.margin, atom.negated): atom for atom in _atoms(node)}
     if not _present(node) or len(atoms) > ATOMS_MAX:
         return None
@@ -110,7 +112,7 @@ def _names(margin: str) -> set[str]:
 
 
 def _sign(margin: str, ranges: Mapping[str, Range]) -> bool | None:
-    """Whether a margin is never negative, always negative, or neither for certain."""
+    """Tell whether a margin is never negative or always negative; None if neither is certain."""
     low, high = _bounds(ast.parse(margin, mode="eval").body, ranges)
     if low >= 0.0:
         return True
@@ -172,7 +174,7 @@ def _linear(node: ast.expr) -> _Linear | None:
 
 
 def _bounds(node: ast.expr, ranges: Mapping[str, Range]) -> Range:
-    """Least and greatest value, never narrower than the truth."""
+    """Return bounds of the value; they may be wider than the true range, but never narrower."""
     linear = _linear(node)
     if linear is not None:
         return _known(linear.bounds(ranges))

@@ -1,4 +1,4 @@
-"""What monitors have to know of a run beside its frames and its truth."""
+"""What monitors need to know about a run besides its frames and its truth."""
 
 from dataclasses import dataclass
 
@@ -8,66 +8,66 @@ from plant_emulator.train_config import TrainConfig
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """Line, real train, and the values that were declared of both.
+    """The line, the real train and the values declared for both.
 
-    A monitor of a train that was declared otherwise gets other values.
+    A train with other declared values gets a context with these values.
     """
 
     line: LineMap
     train: TrainConfig
-    """What the train really is."""
+    """The real train, which may differ from the train that the controller believes."""
     cycle_s: float = 0.05
-    """Of the controller."""
+    """Cycle of the controller."""
     start_ns: int = 0
     guaranteed_decel_mps2: float = 1.0
-    """The emergency brake gives no less on the level (GEBR), fully built up."""
+    """Guaranteed emergency brake rate (GEBR) on level track, fully built up."""
     emergency_margin_mps: float = 8.0 / 3.6
-    """Over the civil limit, from where on the emergency brake is to come."""
+    """Excess over the civil limit at which the emergency brake must be applied."""
     runaway_mps2: float = 1.0
-    """The worst that traction does against its command until it is cut."""
+    """Greatest acceleration of traction against its command, until traction is cut."""
     sensing_s: float = 0.03
     traction_cut_s: float = 0.30
-    """From the emergency brake being asked for to no tractive effort."""
+    """Time from the demand for the emergency brake until there is no tractive effort."""
     build_up_s: float = 1.05
-    """From there to the emergency brake, for a train that coasts meanwhile."""
+    """Time from the traction cut to the full emergency brake; the train coasts meanwhile."""
     rollback_m: float = 2.0
     jog_m: float = 5.0
     jog_mps: float = 5.0 / 3.6
     jog_attempts: int = 3
     restricted_mps: float = 25.0 / 3.6
-    """On sight, with or without a driver."""
+    """Permitted speed on sight, with or without a driver."""
     flat_margin_mps: float = 5.0 / 3.6
-    """Over these two speeds, from where on the emergency brake is to come."""
+    """Excess over the speeds for jog and on sight at which the emergency brake must be applied."""
     cold_movement_m: float = 2.0
-    """A train that was moved by no more while nobody controlled it still knows its place."""
+    """Greatest movement while the controller was off after which the position is still valid."""
     authority_age_s: float = 3.0
-    """An authority that answers an older report is none any more (T_MA)."""
+    """Maximum age of the position report that an authority answers (T_MA)."""
     takeover_s: float = 0.2
-    """An emergency brake of the brake unit's own may be off for so long, until the controller has
-    heard of it and asks for it, too."""
+    """Time for which an emergency brake applied by the brake unit itself may be off, until the
+    controller has received that report and demands the brake, too."""
     brake_unit_s: float = 3.0
-    """From the release of the emergency brake until its unit has to report it off."""
+    """Time from the release of the emergency brake until the brake unit has to report it off."""
     reverse_s: float = 0.3
-    """From the first effort backwards to the frame that says that the train jogs, or back."""
+    """Time from the first effort backwards to the VOBC_MODE frame that reports a jog, and back."""
     reset_lifetime_s: float = 5.0
-    """A reset that was pressed longer ago releases nothing any more."""
+    """Time after a press of the reset within which it releases the emergency brake."""
     zero_speed_mps: float = 3.0 / 3.6
-    """Zero speed is declared under this only, and so are doors let open."""
+    """Speed below which zero speed may be declared and doors may be enabled."""
     door_window_m: float = 0.30
-    """To either side of the stopping point."""
+    """Distance to either side of the stopping point within which doors may be open."""
     localisation_limit_m: float = 30.0
-    """Width of the position interval over which the place is no longer known."""
+    """Width of the position interval beyond which the train is no longer localised."""
     input_silence_s: float = 0.30
-    """A moving train brakes when a vital input was not heard for longer."""
+    """Age of a vital input beyond which a moving train brakes."""
     service_accel_mps2: float = 0.85
     service_jerk_mps3: float = 0.65
     input_age_s: float = 0.0
-    """By so much faults may delay what the controller hears. Its interval is wider by what the
-    train may have moved since, and narrower again when something fresh comes."""
+    """Delay by faults of what the controller receives. Its position interval is wider by the
+    possible movement in that time, and narrower again after a fresh input."""
     lateness_s: float = 0.0
-    """A cycle, or its frames, may be late by so much for which nobody is to blame."""
+    """Lateness of a cycle or its frames that no one is responsible for."""
     settling_s: float = 0.0
-    """So long after the start its claims are not judged: where train and controller do not begin
-    with the same instant, the first inputs are older than those that follow."""
+    """Time after the start in which claims are not judged. Where train and controller do not start
+    at the same instant, the first inputs are older than later ones."""
     slack_s: float = 0.02
-    """For what happens between two samples and for frames that wait for the bus."""
+    """Allowance for events between two samples and for frames that wait for the bus."""

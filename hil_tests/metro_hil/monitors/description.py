@@ -1,4 +1,4 @@
-"""What the controller says on the bus, and what it hears there, as plain numbers.
+"""The contents of the controller's frames and of its inputs on the bus, as plain numbers.
 
 Only frames that pass every check of the wire contract count: CRC, alive counter, inverted twin.
 """
@@ -52,17 +52,17 @@ CONTROLLER_IDS: Final = Decoder(
         VobcEvent,
     ]
 ).ids
-"""Of the frames that the controller sends."""
+"""Identifiers of the frames that the controller sends."""
 STAMPED: Final[tuple[type[Frame], ...]] = (Tacho, BrakeStatus, TractionStatus)
-"""Of these only that they were intact and when counts."""
+"""Frames of which only the instant of the last valid one counts."""
 NEVER_NS: Final = -(1 << 62)
 UNMONITORED_M: Final = 1.0e6
-"""Nobody knows how far the train was moved."""
+"""Movement of a train that was not monitored: unknown, so larger than any limit."""
 SIGNS: Final = {Direction.NEUTRAL: 0.0, Direction.FORWARD: 1.0, Direction.REVERSE: -1.0}
 
 
 class Spoken:
-    """The last valid frame of each kind; before the first, the most restrictive content."""
+    """Contents of the last valid frame of each kind; at first the most restrictive contents."""
 
     __slots__ = (
         "_decode",
@@ -133,7 +133,7 @@ class Spoken:
             for number, kind in enumerate(STAMPED)
         }
         self.wanted_ids: frozenset[int] = decoder.ids | frozenset(self._openers)
-        """Any other frame need not be handed over."""
+        """Identifiers of the frames that `frame` takes; all others change nothing."""
         self._takers: dict[type, Callable[[Any, int], None]] = {
             BrakeCommand: self._take_brake,
             TractionCommand: self._take_traction,
@@ -148,18 +148,19 @@ class Spoken:
             ColdMovement: self._take_cold,
         }
         self.news = False
-        """Something of the controller's own has come since whoever reads this set it to false."""
+        """Whether a frame other than the stamped ones has arrived since the reader reset this
+        flag."""
         self._claim_nothing()
         self._command_nothing()
-        # What was never heard is as old as the run.
+        # A frame that never arrived is as old as the run.
         self.brake_ns = self.traction_ns = self.doors_ns = start_ns
         self.status_ns = self.motion_ns = self.position_ns = self.target_ns = start_ns
         self.mode_ns = start_ns
-        # What never happened.
+        # Events that have not happened yet.
         self.accepted_ns = self.refused_ns = self.cold_ns = NEVER_NS
         self.cold_moved_m = 0.0
         self.missed_tags = 0.0
-        """In a row, as it said."""
+        """Tags missed in a row, as the controller reports them."""
         self.desk_ns = self.tacho_ns = self.brake_status_ns = self.traction_status_ns = start_ns
 
     def _claim_nothing(self) -> None:
@@ -201,7 +202,7 @@ class Spoken:
         self.door_bypass_pressed = self.door_bypassed = 0.0
 
     def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
-        """One frame at the end of its transmission; its identifier is one of `wanted_ids`."""
+        """Take one frame at the end of its transmission; its identifier is one of `wanted_ids`."""
         stamped = self._openers.get(can_id)
         if stamped is not None:
             number, opened = stamped
@@ -294,7 +295,7 @@ class Spoken:
             self.door_bypassed = 1.0 if said.cause else 0.0
 
     def _take_cold(self, said: ColdMovement, stamp_ns: int) -> None:
-        """Only the first counts: it tells of the time before the controller was there."""
+        """Take only the first one: it reports the time before the controller started."""
         if self.cold_ns == NEVER_NS:
             self.cold_ns = stamp_ns
             self.cold_moved_m = said.moved_m if said.monitored else UNMONITORED_M

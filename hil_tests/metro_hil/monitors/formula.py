@@ -1,12 +1,12 @@
-"""A formula of signal temporal logic as a tree in which every negation stands at an atom."""
+"""A formula of signal temporal logic as a tree in which negations occur only in atoms."""
 
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final, TypeAlias
 
 LEAST: Final = "5e-324"
-"""Taken off the margin of a strict comparison: it turns a margin of exactly zero into a violation
-and changes no other, so that the sign of a margin is always the truth."""
+"""Subtracted from the margin of a strict comparison. It turns a margin of exactly zero into a
+violation and changes no other, so the sign of a margin always gives the result."""
 
 
 class Lasting(Enum):
@@ -27,22 +27,22 @@ AHEAD: Final = (Lasting.ALWAYS, Lasting.EVENTUALLY)
 
 @dataclass(frozen=True, slots=True)
 class TimeInterval:
-    """From the instant that is looked at, forwards or back."""
+    """An interval relative to the present sample, forwards or back in time."""
 
     begin_ns: int = 0
     end_ns: int | None = None
-    """None has no end."""
+    """End of the interval; None: open."""
 
 
 @dataclass(frozen=True, slots=True)
 class Atom:
-    """A comparison, as the text of its margin and that of its negation's."""
+    """A comparison, as the text of its margin and of its negation's margin."""
 
     margin: str
     negated: str
     position: int
     denied: bool = False
-    """The text has it under an odd number of negations."""
+    """Whether the text has the atom under an odd number of negations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Both:
 class Either:
     parts: tuple["Node", ...]
     premise: "Node | None" = None
-    """Of an implication: what has to hold so that the rest is asked for."""
+    """Premise of an implication; None for a plain choice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,10 @@ class Timed:
 
 @dataclass(frozen=True, slots=True)
 class Until:
-    """`first` holds until `second` does. Released: not that, of the negations that it holds."""
+    """`first` holds until `second` does.
+
+    If `released`: the negation of this for the negated parts.
+    """
 
     interval: TimeInterval
     first: "Node"
@@ -80,7 +83,7 @@ Node: TypeAlias = Atom | Both | Either | Timed | Until
 
 
 def negation(node: Node) -> Node:
-    """The same tree, denied, with the denial moved down to the atoms."""
+    """Return the negated tree, with the negation moved down to the atoms."""
     if isinstance(node, Atom):
         return Atom(node.negated, node.margin, node.position, not node.denied)
     if isinstance(node, Both):
@@ -95,9 +98,9 @@ def negation(node: Node) -> Node:
 
 
 def premise_of(node: Either, *, lasting: Lasting) -> Node | None:
-    """What has to hold so that the rest is asked for; None for a plain choice.
+    """Return the premise without which the rest is not required; None for a plain choice.
 
-    Where it has to hold all the time, `not p or q` asks the same as `p -> q`.
+    Where a choice has to hold all the time, `not p or q` requires the same as `p -> q`.
     """
     if node.premise is not None or lasting not in (Lasting.ALWAYS, Lasting.HISTORICALLY):
         return node.premise
@@ -116,13 +119,13 @@ def _denied(node: Node) -> bool:
 
 
 def witness(node: Node, lasting: Lasting = Lasting.EVENTUALLY) -> Node | None:
-    """What a run must show besides, so that the formula was asked for; None where nothing more.
+    """Return what a run must show to exercise the formula; None if it needs nothing more.
 
-    A formula that holds without its witness holds vacuously: `always(p -> q)` where `p` never was,
-    or `eventually(p -> q)` where `q` never was.
+    A formula that holds without its witness holds vacuously: `always(p -> q)` if `p` never held, or
+    `eventually(p -> q)` if `q` never held.
 
     Args:
-        lasting: the operator that the node stands in.
+        lasting: the operator that contains the node.
     """
     if isinstance(node, Atom):
         return None
@@ -156,13 +159,13 @@ def _of_choice(node: Either, lasting: Lasting) -> Node | None:
         if (inner := witness(part, lasting)) is not None:
             asked.append(inner)
         if not _present(part):
-            # What looks ahead must have been judged, not only asked for.
+            # A part that looks ahead must have been judged, not only required.
             asked.append(Either((part, negation(part))))
     return _both(asked)
 
 
 def _present(node: Node) -> bool:
-    """Whether it looks at one sample alone."""
+    """Tell whether the node depends on a single sample only."""
     if isinstance(node, Both | Either):
         return all(map(_present, node.parts))
     return isinstance(node, Atom)

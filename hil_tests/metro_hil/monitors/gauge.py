@@ -1,4 +1,4 @@
-"""The least margin of one invariant over a run, and the alarm when one is violated."""
+"""The least margin of one invariant over a run, and the alarm for a violation."""
 
 import math
 from typing import Final
@@ -7,7 +7,7 @@ NEVER_NS: Final = -1
 
 
 class Gauge:
-    """Keeps the least margin it was told of; one that was never told saw no premise."""
+    """Keeps the least margin it received; without any margin, the premise never held."""
 
     __slots__ = ("_alarm", "at_ns", "first_ns", "least", "name", "note")
 
@@ -17,14 +17,14 @@ class Gauge:
         self.least = math.inf
         """In the unit of the invariant; infinite while its premise never held."""
         self.at_ns = NEVER_NS
-        """Of the least margin."""
+        """Instant of the least margin."""
         self.first_ns = NEVER_NS
-        """Of the first violation."""
+        """Instant of the first violation."""
         self.note = ""
-        """What else is to be said of it."""
+        """Additional remark for the result."""
 
     def see(self, margin: float, now_ns: int) -> None:
-        # Not a number counts as a violation: it compares with nothing.
+        # NaN counts as a violation: every comparison with it is false.
         if not margin >= self.least:
             self.least = margin
             self.at_ns = now_ns
@@ -33,12 +33,12 @@ class Gauge:
                 self._alarm.raised.append(self)
 
     def said(self, holds: bool, now_ns: int) -> None:
-        """For what is only true or false: a margin of 1 or -1."""
+        """Take a result that is only true or false, as a margin of 1 or -1."""
         self.see(1.0 if holds else -1.0, now_ns)
 
 
 class Alarm:
-    """Who was violated, in the order of time."""
+    """Gauges of violated invariants, in the order of time."""
 
     __slots__ = ("raised",)
 

@@ -1,4 +1,4 @@
-"""All watched invariants of one run: who has to be told what in each step, and nothing more."""
+"""All watched invariants of one run; each step updates only those that can change."""
 
 from can_dbc.binding import timeout_s
 from can_dbc.brake import BrakeCommand
@@ -19,7 +19,7 @@ from plant_emulator.truth import Truth
 
 
 class Invariants:
-    """Looks only at what can have changed: a standing, locked train costs next to nothing."""
+    """Updates only what can have changed, so a standing, locked train costs very little."""
 
     __slots__ = (
         "_authority",
@@ -41,9 +41,11 @@ class Invariants:
     )
 
     def __init__(self, context: Context, spoken: Spoken, heard: Spoken, place: LinePlaces) -> None:
-        """Args:
-        spoken: what the controller says.
-        heard: what of it gets onto the bus, where the units wait for it.
+        """Create all watches.
+
+        Args:
+            spoken: contents of the frames that the controller sends.
+            heard: contents of those that reach the bus, where the units receive them.
         """
         self.alarm = Alarm()
         self.gauges = {each.name: Gauge(each.name, self.alarm) for each in WATCHED}
@@ -129,11 +131,11 @@ class Invariants:
         )
 
     def radio(self, payload: bytes) -> None:
-        """One radio message, as the controller is given it."""
+        """Take one radio message, as the controller receives it."""
         self._authority.heard(payload)
 
     def sample(self, truth: Truth, now_ns: int) -> None:
-        """One step of the plant; `news` of what was spoken is left to be cleared by the caller."""
+        """Take one step of the plant; the caller resets `news` of the frames."""
         spoken = self._spoken
         wanted = truth.emergency > 0.0
         if wanted is not self._wanted:
@@ -172,5 +174,5 @@ class Invariants:
             self._doors_busy = busy
             self._doors.sample(truth, now_ns, spoken)
             if truth.left_open or truth.right_open:
-                # A lock that is lost on a door that is shut, no command brings back.
+                # No command restores a lost lock on a closed door.
                 self._silence.open(now_ns, self._heard)

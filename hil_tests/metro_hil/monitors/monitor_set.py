@@ -1,4 +1,4 @@
-"""All monitors of one run: told of frames and truth while it goes on, asked for results after."""
+"""All monitors of one run: they take frames and truth during the run, and give results after it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ NS_PER_S: Final = 1_000_000_000
 AROUND_NS: Final = NS_PER_S
 TRUTH_NAMES: Final = frozenset(TRUTH_SIGNALS)
 TINY: Final = 1.0e-300
-"""A margin that is closer to zero only says that a strict limit was met exactly."""
+"""Margins closer to zero only show that a strict limit was met exactly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +32,14 @@ class Violation:
 
     monitor: str
     first_ns: int
-    """From here on it was known."""
+    """Instant from which the violation was known."""
     begin_ns: int
     end_ns: int
-    """Frames from a second before the first violation to a second after the worst."""
+    """The window lasts from a second before the first violation to a second after the worst one."""
 
 
 class MonitorSet:
-    """Tell it of each frame and each step as they come."""
+    """Takes each frame and each step in order."""
 
     __slots__ = (
         "_context",
@@ -65,9 +65,11 @@ class MonitorSet:
     def __init__(
         self, plans: Sequence[MonitorPlan], context: Context, *, own_port: bool = False
     ) -> None:
-        """Args:
-        own_port: what the controller says is told by `said`, at its own port, before anything
-            can happen to it on its way; else it is taken from the bus.
+        """Create the monitors.
+
+        Args:
+            own_port: `said` passes the controller's frames from its own port, before a gateway can
+                change them. Otherwise they are taken from the bus.
         """
         self._plans = tuple(plans)
         self._context = context
@@ -92,25 +94,26 @@ class MonitorSet:
             if plan.kind is MonitorKind.STL
         ]
         self._first_ns: dict[str, int] = {}
-        """When each formula was first known to be violated, by the monitor's name."""
+        """Instant at which the violation of each formula was known, by name of the monitor."""
         names: set[str] = set()
         for _, formula in self._formulas:
             names |= formula.names
-        # The way to stop takes the emergency brake's history, which the invariants follow.
+        # The stopping distance needs the history of the emergency brake, which the invariants
+        # follow.
         self._watches = self._watches or "stopping_m" in names
         self._signals = Signals(spoken, place, self._invariants.motion, names)
         self._fills = not names <= TRUTH_NAMES
         listens = self._watches or self._fills
         self.wanted_ids: frozenset[int] = spoken.wanted_ids if listens else frozenset()
-        """Frames with other identifiers change nothing."""
+        """Identifiers of frames that matter; all others change nothing."""
         self.violated: MonitorPlan | None = None
-        """The first that was violated and may end the run."""
+        """First violated monitor that may end the run."""
         self._violated_at_ns = NEVER_NS
         self._known_violated = 0
         self._finished = self._cut_short = False
 
     def frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
-        """One frame of the bus, at the end of its transmission."""
+        """Take one frame of the bus, at the end of its transmission."""
         if can_id not in self.wanted_ids:
             return
         self._heard.frame(stamp_ns, can_id, data)
@@ -118,17 +121,17 @@ class MonitorSet:
             self._spoken.frame(stamp_ns, can_id, data)
 
     def said(self, now_ns: int, can_id: int, data: bytes) -> None:
-        """One frame of the controller, at its own port."""
+        """Take one frame of the controller, at its own port."""
         if can_id in self.wanted_ids:
             self._spoken.frame(now_ns, can_id, data)
 
     def radio(self, payload: bytes) -> None:
-        """One radio message, as the controller is given it."""
+        """Take one radio message, as the controller receives it."""
         if self._watches:
             self._invariants.radio(payload)
 
     def sample(self, truth: Truth, now_ns: int) -> None:
-        """One step of the plant; the frames that ended up to now have been told."""
+        """Take one step of the plant, after all frames that ended up to now."""
         if self._watches:
             self._invariants.sample(truth, now_ns)
             raised = self._invariants.alarm.raised
@@ -138,7 +141,7 @@ class MonitorSet:
             signals = self._signals
             if self._fills:
                 signals.fill(truth, now_ns)
-            # What asks for truth alone is told the truth itself.
+            # Formulas over truth alone read the truth directly.
             source: object = signals if self._fills else truth
             for plan, formula in self._formulas:
                 if formula.step(now_ns, source) and plan.name not in self._first_ns:
@@ -160,15 +163,14 @@ class MonitorSet:
 
     @property
     def violated_at_s(self) -> float | None:
-        """Since the start, when `violated` was known to be."""
+        """Time since the start at which `violated` became known."""
         return None if self.violated is None else self._seconds(self._violated_at_ns)
 
     def finish(self, cut_short: bool = False) -> None:
-        """No sample comes any more.
+        """End the run: no more samples follow.
 
         Args:
-            cut_short: the run was ended before its time, as at a violation; then what was yet to
-                come about is not known.
+            cut_short: the run ended early, as at a violation, so that events still due are unknown.
         """
         if not self._finished:
             self._finished = True
@@ -177,7 +179,7 @@ class MonitorSet:
                 formula.finish(cut_short)
 
     def results(self, measures: Mapping[str, float | None]) -> tuple[MonitorResult, ...]:
-        """In the order of the plans. `finish` must have been called."""
+        """Return the results in the order of the plans. `finish` must have been called."""
         assert self._finished
         formulas = {plan.name: formula for plan, formula in self._formulas}
         return tuple(
@@ -190,7 +192,7 @@ class MonitorSet:
         )
 
     def violations(self) -> tuple[Violation, ...]:
-        """Of all monitors that see one while the run goes on, in the order of the plans."""
+        """Return the violations of all monitors that judge during the run, in plan order."""
         formulas = {plan.name: formula for plan, formula in self._formulas}
         found = []
         for plan in self._plans:
@@ -229,7 +231,7 @@ class MonitorSet:
         if formula.broken:
             return _result(plan, Verdict.INCONCLUSIVE, None, None, formula.broken)
         if formula.state is not TermState.HOLDS:
-            detail = "the run was over before it could be told"
+            detail = "the run ended before the result was certain"
             return _result(plan, Verdict.INCONCLUSIVE, margin, at_s, detail)
         if formula.vacuous:
             return _result(plan, Verdict.VACUOUS, None, None, formula.vacuous)
@@ -241,7 +243,7 @@ class MonitorSet:
 
 def _of_measure(plan: MonitorPlan, value: float | None) -> MonitorResult:
     if value is None or not math.isfinite(value):
-        detail = f"{plan.text} was not measured, or not to the end"
+        detail = f"{plan.text} was not measured, or only for a part of the run"
         return _result(plan, Verdict.INCONCLUSIVE, None, None, detail)
     low, high = plan.limits
     margins = [*([] if low is None else [value - low]), *([] if high is None else [high - value])]

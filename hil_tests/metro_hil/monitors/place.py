@@ -1,4 +1,4 @@
-"""What follows from where the train is on its line: limits, platforms, ways to stop."""
+"""Looks up what follows from the position on the line: limits, platforms, stopping distances."""
 
 import itertools
 import math
@@ -9,16 +9,16 @@ from firmware_py.trackdb import LineMap, PlatformSide
 
 GRAVITY_MPS2: Final = 9.81
 HEIGHT_POINTS: Final = 5
-"""Along the train, for the mean height of its mass."""
+"""Number of points along the train for the mean height of its mass."""
 ROUNDS: Final = 8
-"""Of the fixed point for a way on changing gradients; each makes the error a third or less."""
+"""Iterations for a distance on changing gradients; each reduces the error to a third or less."""
 EXACT_M: Final = 1.0e-3
 PASSED_M: Final = 10.0
-"""A train that stopped so far beyond the end of a platform still stands at it."""
+"""Distance beyond the end of a platform within which a train still counts as standing at it."""
 
 
 class LinePlaces:
-    """One line for trains of one length, with what was looked up last kept at hand."""
+    """One line for trains of one length; it keeps the latest look-ups."""
 
     __slots__ = (
         "_clear_m",
@@ -41,8 +41,8 @@ class LinePlaces:
         self._length_m = length_m
         self._gravity_mps2 = GRAVITY_MPS2 / (1.0 + rotating_ratio)
         changes_m = [section.start_m for section in line.speed_sections[1:]]
-        # The least limit under the train changes where its front comes to a limit or its rear
-        # leaves one.
+        # The lowest limit under the train changes where its front or its rear passes a section
+        # border.
         edges_m = sorted({*changes_m, *(change_m + length_m for change_m in changes_m)})
         ends_m = [line.start_m - length_m, *edges_m, line.end_m + 2.0 * length_m]
         self._edges_m = edges_m
@@ -63,14 +63,14 @@ class LinePlaces:
         ]
         worst_permille = line.worst_gradient_permille(line.start_m, line.end_m)
         self.worst_fall_mps2 = self.fall_mps2(worst_permille)
-        """Acceleration by the steepest fall of the whole line."""
+        """Acceleration on the steepest fall of the whole line."""
 
     def fall_mps2(self, gradient_permille: float) -> float:
-        """Acceleration of a rolling train on a falling gradient, 0 on a climb."""
+        """Return the acceleration of a coasting train on a falling gradient; 0 on a climb."""
         return max(0.0, -gradient_permille / 1000.0 * self._gravity_mps2)
 
     def limit_mps(self, front_m: float) -> float:
-        """The lowest civil limit under the whole train."""
+        """Return the lowest civil limit under the whole train."""
         if not self._reached_m <= front_m < self._clear_m:
             edges_m = self._edges_m
             index = bisect_right(edges_m, front_m)
@@ -80,24 +80,24 @@ class LinePlaces:
         return self._limit_mps
 
     def stop_error_m(self, front_m: float) -> float:
-        """Front beyond the nearest stopping point; negative before it."""
+        """Return the distance of the front beyond the nearest stopping point; negative before."""
         return front_m - self._stops_m[bisect_right(self._stop_edges_m, front_m)]
 
     def side(self, front_m: float) -> float:
-        """Of the platform of the nearest station: 1 is left, -1 is right."""
+        """Return the platform side of the nearest station: 1 is left, -1 is right."""
         return self._sides[bisect_right(self._stop_edges_m, front_m)]
 
     def platform_doors(self, front_m: float) -> bool:
-        """Whether the front is at a platform that has doors."""
+        """Tell whether the front is at a platform that has doors."""
         return any(low_m <= front_m <= high_m for low_m, high_m in self._platforms_m)
 
     def worst_fall_under_mps2(self, front_m: float) -> float:
-        """By the steepest fall anywhere under the train."""
+        """Return the acceleration on the steepest fall anywhere under the train."""
         rear_m = front_m - self._length_m
         return self.fall_mps2(self._line.worst_gradient_permille(rear_m, front_m))
 
     def height_m(self, front_m: float) -> float:
-        """Of the train's mass, taken as spread evenly over its length."""
+        """Return the mean height of the train, with its mass spread evenly over its length."""
         step_m = self._length_m / HEIGHT_POINTS
         at_m = front_m - 0.5 * step_m
         total_m = 0.0
@@ -107,10 +107,9 @@ class LinePlaces:
         return total_m / HEIGHT_POINTS
 
     def braking_m(self, front_m: float, speed_mps: float, decel_mps2: float) -> float:
-        """Way from a speed to standstill over the true heights, the brake on all the time.
+        """Return the braking distance from a speed over the true heights, with a constant brake.
 
-        What the brake and the climb take is the energy of the train, rotating parts included:
-
+        Brake and climb together take the energy of the train, rotating parts included:
             decel * way + g / (1 + rotating) * (height(front + way) - height(front)) = speed**2 / 2
         """
         energy = 0.5 * speed_mps * speed_mps

@@ -1,4 +1,4 @@
-"""A monitor as a scenario has it, and how it is read: an invariant, a formula, or a measure."""
+"""Monitors of a scenario and how they are read: invariants, formulas and measures."""
 
 import math
 import re
@@ -26,10 +26,10 @@ class MonitorKind(Enum):
 
 
 class Severity(Enum):
-    """What a violation does to the run; the case fails with either."""
+    """Effect of a violation on the run; the case fails with either."""
 
     STOP = "stop"
-    """It may end the run, if the case stops at violations."""
+    """The violation ends the run if the case stops at violations."""
     CONTINUE = "continue"
     """The run goes on."""
 
@@ -39,19 +39,19 @@ class MonitorPlan:
     """One monitor of a case."""
 
     name: str
-    """No two of a case have the same."""
+    """Unique within the case."""
     kind: MonitorKind
     text: str
     """Name of the invariant, formula, or name of the measure."""
     unit: str = ""
     requirements: tuple[str, ...] = ()
     limits: tuple[float | None, float | None] = (None, None)
-    """Least and greatest value of a measure, both allowed."""
+    """Minimum and maximum of a measure, both inclusive."""
     severity: Severity = Severity.STOP
     asked: bool = True
-    """The file asks for it by name. An invariant of `all` may see nothing."""
+    """Whether the file names the monitor. An invariant from `all` may be vacuous."""
     own: bool = True
-    """It stands under `[[monitor]]` or in a list of invariants by name."""
+    """Whether the monitor stands under `[[monitor]]` or in a list of invariants by name."""
 
 
 COMMON: Final = ("name", "unit", "requirements", "severity")
@@ -63,11 +63,11 @@ KEYS: Final = {
 
 
 ALL: Final = "all"
-"""Every invariant that is watched."""
+"""Selects every invariant that is watched."""
 
 
 def plans_of(case: Case) -> tuple[MonitorPlan, ...]:
-    """The monitors of a case. One that is expected to fail never ends the run."""
+    """Return the monitors of a case; one that is expected to fail never ends the run."""
     expected = {each.monitor for each in case.expected}
     return tuple(
         replace(plan, severity=Severity.CONTINUE) if plan.name in expected else plan
@@ -81,16 +81,16 @@ def read_monitors(
     invariants: object = "all",
     measures: Collection[str] | None = None,
 ) -> tuple[MonitorPlan, ...]:
-    """The `[[monitor]]` tables of a scenario, after the invariants that it wants.
+    """Read the `[[monitor]]` tables of a scenario; its invariants come first.
 
     Args:
-        source: named in errors.
-        invariants: `all`, `none`, or names and numbers of some.
-        measures: names to check against, `*` for any part of one. None checks neither names nor
-            whether a run can decide what a monitor asks.
+        source: file or case that errors name.
+        invariants: `all`, `none`, or a list of names and numbers.
+        measures: known names, in which `*` stands for any part. With None the function checks
+            neither names nor whether a run can decide a monitor.
 
     Raises:
-        SettingsError: with source, key, value and the nearest that would be right.
+        SettingsError: with source, key, value and the nearest valid value.
     """
     plans = list(_standing(invariants, source))
     for index, table in enumerate(tables):
@@ -100,7 +100,7 @@ def read_monitors(
             continue
         for plan in _read(table, where, measures):
             if plan.kind is MonitorKind.INVARIANT:
-                # One that is asked for by name takes the place of the one of `all`.
+                # An invariant that is named replaces the one from `all`.
                 plans = [each for each in plans if each.asked or each.text != plan.text]
             if any(each.name == plan.name for each in plans):
                 raise SettingsError(f"{where}.name: {plan.name!r} is the name of two monitors")
@@ -109,7 +109,7 @@ def read_monitors(
 
 
 def _owned(plans: Sequence[MonitorPlan], table: Mapping[str, Any], where: str) -> list[MonitorPlan]:
-    """All invariants that the scenario watches, as its own: they answer for what it names."""
+    """Make all watched invariants the scenario's own, so that they cover its requirements."""
     _refuse_unknown(table, ("invariant", "requirements", "severity"), where)
     added, severity = _requirements(table, where), _severity(table, where)
     made = [
@@ -158,7 +158,7 @@ def _of_invariant(each: Invariant) -> MonitorPlan:
 
 
 def _invariants(wanted: object, where: str) -> Sequence[Invariant]:
-    """By full name, or all parts of one by its number: 30, "30", "inv-30" or "INV-30"."""
+    """Return the invariants of a full name or a number: 30, "30", "inv-30" or "INV-30"."""
     found = invariants_named(wanted)
     watched = [each for each in found if each.watched]
     if watched:
@@ -169,7 +169,7 @@ def _invariants(wanted: object, where: str) -> Sequence[Invariant]:
 
 
 def invariants_named(wanted: object) -> Sequence[Invariant]:
-    """Those of a name or a number; none for what is neither."""
+    """Return the invariants of a name or number; none for other values."""
     if isinstance(wanted, bool) or not isinstance(wanted, str | int):
         return []
     word = str(wanted).lower()
@@ -220,7 +220,7 @@ def _read_invariant(table: Mapping[str, Any], where: str) -> Sequence[MonitorPla
 
 
 def _read_formula(table: Mapping[str, Any], where: str, *, decidable: bool) -> MonitorPlan:
-    """`decidable` refuses a formula whose answer does not depend on the run."""
+    """`decidable` rejects a formula whose result does not depend on the run."""
     text = _text(table, "stl", where, "")
     try:
         Formula(text, NAMES, BOOLEANS)
@@ -268,23 +268,23 @@ def _read_measure(
 SIGNED: Final = ("front_end_m", "stop_*_error_m")
 """Measures that may be negative."""
 MOST: Final = {"arrived_count": 1.0, "bus_load_ratio": 1.0}
-"""Greatest value of measures that have one."""
+"""Upper bound of measures that have one."""
 
 
 def _refuse_limits(measure: str, low: float | None, high: float | None, where: str) -> None:
-    """Raises SettingsError for limits that no run can leave."""
+    """Raise SettingsError for limits that no run can violate."""
     least = -math.inf if any(_matches(measure, each) for each in SIGNED) else 0.0
     most = MOST.get(measure, math.inf)
     if (low is None or low <= least) and (high is None or high >= most):
         key, value = ("min", low) if high is None else ("max", high)
         bound = f"less than {least:g}" if high is None else f"more than {most:g}"
         raise SettingsError(
-            f"{where}.{key}: {value:g}: {measure} is never {bound}, so that no run can violate it"
+            f"{where}.{key}: {value:g}: {measure} is never {bound}, so no run can violate it"
         )
 
 
 def _matches(name: str, pattern: str) -> bool:
-    """`*` in a pattern stands for one or more characters of a name."""
+    """Match a name; `*` in the pattern stands for one or more characters."""
     return re.fullmatch(".+".join(re.escape(part) for part in pattern.split("*")), name) is not None
 
 
@@ -309,7 +309,7 @@ def _unit_of(measure: str) -> str:
 def _text(table: Mapping[str, Any], key: str, where: str, default: str) -> str:
     value = table.get(key, default)
     if not isinstance(value, str) or not value.strip():
-        raise SettingsError(f"{where}.{key}: {value!r} is no text")
+        raise SettingsError(f"{where}.{key}: {value!r} is not text")
     return value.strip()
 
 
@@ -328,7 +328,7 @@ def _requirements(table: Mapping[str, Any], where: str) -> tuple[str, ...]:
         raise SettingsError(f"{where}.requirements: {value!r} is not a list of ids")
     for name in value:
         if not isinstance(name, str) or not REQUIREMENT.fullmatch(name):
-            raise SettingsError(f"{where}.requirements: {name!r} is no id such as INV-04")
+            raise SettingsError(f"{where}.requirements: {name!r} is not an id such as INV-04")
     return tuple(value)
 
 

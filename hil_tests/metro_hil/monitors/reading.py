@@ -1,4 +1,4 @@
-"""Signal temporal logic as text, read into the tree of `formula`.
+"""Reads signal temporal logic from text into the tree of `formula`.
 
     formula := either [("->" | "implies") formula]
     either  := both {"or" both}
@@ -35,33 +35,35 @@ from metro_hil.monitors.formula import (
 
 TEXT_MAX: Final = 1000
 DEPTH_MAX: Final = 50
-"""Brackets in brackets."""
+"""Maximum nesting of brackets."""
 NS_PER_S: Final = 1_000_000_000
 HALF: Final = "0.5"
 
 
 class FormulaError(ValueError):
-    """A text that is no formula; the message has the text, the place in it and what to change."""
+    """The text is not a valid formula; the message holds text, place and correction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sum:
-    """What has a value but says nothing yet."""
+    """A value that is not yet a condition."""
 
     text: str
     position: int
     name: str = ""
-    """If it is a signal and nothing else."""
+    """Name of the signal if the sum is a single signal."""
 
 
 Part: TypeAlias = Node | Sum
 
 
 def parse(text: str, signals: Collection[str], booleans: Collection[str] = ()) -> Node:
-    """The tree of a text over these signals. Raises FormulaError.
+    """Return the tree of a text over these signals.
+
+    Raises FormulaError.
 
     Args:
-        booleans: those of the signals that are 0 or 1; compared with 0.5 their margin is 1 or -1.
+        booleans: signals that are 0 or 1; their margin in a comparison with 0.5 is 1 or -1.
     """
     if len(text) > TEXT_MAX:
         raise FormulaError(f"{text[:40]!r}…: longer than {TEXT_MAX} characters")
@@ -85,7 +87,7 @@ _WORDS: Final = ("and", "or", "not", "implies", "until", *(each.value for each i
 
 
 class _Reader:
-    """Reads from left to right; the token that comes next is always known."""
+    """Reads the text from left to right, always one token ahead."""
 
     def __init__(self, text: str, signals: Collection[str], booleans: Collection[str]) -> None:
         self._text = text
@@ -99,7 +101,7 @@ class _Reader:
     def whole(self) -> Node:
         node = self._condition(self._formula())
         if self._word:
-            raise self._error(f"{self._word!r} is one too many")
+            raise self._error(f"{self._word!r} is superfluous here")
         return node
 
     def _advance(self) -> str:
@@ -110,7 +112,7 @@ class _Reader:
             self._at = len(self._text) - len(rest)
             self._word = self._kind = ""
             if rest:
-                raise self._error(f"{rest[0]!r} means nothing here")
+                raise self._error(f"{rest[0]!r} is not allowed here")
             return taken
         self._kind = match.lastgroup or ""
         self._word = match[self._kind]
@@ -127,19 +129,19 @@ class _Reader:
     def _expect(self, token: str) -> None:
         if not self._take(token):
             found = repr(self._word) if self._word else "the end"
-            raise self._error(f"{token!r} is wanted, not {found}")
+            raise self._error(f"{token!r} is expected, not {found}")
 
     def _error(self, what: str, position: int | None = None) -> FormulaError:
         place = (self._at if position is None else position) + 1
         return FormulaError(f"{self._text!r} at character {place}: {what}")
 
     def _condition(self, part: Part) -> Node:
-        """A boolean signal alone is the comparison with 0.5."""
+        """Return a condition; a boolean signal alone means the comparison with 0.5."""
         if not isinstance(part, Sum):
             return part
         if part.name in self._booleans:
             return boolean(part.name, part.position, wanted=True)
-        raise self._error(f"{part.text} is no condition; compare it with something", part.position)
+        raise self._error(f"{part.text} is not a condition; compare it with a value", part.position)
 
     def _formula(self) -> Part:
         left = self._either()
@@ -202,7 +204,7 @@ class _Reader:
 
     def _seconds(self) -> int:
         if self._kind != "number":
-            raise self._error("a number of seconds is wanted")
+            raise self._error("a number of seconds is expected")
         return round(float(self._advance()) * NS_PER_S)
 
     def _comparison(self) -> Part:
@@ -220,7 +222,7 @@ class _Reader:
     def _value(self, part: Part) -> Sum:
         if isinstance(part, Sum):
             return part
-        raise self._error("a condition has no value to compare or to reckon with")
+        raise self._error("a condition has no value to compare or calculate with")
 
     def _compared(self, left: Sum, sign: str, right: Sum, position: int) -> Atom:
         if left.text == HALF and right.name in self._booleans and sign in ("<", "<=", ">", ">="):
@@ -258,7 +260,9 @@ class _Reader:
             return Sum(self._advance(), position)
         if self._kind == "name":
             return self._named(position)
-        raise self._error(f"{self._word!r} cannot stand here" if self._word else "it breaks off")
+        raise self._error(
+            f"{self._word!r} cannot stand here" if self._word else "the text ends too early"
+        )
 
     def _named(self, position: int) -> Sum:
         name = self._word

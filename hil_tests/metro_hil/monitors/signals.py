@@ -1,4 +1,4 @@
-"""All signals of one instant as attributes, filled for those that somebody reads."""
+"""All signals of one instant as attributes; only the groups in use are filled."""
 
 from collections.abc import Collection
 
@@ -32,11 +32,11 @@ WAYSIDE_NAMES = frozenset(
         "temporary_limit_mps",
     )
 )
-"""Of the truth, what few ask for."""
+"""Signals of the truth that few formulas use."""
 
 
 class Signals:
-    """What user expressions read; `vocabulary.SIGNALS` says what each is."""
+    """Signals that user expressions read; `vocabulary.SIGNALS` explains each of them."""
 
     __slots__ = (
         "_foremost_m",
@@ -142,7 +142,7 @@ class Signals:
     def __init__(
         self, spoken: Spoken, place: LinePlaces, motion: MotionWatch, names: Collection[str]
     ) -> None:
-        """Only the groups that `names` are of will be filled."""
+        """`names` are the signals in use; only their groups will be filled."""
         self._spoken, self._place, self._motion = spoken, place, motion
         wanted = frozenset(names)
         self._needs_bus = not wanted.isdisjoint(BUS_NAMES)

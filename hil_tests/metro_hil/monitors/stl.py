@@ -1,8 +1,8 @@
-"""A formula over a run: fed sample by sample, with a verdict and a margin at the end.
+"""Evaluates a formula sample by sample; gives a verdict and a margin at the end.
 
-At the top of a formula stand `always`, `eventually` and `until`, alone or joined by `and`, `or`,
-`not` and `->`; they look from the first sample on. Inside them everything that looks ahead needs an
-end, so that memory stays bounded and a violation is known when its interval is over.
+The top of a formula consists of `always`, `eventually` and `until`, alone or joined by `and`, `or`,
+`not` and `->`; they look from the first sample on. Inside them every operator that looks ahead
+needs an end. So memory stays bounded, and a violation is known when its interval is over.
 """
 
 from collections.abc import Callable, Collection
@@ -40,10 +40,10 @@ from metro_hil.monitors.streams import (
 from metro_hil.monitors.terms import MonitorTerm, Several, TermState, UntilWhole, Whole
 
 STATIC_MAX: Final = 900
-"""Characters of what is joined into one expression."""
+"""Maximum number of characters of a joined expression."""
 NS_PER_S: Final = 1_000_000_000
 NEVER_HELD: Final = "its premise never held"
-HELD_AT_ONCE: Final = "it held from the first sample on, so that nothing came about"
+HELD_AT_ONCE: Final = "it held from the first sample on, so no change was observed"
 
 
 class Formula:
@@ -52,7 +52,7 @@ class Formula:
     __slots__ = ("_began", "_first_ns", "_term", "_witness", "broken", "names", "text")
 
     def __init__(self, text: str, signals: Collection[str], booleans: Collection[str] = ()) -> None:
-        """Raises FormulaError."""
+        """Parse the formula. Raises FormulaError."""
         self.text = text
         tree = parse(text, signals, booleans)
         builder = _Builder(text, signals)
@@ -60,14 +60,14 @@ class Formula:
         needed = witness(tree)
         self._witness: MonitorTerm | None = None if needed is None else builder.term(needed)
         self.names: frozenset[str] = frozenset(builder.names)
-        """The signals that it reads."""
+        """Names of the signals that the formula reads."""
         self._began = False
         self._first_ns = 0
         self.broken = ""
-        """Why it could not be computed."""
+        """Reason why the formula could not be computed; empty if it could."""
 
     def step(self, t_ns: int, signals: object) -> bool:
-        """Take one sample; true once it is certain that the formula does not hold."""
+        """Take one sample; return True once the formula certainly does not hold."""
         if not self._began:
             self._began = True
             self._first_ns = t_ns
@@ -84,14 +84,14 @@ class Formula:
         return self._term.state is TermState.VIOLATED
 
     def finish(self, cut_short: bool = False) -> None:
-        """No sample comes any more; `cut_short` says that the run would have gone on."""
+        """End the run; `cut_short` means that it was ended early."""
         self._term.finish(cut_short)
         if self._witness is not None:
             self._witness.finish(cut_short)
 
     @property
     def vacuous(self) -> str:
-        """Why a formula that holds says nothing of the run; empty when it says something."""
+        """Why a formula that holds proves nothing about the run; empty if it does."""
         if self._witness is not None and self._witness.state is not TermState.HOLDS:
             return NEVER_HELD
         return HELD_AT_ONCE if self._term.trivial else ""
@@ -107,12 +107,12 @@ class Formula:
 
     @property
     def at_ns(self) -> int:
-        """Of the sample that the margin was found for."""
+        """Instant of the sample that determines the margin."""
         return self._term.at_ns
 
 
 class _Builder:
-    """From the tree to what computes it."""
+    """Builds the evaluators from the tree."""
 
     def __init__(self, text: str, signals: Collection[str]) -> None:
         self._text = text
@@ -120,7 +120,7 @@ class _Builder:
         self.names: set[str] = set()
 
     def term(self, node: Node) -> MonitorTerm:
-        """What may stand at the top."""
+        """Return the evaluator of a node at the top of the formula."""
         if isinstance(node, Both | Either):
             parts = [self.term(part) for part in node.parts]
             return Several(parts, one_is_enough=isinstance(node, Either))
@@ -132,12 +132,12 @@ class _Builder:
             return Whole(self.stream(node.body), node.interval, greatest=greatest)
         raise self._error(
             node.position,
-            "this would be looked at in the first sample only; "
+            "this would be evaluated in the first sample only; "
             "put it into always(…), eventually(…) or until",
         )
 
     def stream(self, node: Node) -> InstantStream | Later:
-        """What may stand inside."""
+        """Return the evaluator of a node inside an operator."""
         static = _static(node)
         if static is not None and len(static) <= STATIC_MAX:
             return Now(self._margin(static, node))
@@ -177,7 +177,7 @@ class _Builder:
 
     def _margin(self, text: str, node: Node) -> Margin:
         try:
-            # Beginning with a float, it is one whatever the text is made of.
+            # The leading float makes the result a float for any text.
             expression = compile_expression(f"0.0 + {text}", self._signals)
         except ExpressionError as error:
             raise self._error(_position(node), "is too long or too deep") from error
@@ -194,7 +194,7 @@ def _as_later(body: InstantStream | Later) -> Later:
 
 
 def _static(node: Node) -> str | None:
-    """The text of the margin of what looks at the present only; None for anything else."""
+    """Return the text of the margin if it depends on the present only, otherwise None."""
     if isinstance(node, Atom):
         return node.margin
     if isinstance(node, Both | Either):

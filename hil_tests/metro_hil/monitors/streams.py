@@ -1,8 +1,8 @@
-"""Margins of formulas over time, sample by sample, in memory bounded by the formula's intervals.
+"""Margins of formulas over time, sample by sample, in memory bounded by the intervals.
 
-What looks at the present and the past is an `InstantStream`: it has its margin at once. What
-looks ahead is a `Later`: its margins come out one for each sample and in their order, late by its
-horizon.
+An `InstantStream` depends on the present and the past, and has its margin at once. A `Later` looks
+ahead: it gives one margin for each sample in order, delayed by its horizon.
+
 Samples need not be evenly spaced: an interval holds the samples whose instants lie in it.
 """
 
@@ -12,32 +12,33 @@ from collections.abc import Callable
 from typing import Final
 
 Margin = Callable[[object], float]
-"""Of an atom, or of atoms joined by min and max, for an object that has the signals."""
+"""Margin of an atom, or of atoms joined by min and max, for an object with the signals."""
 
 NO_END: Final = -1
 LONG_AGO_NS: Final = -(1 << 62)
 
 
 class SlidingWindow:
-    """The greatest or the least value over a stretch of the past that moves on with every sample.
+    """The maximum or minimum over a window of the past that moves with every sample.
 
-    A queue of candidates, each better than those after it, so that every value comes and goes once.
+    It keeps a queue of candidates, each better than those after it, so every value enters and
+    leaves once.
     """
 
     __slots__ = ("_begin_ns", "_best", "_end_ns", "_forever", "_sign", "_waiting")
 
     def __init__(self, begin_ns: int, end_ns: int, *, greatest: bool) -> None:
-        """From `end_ns` ago, or the start if that is NO_END, to `begin_ns` ago, ends included."""
+        """The window lasts from `end_ns` ago (NO_END: the start) to `begin_ns` ago, inclusive."""
         self._begin_ns = begin_ns
         self._end_ns = end_ns
         self._forever = end_ns == NO_END
         self._sign = 1.0 if greatest else -1.0
         self._waiting: deque[tuple[int, float]] = deque()
-        """Too young to count."""
+        """Values that are too young for the window."""
         self._best: deque[tuple[int, float]] = deque()
 
     def push(self, t_ns: int, value: float) -> float:
-        """Take one more sample; what the window holds now: of nothing, the greatest is -inf."""
+        """Take one more sample and return the best value in the window; ±inf if it is empty."""
         self.add(t_ns, value)
         return self.over(LONG_AGO_NS if self._forever else t_ns - self._end_ns)
 
@@ -57,12 +58,12 @@ class SlidingWindow:
         best = self._best
         while best and best[-1][1] <= value:
             best.pop()
-        # Where nothing grows too old, whatever comes after a better one never counts.
+        # If values never expire, a value after a better one never counts.
         if not self._forever or not best:
             best.append((t_ns, value))
 
     def over(self, oldest_ns: int) -> float:
-        """Of all that has been added from `oldest_ns` on, which never goes back."""
+        """Return the best of all values added from `oldest_ns` on, which never goes back."""
         best = self._best
         while best and best[0][0] < oldest_ns:
             best.popleft()
@@ -70,12 +71,12 @@ class SlidingWindow:
 
 
 class InstantStream:
-    """Has its margin at once."""
+    """A stream that has its margin at once."""
 
     __slots__ = ()
 
     def value(self, t_ns: int, signals: object) -> float:
-        """To be asked once for every sample, in their order."""
+        """Return the margin of this sample; called once for every sample, in order."""
         raise AssertionError
 
 
@@ -90,7 +91,7 @@ class Now(InstantStream):
 
 
 class Joined(InstantStream):
-    """The least margin of all parts, or the greatest."""
+    """The minimum or maximum of the margins of all parts."""
 
     __slots__ = ("_parts", "_sign")
 
@@ -101,7 +102,7 @@ class Joined(InstantStream):
     def value(self, t_ns: int, signals: object) -> float:
         sign = self._sign
         best = -math.inf
-        # Every part is asked: those with a past have to see every sample.
+        # Evaluate every part, because parts with a past need every sample.
         for part in self._parts:
             value = sign * part.value(t_ns, signals)
             if value > best:
@@ -123,7 +124,7 @@ class Past(InstantStream):
 
 
 class Later:
-    """Margins come out of `ready` one for each sample, in their order."""
+    """A stream that looks ahead; `ready` holds its margins, one for each sample in order."""
 
     __slots__ = ("ready",)
 
@@ -131,12 +132,12 @@ class Later:
         self.ready: deque[tuple[int, float]] = deque()
 
     def step(self, t_ns: int, signals: object) -> None:
-        """To be called once for every sample, in their order."""
+        """Take one sample; called once for every sample, in order."""
         raise AssertionError
 
 
 class ReadyStream(Later):
-    """Something instant among what is not."""
+    """An instant stream among streams that look ahead."""
 
     __slots__ = ("_body",)
 
@@ -175,7 +176,7 @@ class JoinedLater(Later):
 
 
 class PastLater(Later):
-    """`once` and `historically` of something that looks ahead."""
+    """`once` and `historically` over a body that looks ahead."""
 
     __slots__ = ("_body", "_window")
 
@@ -211,7 +212,7 @@ class BoundedFuture(Later):
         body.step(t_ns, signals)
         while body.ready:
             at_ns, value = body.ready.popleft()
-            # Intervals that ended between the last sample and this one do not hold it.
+            # Intervals that ended between the last sample and this one do not contain this one.
             while pending and pending[0] + self._end_ns < at_ns:
                 self._put_out(pending.popleft())
             window.add(at_ns, value)
@@ -226,8 +227,8 @@ class BoundedFuture(Later):
 class UntilLater(Later):
     """`first until[begin:end] second`.
 
-    The greatest, over the instants of the interval, of the least of `second` there and `first` at
-    all samples before it. Released, all signs are turned.
+    The maximum over the instants of the interval of the following minimum: `second` at that instant
+    and `first` at all samples before it. If `released`, all signs are inverted.
     """
 
     __slots__ = ("_begin_ns", "_end_ns", "_first", "_second", "_seen", "_sign")
@@ -240,7 +241,7 @@ class UntilLater(Later):
         self._begin_ns, self._end_ns = begin_ns, end_ns
         self._sign = -1.0 if released else 1.0
         self._seen: deque[tuple[int, float, float]] = deque()
-        """From the oldest sample whose interval is not over."""
+        """Samples from the oldest one whose interval is not over."""
 
     def step(self, t_ns: int, signals: object) -> None:
         first, second, seen, sign = self._first, self._second, self._seen, self._sign

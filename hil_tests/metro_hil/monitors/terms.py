@@ -1,4 +1,4 @@
-"""What stands at the top of a formula: looks from the first sample on and comes to a verdict."""
+"""The terms at the top of a formula, which look from the first sample on and give a verdict."""
 
 import math
 from enum import IntEnum
@@ -14,7 +14,7 @@ class TermState(IntEnum):
     HOLDS = 1
     VIOLATED = 2
     UNKNOWN = 3
-    """Only at the end: the run was over before it could be told."""
+    """Only at the end: the run ended before the result was certain."""
 
 
 class MonitorTerm:
@@ -25,23 +25,24 @@ class MonitorTerm:
     def __init__(self) -> None:
         self.state = TermState.OPEN
         self.came_about = True
-        """False while what has to come about at some time was true in every sample so far."""
+        """False while a condition that has to occur at some time was true in every sample so
+        far."""
         self.margin = math.inf
-        """Of the samples that were judged; infinite when there was none."""
+        """Margin of the judged samples; infinite without one."""
         self.at_ns = 0
-        """Of the sample that has the margin."""
+        """Instant of the sample that determines the margin."""
 
     def step(self, t_ns: int, since_ns: int, signals: object) -> None:
-        """One sample, `since_ns` after the first."""
+        """Take one sample, `since_ns` after the first one."""
         raise AssertionError
 
     def finish(self, cut_short: bool) -> None:
-        """No sample comes any more; `cut_short` says that the run would have gone on."""
+        """End the run; `cut_short` means that it was ended early."""
         raise AssertionError
 
     @property
     def trivial(self) -> bool:
-        """It holds, and only by what was true from the first sample on."""
+        """Whether the term holds only through what was true from the first sample on."""
         return self.state is TermState.HOLDS and not self.came_about
 
 
@@ -72,7 +73,7 @@ class Whole(MonitorTerm):
         self._least = math.inf
         self._closed = False
         self.judged_ns = -1
-        """The last sample that was judged."""
+        """Instant of the last judged sample."""
 
     def step(self, t_ns: int, since_ns: int, signals: object) -> None:
         body = self._body
@@ -100,7 +101,7 @@ class Whole(MonitorTerm):
                 return
         self.judged_ns = at_ns
         value *= self._sign
-        # Not a number counts as a violation: it compares with nothing.
+        # NaN counts as a violation: every comparison with it is false.
         if not value >= self._least:
             self._least = value
             self.margin = value * self._sign
@@ -128,7 +129,7 @@ class Whole(MonitorTerm):
 
 
 class UntilWhole(MonitorTerm):
-    """`first until second` from the first sample on. Released, what must not come about."""
+    """`first until second` from the first sample on. If `released`: what must not occur."""
 
     __slots__ = ("_begin_ns", "_best", "_closed", "_end_ns", "_first", "_least", "_second", "_sign")
 
@@ -196,7 +197,7 @@ class UntilWhole(MonitorTerm):
 
 
 class Several(MonitorTerm):
-    """All of several, or one of them."""
+    """Several terms, of which all or one must hold."""
 
     __slots__ = ("_any", "_parts")
 

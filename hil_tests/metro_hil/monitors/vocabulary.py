@@ -10,11 +10,11 @@ class Origin(enum.Enum):
     """Where a signal comes from."""
 
     TRUTH = "truth"
-    """The plant; no controller hears it."""
+    """From the plant; no controller receives it."""
     BUS = "bus"
-    """The last valid frame; before the first, the most restrictive content."""
+    """From the last valid frame; before the first one, the most restrictive contents."""
     LINE = "line"
-    """Truth and map together."""
+    """From truth and map together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,52 +33,52 @@ class Signal:
 BOOLEAN: Final = "0/1"
 
 _TRUTH: Final = (
-    ("t_s", "s", "since the start of the run"),
+    ("t_s", "s", "time since the start of the run"),
     ("front_m", "m", "chainage of the front coupler"),
     ("rear_m", "m", "chainage of the rear coupler"),
-    ("speed_mps", "m/s", "of the whole train, signed; exactly 0 at standstill"),
-    ("accel_mps2", "m/s²", "of the whole train"),
+    ("speed_mps", "m/s", "speed of the whole train, signed; exactly 0 at standstill"),
+    ("accel_mps2", "m/s²", "acceleration of the whole train"),
     ("drive_n", "N", "tractive effort at the rail, signed"),
     ("brake_n", "N", "brake force at the rail, never negative"),
-    ("gradient_permille", "‰", "mean under the train, positive climbs"),
-    ("adhesion_ratio", "1", "friction that the rail offers"),
-    ("emergency", BOOLEAN, "the brake unit wants the emergency brake"),
-    ("emergency_mps2", "m/s²", "what the emergency brake gives"),
-    ("holding", BOOLEAN, "the holding brake gives anything"),
+    ("gradient_permille", "‰", "mean gradient under the train; positive climbs"),
+    ("adhesion_ratio", "1", "friction coefficient of the rail"),
+    ("emergency", BOOLEAN, "the brake unit demands the emergency brake"),
+    ("emergency_mps2", "m/s²", "deceleration by the emergency brake"),
+    ("holding", BOOLEAN, "the holding brake acts"),
     ("doors_locked", BOOLEAN, "all doors are closed and locked"),
     ("left_open", BOOLEAN, "left doors, from unlocking to locking"),
     ("right_open", BOOLEAN, "right doors, from unlocking to locking"),
-    ("voltage_v", "V", "of the line at the train"),
-    ("odometer_error_m", "m", "what tacho A has counted too much since the start"),
-    ("tags_read", "1", "by the reader since the start"),
+    ("voltage_v", "V", "line voltage at the train"),
+    ("odometer_error_m", "m", "excess in the count of tacho A since the start"),
+    ("tags_read", "1", "tags that the reader has read since the start"),
     ("authority_end_m", "m", "farthest end of all authorities given; the start before the first"),
-    ("civil_limit_mps", "m/s", "least limit of the line under the whole train"),
-    ("traction_cut", BOOLEAN, "the contactor has taken traction away"),
-    ("to_stop_m", "m", "to the next stopping point ahead; negative for 20 m behind it"),
+    ("civil_limit_mps", "m/s", "lowest limit of the line under the whole train"),
+    ("traction_cut", BOOLEAN, "the contactor has cut traction"),
+    ("to_stop_m", "m", "distance to the next stopping point; negative up to 20 m beyond it"),
     ("authority_now_m", "m", "end of the newest authority; the start before the first"),
-    ("authority_rear_m", "m", "how far back it lets the rear go; the rear itself, if not at all"),
-    ("temporary_limit_mps", "m/s", "least temporary restriction under the train; the line's limit "
+    ("authority_rear_m", "m", "position to which the newest authority lets the rear move back"),
+    ("temporary_limit_mps", "m/s", "lowest temporary restriction under the train; the line's limit "
      "without one"),
     ("fire", BOOLEAN, "a smoke or fire detector has tripped"),
-    ("obstacle", BOOLEAN, "the deflector is touched"),
+    ("obstacle", BOOLEAN, "the obstacle deflector has been touched"),
     ("platform_doors_locked", BOOLEAN, "all platform doors are closed and proven locked"),
     ("platform_doors_open", BOOLEAN, "a platform door is not closed"),
     ("doors_authorised_left", BOOLEAN, "orders: doors may open on the left"),
     ("doors_authorised_right", BOOLEAN, "orders: doors may open on the right"),
-    ("order_awake", BOOLEAN, "orders: the train shall be awake"),
+    ("order_awake", BOOLEAN, "orders: wake the train up"),
     ("order_hold", BOOLEAN, "orders: do not depart"),
     ("order_skip_next", BOOLEAN, "orders: do not stop at the next station"),
     ("order_stop_next", BOOLEAN, "orders: stop at the next station and stay"),
     ("order_emergency", BOOLEAN, "orders: emergency brake"),
-    ("order_releases", "1", "orders: resets of an emergency so far"),
+    ("order_releases", "1", "orders: number of emergency resets so far"),
     ("order_creep", BOOLEAN, "orders: the train may creep"),
     ("order_restricted", BOOLEAN, "orders: a person may drive on sight"),
 )  # fmt: skip
 _BUS: Final = (
-    ("claimed_front_m", "m", "VOBC_POSITION: best guess of the front coupler's chainage"),
-    ("uncertainty_m", "m", "VOBC_POSITION: from the claimed front to the farther end of the "
-     "position interval"),
-    ("position_age_s", "s", "since VOBC_POSITION"),
+    ("claimed_front_m", "m", "VOBC_POSITION: best estimate of the front coupler's chainage"),
+    ("uncertainty_m", "m", "VOBC_POSITION: distance from the claimed front to the farther end of "
+     "the position interval"),
+    ("position_age_s", "s", "time since VOBC_POSITION"),
     ("supervision", "1", "VOBC_STATUS: 0 no authority, 1 nominal, 2 warning, 3 service, "
      "4 emergency"),
     ("ato_phase", "1", "VOBC_STATUS: 0 off, 1 holding, 2 departing, 3 running, 4 approaching, "
@@ -88,48 +88,54 @@ _BUS: Final = (
     ("slip_detected", BOOLEAN, "VOBC_STATUS: wheels slip or slide"),
     ("cycle_slips", "1", "VOBC_STATUS: cycles missed since start, modulo 64"),
     ("work_us", "µs", "VOBC_STATUS: execution time of a cycle; 0 in virtual time"),
-    ("status_age_s", "s", "since VOBC_STATUS"),
-    ("claimed_speed_mps", "m/s", "VOBC_MOTION: best estimate, positive forwards"),
+    ("status_age_s", "s", "time since VOBC_STATUS"),
+    ("claimed_speed_mps", "m/s", "VOBC_MOTION: best estimate of the speed, positive forwards"),
     ("ceiling_mps", "m/s", "VOBC_MOTION: permitted speed"),
-    ("emergency_limit_mps", "m/s", "VOBC_MOTION: speed at which the emergency brake comes"),
-    ("motion_age_s", "s", "since VOBC_MOTION"),
-    ("claimed_to_stop_m", "m", "VOBC_TARGET: to the next stopping point, negative past it"),
-    ("claimed_to_authority_m", "m", "VOBC_TARGET: from the worst front to the end of authority"),
-    ("target_age_s", "s", "since VOBC_TARGET"),
-    ("service_decel_mps2", "m/s²", "BRAKE_CMD: asked of the service brake"),
+    ("emergency_limit_mps", "m/s", "VOBC_MOTION: speed at which the emergency brake is applied"),
+    ("motion_age_s", "s", "time since VOBC_MOTION"),
+    ("claimed_to_stop_m", "m", "VOBC_TARGET: distance to the next stopping point, negative beyond "
+     "it"),
+    ("claimed_to_authority_m", "m", "VOBC_TARGET: distance from the foremost possible front to the "
+     "end of authority"),
+    ("target_age_s", "s", "time since VOBC_TARGET"),
+    ("service_decel_mps2", "m/s²", "BRAKE_CMD: deceleration demanded of the service brake"),
     ("emergency_commanded", BOOLEAN, "BRAKE_CMD: the emergency brake is not released"),
     ("holding_commanded", BOOLEAN, "BRAKE_CMD: the holding brake is not released"),
-    ("brake_age_s", "s", "since the last valid pair of BRAKE_CMD"),
+    ("brake_age_s", "s", "time since the last valid pair of BRAKE_CMD"),
     ("force_commanded_n", "N", "TRACTION_CMD: effort for the whole train, never negative"),
     ("direction", "1", "TRACTION_CMD: 1 forwards, -1 backwards, 0 neutral"),
     ("traction_permitted", BOOLEAN, "TRACTION_CMD: effort is allowed"),
-    ("traction_age_s", "s", "since the last valid pair of TRACTION_CMD"),
+    ("traction_age_s", "s", "time since the last valid pair of TRACTION_CMD"),
     ("enable_left", BOOLEAN, "DOOR_CMD: the left doors may be open"),
     ("enable_right", BOOLEAN, "DOOR_CMD: the right doors may be open"),
     ("open_left_commanded", BOOLEAN, "DOOR_CMD: open the left doors"),
     ("open_right_commanded", BOOLEAN, "DOOR_CMD: open the right doors"),
-    ("doors_age_s", "s", "since the last valid pair of DOOR_CMD"),
+    ("doors_age_s", "s", "time since the last valid pair of DOOR_CMD"),
     ("reset_pressed", BOOLEAN, "DESK: the reset button is pressed"),
-    ("desk_age_s", "s", "since DESK"),
+    ("desk_age_s", "s", "time since DESK"),
     ("restricted_pressed", BOOLEAN, "DESK: a person asks to drive on sight"),
     ("door_bypass_pressed", BOOLEAN, "DESK: a person asks for the door bypass"),
     ("mode", "1", "VOBC_MODE: 0 asleep, 1 standby, 2 restricted, 3 creep, 4 authorised, 5 jog"),
     ("emergency_cause", "1", "VOBC_MODE: number of the cause of an emergency; 0 without one"),
-    ("departure_inhibits", "1", "VOBC_MODE: what keeps it from departing, as the sum of flags"),
+    ("departure_inhibits", "1", "VOBC_MODE: why the train may not depart, as the sum of flags"),
     ("doors_withheld", "1", "VOBC_MODE: why no door is enabled, as the sum of flags"),
-    ("jog_attempts", "1", "VOBC_MODE: made at this stop"),
-    ("replicas_agree", BOOLEAN, "VOBC_MODE: both computations came to the same"),
-    ("alarm_raised", BOOLEAN, "VOBC_MODE: a person has to come"),
-    ("mode_age_s", "s", "since VOBC_MODE"),
+    ("jog_attempts", "1", "VOBC_MODE: jogs made at this stop"),
+    ("replicas_agree", BOOLEAN, "VOBC_MODE: both computations agree"),
+    ("alarm_raised", BOOLEAN, "VOBC_MODE: a person has to come to the train"),
+    ("mode_age_s", "s", "time since VOBC_MODE"),
 )  # fmt: skip
 _LINE: Final = (
-    ("to_authority_m", "m", "from the true front to the end of authority"),
-    ("stop_error_m", "m", "true front beyond the nearest stopping point; negative before it"),
+    ("to_authority_m", "m", "distance from the true front to the end of authority"),
+    (
+        "stop_error_m",
+        "m",
+        "distance of the true front beyond the nearest stopping point; negative before it",
+    ),
     ("platform_left", BOOLEAN, "the nearest station's platform lies left; otherwise right"),
     ("standing", BOOLEAN, "the speed is exactly 0"),
-    ("stopping_m", "m", "way to standstill under the emergency brake, as invariant 1 has it"),
-    ("rollback_m", "m", "way back from the foremost place so far"),
-    ("position_error_m", "m", "claimed front less true front, where the claim was made"),
+    ("stopping_m", "m", "distance to standstill under the emergency brake, as in invariant 1"),
+    ("rollback_m", "m", "distance back from the foremost position so far"),
+    ("position_error_m", "m", "claimed front less true front, at the instant of the claim"),
 )
 
 SIGNALS: Final[tuple[Signal, ...]] = tuple(
@@ -152,4 +158,4 @@ RANGES: Final[dict[str, tuple[float, float]]] = {
     **dict.fromkeys(sorted(BOOLEANS), (0.0, 1.0)),
     **_STATES,
 }
-"""Least and greatest value of signals that have one."""
+"""Minimum and maximum of signals that have bounds."""

@@ -1,4 +1,4 @@
-"""Invariants of emergency brake, traction and silent wires (5, 6, 7, 33, 34)."""
+"""Invariants of emergency brake, traction, departure and missing frames (5, 6, 7, 33, 34)."""
 
 from can_dbc.vobc import Cause, Supervision
 from metro_hil.monitors.context import Context
@@ -9,20 +9,20 @@ from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000
 PULL_N = 1.0
-"""Less than this is no tractive effort."""
+"""Force below which there is no tractive effort."""
 LEFT_MPS = 0.1
-"""A train that is faster has departed; couplers that ease do not make it so."""
+"""Speed above which a train has departed; it excludes the play of couplers."""
 COASTING_MPS = 0.5
-"""A train that is slower may be taken to stand by who watches its wheels."""
+"""Speed below which odometry may hold the train for standing."""
 EMERGENCY = float(Supervision.EMERGENCY)
 RESTART_NS = NS_PER_S // 4
-"""So long no controller is silent between two VOBC_STATUS without missing a cycle."""
+"""Gap between two VOBC_STATUS that no controller leaves without missing a cycle."""
 OVERSHOT = float(Cause.OVERSHOT)
-"""The only emergency that may release itself, at standstill: a jog is to mend it."""
+"""The only cause whose emergency brake may release itself, at standstill: a jog corrects it."""
 
 
 class EmergencyWatch:
-    """What an emergency brake must and what must not end it."""
+    """Judges what the emergency brake must end and what must not end it."""
 
     __slots__ = (
         "_applied_moving",
@@ -56,9 +56,9 @@ class EmergencyWatch:
         self._reset_lifetime_ns = round(context.reset_lifetime_s * NS_PER_S)
         self._since_ns = -1
         self._pulled = False
-        """Traction acted when the emergency brake was asked for, and has not been seen off."""
+        """Traction acted when the emergency brake was demanded, and has not been seen off since."""
         self._commanded = False
-        """By the frames: what was commanded before the first of them is not known."""
+        """As the frames show it; the command before the first frame is unknown."""
         self._start_ns = context.start_ns
         self._applied_moving = False
         self._latched = False
@@ -66,20 +66,20 @@ class EmergencyWatch:
         self._reset_was_pressed = True
         self._releases = 0.0
         self._cause = 0.0
-        """Of the latched emergency, as last said."""
-        # The report and the answer may both be held up on the bus.
+        """Cause of the latched emergency, as last reported."""
+        # Faults may delay both the report and the answer on the bus.
         self._takeover_ns = round((context.takeover_s + context.input_age_s) * NS_PER_S)
         self._let_go_ns = -1
-        """The brake unit stopped wanting it then, and the train has moved since."""
+        """Instant at which the brake unit stopped demanding it while the train moved on."""
         self._releasable_ns = round(context.brake_unit_s * NS_PER_S)
         self._released_ns = NEVER_NS
-        """The controller let go of it last."""
+        """Instant at which the controller last released it."""
         self._status_ns = context.start_ns
         self._slips = 0.0
-        """As the last VOBC_STATUS had it."""
+        """Missed cycles in the last VOBC_STATUS."""
 
     def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """To be told of every step while the brake unit wants the emergency brake."""
+        """Take a step in which the brake unit demands the emergency brake."""
         self._let_go_ns = -1
         if self._since_ns < 0:
             self._since_ns = now_ns
@@ -87,7 +87,7 @@ class EmergencyWatch:
         since_ns = now_ns - self._since_ns
         pulls = truth.drive_n > PULL_N
         if self._pulled or pulls:
-            # Also in the first step without: traction ended somewhere within it.
+            # Judge the first step without effort as well: traction ended somewhere within it.
             self._pulled = pulls
             self.traction_off.see((self._cut_ns - since_ns) / NS_PER_S, now_ns)
         if (
@@ -97,14 +97,15 @@ class EmergencyWatch:
         ):
             self.ignored.said(not pulls, now_ns)
         if self._applied_moving and truth.speed_mps == 0.0 and spoken.emergency_commanded > 0.0:
-            # Held down to standstill; that it stays until its reset is seen at its release.
+            # The brake was held to standstill; its release shows whether it stays on until a reset.
             self._applied_moving = False
             self.held.said(True, now_ns)
 
     def ended(self, truth: Truth, now_ns: int) -> None:
-        """The brake unit does not want it any more.
+        """The brake unit no longer demands the emergency brake.
 
-        One that it applied before it reported the last one off, nobody can tell from that.
+        An emergency brake that it applied before it reported the last one off is not
+        distinguishable, and does not count.
         """
         self._since_ns = -1
         told = now_ns - self._released_ns > self._releasable_ns
@@ -112,7 +113,7 @@ class EmergencyWatch:
             self._let_go_ns = now_ns
 
     def without(self, truth: Truth, now_ns: int) -> None:
-        """To be told of every step without it in which the train moves."""
+        """Take a step without the emergency brake in which the train moves."""
         if self._let_go_ns < 0:
             return
         if truth.speed_mps == 0.0:
@@ -122,7 +123,7 @@ class EmergencyWatch:
             self.held.said(False, now_ns)
 
     def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """To be told whenever the controller or the desk has said something."""
+        """Take a step in which a frame of the controller or the desk has arrived."""
         if spoken.brake_ns == self._start_ns:
             return
         commanded = spoken.emergency_commanded > 0.0
@@ -135,7 +136,7 @@ class EmergencyWatch:
         if commanded and moving:
             self._applied_moving = True
         if self._began_anew(spoken):
-            # It knows nothing of what was latched before; that it brakes and knows no place is new.
+            # It does not know what was latched before; that it brakes without a position is new.
             self._latched = False
         told = spoken.supervision == EMERGENCY
         released = self._commanded and not commanded
@@ -156,7 +157,7 @@ class EmergencyWatch:
         self._commanded = commanded
 
     def _began_anew(self, spoken: Spoken) -> bool:
-        """A controller that was silent and counts no missed cycles for it was started again."""
+        """Tell whether the controller was restarted: it was silent and counts no missed cycles."""
         silent_ns = spoken.status_ns - self._status_ns
         missed = spoken.cycle_slips > self._slips
         self._status_ns, self._slips = spoken.status_ns, spoken.cycle_slips
@@ -170,7 +171,7 @@ class EmergencyWatch:
 
 
 class SilenceWatch:
-    """What happens when vital frames stay away."""
+    """Judges what happens when vital frames are missing."""
 
     __slots__ = (
         "_brake_ns",
@@ -203,7 +204,7 @@ class SilenceWatch:
         self._traction_ns = round(
             (traction_timeout_s + slack_s + context.traction_cut_s) * NS_PER_S
         )
-        # Each obstacle opens the doors once more.
+        # Each obstacle makes the doors open once more.
         closing_s = config.close_s + config.obstructed_closings * (config.reopen_s + config.close_s)
         self._doors_ns = round((doors_timeout_s + slack_s + closing_s) * NS_PER_S)
         self._inputs_ns = round(
@@ -212,7 +213,7 @@ class SilenceWatch:
         self._brake_worst_ns = self._inputs_worst_ns = -1
 
     def released(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """To be told of every step in which the brake unit wants no emergency brake."""
+        """Take a step in which the brake unit does not demand the emergency brake."""
         age_ns = now_ns - spoken.brake_ns
         if age_ns > self._brake_worst_ns:
             self._brake_worst_ns = age_ns
@@ -231,16 +232,16 @@ class SilenceWatch:
                 self.inputs.see((self._inputs_ns - age_ns) / NS_PER_S, now_ns)
 
     def open(self, now_ns: int, spoken: Spoken) -> None:
-        """To be told of every step in which a door is not locked."""
+        """Take a step in which a door is not locked."""
         margin_s = (self._doors_ns - (now_ns - spoken.doors_ns)) / NS_PER_S
         if margin_s < self.doors.least:
             self.doors.see(margin_s, now_ns)
 
 
 class DepartureWatch:
-    """A train leaves its standstill with its doors and those of the platform locked.
+    """Judges that a train departs with its doors and those of the platform locked.
 
-    What counts is how they were when it began to move; a lock lost later breaks other rules.
+    The state when it began to move counts; a lock that is lost later violates other invariants.
     """
 
     __slots__ = ("_locked", "_place", "_platform_locked", "_standing", "locked", "platform")
@@ -250,12 +251,12 @@ class DepartureWatch:
         self.locked, self.platform = locked, platform
         self._standing = True
         self._locked: bool | None = None
-        """As it was when the train began to move; None while it stands and once it has left."""
+        """State when the train began to move; None at standstill and after the departure."""
         self._platform_locked: bool | None = None
-        """None: there are none."""
+        """None if the platform has no doors."""
 
     def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """To be told of every step in which the train moves, and of the first at rest."""
+        """Take a step in which the train moves, or the first one at rest."""
         speed_mps = truth.speed_mps
         if speed_mps == 0.0:
             self._standing = True

@@ -1,4 +1,4 @@
-"""Invariants of what the controller says of itself (3, 9, 13, 14, 16, 36, 39)."""
+"""Invariants of the controller's reports and demands (3, 9, 13, 14, 16, 36, 39)."""
 
 from collections import deque
 
@@ -13,23 +13,23 @@ from plant_emulator.truth import Truth
 NS_PER_S = 1_000_000_000
 SPEED_BIT_MPS = 0.01
 REACH_STEP_MPS = 0.05
-"""What a bound of the speed is rounded up by at most."""
+"""Maximum rounding of the reported bound of the speed."""
 CLAIM_PERIOD_S = period_s(VobcPosition)
 SETTLING_NS = 2 * NS_PER_S
 NARROWED_M = 0.2
-"""A width that falls by less may only have made up for samples that were late."""
+"""Decrease of the width that may come from late samples alone."""
 CLAIMS = 5
-"""So many are compared with: the controller says that it misses its wheels only some cycles after
-they fell silent, and is the wider for it until then."""
+"""Number of earlier claims for comparison. The controller reports missing tacho frames only some
+cycles later, and its interval is wider until then."""
 TACHO_NS = NS_PER_S // 10
 ODOMETER = int(Missing.ODOMETER)
 RAMP_CYCLES = 10
 UNKNOWN_M = 655.0
-"""The frame's largest uncertainty says that the place is not known."""
+"""Largest uncertainty in the frame; it means that the position is unknown."""
 TAG_LIFETIME_NS = 2 * NS_PER_S
-"""A tag's telegram takes its time to the controller, and the claim its time to the bus."""
+"""Time that a tag's telegram to the controller and the claim to the bus may take."""
 REFUSED_NS = NS_PER_S * 3 // 10
-"""From the event to the next claim of a place and of the state."""
+"""Time from the event to the next claim of position and state."""
 MISSED_MAX = 2.0
 MOVING_MPS = 0.5
 SLIPS_MAX = 2.0
@@ -39,7 +39,7 @@ FREE = (float(Supervision.NOMINAL), float(Supervision.WARNING))
 
 
 class ClaimWatch:
-    """To be told whenever the controller has said something."""
+    """Judges the frames in which the controller reports its state."""
 
     __slots__ = (
         "_believed_ns",
@@ -110,17 +110,18 @@ class ClaimWatch:
         self._curve_ns = round((context.cycle_s + context.slack_s) * NS_PER_S)
         self._position_ns = self._motion_ns = self._status_ns = context.start_ns
         self._over_ns = -1
-        """Since when it has said that it is over its curve; -1 if it is not, or has braked."""
+        """Instant since which the controller has reported to be over its curve without braking; -1
+        if it is not."""
         self._widths_m: deque[float] = deque(maxlen=CLAIMS)
         self._compared_ns = context.start_ns
-        """When the last of them came."""
+        """Instant of the last of them."""
         self._tags = 0.0
         self._tag_ns = context.start_ns
         self._slips = -1.0
-        """As last told; negative before the first time."""
+        """Missed cycles as last reported; negative before the first report."""
 
     def tag_read(self, tags: float, now_ns: int) -> None:
-        """To be told of every step in which `tags` differs from the step before."""
+        """Take a step in which `tags` differs from the step before."""
         self._tags, self._tag_ns = tags, now_ns
 
     @property
@@ -130,8 +131,8 @@ class ClaimWatch:
     def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         if spoken.position_ns != self._position_ns:
             gap_ns, self._position_ns = spoken.position_ns - self._position_ns, spoken.position_ns
-            # Out of its rhythm a frame may have waited for the bus, however right it was once, and
-            # so may those after it until the bus has carried what it owes.
+            # A frame that is off its period may have waited for the bus, and so may those after it
+            # until the bus has sent all waiting frames.
             in_rhythm = self._least_gap_ns <= gap_ns <= self._most_gap_ns
             if not in_rhythm and self._claimed:
                 self._believed_ns = max(self._believed_ns, spoken.position_ns + SETTLING_NS)
@@ -145,7 +146,8 @@ class ClaimWatch:
             self._note_over(truth, spoken, 0.0)
         if spoken.mode_ns != self._mode_ns:
             self._mode_ns = spoken.mode_ns
-            # Sent right after the speed; one that waited for the bus may tell of another cycle.
+            # VOBC_MODE follows VOBC_MOTION at once; one that waited for the bus may belong to
+            # another cycle.
             if 0 <= spoken.mode_ns - spoken.motion_ns < self._pair_ns:
                 self._note_over(truth, spoken, spoken.speed_reach_mps - REACH_STEP_MPS)
         if self._over_ns >= 0:
@@ -155,7 +157,7 @@ class ClaimWatch:
             self._check_overrun(truth, now_ns, spoken)
 
     def _check_tags(self, now_ns: int, spoken: Spoken) -> None:
-        """A tag that was refused narrows nothing; two that were missed take the place away."""
+        """Check that a rejected tag narrows nothing and two missed tags end localisation."""
         if spoken.refused_ns > self._refused_ns and now_ns >= self._believed_ns:
             self._refused_ns, self._refused_m = spoken.refused_ns, max(self._two_claims_m)
         if self._refused_ns >= 0 and now_ns - self._refused_ns < REFUSED_NS:
@@ -164,7 +166,7 @@ class ClaimWatch:
             if self._refused_m >= 0.0 and spoken.position_ns > self._refused_ns:
                 self.refused.said(spoken.uncertainty_m > self._refused_m - NARROWED_M, now_ns)
         if spoken.position_ns != self._heard_claim_ns:
-            # The claim of the very cycle may come before the event as well as after it.
+            # The claim of the same cycle may come before or after the event.
             self._heard_claim_ns = spoken.position_ns
             self._two_claims_m = self._two_claims_m[1], spoken.uncertainty_m
         if spoken.missed_tags < MISSED_MAX:
@@ -175,7 +177,7 @@ class ClaimWatch:
             self.missed.said(spoken.localised == 0.0, now_ns)
 
     def _check_interval(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """At the instant of the claim: the begin of its cycle, or that of one that was missed."""
+        """Compare at the instant of the claim: the start of its cycle or of a missed one."""
         missed = min(SLIPS_MAX, (spoken.cycle_slips - self._claimed_slips) % SLIPS_PERIOD)
         self._claimed_slips = spoken.cycle_slips
         oldest_s = (1.0 + missed) * self._cycle_s + self._slack_s
@@ -192,12 +194,12 @@ class ClaimWatch:
         if spoken.localised > 0.0:
             self.width.see(self._limit_m - width_m, now_ns)
         if now_ns - spoken.tacho_ns > TACHO_NS or int(spoken.missing) & ODOMETER:
-            # What it is wider by while the wheels are not heard goes when they are again.
+            # The extra width for missing tacho frames goes when they return.
             return
         widths_m = self._widths_m
         aged_m = abs(truth.speed_mps) * self._input_age_s
         if widths_m and min(widths_m) - width_m > NARROWED_M + aged_m:
-            # Since the last of them others may have been passed over, and a tag read meanwhile.
+            # Claims may have been ignored since the last one, and a tag read meanwhile.
             by_tag = self._tags > 0.0 and self._tag_ns >= self._compared_ns - TAG_LIFETIME_NS
             self.narrowed.said(by_tag, now_ns)
             widths_m.clear()
@@ -205,7 +207,7 @@ class ClaimWatch:
         self._compared_ns = now_ns
 
     def _note_over(self, truth: Truth, spoken: Spoken, reach_mps: float) -> None:
-        """The bound of the speed is at least `reach_mps` over its best estimate."""
+        """Note an excess; the bound of the speed is at least `reach_mps` above its estimate."""
         bound_mps = abs(spoken.claimed_speed_mps) + max(0.0, reach_mps)
         over = bound_mps - spoken.emergency_limit_mps > SPEED_BIT_MPS
         if over and self._over_ns < 0 and abs(truth.speed_mps) > MOVING_MPS:
@@ -227,7 +229,7 @@ class ClaimWatch:
 
 
 class DemandWatch:
-    """What the controller asks of traction and brake, as one acceleration."""
+    """Judges what the controller demands of traction and brake, as one acceleration."""
 
     __slots__ = (
         "_accel_mps2",
@@ -258,7 +260,8 @@ class DemandWatch:
         self._traction_ns = context.start_ns
         self._reverse_ns = round(context.reverse_s * NS_PER_S)
         self._reverse_since_ns = -1
-        """Effort backwards is asked for since then while nothing says that the train jogs."""
+        """Instant since which effort backwards is demanded without a report of a jog; -1 if it is
+        not."""
         self._accel_mps2 = 0.0
         self._judged = False
 
@@ -295,7 +298,7 @@ class DemandWatch:
             if margin_mps2 < self.accel.least:
                 self.accel.see(margin_mps2, now_ns)
             if self._judged:
-                # Frames wait for the bus; what was decided came a whole number of cycles later.
+                # Frames wait for the bus; the decisions are a whole number of cycles apart.
                 gap_ns = spoken.traction_ns - before_ns
                 step_ns = max(1, round(gap_ns / self._cycle_ns)) * self._cycle_ns
                 if self._lateness_ns:
@@ -312,7 +315,7 @@ class DemandWatch:
             self.jerk.see(margin_mps3, now_ns)
 
     def _follow_ramp(self, accel_mps2: float, said_ns: int, now_ns: int) -> None:
-        """Over several cycles, where what is allowed for each for its being late weighs less."""
+        """Compare over several cycles, where the allowance for late cycles weighs less."""
         if not self._judged:
             self._ramp.clear()
             return

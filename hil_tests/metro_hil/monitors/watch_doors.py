@@ -11,7 +11,7 @@ NS_PER_S = 1_000_000_000
 
 
 class DoorWatch:
-    """To be told of every step in which a door is not locked or may be opened."""
+    """Judges steps in which a door is not locked or may be opened."""
 
     __slots__ = (
         "_cut_ns",
@@ -54,12 +54,12 @@ class DoorWatch:
         self._cut_ns = round(context.traction_cut_s * NS_PER_S)
         self._slack_ns = round(context.slack_s * NS_PER_S)
         self._left_open = self._right_open = False
-        # So long ago that it does not count.
+        # The initial instants are too old to count.
         self._left_enabled_ns = self._right_enabled_ns = -NS_PER_S
         self._unlocked_ns = -1
 
     def enabled(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """The controller lets a side open: it takes the train for standing."""
+        """Take a step in which the controller enables a side: it holds the train for standing."""
         if spoken.enable_left > 0.0:
             self._left_enabled_ns = now_ns
         if spoken.enable_right > 0.0:
@@ -75,7 +75,7 @@ class DoorWatch:
         if right and not self._right_open:
             self.enable.said(now_ns - self._right_enabled_ns <= self._slack_ns, now_ns)
         self._left_open, self._right_open = left, right
-        # It takes both: the person who answers for the doors, and the controller that logged it.
+        # A bypass needs both the person at the desk and the controller's event.
         bypassed = spoken.door_bypassed > 0.0 and spoken.door_bypass_pressed > 0.0
         if truth.doors_locked > 0.0 or bypassed:
             self._unlocked_ns = -1

@@ -1,4 +1,4 @@
-"""Invariants of operating modes: jogs, ways up, restricted speed, wake-up (10, 11, 12, 18)."""
+"""Invariants of operating modes: jogs, higher modes, restricted speed, wake-up (10, 11, 12, 18)."""
 
 from can_dbc.vobc import Missing, OperatingMode
 from metro_hil.monitors.context import Context
@@ -13,19 +13,19 @@ CREEP = float(OperatingMode.CREEP)
 RESTRICTED = float(OperatingMode.RESTRICTED)
 AUTHORISED = float(OperatingMode.AUTHORISED)
 ON_SIGHT = (RESTRICTED, CREEP)
-"""Modes in which no authority is needed, so that none can be passed."""
+"""Modes without an authority, so that no authority can be passed."""
 UNPLACED = int(Missing.AUTHORITY | Missing.LOCALISATION)
 ORDER_NS = 5 * NS_PER_S
-"""An order or a request that ended so long ago may still be acted on: the radio is slow."""
+"""Time after which an order or request that has ended may still be acted on: the radio is slow."""
 MOVED_MPS = 0.1
-"""Couplers that ease make a train no faster."""
+"""Speed that the play of couplers does not exceed."""
 SAME_STOP_M = 20.0
-"""Jogs within so much of each other are for the same stopping point."""
+"""Distance within which jogs belong to the same stopping point."""
 WAKING_TAGS = 2.0
 
 
 class ModeWatch:
-    """To be told of every step in which the train moves, and of all that the controller says."""
+    """Judges steps in which the train moves, and all frames of the controller."""
 
     __slots__ = (
         "_authorised_ns",
@@ -83,13 +83,13 @@ class ModeWatch:
         self._jog_from_m = self._jog_stop_m = 0.0
         self._jogs = 0
         self._authorised_ns = -1
-        """The mode became authorised then, and its claim of a place has not been heard since."""
+        """Instant at which the mode became authorised, until the next VOBC_STATUS; otherwise -1."""
         self._creep_ns = self._restricted_ns = -ORDER_NS
         self._start_tags = -1.0
         self._checked_cold = False
 
     def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """One step in which the train moves, or the first at rest."""
+        """Take a step in which the train moves, or the first one at rest."""
         speed_mps = abs(truth.speed_mps)
         if speed_mps < MOVED_MPS:
             if truth.speed_mps == 0.0:
@@ -117,13 +117,13 @@ class ModeWatch:
             self.covered.see(truth.rear_m - truth.authority_rear_m, now_ns)
 
     def _most_mps(self, truth: Truth, permitted_mps: float) -> float:
-        """Until the emergency brake takes a runaway's traction away."""
+        """Return the greatest speed until the emergency brake cuts the traction of a runaway."""
         fall_mps2 = self._place.worst_fall_under_mps2(truth.front_m)
         gained_mps = (self._runaway_mps2 + fall_mps2) * self._runaway_s
         return permitted_mps + self._margin_mps + gained_mps
 
     def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """Whatever was said since the last step."""
+        """Take what was reported since the last step."""
         if self._start_tags < 0.0:
             self._start_tags = truth.tags_read
         if truth.order_creep > 0.0:

@@ -1,4 +1,4 @@
-"""Invariants of a moving train: its way to stop, its limits, its direction (1, 2, 4, 8)."""
+"""Invariants of a moving train: stopping distance, limits and rollback (1, 2, 4, 8)."""
 
 import math
 
@@ -10,16 +10,17 @@ from plant_emulator.truth import Truth
 
 NS_PER_S = 1_000_000_000
 BUILT_UP_LAGS = 6.0
-"""After so many time constants the emergency brake has built up, all but 0.3 %."""
+"""Number of time constants after which the emergency brake has built up, except for 0.3 %."""
 FAR_M = 100.0
 FAR_NS = NS_PER_S // 5
-"""With so much to spare it is enough to look this often: no train loses that meanwhile."""
+"""Interval between two checks while the margin is above `FAR_M`; no train uses that up
+meanwhile."""
 ROLLED_M = 0.02
-"""Couplers give by a centimetre; that is no rollback."""
+"""Distance that couplers give; it is no rollback."""
 
 
 class MotionWatch:
-    """To be told of every step in which the train moves."""
+    """Judges steps in which the train moves."""
 
     __slots__ = (
         "_adhesion_needed_ratio",
@@ -83,9 +84,11 @@ class MotionWatch:
         self._look_ns = 0
 
     def sample(self, truth: Truth, now_ns: int, mode: float = 0.0) -> None:
-        """Args:
-        mode: as the controller said it last. On sight there is no authority to stay within, and
-            a jog may go back.
+        """Take one step.
+
+        Args:
+            mode: the last reported mode. On sight no authority limits the train, and a jog may go
+                back.
         """
         front_m, speed_mps = truth.front_m, truth.speed_mps
         if mode not in ON_SIGHT:
@@ -98,7 +101,8 @@ class MotionWatch:
             speed_mps = -speed_mps
         civil_limit = self.civil_limit
         limit_mps = self._place.limit_mps(front_m)
-        # Without a fall the overshoot is least: a margin above the least so far need not be exact.
+        # The overshoot is least without a fall, so a margin above the least so far need not be
+        # exact.
         if limit_mps + self._quick_margin_mps - speed_mps < civil_limit.least:
             overshoot_mps = self._overshoot_mps(self._place.worst_fall_under_mps2(front_m))
             civil_limit.see(limit_mps + self._margin_mps + overshoot_mps - speed_mps, now_ns)
@@ -108,16 +112,17 @@ class MotionWatch:
             self.rollback.see(self._rollback_m - (self._foremost_m - front_m), now_ns)
 
     def emergency(self, now_ns: int, wanted: bool) -> None:
-        """The brake unit wants the emergency brake from now on, or no longer."""
+        """The brake unit demands the emergency brake from now on, or no longer."""
         self._emergency_since_ns = now_ns if wanted else -1
 
     def _overshoot_mps(self, fall_mps2: float) -> float:
-        """Gained after the limit: runaway until traction is cut, the fall until the brake bites."""
+        """Return the speed gained after the limit until traction is cut and the brake acts."""
         runaway_mps = (self._runaway_mps2 + fall_mps2) * self._runaway_s
         return runaway_mps + fall_mps2 * self._build_up_s
 
     def _check_stopping(self, truth: Truth, to_end_m: float, now_ns: int) -> None:
-        # The same by the steepest fall of the line is never less: enough while it is far away.
+        # With the steepest fall of the line the distance is never shorter: enough while the end is
+        # far.
         speed_mps, reaction_s = truth.speed_mps, self._reaction_s
         gain_mps2 = self._worst_fall_mps2
         if truth.accel_mps2 > 0.0:
@@ -134,7 +139,7 @@ class MotionWatch:
                 self.stopping.see(to_end_m - self.stopping_m(truth, now_ns), now_ns)
 
     def _guaranteed(self, truth: Truth, now_ns: int) -> bool:
-        """Whether rail and brake give what braking is reckoned with."""
+        """Tell whether rail and brake give the rate that the braking distance assumes."""
         holds = truth.adhesion_ratio >= self._adhesion_needed_ratio
         since_ns = self._emergency_since_ns
         if holds and since_ns >= 0 and now_ns - since_ns > self._built_up_ns:
@@ -147,11 +152,11 @@ class MotionWatch:
         return holds
 
     def stopping_m(self, truth: Truth, now_ns: int) -> float:
-        """Way to standstill if the emergency brake is asked for now, or was before.
+        """Return the distance to standstill if the emergency brake is demanded now, or was before.
 
-        Until traction is cut the train gains what it gains now, if it does; then it rolls on its
-        gradient until the emergency brake has built up, whatever the service brake does meanwhile;
-        from there on it loses the guaranteed rate, over the true heights of the line.
+        Until traction is cut a driven train keeps its acceleration. Then it coasts on its gradient
+        until the emergency brake has built up, whatever the service brake does. After that it
+        decelerates at the guaranteed rate over the true heights of the line.
         """
         pulling_s, reaction_s = self._times_left_s(truth, now_ns)
         speed_mps = truth.speed_mps
@@ -166,9 +171,9 @@ class MotionWatch:
         return way_m + self._place.braking_m(truth.front_m + way_m, speed_mps, self._decel_mps2)
 
     def _times_left_s(self, truth: Truth, now_ns: int) -> tuple[float, float]:
-        """Until traction is cut, and until the emergency brake acts as if it came all at once.
+        """Return the time until traction is cut, and until an equivalent brake acts at once.
 
-        A brake that builds up with a lag loses as much as one that comes a lag later at once.
+        A brake that builds up with a lag loses as much speed as one that acts at once, a lag later.
         """
         since_ns = self._emergency_since_ns
         if since_ns < 0:

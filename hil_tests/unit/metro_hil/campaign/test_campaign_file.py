@@ -137,7 +137,7 @@ WRONG: Final = [
     ("name = 3", "name: 3 is not a string"),
     ('name = "a/b"', "name: 'a/b' is no name for a folder"),
     ("layout = 3", "layout: 3 is not a string"),
-    ('requirements = ["ACC5"]', "requirements: 'ACC5' is no id such as INV-04"),
+    ('requirements = ["ACC5"]', "requirements: 'ACC5' is not an id such as INV-04"),
     ('bench = "lockstp"', "bench: 'lockstp': nearest valid value: lockstep"),
     ('expected = "fail"', "expected: 'fail' names no monitor; write expected = { fails ="),
     ("expected = 3", "expected: 3 is neither a table nor a list of them; write expected ="),
@@ -165,11 +165,11 @@ WRONG: Final = [
     ),
     (
         'monitor = [{ stl = "always(speed_mps <= speed_mps)" }]',
-        "is true whatever its signals are; no run can violate it",
+        "is true for all values of its signals; no run can violate it",
     ),
     (
         'monitor = [{ measure = "emergency_count", min = 0 }]',
-        "monitor[0].min: 0: emergency_count is never less than 0, so that no run can violate it",
+        "monitor[0].min: 0: emergency_count is never less than 0, so no run can violate it",
     ),
     ("stop_at_violation = 1", "stop_at_violation: 1 is not true or false"),
     ("seeds = 0", "seeds: 0 is not within 1..10000000"),
