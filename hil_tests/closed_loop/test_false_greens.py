@@ -301,5 +301,5 @@ def test_a_line_that_ends_before_its_ordered_takeover_is_invalid(
 
     assert hil(["run", "line", *words, "--out", str(tmp_path / "run")]) == EXIT_ENVIRONMENT
 
-    assert "no later term was heard" in capsys.readouterr().out
+    assert "no later term was received" in capsys.readouterr().out
     assert json.loads((tmp_path / "run" / "results.json").read_text())["verdict"] == "invalid"

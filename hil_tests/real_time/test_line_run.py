@@ -21,8 +21,8 @@ from metro_hil.supervision.radio_log import figures_of, read_log
 from metro_hil.supervision.radio_log_filter import RadioLogSelection
 from zenoh_config.codec import BENCH_KEY
 
-NEAR = ("authority only", "stands in")
-"""Complaints that a slow machine cannot explain."""
+NEAR = ("authority ends only", "stands in")
+"""Complaints that no slowness of the machine explains."""
 
 
 def test_a_killed_master_is_replaced_and_no_train_comes_too_close(

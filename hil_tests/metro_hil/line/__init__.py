@@ -1,1 +1,1 @@
-"""Lines of several trains: in virtual time, as processes over zenoh, and what they cost."""
+"""Lines of several trains: in virtual time, as processes over zenoh, and their cost."""

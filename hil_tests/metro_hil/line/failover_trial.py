@@ -1,4 +1,4 @@
-"""Kills and stops masters over real zenoh, and measures how long all others wait for the next."""
+"""Kills and stops masters over real zenoh, and measures how long the others wait for the next."""
 
 import argparse
 import json
@@ -35,27 +35,27 @@ NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 BEAT_NS: Final = 2 * NS_PER_MS
 FRESH_MS: Final = 200
-"""No train holds an older authority when the master is struck."""
+"""Greatest age of any authority when the master is struck."""
 SETTLE_MS: Final = 30_000
 LIMIT_MS: Final = 3000
 SERVICE_RATIO: Final = 0.6
-"""Of the greatest age: an older authority brakes the train."""
+"""Share of the maximum age of an authority beyond which the train brakes."""
 SIGNALS: Final = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}
 SWITCH: Final = "switch"
 ORDERS: Final = ("cut", "mute", "deafen")
-"""For what carries packets: nothing comes through either way, or one way."""
+"""Orders for the packet carrier: cut both directions or one."""
 NONE: Final = "none"
 FAULTS: Final = (*SIGNALS, *ORDERS, SWITCH, NONE)
 LATENCY_BAR_MS: Final = 100.0
-"""And one cycle of the master."""
+"""Maximum latency, to which one cycle of the master is added."""
 MS_PER_S: Final = 1000.0
 BEFORE: Final = 5
-"""All trains wait for the wayside."""
+"""Priority of the wayside above that of trains, because all trains wait for it."""
 SWITCH_MS: Final = 50
 
 
 class TakenAuthority(NamedTuple):
-    """One authority that a train took."""
+    """One authority that a train accepted."""
 
     at_ns: int
     term: int
@@ -64,7 +64,7 @@ class TakenAuthority(NamedTuple):
 
 
 class TrainProcess:
-    """A train's process and what it says."""
+    """A train's process and its output."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class TrainProcess:
         *,
         peer: bool = False,
     ) -> None:
-        """`network`: the file of the one that it is to be in; None: this program's."""
+        """`network` is the file of the network that the process joins; None: this program's."""
         self.address = address
         self.taken: list[TakenAuthority] = []
         module, first = "metro_hil.line.standing_train", list[str]()
@@ -111,16 +111,16 @@ class TrainProcess:
 
 
 class Round(NamedTuple):
-    """What one fault came to; None where it never was."""
+    """Result of one fault; None if not all trains were served."""
 
     all_served_ms: float | None
-    """From the fault until every other train had an authority of a new term."""
+    """Time from the fault until every other train had an authority of a new term."""
     oldest_ms: float
     """Greatest age that any other train's authority reached meanwhile."""
 
 
 class FailoverTrial:
-    """A wayside in this process and trains in theirs, at rest on one area."""
+    """The wayside in this process, and trains at rest on one area in their own processes."""
 
     def __init__(
         self,
@@ -131,7 +131,10 @@ class FailoverTrial:
         networks: OwnNetworks | None = None,
         topology: Topology = Topology.STAR,
     ) -> None:
-        """Raises ChildError when trains cannot have networks of their own."""
+        """Start the wayside and the trains.
+
+        Raises ChildError if trains cannot have own networks.
+        """
         self.clock = WallClock()
         self.seats: dict[int, TrainProcess] = {}
         self._timers, self._folder, self._priority = timers, folder, priority
@@ -178,11 +181,11 @@ class FailoverTrial:
             self._carrier.end()
 
     def carried(self) -> dict[str, dict[str, int]]:
-        """What became of packets by direction, where trains have networks of their own."""
+        """Return packet counts by direction if trains have own networks."""
         return {} if self._carrier is None else self._carrier.counts()
 
     def run(self, ms: float) -> None:
-        """The wayside's part, for a while."""
+        """Run the wayside for a while."""
         end_ns = self.clock.now_ns() + round(ms * NS_PER_MS)
         while self.clock.now_ns() < end_ns:
             self._beat_ns = max(self._beat_ns + BEAT_NS, self.clock.now_ns() - BEAT_NS)
@@ -192,12 +195,12 @@ class FailoverTrial:
                 self._port.send(now_ns, key, payload)
 
     def settle(self) -> int:
-        """Wait until all are commanded by one master; its address. Raises TimeoutError."""
+        """Wait until one master commands all trains; return its address. Raises TimeoutError."""
         for _ in range(SETTLE_MS // 100):
             self.run(100)
             last = [seat.last for seat in self.seats.values()]
             taken = [each for each in last if each is not None]
-            # Who was struck last answers for an old authority until it takes its next.
+            # A train that was struck last reports an old authority until it accepts its next one.
             fresh_ns = self.clock.now_ns() - FRESH_MS * NS_PER_MS
             masters = [a for a, s in self.seats.items() if s.last and s.last.role == "master"]
             if (
@@ -210,7 +213,7 @@ class FailoverTrial:
         raise TimeoutError("the trains did not settle under one master")
 
     def fault(self, kind: str) -> Round:
-        """Strike the master, wait for the next, and bring the struck one back."""
+        """Strike the master, wait for the next one, and start the struck one again."""
         if kind == SWITCH:
             return self._switch()
         master = self.settle()
@@ -242,7 +245,7 @@ class FailoverTrial:
         return Round(max(times_ms) if complete else None, oldest_ns / NS_PER_MS)
 
     def _switch(self) -> Round:
-        """Let supervision ask for another master, until all are commanded by that one."""
+        """Let supervision request another master until that one commands all trains."""
         master = self.settle()
         last = self.seats[master].last
         assert last is not None
@@ -283,7 +286,7 @@ def _first_of(seat: TrainProcess, term: int) -> int | None:
 
 
 def _oldest_ns(seat: TrainProcess, from_ns: int, to_ns: int) -> int:
-    """Greatest age of what a train held between two instants."""
+    """Return the greatest age of a train's authority between two instants."""
     oldest_ns = 0
     following = [each.at_ns for each in seat.taken[1:]] + [to_ns]
     for each, until_ns in zip(seat.taken, following, strict=True):
@@ -297,8 +300,10 @@ def _p99(values_ms: Sequence[float]) -> float:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print what it comes to. Exit 1 when a train was left without authority, or got it too late;
-    3 when trains cannot have networks of their own.
+    """Run the trial and print its result.
+
+    Exit code 1: a train stayed without authority or got it too late. Exit code 3: trains cannot
+    have own networks.
     """
     parser = argparse.ArgumentParser(
         prog="python -m metro_hil.line.failover_trial", description=__doc__
@@ -307,13 +312,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=int, default=20)
     parser.add_argument("--fault", choices=sorted(FAULTS), default="kill")
     parser.add_argument(
-        "--seconds", type=float, default=20.0, help="of watching, without a fault; default: 20"
+        "--seconds", type=float, default=20.0, help="duration of `--fault none`; default: 20"
     )
     parser.add_argument("--timers", choices=sorted(TIMER_SETS), default="A")
     parser.add_argument(
-        "--priority", type=int, default=40, help="of trains, SCHED_FIFO; 0: none; default: 40"
+        "--priority",
+        type=int,
+        default=40,
+        help="SCHED_FIFO priority of trains; 0: none; default: 40",
     )
-    parser.add_argument("--seed", type=int, default=1, help="of packets' fates; default: 1")
+    parser.add_argument("--seed", type=int, default=1, help="seed of packet faults; default: 1")
     parser.add_argument("--topology", choices=TOPOLOGIES, default=Topology.STAR.value, help=HELP)
     add_options(parser)
     words = [*(sys.argv[1:] if argv is None else argv)]
@@ -321,9 +329,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     networks = networks_of(options, needed=options.fault in ORDERS)
     topology = Topology(options.topology)
     if networks is not None and topology is not Topology.STAR:
-        parser.error(
-            f"--topology {options.topology}: networks of their own lead to the wayside only"
-        )
+        parser.error(f"--topology {options.topology}: own networks lead to the wayside only")
     if networks is not None and not options.apart:
         become_apart("metro_hil.line.failover_trial", [*words, "--apart"])
     with tempfile.TemporaryDirectory() as folder:
@@ -347,11 +353,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _watch(trial: FailoverTrial, options: argparse.Namespace) -> int:
-    """Nothing goes wrong: how long after a train's report it has the authority that answers it."""
+    """Measure, without a fault, the time from a report to the authority that answers it."""
     trial.settle()
     from_ns = trial.clock.now_ns()
     trial.run(options.seconds * MS_PER_S)
-    # The master's own authority takes no radio.
+    # The master's own authority needs no radio.
     taken = [
         each
         for seat in trial.seats.values()

@@ -1,8 +1,8 @@
-"""Headway of whole trains: each with its controller, plant and bus, one behind the other.
+"""Headway of whole trains, each with its controller, plant and bus, one behind the other.
 
-All start at once from places as far apart as they go in one interval, and stop once, so that
-operation knows its brake as in service. There they are held until the last one stands, are let go
-together, reach their speed, and come through one station.
+All start at once, as far apart as they travel in one interval. They stop once, so that ATO learns
+its brake as in service. There they are held until the last one stands. Then they are released
+together, reach their speed, and run through one station.
 """
 
 import tempfile
@@ -23,12 +23,12 @@ from zenoh_config.timers import TIMERS_B
 
 SPEED_MPS: Final = 60.0 / 3.6
 LIMIT_MPS: Final = 17.12
-"""Operation keeps under it by what makes it run at 60 km/h."""
+"""Civil limit with which ATO, keeping its margin, runs at 60 km/h."""
 DOORS_S: Final = 21.65
-"""Doors stay open so long; with all that is done before and after a train stands for 30 s."""
+"""Time for which doors stay open; together with closing and departing a train stands for 30 s."""
 CARS: Final = 4
 LENGTH_M: Final = 81.2
-"""Of the trains; it is the cars that are longer than those of `florence4`."""
+"""Length of the trains; their cars are longer than those of `florence4`."""
 WARM_M: Final = 350.0
 RUN_UP_M: Final = 1500.0
 RUN_OUT_M: Final = 1200.0
@@ -50,29 +50,32 @@ NS_PER_S: Final = 1e9
 
 
 class Passage(NamedTuple):
-    """How one train came through the station."""
+    """Passage of one train through the station."""
 
     came_s: float
-    """When it was 1000 m before the stop."""
+    """Instant at which it was 1000 m before the stop."""
     stopped_s: float
     dwell_s: float
     braked_m: float
-    """Where it first braked after that, from the stop."""
+    """Position of its first braking after that, relative to the stop."""
     short_m: float
-    """Where it stood, from the stop."""
+    """Position at which it stood, relative to the stop."""
     protected: bool
-    """Protection braked it, in service or by emergency."""
+    """Whether ATP braked the train, by service or emergency brake."""
 
 
 class _Track(NamedTuple):
     starts_m: Sequence[float]
-    """Foremost first."""
+    """Starting positions, the foremost first."""
     stop_m: float
     end_m: float
 
 
 def passages(trains: int, interval_s: float) -> list[Passage]:
-    """Of each train, the foremost first. Raises TimeoutError when one does not come through."""
+    """Return the passages, the foremost train first.
+
+    Raises TimeoutError if a train does not arrive.
+    """
     with approach(trains, interval_s) as (bench, stop_m):
         _let_go_together(bench, interval_s)
         watches = {number: _Watch() for number in bench.trains}
@@ -94,7 +97,7 @@ def passages(trains: int, interval_s: float) -> list[Passage]:
 
 
 def _let_go_together(bench: LineBench, interval_s: float) -> None:
-    """Runs until all stand where they stop first, and ends their holding."""
+    """Run until all trains stand at their first stop, and release them together."""
     plants = [train.plant for train in bench.trains.values()]
     starts_m = _starts_m(len(plants), interval_s)
     while any(
@@ -105,7 +108,7 @@ def _let_go_together(bench: LineBench, interval_s: float) -> None:
             raise TimeoutError("a train did not come to where it stops first")
         bench.run(LOOK_S)
         for plant, start_m in zip(plants, starts_m, strict=True):
-            # Before, it would be held where it starts.
+            # Before this point the train would be held at its start.
             if plant.world.front_m > start_m + WARM_M / 2.0:
                 plant.railway.centre.standing = replace(NORMAL, hold=True)
     bench.run(SETTLED_S)
@@ -114,13 +117,13 @@ def _let_go_together(bench: LineBench, interval_s: float) -> None:
 
 
 def _starts_m(trains: int, interval_s: float) -> list[float]:
-    """Foremost first."""
+    """Return the starting positions, the foremost first."""
     return [EDGE_M + interval_s * SPEED_MPS * n for n in reversed(range(trains))]
 
 
 @contextmanager
 def approach(trains: int, interval_s: float) -> Iterator[tuple[LineBench, float]]:
-    """The bench before it ran, the foremost train first, and where the station's stop is."""
+    """Yield the bench before its run, foremost train first, and the station's stopping point."""
     starts_m = _starts_m(trains, interval_s)
     stop_m = starts_m[0] + WARM_M + RUN_UP_M
     track = _Track(starts_m, stop_m, stop_m + RUN_OUT_M)
@@ -140,7 +143,7 @@ def approach(trains: int, interval_s: float) -> Iterator[tuple[LineBench, float]
 
 
 class _Watch:
-    """One train, looked at again and again."""
+    """Records one train's passage."""
 
     def __init__(self) -> None:
         self.gone = False
@@ -185,7 +188,7 @@ class _Watch:
 
 
 def _line(track: _Track) -> Iterator[str]:
-    """The file of a level line for it."""
+    """Yield the lines of the file of a level line for these trains."""
     yield from ('name = "headway"', "start_m = 0.0", f"end_m = {track.end_m + EDGE_M}")
     stations = [("STOP", track.stop_m, DOORS_S, 200.0), ("END", track.end_m, 0.0, 200.0)]
     for number, start_m in enumerate(track.starts_m):

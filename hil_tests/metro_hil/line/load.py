@@ -1,4 +1,4 @@
-"""What many trains cost a master and the wayside, packing and unpacking included."""
+"""Measures what many trains cost a master and the wayside, with encoding and decoding."""
 
 from typing import Final
 
@@ -29,12 +29,12 @@ SHARE_STEPS: Final = 500
 
 
 class _Others:
-    """Trains at rest that report as they must, and nothing else."""
+    """Trains at rest that only send their reports."""
 
     def __init__(self, fronts_m: dict[int, float]) -> None:
         self._fronts_m = fronts_m
         self._given: dict[int, tuple[int, int, float]] = {}
-        """By train: term, number and end of the newest authority."""
+        """Term, number and end of the newest authority, by train."""
         self._term = 0
         self._beat_ns = 0
         self._sequence = 0
@@ -84,8 +84,10 @@ class _Others:
 
 
 def cycle_ms(trains: int) -> list[float]:
-    """Of each cycle in which the master issues to all others: from the last report to the bytes of
-    the last authority. Raises TimeoutError when they are not all commanded in time.
+    """Return the times of cycles in which the master issues authorities to all others.
+
+    Each lasts from the last report to the bytes of the last authority. Raises TimeoutError if not
+    all trains are commanded in time.
     """
     fronts_m = {n: GAP_M * (trains + 1 - n) for n in range(1, trains + 1)}
     line = _line(1, GAP_M * (trains + 2))
@@ -97,9 +99,11 @@ def cycle_ms(trains: int) -> list[float]:
 
 
 def waiting_cycle_ms(trains: int) -> list[float]:
-    """Of each step of the master in which all others report, while one stands on every joint
-    of sections, and somebody hides behind the last: nobody can be let go, and each is looked at
-    anew whenever it says something. Raises TimeoutError when they do not come onto the roster.
+    """Return the times of the master's steps while every train reports and none may go.
+
+    A train stands on every joint of sections, and a shadow train behind the last, so the master
+    checks each train again after every report. Raises TimeoutError if not all are put on the
+    roster.
     """
     fronts_m = {n: SECTION_M * (trains + 1 - n) + LENGTH_M / 2.0 for n in range(1, trains + 1)}
     line = _line(1, SECTION_M * (trains + 2))
@@ -129,12 +133,14 @@ def waiting_cycle_ms(trains: int) -> list[float]:
             for key, payload in wayside.step(now_ns, heard, truth)
         ]
     if len(took_ms) < CYCLES or others.commanded:
-        raise TimeoutError(f"{on_roster} of {trains} are on the roster, {others.commanded} let go")
+        raise TimeoutError(
+            f"{on_roster} of {trains} are on the roster, {others.commanded} have an authority"
+        )
     return took_ms[-CYCLES:]
 
 
 def _line(areas: int, area_m: float) -> AreaMap:
-    """Areas one behind the other, and sections from its begin to its end."""
+    """Return areas one behind the other, with sections along the whole line."""
     sections = round(areas * area_m / SECTION_M)
     return AreaMap(
         "load",
@@ -157,8 +163,10 @@ def _at_rest(front_m: float) -> OwnTrain:
 
 
 def wayside_share(areas: int, trains_each: int) -> float:
-    """Of a processor, that arbiters, track and centre of a line take: each area has a master, which
-    renews its lease and asks for the state of its sections, and axles of so many trains in them.
+    """Return the share of a processor that the wayside of a line takes.
+
+    Each area has a master, which renews its lease and asks for the state of its sections, and the
+    axles of `trains_each` trains.
     """
     line = _line(areas, GAP_M * trains_each)
     wayside = _wayside_of(line)
@@ -218,7 +226,7 @@ def _run(
 
 
 def _axles(fronts_m: list[float]) -> WaysideTruth:
-    """All axles of a train under its middle."""
+    """Return the axles of all trains, each counted at the middle of its train."""
     counted: dict[int, int] = {}
     for front_m in fronts_m:
         section = int((front_m - LENGTH_M / 2.0) // SECTION_M) + 1

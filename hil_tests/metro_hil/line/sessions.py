@@ -1,4 +1,4 @@
-"""Many trains' sessions on one machine over real zenoh: loss, processor time and memory of each."""
+"""Sessions of many trains on one machine over real zenoh: loss, processor time and memory."""
 
 import argparse
 import json
@@ -21,7 +21,7 @@ from zenoh_config.messages import TrainOrders, TrainStatus
 
 LINE: Final = "loop"
 PERIOD_NS: Final = 200_000_000
-"""Five times a second, as every train tells its status."""
+"""Period of the statuses, which every train sends five times a second."""
 BEAT_NS: Final = 5_000_000
 NS_PER_S: Final = 1_000_000_000
 NS_PER_MS: Final = 1e6
@@ -32,7 +32,7 @@ INBOX_MESSAGES: Final = 1 << 14
 
 
 def seat(address: int, endpoint: str, statuses: int, parent: int) -> None:
-    """One train: it waits until it is answered, tells its statuses, counts the orders."""
+    """One train: it waits for an answer, sends its statuses, and counts the received orders."""
     die_with_parent(parent)
     clock = WallClock()
     topic, sequence = keys.status(LINE, address), 0
@@ -93,7 +93,7 @@ def _cpu_s() -> float:
 
 
 def run(trains: int, seconds: float) -> dict[str, float]:
-    """The wayside in this process, trains in theirs. Raises TimeoutError."""
+    """Run the wayside in this process and each train in its own. Raises TimeoutError."""
     clock, endpoint = WallClock(), pick_endpoint()
     centre = LineCentre(load_line(LINE), boot=1)
     statuses = round(seconds * NS_PER_S / PERIOD_NS)
@@ -131,7 +131,7 @@ def run(trains: int, seconds: float) -> dict[str, float]:
                 serve(clock.now_ns() + PERIOD_NS)
                 waiting -= {n for n in waiting if _said(seats[n])}
             if waiting:
-                raise TimeoutError(f"{len(waiting)} of {trains} trains were never answered")
+                raise TimeoutError(f"{len(waiting)} of {trains} trains never got an answer")
             for each in seats:
                 assert each.stdin is not None
                 each.stdin.write("go\n")
@@ -165,7 +165,7 @@ def _said(seat_process: "subprocess.Popen[str]") -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print what it comes to. Exit 1 when a message was lost."""
+    """Run the measurement and print its result. Exit code 1 if a message was lost."""
     parser = argparse.ArgumentParser(prog="python -m metro_hil.line.sessions", description=__doc__)
     parser.add_argument("--trains", type=int, default=50)
     parser.add_argument("--seconds", type=float, default=20.0)

@@ -1,4 +1,4 @@
-"""One train among others in a process of its own, over zenoh: it stands and says what it holds."""
+"""One train at rest in its own process over zenoh; prints the authorities that it accepts."""
 
 import argparse
 import json
@@ -22,7 +22,7 @@ from zenoh_config.timers import TIMER_SETS
 BEAT_NS: Final = 2_000_000
 GARBAGE_NS: Final = 1_000_000_000
 CYCLE_NS: Final = 50_000_000
-"""As a controller's: authorities are applied with it only."""
+"""Cycle of a controller, in which authorities are applied."""
 HEADWAY_M: Final = 300.0
 LENGTH_M: Final = 80.0
 LINE_M: Final = 20_000.0
@@ -41,7 +41,7 @@ LINE: Final = AreaMap(
 
 
 def front_of(address: int) -> float:
-    """Where train 1, 2, ... stands; the foremost first."""
+    """Return where a train stands; train 1 is the foremost."""
     return LINE_M - 200.0 - HEADWAY_M * (address - 1)
 
 
@@ -50,7 +50,7 @@ def config_of(timers: str) -> T2tConfig:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run until the process is ended; a line of JSON for each authority that is taken."""
+    """Run until the process is ended; print a line of JSON for each accepted authority."""
     parser = argparse.ArgumentParser(
         prog="python -m metro_hil.line.standing_train", description=__doc__
     )

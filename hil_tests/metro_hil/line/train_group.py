@@ -37,12 +37,12 @@ NS_PER_S: Final = 1_000_000_000
 
 
 class TrainRun(NamedTuple):
-    """Where a train starts and where it goes, by the names of stations."""
+    """Start and end of a train's run, as names of stations."""
 
     start: str
     end: str
     stops: tuple[str, ...] | None = None
-    """Where it stops, the end included; None: at all stations on the way."""
+    """Stations at which the train stops, its end included; None: all stations on the way."""
 
 
 class BenchTrain(NamedTuple):
@@ -53,10 +53,9 @@ class BenchTrain(NamedTuple):
 
 
 class LineBench:
-    """Trains 1, 2, ... on one line; the foremost first. Each has a bus and a centre of its own.
+    """Trains 1, 2, ... on one line, the foremost first; each has its own bus and centre.
 
-    What trains and wayside say to each other of the line goes over `air`, which can lose, delay
-    and cut.
+    Messages between trains and wayside about the line use `air`, which can lose, delay and cut.
     """
 
     def __init__(
@@ -70,8 +69,11 @@ class LineBench:
         line: str | None = None,
         real: Mapping[str, Any] = NOTHING,
     ) -> None:
-        """`line`: by path; None: that of the areas. `real`: as for `plan_scenario`. Raises
-        SettingsError where line and stations do not fit together.
+        """Create the trains.
+
+        Raises SettingsError if line and stations do not fit together.
+
+        `line` is a path; None: the line of the areas. `real` is as for `plan_scenario`.
         """
         self.clock = LockstepClock()
         self.air = InprocRadio(0.005)
@@ -88,7 +90,7 @@ class LineBench:
         self._wayside_starts = 0
         self.wayside = self._new_wayside(0)
         self.release_wanted: set[int] = set()
-        """Objects that shall open."""
+        """Numbers of objects whose release is requested."""
         self._port = self.air.port("wayside", self.wayside.subscriptions)
         self._crashed = False
         for number, way in enumerate(runs, start=1):
@@ -142,7 +144,7 @@ class LineBench:
         self._executives += [plant.executive, vobc.executive]
 
     def run(self, duration_s: float, look: Callable[[], None] | None = None) -> None:
-        """Run on; `look` is called before every release."""
+        """Run for a while; `look` is called before every release."""
         end_ns = self.clock.now_ns() + round(duration_s * NS_PER_S)
 
         def over(now_ns: int) -> bool:
@@ -153,11 +155,11 @@ class LineBench:
         run(self._executives, self.clock, over)
 
     def kill(self, address: int) -> None:
-        """The controller of a train is gone between two instructions; its plant goes on."""
+        """Kill the controller of a train between two instructions; its plant goes on."""
         self._executives.remove(self.trains[address].vobc.executive)
 
     def stop(self, address: int) -> Executive:
-        """The controller of a train hangs, until `go_on`."""
+        """Stop the controller of a train until `go_on`."""
         executive = self.trains[address].vobc.executive
         self._executives.remove(executive)
         return executive
@@ -166,7 +168,7 @@ class LineBench:
         self._executives.append(executive)
 
     def crash_wayside(self) -> None:
-        """All that it did not store is gone."""
+        """Crash the wayside; it loses everything that it did not store."""
         self._crashed = True
 
     def restart_wayside(self) -> None:
@@ -192,7 +194,7 @@ class LineBench:
 
     @property
     def behind_rear_m(self) -> float:
-        """No authority may come nearer to the train ahead."""
+        """Least distance from the end of an authority to the train ahead."""
         return self._t2t.rollback_m
 
     def masters(self, area: int) -> list[int]:

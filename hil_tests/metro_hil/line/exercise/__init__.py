@@ -1,1 +1,1 @@
-"""A whole line of trains that command themselves: run, struck by faults, watched, and told of."""
+"""Exercises of a whole line of trains that command themselves: run, struck by faults and judged."""

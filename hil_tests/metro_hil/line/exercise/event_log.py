@@ -1,4 +1,7 @@
-"""What happened on a line, from what was said on its radio and where trains truly were. Pure."""
+"""The events of a line, from its radio messages and the true positions of trains.
+
+Pure functions.
+"""
 
 import itertools
 from collections import deque
@@ -19,12 +22,12 @@ from zenoh_config.t2t import AreaAuthority, Heartbeat, T2tMessage, TrainReport
 NS_PER_S: Final = 1e9
 NS_PER_MS: Final = 1e6
 STOPPED_M: Final = 2.0
-"""A train that stands so near to a stopping point has stopped there."""
+"""Distance to a stopping point within which a train that stands has stopped there."""
 YOUNG_NS: Final = 1_000_000_000
 MOVED_M: Final = 0.01
 REACHES: Final = 32
 DRIVING: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
-"""A train is in none of these without an authority."""
+"""States of supervision that a train can reach only with an authority."""
 
 
 class StopEvent(NamedTuple):
@@ -33,70 +36,69 @@ class StopEvent(NamedTuple):
 
 
 class EmergencyBrakeEvent(NamedTuple):
-    """An emergency brake that protection applied."""
+    """An emergency brake that ATP applied."""
 
     at_ns: int
     cause: str
     commanded: bool
-    """Some authority of its train was young."""
+    """Whether the train held a fresh authority."""
     excused: bool
-    """Something was done to the train, or to the line so that it had to brake, or nobody had
-    commanded it yet.
-    """
+    """Whether a fault or an order explains the brake: the train or the line was struck so that it
+    had to brake, or no train had commanded it yet."""
 
 
 class Given(NamedTuple):
-    """An authority as it was heard, or as a train that commands itself says that it holds it."""
+    """An authority as received, or as a master reports to hold it itself."""
 
     at_ns: int
     term: int
     end_m: float
     echo_ns: int
     said_ns: int
-    """When its master said it, or the train that it holds it, by their clocks."""
+    """Instant at which the master sent it, or the train reported it, by their clocks."""
 
 
 @dataclass(slots=True)
 class TrainEvents:
     place: Place | None = None
     speed_mps: float | None = None
-    """True, as its places are: what it says of itself ends with its controller."""
+    """True speed, from the true positions; the train's own reports end with its controller."""
     given: dict[int, Given] = field(default_factory=dict)
-    """By area, the newest."""
+    """The newest authority, by area."""
     reaches: deque[Given] = field(default_factory=lambda: deque(maxlen=REACHES))
-    """The last that let it go as far as it may, for places that come late."""
+    """The latest authorities that limited the train, for positions that arrive late."""
     supervision: int = Supervision.NO_AUTHORITY
     stops: list[StopEvent] = field(default_factory=list)
     emergencies: list[EmergencyBrakeEvent] = field(default_factory=list)
     service_brakes: int = 0
     least_gap_m: float = float("inf")
-    """From the end of its authority to the true rear of the train ahead."""
+    """Least distance from the end of its authority to the true rear of the train ahead."""
     oldest_ms: float = 0.0
     """Greatest age of its authority until a newer one came."""
     latencies_ms: list[float] = field(default_factory=list)
-    """From the report until the authority that answers it."""
+    """Time from each report to the authority that answers it."""
     struck: bool = False
-    """Something was done to it: what becomes of it is not counted against anybody."""
+    """Whether a fault struck the train; then its behaviour is not a failure of any train."""
     standing: bool = False
     drove: bool = False
-    """Its own bus said that protection let it move, so it had an authority, heard of or not."""
+    """Whether frames on its bus showed that ATP let it move, so that it had an authority."""
 
 
 class Takeover(NamedTuple):
-    """The run struck a master, so another term has to follow."""
+    """A takeover that must follow because the run struck a master."""
 
     area: int
     train: int
-    """That was struck."""
+    """The train that was struck."""
     term: int
 
 
 class TermEvent(NamedTuple):
     at_ns: int
-    """When its first heartbeat was heard."""
+    """Instant of the term's first heartbeat."""
     number: int
     train: int
-    """That commands."""
+    """The train that commands."""
 
 
 @dataclass(slots=True)
@@ -106,12 +108,12 @@ class AreaEvents:
     waiting: set[int] = field(default_factory=set)
     """Trains that have no authority of this term yet."""
     since_ns: int = 0
-    """When the last heartbeat of the term before was heard."""
+    """Instant of the last heartbeat of the previous term."""
     terms: list[TermEvent] = field(default_factory=list)
 
 
 class LineEvents:
-    """Is told everything in order; says through `say` what a person wants to know at once."""
+    """Takes all events in order; passes to `say` what a person should know at once."""
 
     def __init__(
         self,
@@ -124,10 +126,10 @@ class LineEvents:
         self.areas: dict[int, AreaEvents] = {}
         self.collisions: list[str] = []
         self.excused: set[str] = set()
-        """Causes of emergencies that what was done to the line calls for from now on."""
+        """Causes of emergency brakes that a fault of the line explains from now on."""
         self.refused = 0
         self.newest_ns = 0
-        """Sent at: of the newest message, by the clock of its sender."""
+        """Sending instant of the newest message, by the clock of its sender."""
         self.ordered: list[Takeover] = []
         self.missed_strikes: list[str] = []
         """Faults that were due while no train commanded."""
@@ -137,7 +139,7 @@ class LineEvents:
     def train(self, number: int) -> TrainEvents:
         return self.trains.setdefault(number, TrainEvents())
 
-    # Told.
+    # Inputs.
 
     def hears(self, messages: Iterable[RadioMessage]) -> None:
         for message in messages:
@@ -153,7 +155,7 @@ class LineEvents:
             heard = unpack(message.payload, self._key)
             name = self._map.name
             if isinstance(heard, TrainStatus) and message.key == keys.status(name, heard.train):
-                # Its bus tells what its protection does, also while no radio carries anything.
+                # Each train's bus reports its protection, even while no radio works.
                 continue
             if isinstance(heard, T2tMessage) and message.key == t2t_keys.key_of(name, heard):
                 self._is_sent(heard.stamp_ns, message.stamp_ns)
@@ -162,7 +164,7 @@ class LineEvents:
                 self.refused += 1
 
     def stands(self, number: int, place: Place) -> None:
-        """Where a train truly is."""
+        """Take the true position of a train."""
         train = self.train(number)
         before, train.place = train.place, place
         if before is not None and place.stamp_ns > before.stamp_ns:
@@ -179,7 +181,7 @@ class LineEvents:
                 self._keep_apart(self.trains[behind], before, place)
 
     def tells(self, number: int, supervision: int, cause: int, now_ns: int) -> None:
-        """What the protection of a train does; whether it should is for the verdict."""
+        """Take the state of a train's ATP; the verdict decides whether it is correct."""
         train = self.train(number)
         train.drove |= supervision in DRIVING
         before, train.supervision = train.supervision, supervision
@@ -198,24 +200,24 @@ class LineEvents:
         self.train(number).struck = True
 
     def orders_takeover(self, area: int, number: int) -> None:
-        """The master of an area is struck; another train there has to take the command over."""
+        """The master of an area is struck, so another train there must take over."""
         others = [each for n, each in self.trains.items() if n != number]
         if any(self._is_here(each, area) for each in others):
             self.ordered.append(Takeover(area, number, self._term(area)))
 
     def unseen_takeovers(self) -> list[Takeover]:
-        """Those that were ordered, and after which no higher term was heard."""
+        """Return the takeovers that were due and not followed by a higher term."""
         return [each for each in self.ordered if self._term(each.area) <= each.term]
 
     def _term(self, area: int) -> int:
-        """The highest that was heard."""
+        """Return the highest term received in the area."""
         return self.areas[area].heartbeat.term if area in self.areas else 0
 
     def _is_sent(self, sent_ns: int, taken_ns: int) -> None:
-        """Nothing is sent later than it is taken, whatever a message says."""
+        """Note the sending instant; no message is sent later than it is received."""
         self.newest_ns = max(self.newest_ns, min(sent_ns, taken_ns))
 
-    # What follows from it.
+    # Evaluation.
 
     def _hears(self, message: T2tMessage, now_ns: int) -> None:
         if isinstance(message, Heartbeat):
@@ -229,7 +231,7 @@ class LineEvents:
         train = self.train(report.source)
         story = self.areas.get(report.area)
         if report.member and story is not None and story.heartbeat.source == report.source:
-            # What a master grants itself is not on the air.
+            # A master's authority for itself is not sent by radio.
             given = Given(
                 *(now_ns, report.held_term, report.held_end_m),
                 echo_ns=report.stamp_ns,
@@ -258,8 +260,8 @@ class LineEvents:
             known.terms.append(TermEvent(now_ns, heartbeat.term, who))
             self._say(
                 now_ns,
-                f"area {area}: train {who} commands, term {heartbeat.term}; train {before} was "
-                f"heard last {quiet_s:.2f} s before",
+                f"area {area}: train {who} commands, term {heartbeat.term}; train {before} sent "
+                f"its last heartbeat {quiet_s:.2f} s before",
             )
         known.heartbeat, known.heard_ns = heartbeat, now_ns
 
@@ -306,7 +308,7 @@ class LineEvents:
                 train.stops.append(stop)
 
     def _neighbours(self) -> Iterable[tuple[int, int]]:
-        """Each train and the one ahead of it."""
+        """Return each train with the one ahead of it."""
         placed = sorted(
             [(t.place.front_m, n) for n, t in self.trains.items() if t.place is not None]
         )
@@ -322,8 +324,10 @@ class LineEvents:
                 self.collisions.append(words)
 
     def _keep_apart(self, train: TrainEvents, before: Place | None, ahead: Place) -> None:
-        """From where its authority ends to where the rear ahead was when that was said, or is now:
-        a place that waited on its way is from before that, and its train has moved on since.
+        """Measure the distance from the end of an authority to the true rear of the train ahead.
+
+        The rear counts where it was when the authority was sent, or now if that is later. A
+        position that was delayed is older than that, and its train has moved on since.
         """
         newest = self._reach(train)
         if newest is None:
@@ -341,7 +345,7 @@ class LineEvents:
         train.least_gap_m = min(train.least_gap_m, rear_m - reach.end_m)
 
     def _reach(self, train: TrainEvents) -> Given | None:
-        """The one of its authorities that ends where all of them together let it go."""
+        """Return the authority that limits the train, after all that continue it."""
         assert train.place is not None
         area: Area | None = self._map.area_at(train.place.front_m)
         last = None
@@ -354,7 +358,7 @@ class LineEvents:
 
 
 def cause_words(cause: int) -> str:
-    """Only a controller that begins or ends brakes for no cause."""
+    """Return the cause as text; only a controller that starts or ends brakes without a cause."""
     return Cause(cause).name.lower().replace("_", " ") if cause else "its controller ends"
 
 

@@ -1,8 +1,10 @@
-"""Whether what watches a line keeps up with it: only then do its judgements say anything. Pure.
+"""Judges whether the observer of a line keeps up with it, as only then its verdict counts.
 
-A message waits where the observer is too slow: in the inbox of its session, and before that in the
-buffers of the network. So the instant at which it is taken says nothing. The message itself says
-when it was sent, by the clock that all programs of one machine share.
+Pure.
+
+If the observer is too slow, messages wait in the inbox of its session and in network buffers. Their
+instant of arrival says nothing then. But each message holds its sending instant, by the clock that
+all programs of one machine share.
 """
 
 from collections.abc import Mapping
@@ -11,16 +13,18 @@ from typing import Final
 from metro_hil.line.exercise.event_log import LineEvents
 
 LAG_NS: Final = 500_000_000
-"""Greatest age of the newest message when something is judged."""
+"""Greatest age of the newest message when a verdict is made."""
 NS_PER_S: Final = 1e9
 
 
 class Observer:
-    """Let it look whenever something is judged; `doubts` says why a judgement proves nothing."""
+    """Checks the age of messages at every judgement; `doubts` says why the run proves nothing."""
 
     def __init__(self, story: LineEvents, trains: int) -> None:
-        """Args:
-        trains: how many there are, with the numbers from 1 on.
+        """Observe a line.
+
+        Args:
+            trains: number of trains, which are numbered from 1.
         """
         self._story = story
         self._numbers = range(1, trains + 1)
@@ -31,46 +35,44 @@ class Observer:
         self._end_words = ""
 
     def expects_from(self, now_ns: int) -> None:
-        """Messages were not expected before, as programs were starting or the radio was away."""
+        """Expect no messages before this instant: programs were starting or the radio was away."""
         self._expected_from_ns = now_ns
 
     def looks(self, now_ns: int) -> None:
-        """Something is judged now: by the newest message of all, and the newest place of each."""
+        """Check the newest message and the newest position of each train for a judgement now."""
         self.looks_at_newest(now_ns)
         for number, stamp_ns in self._places():
             self._judge(now_ns, stamp_ns, f"the newest place of train {number}")
 
     def looks_at_newest(self, now_ns: int) -> None:
-        """Something is judged by the newest message alone, as not all trains are there yet."""
+        """Check the newest message alone, while some trains have not started yet."""
         self._judge(now_ns, self._story.newest_ns, "the newest message")
 
     def ends(self, end_ns: int) -> None:
-        """The run ended at `end_ns`, and what came for a while after that was taken, too."""
+        """Check that every message sent before `end_ns` was received."""
         late = [number for number, stamp_ns in self._places() if stamp_ns < end_ns]
         if late:
             trains = ", ".join([str(number) for number in late])
-            self._end_words = (
-                f"messages were still on their way to the observer at the end (trains {trains})"
-            )
+            self._end_words = f"messages had not reached the observer at the end (trains {trains})"
 
     def has_all_until(self, at_ns: int) -> bool:
-        """Whether all that was sent before an instant was taken, as each train has sent since.
+        """Tell whether every train has sent since this instant; then all earlier messages arrived.
 
-        One session brings its messages in the order in which they were sent.
+        One session delivers its messages in the order of their sending.
         """
         return all(stamp_ns >= at_ns for _, stamp_ns in self._places())
 
     def doubts(self, dropped: Mapping[str, int]) -> list[str]:
-        """Sentences; none when every judgement was made by messages that were young enough.
+        """Return the reasons why the run proves nothing; none if all messages were fresh enough.
 
         Args:
-            dropped: how many messages an inbox had no room for, by the name of the inbox.
+            dropped: number of messages for which an inbox had no room, by its name.
         """
         said = []
         if self._late:
             said.append(
-                f"the observer lagged: {self._worst_words} when the run was judged by it; at most "
-                f"{LAG_NS / NS_PER_S:g} s are allowed ({self._late} times over)"
+                f"the observer lagged: {self._worst_words} when the run was judged; at most "
+                f"{LAG_NS / NS_PER_S:g} s are allowed (exceeded {self._late} times)"
             )
         said += [f"{name} lost {count} messages" for name, count in dropped.items() if count]
         return [*said, self._end_words] if self._end_words else said

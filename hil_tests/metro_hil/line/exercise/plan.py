@@ -1,4 +1,4 @@
-"""What a run of a line is to be: which trains go where, and what goes wrong when."""
+"""The plan of a line's run: which trains go where, and which faults strike when."""
 
 import argparse
 import enum
@@ -9,18 +9,21 @@ from firmware_py.trackdb import LineMap
 from zenoh_config.t2t import LAST_TRAIN, NOBODY
 
 AHEAD: Final = 2
-"""Stations that each train goes on."""
+"""Number of stations from the start of each train to its end."""
 
 
 class PlannedRun(NamedTuple):
-    """Where a train starts and where it goes, by the names of stations."""
+    """Start and end of a train's run, as names of stations."""
 
     start: str
     end: str
 
 
 def ways_of(line: LineMap, trains: int) -> list[PlannedRun]:
-    """One train at each station, the foremost first. Raises ValueError where there are too few."""
+    """Return one train at each station, the foremost first.
+
+    Raises ValueError for too many trains.
+    """
     stations = [each.name for each in line.stations]
     room = len(stations) - AHEAD
     if not 1 <= trains <= room:
@@ -35,37 +38,37 @@ def ways_of(line: LineMap, trains: int) -> list[PlannedRun]:
 
 
 class Strike(enum.Enum):
-    """What goes wrong. The value is the option's name."""
+    """Kinds of fault; the value is the name of the option."""
 
     KILL_MASTER = "kill-master-at"
-    """SIGKILL for the controller of the train that commands the rearmost area; it comes back."""
+    """SIGKILL for the controller that commands the rearmost area; it is started again."""
     STOP_MASTER = "stop-master-at"
-    """SIGSTOP for it; it goes on where it was."""
+    """SIGSTOP for that controller; it continues later."""
     CUT_MASTER = "cut-master-at"
-    """Its radio carries nothing either way."""
+    """Cut its radio in both directions."""
     MUTE_MASTER = "mute-master-at"
-    """Nothing that it sends comes through; what is sent to it does."""
+    """Lose all messages that it sends; it still receives."""
     DEAFEN_MASTER = "deafen-master-at"
-    """Nothing that is sent to it comes through; what it sends does."""
+    """Lose all messages to it; it still sends."""
     CRASH_WAYSIDE = "crash-arbiter-at"
-    """SIGKILL for the wayside with all arbiters; it comes back."""
+    """SIGKILL for the wayside with all arbiters; it is started again."""
     RESTART_TRAIN = "restart-train-at"
-    """SIGTERM for the controller of one train; it comes back."""
+    """SIGTERM for the controller of one train; it is started again."""
 
 
 HELP: Final = {
     Strike.KILL_MASTER: "kill -9 the controller of the train that commands the rearmost area",
-    Strike.STOP_MASTER: "SIGSTOP it",
-    Strike.CUT_MASTER: "cut its radio both ways",
-    Strike.MUTE_MASTER: "let nothing through that it sends; it gets a network of its own",
-    Strike.DEAFEN_MASTER: "let nothing through that is sent to it; likewise",
+    Strike.STOP_MASTER: "stop that controller with SIGSTOP",
+    Strike.CUT_MASTER: "cut the radio of that train both ways",
+    Strike.MUTE_MASTER: "lose all that the master sends; controllers get own networks",
+    Strike.DEAFEN_MASTER: "lose all that is sent to the master; likewise",
     Strike.CRASH_WAYSIDE: "kill -9 the wayside, arbiters and all",
     Strike.RESTART_TRAIN: "end the controller of a train, such as T3@20",
 }
 
 
 ONE_WAY: Final = (Strike.MUTE_MASTER, Strike.DEAFEN_MASTER)
-"""What takes networks of their own."""
+"""Faults that need network namespaces for the controllers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,7 @@ class Fault:
 
 
 def second(text: str) -> float:
-    """An instant of the run, for argparse."""
+    """Parse an instant of the run, for argparse."""
     try:
         at_s = float(text)
     except ValueError:
@@ -88,15 +91,15 @@ def second(text: str) -> float:
 
 
 def train_at(text: str) -> tuple[int, float]:
-    """`T3@20`, for argparse."""
+    """Parse a train and an instant such as `T3@20`, for argparse."""
     train, at, seconds = text.removeprefix("T").partition("@")
     if not at or not (train.isascii() and train.isdecimal()) or not 0 < int(train) <= LAST_TRAIN:
-        raise argparse.ArgumentTypeError(f"{text} is no train and second, such as T3@20")
+        raise argparse.ArgumentTypeError(f"{text} is not a train and a second, such as T3@20")
     return int(train), second(seconds)
 
 
 def faults_of(options: argparse.Namespace) -> list[Fault]:
-    """In the order in which they strike."""
+    """Return the faults in the order in which they strike."""
     faults = []
     for strike in Strike:
         for each in getattr(options, strike.value.replace("-", "_")) or ():

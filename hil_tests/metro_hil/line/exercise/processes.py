@@ -1,4 +1,4 @@
-"""All programs of a line as processes: a wayside, and bus, plant and controller of each train."""
+"""All programs of a line as processes: the wayside, and bus, plant and controller of each train."""
 
 import os
 import signal
@@ -22,13 +22,13 @@ from metro_hil.model.subprocesses import Child
 
 WAYSIDE: Final = "wayside"
 BEFORE: Final = 5
-"""All trains wait for the wayside."""
+"""Priority of the wayside above that of trains, because all trains wait for it."""
 BEHIND: Final = 10
-"""The train does not wait for its driver, but it may be a little late."""
+"""Priority of plants below that of controllers; a plant may be a little late."""
 
 
 class LineProcesses:
-    """Starts them, strikes them, starts them again; all end with the stack."""
+    """Starts the processes, strikes them and starts them again; all end with the stack."""
 
     def __init__(
         self,
@@ -46,13 +46,15 @@ class LineProcesses:
         secure: Path | None = None,
         topology: Topology = Topology.STAR,
     ) -> None:
-        """Args:
-        relayed: trains reach the wayside over a relay that can be cut.
-        networks: controllers have networks of their own, which can be cut one way, too; then this
-            program has one of its own as well.
-        priority: of controllers, by SCHED_FIFO where the rights allow it; plants are a little
-            behind, and 0 is none.
-        secure: certificates and keys of all of them.
+        """Prepare the processes.
+
+        Args:
+            relayed: trains reach the wayside over a relay that can be cut.
+            networks: each controller gets its own network, which can also be cut one way. Then this
+                program must have its own network as well.
+            priority: SCHED_FIFO priority of controllers if permitted; plants are a little lower; 0:
+                none.
+            secure: folder with the certificates and keys of all programs.
         """
         self.children: dict[str, Child] = {}
         self._folder, self._line, self._endpoint, self._stack = folder, line, endpoint, stack
@@ -80,7 +82,7 @@ class LineProcesses:
         self._adopt(WAYSIDE, "plant_emulator", arguments, self._folder / "wayside.log")
 
     def start_plant(self, train: int, way: PlannedRun) -> None:
-        """Raises BusError when its bus cannot be brought up."""
+        """Start a train's bus and plant. Raises BusError if the bus cannot be started."""
         self._ways[train] = way
         hub = start_hub(_bus(train), bound=True)
         self._stack.callback(hub.stop)
@@ -93,7 +95,7 @@ class LineProcesses:
         self._adopt(f"plant {train}", "plant_emulator", arguments, folder / "plant.log")
 
     def tap(self, train: int) -> ProtectionTap:
-        """Raises BusError."""
+        """Open a tap on a train's bus. Raises BusError."""
         port = open_can(
             f"embedded:{_bus(train)}", clock=WallClock(), node="TAP", accept_ids=HEARD_IDS
         )
@@ -101,7 +103,10 @@ class LineProcesses:
         return ProtectionTap(train, port)
 
     def start_controller(self, train: int) -> None:
-        """Anew it goes by its memory: where it stands, what it promised, which start this is."""
+        """Start a controller.
+
+        A restarted one uses its memory: position, acknowledged terms, boot count.
+        """
         life = self._lives[train] = self._lives.get(train, 0) + 1
         folder, way = self._folder_of(train), self._ways[train]
         out = folder if life == 1 else folder / f"life{life}"
@@ -125,7 +130,7 @@ class LineProcesses:
         self.children[name].signal_group(number)
 
     def order(self, order: str, train: int) -> None:
-        """`cut`, `heal`; with networks of their own also `mute` and `deafen`."""
+        """Order `cut` or `heal`; with own networks also `mute` and `deafen`."""
         if self._carrier is not None:
             self._carrier.order(order, train)
             return
@@ -135,7 +140,7 @@ class LineProcesses:
         self._relay.stdin.flush()
 
     def carried(self) -> dict[str, dict[str, int]]:
-        """What became of packets by direction; empty without networks of their own."""
+        """Return packet counts by direction; empty without own networks."""
         return {} if self._carrier is None else self._carrier.counts()
 
     def ended(self) -> list[Child]:
@@ -176,5 +181,5 @@ class LineProcesses:
 
 
 def _bus(train: int) -> str:
-    """Of this run and no other on this machine."""
+    """Name of a bus that is unique on this machine."""
     return f"r{os.getpid()}t{train}"

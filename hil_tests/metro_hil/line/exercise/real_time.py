@@ -1,4 +1,4 @@
-"""A line in real time: processes over real zenoh, watched and recorded by a session of its own."""
+"""A line in real time: processes over real zenoh, watched and recorded by an own session."""
 
 import itertools
 import signal
@@ -33,10 +33,10 @@ POLL_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
 START_S: Final = 60.0
 RECONNECT_S: Final = 10.0
-"""Within this all programs have reached a wayside again that came back."""
+"""Time within which all programs reach a restarted wayside again."""
 INBOX_MESSAGES: Final = 1 << 16
 OLD: Final = Cause.AUTHORITY_OLD.name.lower().replace("_", " ")
-"""Without arbiters nobody may command, and authorities grow old: trains brake, as they must."""
+"""Cause that a wayside fault explains: without arbiters authorities grow old, and trains brake."""
 
 
 CUTS: Final = {
@@ -44,32 +44,32 @@ CUTS: Final = {
     Strike.MUTE_MASTER: ("mute", "lets nothing out"),
     Strike.DEAFEN_MASTER: ("deafen", "lets nothing in"),
 }
-"""What the carrier of packets is told, and what the story says."""
+"""Order for the packet carrier and text for the event log."""
 
 
 class Settings(NamedTuple):
     line: LineMap
     areas: AreaMap
     line_name: str
-    """As it was asked for: a name or a file."""
+    """Name or file, as requested by the user."""
     ways: list[PlannedRun]
     endpoint: str
     timers: str
     arbiters: int
     faults: list[Fault]
     down_s: float
-    """So long a program that was struck stays away."""
+    """Time for which a struck program is down."""
     duration_s: float
     priority: int
     secure: Path | None = None
-    """Certificates and keys; None: the line is open."""
+    """Certificates and keys; None: the line is not secured."""
     networks: OwnNetworks | None = None
     """None: all programs share one network."""
     topology: Topology = Topology.STAR
 
 
 class RealLine:
-    """Brings everything up, strikes as planned, and ends everything that it started."""
+    """Starts everything, strikes as planned, and ends everything that it started."""
 
     def __init__(self, settings: Settings, folder: Path, say: Callable[[float, str], None]) -> None:
         self._settings, self._folder = settings, folder
@@ -85,25 +85,28 @@ class RealLine:
         self._tell = self.record.tell
         self.story = LineEvents(settings.line, settings.areas, self._tell, key)
         self.dropped = 0
-        """Messages that the recorder missed."""
+        """Messages that the recorder lost."""
         self.doubts: list[str] = []
-        """Why the run proves nothing, whatever the story says."""
+        """Reasons why the run proves nothing, whatever the event log says."""
         self._observer = Observer(self.story, len(settings.ways))
         self._emergencies = 0
-        """That were told of before the run begins."""
+        """Number of emergency brakes before the run begins."""
         self._back_ns: int | None = None
-        """When the wayside came back, until all are heard again."""
+        """Instant of the wayside's return, until all trains are received again."""
         self.carried: dict[str, dict[str, int]] = {}
-        """What became of packets by direction, where trains had networks of their own."""
+        """Packet counts by direction, if trains had own networks."""
         self._faults = list(settings.faults)
         self._later: list[tuple[int, Callable[[], None]]] = []
         self._absent: set[str] = set()
-        """Programs that were struck and are not back yet."""
+        """Struck programs that are not back yet."""
         self._stopped: dict[str, int] = {}
-        """Trains whose controllers were stopped for a while, by the names of these."""
+        """Trains whose controllers were stopped for a while, by process name."""
 
     def run(self) -> bool:
-        """Whether it ran to its end. Raises BusError, RadioError, ChildError."""
+        """Run the line; return whether it ran to its end.
+
+        Raises BusError, RadioError, ChildError.
+        """
         settings, interrupts = self._settings, Interrupts()
         with ExitStack() as stack:
             stack.enter_context(interrupts.caught())
@@ -142,7 +145,7 @@ class RealLine:
         taps: Sequence[ProtectionTap],
         interrupts: Interrupts,
     ) -> bool:
-        """Whether it came to its end."""
+        """Watch the run; return whether it ran to its end."""
         began_ns: int | None = None
         done = False
         while not (done or interrupts.asked):
@@ -157,7 +160,7 @@ class RealLine:
                     self._observer.expects_from(now_ns)
                 continue
             self._observe(now_ns)
-            # Judging itself takes time, too, and what is judged by grows old meanwhile.
+            # Judging takes time, too, while the messages grow older.
             self._observe(self._clock.now_ns())
             done = now_ns - began_ns >= self._settings.duration_s * NS_PER_S
             if not done:
@@ -178,14 +181,14 @@ class RealLine:
         self.dropped = port.counters.dropped_in
 
     def _observe_start(self, now_ns: int) -> None:
-        """While programs are starting only an emergency brake is judged."""
+        """Judge only emergency brakes while programs are starting."""
         emergencies = sum(len(train.emergencies) for train in self.story.trains.values())
         if emergencies > self._emergencies and self.story.newest_ns:
             self._observer.looks_at_newest(now_ns)
         self._emergencies = emergencies
 
     def _observe(self, now_ns: int) -> None:
-        """Nothing is due while the wayside is away, over which all messages go."""
+        """Judge the run; no message is due while the wayside is away, which carries all of them."""
         if WAYSIDE in self._absent:
             self._observer.expects_from(now_ns)
         elif self._back_ns is not None:
@@ -197,14 +200,14 @@ class RealLine:
         self._observer.looks(now_ns)
 
     def _hear_out(self, port: RadioPort, taps: Sequence[ProtectionTap], end_ns: int) -> None:
-        """Take what was sent before the end and is on its way yet."""
+        """Take the messages that were sent before the end and are still on their way."""
         while not self._observer.has_all_until(end_ns) and self._clock.now_ns() < end_ns + LAG_NS:
             self._clock.wait_until(self._clock.now_ns() + POLL_NS)
             self._look(port, taps, self._clock.now_ns())
         self._observer.ends(end_ns)
 
     def _beginning(self, now_ns: int) -> int | None:
-        """When all trains are commanded, or have had long enough for it."""
+        """Return the start of the run: all trains are commanded, or the time for that is over."""
         trains = len(self._settings.ways)
         commanded = sum(bool(each.given) for each in self.story.trains.values())
         if commanded == trains:
@@ -212,12 +215,12 @@ class RealLine:
             self._tell(now_ns, f"all {trains} trains are commanded; {begins}")
             return now_ns
         if now_ns - self._start_ns > START_S * NS_PER_S:
-            self._tell(now_ns, f"only {commanded} of {trains} trains are commanded; it begins")
+            self._tell(now_ns, f"only {commanded} of {trains} trains are commanded; the run begins")
             return now_ns
         return None
 
     def _look_after(self, crew: LineProcesses) -> None:
-        """A program that ends unasked ends the run; a watchdog may end one that was stopped."""
+        """End the run if a program ends by itself; a watchdog may end one that was stopped."""
         for child in crew.ended():
             if child.name in self._absent:
                 continue
@@ -305,7 +308,7 @@ class RealLine:
         crew.order("heal", train)
 
     def _master(self) -> tuple[int, int]:
-        """The rearmost area that is commanded, and by which train."""
+        """Return the rearmost commanded area and its master."""
         for number, area in sorted(self.story.areas.items()):
             return number, area.heartbeat.source
         return 0, NOBODY

@@ -1,4 +1,4 @@
-"""What a run of a line leaves: what was said on its radio, and its story."""
+"""The files of a line's run: the log of its radio and its event log."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -13,11 +13,14 @@ NS_PER_S: Final = 1e9
 
 
 class LineRunFiles:
-    """Seconds of the story count from the first message of `line.log`, as `vobc line-log` does."""
+    """Writes the files.
+
+    Seconds count from the first message of `line.log`, as in `vobc line-log`.
+    """
 
     def __init__(self, folder: Path, say: Callable[[float, str], None]) -> None:
-        """Raises RecorderError."""
-        # By the clock that is echoed in messages, so that latencies can be read off it.
+        """Open the files. Raises RecorderError."""
+        # Stamps use the clock that messages echo, so that latencies can be read from the log.
         self._log = RadioLog(folder / LINE_LOG)
         self._story = LineFile(folder / STORY)
         self._say = say
@@ -25,7 +28,7 @@ class LineRunFiles:
 
     @property
     def lost_lines(self) -> int:
-        """Lines that the disk did not take."""
+        """Number of lines that the disk did not take."""
         return self._log.lost_lines + self._story.lost_lines
 
     def hears(self, messages: Iterable[RadioMessage]) -> None:
@@ -47,5 +50,5 @@ class LineRunFiles:
 
 
 def told(at_s: float, words: str) -> str:
-    """A line of the story."""
+    """Return a line of the event log."""
     return f"{at_s:8.2f} s  {words}"

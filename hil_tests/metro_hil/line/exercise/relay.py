@@ -1,7 +1,7 @@
-"""Carries the radio of trains to their wayside, and cuts it: a process of its own.
+"""Carries the radio of trains to their wayside and cuts it, as a separate process.
 
-A cut holds everything back both ways, as a network does that TCP goes on trying: what was held
-arrives in one old burst when the cut ends.
+A cut holds all bytes back in both directions, like a network over which TCP retries. When the cut
+ends, the held bytes arrive in one old burst.
 """
 
 import argparse
@@ -16,7 +16,8 @@ from firmware_py.clock.realtime import die_with_parent
 
 CHUNK_BYTES: Final = 1 << 16
 HELD_BYTES: Final = 1 << 22
-"""In one direction of one connection; more is left to the kernel, whose sender then waits."""
+"""Maximum number of bytes held for one direction of a connection; more stays in the kernel, and the
+sender waits."""
 
 
 class _Way:
@@ -50,7 +51,7 @@ class _Way:
 
 
 class Relay:
-    """One listening port for each name, all carried to one endpoint."""
+    """One listening port for each name; all connections lead to one endpoint."""
 
     def __init__(self, names: Sequence[str], host: str, port: int) -> None:
         self.ports: dict[str, int] = {}
@@ -73,7 +74,7 @@ class Relay:
             self._cut.discard(name)
 
     def step(self, wait_s: float) -> None:
-        """Take new connections, read what came, pass on what is not cut."""
+        """Accept new connections, read what arrived, and pass on what is not cut."""
         for key, _ in self._selector.select(wait_s):
             if key.data is None:
                 continue
@@ -114,12 +115,12 @@ class Relay:
             way.source.close()
 
     def attend(self, file: object) -> None:
-        """Let `step` wake up for this one, too."""
+        """Let `step` also wake up for this file."""
         self._selector.register(file, selectors.EVENT_READ, None)  # type: ignore[arg-type]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Says the ports, one a line; obeys `cut NAME` and `heal NAME` on standard input."""
+    """Print the ports, one a line; obey `cut NAME` and `heal NAME` on standard input."""
     parser = argparse.ArgumentParser(
         prog="python -m metro_hil.line.exercise.relay", description=__doc__
     )

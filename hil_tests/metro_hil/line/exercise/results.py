@@ -1,4 +1,4 @@
-"""What a run of a line came to, for people as a table and for scripts as JSON."""
+"""Results of a line's run, as a table for people and as JSON for scripts."""
 
 import dataclasses
 import json
@@ -18,7 +18,7 @@ from metro_hil.line.exercise.event_log import (
 
 @dataclass(frozen=True, slots=True)
 class TrainResult:
-    """What is not known is None."""
+    """Result of one train; unknown values are None."""
 
     train: int
     front_m: float | None
@@ -30,7 +30,7 @@ class TrainResult:
     latency_p50_ms: float | None
     latency_p99_ms: float | None
     least_gap_m: float | None
-    """From the end of its authority to the true rear of the train ahead."""
+    """Least distance from the end of its authority to the true rear of the train ahead."""
     service_brakes: int
     struck: bool
     emergencies: Sequence[EmergencyBrakeEvent]
@@ -68,11 +68,13 @@ def results_json(
     second_of: Callable[[int], float],
     doubts: Sequence[str] = (),
 ) -> str:
-    """Args:
-    doubts: why the run proves nothing.
-    missed: messages that the recorder did not hear.
-    carried: what became of packets, by direction.
-    second_of: of the story, of an instant.
+    """Return all results as JSON.
+
+    Args:
+        doubts: reasons why the run proves nothing.
+        missed: number of messages that the recorder lost.
+        carried: packet counts, by direction.
+        second_of: converts an instant to seconds of the event log.
     """
     results = [result_of(number, story.train(number)) for number in range(1, trains + 1)]
     document = {

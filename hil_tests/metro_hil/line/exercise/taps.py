@@ -1,4 +1,4 @@
-"""What protection of each train says on its own bus: it needs no radio, and no wayside."""
+"""The state of each train's ATP from its own bus, which needs neither radio nor wayside."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple
@@ -19,7 +19,10 @@ class ProtectionOutput(NamedTuple):
 
 
 class ProtectionTap:
-    """One train's bus. An emergency is told with its cause, which comes a few frames later."""
+    """Listens to one train's bus.
+
+    It reports an emergency with its cause, which comes some frames later.
+    """
 
     def __init__(self, train: int, port: CanPort) -> None:
         self._train, self._port = train, port
@@ -28,7 +31,7 @@ class ProtectionTap:
 
     @property
     def dropped(self) -> int:
-        """Frames for which its inbox had no room."""
+        """Frames for which the inbox had no room."""
         return self._port.counters.dropped_in
 
     def hears(self, now_ns: int) -> Iterator[ProtectionOutput]:

@@ -1,4 +1,4 @@
-"""How a run of a line ended: what must not have happened, and a table of its trains."""
+"""The verdict of a line's run: failures, doubts, and a table of its trains."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -12,36 +12,38 @@ from metro_hil.line.exercise.results import TrainResult, result_of
 
 KMH: Final = 3.6
 REMOTE: Final = Cause.REMOTE.name.lower()
-"""Ordered, and no failure."""
+"""Cause of an ordered emergency brake, which is no failure."""
 
 
 def complaints(story: LineEvents, trains: int, *, behind_rear_m: float) -> list[str]:
-    """Sentences; none when everything was as it should be."""
+    """Return the failures as sentences; none if the run passed."""
     said = list(story.collisions)
     for number in range(1, trains + 1):
         train = story.train(number)
         if train.least_gap_m < behind_rear_m:
-            said.append(f"train {number}: authority only {train.least_gap_m:.2f} m behind the next")
+            said.append(
+                f"train {number}: authority ends only {train.least_gap_m:.2f} m behind the next"
+            )
         said += [
             f"train {number}: emergency brake {_when(each)}: {each.cause}"
             for each in train.emergencies
             if each.cause != REMOTE and not each.excused
         ]
         if not train.given and not train.drove:
-            said.append(f"train {number}: it never had an authority")
+            said.append(f"train {number}: never had an authority")
     return said
 
 
 def doubts(story: LineEvents, trains: int) -> list[str]:
-    """Why the run proves nothing, by what was heard and by what was not; none when it does."""
+    """Return why the run proves nothing, from received and missing messages; empty if it does."""
     said = [
-        f"train {number}: it drove, but the observer heard of no authority that it had"
+        f"train {number}: it drove, but the observer received no authority for it"
         for number in range(1, trains + 1)
         if story.train(number).drove and not story.train(number).given
     ]
     said += [
         f"area {each.area}: train {each.train} was struck in term {each.term}, but no later term "
-        "was heard; let the run go on for longer, or --down-for"
+        "was received; use a longer --for or --down-for"
         for each in story.unseen_takeovers()
     ]
     return [*said, *story.missed_strikes]
@@ -50,11 +52,11 @@ def doubts(story: LineEvents, trains: int) -> list[str]:
 def _when(emergency: EmergencyBrakeEvent) -> str:
     if emergency.commanded:
         return "although it was commanded"
-    return "while it had no young authority"
+    return "while it had no fresh authority"
 
 
 def show(story: LineEvents, trains: int) -> None:
-    """The trains, the foremost first, as a table."""
+    """Print the trains as a table, the foremost first."""
     table = Table(box=None)
     for head in ("train", "front m", "km/h", "authority to m", "term"):
         table.add_column(head, justify="right")
@@ -86,7 +88,7 @@ def _figure(value: float | None, digits: int) -> str:
 
 
 def emergency_words(train: TrainResult) -> str:
-    """All causes, in their order; `struck` where something was done to the train."""
+    """Return all causes in order; `struck` if a fault struck the train."""
     causes = [each.cause for each in train.emergencies]
     return ", ".join([*causes, "struck"] if train.struck else causes) or "none"
 
@@ -100,5 +102,5 @@ def areas_words(story: LineEvents) -> list[str]:
 
 
 def carried_words(counts: Mapping[str, int]) -> str:
-    """What became of the packets of one direction."""
+    """Return the packet counts of one direction as text."""
     return f"{counts['lost']} lost, {counts['doubled']} doubled, {counts['cut']} cut off"

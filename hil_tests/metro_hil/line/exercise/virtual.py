@@ -1,4 +1,4 @@
-"""A line in virtual time, in one process: struck, watched and recorded as one in real time is."""
+"""A line in virtual time in one process: struck, watched and recorded as in real time."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,14 +21,14 @@ from zenoh_config.timers import TIMER_SETS
 LOOK_S: Final = 0.05
 NS_PER_S: Final = 1_000_000_000
 NOT_HERE: Final = (Strike.RESTART_TRAIN, *ONE_WAY)
-"""What takes processes, or networks of their own."""
+"""Faults that need processes or network namespaces."""
 
 
 class VirtualLine:
     def __init__(
         self, settings: Settings, folder: Path, say: Callable[[float, str], None], *, seed: int
     ) -> None:
-        """Raises SettingsError where line and stations do not fit together."""
+        """Create the line. Raises SettingsError if line and stations do not fit together."""
         arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + settings.arbiters))
         config = T2tConfig(timers=TIMER_SETS[settings.timers], arbiters=arbiters)
         runs = [TrainRun(*way) for way in settings.ways]
@@ -40,16 +40,16 @@ class VirtualLine:
         self.story = LineEvents(settings.line, settings.areas, self._tell)
         self.dropped = 0
         self.doubts: list[str] = []
-        """Why the run proves nothing, whatever the story says: in virtual time nothing lags."""
+        """Reasons why the run proves nothing; in virtual time the observer never lags."""
         self.carried: dict[str, dict[str, int]] = {}
-        """Nothing is carried between networks here."""
+        """Packet counts; always empty, as virtual time has no networks."""
         self._settings = settings
         self._tap = self.bench.air.port("tap", t2t_keys.of_line(settings.areas.name))
         self._faults = list(settings.faults)
         self._later: list[tuple[int, Callable[[], None]]] = []
 
     def run(self) -> bool:
-        """Whether it ran to its end."""
+        """Run the line; return whether it ran to its end."""
         bench, interrupts = self.bench, Interrupts()
         end_ns = bench.clock.now_ns() + round(self._settings.duration_s * NS_PER_S)
         try:

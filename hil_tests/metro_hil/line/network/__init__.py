@@ -1,1 +1,1 @@
-"""Controllers in network namespaces of their own, with what a bad radio does between them."""
+"""Network namespaces for controllers, and packet faults between them."""

@@ -1,4 +1,4 @@
-"""The program that carries packets between networks, as who started it sees it."""
+"""Starts and controls the program that carries packets between networks."""
 
 import json
 import os
@@ -11,10 +11,10 @@ from metro_hil.model.subprocesses import ChildError
 
 
 class PacketCarrier:
-    """Runs until it is ended. This program has to have a network of its own itself."""
+    """Runs until it is ended. The calling program must have its own network, too."""
 
     def __init__(self, trains: Sequence[int], networks: OwnNetworks, *, priority: int) -> None:
-        """Raises ChildError with what was refused."""
+        """Start the program. Raises ChildError with what the system refused."""
         words = [f"T{each}" for each in trains]
         words += ["--delay-ms", str(networks.delay_ms), "--jitter-ms", str(networks.jitter_ms)]
         words += ["--loss", str(networks.loss_ratio), "--duplicate", str(networks.duplicate_ratio)]
@@ -28,7 +28,7 @@ class PacketCarrier:
             start_new_session=True,
         )
         self.namespaces: dict[int, str] = {}
-        """By train, the file that stands for the network of its controller."""
+        """File that stands for the network of each controller, by train."""
         for train in trains:
             line = self._said()
             if not line.startswith("/proc/"):
@@ -37,11 +37,11 @@ class PacketCarrier:
             self.namespaces[train] = line
 
     def order(self, order: str, train: int) -> None:
-        """`cut`, `mute`, `deafen` or `heal`."""
+        """Order `cut`, `mute`, `deafen` or `heal` for a train."""
         self._tell(f"{order} T{train}")
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """What became of packets so far, by direction."""
+        """Return packet counts by direction."""
         self._tell("counts")
         counts: dict[str, dict[str, int]] = json.loads(self._said())
         return counts

@@ -1,7 +1,7 @@
-"""Becomes another program in a network of its own.
+"""Becomes another program in its own network namespace.
 
-`python -m metro_hil.line.network.isolated_process MODULE WORDS ...` makes a new one; with
-`--join FILE` before the module it is the one that the file stands for.
+`python -m metro_hil.line.network.isolated_process MODULE WORDS ...` creates a new one. With `--join
+FILE` before the module it joins the namespace of that file.
 """
 
 import os
@@ -16,18 +16,18 @@ MODULE: Final = "metro_hil.line.network.isolated_process"
 
 
 def words_in(namespace: str, module: str) -> tuple[str, list[str]]:
-    """Module and first words that run a module there."""
+    """Return module and first arguments that run a module in a namespace."""
     return MODULE, [JOIN, namespace, module]
 
 
 def become_apart(module: str, words: Sequence[str]) -> NoReturn:
-    """This process goes on as `python -m module words` in a new network."""
+    """Continue this process as `python -m module words` in a new network."""
     sys.stdout.flush()
     _become([MODULE, module, *words])
 
 
 def main(argv: Sequence[str] | None = None) -> NoReturn:
-    """Ends itself only when it is refused."""
+    """Become the program; returns only by an exit if the system refuses."""
     words = [*(sys.argv[1:] if argv is None else argv)]
     try:
         if words[0] == JOIN:
@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> NoReturn:
         else:
             own_network()
     except NamespaceError as error:
-        # Not before: what it imports has threads, and a process that has any is refused.
+        # Import only now: the module starts threads, and a process with threads is refused.
         from metro_hil.model.run_options import EXIT_ENVIRONMENT
 
         print(f"{REFUSED}: {error}", file=sys.stderr)

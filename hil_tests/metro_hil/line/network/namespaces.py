@@ -1,7 +1,7 @@
-"""Networks of their own for processes, and cables into them that end in this program (Linux).
+"""Network namespaces for processes, and TUN devices into them that end in this program (Linux).
 
-A network namespace has no way out but the TUN device that is made in it: every packet that its
-programs send is read from a file here, and what is written there is what they hear.
+The only way out of a namespace is the TUN device that is created in it. This program reads every
+packet that its programs send from a file, and writes to that file what they receive.
 """
 
 import ctypes
@@ -28,7 +28,7 @@ IFREQ: Final = struct.Struct("<16s24s")
 NETMASK: Final = "255.255.255.0"
 PACKET_BYTES: Final = 65536
 REFUSED: Final = "BLOCKED: trains cannot get networks of their own here"
-"""Begins what is said then."""
+"""First words of the message in that case."""
 
 
 class NamespaceError(Exception):
@@ -36,18 +36,18 @@ class NamespaceError(Exception):
 
 
 class Cable(NamedTuple):
-    """The end of a namespace's only device, and what keeps the namespace alive."""
+    """The end of a namespace's only device, and the file that keeps the namespace alive."""
 
     file: int
-    """Read and written packet by packet."""
+    """File that is read and written packet by packet."""
     namespace: int
-    """File descriptor; children of this process join it by /proc/PID/fd/N."""
+    """File descriptor; child processes join the namespace by /proc/PID/fd/N."""
 
 
 def own_network() -> None:
-    """Leave the network of the host, for good: from now on there is a loopback device only.
+    """Leave the network of the host for good; afterwards there is only a loopback device.
 
-    Without the rights for that, a user namespace gives them for the network alone. To be called
+    Without the rights for that, a user namespace gives them for the network alone. Must be called
     before there are threads. Raises NamespaceError.
     """
     try:
@@ -70,7 +70,7 @@ def own_network() -> None:
 
 
 def join(path: str) -> None:
-    """Go over to the network that this file stands for. Raises NamespaceError."""
+    """Join the network that this file stands for. Raises NamespaceError."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
@@ -82,7 +82,10 @@ def join(path: str) -> None:
 
 
 def cable_here(name: str, address: str) -> int:
-    """A device in the network of the calling thread; its other end. Raises NamespaceError."""
+    """Create a device in the network of the calling thread; return its other end.
+
+    Raises NamespaceError.
+    """
     try:
         file = os.open(TUN, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
@@ -102,12 +105,12 @@ def cable_here(name: str, address: str) -> int:
 
 
 def cable_away(name: str, address: str) -> Cable:
-    """A namespace that is made anew, with such a device in it. Raises NamespaceError."""
+    """Create a namespace with such a device in it. Raises NamespaceError."""
     made: list[Cable] = []
     failed: list[NamespaceError] = []
 
     def make() -> None:
-        # Only this thread goes over, and it ends here; the file keeps the namespace.
+        # Only this thread changes its namespace, and it ends here; the file keeps the namespace.
         try:
             _unshare(CLONE_NEWNET)
             _bring_up("lo")
@@ -127,7 +130,7 @@ def cable_away(name: str, address: str) -> Cable:
 
 
 def destination_of(packet: bytes) -> str | None:
-    """Of an IPv4 packet; None: it is none, such as what IPv6 asks of every new device."""
+    """Return the destination of an IPv4 packet; None for others, such as IPv6 requests."""
     if len(packet) < 20 or packet[0] >> 4 != 4:
         return None
     return socket.inet_ntoa(packet[16:20])
@@ -150,7 +153,7 @@ def _write(path: str, text: str) -> None:
 
 
 def _call(name: str, *arguments: int) -> None:
-    """A function of the C library; raises OSError, also where there is no such function."""
+    """Call a function of the C library. Raises OSError, also if the function does not exist."""
     library = ctypes.CDLL(None, use_errno=True)
     function = getattr(library, name, None)
     if function is None:

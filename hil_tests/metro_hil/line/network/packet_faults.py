@@ -1,7 +1,7 @@
-"""What becomes of packets between trains and their wayside: lost, late, doubled, cut off one way.
+"""Packet faults between trains and their wayside: loss, delay, duplication, cuts in one direction.
 
-Pure: it is told the time and handed packets. The fate of the nth packet from one to the other
-follows from the seed, these two and n alone, whatever the weather is and whatever others send.
+Pure: it takes the time and packets. The fate of the nth packet from one end to the other follows
+from the seed, the two ends and n alone. It depends neither on other senders nor on cuts.
 """
 
 import random
@@ -12,18 +12,18 @@ from heapq import heappop, heappush
 from metro_hil.simulation.links import Weather
 
 Way = tuple[str, str]
-"""From whom to whom."""
+"""Sender and receiver."""
 
 
 @dataclass(slots=True)
 class WayCounts:
-    """Packets of one direction."""
+    """Packet counts of one direction."""
 
     sent: int = 0
     lost: int = 0
-    """By the weather."""
+    """Lost at random."""
     cut: int = 0
-    """Sent while nothing came through."""
+    """Sent during a cut."""
     doubled: int = 0
 
 
@@ -39,7 +39,7 @@ class Ether:
         self._number = 0
 
     def cut(self, ways: Iterable[Way]) -> None:
-        """Nothing that is sent from now on comes through; what is on its way does."""
+        """Lose everything that is sent from now on; packets that are on their way still arrive."""
         self._cut.update(ways)
 
     def heal(self, ways: Iterable[Way]) -> None:
@@ -59,7 +59,10 @@ class Ether:
             heappush(self._heap, (now_ns + delay_ns, self._number, way[1], packet))
 
     def _fate(self, way: Way) -> tuple[int, ...]:
-        """Delays of its copies; none: lost. As many draws for every packet."""
+        """Return the delays of the packet's copies; none: lost.
+
+        Every packet takes equally many samples.
+        """
         draw = self._draws.get(way)
         if draw is None:
             draw = self._draws[way] = random.Random(f"{self._seed} {way[0]} {way[1]}")
@@ -71,11 +74,11 @@ class Ether:
         return tuple([weather.delay_ns + int(share * weather.spread_ns) for share in shares])
 
     def due_ns(self) -> int | None:
-        """When the next packet arrives."""
+        """Return when the next packet arrives."""
         return self._heap[0][0] if self._heap else None
 
     def take(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """What has arrived by now, and at whom, in the order of arrival."""
+        """Return the packets that have arrived by now with their receivers, in order of arrival."""
         arrived = []
         while self._heap and self._heap[0][0] <= now_ns:
             _, _, target, packet = heappop(self._heap)
@@ -83,5 +86,5 @@ class Ether:
         return arrived
 
     def told(self) -> dict[str, dict[str, int]]:
-        """Counts, for JSON."""
+        """Return the counts, for JSON."""
         return {f"{a} > {b}": asdict(each) for (a, b), each in sorted(self.counts.items())}

@@ -1,7 +1,7 @@
-"""Carries packets between the networks of trains and that of their wayside: a process of its own.
+"""Carries packets between the networks of trains and of their wayside, as a separate process.
 
-Says the file of each train's network, one a line, and obeys `cut NAME`, `mute NAME`, `deafen NAME`,
-`heal NAME` and `counts` on standard input; ends with it.
+It prints the file of each train's network, one a line. It obeys `cut NAME`, `mute NAME`, `deafen
+NAME`, `heal NAME` and `counts` on standard input, and ends with it.
 """
 
 import argparse
@@ -30,26 +30,26 @@ from metro_hil.simulation.links import NS_PER_MS, Weather
 WAYSIDE: Final = "wayside"
 WAYSIDE_ADDRESS: Final = "10.144.0.1"
 OWN_ENDPOINT: Final = f"tcp/{WAYSIDE_ADDRESS}:7448"
-"""Of the wayside; in a network of its own every port is free."""
+"""Endpoint of the wayside; in its own network every port is free."""
 FIRST: Final = 2
-"""Last figure of the first train's address."""
+"""Last number of the first train's address."""
 IDLE_NS: Final = 100_000_000
 NS_PER_S: Final = 1e9
 ORDER_BYTES: Final = 4096
 AT_ONCE: Final = 64
-"""Packets of one device taken before the next one has its turn."""
+"""Number of packets taken from one device before the next one has its turn."""
 
 
 class Cables:
-    """All devices; packets go by their destination."""
+    """All devices; packets are forwarded by their destination."""
 
     def __init__(self, trains: Sequence[str], ether: Ether) -> None:
-        """Raises NamespaceError."""
+        """Create the devices. Raises NamespaceError."""
         self._ether, self._clock = ether, WallClock()
         self._files = {WAYSIDE: cable_here("line", WAYSIDE_ADDRESS)}
         self._names = {WAYSIDE_ADDRESS: WAYSIDE}
         self.networks: dict[str, str] = {}
-        """By train, the file that stands for its network."""
+        """File that stands for the network of each train."""
         for number, name in enumerate(trains, start=FIRST):
             address = f"10.144.0.{number}"
             cable = cable_away("radio", address)
@@ -62,7 +62,7 @@ class Cables:
         self._selector.register(sys.stdin, selectors.EVENT_READ)
 
     def step(self) -> bool:
-        """Wait for packets, orders, or until one is due; whether there are orders."""
+        """Wait for packets, orders, or a due packet; return whether there are orders."""
         ordered = False
         now_ns = self._clock.now_ns()
         due_ns = self._ether.due_ns()
@@ -73,7 +73,7 @@ class Cables:
             else:
                 self._read(key.data)
         for target, packet in self._ether.take(self._clock.now_ns()):
-            # A full device loses it, as a full radio does.
+            # A full device loses the packet, as a full radio does.
             with contextlib.suppress(OSError):
                 os.write(self._files[target], packet)
         return ordered
@@ -90,11 +90,11 @@ class Cables:
 
 
 def ways_of(order: str, train: str) -> list[Way]:
-    """The directions that an order is about. Raises ValueError."""
+    """Return the directions of an order. Raises ValueError."""
     out, back = (train, WAYSIDE), (WAYSIDE, train)
     chosen = {"cut": [out, back], "mute": [out], "deafen": [back], "heal": [out, back]}
     if order not in chosen:
-        raise ValueError(f"{order}: no order")
+        raise ValueError(f"{order}: unknown order")
     return chosen[order]
 
 
@@ -140,7 +140,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     begun = b""
     while True:
         if cables.step():
-            # Not by lines: what else has been read would wait unseen.
+            # Do not read by lines: a second line in the buffer would wait unseen.
             heard = os.read(sys.stdin.fileno(), ORDER_BYTES)
             if not heard:
                 return 0

@@ -1,16 +1,16 @@
-"""How the sessions of trains lie: all through the wayside, all to each other, or some of each."""
+"""Topology of the trains' sessions: all through the wayside, all to each other, or some of each."""
 
 import enum
 from typing import Final
 
 
 class Topology(enum.Enum):
-    """The value is what is said on the command line."""
+    """The value is the word on the command line."""
 
     STAR = "star"
     """Every train is a client of the wayside."""
     MESH = "mesh"
-    """Trains are peers: they speak to each other directly."""
+    """Trains are peers, which speak to each other directly."""
     MIXED = "mixed"
     """Every second train is a peer."""
 

@@ -27,13 +27,13 @@ from metro_hil.model.run_options import (
 
 J_PER_KWH: Final = 3.6e6
 DURATION_S: Final = 1260.0
-"""One lap."""
+"""Duration of one lap."""
 ON_TIME_S: Final = 2.0
 PERCENT: Final = 100.0
 
 
 def run(options: RunOptions, console: Console) -> int:
-    """Raises SettingsError, RunFolderError."""
+    """Run the line and write its results. Raises SettingsError, RunFolderError."""
     assert options.trains is not None
     plan = plan_line(
         line=options.line,
@@ -69,7 +69,7 @@ def run(options: RunOptions, console: Console) -> int:
         console.print(f"vobc: {error}", style="red", highlight=False)
         return EXIT_FAILED
     if not record.rows:
-        print("vobc: ended before anything was known", file=sys.stderr)
+        print("vobc: ended before the first interval was over", file=sys.stderr)
         return EXIT_INTERRUPTED
     factor = record.duration_s * 1e9 / max(1, clock.now_ns() - began_ns)
     reason = INTERRUPTED if interrupts.asked else DURATION
@@ -107,7 +107,7 @@ def _train_folder(path: Path, plan: LinePlan, index: int, logs: bool) -> Path | 
 
 
 def as_document(plan: LinePlan, record: LineRecord, exit_reason: str) -> dict[str, Any]:
-    """For JSON: the same for the same seed, on any machine."""
+    """Return the results for JSON, equal for equal seeds on any machine."""
     books = record.books
     runs = [run for report in record.reports for run in report.runs]
     on_time = [abs(run.late_s) <= ON_TIME_S for run in runs]
@@ -144,7 +144,7 @@ def as_document(plan: LinePlan, record: LineRecord, exit_reason: str) -> dict[st
 
 
 def _metered_ratio(record: LineRecord) -> float:
-    """What the trains' own meters say the network fed them less what it says, over what it says."""
+    """Return the relative difference between the trains' own energy meters and the network's."""
     metered_j = sum(report.drawn_j - report.returned_j for report in record.reports)
     return (metered_j - record.books.trains_j) / max(1.0, abs(record.books.trains_j))
 
@@ -187,8 +187,8 @@ def _show(console: Console, record: LineRecord, document: dict[str, Any], factor
         f"{document['emergencies']} emergency brakes",
         *([] if gap is None else [f"least gap {gap:.0f} m"]),
         f"pantographs {document['lowest_v']:.0f} to {document['highest_v']:.0f} V",
-        f"{document['unconverged']} of {document['solved']} instants without a solution",
-        f"books close within {PERCENT * abs(document['closure_ratio']):.4f} %",
+        f"{document['unconverged']} of {document['solved']} instants without a network solution",
+        f"energy balance closes within {PERCENT * abs(document['closure_ratio']):.4f} %",
         f"meters within {PERCENT * abs(document['metered_ratio']):.3f} %",
         f"{factor:.0f} times real time",
     ]

@@ -1,9 +1,9 @@
-"""Runs all trains of a line side by side, tied together once an interval, the same in any order.
+"""Runs all trains of a line side by side and couples them once an interval, in any order.
 
-What a train says about an interval is answered before the one after next, so that no train waits
-for another. There are as many processes as processors: each process more costs every train more
-than it gains, since a processor keeps little at hand of several (seven trains in as many processes
-took 1.6 times the computing that they take in two).
+The answer to a train's report on one interval is due before the interval after the next, so that no
+train waits for another. There are as many processes as processors. More processes cost every train
+more than they gain, because a processor's cache holds little of several processes. Seven trains in
+seven processes took 1.6 times the processor time that they take in two.
 """
 
 import gc
@@ -31,23 +31,23 @@ from plant_emulator.traffic.coupling import (
 )
 
 AHEAD: Final = 2
-"""Intervals that a train runs before it needs an answer."""
+"""Number of intervals that a train runs before it needs an answer."""
 RECORD_EVERY: Final = 5
-"""Intervals: a row of the record each second."""
+"""Number of intervals between two rows of the record: one row each second."""
 SAID_NUMBERS: Final = len(IntervalReport._fields)
 ANSWER_NUMBERS: Final = len(CouplingAnswer._fields)
 STOP: Final = b"\xff"
-"""Bytes of an answer of no numbers: the process reports what it has."""
+"""Byte of an answer that holds no numbers; the process then reports its results."""
 GONE: Final = (EOFError, BrokenPipeError, ConnectionResetError)
-"""What tells that the process at the other end has ended."""
+"""Errors that show that the process at the other end has ended."""
 
 
 Member = tuple[int, RunFolder | None]
-"""Index of a train, and where its logs go."""
+"""Index of a train, and the folder for its logs."""
 
 
 class LineInstant(NamedTuple):
-    """Of the record: one instant of the line, trains in their order."""
+    """One instant of the line in the record; trains in their order."""
 
     said: tuple[IntervalReport, ...]
     answers: tuple[CouplingAnswer, ...]
@@ -55,12 +55,12 @@ class LineInstant(NamedTuple):
 
 
 class TrainDiedError(Exception):
-    """A train's process ended before its time; the text says which and why."""
+    """A train's process ended early; the text says which and why."""
 
 
 @dataclass(slots=True)
 class LineRecord:
-    """What came of it all."""
+    """Results of the run."""
 
     interval_s: float = INTERVAL_S * RECORD_EVERY
     rows: list[LineInstant] = field(default_factory=list)
@@ -69,9 +69,9 @@ class LineRecord:
     unconverged: int = 0
     solved: int = 0
     duration_s: float = 0.0
-    """Simulated time; less than planned when the user ended the run."""
+    """Simulated time; less than planned if the user ended the run."""
     least_gap_m: float = float("inf")
-    """From a front to the rear ahead, by the truth."""
+    """Least distance from a front to the rear ahead, by true positions."""
 
 
 class _Here:
@@ -84,7 +84,7 @@ class _Here:
         self._intervals = 0
 
     def said(self) -> list[IntervalReport]:
-        """Of the next interval; before it they hear what was answered to the one before last."""
+        """Return the reports of the next interval, after the trains took the answers due."""
         if self._intervals >= AHEAD:
             self._hear()
         self._intervals += 1
@@ -94,7 +94,7 @@ class _Here:
         self._waiting.append(answers)
 
     def stop(self, outstanding: int) -> None:
-        """Nothing runs ahead here."""
+        """Do nothing: trains in this process do not run ahead."""
 
     def reports(self) -> list[VirtualTrainReport]:
         while self._waiting:
@@ -107,7 +107,7 @@ class _Here:
 
 
 class _There:
-    """Some trains in a process of their own, which runs ahead by itself."""
+    """Some trains in a separate process, which runs ahead by itself."""
 
     def __init__(self, plan: LinePlan, members: Sequence[Member], intervals: int) -> None:
         self.trains = len(members)
@@ -143,10 +143,10 @@ class _There:
         return reports
 
     def stop(self, outstanding: int) -> None:
-        """End it before its time.
+        """End the process early.
 
         Args:
-            outstanding: intervals that it ran ahead.
+            outstanding: number of intervals that it ran ahead.
         """
         try:
             _write(self._pipe, STOP * self._answer.size)
@@ -168,7 +168,7 @@ def _names(plan: LinePlan, members: Sequence[Member]) -> str:
 
 
 def _packing(trains: int) -> tuple[struct.Struct, struct.Struct]:
-    """Of what trains of one process say and are answered."""
+    """Return the layouts of the reports and answers of all trains of one process."""
     return (
         struct.Struct(f"<{trains * SAID_NUMBERS}d"),
         struct.Struct(f"<{trains * ANSWER_NUMBERS}d"),
@@ -180,9 +180,11 @@ def _parts(numbers: tuple[float, ...], size: int) -> list[tuple[float, ...]]:
 
 
 def _read(pipe: Connection, size: int) -> bytes:
-    """Exactly so much, a message of a known size; raises EOFError when the other end is gone.
+    """Read exactly `size` bytes.
 
-    A connection's own messages begin with their length, which is one call of the system more.
+    Raises EOFError if the other end is gone.
+
+    Messages of `Connection` begin with their length, which takes one more system call.
     """
     found = b""
     while len(found) < size:
@@ -199,7 +201,7 @@ def _write(pipe: Connection, data: bytes) -> None:
 
 
 def _serve(plan: LinePlan, members: Sequence[Member], intervals: int, pipe: Connection) -> None:
-    """Some trains from beginning to end, in a process of their own."""
+    """Run some trains from start to end in this separate process."""
     leave_to_parent()
     collect_rarely()
     gc.freeze()
@@ -207,7 +209,7 @@ def _serve(plan: LinePlan, members: Sequence[Member], intervals: int, pipe: Conn
     trains = _Here(plan, members)
 
     def hear() -> bool:
-        """False when the run is over before its time."""
+        """Return False if the run ends early."""
         data = _read(pipe, answered.size)
         if data == STOP * answered.size:
             return False
@@ -224,7 +226,7 @@ def _serve(plan: LinePlan, members: Sequence[Member], intervals: int, pipe: Conn
 
 
 def groups(trains: int, processors: int) -> list[range]:
-    """Which trains share a process; the last and smallest group shares that of the network."""
+    """Return which trains share a process; the last and smallest group runs with the network."""
     size = math.ceil(trains / processors)
     return [range(at, min(at + size, trains)) for at in range(0, trains, size)]
 
@@ -238,12 +240,15 @@ def conduct(
     told: Callable[[float], None] = lambda now_s: None,
     interrupted: Callable[[], bool] = never,
 ) -> LineRecord:
-    """All trains for so long, or until the user interrupts; raises TrainDiedError.
+    """Run all trains for the duration, or until the user interrupts.
+
+    Raises TrainDiedError.
 
     Args:
-        folders: of each train's logs; None logs nothing of it.
-        processors: to be kept busy; by default all that there are, with 1 there is one process.
-        told: now and then hears how far it is.
+        folders: log folder of each train; None: no logs.
+        processors: number of processes; by default one for each processor, and 1 uses this one
+            only.
+        told: receives the progress now and then.
     """
     intervals = max(1, round(duration_s / INTERVAL_S))
     paths = [None if path is None else RunFolder(path) for path in folders]
@@ -279,7 +284,7 @@ def _tied(
             break
         said = _all_said(parties)
         answers = coupling.answers(said)
-        # At once: who is ahead of the others needs them first.
+        # Answer at once, because a process that is ahead of the others needs the answers first.
         _give(parties, answers)
         for ahead, behind in itertools.pairwise(said):
             gap_m = ahead.front_m - length_m - behind.front_m
@@ -295,7 +300,10 @@ def _tied(
 
 
 def _all_said(parties: Sequence[_Here | _There]) -> list[IntervalReport]:
-    """In the order of the trains. Those of this process run first, while the others do, too."""
+    """Return the reports in the order of the trains.
+
+    The trains of this process run first, while those of the others run in parallel.
+    """
     found = [party.said() for party in reversed(parties)]
     return [said for party in reversed(found) for said in party]
 

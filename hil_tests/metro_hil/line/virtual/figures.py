@@ -1,5 +1,8 @@
-"""The page of a line's run: trains over time and place, voltages, substations, where regenerated
-energy went, and how late runs were."""
+"""The figure of a line's run.
+
+It shows trains over time and place, voltages, substations, the use of regenerated energy, and
+delays.
+"""
 
 from pathlib import Path
 from typing import Final
@@ -24,7 +27,7 @@ Numbers = NDArray[np.float64]
 
 
 def draw(path: Path, plan: LinePlan, record: LineRecord, law: str) -> None:
-    """Write a PNG."""
+    """Draw the figure and write it as a PNG."""
     time_s = np.array([n * record.interval_s for n in range(len(record.rows))])
     with mpl.rc_context({"font.size": 8, "axes.edgecolor": QUIET, "text.color": INK}):
         figure = Figure(figsize=(13.0, 14.0), dpi=100, layout="constrained")

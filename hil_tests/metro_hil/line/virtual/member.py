@@ -1,4 +1,4 @@
-"""One train of a line in virtual time: controller, plant and bus, run on interval by interval."""
+"""One train of a line in virtual time: controller, plant and bus, run interval by interval."""
 
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -48,11 +48,11 @@ def plan_line(
     load_ratio: float | None = None,
     odometer_error_ratio: float | None = None,
 ) -> LinePlan:
-    """None takes what the line's traffic says. Raises SettingsError."""
+    """Plan a line; None takes the value of the line's traffic. Raises SettingsError."""
     traffic = traffic_of(line)
     track = load_line(traffic.line)
     if supply is not None and supply not in SUPPLIES:
-        raise SettingsError(f"--supply {supply}: there is {', '.join(sorted(SUPPLIES))}")
+        raise SettingsError(f"--supply {supply}: choose one of {', '.join(sorted(SUPPLIES))}")
     placed = starts(traffic, track, trains)
     scenarios = scenarios_of(
         traffic,
@@ -70,7 +70,7 @@ def plan_line(
 
 
 class VirtualTrainReport(NamedTuple):
-    """What one train has come to; energies in J as its own box metered them."""
+    """Results of one train; energies in J from its own meter."""
 
     train: int
     frames: int
@@ -126,7 +126,7 @@ class VirtualTrain:
         self.member.hears(answer)
 
     def close(self) -> VirtualTrainReport:
-        """End the logs, and tell."""
+        """Close the logs and return the results."""
         self._bench.close()
         power = self._bench.plant.world.power
         return VirtualTrainReport(

@@ -91,7 +91,7 @@ def test_only_packets_of_ipv4_have_a_destination_here() -> None:
 
 
 def test_an_order_that_is_none_is_refused() -> None:
-    with pytest.raises(ValueError, match="hold: no order"):
+    with pytest.raises(ValueError, match="hold: unknown order"):
         ways_of("hold", "T1")
 
 

@@ -262,7 +262,7 @@ def test_an_ordered_takeover_has_to_be_seen(
 
     said = watched(run, Air(constant(0), takeover_ms))
 
-    assert [("no later term was heard" in each) for each in said] == ([] if seen else [True])
+    assert [("no later term was received" in each) for each in said] == ([] if seen else [True])
 
 
 def test_a_master_without_another_train_in_its_area_has_no_successor() -> None:
@@ -303,9 +303,9 @@ def test_a_train_that_drove_had_an_authority_whether_it_was_heard_or_not() -> No
     told = Told()
     told.story.tells(1, Supervision.NOMINAL, Cause.NONE, 50 * MS)
 
-    assert complaints(told.story, 2, behind_rear_m=7.0) == ["train 2: it never had an authority"]
+    assert complaints(told.story, 2, behind_rear_m=7.0) == ["train 2: never had an authority"]
     assert doubts(told.story, 2) == [
-        "train 1: it drove, but the observer heard of no authority that it had"
+        "train 1: it drove, but the observer received no authority for it"
     ]
 
 

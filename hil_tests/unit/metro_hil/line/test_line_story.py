@@ -48,7 +48,7 @@ def test_the_gap_is_that_from_an_authority_to_the_true_rear_ahead() -> None:
     told.story.train(1).given = dict(told.story.train(2).given)
     assert complaints(told.story, 2, behind_rear_m=7.0) == []
     assert complaints(told.story, 2, behind_rear_m=101.0) == [
-        "train 2: authority only 100.50 m behind the next"
+        "train 2: authority ends only 100.50 m behind the next"
     ]
 
 
@@ -118,7 +118,7 @@ def test_a_new_term_is_told_with_how_long_the_last_was_silent_and_when_all_are_s
 
     assert told.said == [
         "area 1: train 1 commands, term 7",
-        "area 1: train 3 commands, term 9; train 1 was heard last 0.30 s before",
+        "area 1: train 3 commands, term 9; train 1 sent its last heartbeat 0.30 s before",
         "area 1: every train has an authority of term 9, 0.34 s after the last heartbeat before it",
     ]
     assert told.story.train(2).oldest_ms == 400.0
@@ -147,7 +147,7 @@ def test_every_emergency_brake_is_told_and_the_verdict_counts_those_without_excu
     told.story.train(1).given = dict(told.story.train(2).given)
     assert complaints(told.story, 2, behind_rear_m=7.0) == [
         "train 2: emergency brake although it was commanded: overspeed",
-        "train 2: emergency brake while it had no young authority: authority old",
+        "train 2: emergency brake while it had no fresh authority: authority old",
     ]
 
 
