@@ -1,1 +1,1 @@
-"""A whole line by points of mass and its DC network: Green CBTC (seed 000) and what beats it."""
+"""A whole line of point-mass trains with its DC network: Green CBTC [Lin] and better laws."""

@@ -1,4 +1,4 @@
-"""`hil run green-cbtc`: Table 4 in the paper's layout, what its law is worth, pages of plots."""
+"""`hil run green-cbtc`: Table 4 of [Lin], the ablation of its law, and pages of plots."""
 
 import argparse
 import json
@@ -25,14 +25,17 @@ PERCENT: Final = 100.0
 
 
 def run(options: argparse.Namespace) -> int:
-    """The campaign of that name; raises RunFolderError, UsageError for what it has no use for."""
+    """Run the campaign green-cbtc.
+
+    Raises RunFolderError, and UsageError for options without a use.
+    """
     for name in ("bench", "controller", "filter", "rerun"):
         if getattr(options, name, None) is not None:
-            raise UsageError(f"--{name}: {NAME} has no cases, only seeds; there is --seed, --limit")
+            raise UsageError(f"--{name}: {NAME} has no cases, only seeds; use --seed or --limit")
     folder = make_run_folder(options.out, WallClock().epoch_ns(), NAME).path
     console = Console(stderr=options.json)
     if not COMPILED:
-        console.print("without numba (extra `compiled`) this takes fifty times as long")
+        console.print("without numba (extra `compiled`) the run takes fifty times as long")
     seeds = table_four.SEEDS if options.seed is None else (options.seed,)
     seeds = seeds if options.limit is None else seeds[: options.limit]
     document: dict[str, Any] = {"seeds": list(seeds)}
@@ -68,7 +71,7 @@ def _show_arithmetic(console: Console) -> None:
     most = base - PRINTED[3].actual_kwh
     console.print(
         f"The paper's saving of 9.94 % is {saved:.2f} of the smaller {PRINTED[2].actual_kwh:.2f} "
-        f"kWh; of what the traditional law takes it is {PERCENT * saved / base:.2f} %, and "
+        f"kWh; relative to the traditional law it is {PERCENT * saved / base:.2f} %, and "
         f"{PERCENT * most / base:.2f} % with .5/.5, which keeps 95 % timing only. In a year of 15 "
         f"h a day {saved:.2f} kWh a lap are {saved * table_four.LAPS_A_YEAR:,.0f} kWh, as printed.",
         highlight=False,
@@ -132,10 +135,10 @@ def _show_all(console: Console, table: TableFour) -> None:
     closure = max(abs(outcome.closure_ratio) for row in table.rows for outcome in row.outcomes)
     stops = table.rows[0].runs
     console.print(
-        f"actual: from the grid, the trains' auxiliaries included; overall: with the regeneration "
-        f"that was used. Ablation: the law is shown {table.constant_v:g} V. Books close within "
-        f"{PERCENT * closure:.4f} %; {lost} steps without a solution. {stops} stops a law bear out "
-        f"≥ {share_at_least(stops, stops):.2%} of parking (Clopper-Pearson).",
+        f"actual: from the grid, with the trains' auxiliaries; overall: plus the used "
+        f"regeneration. Ablation: the law uses {table.constant_v:g} V. The energy balance closes "
+        f"within {PERCENT * closure:.4f} %; {lost} steps without a solution. {stops} stops a law "
+        f"support ≥ {share_at_least(stops, stops):.2%} of parking (Clopper-Pearson).",
         highlight=False,
     )
 
@@ -176,7 +179,7 @@ def _draw(page: Any, table: TableFour) -> None:
 
 
 def as_document(table: TableFour) -> dict[str, Any]:
-    """For JSON."""
+    """Return the table for JSON."""
     return {
         "constant_v": table.constant_v,
         "rows": [
@@ -195,7 +198,7 @@ def as_document(table: TableFour) -> dict[str, Any]:
 
 
 def write_timetable(path: Any, supply: Supply, timetable: Timetable) -> None:
-    """As TOML: what `vobc timetable` leaves."""
+    """Write the timetable as TOML, like `vobc timetable`."""
     document = {
         "supply": supply.name,
         "phase_s": timetable.phase_s,

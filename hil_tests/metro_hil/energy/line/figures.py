@@ -1,5 +1,7 @@
-"""The page of plots of a simulated line: trains over time and place, voltages, substations, where
-regenerated energy went."""
+"""The figure of a simulated line.
+
+It shows trains over time and place, voltages, substations, and the use of regenerated energy.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,7 +40,7 @@ def draw(path: Path, table: TableFour, before: LineSeries, after: LineSeries) ->
             _voltages(rows[1][column], record, part)
             _substations(rows[2][column], record, part)
         for one, other in rows[:3]:
-            # Both sides are there to be compared.
+            # Both sides share their scales, for comparison.
             other.sharey(one)
             one.autoscale(axis="y")
         _regeneration(rows[3][0], table)
@@ -99,7 +101,7 @@ def _changes(axes: Axes, table: TableFour) -> None:
 
 
 def _names(table: TableFour) -> Sequence[str]:
-    """Of the laws; what is indented belongs to the one above it."""
+    """Return the names of the laws; an indented row belongs to the law above it."""
     names: list[str] = []
     law = ""
     for row in table.rows:

@@ -1,8 +1,8 @@
-"""Seven trains and their network, step by step: only numbers, compiled where numba is there.
+"""Seven trains and their network, step by step, as plain numbers; compiled if numba is installed.
 
-Each step: every train decides its effort from what it knows, powers follow from the speed in the
-middle of the step (taken at its start they would be 0.6 to 0.8 % off at 0.2 s), the network is
-solved with them, and what the voltage leaves of them moves the trains.
+In each step every train decides its effort from what it knows. Powers follow from the speed in the
+middle of the step; from its start they would be 0.6 to 0.8 % wrong at 0.2 s. The network is solved
+with these powers, and the effort that its voltage permits moves the trains.
 """
 
 from typing import Any, Final
@@ -34,7 +34,7 @@ STATE: Final = 11
 ) = range(14)
 # Law.
 ALPHA, BETA, HORIZON, CONSTANT_V, STANDARD_V, SIGN, LITERAL_TIME, HOLD_COAST = range(8)
-# Books, all in J but the last ones.
+# Energy account in J, except for the last entries.
 (
     SOURCES,
     RECTIFIERS,
@@ -67,10 +67,10 @@ STOPPED_M: Final = 0.02
 ON_TIME_S: Final = 2.0
 FEED_FACTOR: Final = 4.0
 ARM_OHM: Final = 0.04
-"""Of 2 km with 0.02 ohm/km; a train does not know the true ones."""
+"""Resistance of 2 km with 0.02 ohm/km; a train does not know the true values."""
 ARM_TRAINS: Final = 2.0
 LOST_S: Final = 0.2
-"""By the jerk limit at both ends of a run."""
+"""Time lost through the jerk limit at both ends of a run."""
 RUN_MAX_S: Final = 900.0
 
 green_law: Final = jitted(plain_law)
@@ -83,13 +83,13 @@ target_speed_mps = green_law.target_speed_mps
 
 @kernel
 def wanted_mps(now_s: float, state: Any, law: Any, train: Any, left_m: float) -> float:
-    """V_target of Green CBTC for one train between stations."""
+    """Return V_target of Green CBTC [Lin] for one train between stations."""
     speed = state[SPEED]
     left_s = state[DUE] - now_s
     if law[LITERAL_TIME] > 0.0:
         timing = literal_timing_speed_mps(left_m, left_s, train[DECEL])
     else:
-        # What the motors give in the mean up to that speed, and the jerk's share of the end.
+        # Mean acceleration of the motors up to that speed; LOST_S is the share of the jerk limit.
         accel = min(
             train[FORCE] / train[MASS], 0.75 * train[POWER] / train[MASS] / max(speed, 12.0)
         )
@@ -123,9 +123,9 @@ def wanted_mps(now_s: float, state: Any, law: Any, train: Any, left_m: float) ->
 
 @kernel
 def decide_n(now_s: float, step_s: float, state: Any, law: Any, train: Any, bounds: Any) -> float:
-    """Effort at the wheel for the next step: positive pulls, negative brakes.
+    """Return the effort at the wheel for the next step: positive traction, negative braking.
 
-    `bounds` of the leg: its length, and hold speed and coasting point of hold and coast.
+    `bounds` of the leg: its length, and the hold speed and coasting point of hold and coast.
     """
     length_m, hold_mps, coast_m = bounds
     speed, left_m = state[SPEED], max(0.0, length_m - state[WAY])
@@ -152,7 +152,7 @@ def decide_n(now_s: float, step_s: float, state: Any, law: Any, train: Any, boun
     most = min(train[FORCE], train[POWER] / max(speed, 0.5))
     effort = min(effort, most)
     bound = jerk * step_s * mass
-    # The end of a stop may be as abrupt as it is: it is a few cm/s.
+    # Without a limit at the end of a stop: the speed is only a few cm/s.
     if speed > 1.0 or effort > 0.0:
         effort = min(max(effort, state[EFFORT] - bound), state[EFFORT] + bound)
     return float(effort)
@@ -160,8 +160,11 @@ def decide_n(now_s: float, step_s: float, state: Any, law: Any, train: Any, boun
 
 @kernel
 def demand(state: Any, train: Any, effort: float, step_s: float, load: Any, power: Any) -> None:
-    """Electrical wishes into `load`; wheel powers of motors, electric brake and friction, and
-    what the way resists, into `power`, all at the speed in the middle of the step."""
+    """Write the electrical demands to `load` and the wheel powers to `power`.
+
+    The powers are those of motors, electric brake and friction brake, all at the speed in the
+    middle of the step.
+    """
     speed, mass = state[SPEED], train[MASS]
     drag = train[DRAG_A] + speed * (train[DRAG_B] + speed * train[DRAG_C])
     if speed <= 0.0 and effort <= drag:
@@ -171,7 +174,7 @@ def demand(state: Any, train: Any, effort: float, step_s: float, load: Any, powe
     pulls = max(0.0, effort)
     brakes = max(0.0, -effort)
     electric = min(brakes, train[BRAKE_FORCE], train[BRAKE_POWER] / max(middle, 0.5))
-    # Motors fade before the stop.
+    # The electric brake fades out before the stop.
     electric *= min(1.0, max(0.0, (middle - 0.8) / 1.4))
     power[0] = pulls * middle
     power[1] = electric * middle
@@ -187,7 +190,7 @@ def demand(state: Any, train: Any, effort: float, step_s: float, load: Any, powe
 def move(
     state: Any, train: Any, share: float, power: Any, step_s: float, books: Any, counts: float
 ) -> None:
-    """One step of motion with what the voltage leaves of the effort."""
+    """Move a train by one step with the effort that the voltage permits."""
     speed, mass = state[SPEED], train[MASS]
     drag = train[DRAG_A] + speed * (train[DRAG_B] + speed * train[DRAG_C])
     effort = power[3] * share - power[4]
@@ -217,7 +220,10 @@ def work_at_station(
     counts: float,
     log: Any,
 ) -> None:
-    """Arrive, stand, leave. `timetable`: headway, phase, lap, dwell minimum, runs from place 4."""
+    """Let a train arrive, dwell and leave.
+
+    `timetable`: headway, phase, lap, minimum dwell, and the running times from index 4 on.
+    """
     if state[STANDS] > 0.0:
         if now_s >= state[LEAVES]:
             leg = int(state[LEG])
@@ -256,8 +262,10 @@ def work_at_station(
 
 @kernel
 def run_leg(step_s: float, train: Any, law: Any, bounds: Any, state: Any, power: Any) -> Any:
-    """One run by itself with full voltage: its time, and its electrical traction and
-    regenerated energies. `state` (STATE,) and `power` (5,) are room to work in."""
+    """Return time, electrical traction energy and regenerated energy of one run at full voltage.
+
+    `state` (STATE,) and `power` (5,) are working arrays.
+    """
     for place in range(STATE):
         state[place] = 0.0
     state[DUE], state[VOLTAGE] = RUN_MAX_S, 800.0

@@ -1,4 +1,4 @@
-"""The loop over all steps of a simulated line, with its books; compiled like `kernel`."""
+"""The loop over all steps of a simulated line with its energy account; compiled like `kernel`."""
 
 from typing import Any, Final
 
@@ -33,7 +33,7 @@ from plant_emulator.power.compiled import jitted, kernel
 
 flow: Final = jitted(plain_flow)
 RECORDED: Final = 6
-"""For each train: place, speed, voltage, net current, regenerated power, resistor power."""
+"""Values for each train: place, speed, voltage, net current, regenerated and resistor power."""
 
 
 @kernel
@@ -48,7 +48,7 @@ def book_network(
     books: Any,
     powers: Any,
 ) -> None:
-    """What substations gave and what was lost on the way; `powers` (n,) of the substations."""
+    """Account the output of substations and the losses; `powers` (n,) are the substations'."""
     for i in range(n):
         powers[i] = 0.0
         if sources[1, i] > 0.0:
@@ -67,7 +67,7 @@ def book_network(
 def place_trains(
     states: Any, starts: Any, signs: Any, lengths: Any, place: Any, section: Any, edges: Any
 ) -> None:
-    """Chainage of each train and the section that holds it."""
+    """Compute the chainage of each train and its section."""
     for i in range(len(states)):
         leg = int(states[i, LEG])
         at = starts[leg] + signs[leg] * min(states[i, WAY], lengths[leg])
@@ -82,7 +82,7 @@ def place_trains(
 def book_train(
     state: Any, share: float, load: Any, power: Any, limits: Any, step_s: float, books: Any
 ) -> None:
-    """One train's step in the books; `share` of its traction is what the voltage leaves."""
+    """Account one train's step; `share` is the part of its traction that the voltage permits."""
     chopped, _ = flow.chopped_share(state[VOLTAGE], limits)
     books[TRACTION] += step_s * load[0] * share
     books[WHEEL] += step_s * power[0] * share
@@ -97,7 +97,7 @@ def book_train(
 
 @kernel
 def set_nodes(states: Any, net: Any, room: Any) -> int:
-    """Numbers the nodes for trains where they are, with sources and the last voltages."""
+    """Number the nodes with trains at their places; set sources and the last voltages."""
     order, joints_of, spans, ohms, joint_sources, _, _, roots = net
     parent, siemens, of_train, of_joint, sorted_trains, section, place, sources, loads = room[:9]
     volts, joint_volts = room[9], room[11]
@@ -125,14 +125,15 @@ def set_nodes(states: Any, net: Any, room: Any) -> int:
 def run_line(
     times: Any, states: Any, train: Any, law: Any, plan: Any, net: Any, room: Any, out: Any
 ) -> None:
-    """All steps.
+    """Run all steps.
 
     Args:
-        times: (4,) step, steps, steps that do not count yet, every how many are recorded (0: none).
+        times: (4,) step, number of steps, first steps that do not count, steps between records (0:
+            no record).
         plan: timetable, dwells, and legs (5, 6): start, sign, length, hold speed, coasting point.
         net: order, joints, spans, resistances, sources by joint, limits, edges of sections, roots.
-        room: arrays to work in.
-        out: books, lateness by leg, record (rows, trains, RECORDED), given (rows, joints).
+        room: working arrays.
+        out: account, lateness by leg, record (rows, trains, RECORDED), given (rows, joints).
     """
     timetable, dwells, legs = plan
     books, late, record, given = out
@@ -177,7 +178,7 @@ def run_line(
 
 @kernel
 def keep(row: Any, state: Any, place: float, load: Any, limits: Any) -> None:
-    """One train's line of the record."""
+    """Record one train's row."""
     volts = state[VOLTAGE]
     power, _ = flow.load_power(volts, load[0], load[1], load[2], limits)
     chopped, _ = flow.chopped_share(volts, limits)

@@ -1,4 +1,4 @@
-"""What the simulation of the line is told: train, line, power supply, timetable, law."""
+"""Inputs of the simulated line: train, line, power supply, timetable and law."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -14,7 +14,7 @@ Numbers = NDArray[np.float64]
 TRAINS: Final = 7
 HEADWAY_S: Final = 180.0
 LEGS: Final = 6
-"""Three hops there, three back."""
+"""Number of legs: three in each direction."""
 STOPS_M: Final = (0.0, 3799.0, 5824.0, 7788.0)
 RUNS_S: Final = (216.0, 130.0, 127.0, 127.0, 130.0, 216.0)
 DWELL_S: Final = 30.0
@@ -26,10 +26,10 @@ LAP_S: Final = TRAINS * HEADWAY_S
 
 @dataclass(frozen=True, slots=True)
 class LineTrain:
-    """Type B as a point of mass; forces and powers at the wheel."""
+    """Type B train as a point of mass; forces and powers at the wheel."""
 
     mass_kg: float = 198000.0
-    """Rotating masses included."""
+    """Including rotating masses."""
     weight_kg: float = 190000.0
     traction_force_n: float = 180000.0
     traction_power_w: float = 2.0e6
@@ -41,43 +41,43 @@ class LineTrain:
     speed_max_mps: float = 80.0 / 3.6
     jerk_mps3: float = 0.75
     decel_mps2: float = 0.85
-    """Of parking; the motors' share of it shrinks over 17 m/s."""
+    """Deceleration of the stop; the motors' share of it falls above 17 m/s."""
 
     def resistance_coefficients_n(self) -> tuple[float, float, float]:
-        """Table 2 of seed 000, N for each kN and km/h, as N over m/s."""
+        """Return Table 2 of [Lin], which has N for each kN and km/h, as N over m/s."""
         weight_kn = self.weight_kg * 9.81e-3
         return (3.74 * weight_kn, 0.025 * 3.6 * weight_kn, 0.000792 * 3.6**2 * weight_kn)
 
 
 @dataclass(frozen=True, slots=True)
 class Timetable:
-    """`runs_s` (6,); trains leave one terminal every headway and the other `phase_s` later."""
+    """Trains leave one terminal every headway, the other `phase_s` later; `runs_s` is (6,)."""
 
     runs_s: tuple[float, ...] = RUNS_S
     phase_s: float = 630.0
-    """From leaving Zhuxinzhuang to leaving the far terminal: trip, dwells, turnback."""
+    """Time from leaving Zhuxinzhuang to leaving the far terminal: trip, dwells, turnback."""
     hold_mps: tuple[float, ...] = (0.0,) * LEGS
     coast_m: tuple[float, ...] = (0.0,) * LEGS
-    """Where coasting begins, from the start of each leg; only for the regime of hold and coast."""
+    """Place where coasting begins, from the start of each leg; only for hold and coast."""
 
 
 @dataclass(frozen=True, slots=True)
 class Law:
-    """How trains choose their speed between stations."""
+    """Law by which trains choose their speed between stations."""
 
     name: str
     alpha_ratio: float = 1.0
     beta_ratio: float = 0.0
     horizon_s: float = 1.0
     constant_v: float = 0.0
-    """More than 0: the law is shown this voltage instead of the true one (ablation)."""
+    """If positive, the law uses this voltage instead of the true one (ablation)."""
     standard_v: float = 750.0
     reversed_sign: bool = False
     literal_time: bool = False
     hold_and_coast: bool = False
 
     def as_array(self) -> Numbers:
-        """In the order of `kernel`'s places."""
+        """Return the values in the order of `kernel`'s indices."""
         return np.array(
             [
                 *(self.alpha_ratio, self.beta_ratio, self.horizon_s, self.constant_v),

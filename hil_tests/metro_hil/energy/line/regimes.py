@@ -1,4 +1,4 @@
-"""Runs of hold and coast: for a running time, how fast to hold and where to coast from."""
+"""Runs of hold and coast: hold speed and coasting point for a running time."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -13,9 +13,9 @@ HALVINGS: Final = 14
 SPEEDS: Final = 24
 SLOWEST_MPS: Final = 11.0
 TOLERANCE_S: Final = 0.35
-"""Two steps of time: a run ends on one."""
+"""Tolerance of a running time: two time steps, because a run ends on one."""
 LOST_S: Final = 0.3
-"""The run of the whole line answers a step later than a train by itself."""
+"""Allowance because a train on the whole line reacts one step later than a single train."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class LegRuns:
         return Regime(hold_mps, coast_m, time_s, traction_j, regenerated_j)
 
     def in_time(self, leg: int, hold_mps: float, time_s: float) -> Regime | None:
-        """At this speed, coasting from where the run takes `time_s`; None where it cannot."""
+        """Return the run at this hold speed that takes `time_s`; None if there is none."""
         low_m, high_m = 0.0, float(self.lengths_m[leg])
         if self.run(leg, hold_mps, high_m).time_s > time_s:
             return None
@@ -64,14 +64,16 @@ class LegRuns:
         return [float(speed) for speed in np.linspace(SLOWEST_MPS, self._top_mps, SPEEDS)]
 
     def regimes(self, leg: int, time_s: float) -> list[Regime]:
-        """All of this time, the slowest to hold first."""
+        """Return all runs of this time, in rising order of the hold speed."""
         found = [self.in_time(leg, speed, time_s - LOST_S) for speed in self.speeds_mps()]
         return [regime for regime in found if regime is not None]
 
 
 def least_traction(runs: LegRuns, timetable: Timetable) -> Timetable:
-    """Each leg in the regime that takes least out of the line; raises ValueError where no regime
-    of this train takes a leg's time."""
+    """Drive each leg with the least traction energy.
+
+    Raises ValueError for a leg that no run completes in its time.
+    """
     chosen = []
     for leg in range(LEGS):
         regimes = runs.regimes(leg, timetable.runs_s[leg])

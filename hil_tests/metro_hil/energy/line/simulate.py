@@ -1,4 +1,4 @@
-"""One simulated line: arrays for the loop, and what came out of it in words."""
+"""Runs one simulated line: prepares the arrays for the loop and evaluates its results."""
 
 import itertools
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ JOINTS_MAX = 16
 
 @dataclass(frozen=True, slots=True)
 class LineSeries:
-    """(rows, trains) each, `given_w` (rows, substations)."""
+    """Arrays (rows, trains); `given_w` (rows, substations)."""
 
     time_s: Numbers
     place_m: Numbers
@@ -45,29 +45,29 @@ class LineSeries:
 
 @dataclass(frozen=True, slots=True)
 class LapResults:
-    """Of the laps that count."""
+    """Results of the laps that count."""
 
     books: Numbers = field(repr=False)
     late_s: Numbers = field(repr=False)
-    """(6,) mean lateness of each leg."""
+    """Mean lateness of each leg, (6,)."""
     laps: int
     step_s: float
     record: LineSeries | None = None
 
     @property
     def actual_kwh(self) -> float:
-        """What substations take from the grid, auxiliaries of the trains included."""
+        """Energy that substations take from the grid, including the trains' auxiliaries."""
         return float(self.books[kernel.SOURCES]) / J_PER_KWH / self.laps
 
     @property
     def used_kwh(self) -> float:
-        """Regenerated and used by somebody."""
+        """Regenerated energy that other trains or auxiliaries used."""
         used_j = self.books[kernel.REGENERATED] - self.books[kernel.RESISTOR]
         return float(used_j) / J_PER_KWH / self.laps
 
     @property
     def burnt_kwh(self) -> float:
-        """Regenerated and lost in braking resistors."""
+        """Regenerated energy that braking resistors took."""
         return float(self.books[kernel.RESISTOR]) / J_PER_KWH / self.laps
 
     @property
@@ -76,12 +76,12 @@ class LapResults:
 
     @property
     def overall_kwh(self) -> float:
-        """Actual energy and the regenerated one that was used: what it would be without any."""
+        """Actual energy plus the used regenerated energy: the demand without regeneration."""
         return self.actual_kwh + self.used_kwh
 
     @property
     def use_ratio(self) -> float:
-        """Used regeneration over traction energy."""
+        """Used regenerated energy relative to traction energy."""
         return self.used_kwh / self.traction_kwh
 
     @property
@@ -98,7 +98,7 @@ class LapResults:
 
     @property
     def parking_m(self) -> float:
-        """Worst place of a stop."""
+        """Greatest stopping error."""
         return float(self.books[kernel.WORST_M])
 
     @property
@@ -107,7 +107,7 @@ class LapResults:
 
     @property
     def closure_ratio(self) -> float:
-        """What sources gave less all that became of it, from grid to wheel, over what they gave."""
+        """Relative difference between the energy of the sources and all uses and losses."""
         books = self.books
         converters_j = books[kernel.TRACTION] - books[kernel.WHEEL]
         converters_j += books[kernel.REGAINED] - books[kernel.REGENERATED]
@@ -120,7 +120,7 @@ class LapResults:
 
 
 def dwells_of(seed: int, laps: int, *, spread_s: float = DWELL_SPREAD_S) -> Numbers:
-    """(laps, trains, 4): evenly between 20 and 40 s, the same for every law of one seed."""
+    """Return uniform dwells of 20 to 40 s, (laps, trains, 4); equal for all laws of one seed."""
     generator = np.random.default_rng(seed)
     return DWELL_S + spread_s * (2.0 * generator.random((laps, TRAINS, 4)) - 1.0)
 
@@ -136,7 +136,7 @@ def simulate(
     step_s: float = STEP_S,
     record_s: float = 0.0,
 ) -> LapResults:
-    """One lap to fill the line, then `laps` that count; `record_s` over 0 keeps what happened."""
+    """Simulate one lap that fills the line, then `laps` that count; `record_s` > 0 records them."""
     warm, steps = round(LAP_S / step_s), round((1 + laps) * LAP_S / step_s)
     every = max(1, round(record_s / step_s)) if record_s > 0.0 else 0
     rows = steps // every + 1 if every else 1
@@ -166,7 +166,10 @@ def simulate(
 
 
 def first_minutes(supply: Supply, *, step_s: float = 0.5, steps: int = 500) -> Numbers:
-    """Books of a line that fills under the law of half and half: short, to compare computers."""
+    """Return the account of a line that fills: a short run to compare machines.
+
+    The law is Green CBTC with weights of one half.
+    """
     books = np.zeros(kernel.BOOKS)
     timetable, nothing = Timetable(), np.zeros((1, TRAINS, loop.RECORDED))
     loop.run_line(
@@ -191,7 +194,7 @@ def _states(supply: Supply) -> Numbers:
 
 
 def train_array(train: LineTrain) -> Numbers:
-    """In the order of `kernel`'s places."""
+    """Return the values in the order of `kernel`'s indices."""
     return np.array(
         [
             *(train.mass_kg, train.traction_force_n, train.traction_power_w),
@@ -209,7 +212,7 @@ def _timetable(timetable: Timetable) -> Numbers:
 
 
 def legs_of(timetable: Timetable) -> Numbers:
-    """(5, 6): start, sign, length, hold speed, coasting point of each leg."""
+    """Return start, sign, length, hold speed and coasting point of each leg, (5, 6)."""
     there = list(itertools.pairwise(STOPS_M))
     back = [(far, near) for near, far in reversed(there)]
     legs = np.zeros((5, LEGS))

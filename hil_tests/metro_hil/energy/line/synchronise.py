@@ -1,9 +1,9 @@
 """Finds a timetable in which accelerating and braking trains meet, at unchanged trip times.
 
-What may change: when trains leave the far terminal after the near one (both turnbacks together take
-as long as before), how the trip time is split into runs, and how fast each run holds before it
-coasts. What may not: trip time, headway, dwell, punctuality. Each proposal is judged on the whole
-line with random dwells, the same for all; the result is judged on others elsewhere.
+The search may change the departure from the far terminal relative to the near one, with the same
+sum of both turnbacks. It may also change the split of the trip time into runs, and the hold speed
+of each run. Trip time, headway, dwell and punctuality stay. Each proposal is judged on the whole
+line with the same random dwells; the result is judged with other dwells elsewhere.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from metro_hil.energy.line.regimes import LegRuns, Regime, least_traction
 from metro_hil.energy.line.simulate import dwells_of, simulate
 
 PHASE_REACH_S: Final = 16.0
-"""Each turnback keeps its least time also after the shortest dwells."""
+"""Greatest shift of the phase; each turnback keeps its minimum even after the shortest dwells."""
 SPLIT_REACH_S: Final = 9.0
 TRAINING_SEEDS: Final = (7001, 7002)
 PHASE: Final = 0
@@ -32,13 +32,13 @@ SHRINK_RATIO: Final = 0.6
 class FoundTimetable:
     timetable: Timetable
     start_kwh: float
-    """Actual energy of a lap of the least-traction timetable, on the training dwells."""
+    """Actual energy of a lap of the least-traction timetable, with the training dwells."""
     best_kwh: float
     tried: int
 
 
 class TimetableSearch:
-    """Coordinate search with random directions; the same arguments give the same timetable."""
+    """Coordinate search with random directions; equal arguments give equal timetables."""
 
     def __init__(
         self, train: LineTrain, supply: Supply, base: Timetable, *, seed: int, budget: int
@@ -52,7 +52,7 @@ class TimetableSearch:
         self.tried = 0
 
     def run(self, told: Callable[[int, float], None] = lambda tried, kwh: None) -> FoundTimetable:
-        """`told` hears of each try and the best so far."""
+        """Run the search; `told` receives the number of tries and the best value so far."""
         start = least_traction(self._runs, self._base)
         start_kwh = self._cost_kwh(start)
         genes = np.zeros(GENES)
@@ -86,11 +86,11 @@ class TimetableSearch:
         ]
         cost_kwh = float(np.mean([outcome.actual_kwh for outcome in outcomes]))
         late = min(outcome.on_time_ratio for outcome in outcomes)
-        # A timetable that is not kept is no answer, however little it takes.
+        # Penalise a timetable that trains cannot keep, however little energy it takes.
         return cost_kwh if late == 1.0 else cost_kwh * (2.0 - late)
 
     def _timetable(self, genes: np.ndarray) -> Timetable | None:
-        """None for what may not be."""
+        """Return the timetable, or None if it is not permitted."""
         if abs(genes[PHASE]) > PHASE_REACH_S or np.any(np.abs(genes[1:5]) > SPLIT_REACH_S):
             return None
         runs_s = list(self._base.runs_s)

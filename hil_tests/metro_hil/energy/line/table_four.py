@@ -1,4 +1,4 @@
-"""Table 4 of seed 000 by simulation: each law with the same dwells, compared pair by pair."""
+"""Table 4 of [Lin] by simulation: each law with the same dwells, compared pair by pair."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -44,12 +44,12 @@ PRINTED: Final = (
     PrintedColumn("green .5/.5", 1966.8, 1412.72, 0.3350, 0.95),
 )
 LAPS_A_YEAR: Final = 15.0 * 3600.0 / 1260.0 * 365.0
-"""15 h a day, a lap of seven trains every 21 min."""
+"""Laps in a year with 15 h a day and a lap of seven trains every 21 min."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A mean with its interval of confidence."""
+    """A mean with its confidence interval."""
 
     mean_ratio: float
     half_ratio: float
@@ -59,9 +59,9 @@ class Estimate:
 class TableFourRow:
     name: str
     outcomes: tuple[LapResults, ...]
-    """One for each seed, in their order."""
+    """Results by seed."""
     change: Estimate
-    """Actual energy against the traditional law with the same dwells."""
+    """Relative change of the actual energy against the traditional law with the same dwells."""
 
     def mean(self, of: Callable[[LapResults], float]) -> float:
         return float(np.mean([of(outcome) for outcome in self.outcomes]))
@@ -96,7 +96,7 @@ def table_four(
     synchronised: Timetable | None = None,
     told: Callable[[str], None] = lambda words: None,
 ) -> TableFour:
-    """All rows for one supply. `told` hears what is being worked at."""
+    """Compute all rows for one supply; `told` receives the current step as text."""
     train = train or LineTrain()
     base = Timetable()
     dwells = [dwells_of(seed, laps + 2) for seed in seeds]
@@ -130,14 +130,14 @@ def table_four(
 
 
 def mean_voltage_v(train: LineTrain, supply: Supply, timetable: Timetable) -> float:
-    """At the trains, over a lap of the traditional law: what the ablation shows to the law."""
+    """Return the mean train voltage over a lap of the traditional law, for the ablation."""
     record = simulate(train, supply, timetable, TRADITIONAL, dwells_of(0, 3), record_s=1.0).record
     assert record is not None
     return round(float(np.mean(record.voltage_v[len(record.voltage_v) // 2 :])), 1)
 
 
 def paired(base: Sequence[LapResults], other: Sequence[LapResults]) -> Estimate:
-    """Relative change of the actual energy, seed by seed, with Student's interval."""
+    """Return the relative change of the actual energy, seed by seed, with Student's interval."""
     changes = np.array(
         [b.actual_kwh / a.actual_kwh - 1.0 for a, b in zip(base, other, strict=True)]
     )
@@ -149,7 +149,7 @@ def paired(base: Sequence[LapResults], other: Sequence[LapResults]) -> Estimate:
 
 
 def share_at_least(hits: int, tries: int) -> float:
-    """Clopper and Pearson's lower bound of a share, one-sided."""
+    """Return the one-sided lower bound of a share after Clopper and Pearson."""
     if hits == 0:
         return 0.0
     return float(beta.ppf(1.0 - CONFIDENCE, hits, tries - hits + 1))

@@ -21,22 +21,24 @@ from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
 DESCRIPTION: Final = (
     "Find a timetable for the seven trains of the Changping section in which accelerating and "
     "braking trains meet: turnback phase, run splits, speeds to hold and points to coast from, at "
-    "unchanged trip times, headway and punctuality. Judged on dwells that the search never saw."
+    "unchanged trip times, headway and punctuality. Judged with dwells that the search did not use."
 )
 JUDGING_SEEDS: Final = tuple(range(101, 107))
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of `vobc timetable`."""
+    """Return the parser of `vobc timetable`."""
     top = argparse.ArgumentParser(prog="vobc timetable", description=DESCRIPTION)
+    top.add_argument("--save-energy", action="store_true", required=True, help="aim of the search")
     top.add_argument(
-        "--save-energy", action="store_true", required=True, help="what it is looked for"
+        "--line", default="changping", metavar="NAME", help="only changping; default: changping"
     )
-    top.add_argument("--line", default="changping", metavar="NAME", help="changping, so far")
     top.add_argument(
         "--supply", choices=sorted(SUPPLIES), default="strong", help="network; default: strong"
     )
-    top.add_argument("--budget", type=_whole, default=150, metavar="N", help="tries; default: 150")
+    top.add_argument(
+        "--budget", type=_whole, default=150, metavar="N", help="number of tries; default: 150"
+    )
     top.add_argument("--seed", type=_whole, default=1, metavar="N", help="default: 1")
     top.add_argument("--out", metavar="FILE", help="the timetable as TOML; default: none")
     top.add_argument("--json", action="store_true", help="one JSON object on standard output")
@@ -44,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Whatever the user got wrong is one line, never a traceback."""
+    """Run the command; every error of the user becomes one line, never a traceback."""
     options = parser().parse_args(argv)
     try:
         return _find(options)
@@ -55,10 +57,10 @@ def main(argv: Sequence[str]) -> int:
 
 def _find(options: argparse.Namespace) -> int:
     if options.line != "changping":
-        raise SettingsError(f"--line {options.line}: only changping has a supply that is known")
+        raise SettingsError(f"--line {options.line}: only changping has a known supply")
     out = None if options.out is None else Path(options.out)
     if out is not None and out.exists():
-        raise SettingsError(f"--out {out}: is there already; nothing is overwritten")
+        raise SettingsError(f"--out {out}: exists already and is not overwritten")
     if out is not None and not out.parent.is_dir():
         raise SettingsError(f"--out {out}: there is no folder {out.parent}")
     console = Console(stderr=options.json)
@@ -108,8 +110,8 @@ def _show(console: Console, base: Timetable, found: Timetable) -> None:
         )
     console.print(table)
     console.print(
-        f"trains leave the far terminal {found.phase_s:.1f} s after the near one, "
-        f"before {base.phase_s:g} s",
+        f"trains leave the far terminal {found.phase_s:.1f} s after the near one; "
+        f"before the search {base.phase_s:g} s",
         highlight=False,
     )
 

@@ -1,1 +1,1 @@
-"""Power-limited running curves (seed 002): the net of all, the chosen one, and the optimum."""
+"""Power-limited running curves [Ninh]: the net of all curves, the chosen one, and the optimum."""

@@ -1,4 +1,4 @@
-"""Everything `vobc design-curve` answers, worked out once for table, picture and JSON."""
+"""Computes everything that `vobc design-curve` shows, for table, figure and JSON."""
 
 from dataclasses import asdict, dataclass
 from typing import Any, Final
@@ -28,7 +28,7 @@ SWEEP: Final = tuple(float(weight) for weight in np.linspace(0.0, 30.0, 121))
 class DesignRequest:
     hop: Hop
     coarse: HopTrack
-    """The same way in fewer cells, for the optimum."""
+    """The same track in fewer cells, for the optimum."""
     time_s: float
     weight_factor: float
     use_ratio: float
@@ -51,12 +51,12 @@ class DesignAnswer:
     run: CurveTrace
     optimum: Optimum | None
     above_ratio: float | None
-    """How far the designed run's J is above the optimum's."""
+    """Relative excess of the designed run's J over the optimum's."""
     literal: Literal | None
 
 
 def answer(asked: DesignRequest) -> DesignAnswer:
-    """Raises SettingsError for a task without a run."""
+    """Design a running curve. Raises SettingsError if no run fulfils the task."""
     train, track = asked.train, asked.track
     designed = design(asked.hop, asked.time_s, asked.weight_factor)
     optimum = above_ratio = None
@@ -74,9 +74,9 @@ def answer(asked: DesignRequest) -> DesignAnswer:
 
 
 def sweep_of(net: Net, time_s: float) -> tuple[Numbers, Numbers]:
-    """Acceleration energy and power limit for each weight of SWEEP, read off the net.
+    """Return acceleration energy and power limit for each weight of SWEEP, from the net.
 
-    Each way to gain speed has one power limit that makes the run last T, where it has one at all.
+    Each way to gain speed has at most one power limit with which the run takes T.
     """
     fastest_s = float(np.min(net.time_s[:, -1]))
     energies_j, powers_w, times_s = [], [], []
@@ -100,13 +100,13 @@ def net_of(asked: DesignRequest) -> Net:
 
 
 def reference_curves(asked: DesignRequest) -> tuple[RunningCurve, RunningCurve]:
-    """<I> and <II>: the greatest weight and none."""
+    """Return the curves <I> and <II>: with the greatest weight and with none."""
     conventional = design(asked.hop, asked.time_s, CONVENTIONAL_WEIGHT).curve
     return conventional, design(asked.hop, asked.time_s, 0.0).curve
 
 
 def as_document(found: DesignAnswer) -> dict[str, Any]:
-    """For JSON: what was asked, declared, designed, and what it compares with."""
+    """Return request, train, design and comparisons for JSON."""
     asked, curve, choice = found.asked, found.designed.curve, found.designed.choice
     document: dict[str, Any] = {
         "train": asdict(asked.train),

@@ -1,4 +1,4 @@
-"""`vobc design-curve`: parse, design, show Table I beside the paper, draw the page."""
+"""`vobc design-curve`: designs a curve, shows Table I of [Ninh], draws the figure."""
 
 import argparse
 import json
@@ -45,10 +45,12 @@ J_PER_MJ, J_PER_KWH, KMH_PER_MPS = 1.0e6, 3.6e6, 3.6
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of `vobc design-curve`."""
+    """Return the parser of `vobc design-curve`."""
     top = argparse.ArgumentParser(prog="vobc design-curve", description=DESCRIPTION, epilog=EPILOG)
     top.add_argument("--line", default="nanakuma", metavar="NAME|FILE", help="default: nanakuma")
-    top.add_argument("--from", dest="start", metavar="STATION", help="default: the longest hop's")
+    top.add_argument(
+        "--from", dest="start", metavar="STATION", help="default: start of the longest hop"
+    )
     top.add_argument("--to", dest="end", metavar="STATION", help="default: the next station")
     top.add_argument("--time", type=_positive, default=72.5, metavar="S", help="default: 72.5")
     top.add_argument(
@@ -63,18 +65,18 @@ def parser() -> argparse.ArgumentParser:
         type=_share,
         default=1.0,
         metavar="RATIO",
-        help="share of the regenerated energy that somebody uses; default: 1",
+        help="share of the regenerated energy that is used; default: 1",
     )
-    top.add_argument("--literal", action="store_true", help="equation (1) as printed, beside it")
+    top.add_argument("--literal", action="store_true", help="also show equation (1) as printed")
     top.add_argument(
-        "--out", metavar="DIR", help="for picture and results; default: a folder below runs/"
+        "--out", metavar="DIR", help="folder for figure and results; default: a folder below runs/"
     )
     top.add_argument("--json", action="store_true", help="one JSON object on standard output")
     return top
 
 
 def main(argv: Sequence[str]) -> int:
-    """Whatever the user got wrong is one line, never a traceback."""
+    """Run the command; every error of the user becomes one line, never a traceback."""
     options = parser().parse_args(argv)
     try:
         return _design(options)
@@ -153,7 +155,7 @@ def _add_optimum(table: Table, found: DesignAnswer) -> None:
     words = f"{best.cost_j / J_PER_MJ:.2f} MJ in {best.time_s:.2f} s"
     table.add_row("optimal control, E_acc - k E_reg", words)
     table.add_row("of it by friction", f"{best.friction_j / J_PER_MJ:.2f} MJ braked away")
-    table.add_row("the designed run is above it by", f"{100.0 * found.above_ratio:.2f} %")
+    table.add_row("excess of the designed run", f"{100.0 * found.above_ratio:.2f} %")
 
 
 def _add_literal(table: Table, found: DesignAnswer) -> None:
@@ -165,13 +167,13 @@ def _add_literal(table: Table, found: DesignAnswer) -> None:
     table.add_row("its t_brake", f"{printed.asked_braking_s:.2f} s")
     when = "late" if printed.late_s > 0.0 else "early"
     table.add_row(
-        "the run so braked",
+        "the run with that braking time",
         f"{printed.curve.power_w / found.asked.train.motors / 1e3:.1f} kW a motor, brakes "
         f"{printed.curve.braking_s:.2f} s, is {abs(printed.late_s):.2f} s {when}",
     )
     implied_s = x_that_the_table_implies_s(table_one.TIME_S, table_one.TABLE_I[-1].braking_s)
     table.add_row(
-        "x that row (I) of Table I implies by it",
+        "x that row (I) of Table I implies",
         f"{implied_s:.2f} s; 1 km takes {found.designed.choice.fastest_s:.2f} s at least"
         if math.isclose(found.asked.track.length_m, table_one.LENGTH_M)
         else f"{implied_s:.2f} s",
@@ -223,7 +225,7 @@ def _show_table_one(console: Console, train: RunningTrain) -> None:
 
 
 def _draw(out: Path, title: str, found: DesignAnswer) -> None:
-    # Pictures come with heavy libraries; who only wants numbers does not wait for them.
+    # The drawing libraries load slowly, so they are imported only for the figure.
     from metro_hil.energy.running_curve import figures
 
     asked = found.asked

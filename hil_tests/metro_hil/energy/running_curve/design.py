@@ -1,9 +1,9 @@
-"""The design of seed 002: notch-off speed by the weight, power limit by the running time.
+"""Design after [Ninh]: the notch-off speed from the weight, the power limit from the running time.
 
-The notch-off speed follows from the running time x that the train would have with its full brake: x
-makes f(x) = E_acc(x) / E_acc(T0) + weight * x / T0 least within T0 <= x <= T. What is left of the
-time, T - x, is given to the brake: the power limit is the one with which the run lasts T. It is
-found on the runs themselves; equation (1)'s rule for the braking time is in `literal`.
+The notch-off speed follows from the running time x of the train with its full brake. x minimises
+f(x) = E_acc(x) / E_acc(T0) + weight * x / T0 within T0 <= x <= T. The rest of the time, T - x, goes
+to the brake: with the chosen power limit the run lasts T. The limit is found on the runs
+themselves; equation (1)'s rule for the braking time is in `literal`.
 """
 
 from dataclasses import dataclass
@@ -21,17 +21,17 @@ HOLDS: Final = 40
 FINE: Final = 41
 POWERS: Final = 96
 POWER_MIN_RATIO: Final = 0.05
-"""Of the greatest: no less power is looked at."""
+"""Least power limit that the search considers, as a share of the greatest one."""
 SPEED_MIN_RATIO: Final = 0.35
 ROUNDS: Final = 3
 SECTIONS: Final = 65
-"""An interval is cut in so many at once, as a whole batch costs little more than one curve."""
+"""Number of sections of an interval; a whole batch costs little more than one curve."""
 TIME_TOLERANCE_S: Final = 0.005
 EARLY_S: Final = 0.3
 
 
 class InfeasibleError(SettingsError):
-    """No curve of this train takes just that time."""
+    """No curve of this train takes exactly that time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +40,9 @@ class RunningCurve:
 
     notch_off_mps: float
     hold_m: float
-    """So far the notch-off speed is held before the train coasts."""
+    """Distance over which the notch-off speed is held before the train coasts."""
     power_w: float
-    """Limit of the electric brake, all motors together, at the wheel."""
+    """Power limit of the electric brake at the wheel, all motors together."""
     time_s: float
     acceleration_j: float
     regenerated_j: float
@@ -56,21 +56,21 @@ class RunningCurve:
 
 @dataclass(frozen=True, slots=True)
 class WeightedChoice:
-    """How the weight chose among the runs with the full brake."""
+    """The choice by the weight among the runs with the full brake."""
 
     weight_factor: float
     x_s: float
     fastest_s: float
-    """T0."""
+    """T0, the shortest running time."""
     times_s: Numbers
-    """x of each notch-off speed, falling."""
+    """x of each notch-off speed, in falling order."""
     accelerations_j: Numbers
     scores_ratio: Numbers
     """f(x)."""
     cubic_j: Numbers
-    """A, B, C, D of E_acc over x - T0, highest power first."""
+    """Coefficients A, B, C, D of E_acc over x - T0, highest order first."""
     cubic_x_s: float
-    """What the cubic instead of the runs themselves would have chosen."""
+    """x that the cubic would have chosen instead of the runs themselves."""
     notch_off_mps: float
     hold_m: float
 
@@ -81,11 +81,11 @@ class Design:
     choice: WeightedChoice
     curve: RunningCurve
     late_s: float
-    """0, or by how much the least power limit that keeps to the way is still too slow."""
+    """Lateness of the run; 0 unless even the full brake makes it too slow."""
 
 
 class Hop:
-    """One train on one hop, with what all its designs share: the runs with the full brake."""
+    """One train on one hop, with the runs under the full brake, which all designs share."""
 
     def __init__(self, train: RunningTrain, track: HopTrack) -> None:
         self.train = train
@@ -95,14 +95,14 @@ class Hop:
         self._slowest: dict[float, RunningCurve | None] = {}
 
     def slowest(self, time_s: float) -> RunningCurve | None:
-        """With the full brake, the run of just this time; None without one."""
+        """Return the run of exactly this time with the full brake; None without one."""
         if time_s not in self._slowest:
             self._slowest[time_s] = _by_time(self.train, self.track, self.full, time_s)
         return self._slowest[time_s]
 
 
 def whole_net(train: RunningTrain, track: HopTrack) -> Net:
-    """Everything there is: ways to gain speed by power limits."""
+    """Return the net of all curves: ways to gain speed by power limits."""
     powers_w = np.linspace(POWER_MIN_RATIO, 1.0, POWERS) * train.brake_power_w
     return join(train, track, _all_departures(train, track), arrivals(train, track, powers_w))
 
@@ -115,8 +115,11 @@ def _all_departures(train: RunningTrain, track: HopTrack) -> Departures:
 
 
 def _eager(train: RunningTrain, track: HopTrack, eagerness: Numbers) -> Departures:
-    """One number for each way to gain speed: up to 1 the notch-off speed as a share of the limit,
-    beyond it the share of the way over which the limit is held."""
+    """Return the departures for eagerness values, each of which is one way to gain speed.
+
+    Up to 1 it is the notch-off speed as a share of the limit. Above 1 the excess is the share of
+    the way over which the limit is held.
+    """
     top_mps = float(np.max(track.ceiling_mps))
     speeds_mps = np.minimum(eagerness, 1.0) * top_mps
     holds_m = np.maximum(eagerness - 1.0, 0.0) * track.length_m
@@ -126,7 +129,7 @@ def _eager(train: RunningTrain, track: HopTrack, eagerness: Numbers) -> Departur
 def curve_of(
     train: RunningTrain, track: HopTrack, notch_off_mps: float, hold_m: float, power_w: float
 ) -> RunningCurve:
-    """One run by itself."""
+    """Return a single run."""
     first = departures(train, track, np.array([notch_off_mps]), np.array([hold_m]))
     return pick(join(train, track, first, arrivals(train, track, np.array([power_w]))), 0, 0)
 
@@ -146,7 +149,7 @@ def pick(net: Net, row: int, column: int) -> RunningCurve:
 
 
 def choose(hop: Hop, time_s: float, weight_factor: float) -> WeightedChoice:
-    """x by the weight; raises InfeasibleError."""
+    """Choose x by the weight. Raises InfeasibleError."""
     train, track, full, net = hop.train, hop.track, hop.full, hop.net
     fastest_s = float(np.min(net.time_s))
     if time_s < fastest_s - TIME_TOLERANCE_S:
@@ -158,7 +161,7 @@ def choose(hop: Hop, time_s: float, weight_factor: float) -> WeightedChoice:
     if slowest is not None:
         curves.append(slowest)
     best = min(curves, key=lambda curve: _score(curve, curves[0], weight_factor))
-    # Once more between the neighbours of the best, so that its answer is not one of the grid's.
+    # Refine between the neighbours of the best run, so that the result is not bound to the grid.
     at, step = _eagerness(track, best), 1.0 / HOLDS
     fine = np.linspace(max(SPEED_MIN_RATIO, at - step), min(2.0, at + step), FINE)
     curves += _shorter(join(train, track, _eager(train, track, fine), full), time_s)
@@ -184,8 +187,10 @@ def choose(hop: Hop, time_s: float, weight_factor: float) -> WeightedChoice:
 
 
 def _shorter(net: Net, time_s: float) -> list[RunningCurve]:
-    """With the first brake of the net, those in time; the fastest comes first. What costs more and
-    takes no less time is left out."""
+    """Return the runs in time with the net's first brake, the fastest first.
+
+    A run that costs more than another and takes no less time is left out.
+    """
     kept: list[RunningCurve] = []
     for row in range(len(net.notch_off_mps)):
         if net.time_s[row, 0] <= time_s and (not kept or net.time_s[row, 0] < kept[-1].time_s):
@@ -199,7 +204,7 @@ def _eagerness(track: HopTrack, curve: RunningCurve) -> float:
 
 
 def _score(curve: RunningCurve, fastest: RunningCurve, weight_factor: float) -> float:
-    """f(x) of equation (1)."""
+    """Return f(x) of equation (1)."""
     energy_ratio = curve.acceleration_j / fastest.acceleration_j
     return energy_ratio + weight_factor * curve.time_s / fastest.time_s
 
@@ -207,7 +212,7 @@ def _score(curve: RunningCurve, fastest: RunningCurve, weight_factor: float) -> 
 def _cubic(
     times_s: Numbers, energies_j: Numbers, fastest_s: float, weight_factor: float
 ) -> tuple[Numbers, float]:
-    """Equation (1)'s third-order E_acc, and the x that makes its f least."""
+    """Return the third-order E_acc of equation (1), and the x that minimises its f."""
     if len(times_s) < 4:
         return np.array([0.0, 0.0, 0.0, float(energies_j[-1])]), float(times_s[-1])
     cubic_j = np.polyfit(times_s - fastest_s, energies_j, 3)
@@ -220,7 +225,7 @@ def _cubic(
 def _by_time(
     train: RunningTrain, track: HopTrack, second: Arrivals, time_s: float
 ) -> RunningCurve | None:
-    """With one power limit, the notch-off speed that takes just this time; None without one."""
+    """Return the run of exactly this time with one power limit; None without one."""
     low, high = SPEED_MIN_RATIO / 4.0, 2.0
     net = None
     for _ in range(ROUNDS):
@@ -240,17 +245,17 @@ def _by_time(
 def with_time(
     train: RunningTrain, track: HopTrack, power_w: float, time_s: float
 ) -> RunningCurve | None:
-    """The run of just this time whose brake has just this power limit; None without one."""
+    """Return the run of exactly this time whose brake has this power limit; None without one."""
     return _by_time(train, track, arrivals(train, track, np.array([power_w])), time_s)
 
 
 def limit_for_time(
     train: RunningTrain, track: HopTrack, notch_off_mps: float, hold_m: float, time_s: float
 ) -> RunningCurve:
-    """The least power limit with which the run is not late, by bisection in wide sections.
+    """Return the run with the least power limit that is not late, by bisection in wide sections.
 
-    With no limit low enough the train is early even with the least; with none high enough the run
-    of the full brake comes back, which is late.
+    If even the least power limit is too strong, the run is early. If the full brake is too weak,
+    the function returns the run with it, which is late.
     """
     first = departures(train, track, np.array([notch_off_mps]), np.array([hold_m]))
     low_w, high_w = POWER_MIN_RATIO * train.brake_power_w, train.brake_power_w
@@ -270,7 +275,7 @@ def limit_for_time(
 
 
 def design(hop: Hop, time_s: float, weight_factor: float) -> Design:
-    """Raises InfeasibleError where no run of this train takes just `time_s`."""
+    """Design a curve. Raises InfeasibleError if no run of this train takes exactly `time_s`."""
     if not 0.0 <= weight_factor < np.inf:
         raise SettingsError(f"--eta {weight_factor:g}: is not zero or more")
     choice = choose(hop, time_s, weight_factor)

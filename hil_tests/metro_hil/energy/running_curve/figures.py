@@ -1,4 +1,4 @@
-"""The page of pictures: seed 002's figures 4, 5, 7 and 10 for this hop and this train."""
+"""The page of figures: figures 4, 5, 7 and 10 of [Ninh] for this hop and this train."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ KW: Final = 1.0e3
 INK, QUIET = "#1f2933", "#7b8794"
 DESIGNED, ECONOMICAL, CONVENTIONAL, BEST = "#0b62c4", "#2f9e44", "#c0242b", "#d98a00"
 WINDOW_S: Final = 8.0
-"""Of running times around the chosen one."""
+"""Width of the shown running times around the chosen one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """Over the weight factor."""
+    """Results over the weight factor."""
 
     weight_factor: tuple[float, ...]
     accelerations_j: tuple[float, ...]
@@ -37,7 +37,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """All that is drawn."""
+    """Everything that is drawn."""
 
     title: str
     train: RunningTrain
@@ -45,17 +45,17 @@ class Page:
     net: Net
     designed: Design
     conventional: RunningCurve
-    """<I>: greatest weight."""
+    """Curve <I>: greatest weight."""
     economical: RunningCurve
-    """<II>: no weight."""
+    """Curve <II>: no weight."""
     traces: Sequence[tuple[str, str, CurveTrace]]
-    """Name, colour, run."""
+    """Name, colour and run."""
     sweep: Sweep
     optimum: Optimum | None = None
 
 
 def draw(path: Path, page: Page) -> None:
-    """Write a PNG."""
+    """Draw the page and write it as a PNG."""
     with mpl.rc_context({"font.size": 9, "axes.edgecolor": QUIET, "text.color": INK}):
         figure = Figure(figsize=(14.0, 10.0), dpi=100, layout="constrained")
         FigureCanvasAgg(figure)

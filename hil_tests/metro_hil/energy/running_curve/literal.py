@@ -1,8 +1,8 @@
-"""Equation (1) of seed 002 as it is printed, and what comes of it.
+"""Equation (1) of [Ninh] as printed, and its result.
 
 The printed rule gives the brake exactly the time that is left, t_brake = t_brake(min) + (T - x).
 But a train that brakes more gently also begins to brake earlier, where it would have coasted or
-pulled, and what the full brake takes from the new speed is not t_brake(min), so the run misses T.
+pulled. And the full brake from the new speed does not take t_brake(min). So the run misses T.
 """
 
 from dataclasses import dataclass
@@ -28,17 +28,17 @@ ROUNDS: Final = 3
 @dataclass(frozen=True, slots=True)
 class Literal:
     x_s: float
-    """By the cubic."""
+    """x from the cubic."""
     asked_braking_s: float
-    """t_brake."""
+    """t_brake, the braking time from the rule."""
     curve: RunningCurve
-    """With the power limit that brakes just so long."""
+    """Run with the power limit that gives this braking time."""
     late_s: float
-    """What the run so takes more than T; negative: it is early."""
+    """Excess of this run over T; negative if it is early."""
 
 
 def literal_design(hop: Hop, time_s: float, weight_factor: float) -> Literal:
-    """x by the cubic, the braking time by the printed rule, the power limit by that."""
+    """Compute x from the cubic, the braking time from the printed rule, and the power limit."""
     train, track = hop.train, hop.track
     economical = design(hop, time_s, 0.0).curve
     choice = choose(hop, time_s, weight_factor)
@@ -61,5 +61,5 @@ def literal_design(hop: Hop, time_s: float, weight_factor: float) -> Literal:
 
 
 def x_that_the_table_implies_s(time_s: float, braking_s: float) -> float:
-    """The printed rule the other way round, from a braking time of Table I."""
+    """Invert the printed rule: return x for a braking time of Table I."""
     return time_s - (braking_s - TABLE_I[0].braking_s)

@@ -1,9 +1,9 @@
 """All running curves of a hop at once: each way to gain speed joined with each way to lose it.
 
-A curve of seed 002 is full traction up to the notch-off speed, coasting, and a brake whose power is
-limited. What lies before the braking point does not depend on the power limit, and what lies behind
-it not on the notch-off speed: each half is integrated once, over the way, and all pairs are joined
-where they cross. The result of each pair is a whole run, its time and its energies.
+A curve after [Ninh] is full traction up to the notch-off speed, coasting, and a brake with limited
+power. The part before the braking point does not depend on the power limit, and the part behind it
+not on the notch-off speed. So each half is integrated once over the way, and all pairs are joined
+where they cross. Each pair gives a whole run with its time and energies.
 """
 
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 STALL_MPS: Final = 0.3
-"""A train that coasts slower than this does not get there."""
+"""Speed below which a coasting train does not reach the next station."""
 START_UP_M: Final = 5.0
-"""Before this every train is slow."""
+"""Distance from the start within which every train is slow."""
 LEAST: Final = 1e-9
 """Keeps a share finite where nothing changes."""
 
@@ -27,22 +27,22 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Departures:
-    """First halves by notch-off speed, `n` of them; arrays (cells + 1, n), to each node."""
+    """First halves by notch-off speed, `n` of them; arrays (cells + 1, n), up to each node."""
 
     notch_off_mps: Numbers
     hold_m: Numbers
-    """(n,): so far the speed is kept before the train coasts."""
+    """Distance over which the speed is held before the train coasts, (n,)."""
     square_m2_per_s2: Numbers
     time_s: Numbers
     traction_j: Numbers
-    """At the wheel."""
+    """Work at the wheel."""
     regained_j: Numbers
-    """At the wheel, by the electric brake that keeps a limit on the way."""
+    """Work at the wheel of the electric brake that keeps a limit on the way."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """Second halves by power limit, `n` of them; arrays (cells + 1, n), from a node to the end."""
+    """Second halves by power limit, `n` of them; arrays (cells + 1, n), from each node on."""
 
     power_w: Numbers
     square_m2_per_s2: Numbers
@@ -54,8 +54,8 @@ class Arrivals:
 class Net:
     """Each departure with each arrival; arrays (departures, arrivals).
 
-    Where a train stalls before the brake its time is infinite. A notch-off speed that the way is
-    too short for gives the fastest run there is.
+    If a train stalls before the brake, its time is infinite. A notch-off speed that the train
+    cannot reach on this way gives the fastest run.
     """
 
     notch_off_mps: Numbers
@@ -63,15 +63,15 @@ class Net:
     power_w: Numbers
     time_s: Numbers
     acceleration_j: Numbers
-    """Out of the line."""
+    """Energy drawn from the line."""
     regenerated_j: Numbers
-    """Into a line that takes everything."""
+    """Energy returned to a line that takes all of it."""
     braking_s: Numbers
     braking_at_m: Numbers
     braking_from_mps: Numbers
 
     def total_j(self, use_ratio: float) -> Numbers:
-        """Drawn less what somebody else used of what was given back."""
+        """Return the drawn energy less the returned energy that is used."""
         total: Numbers = self.acceleration_j - use_ratio * self.regenerated_j
         return total
 
@@ -79,7 +79,7 @@ class Net:
 def departures(
     train: RunningTrain, track: HopTrack, notch_off_mps: Numbers, hold_m: Numbers
 ) -> Departures:
-    """Full traction under all limits to the notch-off speed, held so far, then coasting."""
+    """Drive with full traction under all limits to the notch-off speed, hold it, then coast."""
     cells, n, step_m = track.cells, len(notch_off_mps), track.cell_m
     shape = (cells + 1, n)
     square, time_s = np.zeros(shape), np.zeros(shape)
@@ -116,8 +116,12 @@ class _Forward:
     def cell(
         self, i: int, at: Numbers, grade_n: float, ceiling_square: float
     ) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-        """Square of the speed after the cell, work at the wheel (negative: regained), and where
-        and at which square of the speed the two parts of the cell meet."""
+        """Return what one cell does to all departures.
+
+        The results are the square of the speed after the cell and the work at the wheel (negative:
+        regained). Then follow the place where the two parts of the cell meet and the square of the
+        speed there.
+        """
         train, step_m, off_square = self._train, self._step_m, self._off_square
         drag_n = train.resistance_at_n(np.sqrt(at)) + grade_n
         half = np.maximum(at - 0.5 * step_m * self._gain * drag_n, 0.0)
@@ -137,7 +141,7 @@ class _Forward:
         pulled_m = np.where(off, share, np.where(self._pulls, 1.0, 0.0)) * step_m
         kept_m = np.where(off & (self._hold_m > 0.0), (1.0 - share) * step_m, 0.0)
         work_j = effort_n * pulled_m + drag_n * np.where(holds, step_m, kept_m)
-        # A limit is kept by what it takes: traction or the electric brake.
+        # Traction or the electric brake keeps a limit, as needed.
         capped = ends > ceiling_square
         keeping_n = (ceiling_square - at) / (self._gain * step_m) + drag_n
         off &= ~capped
@@ -152,7 +156,7 @@ class _Forward:
 def _cell_s(
     at: Numbers, middle: Numbers, ends: Numbers, split_m: Numbers, step_m: float
 ) -> Numbers:
-    """Time of a cell in two parts of steady acceleration each, met at `split_m`."""
+    """Return the time of a cell with two parts of constant acceleration that meet at `split_m`."""
     first, between, last = np.sqrt(at), np.sqrt(middle), np.sqrt(ends)
     with np.errstate(divide="ignore", invalid="ignore"):
         one_s = np.where(split_m > 0.0, 2.0 * split_m / (first + between), 0.0)
@@ -162,7 +166,7 @@ def _cell_s(
 
 
 def _slowed_ceiling(train: RunningTrain, track: HopTrack) -> Numbers:
-    """Square of the ceiling with the way to slow down before each lower limit, by full brake."""
+    """Return the squared ceiling, including the braking distance before each lower limit."""
     square = track.ceiling_mps**2
     gain = 2.0 * track.cell_m / train.mass_kg
     for i in range(track.cells - 1, -1, -1):
@@ -173,7 +177,7 @@ def _slowed_ceiling(train: RunningTrain, track: HopTrack) -> Numbers:
 
 
 def arrivals(train: RunningTrain, track: HopTrack, power_w: Numbers) -> Arrivals:
-    """The power-limited brake into the stop, followed backwards from there."""
+    """Compute the power-limited brake into the stop, backwards from there."""
     cells, n, step_m = track.cells, len(power_w), track.cell_m
     shape = (cells + 1, n)
     square, time_s, regained_j = np.zeros(shape), np.zeros(shape), np.zeros(shape)
@@ -196,7 +200,7 @@ def arrivals(train: RunningTrain, track: HopTrack, power_w: Numbers) -> Arrivals
 
 
 def join(train: RunningTrain, track: HopTrack, first: Departures, second: Arrivals) -> Net:
-    """Each departure with each arrival, at the place where they have the same speed."""
+    """Join each departure with each arrival where they have the same speed."""
     n, k = len(first.notch_off_mps), len(second.power_w)
     row, column = np.arange(n)[:, None], np.arange(k)[None, :]
     low = np.zeros((n, k), dtype=np.intp)
@@ -211,7 +215,7 @@ def join(train: RunningTrain, track: HopTrack, first: Departures, second: Arriva
 def _joined(
     train: RunningTrain, step_m: float, first: Departures, second: Arrivals, i: NDArray[np.intp]
 ) -> Net:
-    """Each pair crosses within cell `i`, both halves at a steady acceleration."""
+    """Join each pair, which crosses within cell `i`; both halves have constant acceleration."""
     row = np.arange(len(first.notch_off_mps))[:, None]
     column = np.arange(len(second.power_w))[None, :]
     from_square, to_square = first.square_m2_per_s2[i, row], first.square_m2_per_s2[i + 1, row]

@@ -1,9 +1,9 @@
-"""The optimal control of the same task, by successive linear programmes on the way.
+"""The optimal control of the same task, by successive linear programmes over the way.
 
 Over the way the motion is linear in the square of the speed, M dz/ds = 2 (F - B - W - R(v) - G),
-and energies are sums of force times way. What is not linear, running time, power limits and
-resistance, is linearised about the last solution, within a region of trust that grows where that
-made the run better and shrinks where it did not. Each force is free in every cell.
+and energies are sums of force times distance. Running time, power limits and resistance are not
+linear; they are linearised around the last solution. A trust region grows where that improved the
+run and shrinks where it did not. Each force is free in every cell.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,8 @@ ITERATIONS: Final = 60
 TRUST_START_RATIO: Final = 0.05
 TRUST_END_RATIO: Final = 2.0e-4
 TIME_PRICE_RATIO: Final = 0.2
-"""Price of a second late, as a share of the first solution's energy; dearer than a second saves."""
+"""Price of a second of lateness, as a share of the first solution's energy; more than a second
+saves."""
 LEAST_MPS: Final = 0.05
 
 
@@ -29,12 +30,12 @@ class Optimum:
     """Arrays by node (speed) or by cell (forces)."""
 
     use_ratio: float
-    """k: share of the regenerated energy that somebody uses."""
+    """k: share of the regenerated energy that is used."""
     time_s: float
     acceleration_j: float
     regenerated_j: float
     friction_j: float
-    """Into the friction brake, at the wheel."""
+    """Energy of the friction brake, at the wheel."""
     at_m: Numbers
     speed_mps: Numbers
     traction_n: Numbers
@@ -44,12 +45,12 @@ class Optimum:
 
     @property
     def cost_j(self) -> float:
-        """J."""
+        """J, the minimised energy."""
         return self.acceleration_j - self.use_ratio * self.regenerated_j
 
 
 class NotSolvedError(RuntimeError):
-    """The linear programmes found no solution; a mistake of ours, not of the task."""
+    """The linear programmes found no solution; an error of this program, not of the task."""
 
 
 def optimise(
@@ -59,10 +60,10 @@ def optimise(
     use_ratio: float,
     start_square: Numbers,
 ) -> Optimum:
-    """Least E_acc - k * E_reg of all runs of at most `time_s`.
+    """Minimise E_acc - k * E_reg over all runs of at most `time_s`.
 
     Args:
-        start_square: (cells + 1,) square of the speed of some run, from which the search begins.
+        start_square: (cells + 1,) squared speed of any run, from which the search begins.
     """
     square = _repaired(track, start_square)
     trust_ratio = TRUST_START_RATIO
@@ -99,10 +100,10 @@ def _repaired(track: HopTrack, square: Numbers) -> Numbers:
 def _evaluated(
     train: RunningTrain, track: HopTrack, square: Numbers, use_ratio: float, iterations: int
 ) -> Optimum:
-    """What the speeds need, with the whole nonlinear model: net force of each cell, shared out.
+    """Compute the forces for these speeds with the whole nonlinear model.
 
-    A cell brakes electrically as far as power and force allow and by friction beyond; a cell that
-    would need more traction than there is has its time counted as if it had it not: see `_excess`.
+    A cell brakes electrically as far as power and force allow and by friction beyond. A cell that
+    needs more traction than available takes extra time as a penalty: see `excess_n`.
     """
     step_m = track.cell_m
     speed = np.sqrt(square)
@@ -116,7 +117,7 @@ def _evaluated(
     braking_n = np.maximum(-net_n, 0.0)
     electric_n = np.minimum(braking_n, train.braking_at_n(middle, train.brake_power_w))
     friction_n = braking_n - electric_n
-    # More traction than there is costs what it takes to be rid of it.
+    # Excess traction costs the time without it.
     excess_n = np.maximum(traction_n - train.traction_at_n(middle), 0.0)
     time_s = float(np.sum(2.0 * step_m / (speed[1:] + speed[:-1])))
     time_s += float(np.sum(excess_n / train.traction_force_n)) * step_m / float(np.max(speed))
@@ -144,10 +145,10 @@ def _programme(
     trust_ratio: float,
     price_j_per_s: float,
 ) -> tuple[Numbers, float]:
-    """One linear programme: squares of the speed (cells + 1,) and the energy that it foretells.
+    """Solve one linear programme: return squared speeds (cells + 1,) and the predicted energy.
 
-    Unknowns are the inner squares, the three forces in units of the greatest traction, and the
-    lateness, which is allowed at a price so that there always is a solution.
+    Unknowns are the inner squared speeds, the three forces in units of the greatest traction, and
+    the lateness. Lateness is permitted at a price, so that a solution always exists.
     """
     n, step_m, unit_n = track.cells, track.cell_m, train.traction_force_n
     inner = n - 1
@@ -161,7 +162,7 @@ def _programme(
     right_n = -(drag_n - slope * middle_square) - track.grade_n
     motion = nodes.cells(inertia + slope / 2.0, -inertia + slope / 2.0, late + 1) / unit_n
     forces = _forces(n, inner, late + 1)
-    # Powers: F <= P / v, tangent in the square of the speed.
+    # Powers: F <= P / v, as a tangent in the square of the speed.
     powers = []
     limits = []
     for block, power_w, force_n in (
@@ -237,7 +238,7 @@ def _solved(
 
 
 def _resistance(train: RunningTrain, middle: Numbers) -> tuple[Numbers, Numbers]:
-    """Resistance and its slope over the square of the speed."""
+    """Return the resistance and its slope over the square of the speed."""
     slope = (
         train.resistance_n_per_mps / np.maximum(middle, LEAST_MPS)
         + 2.0 * train.resistance_n_per_mps2
@@ -246,7 +247,7 @@ def _resistance(train: RunningTrain, middle: Numbers) -> tuple[Numbers, Numbers]
 
 
 def _time(square: Numbers, step_m: float) -> tuple[float, Numbers]:
-    """Of all cells, and its slope over each node's square (the two ends do not count)."""
+    """Return the running time and its slope over each node's square; both ends are ignored."""
     speed = np.sqrt(square)
     pair = speed[1:] + speed[:-1]
     slopes = np.zeros(len(square))
@@ -258,7 +259,7 @@ def _time(square: Numbers, step_m: float) -> tuple[float, Numbers]:
 
 
 class _Nodes:
-    """Rows of one cell each, over the inner nodes on both its sides."""
+    """Matrix rows of one cell each, over the inner nodes on both its sides."""
 
     def __init__(self, cells: int) -> None:
         self._cells = cells
@@ -279,6 +280,6 @@ def _block(n: int, first: int, width: int) -> csr_matrix:
 
 
 def _forces(n: int, first: int, width: int) -> csr_matrix:
-    """Traction less both brakes."""
+    """Return traction less both brakes."""
     traction, electric, friction = (_block(n, first + k * n, width) for k in range(3))
     return traction - electric - friction

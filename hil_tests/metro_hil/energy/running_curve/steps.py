@@ -1,7 +1,7 @@
-"""Whole runs by steps of time: slower than the net, with nothing of it but the braking curves.
+"""Whole runs by time steps: slower than the net, of which they use only the braking curves.
 
 One step is the same few lines for one run and for a batch. With numba (the extra `compiled`) they
-run compiled, one run after the other; without it a batch of runs is stepped at once in numpy.
+run compiled, one run after the other. Without it numpy steps a batch of runs at once.
 """
 
 import importlib
@@ -23,13 +23,13 @@ _COMPILED_KERNELS: Final[dict[str, Any]] = {}
 
 @dataclass(frozen=True, slots=True)
 class RunBatch:
-    """What came out, (n,) each."""
+    """Results, (n,) each."""
 
     time_s: Numbers
     way_m: Numbers
-    """To standstill; a run with a braking curve into the stop ends there."""
+    """Distance to standstill; a run with a braking curve into the stop ends there."""
     traction_j: Numbers
-    """At the wheel."""
+    """Work at the wheel."""
     regained_j: Numbers
 
 
@@ -43,8 +43,10 @@ def run_all(
     step_s: float = STEP_S,
     compiled: bool = COMPILED,
 ) -> RunBatch:
-    """Drive `n` runs: full traction to the notch-off speed, coasting, and from where the braking
-    curve of that column of `braking` is met, its brake. Limits on the way are not looked at.
+    """Drive `n` runs: full traction to the notch-off speed, then coasting, then the brake.
+
+    The brake starts where the run meets its braking curve, which is one column of `braking`. Limits
+    on the way are ignored.
 
     Args:
         notch_off_mps, column: (n,) each.
@@ -117,7 +119,7 @@ def _compiled() -> Any:
 
 
 def _make(prange: Any) -> Any:
-    """The same steps for one run after the other."""
+    """Return a kernel with the same steps for one run after the other."""
 
     def kernel(
         numbers: Any, grade_n: Any, square: Any, limits_w: Any, off_mps: Any, column: Any

@@ -1,4 +1,4 @@
-"""Table I of seed 002 as printed, with runs at the paper's own power limits beside it."""
+"""Table I of [Ninh] as printed, with runs at the paper's own power limits beside it."""
 
 import math
 from collections.abc import Sequence
@@ -20,14 +20,14 @@ MOTORS: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class PrintedRow:
-    """One row; the paper calls the energies kWh."""
+    """One row; the paper gives the energies in kWh."""
 
     weight_factor: float
     acceleration_kwh: float
     regenerated_kwh: float
     total_kwh: float
     power_kw: float
-    """For each motor."""
+    """Power of each motor."""
     braking_s: float
 
 
@@ -46,12 +46,15 @@ class TableOneRow:
     curve: RunningCurve
 
     def regenerable_max_kwh(self) -> float:
-        """No brake gives back more than its power limit over its braking time."""
+        """Return the energy of the power limit over the braking time, which no brake exceeds."""
         return MOTORS * self.printed.power_kw * self.printed.braking_s / 3600.0
 
 
 def rows(train: RunningTrain) -> list[TableOneRow]:
-    """1 km in 72.5 s at each of the paper's power limits; the fastest where one is too low."""
+    """Return runs of 1 km in 72.5 s at the paper's power limits, or the fastest run.
+
+    The fastest run stands for a power limit that is too low for 72.5 s.
+    """
     track = level_track(train, LENGTH_M)
     return [
         TableOneRow(printed, _run(train, track, printed.power_kw * 1000.0 * MOTORS))
@@ -68,8 +71,10 @@ def _run(train: RunningTrain, track: HopTrack, power_w: float) -> RunningCurve:
 
 
 def deviation_ratio(table: Sequence[TableOneRow], *, unit_j: float) -> float:
-    """Root mean square over the 15 cells of energies and braking time, the printed number being in
-    units of `unit_j`."""
+    """Return the root mean square deviation over the 15 cells of energies and braking time.
+
+    The printed energies are taken in units of `unit_j`.
+    """
     errors = []
     for row in table:
         printed, curve = row.printed, row.curve

@@ -1,4 +1,4 @@
-"""One designed run from end to end, node by node, as pictures and files want it."""
+"""One designed run from start to end, node by node, for figures and files."""
 
 from dataclasses import dataclass
 
@@ -12,13 +12,13 @@ from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 @dataclass(frozen=True, slots=True)
 class CurveTrace:
-    """(cells + 1,) each."""
+    """Arrays (cells + 1,)."""
 
     at_m: Numbers
     speed_mps: Numbers
     time_s: Numbers
     power_w: Numbers
-    """At the wheel; negative while the electric brake gives back."""
+    """Power at the wheel; negative while the electric brake regenerates."""
 
     @property
     def square_m2_per_s2(self) -> Numbers:
@@ -26,7 +26,7 @@ class CurveTrace:
 
 
 def trace(train: RunningTrain, track: HopTrack, curve: RunningCurve) -> CurveTrace:
-    """The lesser of both halves at each node, and what the wheel does there."""
+    """Take the lower speed of both halves at each node, and the power at the wheel there."""
     first = departures(train, track, np.array([curve.notch_off_mps]), np.array([curve.hold_m]))
     second = arrivals(train, track, np.array([curve.power_w]))
     gaining, braking = first.square_m2_per_s2[:, 0], second.square_m2_per_s2[:, 0]

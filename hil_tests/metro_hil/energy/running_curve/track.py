@@ -1,4 +1,4 @@
-"""The way between two stations in cells: gradient and speed limit of each."""
+"""The track between two stations in cells, with the gradient and speed limit of each."""
 
 import math
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ class HopTrack:
     length_m: float
     cells: int
     grade_n: Numbers
-    """(cells,): force of the gradient against the train, positive uphill."""
+    """Force of the gradient against the train by cell, positive uphill, (cells,)."""
     ceiling_mps: Numbers
-    """(cells + 1,): limit for the whole train, the train's own greatest speed included."""
+    """Limit for the whole train by node, including the train's own maximum speed, (cells + 1,)."""
 
     @property
     def cell_m(self) -> float:
@@ -32,12 +32,12 @@ class HopTrack:
 
     @property
     def at_m(self) -> Numbers:
-        """(cells + 1,): way of each node."""
+        """Distance of each node, (cells + 1,)."""
         return np.linspace(0.0, self.length_m, self.cells + 1)
 
 
 def level_track(train: RunningTrain, length_m: float, *, cell_m: float = CELL_M) -> HopTrack:
-    """Level and straight, at the train's own greatest speed."""
+    """Return a level, straight track with the train's own maximum speed as limit."""
     cells = max(CELLS_MIN, math.ceil(length_m / cell_m))
     return HopTrack(length_m, cells, np.zeros(cells), np.full(cells + 1, train.speed_max_mps))
 
@@ -50,9 +50,11 @@ def track_between(
     *,
     cell_m: float = CELL_M,
 ) -> tuple[str, str, HopTrack]:
-    """From one station to another, whatever lies between; raises SettingsError.
+    """Return the track from one station to another, whatever lies between.
 
-    The default is the longest hop of the line, as in seed 002, and the hop after `start`.
+    Raises SettingsError.
+
+    The default is the longest hop of the line, as in [Ninh], or the hop after `start`.
     """
     names = [station.name for station in line.stations]
     for option, name in (("--from", start), ("--to", end)):
@@ -93,7 +95,7 @@ def track_between(
 def _ends(line: LineMap, start: str | None, end: str | None) -> tuple[int, int]:
     names = [station.name for station in line.stations]
     if len(names) < 2:
-        raise SettingsError(f"{line.name}: has no two stations")
+        raise SettingsError(f"{line.name}: needs two stations")
     if start is not None:
         first = names.index(start)
         if end is None and first == len(names) - 1:

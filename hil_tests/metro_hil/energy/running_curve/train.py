@@ -1,4 +1,4 @@
-"""The train as its running curves see it: mass, force and power at the wheel, efficiencies."""
+"""The train for running curves: mass, force and power at the wheel, efficiencies."""
 
 import math
 from dataclasses import dataclass
@@ -22,20 +22,20 @@ class RunningTrain:
     name: str
     description: str
     mass_kg: float
-    """Rotating masses included."""
+    """Including rotating masses."""
     motors: int
     traction_force_n: float
     traction_power_w: float
     traction_efficiency_ratio: float
     """From line to wheel."""
     brake_force_n: float
-    """Greatest of the electric brake."""
+    """Maximum of the electric brake."""
     brake_power_w: float
     regeneration_efficiency_ratio: float
     """From wheel to line."""
     service_force_n: float
-    """Greatest of both brakes together. Running curves do without friction; only the optimum may
-    choose it."""
+    """Maximum of both brakes together. Running curves use no friction brake; only the optimum
+    may."""
     speed_max_mps: float
     resistance_n: float
     resistance_n_per_mps: float
@@ -64,15 +64,15 @@ class RunningTrain:
         )
 
     def traction_at_n(self, speed_mps: Numbers) -> Numbers:
-        """Greatest effort."""
+        """Return the maximum effort."""
         return np.minimum(self.traction_force_n, self.traction_power_w / np.maximum(speed_mps, 0.1))
 
     def braking_at_n(self, speed_mps: Numbers, power_w: Numbers | float) -> Numbers:
-        """Of the power-limited electric brake: its full force at low speed, over that P / v."""
+        """Return the electric brake force: full force at low speed, P / v above."""
         limit_w = np.minimum(power_w, self.brake_power_w)
         return np.minimum(self.brake_force_n, limit_w / np.maximum(speed_mps, 0.1))
 
 
 def load_train(name: str) -> RunningTrain:
-    """By path or by the name of a shipped file; raises SettingsError."""
+    """Load a train by path or by the name of a shipped file. Raises SettingsError."""
     return settings.load(RunningTrain, name, SHIPPED)

@@ -189,7 +189,7 @@ def test_messages_that_are_on_their_way_at_the_end_make_the_run_invalid(tmp_path
 
     (said,) = watched(line(tmp_path), Air(stuck))
 
-    assert said == "messages were still on their way to the observer at the end (trains 1, 2)"
+    assert said == "messages had not reached the observer at the end (trains 1, 2)"
 
 
 def test_one_train_whose_places_are_old_makes_the_run_invalid(tmp_path: Path) -> None:

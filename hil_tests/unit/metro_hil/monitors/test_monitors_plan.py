@@ -94,7 +94,7 @@ def test_measures_are_checked_against_names_and_patterns_where_those_are_known()
         ({"measure": "x_m", "max": True}, ["True is not a number"]),
         ({"measure": "x_m", "min": 3, "max": 2}, ["3 is over max, 2"]),
         ({"measure": "x_m", "max": 1, "requirements": "INV-01"}, ["is not a list of ids"]),
-        ({"measure": "x_m", "max": 1, "requirements": ["inv 1"]}, ["no id such as INV-04"]),
+        ({"measure": "x_m", "max": 1, "requirements": ["inv 1"]}, ["not an id such as INV-04"]),
         ({"measure": "x_m", "max": 1, "severity": "stopp"}, ["nearest valid value: stop"]),
     ],
 )  # fmt: skip

@@ -1,1 +1,1 @@
-"""Trains as running curves see them, one TOML file each; each says where its figures come from."""
+"""Trains for running curves, one TOML file each, with the sources of their figures."""
