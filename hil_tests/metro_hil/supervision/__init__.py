@@ -1,1 +1,1 @@
-"""Supervision of a line whose trains command themselves: what it shows, and what it decrees."""
+"""Supervision of a line of trains that command themselves: displays and operator commands."""

@@ -1,4 +1,4 @@
-"""`vobc line`, `master`, `hold`, `restrict` and others: supervision of a line over zenoh."""
+"""Supervision of a line over zenoh: `vobc line`, `master`, `hold`, `restrict` and others."""
 
 import argparse
 import sys
@@ -27,15 +27,15 @@ from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_SPEED_MPS
 from zenoh_config.t2t_supervision import DecreeKind
 
 LOOK_S: Final = 1.5
-"""So long is listened before anything is said."""
+"""Time to receive the state of the line before anything is displayed."""
 SESSION_S: Final = 5.0
-"""For so long it waits for a session: two attempts by TLS on a busy machine, and a bit."""
+"""Time to wait for a session: two attempts by TLS on a busy machine, and some margin."""
 OF_TRAIN: Final = {
     "hold": (DecreeKind.HOLD, DecreeKind.LET_GO),
     "skip": (DecreeKind.SKIP, DecreeKind.CALL),
     "emergency-brake": (DecreeKind.EMERGENCY, DecreeKind.RELEASE),
 }
-"""What is decreed, and what takes it back."""
+"""The command of each verb and the one that takes it back."""
 OF_TRACK: Final = {
     "restrict": (DecreeKind.RESTRICT, DecreeKind.LIFT),
     "close": (DecreeKind.CLOSE, DecreeKind.OPEN),
@@ -43,8 +43,11 @@ OF_TRACK: Final = {
 
 
 def main(words: Sequence[str]) -> int:
-    """Exit 2 for what is no train, line or endpoint; 3 when nobody does what was asked, or nobody
-    commands what is to be shown; 130 for what Ctrl-C ended, but for `line --watch`.
+    """Run one verb of supervision and return its exit code.
+
+    Exit code 2: unknown train, line or endpoint. Exit code 3: the command was not carried out, or
+    no train commands what is to be displayed. Exit code 130: ended by Ctrl-C, except `line
+    --watch`.
     """
     options = parser().parse_args(words)
     try:
@@ -74,9 +77,9 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
         view.tokens = lambda: port.present
         desk = SupervisionConsole(clock, view, port, key)
         if not desk.listen(SESSION_S, lambda: port.connected):
-            also = "" if secure is None else ", and of the same authority"
+            also = "" if secure is None else ", with the same certificate authority"
             print(
-                f"vobc: {options.line_radio}: no session; is a wayside there{also}?",
+                f"vobc: {options.line_radio}: no session; does a wayside run there{also}?",
                 file=sys.stderr,
             )
             return EXIT_ENVIRONMENT
@@ -86,15 +89,15 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
 
 
 def _check(options: argparse.Namespace, areas: AreaMap) -> None:
-    """Raises SettingsError for what cannot be meant, whoever listens."""
+    """Raise SettingsError for options that are invalid on any line."""
     verb = options.verb
     if verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
         raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
     if verb == "restrict" and not options.end and options.limit_kmh is None:
-        raise SettingsError("restrict: --limit KMH is missing; --end takes one back")
+        raise SettingsError("restrict: --limit KMH is missing; or use --end to take one back")
     if verb in OF_TRACK and not options.start_m < options.end_m:
         stretch = f"START {options.start_m:g} END {options.end_m:g}"
-        raise SettingsError(f"{verb}: {stretch}: the stretch has to end behind its start")
+        raise SettingsError(f"{verb}: {stretch}: the stretch must end beyond its start")
 
 
 def _obey(
@@ -138,26 +141,32 @@ def parser() -> argparse.ArgumentParser:
     }
     line, switch, remove = (parsers[verb] for verb in ("line", "switch-master", "remove-train"))
     line.add_argument(
-        "--watch", action="store_true", help="go on until Ctrl-C; that is exit code 0"
+        "--watch",
+        action="store_true",
+        help="update the display until Ctrl-C, which gives exit code 0",
     )
     switch.add_argument("--area", type=int, required=True)
     switch.add_argument("--to", type=train_number, required=True, metavar="TRAIN")
     remove.description = (
-        "Say that a silent train is gone, so that nobody waits behind it: somebody has seen that "
-        "it left the line or was taken off it. It is refused while the train is heard, or axles "
-        "are counted where it may be that are not those of trains standing there."
+        "Report that a non-communicating train is gone, so that no other train waits behind it. A "
+        "person must have seen that it left the line. The master refuses while it receives the "
+        "train, or counts axles where it may be that no train standing there accounts for."
     )
     remove.add_argument("number", type=train_number, metavar="TRAIN")
     for verb in ("out-of-service", *OF_TRAIN):
         parsers[verb].add_argument("number", type=train_number, metavar="TRAIN")
-        parsers[verb].add_argument("--end", action="store_true", help="take it back")
+        parsers[verb].add_argument("--end", action="store_true", help="take the command back")
     for verb in OF_TRACK:
         parsed = parsers[verb]
-        parsed.add_argument("start_m", type=_chainage_m, metavar="START", help="metres of the line")
+        parsed.add_argument(
+            "start_m", type=_chainage_m, metavar="START", help="start of the stretch, m"
+        )
         parsed.add_argument("end_m", type=_chainage_m, metavar="END")
         if verb == "restrict":
             parsed.add_argument("--limit", dest="limit_kmh", type=_speed_kmh, metavar="KMH")
-        parsed.add_argument("--end", action="store_true", help="take it back; the same stretch")
+        parsed.add_argument(
+            "--end", action="store_true", help="take the command for this stretch back"
+        )
     for parsed in parsers.values():
         parsed.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
         parsed.add_argument("--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT")

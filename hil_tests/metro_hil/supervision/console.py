@@ -1,4 +1,4 @@
-"""A desk of supervision: listens, says what is wanted until it is so, tells what came of it."""
+"""A supervision console: it repeats a command until it is carried out, and reports the outcome."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -36,23 +36,23 @@ NS_PER_US: Final = 1000
 BEAT_NS: Final = 50_000_000
 ORDER_S: Final = 3.0
 REFUSALS: Final = {
-    DecreeAnswer.UNKNOWN_TRAIN: "no such train tells its status to the wayside",
+    DecreeAnswer.UNKNOWN_TRAIN: "no such train sends its status to the wayside",
     DecreeAnswer.NO_STRETCH: "no such stretch on {line}, which reaches from {start:g} to {end:g} m",
     DecreeAnswer.FULL: "no room for another one; take one back first",
-    DecreeAnswer.NOT_THERE: "nothing of the kind was decreed",
-    DecreeAnswer.NOT_STORED: "the wayside cannot store it, so it is not decreed",
-    DecreeAnswer.TOO_OLD: "it came too late; the radio is too slow",
+    DecreeAnswer.NOT_THERE: "no such command is in force",
+    DecreeAnswer.NOT_STORED: "the wayside cannot store the command, so it is not in force",
+    DecreeAnswer.TOO_OLD: "the command arrived too late; the radio is too slow",
 }
 NARROWING: Final = (DecreeKind.RESTRICT, DecreeKind.CLOSE)
-"""What may be too near ahead of a train."""
+"""Commands that may take effect too close ahead of a train."""
 REPORTS_S: Final = 0.3
-"""In that time every train in an area reports, also where a message is lost."""
-NO_STATION: Final = "no station is ahead of it, or it does not know where it is"
+"""Time within which every train in an area reports, even if a message is lost."""
+NO_STATION: Final = "no station is ahead of the train, or the train is not localised"
 KEPT: Final = {
-    RemovalState.COMMITTING: "its arbiters do not keep the roster without it",
-    RemovalState.HEARD: "it is heard, or was until just now; only who is silent can be taken off",
-    RemovalState.AXLES: "where it may be axles are counted that no train standing there explains",
-    RemovalState.TOO_OLD: "the order came too late; the radio is too slow",
+    RemovalState.COMMITTING: "its arbiters have not committed the roster without it",
+    RemovalState.HEARD: "it is received, or was until just now; only a silent train can be removed",
+    RemovalState.AXLES: "axles are counted where it may be that no train there accounts for",
+    RemovalState.TOO_OLD: "the command arrived too late; the radio is too slow",
 }
 
 
@@ -63,11 +63,11 @@ class SupervisionConsole:
         self._clock, self._view, self._port, self._key = clock, view, port, key
         epoch_ns = clock.epoch_ns()
         self._boot = epoch_ns // NS_PER_S
-        # Two desks within one second number their messages on.
+        # The sequence starts at the microsecond, so that two consoles of one second do not collide.
         self._sequence = epoch_ns % NS_PER_S // NS_PER_US
 
     def listen(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Whether what is waited for came."""
+        """Receive for a while, or until the condition holds; return whether it did."""
         end_ns = self._clock.now_ns() + round(duration_s * NS_PER_S)
         while self._clock.now_ns() < end_ns:
             self._clock.wait_until(self._clock.now_ns() + BEAT_NS)
@@ -84,7 +84,7 @@ class SupervisionConsole:
     # To masters and trains.
 
     def switch(self, area: int, to: int) -> int:
-        """Ask until another commands, or it is clear that none will."""
+        """Request another master until it commands, or the time is over."""
         if area not in self._view.commands:
             return self.nobody(f"area {area}")
 
@@ -99,12 +99,13 @@ class SupervisionConsole:
         if self.listen(ORDER_S, switched):
             print(f"area {area}: train {to} commands")
             return EXIT_OK
-        return _failed(f"train {to} did not take area {area} over; is it there?")
+        return _failed(f"train {to} did not take over area {area}; does it run?")
 
     def retire(self, train: int, *, end: bool) -> int:
-        """Tell every master, for as long as it takes the train to command nothing.
+        """Send every master the command until the train commands no area.
 
-        One that is to come back is told also where nobody commands: none may be left that could.
+        A train that returns to service gets its command even if no train commands: perhaps none is
+        left that could.
         """
         view, asked_ns = self._view, self._clock.now_ns()
         if not (view.commands or (end and train in view.reports)):
@@ -121,15 +122,15 @@ class SupervisionConsole:
             return says_so() and (end or not self._duties(train))
 
         if self.listen(ORDER_S, done):
-            now = "is in service again" if end else "commands nothing and stands by for nobody"
+            now = "is in service again" if end else "commands no area and is standby for none"
             print(f"train {train} {now}")
             return EXIT_OK
         if not says_so():
             return _failed(
-                f"train {train} does not say that it is {'in' if end else 'out of'} service"
+                f"train {train} does not report that it is {'in' if end else 'out of'} service"
             )
         duties = " and ".join(self._duties(train))
-        print(f"train {train} is out of service; until another can take over, it goes on: {duties}")
+        print(f"train {train} is out of service; until another train takes over, it still {duties}")
         return EXIT_OK
 
     def _serve(self, train: int, kind: OrderKind) -> None:
@@ -140,12 +141,12 @@ class SupervisionConsole:
         for area, command in self._view.commands.items():
             terms[area] = command.heartbeat.term
             self._order(kind, train, command.heartbeat.source, area, terms[area])
-        # And the train itself, which says so to every master there will be.
+        # The train itself must know, because it reports this to every later master.
         for area, term in terms.items():
             self._order(kind, train, train, area, term)
 
     def _duties(self, train: int) -> list[str]:
-        """What it does for others by heartbeats that are heard."""
+        """Return the train's duties for others according to fresh heartbeats."""
         now_ns, said = self._clock.now_ns(), list[str]()
         for area, command in sorted(self._view.commands.items()):
             if now_ns - command.heard_ns > SILENT_S * NS_PER_S:
@@ -153,11 +154,11 @@ class SupervisionConsole:
             if command.heartbeat.source == train:
                 said.append(f"commands area {area}")
             elif command.heartbeat.standby == train:
-                said.append(f"stands by for area {area}")
+                said.append(f"is standby for area {area}")
         return said
 
     def remove(self, train: int) -> int:
-        """Tell every master that it is gone, until all have taken it off their rosters."""
+        """Report the train as gone to every master until all have taken it off their rosters."""
         if not self._view.commands:
             return self.nobody()
         asked_ns, was_there = self._clock.now_ns(), False
@@ -176,10 +177,10 @@ class SupervisionConsole:
 
         if not self.listen(ORDER_S, done):
             return _failed("; ".join(self._keepers(train, answers())))
-        # Nobody else can say that it is unknown: the wayside may have been started anew.
+        # Only this console can tell that the train is unknown: the wayside may have been restarted.
         if not was_there and not self._view.knows(train):
             return self._unknown(train)
-        print(f"train {train} is on no roster any more")
+        print(f"train {train} is no longer on any roster")
         return EXIT_OK
 
     def _keepers(self, train: int, told: Mapping[int, RemovalAnswer]) -> list[str]:
@@ -199,7 +200,7 @@ class SupervisionConsole:
         self._send(Removal(*head, *count, beat.stamp_ns, train))
 
     def _order(self, kind: OrderKind, train: int, to: int, area: int, term: int) -> None:
-        """That train, said to this one."""
+        """Send a command about `train` to the receiver `to`."""
         self._sequence += 1
         head = (SUPERVISION, to, area, term, self._boot, self._sequence, self._clock.now_ns())
         self._send(LineOrder(*head, kind, train))
@@ -215,11 +216,11 @@ class SupervisionConsole:
         end_m: float = 0.0,
         limit_mps: float = 0.0,
     ) -> int:
-        """The same decree again and again until it is answered."""
+        """Send the same command repeatedly until it is answered."""
         if self._view.state is None:
-            return _failed("the wayside of the line is not heard: nothing can be decreed")
+            return _failed("the wayside of the line is not received: no command is possible")
         if kind is DecreeKind.RELEASE and (why := self._nothing_to_release(train)):
-            return _failed(f"train {train}: no emergency brake is decreed, and {why}")
+            return _failed(f"train {train}: no emergency brake is commanded, and {why}")
         if kind in NARROWING:
             self.listen(REPORTS_S)
         self._sequence += 1
@@ -235,34 +236,39 @@ class SupervisionConsole:
             return False
 
         if not self.listen(ORDER_S, answered):
-            return _failed("the wayside does not answer; nobody knows whether it is decreed")
+            return _failed("the wayside does not answer; the command may or may not be in force")
         answer = self._view.state.answer
         if answer is not DecreeAnswer.DONE:
             return _failed(self._refusal(decree, answer))
-        print("decreed, and stored by the wayside", flush=True)
+        print("command in force, and stored by the wayside", flush=True)
         if kind in NARROWING:
             self._warn(SpeedRestriction(start_m, end_m, limit_mps))
         return self._shown(kind, train)
 
     def _warn(self, stretch: SpeedRestriction) -> None:
-        """Of trains that may not be able to obey without an emergency brake."""
+        """Warn about trains that may not be able to obey without an emergency brake."""
         now_ns = self._clock.now_ns()
         for train, (report, at_ns) in sorted(self._view.reports.items()):
             if now_ns - at_ns <= SILENT_S * NS_PER_S and is_near(report, stretch):
                 away_m = stretch.start_m - report.front_max_m
                 where = f"{away_m:.0f} m before it" if away_m > 0.0 else "in it"
                 speed = f"{report.speed_mps * KMH:.0f} km/h"
-                _complain(f"train {train} may brake by emergency: it is {where} with {speed}")
+                _complain(
+                    f"train {train} may apply its emergency brake: it is {where} with {speed}"
+                )
 
     def _nothing_to_release(self, train: int) -> str:
-        """Empty for one that brakes, also of its own, and for one unknown to the wayside."""
+        """Return why there is nothing to release; empty if there may be.
+
+        It is empty for a train that brakes, also by itself, and for one unknown to the wayside.
+        """
         decree = self._view.decree(train)
         if decree is None or decree.emergency:
             return ""
         self.listen(ORDER_S, lambda: train in self._view.statuses)
         status = self._view.statuses.get(train)
         if status is None:
-            return "the train is silent"
+            return "the train is not received"
         return "" if status.supervision == Supervision.EMERGENCY else "none is applied"
 
     def _refusal(self, decree: Decree, answer: DecreeAnswer) -> str:
@@ -273,7 +279,10 @@ class SupervisionConsole:
         return f"{_subject(decree)}: {words}"
 
     def _shown(self, kind: DecreeKind, train: int) -> int:
-        """A brake that is decreed has to be on; one that is released may have other reasons."""
+        """Wait for the effect: a commanded brake must be on; a released one may stay on.
+
+        A released brake may have other causes.
+        """
         if kind not in (DecreeKind.EMERGENCY, DecreeKind.RELEASE):
             return EXIT_OK
         wanted = kind is DecreeKind.EMERGENCY
@@ -286,7 +295,7 @@ class SupervisionConsole:
             print(f"train {train}: emergency brake {'applied' if wanted else 'released'}")
             return EXIT_OK
         status = self._view.statuses.get(train)
-        told = "it is silent" if status is None else protection_words(status) or "nominal"
+        told = "it is not received" if status is None else protection_words(status) or "nominal"
         return _failed(f"train {train} does not show it yet: {told}")
 
     def _send(self, message: T2tMessage) -> None:
@@ -294,16 +303,14 @@ class SupervisionConsole:
         self._port.send(self._clock.now_ns(), key, pack(message, self._key))
 
     def nobody(self, what: str = "") -> int:
-        """Nobody commands what is meant, by default any area."""
+        """Fail because no train commands the area, or by default any area."""
         line = self._view.areas.name
         if self._view.hears_nobody:
-            return _failed(f"nobody is heard on {line}")
-        return _failed(f"nobody commands {what or f'any area of {line}'}")
+            return _failed(f"nothing is received on {line}")
+        return _failed(f"no train commands {what or f'any area of {line}'}")
 
     def _unknown(self, train: int) -> int:
-        return _failed(
-            f"train {train} is unknown: nobody has heard of it on {self._view.areas.name}"
-        )
+        return _failed(f"train {train} is unknown: no program on {self._view.areas.name} knows it")
 
 
 def _answers(state: LineState, decree: Decree) -> bool:
@@ -311,7 +318,7 @@ def _answers(state: LineState, decree: Decree) -> bool:
 
 
 def _subject(decree: Decree) -> str:
-    """Which train or stretch it is about."""
+    """Return the train or stretch of a command as text."""
     if decree.train != NOBODY:
         return f"train {decree.train}"
     stretch = stretch_words(SpeedRestriction(decree.start_m, decree.end_m, decree.limit_mps))

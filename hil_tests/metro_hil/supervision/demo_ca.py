@@ -1,4 +1,4 @@
-"""`vobc demo-ca`: a certificate authority for demonstrations, and all that a secured line needs."""
+"""`vobc demo-ca`: a certificate authority for demonstrations, with all files of a secured line."""
 
 import argparse
 import ipaddress
@@ -30,7 +30,7 @@ from zenoh_config.t2t import ROSTER_MAX
 
 AUTHORITY: Final = "demonstration authority"
 EARLIER_S: Final = 300
-"""Clocks of other machines may be a little behind."""
+"""Certificates are valid from this long ago, because other machines' clocks may be slow."""
 KEY_BYTES: Final = 32
 DAY_S: Final = 86_400
 PRIVATE_MODE: Final = 0o600
@@ -41,7 +41,7 @@ NS_PER_S: Final = 1_000_000_000
 
 
 def main(words: Sequence[str]) -> int:
-    """Exit 2 for what cannot be, 3 for a folder that cannot be written."""
+    """Run the command; exit code 2 for invalid options, 3 for a folder that cannot be written."""
     options = _parser().parse_args(words)
     try:
         make(
@@ -57,7 +57,7 @@ def main(words: Sequence[str]) -> int:
     except OSError as error:
         return _complain(f"{options.folder}: {error.strerror}", EXIT_ENVIRONMENT)
     print(f"{options.folder}: for {WAYSIDE_NAME}, {SUPERVISION_NAME} and {options.trains} trains,")
-    print(f"{options.days:g} days; for demonstrations only, as its authority's key lies beside it")
+    print(f"{options.days:g} days; for demonstrations only: the authority's key lies beside it")
     print(f"plant wayside --line {options.line} --secure {options.folder}")
     return EXIT_OK
 
@@ -65,16 +65,16 @@ def main(words: Sequence[str]) -> int:
 def make(
     folder: Path, *, line: str, trains: int, days: float, hosts: Sequence[str], epoch_s: int
 ) -> None:
-    """Certificates, keys, session settings and the key of safety codes.
+    """Write certificates, keys, session settings and the key of safety codes.
 
-    Raises SettingsError for a folder that has an authority or anything else in it; OSError.
+    Raises OSError, and SettingsError for a folder that is not empty.
     """
     folder.mkdir(parents=True, exist_ok=True)
     folder = folder.resolve()
     if (folder / "ca.pem").exists():
-        raise SettingsError(f"{folder}/ca.pem: is there already; take another folder or remove it")
+        raise SettingsError(f"{folder}/ca.pem: exists already; choose another folder or remove it")
     if any(folder.iterdir()):
-        raise SettingsError(f"{folder}: not empty; keys want a folder of their own")
+        raise SettingsError(f"{folder}: not empty; choose a new folder for the keys")
     span_s = (epoch_s - EARLIER_S, epoch_s + round(days * DAY_S))
     authority_key = ec.generate_private_key(ec.SECP256R1())
     authority = _authority(authority_key, span_s)
@@ -161,23 +161,23 @@ def _write_private(path: Path, content: bytes) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="vobc demo-ca", description=__doc__)
-    top.add_argument("folder", type=Path, metavar="FOLDER", help="a new one")
+    top.add_argument("folder", type=Path, metavar="FOLDER", help="a new folder")
     top.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
     top.add_argument("--trains", type=_trains, default=8, metavar="N", help="default: 8")
-    top.add_argument("--days", type=_days, default=30.0, help="they are valid; default: 30")
+    top.add_argument("--days", type=_days, default=30.0, help="validity in days; default: 30")
     top.add_argument(
         "--host",
         type=_host_name,
         action="append",
         default=[],
         metavar="NAME|ADDRESS",
-        help="of the wayside, beside this machine itself; may be given several times",
+        help="host of the wayside in addition to this machine; may be given several times",
     )
     return top
 
 
 def _host_name(text: str) -> str:
-    """An address, or what a name of a host may be (RFC 1123)."""
+    """Parse an address or a valid host name (RFC 1123)."""
     if NAME.fullmatch(text) is None:
         try:
             ipaddress.ip_address(text)

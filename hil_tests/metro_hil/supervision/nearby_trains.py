@@ -1,4 +1,4 @@
-"""Trains so near to what is newly restricted or closed that they may brake by emergency."""
+"""Finds trains so close to a new restriction or closure that they may apply the emergency brake."""
 
 from typing import Final
 
@@ -6,13 +6,13 @@ from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import TrainReport
 
 BRAKING_MPS2: Final = 0.6
-"""A train that is asked in time slows down by so much without an emergency."""
+"""Deceleration of a train that brakes in time, without an emergency."""
 REACTION_S: Final = 3.0
-"""So long it may run on before it does: the decree goes by wayside and master."""
+"""Time for which a train may run on; the command passes wayside and master first."""
 
 
 def is_near(report: TrainReport, stretch: SpeedRestriction) -> bool:
-    """It is in there faster than the limit, or comes too fast to be slower by then."""
+    """Tell whether the train is inside faster than the limit, or cannot slow down before it."""
     speed_mps, limit_mps = report.speed_mps, stretch.limit_mps
     if not report.localised or report.standstill or speed_mps <= limit_mps:
         return False

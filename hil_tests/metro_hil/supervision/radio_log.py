@@ -1,4 +1,4 @@
-"""What was said on a line's radio, read from its log: decoded, chosen and counted."""
+"""Messages of a line's radio, read from its log: decoded, selected and counted."""
 
 import csv
 import dataclasses
@@ -36,7 +36,7 @@ Heard = T2tMessage | Message | Place | Refused
 
 class RadioEntry(NamedTuple):
     at_s: float
-    """By the clock of the recorder, as it was logged."""
+    """Instant by the clock of the recorder, as logged."""
     key: str
     size: int
     heard: Heard
@@ -53,15 +53,15 @@ class RadioEntry(NamedTuple):
 class Chosen(NamedTuple):
     entry: RadioEntry
     start_s: float
-    """Of the log it is from."""
+    """Start of the log that holds the entry."""
 
 
 @dataclass(frozen=True, slots=True)
 class RadioLogFilter:
-    """What is looked at; what is empty chooses all."""
+    """Selection of messages; an empty criterion selects all."""
 
     kinds: frozenset[str] = frozenset()
-    """Names of message types, or the chunks of keys that stand for them, such as `hb`."""
+    """Names of message types, or the key chunks that stand for them, such as `hb`."""
     sources: frozenset[int] = frozenset()
     destinations: frozenset[int] = frozenset()
     areas: frozenset[int] = frozenset()
@@ -83,23 +83,23 @@ class RadioLogFilter:
 
 
 def find_log(path: Path) -> Path:
-    """The log itself, or that of a run folder. Raises SettingsError where there is none."""
+    """Return the log itself, or that of a run folder. Raises SettingsError if there is none."""
     if not path.is_dir():
         return path
     for name in (LINE_LOG, RADIO_LOG):
         if (path / name).exists():
             return path / name
-    raise SettingsError(f"{path}: neither {LINE_LOG} nor {RADIO_LOG} is in it")
+    raise SettingsError(f"{path}: it contains neither {LINE_LOG} nor {RADIO_LOG}")
 
 
 def read_log(path: Path, key: bytes) -> Iterator[RadioEntry]:
-    """Every message, also those that are damaged. Raises SettingsError naming file and line."""
+    """Yield every message, also damaged ones. Raises SettingsError naming file and line."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = csv.reader(file)
             if next(rows, None) != COLUMNS:
                 expected = ",".join(COLUMNS)
-                raise SettingsError(f"{path}: no log of a radio: its first line is not {expected}")
+                raise SettingsError(f"{path}: not a radio log: its first line is not {expected}")
             for number, row in enumerate(rows, start=2):
                 try:
                     at, _, topic, payload = row
@@ -107,7 +107,7 @@ def read_log(path: Path, key: bytes) -> Iterator[RadioEntry]:
                 except ValueError as error:
                     raise SettingsError(f"{path}: line {number}: {error}") from error
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "no text"
+        reason = error.strerror if isinstance(error, OSError) else "not text"
         raise SettingsError(f"{path}: cannot be read: {reason}") from error
 
 
@@ -121,11 +121,11 @@ def entry_of(at_s: float, topic: str, payload: bytes, key: bytes) -> RadioEntry:
     return RadioEntry(at_s, topic, len(payload), heard)
 
 
-# In words.
+# Text.
 
 
 def words_of(entry: RadioEntry, start_s: float) -> str:
-    """One line: when, who to whom, where, under which term, what."""
+    """Return one line: instant, sender, receiver, area, term and contents."""
     heard, at_s = entry.heard, entry.at_s - start_s
     if isinstance(heard, Refused):
         return f"{at_s:12.6f}  {entry.key}: refused: {heard.reason.value}: {heard.detail}"
@@ -166,32 +166,32 @@ def _value(value: Any) -> str:
     return str(value)
 
 
-# In numbers.
+# Figures.
 
 
 @dataclass(slots=True)
 class TrainFigures:
-    """Of the authorities that one train was sent; seconds of the log."""
+    """Figures of the authorities for one train, in seconds of the log."""
 
     at_s: list[float] = field(default_factory=list)
     latency_ms: list[float] = field(default_factory=list)
-    """From the report until the authority that answers it was heard."""
+    """Time from the report until the receipt of the authority that answers it."""
     age_ms: list[float] = field(default_factory=list)
-    """How old the one before had become by then."""
+    """Age of the previous authority at that time."""
 
 
 @dataclass(slots=True)
 class RadioFigures:
     trains: dict[int, TrainFigures] = field(default_factory=dict)
     terms: dict[int, list[tuple[float, int, int]]] = field(default_factory=dict)
-    """By area: second, term and train of each new term."""
+    """Second, term and train of each new term, by area."""
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Messages by writer and kind."""
+    """Number of messages, by sender and kind."""
     sizes: Counter[tuple[str, str]] = field(default_factory=Counter)
     refused: int = 0
     start_s: float = 0.0
     end_s: float = 0.0
-    """Of what was chosen; seconds of the log, as all of these."""
+    """End of the selection; all instants are in seconds of the log."""
 
 
 def figures_of(chosen: Iterable[Chosen]) -> RadioFigures:
@@ -235,7 +235,7 @@ def _add_authority(
 
 
 def _writer(chunks: list[str]) -> int | None:
-    """Who wrote below this key; None: the rails."""
+    """Return the sender with this key; None for the rails."""
     if len(chunks) > 3 and chunks[2] == "w" and chunks[3].isdecimal():
         return int(chunks[3])
     return None

@@ -1,4 +1,4 @@
-"""`vobc line-log`: what trains and wayside said to each other: frame by frame, counted, drawn."""
+"""`vobc line-log`: the messages of a line's radio, one by one, counted, or as a plot."""
 
 import argparse
 import sys
@@ -33,12 +33,12 @@ from zenoh_config.t2t_keys import CHUNKS
 
 NAMES: Final = {"wayside": 0, "supervision": SUPERVISION, "all": BROADCAST}
 EPILOG: Final = """\
-Kinds are Heartbeat or hb, AreaAuthority or aa, and so on (docs/design/train_to_train.md), Place
-for the axles in the emulated rails, Refused for what is damaged. Addresses are T3, 65001, wayside,
-supervision, all. On the live bus any tool of zenoh reads the same: z_sub -e ENDPOINT -k 'm/loop/**'
-With --live, --stats and --plot are of what was heard until Ctrl-C or --for.
-exit codes: 0; 2 wrong usage or a log that is none; 3 nothing can be heard or written; 130 by Ctrl-C
-where nothing is counted or drawn
+Kinds are Heartbeat or hb, AreaAuthority or aa, and so on (docs/design/train_to_train.md). Place is
+for axles on the emulated rails, Refused for damaged messages. Addresses are T3, 65001, wayside,
+supervision, all. Any zenoh tool receives the same live: z_sub -e ENDPOINT -k 'm/loop/**'
+With --live, --stats and --plot cover the messages received until Ctrl-C or the end of --for.
+exit codes: 0 done; 2 wrong usage or not a log; 3 no session, or a file cannot be written;
+130 Ctrl-C without --stats and --plot
 """
 
 
@@ -68,7 +68,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _listen(options: argparse.Namespace, sieve: RadioLogSelection, key: bytes) -> int:
-    """Until Ctrl-C or --for; figures of what was heard by then."""
+    """Report until Ctrl-C or the end of --for, with figures of what was received by then."""
     interrupts = Interrupts()
     live = LiveLine(options.line, options.line_radio, options.secure, key)
     duration_s = float("inf") if options.duration_s is None else options.duration_s
@@ -76,7 +76,7 @@ def _listen(options: argparse.Namespace, sieve: RadioLogSelection, key: bytes) -
         entries = live.entries(duration_s, lambda: interrupts.asked)
         code = _report(options, sieve.pass_on(entries), options.line_radio)
     if not live.reached:
-        print(f"vobc: {options.line_radio}: there was no session", file=sys.stderr)
+        print(f"vobc: {options.line_radio}: no session came up", file=sys.stderr)
         code = EXIT_ENVIRONMENT
     else:
         _wonder(sieve, options.line_radio, options)
@@ -90,11 +90,11 @@ def _wonder(sieve: RadioLogSelection, where: str, options: argparse.Namespace) -
 
 
 def _refuse(options: argparse.Namespace) -> None:
-    """Raises SettingsError for what does not fit together."""
+    """Raise SettingsError for options that contradict each other."""
     since_s, until_s, live = options.since, options.until, options.live
     for refused, words in (
         (options.log is not None and live, f"{options.log} and --live exclude each other"),
-        (options.duration_s is not None and not live, "--for goes with --live only"),
+        (options.duration_s is not None and not live, "--for needs --live"),
         (not since_s < until_s, f"--since {since_s:g} is not before --until {until_s:g}"),
     ):
         if refused:
@@ -113,7 +113,7 @@ def _choice(options: argparse.Namespace) -> RadioLogFilter:
 
 
 def _report(options: argparse.Namespace, chosen: Iterator[Chosen], title: str) -> int:
-    """Message by message, or in numbers and as a picture."""
+    """Print message by message, or figures and a plot."""
     if not options.stats and options.plot is None:
         for entry, start_s in chosen:
             print(words_of(entry, start_s), flush=True)
@@ -137,7 +137,7 @@ def _draw(figures: RadioFigures, path: Path, title: str) -> int:
 
 
 def stats_words(figures: RadioFigures) -> list[str]:
-    """Who said how much, and how long trains waited."""
+    """Return message counts by sender, and how long trains waited, as text."""
     said = [f"{'writer':>14} {'kind':<16} {'messages':>9} {'per s':>7} {'bytes':>6}"]
     span_s = max(figures.end_s - figures.start_s, 1e-9)
     for (who, kind), count in sorted(figures.counts.items()):
@@ -180,7 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--stats", action="store_true", help="counts, latencies, ages, terms")
     top.add_argument("--plot", type=Path, metavar="FILE", help="latency, age and terms, as .png")
-    group = top.add_argument_group("what is looked at; each may be a list with commas")
+    group = top.add_argument_group("selection; each may be a list with commas")
     group.add_argument("--kind", type=_kinds, default=(), metavar="KIND")
     group.add_argument("--source", type=_addresses, default=(), metavar="WHO")
     group.add_argument("--to", type=_addresses, default=(), metavar="WHO")
@@ -193,7 +193,10 @@ def _parser() -> argparse.ArgumentParser:
     top.add_argument("--line", default="loop", metavar="NAME|FILE", help="with --live")
     top.add_argument("--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT")
     top.add_argument(
-        "--secure", type=Path, metavar="FOLDER", help="of a secured line; see `vobc demo-ca`"
+        "--secure",
+        type=Path,
+        metavar="FOLDER",
+        help="certificates of a secured line; see `vobc demo-ca`",
     )
     return top
 
@@ -213,7 +216,7 @@ def _kinds(text: str) -> tuple[str, ...]:
     names |= {"TrainStatus", "TrainOrders", "ts", "or", "Place", "x", "Refused"}
     for each in text.split(","):
         if each not in names:
-            raise argparse.ArgumentTypeError(f"{each} is no kind of message")
+            raise argparse.ArgumentTypeError(f"{each} is not a kind of message")
     return tuple(text.split(","))
 
 
@@ -222,12 +225,14 @@ def _addresses(text: str) -> tuple[int, ...]:
     for each in text.split(","):
         number = str(NAMES.get(each, each.removeprefix("T")))
         if not (number.isascii() and number.isdecimal()) or int(number) > BROADCAST:
-            raise argparse.ArgumentTypeError(f"{each} is nobody; T3, wayside, supervision, 65001")
+            raise argparse.ArgumentTypeError(
+                f"{each} is not an address such as T3, wayside, supervision, 65001"
+            )
         found.append(int(number))
     return tuple(found)
 
 
 def _numbers(text: str) -> tuple[int, ...]:
     if not all(each.isascii() and each.isdecimal() for each in text.split(",")):
-        raise argparse.ArgumentTypeError(f"{text} is no list of numbers")
+        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers")
     return tuple([int(each) for each in text.split(",")])

@@ -1,4 +1,4 @@
-"""Chooses from what was said on a line's radio, and says why nothing may have been left."""
+"""Selects messages of a line's radio, and explains an empty selection."""
 
 from collections.abc import Iterable, Iterator
 
@@ -12,7 +12,8 @@ class RadioLogSelection:
         self._choice = choice or RadioLogFilter()
         self._heard = self._passed = 0
         self._coded = self._foreign = 0
-        """What has a safety code, which places have not; and what has another one than ours."""
+        """Number of messages with a safety code, which positions lack, and with a wrong safety
+        code."""
 
     def pass_on(self, entries: Iterable[RadioEntry]) -> Iterator[Chosen]:
         start_s = None
@@ -30,18 +31,18 @@ class RadioLogSelection:
         self._foreign += isinstance(heard, Refused) and heard.reason is RefusedReason.WRONG_CODE
 
     def doubts(self, *, secured: bool) -> list[str]:
-        """What a person may wonder at; of what was passed on by now.
+        """Return warnings about the messages so far.
 
         Args:
-            secured: it was read with the key of a secured line.
+            secured: the key of a secured line was used.
         """
         said = []
         if not self._heard:
-            said.append("no message at all")
+            said.append("no message")
         elif not self._passed:
             said.append(f"none of {self._heard} messages passes the filters")
         if self._foreign and self._foreign == self._coded:
-            of = "another line than that of --secure" if secured else "a secured line"
-            remedy = "" if secured else "; that needs --secure FOLDER"
+            of = "a line other than that of --secure" if secured else "a secured line"
+            remedy = "" if secured else "; use --secure FOLDER"
             said.append(f"all {self._foreign} safety codes are wrong, as of {of}{remedy}")
         return said

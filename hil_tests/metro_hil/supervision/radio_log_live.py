@@ -1,4 +1,4 @@
-"""Listens to a line's radio as `vobc line-log` reads a log of it."""
+"""Listens to a line's radio, where `vobc line-log` otherwise reads a log."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -16,19 +16,19 @@ from zenoh_config.secured import SUPERVISION_NAME
 POLL_NS: Final = 50_000_000
 INBOX_MESSAGES: Final = 1 << 16
 PATIENCE_S: Final = 2.0
-"""So long a session may take before somebody is told that there is none."""
+"""Time after which the user is informed that there is no session yet."""
 
 
 class LiveLine:
-    """What is said from now on."""
+    """The messages from now on."""
 
     def __init__(self, line: str, endpoint: str, secure: Path | None, key: bytes) -> None:
         self._line, self._endpoint, self._secure, self._key = line, endpoint, secure, key
         self.reached = False
-        """There was a session."""
+        """Whether there was a session."""
 
     def entries(self, duration_s: float, asked: Callable[[], bool]) -> Iterator[RadioEntry]:
-        """Until then, or until `asked`. Raises SettingsError, RadioError."""
+        """Yield messages for this duration, or until `asked`. Raises SettingsError, RadioError."""
         clock, secure, told = WallClock(), None, False
         if self._secure is not None:
             secure = load_credentials(self._secure, SUPERVISION_NAME, clock.epoch_ns())
@@ -53,9 +53,9 @@ class LiveLine:
                     self._tell_patience()
 
     def _tell_patience(self) -> None:
-        also = "" if self._secure is None else ", and of the same authority"
+        also = "" if self._secure is None else ", with the same certificate authority"
         print(
-            f"vobc: {self._endpoint}: no session yet; is a wayside there{also}? It goes on trying",
+            f"vobc: {self._endpoint}: no session yet; does a wayside run there{also}? Trying again",
             file=sys.stderr,
             flush=True,
         )

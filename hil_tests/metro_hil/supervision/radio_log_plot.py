@@ -1,4 +1,4 @@
-"""A picture of a line's radio: latency and age of each train's authorities, and the terms."""
+"""Plots a line's radio: latency and age of each train's authorities, and the terms."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,20 +15,20 @@ WIDTH_IN: Final = 12.0
 HEIGHT_IN: Final = 9.0
 STYLES: Final = ("-", "--", "-.", ":")
 APART_PT: Final = 3.0
-"""From the line of one area to that of the next, where both are under the same term."""
+"""Vertical distance between the lines of two areas under the same term."""
 FONT_PT: Final = 8.0
 LABEL_PT: Final = (20.0, 11.0)
-"""Room for the name of a train."""
+"""Width and height of a train's name."""
 ABOVE_PT: Final = 5.0
 LEVELS: Final = 8
-"""Names above each other; where even more trains took over at once some are left out."""
+"""Number of names above each other; if more trains took over at once some are left out."""
 PT_PER_IN: Final = 72.0
 NAMES_MAX: Final = 14
-"""In a column of a legend."""
+"""Maximum number of names in one column of a legend."""
 
 
 def draw(figures: RadioFigures, path: Path, title: str) -> None:
-    """Raises OSError, and ValueError for an ending that is no picture."""
+    """Draw the plot. Raises OSError, and ValueError for a file ending without an image format."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -61,18 +61,21 @@ def picture(figures: RadioFigures, title: str) -> "Figure":
     for axes in (latency, age, terms):
         axes.grid(alpha=0.3)
         if names := axes.get_legend_handles_labels()[1]:
-            # Beside the panel, where it hides nothing.
+            # Beside the panel the legend hides nothing.
             columns = -(-len(names) // NAMES_MAX)
             beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
             axes.legend(**beside, fontsize=FONT_PT, ncols=columns)
-    # Where labels meet is known only when all else has its place.
+    # Labels can be placed only after everything else.
     figure.draw_without_rendering()
     _name_masters(figures, terms, colours)
     return figure
 
 
 def _draw_terms(figures: RadioFigures, axes: "Axes") -> dict[int, Any]:
-    """The colour of each area's line. Lines are moved apart, as areas begin with the same term."""
+    """Return the colour of each area's line.
+
+    Lines are shifted, because areas begin with the same term.
+    """
     from matplotlib.ticker import MaxNLocator
     from matplotlib.transforms import offset_copy
 
@@ -98,7 +101,7 @@ def _draw_terms(figures: RadioFigures, axes: "Axes") -> dict[int, Any]:
 
 
 def _name_masters(figures: RadioFigures, axes: "Axes", colours: dict[int, Any]) -> None:
-    """At each new term who commands, in the colour of the area."""
+    """Write the name of the master at each new term, in the colour of the area."""
     changes = sorted(
         [(at_s, term, a, who) for a, each in figures.terms.items() for at_s, term, who in each]
     )
@@ -117,7 +120,7 @@ def _name_masters(figures: RadioFigures, axes: "Axes", colours: dict[int, Any]) 
 
 
 def raised(at_pt: Sequence[tuple[float, float]]) -> list[float | None]:
-    """How much higher each label goes so that none lies on another; None where there is no room."""
+    """Return the shift of each label so that no two overlap; None if there is no room."""
     width_pt, height_pt = LABEL_PT
     taken: list[tuple[float, float]] = []
     found: list[float | None] = []

@@ -1,4 +1,4 @@
-"""What supervision of a line has heard, and the words for it."""
+"""What supervision of a line has received, and its texts."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Final, NamedTuple
@@ -24,56 +24,56 @@ from zenoh_config.t2t_supervision import LeaseReason, LineState, RemovalAnswer, 
 NS_PER_S: Final = 1e9
 SILENT_S: Final = 1.0
 SLOW_SILENT_S: Final = 2.0
-"""The same for the wayside, its objects and the status of a train, which are sent less often."""
+"""The same for the wayside, its objects and the status of a train, which send less often."""
 KMH: Final = 3.6
 WHY: Final = {
     LeaseReason.FIRST: "the first that asked",
     LeaseReason.RAN_OUT: "the lease of train {before} had run out",
     LeaseReason.HANDED_OVER: "train {before} handed over",
-    LeaseReason.AGAIN: "it had it before",
+    LeaseReason.AGAIN: "the train held it before",
 }
 WAITS: Final = {
-    AdmissionState.WAITS: "that one has to come first",
-    AdmissionState.COMMITTING: "its arbiters do not keep the roster with it yet",
+    AdmissionState.WAITS: "that train has to be admitted first",
+    AdmissionState.COMMITTING: "its arbiters have not committed the roster with the train yet",
     AdmissionState.FULL: "the roster is full",
-    AdmissionState.UNPLACED: "its place among the others is not sure yet",
+    AdmissionState.UNPLACED: "its place among the others is not certain yet",
 }
-"""Why a train is not on a roster yet."""
+"""Reasons why a train is not on a roster yet."""
 BLANK: Final = "--"
 NO_WAY: Final = "it has no authority to its border yet"
 
 
 class Command(NamedTuple):
-    """Who commands an area, as last heard."""
+    """Master of an area, according to its last heartbeat."""
 
     heartbeat: Heartbeat
     heard_ns: int
     since_ns: int
-    """When this term was heard first."""
+    """Instant of the first heartbeat of this term."""
     before: int
-    """Who commanded before; NOBODY: nobody was heard."""
+    """Previous master; 0 if none was received."""
 
 
 class LineView:
-    """The newest of each, whoever else may have said what."""
+    """The newest message of each kind."""
 
     def __init__(self, areas: AreaMap, key: bytes = BENCH_KEY) -> None:
         self.areas = areas
         self.commands: dict[int, Command] = {}
         self.reports: dict[int, tuple[TrainReport, int]] = {}
-        """By train: of the area that it last reported to as a member."""
+        """The last report of each train to the area that it belongs to, with its instant."""
         self.statuses: dict[int, TrainStatus] = {}
         self.objects: dict[int, ObjectStatus] = {}
         self.state: LineState | None = None
-        """What the wayside said last; None: it was not heard."""
+        """Last state from the wayside; None if it was not received."""
         self.admissions: dict[tuple[int, int], tuple[Admission, int]] = {}
-        """By train and area: what its master said last of why it waits, and when."""
+        """Last reason for waiting from a master and its instant, by train and area."""
         self.removals: dict[int, tuple[RemovalAnswer, int]] = {}
-        """By area: what its master said last of a removal, and when."""
+        """Last answer to a removal from a master and its instant, by area."""
         self.refused = 0
-        """Messages that were damaged, of another key, or under the key of another."""
+        """Number of messages that were damaged, under another key, or with a wrong sender."""
         self.tokens: Callable[[], Collection[str]] | None = None
-        """Of trains whose sessions are there, as the radio knows; None: it does not look."""
+        """Liveliness tokens of trains with a session; None: not observed."""
         self._key = key
         self._status_ns: dict[int, int] = {}
         self._object_ns: dict[int, int] = {}
@@ -81,7 +81,7 @@ class LineView:
 
     @property
     def complete(self) -> bool:
-        """The wayside and all masters that its arbiters know of were heard."""
+        """Whether the wayside and all masters that its arbiters know have been received."""
         if self.state is None:
             return False
         return all(each.area in self.commands for each in self.state.leases)
@@ -91,7 +91,7 @@ class LineView:
         return not (self.state or self.commands or self.reports or self.statuses)
 
     def knows(self, train: int) -> bool:
-        """It was heard, or the wayside or the master that it stands by for told of it."""
+        """Tell whether the train was received, or named by the wayside or its master."""
         known = {*self.reports, *self.statuses}
         for command in self.commands.values():
             known |= {command.heartbeat.source, command.heartbeat.standby}
@@ -137,10 +137,10 @@ class LineView:
         if known is None or report.area == owner or known[0].area != owner:
             self.reports[report.source] = (report, now_ns)
 
-    # In words.
+    # Text.
 
     def words(self, now_ns: int) -> list[str]:
-        """Areas, what is decreed of the track, then trains, the foremost first."""
+        """Return areas, commands for the track, then trains, the foremost first."""
         said = [self._area_words(area.number, now_ns) for area in self.areas.areas]
         trains = sorted(self.reports.values(), key=lambda each: -each[0].front_max_m)
         head = f"train {'front m':>9} {'km/h':>6} {'authority to m':>15} {'term':>5} {'age s':>6}"
@@ -149,24 +149,24 @@ class LineView:
         silent = [self._silent_words(*each) for each in missing.items()]
         mute = sorted((self._sessions() or set()) - {*self.reports, *missing})
         said += [*self._track_words(now_ns), f"{head}  is", *rows, *silent]
-        return said + [f"train {each} has a session and says nothing" for each in mute]
+        return said + [f"train {each} has a session but sends nothing" for each in mute]
 
     def _sessions(self) -> set[int] | None:
-        """Trains that have one; None: nobody knows."""
+        """Return the trains that have a session; None if unknown."""
         if self.tokens is None:
             return None
         found = [t2t_keys.train_of_token(each) for each in self.tokens()]
         return {each for each in found if each is not None}
 
     def _session_words(self, train: int) -> str:
-        """Of one that is silent: whether its program may hang, or its radio is gone."""
+        """Return whether a non-communicating train still has a session: its program may hang."""
         sessions = self._sessions()
         if sessions is None:
             return ""
-        return "; its session is there" if train in sessions else "; it has no session"
+        return "; its session exists" if train in sessions else "; it has no session"
 
     def silent(self) -> dict[int, list[int]]:
-        """Trains that are on rosters and say nothing, with the areas."""
+        """Return the non-communicating trains on rosters, with the areas."""
         found = dict[int, list[int]]()
         for place in () if self.state is None else self.state.silent:
             found.setdefault(place.train, []).append(place.area)
@@ -178,7 +178,7 @@ class LineView:
         return words + self._session_words(train)
 
     def reasons(self, now_ns: int) -> list[str]:
-        """Who commands each area, and why."""
+        """Return the master of each area, with the reason for its command."""
         said = []
         leases = {} if self.state is None else {each.area: each for each in self.state.leases}
         for area in self.areas.areas:
@@ -195,12 +195,12 @@ class LineView:
     def _area_words(self, area: int, now_ns: int) -> str:
         command = self.commands.get(area)
         if command is None:
-            return f"area {area}: nobody commands"
+            return f"area {area}: no train commands"
         heartbeat = command.heartbeat
         if silence := _silence(command.heard_ns, now_ns):
             return f"area {area}: train {heartbeat.source}, term {heartbeat.term}, {silence}"
         doing = "commands" if heartbeat.phase is Phase.ISSUING else "takes over"
-        standby = f"train {heartbeat.standby}" if heartbeat.standby else "nobody"
+        standby = f"train {heartbeat.standby}" if heartbeat.standby else "none"
         words = f"area {area}: train {heartbeat.source} {doing}, term {heartbeat.term}"
         words += f", standby {standby}"
         if command.before != NOBODY:
@@ -210,14 +210,14 @@ class LineView:
     def _track_words(self, now_ns: int) -> list[str]:
         said = []
         for site in self.objects.values():
-            wanted = ", is to be released" if site.release_wanted else ""
+            wanted = ", release requested" if site.release_wanted else ""
             state = f"{site.state.name.lower()}{wanted}"
             silence = _silence(self._object_ns[site.number], now_ns, SLOW_SILENT_S)
             said.append(f"object {site.number}: {silence or state}")
         if self.state is None:
-            return [*sorted(said), "the wayside is not heard: nothing can be decreed"]
+            return [*sorted(said), "the wayside is not received: no command is possible"]
         if silence := self._wayside_silence(now_ns):
-            return [*sorted(said), f"the wayside has been {silence}: nothing can be decreed"]
+            return [*sorted(said), f"the wayside has been {silence}: no command is possible"]
         for each in self.state.restrictions:
             said.append(f"at most {each.limit_mps * KMH:g} km/h {stretch_words(each)}")
         return [*said, *[f"closed {stretch_words(each)}" for each in self.state.closed]]
@@ -238,12 +238,12 @@ class LineView:
         return f"{row}  {what}".rstrip()
 
     def _state_words(self, report: TrainReport, now_ns: int) -> str:
-        """Mode, what its protection does, what is decreed of it, and what it waits for."""
+        """Return mode, state of ATP, commands for the train, and what it waits for."""
         said = []
         status = self.statuses.get(report.source)
         status_ns = self._status_ns.get(report.source, now_ns)
         if status is not None and not _silence(status_ns, now_ns, SLOW_SILENT_S):
-            # Said with its noun: who stands by for a master is a standby, too.
+            # Name the mode as such, because a standby train exists as well.
             said += [f"mode {_name(OperatingMode, status.mode)}", protection_words(status)]
         if report.out_of_service:
             said.append("out of service")
@@ -255,7 +255,7 @@ class LineView:
         return ", ".join([each for each in said if each])
 
     def _waits(self, report: TrainReport, now_ns: int) -> list[str]:
-        """What masters said lately; of the area that it is a member of by now, no more."""
+        """Return recent reasons for waiting, except for the area that has admitted the train."""
         said = []
         for (train, area), (admission, at_ns) in sorted(self.admissions.items()):
             admitted = report.member and report.area == area
@@ -269,7 +269,7 @@ class LineView:
 
 
 def _silence(heard_ns: int, now_ns: int, limit_s: float = SILENT_S) -> str:
-    """For how long nothing came; empty while that is no silence."""
+    """Return how long nothing was received; empty while that is no silence."""
     age_s = (now_ns - heard_ns) / NS_PER_S
     return f"silent for {age_s:.1f} s" if age_s > limit_s else ""
 
@@ -294,7 +294,7 @@ def stretch_words(stretch: SpeedRestriction) -> str:
 
 
 def _name(kind: type[OperatingMode] | type[Supervision] | type[Cause], number: int) -> str:
-    """A number that this program does not know is told as it is."""
+    """Return the name of a value, or the number if this program does not know it."""
     try:
         return kind(number).name.lower().replace("_", " ")
     except ValueError:

@@ -137,7 +137,7 @@ WRONG: Final = [
     ("name = 3", "name: 3 is not a string"),
     ('name = "a/b"', "name: 'a/b' is no name for a folder"),
     ("layout = 3", "layout: 3 is not a string"),
-    ('requirements = ["ACC5"]', "requirements: 'ACC5' is not an id such as INV-04"),
+    ('requirements = ["ACC5"]', "requirements: 'ACC5' is no id such as INV-04"),
     ('bench = "lockstp"', "bench: 'lockstp': nearest valid value: lockstep"),
     ('expected = "fail"', "expected: 'fail' names no monitor; write expected = { fails ="),
     ("expected = 3", "expected: 3 is neither a table nor a list of them; write expected ="),

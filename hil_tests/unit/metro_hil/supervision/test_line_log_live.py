@@ -72,8 +72,8 @@ def test_it_says_once_that_there_is_no_session_and_goes_on_trying(
 
     said = capsys.readouterr().err.splitlines()
     assert said == [
-        "vobc: tcp/127.0.0.1:9: no session yet; is a wayside there? It goes on trying",
-        "vobc: tcp/127.0.0.1:9: there was no session",
+        "vobc: tcp/127.0.0.1:9: no session yet; does a wayside run there? Trying again",
+        "vobc: tcp/127.0.0.1:9: no session came up",
     ]
 
 
@@ -84,4 +84,4 @@ def test_a_silent_line_that_is_reached_is_no_missing_session(
 
     assert vobc(["line-log", *ENDPOINT, "--for", "0.3"]) == 0
 
-    assert capsys.readouterr().err == "vobc: tcp/127.0.0.1:9: no message at all\n"
+    assert capsys.readouterr().err == "vobc: tcp/127.0.0.1:9: no message\n"

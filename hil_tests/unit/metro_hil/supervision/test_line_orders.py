@@ -75,7 +75,7 @@ def test_a_train_is_removed_when_every_master_has_taken_it_off(
     code, masters = remove({1: RemovalState.GONE, 2: RemovalState.GONE})
 
     assert code == 0
-    assert capsys.readouterr().out == "train 4 is on no roster any more\n"
+    assert capsys.readouterr().out == "train 4 is no longer on any roster\n"
     first = masters.heard[0]
     assert (first.source, first.destination, first.area, first.term) == (65_100, 3, 1, 7)
     assert {each.area for each in masters.heard} == {1, 2}
@@ -90,16 +90,16 @@ def test_a_train_is_removed_when_every_master_has_taken_it_off(
     [
         (
             {1: RemovalState.GONE, 2: RemovalState.AXLES},
-            "area 2 keeps train 4: where it may be axles are counted",
+            "area 2 keeps train 4: axles are counted where it may be",
         ),
-        ({1: RemovalState.HEARD}, "area 1 keeps train 4: it is heard, or was until just now"),
-        ({1: RemovalState.COMMITTING}, "area 1 keeps train 4: its arbiters do not keep"),
-        ({1: RemovalState.TOO_OLD}, "area 1 keeps train 4: the order came too late"),
+        ({1: RemovalState.HEARD}, "area 1 keeps train 4: it is received, or was until just now"),
+        ({1: RemovalState.COMMITTING}, "area 1 keeps train 4: its arbiters have not committed"),
+        ({1: RemovalState.TOO_OLD}, "area 1 keeps train 4: the command arrived too late"),
         (
             {1: None, 2: RemovalState.HEARD},
-            "area 1: train 3 does not answer; area 2 keeps train 4: it is heard",
+            "area 1: train 3 does not answer; area 2 keeps train 4: it is received",
         ),
-        ({}, "nobody commands any area of loop"),
+        ({}, "no train commands any area of loop"),
     ],
 )
 def test_who_keeps_a_train_and_why_is_said(
@@ -203,8 +203,8 @@ def test_a_train_is_taken_back_into_service_where_nobody_commands() -> None:
 @pytest.mark.parametrize(
     ("reports", "end", "words"),
     [
-        (True, False, "nobody commands any area of loop"),
-        (False, True, "nobody is heard on loop"),
+        (True, False, "no train commands any area of loop"),
+        (False, True, "nothing is received on loop"),
     ],
 )
 def test_where_nobody_commands_no_other_train_is_told(
@@ -221,7 +221,7 @@ def test_where_nobody_commands_no_other_train_is_told(
 def test_nobody_is_heard_only_where_nobody_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert remove({}, known=())[0] == 3
 
-    assert capsys.readouterr().err == "vobc: nobody is heard on loop\n"
+    assert capsys.readouterr().err == "vobc: nothing is received on loop\n"
 
 
 def test_a_train_that_nobody_knows_is_not_removed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -229,7 +229,7 @@ def test_a_train_that_nobody_knows_is_not_removed(capsys: pytest.CaptureFixture[
 
     assert code == 3
     assert masters.heard, "a wayside started anew may know less than the masters"
-    assert capsys.readouterr() == ("", "vobc: train 7 is unknown: nobody has heard of it on loop\n")
+    assert capsys.readouterr() == ("", "vobc: train 7 is unknown: no program on loop knows it\n")
 
 
 def test_a_train_that_only_a_roster_knew_is_removed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -239,7 +239,7 @@ def test_a_train_that_only_a_roster_knew_is_removed(capsys: pytest.CaptureFixtur
     masters.goes_after = 3
 
     assert desk.remove(7) == 0
-    assert capsys.readouterr().out == "train 7 is on no roster any more\n"
+    assert capsys.readouterr().out == "train 7 is no longer on any roster\n"
 
 
 def test_a_train_that_nobody_knows_is_not_taken_out_of_service(
@@ -249,7 +249,7 @@ def test_a_train_that_nobody_knows_is_not_taken_out_of_service(
 
     assert at_the_desk(radio).retire(9, end=False) == 3
     assert radio.heard == []
-    assert capsys.readouterr() == ("", "vobc: train 9 is unknown: nobody has heard of it on loop\n")
+    assert capsys.readouterr() == ("", "vobc: train 9 is unknown: no program on loop knows it\n")
 
 
 @pytest.mark.parametrize(("end", "words"), [(False, "out of service"), (True, "in service")])
@@ -261,7 +261,7 @@ def test_a_train_that_says_nothing_is_not_said_to_have_obeyed(
 
     assert at_the_desk(radio).retire(5, end=end) == 3
     assert radio.heard
-    assert capsys.readouterr() == ("", f"vobc: train 5 does not say that it is {words}\n")
+    assert capsys.readouterr() == ("", f"vobc: train 5 does not report that it is {words}\n")
 
 
 def test_the_last_one_that_commands_is_out_of_service_all_the_same(
@@ -271,7 +271,7 @@ def test_the_last_one_that_commands_is_out_of_service_all_the_same(
 
     assert at_the_desk(radio).retire(3, end=False) == 0
     assert capsys.readouterr().out == (
-        "train 3 is out of service; until another can take over, it goes on: commands area 1\n"
+        "train 3 is out of service; until another train takes over, it still commands area 1\n"
     )
 
 
@@ -283,7 +283,7 @@ def test_a_master_that_gave_its_area_up_is_not_said_to_command(
     radio.beat = None
 
     assert desk.retire(3, end=False) == 0
-    assert capsys.readouterr().out == "train 3 commands nothing and stands by for nobody\n"
+    assert capsys.readouterr().out == "train 3 commands no area and is standby for none\n"
 
 
 def test_an_area_that_nobody_commands_is_switched_to_nobody(
@@ -293,4 +293,4 @@ def test_an_area_that_nobody_commands_is_switched_to_nobody(
 
     assert at_the_desk(radio).switch(2, 3) == 3
     assert radio.heard == []
-    assert capsys.readouterr().err == "vobc: nobody commands area 2\n"
+    assert capsys.readouterr().err == "vobc: no train commands area 2\n"

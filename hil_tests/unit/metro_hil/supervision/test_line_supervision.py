@@ -91,8 +91,8 @@ def test_it_says_who_commands_which_area_and_where_trains_are() -> None:
     told = view(BEAT, behind, REPORT).words(100 * MS)
 
     assert told[0] == "area 1: train 3 commands, term 7, standby train 5"
-    assert told[1] == "area 2: nobody commands"
-    assert told[3] == "the wayside is not heard: nothing can be decreed"
+    assert told[1] == "area 2: no train commands"
+    assert told[3] == "the wayside is not received: no command is possible"
     assert [line.split()[0] for line in told[5:]] == ["3", "4"]
     assert told[5].split() == ["3", "1000.0", "36.0", "1500.0", "7", "0.10"]
     assert told[6].split()[3] == "–"
@@ -102,7 +102,7 @@ def test_it_says_who_commanded_before_and_how_long_a_master_has_been_silent() ->
     shown = view(BEAT, dataclasses.replace(BEAT, source=5, term=9, standby=0))
 
     assert shown.words(1000 * MS)[0] == (
-        "area 1: train 5 commands, term 9, standby nobody; before, train 3 did"
+        "area 1: train 5 commands, term 9, standby none; before, train 3 did"
     )
     assert shown.words(2500 * MS)[0] == "area 1: train 5, term 9, silent for 2.5 s"
 
@@ -133,7 +133,7 @@ def test_what_a_silent_wayside_said_is_not_shown() -> None:
     for text in ("at most 18 km/h", "train 9 is silent"):
         assert text in fresh
         assert text not in silent
-    assert "the wayside has been silent for 8.0 s: nothing can be decreed" in silent
+    assert "the wayside has been silent for 8.0 s: no command is possible" in silent
 
 
 def test_of_a_silent_object_only_its_silence_is_shown() -> None:
@@ -215,11 +215,11 @@ def test_of_who_is_silent_it_is_told_whether_its_session_is_there() -> None:
         return shown.words(now_ns)
 
     assert told(0, here)[-1].endswith("others wait behind it; it has no session")
-    assert told(0, here, 9)[-1].endswith("others wait behind it; its session is there")
+    assert told(0, here, 9)[-1].endswith("others wait behind it; its session exists")
     assert not told(0, here)[-2].endswith("session")
-    assert told(late_ns, here)[-2].endswith("; its session is there")
+    assert told(late_ns, here)[-2].endswith("; its session exists")
     assert told(late_ns)[-2].endswith("; it has no session")
-    assert told(0, here, 5, 9)[-1] == "train 5 has a session and says nothing"
+    assert told(0, here, 5, 9)[-1] == "train 5 has a session but sends nothing"
 
 
 OBJECT = ObjectStatus(
@@ -235,19 +235,19 @@ ADMISSION = Admission(3, 1, 1, 7, 1, 1, 0, AdmissionState.UNPLACED, 2)
         (
             AdmissionState.UNPLACED,
             2,
-            "waits for T2 in area 1: its place among the others is not sure yet",
+            "waits for T2 in area 1: its place among the others is not certain yet",
         ),
         (
             AdmissionState.UNPLACED,
             0,
-            "waits in area 1: its place among the others is not sure yet",
+            "waits in area 1: its place among the others is not certain yet",
         ),
-        (AdmissionState.WAITS, 2, "waits for T2 in area 1: that one has to come first"),
+        (AdmissionState.WAITS, 2, "waits for T2 in area 1: that train has to be admitted first"),
         (AdmissionState.WAITS, 0, "waits in area 1: it has no authority to its border yet"),
         (
             AdmissionState.COMMITTING,
             0,
-            "waits in area 1: its arbiters do not keep the roster with it yet",
+            "waits in area 1: its arbiters have not committed the roster with the train yet",
         ),
         (AdmissionState.FULL, 0, "waits in area 1: the roster is full"),
     ],
