@@ -16,6 +16,10 @@ from unittest import mock
 
 import pytest
 
+from firmware_py import __version__
+from metro_hil.cli.whole_parser import verbs_of, whole_parser
+from metro_hil.model.run_options import LINE_VERBS, OTHER_VERBS
+
 ROOT: Final = Path(__file__).resolve().parents[2]
 BIN: Final = Path(sys.executable).parent
 PROJECT: Final = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -66,6 +70,53 @@ def test_every_console_script_names_a_function(name: str) -> None:
     done = subprocess.run(words, capture_output=True, text=True, timeout=SECONDS, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("usage")
+
+
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
+def test_every_command_prints_its_version(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module, _, function = SCRIPTS[name].partition(":")
+    main = getattr(importlib.import_module(module), function).load()
+    monkeypatch.setattr(sys, "argv", [name, "--version"])
+
+    with pytest.raises(SystemExit) as end:
+        main()
+
+    assert end.value.code == 0
+    assert capsys.readouterr().out == f"{name} {__version__}\n"
+
+
+def test_the_change_log_begins_with_this_version() -> None:
+    """The version stands in firmware_py/__init__.py alone; packaging reads it from there."""
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+    assert re.findall(r"^## (\S+)", text, re.MULTILINE)[0] == __version__
+
+
+@pytest.mark.parametrize("words", [["vobc", "tune", "--lw"], ["vobc", "run", "--lokstep"]])
+def test_a_typo_in_an_option_of_any_verb_is_answered_in_two_lines(words: list[str]) -> None:
+    done = subprocess.run(
+        [str(BIN / words[0]), *words[1:]],
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+        check=False,
+    )
+
+    assert done.returncode == 2
+    assert "did you mean --l" in done.stderr.splitlines()[0]
+    assert len(done.stderr.splitlines()) == 2
+
+
+def test_completion_knows_the_options_of_every_verb() -> None:
+    bare = {
+        verb
+        for verb, parser in verbs_of(whole_parser()).items()
+        if verb in {**OTHER_VERBS, **LINE_VERBS} and not parser._option_string_actions
+    }
+
+    assert bare == set()
 
 
 def fault_in(line: str) -> str | None:

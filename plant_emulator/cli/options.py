@@ -4,6 +4,7 @@ import argparse
 from typing import Final
 
 from can_dbc.cab import CabMode
+from firmware_py.command_line import CommandParser
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
 from plant_emulator.desk.drivers import DRIVERS
 from zenoh_config.sessions import LINE_ENDPOINT
@@ -36,7 +37,9 @@ ELSEWHERE: Final = ("external", "none")
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of `plant` and its verbs."""
-    top = argparse.ArgumentParser(prog="plant", description=DESCRIPTION)
+    top: argparse.ArgumentParser = CommandParser(
+        prog="plant", is_command=True, description=DESCRIPTION
+    )
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
     verbs.add_parser("consists", help="list the trains that ship with the plant")
     plant = verbs.add_parser(

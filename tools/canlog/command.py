@@ -10,6 +10,7 @@ from canlog.damage import LogError
 from canlog.run_names import choose_run
 from firmware_py.arguments import DISK_FAULTS, of_file, words_of
 from firmware_py.assertions import require_assertions
+from firmware_py.command_line import CommandParser
 from firmware_py.output import EXIT_ENVIRONMENT
 from firmware_py.program import Program
 
@@ -54,7 +55,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """Only the module of the verb that is asked for is loaded, unless it is help that is."""
-    parser = argparse.ArgumentParser(prog="canlog", description="Inspect CAN logs frame by frame.")
+    parser = CommandParser(
+        prog="canlog", is_command=True, description="Inspect CAN logs frame by frame."
+    )
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     wanted = words[0] if words and words[0] in VERBS else None
     for verb in VERBS:

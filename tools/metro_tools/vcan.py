@@ -18,6 +18,7 @@ from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.buses.embedded import HubStatus, hub_status, start_hub, stop_hub
 from firmware_py.buses.errors import BusError
+from firmware_py.command_line import CommandParser
 from firmware_py.rendezvous import bench_dir
 from metro_tools import vcan_plan, vcan_survey
 from metro_tools.bus_table import BusRow, hub_row, link_row, table
@@ -89,7 +90,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="vcan", description=__doc__)
+    parser = CommandParser(prog="vcan", is_command=True, description=__doc__)
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="up|down|status")
     for verb, words in (("up", "bring a bus up"), ("down", "remove a bus that `vcan up` made")):
         one = verbs.add_parser(verb, help=words, description=words)

@@ -6,6 +6,7 @@ from typing import Final
 
 from firmware_py import rendezvous
 from firmware_py.buses import BusError, parse_spec, resolve_auto
+from firmware_py.command_line import CommandParser
 from firmware_py.radio.credentials import Credentials
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
 from firmware_py.settings import SettingsError
@@ -35,8 +36,9 @@ usage or configuration; 3 bus, rights or a folder missing; 130 ended by Ctrl-C
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    top = argparse.ArgumentParser(
+    top = CommandParser(
         prog="python -m vobc",
+        is_command=True,
         description=DESCRIPTION,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -57,6 +57,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vobc`. A user's mistake gives one line, never a traceback."""
     require_assertions("vobc")
     words = words_of("vobc", argv)
+    if words[:1] == ["--completion"]:
+        from metro_hil.cli.whole_parser import whole_parser
+
+        whole_parser().parse_args(words)
     if words[:1] == ["explain"]:
         from metro_hil.report.explain import command as explain
 

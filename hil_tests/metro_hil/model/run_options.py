@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from firmware_py.command_line import CommandParser
 from metro_hil.model.line_options import DEFAULT_ARBITERS, DEFAULT_TIMERS
 from metro_hil.model.line_options import add_options as add_t2t_options
 from metro_hil.model.line_options import train_number as train_number
@@ -106,7 +107,7 @@ class RunOptions:
 
 def parser() -> argparse.ArgumentParser:
     """The command line of `vobc`."""
-    top = argparse.ArgumentParser(prog="vobc", description=DESCRIPTION)
+    top = CommandParser(prog="vobc", is_command=True, description=DESCRIPTION)
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
     run = verbs.add_parser(
         "run",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from firmware_py.clock.clock import WallClock
+from firmware_py.command_line import CommandParser
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import RadioError, SessionRole, open_radio
 from firmware_py.settings import SettingsError
@@ -133,7 +134,7 @@ def _obey(
 
 
 def parser() -> argparse.ArgumentParser:
-    top = argparse.ArgumentParser(prog="vobc", description=__doc__)
+    top = CommandParser(prog="vobc", description=__doc__)
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
     parsers = {
         verb: verbs.add_parser(verb, help=words, description=f"{words.capitalize()}.")

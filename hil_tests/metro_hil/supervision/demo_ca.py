@@ -16,6 +16,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from firmware_py.clock.clock import WallClock
+from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb.areas import load_areas
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
@@ -42,7 +43,7 @@ NS_PER_S: Final = 1_000_000_000
 
 def main(words: Sequence[str]) -> int:
     """Run the command; exit code 2 for invalid options, 3 for a folder that cannot be written."""
-    options = _parser().parse_args(words)
+    options = parser().parse_args(words)
     try:
         make(
             options.folder,
@@ -159,8 +160,9 @@ def _write_private(path: Path, content: bytes) -> None:
     path.write_bytes(content)
 
 
-def _parser() -> argparse.ArgumentParser:
-    top = argparse.ArgumentParser(prog="vobc demo-ca", description=__doc__)
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of `vobc demo-ca`."""
+    top = CommandParser(prog="vobc demo-ca", description=__doc__)
     top.add_argument("folder", type=Path, metavar="FOLDER", help="a new folder")
     top.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
     top.add_argument("--trains", type=_trains, default=8, metavar="N", help="default: 8")

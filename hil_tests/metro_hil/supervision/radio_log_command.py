@@ -9,6 +9,7 @@ from typing import Final
 from canlog.damage import LogError
 from canlog.run_names import choose_run
 from firmware_py.clock.clock import WallClock
+from firmware_py.command_line import CommandParser
 from firmware_py.interrupts import Interrupts
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import RadioError
@@ -43,7 +44,7 @@ exit codes: 0 done; 2 wrong usage or not a log; 3 no session, or a file cannot b
 
 
 def main(words: Sequence[str]) -> int:
-    options = _parser().parse_args(words)
+    options = parser().parse_args(words)
     try:
         return _run(options)
     except (LogError, SettingsError, RadioError) as error:
@@ -161,8 +162,9 @@ def _at(values: list[float], share: float) -> float:
     return values[min(len(values) - 1, int(len(values) * share))]
 
 
-def _parser() -> argparse.ArgumentParser:
-    top = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """The command line of `vobc line-log`."""
+    top = CommandParser(
         prog="vobc line-log",
         description=__doc__,
         epilog=EPILOG,

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from metro_hil.search.local import local_crew
@@ -36,7 +37,7 @@ EPILOG: Final = (
 
 def parser() -> argparse.ArgumentParser:
     """The command line of `vobc tune`."""
-    top = argparse.ArgumentParser(prog="vobc tune", description=DESCRIPTION, epilog=EPILOG)
+    top = CommandParser(prog="vobc tune", description=DESCRIPTION, epilog=EPILOG)
     top.add_argument("--law", default="pid", metavar="LAW", help=f"{', '.join(sorted(PARAMETERS))}")
     top.add_argument("--line", default="florence", metavar="NAME|FILE", help="default: florence")
     top.add_argument("--consist", default="florence4", metavar="NAME|FILE", help="the real train")

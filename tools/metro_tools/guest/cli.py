@@ -10,6 +10,7 @@ from typing import Final
 
 from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
+from firmware_py.command_line import CommandParser
 from metro_tools.guest import machine, packages, plan
 from metro_tools.guest.kernels import AUTOMATIC, GuestKernel, booting_line, choose, failure_text
 from metro_tools.guest.plan import GuestError, GuestRequest, NoKernelError
@@ -94,8 +95,9 @@ def _why_not(failure: tuple[GuestKernel, str]) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog="vcan-guest",
+        is_command=True,
         description=__doc__,
         epilog=NOTES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

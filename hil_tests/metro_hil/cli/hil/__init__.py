@@ -10,6 +10,7 @@ from typing import Final
 from firmware_py import output
 from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
+from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.model.run_folder import RunFolderError
@@ -68,8 +69,9 @@ def _complain(error: Exception, code: int) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command line with all its verbs."""
-    top = argparse.ArgumentParser(
+    top = CommandParser(
         prog="hil",
+        is_command=True,
         description=__doc__,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -10,6 +10,7 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
+from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from metro_hil.energy.line.command import write_timetable
 from metro_hil.energy.line.model import HOLD_AND_COAST, SUPPLIES, TRADITIONAL, LineTrain, Timetable
@@ -28,7 +29,7 @@ JUDGING_SEEDS: Final = tuple(range(101, 107))
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of `vobc timetable`."""
-    top = argparse.ArgumentParser(prog="vobc timetable", description=DESCRIPTION)
+    top = CommandParser(prog="vobc timetable", description=DESCRIPTION)
     top.add_argument("--save-energy", action="store_true", required=True, help="aim of the search")
     top.add_argument(
         "--line", default="changping", metavar="NAME", help="only changping; default: changping"

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from firmware_py.clock.clock import WallClock
+from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import load_line
@@ -46,7 +47,7 @@ J_PER_MJ, J_PER_KWH, KMH_PER_MPS = 1.0e6, 3.6e6, 3.6
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of `vobc design-curve`."""
-    top = argparse.ArgumentParser(prog="vobc design-curve", description=DESCRIPTION, epilog=EPILOG)
+    top = CommandParser(prog="vobc design-curve", description=DESCRIPTION, epilog=EPILOG)
     top.add_argument("--line", default="nanakuma", metavar="NAME|FILE", help="default: nanakuma")
     top.add_argument(
         "--from", dest="start", metavar="STATION", help="default: start of the longest hop"

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from canlog.damage import LogError
 from canlog.run_names import choose_run
+from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
 from metro_hil.report.explain.bus_log import located
@@ -22,7 +23,7 @@ DESCRIPTION = "Tell what the controller of a run decided, why, and from which fr
 
 def parser() -> argparse.ArgumentParser:
     """The command line of `vobc explain`."""
-    top = argparse.ArgumentParser(
+    top = CommandParser(
         prog="vobc explain",
         description=DESCRIPTION,
         epilog=f"kinds of events: {', '.join(KINDS)}",
