@@ -35,9 +35,12 @@ def test_every_picture_has_its_commands_and_is_used() -> None:
     recipes = picture_doc.read_recipes(IMAGES)
     text = "".join((ROOT / name).read_text(encoding="utf-8") for name in documents(ROOT))
 
-    assert sorted(recipes) == sorted(path.stem for path in IMAGES.glob("*.png"))
+    files = {name: picture_doc.file_name(name, recipe) for name, recipe in recipes.items()}
+    kept = {path.name for pattern in ("*.png", "*.gif") for path in IMAGES.glob(pattern)}
+    assert {*files.values()} == kept
+    assert [name for name in kept if (IMAGES / name).stat().st_size > 1_000_000] == []
     assert sorted(recipes) == sorted(picture_doc.read_frames(IMAGES))
-    assert [name for name in recipes if f"images/{name}.png)" not in text] == []
+    assert [name for name in files.values() if f"images/{name})" not in text] == []
 
 
 @pytest.mark.parametrize(

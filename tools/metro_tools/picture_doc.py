@@ -59,7 +59,7 @@ def read_frames(images: Path) -> dict[str, str]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Create the outdated pictures, or with --check only report them."""
     parser = argparse.ArgumentParser(prog="python -m metro_tools.picture_doc", description=__doc__)
-    parser.add_argument("picture", nargs="*", help="names without .png; default: all")
+    parser.add_argument("picture", nargs="*", help="names without suffix; default: all")
     parser.add_argument("--root", default=".", help="the project's folder; default: here")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")
     options = parser.parse_args(argv)
@@ -73,7 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         outdated = list(_outdated(images, chosen))
         if options.check:
             for name, _ in outdated:
-                words = f"{images / name}.png shows frames of older code; run `make docs`"
+                shown = images / file_name(name, recipes[name])
+                words = f"{shown} shows frames of older code; run `make docs`"
                 print(words, file=sys.stderr)
             return EXIT_OUTDATED if outdated else EXIT_OK
         for name, frames in outdated:
@@ -81,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             kept = read_frames(images) | {name: frames}
             text = json.dumps(kept, indent=1, sort_keys=True) + "\n"
             (images / FRAMES).write_text(text, encoding="utf-8")
-            print(f"{images / name}.png: made again")
+            print(f"{images / file_name(name, recipes[name])}: made again")
     except PictureError as error:
         print(f"picture_doc: {error}", file=sys.stderr)
         return EXIT_ENVIRONMENT
@@ -99,15 +100,20 @@ def _outdated(images: Path, recipes: Mapping[str, Mapping[str, Any]]) -> Iterato
                 _run(name, [recipe["probe"]], Path(scratch))
                 log = _only(name, Path(scratch), recipe["log"])
                 found[probe] = hashlib.sha256(log.read_bytes()).hexdigest()
-        if kept.get(name) != found[probe] or not (images / f"{name}.png").is_file():
+        if kept.get(name) != found[probe] or not (images / file_name(name, recipe)).is_file():
             yield name, found[probe]
+
+
+def file_name(name: str, recipe: Mapping[str, Any]) -> str:
+    """The picture's file below docs/images: what its commands leave, or a screenshot of a page."""
+    return name + Path(recipe.get("picture", "page.png")).suffix
 
 
 def _make(images: Path, name: str, recipe: Mapping[str, Any]) -> None:
     with tempfile.TemporaryDirectory(prefix="pictures-") as scratch:
         place = Path(scratch)
         _run(name, [recipe["probe"], *recipe.get("commands", ())], place)
-        target = images / f"{name}.png"
+        target = images / file_name(name, recipe)
         if "picture" in recipe:
             shutil.copy(_only(name, place, recipe["picture"]), target)
             return
