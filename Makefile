@@ -23,6 +23,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY_TO_RUN := $(VENV)/.ready-to-run
 READY_TO_TEST := $(VENV)/.ready-to-test
+READY_TO_SITE := $(VENV)/.ready-to-site
 # A relative name: the variables below split at blanks, which the path of a checkout may contain.
 CONSTRAINTS := constraints.txt
 # The constraints reach pip's own build environment only through the environment: by the first name
@@ -34,7 +35,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs format examples figures test-kernels break sensitivity clean distclean
+.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
@@ -154,7 +155,12 @@ docs: $(READY_TO_TEST) ## write tables, pages and pictures of the documents; ref
 	$(BIN)/python -m metro_tools.table_doc
 	$(BIN)/python -m metro_tools.law_doc
 	$(BIN)/python -m metro_tools.t2t_doc
+	$(BIN)/python -m metro_tools.key_doc
+	$(BIN)/python -m metro_tools.command_doc
 	$(BIN)/python -m metro_tools.figure_doc
+
+site: $(READY_TO_SITE) ## build the documentation site in site/; opens without a network
+	$(BIN)/python -m mkdocs build --strict --quiet
 
 figures: $(READY_TO_TEST) ## measure again what `make docs` calls stale; takes up to an hour
 	$(BIN)/hil laws --measure
@@ -171,7 +177,7 @@ compiled: $(READY_TO_TEST) ## copy of the programs with compiled hot modules, in
 	$(BIN)/python -m metro_tools.compiled $(COMPILED_ARGS)
 
 clean: ## remove caches and build results; runs/ and .venv stay
-	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf build dist site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +
 
 distclean: clean ## remove .venv, too
@@ -186,6 +192,13 @@ $(READY_TO_TEST): pyproject.toml $(CONSTRAINTS) | $(BIN)/python
 	@echo "setting up $(VENV) for development (once; may take a minute)"
 	@$(PIP) -e '.[dev]'
 	@touch $(READY_TO_RUN) $@
+
+# The library that draws charts is no Python package; its tarball is checked against a pinned hash.
+$(READY_TO_SITE): pyproject.toml $(CONSTRAINTS) $(READY_TO_TEST)
+	@echo "setting up $(VENV) for the documentation site (once; may take a minute)"
+	@$(PIP) -e '.[dev,site]'
+	@$(BIN)/python -m metro_tools.site fetch
+	@touch $@
 
 $(BIN)/python:
 	@PYTHON="$(PYTHON)" tools/make-venv $(VENV)

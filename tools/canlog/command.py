@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     require_assertions("canlog")
     words = words_of("canlog", argv)
     try:
-        options = _parser(words).parse_args(words)
+        options = parser(words).parse_args(words)
         _choose_runs(options)
         code: int = _module(options.verb).run(options)
     except LogError as error:
@@ -53,18 +53,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
+def parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """Only the module of the verb that is asked for is loaded, unless it is help that is."""
-    parser = CommandParser(
+    top = CommandParser(
         prog="canlog", is_command=True, description="Inspect CAN logs frame by frame."
     )
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
     wanted = words[0] if words and words[0] in VERBS else None
     for verb in VERBS:
         if wanted in (None, verb):
             module = _module(verb)
             module.options(verbs.add_parser(verb, help=module.SUMMARY, description=module.SUMMARY))
-    return parser
+    return top
 
 
 def _choose_runs(options: argparse.Namespace) -> None:

@@ -46,6 +46,10 @@ UNITS: Final[Mapping[str, str]] = {
     "ratio": "1",
     "percent": "%",
     "permille": "‰",
+    "v": "V",
+    "w": "W",
+    "ohm": "Ω",
+    "kpa": "kPa",
 }
 HEADS: Final = (
     "scenario",
@@ -217,6 +221,8 @@ def unit_of(name: str) -> str:
     """Return the unit by the end of the name: `kp_per_s2` is in 1/s², `jerk_mps3` in m/s³;
     otherwise a dash.
     """
+    if name.endswith("_rad_s"):
+        return "rad/s"
     head, per, below = name.rpartition("_per_")
     if per:
         above = UNITS.get(head.rpartition("_")[2], "1")

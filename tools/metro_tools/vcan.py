@@ -66,7 +66,7 @@ class HostWorld(Protocol):
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vcan`."""
     require_assertions("vcan")
-    options = _parser().parse_args(words_of("vcan", argv))
+    options = parser().parse_args(words_of("vcan", argv))
     return obey(options, RealMachine())
 
 
@@ -86,12 +86,13 @@ def obey(options: argparse.Namespace, world: HostWorld) -> int:
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
     """Parse a command line; a wrong one ends the program with exit code 2."""
-    return _parser().parse_args(argv)
+    return parser().parse_args(argv)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = CommandParser(prog="vcan", is_command=True, description=__doc__)
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="up|down|status")
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of `vcan`."""
+    top = CommandParser(prog="vcan", is_command=True, description=__doc__)
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="up|down|status")
     for verb, words in (("up", "bring a bus up"), ("down", "remove a bus that `vcan up` made")):
         one = verbs.add_parser(verb, help=words, description=words)
         one.add_argument("name", nargs="?", metavar="NAME", help=f"default: {DEFAULT_NAME}")
@@ -107,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     status = verbs.add_parser("status", help="show a bus, or all", description="show a bus, or all")
     status.add_argument("name", nargs="?", metavar="NAME", help="default: all")
     status.add_argument("--json", action="store_true", help="a list of objects on standard output")
-    return parser
+    return top
 
 
 def _up(name: str, kind: str, world: HostWorld, *, dry_run: bool) -> int:

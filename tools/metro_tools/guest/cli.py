@@ -47,13 +47,13 @@ by signal N.
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command in a guest; without a guest, print the reason."""
     require_assertions("vcan-guest")
-    parser = _parser()
-    options = parser.parse_args(words_of("vcan-guest", argv))
+    top = parser()
+    options = top.parse_args(words_of("vcan-guest", argv))
     command = options.command[1:] if options.command[:1] == ["--"] else options.command
     if not command:
-        parser.error("a command is missing")
+        top.error("a command is missing")
     if options.kernel not in KERNELS:  # argparse does not check the default.
-        parser.error(f"{KERNEL_VARIABLE}={options.kernel}: choose from {', '.join(KERNELS)}")
+        top.error(f"{KERNEL_VARIABLE}={options.kernel}: choose from {', '.join(KERNELS)}")
     try:
         _check_machine()
         status = _run(_request(options, tuple(command)), options)
@@ -94,8 +94,9 @@ def _why_not(failure: tuple[GuestKernel, str]) -> str:
     return f"{kernel.value}: {text.splitlines()[0]}"
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = CommandParser(
+def parser() -> argparse.ArgumentParser:
+    """The command line of `vcan-guest`."""
+    top = CommandParser(
         prog="vcan-guest",
         is_command=True,
         description=__doc__,
@@ -103,28 +104,28 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         usage="vcan-guest [options] COMMAND [ARGUMENT...]",
     )
-    parser.add_argument("command", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
-    parser.add_argument(
+    top.add_argument("command", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    top.add_argument(
         "--vcan",
         action="append",
         metavar="NAME",
         help="virtual CAN interface to bring up, may be repeated (default: vcan0)",
     )
-    parser.add_argument("--no-vcan", action="store_true", help="bring up no interface")
-    parser.add_argument(
+    top.add_argument("--no-vcan", action="store_true", help="bring up no interface")
+    top.add_argument(
         "--write",
         action="append",
         metavar="DIRECTORY",
         help="directory in which changes stay, may be repeated (default: working directory)",
     )
-    parser.add_argument(
+    top.add_argument(
         "--timeout",
         type=_whole_number,
         default=DEFAULT_TIMEOUT_S,
         metavar="S",
         help=f"time limit of the command in seconds, 0 for none (default: {DEFAULT_TIMEOUT_S})",
     )
-    parser.add_argument(
+    top.add_argument(
         "--memory",
         type=_whole_number,
         default=DEFAULT_MEMORY_MIB,
@@ -132,25 +133,25 @@ def _parser() -> argparse.ArgumentParser:
         help="memory of the guest, allocated on use; less if less is available "
         f"(default: {DEFAULT_MEMORY_MIB})",
     )
-    parser.add_argument(
+    top.add_argument(
         "--cache",
         type=_folder,
         default=packages.default_cache(),
         metavar="DIRECTORY",
         help="folder for the unpacked guest (default: below ~/.cache)",
     )
-    parser.add_argument(
+    top.add_argument(
         "--kernel",
         choices=KERNELS,
         default=os.environ.get(KERNEL_VARIABLE) or AUTOMATIC,
         help=f"kernel to boot (default: ${KERNEL_VARIABLE}, or the one for this processor, and the "
         "next one if that does not boot)",
     )
-    parser.add_argument("--quiet", action="store_true", help="do not print which kernel boots")
-    parser.add_argument(
+    top.add_argument("--quiet", action="store_true", help="do not print which kernel boots")
+    top.add_argument(
         "--verbose", action="store_true", help="show the kernel's messages at the end"
     )
-    return parser
+    return top
 
 
 def _whole_number(text: str) -> int:
