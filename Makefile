@@ -157,6 +157,7 @@ docs: $(READY_TO_TEST) ## write tables, pages and pictures of the documents; ref
 	$(BIN)/python -m metro_tools.t2t_doc
 	$(BIN)/python -m metro_tools.key_doc
 	$(BIN)/python -m metro_tools.command_doc
+	$(BIN)/python -m metro_tools.api_doc
 	$(BIN)/python -m metro_tools.figure_doc
 
 site: $(READY_TO_SITE) ## build the documentation site in site/; opens without a network

@@ -122,8 +122,10 @@ def _bars(
     bad_below_zero: bool = False,
 ) -> list[str]:
     low, high = min(values), max(values)
-    counts, edges = np.histogram(values, bins=HISTOGRAM_BINS, range=(low, high or low + 1.0))
-    if low == high:
+    if high - low > HISTOGRAM_BINS * np.spacing(max(abs(low), abs(high))):
+        counts, edges = np.histogram(values, bins=HISTOGRAM_BINS, range=(low, high))
+    else:
+        # Equal, or too near to each other for bins of different edges.
         counts, edges = np.array([len(values)]), np.array([low, low])
     top = int(counts.max())
     parts = []
