@@ -44,7 +44,7 @@ class PlotScale:
 
 def span_of(values: Sequence[float], *also: float) -> tuple[float, float]:
     """Range from least to greatest value with some room; never empty."""
-    low, high = min(*values, *also), max(*values, *also)
+    low, high = min((*values, *also)), max((*values, *also))
     room = (high - low) * 0.04 or max(abs(high) * 0.1, 1e-6)
     return low - room, high + room
 
