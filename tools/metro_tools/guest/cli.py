@@ -148,9 +148,7 @@ def parser() -> argparse.ArgumentParser:
         "next one if that does not boot)",
     )
     top.add_argument("--quiet", action="store_true", help="do not print which kernel boots")
-    top.add_argument(
-        "--verbose", action="store_true", help="show the kernel's messages at the end"
-    )
+    top.add_argument("--verbose", action="store_true", help="show the kernel's messages at the end")
     return top
 
 
