@@ -37,6 +37,10 @@ AT_START: Final = (
 """The same for the first words of a docstring."""
 WORDS: Final = tuple((re.compile(rf"\b{word}\b", re.IGNORECASE), hint) for word, hint in RULES)
 STARTS: Final = tuple((re.compile(word, re.IGNORECASE), hint) for word, hint in AT_START)
+GENERATED: Final = re.compile(r"^Generated (?:from|by) ", re.MULTILINE)
+"""Opens a page whose words stand in code, where they are checked."""
+HEAD_CHARS: Final = 400
+"""A generated page says so within its first characters."""
 NOT_PROSE: Final = frozenset({"LICENSE", "tools/metro_tools/prose.py"})
 FENCE: Final = re.compile(r"^\s*```")
 PROSE_WORDS_MIN: Final = 3
@@ -99,6 +103,8 @@ def findings(root: Path, path: str) -> list[ProseFinding]:
     if path in NOT_PROSE:
         return []
     text = (root / path).read_text(encoding="utf-8")
+    if path.endswith(".md") and GENERATED.search(text[:HEAD_CHARS]):
+        return []
     passages = _of_python(text) if path.endswith(".py") else _of_markdown(text)
     return [
         ProseFinding(path, line, word, hint)
