@@ -1,4 +1,4 @@
-"""`make bench`: every figure that the README publishes, each against a peer or a limit in one run.
+"""`make bench`: every figure that the README publishes, with a peer or limit in the same run.
 
 Machines differ and are shared, so a figure is a ratio or the median of several runs.
 """
@@ -39,20 +39,20 @@ EXIT_MISSED = 1
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One line of the table."""
+    """One row of the table."""
 
     name: str
     value: str
     bar: str
     met: bool | None
-    """None where there is no bar, or nothing to compare with."""
+    """None without a bar or a comparison."""
 
 
 PLAIN = (sys.executable, "-m", "metro_hil.cli.vobc")
 
 
 def vobc_run(*arguments: str, program: Sequence[str] = PLAIN) -> dict[str, Any]:
-    """One run in a fresh process; its JSON results."""
+    """Run `vobc run` in a fresh process and return its JSON results."""
     with tempfile.TemporaryDirectory() as scratch:
         command = [*program, "run", "--json", "--out", str(Path(scratch) / "run"), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -63,13 +63,13 @@ def vobc_run(*arguments: str, program: Sequence[str] = PLAIN) -> dict[str, Any]:
 
 
 def lockstep_speed() -> list[Figure]:
-    """The whole Florence line, every frame encoded, arbitrated, decoded and logged; one core."""
+    """Measure the whole Florence line on one core, with every frame through bus and log."""
     with tempfile.TemporaryDirectory() as scratch:
         command = [sys.executable, "-m", "metro_tools.compiled", "--into", f"{scratch}/compiled"]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         compiled = (f"{scratch}/compiled/bin/vobc",)
         plain_runs, compiled_runs = [], []
-        # In turn, so that a machine that changes its speed changes both.
+        # Both run in turn, so that a change of the machine's speed affects both.
         for _ in range(LOCKSTEP_RUNS):
             plain_runs.append(vobc_run("--lockstep"))
             compiled_runs.append(vobc_run("--lockstep", program=compiled))
@@ -97,7 +97,7 @@ def _speed(name: str, runs: Sequence[dict[str, Any]], *, bar: float | None) -> F
 
 
 def where_time_goes() -> list[Figure]:
-    """Share of each room in the processor time of a lockstep run, by a deterministic profiler."""
+    """Measure each part's share of the processor time of a lockstep run with a profiler."""
     return [
         Figure(f"  of which {room}", f"{share * 100.0:4.1f} %", "", None)
         for room, share in where_the_time_goes()
@@ -124,7 +124,7 @@ def _stop_run(case: tuple[str, float, float]) -> list[float]:
 
 
 def stop_accuracy() -> list[Figure]:
-    """Every station under the odometer errors and loads of Allotta et al. 2013, both brakes."""
+    """Measure all stops under the odometer errors and loads of [Allotta 2013], with both brakes."""
     figures = []
     for brake in BRAKES:
         cases = [(brake, error, load) for error in ERRORS_RATIO for load in LOADS_RATIO]
@@ -143,7 +143,7 @@ def stop_accuracy() -> list[Figure]:
 
 
 def real_time() -> list[Figure]:
-    """One hop as processes on the bus of this machine, at a 50 ms cycle."""
+    """Run one hop as processes on a bus of this machine, with a cycle of 50 ms."""
     run = vobc_run("--from", "II", "--to", "III", "--priority", str(PRIORITY))
     cycles, stop = run["cycles"], run["stops"][0]
     work_ms = cycles["work_us_p50"] / 1000.0
@@ -166,7 +166,10 @@ def real_time() -> list[Figure]:
 
 
 def lateness() -> list[Figure]:
-    """Release lateness of an empty 50 ms task and of cyclictest, in turn, at one priority."""
+    """Compare the release lateness of an empty 50 ms task with that of cyclictest.
+
+    Both run in turn at one priority.
+    """
     name = f"release lateness p99, {PERIOD_MS} ms, priority {PRIORITY}"
     cyclictest = shutil.which("cyclictest")
     if cyclictest is None:
@@ -196,7 +199,7 @@ def _our_p99_us() -> float:
 
 
 def _cyclictest_p99_us(program: str) -> float:
-    """From its histogram; the same number of releases as ours."""
+    """Return the 99th percentile of its histogram, for the same number of releases."""
     loops = LATENESS_S * 1000 // PERIOD_MS
     command = [program, "-q", "-m", "-p", str(PRIORITY), "-i", str(PERIOD_MS * 1000)]
     command += ["-l", str(loops), "-h", "20000"]
@@ -220,7 +223,7 @@ MEASURES: dict[str, Callable[[], list[Figure]]] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; exit with 1 when a bar is missed."""
+    """Print the table; exit code 1 if a bar is missed."""
     return run_measures(MEASURES, "python -m metro_hil.benchmarks.bench", str(__doc__), argv)
 
 
@@ -230,14 +233,14 @@ def run_measures(
     description: str,
     argv: Sequence[str] | None,
 ) -> int:
-    """Those that are asked for, all by default. The exit code: 1 when a bar is missed."""
+    """Run the requested measures, by default all; return exit code 1 if a bar is missed."""
     parser = argparse.ArgumentParser(prog=program, description=description)
     parser.add_argument("measures", nargs="*", metavar="MEASURE", help=", ".join(measures))
     parser.add_argument("--json", action="store_true", help="print JSON on standard output")
     options = parser.parse_args(argv)
     unknown = [name for name in options.measures if name not in measures]
     if unknown:
-        parser.error(f"unknown measure {unknown[0]}; there are {', '.join(measures)}")
+        parser.error(f"unknown measure {unknown[0]}; choose from {', '.join(measures)}")
     console = Console(stderr=True)
     figures = []
     for name in options.measures or measures:

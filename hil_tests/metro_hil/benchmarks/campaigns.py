@@ -1,4 +1,4 @@
-"""`make bench-hil`: what campaigns cost and withstand, each figure beside its bar."""
+"""`make bench-hil`: cost and robustness of campaigns, each figure beside its bar."""
 
 import json
 import subprocess
@@ -21,8 +21,8 @@ NS_PER_S = 1e9
 MS_PER_S = 1e3
 OVERHEAD_CASES = 200
 STARTS = 3
-"""A campaign of two cases is run so often, and the quickest counts: what its start takes on a busy
-machine differs by more than what a case costs beside its run."""
+"""Number of runs of a campaign of two cases, of which the fastest counts. On a busy machine the
+start varies by more than the cost of a case beyond its run."""
 OVERHEAD_BAR_MS = 20.0
 SPEED_UP_BAR_RATIO = 1.8
 TABLES_BAR_S = 60.0
@@ -31,7 +31,7 @@ STOP_BAR_M = 0.10
 SOME_STOPS = 2100
 KILLS = 100
 KILLED_CASES = 12
-"""Of each campaign that is killed."""
+"""Number of cases in each campaign that is killed."""
 HOPS = """\
 seeds = {count}
 [train]
@@ -45,13 +45,13 @@ class Ran:
     """One campaign, run as a user does."""
 
     elapsed_s: float
-    """By the wall, from typing the command to its end."""
+    """Wall time from the command to its end."""
     passed: bool
     results: Sequence[CaseResult]
 
 
 def ran(scratch: Path, name: str, *options: str) -> Ran:
-    """Without reports and kept logs, which are not what is measured here."""
+    """Run without reports and kept logs, which are not measured here."""
     number = len(list(scratch.glob("run*")))
     out = scratch / f"run{number}"
     command = [*HIL, "run", name, "--json", "--keep", "0", "--keep-worst", "0", "--no-report"]
@@ -68,7 +68,10 @@ def ran(scratch: Path, name: str, *options: str) -> Ran:
 
 
 def overhead_and_speed_up() -> list[Figure]:
-    """Hops of one seed each, by one worker and by two; a run of one hop takes off the start."""
+    """Measure hops of one seed each with one and two workers.
+
+    A run of two hops gives the start-up time.
+    """
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         few, many = scratch / "few.toml", scratch / "many.toml"
@@ -84,7 +87,7 @@ def overhead_and_speed_up() -> list[Figure]:
     more = OVERHEAD_CASES - 2
     each_s = (one.elapsed_s - starts_s[0]) / more
     overhead_ms = MS_PER_S * (each_s - sum(stepping_s) / len(stepping_s))
-    # With two workers the run of two hops takes as long as one of them.
+    # With two workers the run of two hops takes as long as one hop.
     ratio = more * each_s / (two.elapsed_s - starts_s[1])
     return [
         Figure(
@@ -103,7 +106,7 @@ def overhead_and_speed_up() -> list[Figure]:
 
 
 def tables() -> list[Figure]:
-    """Tables 8 and 9 of seed 001: 42 runs of the whole line, all invariants watched."""
+    """Run Tables 8 and 9 of [Allotta 2013]: 42 runs of the whole line with all invariants."""
     with tempfile.TemporaryDirectory() as folder:
         run = ran(Path(folder), "florence", "--filter", "table-[89]-predictive/*", "--workers", "2")
     return [
@@ -113,7 +116,7 @@ def tables() -> list[Figure]:
 
 
 def some_stops() -> list[Figure]:
-    """As many stops as a fifth of the time for 10,000 has room for, and the rate."""
+    """Run as many stops as fit into a fifth of the time for 10,000, and compute the rate."""
     with tempfile.TemporaryDirectory() as folder:
         run = ran(Path(folder), "stops", "--workers", "2", "--limit", str(SOME_STOPS))
     rate_per_s = len(run.results) / run.elapsed_s
@@ -129,7 +132,10 @@ def some_stops() -> list[Figure]:
 
 
 def ten_thousand_stops() -> list[Figure]:
-    """Cases of one load and odometer error share the way to where the train begins to brake."""
+    """Run 10,000 stops.
+
+    Cases of one load and odometer error share the way up to the braking point.
+    """
     with tempfile.TemporaryDirectory() as folder:
         run = ran(Path(folder), "stops", "--workers", "2")
     return [
@@ -165,7 +171,7 @@ def _copy() -> str:
 
 
 def faults() -> list[Figure]:
-    """Every fault of the catalogue, all invariants watched."""
+    """Run every fault of the catalogue with all invariants."""
     with tempfile.TemporaryDirectory() as folder:
         run = ran(Path(folder), "faults")
     return [
@@ -179,7 +185,7 @@ def faults() -> list[Figure]:
 
 
 def kills() -> list[Figure]:
-    """kill -9 of a campaign's master at random instants, then `hil resume`, again and again."""
+    """Kill a campaign's main process with kill -9 at random instants and resume it, many times."""
     command = [sys.executable, "-m", "metro_hil.engine.kill_trial", "--kills", str(KILLS), "--json"]
     with tempfile.TemporaryDirectory() as folder:
         hops = Path(folder) / "hops.toml"
@@ -212,7 +218,7 @@ MEASURES: dict[str, Callable[[], list[Figure]]] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; exit with 1 when a bar is missed."""
+    """Print the table; exit code 1 if a bar is missed."""
     return run_measures(MEASURES, "python -m metro_hil.benchmarks.campaigns", str(__doc__), argv)
 
 

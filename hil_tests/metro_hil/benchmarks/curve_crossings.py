@@ -1,4 +1,4 @@
-"""How soon the emergency brake is commanded once the speed may have reached its curve."""
+"""Measures how soon the emergency brake is commanded once the speed may have reached its curve."""
 
 import csv
 import math
@@ -28,25 +28,25 @@ SCENARIOS: Final = (
     "end-of-authority-downhill",
     "end-of-authority-no-service-brake",
 )
-"""In each of them somebody or something drives the train onto the curve."""
+"""Scenarios in which a driver or a failure brings the train onto the curve."""
 NS_PER_S: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """One run in which the upper bound of the speed came to the emergency limit."""
+    """One run in which the upper bound of the speed reached the emergency limit."""
 
     case_id: str
     bound_s: float
-    """Begin of the cycle that found it there."""
+    """Start of the cycle that detected it."""
     commanded_s: float
-    """When the command, with its twin, was on the bus; infinite when it never was."""
+    """Instant of the command with its twin on the bus; infinite if it never came."""
     truth_s: float
-    """When the true speed came to the limit there was just then; infinite when it never did."""
+    """Instant at which the true speed reached the limit of that time; infinite if it never did."""
 
 
 def crossings(names: Sequence[str] = SCENARIOS) -> Iterator[Crossing]:
-    """Of every case of these scenarios, in virtual time; a case without a crossing gives none."""
+    """Run every case of these scenarios in virtual time; a case without a crossing gives none."""
     for name in names:
         campaign = read_named(name)
         for case in plan_cases(campaign):
@@ -58,7 +58,7 @@ def crossings(names: Sequence[str] = SCENARIOS) -> Iterator[Crossing]:
 
 
 def _written(files: Mapping[str, str], folder: Path) -> Files:
-    """Lines and trains of the campaign, where the case finds them."""
+    """Write lines and trains of the campaign to where the case expects them."""
     places = {name: folder / str(number) / Path(name).name for number, name in enumerate(files)}
     for name, place in places.items():
         place.parent.mkdir()
@@ -67,7 +67,7 @@ def _written(files: Mapping[str, str], folder: Path) -> Files:
 
 
 def crossing_of(case_id: str, folder: RunFolder) -> Iterator[Crossing]:
-    """From the logs of a run in virtual time."""
+    """Find the crossing in the logs of a run in virtual time."""
     for row in _rows(folder.cycle_log):
         if not (row["speed_high_mps"] and row["emergency_mps"]):
             continue
@@ -84,9 +84,9 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
 
 
 def _commanded_s(folder: RunFolder, bound_s: float) -> float:
-    """The first command from that cycle on that does not keep the emergency brake off.
+    """Return the instant of the first command from that cycle on that applies the emergency brake.
 
-    It counts once its twin has confirmed it, by the verdicts of all frames from the first on.
+    It counts once its twin has confirmed it, judged over all frames from the first one on.
     """
     log = read(folder.bus_log)
     bound = binding_of(BrakeCommand)
@@ -95,7 +95,7 @@ def _commanded_s(folder: RunFolder, bound_s: float) -> float:
     said, twins = (log.table(each.name) for each in (bound.message, bound.twin))
     braked = accepted[said.rows] & (np.array(said.labels("emergency_released")) == "FALSE")
     confirmed = twins.at_ns[accepted[twins.rows]]
-    # An accepted twin follows its command: the first one behind it is its own.
+    # An accepted twin follows its command: the first one after a command belongs to it.
     own = np.searchsorted(confirmed, said.at_ns[braked], "right")
     at_ns = confirmed[own[own < len(confirmed)]]
     late_ns = at_ns[at_ns >= round(bound_s * NS_PER_S)]

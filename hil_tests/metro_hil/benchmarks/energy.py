@@ -1,4 +1,4 @@
-"""Running curves, the DC network and the green line against their bars: `make bench-energy`."""
+"""`make bench-energy`: running curves, the DC network and the green line against their bars."""
 
 import json
 import os
@@ -28,14 +28,14 @@ from metro_hil.model.compiled_copy import compiled_library, worker_environment
 from plant_emulator.power.compiled import COMPILED
 
 LEAST_S: Final = 0.01
-"""What the system counts in."""
+"""Resolution of the system's processor time."""
 TIME_S: Final = 72.5
 GAP_BAR_RATIO: Final = 1.0e-3
 TABLE_BAR_RATIO: Final = 0.035
 CURVES_BAR: Final = 1.0e5
 DESIGN_BAR_S: Final = 2.0
 DAY_LAPS: Final = 68
-"""Of 21 min: a day less some minutes, and one lap more that fills the line."""
+"""Number of laps of 21 min: almost a day; one more lap fills the line."""
 CLOSURE_BAR_RATIO: Final = 5.0e-3
 DRIFT_BAR_RATIO: Final = 2.0e-3
 HOUR_BAR_S: Final = 0.1
@@ -50,8 +50,10 @@ PERCENT: Final = 100.0
 
 
 def seconds(work: Callable[[], object]) -> float:
-    """Of computing, all cores together, the least of some repeats: who else uses the machine does
-    not count."""
+    """Return the processor time over all cores, the least of some repeats.
+
+    Other users of the machine do not affect it.
+    """
     taken = []
     for _ in range(REPEATS):
         begin = os.times()
@@ -62,7 +64,7 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def curves() -> list[Figure]:
-    """The net against optimal control, against the paper, and its speed."""
+    """Compare the net with optimal control and with [Ninh], and measure its speed."""
     train = load_train("seed002")
     track = level_track(train, 1000.0)
     fine = level_track(train, 1000.0, cell_m=2.5)
@@ -81,13 +83,13 @@ def curves() -> list[Figure]:
     design_s = seconds(lambda: design(Hop(train, track), TIME_S, 5.0))
     return [
         Figure(
-            "the full-power run above optimal control, all regeneration used",
+            "excess of the full-power run over optimal control, all regeneration used",
             f"{PERCENT * gap_ratio:.3f} %",
             f"within {PERCENT * GAP_BAR_RATIO:g} %",
             abs(gap_ratio) <= GAP_BAR_RATIO,
         ),
         Figure(
-            "15 cells of Table I, declared train, in MJ",
+            "15 cells of Table I, fitted train, in MJ",
             f"{PERCENT * table_ratio:.2f} % rms",
             f"≤ {PERCENT * TABLE_BAR_RATIO:g} %",
             table_ratio <= TABLE_BAR_RATIO,
@@ -121,7 +123,7 @@ def _stepped() -> Figure:
 
 
 def network() -> list[Figure]:
-    """A simulated day of seven trains: solutions, books, steps, speed."""
+    """Simulate a day of seven trains: solutions, energy balance, step size, speed."""
     train, timetable = LineTrain(), Timetable()
     figures = []
     for supply in SUPPLIES.values():
@@ -141,7 +143,7 @@ def network() -> list[Figure]:
                 day.unconverged == 0,
             ),
             Figure(
-                "books of the day, grid to wheel, do not close by",
+                "error of the day's energy balance, grid to wheel",
                 f"{PERCENT * abs(day.closure_ratio):.2g} %",
                 f"≤ {PERCENT * CLOSURE_BAR_RATIO:g} %",
                 abs(day.closure_ratio) <= CLOSURE_BAR_RATIO,
@@ -162,14 +164,14 @@ def network() -> list[Figure]:
         Figure(
             "computing for a simulated hour, network and seven trains",
             f"{hour_s:.3f} s",
-            f"≤ {HOUR_BAR_S:g} s" if COMPILED else "without numba there is none",
+            f"≤ {HOUR_BAR_S:g} s" if COMPILED else "no bar without numba",
             hour_s <= HOUR_BAR_S if COMPILED else None,
         ),
     ]
 
 
 def saving() -> list[Figure]:
-    """What the paper's law gives, and what the synchronised timetable does."""
+    """Measure the saving of the law of [Lin] and of the synchronised timetable."""
     figures = []
     for supply in SUPPLIES.values():
         table = table_four(supply, seeds=SEEDS)
@@ -194,7 +196,7 @@ def _of_table(table: TableFour) -> list[Figure]:
 
 
 def line() -> list[Figure]:
-    """An hour of seven whole trains with their controllers, each on its bus, in lockstep."""
+    """Run an hour of seven whole trains with their controllers, each on its bus, in lockstep."""
     library = compiled_library()
     begin, wall = os.times(), WallClock()
     began_ns = wall.now_ns()
@@ -229,7 +231,7 @@ def line() -> list[Figure]:
             not bad,
         ),
         Figure(
-            "its books, and the meters of the trains",
+            "errors of its energy balance and of the trains' meters",
             f"{PERCENT * abs(hour['closure_ratio']):.4f} %, "
             f"{PERCENT * abs(hour['metered_ratio']):.3f} %",
             f"≤ {PERCENT * CLOSURE_BAR_RATIO:g} %",
@@ -245,7 +247,7 @@ def line() -> list[Figure]:
 
 
 def _line_run(duration_s: float, library: Path | None) -> dict[str, Any]:
-    """In a process of its own; raises RuntimeError with its words when it fails."""
+    """Run a line in a separate process. Raises RuntimeError with its output if it fails."""
     with tempfile.TemporaryDirectory() as scratch:
         command = [sys.executable, "-m", "metro_hil.cli.vobc", "run", "--lockstep"]
         command += ["--trains", "7", "--ato", "green", "--no-logs", "--json"]
@@ -272,7 +274,7 @@ MEASURES: Final[dict[str, Callable[[], list[Figure]]]] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; exit with 1 when a bar is missed."""
+    """Print the table; exit code 1 if a bar is missed."""
     return run_measures(MEASURES, "python -m metro_hil.benchmarks.energy", str(__doc__), argv)
 
 

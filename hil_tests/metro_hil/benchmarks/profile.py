@@ -1,4 +1,4 @@
-"""Where the processor time of a lockstep run goes, room by room."""
+"""Measures where the processor time of a lockstep run goes, by part of the program."""
 
 import cProfile
 import pstats
@@ -29,10 +29,10 @@ REST = "Python's own library"
 
 
 def where_the_time_goes() -> list[tuple[str, float]]:
-    """Room and its share of the time, largest first.
+    """Return each part of the program with its share of the time, the largest first.
 
-    A call of a built-in is charged to the room that calls it. The profiler's own cost falls on
-    small functions, so shares are a guide, not a stopwatch.
+    A call of a built-in counts for the part that calls it. The profiler's own cost falls on small
+    functions, so the shares are a guide and not exact.
     """
     from metro_hil.run.lockstep import run_lockstep
 
@@ -45,7 +45,7 @@ def where_the_time_goes() -> list[tuple[str, float]]:
 
 
 def shares(stats: pstats.Stats) -> list[tuple[str, float]]:
-    """Own time of all functions, added up by room."""
+    """Add up the own time of all functions by part."""
     spent: Counter[str] = Counter()
     for (file, _, _), row in stats.stats.items():  # type: ignore[attr-defined]
         spent[_room(file)] += row[2]

@@ -1,4 +1,4 @@
-"""What protection costs in a cycle, and how far its braking curves are from what they stand for."""
+"""Measures the cost of ATP in a cycle, and the error of its braking curves."""
 
 import random
 import sys
@@ -35,11 +35,12 @@ CYCLE_BAR_US: Final = 300.0
 LINES: Final = 1000
 ERROR_BAR_RATIO: Final = 0.01
 ROUNDING_RATIO: Final = 1e-11
-"""The integration sums up a thousand roundings of 1e-16 each, and meets edges within 1e-12 s."""
+"""The integration adds a thousand roundings of 1e-16 each, and meets edges within 1e-12 s."""
 LAZY_BAR_RATIO: Final = 0.02
 STEP_M: Final = 0.5
 AHEAD_M: Final = 320.0
-"""End of authority before the train: near enough for the curves towards it to be computed."""
+"""Distance from the train to the end of authority: near enough for braking curves to be
+computed."""
 WIDTHS_M: Final = (0.2, 2.0, 8.0, 20.0)
 SLOW: Final = Restriction(2400.0, 2600.0, 8.0)
 LEVEL_DISTANCES_M: Final = (15.0, 40.0, 100.0, 200.0, 320.0, 450.0)
@@ -48,7 +49,7 @@ MS_PER_S: Final = 1000.0
 
 
 def cost_of_a_cycle() -> list[Figure]:
-    """Ceiling, energy check and their comparison, all along two lines at the permitted speed."""
+    """Measure ceiling, energy check and their comparison along two lines at the permitted speed."""
     costs_us = sorted(
         cost_us for name in ("florence", None) for cost_us in _costs_us(_line_of_that_name(name))
     )
@@ -64,7 +65,7 @@ def cost_of_a_cycle() -> list[Figure]:
 
 
 def _line_of_that_name(name: str | None) -> LineMap:
-    """The shipped line, or one on which the gradient changes every 60 m."""
+    """Return the shipped line, or one with a change of gradient every 60 m."""
     if name is not None:
         return load_line(name)
     rng = random.Random(SEED)
@@ -90,7 +91,7 @@ def _costs_us(line: LineMap) -> Iterator[float]:
 
 
 def error_of_distances() -> list[Figure]:
-    """From the emergency limit the declared worst motion, in steps, against the way there is."""
+    """Compare the integrated worst motion from the emergency limit with the distance to go."""
     rng = random.Random(SEED)
     errors_ratio = [error for _ in range(LINES) for error in _error_ratio(rng)]
     longer, shorter = max(errors_ratio), -min(errors_ratio)
@@ -99,8 +100,8 @@ def error_of_distances() -> list[Figure]:
         Figure(
             "braking distance against integration",
             f"{100.0 * longer:.5f} % longer at most, "
-            f"{'never' if never else f'{100.0 * shorter:.5f} %'} shorter, of {LINES} lines by "
-            "chance",
+            f"{'never' if never else f'{100.0 * shorter:.5f} %'} shorter, of {LINES} random "
+            "lines",
             f"≤ {100.0 * ERROR_BAR_RATIO:.0f} % longer, never shorter",
             longer <= ERROR_BAR_RATIO and never,
         )
@@ -108,7 +109,7 @@ def error_of_distances() -> list[Figure]:
 
 
 def _error_ratio(rng: random.Random) -> Iterator[float]:
-    """Positive where protection reckons with more than is needed; nothing without a limit."""
+    """Yield the relative excess of ATP's braking distance; nothing without a limit."""
     line = line_of(
         sections(
             (rng.choice((0.0, 0.0, 3.0, 120.0)), rng.uniform(5.0, 400.0), rng.uniform(-40.0, 40.0))
@@ -131,7 +132,7 @@ def _error_ratio(rng: random.Random) -> Iterator[float]:
 
 
 def laziness() -> list[Figure]:
-    """The permitted speed on the level against the best that still keeps all leads."""
+    """Compare the permitted speed on level track with the best that still keeps all leads."""
     line = line_of((), ((0.0, 6000.0, 60.0),))
     lead_s = CONFIG.service_lead_s + CONFIG.warning_lead_s + CONFIG.permitted_lead_s
     lazy_ratio = []
@@ -146,7 +147,7 @@ def laziness() -> list[Figure]:
         lazy_ratio.append(max(0.0, 1.0 - ceiling.permitted_mps / best_mps))
     return [
         Figure(
-            "permitted speed under the best there is",
+            "permitted speed below the best possible",
             f"{100.0 * max(lazy_ratio):.2f} % at most, level, {len(lazy_ratio)} distances",
             f"≤ {100.0 * LAZY_BAR_RATIO:.0f} %",
             max(lazy_ratio) <= LAZY_BAR_RATIO,
@@ -155,7 +156,7 @@ def laziness() -> list[Figure]:
 
 
 def cost_of_a_step() -> list[Figure]:
-    """All of protection in every cycle of a ride along the whole line, in virtual time."""
+    """Measure all of ATP in every cycle of a run along the whole line, in virtual time."""
     clock, costs_us = WallClock(), list[float]()
     step = Protection.step
 
@@ -181,7 +182,7 @@ def cost_of_a_step() -> list[Figure]:
 
 
 def delay_of_the_command() -> list[Figure]:
-    """From the begin of the cycle in which the speed may have reached its curve to the frame."""
+    """Measure the time from the cycle in which the speed may reach its curve to the frame."""
     found = list(crossings())
     delay_ms = MS_PER_S * max(each.commanded_s - each.bound_s for each in found)
     first = sum(each.commanded_s < each.truth_s for each in found)
@@ -206,7 +207,7 @@ MEASURES: Final[dict[str, Callable[[], list[Figure]]]] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; exit with 1 when a bar is missed."""
+    """Print the table; exit code 1 if a bar is missed."""
     return run_measures(MEASURES, "python -m metro_hil.benchmarks.protection", str(__doc__), argv)
 
 

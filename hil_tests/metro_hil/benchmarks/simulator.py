@@ -28,17 +28,17 @@ HEADWAY_BAR_S: Final = 72.0
 HEADWAY_FEW: Final = 4
 WHOLE_TRAINS: Final = 10
 WHOLE_S: Final = 71.65
-"""At 60 km/h; operation runs at 59.8, so that trains follow each other at 71.9 s."""
+"""Time between two trains at 60 km/h; ATO runs at 59.8 km/h, so the interval is 71.9 s."""
 WHOLE_LOST_S: Final = 1.0
-"""Odometry, and brakes that draw their delays, take up to 0.7 s from trains that come at 85 s, and
-have them begin to brake up to 14 m before the first."""
+"""Time that odometry and random brake delays may cost. Trains 85 s apart lose up to 0.7 s, and
+begin to brake up to 14 m before the first train."""
 HEADWAY_STEP_S: Final = 1.0
 DELAY_MAX_S: Final = 0.5
 GROWTH_MAX_S: Final = 0.1
 LOOK_S: Final = 0.05
 BRAKES_MPS2: Final = 0.05
 EARLIER_M: Final = 5.0
-"""A control cycle at 60 km/h, and some: so much is chance."""
+"""Random variation: the distance of a control cycle at 60 km/h, with a margin."""
 SPEED_MPS: Final = 60.0 / 3.6
 BEFORE_M: Final = 1000.0
 RUN_UP_M: Final = 1500.0
@@ -53,7 +53,7 @@ LENGTH_M: Final = 81.2
 
 
 def events() -> list[Figure]:
-    """Messages sent, come or lost, and steps of nodes, for each second of processor time."""
+    """Measure messages and steps of nodes for each second of processor time."""
     total = Total()
     for result in run_many(SEEDS, SeedJob(Phases(trouble_s=30.0)), workers=1):
         total.add(result)
@@ -69,7 +69,7 @@ def events() -> list[Figure]:
 
 
 def failover() -> list[Figure]:
-    """From the death of a master to the last follower's authority of the next term."""
+    """Measure the time from a master's death to the last follower's authority of the next term."""
     return [_failover(name, timers) for name, timers in (("A", TIMERS_A), ("B", TIMERS_B))]
 
 
@@ -102,7 +102,7 @@ def _one_failover_s(seed: int, timers: LineTimers) -> float:
 
 
 def headway() -> list[Figure]:
-    """Trains of 81.2 m at 60 km/h one after the other through a station, 30 s each."""
+    """Run trains of 81.2 m at 60 km/h in succession through a station with a dwell of 30 s."""
     at_bar = approach(HEADWAY_TRAINS, HEADWAY_BAR_S)
     least_s = _least_s(at_bar.undisturbed)
     queue_s, emergencies = headway_s(HEADWAY_TRAINS)
@@ -110,14 +110,14 @@ def headway() -> list[Figure]:
     return [
         Figure(
             f"headway, 60 km/h, dwell 30 s, {HEADWAY_TRAINS} trains",
-            f"at {HEADWAY_BAR_S:.0f} s each is delayed by {at_bar.delay_s:.1f} s at most, "
+            f"at {HEADWAY_BAR_S:.0f} s a train is delayed by {at_bar.delay_s:.1f} s at most, "
             f"{at_bar.disturbed} brake for the train ahead, {at_bar.emergencies} emergency brakes; "
-            f"{least_s:.0f} s is the least without disturbance",
+            f"{least_s:.0f} s is the shortest undisturbed interval",
             f"≤ {HEADWAY_BAR_S:.0f} s",
             at_bar.undisturbed,
         ),
         Figure(
-            "the same out of a queue, where trains come in slower than 60 km/h",
+            "the same from a queue, where trains arrive slower than 60 km/h",
             f"{sum(gaps_s) / len(gaps_s):.1f} s, worst {max(gaps_s):.1f} s, "
             f"{emergencies} emergency brakes",
             "–",
@@ -127,7 +127,7 @@ def headway() -> list[Figure]:
 
 
 def _least_s(at_bar: bool) -> float:
-    """The shortest interval at which a few trains come through undisturbed."""
+    """Return the shortest interval at which a few trains run undisturbed."""
     least_s = HEADWAY_BAR_S
     if at_bar:
         while approach(HEADWAY_FEW, least_s - HEADWAY_STEP_S).undisturbed:
@@ -139,29 +139,29 @@ def _least_s(at_bar: bool) -> float:
 
 
 class Approach(NamedTuple):
-    """How trains came through the station that follow each other at one interval."""
+    """Result of trains that pass the station at one interval."""
 
     delay_s: float
-    """The most by which one took longer than the first, from 1000 m before the station until it
-    had left it."""
+    """Greatest delay against the first train, from 1000 m before the station until leaving it."""
     growth_s: float
-    """How much more the last one was delayed than the one before it."""
+    """Increase of the delay from the last train but one to the last one."""
     emergencies: int
     disturbed: int
-    """Trains that used the service brake before the place where the first one, which has nobody
-    ahead, begins to brake for the station."""
+    """Number of trains that braked before the place where the first one does, which has no train
+    ahead."""
 
     @property
     def undisturbed(self) -> bool:
-        """Nobody brakes for the train ahead, and none loses more than the one before: it can go on
-        for ever.
+        """Whether the sequence can continue without end.
+
+        No train brakes for the one ahead, and the delay does not grow from train to train.
         """
         steady = self.growth_s <= GROWTH_MAX_S and self.delay_s <= DELAY_MAX_S
         return steady and not self.emergencies and not self.disturbed
 
 
 def approach(trains: int, interval_s: float) -> Approach:
-    """All begin at once, as far apart as they go in the interval, and reach 60 km/h."""
+    """Start all trains at once, one interval apart at full speed, and let them reach 60 km/h."""
     gap_m = interval_s * SPEED_MPS
     station_m = gap_m * (trains - 1) + RUN_UP_M + 200.0
     plot = Plot(
@@ -186,7 +186,7 @@ def approach(trains: int, interval_s: float) -> Approach:
                 took_s.setdefault(train.address, at_s - came_s[train.address])
             if train.address in came_s and train.motion.demand_mps2 < -BRAKES_MPS2:
                 braked_m.setdefault(train.address, train.front_m)
-    # Those that came first were in nobody's way.
+    # The first train has no train ahead of it.
     in_order = sorted(came_s, key=lambda train: came_s[train])
     in_order_s = [took_s[train] for train in in_order]
     delay_s = max(in_order_s) - in_order_s[0]
@@ -196,7 +196,7 @@ def approach(trains: int, interval_s: float) -> Approach:
 
 
 def whole_headway() -> list[Figure]:
-    """The same with whole controllers and plants, of the control law that is the default."""
+    """Run the same with whole controllers and plants, under the default control law."""
     told = passages(WHOLE_TRAINS, WHOLE_S)
     gaps_s = [b.stopped_s - a.stopped_s for a, b in itertools.pairwise(told)]
     mean_s = sum(gaps_s) / len(gaps_s)
@@ -217,7 +217,7 @@ def whole_headway() -> list[Figure]:
 
 
 def headway_s(trains: int) -> tuple[list[float], int]:
-    """When each train has left the station behind it, and emergency brakes on the way."""
+    """Return when each train has left the station, and the number of emergency brakes."""
     first_m = STATION_M - 200.0 - 250.0 * (trains - 1)
     plot = Plot(
         convoy(trains, first_m=max(100.0, first_m), gap_m=250.0),
@@ -238,7 +238,7 @@ def headway_s(trains: int) -> tuple[list[float], int]:
 
 
 def computation() -> list[Figure]:
-    """One cycle of a master with 100 trains on its roster: everything that it decides and says."""
+    """Measure one cycle of a master with 100 trains on its roster: all decisions and messages."""
     took_ms, waiting_ms = cycle_ms(COMMANDED), waiting_cycle_ms(COMMANDED)
     return [
         Figure(
@@ -248,7 +248,7 @@ def computation() -> list[Figure]:
             max(took_ms) <= CYCLE_BAR_MS,
         ),
         Figure(
-            f"the same, {COMMANDED} on all joints of sections, and one that hides, {_made()}",
+            f"the same, {COMMANDED} on all joints of sections, with a shadow train, {_made()}",
             f"median {median(waiting_ms):.1f} ms, worst {max(waiting_ms):.1f} ms of "
             f"{len(waiting_ms)}",
             f"≤ {CYCLE_BAR_MS:.0f} ms",
@@ -264,33 +264,33 @@ def computation() -> list[Figure]:
 
 
 def _made() -> str:
-    """How the code was made that is measured."""
+    """Return whether the measured code is compiled."""
     file = sys.modules[TrainCore.__module__].__file__ or ""
     return "plain Python" if file.endswith(".py") else "compiled"
 
 
 def long_line() -> list[Figure]:
-    """500 trains on a line of ten areas: what each hears grows with its area, not with the line."""
+    """Run 500 trains in ten areas: the messages to a train depend on its area, not on the line."""
     one = play(1, LINE_EACH, seconds=LINE_S)
     many = play(LINE_AREAS, LINE_EACH, seconds=LINE_S)
     ratio = many.heard_per_s / one.heard_per_s
     bar_ms = FAILOVER_BARS_MS["A"]
     return [
         Figure(
-            f"{many.trains} trains in {LINE_AREAS} areas: messages that come to each in a second",
+            f"{many.trains} trains in {LINE_AREAS} areas: messages received by each in a second",
             f"{many.heard_per_s:.0f}, {ratio:.2f} times those of {one.trains} trains in one area; "
-            f"all had authority {many.held_s:.2f} s after their programs began",
+            f"all had authority {many.held_s:.2f} s after the start of their programs",
             f"≤ {HEARD_BAR} times",
             ratio <= HEARD_BAR,
         ),
         Figure(
-            f"the oldest authority of {many.trains} trains that drive on, timers A",
+            f"oldest authority of {many.trains} moving trains, timers A",
             f"{many.oldest_ms:.0f} ms; of {one.trains} trains in one area {one.oldest_ms:.0f} ms",
             "–",
             True,
         ),
         Figure(
-            "a master in the middle of them killed, timers A",
+            "the master in the middle killed, timers A",
             f"followed after {many.followed_ms:.0f} ms; {many.other_terms} other areas disturbed, "
             f"{many.emergencies} emergency brakes",
             f"≤ {bar_ms:.0f} ms, 0, 0",
@@ -310,7 +310,7 @@ MEASURES: Final[dict[str, Callable[[], list[Figure]]]] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; exit with 1 when a bar is missed."""
+    """Print the table; exit code 1 if a bar is missed."""
     return run_measures(MEASURES, "python -m metro_hil.benchmarks.simulator", str(__doc__), argv)
 
 

@@ -26,13 +26,13 @@ from plant_emulator.faults.plan import FaultPlan
 CONTROLLER: Final = "VOBC"
 STRANGER: Final = "STRANGER"
 BABBLER: Final = "BABBLER"
-"""Name of the port that says what no node of the train says."""
+"""Name of the port of a babbling node, which is no node of the train."""
 BABBLE: Final = b"\xaa" * 8
-"""Nothing is stuffed into it."""
+"""Data of the babbling node; it needs no stuff bits."""
 COMMANDED: Final = {
     can_id: known.acting for can_id, known in known_messages().items() if known.sender == CONTROLLER
 }
-"""Which unit acts on which command: the plant takes all of them in at one node."""
+"""Unit that acts on each command; the plant receives all commands at one node."""
 
 
 class FaultyPort:
@@ -41,10 +41,10 @@ class FaultyPort:
     def __init__(self, port: CanPort, faults: FrameFaults) -> None:
         self.faults = faults
         self.stranger: CanPort | None = None
-        """Where a masquerade speaks; without it it does so where genuine frames pass."""
+        """Port of a masquerading node; without it its frames go where genuine ones pass."""
         self._port = port
         self._uncommon: list[CanFrame] = []
-        """Error, remote and 29-bit frames: no fault speaks of them."""
+        """Error, remote and 29-bit frames, which no fault concerns."""
 
     @property
     def counters(self) -> LinkCounters:
@@ -55,7 +55,7 @@ class FaultyPort:
         self.poll(now_ns)
 
     def poll(self, now_ns: int) -> None:
-        """Send what has become due. Without a call in between it goes with the next `send`."""
+        """Send the frames that are due. Without this call they go with the next `send`."""
         for _, can_id, data in self.faults.take(now_ns, FrameDirection.TO_TRAIN):
             self._port.send(now_ns, can_id, data)
         if self.stranger is not None:
@@ -63,7 +63,7 @@ class FaultyPort:
                 self.stranger.send(now_ns, can_id, data)
 
     def settle(self, now_ns: int) -> None:
-        """Take in what was said up to now, so that a fault from now on does not touch it."""
+        """Take in all frames up to now, so that a fault that begins now does not affect them."""
         for frame in self._port.receive(now_ns):
             if frame.extended or frame.remote or frame.error:
                 self._uncommon.append(frame)
@@ -71,7 +71,7 @@ class FaultyPort:
             self.faults.offer(frame.stamp_ns, FrameDirection.TO_VOBC, frame.can_id, frame.data)
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
-        """Frames carry the instant at which they get through."""
+        """Return the received frames, stamped with the instant at which they get through."""
         self.settle(now_ns)
         taken = self.faults.take(now_ns, FrameDirection.TO_VOBC)
         frames = [CanFrame(due_ns, can_id, data) for due_ns, can_id, data in taken]
@@ -85,7 +85,7 @@ class FaultyPort:
 
 
 class BusFaults:
-    """Sends each bus fault to where it acts. The bus is taken over when the first needs it."""
+    """Applies each bus fault where it acts; takes over the bus when the first fault needs it."""
 
     def __init__(self, bus: InprocBus, vobc: FaultyPort, seed: int) -> None:
         self.vobc = vobc
@@ -94,17 +94,18 @@ class BusFaults:
         self._wire: DisturbedWire | None = None
         self._babblers: dict[int, InprocPort] = {}
         self._frames_before: dict[int, int] = {}
-        """By index of a cut or a babbling node that acts: frames on the bus when it began."""
+        """Frames on the bus at the start of an active cut or babbling node, by index of the
+        fault."""
         self._kept_off: list[str] = []
         """Nodes that stay off the bus for good."""
 
     def reseed(self, seed: int) -> None:
-        """What begins from now on draws from another seed."""
+        """Let faults that begin from now on use another seed."""
         self._acting.reseed(seed)
         self.vobc.faults.reseed(seed)
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """A listener of the schedule; faults of other places are none of its business."""
+        """Listen to the schedule; faults of other places are ignored."""
         if plan.kind.place is not FaultPlace.BUS:
             return
         parameters = plan.parameters
@@ -115,7 +116,7 @@ class BusFaults:
                 self.vobc.stranger = self._bus.port(STRANGER, ())
             self.vobc.faults.change(plan, active, now_ns)
             return
-        # Frames that start before now have met what acted until now.
+        # Frames that started before now met only the earlier faults.
         self._bus.advance(now_ns)
         self._acting.change(plan, active, now_ns)
         wire = self._taken_over()
@@ -129,7 +130,7 @@ class BusFaults:
             self._restart(wire, parameters, now_ns)
 
     def struck_bit(self, start_ns: int, can_id: int, data: bytes, sender: str) -> int | None:
-        """A Disturber: what the faults on the wire make of a frame that is about to start."""
+        """Return the bit that faults on the wire destroy in a frame that is about to start."""
         way = FrameDirection.TO_TRAIN if sender == CONTROLLER else FrameDirection.TO_VOBC
         for acting in self._acting:
             parameters = acting.plan.parameters
@@ -148,11 +149,11 @@ class BusFaults:
         return None
 
     def errors_of(self, node: str, now_ns: int) -> ErrorCounters:
-        """Of a node by its name."""
+        """Return the error counters of a node."""
         return self._taken_over().errors_of(node, now_ns)
 
     def _count_frames(self, plan: FaultPlan, active: bool) -> None:
-        """A cut node misses what passes on the bus; all of it waits for a node that babbles."""
+        """Count frames that a cut node misses, or that wait for a babbling node: all of them."""
         if active:
             self._frames_before[plan.index] = self._bus.statistics().frames
         else:
@@ -162,7 +163,7 @@ class BusFaults:
 
     @property
     def touched(self) -> Counter[int]:
-        """By index of the fault: how many frames it changed, kept away or added."""
+        """Number of frames that each fault changed, kept away or added, by index of the fault."""
         found = Counter(self._acting.touched)
         found.update(self.vobc.faults.touched)
         frames = self._bus.statistics().frames
@@ -171,16 +172,16 @@ class BusFaults:
 
     @property
     def done(self) -> Counter[tuple[str, str]]:
-        """How often a kind of fault struck a message."""
+        """Number of times that each kind of fault struck each message."""
         return self.vobc.faults.done
 
     @property
     def error_frames(self) -> Counter[str]:
-        """By the sender of the frame that was destroyed."""
+        """Number of destroyed frames, by sender."""
         return Counter() if self._wire is None else self._wire.error_frames
 
     def story(self) -> list[tuple[int, str]]:
-        """What happened, by instant: the first thousand of frames and of nodes' states each."""
+        """Return the events by instant: the first thousand of frames and of node states each."""
         told = [(each.at_ns, f"{each.kind}: {each.message}") for each in self.vobc.faults.events]
         if self._wire is not None:
             told += [
@@ -204,14 +205,14 @@ class BusFaults:
             wire.hush(port, now_ns)
 
     def _cut(self, wire: DisturbedWire, cut: LinkCut, now_ns: int) -> None:
-        """Mended when the last of the faults that cut it is over."""
+        """Cut a node, or mend the link when the last fault that cut it is over."""
         if any(other.node is cut.node for _, other in self._acting.of(LinkCut)):
             wire.cut(cut.node.name, now_ns)
         else:
             wire.mend(cut.node.name, now_ns)
 
     def _restart(self, wire: DisturbedWire, ended: Any, now_ns: int) -> None:
-        """Nodes that were driven off the bus come back, but for those that must not."""
+        """Restart nodes that were off the bus, except those that must stay off."""
         if isinstance(ended, BusOff) and not ended.recovers:
             self._kept_off.append(ended.node.name)
         held = [other.node.name for _, other in self._acting.of(BusOff)]

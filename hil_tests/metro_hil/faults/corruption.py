@@ -1,4 +1,4 @@
-"""Payloads made wrong: so that the codec's CRC shows it, and so that no check does."""
+"""Corrupts payloads: either so that the codec's CRC shows it, or so that no check does."""
 
 import dataclasses
 import enum
@@ -19,9 +19,9 @@ TRIES: Final = 100
 
 
 def spoiled(can_id: int, data: bytes, bits: int, draws: np.random.Generator) -> bytes:
-    """So many bits inverted anywhere in the data; if it has a CRC, that does not fit any more.
+    """Invert bits anywhere in the data; if the frame has a CRC, it no longer fits.
 
-    A frame without a CRC is changed as well, and nobody can see it.
+    A frame without a CRC is changed as well, and no check can detect it.
     """
     known = known_messages().get(can_id)
     if known is None or known.bound.protection is MessageProtection.NONE or not data:
@@ -31,22 +31,23 @@ def spoiled(can_id: int, data: bytes, bits: int, draws: np.random.Generator) -> 
         wrong = flipped(data, bits, draws)
         if opened(wrong) < 0:
             return wrong
-    # All bits of a short frame wrong: there is only one such frame, and its CRC may fit.
+    # With all bits of a short frame inverted there is only one result, and its CRC may fit.
     return flipped(data, 1, draws)
 
 
 class Forger:
-    """Changes values in a sender's memory: counter, CRC and twin fit."""
+    """Changes values as in the sender's memory, so that counter, CRC and twin fit."""
 
     def __init__(self, bits: int, draws: np.random.Generator) -> None:
         self._bits, self._draws = bits, draws
         self._pairs: dict[int, tuple[int, int]] = {}
-        """By identifier of the first half: alive counter and inverted bits of the last one."""
+        """Alive counter and inverted bits of the last first half, by its identifier."""
 
     def forged(self, can_id: int, data: bytes, *, strike: bool) -> bytes | None:
-        """The frame with another value that every check accepts; None if it is left as it is.
+        """Return the frame with another value that passes every check; None if it stays unchanged.
 
-        `strike` decides for a whole pair when its first half comes; the second follows the first.
+        `strike` decides for a whole pair when its first half arrives; the second half follows the
+        first.
         """
         known = known_messages().get(can_id)
         if known is None or len(data) != _message(known).length:
@@ -68,7 +69,7 @@ class Forger:
         return sealed(known, word ^ flips, counter)
 
     def _flips(self, bound: Binding, word: int) -> int:
-        """Bits whose inversion gives another valid frame; 0 when none were found."""
+        """Return bits whose inversion gives another valid frame; 0 if none were found."""
         read = unpacker(bound.kind)
         genuine = read(word)
         places = [place for each in bound.fields for place in _places(each)]
@@ -78,8 +79,8 @@ class Forger:
                 chosen = self._draws.choice(len(places), size=count, replace=False)
                 flips = sum(1 << places[int(index)] for index in chosen)
             else:
-                # Two-bit booleans and value tables may leave no room for these many bits, so that
-                # it is one whole signal.
+                # Two-bit booleans and value tables may not permit this number of bits, so change
+                # one signal.
                 field = bound.fields[int(self._draws.integers(len(bound.fields)))]
                 flips = int(self._draws.integers(1, 1 << field.length)) << field.start
             forged = read(word ^ flips)
@@ -91,9 +92,9 @@ class Forger:
 def masked(
     bound: Binding, genuine: bytes, values: Mapping[str, float], counter: int, twins: bool
 ) -> tuple[tuple[int, bytes], ...]:
-    """A frame with the genuine one's values but for these, sealed with this counter.
+    """Return a frame with the genuine values except for `values`, sealed with this counter.
 
-    Empty when the genuine one cannot be read.
+    Return nothing if the genuine frame cannot be read.
     """
     size = payload_bytes(bound.message)
     known, word = known_messages()[bound.message.frame_id], int.from_bytes(genuine[:size], "little")
@@ -112,13 +113,13 @@ def masked(
 
 
 def alive_counter(bound: Binding, data: bytes) -> int:
-    """Of a protected frame; 0 for any other."""
+    """Return the alive counter of a protected frame; 0 for other frames."""
     size = payload_bytes(bound.message)
     return data[size] if bound.protection is not MessageProtection.NONE and len(data) > size else 0
 
 
 def sealed(known: KnownMessage, word: int, counter: int) -> bytes:
-    """Payload bits with trailer, if the message has one."""
+    """Return the payload bits with the trailer, if the message has one."""
     size = payload_bytes(known.bound.message)
     body = word.to_bytes(size, "little")
     if known.bound.protection is MessageProtection.NONE:

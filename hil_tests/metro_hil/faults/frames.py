@@ -1,7 +1,7 @@
-"""Faults of the frames between controller and train: frames in, frames out when they are due.
+"""Faults of frames between controller and train: frames go in, and come out when they are due.
 
-It reads no clock and knows no bus, so the same core stands between the controller and a bus of
-virtual time (`metro_hil.faults.bus`) and between two real segments (`metro_hil.faults.gateway`).
+The module reads no clock and knows no bus. So the same core works between the controller and a bus
+in virtual time (`metro_hil.faults.bus`) and between two real segments (`metro_hil.faults.gateway`).
 Faults that act at once are applied in the order of the scenario.
 """
 
@@ -39,19 +39,19 @@ __all__ = ["FrameFaults", "FrameEvent", "Due", "check_bus_fault"]
 
 EVENTS_MAX: Final = 1000
 MEMORY_S: Final = 60.0
-"""What a replay can ask for at most."""
+"""Longest memory of a replay."""
 ATTEMPTS_MAX: Final = 32
-"""After so many in vain a sender is off the bus."""
+"""Number of failed attempts after which a sender is off the bus."""
 BIT_NS: Final = 4_000
-"""At 250 kbit/s."""
+"""Duration of a bit at 250 kbit/s."""
 
 Due = tuple[int, int, bytes]
-"""Instant, identifier, data."""
+"""Instant, identifier and data."""
 _Item = tuple[int, bytes]
 
 
 class FrameEvent(NamedTuple):
-    """Something that a fault did."""
+    """An effect of a fault on a frame."""
 
     at_ns: int
     kind: str
@@ -60,56 +60,58 @@ class FrameEvent(NamedTuple):
 
 @dataclass(slots=True)
 class _Memory:
-    """What one acting fault keeps for itself."""
+    """State of one active fault."""
 
     floors_ns: dict[FrameDirection, int] = field(default_factory=dict)
-    """Of a delay: no frame of that way comes before this, so that their order stays."""
+    """Of a delay: earliest instant for the next frame of a direction, which keeps their order."""
     forger: Forger | None = None
     past: list[tuple[int, FrameDirection, int, bytes]] = field(default_factory=list)
-    """Of a replay: how long after its begin each frame is said again for the first time."""
+    """Of a replay: offset from its start at which each frame is first sent again."""
     next_index: int = 0
     next_ns: int = 0
     counter: int | None = None
-    """Of a masquerade."""
+    """Alive counter of a masquerade."""
 
 
 class FrameFaults:
-    """Offer it every frame, in order of time, and take what is due. Time must not run backwards."""
+    """Takes every frame in order of time, and returns those that are due. Time must not go back."""
 
     def __init__(
         self, seed: int, *, memory_s: float = MEMORY_S, strangers_apart: bool = False
     ) -> None:
-        """Args:
-        memory_s: how much of the past is kept for a frame_replay; the longest of those planned.
-        strangers_apart: what a masquerade says is fetched by `take_strangers`; otherwise it comes
-            with the frames of the way that genuine ones go.
+        """Prepare the faults.
+
+        Args:
+            memory_s: how much of the past is kept for a frame_replay: the longest planned.
+            strangers_apart: `take_strangers` returns the frames of a masquerade; otherwise they
+                come with the genuine frames of their direction.
         """
         self.done: Counter[tuple[str, str]] = Counter()
-        """How often a kind of fault struck a message."""
+        """Number of times that each kind of fault struck each message."""
         self.events: list[FrameEvent] = []
-        """The first EVENTS_MAX."""
+        """The first EVENTS_MAX events."""
         self.events_left_out = 0
         self._acting = ActingFaults(FaultPlace.BUS, seed)
         self.strangers_apart = strangers_apart
         self._memory: dict[int, _Memory] = {}
         self._fading: list[tuple[FrameDelay, _Memory]] = []
-        """Delays that have ended: frames still queue behind what they hold."""
+        """Delays that have ended; later frames still queue behind those that they hold."""
         self._held: dict[FrameDirection, DelayQueue[tuple[int, bytes]]] = {
             FrameDirection.TO_TRAIN: DelayQueue(),
             FrameDirection.TO_VOBC: DelayQueue(),
             FrameDirection.BOTH: DelayQueue(),
         }
-        """The last is that of strangers."""
+        """Held frames by direction; BOTH holds those of masquerades."""
         self._past: deque[tuple[int, FrameDirection, int, bytes]] = deque()
         self._past_ns = round(memory_s * NS_PER_S)
         self._genuine: dict[int, bytes] = {}
 
     def reseed(self, seed: int) -> None:
-        """What begins from now on draws from another seed."""
+        """Let faults that begin from now on use another seed."""
         self._acting.reseed(seed)
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """A listener of the schedule; faults of other places are none of its business."""
+        """Listen to the schedule; faults of other places are ignored."""
         self._produce(now_ns)
         if not self._acting.change(plan, active, now_ns):
             return
@@ -121,7 +123,7 @@ class FrameFaults:
                 self._fading.append((plan.parameters, memory))
 
     def offer(self, now_ns: int, way: FrameDirection, can_id: int, data: bytes) -> None:
-        """One frame that goes that way, at the instant at which it would arrive."""
+        """Take one frame of this direction at the instant at which it would arrive."""
         self._remember(now_ns, way, can_id, data)
         items: list[_Item] = [(now_ns, data)]
         for acting in self._acting:
@@ -133,41 +135,41 @@ class FrameFaults:
             held.hold(due_ns, (can_id, each))
 
     def take(self, now_ns: int, way: FrameDirection) -> list[Due]:
-        """What is due by now, in the order in which it is due."""
+        """Return the frames that are due by now, in order."""
         held = self._held[way]
         if not self._memory and not held:
-            # Asked every millisecond, and mostly in vain.
+            # The fast path: this is called every millisecond, and mostly nothing is due.
             return []
         self._produce(now_ns)
         return [(due_ns, can_id, data) for due_ns, (can_id, data) in held.due(now_ns)]
 
     def take_strangers(self, now_ns: int) -> list[Due]:
-        """The same for what masquerades say, where that is kept apart."""
+        """Return the frames of masquerades that are due, if they are kept apart."""
         return self.take(now_ns, FrameDirection.BOTH)
 
     def next_due_ns(self) -> int | None:
-        """When there is something to take at the earliest; None when nothing is to come."""
+        """Return the earliest instant of a frame to take; None if none will come."""
         waiting = [each.next_ns for each in self._held.values()]
         sources = [self._memory[acting.plan.index].next_ns for acting in self._sources()]
         return min((at_ns for at_ns in (*waiting, *sources) if at_ns is not None), default=None)
 
     @property
     def held(self) -> int:
-        """Frames that are still to come."""
+        """Number of frames that are still to come."""
         return sum(len(each) for each in self._held.values())
 
     @property
     def touched(self) -> Counter[int]:
-        """By index of the fault: how many frames it changed, held back or added."""
+        """Number of frames that each fault changed, delayed or added, by index of the fault."""
         return self._acting.touched
 
     def strike(self, acting: Acting, at_ns: int, can_id: int, *, changed: bool = True) -> None:
-        """Count a frame that a fault met, and whether that changed anything."""
+        """Count a frame that a fault met, and whether the fault changed anything."""
         self.note(at_ns, acting.name, can_id)
         self._acting.touched[acting.plan.index] += changed
 
     def note(self, at_ns: int, kind: str, can_id: int) -> None:
-        """Count something that was done to a frame."""
+        """Count an effect on a frame."""
         message = name_of(can_id)
         self.done[kind, message] += 1
         if len(self.events) < EVENTS_MAX:
@@ -175,7 +177,7 @@ class FrameFaults:
         else:
             self.events_left_out += 1
 
-    # What is done to a frame that passes.
+    # Effects on a passing frame.
 
     def _struck(
         self, acting: Acting, now_ns: int, way: FrameDirection, can_id: int, items: list[_Item]
@@ -196,7 +198,7 @@ class FrameFaults:
         found: list[_Item] = []
         for due_ns, data in items:
             if isinstance(parameters, FrameCorrupt) and parameters.damage is DamagePlace.ON_WIRE:
-                # Its sender repeats a frame before it says the next.
+                # The sender repeats a frame before it sends the next one.
                 due_ns = max(due_ns, floors_ns.get(way, 0))
                 struck = _sent_again(acting, parameters, due_ns, can_id, data)
                 floors_ns[way] = max([due_ns, *(at_ns for at_ns, _ in struck)])
@@ -216,7 +218,7 @@ class FrameFaults:
     def _queued(
         self, now_ns: int, way: FrameDirection, can_id: int, items: list[_Item]
     ) -> list[_Item]:
-        """Behind what a delay that has ended still holds."""
+        """Queue frames behind those that an ended delay still holds."""
         self._fading = [
             (late, memory)
             for late, memory in self._fading
@@ -252,7 +254,7 @@ class FrameFaults:
             found.append((due_ns, data if forged is None else forged))
         return found
 
-    # What is said besides.
+    # Additional frames.
 
     def _begin(self, plan: FaultPlan, now_ns: int) -> _Memory:
         memory, parameters = _Memory(next_ns=now_ns), plan.parameters
@@ -286,7 +288,7 @@ class FrameFaults:
         ]
 
     def _produce(self, now_ns: int) -> None:
-        """Let replays and strangers say what they have to say up to now."""
+        """Let replays and masquerades send what is due up to now."""
         if not self._memory:
             return
         for acting in self._sources():
@@ -325,7 +327,7 @@ class FrameFaults:
 
 
 def _fate(acting: Acting, parameters: Any, due_ns: int, can_id: int, data: bytes) -> list[_Item]:
-    """What becomes of one frame by a fault that keeps nothing."""
+    """Apply a fault without a memory to one frame."""
     draws = acting.draws
     if isinstance(parameters, FrameDrop):
         return [] if hits(draws, parameters.loss_ratio) else [(due_ns, data)]
@@ -342,7 +344,7 @@ def _fate(acting: Acting, parameters: Any, due_ns: int, can_id: int, data: bytes
 def _sent_again(
     acting: Acting, corrupt: FrameCorrupt, due_ns: int, can_id: int, data: bytes
 ) -> list[_Item]:
-    """Where there is no model of the bus: late by the error frames of all attempts in vain."""
+    """Delay a frame by the error frames of all failed attempts, for a bench without a bus model."""
     frame = wire_frame(can_id, data)
     for _ in range(ATTEMPTS_MAX):
         if not hits(acting.draws, corrupt.share_ratio):

@@ -1,10 +1,10 @@
-"""Bus faults between two segments, controller here and train there, where no bus can be modelled.
+"""Bus faults between a controller segment and a train segment, where no bus model exists.
 
-The frames that pass are spoiled by `FrameFaults`. What would happen on the bus is made of what a
-gateway can do: a node that is off or cut is one whose frames do not pass, frames destroyed on the
-wire are late by their error frames, and an idiot babbles on both segments at its rate. As long as
-it does, what passes is arbitrated here by identifier, as on one bus of 250 kbit/s: a segment that
-is embedded or virtual has room for everybody and would let the idiot harm nobody.
+`FrameFaults` changes the frames that pass. The gateway imitates bus faults with its own means.
+Frames of a node that is off or cut do not pass. Frames that are destroyed on the wire are late by
+their error frames. A babbling node sends on both segments at its rate. During that time the gateway
+arbitrates all frames by identifier, as on one bus of 250 kbit/s: an embedded or virtual segment has
+room for all frames, so babbling would harm no node.
 """
 
 from collections import Counter
@@ -26,13 +26,14 @@ RECOVERY_NS: Final = RECOVERY_BITS * BIT_NS
 FOREVER_NS: Final = 1 << 62
 BABBLE: Final = b"\xaa" * 8
 BABBLE_FRAMES_MAX: Final = 64
-"""At once, after the gateway was held up; the rest is left out and counted."""
+"""Maximum number of babbled frames after a delay of the gateway; the rest is left out and
+counted."""
 
 
 @dataclass(slots=True)
 class _Babble:
     index: int
-    """Of the fault."""
+    """Index of the fault."""
     can_id: int
     bits_ns: int
     period_ns: int
@@ -40,31 +41,31 @@ class _Babble:
 
 
 class GatewayFaults:
-    """Takes the place of FrameFaults: offer every frame, take what is due."""
+    """Replaces FrameFaults: takes every frame and returns those that are due."""
 
     def __init__(self, seed: int) -> None:
         self.frames = FrameFaults(seed)
         self.babble_left_out = 0
         self._blocked: dict[int, tuple[str, Node, int]] = {}
-        """By number of the fault: its kind, the node, and until when."""
+        """Kind of the fault, node and end, by number of the fault."""
         self._babbles: dict[int, _Babble] = {}
         self._waiting: list[tuple[int, int, FrameDirection, bytes]] = []
-        """A heap of what has not been let on the crowded bus: identifier, number, way, data."""
+        """Heap of frames that wait for the crowded bus: identifier, number, direction, data."""
         self._mailboxes: Counter[str] = Counter()
-        """How many of these each node has sent; in virtual time the rest is dropped, too."""
+        """Number of waiting frames of each node; as in virtual time, further ones are dropped."""
         self._passed: dict[FrameDirection, list[Due]] = {
             FrameDirection.TO_TRAIN: [],
             FrameDirection.TO_VOBC: [],
         }
-        """What was, and has not been taken."""
+        """Frames that have passed the bus and were not taken yet."""
         self._free_ns = 0
-        """When the bus is free again."""
+        """Instant at which the bus is free again."""
         self._number = 0
         self._touched: Counter[int] = Counter()
 
     @property
     def touched(self) -> Counter[int]:
-        """By index of the fault: how many frames it changed, kept away or added."""
+        """Number of frames that each fault changed, kept away or added, by index of the fault."""
         return self._touched + self.frames.touched
 
     @property
@@ -76,7 +77,7 @@ class GatewayFaults:
         return self.frames.events
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """A listener of the schedule; faults of other places are none of its business."""
+        """Listen to the schedule; faults of other places are ignored."""
         if plan.kind.place is not FaultPlace.BUS:
             return
         parameters = plan.parameters
@@ -109,7 +110,7 @@ class GatewayFaults:
         self.frames.offer(now_ns, way, can_id, data)
 
     def take(self, now_ns: int, way: FrameDirection) -> list[Due]:
-        """What is due by now, in the order in which it is due."""
+        """Return the frames that are due by now, in order."""
         if not (self._babbles or self._waiting or self._passed[way]):
             return self.frames.take(now_ns, way)
         self._arbitrate(now_ns)
@@ -117,7 +118,7 @@ class GatewayFaults:
         return passed
 
     def next_due_ns(self) -> int | None:
-        """When there is something to take at the earliest; None when nothing is to come."""
+        """Return the earliest instant of a frame to take; None if none will come."""
         found = self.frames.next_due_ns()
         known = [] if found is None else [found]
         known += [max(each.next_ns, self._free_ns) for each in self._babbles.values()]
@@ -126,8 +127,10 @@ class GatewayFaults:
         return min(known, default=None)
 
     def _arbitrate(self, now_ns: int) -> None:
-        """Let on the bus, one after the other, what may go by now: of all that is there the lowest
-        identifier. Frames that come within one look are taken to have come together."""
+        """Let frames on the bus one after the other, always the lowest identifier that waits.
+
+        Frames that arrive within one call count as having arrived together.
+        """
         for way in self._passed:
             for _, can_id, data in self.frames.take(now_ns, way):
                 self._line_up(now_ns, way, can_id, data)
@@ -164,7 +167,7 @@ class GatewayFaults:
         self._free_ns += idiot.bits_ns
 
     def _leave_out(self, now_ns: int) -> None:
-        """What an idiot would have said while the gateway was held up for long."""
+        """Leave out what a babbling node would have sent during a long delay of the gateway."""
         for idiot in self._babbles.values():
             from_ns = now_ns - BABBLE_FRAMES_MAX * idiot.period_ns
             missed = max(0, from_ns - max(idiot.next_ns, self._free_ns)) // idiot.period_ns
@@ -174,7 +177,7 @@ class GatewayFaults:
                 self._free_ns = idiot.next_ns
 
     def _blocked_by(self, now_ns: int, way: FrameDirection, can_id: int) -> int | None:
-        """Index of the fault that keeps this frame from passing; None when it passes."""
+        """Return the index of the fault that blocks this frame; None if it passes."""
         off = {
             node.name: index
             for index, (_, node, until_ns) in self._blocked.items()

@@ -1,10 +1,10 @@
-"""The controller's process in virtual time, so that it can be killed, paused, slowed and misled.
+"""The controller's process in virtual time, which faults can kill, pause, slow and mislead.
 
-What happens is what the kernel would do. A paused process finds all that came meanwhile in its
-inboxes and its missed cycles slipped. A killed one says nothing more; what came for it is lost, and
-when it is started again it knows what its memory kept. A slow one sends what it decided only when
-it is done, and its cycles that fall due meanwhile slip. A stepped clock makes old what was heard
-before. Commands on the bus are the only thing that leaves, so nothing else has to be modelled.
+The effects are those of a real kernel. A paused process later finds all messages in its inboxes,
+and its missed cycles have slipped. A killed process sends nothing more, and messages for it are
+lost; when it starts again, it knows what its memory kept. A slow process sends its decision only
+when it has finished, and cycles that fall due meanwhile slip. A stepped clock makes earlier
+messages old. Only commands on the bus leave the process, so nothing else is modelled.
 """
 
 from collections import Counter, deque
@@ -32,7 +32,7 @@ from vobc.vocabulary import SAFE_OUTPUT, CycleOutput
 
 POLL_NS: Final = 1_000_000
 CYCLE_TASKS: Final = frozenset({"control", "grant"})
-"""What is slowed; the second is all that a program of its own does."""
+"""Tasks that a slow process delays; the second is the only one of a program in its own process."""
 NS_PER_S: Final = 1_000_000_000
 
 
@@ -43,19 +43,19 @@ class BenchDevice(Protocol):
 
     @property
     def output(self) -> CycleOutput:
-        """Of the last cycle."""
+        """Output of the last cycle."""
         ...
 
     def stop(self, now_ns: int) -> None: ...
 
 
 class ProcessClock:
-    """What the process's clock is ahead of true time, and until when what it sends is held back."""
+    """Lead of the process's clock over true time, and the delay of its output."""
 
     def __init__(self) -> None:
         self.ahead_ns = 0
         self.held_ns = 0
-        """Added to the instant at which something leaves; 0 while the process is not slow."""
+        """Delay of each output; 0 while the process is not slow."""
 
 
 class ProcessCan:
@@ -75,7 +75,7 @@ class ProcessCan:
         self.poll(now_ns - clock.ahead_ns)
 
     def poll(self, true_ns: int) -> None:
-        """Let go what is due."""
+        """Send what is due."""
         held = self._held
         while held and held[0][0] <= true_ns:
             due_ns, can_id, data = held.popleft()
@@ -83,11 +83,11 @@ class ProcessCan:
 
     @property
     def due_ns(self) -> int | None:
-        """In true time, when the next thing is to go that is held back."""
+        """True instant at which the next held frame is due."""
         return self._held[0][0] if self._held else None
 
     def forget(self) -> None:
-        """The process is gone, and with it what it was about to say."""
+        """Drop the held frames of a process that has been killed."""
         self._held.clear()
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
@@ -102,7 +102,7 @@ class ProcessCan:
 
 
 class ProcessSerial:
-    """The tag reader's line as the process sees it. Nothing is sent on it by the controller."""
+    """The tag reader's line as the process sees it; the controller sends nothing on it."""
 
     def __init__(self, port: SerialPort, clock: ProcessClock) -> None:
         self._port, self._clock = port, clock
@@ -146,11 +146,11 @@ class ProcessRadio:
 
 
 StartDevice = Callable[[ProcessCan, ProcessSerial, ProcessRadio, int, bool], BenchDevice]
-"""Starts a controller on these ports at this instant of its clock; True when it ran before."""
+"""Starts a controller on these ports at this instant of its clock; True for a restart."""
 
 
 class ControllerProcess:
-    """Runs a controller under the process faults of a case; itself run like a controller."""
+    """Runs a controller under the process faults of a case; runs like a controller itself."""
 
     def __init__(
         self,
@@ -163,9 +163,11 @@ class ControllerProcess:
         start_ns: int,
         forget: Callable[[], None] | None = None,
     ) -> None:
-        """Args:
-        end: takes away a controller that was killed.
-        forget: empties its memory; None where it has none.
+        """Start the controller.
+
+        Args:
+            end: removes a controller that was killed.
+            forget: erases its memory; None if it has none.
         """
         self._start, self._end, self._forget = start, end, forget
         self._clock = ProcessClock()
@@ -180,18 +182,18 @@ class ControllerProcess:
         self._slowers: dict[int, float] = {}
         self._busy_until_ns = 0
         self._missed_ns = -1
-        """The last cycle that fell due while the process was paused."""
+        """Due instant of the last cycle that a pause made it miss."""
         self.touched: Counter[int] = Counter()
-        """By index of the fault: processes ended, clocks moved, cycles held up."""
+        """Number of kills, clock steps or delayed cycles, by index of the fault."""
         self.executive = Executive.woken("process", self._wake, start_ns)
 
     @property
     def output(self) -> CycleOutput:
-        """Of the last cycle; the safe output while there is no controller."""
+        """Output of the last cycle; the safe output while there is no controller."""
         return SAFE_OUTPUT if self._device is None else self._device.output
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """A process fault begins or ends."""
+        """Begin or end a process fault."""
         parameters = plan.parameters
         self.touched.setdefault(plan.index, 0)
         if isinstance(parameters, ControllerKilled):
@@ -220,18 +222,18 @@ class ControllerProcess:
     def _start_again(self, now_ns: int) -> BenchDevice:
         there_ns = now_ns + self._clock.ahead_ns
         for port in (self._can, self._tags, self._radio):
-            # What came while nobody listened reached nobody.
+            # Messages for a process that did not run are lost.
             port.receive(there_ns)
         self._busy_until_ns = now_ns
         return self._start(self._can, self._tags, self._radio, there_ns, True)
 
     def _wake(self, now_ns: int) -> int:
-        """At each poll, and at the very instant of a task or of what is held back between two."""
+        """Wake at each poll, and at the exact instant of a task or held frame in between."""
         self._poll(now_ns)
         poll_ns = now_ns - now_ns % POLL_NS + POLL_NS
         held_ns = self._can.due_ns
         if held_ns is not None and now_ns < held_ns < poll_ns:
-            # Nobody may be told at the poll of what was said before others said something.
+            # At the poll, other frames may have been sent that must come after this one.
             poll_ns = held_ns
         if self._device is None:
             return poll_ns
@@ -261,13 +263,13 @@ class ControllerProcess:
         clock.held_ns = 0
 
     def _count_missed(self, due_ns: int, now_ns: int) -> None:
-        """A paused process misses what falls due; it counts once."""
+        """Count each cycle that a paused process misses once."""
         if self._missed_ns != due_ns <= now_ns:
             self._missed_ns = due_ns
             self.touched.update(self._pausers)
 
     def stop(self, now_ns: int) -> None:
-        """The last word, if there is anybody to say it."""
+        """Send the safe output, unless the process is dead or paused."""
         if self._device is not None and not self._pausers:
             self._device.stop(now_ns + self._clock.ahead_ns)
 

@@ -1,1 +1,1 @@
-"""Attacks on the controller's inputs and data, and what must hold all the same."""
+"""Attacks on the controller's inputs and data, and the rules that must hold nevertheless."""

@@ -17,11 +17,14 @@ NS_PER_S: Final = 1_000_000_000
 EXIT_OK: Final = 0
 EXIT_BROKEN: Final = 1
 SEEDS_APART: Final = 1_000_003
-"""Workers draw from seeds that do not meet."""
+"""Distance between the first seeds of two workers, so that their seeds never meet."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """0 when everything held, 1 with the first problem of each worker and the seed to repeat it."""
+    """Run the attacks; return 0 if every rule held.
+
+    Otherwise return 1 and print the first problem of each worker with the seed that repeats it.
+    """
     parser = argparse.ArgumentParser(prog="fuzz", description=__doc__)
     parser.add_argument("--frames", type=int, default=FRAMES, help=f"default: {FRAMES}")
     parser.add_argument("--seed", type=int, default=1)
@@ -41,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def attacked(kind: str, seed: int, frames_max: int) -> Episode:
-    """One episode; a few that follow each other attack the same ride."""
+    """Run one episode; a few successive seeds attack the same run."""
     return episode(_ride(seed // len(KINDS)), kind, seed, frames_max=frames_max)
 
 
@@ -51,7 +54,7 @@ def _ride(seed: int) -> Genuine:
 
 
 def work(seed: int, frames: int) -> list[Episode]:
-    """Episodes with seeds from `seed` on until there were so many frames, or a problem."""
+    """Run episodes from `seed` on until enough frames were sent, or a problem occurred."""
     told: list[Episode] = []
     done = 0
     while done < frames and not (told and told[-1].problem):
@@ -73,12 +76,13 @@ def _told(told: Sequence[Episode], elapsed_s: float) -> int:
     frames = sum(each.frames for each in told)
     print(f"{frames} frames in {elapsed_s:.0f} s: {frames / elapsed_s:.0f} a second;", end=" ")
     print(f"{FRAMES} take {FRAMES * elapsed_s / max(1, frames) / 60:.0f} min")
-    print(f"noise that was right by chance, left out: {sum(e.lucky for e in told)}")
+    print(f"noise frames that were valid by chance, left out: {sum(e.lucky for e in told)}")
     broken = [each for each in told if each.problem]
     for each in broken:
         print(f"{each.kind}, seed {each.seed}: {each.problem}", file=sys.stderr)
         print(
-            f'  again: make fuzz FUZZ_ARGS="--kind {each.kind} --seed {each.seed}"', file=sys.stderr
+            f'  repeat: make fuzz FUZZ_ARGS="--kind {each.kind} --seed {each.seed}"',
+            file=sys.stderr,
         )
     return EXIT_BROKEN if broken else EXIT_OK
 

@@ -1,4 +1,4 @@
-"""What an attacker or a broken wire puts between genuine traffic, drawn from one generator."""
+"""Disturbances that an attacker or a defective wire adds to genuine traffic, from one generator."""
 
 from binascii import crc_hqx
 from collections.abc import Callable, Sequence
@@ -16,11 +16,11 @@ STANDARD_IDS: Final = 2048
 MAX_BYTES: Final = 8
 TRAILER_BYTES: Final = 3
 FLIPS_MAX: Final = 3
-"""So many flipped bits the CRC finds for certain."""
+"""Number of flipped bits that the CRC always detects."""
 GARBAGE_BYTES_MAX: Final = 64
 COUNTER_MASK: Final = 0xFF
 TELEGRAMS_KNOWN: Final = 8
-"""So many of the last a parser knows byte for byte."""
+"""Number of recent telegrams that a parser recognises byte for byte."""
 
 _BOUND: Final = [binding_of(kind) for kind in HEARD_KINDS]
 PROTECTED: Final = {
@@ -28,14 +28,15 @@ PROTECTED: Final = {
     for bound in _BOUND
     if bound.protection is not MessageProtection.NONE
 }
-"""Identifiers the controller hears under a CRC: length, and the CRC's state after the data id."""
+"""Identifiers that the controller receives with a CRC: length, and state of the CRC after the data
+id."""
 UNPROTECTED: Final = frozenset(
     bound.message.frame_id for bound in _BOUND if bound.protection is MessageProtection.NONE
 )
 
 
 def authentic(frame: CanFrame) -> bool:
-    """Whether a receiver can have nothing against it but its counter."""
+    """Tell whether only its counter can show a receiver that the frame is not genuine."""
     if frame.extended or frame.remote or frame.error:
         return False
     if frame.can_id in UNPROTECTED:
@@ -47,16 +48,17 @@ def authentic(frame: CanFrame) -> bool:
 
 
 class Attacker:
-    """Draws disturbances around the genuine traffic of one ride."""
+    """Generates disturbances around the genuine traffic of one run."""
 
     def __init__(self, genuine: Genuine, generator: np.random.Generator) -> None:
         self._genuine, self._draw = genuine, generator
         self._ids = sorted(PROTECTED)
         self.lucky = 0
-        """Noise that has a right CRC by chance, or needs none; it is left out."""
+        """Number of noise frames with a correct CRC by chance or without need of one; they are left
+        out."""
         self._counters: dict[int, int] = {}
         self._payloads: dict[int, bytes] = {}
-        # One kind of frame at a time: all of them at once only show that the train is braked.
+        # Attack one kind of frame at a time: all of them at once would only show a braked train.
         aim = int(generator.integers(0, len(self._ids) + 1))
         self._aimed_at = frozenset(self._ids if aim == len(self._ids) else self._ids[aim : aim + 1])
         self._noises: tuple[Callable[[int], CanFrame], ...] = (
@@ -69,7 +71,7 @@ class Attacker:
         )
 
     def noise(self, count: int, now_ns: int) -> list[CanFrame]:
-        """Frames that nothing may come of: damaged, foreign, of the wrong length or kind."""
+        """Return frames that must have no effect: damaged, foreign, of the wrong length or kind."""
         made = []
         for kind in self._draw.integers(0, len(self._noises), count).tolist():
             frame = self._noises[kind](now_ns)
@@ -80,7 +82,7 @@ class Attacker:
         return made
 
     def replayed(self, count: int, before: int, now_ns: int) -> list[CanFrame]:
-        """Genuine frames of the past, each by itself; `before` is how many there were so far."""
+        """Return single genuine frames of the past; `before` is the number of frames so far."""
         if not before:
             return []
         frames = self._genuine.frames
@@ -89,7 +91,7 @@ class Attacker:
         return [f._replace(stamp_ns=now_ns) for f in picked if f.can_id in self._aimed_at]
 
     def forged(self, count: int, now_ns: int) -> list[CanFrame]:
-        """Right CRC, next counter, any payload at all: nobody can tell them from genuine ones."""
+        """Return frames with valid CRC, next counter and any payload; no check detects them."""
         ids = [self._ids[at] for at in self._draw.integers(0, len(self._ids), count).tolist()]
         return [
             self._signed(can_id, self._payload(can_id), now_ns)
@@ -98,28 +100,28 @@ class Attacker:
         ]
 
     def _payload(self, can_id: int) -> bytes:
-        """Anything, or what was heard last with a few bits changed."""
+        """Return any payload, or the last received one with a few bits changed."""
         last = self._payloads.get(can_id)
         if last is None or self._draw.integers(0, 2):
             return self._draw.bytes(MAX_BYTES)
         return self._with_flips(last)
 
     def heard(self, frames: Sequence[CanFrame]) -> None:
-        """Follow the counters, so that the next forged frame carries on from them."""
+        """Follow the counters, so that the next forged frame continues them."""
         for frame in frames:
             if frame.can_id in PROTECTED:
                 self._counters[frame.can_id] = frame.data[-TRAILER_BYTES]
                 self._payloads[frame.can_id] = frame.data[:-TRAILER_BYTES]
 
     def garbage(self, before: int, now_ns: int) -> SerialChunk:
-        """Random bytes, a torn telegram or one with flipped bits on the line of the tag reader.
+        """Return random bytes, a torn telegram or one with flipped bits for the tag reader's line.
 
-        Frames may share a flag, so one that is torn of nothing but its closing flag is whole once
-        the next one opens. It is drawn of those that the parser still knows, and so it is a
-        duplicate; older ones are replays, which are for their tag's window to judge.
+        Frames may share a flag, so a telegram without its closing flag becomes whole when the next
+        one opens. It is chosen from those that the parser still knows, so that it is a duplicate.
+        Older ones are replays, which the window of their tag has to judge.
 
         Args:
-            before: how many pieces the line carried so far.
+            before: number of pieces on the line so far.
         """
         chunks = self._genuine.chunks
         kind = int(self._draw.integers(0, 4))
@@ -134,7 +136,7 @@ class Attacker:
         return SerialChunk(now_ns, data[:1] + self._with_flips(data[1:-1]) + data[-1:])
 
     def babble(self, before: int, now_ns: int) -> RadioMessage:
-        """On the radio: random bytes, a damaged message, or a message of the past once more."""
+        """Return random bytes, a damaged message, or an old message for the radio."""
         messages = self._genuine.messages[:before]
         kind = int(self._draw.integers(0, 4))
         if kind == 0 or not messages:

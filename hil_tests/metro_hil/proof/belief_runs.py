@@ -1,7 +1,7 @@
-"""Runs named scenarios with a controller that has something wrong in its head: map, train, scales.
+"""Runs scenarios with a controller that has wrong data: map, train parameters or scales.
 
-The plant, the monitors and whoever judges keep what is true. A scenario notices when a case of it
-passes with the right data and does not with the wrong ones.
+The plant, the monitors and the judge keep the true data. A scenario notices a mistake when one of
+its cases passes with the right data and fails with the wrong data.
 """
 
 import dataclasses
@@ -34,33 +34,36 @@ FRAMES: Final[dict[str, type[Frame]]] = {
         doors.DoorStatus,
     )
 }
-"""What only the controller hears, so that a wrong scale can be its alone."""
+"""Frames that only the controller receives, so that a wrong scale affects it alone."""
 
 Mistake = Callable[[CaseParts], CaseParts]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class BeliefRun:
-    """A case, and the files that it calls by a name of its campaign."""
+    """A case, and the files that it names."""
 
     case: Case
     contents: Mapping[str, str]
 
 
 def rides_of(name: str) -> list[BeliefRun]:
-    """Of `campaign: case`, where the case may be only the begin of its id. Raises KeyError."""
+    """Return the cases of `campaign: case`, where a prefix of the case id is enough.
+
+    Raises KeyError.
+    """
     name, _, begin = name.partition(": ")
     campaign = read_campaign(name)
     cases = [case for case in plan_cases(campaign) if case.id.startswith(begin)]
     if not cases:
-        raise KeyError(f"{begin!r} is no case of {name}")
+        raise KeyError(f"{begin!r} is not a case of {name}")
     return [BeliefRun(case, campaign.files) for case in cases]
 
 
 def notices(
     names: Sequence[str], mistaken: Callable[[BeliefRun], CaseResult | None], known_good: set[str]
 ) -> str:
-    """The first case that passes without the mistake and not with it, and why; else nothing.
+    """Return the first case that passes only without the mistake, with the reason; else nothing.
 
     Args:
         mistaken: runs a case with the mistake.
@@ -80,7 +83,7 @@ def notices(
 
 
 def run(ride: BeliefRun, mistake: Mistake = lambda parts: parts) -> CaseResult | None:
-    """None when the controller cannot even be made with the mistake."""
+    """Run a case; return None if the controller rejects the mistake when it starts."""
     with tempfile.TemporaryDirectory() as folder:
         files = {name: Path(folder) / name for name in ride.contents}
         for name, path in files.items():
@@ -98,13 +101,13 @@ def run(ride: BeliefRun, mistake: Mistake = lambda parts: parts) -> CaseResult |
 
 
 def failed_of(result: CaseResult) -> str:
-    """The monitors that say so."""
+    """Return the names of the monitors that failed."""
     failed = [each.name for each in result.monitors if each.verdict is Verdict.FAIL]
     return ", ".join(failed) or result.reason
 
 
 def with_line(parts: CaseParts, line: LineMap) -> CaseParts:
-    """The controller alone has this map."""
+    """Give this map to the controller alone."""
     by_name = {station.name: station for station in line.stations}
     right = parts.journey
     mission = dataclasses.replace(
@@ -117,7 +120,7 @@ def with_line(parts: CaseParts, line: LineMap) -> CaseParts:
 
 @contextmanager
 def misread(kind: type[Frame], field: str, change: Callable[[float], float]) -> Iterator[None]:
-    """While this lasts, decoders that are made read one number of one frame wrongly."""
+    """Let decoders that are created meanwhile read one value of one frame wrongly."""
 
     def wrongly(asked: type[Frame]) -> Unpack:
         unpack = unpacker(asked)

@@ -1,7 +1,7 @@
-"""`make mutate` of the data: wrong maps, beliefs and scales, and which scenario notices each.
+"""`make mutate` of the data: wrong maps, parameters and scales, and the scenario that notices each.
 
-Both sides of a run read the same files, so that a mistake in a file would be shared and seen by
-nobody. Therefore only the controller has it.
+Both sides of a run read the same files, so both would share a mistake in a file, and no check would
+see it. Therefore only the controller gets the mistake.
 """
 
 import argparse
@@ -34,7 +34,7 @@ EXIT_USAGE: Final = 2
 
 
 class DataMutantError(Exception):
-    """The list says something that cannot be; names file, mutant and value."""
+    """The list contains an invalid entry; the text names file, mutant and value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +43,11 @@ class DataMutant:
 
     name: str
     side: str
-    """`map`, `belief` or `frame`, of the controller alone."""
+    """`map`, `belief` or `frame`; the mistake affects the controller alone."""
     place: str
-    """Field path, such as tags.2.position_m, atp.rollback_m or Doppler.speed_mps."""
+    """Path of the field, such as tags.2.position_m, atp.rollback_m or Doppler.speed_mps."""
     scenarios: tuple[str, ...]
-    """As `campaign: case`, where the begin of the case's id is enough; one of them must fail."""
+    """Entries `campaign: case`, where a prefix of the case id is enough; one of them must fail."""
     add_m: float = 0.0
     """Added to the number, whatever its unit."""
     factor_ratio: float = 1.0
@@ -57,7 +57,7 @@ class DataMutant:
 
 
 def read_mutants(root: Path) -> list[DataMutant]:
-    """Raises DataMutantError, also for a mutant that nobody is named for."""
+    """Read the mutants. Raises DataMutantError, also for a mutant without scenarios."""
     try:
         tables = tomllib.loads((root / DATA_FILE).read_text(encoding="utf-8"))["mutant"]
         mutants = [build(DataMutant, table, DATA_FILE) for table in tables]
@@ -66,9 +66,13 @@ def read_mutants(root: Path) -> list[DataMutant]:
     for mutant in mutants:
         where = f"{DATA_FILE}: {mutant.name}"
         if mutant.side not in SIDES:
-            raise DataMutantError(f"{where}: side: {mutant.side!r} is none of {', '.join(SIDES)}")
+            raise DataMutantError(
+                f"{where}: side: {mutant.side!r} is not one of {', '.join(SIDES)}"
+            )
         if not mutant.scenarios:
-            raise DataMutantError(f"{where}: scenarios: is empty; who is to notice it?")
+            raise DataMutantError(
+                f"{where}: scenarios: is empty; name a scenario that has to notice it"
+            )
         for name in mutant.scenarios:
             try:
                 rides_of(name)
@@ -78,7 +82,7 @@ def read_mutants(root: Path) -> list[DataMutant]:
 
 
 def with_change(value: Any, path: Sequence[str], mutant: DataMutant) -> Any:
-    """The same value with one number in it changed. Raises DataMutantError for no such field."""
+    """Return the value with one number changed. Raises DataMutantError for an unknown field."""
     if not path:
         return mutant.changed(value)
     head, *rest = path
@@ -93,7 +97,7 @@ def with_change(value: Any, path: Sequence[str], mutant: DataMutant) -> Any:
 
 
 def ride_notices(mutant: DataMutant, known_good: set[str]) -> str:
-    """The case that notices it and the monitors that say so; nothing when none does."""
+    """Return the case and the monitors that notice the mutant; nothing if none does."""
     path = mutant.place.split(".")
 
     def believed(parts: CaseParts) -> CaseParts:
@@ -111,17 +115,20 @@ def ride_notices(mutant: DataMutant, known_good: set[str]) -> str:
 
 
 def _chosen(mutants: list[DataMutant], names: Sequence[str]) -> list[DataMutant]:
-    """Of these names, or all without any. Raises DataMutantError for a name that none has."""
+    """Return the mutants of these names, by default all.
+
+    Raises DataMutantError for unknown names.
+    """
     for name in names:
         if not any(mutant.name == name for mutant in mutants):
-            raise DataMutantError(f"{DATA_FILE}: {name!r} is the name of no mutant")
+            raise DataMutantError(f"{DATA_FILE}: no mutant is named {name!r}")
     return [mutant for mutant in mutants if not names or mutant.name in names]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """0 when each wrong number is noticed, and by the wrong number alone, else 1; 2 for a bad list.
+    """Run the mutants: 0 if scenarios notice all of them, 1 if not, 2 for an invalid list.
 
-    A case that fails with right data notices nothing.
+    A case that fails with the right data notices nothing.
     """
     parser = argparse.ArgumentParser(prog="data mutants", description=__doc__)
     parser.add_argument("names", nargs="*", help="default: all")
@@ -133,7 +140,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for mutant in mutants:
             by = ride_notices(mutant, known_good)
             missed += not by
-            print(f"{mutant.name:44} {by or 'NOBODY NOTICES'}", flush=True)
+            print(f"{mutant.name:44} {by or 'NOT NOTICED'}", flush=True)
     except (DataMutantError, SettingsError) as error:
         print(f"mutate: {error}", file=sys.stderr)
         return EXIT_USAGE

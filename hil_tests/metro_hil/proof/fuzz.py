@@ -18,34 +18,34 @@ REPLAY: Final = "replay"
 FORGED: Final = "forged"
 KINDS: Final = (NOISE, NOISE, NOISE, REPLAY, FORGED)
 FRAMES_A_STEP: Final = {NOISE: 200, REPLAY: 20, FORGED: 20}
-"""Mean; noise may be much, for a controller must not mind it. Of the others those aimed
-at one identifier are left, about one a step."""
+"""Mean number of attacking frames in a step. Noise may be much, because it must have no effect. Of
+the others only the frames of one identifier remain, about one a step."""
 CALM_RATIO: Final = 0.5
-"""Share of the steps of a replay or a forgery in which nothing happens."""
+"""Share of the steps of a replay or forgery without an attack."""
 LINE_RATIO: Final = 0.1
 """Share of the steps with garbage on the serial line or the radio."""
 QUIET_STEPS: Final = 2
-"""Between garbage and a telegram on the same line."""
+"""Number of steps between garbage and a telegram on the same line."""
 
 
 @dataclass(slots=True)
 class Episode:
-    """One ride under one kind of attack."""
+    """One run under one kind of attack."""
 
     kind: str
     seed: int
     frames: int = 0
-    """Attacking frames, telegrams and messages."""
+    """Number of attacking frames, telegrams and messages."""
     steps: int = 0
     lucky: int = 0
     problem: str = ""
-    """What went wrong first, and when; empty when all held."""
+    """First problem and its instant; empty if all rules held."""
     ended: Counter[str] = field(default_factory=Counter)
-    """Steps by the supervision state they ended in."""
+    """Number of steps by the state of supervision at their end."""
 
 
 def episode(genuine: Genuine, kind: str, seed: int, *, frames_max: int) -> Episode:
-    """Ride once under attack; ends with the ride, the first problem, or after enough frames."""
+    """Run once under attack, until the end of the run, the first problem, or enough frames."""
     told = Episode(kind, seed)
     attacker = Attacker(genuine, np.random.default_rng(seed))
     generator = np.random.default_rng([seed, 1])
@@ -54,7 +54,7 @@ def episode(genuine: Genuine, kind: str, seed: int, *, frames_max: int) -> Episo
     shadow = Shadow()
     busy = _busy_steps(genuine)
     frames_before = messages_before = chunks_before = 0
-    # A latched emergency answers all that comes after it: each attack begins elsewhere on the way.
+    # A latched emergency hides all later attacks, so each attack begins at another step.
     first = 0 if kind == NOISE else int(generator.integers(0, len(genuine.steps)))
     for number, step in enumerate(genuine.steps):
         attack: list[CanFrame] = []
@@ -107,7 +107,7 @@ def _attack(attacker: Attacker, kind: str, count: int, before: int, now_ns: int)
 def _mixed(
     genuine: list[CanFrame], attack: list[CanFrame], generator: np.random.Generator
 ) -> list[CanFrame]:
-    """The attack anywhere between the genuine frames, which keep their order."""
+    """Insert the attack at random between the genuine frames, which keep their order."""
     mixed = list(attack)
     places = np.sort(generator.integers(0, len(attack) + 1, len(genuine))).tolist()
     for shift, (place, frame) in enumerate(zip(places, genuine, strict=True)):
@@ -116,7 +116,7 @@ def _mixed(
 
 
 def _busy_steps(genuine: Genuine) -> frozenset[int]:
-    """The steps in which, or next to which, the serial line carries a telegram."""
+    """Return the steps in or near which the serial line carries a telegram."""
     return frozenset(
         number + near
         for number, step in enumerate(genuine.steps)
@@ -128,6 +128,6 @@ def _busy_steps(genuine: Genuine) -> frozenset[int]:
 def _ran(device: VobcDevice, begin_ns: int, execution_ns: int) -> str:
     try:
         device.executive.run_next(begin_ns, execution_ns)
-    except Exception as error:  # Whatever an input does to a controller, it is no exception.
+    except Exception as error:  # No input may make a controller raise an exception.
         return f"{type(error).__name__}: {error}"
     return ""

@@ -1,4 +1,4 @@
-"""Genuine traffic of one ride: what the controller heard in each step, and what it answered."""
+"""Genuine traffic of one run: the controller's inputs in each step, and its answers."""
 
 import tempfile
 from dataclasses import dataclass
@@ -20,21 +20,21 @@ CONTROL = "control"
 
 @dataclass(frozen=True, slots=True)
 class Genuine:
-    """A ride as the controller met it, and its answers to nothing but that."""
+    """A run as the controller received it, and its answers to that alone."""
 
     commission: Commission
     steps: tuple[RecordedStep, ...]
     outputs: tuple[CycleOutput, ...]
-    """After each step."""
+    """Output after each step."""
     permits: tuple[Permits, ...]
-    """Of protection, after each step."""
+    """Permissions of ATP after each step."""
     frames: tuple[CanFrame, ...]
     chunks: tuple[SerialChunk, ...]
     messages: tuple[RadioMessage, ...]
 
 
 def ride(seed: int, *, start: str = "II", end: str = "III") -> Genuine:
-    """Drive once in virtual time and record; then answer once more, to nothing but the record."""
+    """Record a run in virtual time; then compute the answers to the record alone."""
     options = parse(["run", "--lockstep", "--seed", str(seed), "--from", start, "--to", end])
     with tempfile.TemporaryDirectory() as folder:
         run_lockstep(options, plan_journey(options), RunFolder(Path(folder)))

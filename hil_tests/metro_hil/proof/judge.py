@@ -1,4 +1,4 @@
-"""What must hold of a controller's answers under attack. Pure."""
+"""Rules for a controller's answers under attack. Pure functions."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -10,8 +10,8 @@ from vobc.atp import ProtectionVerdict
 from vobc.vocabulary import CycleOutput
 
 LAG_NS: Final = 850_000_000
-"""A fact that was withdrawn while its frame was lost may be held until it is too old: the longest
-timeout of an input on the bus is 0.75 s, and a cycle may pass before and after it."""
+"""Longest time for which a withdrawn permission may still be used after its frame was lost. The
+longest timeout of an input on the bus is 0.75 s, and a cycle may pass before and after it."""
 FORCE_MAX_N: Final = 400_000.0
 BRAKED: Final = (Supervision.EMERGENCY, Supervision.NO_AUTHORITY)
 
@@ -22,7 +22,7 @@ class Permits:
 
     released: bool
     traction: bool
-    """By protection; what operation makes of it follows where it takes the train to be."""
+    """Permission by ATP; what ATO does with it depends on the position that the train assumes."""
     left: bool
     right: bool
 
@@ -31,7 +31,7 @@ NOTHING: Final = Permits(released=False, traction=False, left=False, right=False
 
 
 def permits(verdict: ProtectionVerdict | None) -> Permits:
-    """Of protection alone, so that operation hides nothing by asking for less."""
+    """Return the permissions of ATP alone, so that a low demand of ATO hides nothing."""
     if verdict is None:
         return NOTHING
     return Permits(
@@ -43,7 +43,7 @@ def permits(verdict: ProtectionVerdict | None) -> Permits:
 
 
 def differences(output: CycleOutput, genuine: CycleOutput) -> Iterator[str]:
-    """Noise changes nothing: the answer is the very same."""
+    """Yield the differences; noise must leave the answer unchanged."""
     if output != genuine:
         names = [
             name
@@ -60,7 +60,7 @@ class Shadow:
         self._lately: deque[tuple[int, Permits]] = deque()
 
     def more_permissive(self, now_ns: int, got: Permits, genuine: Permits) -> Iterator[str]:
-        """What replays may not achieve: more than the undisturbed controller permitted lately."""
+        """Yield permissions that the undisturbed controller did not give lately."""
         lately = self._lately
         lately.append((now_ns, genuine))
         while lately[0][0] < now_ns - LAG_NS:
@@ -71,7 +71,7 @@ class Shadow:
 
 
 def broken_rules(output: CycleOutput) -> Iterator[str]:
-    """The envelope: what no input whatever, genuine or forged, may bring a controller to say."""
+    """Yield violations of the rules that hold for every input, genuine or forged."""
     drives = output.traction_permitted or output.force_n > 0.0
     if drives and not output.emergency_released:
         yield "traction while the emergency brake is on"
@@ -92,12 +92,12 @@ def _broken_door_rules(output: CycleOutput) -> Iterator[str]:
     if (output.open_left and not output.enable_left) or (
         output.open_right and not output.enable_right
     ):
-        yield "doors told to open on a side that is not enabled"
+        yield "doors commanded to open on a side that is not enabled"
     if not enabled:
         return
     if motion is None or not motion.standstill:
         yield "doors enabled without proven standstill"
     if output.force_n > 0.0:
-        yield "doors enabled while traction pulls"
+        yield "doors enabled while tractive effort acts"
     if output.enable_left and output.enable_right:
         yield "doors enabled on both sides of a line with platforms on one"
