@@ -44,7 +44,7 @@ class FaultyPort:
         """Port of a masquerading node; without it its frames go where genuine ones pass."""
         self._port = port
         self._uncommon: list[CanFrame] = []
-        """Error, remote and 29-bit frames, which no fault concerns."""
+        """Received error, remote and 29-bit frames; no fault acts on them."""
 
     @property
     def counters(self) -> LinkCounters:
@@ -105,7 +105,7 @@ class BusFaults:
         self.vobc.faults.reseed(seed)
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """Listen to the schedule; faults of other places are ignored."""
+        """Take a change of a fault from the schedule; faults of other places are ignored."""
         if plan.kind.place is not FaultPlace.BUS:
             return
         parameters = plan.parameters

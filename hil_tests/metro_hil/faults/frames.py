@@ -111,7 +111,7 @@ class FrameFaults:
         self._acting.reseed(seed)
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """Listen to the schedule; faults of other places are ignored."""
+        """Take a change of a fault from the schedule; faults of other places are ignored."""
         self._produce(now_ns)
         if not self._acting.change(plan, active, now_ns):
             return

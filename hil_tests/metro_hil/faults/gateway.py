@@ -3,8 +3,8 @@
 `FrameFaults` changes the frames that pass. The gateway imitates bus faults with its own means.
 Frames of a node that is off or cut do not pass. Frames that are destroyed on the wire are late by
 their error frames. A babbling node sends on both segments at its rate. During that time the gateway
-arbitrates all frames by identifier, as on one bus of 250 kbit/s: an embedded or virtual segment has
-room for all frames, so babbling would harm no node.
+arbitrates all frames by identifier, as on one bus of 250 kbit/s. An embedded or virtual segment has
+room for all frames, so babbling would otherwise harm no node.
 """
 
 from collections import Counter
@@ -77,7 +77,7 @@ class GatewayFaults:
         return self.frames.events
 
     def change(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """Listen to the schedule; faults of other places are ignored."""
+        """Take a change of a fault from the schedule; faults of other places are ignored."""
         if plan.kind.place is not FaultPlace.BUS:
             return
         parameters = plan.parameters

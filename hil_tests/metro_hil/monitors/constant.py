@@ -15,7 +15,7 @@ from metro_hil.monitors.vocabulary import BOOLEANS, NAMES, RANGES
 Range = tuple[float, float]
 ANYTHING: Final[Range] = (-math.inf, math.inf)
 ATOMS_MAX: Final = 8
-"""Number of different comparisons in a choice up to which all combinations are tried."""
+"""Largest number of different comparisons of which all combinations are tried."""
 
 
 @lru_cache(maxsize=1024)

@@ -43,12 +43,13 @@ class Context:
     authority_age_s: float = 3.0
     """Maximum age of the position report that an authority answers (T_MA)."""
     takeover_s: float = 0.2
-    """Time for which an emergency brake applied by the brake unit itself may be off, until the
-    controller has received that report and demands the brake, too."""
+    """Time for which an emergency brake applied by the brake unit may be off. Until then the
+    controller must have received that report and demand the brake, too."""
     brake_unit_s: float = 3.0
     """Time from the release of the emergency brake until the brake unit has to report it off."""
     reverse_s: float = 0.3
-    """Time from the first effort backwards to the VOBC_MODE frame that reports a jog, and back."""
+    """Longest time between the first effort backwards and the VOBC_MODE frame that reports a jog,
+    in either order."""
     reset_lifetime_s: float = 5.0
     """Time after a press of the reset within which it releases the emergency brake."""
     zero_speed_mps: float = 3.0 / 3.6
@@ -62,7 +63,7 @@ class Context:
     service_accel_mps2: float = 0.85
     service_jerk_mps3: float = 0.65
     input_age_s: float = 0.0
-    """Delay by faults of what the controller receives. Its position interval is wider by the
+    """Time by which faults may delay the controller's inputs. Its position interval is wider by the
     possible movement in that time, and narrower again after a fresh input."""
     lateness_s: float = 0.0
     """Lateness of a cycle or its frames that no one is responsible for."""

@@ -1,7 +1,7 @@
 """Evaluates a formula sample by sample; gives a verdict and a margin at the end.
 
 The top of a formula consists of `always`, `eventually` and `until`, alone or joined by `and`, `or`,
-`not` and `->`; they look from the first sample on. Inside them every operator that looks ahead
+`not` and `->`. They look from the first sample on. Inside them every operator that looks ahead
 needs an end. So memory stays bounded, and a violation is known when its interval is over.
 """
 

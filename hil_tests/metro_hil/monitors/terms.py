@@ -8,7 +8,7 @@ from metro_hil.monitors.streams import NO_END, InstantStream, Later
 
 
 class TermState(IntEnum):
-    """What is certain so far."""
+    """Result of a term as far as it is certain."""
 
     OPEN = 0
     HOLDS = 1

@@ -13,7 +13,7 @@ PULL_N = 1.0
 LEFT_MPS = 0.1
 """Speed above which a train has departed; it excludes the play of couplers."""
 COASTING_MPS = 0.5
-"""Speed below which odometry may hold the train for standing."""
+"""Speed below which odometry may report standstill."""
 EMERGENCY = float(Supervision.EMERGENCY)
 RESTART_NS = NS_PER_S // 4
 """Gap between two VOBC_STATUS that no controller leaves without missing a cycle."""

@@ -131,7 +131,7 @@ class ClaimWatch:
     def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         if spoken.position_ns != self._position_ns:
             gap_ns, self._position_ns = spoken.position_ns - self._position_ns, spoken.position_ns
-            # A frame that is off its period may have waited for the bus, and so may those after it
+            # A frame that is off its period may have waited for the bus. So may those after it,
             # until the bus has sent all waiting frames.
             in_rhythm = self._least_gap_ns <= gap_ns <= self._most_gap_ns
             if not in_rhythm and self._claimed:

@@ -59,7 +59,7 @@ class DoorWatch:
         self._unlocked_ns = -1
 
     def enabled(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
-        """Take a step in which the controller enables a side: it holds the train for standing."""
+        """Take a step in which the controller enables a side, which requires zero speed."""
         if spoken.enable_left > 0.0:
             self._left_enabled_ns = now_ns
         if spoken.enable_right > 0.0:

@@ -117,7 +117,7 @@ class ModeWatch:
             self.covered.see(truth.rear_m - truth.authority_rear_m, now_ns)
 
     def _most_mps(self, truth: Truth, permitted_mps: float) -> float:
-        """Return the greatest speed until the emergency brake cuts the traction of a runaway."""
+        """Return the permitted speed plus margin and the runaway's gain until traction is cut."""
         fall_mps2 = self._place.worst_fall_under_mps2(truth.front_m)
         gained_mps = (self._runaway_mps2 + fall_mps2) * self._runaway_s
         return permitted_mps + self._margin_mps + gained_mps

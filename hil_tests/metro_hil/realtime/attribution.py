@@ -207,7 +207,7 @@ def lateness_disturbances(
     for the rest.
 
     Args:
-        excused: while a fault of the scenario delayed the process.
+        excused: stretches in which a fault of the scenario delayed the process.
     """
     found = []
     for row in rows:

@@ -44,7 +44,7 @@ def collect_evidence(
     Args:
         origin_s: start of the plant's time on the machine's clock.
         starts_s: first cycle of each start of the controller, in the plant's time.
-        excused: while a fault of the scenario delayed the process.
+        excused: stretches in which a fault of the scenario delayed the process.
         own_controller: whether the controller's log belongs to this run.
     """
     found: list[Disturbance] = []

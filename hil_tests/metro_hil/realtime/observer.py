@@ -93,7 +93,7 @@ class RunObserver:
             train: tap of the train's segment; its frames are hashed, and the train's units receive
                 them.
             controller: tap of the controller's segment; the same one without a gateway. With a
-                gateway, frames sent by the controller are judged here.
+                gateway the controller's frames are judged here.
             cycle_id: identifier of the frame that marks a control cycle.
             on_cycle: receives the instant of each such frame.
         """

@@ -12,7 +12,7 @@ NS_PER_S: Final = 1_000_000_000
 NEAR_M: Final = 60.0
 """Maximum distance from the end of the line at which a train may be driven off it."""
 BEYOND_M: Final = 20.0
-"""Distance of a train's rear beyond the end of the line at which its controller is switched off."""
+"""Distance of a train's rear beyond the end of the line where its controller is switched off."""
 LOOK_NS: Final = 500_000_000
 SEEN_NS: Final = 4_000_000_000
 AWAY_S: Final = (5.0, 60.0)
@@ -83,7 +83,7 @@ def take_off(world: LineWorld, train: TrueTrain) -> None:
 
 
 def set_on(world: LineWorld, train: TrueTrain, front_m: float) -> None:
-    """Set a switched-off train onto the line. Its controller restarts with what it stored."""
+    """Set a switched-off train onto the line. Its controller restarts from its stored memory."""
     net = world.net
     net.kill(train.address, why="is switched off before it comes back")
     train.motion = SimulatedMotion(net.now_ns, front_m, emergency_mps2=train.motion.emergency_mps2)

@@ -126,8 +126,8 @@ class LineWorld(SimulatedLine):
         """Tell whether trains have to wait because another train moves.
 
         A restarted train waits while a train moves that no empty section separates from it: others
-        have to stand and report where. A train that left an area stays on its roster while the way
-        that it may have taken is checked, or while it moves and its master still receives it.
+        have to stand and report where. A train that left an area stays on its roster while its
+        possible way is checked. It also stays while it moves and its master still receives it.
         """
         moving = [each for each in self.trains.values() if each.motion.speed_mps > 0.0]
         if not moving:

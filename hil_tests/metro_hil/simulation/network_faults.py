@@ -1,7 +1,7 @@
 """A schedule of faults from a seed: which kinds it has, how often, on which nodes and for how long.
 
-Each seed takes some kinds and leaves out others, because a run with all kinds at once can hide what
-a run with one kind shows.
+Each seed takes some kinds and leaves out others. A run with all kinds at once can hide what a run
+with one kind shows.
 """
 
 import random

@@ -80,8 +80,8 @@ class RailwayEvents:
     def calm(self) -> None:
         """End all closures, requests and commands.
 
-        A person then asks for the removal of trains that ran on or were driven on without radio, so
-        that no other train waits behind their old position.
+        A person then asks for the removal of trains that ran on without radio. Otherwise other
+        trains would wait behind their old position.
         """
         self._over = self._sidings.over = self._by_hand.over = True
         for thing in self.world.track.objects.values():

@@ -1,7 +1,7 @@
 """Trains that leave the line sideways, switched off, and are set on again at any other place.
 
 They may pass other trains in this way. The track there is closed first, because a master cannot
-take back at once what it has granted there.
+take back at once an authority that it has sent.
 """
 
 import random
@@ -110,7 +110,7 @@ class Sidings:
     ) -> None:
         """Set the train on once no other train may come there, or else choose another place.
 
-        Another place is needed if that takes long or if a train was set on there: the counters must
+        Another place is needed if that takes long or if a train was set on there. The counters must
         have shown free track for a while.
         """
         world, net = self.world, self.world.net

@@ -160,10 +160,10 @@ def decide_n(now_s: float, step_s: float, state: Any, law: Any, train: Any, boun
 
 @kernel
 def demand(state: Any, train: Any, effort: float, step_s: float, load: Any, power: Any) -> None:
-    """Write the electrical demands to `load` and the wheel powers to `power`.
+    """Write the electrical demands to `load` and the state at the wheel to `power`.
 
-    The powers are those of motors, electric brake and friction brake, all at the speed in the
-    middle of the step.
+    `power` gets the powers of motors, electric brake and friction brake, at the speed in the middle
+    of the step. Then follow the forces of traction and brake.
     """
     speed, mass = state[SPEED], train[MASS]
     drag = train[DRAG_A] + speed * (train[DRAG_B] + speed * train[DRAG_C])

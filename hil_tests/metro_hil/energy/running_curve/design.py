@@ -1,7 +1,7 @@
 """Design after [Ninh]: the notch-off speed from the weight, the power limit from the running time.
 
-The notch-off speed follows from the running time x of the train with its full brake. x minimises
-f(x) = E_acc(x) / E_acc(T0) + weight * x / T0 within T0 <= x <= T. The rest of the time, T - x, goes
+The notch-off speed follows from the running time x of the train with its full brake. Within T0 <= x
+<= T, x minimises f(x) = E_acc(x) / E_acc(T0) + weight * x / T0. The rest of the time, T - x, goes
 to the brake: with the chosen power limit the run lasts T. The limit is found on the runs
 themselves; equation (1)'s rule for the braking time is in `literal`.
 """

@@ -1,9 +1,9 @@
 """The optimal control of the same task, by successive linear programmes over the way.
 
-Over the way the motion is linear in the square of the speed, M dz/ds = 2 (F - B - W - R(v) - G),
-and energies are sums of force times distance. Running time, power limits and resistance are not
-linear; they are linearised around the last solution. A trust region grows where that improved the
-run and shrinks where it did not. Each force is free in every cell.
+Over the way the motion is linear in the square of the speed, M dz/ds = 2 (F - B - W - R(v) - G).
+Energies are sums of force times distance. Running time, power limits and resistance are not linear;
+they are linearised around the last solution. A trust region grows where that improved the run and
+shrinks where it did not. Each force is free in every cell.
 """
 
 from dataclasses import dataclass

@@ -43,8 +43,8 @@ class EmergencyBrakeEvent(NamedTuple):
     commanded: bool
     """Whether the train held a fresh authority."""
     excused: bool
-    """Whether a fault or an order explains the brake: the train or the line was struck so that it
-    had to brake, or no train had commanded it yet."""
+    """Whether something explains the brake: a fault of the train, a fault of the line that makes it
+    brake, or that no train had commanded it yet."""
 
 
 class Given(NamedTuple):

@@ -22,9 +22,10 @@ from metro_hil.model.subprocesses import Child
 
 WAYSIDE: Final = "wayside"
 BEFORE: Final = 5
-"""Priority of the wayside above that of trains, because all trains wait for it."""
+"""How much higher the wayside's priority is than that of trains, which all wait for it."""
 BEHIND: Final = 10
-"""Priority of plants below that of controllers; a plant may be a little late."""
+"""How much lower the priority of plants is than that of controllers; plants may be a little
+late."""
 
 
 class LineProcesses:
