@@ -136,7 +136,7 @@ class MonitorSet:
             self._invariants.sample(truth, now_ns)
             raised = self._invariants.alarm.raised
             if len(raised) > self._known_violated:
-                self._hear_alarm(raised, now_ns)
+                self._on_alarm(raised, now_ns)
         if self._formulas:
             signals = self._signals
             if self._fills:
@@ -146,17 +146,17 @@ class MonitorSet:
             for plan, formula in self._formulas:
                 if formula.step(now_ns, source) and plan.name not in self._first_ns:
                     self._first_ns[plan.name] = now_ns
-                    self._hear(plan, now_ns)
+                    self._on_violation(plan, now_ns)
         self._spoken.news = False
 
-    def _hear_alarm(self, raised: list[Gauge], now_ns: int) -> None:
+    def _on_alarm(self, raised: list[Gauge], now_ns: int) -> None:
         for gauge in raised[self._known_violated :]:
             plan = self._stop_gauges.get(gauge.name)
             if plan is not None:
-                self._hear(plan, now_ns)
+                self._on_violation(plan, now_ns)
         self._known_violated = len(raised)
 
-    def _hear(self, plan: MonitorPlan, now_ns: int) -> None:
+    def _on_violation(self, plan: MonitorPlan, now_ns: int) -> None:
         if self.violated is None and plan.severity is Severity.STOP:
             self.violated = plan
             self._violated_at_ns = now_ns

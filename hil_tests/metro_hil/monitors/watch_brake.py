@@ -30,8 +30,6 @@ class EmergencyWatch:
         "_commanded",
         "_cut_ns",
         "_latched",
-        "_let_go_ns",
-        "_pulled",
         "_releasable_ns",
         "_released_ns",
         "_releases",
@@ -43,6 +41,8 @@ class EmergencyWatch:
         "_start_ns",
         "_status_ns",
         "_takeover_ns",
+        "_traction_acted",
+        "_unit_released_ns",
         "held",
         "ignored",
         "traction_off",
@@ -55,7 +55,7 @@ class EmergencyWatch:
         self._cut_ns = round(context.traction_cut_s * NS_PER_S)
         self._reset_lifetime_ns = round(context.reset_lifetime_s * NS_PER_S)
         self._since_ns = -1
-        self._pulled = False
+        self._traction_acted = False
         """Traction acted when the emergency brake was demanded, and has not been seen off since."""
         self._commanded = False
         """As the frames show it; the command before the first frame is unknown."""
@@ -69,7 +69,7 @@ class EmergencyWatch:
         """Cause of the latched emergency, as last reported."""
         # Faults may delay both the report and the answer on the bus.
         self._takeover_ns = round((context.takeover_s + context.input_age_s) * NS_PER_S)
-        self._let_go_ns = -1
+        self._unit_released_ns = -1
         """Instant at which the brake unit stopped demanding it while the train moved on."""
         self._releasable_ns = round(context.brake_unit_s * NS_PER_S)
         self._released_ns = NEVER_NS
@@ -80,15 +80,15 @@ class EmergencyWatch:
 
     def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """Take a step in which the brake unit demands the emergency brake."""
-        self._let_go_ns = -1
+        self._unit_released_ns = -1
         if self._since_ns < 0:
             self._since_ns = now_ns
-            self._pulled = truth.drive_n > PULL_N
+            self._traction_acted = truth.drive_n > PULL_N
         since_ns = now_ns - self._since_ns
         pulls = truth.drive_n > PULL_N
-        if self._pulled or pulls:
+        if self._traction_acted or pulls:
             # Judge the first step without effort as well: traction ended somewhere within it.
-            self._pulled = pulls
+            self._traction_acted = pulls
             self.traction_off.see((self._cut_ns - since_ns) / NS_PER_S, now_ns)
         if (
             since_ns > self._cut_ns
@@ -110,16 +110,16 @@ class EmergencyWatch:
         self._since_ns = -1
         told = now_ns - self._released_ns > self._releasable_ns
         if told and abs(truth.speed_mps) > LEFT_MPS:
-            self._let_go_ns = now_ns
+            self._unit_released_ns = now_ns
 
     def without(self, truth: Truth, now_ns: int) -> None:
         """Take a step without the emergency brake in which the train moves."""
-        if self._let_go_ns < 0:
+        if self._unit_released_ns < 0:
             return
         if truth.speed_mps == 0.0:
-            self._let_go_ns = -1
-        elif now_ns - self._let_go_ns > self._takeover_ns:
-            self._let_go_ns = -1
+            self._unit_released_ns = -1
+        elif now_ns - self._unit_released_ns > self._takeover_ns:
+            self._unit_released_ns = -1
             self.held.said(False, now_ns)
 
     def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
@@ -135,7 +135,7 @@ class EmergencyWatch:
                 self._reset_ns = now_ns
         if commanded and moving:
             self._applied_moving = True
-        if self._began_anew(spoken):
+        if self._was_restarted(spoken):
             # It does not know what was latched before; that it brakes without a position is new.
             self._latched = False
         told = spoken.supervision == EMERGENCY
@@ -156,7 +156,7 @@ class EmergencyWatch:
         self._latched = told
         self._commanded = commanded
 
-    def _began_anew(self, spoken: Spoken) -> bool:
+    def _was_restarted(self, spoken: Spoken) -> bool:
         """Tell whether the controller was restarted: it was silent and counts no missed cycles."""
         silent_ns = spoken.status_ns - self._status_ns
         missed = spoken.cycle_slips > self._slips

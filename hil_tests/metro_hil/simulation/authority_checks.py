@@ -90,7 +90,7 @@ class AuthorityChecks:
         self._less_ns: dict[tuple[int, int, int, int], int] = {}
         """How much shorter than a whole lease a request asked for; by train, area, term and nonce.
         Only requests of the current incarnation are kept."""
-        self._told: dict[tuple[int, int], dict[tuple[int, int], float]] = {}
+        self._received_ends_m: dict[tuple[int, int], dict[tuple[int, int], float]] = {}
         """Ends of the received authorities by term and sequence, for each train and area."""
         self._won: set[tuple[int, int, int]] = set()
         """Train, area and term of every lease ever granted."""
@@ -100,7 +100,7 @@ class AuthorityChecks:
         """Leases, by area and train."""
         self._named: dict[tuple[int, int], dict[int, tuple[int, int, int]]] = {}
         """Boot, sequence and successor of each train's newest request, by arbiter and area."""
-        self._let_in: dict[tuple[int, int, int, int], frozenset[int]] = {}
+        self._named_by: dict[tuple[int, int, int, int], frozenset[int]] = {}
         """Trains that had named the new holder as successor, by arbiter, train, area and term."""
         self._rosters: dict[tuple[int, int, int, int], tuple[frozenset[int], set[int]]] = {}
         """Trains on a roster and the arbiters that store it, by train, area, term and version."""
@@ -142,7 +142,7 @@ class AuthorityChecks:
             message = letter.message
             kind = type(message)
             if kind is AreaAuthority:
-                self._issue(message, now_ns)
+                self._check_issue(message, now_ns)
             elif kind is LeaseRequest:
                 self._note_request(message)
             elif kind is RosterCommit:
@@ -151,7 +151,7 @@ class AuthorityChecks:
                 self._rosters.setdefault(key, (names, set()))
                 self._proposed[key[:3]] = names
             elif kind is TrainReport:
-                self._report(message)
+                self._check_report(message)
             elif kind is SwitchStep:
                 self._switch(message, now_ns)
 
@@ -176,14 +176,14 @@ class AuthorityChecks:
                 by_whom = asked.get((answer.destination, answer.area, answer.nonce))
                 if by_whom is not None:
                     key = arbiter, answer.destination, answer.area, answer.term
-                    self._let_in[key] = by_whom
-                    if len(self._let_in) > LET_IN_MAX:
-                        del self._let_in[next(iter(self._let_in))]
+                    self._named_by[key] = by_whom
+                    if len(self._named_by) > LET_IN_MAX:
+                        del self._named_by[next(iter(self._named_by))]
 
     def booted(self, address: int) -> None:
         """Forget what the previous incarnation of a train received and asked for."""
         memories: tuple[dict[Any, Any], ...] = (
-            self._told,
+            self._received_ends_m,
             self._until_ns,
             self._newest,
             self._answers,
@@ -195,7 +195,7 @@ class AuthorityChecks:
 
     def _note_authority(self, address: int, message: AreaAuthority, now_ns: int) -> None:
         if message.destination == address:
-            told = self._told.setdefault((address, message.area), {})
+            told = self._received_ends_m.setdefault((address, message.area), {})
             number = message.term, message.sequence
             # A second copy may come too late; the train accepted the first one.
             if number not in told and now_ns - message.echo_ns > self.rules.age_max_ns:
@@ -229,7 +229,7 @@ class AuthorityChecks:
         term = max([term for each, term in self._kept if each == area], default=0)
         return train in self._kept.get((area, term), (0, frozenset()))[1]
 
-    def _alone(
+    def _check_single_lease(
         self, address: int, area: int, term: int, true_ns: int, arbiters: frozenset[int]
     ) -> None:
         """Check invariant 19: no other lease of the area runs.
@@ -242,7 +242,7 @@ class AuthorityChecks:
             if other == address or lease.until_ns <= true_ns + TOLERANCE_NS:
                 continue
             both = lease.arbiters & arbiters
-            named = [other in self._let_in.get((e, address, area, term), ()) for e in both]
+            named = [other in self._named_by.get((e, address, area, term), ()) for e in both]
             if not (named and all(named)) and self.clocks_sound:
                 raise ViolationError(
                     "19",
@@ -270,7 +270,9 @@ class AuthorityChecks:
         if message.term > term or until_ns > before_ns:
             arbiters = frozenset([each for each in answers if answers[each] >= newest_ns])
             if message.term > term and until_ns > now_ns:
-                self._alone(address, message.area, message.term, now_ns + ahead_ns, arbiters)
+                self._check_single_lease(
+                    address, message.area, message.term, now_ns + ahead_ns, arbiters
+                )
             self._leases.setdefault(message.area, {})[address] = HeldLease(
                 until_ns + ahead_ns, arbiters
             )
@@ -279,7 +281,7 @@ class AuthorityChecks:
         if len(self._answers) > ANSWERS_MAX:
             del self._answers[next(iter(self._answers))]
 
-    def _issue(self, message: AreaAuthority, now_ns: int) -> None:
+    def _check_issue(self, message: AreaAuthority, now_ns: int) -> None:
         self.looked["19"] += 1
         self.looked["25"] += 1
         issuer = self._issuers.setdefault((message.area, message.term), message.source)
@@ -305,7 +307,7 @@ class AuthorityChecks:
                 f"{late_ns / NS_PER_MS:.1f} ms after it had to stop, with a lease of term {term}",
             )
 
-    def _report(self, report: TrainReport) -> None:
+    def _check_report(self, report: TrainReport) -> None:
         """Check invariants 24 and 29: an authority that a train reports was fresh on arrival."""
         self.looked["24"] += 1
         number = report.held_term, report.held_sequence
@@ -321,7 +323,7 @@ class AuthorityChecks:
         if (address, grant.area, grant.term) in self._won:
             return
         key, number = (address, grant.area), (grant.term, grant.sequence)
-        end_m = self._told.get(key, {}).get(number)
+        end_m = self._received_ends_m.get(key, {}).get(number)
         if end_m is None or grant.end_m > end_m:
             raise ViolationError(
                 "27",

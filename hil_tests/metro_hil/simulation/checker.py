@@ -60,7 +60,7 @@ class Checker:
         """Train whose authorities were accepted, by area and term."""
         self._terms: dict[tuple[int, int], int] = {}
         """Highest accepted term over all incarnations, by train and area."""
-        self._excused_m: dict[int, float] = {}
+        self._overrun_limit_m: dict[int, float] = {}
         """How far a train may run although its authority was shortened, by train."""
         self._newest: dict[tuple[int, int], tuple[int, int]] = {}
 
@@ -74,10 +74,10 @@ class Checker:
 
         An authority that is not `whole` combines several and is as old as the oldest of them.
         """
-        self._one_issuer(address, grant)
-        if self._is_news(address, grant) and whole:
-            self._young(address, grant, now_ns)
-        self._excuse(self.trains[address], grant)
+        self._check_issuer(address, grant)
+        if self._is_new(address, grant) and whole:
+            self._check_age(address, grant, now_ns)
+        self._allow_overrun(self.trains[address], grant)
         self.held.setdefault(address, {})[grant.area] = grant
         self.train_apart(self.trains[address])
 
@@ -95,30 +95,30 @@ class Checker:
 
     # -- invariants --------------------------------------------------------------------------------
 
-    def _break(self, invariant: str, what: str) -> None:
+    def _violate(self, invariant: str, what: str) -> None:
         if invariant not in self.rules.unjudged:
             raise ViolationError(invariant, what)
         self.looked[f"{invariant} broken"] += 1
 
-    def _one_issuer(self, address: int, grant: BrakeLoopGrant) -> None:
+    def _check_issuer(self, address: int, grant: BrakeLoopGrant) -> None:
         if grant.issuer == NOBODY:
             return
         self.looked["19"] += 1
         issuer = self._issuers.setdefault((grant.area, grant.term), grant.issuer)
         if issuer != grant.issuer:
-            self._break(
+            self._violate(
                 "19",
                 f"train {address} accepts from {grant.issuer} in area {grant.area}, term "
                 f"{grant.term}, in which {issuer} issued before",
             )
 
-    def _is_news(self, address: int, grant: BrakeLoopGrant) -> bool:
+    def _is_new(self, address: int, grant: BrakeLoopGrant) -> bool:
         """Tell whether the authority is new; check that neither term nor sequence falls."""
         self.looked["20"] += 1
         key = address, grant.area
         before = self._terms.get(key, 0)
         if grant.term < before:
-            self._break(
+            self._violate(
                 "20",
                 f"train {address} accepts term {grant.term} in area {grant.area} after {before}",
             )
@@ -126,7 +126,7 @@ class Checker:
         newest = self._newest.get(key, (-1, -1))
         # The same authority comes again after another area's was the lower one meanwhile.
         if (grant.term, grant.sequence) < newest:
-            self._break(
+            self._violate(
                 "29",
                 f"train {address} accepts {(grant.term, grant.sequence)} in area {grant.area} "
                 f"after {newest}",
@@ -134,11 +134,11 @@ class Checker:
         self._newest[key] = grant.term, grant.sequence
         return (grant.term, grant.sequence) > newest
 
-    def _young(self, address: int, grant: BrakeLoopGrant, now_ns: int) -> None:
+    def _check_age(self, address: int, grant: BrakeLoopGrant, now_ns: int) -> None:
         self.looked["24"] += 1
         age_ns = now_ns - grant.stamp_ns
         if age_ns > self.rules.age_max_ns:
-            self._break(
+            self._violate(
                 "24",
                 f"train {address} accepts an authority that is {age_ns / NS_PER_MS:.0f} ms old",
             )
@@ -192,13 +192,13 @@ class Checker:
                 rear, ahead_m, name, who = other, self.reach_m(other), "21", train
             limit_m = who.rear_m
             if ahead_m > limit_m + TOUCH_M:
-                self._break(
+                self._violate(
                     name,
                     f"train {rear.address} may go to {ahead_m:.2f} m, and train {who.address} "
                     f"ahead of it has its rear at {limit_m:.2f} m",
                 )
             if rear.front_m > who.rear_m:
-                self._break(
+                self._violate(
                     "collision",
                     f"train {rear.address}, front {rear.front_m:.2f} m, stands in train "
                     f"{who.address}, rear {who.rear_m:.2f} m",
@@ -217,18 +217,18 @@ class Checker:
                 continue
             hindmost_m = self.hindmost_m(other)
             if end_m > hindmost_m + TOUCH_M:
-                self._break(
+                self._violate(
                     "22",
                     f"the authority of train {train.address} ends at {end_m:.2f} m, and train "
                     f"{other.address} with its rear at {other.rear_m:.2f} m may come back to "
                     f"{hindmost_m:.2f} m",
                 )
 
-    def _excuse(self, train: TrueTrain, grant: BrakeLoopGrant) -> None:
+    def _allow_overrun(self, train: TrueTrain, grant: BrakeLoopGrant) -> None:
         """Allow a moving train to overrun an authority shortened within its braking distance."""
         if train.motion.speed_mps > 0.0 and train.motion.farthest_m > grant.end_m:
-            excused_m = max(train.motion.farthest_m, self._excused_m.get(train.address, 0.0))
-            self._excused_m[train.address] = excused_m + CYCLE_M
+            excused_m = max(train.motion.farthest_m, self._overrun_limit_m.get(train.address, 0.0))
+            self._overrun_limit_m[train.address] = excused_m + CYCLE_M
 
     def _within_reach(self, train: TrueTrain) -> None:
         """Check invariant 24 in motion: no train passes its last authority, even without radio."""
@@ -236,12 +236,12 @@ class Checker:
         if not grants or train.shunts:
             return
         if train.motion.speed_mps == 0.0:
-            self._excused_m.pop(train.address, None)
+            self._overrun_limit_m.pop(train.address, None)
             return
         end_m = min(each.end_m for each in grants.values())
-        end_m = max(end_m, self._excused_m.get(train.address, end_m))
+        end_m = max(end_m, self._overrun_limit_m.get(train.address, end_m))
         if train.front_m > end_m + TOUCH_M:
-            self._break(
+            self._violate(
                 "24",
                 f"train {train.address}, front {train.front_m:.2f} m, has passed its authority's "
                 f"end {end_m:.2f} m",

@@ -43,22 +43,22 @@ class Depot:
             return False
         self.world.net.say("railway", f"train {train.address} is driven off the line")
         train.shunts = True
-        self.world.net.at(self.world.net.now_ns + LOOK_NS, self._gone, train)
+        self.world.net.at(self.world.net.now_ns + LOOK_NS, self._leave_when_off, train)
         return True
 
-    def _gone(self, train: TrueTrain) -> None:
+    def _leave_when_off(self, train: TrueTrain) -> None:
         net = self.world.net
         if train.rear_m < self.world.drawn.cast.line.end_m + BEYOND_M:
-            net.at(net.now_ns + LOOK_NS, self._gone, train)
+            net.at(net.now_ns + LOOK_NS, self._leave_when_off, train)
             return
         train.shunts = False
         take_off(self.world, train)
         net.kill(train.address, why="is switched off in the depot")
         away_ns = int(self._rng.uniform(*AWAY_S) * NS_PER_S)
-        net.at(net.now_ns + away_ns, self._enters, train)
+        net.at(net.now_ns + away_ns, self._enter_when_free, train)
         seen_gone(self.world, train)
 
-    def _enters(self, train: TrueTrain) -> None:
+    def _enter_when_free(self, train: TrueTrain) -> None:
         """Set the train onto the start of the line when there is room there.
 
         No train can stand behind it there.
@@ -67,7 +67,7 @@ class Depot:
         front_m = train.length_m + self._rng.uniform(10.0, 60.0)
         rears_m = [each.rear_m for each in world.trains.values() if each.on_line]
         if rears_m and min(rears_m) < front_m + ROOM_M:
-            net.at(net.now_ns + LOOK_NS, self._enters, train)
+            net.at(net.now_ns + LOOK_NS, self._enter_when_free, train)
             return
         set_on(world, train, front_m)
         self.entered += 1

@@ -59,7 +59,9 @@ class ByHand:
         elif how is ManualController.LOST:
             train.localised = False
         until_ns = net.now_ns + PATIENCE_NS
-        net.at(net.now_ns + CLOSED_NS, lambda _: self._begins(train, how, closed, until_ns))
+        net.at(
+            net.now_ns + CLOSED_NS, lambda _: self._begin_when_free(train, how, closed, until_ns)
+        )
         return True
 
     def _to_m(self, train: TrueTrain) -> float:
@@ -73,12 +75,12 @@ class ByHand:
             return train.front_m
         line = self.world.drawn.cast.line
         ahead = [e for e in self.world.trains.values() if e.on_line and e.front_m > train.front_m]
-        bounds_m = [self._before_m(each) for each in ahead]
+        bounds_m = [self._section_start_m(each) for each in ahead]
         bounds_m += [site.start_m for site in line.objects if site.end_m > train.rear_m]
         room_m = min([line.end_m, *bounds_m]) - APART_M - train.front_m
         return train.front_m + (min(room_m, MOST_M) if room_m >= LEAST_M else 0.0)
 
-    def _before_m(self, ahead: TrueTrain) -> float:
+    def _section_start_m(self, ahead: TrueTrain) -> float:
         """Return the start of the section that the train ahead is in, may come back to, or reports.
 
         Axle counters cannot tell the two trains apart in that section, and another train from
@@ -89,7 +91,7 @@ class ByHand:
         sections = self.world.drawn.cast.line.sections
         return max([e.start_m for e in sections if e.start_m <= hindmost_m], default=-math.inf)
 
-    def _begins(
+    def _begin_when_free(
         self, train: TrueTrain, how: ManualController, closed: SpeedRestriction, until_ns: int
     ) -> None:
         """Drive off once neither this train nor an earlier one holds an authority here."""
@@ -97,10 +99,12 @@ class ByHand:
         to_m = min(self._to_m(train), closed.end_m - APART_M)
         left = self.over or not self.world.is_closed(closed)
         if left or to_m <= train.front_m or net.now_ns > until_ns:
-            self._ends(train, how, closed)
+            self._end_drive(train, how, closed)
             return
         if self.world.checker.reach_m(train) > train.reading().front_max_m:
-            net.at(net.now_ns + LOOK_NS, lambda _: self._begins(train, how, closed, until_ns))
+            net.at(
+                net.now_ns + LOOK_NS, lambda _: self._begin_when_free(train, how, closed, until_ns)
+            )
             return
         self.driven += 1
         train.shunts, train.shunts_to_m = True, self._rng.uniform(train.front_m + LEAST_M, to_m)
@@ -108,21 +112,23 @@ class ByHand:
         if how is ManualController.LOST and self._rng.random() < 0.5:
             found_s = self._rng.uniform(0.0, 30.0)
             net.at(net.now_ns + int(found_s * NS_PER_S), lambda _: _finds_place(train))
-        self._drives_on(train, how, closed)
+        self._continue_drive(train, how, closed)
 
-    def _drives_on(self, train: TrueTrain, how: ManualController, closed: SpeedRestriction) -> None:
+    def _continue_drive(
+        self, train: TrueTrain, how: ManualController, closed: SpeedRestriction
+    ) -> None:
         net = self.world.net
         if self.over:
             train.shunts_to_m = min(train.shunts_to_m, train.front_m)
         if train.motion.speed_mps or train.front_m < train.shunts_to_m - LEAST_M:
-            net.at(net.now_ns + LOOK_NS, lambda _: self._drives_on(train, how, closed))
+            net.at(net.now_ns + LOOK_NS, lambda _: self._continue_drive(train, how, closed))
             return
         train.shunts, train.shunts_to_m = False, math.inf
         self.world.stops_next(train)
         net.say("railway", f"train {train.address} stands at {train.front_m:.2f} m")
-        self._ends(train, how, closed)
+        self._end_drive(train, how, closed)
 
-    def _ends(self, train: TrueTrain, how: ManualController, closed: SpeedRestriction) -> None:
+    def _end_drive(self, train: TrueTrain, how: ManualController, closed: SpeedRestriction) -> None:
         net = self.world.net
         if how is ManualController.LOST:
             _finds_place(train)

@@ -61,7 +61,7 @@ class RailwayEvents:
         if world.drawn.ordered:
             self._things.append(("out of service by order", self._retire))
         if world.track.objects:
-            self._things += 4 * [("object wish", self._wish)]
+            self._things += 4 * [("object wish", self._request_release)]
         self._sidings = Sidings(world, self._rng)
         if world.drawn.sidings:
             self._things += 2 * [("taken off the line", self._sidings.leaves)]
@@ -75,7 +75,7 @@ class RailwayEvents:
 
     def begin(self) -> None:
         wait_s = self._rng.expovariate(1.0 / self.world.drawn.between_s)
-        self.world.net.at(self.world.net.now_ns + int(wait_s * NS_PER_S), self._strike)
+        self.world.net.at(self.world.net.now_ns + int(wait_s * NS_PER_S), self._next_event)
 
     def calm(self) -> None:
         """End all closures, requests and commands.
@@ -93,20 +93,20 @@ class RailwayEvents:
         self.world.track.disturbed = frozenset()
         net = self.world.net
         for wait_ns in ALL_CLEAR_NS:
-            net.at(net.now_ns + wait_ns, self._all_clear)
+            net.at(net.now_ns + wait_ns, self._cancel_all)
         crew.removals.clear()
-        net.at(net.now_ns + SEEN_NS, self._looks_around)
+        net.at(net.now_ns + SEEN_NS, self._report_gone_trains)
 
-    def _looks_around(self, _: object) -> None:
+    def _report_gone_trains(self, _: object) -> None:
         for train in self.world.trains.values():
             if train.on_line:
                 seen_gone(self.world, train)
 
-    def _all_clear(self, _: object) -> None:
+    def _cancel_all(self, _: object) -> None:
         for place, train in enumerate(self.world.trains):
-            self._clears(train, place * APART_NS)
+            self._cancel(train, place * APART_NS)
 
-    def _clears(self, train: int, wait_ns: int) -> None:
+    def _cancel(self, train: int, wait_ns: int) -> None:
         def says(_: object) -> None:
             self._order(OrderKind.GO, train, left=20)
             if self.world.drawn.ordered:
@@ -114,7 +114,7 @@ class RailwayEvents:
 
         self.world.net.at(self.world.net.now_ns + wait_ns, says)
 
-    def _strike(self, _: object) -> None:
+    def _next_event(self, _: object) -> None:
         if self._over:
             return
         name, call = self._rng.choice(self._things)
@@ -179,7 +179,7 @@ class RailwayEvents:
 
         self._later(0.2, 20.0, found)
 
-    def _wish(self) -> None:
+    def _request_release(self) -> None:
         thing = self._rng.choice(list(self.world.track.objects.values()))
         thing.release_wanted = True
         self._say(f"object {thing.number} wants to be released")

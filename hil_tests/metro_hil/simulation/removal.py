@@ -58,9 +58,9 @@ class Sidings:
         net = self.world.net
         net.kill(train.address, why="is switched off")
         lives = net.nodes[train.address].boots
-        net.at(net.now_ns + OFF_NS, lambda _: self._goes(train, lives))
+        net.at(net.now_ns + OFF_NS, lambda _: self._take_off_line(train, lives))
 
-    def _goes(self, train: TrueTrain, lives: int) -> None:
+    def _take_off_line(self, train: TrueTrain, lives: int) -> None:
         """Take the train off the line, unless it was switched on again."""
         net = self.world.net
         if train.shunts or not train.on_line or net.nodes[train.address].boots != lives:
@@ -103,9 +103,12 @@ class Sidings:
             return
         world.closes(closed)
         until_ns = net.now_ns + PATIENCE_NS
-        net.at(net.now_ns + CLOSED_NS, lambda _: self._enters(train, front_m, closed, until_ns))
+        net.at(
+            net.now_ns + CLOSED_NS,
+            lambda _: self._enter_when_free(train, front_m, closed, until_ns),
+        )
 
-    def _enters(
+    def _enter_when_free(
         self, train: TrueTrain, front_m: float, closed: SpeedRestriction, until_ns: int
     ) -> None:
         """Set the train on once no other train may come there, or else choose another place.
@@ -122,7 +125,10 @@ class Sidings:
             net.at(net.now_ns + LOOK_NS, self._wants_in, train)
             return
         if not self._is_free(closed):
-            net.at(net.now_ns + LOOK_NS, lambda _: self._enters(train, front_m, closed, until_ns))
+            net.at(
+                net.now_ns + LOOK_NS,
+                lambda _: self._enter_when_free(train, front_m, closed, until_ns),
+            )
             return
         set_on(world, train, front_m)
         self.entered += 1

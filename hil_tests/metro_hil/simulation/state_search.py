@@ -181,7 +181,7 @@ class Explorer:
             found.states += len(layer)
             for blob, _, story in layer.values():
                 found.ends += 1
-                self._come_back(blob, story)
+                self._check_recovery(blob, story)
         except _BrokenError as error:
             found.broken, found.story = error.violation, error.story
         return found
@@ -275,7 +275,7 @@ class Explorer:
         gone = tuple(sorted((a, until, died) for a, (until, died) in away.items()))
         return SearchState(stage, tuple(later), gone), letters
 
-    def _come_back(self, blob: bytes, story: tuple[Deviation, ...]) -> None:
+    def _check_recovery(self, blob: bytes, story: tuple[Deviation, ...]) -> None:
         """Check that the state recovers within the bound if no more faults occur."""
         state = self._load(blob)
         first = self.bounds.slots

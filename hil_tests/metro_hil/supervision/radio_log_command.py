@@ -53,7 +53,7 @@ def main(words: Sequence[str]) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    _refuse(options)
+    _check_options(options)
     key = BENCH_KEY
     if options.secure is not None:
         secure = load_credentials(options.secure, SUPERVISION_NAME, WallClock().epoch_ns())
@@ -63,7 +63,7 @@ def _run(options: argparse.Namespace) -> int:
         path = find_log(choose_run(options.log, "vobc"))
         title = path.parent.name or path.name
         code = _report(options, sieve.pass_on(read_log(path, key)), title)
-        _wonder(sieve, str(path), options)
+        _print_warnings(sieve, str(path), options)
         return code
     return _listen(options, sieve, key)
 
@@ -80,17 +80,17 @@ def _listen(options: argparse.Namespace, sieve: RadioLogSelection, key: bytes) -
         print(f"vobc: {options.line_radio}: no session came up", file=sys.stderr)
         code = EXIT_ENVIRONMENT
     else:
-        _wonder(sieve, options.line_radio, options)
+        _print_warnings(sieve, options.line_radio, options)
     gathers = options.stats or options.plot is not None
     return EXIT_INTERRUPTED if interrupts.asked and not gathers else code
 
 
-def _wonder(sieve: RadioLogSelection, where: str, options: argparse.Namespace) -> None:
+def _print_warnings(sieve: RadioLogSelection, where: str, options: argparse.Namespace) -> None:
     for words in sieve.doubts(secured=options.secure is not None):
         print(f"vobc: {where}: {words}", file=sys.stderr)
 
 
-def _refuse(options: argparse.Namespace) -> None:
+def _check_options(options: argparse.Namespace) -> None:
     """Raise SettingsError for options that contradict each other."""
     since_s, until_s, live = options.since, options.until, options.live
     for refused, words in (

@@ -147,7 +147,7 @@ class LineEvents:
                 number = message.key.removeprefix(self._rails)
                 if len(message.payload) == LAYOUT.size and number.isdecimal():
                     place = Place(*LAYOUT.unpack(message.payload))
-                    self._is_sent(place.stamp_ns, message.stamp_ns)
+                    self._note_sent(place.stamp_ns, message.stamp_ns)
                     self.stands(int(number), place)
                 else:
                     self.refused += 1
@@ -158,8 +158,8 @@ class LineEvents:
                 # Each train's bus reports its protection, even while no radio works.
                 continue
             if isinstance(heard, T2tMessage) and message.key == t2t_keys.key_of(name, heard):
-                self._is_sent(heard.stamp_ns, message.stamp_ns)
-                self._hears(heard, message.stamp_ns)
+                self._note_sent(heard.stamp_ns, message.stamp_ns)
+                self._on_message(heard, message.stamp_ns)
             elif not message.key.startswith(f"m/{keys.line_chunk(name)}/w/0/or/"):
                 self.refused += 1
 
@@ -213,21 +213,21 @@ class LineEvents:
         """Return the highest term received in the area."""
         return self.areas[area].heartbeat.term if area in self.areas else 0
 
-    def _is_sent(self, sent_ns: int, taken_ns: int) -> None:
+    def _note_sent(self, sent_ns: int, taken_ns: int) -> None:
         """Note the sending instant; no message is sent later than it is received."""
         self.newest_ns = max(self.newest_ns, min(sent_ns, taken_ns))
 
     # Evaluation.
 
-    def _hears(self, message: T2tMessage, now_ns: int) -> None:
+    def _on_message(self, message: T2tMessage, now_ns: int) -> None:
         if isinstance(message, Heartbeat):
-            self._hears_heartbeat(message, now_ns)
+            self._on_heartbeat(message, now_ns)
         elif isinstance(message, AreaAuthority):
-            self._hears_authority(message, now_ns)
+            self._on_authority(message, now_ns)
         elif isinstance(message, TrainReport):
-            self._hears_report(message, now_ns)
+            self._on_report(message, now_ns)
 
-    def _hears_report(self, report: TrainReport, now_ns: int) -> None:
+    def _on_report(self, report: TrainReport, now_ns: int) -> None:
         train = self.train(report.source)
         story = self.areas.get(report.area)
         if report.member and story is not None and story.heartbeat.source == report.source:
@@ -239,7 +239,7 @@ class LineEvents:
             )
             train.given[report.area] = given
 
-    def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
+    def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
         area, who = heartbeat.area, heartbeat.source
         known = self.areas.get(area)
         if known is None:
@@ -265,7 +265,7 @@ class LineEvents:
             )
         known.heartbeat, known.heard_ns = heartbeat, now_ns
 
-    def _hears_authority(self, authority: AreaAuthority, now_ns: int) -> None:
+    def _on_authority(self, authority: AreaAuthority, now_ns: int) -> None:
         train = self.train(authority.destination)
         before = train.given.get(authority.area)
         if before is not None and authority.term < before.term:

@@ -151,8 +151,8 @@ class RealLine:
         while not (done or interrupts.asked):
             self._clock.wait_until(self._clock.now_ns() + POLL_NS)
             now_ns = self._clock.now_ns()
-            self._look(port, taps, now_ns)
-            self._look_after(crew)
+            self._receive(port, taps, now_ns)
+            self._check_processes(crew)
             if began_ns is None:
                 self._observe_start(now_ns)
                 began_ns = self._beginning(now_ns)
@@ -166,13 +166,13 @@ class RealLine:
             if not done:
                 self._strike(crew, now_ns, began_ns)
         if done:
-            self._hear_out(port, taps, self._clock.now_ns())
+            self._receive_rest(port, taps, self._clock.now_ns())
             self.carried = crew.carried()
         lost = {f"the tap on the bus of train {n}": tap.dropped for n, tap in enumerate(taps, 1)}
         self.doubts = self._observer.doubts({"the recorder": self.dropped, **lost})
         return done
 
-    def _look(self, port: RadioPort, taps: Sequence[ProtectionTap], now_ns: int) -> None:
+    def _receive(self, port: RadioPort, taps: Sequence[ProtectionTap], now_ns: int) -> None:
         heard = port.receive(now_ns)
         self.record.hears(heard)
         self.story.hears(heard)
@@ -199,11 +199,11 @@ class RealLine:
                 self._observer.expects_from(now_ns)
         self._observer.looks(now_ns)
 
-    def _hear_out(self, port: RadioPort, taps: Sequence[ProtectionTap], end_ns: int) -> None:
+    def _receive_rest(self, port: RadioPort, taps: Sequence[ProtectionTap], end_ns: int) -> None:
         """Take the messages that were sent before the end and are still on their way."""
         while not self._observer.has_all_until(end_ns) and self._clock.now_ns() < end_ns + LAG_NS:
             self._clock.wait_until(self._clock.now_ns() + POLL_NS)
-            self._look(port, taps, self._clock.now_ns())
+            self._receive(port, taps, self._clock.now_ns())
         self._observer.ends(end_ns)
 
     def _beginning(self, now_ns: int) -> int | None:
@@ -219,7 +219,7 @@ class RealLine:
             return now_ns
         return None
 
-    def _look_after(self, crew: LineProcesses) -> None:
+    def _check_processes(self, crew: LineProcesses) -> None:
         """End the run if a program ends by itself; a watchdog may end one that was stopped."""
         for child in crew.ended():
             if child.name in self._absent:
@@ -229,7 +229,7 @@ class RealLine:
                 raise ChildError(f"{child.name} ended {child.end_words()}:\n{child.last_words()}")
             now_ns = self._clock.now_ns()
             self._tell(now_ns, f"train {train}: its watchdog ended it, {child.end_words()}")
-            self._anew(crew, train)
+            self._restart_controller(crew, train)
 
     # Faults.
 
@@ -239,14 +239,14 @@ class RealLine:
                 self._later.remove((due_ns, action))
                 action()
         while self._faults and now_ns - began_ns >= self._faults[0].at_s * NS_PER_S:
-            self._bring_about(crew, self._faults.pop(0), now_ns)
+            self._apply_fault(crew, self._faults.pop(0), now_ns)
 
-    def _bring_about(self, crew: LineProcesses, fault: Fault, now_ns: int) -> None:
+    def _apply_fault(self, crew: LineProcesses, fault: Fault, now_ns: int) -> None:
         strike = fault.strike
         if strike is Strike.CRASH_WAYSIDE:
             self._tell(now_ns, "the wayside with its arbiters is killed")
             self.story.excused.add(OLD)
-            self._away(crew, WAYSIDE, signal.SIGKILL, lambda: self._wayside_anew(crew))
+            self._take_down(crew, WAYSIDE, signal.SIGKILL, lambda: self._restart_wayside(crew))
             return
         area, train = self._master()
         if strike is Strike.RESTART_TRAIN:
@@ -264,16 +264,18 @@ class RealLine:
             order, words = CUTS[strike]
             self._tell(now_ns, f"the radio of train {train} {words}")
             crew.order(order, train)
-            self._in(lambda: self._heal(crew, train))
+            self._after_downtime(lambda: self._heal(crew, train))
         elif strike is Strike.STOP_MASTER:
             self._tell(now_ns, f"the controller of train {train} is stopped by SIGSTOP")
-            self._away(crew, name, signal.SIGSTOP, lambda: self._go_on(crew, train))
+            self._take_down(
+                crew, name, signal.SIGSTOP, lambda: self._continue_controller(crew, train)
+            )
         else:
             by = signal.SIGKILL if strike is Strike.KILL_MASTER else signal.SIGTERM
             self._tell(now_ns, f"the controller of train {train} is ended by {by.name}")
-            self._away(crew, name, by, lambda: self._anew(crew, train))
+            self._take_down(crew, name, by, lambda: self._restart_controller(crew, train))
 
-    def _away(
+    def _take_down(
         self, crew: LineProcesses, name: str, number: signal.Signals, back: Callable[[], None]
     ) -> None:
         self._absent.add(name)
@@ -283,22 +285,22 @@ class RealLine:
             back()
             self._absent.discard(name)
 
-        self._in(come_back)
+        self._after_downtime(come_back)
 
-    def _in(self, action: Callable[[], None]) -> None:
+    def _after_downtime(self, action: Callable[[], None]) -> None:
         due_ns = self._clock.now_ns() + round(self._settings.down_s * NS_PER_S)
         self._later.append((due_ns, action))
 
-    def _wayside_anew(self, crew: LineProcesses) -> None:
+    def _restart_wayside(self, crew: LineProcesses) -> None:
         self._back_ns = self._clock.now_ns()
         self._tell(self._clock.now_ns(), "the wayside with its arbiters is started again")
         crew.start_wayside()
 
-    def _anew(self, crew: LineProcesses, train: int) -> None:
+    def _restart_controller(self, crew: LineProcesses, train: int) -> None:
         self._tell(self._clock.now_ns(), f"the controller of train {train} is started again")
         crew.start_controller(train)
 
-    def _go_on(self, crew: LineProcesses, train: int) -> None:
+    def _continue_controller(self, crew: LineProcesses, train: int) -> None:
         self._tell(self._clock.now_ns(), f"the controller of train {train} goes on")
         self._stopped[f"controller {train}"] = train
         crew.strike(f"controller {train}", signal.SIGCONT)

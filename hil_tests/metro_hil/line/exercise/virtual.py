@@ -56,7 +56,7 @@ class VirtualLine:
             with interrupts.caught():
                 while bench.clock.now_ns() < end_ns and not interrupts.asked:
                     bench.run(LOOK_S)
-                    self._look()
+                    self._observe()
                     self._strike()
         finally:
             self.record.close()
@@ -64,7 +64,7 @@ class VirtualLine:
             self.doubts.append(f"the recorder lost {self.dropped} messages")
         return not interrupts.asked
 
-    def _look(self) -> None:
+    def _observe(self) -> None:
         now_ns = self.bench.clock.now_ns()
         heard = self._tap.receive(now_ns)
         self.record.hears(heard)
@@ -83,15 +83,15 @@ class VirtualLine:
                 self._later.remove((due_ns, action))
                 action()
         while self._faults and now_ns >= self._faults[0].at_s * NS_PER_S:
-            self._bring_about(self._faults.pop(0))
+            self._apply_fault(self._faults.pop(0))
 
-    def _bring_about(self, fault: Fault) -> None:
+    def _apply_fault(self, fault: Fault) -> None:
         bench, now_ns = self.bench, self.bench.clock.now_ns()
         if fault.strike is Strike.CRASH_WAYSIDE:
             self._tell(now_ns, "the wayside with its arbiters dies")
             self.story.excused.add(OLD)
             bench.crash_wayside()
-            self._in(self._wayside_anew)
+            self._after_downtime(self._restart_wayside)
             return
         masters = [
             (area.number, m) for area in bench.areas.areas for m in bench.masters(area.number)
@@ -110,23 +110,23 @@ class VirtualLine:
             self._tell(now_ns, f"the radio of train {train} is cut")
             for other in [*[f"train {n}" for n in bench.trains if n != train], "wayside"]:
                 bench.air.cut(f"train {train}", other)
-            self._in(bench.air.heal)
+            self._after_downtime(bench.air.heal)
         elif fault.strike is Strike.STOP_MASTER:
             self._tell(now_ns, f"the controller of train {train} stops")
             executive = bench.stop(train)
-            self._in(lambda: self._go_on(executive, train))
+            self._after_downtime(lambda: self._continue_controller(executive, train))
         else:
             self._tell(now_ns, f"the controller of train {train} dies")
             bench.kill(train)
 
-    def _wayside_anew(self) -> None:
+    def _restart_wayside(self) -> None:
         self._tell(self.bench.clock.now_ns(), "the wayside with its arbiters is started again")
         self.bench.restart_wayside()
 
-    def _go_on(self, executive: Executive, train: int) -> None:
+    def _continue_controller(self, executive: Executive, train: int) -> None:
         self._tell(self.bench.clock.now_ns(), f"the controller of train {train} goes on")
         self.bench.go_on(executive)
 
-    def _in(self, action: Callable[[], None]) -> None:
+    def _after_downtime(self, action: Callable[[], None]) -> None:
         due_ns = self.bench.clock.now_ns() + round(self._settings.down_s * NS_PER_S)
         self._later.append((due_ns, action))

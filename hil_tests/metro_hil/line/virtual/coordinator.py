@@ -74,7 +74,7 @@ class LineRecord:
     """Least distance from a front to the rear ahead, by true positions."""
 
 
-class _Here:
+class _LocalTrains:
     """Some trains, one after the other in this process."""
 
     def __init__(self, plan: LinePlan, members: Sequence[Member]) -> None:
@@ -86,7 +86,7 @@ class _Here:
     def said(self) -> list[IntervalReport]:
         """Return the reports of the next interval, after the trains took the answers due."""
         if self._intervals >= AHEAD:
-            self._hear()
+            self._take_answers()
         self._intervals += 1
         return [seat.advance() for seat in self._seats]
 
@@ -98,15 +98,15 @@ class _Here:
 
     def reports(self) -> list[VirtualTrainReport]:
         while self._waiting:
-            self._hear()
+            self._take_answers()
         return [seat.close() for seat in self._seats]
 
-    def _hear(self) -> None:
+    def _take_answers(self) -> None:
         for seat, answer in zip(self._seats, self._waiting.pop(0), strict=True):
             seat.hears(answer)
 
 
-class _There:
+class _RemoteTrains:
     """Some trains in a separate process, which runs ahead by itself."""
 
     def __init__(self, plan: LinePlan, members: Sequence[Member], intervals: int) -> None:
@@ -206,7 +206,7 @@ def _serve(plan: LinePlan, members: Sequence[Member], intervals: int, pipe: Conn
     collect_rarely()
     gc.freeze()
     says, answered = _packing(len(members))
-    trains = _Here(plan, members)
+    trains = _LocalTrains(plan, members)
 
     def hear() -> bool:
         """Return False if the run ends early."""
@@ -257,9 +257,9 @@ def conduct(
         for group in groups(len(folders), processors or len(os.sched_getaffinity(0)))
     ]
     gc.freeze()
-    there = [_There(plan, members, intervals) for members in others]
+    there = [_RemoteTrains(plan, members, intervals) for members in others]
     try:
-        return _tied(plan, [*there, _Here(plan, last)], intervals, told, interrupted)
+        return _coupled(plan, [*there, _LocalTrains(plan, last)], intervals, told, interrupted)
     finally:
         gc.unfreeze()
         for party in there:
@@ -267,9 +267,9 @@ def conduct(
                 party.process.terminate()
 
 
-def _tied(
+def _coupled(
     plan: LinePlan,
-    parties: Sequence[_Here | _There],
+    parties: Sequence[_LocalTrains | _RemoteTrains],
     intervals: int,
     told: Callable[[float], None],
     interrupted: Callable[[], bool],
@@ -299,7 +299,7 @@ def _tied(
     return record
 
 
-def _all_said(parties: Sequence[_Here | _There]) -> list[IntervalReport]:
+def _all_said(parties: Sequence[_LocalTrains | _RemoteTrains]) -> list[IntervalReport]:
     """Return the reports in the order of the trains.
 
     The trains of this process run first, while those of the others run in parallel.
@@ -308,7 +308,9 @@ def _all_said(parties: Sequence[_Here | _There]) -> list[IntervalReport]:
     return [said for party in reversed(found) for said in party]
 
 
-def _give(parties: Sequence[_Here | _There], answers: Sequence[CouplingAnswer]) -> None:
+def _give(
+    parties: Sequence[_LocalTrains | _RemoteTrains], answers: Sequence[CouplingAnswer]
+) -> None:
     given = 0
     for party in parties:
         party.answer(answers[given : given + party.trains])
