@@ -124,7 +124,7 @@ def test_a_controller_death_fails_the_case_with_its_reason_and_the_run_continues
     [
         ({"faults": ({"kind": "clock_step", "start_s": 4.0},)}, "CLOCK_MONOTONIC"),
         ({"controller": ControllerSpec(kind="command", command="/no/such/thing")}, "No such file"),
-        ({"controller": ControllerSpec(kind="checkout", path="/no/such")}, "no checkout"),
+        ({"controller": ControllerSpec(kind="checkout", path="/no/such")}, "is not a checkout"),
         ({"setup": Setup(line="florenz")}, "nearest valid"),
         (
             {

@@ -243,7 +243,7 @@ def test_the_command_creates_credentials_once_and_names_the_next_step(
     assert ((tmp_path / "ca" / "T1.key").stat().st_mode & 0o777) == 0o600
 
     assert vobc(["demo-ca", folder]) == 2
-    assert "ca.pem: is there already" in capsys.readouterr().err
+    assert "ca.pem: exists already" in capsys.readouterr().err
     assert vobc(["demo-ca", str(tmp_path)]) == 2
     assert f"{tmp_path}: not empty" in capsys.readouterr().err
     assert vobc(["line", "--secure", str(tmp_path)]) == 2

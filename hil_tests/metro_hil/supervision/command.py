@@ -95,7 +95,7 @@ def _check(options: argparse.Namespace, areas: AreaMap) -> None:
     if verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
         raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
     if verb == "restrict" and not options.end and options.limit_kmh is None:
-        raise SettingsError("restrict: --limit KMH is missing; or use --end to take one back")
+        raise SettingsError("restrict: --limit KMH is missing; --end takes a restriction back")
     if verb in OF_TRACK and not options.start_m < options.end_m:
         stretch = f"START {options.start_m:g} END {options.end_m:g}"
         raise SettingsError(f"{verb}: {stretch}: the stretch must end beyond its start")

@@ -113,7 +113,7 @@ REACH = "no such stretch on loop, which reaches from -120 to 7700 m"
         (
             DecreeKind.LIFT,
             (5000.0, 5200.0, 0.0),
-            "from 5000 to 5200 m: nothing of the kind was decreed",
+            "from 5000 to 5200 m: no such command is in force",
         ),
     ],
 )
@@ -134,8 +134,8 @@ def test_a_refusal_names_the_requested_stretch(
 @pytest.mark.parametrize(
     ("train", "front_m", "words"),
     [
-        (4, 1000.0, "train 4: no such train tells its status to the wayside"),
-        (3, 7690.0, "train 3: no station is ahead of it, or it does not know where it is"),
+        (4, 1000.0, "train 4: no such train sends its status to the wayside"),
+        (3, 7690.0, "train 3: no station is ahead of the train, or the train is not localised"),
     ],
 )
 def test_a_refusal_names_the_requested_train(
@@ -151,10 +151,10 @@ def test_a_refusal_names_the_requested_train(
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        ("restrict 5200 5000 --limit 20", "restrict: START 5200 END 5000: the stretch has to end"),
-        ("restrict 5200 5000 --end", "restrict: START 5200 END 5000: the stretch has to end"),
-        ("close 7000 7000", "close: START 7000 END 7000: the stretch has to end behind its start"),
-        ("restrict 5000 5200", "restrict: --limit KMH is missing; --end takes one back"),
+        ("restrict 5200 5000 --limit 20", "restrict: START 5200 END 5000: the stretch must end"),
+        ("restrict 5200 5000 --end", "restrict: START 5200 END 5000: the stretch must end"),
+        ("close 7000 7000", "close: START 7000 END 7000: the stretch must end beyond its start"),
+        ("restrict 5000 5200", "restrict: --limit KMH is missing; --end takes a restriction back"),
     ],
 )
 def test_an_impossible_stretch_is_refused_before_a_session_is_opened(
@@ -185,7 +185,7 @@ def test_an_emergency_brake_without_a_command_is_not_released(
     assert at_the_desk(line).decree(DecreeKind.RELEASE, train=3) == 3
 
     assert line.decreed == []
-    told = "vobc: train 3: no emergency brake is decreed, and none is applied\n"
+    told = "vobc: train 3: no emergency brake is commanded, and none is applied\n"
     assert capsys.readouterr() == ("", told)
 
 
@@ -200,7 +200,7 @@ def test_the_release_of_a_silent_train_never_claims_that_it_does_not_brake(
     later.listen(0.7)
 
     assert later.decree(DecreeKind.RELEASE, train=3) == 3
-    told = "vobc: train 3: no emergency brake is decreed, and the train is silent\n"
+    told = "vobc: train 3: no emergency brake is commanded, and the train is not received\n"
     assert capsys.readouterr().err == told
 
 
@@ -225,7 +225,7 @@ def test_the_release_of_an_unknown_train_is_left_to_the_wayside(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert at_the_desk(Line()).decree(DecreeKind.RELEASE, train=5) == 3
-    told = "vobc: train 5: no such train tells its status to the wayside\n"
+    told = "vobc: train 5: no such train sends its status to the wayside\n"
     assert capsys.readouterr().err == told
 
 
@@ -305,7 +305,7 @@ def test_a_command_too_close_ahead_of_a_train_gives_a_warning(
 
     assert desk.decree(kind, start_m=start_m, end_m=4000.0, limit_mps=limit_mps) == 0
 
-    warning = "" if words is None else f"vobc: train 3 may brake by emergency: it is {words}\n"
+    warning = "" if words is None else f"vobc: train 3 may apply its emergency brake: it is {words}\n"
     assert capsys.readouterr().err == warning
 
 
