@@ -305,7 +305,9 @@ def test_a_command_too_close_ahead_of_a_train_gives_a_warning(
 
     assert desk.decree(kind, start_m=start_m, end_m=4000.0, limit_mps=limit_mps) == 0
 
-    warning = "" if words is None else f"vobc: train 3 may apply its emergency brake: it is {words}\n"
+    warning = (
+        "" if words is None else f"vobc: train 3 may apply its emergency brake: it is {words}\n"
+    )
     assert capsys.readouterr().err == warning
 
 
