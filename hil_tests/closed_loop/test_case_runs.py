@@ -279,7 +279,7 @@ def test_an_active_fault_cannot_be_removed(bench: Bench) -> None:
     run.plan_faults({"kind": "brake_weak"})
     run.run_for(1.0)
 
-    with pytest.raises(SettingsError, match="brake_weak acts still"):
+    with pytest.raises(SettingsError, match="brake_weak still acts"):
         run.plan_faults({"kind": "brake_late"})
 
 

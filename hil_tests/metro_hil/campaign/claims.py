@@ -33,7 +33,9 @@ def read_expected(table: Mapping[str, Any], findings: Findings) -> tuple[Expecte
             findings.add(f"{key}.margin_min", f"{low:g} is over margin_max, {high:g}")
         for name, margin in zip(MARGINS, (low, high), strict=True):
             if margin is not None and margin >= 0.0:
-                findings.add(f"{key}.{name}", f"{margin:g} is no failure; those are below 0")
+                findings.add(
+                    f"{key}.{name}", f"{margin:g} is no failure; failures have margins below 0"
+                )
         found += [ExpectedFailure(monitor=name, margin_min=low, margin_max=high) for name in names]
     return tuple(found)
 

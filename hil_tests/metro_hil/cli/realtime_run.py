@@ -152,7 +152,7 @@ class RealtimeRun:
     def _foreign_words(self, spec: str, heard: set[Node]) -> str:
         if heard:
             names = ", ".join(sorted(node.name for node in heard))
-            return f"plant: heard on {spec}: {names}; no emulator is started"
+            return f"plant: {names} already send on {spec}; no emulator is started"
         return f"plant: none started; the controller stays braked and waits for a train on {spec}"
 
     def _known_radio(self, spec: str) -> str:
@@ -178,7 +178,7 @@ class RealtimeRun:
                 return
             if self._clock.now_ns() > until_ns:
                 raise ChildError(
-                    f"the plant emulator was not heard on {spec} within {PLANT_START_S:.0f} s:\n"
+                    f"the plant emulator sent nothing on {spec} within {PLANT_START_S:.0f} s:\n"
                     f"{child.last_words()}"
                 )
 

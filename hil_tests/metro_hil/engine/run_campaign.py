@@ -165,7 +165,9 @@ class _Shift:
 
     def _heed(self, crew: WorkerPool) -> None:
         if self._stop.count and not self._stopping:
-            self._watcher.say(f"finishing {crew.workers} at most; Ctrl-C again drops them")
+            self._watcher.say(
+                f"finishing at most {crew.workers} running cases; Ctrl-C again drops them"
+            )
             self._stopping = True
         if self._stopping:
             crew.stop()

@@ -86,7 +86,7 @@ def _faults(cases_expected: int, cases: Sequence[Case], results: Sequence[CaseRe
     if len(cases) != cases_expected:
         faults.append(f"{len(cases)} cases, but the manifest names {cases_expected}")
     if doubled := [name for name, count in ids.items() if count > 1]:
-        faults.append(f"case ids that are there twice: {_some(doubled)}")
+        faults.append(f"case ids that occur twice: {_some(doubled)}")
     if foreign := sorted({result.case_id for result in results} - ids.keys()):
         faults.append(f"results of cases that are not in the campaign: {_some(foreign)}")
     if doubtful := _contradictions(results):

@@ -104,7 +104,7 @@ class ShutDoorsCondition:
 
 
 def centre_may_let_go(cause: Cause) -> bool:
-    """Whether the centre may release this emergency brake, once the train stands without cause."""
+    """Whether the centre may release the brake, once the train stands and the cause is gone."""
     rule = RULE_OF.get(cause)
     return rule is not None and Reset.CENTRE in rule.reset_by
 

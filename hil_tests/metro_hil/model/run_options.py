@@ -158,7 +158,10 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
         help="how its demand reaches the train; default: the parameters'",
     )
     group.add_argument(
-        "--load-ratio", type=_ratio, metavar="0..1", help="passengers; default: the consist's"
+        "--load-ratio",
+        type=_ratio,
+        metavar="0..1",
+        help="share of the full passenger load; default: the consist's",
     )
     group.add_argument(
         "--odometer-error",
@@ -184,10 +187,10 @@ def _add_desk(run: argparse.ArgumentParser) -> None:
         "--desk",
         choices=DESKS,
         default="auto",
-        help="its mode; external: `plant desk` is the desk, in real time; none: there is none",
+        help="its mode; external: `plant desk` is the desk, in real time; none: no desk",
     )
     group.add_argument(
-        "--driver", choices=list(DRIVERS), help="a model of a driver drives, with --desk manual"
+        "--driver", choices=list(DRIVERS), help="driver model that drives, with --desk manual"
     )
     group.add_argument("--desk-recording", metavar="FILE", help="recording of a desk to play back")
 
@@ -222,7 +225,10 @@ def _add_wires(run: argparse.ArgumentParser) -> None:
 def _add_line(run: argparse.ArgumentParser) -> None:
     group = run.add_argument_group("several trains on one line, with --lockstep")
     group.add_argument(
-        "--trains", type=_trains, metavar="N", help="each on its bus, all on the line's network"
+        "--trains",
+        type=_trains,
+        metavar="N",
+        help="number of trains, each on its own bus, on one supply network",
     )
     group.add_argument("--supply", choices=("strong", "weak"), help="default: the line's")
     group.add_argument(

@@ -56,7 +56,7 @@ def judge(case: Case, shown: RunEvidence) -> Judgement:
     lacking: list[str] = []
     if not shown.violated:
         lacking += [f"never began: {', '.join(blocked)}"] if blocked else []
-        lacking += [f"nothing seen by: {', '.join(unmeasured)}"] if unmeasured else []
+        lacking += [f"not judged by: {', '.join(unmeasured)}"] if unmeasured else []
         lacking += ["the train never moved"] if idle else []
         lacking += vacuous
     failed = [each for each in shown.monitors if each.verdict is Verdict.FAIL]

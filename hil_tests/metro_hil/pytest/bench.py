@@ -111,7 +111,7 @@ class LiveRun:
         schedule = self._bench.plant.schedule
         if schedule.active:
             acting = ", ".join(plan.kind.name for plan in schedule.active)
-            raise SettingsError(f"{self.case.id}: fault {acting} acts still; let it end first")
+            raise SettingsError(f"{self.case.id}: fault {acting} still acts; let it end first")
         plans = read_faults(tables, self.case.id)
         for plan in plans:
             check_bus_fault(plan)

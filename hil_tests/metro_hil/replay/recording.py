@@ -134,7 +134,7 @@ class _Reader:
         elif words[0] == "end":
             (lines,) = words[1:]
             if int(lines) != self._number - 1:
-                raise self._error(f"{lines} lines were written before it, {self._number - 1} are")
+                raise self._error(f"must follow {lines} lines, but follows {self._number - 1}")
             self.ended = True
         elif words[0] == "run":
             task, begin, execution = words[1:]

@@ -294,7 +294,7 @@ def _draw_place(axes: Axes, cycles: Columns, truth: Columns) -> None:
     if np.any(outside):
         axes.plot(true_m[outside], np.zeros(int(outside.sum())), ".", color=EMERGENCY,
                   label="truth outside")  # fmt: skip
-    axes.set_ylabel("less the truth, m")
+    axes.set_ylabel("minus true place, m")
     axes.set_xlabel("true chainage of the front coupler, m", labelpad=1)
     axes.grid(axis="y", color="#e4e7eb", lw=0.7)
     axes.legend(loc="upper right", ncols=3, frameon=False, fontsize=8.5)

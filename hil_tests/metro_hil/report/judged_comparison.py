@@ -86,8 +86,8 @@ class JudgedComparison:
         if dim := [shift for shift in self.pool.shifts if cannot_tell(shift)]:
             names = ", ".join([shift.name for shift in dim])
             pairs = max(shift.pairs for shift in dim)
-            said.append(f"{pairs} pairs are too few to tell what became of {names}")
-        said += [f"{name}: judged nothing any more in {count} pairs" for name, count in self.unseen]
+            said.append(f"{pairs} pairs are too few to judge {names}")
+        said += [f"{name}: judged nothing in B in {count} pairs" for name, count in self.unseen]
         if self.pool.only_a:
             said.append(f"{len(self.pool.only_a)} cases of A are not in B")
         return tuple(said)

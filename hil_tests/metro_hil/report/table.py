@@ -50,7 +50,9 @@ def _print_stops(console: Console, results: RunResults) -> None:
 def _rows(results: RunResults) -> list[tuple[str, str]]:
     rows = [("ended", results.exit_reason)]
     if results.ride and not results.truth_known:
-        rows.append(("measured by", "the controller's own odometry: this plant tells no truth"))
+        rows.append(
+            ("measured by", "the controller's own odometry: this plant logs no true values")
+        )
     if results.ride:
         rows += [
             ("distance", f"{results.ride.distance_m:.1f} m in {results.ride.duration_s:.1f} s"),

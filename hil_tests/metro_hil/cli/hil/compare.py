@@ -22,7 +22,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser = verbs.add_parser(
         "compare",
         help="compare two campaigns: what got worse, by how much",
-        description="Compare two campaigns case by case, in all and scenario by scenario: what "
+        description="Compare two campaigns case by case, in total and by scenario: what "
         "such a comparison can find, verdicts that changed, the largest single drop of a margin, "
         "and for each margin and measure the paired difference with a signed-rank test, corrected "
         "for their number. Exit code 1 when a verdict got worse.",
@@ -147,7 +147,7 @@ def print_comparison(console: "Console", judged: "JudgedComparison", a: Path, b:
         drop = f"Largest single drop of a margin: {drop_words(judged.largest_drop)}"
         console.print(Text(drop, "bold"), soft_wrap=True)
     for words in judged.unproven:
-        console.print(Text(f"Not shown to be no worse: {words}", "yellow"), soft_wrap=True)
+        console.print(Text(f"Not proven: {words}", "yellow"), soft_wrap=True)
     for name, ids in (("A", comparison.only_a), ("B", comparison.only_b)):
         if ids:
             shown = ", ".join(ids[:CHANGES_SHOWN])
@@ -264,9 +264,7 @@ def _print_shifts(console: "Console", comparison: "CampaignComparison") -> None:
             table.add_row(*_cells(shift))
         console.print(table)
     if still:
-        console.print(
-            Text(f"{still} margins and measures are equal in all pairs, or by less than matters.")
-        )
+        console.print(Text(f"{still} margins and measures differ in no pair by more than matters."))
     if comparison.shifts:
         tests = sum(shift.p_ratio is not None for shift in comparison.shifts)
         console.print(

@@ -85,7 +85,7 @@ def _print_all(known: "tuple[Described, ...]") -> None:
             table.add_row(each.name, each.story, ", ".join(p.name for p in each.parameters))
         console.print(table)
         console.print()
-    console.print("hil faults KIND tells all about one of them.")
+    console.print("hil faults KIND shows one of them in full.")
 
 
 def _print_one(each: "Described") -> None:
@@ -106,7 +106,7 @@ def _print_one(each: "Described") -> None:
             table.add_row(one.name, one.kind, one.unit, one.default, one.range, one.story)
         console.print(table)
         console.print()
-    console.print(f"may come of it: {'; '.join(each.hazards)}")
+    console.print(f"possible consequences: {'; '.join(each.hazards)}")
     console.print(f"in lockstep: {each.benches.lockstep}")
     console.print(f"with processes: {each.benches.processes}")
     console.print(f"on hardware: {each.benches.hardware}")

@@ -144,7 +144,7 @@ def _run(line: "Line", settings: "Settings", folder: "RunFolder") -> int:
         wrong = complaints(line.story, trains, behind_rear_m=T2tConfig().rollback_m)
         invalid = [*line.doubts, *doubts(line.story, trains)]
         if reason != DURATION:
-            invalid.insert(0, f"it did not come to its end: {reason or 'broken off'}")
+            invalid.insert(0, f"it did not finish: {reason or 'broken off'}")
         results = results_json(
             *(line.story, trains),
             exit_reason=reason or "broken off",

@@ -115,7 +115,7 @@ def radio_words(settings: Settings) -> str:
         words += ["--line", settings.line_name]
     if settings.secure is not None:
         words += ["--secure", str(settings.secure)]
-    return f"line radio: {settings.endpoint}; look with `{shlex.join(words)}`"
+    return f"line radio: {settings.endpoint}; watch it with `{shlex.join(words)}`"
 
 
 def config_of(options: argparse.Namespace, settings: Settings) -> dict[str, object]:

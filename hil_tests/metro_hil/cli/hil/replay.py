@@ -118,14 +118,14 @@ def _believed(changes: Sequence[str]) -> dict[str, Any]:
 def lines(result: "ReplayResult") -> Sequence[str]:
     """The result as lines of text for a person."""
     text = [
-        f"{result.recording}: {result.controllers} controller(s), {result.cycles} cycles; heard "
+        f"{result.recording}: {result.controllers} controller(s), {result.cycles} cycles; received "
         f"{result.heard_frames} frames, {result.heard_chunks} pieces of the tag reader's line, "
         f"{result.heard_messages} radio messages"
     ]
     text += [f"note: {note}" for note in result.notes]
     if result.first is None:
         masked = sum(each.masked for each in result.counts)
-        but = f", {masked} of them but for what the host did" if masked else ""
+        but = f", {masked} of them apart from host timing" if masked else ""
         text.append(f"identical: all {result.compared} outputs are as recorded{but}")
         return text
     text.append(_differences(result))
@@ -169,7 +169,7 @@ def _divergence(first: "Divergence") -> list[str]:
 
 
 def _cycle(cycle: "CycleInputs") -> list[str]:
-    text = [f"cycle {cycle.cycle} at {cycle.at_s:.6f} s was fed"]
+    text = [f"cycle {cycle.cycle} at {cycle.at_s:.6f} s received"]
     text += [f"  {heard.at_s:.6f} s  {heard.name}: {heard.meaning}" for heard in cycle.heard]
     return text if cycle.heard else [f"{text[0]} nothing"]
 

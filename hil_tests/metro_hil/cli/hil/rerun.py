@@ -152,7 +152,7 @@ def difference_of(case: "Case", before: "CaseResult | None", now: "CaseResult") 
         return ""
     if before.chain != now.chain:
         return f"NOT DETERMINISTIC: chain {before.chain} in the campaign, {now.chain} now"
-    return "" if same_result(before, now) else "NOT DETERMINISTIC: same frames, other judgement"
+    return "" if same_result(before, now) else "NOT DETERMINISTIC: same frames, different judgement"
 
 
 def draw(case: "Case", files: dict[str, Path], place: "RunFolder") -> bool:

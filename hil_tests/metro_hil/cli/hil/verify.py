@@ -100,7 +100,7 @@ def _mismatch(mismatch: "Mismatch") -> list[str]:
         return [*text, f"  {mismatch.compared}"] if mismatch.compared else text
     return [
         *text,
-        f"  {mismatch.compared} part at line {first.number} of bus.log:",
+        f"  {mismatch.compared} differ first at line {first.number} of bus.log:",
         f"    {first.one or 'ended'}",
         f"    {first.other or 'ended'}",
     ]

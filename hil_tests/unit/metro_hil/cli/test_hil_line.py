@@ -58,10 +58,10 @@ def test_a_secured_line_that_has_no_keys_leaves_no_folder(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ([], "tcp/h:1; look with `vobc line --watch --line-radio tcp/h:1`"),
+        ([], "tcp/h:1; watch it with `vobc line --watch --line-radio tcp/h:1`"),
         (
             ["--line", "florence", "--secure", "my keys"],
-            "tcp/h:1; look with `vobc line --watch --line-radio tcp/h:1 --line florence "
+            "tcp/h:1; watch it with `vobc line --watch --line-radio tcp/h:1 --line florence "
             "--secure 'my keys'`",
         ),
     ],

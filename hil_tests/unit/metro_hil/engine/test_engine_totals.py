@@ -67,7 +67,7 @@ def test_cases_with_the_same_id_are_not_green() -> None:
     totals = total(2, twins, passes(CASES[:1]))
 
     assert not totals.passed
-    assert "twice" in totals.problems[0]
+    assert "occur twice" in totals.problems[0]
 
 
 def test_a_result_of_another_campaign_is_not_green() -> None:

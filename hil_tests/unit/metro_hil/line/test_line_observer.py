@@ -335,4 +335,4 @@ def test_a_run_that_breaks_off_has_not_passed(tmp_path: Path) -> None:
 
     results = json.loads((tmp_path / "results.json").read_text())
     assert results["verdict"] == "invalid"
-    assert results["doubts"] == ["it did not come to its end: controller 1 ended with 1"]
+    assert results["doubts"] == ["it did not finish: controller 1 ended with 1"]

@@ -88,7 +88,7 @@ def test_three_pairs_of_the_worked_example_cannot_tell_and_say_so() -> None:
     assert found.hopeless
     assert found.shift_sd_ratio is None
     assert comparison.significantly_worse == ()
-    assert "3 pairs are too few to tell what became of stop" in comparison.unproven[0]
+    assert "3 pairs are too few to judge stop" in comparison.unproven[0]
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_a_monitor_that_judges_nothing_any_more_is_no_pass() -> None:
     comparison = judge_comparison(a, b)
 
     assert comparison.unseen == (("stop", 10),)
-    assert comparison.unproven == ("stop: judged nothing any more in 10 pairs",)
+    assert comparison.unproven == ("stop: judged nothing in B in 10 pairs",)
 
 
 def test_cases_that_are_not_there_any_more_are_no_pass() -> None:
