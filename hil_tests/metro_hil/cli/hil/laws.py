@@ -1,4 +1,4 @@
-"""`hil laws`: how each control law came out in campaigns, and whether that is still true."""
+"""`hil laws`: the published figures of each control law, and whether they still hold."""
 
 import argparse
 import os
@@ -43,7 +43,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Raises UsageError for a folder that is no campaign's."""
+    """Raises UsageError for a folder that does not belong to a campaign."""
     from firmware_py.storage.whole_file import write_whole
     from metro_hil.engine.sources import sources_hash
     from metro_hil.report.law_figures import results_json
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def kept() -> Path:
-    """Where the published figures are."""
+    """Path of the published figures."""
     from metro_hil.report.law_figures import RESULTS
 
     return Path(__file__).resolve().parents[2] / RESULTS
@@ -85,7 +85,7 @@ def published() -> "Results":
 
 
 def taken_over(found: "Results", name: str) -> "Results":
-    """With the figures of a campaign that was run. Raises UsageError."""
+    """Add the figures of a campaign that was run. Raises UsageError."""
     from metro_hil.engine.folder import find_folder
     from metro_hil.engine.journal import once_each, read_journal, refuse_damage
     from metro_hil.engine.program import program_version
@@ -98,13 +98,13 @@ def taken_over(found: "Results", name: str) -> "Results":
     by_id = once_each(journal.results)
     pairs = [(case, by_id.get(case.id)) for case in folder.cases()]
     manifest = folder.manifest()
-    # What another program measured has to be held against this one before it counts as its own.
+    # Figures of another program count as current only after a check against this one.
     sources = sources_hash() if manifest.program == program_version() else ""
     return merged_results(found, results_of(manifest.name, pairs, sources=sources))
 
 
 def check(found: "Results") -> "list[Standing]":
-    """Print how each figure stands as soon as that is known."""
+    """Print the state of each figure as soon as it is known."""
     from metro_hil.engine.sources import sources_hash
     from metro_hil.report.standing import standings
 
@@ -124,7 +124,7 @@ def planned(scenario: str) -> "Sequence[Case]":
 
 
 def run_cases(cases: "Sequence[Case]") -> "list[CaseResult]":
-    """In virtual time, on every processor."""
+    """Run cases in virtual time on all processors."""
     from metro_hil.run.dispatch import run_case
 
     if len(cases) == 1:
@@ -134,16 +134,16 @@ def run_cases(cases: "Sequence[Case]") -> "list[CaseResult]":
 
 
 def _measured(scenario: str) -> str:
-    """Run a whole scenario, with its progress; return the name by which its folder is found."""
+    """Run a whole scenario with its progress; return the name that finds its folder."""
     print(f"measuring {scenario}", flush=True)
     words = [sys.executable, "-m", "metro_hil.cli.hil", "run", scenario, "--no-report"]
-    # A monitor that fails is no reason to keep old figures: they say what is.
+    # A failed monitor is no reason to keep old figures: the new ones show the present state.
     subprocess.run(words, check=False)
     return scenario
 
 
 def _titled(found: "Results") -> "Results":
-    """With title and campaign of each scenario as they ship, however it was run."""
+    """Set title and campaign of each scenario to the shipped ones, however it was run."""
     import msgspec
 
     from metro_hil.campaign.scenarios import shipped_scenarios

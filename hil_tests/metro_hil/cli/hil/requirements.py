@@ -1,4 +1,4 @@
-"""`hil requirements`: the page from requirement to scenario, test and result."""
+"""`hil requirements`: prints the page of requirements with their scenarios, tests and results."""
 
 import argparse
 import sys
@@ -26,7 +26,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Raises UsageError for a folder that is no campaign's."""
+    """Raises UsageError for a folder that does not belong to a campaign."""
     from firmware_py.storage.whole_file import write_whole
     from metro_hil.campaign.scenarios import shipped_scenarios
     from metro_hil.engine.errors import UsageError
