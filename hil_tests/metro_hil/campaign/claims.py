@@ -79,14 +79,14 @@ def check_claims(
         monitors = [plan.name for plan in read_monitors(point.monitors, "", invariants)]
         kinds = [str(fault.get("kind")) for fault in point.faults]
         for each in expected:
-            _refuse_stranger(each.monitor, monitors, f"{EXPECTED}.fails", "monitor", findings)
+            _refuse_unknown_name(each.monitor, monitors, f"{EXPECTED}.fails", "monitor", findings)
         known = [*monitors, *kinds, *requirements, *ALLOWANCE_GROUPS]
         for name in (name for allowance in vacuous for name in allowance.names):
             what = "monitor, fault, requirement or group"
-            _refuse_stranger(name, known, f"{VACUOUS}.allowed", what, findings)
+            _refuse_unknown_name(name, known, f"{VACUOUS}.allowed", what, findings)
 
 
-def _refuse_stranger(
+def _refuse_unknown_name(
     name: str, known: Sequence[str], key: str, what: str, findings: Findings
 ) -> None:
     if name not in known:

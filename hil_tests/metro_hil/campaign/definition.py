@@ -143,7 +143,7 @@ def _fault_reader(index: int) -> Callable[[dict[str, Any]], object]:
     return read
 
 
-def _in_words(key: str, value: Any) -> Any:
+def _as_text(key: str, value: Any) -> Any:
     """The value as a factor of the case; tables become text, so that they can be compared."""
     if key == FAULTS:
         return faults_words(value)
@@ -199,7 +199,7 @@ class PointMaker:
             return None
         parts = dict(self._fixed)
         values_of = dict(factors)
-        factors = {key: _in_words(key, item) for key, item in factors.items()}
+        factors = {key: _as_text(key, item) for key, item in factors.items()}
         fine = True
         for part, keys in self._changed.items():
             parts[part], seen = self._part(body, part, [values_of[key] for key in keys])

@@ -128,13 +128,13 @@ class _Reader:
         findings = Findings()
         above = shaped(table, findings, inside_scenario=False)
         head = attempt(lambda t: settings.build(HeadKeys, t, ""), _head(above), "", findings)
-        self._take(findings, None)
+        self._add_problems(findings, None)
         has_scenarios = "scenario" in above
         own_tables = scenarios_of(above, findings) if has_scenarios else [(None, "", None)]
-        self._take(findings, None)
+        self._add_problems(findings, None)
         above.pop("scenario", None)
         if above.pop(EACH, None) is not None and not has_scenarios:
-            self._say(EACH, "needs a [[scenario]] to repeat for each value")
+            self._add_problem(EACH, "needs a [[scenario]] to repeat for each value")
         campaign_name = above.pop("name", name)
         layout = above.pop("layout", None)
         made = [
@@ -143,7 +143,7 @@ class _Reader:
         read = [scenario for scenario in made if scenario is not None]
         self._check_names([(index, own) for index, _, own in own_tables])
         if not own_tables:
-            self._say("scenario", "[] has no scenario")
+            self._add_problem("scenario", "[] has no scenario")
         if self._problems:
             raise CampaignError(tuple(dict.fromkeys(self._problems)))
         assert head is not None
@@ -165,9 +165,9 @@ class _Reader:
         shape = Findings()
         kept = {} if own is None else shaped(own, shape, inside_scenario=True)
         place = KeyPlace(above, kept, index)
-        self._take(shape, f"scenario[{index}].")
+        self._add_problems(shape, f"scenario[{index}].")
         if own is not None and "name" not in kept and "name" not in own:
-            self._say(f"scenario[{index}].name", "missing key")
+            self._add_problem(f"scenario[{index}].name", "missing key")
         table = merged(above, kept)
         table.setdefault("name", name)
         findings = Findings()
@@ -189,11 +189,13 @@ class _Reader:
                 findings=findings,
             )
         for key, what in findings.found:
-            self._say(place.key(key), what)
+            self._add_problem(place.key(key), what)
         if head is None or sweep is None or findings:
             return None
         if sweep.new_seeds and not isinstance(table.get("seeds", 1), int):
-            self._say(place.key("sweep.new_seeds"), "needs seeds as a number, not as a list")
+            self._add_problem(
+                place.key("sweep.new_seeds"), "needs seeds as a number, not as a list"
+            )
         self._note(head.name, sweep, bool(factors))
         self._note_requirements(head.requirements)
         plan = ScenarioPlan(
@@ -241,13 +243,13 @@ class _Reader:
         names = [str((table or {}).get("name", "")).lower() for _, table in tables]
         for number, ((index, _), name) in enumerate(zip(tables, names, strict=True)):
             if name and names.index(name) != number:
-                self._say(f"scenario[{index}].name", f"{name!r} is used twice")
+                self._add_problem(f"scenario[{index}].name", f"{name!r} is used twice")
 
-    def _take(self, findings: Findings, prefix: str | None) -> None:
+    def _add_problems(self, findings: Findings, prefix: str | None) -> None:
         for key, what in findings.found:
-            self._say(f"{prefix or ''}{key}", what)
+            self._add_problem(f"{prefix or ''}{key}", what)
 
-    def _say(self, key: str, what: str) -> None:
+    def _add_problem(self, key: str, what: str) -> None:
         self._problems.append(f"{self._source}: {key}: {what}")
 
 

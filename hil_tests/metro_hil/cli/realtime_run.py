@@ -87,11 +87,11 @@ class RealtimeRun:
                 self._journey.end.stop_m,
                 self._options.duration_s,
                 lambda: self._interrupts.asked,
-                unattended=emulated and self._nobody_at_the_desk(),
+                unattended=emulated and self._desk_unattended(),
                 centre=self._options.train is not None,
             )
             self._end_children(watch)
-            ending = watch.ending(reason, truth_known=emulated, realtime=self._granted())
+            ending = watch.ending(reason, truth_known=emulated, realtime=self._realtime_grants())
             lost = ending.lost_log_lines + self._lost_by_children()
             return replace(ending, lost_log_lines=lost)
 
@@ -130,7 +130,7 @@ class RealtimeRun:
             )
         foreign = options.plant == "none" or not is_virtual(spec) or bool(heard)
         if foreign:
-            self._display.say(self._foreign_words(spec, heard))
+            self._display.say(self._plant_text(spec, heard))
             tags = str(folder / "tags") if options.tags == "auto" else options.tags
             radio = options.radio
             if radio == "auto" and options.train is None:
@@ -149,7 +149,7 @@ class RealtimeRun:
         tags = str(folder / "tags") if options.tags == "auto" else options.tags
         return tags, radio, True
 
-    def _foreign_words(self, spec: str, heard: set[Node]) -> str:
+    def _plant_text(self, spec: str, heard: set[Node]) -> str:
         if heard:
             names = ", ".join(sorted(node.name for node in heard))
             return f"plant: {names} already send on {spec}; no emulator is started"
@@ -228,8 +228,8 @@ class RealtimeRun:
             child.end()
             watch.drain(self._clock.now_ns())
 
-    def _nobody_at_the_desk(self) -> bool:
-        """Whether neither a driver nor a given duration can end a wait, such as for a reset."""
+    def _desk_unattended(self) -> bool:
+        """Whether no person works the desk and no duration is given: a stuck run may then end."""
         options = self._options
         worked = options.desk_recording or options.driver or options.desk in ("manual", EXTERNAL)
         return options.duration_s is None and not worked
@@ -243,7 +243,7 @@ class RealtimeRun:
                 lost += noted["lost_log_lines"]
         return lost
 
-    def _granted(self) -> list[str]:
+    def _realtime_grants(self) -> list[str]:
         """What the host granted the controller for real time, as the controller recorded it."""
         try:
             granted = json.loads((self._folder.path / "realtime.json").read_text(encoding="utf-8"))

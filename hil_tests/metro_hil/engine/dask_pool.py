@@ -67,15 +67,15 @@ class DaskPool:
         self._stopping = False
         self._lost_workers = 0
         self._clock = WallClock()
-        self._looked_ns = self._clock.now_ns()
+        self._updated_ns = self._clock.now_ns()
         try:
-            self._members = self._look()
+            self._members = self._threads_by_worker()
             self._check_programs()
         except BaseException:
             self.close()
             raise
 
-    def _look(self) -> dict[str, int]:
+    def _threads_by_worker(self) -> dict[str, int]:
         """Number of threads of each Dask worker, by its address."""
         known = self._client.scheduler_info(n_workers=-1)["workers"]
         return {str(address): int(worker["nthreads"]) for address, worker in known.items()}
@@ -138,14 +138,14 @@ class DaskPool:
             while True:
                 self._take(task, outcomes)
                 task = self._finished.get_nowait()
-        if self._clock.now_ns() - self._looked_ns > LOOK_S * NS_PER_S:
-            self._look_again(outcomes)
+        if self._clock.now_ns() - self._updated_ns > LOOK_S * NS_PER_S:
+            self._update_members(outcomes)
         return outcomes
 
-    def _look_again(self, outcomes: list[Outcome]) -> None:
-        self._looked_ns = self._clock.now_ns()
+    def _update_members(self, outcomes: list[Outcome]) -> None:
+        self._updated_ns = self._clock.now_ns()
         try:
-            members = self._look()
+            members = self._threads_by_worker()
         except Exception as error:
             raise EngineError(f"dask://{self._address}: the scheduler is gone: {error}") from error
         for gone in sorted(self._members.keys() - members.keys()):
@@ -159,7 +159,7 @@ class DaskPool:
         if batches is None:
             return
         if task.status == "finished":
-            self._hear(msgspec.json.decode(task.result(), type=DaskAnswer), batches, outcomes)
+            self._on_answer(msgspec.json.decode(task.result(), type=DaskAnswer), batches, outcomes)
             return
         if task.status != "error":
             raise EngineError(
@@ -172,7 +172,9 @@ class DaskPool:
         for batch in batches.values():
             outcomes.append(WorkerLost(batch, batch.cases, len(batch.cases), reason))
 
-    def _hear(self, answer: DaskAnswer, batches: dict[int, Batch], outcomes: list[Outcome]) -> None:
+    def _on_answer(
+        self, answer: DaskAnswer, batches: dict[int, Batch], outcomes: list[Outcome]
+    ) -> None:
         self._check_program("that came later", answer.program)
         for number, result in answer.results:
             outcomes.append(CaseFinished(batches[number], result))

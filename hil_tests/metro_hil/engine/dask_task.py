@@ -42,7 +42,7 @@ class Loss(msgspec.Struct, frozen=True):
 
 
 class DaskAnswer(msgspec.Struct, frozen=True):
-    """Message from Dask worker to master: what became of the cases of one order."""
+    """Message from Dask worker to master: results and losses of the cases of one order."""
 
     program: str
     results: tuple[tuple[int, CaseResult], ...] = ()
@@ -62,10 +62,10 @@ def run_order(text: bytes) -> bytes:
     order = msgspec.json.decode(text, type=DaskOrder)
     if order.program != program_version():
         return msgspec.json.encode(DaskAnswer(program_version()))
-    return msgspec.json.encode(_work(order, _crew_for(order)))
+    return msgspec.json.encode(_work(order, _pool_for(order)))
 
 
-def _crew_for(order: DaskOrder) -> LocalPool:
+def _pool_for(order: DaskOrder) -> LocalPool:
     wanted = (order.runner, order.files, order.case_timeout_s)
     if getattr(_mine, "wanted", None) != wanted:
         if hasattr(_mine, "crew"):

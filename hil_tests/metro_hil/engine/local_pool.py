@@ -241,7 +241,7 @@ class LocalPool:
                 self._watch(worker)
             else:
                 self._read(worker, outcomes)
-        self._end_late(outcomes)
+        self._end_hanging(outcomes)
         return outcomes
 
     def _read(self, worker: Worker, outcomes: list[Outcome]) -> None:
@@ -253,7 +253,7 @@ class LocalPool:
         before = len(worker.entries)
         try:
             for message in take_for_master(worker.received):
-                self._hear(worker, message, outcomes)
+                self._on_message(worker, message, outcomes)
         except msgspec.DecodeError as error:
             worker.process.kill()
             self._replace(worker, f"the worker sent an unreadable message: {error}", outcomes)
@@ -262,9 +262,9 @@ class LocalPool:
             worker.process.kill()
             self._replace(worker, worker.end_words(), outcomes)
         elif self._stopping and len(worker.entries) < before:
-            self._discard(worker, outcomes)
+            self._give_back(worker, outcomes)
 
-    def _hear(self, worker: Worker, message: ToMaster, outcomes: list[Outcome]) -> None:
+    def _on_message(self, worker: Worker, message: ToMaster, outcomes: list[Outcome]) -> None:
         worker.since_ns = self._clock.now_ns()
         if isinstance(message, WorkerReady):
             worker.ready = True
@@ -284,7 +284,7 @@ class LocalPool:
             assert message.case_id == case.id
             outcomes.append(CaseRaised(entry.batch, case.id, message.traceback))
 
-    def _end_late(self, outcomes: list[Outcome]) -> None:
+    def _end_hanging(self, outcomes: list[Outcome]) -> None:
         now_ns = self._clock.now_ns()
         for worker in list(self._crew):
             limit_s = LEASE_S
@@ -310,7 +310,7 @@ class LocalPool:
             outcomes.append(entry.gone(begun, reason))
         self._remove(worker)
 
-    def _discard(self, worker: Worker, outcomes: list[Outcome]) -> None:
+    def _give_back(self, worker: Worker, outcomes: list[Outcome]) -> None:
         """Give back the batches that wait at a worker, and end it before it begins them."""
         outcomes += [entry.gone(begun=False, reason="stopped") for entry in worker.entries]
         self._remove(worker)

@@ -79,7 +79,7 @@ def run_campaign(
         if journal.left_out:
             lines = f"{journal.left_out} damaged lines left out"
             watcher.say(f"{folder.journal_path}: {lines}; their cases are run again")
-        shift = _Shift(folder, cases, journal, watcher, stop, wishes)
+        shift = _CampaignSession(folder, cases, journal, watcher, stop, wishes)
         if shift.left:
             shift.work(make_crew)
     finally:
@@ -110,7 +110,7 @@ def totals_of(
     return total(folder.manifest().cases, cases, results, problems)
 
 
-class _Shift:
+class _CampaignSession:
     """One session: the time during which one process works on a campaign."""
 
     def __init__(
@@ -138,23 +138,23 @@ class _Shift:
         try:
             crew = make_crew()
             try:
-                self._sign_in(crew)
+                self._record_session(crew)
                 queue = WorkQueue(self.left, crew.workers, key=group_key_of(self.left))
-                self._hand_round(crew, queue)
+                self._run_queue(crew, queue)
             finally:
                 crew.close()
         finally:
             self._watcher.end()
 
-    def _sign_in(self, crew: WorkerPool) -> None:
+    def _record_session(self, crew: WorkerPool) -> None:
         at = f"{utc_text(WallClock().epoch_ns())}Z"
         session = Session(at, program_version(), f"{type(crew).__name__} of {crew.workers}")
         self.sessions.append(session)
         self._journal.append(session)
 
-    def _hand_round(self, crew: WorkerPool, queue: WorkQueue) -> None:
+    def _run_queue(self, crew: WorkerPool, queue: WorkQueue) -> None:
         while True:
-            self._heed(crew)
+            self._check_stop(crew)
             if not self._stopping:
                 self._hand_out(crew, queue)
             if self._stop.count > 1 or (crew.busy == 0 and (self._stopping or not len(queue))):
@@ -163,7 +163,7 @@ class _Shift:
                 self._take(outcome, queue)
             self._journal.sync()
 
-    def _heed(self, crew: WorkerPool) -> None:
+    def _check_stop(self, crew: WorkerPool) -> None:
         if self._stop.count and not self._stopping:
             self._watcher.say(
                 f"finishing at most {crew.workers} running cases; Ctrl-C again drops them"
@@ -191,12 +191,12 @@ class _Shift:
         if isinstance(outcome, PoolMessage):
             self._watcher.say(outcome.words)
         elif isinstance(outcome, CaseFinished):
-            self._note(outcome.batch, outcome.result)
+            self._record(outcome.batch, outcome.result)
         elif isinstance(outcome, CaseRaised):
             case = self._by_id[outcome.case_id]
             note_traceback(self._folder, case, outcome.traceback)
             last = outcome.traceback.strip().splitlines()[-1]
-            self._note(outcome.batch, lost(case, f"the bench raised {last}", 1))
+            self._record(outcome.batch, lost(case, f"the bench raised {last}", 1))
         elif outcome.begun:
             self._try_again(outcome, queue)
         else:
@@ -208,9 +208,9 @@ class _Shift:
             self._journal.append(attempt)
             self._watcher.lost_attempt(case.id, attempt.attempt, attempt.reason)
         for result in queue.failed(gone.batch, gone.left, gone.begun, gone.reason):
-            self._note(gone.batch, result)
+            self._record(gone.batch, result)
 
-    def _note(self, batch: Batch, result: CaseResult) -> None:
+    def _record(self, batch: Batch, result: CaseResult) -> None:
         if result.host.attempts != batch.attempt:
             host = msgspec.structs.replace(result.host, attempts=batch.attempt)
             result = msgspec.structs.replace(result, host=host)

@@ -15,7 +15,7 @@ class StopWish:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
-        self._before = {number: signal.signal(number, self._wished) for number in SIGNALS}
+        self._before = {number: signal.signal(number, self._on_signal) for number in SIGNALS}
         return self
 
     def __exit__(
@@ -27,5 +27,5 @@ class StopWish:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def _wished(self, number: int, frame: FrameType | None) -> None:
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.count += 1

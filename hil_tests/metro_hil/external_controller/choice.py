@@ -92,7 +92,7 @@ class ControllerSide:
         self, can: CanPort, tags: SerialPort, radio: RadioPort, now_ns: int, again: bool
     ) -> BenchDevice:
         if self._said is not None:
-            can = _SpokenCan(can, self._clock, self._said)
+            can = _ObservedCan(can, self._clock, self._said)
         if self._port_log is not None:
             log = self._port_log
             can, tags, radio = log.can(can), log.tags(tags), log.radio(radio)
@@ -155,7 +155,7 @@ class ControllerSide:
             self._granted = None
 
 
-class _SpokenCan:
+class _ObservedCan:
     """The controller's own port, observed before a fault can change what it sends."""
 
     def __init__(self, port: CanPort, clock: Clock, said: Heard) -> None:

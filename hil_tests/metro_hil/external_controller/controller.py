@@ -45,7 +45,7 @@ class GrantedController:
             lease_s: wall time for each later answer.
         """
         self._can, self._tags, self._radio = can, tags, radio
-        self._hearsay = ObservedState()
+        self._observed = ObservedState()
         self._same_instant = 0
         self._died: ControllerDiedError | None = None
         self._link = ControllerLink(program, start_s=start_s, lease_s=lease_s)
@@ -63,7 +63,7 @@ class GrantedController:
     @property
     def output(self) -> CycleOutput:
         """The controller's state, as far as its frames on the bus show it."""
-        return self._hearsay.output
+        return self._observed.output
 
     @property
     def pid(self) -> int:
@@ -95,7 +95,7 @@ class GrantedController:
         next_ns = self._exchange(now_ns, message)
         self._same_instant = self._same_instant + 1 if next_ns <= now_ns else 0
         if self._same_instant > SAME_INSTANT_MAX:
-            raise self._dead(now_ns, f"hung: {SAME_INSTANT_MAX} wake-ups at one instant")
+            raise self._died_error(now_ns, f"hung: {SAME_INSTANT_MAX} wake-ups at one instant")
         return max(now_ns, next_ns)
 
     def _exchange(self, now_ns: int, message: grants.OfBench) -> int:
@@ -110,19 +110,19 @@ class GrantedController:
                 )
             said = grants.said(answer)
         except LinkDownError as error:
-            raise self._dead(now_ns, str(error)) from error
+            raise self._died_error(now_ns, str(error)) from error
         except grants.GrantProtocolError as error:
-            raise self._dead(now_ns, f"broke the protocol: {error}") from error
+            raise self._died_error(now_ns, f"broke the protocol: {error}") from error
         for can_id, data in said.frames:
             self._can.send(now_ns, can_id, data)
-            self._hearsay.frame(now_ns, can_id, data)
+            self._observed.frame(now_ns, can_id, data)
         for chunk in said.serial:
             self._tags.send(now_ns, chunk)
         for key, payload in said.radio:
             self._radio.send(now_ns, key, payload)
         return answer.next_wakeup_ns
 
-    def _dead(self, now_ns: int, words: str) -> ControllerDiedError:
+    def _died_error(self, now_ns: int, words: str) -> ControllerDiedError:
         self._link.close()
         did, _, how = words.partition(": ")
         self._died = ControllerDiedError(f"controller {did} at t={now_ns / NS_PER_S:.3f} s: {how}")

@@ -83,7 +83,7 @@ def measure_stops(truth: Columns, stations: Sequence[Station]) -> list[StationSt
 
 
 def _runs(flags: "np.typing.NDArray[np.bool_]") -> tuple[list[int], list[int]]:
-    """First and last index of every stretch of true."""
+    """First and last index of every stretch of true values."""
     edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
     return np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist()
 

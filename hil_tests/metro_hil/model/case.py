@@ -274,7 +274,7 @@ def mismatch(case: Case, result: CaseResult) -> str:
     The controller must live on, and no other evidence may be missing.
     """
     if not case.expected:
-        # The file allows a vacuous case that lacks nothing to show nothing.
+        # The file allows such a vacuous case to show nothing.
         good = result.verdict in (Verdict.PASS, Verdict.VACUOUS) and not result.lacking
         return "" if good else result.reason or f"{result.verdict.value} instead of pass"
     named = {each.monitor: each for each in case.expected}

@@ -212,31 +212,31 @@ class _WorkerProcess:
         self._input = cast(BinaryIO, self._process.stdin)
         self._output = cast(BinaryIO, self._process.stdout)
         self._number = 0
-        self._say(pack(hello))
-        if self._hear() is None:
+        self._send(pack(hello))
+        if self._receive() is None:
             raise EngineError(f"a worker ended at its start with status {self._process.wait()}")
 
     def run(self, case: Case, folder: Path | None) -> CaseResult | str:
         self._number += 1
         keep = None if folder is None else str(folder)
-        self._say(pack(CaseBatch(self._number, (case,), keep)))
-        answer = self._hear()
+        self._send(pack(CaseBatch(self._number, (case,), keep)))
+        answer = self._receive()
         if isinstance(answer, Done):
-            self._hear()
+            self._receive()
             return answer.result
         if isinstance(answer, Raised):
-            self._hear()
+            self._receive()
             return f"raised {answer.traceback.strip().splitlines()[-1]}"
         return f"the worker ended with status {self._process.wait()}"
 
-    def _say(self, data: bytes) -> None:
+    def _send(self, data: bytes) -> None:
         try:
             self._input.write(data)
             self._input.flush()
         except BrokenPipeError:
             """The reader notices that the worker has ended."""
 
-    def _hear(self) -> ToMaster | None:
+    def _receive(self) -> ToMaster | None:
         head = self._output.read(LENGTH_BYTES)
         if len(head) < LENGTH_BYTES:
             return None

@@ -213,7 +213,7 @@ def _shade_brakes(axes: Axes, cycles: Columns, truth: Columns) -> list[Patch]:
 
 
 def _runs(on: "np.ndarray[Any, np.dtype[np.bool_]]") -> list[tuple[int, int]]:
-    """First row, and row after the last, of each stretch of true."""
+    """First row, and row after the last, of each stretch of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

@@ -32,7 +32,7 @@ PROBE: Final = re.compile("|".join((STOP_ERROR.pattern, RUN.pattern, *COMFORT, *
 
 Pairs = Sequence[tuple[Case, CaseResult | None]]
 RESULTS: Final = "law_results.json"
-"""File beside the campaigns with the published figures of each law and scenario."""
+"""File of this package with the published figures of each law and scenario."""
 
 
 class LawFigures(msgspec.Struct, frozen=True, kw_only=True):

@@ -10,7 +10,7 @@ from metro_hil.model.case import Case, CaseResult, Verdict, as_expected
 from metro_hil.model.requirements import Requirement
 
 RESULTS: Final = "scenario_results.json"
-"""File beside the catalogue with the last result of each shipped scenario."""
+"""File of this package with the last result of each shipped scenario."""
 NOT_RUN: Final = "not run"
 
 

@@ -169,11 +169,11 @@ class CaseRun:
         if output is not self._output:
             self._output = output
             self._commands.output(truth.t_s, output)
-            self._tell(truth.t_s, output)
+            self._note_state(truth.t_s, output)
         if self._branch is not None and not self._branched and self._branch(truth):
             self._branched = True
 
-    def _tell(self, t_s: float, output: CycleOutput) -> None:
+    def _note_state(self, t_s: float, output: CycleOutput) -> None:
         said = (output.supervision, output.cause, output.ato_phase)
         if said == self._said:
             return
@@ -315,7 +315,7 @@ class CaseRun:
             monitors=monitors,
             faults=faults,
             measures=measures,
-            events=self._story(),
+            events=self._all_events(),
             host=self._host(began_ns),
         )
 
@@ -337,7 +337,7 @@ class CaseRun:
         wall_s = (self._wall.now_ns() - began_ns) / NS_PER_S
         return Host(wall_s=wall_s, stepping_s=self._stepping_ns / NS_PER_S)
 
-    def _story(self) -> tuple[CaseEvent, ...]:
+    def _all_events(self) -> tuple[CaseEvent, ...]:
         """All recorded events, in order of time."""
         told = [CaseEvent(at_ns / NS_PER_S, what) for at_ns, what in self.bench.bus_story()]
         both = sorted([*self._events, *told], key=lambda event: event.at_s)

@@ -137,7 +137,7 @@ class Lockstep:
             self._controller_port(accepted, scenario.seed, faulty=FaultPlace.BUS in places),
             self._recorded(controller_end, folder),
             self._recorded_radio(
-                radio.port("train", _heard_by(line.name, config.address)), folder, taps.radio
+                radio.port("train", _topics_of(line.name, config.address)), folder, taps.radio
             ),
             faulty=FaultPlace.PROCESS in places,
         )
@@ -330,7 +330,7 @@ class Lockstep:
         return recorded
 
 
-def _heard_by(line_name: str, train: int) -> tuple[str, str]:
+def _topics_of(line_name: str, train: int) -> tuple[str, str]:
     """Radio topics to which a train subscribes."""
     return keys.authorities(line_name, train), keys.orders(line_name, train)
 

@@ -73,7 +73,7 @@ class WorstCaseSearch:
             choices = [self._space.values(shares) for shares in asked]
             new = self._run_new(choices)
             in_vain = 0 if new else in_vain + 1
-            self._tell(asked, choices)
+            self._tell_optimiser(asked, choices)
             if new:
                 heard(new)
         if not self.history:
@@ -85,7 +85,7 @@ class WorstCaseSearch:
         seen = [sought for sought in self.history if sought.value < NOTHING_SEEN]
         return sorted(seen, key=lambda sought: (sought.value, sought.number))[:count]
 
-    def _tell(self, asked: Sequence[Shares], choices: Sequence[dict[str, Any]]) -> None:
+    def _tell_optimiser(self, asked: Sequence[Shares], choices: Sequence[dict[str, Any]]) -> None:
         values = [self._values.get(_key(choice), NOTHING_SEEN) for choice in choices]
         assert len(asked) == len(values)
         self._optimiser.tell(values)

@@ -122,7 +122,7 @@ def _refuse_unfit(result: CaseResult) -> None:
             raise UnfitError(f"{result.case_id}: {result.reason}")
 
 
-class _Crew:
+class _CasePool:
     """A local pool that works on one case at a time for its caller."""
 
     def __init__(self, crew: LocalPool) -> None:
@@ -160,7 +160,7 @@ class _Running:
 
     mutant: ControllerMutant
     trial: Trial
-    crew: _Crew
+    crew: _CasePool
     ask: CaseRequest
 
 
@@ -224,8 +224,8 @@ class SensitivitySession:
             for each in running:
                 each.crew.close()
 
-    def _crew(self, environment: Mapping[str, str], workers: int) -> _Crew:
-        return _Crew(LocalPool(workers, self._files, runner=RUNNER, environment=environment))
+    def _crew(self, environment: Mapping[str, str], workers: int) -> _CasePool:
+        return _CasePool(LocalPool(workers, self._files, runner=RUNNER, environment=environment))
 
     def _begin(self, mutant: ControllerMutant, running: list[_Running]) -> None:
         cases = in_order(mutant, self._cases)
@@ -236,7 +236,7 @@ class SensitivitySession:
         crew.hand(ask.case)
         running.append(_Running(mutant, begun, crew, ask))
 
-    def _attend(self, each: _Running, running: list[_Running], true: _Crew) -> None:
+    def _attend(self, each: _Running, running: list[_Running], true: _CasePool) -> None:
         """Give a trial its requested result, if it has come."""
         try:
             result = self._result_for(each)

@@ -69,7 +69,7 @@ def heard_until(ports_log: Path, cycle_s: float) -> tuple[LastReceived, ...]:
 
     It reads only the inputs of the recording, so recordings of other versions work as well.
     """
-    ear = _Ear()
+    ear = _LatestInputs()
     try:
         with ports_log.open(encoding="utf-8") as lines:
             for line in lines:
@@ -80,7 +80,7 @@ def heard_until(ports_log: Path, cycle_s: float) -> tuple[LastReceived, ...]:
     return ear.heard()
 
 
-class _Ear:
+class _LatestInputs:
     """Keeps the newest inputs of a controller; a restart of the controller clears them."""
 
     def __init__(self) -> None:
