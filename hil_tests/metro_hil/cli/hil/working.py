@@ -86,7 +86,7 @@ def add_work_options(parser: argparse.ArgumentParser) -> None:
         "--case-timeout",
         type=_seconds,
         metavar="S",
-        help="wall time for one case; default: 120, plus twice its duration in real time",
+        help="wall time for one case; default: 120, in real time plus twice its duration",
     )
     parser.add_argument(
         "--fail-fast", action="store_true", help="stop at the first case that is not as expected"
