@@ -1,4 +1,5 @@
-"""The bench of protection: that its figures are what they say; what a cycle costs is not judged."""
+"""The benchmark of protection: its figures are correct. The tests do not judge the cost of a
+cycle."""
 
 from pathlib import Path
 
@@ -22,14 +23,14 @@ from metro_hil.metrics.worst_motion import (
 from metro_hil.model.run_folder import RunFolder
 
 
-def test_the_permitted_speed_is_not_lazy() -> None:
+def test_the_permitted_speed_is_not_needlessly_low() -> None:
     (figure,) = protection.laziness()
 
     assert figure.met
     assert figure.value.startswith("0.0"), figure.value
 
 
-def test_distances_meet_their_bar_and_a_wrong_brake_rate_does_not(
+def test_distances_meet_their_limit_and_a_wrong_brake_rate_does_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(protection, "LINES", 30)
@@ -45,7 +46,7 @@ def test_distances_meet_their_bar_and_a_wrong_brake_rate_does_not(
     assert not wrong.met
 
 
-def test_a_distance_that_is_a_millionth_too_short_misses_the_bar(
+def test_a_distance_a_millionth_too_short_misses_the_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(protection, "LINES", 30)
@@ -61,10 +62,10 @@ def test_a_distance_that_is_a_millionth_too_short_misses_the_bar(
 
 
 @pytest.mark.parametrize("speed_mps", [0.5, 7.3, 24.0])
-def test_the_integration_has_no_error_of_its_steps(
+def test_the_step_length_does_not_affect_the_integration(
     monkeypatch: pytest.MonkeyPatch, speed_mps: float
 ) -> None:
-    """Half as long a step comes to the same way, on a line whose fall changes every 30 m."""
+    """Half the step length gives the same distance on a line whose gradient changes every 30 m."""
     line = line_of(sections((3.0, 30.0, (-35.0, 20.0, -10.0)[at % 3]) for at in range(60)))
     whole_m = worst_stop_m(line, WorstCase.of(CONFIG), 301.7, speed_mps, reach_m=68.59)
 
@@ -74,8 +75,8 @@ def test_the_integration_has_no_error_of_its_steps(
     assert half_m == pytest.approx(whole_m, rel=protection.ROUNDING_RATIO)
 
 
-def test_lines_by_chance_keep_to_the_line() -> None:
-    """Pieces that would leave it are left out, and limits cover it without a hole."""
+def test_random_sections_stay_on_the_line() -> None:
+    """Sections beyond the line are left out, and limits cover the line without a gap."""
     pieces = [(10.0, 3000.0, -5.0), (0.0, 2990.0, 7.0), (0.0, 1.0, 9.0)]
 
     assert sections(pieces) == ((10.0, 3010.0, -5.0), (3010.0, LINE_END_M, 7.0))
@@ -101,7 +102,7 @@ t_s,speed_mps
 """
 
 
-def ride(folder: RunFolder, braked_from_s: float) -> None:
+def write_logs(folder: RunFolder, braked_from_s: float) -> None:
     """Logs of a train whose speed may have reached its limit in the cycle at 1.05 s."""
     folder.cycle_log.write_text(CYCLES, encoding="utf-8")
     (folder.path / "truth.csv").write_text(TRUTH, encoding="utf-8")
@@ -118,15 +119,15 @@ def ride(folder: RunFolder, braked_from_s: float) -> None:
 @pytest.mark.parametrize(
     ("braked_from_s", "commanded_s"), [(1.0, 1.0515), (1.06, 1.1015), (9.0, float("inf"))]
 )
-def test_the_delay_of_the_command_counts_from_the_cycle_that_found_the_curve_reached(
+def test_the_command_delay_counts_from_the_cycle_that_reached_the_curve(
     tmp_path: Path, braked_from_s: float, commanded_s: float
 ) -> None:
-    ride(RunFolder(tmp_path), braked_from_s)
+    write_logs(RunFolder(tmp_path), braked_from_s)
 
     assert list(crossing_of("a", RunFolder(tmp_path))) == [Crossing("a", 1.05, commanded_s, 1.15)]
 
 
-def test_a_command_in_the_next_cycle_misses_its_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_command_in_the_next_cycle_misses_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [Crossing("a", 1.05, 1.0515, 1.15), Crossing("b", 1.05, 1.1015, 1.1)]
     monkeypatch.setattr(protection, "crossings", lambda: iter(found))
     (late,) = protection.delay_of_the_command()

@@ -1,4 +1,4 @@
-"""`hil check`: what it says of a campaign, to people and to machines."""
+"""`hil check`: its report about a campaign, as text and as JSON."""
 
 import json
 from pathlib import Path
@@ -40,7 +40,7 @@ def campaign(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_check_says_what_would_run(campaign: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_lists_what_would_run(campaign: str, capsys: pytest.CaptureFixture[str]) -> None:
     code = hil(campaign, "--list", "2")
 
     said = capsys.readouterr().out
@@ -71,7 +71,7 @@ def test_check_lists_all_cases_when_asked(
     assert capsys.readouterr().out.count("late/00") == 18
 
 
-def test_check_tells_machines_the_same(campaign: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_prints_the_same_as_json(campaign: str, capsys: pytest.CaptureFixture[str]) -> None:
     code = hil(campaign, "--json", "--cases")
 
     said = json.loads(capsys.readouterr().out)
@@ -84,7 +84,7 @@ def test_check_tells_machines_the_same(campaign: str, capsys: pytest.CaptureFixt
     }
 
 
-def test_check_says_all_that_is_wrong_one_a_line(
+def test_check_reports_every_error_on_its_own_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "bad.toml"
@@ -101,7 +101,7 @@ def test_check_says_all_that_is_wrong_one_a_line(
     assert len(json.loads(said.out)["problems"]) == 2
 
 
-def test_a_layout_that_nobody_prints_is_refused_when_checked_and_when_run(
+def test_an_unknown_layout_is_refused_by_check_and_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "one.toml"
@@ -115,7 +115,7 @@ def test_a_layout_that_nobody_prints_is_refused_when_checked_and_when_run(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_requirement_that_is_in_no_catalogue_is_noted(
+def test_an_unknown_requirement_is_noted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "one.toml"
@@ -131,7 +131,7 @@ def test_a_requirement_that_is_in_no_catalogue_is_noted(
     ]
 
 
-def test_check_shows_the_fingerprint_that_run_writes_down(
+def test_check_shows_the_fingerprint_that_run_stores(
     campaign: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     hil(campaign, "--json")
@@ -144,7 +144,7 @@ def test_check_shows_the_fingerprint_that_run_writes_down(
     assert checked == written
 
 
-def test_a_title_that_a_scenario_inherits_is_said_once(
+def test_an_inherited_title_is_shown_once(
     campaign: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     hil(campaign)
@@ -152,7 +152,7 @@ def test_a_title_that_a_scenario_inherits_is_said_once(
     assert capsys.readouterr().out.count("Late brakes") == 1
 
 
-def test_check_of_a_campaign_that_is_not_there_is_one_line(
+def test_check_of_a_missing_campaign_is_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert hil("florenc") == 2

@@ -39,7 +39,7 @@ rows = st.lists(
 
 
 @given(rows, st.integers(1, 3))
-def test_shares_are_those_that_counting_gives(
+def test_shares_agree_with_counting(
     drawn: list[tuple[str, int, bool, Verdict | None]], strength: int
 ) -> None:
     cases = [case_of(i, {"x": x, "y": y, "z": z}) for i, (x, y, z, _) in enumerate(drawn)]
@@ -66,7 +66,7 @@ def test_shares_are_those_that_counting_gives(
     assert len(share.gaps) == min(GAPS_MAX, share.gap_count)
 
 
-def test_a_gap_says_which_levels_and_whether_they_were_run() -> None:
+def test_a_gap_names_its_levels_and_whether_they_were_run() -> None:
     cases = [case_of(0, {"x": 1.0, "y": "a"}), case_of(1, {"x": 2.0, "y": "b"})]
     results = [result_of(cases[0], Verdict.PASS), result_of(cases[1], Verdict.INVALID)]
 
@@ -82,7 +82,7 @@ def test_a_gap_says_which_levels_and_whether_they_were_run() -> None:
     assert pairs.conclusive_ratio == 0.25
 
 
-def test_many_numbers_are_looked_at_in_bins_of_equal_width() -> None:
+def test_many_numbers_are_grouped_in_bins_of_equal_width() -> None:
     cases = [case_of(i, {"x": i / 100.0}) for i in range(101)]
     results = [result_of(case, Verdict.PASS, 1.0 - case.factors["x"]) for case in cases]
 
@@ -94,7 +94,7 @@ def test_many_numbers_are_looked_at_in_bins_of_equal_width() -> None:
     assert covered.singles[-1].worst == {"m": "s/100"}
 
 
-def test_the_least_margin_of_each_pair_of_levels_is_told() -> None:
+def test_the_least_margin_of_each_pair_of_levels_is_reported() -> None:
     values = {
         ("a", 1): [0.5, 0.2],
         ("a", 2): [0.9, 0.8],
@@ -119,7 +119,7 @@ def test_the_least_margin_of_each_pair_of_levels_is_told() -> None:
     assert found[("b", 1)].worst == {"m": "s/4"}
 
 
-def test_scenarios_are_looked_at_apart_and_those_without_a_sweep_not_at_all() -> None:
+def test_each_scenario_with_a_sweep_is_examined_separately() -> None:
     cases = [
         case_of(0, {"x": 1}, "one"),
         case_of(1, {"x": 2}, "two"),

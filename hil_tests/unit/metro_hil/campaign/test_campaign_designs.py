@@ -1,4 +1,4 @@
-"""Designs of sweeps, each against its own definition by counting."""
+"""Designs of sweeps, each checked against its definition by counting."""
 
 import itertools
 import math
@@ -66,7 +66,7 @@ def test_a_covering_array_covers(sizes: list[int], strength: int) -> None:
 def test_a_covering_array_covers_what_is_left_of_an_exclusion(
     sizes: list[int], first: int, second: int, third: int
 ) -> None:
-    """Brute force: a pair is wanted when some whole point with it is not excluded."""
+    """Brute force: the array must cover a pair if a whole point with it is not excluded."""
     factors = factors_of(sizes)
     text = f"f0 == {first} and f1 >= {second} or f2 == {third} and f1 == 0"
     keys = SweepKeys(design=DesignKind.PAIRWISE, exclude=(text,))
@@ -154,7 +154,7 @@ def test_random_points_are_those_of_their_seed_and_within_the_ranges() -> None:
     assert 100 <= below_one <= 200, "half of a range of six decades lies below its middle one"
 
 
-def test_random_points_that_are_excluded_are_drawn_again() -> None:
+def test_excluded_random_points_are_sampled_again() -> None:
     factors = [Factor("train.load_ratio", (), NumberRange(0.0, 1.0))]
     keys = SweepKeys(design=DesignKind.RANDOM, count=50, exclude=("load_ratio > 0.5",))
 
@@ -180,7 +180,7 @@ def test_random_points_that_are_excluded_are_drawn_again() -> None:
         ({"low": -0.01, "high": 0.05, "count": 7}, (-0.01, 0.0, 0.01, 0.02, 0.03, 0.04, 0.05)),
     ],
 )
-def test_levels_are_as_a_person_would_write_them(
+def test_levels_are_written_like_a_person_writes_them(
     table: dict[str, Any], levels: tuple[Any, ...]
 ) -> None:
     made = levels_of(table)
@@ -196,7 +196,7 @@ def test_too_many_combinations_are_refused_before_they_are_made() -> None:
         design(SweepKeys(design=DesignKind.PAIRWISE), factors_of([400] * 3))
 
 
-def test_exclusions_speak_of_factors_by_short_and_by_whole_name() -> None:
+def test_exclusions_accept_short_and_full_factor_names() -> None:
     factors = [
         Factor("fault.0.start_s", (1.0, 2.0)),
         Factor("fault.1.start_s", (1.0, 2.0)),

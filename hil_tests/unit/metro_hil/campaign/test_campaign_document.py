@@ -1,4 +1,4 @@
-"""The reference of campaign files: its examples work, and it leaves no key out."""
+"""The reference of campaign files: its examples work, and it explains every key."""
 
 import re
 import tomllib
@@ -43,7 +43,7 @@ def test_the_example_is_a_campaign() -> None:
     assert {case.faults[0]["kind"] for case in cases} == {"brake_late", "brake_weak"}
 
 
-def test_the_example_of_each_gives_the_names_that_stand_before_it() -> None:
+def test_the_example_of_each_gives_the_documented_names() -> None:
     _, text, *_ = blocks("toml")
 
     campaign = define(tomllib.loads(text), source="campaigns.md").campaign
@@ -53,7 +53,7 @@ def test_the_example_of_each_gives_the_names_that_stand_before_it() -> None:
     assert all(f"`{name}`" in TEXT for name in names)
 
 
-def test_the_example_of_random_faults_draws_cases() -> None:
+def test_the_example_of_random_faults_generates_cases() -> None:
     *_, text = blocks("toml")
 
     cases = plan_cases(define(tomllib.loads(text), source="campaigns.md").campaign)

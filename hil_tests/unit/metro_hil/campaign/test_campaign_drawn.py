@@ -1,4 +1,5 @@
-"""Cases drawn whole from their seed: repeatable one by one, within bounds, all of the pool."""
+"""Cases generated from their seed: reproducible one by one, within bounds, with every fault of
+the pool."""
 
 import tomllib
 from collections import Counter
@@ -69,7 +70,7 @@ def test_one_seed_alone_is_the_case_of_the_whole_campaign() -> None:
     assert (alone.setup, alone.faults, alone.factors) == (there.setup, there.faults, there.factors)
 
 
-def test_each_case_has_as_many_different_faults_as_allowed_and_no_more() -> None:
+def test_each_case_has_an_allowed_number_of_different_faults() -> None:
     counts = Counter(len(pool_of(case)) for case in cases_of(least=1, most=3))
 
     assert set(counts) == {1, 2, 3}
@@ -78,7 +79,7 @@ def test_each_case_has_as_many_different_faults_as_allowed_and_no_more() -> None
         assert len(kinds) == len(set(kinds))
 
 
-def test_what_is_drawn_stays_within_its_bounds_and_reaches_all_levels() -> None:
+def test_sampled_values_stay_within_bounds_and_reach_all_levels() -> None:
     cases = cases_of(seeds=400)
     slips = [f for case in cases for f in pool_of(case) if f["kind"] == "wheel_slip"]
 
@@ -96,7 +97,7 @@ def test_a_fault_of_the_pool_has_the_common_window_unless_it_has_its_own() -> No
     assert all(1.0 <= alarm["duration_s"] <= 2.0 for alarm in alarms)
 
 
-def test_the_kinds_that_were_drawn_are_a_factor_of_the_case() -> None:
+def test_the_sampled_kinds_are_a_factor_of_the_case() -> None:
     for case in cases_of():
         kinds = sorted(fault["kind"] for fault in pool_of(case))
         assert case.factors["fault"] == (" + ".join(kinds) or "none")
@@ -124,6 +125,6 @@ def test_the_kinds_that_were_drawn_are_a_factor_of_the_case() -> None:
         ),
     ],
 )
-def test_what_is_wrong_with_a_pool_is_said_with_its_key(text: str, words: str) -> None:
+def test_an_error_of_a_pool_is_reported_with_its_key(text: str, words: str) -> None:
     with pytest.raises(CampaignError, match=words):
         campaign_of(text)

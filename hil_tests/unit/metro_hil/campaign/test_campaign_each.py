@@ -1,4 +1,4 @@
-"""Scenarios that are one for each of several values."""
+"""Scenarios that are generated for each of several values."""
 
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ def table_of(**more: Any) -> dict[str, Any]:
     }
 
 
-def test_every_scenario_is_made_for_every_value_and_named_after_it() -> None:
+def test_every_scenario_is_generated_for_every_value_and_named_after_it() -> None:
     cases = cases_of(table_of())
 
     assert list(dict.fromkeys(case.scenario for case in cases)) == [
@@ -37,7 +37,7 @@ def test_every_scenario_is_made_for_every_value_and_named_after_it() -> None:
         assert case.factors[LAW] == case.setup.believed["ato.strategy"]
 
 
-def test_all_values_meet_the_same_draws() -> None:
+def test_all_values_get_the_same_samples() -> None:
     """Load and seed of the n-th case do not depend on the value."""
     by_law: dict[str, list[tuple[float | None, int]]] = {}
     for case in cases_of(table_of()):
@@ -57,7 +57,7 @@ def test_a_scenario_may_stand_alone_or_have_values_of_its_own() -> None:
     assert own[-1].scenario == "near-florence"
 
 
-def test_what_else_holds_for_one_value_holds_for_that_alone() -> None:
+def test_settings_for_one_value_apply_to_that_value_only() -> None:
     monitor = {"name": "near", "measure": "stop_error_worst_m", "max": 0.10}
     more = {"pid_literal": {"monitor.0.max": 0.30, "train.end": "III"}}
     table = {
@@ -87,7 +87,7 @@ def test_what_else_holds_for_one_value_holds_for_that_alone() -> None:
         ({LAW: ["predictiv"]}, "predictive"),
     ],
 )
-def test_what_is_wrong_with_it_is_said_with_its_key(each: dict[str, Any], words: str) -> None:
+def test_an_error_is_reported_with_its_key(each: dict[str, Any], words: str) -> None:
     with pytest.raises(CampaignError) as caught:
         cases_of({"each": each, "scenario": [{"name": "far"}]})
 

@@ -1,4 +1,4 @@
-"""Campaign files: what is right becomes cases, what is wrong is said with file, key and value."""
+"""Campaign files: valid ones become cases, and errors are reported with file, key and value."""
 
 import re
 import shutil
@@ -65,13 +65,13 @@ def problems_of(text: str) -> tuple[str, ...]:
 
 
 def believed_key() -> str:
-    """Some number that the shipped parameters have, by dotted key."""
+    """The dotted key of a number in the shipped parameters."""
     path = resources.files("vobc.params") / "florence4.toml"
     table: dict[str, object] = tomllib.loads(path.read_text(encoding="utf-8"))["atp"]
     return "atp." + next(name for name, value in table.items() if isinstance(value, float))
 
 
-def test_all_that_a_file_says_is_in_its_cases() -> None:
+def test_all_settings_of_a_file_are_in_its_cases() -> None:
     text = FULL.replace("atp.warning_margin_mps = 0.5", f"{believed_key()} = 0.5")
 
     cases = plan_cases(campaign_of(text))
@@ -246,7 +246,7 @@ WRONG: Final = [
 
 
 @pytest.mark.parametrize(("text", "said"), WRONG, ids=[said[:40] for _, said in WRONG])
-def test_what_is_wrong_is_said_with_file_key_and_value(text: str, said: str) -> None:
+def test_every_error_is_reported_with_file_key_and_value(text: str, said: str) -> None:
     problems = problems_of(text)
 
     assert any(said in problem for problem in problems), problems
@@ -315,7 +315,7 @@ def test_a_wrong_exclusion_is_named(text: str, said: str) -> None:
     assert said in problems[0]
 
 
-def test_values_that_only_fail_together_are_all_named() -> None:
+def test_values_that_fail_only_in_combination_are_all_named() -> None:
     (problem,) = problems_of(
         '[sweep.factors]\n"train.start" = ["I", "III"]\n"train.end" = ["II", "IV"]\n'
     )
@@ -323,7 +323,7 @@ def test_values_that_only_fail_together_are_all_named() -> None:
     assert "'II' lies at 3000 m, not beyond III" in problem
 
 
-def test_everything_wrong_is_said_at_once() -> None:
+def test_all_errors_are_reported_at_once() -> None:
     problems = problems_of(
         'nam = "x"\nseeds = -3\n[train]\nend = "Z"\nlod_ratio = 1\nload_ratio = 1.5\n'
         '[timetable]\ndwell_s = { Q = 3 }\n[[fault]]\nkind = "brake_lat"\n'
@@ -343,7 +343,7 @@ def test_everything_wrong_is_said_at_once() -> None:
     }
 
 
-def test_a_scenario_inherits_what_it_does_not_say_itself() -> None:
+def test_a_scenario_inherits_what_it_does_not_set_itself() -> None:
     campaign = campaign_of(
         """
         requirements = ["ACC-01"]
@@ -399,7 +399,7 @@ def leaves(table: Any, path: tuple[str, ...] = ()) -> dict[tuple[str, ...], int]
 
 
 @given(tables, tables)
-def test_inheritance_keeps_every_leaf_that_is_not_said_anew(
+def test_inheritance_keeps_every_leaf_that_is_not_overridden(
     above: dict[str, Any], own: dict[str, Any]
 ) -> None:
     before = repr((above, own))
@@ -471,7 +471,7 @@ def test_a_phase_sweep_follows_the_cycle_of_each_point() -> None:
     assert all(case.factors["fault.0.start_s"] == case.faults[0]["start_s"] for case in cases)
 
 
-def test_a_user_s_files_travel_with_the_campaign_under_the_same_name(tmp_path: Path) -> None:
+def test_a_users_files_are_stored_with_the_campaign_under_the_same_name(tmp_path: Path) -> None:
     def campaign_in(folder: Path) -> Campaign:
         (folder / "lines").mkdir(parents=True)
         line = Path(str(resources.files("firmware_py.trackdb") / "florence.toml"))
@@ -488,7 +488,7 @@ def test_a_user_s_files_travel_with_the_campaign_under_the_same_name(tmp_path: P
     assert here.fingerprint == there.fingerprint
 
 
-def test_two_files_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_two_files_with_one_name_are_distinguished(tmp_path: Path) -> None:
     text = (resources.files("plant_emulator.consists") / "florence4.toml").read_text("utf-8")
     for folder, content in (("a", text), ("b", text + "\n# other\n")):
         (tmp_path / folder).mkdir()
@@ -506,7 +506,7 @@ def test_two_files_of_one_name_are_told_apart(tmp_path: Path) -> None:
     assert list(campaign.files) == names[:2]
 
 
-def test_what_is_wrong_in_a_user_s_file_is_said_of_that_file(tmp_path: Path) -> None:
+def test_an_error_in_a_users_file_names_that_file(tmp_path: Path) -> None:
     (tmp_path / "t.toml").write_text("name = 3\n")
     (tmp_path / "c.toml").write_text('[train]\nconsist = "t.toml"\n')
 
@@ -514,7 +514,7 @@ def test_what_is_wrong_in_a_user_s_file_is_said_of_that_file(tmp_path: Path) -> 
         read_campaign(str(tmp_path / "c.toml"))
 
 
-def test_a_campaign_that_is_not_there_leads_to_one_that_is() -> None:
+def test_an_unknown_campaign_gets_the_nearest_as_suggestion() -> None:
     with pytest.raises(SettingsError, match="nearest valid shipped name: florence"):
         read_campaign("florenc")
     with pytest.raises(SettingsError, match="no such file"):
@@ -532,7 +532,7 @@ def test_every_shipped_campaign_can_be_set_up(name: str) -> None:
         parts_of(case, definition.bodies[0].sources.paths)
 
 
-def test_a_scenario_in_python_is_the_one_of_the_file() -> None:
+def test_a_scenario_in_python_equals_the_one_in_a_file() -> None:
     text = FULL.replace("atp.warning_margin_mps = 0.5", f"{believed_key()} = 0.5")
 
     scenario = Scenario(

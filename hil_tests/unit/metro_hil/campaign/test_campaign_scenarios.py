@@ -1,4 +1,4 @@
-"""Scenarios by their own name: found in any shipped campaign, alone, with one seed or all."""
+"""Scenarios by their name: found in any shipped campaign, alone, with one seed or all."""
 
 from collections import Counter
 
@@ -9,7 +9,7 @@ from metro_hil.campaign import plan_cases, read_campaign
 from metro_hil.campaign.scenarios import is_scenario, read_named, shipped_scenarios
 
 
-def test_no_two_shipped_scenarios_have_one_name_and_none_is_called_as_a_campaign() -> None:
+def test_names_of_shipped_scenarios_are_unique_and_differ_from_campaign_names() -> None:
     names = Counter(each.name for each in shipped_scenarios())
     campaigns = {each.campaign for each in shipped_scenarios() if each.name != each.campaign}
 
@@ -20,7 +20,7 @@ def test_no_two_shipped_scenarios_have_one_name_and_none_is_called_as_a_campaign
     )
 
 
-def test_a_scenario_by_name_has_the_cases_that_it_has_in_its_campaign() -> None:
+def test_a_scenario_by_name_has_the_same_cases_as_in_its_campaign() -> None:
     whole = [
         case for case in plan_cases(read_campaign("acceptance")) if case.scenario == "tag-missed"
     ]
@@ -37,12 +37,12 @@ def test_a_campaign_by_name_is_still_the_whole_campaign() -> None:
     assert plan_cases(read_named("faults")) == plan_cases(read_campaign("faults"))
 
 
-def test_a_name_that_nobody_has_is_answered_with_the_nearest() -> None:
+def test_an_unknown_name_gets_the_nearest_as_suggestion() -> None:
     with pytest.raises(SettingsError, match="overspeed-runaway"):
         read_named("overspeed-runawy")
 
 
-def test_one_seed_takes_the_place_of_all_seeds() -> None:
+def test_one_seed_replaces_all_seeds() -> None:
     cases = plan_cases(read_named("tag-missed", 99))
 
     assert {case.seed for case in cases} == {99}

@@ -1,4 +1,4 @@
-"""`hil run line` tells what happens, and says what does not fit instead of running."""
+"""`hil run line` reports events and refuses invalid options."""
 
 import json
 import tomllib
@@ -13,7 +13,7 @@ from zenoh_config.timers import TIMER_SETS
 FLORENCE = ["--line", "florence", "--trains", "2", "--bench", "lockstep"]
 
 
-def test_it_says_who_commands_and_ends_with_a_table(
+def test_it_reports_the_masters_and_ends_with_a_table(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = [*FLORENCE, "--for", "3.5", "--out", str(tmp_path / "run")]
@@ -29,7 +29,7 @@ def test_it_says_who_commands_and_ends_with_a_table(
     assert told.startswith(story)
 
 
-def test_its_folder_says_what_was_asked_for_and_what_came_of_it(tmp_path: Path) -> None:
+def test_its_folder_holds_options_and_results(tmp_path: Path) -> None:
     words = [*FLORENCE, "--for", "5", "--stop-master-at", "3", "--line-timers", "B", "--seed", "7"]
 
     assert main(["run", "line", *words, "--out", str(tmp_path / "run")]) == 0
@@ -66,13 +66,13 @@ def test_a_secured_line_that_has_no_keys_leaves_no_folder(tmp_path: Path) -> Non
         ),
     ],
 )
-def test_the_command_to_look_at_it_can_be_run_as_it_is_printed(words: list[str], said: str) -> None:
+def test_the_printed_command_to_watch_it_can_be_run(words: list[str], said: str) -> None:
     options = parser().parse_args(["line", "--trains", "2", "--line-radio", "tcp/h:1", *words])
 
     assert radio_words(settings_of(options)) == f"line radio: {said}"
 
 
-def test_a_radio_in_a_network_of_its_own_is_said_to_be_out_of_reach() -> None:
+def test_a_radio_in_a_separate_network_is_reported_as_unreachable() -> None:
     options = parser().parse_args(["line", "--trains", "2", "--networks"])
 
     said = radio_words(settings_of(options))
@@ -81,7 +81,7 @@ def test_a_radio_in_a_network_of_its_own_is_said_to_be_out_of_reach() -> None:
     assert "tcp/" not in said
 
 
-def test_a_stopped_master_goes_on_as_one_of_many(
+def test_a_stopped_master_goes_on_as_a_member(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--trains", "3", "--bench", "lockstep", "--for", "5", "--stop-master-at", "2"]
@@ -95,7 +95,7 @@ def test_a_stopped_master_goes_on_as_one_of_many(
     assert "struck" in told
 
 
-def test_a_wayside_that_was_killed_is_told_to_be_started_again(
+def test_the_restart_of_a_killed_wayside_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = [*FLORENCE, "--for", "3", "--crash-arbiter-at", "1", "--down-for", "0.5"]
@@ -130,7 +130,7 @@ def test_a_wayside_that_was_killed_is_told_to_be_started_again(
         (["--restart-train-at", "T1@9", "--for", "9"], "T1@9: the run ends before, by --for 9"),
     ],
 )
-def test_what_does_not_fit_is_said_in_one_line(
+def test_inconsistent_options_are_refused_in_one_line(
     words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["line", *words]) == 2
@@ -141,7 +141,7 @@ def test_what_does_not_fit_is_said_in_one_line(
 
 
 @pytest.mark.parametrize("fault", ["T1", "@3", "T0@3", "T1@-1", "Tx@3"])
-def test_what_is_no_train_and_second_is_refused(
+def test_an_invalid_train_or_second_is_refused(
     fault: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):

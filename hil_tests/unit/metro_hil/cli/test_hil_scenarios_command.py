@@ -1,4 +1,4 @@
-"""`hil scenarios` as a user types it: through `main`, with and without words."""
+"""`hil scenarios` as a user types it: through `main`, with and without arguments."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ from metro_hil.cli import hil
 
 
 def listed(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
-    """Names that `hil scenarios WORDS` prints; asserts exit code 0."""
+    """Names that `hil scenarios` prints for these arguments, with exit code 0."""
     assert hil.main(["scenarios", *words, "--json"]) == 0
     return [each["name"] for each in json.loads(capsys.readouterr().out)["scenarios"]]
 
@@ -22,7 +22,7 @@ def test_all_shipped_scenarios_are_listed(capsys: pytest.CaptureFixture[str]) ->
     assert "overspeed-runaway" in names
 
 
-def test_the_table_for_people_has_a_row_for_each(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_table_has_a_row_for_each_scenario(capsys: pytest.CaptureFixture[str]) -> None:
     assert hil.main(["scenarios", "reckless"]) == 0
 
     assert "reckless-driver" in capsys.readouterr().out
@@ -50,7 +50,8 @@ def verbs() -> dict[str, argparse.ArgumentParser]:
 
 @pytest.mark.parametrize("verb", sorted(verbs()))
 def test_no_verb_has_an_option_that_main_overwrites(verb: str) -> None:
-    """`main` keeps the typed words in `typed`. `hil scenarios` once declared that name itself."""
+    """`main` keeps the typed arguments in `typed`. `hil scenarios` once declared that name
+    itself."""
     dests = {action.dest for action in verbs()[verb]._actions}
 
     assert not dests & {"typed", "run", "verb"}

@@ -1,4 +1,4 @@
-"""What the end of a campaign says of its seeds."""
+"""The seeds that are printed at the end of a campaign."""
 
 import pytest
 
@@ -23,7 +23,7 @@ def cases(scenario: str, seeds: list[int]) -> list[Case]:
         (list(range(1, 19, 2)), "9 of 1 to 17"),
     ],
 )
-def test_the_seeds_of_a_scenario_are_told_with_the_command_for_any_of_them(
+def test_the_seeds_of_a_scenario_are_printed_with_the_command_for_one_of_them(
     seeds: list[int], words: str
 ) -> None:
     (told,) = seeds_words(cases("protection-florence", seeds))
@@ -34,6 +34,6 @@ def test_the_seeds_of_a_scenario_are_told_with_the_command_for_any_of_them(
     )
 
 
-def test_a_single_case_and_a_scenario_that_nobody_ships_have_nothing_to_tell() -> None:
+def test_a_single_case_and_an_unshipped_scenario_print_no_seeds() -> None:
     assert seeds_words(cases("protection-florence", [4711])) == []
     assert seeds_words(cases("of my own", [1, 2])) == []

@@ -1,4 +1,4 @@
-"""The simulated line: books, steps, laws, and what the timetable promises."""
+"""The simulated line: energy balances, steps, laws, and the properties of the timetable."""
 
 import math
 import subprocess
@@ -32,7 +32,7 @@ def lap(law: Law = TRADITIONAL, seed: int = 1, step_s: float = 0.2, supply=STRON
 
 
 @pytest.mark.parametrize("supply", [STRONG, WEAK], ids=["strong", "weak"])
-def test_from_grid_to_wheel_nothing_is_lost_and_every_step_has_a_solution(supply) -> None:  # type: ignore[no-untyped-def]
+def test_energy_is_conserved_from_grid_to_wheel_and_every_step_has_a_solution(supply) -> None:  # type: ignore[no-untyped-def]
     outcome = lap(supply=supply)
 
     assert outcome.unconverged == 0
@@ -41,21 +41,21 @@ def test_from_grid_to_wheel_nothing_is_lost_and_every_step_has_a_solution(supply
     assert outcome.burnt_kwh > 0.0
 
 
-def test_a_step_of_a_quarter_comes_to_the_same_energy() -> None:
+def test_a_quarter_of_the_step_gives_the_same_energy() -> None:
     coarse, fine = lap(step_s=0.2), lap(step_s=0.05)
 
     assert coarse.actual_kwh == pytest.approx(fine.actual_kwh, rel=2e-3)
 
 
-def test_the_same_seed_gives_the_same_books_and_another_one_others() -> None:
+def test_the_same_seed_gives_the_same_energy_balance_and_another_one_another() -> None:
     one, again, other = lap(seed=3), lap(seed=3), lap(seed=4)
 
     assert np.array_equal(one.books, again.books)
     assert one.actual_kwh != other.actual_kwh
 
 
-def test_one_run_takes_what_kinetic_energy_and_resistance_say() -> None:
-    """Integrated anew: full traction, hold, coast; braking gives nothing to traction."""
+def test_one_run_takes_its_kinetic_energy_and_resistance() -> None:
+    """The oracle integrates full traction, hold and coast again; braking feeds no traction."""
     runs = LegRuns(TRAIN)
     regime = runs.run(1, 18.0, 1200.0)
     a_n, b_n, c_n = TRAIN.resistance_coefficients_n()
@@ -83,16 +83,16 @@ def test_runs_of_hold_and_coast_take_their_times_and_less_energy() -> None:
     assert np.all(np.abs(after.late_s) <= 1.0)
     assert after.on_time_ratio == 1.0
     assert after.actual_kwh < before.actual_kwh
-    # The paper's law with a weight of 0 on energy is the traditional one.
+    # The published law with an energy weight of 0 is the traditional one.
     assert lap(Law("1/0", 1.0, 0.0)).actual_kwh == before.actual_kwh
 
 
-def test_a_time_that_no_regime_takes_is_refused() -> None:
+def test_an_impossible_running_time_is_refused() -> None:
     with pytest.raises(ValueError, match="leg 1: no run takes 120 s"):
         least_traction(LegRuns(TRAIN), Timetable(runs_s=(120.0, *RUNS_S[1:])))
 
 
-def test_the_search_only_gets_better_and_keeps_trip_time_and_punctuality() -> None:
+def test_the_search_only_improves_and_keeps_trip_time_and_punctuality() -> None:
     found = TimetableSearch(TRAIN, STRONG, Timetable(), seed=1, budget=12).run()
 
     assert found.tried <= 12
@@ -114,7 +114,7 @@ print(' '.join(repr(float(book)) for book in simulate.first_minutes(supplies.WEA
 """
 
 
-def test_without_the_compiler_the_books_are_the_same() -> None:
+def test_without_the_compiler_the_energy_balance_is_the_same() -> None:
     told = subprocess.run(
         [sys.executable, "-c", PLAIN], capture_output=True, text=True, check=True
     ).stdout.split()
@@ -123,13 +123,13 @@ def test_without_the_compiler_the_books_are_the_same() -> None:
     assert [float(number) for number in told] == pytest.approx(list(compiled), rel=1e-6, abs=1.0)
 
 
-# The law's own functions.
+# Functions of the law.
 
 
 @given(
     left_m=st.floats(200.0, 4000.0), left_s=st.floats(20.0, 300.0), speed_mps=st.floats(0.0, 22.0)
 )
-def test_the_timing_speed_takes_the_time_that_is_left(
+def test_the_timing_speed_uses_the_remaining_time(
     left_m: float, left_s: float, speed_mps: float
 ) -> None:
     wanted_mps = green_speeds.timing_speed_mps(
@@ -146,7 +146,7 @@ def test_the_timing_speed_takes_the_time_that_is_left(
 
 
 @given(voltage_v=st.floats(500.0, 950.0))
-def test_a_high_voltage_speeds_a_train_up_and_a_low_one_eases_it_off(voltage_v: float) -> None:
+def test_a_high_voltage_speeds_a_train_up_and_a_low_one_slows_it_down(voltage_v: float) -> None:
     current_a = green_speeds.arm_current_a(
         voltage_v, 750.0, feed_factor=4.0, arm_ohm=0.04, train_count=2.0, exponent=1.0
     )
@@ -157,8 +157,8 @@ def test_a_high_voltage_speeds_a_train_up_and_a_low_one_eases_it_off(voltage_v: 
     assert (speed_mps - 15.0) * (voltage_v - 750.0) >= 0.0
 
 
-def test_a_ladder_of_resistors_bears_out_the_exponent_of_one() -> None:
-    """m trains evenly over an arm fed from both ends: mean drop of the ladder against (8)."""
+def test_a_ladder_of_resistors_confirms_the_exponent_of_one() -> None:
+    """The test compares the mean drop of m trains on a doubly fed ladder with equation (8)."""
     ohm, trains, current_a = 0.04, 3, 500.0
     n = trains
     matrix = np.zeros((n, n))
@@ -172,7 +172,7 @@ def test_a_ladder_of_resistors_bears_out_the_exponent_of_one() -> None:
         750.0 - middle_v, 750.0, feed_factor=4.0, arm_ohm=ohm, train_count=n, exponent=1.0
     )
 
-    # (8) gives the current of the arm's half: m / 2 trains.
+    # Equation (8) gives the current of half the section: m / 2 trains.
     assert asked_a == pytest.approx(n * current_a / 2.0, rel=0.02)
 
 
@@ -185,12 +185,12 @@ def test_no_weight_on_energy_leaves_the_timing_speed() -> None:
 # Statistics and arithmetic.
 
 
-def test_the_printed_saving_is_nine_per_cent_and_not_ten() -> None:
+def test_the_published_saving_is_nine_per_cent_and_not_ten() -> None:
     saved = PRINTED[0].actual_kwh - PRINTED[2].actual_kwh
 
     assert round(100.0 * saved / PRINTED[0].actual_kwh, 2) == 9.04
     assert round(100.0 * saved / PRINTED[2].actual_kwh, 2) == 9.94
-    # 180 s and 7 trains: 15 h a day of such laps.
+    # With 180 s and 7 trains there are such laps for 15 h a day.
     assert saved * 15 * 3600 / 1260 * 365 == pytest.approx(2273532, rel=1e-4)
 
 

@@ -1,4 +1,5 @@
-"""Power-limited running curves: physics against other integrations, design against its promises."""
+"""Power-limited running curves: physics against other integrations, and the designs against
+their properties."""
 
 import dataclasses
 import math
@@ -21,11 +22,11 @@ TRAIN = load_train("seed002")
 LEVEL = level_track(TRAIN, 1000.0)
 HOP = Hop(TRAIN, LEVEL)
 COARSE = Hop(TRAIN, level_track(TRAIN, 1000.0, cell_m=8.0))
-"""Quick, for many designs; its promises are the same."""
+"""A coarse grid that is quick for many designs; the tested properties are the same."""
 
 
 def hilly_track(train: RunningTrain) -> HopTrack:
-    """20 ‰ down out of the one platform and 15 ‰ up into the other."""
+    """A track with 20 ‰ down from the one platform and 15 ‰ up to the other."""
     level = level_track(train, 900.0)
     at_m = np.linspace(0.0, 900.0, level.cells)
     permille = np.where(at_m < 250.0, -20.0, np.where(at_m > 600.0, 15.0, 0.0))
@@ -37,7 +38,7 @@ TRACKS = {"level": LEVEL, "hilly": hilly_track(TRAIN)}
 
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("name", TRACKS)
-def test_small_steps_of_time_come_to_the_same_as_the_net(name: str, compiled: bool) -> None:
+def test_small_time_steps_agree_with_the_grid(name: str, compiled: bool) -> None:
     if compiled and not steps.COMPILED:
         pytest.fail("numba is not there, though the setup for development brings it")
     track = TRACKS[name]
@@ -82,7 +83,7 @@ def test_what_traction_gave_is_what_brake_resistance_and_height_took(
 
 @settings(max_examples=4, deadline=None)
 @given(power_ratio=st.floats(0.3, 1.0), notch_off_mps=st.floats(14.0, 19.4))
-def test_no_brake_gives_back_more_than_its_power_limit_over_its_time(
+def test_no_brake_regenerates_more_than_its_power_limit_over_its_time(
     power_ratio: float, notch_off_mps: float
 ) -> None:
     curve = curve_of(TRAIN, LEVEL, notch_off_mps, 0.0, power_ratio * TRAIN.brake_power_w)
@@ -110,27 +111,27 @@ def test_the_designed_run_takes_just_its_time(weight: float, time_s: float) -> N
     assert found.late_s <= 0.02
 
 
-def test_table_one_comes_out_in_megajoules_and_not_in_kilowatt_hours() -> None:
+def test_table_one_is_in_megajoules_and_not_in_kilowatt_hours() -> None:
     rows = table_one.rows(TRAIN)
 
     assert table_one.deviation_ratio(rows, unit_j=1.0e6) <= 0.035
     assert table_one.deviation_ratio(rows, unit_j=3.6e6) > 0.3
     for row in rows:
-        # What the paper calls kWh is more than its own brake could give back.
+        # The published value in kWh is more than the train's own brake could give back.
         assert row.printed.regenerated_kwh > row.regenerable_max_kwh()
 
 
-def test_the_printed_rule_for_the_braking_time_misses_the_running_time() -> None:
+def test_the_published_rule_for_the_braking_time_misses_the_running_time() -> None:
     printed = literal_design(HOP, 72.5, 10.0)
 
     assert abs(printed.late_s) > 1.0
     assert x_that_the_table_implies_s(72.5, 31.12) == pytest.approx(59.18, abs=0.005)
-    # Even a train without any resistance needs longer: 1.1 m/s², 19.4 m/s and 2 m/s² on 1 km.
+    # A train without resistance needs longer, too: 1.1 m/s², 19.4 m/s and 2 m/s² on 1 km.
     least_s = 19.4 / 1.1 + 19.4 / 2.0 + (1000.0 - 19.4**2 / 2.2 - 19.4**2 / 4.0) / 19.4
     assert least_s > 59.18
 
 
-def test_full_power_is_within_a_thousandth_of_the_optimum_when_all_is_used() -> None:
+def test_full_power_is_within_a_thousandth_of_the_optimum_with_full_regeneration() -> None:
     coarse = level_track(TRAIN, 1000.0, cell_m=5.0)
     curve = design(HOP, 72.5, 0.0).curve
 
@@ -141,10 +142,11 @@ def test_full_power_is_within_a_thousandth_of_the_optimum_when_all_is_used() -> 
 
 
 @pytest.mark.parametrize("use_ratio", [1.0, 0.5])
-def test_dynamic_programming_finds_nothing_better_than_the_linear_programmes(
+def test_dynamic_programming_does_not_improve_on_the_linear_programmes(
     use_ratio: float,
 ) -> None:
-    """A policy from values on a grid of speeds, driven forward: its time is then given to both."""
+    """The policy follows from values on a speed grid; both methods get the running time of its
+    run."""
     track = level_track(TRAIN, 1000.0, cell_m=10.0)
     square, cost_j = dynamic_programme(TRAIN, track, use_ratio, price_j_per_s=1.3e6)
     speed_mps = np.sqrt(square)
@@ -160,13 +162,13 @@ def test_dynamic_programming_finds_nothing_better_than_the_linear_programmes(
 def dynamic_programme(
     train: RunningTrain, track: HopTrack, use_ratio: float, *, price_j_per_s: float
 ) -> tuple[np.ndarray, float]:
-    """Squares of the speed at each node, and the energy of the run that the values lead to."""
+    """Squares of the speed at each node, and the energy of the optimal run on the grid."""
     grid_mps = np.linspace(0.3, train.speed_max_mps, 240)
     step_m, mass_kg = track.cell_m, train.mass_kg
     shares = np.linspace(-1.0, 1.0, 81)[:, None]
 
     def moves(speed_mps: np.ndarray, cell: int) -> tuple[np.ndarray, np.ndarray]:
-        """(forces, speeds): speed after the cell and cost of each force."""
+        """Speed after the cell and cost, for each force and speed."""
         force_n = np.where(
             shares > 0.0,
             shares * train.traction_at_n(speed_mps),
@@ -186,7 +188,8 @@ def dynamic_programme(
         )
         return after_mps, np.where(feasible, cost_j * step_m, np.inf)
 
-    # The last cell brakes to a stand: only what the brake can lose in it is allowed before it.
+    # The last cell brakes to a stand; only speeds that the brake can remove there are allowed
+    # before it.
     values = np.empty((track.cells, len(grid_mps)))
     need_n = mass_kg * grid_mps**2 / (2.0 * step_m) - train.resistance_at_n(grid_mps)
     regained_n = np.minimum(
@@ -240,7 +243,7 @@ def test_no_designed_run_is_better_than_the_optimum(use_ratio: float, weight: fl
     assert best.cost_j <= curve.total_j(use_ratio) * 1.002
 
 
-def test_a_time_that_no_run_takes_is_refused_with_the_time_that_one_does() -> None:
+def test_an_impossible_running_time_is_refused_with_the_shortest_possible_one() -> None:
     with pytest.raises(InfeasibleError, match=r"--time 60: the fastest run of seed002 takes 69\.3"):
         design(HOP, 60.0, 5.0)
 
@@ -249,7 +252,7 @@ def test_a_power_too_low_for_the_running_time_has_no_run() -> None:
     assert with_time(TRAIN, LEVEL, 8 * 40e3, 72.5) is None
 
 
-def test_a_limit_in_between_is_kept_and_braked_for() -> None:
+def test_an_intermediate_limit_is_respected_with_braking() -> None:
     slow = np.where((LEVEL.at_m > 400.0) & (LEVEL.at_m < 600.0), 12.0, 19.4)
     track = dataclasses.replace(LEVEL, ceiling_mps=slow)
 
@@ -257,7 +260,7 @@ def test_a_limit_in_between_is_kept_and_braked_for() -> None:
 
     assert np.all(run.speed_mps <= slow + 1e-9)
     assert run.speed_mps[500] == pytest.approx(12.0)
-    # Past the limit it is pulled on again.
+    # Below the limit the train accelerates again.
     assert run.speed_mps[700] > 13.0
     braking_mps2 = -np.diff(run.speed_mps**2) / (2.0 * track.cell_m)
     assert float(np.max(braking_mps2)) <= TRAIN.brake_force_n / TRAIN.mass_kg + 0.1

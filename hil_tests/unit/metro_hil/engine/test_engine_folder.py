@@ -1,4 +1,4 @@
-"""The campaign's folder: found by its name, complete before anything runs, trusted if whole."""
+"""The campaign's folder: found by its name, complete before a run, and trusted if intact."""
 
 import os
 from pathlib import Path
@@ -28,7 +28,7 @@ def plan(
     return CampaignPlan(name=name, cases=cases, files=files, options={"keep": 1})
 
 
-def test_cases_and_files_come_back_as_they_were(tmp_path: Path) -> None:
+def test_cases_and_files_are_read_back_unchanged(tmp_path: Path) -> None:
     folder = make_folder(plan(line="a = 1\n"), root=tmp_path)
 
     assert folder.cases() == trial_cases(3)
@@ -38,7 +38,7 @@ def test_cases_and_files_come_back_as_they_were(tmp_path: Path) -> None:
     assert not folder.journal_path.exists()
 
 
-def test_files_with_the_same_last_name_do_not_meet(tmp_path: Path) -> None:
+def test_files_with_the_same_name_do_not_collide(tmp_path: Path) -> None:
     both = CampaignPlan(
         name="x", cases=trial_cases(1), files={"a/l.toml": "1", "b/l.toml": "2"}, options={}
     )
@@ -48,14 +48,14 @@ def test_files_with_the_same_last_name_do_not_meet(tmp_path: Path) -> None:
     assert [files[name].read_text() for name in ("a/l.toml", "b/l.toml")] == ["1", "2"]
 
 
-def test_two_campaigns_of_the_same_second_have_folders_of_their_own(tmp_path: Path) -> None:
+def test_two_campaigns_of_the_same_second_have_separate_folders(tmp_path: Path) -> None:
     made = {make_folder(plan(), root=tmp_path).path for _ in range(3)}
 
     assert len(made) == 3
     assert {folder.path for folder in folders(tmp_path)} == made
 
 
-def test_a_campaign_is_found_by_name_beginning_path_or_as_the_last(tmp_path: Path) -> None:
+def test_a_campaign_is_found_by_name_prefix_path_or_as_the_last(tmp_path: Path) -> None:
     first = make_folder(plan(name="one"), root=tmp_path)
     second = make_folder(plan(name="two"), root=tmp_path)
     os.utime(first.manifest_path, ns=(1, 1))
@@ -66,7 +66,7 @@ def test_a_campaign_is_found_by_name_beginning_path_or_as_the_last(tmp_path: Pat
     assert find_folder(first.path.name[:-1], tmp_path) == first
 
 
-def test_the_name_of_a_campaign_is_the_last_one_that_was_run_of_it(tmp_path: Path) -> None:
+def test_the_name_of_a_campaign_means_its_last_run(tmp_path: Path) -> None:
     first = make_folder(plan(name="one"), out=str(tmp_path / "a"))
     second = make_folder(plan(name="one"), out=str(tmp_path / "b"))
     make_folder(plan(name="two"), out=str(tmp_path / "c"))
@@ -75,7 +75,7 @@ def test_the_name_of_a_campaign_is_the_last_one_that_was_run_of_it(tmp_path: Pat
     assert find_folder("one", tmp_path) == second
 
 
-def test_a_name_that_fits_none_or_several_is_refused_with_the_names(tmp_path: Path) -> None:
+def test_an_unknown_or_ambiguous_name_is_refused_with_the_known_ones(tmp_path: Path) -> None:
     made = make_folder(plan(name="one"), root=tmp_path)
     make_folder(plan(name="one"), root=tmp_path)
 
@@ -94,7 +94,7 @@ def test_a_full_name_counts_though_another_begins_with_it(tmp_path: Path) -> Non
     assert find_folder("a", tmp_path) == made
 
 
-def test_a_folder_with_something_in_it_is_never_overwritten(tmp_path: Path) -> None:
+def test_a_folder_with_content_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("x")
 
     with pytest.raises(UsageError, match="not empty"):
@@ -103,7 +103,7 @@ def test_a_folder_with_something_in_it_is_never_overwritten(tmp_path: Path) -> N
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
-def test_a_folder_without_a_manifest_never_began(tmp_path: Path) -> None:
+def test_a_folder_without_a_manifest_has_no_campaign(tmp_path: Path) -> None:
     folder = make_folder(plan(), root=tmp_path)
     folder.manifest_path.unlink()
 
@@ -129,7 +129,7 @@ def test_no_case_and_doubled_cases_are_refused(tmp_path: Path) -> None:
         make_folder(plan((case, msgspec.structs.replace(case, index=1))), root=tmp_path)
 
 
-def test_cases_or_files_that_were_changed_are_not_run(tmp_path: Path) -> None:
+def test_changed_cases_or_files_are_not_run(tmp_path: Path) -> None:
     folder = make_folder(plan(line="a = 1\n"), root=tmp_path)
     folder.files()["line"].write_text("a = 2\n")
     with folder.cases_path.open("ab") as file:
@@ -141,7 +141,7 @@ def test_cases_or_files_that_were_changed_are_not_run(tmp_path: Path) -> None:
         folder.cases()
 
 
-def test_the_fingerprint_tells_campaigns_apart_and_knows_a_copy(tmp_path: Path) -> None:
+def test_the_fingerprint_distinguishes_campaigns_and_recognises_a_copy(tmp_path: Path) -> None:
     def mark(cases: tuple[Case, ...], **files: str) -> str:
         return make_folder(plan(cases, **files), root=tmp_path).manifest().fingerprint
 
@@ -152,7 +152,7 @@ def test_the_fingerprint_tells_campaigns_apart_and_knows_a_copy(tmp_path: Path) 
 
 
 @given(st.text(max_size=200), st.text(max_size=200))
-def test_every_text_has_a_folder_name_of_its_own(one: str, other: str) -> None:
+def test_every_text_has_a_unique_folder_name(one: str, other: str) -> None:
     names = {folder_name(one), folder_name(other)}
 
     assert (len(names) == 1) is (one == other)
@@ -162,7 +162,7 @@ def test_every_text_has_a_folder_name_of_its_own(one: str, other: str) -> None:
         assert len(name.encode()) <= 255
 
 
-def test_logs_of_a_case_lie_where_its_id_says(tmp_path: Path) -> None:
+def test_the_id_of_a_case_gives_the_folder_of_its_logs(tmp_path: Path) -> None:
     kept = CampaignFolder(tmp_path).kept("overspeed/0003-s1").path
 
     assert kept == tmp_path / "cases" / "overspeed" / "0003-s1"

@@ -1,4 +1,4 @@
-"""The journal: whatever is cut off, damaged or written twice, no result is invented or lost."""
+"""The journal: truncation, damage and double writes neither invent nor lose a result."""
 
 from pathlib import Path
 from typing import Any
@@ -72,7 +72,7 @@ def test_what_is_written_is_read(results: list[CaseResult]) -> None:
 @settings(max_examples=20)
 @given(st.lists(RESULTS, min_size=1, max_size=3))
 def test_a_journal_cut_off_at_any_byte_keeps_every_whole_line(results: list[CaseResult]) -> None:
-    """The oracle counts line ends: JSON escapes those inside of strings."""
+    """The oracle counts line ends, because JSON escapes those inside strings."""
     data = written(results)
 
     for size in range(len(data) + 1):
@@ -85,7 +85,7 @@ def test_a_journal_cut_off_at_any_byte_keeps_every_whole_line(results: list[Case
 
 
 @given(st.lists(RESULTS, min_size=2, max_size=5), st.data())
-def test_any_changed_byte_is_found_in_its_line_and_only_there(
+def test_any_changed_byte_is_detected_in_its_line_and_only_there(
     results: list[CaseResult], data: st.DataObject
 ) -> None:
     text = bytearray(written(results))
@@ -100,7 +100,7 @@ def test_any_changed_byte_is_found_in_its_line_and_only_there(
     assert content.results == [one for at, one in enumerate(results, start=2) if at != line]
 
 
-def test_a_torn_end_is_cut_off_and_writing_goes_on_behind_the_last_whole_line(
+def test_a_torn_end_is_cut_off_and_writing_continues_after_the_last_complete_line(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "journal.jsonl"
@@ -119,7 +119,7 @@ def test_a_torn_end_is_cut_off_and_writing_goes_on_behind_the_last_whole_line(
         assert (content.results, content.damaged) == ([result(0), result(1), result(2)], [])
 
 
-def test_who_only_reads_a_damaged_journal_names_the_line(tmp_path: Path) -> None:
+def test_a_reader_of_a_damaged_journal_names_the_line(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     damaged = written([result(0), result(1), result(2)]).replace(b"a/s1", b"a/s7")
     path.write_bytes(damaged)
@@ -153,7 +153,7 @@ def test_a_damaged_head_is_written_again(tmp_path: Path) -> None:
     assert (read_journal(path).head, read_journal(path).results) == (HEAD, [result(0)])
 
 
-def test_two_never_write_the_same_journal(tmp_path: Path) -> None:
+def test_two_processes_never_write_the_same_journal(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     first = Journal(path, HEAD)
 
@@ -172,7 +172,7 @@ def test_the_journal_of_another_campaign_is_refused(tmp_path: Path) -> None:
         Journal(path, JournalHead("beef", 3))
 
 
-def test_all_kinds_of_lines_come_back(tmp_path: Path) -> None:
+def test_all_kinds_of_lines_are_read_back(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     attempt, session = LostAttempt("a/s0", 1, "signal SIGKILL"), Session("now", "0.1", "crew")
     journal = Journal(path, HEAD)

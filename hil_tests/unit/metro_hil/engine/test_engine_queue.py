@@ -1,4 +1,4 @@
-"""The queue: what is handed out when, together with what, and how often."""
+"""The queue: in which order, in which groups and how often cases are handed out."""
 
 import msgspec
 from hypothesis import given
@@ -76,8 +76,8 @@ def test_a_case_whose_worker_dies_is_tried_three_times_and_then_lost() -> None:
     assert result.host.attempts == ATTEMPTS_MAX
 
 
-def test_only_the_case_that_was_at_work_is_suspected() -> None:
-    """The worker died at the second case of four: the others go on first, and without blame."""
+def test_only_the_running_case_is_suspected() -> None:
+    """The worker died at the second case of four: the other cases go on first and without blame."""
     cases = branched(trial_cases(4))
     queue = WorkQueue(cases, workers=1, key=lambda case: b"x")
     (first, second) = (queue.take(), queue.take())
@@ -90,7 +90,7 @@ def test_only_the_case_that_was_at_work_is_suspected() -> None:
     assert (suspect.cases, suspect.attempt) == (first.cases[1:], 2)
 
 
-def test_what_waited_at_a_dead_worker_is_next_and_without_blame() -> None:
+def test_cases_waiting_at_a_dead_worker_are_next_and_without_blame() -> None:
     queue = WorkQueue(trial_cases(3), workers=1)
     batch = queue.take()
 

@@ -1,4 +1,4 @@
-"""Totals: only what was shown case by case is green."""
+"""Totals are green only for results that were shown case by case."""
 
 import itertools
 
@@ -35,7 +35,7 @@ def test_all_cases_passed_is_green() -> None:
     assert (totals.done, totals.counts["pass"]) == (3, 3)
 
 
-def test_nothing_run_is_not_green() -> None:
+def test_a_campaign_without_a_run_is_not_green() -> None:
     totals = total(0, (), ())
 
     assert not totals.passed
@@ -101,7 +101,7 @@ def test_results_that_contradict_each_other_are_not_green() -> None:
     ("fails", "verdict"), list(itertools.product((False, True), Verdict)), ids=str
 )
 def test_only_the_expected_verdict_is_green(fails: bool, verdict: Verdict) -> None:
-    """A host that lost or disturbed a run leaves nothing that a scenario can expect."""
+    """If the host lost or disturbed a run, there is no result that a scenario could expect."""
     expected = (ExpectedFailure(monitor="m"),) if fails else ()
     case = Case(id="a", index=0, scenario="a", seed=1, setup=Setup(), expected=expected)
     failed = MonitorResult(name="m", verdict=Verdict.FAIL, margin=-1.0, unit="m")
@@ -119,7 +119,7 @@ def test_only_the_expected_verdict_is_green(fails: bool, verdict: Verdict) -> No
     assert totals.passed is (verdict is (Verdict.FAIL if fails else Verdict.PASS))
 
 
-def test_what_is_wrong_with_the_folder_is_not_green() -> None:
+def test_a_damaged_folder_is_not_green() -> None:
     totals = total(3, CASES, passes(CASES), ["NOT DETERMINISTIC"])
 
     assert not totals.passed

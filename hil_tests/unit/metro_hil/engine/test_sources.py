@@ -1,4 +1,4 @@
-"""What a hash over sources counts, and what it does not."""
+"""Which parts of the sources count in their hash."""
 
 import ast
 
@@ -31,7 +31,7 @@ def meant(source: str) -> str:
         ("way_m + LIMIT_M", "(way_m\n            + LIMIT_M)"),
     ],
 )
-def test_words_and_layout_do_not_count(old: str, new: str) -> None:
+def test_texts_and_layout_do_not_count(old: str, new: str) -> None:
     assert old in SOURCE
     assert meant(SOURCE.replace(old, new)) == meant(SOURCE)
 
@@ -43,7 +43,7 @@ def test_code_counts(old: str, new: str) -> None:
     assert meant(SOURCE.replace(old, new)) != meant(SOURCE)
 
 
-def test_a_function_without_anything_but_words_stays_a_function() -> None:
+def test_a_function_with_only_a_docstring_stays_a_function() -> None:
     assert meant('def f() -> None:\n    """Nothing."""\n') == meant("def f() -> None:\n    pass\n")
 
 

@@ -1,4 +1,4 @@
-"""What a controller that wakes up in a run starts from."""
+"""The initial state of a controller that wakes up during a run."""
 
 from firmware_py.trackdb import load_line
 from metro_hil.external_controller.choice import memory_of
@@ -11,7 +11,7 @@ LINE = load_line("florence")
 MISSION = plan_mission(LINE, "II", "III")
 
 
-def test_a_controller_that_wakes_up_remembers_its_stop_but_has_no_proof_of_it() -> None:
+def test_a_waking_controller_remembers_its_position_without_proof() -> None:
     start = remembered_start(load_config("florence4"), memory_of(Journey(LINE, MISSION, True)))
 
     assert start is not None
@@ -19,5 +19,5 @@ def test_a_controller_that_wakes_up_remembers_its_stop_but_has_no_proof_of_it() 
     assert start.proof is PlaceProof.REMEMBERED
 
 
-def test_a_train_that_was_set_up_has_a_memory_without_a_place() -> None:
+def test_a_newly_set_up_train_has_a_memory_without_a_position() -> None:
     assert remembered_start(load_config("florence4"), memory_of(Journey(LINE, MISSION))) is None

@@ -1,4 +1,4 @@
-"""Bus faults on the bench in virtual time: each acts where it is said to."""
+"""Bus faults on the bench in virtual time: each acts where it is declared."""
 
 from typing import Any
 
@@ -23,9 +23,9 @@ COMMANDS = (BrakeCommand, TractionCommand)
 
 
 class Train:
-    """A controller that commands every 50 ms and a train that answers, for some seconds.
+    """A controller that sends commands every 50 ms and a train that answers, for some seconds.
 
-    As in the plant, all commands are taken in at the brake unit's port.
+    As in the plant, the brake unit's port receives all commands.
     """
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ class Train:
                 into.append((frame.stamp_ns, heard))
 
     def brakes(self, from_ns: int, to_ns: int) -> int:
-        """Brake commands that the train believed in that time."""
+        """Number of brake commands that the train accepted in that time."""
         return sum(
             from_ns <= at_ns < to_ns and isinstance(each, BrakeCommand)
             for at_ns, each in self.by_train
@@ -101,8 +101,8 @@ def driven(fault: FaultPlan, *, begin_ns: int = 1 * S, end_ns: int = 2 * S) -> T
     return train
 
 
-def test_nothing_is_different_before_the_fault_begins() -> None:
-    """Also not the log of the bus, to the byte, though all frames pass the fault layer."""
+def test_nothing_changes_before_the_fault_begins() -> None:
+    """The bus log is identical to the byte, although all frames pass the fault layer."""
     plain, faulty = Train(), Train()
     plain.run(plan("frame_drop"), begin_ns=-1, end_ns=-1, until_ns=S)
     faulty.run(plan("bus_off"), begin_ns=2 * S, end_ns=-1, until_ns=S)
@@ -117,13 +117,14 @@ def test_nothing_is_different_before_the_fault_begins() -> None:
     assert plain.by_vobc == direct.by_vobc
 
 
-def test_a_controller_that_is_bus_off_is_neither_heard_nor_hears_and_comes_back() -> None:
+def test_a_bus_off_controller_neither_sends_nor_receives_and_comes_back() -> None:
     train = driven(plan("bus_off"))
 
     assert train.brakes(0, S) == 20
     assert train.brakes(S, 2 * S) == 0
     assert train.answered(S + 50 * MS, 2 * S) == 0
-    # Back within the 5.6 ms of an idle bus, so that only the command of that instant is missing.
+    # The node is back within the 5.6 ms of an idle bus, so only the command of that instant is
+    # missing.
     assert train.brakes(2 * S, 3 * S) == 19
     assert train.answered(2 * S, 3 * S) == 18
     assert train.faults.error_frames == {"VOBC": 32}
@@ -139,7 +140,7 @@ def test_a_controller_that_does_not_recover_stays_off() -> None:
     assert train.faults.errors_of("VOBC", 3 * S).state is ErrorState.OFF
 
 
-def test_a_cut_controller_speaks_on_when_it_is_mended() -> None:
+def test_a_reconnected_controller_sends_again() -> None:
     train = driven(plan("link_cut"))
 
     assert train.brakes(S, 2 * S) == 0
@@ -153,7 +154,7 @@ def test_a_cut_controller_speaks_on_when_it_is_mended() -> None:
 def test_a_cut_unit_misses_its_own_commands_only(
     node: str, brakes: int, tractions: int, answers: int
 ) -> None:
-    """Although the plant takes in all commands at one node."""
+    """This holds although one node of the plant receives all commands."""
     train = driven(plan("link_cut", node=node))
 
     assert (train.brakes(S, 2 * S), train.tractions(S, 2 * S)) == (brakes, tractions)
@@ -162,17 +163,17 @@ def test_a_cut_unit_misses_its_own_commands_only(
     assert train.tractions(2 * S, 3 * S) >= 19
 
 
-def test_a_babbling_idiot_takes_the_bus_from_everyone_above_it() -> None:
+def test_a_babbling_idiot_blocks_all_higher_identifiers() -> None:
     train = driven(plan("babbling_idiot", can_id=0x100))
 
     assert train.brakes(S + 50 * MS, 2 * S) == 0
     babbled = sum(frame.can_id == 0x100 for frame, _ in train.log)
     assert babbled == pytest.approx(250_000 / 115, rel=0.05)
-    # All that waited comes now, but first halves before second ones, as their identifiers are.
+    # All waiting commands come now, first halves before second ones by their identifiers.
     assert train.brakes(2 * S, 3 * S) >= 19
 
 
-def test_a_babbling_idiot_above_the_commands_does_not_touch_them() -> None:
+def test_a_babbling_idiot_above_the_commands_does_not_affect_them() -> None:
     train = driven(plan("babbling_idiot", can_id=0x7FF))
 
     assert train.brakes(S, 2 * S) == 20
@@ -180,7 +181,8 @@ def test_a_babbling_idiot_above_the_commands_does_not_touch_them() -> None:
 
 
 def test_frames_destroyed_on_the_wire_are_late_but_none_is_lost() -> None:
-    """At one in ten; from one in nine on the counters rise until the sender is off the bus."""
+    """The error rate is one in ten; from one in nine the counters rise until the sender is bus
+    off."""
     corrupt = plan("frame_corrupt", damage="on_wire", share_ratio=0.1)
     train = driven(corrupt)
 
@@ -189,7 +191,7 @@ def test_frames_destroyed_on_the_wire_are_late_but_none_is_lost() -> None:
     assert not train.commands.rejections
 
 
-def test_when_every_frame_is_destroyed_its_sender_goes_off_and_comes_back_with_the_end() -> None:
+def test_a_sender_with_every_frame_destroyed_goes_bus_off_until_the_fault_ends() -> None:
     train = driven(plan("frame_corrupt", damage="on_wire", way="to_train"))
 
     assert train.brakes(S, 2 * S) == 0
@@ -197,7 +199,7 @@ def test_when_every_frame_is_destroyed_its_sender_goes_off_and_comes_back_with_t
     assert train.faults.error_frames == {"VOBC": 32}
 
 
-def test_a_stranger_speaks_on_the_bus_under_a_name_of_its_own() -> None:
+def test_a_masquerading_node_has_its_own_name_on_the_bus() -> None:
     mask = plan("masquerade", frame="BRAKE_CMD", values={"service_decel_mps2": 0.0}, period_s=0.013)
     train = driven(mask)
 
@@ -216,7 +218,7 @@ def test_late_frames_carry_the_instant_at_which_they_get_through() -> None:
     assert {at_ns - 100 * MS for at_ns in during} <= ended
 
 
-def test_faults_of_other_places_are_none_of_its_business() -> None:
+def test_faults_of_other_places_are_ignored() -> None:
     train = driven(plan("wheel_slip"))
 
     assert train.brakes(0, 3 * S) == 60

@@ -1,4 +1,4 @@
-"""Faults of frames: what goes in, what comes out when, and what a decoder makes of it."""
+"""Faults of frames: which frames come out when, and how a decoder judges them."""
 
 from typing import Any
 
@@ -37,7 +37,7 @@ def plan(kind: str, **parameters: Any) -> FaultPlan:
 
 
 def genuine(kind: type[Frame], payload: int) -> Frame | None:
-    """A valid frame made of these bits, or none when they make none."""
+    """A valid frame made of these bits, or None if they give none."""
     bound = binding_of(kind)
     size = bound.message.length - (0 if bound.protection is MessageProtection.NONE else 3)
     from can_dbc.packing import unpacker
@@ -62,7 +62,7 @@ def through(
     way: FrameDirection = FrameDirection.TO_TRAIN,
     until_ns: int = 1 * S,
 ) -> list[Timed]:
-    """Everything that comes out; the faults act from the first instant until `until_ns`."""
+    """All frames that come out; the faults act from the first instant until `until_ns`."""
     for each in acting:
         faults.change(each, True, 0)
     out: list[Timed] = []
@@ -92,7 +92,7 @@ def test_without_a_fault_everything_passes_unchanged() -> None:
 
 
 @given(loss_ratio=st.floats(0.0, 1.0), seed=st.integers(0, 50))
-def test_what_is_dropped_is_counted_and_only_while_the_fault_acts(
+def test_dropped_frames_are_counted_and_only_while_the_fault_acts(
     loss_ratio: float, seed: int
 ) -> None:
     faults = FrameFaults(seed)
@@ -106,7 +106,7 @@ def test_what_is_dropped_is_counted_and_only_while_the_fault_acts(
     assert len(faults.events) == sum(faults.done.values())
 
 
-def test_a_pattern_spares_what_it_does_not_match() -> None:
+def test_a_pattern_affects_only_matching_frames() -> None:
     faults = FrameFaults(SEED)
 
     came = through(faults, stream(), plans({"kind": "frame_drop", "frames": "BRAKE_CMD"}))
@@ -117,7 +117,7 @@ def test_a_pattern_spares_what_it_does_not_match() -> None:
     assert refused == [Reason.TWIN_MISMATCH] * 20
 
 
-def test_a_fault_of_one_way_spares_the_other() -> None:
+def test_a_fault_of_one_direction_does_not_affect_the_other() -> None:
     faults = FrameFaults(SEED)
 
     came = through(faults, stream(), plans({"kind": "frame_drop", "way": "to_vobc"}))
@@ -126,7 +126,7 @@ def test_a_fault_of_one_way_spares_the_other() -> None:
 
 
 @given(delay_s=st.floats(0.0, 0.5), jitter_s=st.floats(0.0, 0.5), seed=st.integers(0, 50))
-def test_a_delay_keeps_the_order_also_beyond_its_end(
+def test_a_delay_keeps_the_order_even_after_its_end(
     delay_s: float, jitter_s: float, seed: int
 ) -> None:
     faults = FrameFaults(seed)
@@ -174,7 +174,7 @@ def test_copies_follow_at_their_gap_and_a_decoder_refuses_them() -> None:
     assert sum(isinstance(each, BrakeCommand) for each in decoded(came)) == 20
 
 
-def test_a_replay_says_the_last_second_again_in_its_rhythm() -> None:
+def test_a_replay_repeats_the_last_second_with_its_timing() -> None:
     faults = FrameFaults(SEED)
     sent = stream(80)
     replay = plan("frame_replay", memory_s=1.0)
@@ -202,7 +202,7 @@ def test_a_replay_says_the_last_second_again_in_its_rhythm() -> None:
     bits=st.integers(1, 64),
     seed=st.integers(0, 1000),
 )
-def test_no_frame_that_is_corrupted_after_its_crc_is_ever_believed(
+def test_no_frame_corrupted_after_its_crc_is_ever_accepted(
     kind: type[Frame], payload: int, bits: int, seed: int
 ) -> None:
     frame = genuine(kind, payload)
@@ -228,7 +228,7 @@ def test_no_frame_that_is_corrupted_after_its_crc_is_ever_believed(
     bits=st.integers(1, 8),
     seed=st.integers(0, 1000),
 )
-def test_every_frame_that_is_corrupted_before_its_crc_is_believed_and_wrong(
+def test_every_frame_corrupted_before_its_crc_is_accepted_with_a_wrong_value(
     kind: type[Frame], payload: int, bits: int, seed: int
 ) -> None:
     frame = genuine(kind, payload)
@@ -248,7 +248,7 @@ def test_every_frame_that_is_corrupted_before_its_crc_is_believed_and_wrong(
         assert each != frame
 
 
-def test_a_pair_whose_first_half_passed_before_the_fault_is_left_as_it_is() -> None:
+def test_a_pair_whose_first_half_passed_before_the_fault_is_unchanged() -> None:
     faults = FrameFaults(SEED)
     corrupt = plan("frame_corrupt", damage="before_crc")
     first, second = Encoder().encode(COMMAND)
@@ -259,7 +259,7 @@ def test_a_pair_whose_first_half_passed_before_the_fault_is_left_as_it_is() -> N
     assert decoded(faults.take(2, FrameDirection.TO_TRAIN)) == [COMMAND]
 
 
-def test_a_stranger_is_believed_when_the_genuine_sender_is_silent() -> None:
+def test_a_masquerading_node_is_accepted_when_the_genuine_sender_is_silent() -> None:
     faults = FrameFaults(SEED)
     values = {"service_decel_mps2": 0.0, "emergency_released": 1.0}
     mask = plan("masquerade", frame="BRAKE_CMD", values=values, period_s=0.05)
@@ -282,7 +282,7 @@ def test_a_stranger_is_believed_when_the_genuine_sender_is_silent() -> None:
     assert heard[3:] == [BrakeCommand(0.0, True, True)] * 5
 
 
-def test_beside_the_genuine_sender_a_stranger_is_noticed_by_its_counter() -> None:
+def test_beside_the_genuine_sender_a_masquerading_node_is_detected_by_its_counter() -> None:
     faults = FrameFaults(SEED)
     mask = plan("masquerade", frame="BRAKE_CMD", values={"service_decel_mps2": 0.0})
 
@@ -292,7 +292,7 @@ def test_beside_the_genuine_sender_a_stranger_is_noticed_by_its_counter() -> Non
     assert Reason.STUCK_COUNTER in refused
 
 
-def test_a_stranger_without_the_twin_is_never_believed() -> None:
+def test_a_masquerading_node_without_the_twin_is_never_accepted() -> None:
     faults = FrameFaults(SEED)
     mask = plan("masquerade", frame="BRAKE_CMD", twins=False)
     faults.offer(0, FrameDirection.TO_TRAIN, *stream(1)[0][1:])
@@ -305,14 +305,14 @@ def test_a_stranger_without_the_twin_is_never_believed() -> None:
     assert all(isinstance(each, Rejected) for each in decoded(came))
 
 
-def test_a_stranger_that_has_heard_nothing_says_nothing() -> None:
+def test_a_masquerading_node_that_received_nothing_sends_nothing() -> None:
     faults = FrameFaults(SEED)
     faults.change(plan("masquerade"), True, 0)
 
     assert faults.take(1 * S, FrameDirection.TO_TRAIN) == []
 
 
-def test_the_next_instant_is_told() -> None:
+def test_the_next_due_instant_is_reported() -> None:
     faults = FrameFaults(SEED)
     faults.change(plan("frame_delay", delay_s=0.1), True, 0)
     assert faults.next_due_ns() is None
@@ -342,7 +342,7 @@ def test_the_same_seed_gives_the_same_frames_and_another_one_does_not() -> None:
     assert run(1) != run(2)
 
 
-def test_another_fault_leaves_the_draws_of_the_first_as_they_were() -> None:
+def test_another_fault_does_not_change_the_samples_of_the_first() -> None:
     alone = plans({"kind": "frame_drop", "loss_ratio": 0.5})
     both = plans(
         {"kind": "frame_drop", "loss_ratio": 0.5},
@@ -376,9 +376,7 @@ def test_another_fault_leaves_the_draws_of_the_first_as_they_were() -> None:
         ),
     ],
 )
-def test_a_fault_of_frames_that_do_not_exist_is_refused(
-    table: dict[str, Any], words: list[str]
-) -> None:
+def test_a_fault_of_unknown_frames_is_refused(table: dict[str, Any], words: list[str]) -> None:
     with pytest.raises(SettingsError) as refused:
         check_bus_fault(plans(table)[0])
 
@@ -386,11 +384,11 @@ def test_a_fault_of_frames_that_do_not_exist_is_refused(
 
 
 @pytest.mark.parametrize("table", [*EVERYTHING, {"kind": "bus_off"}, {"kind": "wheel_slip"}])
-def test_a_fault_of_frames_that_exist_is_let_through(table: dict[str, Any]) -> None:
+def test_a_fault_of_existing_frames_is_accepted(table: dict[str, Any]) -> None:
     check_bus_fault(plans(table)[0])
 
 
-def test_every_message_is_known_with_sender_and_way() -> None:
+def test_every_message_has_a_sender_and_a_direction() -> None:
     assert len(known_messages()) >= 30
     assert {each.sender for each in known_messages().values()} == {node.name for node in Node}
     status = known_messages()[binding_of(BrakeStatus).message.frame_id]
@@ -401,10 +399,10 @@ def test_every_message_is_known_with_sender_and_way() -> None:
     )
 
 
-# Between two segments.
+# A gateway between two segments.
 
 
-def test_a_gateway_passes_nothing_of_a_controller_that_is_off_until_it_has_recovered() -> None:
+def test_a_gateway_forwards_nothing_of_a_bus_off_controller_until_its_recovery() -> None:
     faults = GatewayFaults(SEED)
     off = plan("bus_off")
     faults.change(off, True, 0)
@@ -420,7 +418,7 @@ def test_a_gateway_passes_nothing_of_a_controller_that_is_off_until_it_has_recov
     assert sum(faults.done.values()) == 3
 
 
-def test_a_gateway_cuts_off_one_node_of_the_train_by_who_sends_and_who_hears() -> None:
+def test_a_gateway_disconnects_one_node_of_the_train_in_both_directions() -> None:
     faults = GatewayFaults(SEED)
     faults.change(plan("link_cut", node="bcu"), True, 0)
     tacho_id = binding_of(Tacho).message.frame_id
@@ -445,7 +443,7 @@ def test_a_gateway_babbles_at_its_rate_on_both_sides() -> None:
         for way in came:
             came[way] += len(faults.take(step * MS, way))
 
-    # 8 bytes take some 115 bits of 4 us, so 2170 a second would fill the bus.
+    # 8 bytes take some 115 bits of 4 µs, so 2170 frames a second would fill the bus.
     assert (
         came[FrameDirection.TO_TRAIN]
         == came[FrameDirection.TO_VOBC]

@@ -1,4 +1,4 @@
-"""A controller's process that is killed, paused, slowed or misled about the time."""
+"""A controller process that is killed, paused, slowed or given a wrong time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ CYCLE_MS = 50
 
 @dataclass
 class Wire:
-    """A CAN port on which a frame comes every 10 ms; keeps what is sent, and when."""
+    """A CAN port that receives a frame every 10 ms and records what is sent, and when."""
 
     sent: list[tuple[int, int]] = field(default_factory=list)
     read_ns: int = -1
@@ -39,7 +39,7 @@ class Wire:
 
 
 class Nothing:
-    """A serial line and a radio on which nothing ever comes."""
+    """A serial line and a radio that receive nothing."""
 
     counters = LinkCounters()
 
@@ -52,13 +52,13 @@ class Nothing:
 
 
 class Beacon:
-    """A controller that sends one frame a cycle and notes what it hears and misses."""
+    """A controller that sends one frame per cycle and records received frames and missed cycles."""
 
     def __init__(self, can: ProcessCan, start_ns: int, again: bool, cycle_ms: float) -> None:
         self.can, self.again = can, again
         self.output: CycleOutput = SAFE_OUTPUT
         self.cycles: list[tuple[int, int, list[int]]] = []
-        """Instant in ms, cycles missed before, ages in ms of the frames heard."""
+        """Instant in ms, cycles missed before, ages in ms of the received frames."""
         self.instants_ns: list[int] = []
         self.executive = Executive([Task("control", cycle_ms, self.control)], start_ns)
 
@@ -115,7 +115,7 @@ class Bench:
 
 
 @pytest.mark.parametrize("memory_lost", [False, True])
-def test_a_killed_process_loses_its_memory_once_and_only_if_the_fault_says_so(
+def test_a_killed_process_loses_its_memory_once_and_only_if_the_fault_requests_it(
     memory_lost: bool,
 ) -> None:
     bench = Bench()
@@ -130,7 +130,7 @@ def test_a_killed_process_loses_its_memory_once_and_only_if_the_fault_says_so(
     assert [device.again for device in bench.devices] == [False, True]
 
 
-def test_without_a_fault_the_process_keeps_its_rhythm() -> None:
+def test_without_a_fault_the_process_keeps_its_schedule() -> None:
     bench = Bench()
 
     bench.run_to(201)
@@ -146,7 +146,7 @@ def test_a_process_whose_cycle_falls_between_two_milliseconds_runs_at_its_instan
     assert bench.devices[0].instants_ns == [0, 31_250_000, 62_500_000, 93_750_000]
 
 
-def test_a_paused_process_finds_its_inbox_full_and_its_cycles_slipped() -> None:
+def test_a_paused_process_finds_old_frames_and_missed_cycles() -> None:
     bench = Bench()
     bench.run_to(60)
     bench.change(True, "controller_paused")
@@ -157,7 +157,7 @@ def test_a_paused_process_finds_its_inbox_full_and_its_cycles_slipped() -> None:
 
     assert bench.sent_ms == [0, 50, 230, 250]
     at_ms, slips, ages_ms = bench.devices[0].cycles[2]
-    # Of the releases at 100, 150 and 200 two were skipped and the last one is run late.
+    # Of the releases at 100, 150 and 200, two are skipped and the last one runs late.
     assert (at_ms, slips) == (230, 2)
     assert ages_ms == [
         170,
@@ -181,7 +181,7 @@ def test_a_paused_process_finds_its_inbox_full_and_its_cycles_slipped() -> None:
     ]
 
 
-def test_a_killed_process_says_nothing_more_and_comes_back_as_another() -> None:
+def test_a_killed_process_is_silent_and_returns_as_a_new_one() -> None:
     bench = Bench()
     bench.run_to(60)
     bench.change(True, "controller_killed")
@@ -194,11 +194,11 @@ def test_a_killed_process_says_nothing_more_and_comes_back_as_another() -> None:
     assert bench.sent_ms == [0, 50, 230, 280, 330]
     assert [device.again for device in bench.devices] == [False, True]
     assert bench.ended == 1
-    # What came while nobody listened reached nobody.
+    # No process received the frames that came while none was running.
     assert bench.devices[1].cycles[0][2] == []
 
 
-def test_a_slow_process_speaks_late_and_misses_what_falls_due_meanwhile() -> None:
+def test_a_slow_process_sends_late_and_misses_releases() -> None:
     bench = Bench()
     bench.run_to(60)
     bench.change(True, "slow_cycle", extra_s=0.08)
@@ -206,26 +206,26 @@ def test_a_slow_process_speaks_late_and_misses_what_falls_due_meanwhile() -> Non
     bench.run_to(300)
 
     assert [ms for ms, _, _ in bench.devices[0].cycles] == [0, 50, 100, 180, 260]
-    # The release of 150 runs at 180; that of 200 at 260, when the one of 250 is past, too.
+    # The release at 150 runs at 180; that at 200 runs at 260, when the one at 250 has passed, too.
     assert [slips for _, slips, _ in bench.devices[0].cycles] == [0, 0, 0, 0, 1]
     assert bench.sent_ms == [0, 50, 180, 260]
 
 
-def test_a_stepped_clock_makes_what_was_heard_before_older_and_skips_cycles() -> None:
+def test_a_stepped_clock_ages_earlier_inputs_and_skips_cycles() -> None:
     bench = Bench()
     bench.run_to(60)
     bench.change(True, "clock_step", step_s=1.0)
 
     bench.run_to(101)
 
-    # On its clock it is 1060 ms; the releases from 100 on are past.
+    # By its clock it is 1060 ms; the releases from 100 on have passed.
     assert [cycle[:2] for cycle in bench.devices[0].cycles][2:] == [(1060, 19), (1100, 0)]
-    # Frames that come after the step are stamped by the stepped clock.
+    # The stepped clock stamps the frames that come after the step.
     assert bench.devices[0].cycles[3][2] == [30, 20, 10, 0]
     assert bench.sent_ms == [0, 50, 60, 100]
 
 
-def test_the_last_word_is_said_only_by_a_process_that_runs() -> None:
+def test_only_a_running_process_sends_last_frames() -> None:
     for kind, words in ((None, 1), ("controller_paused", 0), ("controller_killed", 0)):
         bench = Bench()
         bench.run_to(60)

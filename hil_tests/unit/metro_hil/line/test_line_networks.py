@@ -1,4 +1,5 @@
-"""What the program between networks does to packets follows from the seed, and is counted."""
+"""The treatment of packets by the program between networks follows from the seed, and is
+counted."""
 
 import argparse
 import itertools
@@ -18,7 +19,7 @@ FOUL = Weather(delay_ns=5 * MS, spread_ns=10 * MS, loss_share=0.2, double_share=
 
 
 def arrivals(ether: Ether, way: Way, packets: int) -> list[tuple[int, bytes]]:
-    """One packet each millisecond, and when what of it arrives."""
+    """Send one packet each millisecond; return what arrives when."""
     arrived = []
     for now_ms in range(packets + 100):
         if now_ms < packets:
@@ -40,7 +41,7 @@ def test_the_same_seed_gives_the_nth_packet_the_same_fate_whoever_else_sends() -
     assert arrivals(Ether(FOUL, 7), BACK, 400) != once
 
 
-def test_packets_are_lost_doubled_delayed_and_overtaken_as_often_as_asked() -> None:
+def test_packets_are_lost_doubled_delayed_and_overtaken_at_the_configured_rates() -> None:
     ether = Ether(FOUL, 1)
 
     arrived = arrivals(ether, OUT, 4000)
@@ -51,13 +52,13 @@ def test_packets_are_lost_doubled_delayed_and_overtaken_as_often_as_asked() -> N
     assert 250 < counts.doubled < 390
     assert len(arrived) == 4000 - counts.lost + counts.doubled
     delays_ms = [at_ms - int(packet) for at_ms, packet in arrived]
-    # What is late by less than a millisecond more is looked for in the next one.
+    # The test checks once per millisecond, so a packet shows up to 1 ms later.
     assert (min(delays_ms), max(delays_ms)) == (6, 15)
     overtaken = [int(b) < int(a) for (_, a), (_, b) in itertools.pairwise(arrived)]
     assert sum(overtaken) > 500
 
 
-def test_a_cut_one_way_leaves_the_other_and_healing_changes_no_later_fate() -> None:
+def test_a_one_way_cut_leaves_the_other_direction_and_later_packets_unchanged() -> None:
     whole, cut = Ether(FOUL, 3), Ether(FOUL, 3)
     cut.cut(ways_of("mute", "T1"))
     for n in range(100):
@@ -74,7 +75,7 @@ def test_a_cut_one_way_leaves_the_other_and_healing_changes_no_later_fate() -> N
     assert arrivals(cut, OUT, 100) == arrivals(whole, OUT, 100)
 
 
-def test_nothing_is_lost_or_late_where_nothing_is_asked_for() -> None:
+def test_without_faults_no_packet_is_lost_or_late() -> None:
     ether = Ether(Weather(delay_ns=0, spread_ns=0), 1)
 
     assert arrivals(ether, OUT, 50) == [(n, b"%d" % n) for n in range(50)]
@@ -90,12 +91,12 @@ def test_only_packets_of_ipv4_have_a_destination_here() -> None:
     assert destination_of(b"\x60" + packet[1:]) is None
 
 
-def test_an_order_that_is_none_is_refused() -> None:
+def test_an_invalid_order_is_refused() -> None:
     with pytest.raises(ValueError, match="hold: unknown order"):
         ways_of("hold", "T1")
 
 
-def test_networks_are_asked_for_by_any_of_their_options() -> None:
+def test_any_network_option_requests_networks() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seed", type=int, default=1)
     add_options(parser)
@@ -112,7 +113,7 @@ def test_networks_are_asked_for_by_any_of_their_options() -> None:
 @pytest.mark.parametrize(
     "words", [["--loss", "1"], ["--loss", "-0.1"], ["--delay", "x"], ["--jitter", "99999"]]
 )
-def test_what_is_no_share_or_delay_is_refused(
+def test_an_invalid_share_or_delay_is_refused(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
@@ -130,7 +131,7 @@ def test_what_is_no_share_or_delay_is_refused(
         (["--delay", "5", "--secure", "keys"], "does not go with networks"),
     ],
 )
-def test_what_does_not_go_with_networks_is_said(
+def test_options_incompatible_with_networks_are_refused(
     words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["line", *words]) == 2

@@ -1,4 +1,5 @@
-"""A run of a line is valid only while its observer keeps up, and sees every takeover it ordered."""
+"""A run of a line is valid only while its observer keeps up and sees every takeover that the run
+ordered."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -34,11 +35,11 @@ MS = 1_000_000
 S = 1_000_000_000
 DURATION_S = 3.0
 START_MS = 5000
-"""Of the machine's clock: it does not begin with the run."""
+"""Start of the run by the machine's clock, ms."""
 
 
 class HandClock:
-    """Time goes on while the line waits, or when a test lets something take long."""
+    """A clock that advances while the line waits, or when a test makes a step take long."""
 
     epoch_offset_ns = 0
 
@@ -53,21 +54,20 @@ class HandClock:
 
 
 class Air:
-    """Two trains: places every 20 ms, and what a master and its member say every 100 ms."""
+    """Two trains that send positions every 20 ms, and messages of a master and its member every
+    100 ms."""
 
     def __init__(self, delay_ms: Callable[[int], int], takeover_ms: int | None = None) -> None:
-        """Args:
-        delay_ms: how long what was sent at a millisecond of the run is on its way.
-        takeover_ms: when train 2 begins to command.
-        """
+        """Args: delay_ms: transit time of a message sent at a millisecond of the run.
+        takeover_ms: when train 2 begins to command."""
         self._delay_ms, self._takeover_ms = delay_ms, takeover_ms
         self._sent_ms = -20
         self._waiting: list[tuple[int, RadioMessage]] = []
         self.counters = LinkCounters()
         self.withheld: set[str] = set()
-        """Names of types of messages that never come."""
+        """Names of message types that never arrive."""
         self.silent_from_ms: dict[int, int] = {}
-        """Of the places of a train."""
+        """When the positions of a train end, by train."""
 
     def receive(self, now_ns: int) -> Sequence[RadioMessage]:
         now_ms = now_ns // MS - START_MS
@@ -126,7 +126,7 @@ def line(tmp_path: Path, *faults: Fault) -> RealLine:
 
 
 def watched(run: RealLine, air: Air, *taps: Any) -> list[str]:
-    """Let it watch to its end; why it proves nothing."""
+    """Let the run watch to its end; return why it is invalid."""
     clock: Any = HandClock()
     run._clock = clock
     run._start_ns = clock.now_ns()
@@ -152,7 +152,9 @@ def constant(delay_ms: int) -> Callable[[int], int]:
 
 
 @pytest.mark.parametrize("delay_ms", [0, 100, 400])
-def test_an_observer_within_half_a_second_is_no_doubt(tmp_path: Path, delay_ms: int) -> None:
+def test_an_observer_within_half_a_second_leaves_the_run_valid(
+    tmp_path: Path, delay_ms: int
+) -> None:
     run = line(tmp_path)
 
     assert watched(run, Air(constant(delay_ms))) == []
@@ -181,8 +183,8 @@ def test_a_lag_that_is_over_before_the_end_makes_the_run_invalid_too(tmp_path: P
     assert "0.7" in said
 
 
-def test_messages_that_are_on_their_way_at_the_end_make_the_run_invalid(tmp_path: Path) -> None:
-    """The last ones never come, and none is old enough yet to show it."""
+def test_messages_in_transit_at_the_end_make_the_run_invalid(tmp_path: Path) -> None:
+    """The last messages never arrive, and none is old enough yet to show this."""
 
     def stuck(at_ms: int) -> int:
         return 0 if at_ms < 1000 * DURATION_S - 300 else 60_000
@@ -218,10 +220,10 @@ def test_an_observer_that_judges_too_slowly_makes_the_run_invalid(tmp_path: Path
 
 
 @pytest.mark.parametrize(("delay_ms", "valid"), [(100, True), (700, False)])
-def test_an_emergency_brake_before_the_run_begins_is_judged_by_young_messages_too(
+def test_an_early_emergency_brake_is_judged_only_with_recent_messages(
     tmp_path: Path, delay_ms: int, valid: bool
 ) -> None:
-    """At 0.8 s: whether the train was commanded by then is not known to an observer that lags."""
+    """At 0.8 s an observer that lags cannot know whether the train was already commanded."""
     told = [(800, Supervision.EMERGENCY, int(Cause.OVERSPEED))]
 
     def hears(now_ns: int) -> list[ProtectionOutput]:
@@ -254,10 +256,10 @@ def test_lost_messages_make_the_run_invalid(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("takeover_ms", "seen"), [(None, False), (500, False), (1400, True), (2900, True)]
 )
-def test_an_ordered_takeover_has_to_be_seen(
+def test_an_ordered_takeover_must_be_observed(
     tmp_path: Path, takeover_ms: int | None, seen: bool
 ) -> None:
-    """One before the strike is none of those that it ordered."""
+    """A takeover before the fault does not count as one that the run ordered."""
     run = line(tmp_path, Fault(Strike.KILL_MASTER, 1.0))
 
     said = watched(run, Air(constant(0), takeover_ms))
@@ -288,8 +290,8 @@ def test_a_fault_that_finds_no_master_makes_the_run_invalid(tmp_path: Path) -> N
     assert said == ["stop-master: no train commands, so none is struck"]
 
 
-def test_a_wayside_that_the_run_struck_is_no_lag_while_it_is_away(tmp_path: Path) -> None:
-    """Down from 1 to 1.5 s after the begin; all are connected again at 2.2 s."""
+def test_a_wayside_stopped_by_the_run_causes_no_lag_while_it_is_away(tmp_path: Path) -> None:
+    """The wayside is down from 1 to 1.5 s after the begin; all are connected again at 2.2 s."""
 
     def away(at_ms: int) -> int:
         return 0 if not 900 < at_ms < 2200 else 60_000
@@ -299,7 +301,7 @@ def test_a_wayside_that_the_run_struck_is_no_lag_while_it_is_away(tmp_path: Path
     assert watched(run, Air(away)) == []
 
 
-def test_a_train_that_drove_had_an_authority_whether_it_was_heard_or_not() -> None:
+def test_a_train_that_moved_had_an_authority_even_if_none_was_received() -> None:
     told = Told()
     told.story.tells(1, Supervision.NOMINAL, Cause.NONE, 50 * MS)
 
@@ -309,7 +311,7 @@ def test_a_train_that_drove_had_an_authority_whether_it_was_heard_or_not() -> No
     ]
 
 
-def test_a_message_from_the_future_makes_nothing_young() -> None:
+def test_a_message_from_the_future_does_not_hide_a_lag() -> None:
     told = Told()
     told.hears(replace(BEAT, stamp_ns=900 * S), 100)
     observer = Observer(told.story, 0)
@@ -322,7 +324,7 @@ def test_a_message_from_the_future_makes_nothing_young() -> None:
     assert said.startswith("the observer lagged: the newest message was 0.50 s old")
 
 
-def test_a_run_that_breaks_off_has_not_passed(tmp_path: Path) -> None:
+def test_an_aborted_run_has_not_passed(tmp_path: Path) -> None:
     run = line(tmp_path)
 
     def breaks_off() -> bool:

@@ -1,4 +1,4 @@
-"""What a run of a line leaves: its story counts its seconds as its log is read."""
+"""The files of a line run: its event log counts seconds in the same way as its radio log."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ from zenoh_config.codec import BENCH_KEY
 MS = 1_000_000
 
 
-def test_the_story_counts_from_the_first_message_of_the_log(tmp_path: Path) -> None:
+def test_the_event_log_counts_from_the_first_message_of_the_radio_log(tmp_path: Path) -> None:
     said: list[tuple[float, str]] = []
     record = LineRunFiles(tmp_path, lambda at_s, words: said.append((at_s, words)))
     record.tell(4_000_000 * MS, "nothing was heard yet")
@@ -27,11 +27,11 @@ def test_the_story_counts_from_the_first_message_of_the_log(tmp_path: Path) -> N
     assert (tmp_path / STORY).read_text() == (
         "    0.00 s  nothing was heard yet\n    1.50 s  something happens\n"
     )
-    # Latencies need its stamps by the clock of those who sent.
+    # Latencies need the stamps by the clocks of the senders.
     assert [each.at_s for each in read_log(tmp_path / LINE_LOG, BENCH_KEY)] == [5000.0, 5000.7]
 
 
-def test_results_hold_what_was_seen_by_the_seconds_of_the_story() -> None:
+def test_results_use_the_seconds_of_the_event_log() -> None:
     told = Told()
     told.hears(GIVEN, 5050)
     told.story.tells(2, Supervision.EMERGENCY, Cause.OVERSPEED, 5500 * MS)

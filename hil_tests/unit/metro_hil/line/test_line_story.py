@@ -1,4 +1,5 @@
-"""What a run of a line is judged by: true places, authorities as they were given, and terms."""
+"""The judgement of a line run: true positions, authorities at the time of their issue, and
+terms."""
 
 from dataclasses import replace
 
@@ -37,7 +38,7 @@ class Told:
         self.story.hears([RadioMessage(at_ms * MS, key_of("loop", message), pack(message))])
 
 
-def test_the_gap_is_that_from_an_authority_to_the_true_rear_ahead() -> None:
+def test_the_gap_reaches_from_an_authority_to_the_true_rear_ahead() -> None:
     told = Told()
     told.hears(BEAT, 0)
     told.hears(GIVEN, 50)
@@ -52,8 +53,8 @@ def test_the_gap_is_that_from_an_authority_to_the_true_rear_ahead() -> None:
     ]
 
 
-def test_a_place_that_waited_on_its_way_says_nothing_of_a_younger_authority() -> None:
-    """The train ahead had moved on when it was said: by 10 m in 500 ms."""
+def test_a_delayed_position_does_not_judge_a_later_authority() -> None:
+    """The train ahead had moved on by 10 m in 500 ms when the authority was sent."""
     told = Told()
     told.story.stands(1, Place(1080.0, 1000.0, 16, 100 * MS))
     told.hears(replace(GIVEN, end_m=1000.5, stamp_ns=350 * MS), 360)
@@ -64,14 +65,15 @@ def test_a_place_that_waited_on_its_way_says_nothing_of_a_younger_authority() ->
         assert told.story.train(2).least_gap_m == float("inf")
     told.story.stands(1, Place(1086.0, 1006.0, 16, 400 * MS))
 
-    # It was half way between these two places when the authority was said.
+    # The train was half way between these two positions when the authority was sent.
     assert told.story.train(2).least_gap_m == 1005.0 - 1000.5
     told.story.stands(1, Place(1084.5, 1004.5, 16, 500 * MS))
     assert told.story.train(2).least_gap_m == 1004.5 - 1000.5
 
 
-def test_places_that_always_come_late_are_held_against_what_was_said_before_them() -> None:
-    """By 400 ms, while a new authority is said every 100 ms; the third goes too far."""
+def test_late_positions_are_compared_with_earlier_authorities() -> None:
+    """Positions are 400 ms late, while a new authority comes every 100 ms; the third reaches too
+    far."""
     told = Told()
     for n in range(12):
         end_m = 990.0 if n != 3 else 1002.0
@@ -81,7 +83,7 @@ def test_places_that_always_come_late_are_held_against_what_was_said_before_them
     assert told.story.train(2).least_gap_m == -2.0
 
 
-def test_what_a_master_grants_itself_counts_from_its_report_on() -> None:
+def test_a_masters_own_authority_counts_from_its_report() -> None:
     told = Told()
     told.hears(replace(BEAT, source=2), 0)
     held = replace(REPORT, source=2, stamp_ns=350 * MS, front_min_m=180.0, front_max_m=181.0)
@@ -94,7 +96,7 @@ def test_what_a_master_grants_itself_counts_from_its_report_on() -> None:
     assert told.story.train(2).least_gap_m == 4.5
 
 
-def test_an_authority_reaches_into_the_next_area_only_by_that_areas_own() -> None:
+def test_an_authority_reaches_into_the_next_area_only_with_that_areas_authority() -> None:
     told = Told()
     told.story.stands(1, Place(3080.0, 3000.0, 16))
     told.hears(replace(GIVEN, end_m=2800.0), 50)
@@ -107,7 +109,7 @@ def test_an_authority_reaches_into_the_next_area_only_by_that_areas_own() -> Non
     assert told.story.train(2).least_gap_m == 51.0
 
 
-def test_a_new_term_is_told_with_how_long_the_last_was_silent_and_when_all_are_served() -> None:
+def test_a_new_term_is_reported_with_the_silence_before_it_and_the_time_to_serve_all() -> None:
     told = Told()
     told.hears(BEAT, 0)
     told.hears(GIVEN, 50)
@@ -125,7 +127,7 @@ def test_a_new_term_is_told_with_how_long_the_last_was_silent_and_when_all_are_s
     assert told.story.train(2).latencies_ms == [50.0, 20.0]
 
 
-def test_every_emergency_brake_is_told_and_the_verdict_counts_those_without_excuse() -> None:
+def test_every_emergency_brake_is_reported_and_the_verdict_counts_unexplained_ones() -> None:
     told = Told()
 
     def brakes(cause: Cause, at_ms: int, train: int = 2) -> None:
@@ -151,8 +153,8 @@ def test_every_emergency_brake_is_told_and_the_verdict_counts_those_without_excu
     ]
 
 
-def test_what_a_train_says_of_its_protection_by_radio_is_left_to_its_bus() -> None:
-    """It is told again and late once radios work again."""
+def test_supervision_states_are_taken_from_the_bus_and_not_from_the_radio() -> None:
+    """The radio repeats it late once radios work again."""
     told = Told()
     late = replace(STATUS, train=2, supervision=Supervision.EMERGENCY, cause=Cause.BUTTON)
     told.story.hears([RadioMessage(50 * MS, keys.status("loop", 2), pack(late))])
@@ -161,7 +163,7 @@ def test_what_a_train_says_of_its_protection_by_radio_is_left_to_its_bus() -> No
     assert told.story.refused == 0
 
 
-def test_a_train_in_another_is_a_collision_whatever_the_authorities() -> None:
+def test_overlapping_trains_are_a_collision_whatever_the_authorities() -> None:
     told = Told()
 
     told.story.stands(2, Place(1000.5, 920.5, 16))
@@ -169,7 +171,7 @@ def test_a_train_in_another_is_a_collision_whatever_the_authorities() -> None:
     assert "train 2 stands in train 1" in complaints(told.story, 2, behind_rear_m=7.0)
 
 
-def test_a_stop_is_told_with_its_distance_and_passing_through_is_none() -> None:
+def test_a_stop_is_reported_with_its_distance_and_a_passage_is_not() -> None:
     told = Told()
     for front_m in (795.0, 799.0, 800.3, 800.3, 1599.0, 1610.0):
         told.story.stands(2, Place(front_m, front_m - 80.0, 16))
@@ -179,7 +181,7 @@ def test_a_stop_is_told_with_its_distance_and_passing_through_is_none() -> None:
     assert abs(stop.error_m - 0.3) < 1e-9
 
 
-def test_the_speed_is_that_of_the_true_places_also_when_its_controller_says_nothing_more() -> None:
+def test_the_speed_follows_the_true_positions_even_with_a_silent_controller() -> None:
     told = Told()
     told.hears(replace(REPORT, source=2, speed_mps=12.4, front_min_m=180.0, front_max_m=181.0), 0)
     told.story.stands(2, Place(180.5, 100.5, 16, 100 * MS))
@@ -191,7 +193,7 @@ def test_the_speed_is_that_of_the_true_places_also_when_its_controller_says_noth
     assert told.story.train(2).speed_mps == 0.0
 
 
-def test_what_is_under_the_key_of_another_is_not_believed() -> None:
+def test_a_message_under_a_foreign_key_is_ignored() -> None:
     told = Told()
     told.story.hears([RadioMessage(0, key_of("loop", replace(BEAT, source=4)), pack(BEAT))])
 
@@ -202,7 +204,7 @@ def test_what_is_under_the_key_of_another_is_not_believed() -> None:
 @pytest.mark.parametrize(
     ("train", "payload"), [("x", packed(Place(9.0, 1.0, 16))), ("3", b"?"), ("", b"")]
 )
-def test_what_is_no_place_of_a_train_ends_no_run(train: str, payload: bytes) -> None:
+def test_an_invalid_position_does_not_end_a_run(train: str, payload: bytes) -> None:
     told = Told()
     told.story.hears([RadioMessage(0, subscription("loop").removesuffix("*") + train, payload)])
 

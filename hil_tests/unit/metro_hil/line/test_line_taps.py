@@ -1,4 +1,4 @@
-"""What protection of a train does is heard on its bus, an emergency with its cause."""
+"""A tap on a train's bus reports the state of protection, and an emergency with its cause."""
 
 from can_dbc.binding import Frame
 from can_dbc.codec import Encoder
@@ -48,7 +48,7 @@ class Heard:
         return [each[1:] for each in self.tap.hears((at_ms + 5) * MS)]
 
 
-def test_an_emergency_is_told_with_its_cause_and_all_else_at_once() -> None:
+def test_an_emergency_is_reported_with_its_cause_and_other_states_at_once() -> None:
     heard = Heard()
     nominal, emergency = status(Supervision.NOMINAL), status(Supervision.EMERGENCY)
 
@@ -60,7 +60,7 @@ def test_an_emergency_is_told_with_its_cause_and_all_else_at_once() -> None:
     assert heard.says(150, nominal) == [(2, Supervision.NOMINAL, 0)]
 
 
-def test_it_is_told_by_when_it_was_on_the_bus() -> None:
+def test_a_state_is_reported_with_its_instant_on_the_bus() -> None:
     heard = Heard()
     for can_id, payload in Encoder().encode(status(Supervision.SERVICE)):
         heard.bus.port("X", frozenset()).send(20 * MS, can_id, payload)

@@ -1,4 +1,4 @@
-"""Comfort of a run, against motions whose answer is known beforehand."""
+"""Comfort of a run, against motions with a known answer."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,7 +15,7 @@ from vobc.vocabulary import SAFE_OUTPUT
 STEP_S = 0.05
 LONG_S = 60.0
 OVERSHOOT = 1.0432
-"""Of a step into a Butterworth filter of second order: 1 + exp(-π)."""
+"""Step response overshoot of a second-order Butterworth filter: 1 + exp(-π)."""
 DRIVING = replace(
     SAFE_OUTPUT,
     direction=Direction.FORWARD,
@@ -45,12 +45,12 @@ def log_of(*accels_mps2: np.ndarray, emergency: np.ndarray | None = None) -> Col
 
 
 def over_time(times_s: list[float], accels_mps2: list[float]) -> np.ndarray:
-    """Straight lines between these; what is to jump stands twice."""
+    """Straight lines between these points; a jump has two points at one time."""
     return np.asarray(np.interp(np.arange(0.0, LONG_S, STEP_S), times_s, accels_mps2))
 
 
 def sine(amplitude_mps2: float, frequency_hz: float) -> np.ndarray:
-    """Fades in from 5 s on; a mean acceleration belongs to the middle of its step."""
+    """A sine that fades in from 5 s on; a mean acceleration belongs to the middle of its step."""
     times_s = np.arange(0.0, LONG_S, STEP_S) + 0.5 * STEP_S
     swing = amplitude_mps2 * np.sin(2.0 * np.pi * frequency_hz * (times_s - 5.0))
     return swing * np.clip((times_s - 5.0) / 10.0, 0.0, 1.0)
@@ -62,14 +62,15 @@ def test_a_long_ramp_is_felt_with_its_slope_and_its_height(jerk_mps3: float) -> 
 
     felt = felt_worst(log_of(over_time([10.0, 10.0 + ramp_s, 50.0], [0.0, 2.0, 2.0])))
 
-    # The beginning and the end of a ramp are steps of jerk, and the filter overshoots those.
+    # The beginning and the end of a ramp are steps of jerk, which the filter overshoots.
     assert felt["felt_jerk_2hz_mps3"] == pytest.approx(jerk_mps3 * OVERSHOOT, rel=0.01)
     assert felt["felt_jerk_1s_mps3"] == pytest.approx(jerk_mps3, rel=0.03)
     assert felt["felt_accel_max_mps2"] == pytest.approx(2.0, rel=0.03)
 
 
-def test_a_step_counts_over_a_second_with_its_height_and_at_once_with_much_more() -> None:
-    """Butterworth of second order: the slope of its step is at most exp(-π/4) / √2 · √2 ω."""
+def test_a_step_counts_with_its_height_over_a_second_and_with_much_more_at_once() -> None:
+    """For a second-order Butterworth filter the slope of the step response is at most exp(-π/4)
+    / √2 · √2 ω."""
     felt = felt_worst(log_of(over_time([10.0, 10.001, 60.0], [0.0, 0.3, 0.3])))
 
     steepest_per_s = 2.0 * np.pi * 2.0 * np.exp(-np.pi / 4.0)
@@ -87,8 +88,8 @@ def test_shaking_is_felt_up_to_two_hertz(frequency_hz: float, share: float) -> N
     assert felt["felt_accel_max_mps2"] == pytest.approx(0.4 * share, rel=0.06, abs=0.01)
 
 
-def test_the_worst_car_counts_not_the_mean() -> None:
-    """Two cars that swing against each other leave the mean of the train at rest."""
+def test_the_worst_car_counts_and_not_the_mean() -> None:
+    """Two cars that oscillate against each other leave the mean of the train at rest."""
     swing = sine(0.5, 0.5)
 
     felt = felt_worst(log_of(swing, -swing, 0.1 * swing))
@@ -110,8 +111,8 @@ def test_the_jolt_into_the_standstill_is_felt() -> None:
     assert soft_mps3 > 5.0 * slow_mps3
 
 
-def test_an_emergency_brake_and_what_it_shakes_are_left_out() -> None:
-    """1.2 m/s² from 30 to 36 s beside 0.5 m/s² before it."""
+def test_an_emergency_brake_and_its_aftermath_are_left_out() -> None:
+    """The emergency brake gives 1.2 m/s² from 30 to 36 s; before it there are 0.5 m/s²."""
     accels = over_time(
         [5.0, 10.0, 20.0, 20.4, 30.0, 30.1, 36.0, 36.1], [0, 0.5, 0.5, 0, 0, -1.2, -1.2, 0]
     )
@@ -135,7 +136,7 @@ def test_an_emergency_brake_that_only_holds_leaves_nothing_out() -> None:
     assert felt["felt_accel_max_mps2"] == pytest.approx(0.4 * OVERSHOOT, rel=0.02)
 
 
-def test_a_log_without_cars_or_too_short_says_nothing() -> None:
+def test_a_log_without_cars_or_too_short_gives_no_measure() -> None:
     old = Columns("test", {"t_s": ["0", "1"] * 9, "speed_mps": ["0"] * 18}, 0)
 
     assert set(felt_worst(old).values()) == {None}
@@ -143,7 +144,7 @@ def test_a_log_without_cars_or_too_short_says_nothing() -> None:
     assert comfort_of(None, None, inertia_kg=None) == Comfort()
 
 
-def test_what_was_asked_for_is_effort_over_inertia_less_brake() -> None:
+def test_the_demand_is_effort_over_inertia_minus_brake() -> None:
     log = CommandLog(inertia_kg=100_000.0)
 
     for cycle, force_n in enumerate([0.0, 2_000.0, 4_500.0, 50_000.0]):
@@ -167,7 +168,7 @@ def test_what_was_asked_for_is_effort_over_inertia_less_brake() -> None:
         {"holding_released": False},
     ],
 )
-def test_what_operation_is_not_master_of_is_not_its_command(change: dict[str, Any]) -> None:
+def test_demands_that_operation_does_not_control_do_not_count(change: dict[str, Any]) -> None:
     log = CommandLog(inertia_kg=100_000.0)
 
     for cycle in range(9):
@@ -176,7 +177,7 @@ def test_what_operation_is_not_master_of_is_not_its_command(change: dict[str, An
     assert log.worst() == (None, None)
 
 
-def test_the_cycle_log_tells_the_same_as_the_commands_themselves() -> None:
+def test_the_cycle_log_agrees_with_the_commands() -> None:
     cycles = Columns(
         "test",
         {

@@ -1,4 +1,4 @@
-"""The shortest run against a linear programme over jerks in small steps, which knows no formula."""
+"""The shortest run, against a linear programme over jerks in small steps that uses no formula."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ STEPS = 120
 
 
 def farthest_m(time_s: float, *, accel_mps2: float, jerk_mps3: float, limit_mps: float) -> float:
-    """As far as a train gets from rest to rest in this time, jerk constant over each step."""
+    """The greatest distance from rest to rest in this time, with constant jerk in each step."""
     step_s = time_s / STEPS
     accel = np.tril(np.ones((STEPS, STEPS))) * step_s
     before = accel - np.eye(STEPS) * step_s
@@ -36,9 +36,7 @@ def farthest_m(time_s: float, *, accel_mps2: float, jerk_mps3: float, limit_mps:
     [(500.0, 70.0 / 3.6), (300.0, 30.0), (900.0, 15.0), (2.0, 30.0), (4.0, 1.0)],
     ids=["hop", "no limit", "limit", "jerk alone", "jerk and limit"],
 )
-def test_in_that_time_a_train_gets_as_far_and_no_farther(
-    distance_m: float, limit_mps: float
-) -> None:
+def test_the_shortest_time_is_exact_for_its_distance(distance_m: float, limit_mps: float) -> None:
     time_s = fastest_run_s(distance_m, accel_mps2=0.8, jerk_mps3=0.6, limit_mps=limit_mps)
 
     reached_m = farthest_m(time_s, accel_mps2=0.8, jerk_mps3=0.6, limit_mps=limit_mps)
@@ -46,6 +44,6 @@ def test_in_that_time_a_train_gets_as_far_and_no_farther(
     assert reached_m == pytest.approx(distance_m, rel=5e-3)
 
 
-def test_a_distance_of_nothing_is_refused() -> None:
+def test_a_zero_distance_is_refused() -> None:
     with pytest.raises(ValueError, match="distance_m 0"):
         fastest_run_s(0.0, accel_mps2=0.8, jerk_mps3=0.6, limit_mps=20.0)

@@ -1,4 +1,4 @@
-"""Measures of a run, against motions whose answer is known beforehand."""
+"""Measures of a run, against motions with a known answer."""
 
 import math
 from pathlib import Path
@@ -60,8 +60,8 @@ def test_a_station_that_was_not_reached_has_no_error() -> None:
     assert stops[1].run_time_s is None
 
 
-def test_a_mended_miss_counts_where_the_train_stood_last() -> None:
-    """Short by two metres, then a second try: the second standstill is the stop."""
+def test_a_corrected_stop_counts_where_the_train_stood_last() -> None:
+    """The train stops two metres short and tries again: the second standstill is the stop."""
     first = trapezoid(0.5, 5.0, 100)
     second = trapezoid(0.25, 0.5, 60)
     speeds_mps = first + second
@@ -75,7 +75,7 @@ def test_a_mended_miss_counts_where_the_train_stood_last() -> None:
 def test_acceleration_of_a_steady_ramp_is_its_slope() -> None:
     ride = measure_ride(motion(trapezoid(0.7, 14.0, 100)))
 
-    # A step into the ramp overshoots a second-order Butterworth filter by 4.3 %.
+    # The step at the start of the ramp overshoots a second-order Butterworth filter by 4.3 %.
     assert ride.max_accel_mps2 == pytest.approx(0.7 * 1.0432, rel=0.01)
     assert ride.top_speed_mps == pytest.approx(14.0)
 
@@ -95,14 +95,14 @@ def test_jerk_of_a_slow_ramp_of_acceleration_is_its_slope(jerk_mps3: float) -> N
 
 
 def test_a_sudden_halt_is_felt_as_jerk() -> None:
-    """A deceleration that ends in an instant is felt in proportion to it."""
+    """A deceleration that ends in an instant is felt in proportion to its size."""
     soft = measure_ride(motion(trapezoid(0.1, 5.0, 50))).max_jerk_mps3
     hard = measure_ride(motion(trapezoid(0.5, 5.0, 50))).max_jerk_mps3
 
     assert hard == pytest.approx(5.0 * soft, rel=0.01)
 
 
-def test_a_log_too_short_to_measure_says_zero() -> None:
+def test_a_log_too_short_to_measure_gives_zero() -> None:
     assert measure_ride(motion([0.0, 0.1])).max_jerk_mps3 == 0.0
 
 
@@ -159,7 +159,7 @@ def test_supervision_events_are_the_changes() -> None:
     ]
 
 
-def test_a_torn_last_row_is_counted_not_used(tmp_path: Path) -> None:
+def test_a_torn_last_row_is_counted_and_not_used(tmp_path: Path) -> None:
     log = tmp_path / "cycles.csv"
     log.write_text("t_s,speed_mps\n0.0,1.0\n0.05,1.1\n0.1")
 
@@ -189,7 +189,7 @@ def test_a_useless_log_names_file_and_column(tmp_path: Path, text: str, word: st
     assert "cycles.csv" in str(caught.value)
 
 
-def test_a_missing_column_says_which_there_are(tmp_path: Path) -> None:
+def test_a_missing_column_is_reported_with_the_existing_ones(tmp_path: Path) -> None:
     log = tmp_path / "cycles.csv"
     log.write_text("t_s,speed_mps\n0,1\n")
 

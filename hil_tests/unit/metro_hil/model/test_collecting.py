@@ -1,4 +1,4 @@
-"""Python looks for cycles less often while something runs, and as before after it."""
+"""Garbage collection is less frequent during a run and restored afterwards."""
 
 import gc
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ def _put_back() -> Iterator[None]:
     gc.set_threshold(*usual)
 
 
-def test_what_was_set_comes_back_after_the_block_and_after_an_error() -> None:
+def test_the_former_settings_return_after_the_block_and_after_an_error() -> None:
     gc.set_threshold(700, 11, 12)
     with rarely_collected():
         assert gc.get_threshold() == (COLLECT_AFTER, 11, 12)
@@ -26,7 +26,7 @@ def test_what_was_set_comes_back_after_the_block_and_after_an_error() -> None:
 
 
 @pytest.mark.parametrize("first", [0, COLLECT_AFTER + 1])
-def test_who_wants_it_off_or_rarer_keeps_that(first: int) -> None:
+def test_a_caller_with_collection_off_or_rarer_keeps_its_settings(first: int) -> None:
     gc.set_threshold(first, 11, 12)
     with rarely_collected():
         assert gc.get_threshold() == (first, 11, 12)

@@ -1,4 +1,4 @@
-"""From the keys of a scenario to line, mission, real train and believed train."""
+"""The keys of a scenario give line, mission, real train and assumed train."""
 
 import msgspec
 import pytest
@@ -32,7 +32,7 @@ def test_a_timetable_may_pass_stations() -> None:
     assert [station.name for station in mission.stops] == ["II", "IV"]
 
 
-def test_what_the_train_really_is_and_what_is_believed_of_it_may_differ() -> None:
+def test_the_real_and_the_assumed_train_may_differ() -> None:
     parts = parts_of(
         case(
             real={"rotating_mass_percent": 9.0},
@@ -43,13 +43,13 @@ def test_what_the_train_really_is_and_what_is_believed_of_it_may_differ() -> Non
 
     assert parts.scenario.train.rotating_mass_percent == 9.0
     assert parts.config.train.rotating_mass_ratio == 0.05
-    # What operation is told of the train follows from what the controller believes of it.
+    # The parameters of ATO follow from the controller's assumptions about the train.
     assert parts.config.ato.rotating_mass_percent == pytest.approx(5.0)
     assert parts.config.ato.train_length_m == 70.0
     assert parts.scenario.train.sensors.odometer_error_ratio.low == 0.03
 
 
-def test_up_to_its_branch_a_case_draws_from_the_seed_of_the_branch() -> None:
+def test_up_to_its_branch_a_case_uses_the_seed_of_the_branch() -> None:
     plain = case()
     branched = Case(
         id="s/1", index=0, scenario="s", seed=7, setup=Setup(), branch=Branch(seed=3, when="t_s>1")
@@ -73,7 +73,7 @@ def test_up_to_its_branch_a_case_draws_from_the_seed_of_the_branch() -> None:
         ({"line": "florenze"}, "florenze: nearest valid shipped name: florence"),
     ],
 )
-def test_what_does_not_fit_is_named(keys: dict[str, object], words: str) -> None:
+def test_inconsistent_keys_are_named(keys: dict[str, object], words: str) -> None:
     with pytest.raises(SettingsError) as raised:
         parts_of(case(**keys))
 

@@ -1,4 +1,4 @@
-"""The hash chain: written down again by hand, and equal only for equal traffic."""
+"""The frame hash: computed again independently, and equal only for equal traffic."""
 
 import hashlib
 import struct
@@ -20,7 +20,7 @@ frames = st.lists(
 
 
 def by_hand(traffic: list[Frame]) -> list[str]:
-    """Link by link: SHA-256 of the link before and of the records of its seconds."""
+    """Each link is the SHA-256 of the link before and of the records of its seconds."""
     last = traffic[-1][0] // (LINK_S * NS_PER_S) if traffic else 0
     links: list[str] = []
     before = b""
@@ -52,7 +52,7 @@ def test_each_link_covers_its_seconds_and_the_link_before(traffic: list[Frame]) 
 
 
 @given(frames, st.data())
-def test_any_changed_bit_changes_the_chain_and_no_link_before_it(
+def test_any_changed_bit_changes_the_hash_and_no_earlier_link(
     traffic: list[Frame], data: st.DataObject
 ) -> None:
     carrying = [index for index, frame in enumerate(traffic) if frame[2]]
@@ -72,7 +72,7 @@ def test_any_changed_bit_changes_the_chain_and_no_link_before_it(
     assert all(a != b for a, b in zip(one[place:], two[place:], strict=True))
 
 
-def test_reading_the_chain_between_frames_leaves_it_as_it_is() -> None:
+def test_reading_the_hash_between_frames_does_not_change_it() -> None:
     traffic = [(second * NS_PER_S, 0x110, bytes([second])) for second in range(30)]
     asked = FrameHash()
     for stamp_ns, can_id, data in traffic:

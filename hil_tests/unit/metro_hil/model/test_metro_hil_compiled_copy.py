@@ -1,4 +1,4 @@
-"""Campaigns take the compiled copy only when it is of just these sources."""
+"""Campaigns use the compiled copy only if it belongs to exactly these sources."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def checkout(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_copy_of_these_sources_is_taken(checkout: Path) -> None:
+def test_a_copy_of_these_sources_is_used(checkout: Path) -> None:
     assert compiled_library(checkout) == checkout / ".compiled/lib"
 
 
@@ -27,25 +27,25 @@ def test_without_a_copy_there_is_none(tmp_path: Path) -> None:
     assert compiled_library(tmp_path) is None
 
 
-def test_a_copy_of_older_sources_is_left_alone(checkout: Path) -> None:
+def test_a_copy_of_older_sources_is_not_used(checkout: Path) -> None:
     (checkout / "vobc/module.py").write_text("NAME = 'other'\n")
 
     assert compiled_library(checkout) is None
 
 
-def test_a_copy_that_lacks_a_new_file_is_left_alone(checkout: Path) -> None:
+def test_a_copy_that_lacks_a_new_file_is_not_used(checkout: Path) -> None:
     (checkout / "can_dbc/new.dbc").write_text("VERSION")
 
     assert compiled_library(checkout) is None
 
 
-def test_a_copy_whose_compiling_failed_is_left_alone(checkout: Path) -> None:
+def test_a_copy_whose_compilation_failed_is_not_used(checkout: Path) -> None:
     (checkout / ".compiled/lib/vobc/module.so").unlink()
 
     assert compiled_library(checkout) is None
 
 
-def test_a_worker_imports_from_the_copy_and_from_nowhere_beside_it(tmp_path: Path) -> None:
+def test_a_worker_imports_from_the_copy_only(tmp_path: Path) -> None:
     assert worker_environment({"HOME": "x"}, tmp_path) == {
         "HOME": "x",
         "PYTHONPATH": str(tmp_path),

@@ -1,4 +1,4 @@
-"""When a run ends by itself: its train stands for good, in emergency or behind shut doors."""
+"""When a run ends by itself: its train stands for good, in emergency or behind closed doors."""
 
 import pytest
 
@@ -30,7 +30,9 @@ def test_an_emergency_that_stays_ends_the_run_and_names_its_cause() -> None:
     assert "30 s" in words
 
 
-def test_one_that_is_let_go_in_time_does_not_and_the_next_counts_anew() -> None:
+def test_an_emergency_released_in_time_does_not_end_the_run_and_the_next_restarts_the_wait() -> (
+    None
+):
     watch = HeldEmergencyCondition()
 
     asked(watch, 0, Supervision.EMERGENCY)
@@ -48,7 +50,7 @@ def test_no_other_state_ends_it(state: Supervision) -> None:
     assert asked(watch, 10 * LONG_NS, state) is None
 
 
-def test_doors_that_stay_shut_at_a_stop_end_the_run_and_say_why() -> None:
+def test_doors_that_stay_closed_at_a_stop_end_the_run_with_the_reason() -> None:
     watch, reasons = ShutDoorsCondition(), Withheld.MISALIGNED | Withheld.CENTRE_SILENT
 
     assert watch.shut_for_good(5 * S, AtoPhase.STOPPED, reasons) is None
@@ -64,9 +66,7 @@ def test_doors_that_stay_shut_at_a_stop_end_the_run_and_say_why() -> None:
     ("phase", "withheld"),
     [(AtoPhase.STOPPED, Withheld.NONE), (AtoPhase.JOGGING, Withheld.MISALIGNED)],
 )
-def test_doors_that_may_open_and_a_jog_begin_the_wait_anew(
-    phase: AtoPhase, withheld: Withheld
-) -> None:
+def test_enabled_doors_and_a_jog_restart_the_wait(phase: AtoPhase, withheld: Withheld) -> None:
     watch, stays = ShutDoorsCondition(), (AtoPhase.STOPPED, Withheld.MISALIGNED)
 
     watch.shut_for_good(0, *stays)
@@ -77,7 +77,7 @@ def test_doors_that_may_open_and_a_jog_begin_the_wait_anew(
 
 
 @pytest.mark.parametrize("reason", sorted({*Withheld} - {*MENDED_BY_MOVING}))
-def test_what_may_pass_while_the_train_stands_is_waited_for(reason: Withheld) -> None:
+def test_the_run_waits_for_conditions_that_may_end(reason: Withheld) -> None:
     watch = ShutDoorsCondition()
 
     assert watch.shut_for_good(0, AtoPhase.STOPPED, reason) is None
@@ -85,7 +85,7 @@ def test_what_may_pass_while_the_train_stands_is_waited_for(reason: Withheld) ->
 
 
 @pytest.mark.parametrize("phase", sorted({*AtoPhase} - {AtoPhase.STOPPED}))
-def test_in_no_other_phase_doors_are_waited_for(phase: AtoPhase) -> None:
+def test_doors_matter_in_no_other_phase(phase: AtoPhase) -> None:
     watch = ShutDoorsCondition()
 
     assert watch.shut_for_good(0, phase, Withheld.MISALIGNED) is None

@@ -1,4 +1,4 @@
-"""The verdict of a case: nothing becomes a pass that was not shown."""
+"""The verdict of a case: nothing without evidence becomes a pass."""
 
 from typing import Any
 
@@ -43,14 +43,14 @@ def test_a_run_whose_monitors_all_pass_is_a_pass() -> None:
     assert judged(said(Verdict.PASS)) == Judgement(Verdict.PASS, "")
 
 
-def test_one_violation_fails_the_case_and_is_named_with_margin_and_instant() -> None:
+def test_one_violation_fails_the_case_and_is_reported_with_margin_and_instant() -> None:
     found = judged(said(Verdict.PASS), said(Verdict.FAIL, -0.25, "limit"))
 
     assert found.verdict is Verdict.FAIL
     assert found.reason == "limit violated by 0.25 m at 3.00 s"
 
 
-def test_a_controller_that_died_fails_even_where_no_monitor_minds() -> None:
+def test_a_dead_controller_fails_the_case_even_without_a_violated_monitor() -> None:
     found = judged(said(Verdict.PASS), died="ValueError: no")
 
     assert found.verdict is Verdict.FAIL
@@ -67,13 +67,13 @@ def test_a_branch_that_never_came_blocks() -> None:
     assert judged(said(Verdict.PASS), branched=False).verdict is Verdict.BLOCKED
 
 
-def test_a_fault_that_touched_nothing_makes_the_case_vacuous() -> None:
+def test_a_fault_without_effect_makes_the_case_vacuous() -> None:
     found = judged(said(Verdict.PASS), faults=[fault(touched=0)])
 
     assert (found.verdict, found.reason) == (Verdict.VACUOUS, "fault bus_off touched nothing")
 
 
-def test_a_fault_whose_effect_no_device_counts_is_taken_for_one() -> None:
+def test_a_fault_whose_effect_is_not_counted_is_assumed_to_act() -> None:
     assert judged(said(Verdict.PASS), faults=[fault(touched=None)]).verdict is Verdict.PASS
 
 
@@ -91,26 +91,26 @@ def test_a_monitor_that_could_not_judge_makes_the_case_inconclusive() -> None:
     assert "doors" in found.reason
 
 
-def test_a_vacuous_monitor_that_was_asked_for_makes_the_case_vacuous() -> None:
+def test_a_requested_vacuous_monitor_makes_the_case_vacuous() -> None:
     found = judged(said(Verdict.PASS), said(Verdict.VACUOUS, None, "doors"))
 
     assert found.verdict is Verdict.VACUOUS
     assert "doors" in found.reason
 
 
-def test_an_invariant_that_only_watches_may_see_nothing() -> None:
+def test_a_default_invariant_may_be_vacuous() -> None:
     idle = said(Verdict.VACUOUS, None, "inv", asked=False, own=False)
 
     assert judged(said(Verdict.PASS), idle).verdict is Verdict.PASS
 
 
-def test_a_case_in_which_nothing_is_watched_is_vacuous() -> None:
+def test_a_case_without_monitors_is_vacuous() -> None:
     assert judged().verdict is Verdict.VACUOUS
     assert judged(said(Verdict.VACUOUS, None, asked=False, own=False)).verdict is Verdict.VACUOUS
 
 
 def test_a_requirement_that_no_monitor_of_its_own_judged_makes_the_case_vacuous() -> None:
-    """An invariant that watches by default answers only for the requirement that it names."""
+    """A default invariant counts only for the requirement that it names."""
     standing = said(Verdict.PASS, asked=False, own=False, requirements=("INV-04",))
 
     found = judged(standing, case={"requirements": ("ACC-12",)})
@@ -123,14 +123,14 @@ def test_a_requirement_that_no_monitor_of_its_own_judged_makes_the_case_vacuous(
 @pytest.mark.parametrize(
     ("moved_m", "expected"), [(0.99, Verdict.INCONCLUSIVE), (1.0, Verdict.PASS)]
 )
-def test_a_train_that_never_moved_has_shown_nothing(moved_m: float, expected: Verdict) -> None:
+def test_a_train_that_never_moved_is_no_evidence(moved_m: float, expected: Verdict) -> None:
     assert judged(said(Verdict.PASS), moved_m=moved_m).verdict is expected
     idle = judged(said(Verdict.PASS), moved_m=moved_m, case={"idle_counts": True})
     assert idle.verdict is Verdict.PASS
 
 
 @pytest.mark.parametrize("name", ["bus_off", "faults", "case"])
-def test_what_the_file_allows_to_show_nothing_is_passed_over_and_its_reason_is_told(
+def test_an_allowed_vacuous_monitor_is_skipped_with_its_reason(
     name: str,
 ) -> None:
     allowed = (Allowance(names=(name,), reason="it may miss"),)
@@ -149,7 +149,7 @@ def test_an_allowance_for_something_else_does_not_count() -> None:
     assert found.verdict is Verdict.VACUOUS
 
 
-def test_a_case_that_may_show_nothing_at_all_is_vacuous_as_expected() -> None:
+def test_a_case_that_may_be_vacuous_as_a_whole_is_vacuous_as_expected() -> None:
     case = msgspec.structs.replace(CASE, vacuous=(Allowance(names=("case",), reason="a log"),))
     found = judge(case, RunEvidence(monitors=(), moved_m=9.0, violated=False))
     result = CaseResult(case_id="c", index=0, verdict=found.verdict, lacking=found.lacking)
@@ -191,7 +191,7 @@ def test_a_failure_is_as_expected_when_it_is_the_one_that_was_named() -> None:
         (failing(said(Verdict.FAIL, -0.5), verdict=Verdict.BLOCKED), "but blocked"),
     ],
 )
-def test_every_other_outcome_is_not_as_expected_and_says_why(result: CaseResult, why: str) -> None:
+def test_every_other_outcome_is_unexpected_with_a_reason(result: CaseResult, why: str) -> None:
     assert why in mismatch(EXPECTING, result)
 
 

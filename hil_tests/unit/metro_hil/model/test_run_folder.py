@@ -1,4 +1,4 @@
-"""Where a run puts what it leaves: never where another one does."""
+"""The folder of a run is never that of another one."""
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -12,7 +12,7 @@ EPOCH_NS = 1_700_000_000_000_000_000
 RUNS = 8
 
 
-def test_runs_that_begin_in_the_same_second_each_have_a_folder_of_their_own(
+def test_runs_that_begin_in_the_same_second_have_separate_folders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -28,7 +28,7 @@ def test_runs_that_begin_in_the_same_second_each_have_a_folder_of_their_own(
         assert len(set(paths)) == RUNS
 
 
-def test_one_that_looks_free_and_is_made_by_another_meanwhile_is_left_to_it(
+def test_a_folder_that_another_run_creates_meanwhile_is_left_to_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -40,7 +40,7 @@ def test_one_that_looks_free_and_is_made_by_another_meanwhile_is_left_to_it(
     assert second == first.with_name(f"{first.name}_2")
 
 
-def test_a_folder_that_was_asked_for_is_taken_while_it_is_empty(tmp_path: Path) -> None:
+def test_a_requested_folder_is_used_if_it_is_empty(tmp_path: Path) -> None:
     folder = make_run_folder(str(tmp_path / "mine"), EPOCH_NS, "loop").path
     assert make_run_folder(str(folder), EPOCH_NS, "loop").path == folder
     (folder / "bus.log").touch()
@@ -49,9 +49,7 @@ def test_a_folder_that_was_asked_for_is_taken_while_it_is_empty(tmp_path: Path) 
         make_run_folder(str(folder), EPOCH_NS, "loop")
 
 
-def test_where_nothing_can_be_made_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unwritable_place_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs").touch()
 
@@ -59,7 +57,7 @@ def test_where_nothing_can_be_made_is_named(
         make_run_folder(None, EPOCH_NS, "loop")
 
 
-def test_of_a_run_that_never_came_about_nothing_stays(tmp_path: Path) -> None:
+def test_a_run_that_never_began_leaves_no_folder(tmp_path: Path) -> None:
     folder = make_run_folder(str(tmp_path / "refused"), 0, "hop")
     folder.config.write_text('bus = "embedded:vcan0"\n')
     folder.bus_log.touch()
@@ -70,7 +68,7 @@ def test_of_a_run_that_never_came_about_nothing_stays(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("words", ["bus.log", "mine.txt"])
-def test_a_folder_in_which_something_was_written_stays_whole(tmp_path: Path, words: str) -> None:
+def test_a_folder_with_content_stays(tmp_path: Path, words: str) -> None:
     folder = make_run_folder(str(tmp_path / "run"), 0, "hop")
     folder.config.write_text("")
     (folder.path / words).write_text("kept")

@@ -1,4 +1,5 @@
-"""The options of `vobc run` about desk and wires: what goes together, and where it goes."""
+"""The options of `vobc run` about desk and wires: valid combinations, and which program gets
+them."""
 
 import pytest
 
@@ -50,7 +51,7 @@ from vobc.cli import parser as vobc_parser
         (["--train", "T1", "--line-radio", "tcp/h:0"], "--line-radio tcp/h:0: not an endpoint"),
     ],
 )
-def test_what_cannot_be_asked_for_is_said(
+def test_impossible_options_are_refused(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -69,26 +70,28 @@ def test_what_cannot_be_asked_for_is_said(
         (["--desk", "none"], CabMode.AUTO, True),
     ],
 )
-def test_the_desk_of_a_run_is_the_plants(words: list[str], mode: CabMode, elsewhere: bool) -> None:
+def test_the_plant_gets_the_desk_options_of_a_run(
+    words: list[str], mode: CabMode, elsewhere: bool
+) -> None:
     scenario = scenario_of(parse(["run", "--lockstep", *words]))
 
     assert (scenario.desk_mode, scenario.desk_elsewhere) == (mode, elsewhere)
 
 
-def test_a_driver_is_handed_to_the_plant() -> None:
+def test_the_plant_gets_the_driver() -> None:
     options = parse(["run", "--lockstep", "--desk", "manual", "--driver", "reckless"])
 
     assert scenario_of(options).driver == "reckless"
 
 
-def test_a_train_of_a_line_has_what_the_wayside_has_by_default() -> None:
+def test_a_train_of_a_line_uses_the_waysides_defaults() -> None:
     options = parse(["run", "--train", "T3"])
 
     told = (options.train, options.line_radio, options.line_timers, options.arbiters)
     assert told == (3, "tcp/127.0.0.1:7448", "A", 1)
 
 
-def test_timers_and_arbiters_of_the_line_are_those_that_were_asked_for() -> None:
+def test_timers_and_arbiters_of_the_line_follow_the_options() -> None:
     options = parse(["run", "--train", "T3", "--line-timers", "B", "--arbiters", "3"])
 
     words = [*line_arguments(options), *controller_line_arguments(options)]
@@ -97,7 +100,7 @@ def test_timers_and_arbiters_of_the_line_are_those_that_were_asked_for() -> None
     plant_parser().parse_args(["run", *line_arguments(options)])
 
 
-def test_a_run_without_a_line_says_nothing_of_one() -> None:
+def test_a_run_without_a_line_passes_no_line_options() -> None:
     options = parse(["run"])
 
     assert [*line_arguments(options), *controller_line_arguments(options)] == []
@@ -114,7 +117,7 @@ def test_a_run_without_a_line_says_nothing_of_one() -> None:
         ),
     ],
 )
-def test_what_lets_a_train_go_is_told_for_its_very_line(words: list[str], where: str) -> None:
+def test_the_hint_to_release_a_train_names_its_line(words: list[str], where: str) -> None:
     no_flags = (Inhibit(0), Withheld(0), 0)
     picture = BusPicture(250_000)
     picture.latest = {

@@ -1,4 +1,4 @@
-"""A train of plain numbers and a controller that says what a test wants: no plant, no VOBC."""
+"""A train of plain numbers and a controller that sends what a test sets, without plant and VOBC."""
 
 from dataclasses import replace
 from typing import Any
@@ -30,15 +30,16 @@ from plant_emulator.world import plan_scenario, unattended
 STEP_NS = 10_000_000
 STEPS_PER_CYCLE = 5
 FRAME_NS = 500_000
-"""From one frame of a burst to the next."""
+"""Time between two frames of a burst, ns."""
 SCENARIO = plan_scenario()
 
 
 class Rig:
-    """A train at rest at 1000 m with everything in order; `step` goes on by 10 ms each.
+    """A train at rest at 1000 m with everything in order; each step advances by 10 ms.
 
-    What the controller and the units say is sent every cycle of 50 ms, speed and place every other,
-    a millisecond after the step that begins it, and can be exchanged between two steps.
+    Frames of controller and units are sent every cycle of 50 ms, speed and position every other
+    cycle. They follow the step that begins the cycle by a millisecond. Tests can change them
+    between two steps.
     """
 
     def __init__(
@@ -70,7 +71,8 @@ class Rig:
         self._encoder = Encoder()
 
     def say(self, kind: type[Frame], **changes: Any) -> None:
-        """From the next cycle on. A place that was said once is no longer the true one."""
+        """Change a frame from the next cycle on. A changed position no longer follows the true
+        one."""
         self._tracks = self._tracks and kind is not VobcPosition
         self.said[kind] = replace(self.said[kind], **changes)
 
@@ -79,11 +81,11 @@ class Rig:
         self._send([self.said[kind]])
 
     def tell(self, frame: Frame) -> None:
-        """Once, now; what is said in every cycle from now on is in `said`."""
+        """Send a frame once, now; `said` holds the frames of every cycle."""
         self._send([frame])
 
     def step(self, count: int = 1, **changes: float) -> None:
-        """Set the truth, then let time go by in which the train moves at its speed."""
+        """Set the truth, then advance while the train moves at its speed."""
         for name, value in changes.items():
             setattr(self.truth, name, value)
         for _ in range(count):
@@ -113,7 +115,7 @@ class Rig:
                 stamp_ns += FRAME_NS // 2
 
     def emergency(self, commanded: bool) -> None:
-        """Asked for by command and wanted by the brake unit, at once."""
+        """Command the emergency brake and let the brake unit request it, at once."""
         self.say(BrakeCommand, emergency_released=not commanded)
         self.truth.emergency = 1.0 if commanded else 0.0
 
@@ -128,7 +130,7 @@ class Rig:
 
 
 def _in_order() -> list[Frame]:
-    """What is said while a train is driven: brake first."""
+    """The frames of a running train without faults, brake first."""
     return [
         BrakeCommand(service_decel_mps2=0.0, emergency_released=True, holding_released=True),
         TractionCommand(force_n=0.0, direction=Direction.FORWARD, traction_permitted=True),
@@ -168,25 +170,25 @@ def _in_order() -> list[Frame]:
 
 @pytest.fixture
 def rig() -> Rig:
-    """All invariants, none of them asked for by name."""
+    """A rig with all invariants, none of them requested by name."""
     return Rig([], "all")
 
 
 @pytest.fixture
 def settling_rig() -> Rig:
-    """Train and controller do not begin with the same instant: they are given 2 s."""
+    """A rig whose train and controller do not begin at the same instant and get 2 s to settle."""
     return Rig([], "all", settling_s=2.0)
 
 
 @pytest.fixture
 def late_rig() -> Rig:
-    """Cycles may be late by 50 ms without anybody's fault."""
+    """A rig in which cycles may be late by 50 ms."""
     return Rig([], "all", lateness_s=0.05)
 
 
 @pytest.fixture
 def rig_at_platform_doors() -> Rig:
-    """The train stands at a platform that has doors."""
+    """A rig whose train stands at a platform with platform doors."""
     rig = Rig([], "all")
     station = next(each for each in SCENARIO.line.stations if each.platform_doors)
     rig.truth.front_m = station.stop_m
@@ -195,5 +197,5 @@ def rig_at_platform_doors() -> Rig:
 
 @pytest.fixture
 def rig_for() -> type[Rig]:
-    """With monitors of the test's own."""
+    """A rig with monitors of the test."""
     return Rig

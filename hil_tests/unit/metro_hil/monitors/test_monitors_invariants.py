@@ -1,4 +1,4 @@
-"""Each invariant: held at its boundary, violated just beyond, silent without its premise."""
+"""Each invariant: held at its boundary, violated just beyond, vacuous without its premise."""
 
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from metro_hil.model.case import Verdict
 from metro_hil.monitors.catalogue import WATCHED
 
 Rig = Any
-"""Of conftest.py."""
+"""Rig of conftest.py."""
 KMH = 1.0 / 3.6
 
 
@@ -47,7 +47,8 @@ def test_a_train_in_order_that_never_moves_exercises_next_to_nothing(rig: Rig) -
 
 
 def test_the_way_to_stop_is_that_of_the_declared_emergency_brake(rig: Rig) -> None:
-    """On the level: on at 10 m/s for dead time 0.3 s and lag 0.4 s, then 10²/2 at 1 m/s²."""
+    """On the level the train runs on at 10 m/s for 0.3 s and 0.4 s and then needs 10²/2 at 1
+    m/s²."""
     rig.step(1, speed_mps=10.0, authority_end_m=1000.1 + 7.0 + 50.0)
 
     assert rig.margin("inv-01-stopping-distance") == pytest.approx(0.0, abs=0.01)
@@ -56,7 +57,7 @@ def test_the_way_to_stop_is_that_of_the_declared_emergency_brake(rig: Rig) -> No
 
 
 def test_traction_makes_the_way_to_stop_longer_until_it_is_cut(rig: Rig) -> None:
-    """0.8 m/s² for 0.30 s, then coasting for 0.4 s, then braking: by the equations of motion."""
+    """By the equations of motion: 0.8 m/s² for 0.30 s, coasting for 0.4 s, then braking."""
     reached_mps = 10.0 + 0.8 * 0.3
     way_m = 10.0 * 0.3 + 0.5 * 0.8 * 0.09 + reached_mps * 0.4 + reached_mps**2 / 2.0
 
@@ -66,7 +67,7 @@ def test_traction_makes_the_way_to_stop_longer_until_it_is_cut(rig: Rig) -> None
 
 
 def test_a_fall_makes_the_way_to_stop_longer_by_its_energy(rig: Rig) -> None:
-    """All of the way lies on -30 ‰: a train with 8 % rotating mass gains 9.81 · 0.03 / 1.08."""
+    """The whole distance is on -30 ‰: with 8 % rotating mass the train gains 9.81 · 0.03 / 1.08."""
     rig.truth.front_m, rig.truth.gradient_permille = 1875.0, -30.0
     fall_mps2 = 9.81 * 0.03 / 1.08
     reached_mps = 4.0 + fall_mps2 * 0.7
@@ -81,7 +82,7 @@ def test_of_a_brake_that_is_on_already_only_the_rest_of_its_delay_counts(rig: Ri
     rig.step(1, speed_mps=10.0, emergency=1.0)
     rig.step(200, emergency_mps2=1.2)
 
-    # Two seconds later at 10 m/s still: no more than 10²/2 from here.
+    # Two seconds later the speed is still 10 m/s: now no more than 10²/2 from here.
     rig.truth.authority_end_m = rig.truth.front_m + 0.1 + 50.0
     rig.step(1)
 
@@ -89,7 +90,7 @@ def test_of_a_brake_that_is_on_already_only_the_rest_of_its_delay_counts(rig: Ri
 
 
 @pytest.mark.parametrize("broken", [{"adhesion_ratio": 0.1}, {"emergency_mps2": 0.9}])
-def test_without_the_guaranteed_rate_the_way_to_stop_is_not_judged(
+def test_without_the_guaranteed_rate_the_stopping_distance_is_not_judged(
     rig: Rig, broken: dict[str, float]
 ) -> None:
     rig.step(300, emergency=1.0, emergency_mps2=1.2)
@@ -113,7 +114,7 @@ def test_the_front_at_the_end_of_authority_is_the_last_that_is_allowed(rig: Rig)
 
 
 def over_its_curve(rig: Rig, steps: int) -> None:
-    """The controller says it is 0.5 m/s over its emergency limit and does nothing for a while."""
+    """The controller reports 0.5 m/s above its emergency limit and does not react for a while."""
     rig.step(5, speed_mps=20.5)
     rig.send_now(VobcMotion, speed_mps=20.5, emergency_mps=20.0)
     rig.step(steps)
@@ -136,7 +137,8 @@ def test_no_emergency_brake_at_the_curve_is_a_violation(rig: Rig) -> None:
 
 
 def bound_at_curve(rig: Rig, *, reach_mps: float, later_s: float = 0.0) -> None:
-    """The best estimate is 0.5 m/s under the emergency limit; how much faster may it be?"""
+    """The best estimate is 0.5 m/s below the emergency limit; `reach_mps` sets the upper bound
+    above it."""
     rig.step(6, speed_mps=20.0)
     rig.send_now(VobcMotion, speed_mps=20.0, emergency_mps=20.5)
     rig.step(round(later_s / 0.01))
@@ -144,7 +146,7 @@ def bound_at_curve(rig: Rig, *, reach_mps: float, later_s: float = 0.0) -> None:
 
 
 def mode_told(**changes: Any) -> VobcMode:
-    """That of a train under full supervision, with nothing to tell."""
+    """The mode frame of a train under full supervision without findings."""
     nothing: dict[str, Any] = {
         "mode": OperatingMode.AUTHORISED,
         "cause": Cause.NONE,
@@ -157,7 +159,7 @@ def mode_told(**changes: Any) -> VobcMode:
     return VobcMode(**(nothing | changes))
 
 
-def test_a_bound_of_the_speed_over_the_curve_without_emergency_brake_is_a_violation(
+def test_a_speed_bound_above_the_curve_without_emergency_brake_is_a_violation(
     rig: Rig,
 ) -> None:
     bound_at_curve(rig, reach_mps=0.6)
@@ -166,7 +168,7 @@ def test_a_bound_of_the_speed_over_the_curve_without_emergency_brake_is_a_violat
     assert rig.result("inv-03-emergency-at-curve").verdict is Verdict.FAIL
 
 
-def test_a_bound_of_the_speed_over_the_curve_is_answered_by_the_emergency_brake(rig: Rig) -> None:
+def test_a_speed_bound_above_the_curve_with_emergency_brake_is_no_violation(rig: Rig) -> None:
     bound_at_curve(rig, reach_mps=0.6)
     rig.say(BrakeCommand, emergency_released=False)
     rig.step(20)
@@ -174,14 +176,14 @@ def test_a_bound_of_the_speed_over_the_curve_is_answered_by_the_emergency_brake(
     assert rig.margin("inv-03-emergency-at-curve") > 0.0
 
 
-def test_a_bound_that_may_be_rounded_up_to_the_curve_is_not_over_it(rig: Rig) -> None:
+def test_a_bound_that_rounding_may_lift_to_the_curve_is_not_above_it(rig: Rig) -> None:
     bound_at_curve(rig, reach_mps=0.55)
     rig.step(20)
 
     assert rig.result("inv-03-emergency-at-curve").margin is None
 
 
-def test_a_bound_of_another_cycle_is_not_taken_for_that_of_the_speed(rig: Rig) -> None:
+def test_a_bound_of_another_cycle_does_not_count(rig: Rig) -> None:
     bound_at_curve(rig, reach_mps=0.6, later_s=0.03)
     rig.step(20)
 
@@ -209,7 +211,7 @@ def test_the_civil_limit_allows_margin_and_overshoot_and_no_more(rig: Rig) -> No
 
 
 def test_the_slowest_metre_under_the_train_counts(rig: Rig) -> None:
-    """The 40 km/h end at 1900 m; a train of 68.59 m is clear of them at 1968.59 m."""
+    """The 40 km/h section ends at 1900 m; a train of 68.59 m is clear of it at 1968.59 m."""
     rig.truth.front_m = 1968.4
     rig.step(1, speed_mps=10.0)
     fall_mps2 = 9.81 * 0.03 / 1.08
@@ -274,7 +276,7 @@ def test_a_latched_emergency_that_nobody_reset_at_standstill_must_stay(
 
 @pytest.mark.parametrize(("steps", "verdict"), [(30, Verdict.PASS), (31, Verdict.FAIL)])
 def test_traction_has_300_ms_to_go(rig: Rig, steps: int, verdict: Verdict) -> None:
-    """It acts for `steps` of 10 ms from the one in which the brake was asked for."""
+    """Traction acts for `steps` of 10 ms from the step in which the brake is requested."""
     rig.step(10, speed_mps=5.0, drive_n=1.0e5)
     rig.emergency(True)
     rig.step(steps)
@@ -334,7 +336,7 @@ def test_traction_is_asked_for_forwards_only(rig: Rig, direction: Direction, mar
     assert rig.margin("inv-09-direction") == margin
 
 
-# 13 to 17: where the train believes to be.
+# 13 to 17: the train's position estimate.
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -360,12 +362,12 @@ def test_the_true_front_lies_within_the_uncertainty(rig: Rig, side: float) -> No
 def test_a_claim_may_be_as_old_as_its_cycle(
     rig: Rig, slips: int, behind_m: float, verdict: Verdict
 ) -> None:
-    """At 20 m/s a train moves 1.4 m in 50 ms and 20 ms, and 1 m more in a cycle that was missed."""
+    """At 20 m/s a train moves 1.4 m in 50 ms and 20 ms, and 1 m more in a missed cycle."""
     rig.step(1, speed_mps=20.0)
     rig.silent.add(VobcPosition)
     rig.step(9)
     rig.send_now(VobcStatus, cycle_slips=slips)
-    # Told half a millisecond after the status, a millisecond or two into the step.
+    # The frame comes half a millisecond after the status, a millisecond or two into the step.
     rig.send_now(VobcPosition, front_m=rig.truth.front_m - behind_m + 0.02, uncertainty_m=0.1)
     rig.step(1)
 
@@ -386,7 +388,7 @@ def test_what_was_wider_while_the_wheels_were_not_heard_may_go_again(rig: Rig) -
 
 
 def test_a_claim_that_waited_for_the_bus_is_not_judged(rig: Rig) -> None:
-    """Half a second late, and 10 m behind the train that it was said of."""
+    """The frame is half a second late and 10 m behind the train."""
     rig.step(50, speed_mps=20.0)
     rig.silent.add(VobcPosition)
     rig.step(50)
@@ -396,7 +398,7 @@ def test_a_claim_that_waited_for_the_bus_is_not_judged(rig: Rig) -> None:
     assert rig.result("inv-13-position-interval").verdict is Verdict.PASS
 
 
-def test_an_unknown_place_claims_nothing(rig: Rig) -> None:
+def test_an_unknown_position_is_not_judged(rig: Rig) -> None:
     rig.say(VobcPosition, front_m=0.0, uncertainty_m=655.35)
     rig.step(20)
 
@@ -422,7 +424,8 @@ def test_a_width_that_falls_takes_a_tag(rig: Rig) -> None:
 def test_a_tag_that_was_read_while_claims_were_passed_over_narrows_what_comes_after_them(
     rig: Rig, tags: float, margin: float
 ) -> None:
-    """A claim out of its rhythm; the tag is read in the 2 s that are passed over for it."""
+    """A position frame is out of its rhythm; the train reads the tag in the 2 s that are skipped
+    for it."""
     rig.step(20)
     rig.silent.add(VobcPosition)
     rig.step(40)
@@ -434,7 +437,7 @@ def test_a_tag_that_was_read_while_claims_were_passed_over_narrows_what_comes_af
     assert rig.margin("inv-14-narrowed-by-tag") == margin
 
 
-def test_claims_while_train_and_controller_settle_are_not_judged_and_those_after_are(
+def test_positions_are_judged_only_after_the_settling_time(
     settling_rig: Rig,
 ) -> None:
     rig = settling_rig
@@ -474,7 +477,7 @@ def test_doors_are_enabled_under_three_kilometres_an_hour(rig: Rig) -> None:
 
 
 def open_doors(rig: Rig, at_m: float, **changes: float) -> None:
-    """Right is the side of all platforms."""
+    """All platforms are on the right."""
     rig.say(DoorCommand, enable_right=True, enable_left=True, open_right=True)
     rig.truth.front_m = at_m
     rig.step(10)
@@ -508,7 +511,9 @@ def test_doors_open_within_thirty_centimetres_of_the_stopping_point(rig: Rig) ->
         ("inv-32-door-holding", {"holding": 0.0}),
     ],
 )
-def test_what_an_open_door_forbids(rig: Rig, name: str, changes: dict[str, float]) -> None:
+def test_an_open_door_forbids_motion_and_traction(
+    rig: Rig, name: str, changes: dict[str, float]
+) -> None:
     open_doors(rig, 1500.0)
     assert rig.result(name).verdict is Verdict.PASS
 
@@ -529,7 +534,7 @@ def test_a_side_opens_by_its_own_enable_only(rig: Rig) -> None:
 def test_a_door_that_unlocks_cuts_traction_within_300_ms(
     rig: Rig, steps: int, verdict: Verdict
 ) -> None:
-    """The first step is the one in which it unlocks; 30 more end 300 ms later."""
+    """The first step is the one in which the door unlocks; 30 more end 300 ms later."""
     rig.step(10, speed_mps=0.5, drive_n=1000.0)
     rig.step(steps, doors_locked=0.0)
     rig.step(5, drive_n=0.0)
@@ -548,7 +553,7 @@ def test_a_train_departs_with_its_doors_locked(rig: Rig, locked: float, margin: 
 
 
 @pytest.mark.parametrize(("first", "then", "margin"), [(1.0, 0.0, 1.0), (0.0, 1.0, -1.0)])
-def test_what_counts_is_how_the_doors_were_when_the_train_began_to_move(
+def test_the_state_of_the_doors_at_the_start_of_motion_counts(
     rig: Rig, first: float, then: float, margin: float
 ) -> None:
     rig.step(10, doors_locked=first)
@@ -587,7 +592,7 @@ def test_a_silent_traction_command_takes_traction_away(
 
 @pytest.mark.parametrize(("steps", "verdict"), [(277, Verdict.PASS), (278, Verdict.FAIL)])
 def test_a_silent_door_command_closes_the_doors(rig: Rig, steps: int, verdict: Verdict) -> None:
-    """0.3 s to notice and 2.5 s to close."""
+    """It takes 0.3 s to detect the silence and 2.5 s to close."""
     open_doors(rig, 1500.0)
     rig.silent.add(DoorCommand)
     rig.step(steps)
@@ -597,7 +602,7 @@ def test_a_silent_door_command_closes_the_doors(rig: Rig, steps: int, verdict: V
 
 
 @pytest.mark.parametrize("kind", [Tacho, BrakeStatus, Desk])
-def test_a_moving_train_that_hears_too_little_brakes(rig: Rig, kind: type) -> None:
+def test_a_moving_train_with_missing_inputs_brakes(rig: Rig, kind: type) -> None:
     rig.step(50, speed_mps=5.0)
     rig.silent.add(kind)
     rig.step(37)
@@ -607,8 +612,8 @@ def test_a_moving_train_that_hears_too_little_brakes(rig: Rig, kind: type) -> No
     assert rig.result("inv-34-input-silence").verdict is Verdict.FAIL
 
 
-def test_a_broken_frame_is_none(rig: Rig) -> None:
-    """A frame whose CRC is wrong does not end a silence."""
+def test_a_corrupted_frame_does_not_count(rig: Rig) -> None:
+    """A frame with a wrong CRC does not end a silence."""
     rig.step(50, speed_mps=5.0)
     rig.silent.add(Tacho)
     for _ in range(50):
@@ -654,7 +659,8 @@ def test_the_demand_changes_no_faster_than_the_jerk_allows(rig: Rig) -> None:
 
 
 def test_a_cycle_that_was_late_may_change_the_demand_by_as_much_more(late_rig: Rig) -> None:
-    """The first is 20 ms late and changes it at 0.6 m/s3 in 70 ms: 0.84 of a cycle's own time."""
+    """The first cycle is 20 ms late and changes the demand at 0.6 m/s³ for 70 ms: 0.84 of a
+    cycle's change."""
     rig = late_rig
     rig.step(5)
     rig.silent.update((BrakeCommand, TractionCommand))
@@ -670,7 +676,7 @@ def test_a_cycle_that_was_late_may_change_the_demand_by_as_much_more(late_rig: R
 def test_a_demand_that_changes_too_fast_for_long_is_seen_through_what_lateness_explains(
     late_rig: Rig,
 ) -> None:
-    """At 0.8 m/s3: each step alone may be a late cycle's, ten in a row may not."""
+    """At 0.8 m/s³ each step alone may come from a late cycle, but ten in a row may not."""
     rig = late_rig
     for number in range(12):
         rig.say(BrakeCommand, service_decel_mps2=round(0.04 * number, 3))
@@ -679,7 +685,7 @@ def test_a_demand_that_changes_too_fast_for_long_is_seen_through_what_lateness_e
     assert rig.margin("inv-39-jerk") == pytest.approx(0.65 - 0.4 / 0.55, abs=1e-6)
 
 
-def test_the_demand_stays_within_what_passengers_bear(rig: Rig) -> None:
+def test_the_demand_stays_within_the_comfort_limit(rig: Rig) -> None:
     rig.say(BrakeCommand, service_decel_mps2=0.85)
     rig.step(10)
     assert rig.margin("inv-39-accel") == pytest.approx(0.0, abs=1e-6)
@@ -698,7 +704,7 @@ def test_the_demand_stays_within_what_passengers_bear(rig: Rig) -> None:
         (TractionCommand, {"traction_permitted": False}),
     ],
 )
-def test_what_protection_asks_for_is_no_matter_of_comfort(
+def test_the_comfort_limit_does_not_apply_to_protection(
     rig: Rig, kind: type, changes: dict[str, object]
 ) -> None:
     rig.say(kind, **changes)

@@ -1,4 +1,4 @@
-"""Invariants of modes, jogs, authorities and platform doors, each at both sides of its boundary."""
+"""Invariants of modes, jogs, authorities and platform doors, on both sides of each boundary."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ from zenoh_config.codec import pack
 from zenoh_config.messages import MovementAuthority
 
 Rig = Any
-"""Of conftest.py."""
+"""Rig of conftest.py."""
 KMH = 1.0 / 3.6
 LEVEL_OVERSHOOT_MPS = 1.0 * (0.03 + 2 * 0.05 + 0.30)
 NS_PER_S = 1_000_000_000
@@ -72,10 +72,11 @@ def test_a_brake_unit_that_lets_go_of_its_own_emergency_is_taken_over_in_time(
 
 
 @pytest.mark.parametrize(("since_release_steps", "held"), [(280, True), (320, False)])
-def test_an_emergency_before_the_last_one_is_reported_off_is_not_told_from_it(
+def test_an_emergency_before_the_end_of_the_last_one_counts_as_the_same(
     rig: Rig, since_release_steps: int, held: bool
 ) -> None:
-    """The unit has 3 s, and lets go of its own one at a speed that nobody releases at."""
+    """The unit has 3 s, and releases its own emergency brake at a speed at which no release is
+    allowed."""
     rig.emergency(True)
     rig.step(100)
     rig.emergency(False)
@@ -90,7 +91,7 @@ def test_an_emergency_before_the_last_one_is_reported_off_is_not_told_from_it(
 @pytest.mark.parametrize(
     ("silent_steps", "missed", "held"), [(30, 0, True), (30, 6, False), (20, 0, False)]
 )
-def test_only_a_controller_that_was_started_again_has_forgotten_its_emergency(
+def test_only_a_restarted_controller_may_lose_its_emergency(
     rig: Rig, silent_steps: int, missed: int, held: bool
 ) -> None:
     latched_to_standstill(rig, Cause.OVERSPEED)
@@ -346,7 +347,7 @@ def test_a_train_that_was_moved_asleep_knows_its_place_after_two_tags(
     assert rig.margin("inv-18-wake-up") == margin
 
 
-# 24: authorities that grow old.
+# 24: ageing authorities.
 
 
 def hear_authority(rig: Rig, echo_s: float) -> None:
@@ -383,11 +384,11 @@ def test_under_the_emergency_brake_an_old_authority_is_answered(rig: Rig) -> Non
     assert rig.result("inv-24-authority-age").verdict is Verdict.PASS
 
 
-# 32: traction with doors that are bypassed.
+# 32: traction with bypassed doors.
 
 
 def pull_unlocked(rig: Rig, *, pressed: bool, given: bool) -> None:
-    """A second at rest with a door not locked, then half a second of effort."""
+    """Stand for a second with an unlocked door, then demand effort for half a second."""
     rig.say(Desk, door_bypass_requested=pressed)
     rig.step(10, doors_locked=0.0)
     if given:
@@ -405,7 +406,7 @@ def pull_unlocked(rig: Rig, *, pressed: bool, given: bool) -> None:
         (False, False, Verdict.FAIL),
     ],
 )
-def test_effort_with_a_door_unlocked_takes_a_bypass_that_is_asked_for_and_given(
+def test_effort_with_an_unlocked_door_needs_a_requested_and_granted_bypass(
     rig: Rig, pressed: bool, given: bool, verdict: Verdict
 ) -> None:
     pull_unlocked(rig, pressed=pressed, given=given)
@@ -418,7 +419,7 @@ def test_effort_with_a_door_unlocked_takes_a_bypass_that_is_asked_for_and_given(
 def test_a_bypass_that_ends_cuts_traction_within_300_ms(
     rig: Rig, by_person: bool, steps: int, verdict: Verdict
 ) -> None:
-    """A release of the switch is heard with the next cycle, 50 ms later at most."""
+    """A release of the switch arrives with the next cycle, at most 50 ms later."""
     pull_unlocked(rig, pressed=True, given=True)
     if by_person:
         rig.say(Desk, door_bypass_requested=False)
@@ -448,7 +449,7 @@ def test_a_train_departs_from_platform_doors_that_are_locked_or_bypassed(
     assert rig.margin("inv-33-platform-doors") == margin
 
 
-def test_a_bypass_that_ended_is_none_at_departure(rig_at_platform_doors: Rig) -> None:
+def test_an_ended_bypass_does_not_count_at_departure(rig_at_platform_doors: Rig) -> None:
     rig = rig_at_platform_doors
     rig.step(20, platform_doors_locked=0.0)
     tell_event(rig, EventKind.DOOR_BYPASS, 1, cause=1)

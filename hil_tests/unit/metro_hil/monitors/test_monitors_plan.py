@@ -1,4 +1,4 @@
-"""Monitors as scenarios have them: the three forms, the standing invariants, and every mistake."""
+"""Monitors in scenarios: the three forms, the default invariants, and every error."""
 
 from typing import Any
 
@@ -41,7 +41,7 @@ def test_one_that_is_asked_for_takes_the_place_of_the_standing_one() -> None:
     assert found[0].requirements == ("INV-04", "ACC-05")
 
 
-def test_a_formula_keeps_its_text_and_what_is_said_of_it() -> None:
+def test_a_formula_keeps_its_text_and_attributes() -> None:
     (plan,) = read(
         {
             "stl": "always(speed_mps <= 20)",
@@ -63,7 +63,7 @@ def test_a_measure_names_itself_after_its_limits_and_takes_its_unit_from_its_nam
     assert (plan.unit, plan.limits) == ("m", (0.0, 0.1))
 
 
-def test_measures_are_checked_against_names_and_patterns_where_those_are_known() -> None:
+def test_measures_are_checked_against_known_names_and_patterns() -> None:
     known = ("stop_error_worst_m", "stop_*_error_m")
 
     assert read({"measure": "stop_IV_error_m", "max": 1.0}, measures=known)
@@ -98,7 +98,7 @@ def test_measures_are_checked_against_names_and_patterns_where_those_are_known()
         ({"measure": "x_m", "max": 1, "severity": "stopp"}, ["nearest valid value: stop"]),
     ],
 )  # fmt: skip
-def test_a_mistake_is_told_with_its_place_and_what_would_be_right(
+def test_an_error_is_reported_with_its_place_and_a_correction(
     table: dict[str, Any], words: list[str]
 ) -> None:
     with pytest.raises(SettingsError) as refused:
@@ -110,7 +110,7 @@ def test_a_mistake_is_told_with_its_place_and_what_would_be_right(
 
 
 @pytest.mark.parametrize("wrong", ["some", 3, ["inv-04", "nonsense"], [1.5]])
-def test_standing_invariants_are_all_none_or_known_ones(wrong: object) -> None:
+def test_default_invariants_are_all_none_or_known_ones(wrong: object) -> None:
     with pytest.raises(SettingsError, match=r"case\.toml: invariants: "):
         read(invariants=wrong)
 
@@ -123,7 +123,7 @@ def test_no_two_monitors_have_one_name() -> None:
         )
 
 
-def test_every_invariant_is_watched_or_says_why_not_and_none_is_forgotten() -> None:
+def test_every_invariant_is_monitored_or_has_a_reason_why_not() -> None:
     assert sorted({each.number for each in INVARIANTS}) == list(range(1, 41))
     assert len({each.name for each in INVARIANTS}) == len(INVARIANTS)
     for each in INVARIANTS:

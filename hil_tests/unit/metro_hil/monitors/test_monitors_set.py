@@ -1,4 +1,4 @@
-"""All monitors of a run together: what ends it, what it says, what it reads from the bus."""
+"""All monitors of a run together: what ends the run, its results, and the signals from the bus."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ from metro_hil.monitors.vocabulary import BOOLEANS, NAMES, SIGNALS, Origin
 from plant_emulator import truth
 
 Rig = Any
-"""Of conftest.py."""
+"""Rig of conftest.py."""
 
 
 def stl(text: str, **more: Any) -> dict[str, Any]:
@@ -49,7 +49,9 @@ def test_a_violation_that_may_go_on_fails_without_ending_the_run(rig_for: type[R
     assert rig.result("always(speed_mps <= 2)").verdict is Verdict.FAIL
 
 
-def test_a_violated_invariant_that_nobody_wants_ends_nothing(rig_for: type[Rig]) -> None:
+def test_a_violated_invariant_that_is_not_requested_does_not_end_the_run(
+    rig_for: type[Rig],
+) -> None:
     rig = rig_for([{"invariant": 4}], "none")
     rig.step(10, speed_mps=5.0, authority_end_m=900.0)
 
@@ -57,7 +59,7 @@ def test_a_violated_invariant_that_nobody_wants_ends_nothing(rig_for: type[Rig])
     assert rig.result("inv-04-civil-limit").verdict is Verdict.PASS
 
 
-def test_where_to_look_is_a_second_around_the_violation(rig_for: type[Rig]) -> None:
+def test_the_reported_interval_is_a_second_around_the_violation(rig_for: type[Rig]) -> None:
     rig = rig_for([stl("always(speed_mps <= 2)")], [4])
     rig.step(200, speed_mps=1.0)
     rig.step(10, speed_mps=3.0)
@@ -79,7 +81,7 @@ def test_an_invariant_without_its_premise_is_vacuous(rig_for: type[Rig]) -> None
     assert not result.asked
 
 
-def test_one_that_was_asked_for_by_name_says_so(rig_for: type[Rig]) -> None:
+def test_an_invariant_requested_by_name_is_marked(rig_for: type[Rig]) -> None:
     rig = rig_for([], ["inv-08"])
     rig.step(10)
 
@@ -87,7 +89,7 @@ def test_one_that_was_asked_for_by_name_says_so(rig_for: type[Rig]) -> None:
     assert (result.verdict, result.asked, result.own) == (Verdict.VACUOUS, True, True)
 
 
-def test_all_invariants_under_monitor_are_its_own_and_may_see_nothing(rig_for: type[Rig]) -> None:
+def test_all_invariants_requested_together_may_be_vacuous(rig_for: type[Rig]) -> None:
     rig = rig_for([{"invariant": "all", "requirements": ["ACC-26"]}], "all")
     rig.step(10)
 
@@ -106,7 +108,7 @@ def test_a_formula_whose_premise_never_held_is_vacuous(rig_for: type[Rig]) -> No
     assert result.detail == "its premise never held"
 
 
-def test_a_formula_that_could_not_be_told_is_inconclusive(rig_for: type[Rig]) -> None:
+def test_an_undecided_formula_is_inconclusive(rig_for: type[Rig]) -> None:
     for text in ("always[0:5](speed_mps <= 1)", "always(drive_n / speed_mps <= 1)"):
         rig = rig_for([stl(text)], "none")
         rig.step(10)
@@ -136,7 +138,7 @@ def test_a_measure_is_judged_at_the_end(
     assert result.margin == (None if margin is None else pytest.approx(margin))
 
 
-def test_a_measure_that_is_not_there_is_inconclusive(rig_for: type[Rig]) -> None:
+def test_a_missing_measure_is_inconclusive(rig_for: type[Rig]) -> None:
     rig = rig_for([{"measure": "error_m", "max": 0.1}], "none")
     rig.monitors.finish()
 
@@ -145,7 +147,7 @@ def test_a_measure_that_is_not_there_is_inconclusive(rig_for: type[Rig]) -> None
     assert "error_m was not measured" in result.detail
 
 
-# What is read from the bus.
+# Signals from the bus.
 
 EXAMPLES = (
     BrakeCommand(service_decel_mps2=0.5, emergency_released=True, holding_released=False),
@@ -189,8 +191,8 @@ SAID = {
 }
 
 
-def test_what_was_encoded_is_what_is_read() -> None:
-    """The encoder is the wire contract's own, the names are those of expressions."""
+def test_encoded_values_are_read_back() -> None:
+    """The encoder belongs to the wire contract; the names are those of expressions."""
     spoken, encoder = Spoken(), Encoder()
     for frame in EXAMPLES:
         for can_id, data in encoder.encode(frame):
@@ -201,7 +203,7 @@ def test_what_was_encoded_is_what_is_read() -> None:
     assert spoken.brake_ns == spoken.position_ns == 1000
 
 
-def test_a_frame_with_a_flipped_bit_was_not_said() -> None:
+def test_a_frame_with_a_flipped_bit_does_not_count() -> None:
     encoder = Encoder()
     for frame in EXAMPLES:
         for bit in range(8):
@@ -212,7 +214,7 @@ def test_a_frame_with_a_flipped_bit_was_not_said() -> None:
             assert not spoken.news, frame
 
 
-def test_half_a_vital_pair_was_not_said() -> None:
+def test_half_a_vital_pair_does_not_count() -> None:
     spoken = Spoken()
     (can_id, data), _ = Encoder().encode(EXAMPLES[0])
     spoken.frame(1000, can_id, data)
@@ -220,14 +222,14 @@ def test_half_a_vital_pair_was_not_said() -> None:
     assert spoken.emergency_commanded == 1.0
 
 
-def test_before_anything_was_said_the_content_is_the_most_restrictive() -> None:
+def test_before_the_first_frame_the_signals_are_the_most_restrictive() -> None:
     spoken = Spoken()
 
     assert spoken.emergency_commanded == spoken.holding_commanded == 1.0
     assert spoken.traction_permitted == spoken.enable_left == spoken.localised == 0.0
 
 
-def test_other_frames_change_nothing_and_are_not_wanted(rig: Rig) -> None:
+def test_other_frames_have_no_effect_and_are_not_subscribed(rig: Rig) -> None:
     wanted = {*DECODED, *STAMPED}
     others = [kind for kind in kinds() if kind not in wanted]
 
@@ -237,10 +239,11 @@ def test_other_frames_change_nothing_and_are_not_wanted(rig: Rig) -> None:
     assert 0x7FF not in rig.monitors.wanted_ids
 
 
-def test_what_is_said_at_the_controllers_own_port_counts_before_what_the_bus_makes_of_it(
+def test_frames_at_the_controllers_own_port_count_before_those_on_the_bus(
     rig: Rig,
 ) -> None:
-    """A fault that writes a released brake onto the bus is not the controller's word."""
+    """A fault that writes a released brake onto the bus does not count as the controller's
+    output."""
     plans = read_monitors([stl("always(emergency_commanded)")], "test", "none")
     monitors = MonitorSet(plans, rig.context, own_port=True)
     for can_id, data in Encoder().encode(EXAMPLES[0]):
@@ -254,7 +257,7 @@ def test_what_is_said_at_the_controllers_own_port_counts_before_what_the_bus_mak
     assert monitors.violated is plans[0]
 
 
-# What expressions read.
+# Signals of expressions.
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -286,10 +289,10 @@ def test_every_signal_can_be_read_and_is_a_finite_number(rig_for: type[Rig], nam
         ("t_s", 0.1),
     ],
 )
-def test_a_signal_has_the_value_that_its_name_says(
+def test_every_signal_has_the_value_of_its_name(
     rig_for: type[Rig], name: str, value: float
 ) -> None:
-    """After ten steps at 1 m/s on the level, the last frames sent 50 ms ago."""
+    """The state after ten steps at 1 m/s on the level; the last frames were sent 50 ms ago."""
     above, below = f"always[0.09:0.09]({name} >= 0)", f"always[0.09:0.09]({name} - {value} <= 0)"
     rig = rig_for([stl(above), stl(below)], "none")
     rig.step(10, speed_mps=1.0)

@@ -1,4 +1,5 @@
-"""Temporal logic online: by definition, by another library, at its ends, and in what it refuses."""
+"""Online temporal logic: checked by definition, by another library, at its limits, and in its
+refusals."""
 
 import contextlib
 import json
@@ -33,7 +34,7 @@ def formula(text: str) -> Formula:
 
 
 def run(text: str, rows: Sequence[dict[str, float]], step_s: float = 1.0) -> Formula:
-    """Feed the rows, evenly spaced, and finish."""
+    """Feed evenly spaced rows and finish."""
     made = formula(text)
     for index, row in enumerate(rows):
         made.step(round(index * step_s * NS_PER_S), Signals(**row))
@@ -46,13 +47,13 @@ def run(text: str, rows: Sequence[dict[str, float]], step_s: float = 1.0) -> For
 
 @dataclass(frozen=True)
 class Tree:
-    """A formula with its meaning over a whole trace, written down as the definition has it."""
+    """A formula and its meaning over a whole trace, straight from the definition."""
 
     text: str
     robustness: Callable[[int], float]
     holds: Callable[[int], bool]
     told: Callable[[int], bool]
-    """Whether the samples that its margin at this one depends on have all come."""
+    """Whether all samples have arrived on which its margin at this sample depends."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ VALUES = st.integers(-3, 3).map(float)
 
 @st.composite
 def traces(draw: st.DrawFn) -> Trace:
-    """Unevenly spaced, with many equal values so that margins of exactly zero occur."""
+    """Unevenly spaced samples with many equal values, so that margins of exactly zero occur."""
     gaps = draw(st.lists(st.sampled_from([1, 2, 5, 10]), min_size=1, max_size=14))
     instants = [0]
     for gap in gaps:
@@ -198,8 +199,9 @@ def larger(trace: Trace, inner: st.SearchStrategy[Tree]) -> st.SearchStrategy[Tr
 
 @settings(max_examples=150)
 @given(data=st.data(), trace=traces())
-def test_online_is_what_the_definition_says(data: st.DataObject, trace: Trace) -> None:
-    """Margins to the digit, truth by a definition that knows no margins, nothing told too early."""
+def test_the_online_result_equals_the_definition(data: st.DataObject, trace: Trace) -> None:
+    """Margins match exactly, truth matches a definition without margins, and no result comes too
+    early."""
     tree = data.draw(
         st.recursive(atoms(trace), lambda inner: larger(trace, inner), max_leaves=5), label="tree"
     )
@@ -223,7 +225,7 @@ def test_online_is_what_the_definition_says(data: st.DataObject, trace: Trace) -
 
 @settings(max_examples=60)
 @given(data=st.data(), trace=traces())
-def test_a_violation_is_told_as_soon_as_it_is_certain_and_not_before(
+def test_a_violation_is_reported_as_soon_as_it_is_certain(
     data: st.DataObject, trace: Trace
 ) -> None:
     tree = data.draw(
@@ -244,12 +246,13 @@ def _columns(trace: Trace) -> tuple[list[int], list[dict[str, float]]]:
     return trace.instants_ns, trace.rows
 
 
-# By another library: its figures were recorded, so that it need not be installed.
+# By another library, whose results were recorded so that it need not be installed.
 
 
 @pytest.mark.parametrize("case", ORACLE["cases"], ids=lambda case: case["formula"])
-def test_margins_are_those_of_rtamt(case: dict[str, Any]) -> None:
-    """Its offline monitor takes a window that the trace cuts off as it is; ours waits for it."""
+def test_margins_equal_those_of_rtamt(case: dict[str, Any]) -> None:
+    """rtamt's offline monitor uses a truncated window as it is; this monitor waits for the whole
+    window."""
     trace, text = ORACLE["trace"], case["formula"]
     rows = [dict(zip(trace, values, strict=True)) for values in zip(*trace.values(), strict=True)]
     told = 0
@@ -336,13 +339,13 @@ def test_a_violated_deadline_is_known_when_it_is_over() -> None:
         ("eventually(a >= 4) -> always(a >= 1)", [3, 0, 1], TermState.HOLDS),
     ],
 )
-def test_what_stands_at_the_top_looks_from_the_first_sample_on(
+def test_the_top_level_formula_counts_from_the_first_sample(
     text: str, values: list[float], state: TermState
 ) -> None:
     assert run(text, [{"a": float(value)} for value in values]).state is state
 
 
-def test_a_run_that_was_cut_short_does_not_deny_what_was_yet_to_come() -> None:
+def test_a_truncated_run_does_not_violate_an_open_deadline() -> None:
     for text in ("eventually(a >= 3)", "(a <= 1) until (a >= 3)"):
         made = formula(text)
         made.step(0, Signals(a=0.0))
@@ -380,7 +383,7 @@ ASKED = {"flag": 1.0, "a": 0.0, "b": 1.0}
         "always(flag -> eventually[0:1](b <= 2))",
     ],
 )
-def test_the_premise_counts_wherever_it_stands(text: str) -> None:
+def test_a_premise_counts_at_any_place_of_a_formula(text: str) -> None:
     idle, asked = run(text, [IDLE] * 16), run(text, [*[IDLE] * 4, *[ASKED] * 12])
 
     assert (idle.state, asked.state) == (TermState.HOLDS, TermState.HOLDS)
@@ -389,12 +392,12 @@ def test_the_premise_counts_wherever_it_stands(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["always(flag or b <= 2)", "always(not flag or not a >= 1)"])
-def test_a_choice_without_a_premise_is_not_vacuous(text: str) -> None:
+def test_a_disjunction_without_a_premise_is_not_vacuous(text: str) -> None:
     assert not run(text, [IDLE] * 4).vacuous
 
 
 @pytest.mark.parametrize("text", ["eventually(flag)", "b <= 2 until flag", "eventually[2:9](flag)"])
-def test_what_held_from_the_first_sample_on_did_not_come_about(text: str) -> None:
+def test_a_condition_that_held_from_the_first_sample_did_not_rise(text: str) -> None:
     at_once, later = run(text, [ASKED] * 12), run(text, [*[IDLE] * 4, *[ASKED] * 8])
 
     assert (at_once.state, later.state) == (TermState.HOLDS, TermState.HOLDS)
@@ -402,25 +405,26 @@ def test_what_held_from_the_first_sample_on_did_not_come_about(text: str) -> Non
     assert not later.vacuous
 
 
-def test_what_was_true_at_first_and_false_before_its_interval_came_about() -> None:
+def test_a_condition_that_was_false_before_its_interval_did_rise() -> None:
     assert not run("eventually[2:9](flag)", [ASKED, IDLE, IDLE, *[ASKED] * 9]).vacuous
 
 
-def test_a_premise_whose_deadline_lies_behind_the_end_of_the_run_does_not_count() -> None:
+def test_a_premise_with_a_deadline_after_the_end_of_the_run_does_not_count() -> None:
     rows = [{"flag": 0.0}, {"flag": 0.0}, {"flag": 1.0}]
 
     assert run("always(flag -> eventually[0:5](a >= 1))", rows).vacuous
     assert not run("always(flag -> eventually[0:5](a >= 1))", [*rows, *[{"a": 1.0}] * 6]).vacuous
 
 
-def test_a_division_by_zero_says_nothing_and_ends_nothing() -> None:
+def test_a_division_by_zero_gives_no_result_and_ends_nothing() -> None:
     made = run("always(a / b <= 1)", [{"a": 1.0, "b": 2.0}, {"a": 1.0, "b": 0.0}])
 
     assert made.broken == "division by zero at 1 s"
 
 
 def test_memory_stays_bounded_by_the_intervals() -> None:
-    """What goes down for ever is the worst for a running maximum, what goes up for a minimum."""
+    """An ever falling signal is the worst case for a running maximum, a rising one for a
+    minimum."""
     text = (
         "always(once(a >= 3) or historically(b >= 3) or once[0.1:](a >= 0)"
         " or eventually[0:0.5](a >= 1))"
@@ -433,7 +437,7 @@ def test_memory_stays_bounded_by_the_intervals() -> None:
 
 
 def _queued(thing: object, depth: int = 0) -> int:
-    """Entries of all queues that hang on it."""
+    """Number of entries of all queues below an object."""
     if depth > 12 or isinstance(thing, int | float | str | bytes):
         return 0
     if isinstance(thing, list | tuple):
@@ -445,7 +449,7 @@ def _queued(thing: object, depth: int = 0) -> int:
     return total
 
 
-# What is refused.
+# Refusals.
 
 
 @pytest.mark.parametrize(
@@ -473,7 +477,7 @@ def _queued(thing: object, depth: int = 0) -> int:
         ("(" * 900 + "a", ["nested too deeply"]),
     ],
 )
-def test_a_text_that_is_no_formula_is_refused_with_its_place(text: str, words: list[str]) -> None:
+def test_an_invalid_formula_is_refused_with_its_place(text: str, words: list[str]) -> None:
     with pytest.raises(FormulaError) as refused:
         formula(text)
 
@@ -482,6 +486,6 @@ def test_a_text_that_is_no_formula_is_refused_with_its_place(text: str, words: l
 
 
 @given(st.text(alphabet="abc<>=()[]:-+*/. 0159andortuilevyhsc", max_size=40))
-def test_no_text_does_anything_but_be_read_or_refused(text: str) -> None:
+def test_any_text_is_either_parsed_or_refused(text: str) -> None:
     with contextlib.suppress(FormulaError):
         formula(text)

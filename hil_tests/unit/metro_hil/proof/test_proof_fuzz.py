@@ -1,4 +1,4 @@
-"""The fuzzer: its attacks are what they claim, its judge is not asleep, and it finds nothing."""
+"""The fuzzer: its attacks are what they claim, its judge detects violations, and it finds none."""
 
 from dataclasses import asdict, replace
 
@@ -30,7 +30,7 @@ def attacker(genuine: Genuine, seed: int = 1) -> Attacker:
     return Attacker(genuine, np.random.default_rng(seed))
 
 
-def test_a_ride_answered_once_more_is_the_ride(genuine: Genuine) -> None:
+def test_a_repeated_run_equals_the_run(genuine: Genuine) -> None:
     moved = [output for output in genuine.outputs if output.force_n > 0.0]
 
     assert len(genuine.outputs) == len(genuine.steps)
@@ -41,7 +41,7 @@ def test_a_ride_answered_once_more_is_the_ride(genuine: Genuine) -> None:
 @pytest.mark.parametrize(
     ("kind", "frames"), [(NOISE, NOISE_FRAMES), (REPLAY, OTHER_FRAMES), (FORGED, OTHER_FRAMES)]
 )
-def test_nothing_permissive_comes_of_twenty_thousand_frames(
+def test_twenty_thousand_frames_cause_no_permissive_output(
     genuine: Genuine, kind: str, frames: int
 ) -> None:
     told = episode(genuine, kind, 1, frames_max=frames)
@@ -50,7 +50,7 @@ def test_nothing_permissive_comes_of_twenty_thousand_frames(
     assert told.frames > frames / 2
 
 
-def test_noise_is_refused_by_a_decoder_and_forged_frames_are_not(genuine: Genuine) -> None:
+def test_a_decoder_refuses_noise_but_not_forged_frames(genuine: Genuine) -> None:
     decoder, drawing = Decoder(HEARD_KINDS), attacker(genuine)
 
     noise = [
@@ -78,7 +78,7 @@ def test_genuine_frames_are_authentic_and_a_flipped_bit_is_not(genuine: Genuine)
     assert not authentic(frame._replace(extended=True))
 
 
-def test_the_judge_sees_what_may_not_be() -> None:
+def test_the_judge_detects_every_violation() -> None:
     driving = replace(SAFE_OUTPUT, force_n=1.0, service_decel_mps2=0.0)
     released = replace(SAFE_OUTPUT, emergency_released=True, supervision=Supervision.NOMINAL)
 
@@ -103,7 +103,7 @@ def test_the_judge_sees_what_may_not_be() -> None:
 
 
 @pytest.mark.parametrize("part", ["released", "traction", "left", "right"])
-def test_what_was_permitted_lately_may_be_held_but_no_longer(part: str) -> None:
+def test_a_recent_permission_may_be_held_for_a_limited_time(part: str) -> None:
     more, shadow = replace(NOTHING, **{part: True}), Shadow()
     assert list(shadow.more_permissive(0, more, more)) == []
 
@@ -121,8 +121,10 @@ def test_the_longest_timeout_on_the_bus_is_within_the_lag() -> None:
     assert pytest.approx((max(timeouts_s) + 2.0 * config.cycle_ms / 1e3) * 1e9) == LAG_NS
 
 
-def test_what_protection_permits_is_seen_whatever_operation_asks_for(genuine: Genuine) -> None:
-    """While the train coasts or brakes traction is permitted and not asked for."""
+def test_permissions_of_protection_are_recognised_whatever_operation_demands(
+    genuine: Genuine,
+) -> None:
+    """While the train coasts or brakes, traction is permitted but not demanded."""
     both = list(zip(genuine.permits, genuine.outputs, strict=True))
 
     assert permits(None) == NOTHING
@@ -131,8 +133,9 @@ def test_what_protection_permits_is_seen_whatever_operation_asks_for(genuine: Ge
     assert all(each.released == output.emergency_released for each, output in both)
 
 
-def test_a_telegram_torn_of_its_closing_flag_alone_is_a_duplicate(genuine: Genuine) -> None:
-    """Of the last eight, as the parser knows them; the next telegram closes it."""
+def test_a_telegram_without_its_closing_flag_is_a_duplicate(genuine: Genuine) -> None:
+    """The telegram is one of the last eight that the parser remembers; the next telegram closes
+    it."""
     parser, drawing = TelegramParser(), attacker(genuine)
     for chunk in genuine.chunks[:20]:
         parser.feed(chunk.data)

@@ -1,4 +1,4 @@
-"""What the fixture `bench` holds against a test: by values alone, without a run."""
+"""The complaints of the fixture `bench` about a test, from given results without a run."""
 
 from collections.abc import Sequence
 
@@ -36,7 +36,7 @@ def names(found: Sequence[Finding]) -> list[str]:
     return [each.name for each in found]
 
 
-def test_an_invariant_is_expected_by_its_number_with_all_of_its_parts() -> None:
+def test_an_invariant_number_expects_all_of_its_parts() -> None:
     expected = read_expected("INV-30", plans(), HERE)
 
     assert expected.all == {"inv-30-door-place", "inv-30-door-side", "inv-30-door-speed"}
@@ -53,7 +53,7 @@ def test_an_invariant_is_expected_by_its_number_with_all_of_its_parts() -> None:
         (["slow", "quick"], "expect='quick'"),
     ],
 )
-def test_a_name_that_the_scenario_does_not_watch_is_refused_with_file_line_and_remedy(
+def test_an_unmonitored_name_is_refused_with_file_line_and_remedy(
     expect: str | list[str], hint: str
 ) -> None:
     with pytest.raises(SettingsError) as refused:
@@ -63,23 +63,23 @@ def test_a_name_that_the_scenario_does_not_watch_is_refused_with_file_line_and_r
     assert hint in str(refused.value)
 
 
-def test_an_invariant_that_is_not_watched_cannot_be_expected() -> None:
+def test_an_unmonitored_invariant_cannot_be_expected() -> None:
     with pytest.raises(SettingsError, match="no monitor or invariant"):
         read_expected("inv-08-rollback", read_monitors([SLOW], "here", "none"), HERE)
 
 
-def test_a_case_that_passed_has_nothing_to_expect() -> None:
+def test_a_passed_case_has_no_complaint() -> None:
     assert findings_of(result(Verdict.PASS, "", monitor("a", Verdict.PASS, 1.0))) == []
 
 
 @pytest.mark.parametrize("verdict", [each for each in Verdict if each is not Verdict.PASS])
-def test_every_verdict_but_a_pass_is_found(verdict: Verdict) -> None:
+def test_every_verdict_except_a_pass_is_reported(verdict: Verdict) -> None:
     (found,) = findings_of(result(verdict, "for a reason"))
 
     assert found == Finding("", f"{verdict.value}: for a reason")
 
 
-def test_each_violated_monitor_and_each_fault_that_never_began_is_found_by_name() -> None:
+def test_each_violated_monitor_and_each_fault_that_never_began_is_named() -> None:
     failed = result(
         Verdict.FAIL, "a violated; b violated", monitor("a", Verdict.FAIL, -2.0),
         monitor("b", Verdict.FAIL), monitor("c", Verdict.PASS),
@@ -91,7 +91,7 @@ def test_each_violated_monitor_and_each_fault_that_never_began_is_found_by_name(
     assert names(findings_of(blocked)) == ["fault brake_weak", "the branch"]
 
 
-def test_a_dead_controller_is_found_beside_what_it_violated() -> None:
+def test_a_dead_controller_is_reported_beside_its_violations() -> None:
     reason = "the controller ended by itself: ValueError"
 
     found = findings_of(result(Verdict.FAIL, reason, monitor("a", Verdict.FAIL)))
@@ -100,8 +100,8 @@ def test_a_dead_controller_is_found_beside_what_it_violated() -> None:
     assert names(findings_of_live((), (), (), "ValueError")) == [""]
 
 
-def test_a_monitor_of_the_scenario_that_judged_nothing_is_found_in_a_run_by_hand() -> None:
-    """One that only belongs to all invariants may see nothing, as when no door opens."""
+def test_a_scenario_monitor_that_judged_nothing_is_reported() -> None:
+    """A default invariant may be vacuous, for instance when no door opens."""
     unseen = [
         monitor("slow", Verdict.INCONCLUSIVE),
         monitor("inv-08-rollback", Verdict.INCONCLUSIVE),
@@ -115,7 +115,7 @@ def test_a_monitor_of_the_scenario_that_judged_nothing_is_found_in_a_run_by_hand
     ]
 
 
-def test_what_is_expected_and_came_true_is_no_complaint_and_anything_else_is() -> None:
+def test_only_an_expected_failure_that_occurred_is_no_complaint() -> None:
     expected = Expected(HERE, {"slow": frozenset({"slow"})})
     slow, other = Finding("slow", "slow violated"), Finding("inv-08-rollback", "rolled")
 
@@ -124,7 +124,7 @@ def test_what_is_expected_and_came_true_is_no_complaint_and_anything_else_is() -
     assert complaints(expected, []) == [f"{HERE}: expect='slow' did not come true"]
 
 
-def test_what_has_no_name_is_never_expected() -> None:
+def test_a_finding_without_a_name_is_never_expected() -> None:
     expected = Expected(HERE, {"": frozenset({"slow"})})
 
     assert f"{HERE}: run: lost: x" in complaints(expected, [("run", Finding("", "lost: x"))])

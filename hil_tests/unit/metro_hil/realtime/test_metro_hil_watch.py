@@ -1,4 +1,4 @@
-"""What the tap of a run in real time sees, shows and ends by."""
+"""The tap of a real-time run: what it receives, what it shows, and when it ends the run."""
 
 import io
 from dataclasses import replace
@@ -77,7 +77,7 @@ MOTION = VobcMotion(speed_mps=0.0, ceiling_mps=5.0, emergency_mps=6.0)
 
 
 class Bench:
-    """A controller that says the same for ever, and the tap beside it."""
+    """A controller that always sends the same, and the tap beside it."""
 
     def __init__(
         self,
@@ -107,7 +107,7 @@ class Bench:
         self._said.append(frame)
 
     def run(self, *, unattended: bool, centre: bool = False) -> tuple[str, float]:
-        """Why it ended, and when; s."""
+        """Why the run ended, and when, s."""
 
         def speak() -> bool:
             now_ns = self.clock.now_ns()
@@ -120,7 +120,7 @@ class Bench:
         return reason, self.clock.now_ns() / S
 
 
-def test_a_train_in_emergency_that_nobody_can_let_go_ends_the_run(tmp_path: Path) -> None:
+def test_an_emergency_that_cannot_be_released_ends_the_run(tmp_path: Path) -> None:
     reason, at_s = Bench(tmp_path, STATUS).run(unattended=True)
 
     assert "brake unit" in reason
@@ -131,7 +131,7 @@ def test_a_train_in_emergency_that_nobody_can_let_go_ends_the_run(tmp_path: Path
     ("supervision", "unattended"),
     [(Supervision.EMERGENCY, False), (Supervision.NO_AUTHORITY, True)],
 )
-def test_one_that_somebody_may_let_go_or_that_only_waits_does_not(
+def test_a_releasable_or_waiting_train_does_not_end_the_run(
     tmp_path: Path, supervision: Supervision, unattended: bool
 ) -> None:
     bench = Bench(tmp_path, replace(STATUS, supervision=supervision))
@@ -139,7 +139,7 @@ def test_one_that_somebody_may_let_go_or_that_only_waits_does_not(
 
 
 @pytest.mark.parametrize("cause", [Cause.REMOTE, Cause.AUTHORITY_OLD, Cause.OVERSPEED])
-def test_one_that_the_centre_of_its_line_may_let_go_waits_for_it_and_says_so(
+def test_a_train_that_its_centre_may_release_waits_with_a_hint(
     tmp_path: Path, cause: Cause
 ) -> None:
     bench = Bench(tmp_path, STATUS, replace(MODE, cause=cause), HINTS)
@@ -149,7 +149,9 @@ def test_one_that_the_centre_of_its_line_may_let_go_waits_for_it_and_says_so(
     assert words in bench.printed.getvalue()
 
 
-def test_one_that_only_the_desk_may_let_go_ends_the_run_on_such_a_line_too(tmp_path: Path) -> None:
+def test_a_train_that_only_the_desk_may_release_ends_the_run_on_such_a_line_too(
+    tmp_path: Path,
+) -> None:
     bench = Bench(tmp_path, STATUS, replace(MODE, cause=Cause.BUTTON), HINTS)
     reason, at_s = bench.run(unattended=True, centre=True)
 
@@ -167,9 +169,7 @@ def test_one_that_only_the_desk_may_let_go_ends_the_run_on_such_a_line_too(tmp_p
         (EventKind.OVERRUN, 0, False),
     ],
 )
-def test_a_radio_on_which_nobody_is_heard_is_shown(
-    tmp_path: Path, kind: EventKind, cause: int, shown: bool
-) -> None:
+def test_a_silent_radio_is_shown(tmp_path: Path, kind: EventKind, cause: int, shown: bool) -> None:
     bench = Bench(tmp_path, replace(STATUS, supervision=Supervision.NOMINAL), hints=HINTS)
     bench.says(VobcEvent(kind, cause, 1, 0, 0))
 
@@ -179,7 +179,7 @@ def test_a_radio_on_which_nobody_is_heard_is_shown(
     assert (words in bench.printed.getvalue()) is shown
 
 
-def test_what_is_shown_names_the_reason_of_an_emergency(tmp_path: Path) -> None:
+def test_the_display_names_the_reason_of_an_emergency(tmp_path: Path) -> None:
     bench = Bench(tmp_path, STATUS)
     bench.run(unattended=True)
     assert "EMERGENCY (brake unit)  off" in bench.printed.getvalue()
@@ -189,7 +189,7 @@ STOPPED = replace(STATUS, supervision=Supervision.NOMINAL, ato_phase=AtoPhase.ST
 MISALIGNED = replace(MODE, cause=Cause.NONE, doors_withheld=Withheld.MISALIGNED)
 
 
-def test_a_train_that_stopped_where_its_doors_stay_shut_ends_the_run(tmp_path: Path) -> None:
+def test_a_train_that_stopped_with_doors_kept_closed_ends_the_run(tmp_path: Path) -> None:
     bench = Bench(tmp_path, STOPPED, MISALIGNED)
     reason, at_s = bench.run(unattended=True)
 
@@ -198,12 +198,12 @@ def test_a_train_that_stopped_where_its_doors_stay_shut_ends_the_run(tmp_path: P
     assert "NOMINAL  stopped (doors shut: misaligned)  bus" in bench.printed.getvalue()
 
 
-def test_where_somebody_may_open_them_it_does_not(tmp_path: Path) -> None:
+def test_doors_that_a_person_may_open_do_not_end_the_run(tmp_path: Path) -> None:
     assert Bench(tmp_path, STOPPED, MISALIGNED).run(unattended=False) == (DURATION, 100.0)
 
 
 class Seen:
-    """A picture of the frames that came at given instants."""
+    """The display for frames that came at given instants."""
 
     def __init__(self) -> None:
         self.picture, self._encoder = BusPicture(BIT_RATE), Encoder()
@@ -223,7 +223,7 @@ class Seen:
 
 @pytest.fixture
 def moving() -> Seen:
-    """Of a train under way whose controller and brake unit were heard at 0 s."""
+    """The display of a moving train whose controller and brake unit sent frames at 0 s."""
     seen = Seen()
     motion = VobcMotion(speed_mps=10.0, ceiling_mps=12.0, emergency_mps=13.0)
     target = VobcTarget(distance_to_stop_m=150.0, distance_to_authority_m=400.0)
@@ -234,7 +234,7 @@ def moving() -> Seen:
     return seen
 
 
-def test_what_is_fresh_is_shown(moving: Seen) -> None:
+def test_fresh_values_are_shown(moving: Seen) -> None:
     for text in (moving.panel(FRESH_NS), moving.line(FRESH_NS)):
         assert "36.0 km/h" in text
         assert "NOMINAL" in text
@@ -243,7 +243,7 @@ def test_what_is_fresh_is_shown(moving: Seen) -> None:
     assert "1234.50 m" in moving.panel(FRESH_NS)
 
 
-def test_of_a_silent_controller_only_the_silence_is_shown(moving: Seen) -> None:
+def test_for_a_silent_controller_only_the_silence_is_shown(moving: Seen) -> None:
     moving.hear(BRAKE, 8 * S)
 
     for text in (moving.panel(8 * S), moving.line(8 * S)):
@@ -254,7 +254,7 @@ def test_of_a_silent_controller_only_the_silence_is_shown(moving: Seen) -> None:
     assert "brake 1.25 m/s²" in moving.panel(8 * S)
 
 
-def test_a_unit_of_the_train_that_fell_silent_is_shown_as_that(moving: Seen) -> None:
+def test_a_silent_unit_of_the_train_is_shown_as_silent(moving: Seen) -> None:
     moving.hear(STATUS, 3 * S)
 
     text = moving.panel(3 * S)
@@ -265,7 +265,7 @@ def test_a_unit_of_the_train_that_fell_silent_is_shown_as_that(moving: Seen) -> 
     assert "doors not heard yet" in text
 
 
-def test_a_frame_of_the_controller_that_stays_away_is_blank(moving: Seen) -> None:
+def test_a_missing_frame_of_the_controller_is_blank(moving: Seen) -> None:
     moving.hear(STATUS, 3 * S)
 
     for text in (moving.panel(3 * S), moving.line(3 * S)):
@@ -274,8 +274,8 @@ def test_a_frame_of_the_controller_that_stays_away_is_blank(moving: Seen) -> Non
         assert "EMERGENCY" in text
 
 
-def test_hints_are_not_made_of_what_is_too_old() -> None:
-    """A train in emergency that only the centre may let go, and that then falls silent."""
+def test_old_frames_give_no_hints() -> None:
+    """Only the centre may release this train in emergency, and then it falls silent."""
     seen = Seen()
     seen.hear(STATUS, 0)
     seen.hear(replace(MODE, cause=Cause.REMOTE), 0)

@@ -1,4 +1,5 @@
-"""Whose fault a failure in real time is: the rules, with evidence made up for them."""
+"""Attribution of a failure in real time to controller or host: the rules, with invented
+evidence."""
 
 import pytest
 
@@ -35,7 +36,7 @@ def test_a_failure_on_a_quiet_host_is_the_controllers() -> None:
     assert ruling.verdict is Verdict.FAIL
 
 
-def test_a_failure_just_after_the_host_took_the_processor_is_invalid_and_says_why() -> None:
+def test_a_failure_just_after_stolen_processor_time_is_invalid_with_the_reason() -> None:
     ruling = rule(Verdict.FAIL, [Failure(40.0)], HostEvidence(disturbances=[stolen(38.0, 39.0)]))
 
     assert ruling.verdict is Verdict.INVALID
@@ -47,7 +48,7 @@ def test_a_failure_just_after_the_host_took_the_processor_is_invalid_and_says_wh
     ("begin_s", "end_s"),
     [(40.5, 41.5), (10.0, 11.0), (40.0 - LOOKBACK_S - 1.1, 40.0 - LOOKBACK_S - 0.1)],
 )
-def test_what_the_host_did_after_a_failure_or_long_before_excuses_nothing(
+def test_disturbances_after_a_failure_or_long_before_excuse_nothing(
     begin_s: float, end_s: float
 ) -> None:
     ruling = rule(
@@ -57,7 +58,7 @@ def test_what_the_host_did_after_a_failure_or_long_before_excuses_nothing(
     assert ruling.verdict is Verdict.FAIL
 
 
-def test_one_failure_that_nothing_excuses_makes_the_run_a_failure() -> None:
+def test_one_unexcused_failure_fails_the_run() -> None:
     ruling = rule(
         Verdict.FAIL,
         [Failure(40.0), Failure(80.0)],
@@ -82,7 +83,7 @@ def test_a_program_that_ends_by_itself_has_no_excuse() -> None:
 @pytest.mark.parametrize(
     ("amount_s", "verdict"), [(0.9 * HANG_S, Verdict.FAIL), (HANG_S, Verdict.INVALID)]
 )
-def test_silence_is_excused_only_by_what_could_have_brought_it_about(
+def test_silence_is_excused_only_by_a_disturbance_that_can_cause_it(
     amount_s: float, verdict: Verdict
 ) -> None:
     evidence = HostEvidence(disturbances=[stolen(38.0, 39.0, amount_s)])
@@ -90,7 +91,7 @@ def test_silence_is_excused_only_by_what_could_have_brought_it_about(
     assert rule(Verdict.FAIL, [Failure(40.0, HANG_S)], evidence).verdict is verdict
 
 
-def test_what_the_processes_do_to_each_other_at_their_start_excuses_early_failures_only() -> None:
+def test_disturbances_at_the_start_of_processes_excuse_early_failures_only() -> None:
     evidence = HostEvidence(disturbances=[stolen(0.2, 0.9)])
 
     assert rule(Verdict.FAIL, [Failure(1.0)], evidence).verdict is Verdict.INVALID
@@ -111,7 +112,7 @@ def test_a_pass_on_a_busy_host_stays_a_pass() -> None:
         (HostEvidence(given_up_s=0.4), Verdict.INVALID, "0.40 s"),
     ],
 )
-def test_a_pass_that_was_not_seen_or_not_driven_is_none(
+def test_a_pass_without_truth_or_cycles_does_not_count(
     evidence: HostEvidence, verdict: Verdict, words: str
 ) -> None:
     ruling = rule(Verdict.PASS, [], evidence)
@@ -127,13 +128,13 @@ def test_a_pass_survives_a_gap_in_the_truth_that_is_too_short_to_hide_anything()
 
 
 @pytest.mark.parametrize("verdict", [Verdict.BLOCKED, Verdict.INCONCLUSIVE])
-def test_what_shows_nothing_is_not_made_more_of(verdict: Verdict) -> None:
+def test_a_vacuous_result_stays_vacuous(verdict: Verdict) -> None:
     evidence = HostEvidence(disturbances=[stolen(3.0, 4.0)], dropped_frames=3, given_up_s=1.0)
 
     assert rule(verdict, [], evidence).verdict is verdict
 
 
-def test_a_cycle_that_the_host_began_late_is_a_disturbance_from_when_it_was_due() -> None:
+def test_a_cycle_that_the_host_delayed_is_a_disturbance_from_its_due_instant() -> None:
     rows = [CycleRow(10.0, 0.002, 0.0, CYCLE_S), CycleRow(10.25, 0.002, 0.2, CYCLE_S)]
 
     (found,) = lateness_disturbances(rows)
@@ -142,14 +143,14 @@ def test_a_cycle_that_the_host_began_late_is_a_disturbance_from_when_it_was_due(
     assert found.amount_s == pytest.approx(0.2)
 
 
-def test_a_cycle_that_is_late_because_the_one_before_took_too_long_is_the_controllers_own() -> None:
-    """It worked 0.25 s in a period of 0.05 s, so the next began 0.2 s late by itself."""
+def test_a_cycle_delayed_by_the_one_before_is_the_controllers_own_fault() -> None:
+    """The cycle worked 0.25 s in a period of 0.05 s, so the next one began 0.2 s late by itself."""
     rows = [CycleRow(10.25, 0.25, 0.2, CYCLE_S)]
 
     assert lateness_disturbances(rows) == []
 
 
-def test_what_a_fault_of_the_scenario_did_to_the_process_is_not_the_hosts() -> None:
+def test_a_process_fault_of_the_scenario_is_no_disturbance() -> None:
     rows = [CycleRow(12.0, 0.002, 1.0, CYCLE_S)]
 
     assert lateness_disturbances(rows, [RunWindow(10.9, 12.1)]) == []
@@ -164,7 +165,7 @@ def test_everyday_jitter_is_no_disturbance() -> None:
     assert second_disturbances([(1.0, 0.9 * STEAL_S)], DisturbanceSource.STEAL, STEAL_S) == []
 
 
-def test_a_second_of_steal_spans_from_the_sample_before() -> None:
+def test_stolen_time_spans_from_the_sample_before() -> None:
     (found,) = second_disturbances([(1.0, 0.0), (2.1, 0.2)], DisturbanceSource.STEAL, STEAL_S)
 
     assert (found.begin_s, found.end_s) == (1.0, 2.1)

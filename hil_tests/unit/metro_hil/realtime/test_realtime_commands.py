@@ -1,4 +1,4 @@
-"""How the processes of a case are called, and who brings which of them along."""
+"""The commands of a case's processes, and which processes the bench starts."""
 
 import sys
 from dataclasses import replace
@@ -45,7 +45,7 @@ def value_of(words: tuple[str, ...] | list[str], option: str) -> str:
     return words[words.index(option) + 1]
 
 
-def test_the_shipped_controller_is_told_all_its_wires_and_where_the_train_stands() -> None:
+def test_the_shipped_controller_gets_all_its_wires_and_the_position_of_the_train() -> None:
     words = start_of(ControllerSpec()).words(0)
 
     assert words[:4] == (sys.executable, "-m", "vobc", "run")
@@ -55,7 +55,7 @@ def test_the_shipped_controller_is_told_all_its_wires_and_where_the_train_stands
     assert value_of(words, "--out") == "/runs/one"
 
 
-def test_a_timetable_that_passes_stations_is_told_to_the_controller() -> None:
+def test_the_controller_gets_a_timetable_that_passes_stations() -> None:
     places = replace(PLACES, stops="III")
 
     assert value_of(start_of(ControllerSpec(), places).words(0), "--stops") == "III"
@@ -64,12 +64,12 @@ def test_a_timetable_that_passes_stations_is_told_to_the_controller() -> None:
     assert words == ("ctl", "--at", "III")
 
 
-def test_a_program_that_cannot_be_told_to_pass_stations_is_not_started() -> None:
+def test_a_program_without_an_option_to_pass_stations_is_not_started() -> None:
     with pytest.raises(Blocked, match="here III"):
         start_of(ControllerSpec(kind="command", command="ctl"), replace(PLACES, stops="III"))
 
 
-def test_after_a_kill_nobody_says_where_the_train_stands_but_the_memory() -> None:
+def test_after_a_kill_only_the_memory_gives_the_position() -> None:
     start = start_of(ControllerSpec())
 
     again = start.words(1)
@@ -79,7 +79,7 @@ def test_after_a_kill_nobody_says_where_the_train_stands_but_the_memory() -> Non
     assert value_of(again, "--out") == "/runs/one/again1"
 
 
-def test_another_version_is_the_same_program_found_elsewhere(tmp_path: Path) -> None:
+def test_another_version_is_the_same_program_in_another_folder(tmp_path: Path) -> None:
     (tmp_path / "vobc").mkdir()
 
     start = start_of(ControllerSpec(kind="checkout", path=str(tmp_path)))
@@ -89,12 +89,12 @@ def test_another_version_is_the_same_program_found_elsewhere(tmp_path: Path) -> 
     assert start.words(0)[1:3] == ("-m", "vobc")
 
 
-def test_a_checkout_that_is_none_blocks_the_case(tmp_path: Path) -> None:
+def test_an_invalid_checkout_blocks_the_case(tmp_path: Path) -> None:
     with pytest.raises(Blocked, match="is not a checkout"):
         start_of(ControllerSpec(kind="checkout", path=str(tmp_path)))
 
 
-def test_a_command_is_split_as_a_shell_would_and_filled_in_without_one() -> None:
+def test_a_command_is_split_like_in_a_shell_and_filled_in_without_one() -> None:
     words = fill_in("./mine --tags {tags} --to='{end} now' $HOME", PLACES)
 
     assert words == ("./mine", "--tags", "/run/a b/tags", "--to=III now", "$HOME")
@@ -117,7 +117,7 @@ def test_a_command_that_cannot_be_filled_in_blocks_the_case(command: str, words:
     assert words in str(caught.value)
 
 
-def test_the_plant_is_told_the_faults_the_feed_and_what_the_case_fixes() -> None:
+def test_the_plant_gets_faults_feed_and_fixed_values() -> None:
     case = Case(
         id="c1",
         index=0,
@@ -149,7 +149,7 @@ def test_the_plant_is_told_the_faults_the_feed_and_what_the_case_fixes() -> None
     assert value_of(words, "--parent") == "4711"
 
 
-def test_the_gateway_has_the_controller_on_a_and_the_train_on_b() -> None:
+def test_the_gateway_connects_the_controller_to_a_and_the_train_to_b() -> None:
     words = gateway_words(
         segments=("socketcan:can0", "socketcan:can1"),
         faults=Path("f"),
@@ -176,7 +176,7 @@ TRAIN = {Node.BCU, Node.ODO}
         (TRAIN | {Node.VOBC}, False, Parts(plant=False, controller=False)),
     ],
 )
-def test_the_bench_brings_along_who_is_not_there(
+def test_the_bench_starts_the_missing_processes(
     heard: set[Node], virtual: bool, parts: Parts
 ) -> None:
     chosen = choose_parts(
@@ -194,7 +194,7 @@ def test_the_bench_brings_along_who_is_not_there(
         (RealtimeWires(), set(), "neither a train nor a controller"),
     ],
 )
-def test_two_of_a_kind_or_nobody_at_all_blocks_the_case(
+def test_duplicate_or_missing_processes_block_the_case(
     wires: RealtimeWires, heard: set[Node], words: str
 ) -> None:
     with pytest.raises(Blocked, match=words):

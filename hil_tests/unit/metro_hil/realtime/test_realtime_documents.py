@@ -1,4 +1,4 @@
-"""What a case changes reaches its processes through files that say the same."""
+"""The changes of a case reach its processes through files with the same content."""
 
 from pathlib import Path
 
@@ -17,14 +17,14 @@ def written(folder: Path, setup: Setup, faults: tuple[dict[str, object], ...] = 
     return write_documents(case, parts_of(case), NO_FILES, folder)
 
 
-def test_what_a_case_does_not_change_keeps_its_shipped_name(tmp_path: Path) -> None:
-    """So that an older controller reads its own files."""
+def test_unchanged_files_keep_their_shipped_names(tmp_path: Path) -> None:
+    """This lets an older controller read its own files."""
     papers = written(tmp_path, Setup())
 
     assert (papers.line, papers.consist, papers.params) == ("florence", "florence4", "florence4")
 
 
-def test_dwell_times_real_and_believed_train_are_read_back_as_the_case_has_them(
+def test_dwell_times_real_and_assumed_train_are_read_back_unchanged(
     tmp_path: Path,
 ) -> None:
     setup = Setup(
@@ -44,7 +44,7 @@ def test_dwell_times_real_and_believed_train_are_read_back_as_the_case_has_them(
     assert load_config(papers.params, cycle_ms=50.0) == made.config
 
 
-def test_faults_are_handed_on_as_the_scenario_has_them(tmp_path: Path) -> None:
+def test_faults_are_passed_on_unchanged(tmp_path: Path) -> None:
     faults = (
         {"kind": "frame_drop", "frames": "BRAKE_CMD*", "start_s": 4.0, "duration_s": 0.5},
         {"kind": "tacho_drift", "when": "speed_mps > 3", "axle": "b", "ratio_per_s": 0.01},

@@ -1,4 +1,4 @@
-"""When a case in real time is over, and when its controller counts as dead."""
+"""When a real-time case is over, and when its controller counts as dead."""
 
 import pytest
 
@@ -52,7 +52,7 @@ def test_a_train_on_its_way_goes_on() -> None:
     assert ask(moving()) == ""
 
 
-def test_it_has_arrived_once_it_stood_with_open_doors_at_its_last_station_for_a_while() -> None:
+def test_a_train_has_arrived_after_standing_with_open_doors_at_its_last_station() -> None:
     motion = moving()
     motion.take(truth(50.0, STOP_M - 0.03, doors_open=True))
     assert ask(motion) == ""
@@ -70,7 +70,7 @@ def test_open_doors_elsewhere_are_no_arrival() -> None:
     assert ask(motion) == ""
 
 
-def test_after_a_controllers_death_the_train_is_followed_until_it_stands() -> None:
+def test_after_a_controllers_death_the_run_continues_to_standstill() -> None:
     motion = moving()
     assert ask(motion, dead(10.0), now_s=12.0) == ""
 
@@ -80,11 +80,11 @@ def test_after_a_controllers_death_the_train_is_followed_until_it_stands() -> No
     assert ask(motion, dead(10.0), now_s=22.0) == DIED
 
 
-def test_a_train_that_never_stands_after_its_controllers_death_is_not_followed_for_ever() -> None:
+def test_after_a_controllers_death_the_run_has_a_time_limit() -> None:
     assert ask(moving(), dead(10.0), now_s=10.0 + 181.0) == DIED
 
 
-def test_where_nobody_knows_the_truth_the_controllers_own_word_says_when_it_arrived() -> None:
+def test_without_truth_the_controller_reports_the_arrival() -> None:
     motion = TrueMotion(stop_m=STOP_M, patience_s=90.0)
     motion.believe(0.0, 3000.0, doors_open=False)
     for t_s in (50.0, 53.0):
@@ -92,10 +92,10 @@ def test_where_nobody_knows_the_truth_the_controllers_own_word_says_when_it_arri
 
     assert ask(motion) == ARRIVED
     assert motion.moved_m == pytest.approx(500.02)
-    assert not motion.stood(0.0), "nobody can say that it stands"
+    assert not motion.stood(0.0), "standstill must not be claimed"
 
 
-def test_without_truth_a_dead_controllers_train_is_not_followed_for_long() -> None:
+def test_without_truth_a_run_ends_soon_after_its_controllers_death() -> None:
     assert ask(moving(), dead(10.0), now_s=21.0, truth_known=False) == DIED
     assert ask(moving(), dead(10.0), now_s=21.0, truth_known=True) == ""
 
@@ -104,11 +104,11 @@ def test_a_violation_ends_the_case_at_once() -> None:
     assert ask(moving(), violated=True) == VIOLATION
 
 
-def test_time_is_over_when_it_is() -> None:
+def test_a_case_ends_after_its_duration() -> None:
     assert ask(moving(), now_s=100.0) == DURATION
 
 
-def test_a_train_whose_controller_was_killed_for_good_is_over_when_it_stands() -> None:
+def test_a_case_with_a_permanently_killed_controller_ends_at_standstill() -> None:
     motion = moving()
     assert ask(motion, killed_for_good=True) == ""
 
@@ -119,7 +119,7 @@ def test_a_train_whose_controller_was_killed_for_good_is_over_when_it_stands() -
 
 
 @pytest.mark.parametrize(("pending", "reason"), [(False, STUCK), (True, "")])
-def test_a_train_that_stands_for_long_is_stuck_unless_a_fault_is_still_to_change(
+def test_a_train_that_stands_for_long_is_stuck_unless_a_fault_will_still_change(
     pending: bool, reason: str
 ) -> None:
     motion = moving()
@@ -134,7 +134,7 @@ def check(pulse: Pulse, now_ns: int, **told: object) -> bool:
     return pulse.check(now_ns, **given)  # type: ignore[arg-type]
 
 
-def test_a_controller_that_is_silent_for_too_long_is_dead_and_found_so_once() -> None:
+def test_a_controller_that_is_silent_for_too_long_is_reported_dead_once() -> None:
     pulse = Pulse()
 
     assert not check(pulse, SILENT_NS)
@@ -150,18 +150,18 @@ def test_a_process_that_ended_by_itself_is_dead_at_once() -> None:
     assert pulse.died == "by SIGSEGV"
 
 
-def test_silence_while_a_fault_holds_the_process_is_not_the_controllers() -> None:
+def test_silence_during_a_process_fault_does_not_count() -> None:
     assert not check(Pulse(), 10 * S, excused=True)
 
 
-def test_a_controller_that_was_started_again_is_given_time_to_speak_but_not_for_ever() -> None:
+def test_a_restarted_controller_has_limited_time_to_send() -> None:
     pulse = Pulse()
 
     assert not check(pulse, 5 * S + RESTART_NS, restarted_ns=5 * S)
     assert check(pulse, 5 * S + RESTART_NS + 1, restarted_ns=5 * S)
 
 
-def test_faults_that_time_alone_changes_are_waited_for_conditions_are_not() -> None:
+def test_the_case_waits_for_timed_faults_but_not_for_conditions() -> None:
     plans = read_faults(
         [
             {"kind": "tacho_stuck", "start_s": 5.0, "duration_s": 2.0},

@@ -1,4 +1,4 @@
-"""The gateway's forwarding between two segments, with and without faults of the bus."""
+"""The gateway's forwarding between two segments, with and without bus faults."""
 
 import itertools
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ UNKNOWN_ID = 0x7A0
 
 
 class Segment:
-    """One end of the gateway: gives what is put in, notes what is sent."""
+    """One end of the gateway: returns prepared frames and records sent ones."""
 
     def __init__(self) -> None:
         self.counters = LinkCounters()
@@ -47,7 +47,7 @@ frames = st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_s
 
 
 @given(to_train=frames, to_vobc=frames)
-def test_without_faults_both_ways_get_everything_once_in_order(
+def test_without_faults_both_directions_get_everything_once_in_order(
     to_train: list[tuple[int, bytes]], to_vobc: list[tuple[int, bytes]]
 ) -> None:
     a, b = Segment(), Segment()
@@ -61,7 +61,7 @@ def test_without_faults_both_ways_get_everything_once_in_order(
     assert [sent[1:] for sent in a.sent] == to_vobc
 
 
-def test_what_no_node_of_a_train_sends_is_counted_and_not_passed_on() -> None:
+def test_frames_of_unknown_nodes_are_counted_and_not_forwarded() -> None:
     a, b = Segment(), Segment()
     forwarding = Forwarding(a, b, FrameFaults(1))
     a.coming = [CanFrame(0, 5, b"", extended=True), CanFrame(0, 5, b"", remote=True)]
@@ -72,7 +72,7 @@ def test_what_no_node_of_a_train_sends_is_counted_and_not_passed_on() -> None:
     assert forwarding.uncommon == 2
 
 
-def test_a_delayed_frame_goes_out_when_it_is_due_and_not_before() -> None:
+def test_a_delayed_frame_is_sent_when_it_is_due_and_not_before() -> None:
     a, b = Segment(), Segment()
     faults = FrameFaults(1)
     forwarding = Forwarding(a, b, faults)
@@ -88,7 +88,7 @@ def test_a_delayed_frame_goes_out_when_it_is_due_and_not_before() -> None:
     assert forwarding.wait_us.max == 1_000, "only what is beyond the fault's own delay"
 
 
-def test_a_dropped_frame_is_gone_on_its_way_only() -> None:
+def test_a_frame_is_dropped_in_its_direction_only() -> None:
     a, b = Segment(), Segment()
     faults = FrameFaults(1)
     forwarding = Forwarding(a, b, faults)
@@ -129,7 +129,7 @@ def test_stamps_of_two_segments_that_cross_do_not_turn_the_faults_time_back() ->
 
 
 def crowded(load_ratio: float = 1.0, can_id: int = 0) -> tuple[GatewayFaults, FaultPlan]:
-    """From the start on an idiot babbles."""
+    """A babbling idiot from the start on."""
     faults, idiot = (
         GatewayFaults(1),
         plan_of("babbling_idiot", can_id=can_id, load_ratio=load_ratio),
@@ -142,8 +142,8 @@ def genuine(taken: Sequence[tuple[int, int, bytes]]) -> list[tuple[int, bytes]]:
     return [(can_id, data) for _, can_id, data in taken if data != BABBLE]
 
 
-def test_an_idiot_of_the_lowest_identifier_lets_nobody_on_the_bus_until_it_ends() -> None:
-    """Though the segments, being virtual, would have room for all."""
+def test_a_babbling_idiot_with_the_lowest_identifier_blocks_all_other_nodes() -> None:
+    """The segments are virtual and would have room for all frames."""
     faults, idiot = crowded()
     for step in range(100):
         faults.offer(step * MS, FrameDirection.TO_TRAIN, BRAKE_ID, bytes([step]))
@@ -157,9 +157,7 @@ def test_an_idiot_of_the_lowest_identifier_lets_nobody_on_the_bus_until_it_ends(
     assert faults.take(201 * MS, FrameDirection.TO_TRAIN) == [(201 * MS, BRAKE_ID, b"x")]
 
 
-def test_what_waited_goes_one_after_the_other_by_identifier_and_what_comes_then_has_to_wait() -> (
-    None
-):
+def test_waiting_frames_are_sent_by_identifier_and_later_ones_wait() -> None:
     faults, idiot = crowded()
     for can_id in (0x300, 0x100, 0x200):
         faults.offer(0, FrameDirection.TO_VOBC, can_id, bytes(8))
@@ -170,7 +168,7 @@ def test_what_waited_goes_one_after_the_other_by_identifier_and_what_comes_then_
 
     assert [can_id for _, can_id, data in came if data != BABBLE] == [0x100, 0x200, 0x300]
     starts_ns = [at_ns for at_ns, _, data in came if data != BABBLE]
-    # Eight bytes take 111 bits and more of 4 us each.
+    # Eight bytes take at least 111 bits of 4 µs each.
     assert all(b - a >= 111 * 4_000 for a, b in itertools.pairwise(starts_ns))
 
 
@@ -179,7 +177,9 @@ def test_what_waited_goes_one_after_the_other_by_identifier_and_what_comes_then_
     [(1.0, 0x7FF), (0.5, 0)],
     ids=["one who loses", "one who leaves room"],
 )
-def test_an_idiot_holds_up_others_by_a_frame_at_most_if(load_ratio: float, can_id: int) -> None:
+def test_a_babbling_idiot_delays_lower_identifiers_by_at_most_a_frame(
+    load_ratio: float, can_id: int
+) -> None:
     faults, _ = crowded(load_ratio, can_id)
     for step in range(100):
         faults.take(step * 10 * MS, FrameDirection.TO_TRAIN)
@@ -189,7 +189,7 @@ def test_an_idiot_holds_up_others_by_a_frame_at_most_if(load_ratio: float, can_i
         assert at_ns - step * 10 * MS <= 2 * 160 * 4_000
 
 
-def test_a_node_that_is_not_let_on_keeps_no_more_than_its_mailboxes_hold() -> None:
+def test_a_blocked_node_keeps_no_more_than_its_mailboxes_hold() -> None:
     faults, idiot = crowded()
     for step in range(2 * MAILBOX_FRAMES):
         faults.offer(step * MS, FrameDirection.TO_TRAIN, BRAKE_ID, b"")

@@ -1,4 +1,4 @@
-"""Who is told what of the frames on one segment or two, and from which instant on."""
+"""Which judge gets which frames of one segment or two, and from which instant on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ STATUS_ID = can_id(BrakeStatus)
 
 @dataclass
 class Wire:
-    """A port that gives what is put in."""
+    """A port that returns prepared frames."""
 
     coming: list[CanFrame] = field(default_factory=list)
     counters: LinkCounters = field(default_factory=LinkCounters)
@@ -40,7 +40,7 @@ class Wire:
 
 @dataclass
 class Judges:
-    """Monitors that note what they are told."""
+    """Monitors that record what they get."""
 
     told: list[tuple[str, int, bytes]] = field(default_factory=list)
 
@@ -55,7 +55,7 @@ class Judges:
 
 @dataclass
 class Rig:
-    """A hearing whose run begins at 1 s of the machine's clock."""
+    """A reception whose run begins at 1 s of the machine's clock."""
 
     hearing: RunObserver
     judges: Judges
@@ -83,7 +83,7 @@ def rig_of(folder: Path, *, split: bool) -> Rig:
     return Rig(hearing, judges, wires[0], wires[-1], cycles)
 
 
-def test_on_one_segment_every_frame_is_told_once(tmp_path: Path) -> None:
+def test_on_one_segment_every_frame_is_passed_on_once(tmp_path: Path) -> None:
     rig = rig_of(tmp_path, split=False)
     rig.train.coming = [CanFrame(2 * S, COMMAND_ID, b"a"), CanFrame(3 * S, STATUS_ID, b"b")]
 
@@ -91,11 +91,13 @@ def test_on_one_segment_every_frame_is_told_once(tmp_path: Path) -> None:
     assert rig.cycles == [2 * S]
 
 
-def test_behind_a_gateway_the_controller_is_judged_by_what_it_says_and_its_units_by_what_they_hear(
+def test_with_a_gateway_the_controller_is_judged_by_sent_and_the_units_by_received_frames(
     tmp_path: Path,
 ) -> None:
-    """A vital command with its twin, without which it counts for nothing. What the train says
-    comes through the gateway, too, and is not told twice."""
+    """A vital command counts only with its twin.
+
+    The train's frames also come through the gateway and must not be passed on twice.
+    """
     rig = rig_of(tmp_path, split=True)
     rig.controller.coming = [
         CanFrame(2 * S, COMMAND_ID, b"a"),
@@ -113,7 +115,7 @@ def test_behind_a_gateway_the_controller_is_judged_by_what_it_says_and_its_units
     assert rig.cycles == [2 * S]
 
 
-def test_what_a_gateway_says_in_the_controllers_name_to_the_train_is_no_sign_of_life(
+def test_frames_that_a_gateway_forges_are_no_sign_of_life_of_the_controller(
     tmp_path: Path,
 ) -> None:
     rig = rig_of(tmp_path, split=True)

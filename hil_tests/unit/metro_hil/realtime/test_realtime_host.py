@@ -1,4 +1,4 @@
-"""What the host took from a run, from what its kernel says of it."""
+"""The host's disturbances of a run, from the kernel's statistics."""
 
 import os
 from pathlib import Path
@@ -13,7 +13,7 @@ CONTROLLER, HUB = 41, 42
 
 
 class Kernel:
-    """A folder that looks like /proc: each process's time run, waited, and how often it ran."""
+    """A folder like /proc: run time, waiting time and number of runs of each process."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
@@ -38,10 +38,10 @@ def record(tmp_path: Path) -> HostRecord:
     return HostRecord(tmp_path / "host.csv", steal=lambda: 0)
 
 
-def test_one_long_wait_counts_and_many_everyday_ones_do_not(
+def test_one_long_wait_counts_and_many_short_ones_do_not(
     kernel: Kernel, record: HostRecord
 ) -> None:
-    """A hub that carries 2000 frames waits a little for each."""
+    """A hub that forwards 2000 frames waits a little for each."""
     for pid in (CONTROLLER, HUB):
         kernel.says(pid, ran_ms=0, waited_ms=0.0, times=0)
     record.sample(1.0, CONTROLLER, [HUB], excused=False)
@@ -53,7 +53,9 @@ def test_one_long_wait_counts_and_many_everyday_ones_do_not(
     assert record.carriers_waited[-1] == (2.0, 0.0)
 
 
-def test_a_process_that_was_started_again_begins_anew(kernel: Kernel, record: HostRecord) -> None:
+def test_the_statistics_restart_with_a_restarted_process(
+    kernel: Kernel, record: HostRecord
+) -> None:
     kernel.says(CONTROLLER, ran_ms=0, waited_ms=0.0, times=0)
     record.sample(1.0, CONTROLLER, excused=False)
     kernel.says(HUB, ran_ms=0, waited_ms=900.0, times=1)
@@ -63,7 +65,7 @@ def test_a_process_that_was_started_again_begins_anew(kernel: Kernel, record: Ho
 
 
 @pytest.mark.parametrize(("ran_ms", "stalled_s"), [(10, 0.89), (900, 0.0)])
-def test_a_bench_that_is_held_up_shows_a_stall_unless_the_controller_took_the_time(
+def test_a_delayed_bench_is_a_stall_unless_the_controller_used_the_time(
     kernel: Kernel, record: HostRecord, ran_ms: int, stalled_s: float
 ) -> None:
     kernel.says(CONTROLLER, ran_ms=0, waited_ms=0.0, times=0)
@@ -75,7 +77,7 @@ def test_a_bench_that_is_held_up_shows_a_stall_unless_the_controller_took_the_ti
     assert record.stalled[-1][1] == pytest.approx(stalled_s)
 
 
-def test_what_the_kernel_does_not_say_is_nothing(kernel: Kernel, record: HostRecord) -> None:
+def test_missing_kernel_statistics_give_no_disturbance(kernel: Kernel, record: HostRecord) -> None:
     record.sample(1.0, CONTROLLER, [HUB], excused=False)
 
     assert record.waited == record.carriers_waited == [(1.0, 0.0)]

@@ -1,4 +1,4 @@
-"""Frames and truth come over different ways and are judged in the order of their instants."""
+"""Frames and truth arrive on different paths and are judged in the order of their instants."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,10 +9,10 @@ MS = 1_000_000
 
 
 @given(st.lists(st.tuples(st.integers(0, 200), st.integers(0, 29)), max_size=60))
-def test_what_comes_within_the_hold_comes_out_in_order_and_whole(
+def test_items_within_the_hold_time_are_returned_complete_and_in_order(
     things: list[tuple[int, int]],
 ) -> None:
-    """Each is added up to 29 ms after its instant, with everything else looked at meanwhile."""
+    """Each item is added up to 29 ms after its instant, and all items are taken in between."""
     merge: Merge[int] = Merge()
     arrivals = sorted(
         ((stamp_ms + delay_ms) * MS, stamp_ms * MS, number)
@@ -31,7 +31,7 @@ def test_what_comes_within_the_hold_comes_out_in_order_and_whole(
     assert merge.late == 0
 
 
-def test_nothing_is_handed_on_before_something_older_could_have_come() -> None:
+def test_no_item_is_returned_while_an_older_one_could_arrive() -> None:
     merge: Merge[str] = Merge()
     merge.add(0, "frame")
 
@@ -39,7 +39,7 @@ def test_nothing_is_handed_on_before_something_older_could_have_come() -> None:
     assert list(merge.due(HOLD_NS)) == [(0, "frame")]
 
 
-def test_what_comes_too_late_is_counted_and_never_turns_time_back() -> None:
+def test_late_items_are_counted_and_never_turn_time_back() -> None:
     merge: Merge[str] = Merge()
     merge.add(50 * MS, "young")
     assert list(merge.due(50 * MS + HOLD_NS)) == [(50 * MS, "young")]

@@ -1,4 +1,4 @@
-"""What the faults of a process do to it: signals in the right order."""
+"""Effects of process faults: signals in the right order."""
 
 import pytest
 
@@ -10,7 +10,7 @@ S = 1_000_000_000
 
 
 class Recorder:
-    """A controller that notes what is done to it."""
+    """A controller that records the signals it gets."""
 
     def __init__(self) -> None:
         self.done: list[str] = []
@@ -68,7 +68,7 @@ def test_a_paused_controller_goes_on_when_the_fault_ends() -> None:
     assert not faults.acting(2 * S + SETTLE_NS + 1)
 
 
-def test_a_slow_controller_stands_still_for_so_long_after_each_cycle() -> None:
+def test_a_slow_controller_is_paused_after_each_cycle() -> None:
     controller = Recorder()
     faults, plan = ProcessFaults(controller), plan_of("slow_cycle", extra_s=0.08)
     faults.change(plan, True, S)
@@ -85,7 +85,7 @@ def test_a_slow_controller_stands_still_for_so_long_after_each_cycle() -> None:
     assert faults.next_ns == S + 161_000_000
 
 
-def test_without_the_fault_a_cycle_is_just_a_cycle() -> None:
+def test_without_the_fault_a_cycle_causes_no_pause() -> None:
     controller = Recorder()
 
     ProcessFaults(controller).cycle_heard(S)
@@ -93,7 +93,7 @@ def test_without_the_fault_a_cycle_is_just_a_cycle() -> None:
     assert controller.done == []
 
 
-def test_a_fault_of_the_train_is_none_of_the_process() -> None:
+def test_faults_of_the_train_do_not_affect_the_process() -> None:
     controller = Recorder()
     faults = ProcessFaults(controller)
 
@@ -108,7 +108,7 @@ def test_a_step_of_the_clock_is_refused_with_the_reason() -> None:
         refuse_impossible([plan_of("clock_step")], controller_ours=True)
 
 
-def test_a_process_that_is_not_ours_is_not_touched() -> None:
+def test_a_foreign_process_is_not_signalled() -> None:
     with pytest.raises(Blocked, match="did not start the controller"):
         refuse_impossible([plan_of("controller_paused")], controller_ours=False)
 

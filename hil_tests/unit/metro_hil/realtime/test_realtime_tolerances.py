@@ -1,4 +1,5 @@
-"""What monitors allow for in real time, held against what is put down to the host."""
+"""Tolerances of the monitors in real time, compared with the disturbances attributed to the
+host."""
 
 from dataclasses import fields
 from typing import Any
@@ -25,10 +26,11 @@ def context(*faults: Any) -> Context:
 @pytest.mark.parametrize(
     ("faults", "gateway_s"), [((), 0.0), ((SLIP,), 0.0), ((PAUSE,), 0.0), ((DROP,), GATEWAY_LATE_S)]
 )
-def test_no_monitor_is_stricter_than_what_a_host_may_do_without_being_named(
+def test_no_monitor_is_stricter_than_an_unreported_host_disturbance(
     faults: tuple[Any, ...], gateway_s: float
 ) -> None:
-    """A cycle or a step that is late by just less than counts, on top of lockstep's allowance."""
+    """A cycle or step that is late by just less than the limit adds to the tolerance of
+    lockstep."""
     found = context(*faults)
 
     assert found.slack_s >= FRAME_WAIT_S + max(LATE_S, PLANT_LATE_S) + gateway_s
@@ -41,7 +43,7 @@ def test_inputs_age_by_faults_of_bus_and_process_and_by_no_others(fault: Any, ag
     assert (context(fault).input_age_s >= FAULT_AGE_S) is ages
 
 
-def test_nothing_else_differs_from_lockstep() -> None:
+def test_all_other_tolerances_equal_those_of_lockstep() -> None:
     found = context()
     plain = Context(line=found.line, train=found.train)
 

@@ -1,4 +1,4 @@
-"""Which monitors say something of a train whose truth nobody knows."""
+"""Which monitors can judge a train without known truth."""
 
 import pytest
 
@@ -18,7 +18,7 @@ from metro_hil.realtime.without_truth import needs_truth, with_unjudged
         ({"measure": "stop_error_worst_m", "max": 0.1}, False),
     ],
 )
-def test_a_monitor_that_asks_for_more_than_is_said_on_the_bus_needs_the_truth(
+def test_a_monitor_with_signals_that_are_not_on_the_bus_needs_the_truth(
     table: dict[str, object], needed: bool
 ) -> None:
     (plan,) = read_monitors([{"name": "m", **table}], "case", "none")
@@ -26,7 +26,7 @@ def test_a_monitor_that_asks_for_more_than_is_said_on_the_bus_needs_the_truth(
     assert needs_truth(plan) is needed
 
 
-def test_what_was_not_judged_is_inconclusive_and_stands_where_it_was_asked_for() -> None:
+def test_unjudged_monitors_are_inconclusive_and_keep_their_place() -> None:
     tables = [
         {"name": "first", "stl": "always(speed_mps <= 30)"},
         {"name": "second", "stl": "always(ceiling_mps <= 30)"},

@@ -1,4 +1,4 @@
-"""Two sequences of outputs put beside each other."""
+"""Comparison of two sequences of outputs."""
 
 from collections.abc import Sequence
 
@@ -33,7 +33,7 @@ def status(work_us: float, slips: int) -> Output:
 
 
 @given(OUTPUTS)
-def test_the_same_is_identical(outputs: list[tuple[int, str, bytes]]) -> None:
+def test_equal_sequences_are_identical(outputs: list[tuple[int, str, bytes]]) -> None:
     result = compare(said(outputs), said(outputs))
 
     assert result.identical
@@ -51,7 +51,7 @@ def test_every_output_of_both_is_counted_once(
     assert pairs + sum(each.extra for each in counts) == len(other)
 
 
-def test_one_that_was_left_out_does_not_shift_those_after_it() -> None:
+def test_a_missing_output_does_not_shift_the_later_ones() -> None:
     whole = [(at, "101", bytes([at])) for at in range(0, 100, 10)]
 
     result = compare(said(whole), said([each for each in whole if each[0] != 40]))
@@ -63,7 +63,7 @@ def test_one_that_was_left_out_does_not_shift_those_after_it() -> None:
     assert result.first.recorded.at_ns == 40
 
 
-def test_within_the_tolerance_the_equal_one_is_the_partner() -> None:
+def test_within_the_tolerance_equal_outputs_are_paired() -> None:
     one = [(10, "101", b"a"), (20, "101", b"b")]
     other = [(12, "101", b"x"), (13, "101", b"a"), (22, "101", b"b")]
 
@@ -83,7 +83,7 @@ def test_the_first_difference_is_the_earliest_of_all_identifiers() -> None:
     assert first.recorded.output.key == "103"
 
 
-def test_only_what_the_host_did_is_masked() -> None:
+def test_only_fields_that_depend_on_the_host_are_masked() -> None:
     recorded = [Placed(0, 0, 0, status(600.0, 0)), Placed(1, 1, 1, status(600.0, 0))]
     replayed = [Placed(0, 0, 0, status(0.0, 0)), Placed(1, 1, 1, status(0.0, 1))]
 

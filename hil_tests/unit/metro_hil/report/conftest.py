@@ -1,4 +1,4 @@
-"""Campaigns made up for the tests of the report, from a seed."""
+"""Campaigns generated from a seed for the tests of the report."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ LIMIT_M = 0.10
 
 @dataclass(frozen=True, slots=True)
 class MadeUp:
-    """A campaign as `write_reports` is told of it."""
+    """A campaign in the form that `write_reports` expects."""
 
     info: CampaignInfo
     cases: list[Case]
@@ -60,7 +60,8 @@ def stop_case(index: int, scenario: str, *, error: float, load: float, seed: int
 
 
 def stop_result(case: Case, errors_m: tuple[float, ...], worker: str = "a") -> CaseResult:
-    """Passes when all stops are within the limit; a second monitor watches the speed."""
+    """A result that passes when all stops are within the limit; a second monitor judges the
+    speed."""
     worst_m = max(abs(error_m) for error_m in errors_m)
     margin_m = LIMIT_M - worst_m
     verdict = Verdict.PASS if margin_m >= 0.0 else Verdict.FAIL
@@ -115,7 +116,7 @@ def stop_result(case: Case, errors_m: tuple[float, ...], worker: str = "a") -> C
 
 
 def made_up(count: int, seed: int = 7, scenario_count: int = 3) -> MadeUp:
-    """About one case in forty fails, more of them with a great odometer error."""
+    """A campaign in which about one case in forty fails, more often with a large odometer error."""
     generator = np.random.default_rng(seed)
     cases, results = [], []
     for index in range(count):
@@ -155,7 +156,8 @@ def about() -> Callable[..., CampaignInfo]:
 
 @pytest.fixture
 def keep_logs() -> Callable[[Path, Case], None]:
-    """The logs of one run below a campaign's folder: it runs to 400 m and stops."""
+    """A function that writes the logs of one run below a campaign's folder: it runs to 400 m and
+    stops."""
 
     def keep(folder: Path, case: Case) -> None:
         run = folder.joinpath("cases", *case.id.split("/"))

@@ -1,4 +1,4 @@
-"""`vobc explain` on run folders made by hand: what it tells, leaves out and refuses."""
+"""`vobc explain` on handmade run folders: its output, its omissions and its refusals."""
 
 import json
 from pathlib import Path
@@ -42,7 +42,7 @@ EVENTS = [event(1, 0.0), BUTTON, event(3, 9.5, "SUPERVISION")]
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A run of ten seconds with three events."""
+    """The folder of a run of ten seconds with three events."""
     path = tmp_path / "run1"
     path.mkdir()
     write(path, EVENTS)
@@ -73,7 +73,7 @@ def explained(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]
     return document
 
 
-def test_the_story_has_a_head_and_every_event(folder: Path) -> None:
+def test_the_event_log_has_a_head_and_every_event(folder: Path) -> None:
     story = read_story(folder)
 
     assert (story.head.name, story.head.line, story.head.ended) == ("run1", "florence", "arrived")
@@ -82,7 +82,7 @@ def test_the_story_has_a_head_and_every_event(folder: Path) -> None:
     assert read_story(folder / "events.jsonl") == story
 
 
-def test_each_event_is_told_with_the_values_of_the_frame_it_was_decided_from(
+def test_each_event_is_shown_with_the_values_of_its_frame(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["explain", str(folder)]) == 0
@@ -95,7 +95,7 @@ def test_each_event_is_told_with_the_values_of_the_frame_it_was_decided_from(
     assert text.index("event 1") < text.index("emergency brake: button") < text.index("event 3")
 
 
-def test_json_holds_the_same_with_the_very_bytes(
+def test_json_holds_the_same_with_the_frame_bytes(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     document = explained(capsys, str(folder))
@@ -119,7 +119,7 @@ def test_json_holds_the_same_with_the_very_bytes(
         (("--only", "mode", "--from", "1"), []),
     ],
 )
-def test_a_part_of_the_story_can_be_told(
+def test_a_part_of_the_event_log_can_be_shown(
     folder: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], numbers: list[int]
 ) -> None:
     document = explained(capsys, str(folder), *words)
@@ -127,13 +127,15 @@ def test_a_part_of_the_story_can_be_told(
     assert [each["number"] for each in document["events"]] == numbers
 
 
-def test_a_part_without_an_event_says_so(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_part_without_an_event_is_reported_as_such(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["explain", str(folder), "--only", "jog_began"]) == 0
 
     assert "no event is of that kind and time" in capsys.readouterr().out
 
 
-def test_what_was_known_at_an_instant_is_the_cycle_and_the_latest_frames(
+def test_the_inputs_at_an_instant_are_the_cycle_and_the_latest_frames(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     document = explained(capsys, str(folder), "--at", "0.07")
@@ -149,7 +151,7 @@ def test_what_was_known_at_an_instant_is_the_cycle_and_the_latest_frames(
     assert "event 3" not in shown
 
 
-def test_each_frame_heard_later_is_not_known_yet(folder: Path) -> None:
+def test_later_frames_are_not_among_the_inputs(folder: Path) -> None:
     before = heard_until(folder / "ports.log", 0.05)
     after = heard_until(folder / "ports.log", 0.1)
 
@@ -158,7 +160,7 @@ def test_each_frame_heard_later_is_not_known_yet(folder: Path) -> None:
     assert cycle_at(folder / "cycles.csv", 1e9)["front_m"] == "101.5"
 
 
-def test_a_controller_that_was_started_again_begins_a_time_of_its_own(
+def test_a_restarted_controller_begins_its_own_time(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write(folder, [event(1, 0.0), event(2, 5.0), event(1, 0.0), event(2, 1.0)])
@@ -178,7 +180,7 @@ def test_a_torn_line_is_left_out_and_counted(folder: Path, torn: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["results.json", "ports.log", "cycles.csv"])
-def test_the_story_is_told_without_the_other_files(
+def test_the_event_log_is_shown_without_the_other_files(
     folder: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     (folder / name).unlink()
@@ -187,7 +189,7 @@ def test_the_story_is_told_without_the_other_files(
     assert "emergency brake: button" in capsys.readouterr().out
 
 
-def test_what_cannot_be_told_is_one_line_that_names_the_path(
+def test_an_unusable_folder_is_one_line_that_names_the_path(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     campaign = tmp_path / "campaign"
@@ -246,7 +248,7 @@ def test_kinds_are_found_in_any_spelling() -> None:
         kinds_of("doors")
 
 
-def test_both_ends_of_the_time_are_told(folder: Path) -> None:
+def test_both_ends_of_the_time_are_shown(folder: Path) -> None:
     events = read_story(folder).events
 
     assert len(chosen(events, from_s=0.0, to_s=9.5, only=frozenset())) == 3

@@ -1,4 +1,4 @@
-"""The plot of a case: from any log there is, and with what the case imposed."""
+"""The plot of a case: for any existing log, and with the restrictions of the case."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -40,7 +40,7 @@ RUN: Sequence[Mapping[str, object]] = tuple(
 
 
 def log(columns: Sequence[str], rows: Sequence[Mapping[str, object]]) -> Columns:
-    """What is not given of a row is empty, as where the controller knows nothing."""
+    """Missing values of a row are empty, as where the controller knows no value."""
     table = [[row.get(name, "") for name in columns] for row in rows]
     return Columns.of_rows("log", columns, table)
 
@@ -51,7 +51,7 @@ def drawn(
     truth: Sequence[Mapping[str, object]] = RUN,
     restrictions: Sequence[RestrictionSpan] = (),
 ) -> bytes | None:
-    """The PNG, or None when there is nothing to draw."""
+    """The PNG, or None when there is nothing to plot."""
     path = tmp_path / "case.png"
     logs = log(CYCLE_COLUMNS, cycles), log(TRUTH_COLUMNS, truth)
     return path.read_bytes() if draw_case(path, "a case", LINE, *logs, restrictions) else None
@@ -71,7 +71,7 @@ def test_without_rows_nothing_is_drawn(tmp_path: Path) -> None:
     assert not (tmp_path / "case.png").exists()
 
 
-def test_a_controller_that_never_knew_its_place_is_drawn_all_the_same(tmp_path: Path) -> None:
+def test_a_controller_that_never_had_a_position_is_plotted_too(tmp_path: Path) -> None:
     unknown = [{"t_s": row["t_s"], "mode": "standby", "phase": "off"} for row in RUN]
 
     assert drawn(tmp_path, cycles=unknown) is not None
@@ -106,6 +106,6 @@ def test_restrictions_are_those_among_the_faults_of_a_case() -> None:
     assert stretches_of(()) == ()
 
 
-def test_a_fault_that_is_none_is_refused() -> None:
+def test_an_invalid_fault_is_refused() -> None:
     with pytest.raises(SettingsError):
         stretches_of([{"kind": "no such fault"}])

@@ -16,7 +16,7 @@ from metro_hil.model.case import Verdict
 
 
 def left_behind(path: Path, made: Any, *, killed: bool = False) -> CampaignFolder:
-    """A finished campaign; `killed` is one that was resumed in between."""
+    """A finished campaign; with `killed` it was resumed in between."""
     plan = CampaignPlan(
         name="made-up", title="Made up", cases=made.cases, files={}, options={}, layout="florence"
     )
@@ -38,10 +38,10 @@ def left_behind(path: Path, made: Any, *, killed: bool = False) -> CampaignFolde
 
 
 @pytest.mark.parametrize("words", [["show"], ["laws", "--run"], ["requirements", "--out"]])
-def test_a_name_that_no_file_can_have_is_left_to_the_frame_of_every_command(
+def test_an_impossible_file_name_is_handled_by_the_frame_of_every_command(
     words: list[str],
 ) -> None:
-    """`Program` turns it into one line with exit code 3."""
+    """`Program` turns the error into one line with exit code 3."""
     with pytest.raises(OSError, match="File name too long"):
         main([*words, "x" * 300])
 
@@ -86,7 +86,7 @@ def test_a_report_can_be_written_while_cases_are_missing(
     assert "1 without a result" in capsys.readouterr().out
 
 
-def test_a_folder_that_is_none_is_said_in_one_line(
+def test_an_invalid_folder_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -121,7 +121,7 @@ def test_a_verdict_that_got_worse_fails_the_comparison(
     assert [change["case_id"] for change in document["worse"]] == [good.case_id]
 
 
-def test_campaigns_without_a_common_case_are_no_success(
+def test_campaigns_without_a_common_case_do_not_pass(
     campaign: Callable[..., Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = campaign(21)
@@ -137,7 +137,7 @@ def test_campaigns_without_a_common_case_are_no_success(
     assert "no case is in both" in capsys.readouterr().err
 
 
-def test_a_measure_that_got_worse_fails_only_when_asked(
+def test_a_measure_that_got_worse_fails_only_on_request(
     campaign: Callable[..., Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = campaign(21)

@@ -1,4 +1,4 @@
-"""Comparing two campaigns: verdicts, shifts and what a test may claim."""
+"""Comparison of two campaigns: verdicts, shifts, and what a statistical test may claim."""
 
 import dataclasses
 import itertools
@@ -54,7 +54,8 @@ numbers = st.integers(-40, 40).map(lambda n: n / 4.0)
 
 
 def p_of(differences: list[float]) -> float:
-    """By scipy where it is exact; else by trying all flips of the signs, or, of many, scipy's."""
+    """The p-value by scipy where it is exact, otherwise by all sign flips, or by scipy for many
+    pairs."""
     sizes = np.abs(differences)
     if len(set(sizes.tolist())) == len(sizes):
         return float(stats.wilcoxon(differences, method="exact").pvalue)
@@ -67,7 +68,7 @@ def p_of(differences: list[float]) -> float:
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(numbers, numbers), min_size=1, max_size=12))
-def test_p_is_that_of_scipy_on_the_pairs(pairs: list[tuple[float, float]]) -> None:
+def test_p_equals_that_of_scipy_on_the_pairs(pairs: list[tuple[float, float]]) -> None:
     a, b = (np.array(column) for column in zip(*pairs, strict=True))
 
     shift = only_shift(a.tolist(), b.tolist())
@@ -84,7 +85,7 @@ def test_p_is_that_of_scipy_on_the_pairs(pairs: list[tuple[float, float]]) -> No
         assert shift.p_holm_ratio == pytest.approx(wanted), "one test needs no correction"
 
 
-def test_p_of_many_pairs_is_that_of_scipy() -> None:
+def test_p_of_many_pairs_equals_that_of_scipy() -> None:
     differences = np.random.default_rng(1).normal(0.3, 1.0, 80)
 
     shift = only_shift([0.0] * 80, differences.tolist())
@@ -120,14 +121,14 @@ def test_a_measure_without_a_better_side_is_only_different() -> None:
     )
 
 
-def test_five_pairs_can_show_nothing_and_it_is_said() -> None:
+def test_five_pairs_cannot_show_anything_and_this_is_reported() -> None:
     shift = only_shift([1.0, 2.0, 3.0, 4.0, 5.0], [2.0, 3.5, 5.2, 7.0, 9.0])
 
     assert shift.direction is MeasureTrend.UNCLEAR
     assert any("no test can reach 5 %" in note for note in shift.notes)
 
 
-def test_equal_pairs_and_ties_are_told() -> None:
+def test_equal_pairs_and_ties_are_reported() -> None:
     shift = only_shift([1.0] * 10, [1.0, 1.0, *[2.0] * 8])
 
     assert shift.unchanged == 2
@@ -158,7 +159,7 @@ def test_holm_of_a_textbook_example() -> None:
 
 
 def test_many_measures_are_corrected_together() -> None:
-    """One of twenty looks significant by itself; together with nineteen others it is not."""
+    """One of twenty measures looks significant alone, but not after the correction for twenty."""
     generator = np.random.default_rng(5)
     cases, before = campaign_of([0.0] * 8)
     after = []
@@ -197,7 +198,7 @@ def test_verdicts_are_sorted_into_worse_and_better() -> None:
     assert [c.case_id for c in comparison.changed] == ["s/2"]
 
 
-def test_cases_with_other_ids_are_found_by_factors_and_seed(campaign: Callable[..., Any]) -> None:
+def test_cases_with_other_ids_are_matched_by_factors_and_seed(campaign: Callable[..., Any]) -> None:
     made = campaign(21)
     renamed = [msgspec.structs.replace(case, id=f"new-{case.index}") for case in made.cases[:-1]]
     results = [
@@ -256,7 +257,7 @@ def test_a_margin_that_shrinks_is_worse(campaign: Callable[..., Any]) -> None:
 
 
 @given(st.lists(numbers.filter(lambda x: x != 0.0), min_size=1, max_size=20))
-def test_the_effect_is_that_of_counting_ranks(differences: list[float]) -> None:
+def test_the_effect_size_agrees_with_counting_ranks(differences: list[float]) -> None:
     array = np.array(differences)
 
     effect = rank_biserial_ratio(array)

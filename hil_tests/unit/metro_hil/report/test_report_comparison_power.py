@@ -1,4 +1,4 @@
-"""What a comparison can find, says beforehand, and must not call a pass."""
+"""The power of a comparison: what it can find, what it predicts, and what is no pass."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -23,10 +23,9 @@ def campaign_of(
     unit: str = "m",
     still: int = 0,
 ) -> Campaign:
-    """A case for each place of the columns, which are margins by the name of their monitor.
+    """A case for each row of the columns, which are margins by the name of their monitor.
 
-    Args:
-        still: further monitors whose margin is always the same.
+    Args: still: further monitors whose margin is constant.
     """
     count = len(next(iter(margins.values())))
     cases = [
@@ -54,7 +53,7 @@ def campaign_of(
 
 
 def worked_example(pairs: int) -> JudgedComparison:
-    """One margin falls in all pairs; five others of 54 move by as much, either way."""
+    """One margin falls in all pairs; five of 54 others move by as much in either direction."""
     sizes_m = np.array(FALL_MM[:pairs]) / 1000.0
     before: dict[str, Sequence[float]] = {"stop": [1.0] * pairs}
     after: dict[str, Sequence[float]] = {"stop": (1.0 - sizes_m).tolist()}
@@ -81,7 +80,7 @@ def test_the_worked_example_of_the_guide() -> None:
     assert comparison.unproven == ()
 
 
-def test_three_pairs_of_the_worked_example_cannot_tell_and_say_so() -> None:
+def test_three_pairs_of_the_worked_example_are_reported_as_insufficient() -> None:
     comparison = worked_example(3)
 
     ((_, found),) = comparison.detectable
@@ -94,13 +93,13 @@ def test_three_pairs_of_the_worked_example_cannot_tell_and_say_so() -> None:
 @pytest.mark.parametrize(
     ("tests", "pairs"), [(0, 6), (1, 6), (3, 7), (6, 8), (12, 9), (25, 10), (60, 12)]
 )
-def test_the_pairs_that_are_needed_are_those_of_the_guide(tests: int, pairs: int) -> None:
+def test_the_number_of_needed_pairs_equals_that_of_the_guide(tests: int, pairs: int) -> None:
     assert pairs_needed(tests) == pairs
     assert least_p_ratio(pairs) * max(1, tests) < 0.05 <= least_p_ratio(pairs - 1) * max(1, tests)
 
 
 @pytest.mark.parametrize("differences", range(1, 12))
-def test_the_least_p_is_that_of_scipy_for_differences_that_all_go_the_same_way(
+def test_the_least_p_equals_that_of_scipy_for_differences_in_one_direction(
     differences: int,
 ) -> None:
     p_ratio = stats.wilcoxon(np.arange(1.0, differences + 1.0), method="exact").pvalue
@@ -109,10 +108,8 @@ def test_the_least_p_is_that_of_scipy_for_differences_that_all_go_the_same_way(
 
 
 @pytest.mark.parametrize(("pairs", "tests"), [(20, 1), (40, 6), (100, 40)])
-def test_the_shift_that_four_of_five_comparisons_find_is_found_in_as_many(
-    pairs: int, tests: int
-) -> None:
-    """Oracle: 600 comparisons with normal differences, at Holm's first step."""
+def test_four_of_five_comparisons_find_the_detectable_shift(pairs: int, tests: int) -> None:
+    """The oracle makes 600 comparisons of normal differences at the first step of Holm's method."""
     shift_sd = shift_sd_of(pairs, tests)
     assert shift_sd is not None
     drawn = np.random.default_rng(7).normal(shift_sd, 1.0, (600, pairs))
@@ -135,7 +132,7 @@ def test_more_pairs_find_less_and_more_tests_find_more() -> None:
     assert alone < many
 
 
-def test_what_is_smaller_than_what_matters_is_no_difference_and_no_test() -> None:
+def test_an_irrelevant_difference_counts_as_none_and_is_not_tested() -> None:
     a = campaign_of({"stop": [1.0] * 12})
     b = campaign_of({"stop": [1.0 - 0.0004] * 12})
 
@@ -147,14 +144,14 @@ def test_what_is_smaller_than_what_matters_is_no_difference_and_no_test() -> Non
     assert judge_comparison(a, b).largest_drop is None
 
 
-def test_the_smallest_difference_that_matters_counts() -> None:
+def test_the_smallest_relevant_difference_counts() -> None:
     a, b = campaign_of({"stop": [0.3] * 8}), campaign_of({"stop": [0.3 - 0.0005] * 8})
 
     assert [shift.unchanged for shift in judge_comparison(a, b).pool.shifts] == [0]
 
 
-def test_differences_that_matter_are_seen_beside_more_that_do_not() -> None:
-    """Two thirds rise by nothing to speak of; the others fall by 5 cm."""
+def test_relevant_differences_are_detected_among_more_irrelevant_ones() -> None:
+    """Two thirds rise by a negligible amount; the others fall by 5 cm."""
     a = campaign_of({"stop": [1.0] * 30})
     b = campaign_of({"stop": [0.95 - n * 1e-5 if n % 3 == 0 else 1.0001 for n in range(30)]})
 
@@ -164,7 +161,7 @@ def test_differences_that_matter_are_seen_beside_more_that_do_not() -> None:
 
 
 def test_a_scenario_that_got_worse_is_named_though_the_pool_did_not() -> None:
-    """8 pairs of one scenario fell by 2 cm, 60 of another rose by 1 to 7 cm."""
+    """8 pairs of one scenario fell by 2 cm, and 60 of another rose by 1 to 7 cm."""
     a = campaign_of({"stop": [1.0] * 68}, lambda n: "curve" if n < 8 else "hop")
     moved = [-0.02 - n * 0.001 if n < 8 else 0.01 + n * 0.001 for n in range(68)]
     b = campaign_of({"stop": [1.0 + each for each in moved]}, lambda n: "curve" if n < 8 else "hop")
@@ -184,8 +181,8 @@ def test_a_scenario_that_got_worse_is_named_though_the_pool_did_not() -> None:
     assert hop.largest_drop is None
 
 
-def test_drops_of_different_units_are_held_against_what_matters_in_each() -> None:
-    """0.1 m/s is twenty times what matters, 0.005 m ten times."""
+def test_drops_in_different_units_are_scaled_by_their_relevant_difference() -> None:
+    """0.1 m/s is twenty times its relevant difference, 0.005 m ten times."""
     a_m, b_m = campaign_of({"stop": [1.0]}), campaign_of({"stop": [0.995]})
     a_mps = campaign_of({"speed": [2.0]}, unit="m/s")
     b_mps = campaign_of({"speed": [1.9]}, unit="m/s")
@@ -203,7 +200,7 @@ def test_drops_of_different_units_are_held_against_what_matters_in_each() -> Non
     assert (drop.after.name, drop.relevance_ratio) == ("speed", pytest.approx(20.0))
 
 
-def test_a_monitor_that_judges_nothing_any_more_is_no_pass() -> None:
+def test_a_monitor_that_no_longer_judges_is_no_pass() -> None:
     a = campaign_of({"stop": [1.0] * 10, "speed": [2.0] * 10})
     b = campaign_of({"speed": [2.0] * 10})
 
@@ -213,31 +210,31 @@ def test_a_monitor_that_judges_nothing_any_more_is_no_pass() -> None:
     assert comparison.unproven == ("stop: judged nothing in B in 10 pairs",)
 
 
-def test_cases_that_are_not_there_any_more_are_no_pass() -> None:
+def test_missing_cases_are_no_pass() -> None:
     a, b = campaign_of({"stop": [1.0] * 10}), campaign_of({"stop": [1.0] * 7})
 
     assert judge_comparison(a, b).unproven == ("3 cases of A are not in B",)
 
 
-def test_equal_campaigns_prove_that_nothing_got_worse_however_few_they_are() -> None:
+def test_equal_campaigns_of_any_size_prove_that_nothing_got_worse() -> None:
     one = campaign_of({"stop": [1.0]})
 
     assert judge_comparison(one, one).unproven == ()
 
 
-def test_what_only_got_better_needs_no_proof_that_it_did_not_get_worse() -> None:
+def test_pure_improvements_need_no_proof() -> None:
     a, b = campaign_of({"stop": [1.0, 1.0]}), campaign_of({"stop": [1.1, 1.2]})
 
     assert judge_comparison(a, b).unproven == ()
 
 
 @pytest.mark.parametrize("text", ["m", "m=", "m=x", "m=-1", "m=nan", "m=inf", "=", "0.1"])
-def test_a_smallest_difference_that_is_none_is_refused(text: str) -> None:
+def test_an_invalid_smallest_difference_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"is not UNIT=NUMBER, such as m=0\.01"):
         parse_relevance([text])
 
 
-def test_a_chosen_difference_goes_before_the_usual_one() -> None:
+def test_a_chosen_difference_overrides_the_default_one() -> None:
     chosen = parse_relevance(["m=0.01", "=2"])
 
     assert relevance_of("m", chosen) == 0.01

@@ -1,4 +1,4 @@
-"""The files of a campaign's report say what its results say, whatever the names and the order."""
+"""The files of a campaign's report agree with its results, whatever the names and the order."""
 
 import dataclasses
 import json
@@ -50,7 +50,7 @@ def with_verdict(made: Any, verdicts: dict[int, Verdict]) -> Any:
 
 
 def junit_of(document: bytes) -> Tree.Element:
-    """We wrote it ourselves, so there is nothing to fear in it."""
+    """The document comes from this project, so it needs no protection against hostile XML."""
     return Tree.fromstring(document)  # noqa: S314
 
 
@@ -133,7 +133,7 @@ def test_a_share_of_all_or_none_never_claims_certainty(
 def test_order_host_and_time_of_arrival_change_no_byte(
     campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """What a killed and resumed campaign has other than one that ran through."""
+    """The test varies what differs between a resumed and an uninterrupted campaign."""
     made = campaign(63)
     cases, results = list(made.cases), list(made.results)
     random.Random(3).shuffle(cases)
@@ -172,7 +172,7 @@ def test_a_missing_case_makes_everything_red(campaign: Callable[..., Any], tmp_p
     assert [e.get("type") for e in suites.iter("error")] == ["missing"]
 
 
-def test_cases_that_the_manifest_counts_but_nobody_names_are_missing(
+def test_cases_counted_by_the_manifest_but_not_named_are_missing(
     campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
     made = campaign(21)
@@ -185,7 +185,7 @@ def test_cases_that_the_manifest_counts_but_nobody_names_are_missing(
     assert json.loads(files["summary.json"])["totals"]["counts"]["missing"] == 2
 
 
-def test_nothing_run_is_not_good(campaign: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_campaign_without_a_run_is_not_good(campaign: Callable[..., Any], tmp_path: Path) -> None:
     made = campaign(3)
     empty = dataclasses.replace(
         made, info=dataclasses.replace(made.info, expected_cases=0), cases=[], results=[]
@@ -212,7 +212,9 @@ def test_two_different_results_of_one_case_in_virtual_time_are_no_pass(
     assert [row["verdict"] for row in summary["unexpected"]] == ["invalid"]
 
 
-def test_a_stray_result_is_never_green(campaign: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_result_without_a_case_is_never_green(
+    campaign: Callable[..., Any], tmp_path: Path
+) -> None:
     made = campaign(3)
     passed = [msgspec.structs.replace(r, verdict=Verdict.PASS) for r in made.results]
     stray = msgspec.structs.replace(passed[0], case_id="somebody/else")
@@ -233,7 +235,7 @@ def test_a_stray_result_is_never_green(campaign: Callable[..., Any], tmp_path: P
         (Verdict.LOST, "error"),
     ],
 )
-def test_junit_is_never_green_for_what_did_not_pass(
+def test_junit_is_green_only_for_passes(
     verdict: Verdict, element: str, campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
     made = campaign(7)
@@ -249,9 +251,7 @@ def test_junit_is_never_green_for_what_did_not_pass(
     assert suites.get("skipped") == "0"
 
 
-def test_junit_has_the_structure_that_its_readers_expect(
-    campaign: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_junit_has_the_common_structure(campaign: Callable[..., Any], tmp_path: Path) -> None:
     """The common schema of Jenkins, GitLab and xunit: elements, order, attributes and counts."""
     made = campaign(42)
 
@@ -286,7 +286,7 @@ def test_junit_has_the_structure_that_its_readers_expect(
 MEANT = (ExpectedFailure(monitor="stops within 10 cm"),)
 
 
-def test_a_fail_that_was_expected_passes_and_says_so(
+def test_an_expected_failure_passes_with_a_note(
     campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
     made = with_verdict(campaign(3), {0: Verdict.FAIL, 1: Verdict.PASS, 2: Verdict.PASS})
@@ -312,7 +312,7 @@ def test_a_fail_that_was_expected_passes_and_says_so(
 
 
 @pytest.mark.parametrize("verdict", [Verdict.LOST, Verdict.INVALID])
-def test_what_shows_nothing_cannot_be_expected(
+def test_a_vacuous_result_cannot_be_expected(
     verdict: Verdict, campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
     made = with_verdict(campaign(1, scenario_count=1), {0: verdict})
@@ -357,7 +357,7 @@ def hostile() -> tuple[list[Case], list[CaseResult]]:
     ]
 
 
-def test_hostile_names_stay_text(
+def test_hostile_names_are_shown_as_text(
     about: Callable[..., Any], campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
     cases, results = hostile()
@@ -420,7 +420,7 @@ def test_links_lead_to_the_exact_frames_of_a_kept_run(
     assert "true speed" in page
 
 
-def test_the_page_of_ten_thousand_cases_stays_small_and_says_what_is_left_out(
+def test_the_page_of_ten_thousand_cases_stays_small_and_names_what_is_left_out(
     campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
     made = campaign(10_000)
@@ -456,10 +456,10 @@ def test_measures_come_back_from_parquet_with_their_units(
     assert not [name for name in table.column_names if "wall" in name or "worker" in name]
 
 
-def test_a_count_that_is_right_makes_no_case_the_worst(
+def test_a_satisfied_count_makes_no_case_the_worst(
     campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """Its margin is always zero; what comes nearest to violation is another monitor's case."""
+    """Its margin is always zero; the case of another monitor comes closest to a violation."""
     made = campaign(42)
     count = MonitorResult(name="no stop missed", verdict=Verdict.PASS, margin=0.0, unit="")
     results = [

@@ -1,4 +1,4 @@
-"""The Florence tables against ones made by hand."""
+"""The Florence tables against handmade ones."""
 
 import re
 from collections.abc import Callable
@@ -19,7 +19,8 @@ STATIONS = 4
 def pairs_of(
     case_of: Callable[..., Case], result_of: Callable[..., CaseResult], scenario: str
 ) -> list[tuple[Case, CaseResult | None]]:
-    """At load l and station s (from 1): s + 10 l cm, a fifth of it added or taken by turns."""
+    """At load l and station s (from 1) the error is s + 10 l cm, alternately plus and minus a
+    fifth."""
     pairs: list[tuple[Case, CaseResult | None]] = []
     for load in LOADS:
         for turn, error in enumerate(ERRORS):
@@ -49,13 +50,14 @@ def test_means_are_of_magnitudes_by_station_and_load(
     assert loads == ["2.50", "7.50", "12.50"]
 
 
-def test_better_and_worse_than_the_paper_is_said_plainly(
+def test_better_and_worse_than_published_is_marked(
     case_of: Callable[..., Case], result_of: Callable[..., CaseResult]
 ) -> None:
     table, _ = florence_tables(pairs_of(case_of, result_of, "table-8"))
 
     marks = [mark for _, mark in row(table, "mean station, this campaign")]
-    # The paper without passengers: 3.21 2.24 5.47 3.36; ours 1, 2, 3, 4; elsewhere ours is worse.
+    # Published means without passengers: 3.21 2.24 5.47 3.36. The tested ones are 1, 2, 3, 4; all
+    # others are worse.
     assert marks == [Mark.BETTER, Mark.BETTER, Mark.BETTER, *[Mark.WORSE] * 9]
     assert any(text.startswith("Against the paper") for text in table.remarks)
     assert any("3 better, 9 worse" in text for text in table.remarks)
@@ -64,7 +66,7 @@ def test_better_and_worse_than_the_paper_is_said_plainly(
     assert any("16.80 cm at station IV" in text for text in table.remarks)
 
 
-def test_a_stop_that_is_not_there_makes_its_mean_incomplete_not_better(
+def test_a_missing_stop_makes_its_mean_incomplete_and_not_better(
     case_of: Callable[..., Case], result_of: Callable[..., CaseResult]
 ) -> None:
     pairs = pairs_of(case_of, result_of, "table-8")
@@ -109,10 +111,10 @@ def driven_by(
     ]
 
 
-def test_each_law_has_its_tables_and_all_stand_in_the_last(
+def test_each_law_has_its_tables_and_the_last_table_has_all_laws(
     case_of: Callable[..., Case], result_of: Callable[..., CaseResult]
 ) -> None:
-    """The first misses by 1 to 4 cm and 10 cm more under full load, the second by 2 cm."""
+    """The first law misses by 1 to 4 cm and by 10 cm more under full load, the second by 2 cm."""
     first = driven_by("predictive", pairs_of(case_of, result_of, "table-8"), "table-8")
     case = case_of(0, "table-7", error=0.0, load=1.0, seed=1)
     comfort = {"commanded_jerk_max_mps3": 0.6, "felt_jerk_2hz_mps3": 0.7, "run_time_s": 90.0}
@@ -132,7 +134,7 @@ def test_each_law_has_its_tables_and_all_stand_in_the_last(
     def said(name: str) -> list[str]:
         return [text for text, _ in row(summary, name)]
 
-    # Stations 2.5 cm in the mean, and 5 cm more for each half load.
+    # The stations have a mean of 2.5 cm, and 5 cm more for each half load.
     assert said("table 8, mean cm") == ["7.50", "–", "3.36"]
     assert said("table 7, mean cm") == ["–", "2.00", "0.82"]
     assert said("worst, cm") == ["-16.8", "+2.0", ""]
@@ -144,7 +146,7 @@ def test_each_law_has_its_tables_and_all_stand_in_the_last(
     assert said("felt at 2 Hz, m/s³") == ["–", "0.70", ""]
 
 
-def test_the_interval_of_a_mean_holds_it_and_grows_with_the_spread(
+def test_the_interval_of_a_mean_contains_it_and_grows_with_the_spread(
     case_of: Callable[..., Case], result_of: Callable[..., CaseResult]
 ) -> None:
     table, _ = florence_tables(pairs_of(case_of, result_of, "table-8"))
@@ -156,12 +158,12 @@ def test_the_interval_of_a_mean_holds_it_and_grows_with_the_spread(
     for mean, (low, high) in zip(means, sure, strict=True):
         assert float(low) < mean < float(high)
         widths.append(float(high) - float(low))
-    # The sway is a fifth of each mean, so the widths go with the means.
+    # The deviation is a fifth of each mean, so the widths are proportional to the means.
     assert widths[1] / widths[0] == pytest.approx(3.0, rel=0.05)
     assert widths[2] / widths[0] == pytest.approx(5.0, rel=0.05)
 
 
-def test_a_station_that_was_missed_counts_as_outside(
+def test_a_missed_station_counts_as_outside(
     case_of: Callable[..., Case], result_of: Callable[..., CaseResult]
 ) -> None:
     case = case_of(0, "table-7", error=0.0, load=1.0, seed=1)
@@ -191,7 +193,7 @@ def test_the_ideal_case_keeps_its_signs_and_its_mean_has_none(
     ]
 
 
-def test_the_terminal_shows_all_figures_and_does_not_know_every_layout(
+def test_the_terminal_shows_all_figures_and_refuses_unknown_layouts(
     case_of: Callable[..., Case], result_of: Callable[..., CaseResult], capsys: Any
 ) -> None:
     console = Console(width=140, no_color=True)

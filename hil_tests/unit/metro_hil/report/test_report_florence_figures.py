@@ -1,4 +1,4 @@
-"""Figures of the Florence campaign, from logs made by hand."""
+"""Figures of the Florence campaign from handmade logs."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -31,7 +31,7 @@ def cases(case_of: Callable[..., Case]) -> list[Case]:
 
 
 def keep(folder: Path, case: Case) -> None:
-    """The train speeds up for 20 s, runs and brakes for 20 s."""
+    """The train accelerates for 20 s, cruises, and brakes for 20 s."""
     run = folder.joinpath("cases", *case.id.split("/"))
     run.mkdir(parents=True)
     times_s = np.arange(0.0, 80.0, 0.05)
@@ -43,7 +43,7 @@ def keep(folder: Path, case: Case) -> None:
         (run / name).write_text("".join([head, *lines]), encoding="utf-8")
 
 
-def test_the_logs_of_ideal_and_signalled_runs_of_every_law_are_wanted(cases: list[Case]) -> None:
+def test_the_logs_of_ideal_and_signalled_runs_of_every_law_are_requested(cases: list[Case]) -> None:
     wanted = wanted_cases(cases)
 
     assert {name.partition("/")[0] for name in wanted} == {

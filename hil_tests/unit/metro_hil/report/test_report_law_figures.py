@@ -1,4 +1,4 @@
-"""Figures of control laws, against stops made by hand."""
+"""Figures of the control laws against handmade stops."""
 
 from collections.abc import Callable
 
@@ -21,7 +21,7 @@ from metro_hil.report.law_figures import (
 def pairs(
     case_of: Callable[..., Case], result_of: Callable[..., CaseResult]
 ) -> list[tuple[Case, CaseResult | None]]:
-    """Three runs with stops 1, 3, 5 and 7 cm off, with 12 cm off each, and without a result."""
+    """Three runs: stops that are 1, 3, 5 and 7 cm off, stops that are 12 cm off, and no result."""
     cases = [case_of(n, "table-8-predictive", error=0.0, load=0.5, seed=1) for n in range(3)]
     one = result_of(cases[0], (0.01, -0.03, 0.05, -0.07))
     ride = {"felt_jerk_2hz_mps3": 0.4, "run_time_s": 80.0}
@@ -39,7 +39,7 @@ def test_all_stops_of_all_runs_are_in_the_figures(
 
     assert (figures.cases, figures.lacking, figures.stops, figures.missed) == (3, 1, 8, 0)
     assert figures.mean_m == pytest.approx((0.01 + 0.03 + 0.05 + 0.07 + 4 * 0.12) / 8)
-    # Of two runs drawn again with 4 and 12 cm the mean lies anywhere between them.
+    # The mean of two resampled runs with 4 and 12 cm is anywhere between them.
     assert figures.mean_low_m == pytest.approx(0.04)
     assert figures.mean_high_m == pytest.approx(0.12)
     assert abs(figures.worst_m or 0.0) == pytest.approx(0.12)
@@ -60,7 +60,7 @@ def test_all_stops_of_all_runs_are_in_the_figures(
         ("somebody's own.toml", {}, "predictive"),
     ],
 )
-def test_a_case_is_driven_by_the_law_it_is_told_or_by_that_of_its_parameters(
+def test_a_case_uses_its_own_law_or_that_of_its_parameters(
     case_of: Callable[..., Case], params: str, believed: dict[str, str], law: str
 ) -> None:
     case = case_of(0, "any", error=0.0, load=0.5, seed=1)
@@ -68,7 +68,7 @@ def test_a_case_is_driven_by_the_law_it_is_told_or_by_that_of_its_parameters(
     assert law_of(msgspec.structs.replace(case, setup=setup)) == law
 
 
-def test_nothing_came_back_says_nothing() -> None:
+def test_cases_without_results_give_no_figures() -> None:
     figures = figures_of([])
 
     assert (figures.stops, figures.mean_m, figures.within_ratio, figures.run_s) == (0, *[None] * 3)
@@ -89,7 +89,7 @@ def test_figures_are_kept_by_law_and_scenario_and_newer_ones_replace_older(
     assert mean_m == kept["predictive"]["table-8-predictive"].figures.mean_m
 
 
-def test_a_scenario_that_does_not_ship_any_more_is_dropped(
+def test_a_scenario_that_is_no_longer_shipped_is_dropped(
     pairs: list[tuple[Case, CaseResult | None]],
 ) -> None:
     before = results_of("florence", pairs)

@@ -1,4 +1,4 @@
-"""What counts as evidence for a requirement, and that the catalogue is whole."""
+"""Evidence for a requirement, and completeness of the catalogue."""
 
 from collections.abc import Callable
 from typing import Any
@@ -38,7 +38,7 @@ def trace_of(case: Case, result: CaseResult | None, name: str = "INV-01") -> Req
     return next(trace for trace in traces if trace.requirement.id == name)
 
 
-def test_the_catalogue_has_all_that_the_product_is_held_to() -> None:
+def test_the_catalogue_is_complete() -> None:
     wanted = [f"INV-{n:02d}" for n in range(1, 41)] + [f"ACC-{n:02d}" for n in range(1, 31)]
 
     papers = ["S001-T7", "S001-T8", "S001-T9", "S000-TIMING", "S004-F7"]
@@ -57,16 +57,16 @@ def test_the_catalogue_has_all_that_the_product_is_held_to() -> None:
         ("= 1", "not TOML"),
     ],
 )
-def test_what_is_wrong_in_a_catalogue_is_said_by_name(text: str, said: str) -> None:
+def test_an_error_in_a_catalogue_is_reported_by_name(text: str, said: str) -> None:
     with pytest.raises(CatalogueError, match=rf"mine\.toml.*{said}"):
         parse_requirements(text, "mine.toml")
 
 
-def test_a_monitor_that_was_exercised_is_evidence() -> None:
+def test_an_exercised_monitor_is_evidence() -> None:
     assert trace_of(*case_and_result()).standing is RequirementStanding.MET
 
 
-def test_a_monitor_that_was_not_exercised_is_none() -> None:
+def test_a_monitor_that_was_not_exercised_is_no_evidence() -> None:
     case, result = case_and_result(Verdict.VACUOUS, margin=None)
 
     trace = trace_of(case, result)
@@ -76,14 +76,14 @@ def test_a_monitor_that_was_not_exercised_is_none() -> None:
     assert trace.worst is None
 
 
-def test_a_case_none_of_whose_monitors_was_exercised_is_no_evidence_for_what_it_names() -> None:
+def test_a_case_without_an_exercised_monitor_is_no_evidence() -> None:
     case, result = case_and_result(Verdict.VACUOUS, margin=None, requirements=())
     case = msgspec.structs.replace(case, requirements=("ACC-10",))
 
     assert trace_of(case, result, "ACC-10").standing is RequirementStanding.OPEN
 
 
-def test_a_violation_is_one_even_if_other_cases_pass() -> None:
+def test_a_violation_counts_even_if_other_cases_pass() -> None:
     good, good_result = case_and_result()
     bad, bad_result = case_and_result(Verdict.FAIL, margin=-0.1)
     bad = msgspec.structs.replace(bad, id="d", index=1)
@@ -97,7 +97,7 @@ def test_a_violation_is_one_even_if_other_cases_pass() -> None:
     assert trace.worst[0].case.id == "d"
 
 
-def test_a_violation_that_was_expected_shows_that_the_requirement_is_not_met() -> None:
+def test_an_expected_violation_shows_that_the_requirement_is_not_met() -> None:
     trace = trace_of(*case_and_result(Verdict.FAIL, "m", margin=-1.0))
 
     assert trace.counts[RequirementEvidence.KNOWN] == 1
@@ -133,7 +133,7 @@ def test_a_requirement_of_the_scenario_counts_only_through_its_own_monitors() ->
     assert trace_of(case, result, "INV-01").standing is RequirementStanding.MET
 
 
-def test_a_case_that_lacks_something_is_no_evidence() -> None:
+def test_an_incomplete_case_is_no_evidence() -> None:
     case, result = case_and_result()
     result = msgspec.structs.replace(result, lacking=("fault x touched nothing",))
 
@@ -141,20 +141,20 @@ def test_a_case_that_lacks_something_is_no_evidence() -> None:
 
 
 @pytest.mark.parametrize("verdict", [Verdict.LOST, Verdict.INVALID, Verdict.BLOCKED])
-def test_a_case_that_says_nothing_is_no_evidence(verdict: Verdict) -> None:
+def test_a_case_without_a_verdict_is_no_evidence(verdict: Verdict) -> None:
     case, result = case_and_result()
     result = msgspec.structs.replace(result, verdict=verdict)
 
     assert trace_of(case, result).standing is RequirementStanding.OPEN
 
 
-def test_a_missing_case_leaves_what_it_names_open(case_of: Callable[..., Case]) -> None:
+def test_a_missing_case_leaves_its_requirements_open(case_of: Callable[..., Case]) -> None:
     case = case_of(0, "table-8", error=0.0, load=0.0, seed=1)
 
     assert trace_of(case, None, "ACC-02").standing is RequirementStanding.OPEN
 
 
-def test_a_requirement_that_the_catalogue_does_not_know_is_still_shown() -> None:
+def test_a_requirement_unknown_to_the_catalogue_is_still_shown() -> None:
     case, result = case_and_result(requirements=("MINE-1",))
 
     assert trace_of(case, result, "MINE-1").standing is RequirementStanding.MET

@@ -1,4 +1,4 @@
-"""When published figures count as those of the code of today."""
+"""When published figures count as those of the present code."""
 
 from collections.abc import Callable, Sequence
 
@@ -25,14 +25,14 @@ def pairs(case_of: Callable[..., Case], result_of: Callable[..., CaseResult]) ->
 
 @pytest.fixture
 def results(pairs: Pairs) -> Results:
-    """As they are read back from the file."""
+    """The results as they are read back from the file."""
     return read_results(results_json(results_of("florence", pairs, sources=OLD)))
 
 
 def standing(
     results: Results, pairs: Pairs, sources: str, probes_max: int | None = None
 ) -> tuple[Standing, list[str]]:
-    """With the ids of the cases that were run for it."""
+    """The standing, and the ids of the cases that were run for it."""
     known = {case.id: result for case, result in pairs}
     ran: list[str] = []
 
@@ -52,7 +52,7 @@ def changed(pairs: Pairs, place: int, **measures: float | None) -> Pairs:
     return [*pairs[:place], (case, result), *pairs[place + 1 :]]
 
 
-def test_nothing_is_run_while_the_sources_are_the_same(results: Results, pairs: Pairs) -> None:
+def test_no_case_is_run_while_the_sources_are_unchanged(results: Results, pairs: Pairs) -> None:
     found, ran = standing(results, pairs, OLD)
 
     assert str(found) == f"{NAME} (predictive): current, same sources"
@@ -74,7 +74,7 @@ def test_the_case_with_the_worst_stop_goes_first(results: Results, pairs: Pairs)
 
 
 @pytest.mark.parametrize("place", [0, 1])
-def test_another_digit_is_stale(results: Results, pairs: Pairs, place: int) -> None:
+def test_figures_with_another_digit_are_stale(results: Results, pairs: Pairs, place: int) -> None:
     found, _ = standing(results, changed(pairs, place, stop_II_error_m=0.0212), NEW)
 
     assert f"stop_II_error_m of {pairs[place][0].id} is 0.0212, published was" in found.reason
@@ -88,7 +88,7 @@ def test_a_digit_that_is_not_kept_does_not_count(results: Results, pairs: Pairs)
     assert found.reason == ""
 
 
-def test_a_measure_more_or_less_is_stale(results: Results, pairs: Pairs) -> None:
+def test_an_added_or_missing_measure_is_stale(results: Results, pairs: Pairs) -> None:
     found, _ = standing(results, changed(pairs, 0, felt_jerk_2hz_mps3=0.7), NEW)
 
     assert "felt_jerk_2hz_mps3" in found.reason
@@ -102,7 +102,7 @@ def test_another_number_of_cases_is_stale(results: Results, pairs: Pairs) -> Non
 
 
 def test_figures_without_a_kept_case_are_stale(results: Results, pairs: Pairs) -> None:
-    """No evidence is no proof: they may be as old as they like."""
+    """No evidence is no proof: the figures may be of any age."""
     bare = msgspec.structs.replace(results["predictive"][NAME], sources="", probes=())
 
     found, _ = standing({"predictive": {NAME: bare}}, pairs, NEW)

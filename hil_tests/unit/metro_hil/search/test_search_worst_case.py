@@ -1,4 +1,4 @@
-"""The search for the worst case, on margins that are formulas and cost nothing."""
+"""The search for the worst case, on margins that are cheap formulas."""
 
 import statistics
 import tomllib
@@ -49,7 +49,7 @@ def result_of(case: Case, margins: dict[str, float | None]) -> CaseResult:
 
 
 class Bench:
-    """Stands in for the simulation; counts what it runs."""
+    """Replaces the simulation and counts its runs."""
 
     def __init__(self, margins: Margin) -> None:
         self._margins = margins
@@ -61,7 +61,7 @@ class Bench:
 
 
 def valley(case: Case) -> dict[str, float | None]:
-    """Least, -0.3, for one kind of fault, one delay, one load and one odometer error."""
+    """The minimum, -0.3, is at one kind of fault, one delay, one load and one odometer error."""
     setup, fault = case.setup, case.faults[0]
     assert setup.load_ratio is not None
     assert setup.odometer_error is not None
@@ -81,7 +81,7 @@ def least(method: str, seed: int, budget: int = 200) -> float:
     return search.worst(1)[0].value
 
 
-def test_the_search_finds_lower_margins_than_chance_with_the_same_budget() -> None:
+def test_the_search_finds_lower_margins_than_random_sampling_with_the_same_budget() -> None:
     seeds = range(1, 6)
 
     sought = [least("cma", seed) for seed in seeds]
@@ -92,7 +92,7 @@ def test_the_search_finds_lower_margins_than_chance_with_the_same_budget() -> No
     assert sum(a < b for a, b in zip(sought, by_chance, strict=True)) >= 4
 
 
-def test_the_same_seed_finds_the_same_whoever_runs_the_cases() -> None:
+def test_the_same_seed_finds_the_same_on_any_number_of_workers() -> None:
     def histories(evaluate: Callable[[Sequence[Case]], Sequence[CaseResult]]) -> list[Sought]:
         np.random.seed()
         return WorstCaseSearch(space_from(), evaluate, monitor="stop", budget=80, seed=4).run()
@@ -111,7 +111,7 @@ def test_the_same_seed_finds_the_same_whoever_runs_the_cases() -> None:
     )
 
 
-def test_what_was_run_is_within_the_space_and_never_run_twice() -> None:
+def test_runs_stay_within_the_space_and_never_repeat() -> None:
     history = WorstCaseSearch(space_from(), Bench(valley), budget=150, seed=2).run()
 
     points = [tuple(sought.values.items()) for sought in history]
@@ -154,7 +154,7 @@ def test_only_the_chosen_factors_vary() -> None:
     assert seen == [0.25] * 16
 
 
-def test_every_seed_is_run_and_the_worst_one_told() -> None:
+def test_every_seed_is_run_and_the_worst_one_reported() -> None:
     text = (
         'seeds = [3, 8]\n[sweep.factors]\n"train.load_ratio" = { low = 0, high = 1, count = 2 }\n'
     )
@@ -167,7 +167,7 @@ def test_every_seed_is_run_and_the_worst_one_told() -> None:
     assert {(sought.seed, sought.margins["m"]) for sought in history} == {(8, 0.5)}
 
 
-def test_monitors_of_different_units_are_weighed_by_their_usual_size() -> None:
+def test_monitors_with_different_units_are_scaled_by_their_usual_size() -> None:
     """A margin of 100 kN that falls to a tenth is worse than one of 0.1 m that falls by a third."""
     text = '[sweep.factors]\n"train.load_ratio" = { low = 0.0, high = 1.0, count = 2 }\n'
 
@@ -182,7 +182,7 @@ def test_monitors_of_different_units_are_weighed_by_their_usual_size() -> None:
     assert search.worst(1)[0].values["train.load_ratio"] > 0.95
 
 
-def test_runs_that_say_nothing_are_no_finds() -> None:
+def test_inconclusive_runs_are_no_finds() -> None:
     text = '[sweep.factors]\n"train.load_ratio" = { low = 0.0, high = 1.0, count = 2 }\n'
 
     def margins(case: Case) -> dict[str, float | None]:
@@ -198,7 +198,7 @@ def test_runs_that_say_nothing_are_no_finds() -> None:
     assert all(sought.margins for sought in search.worst(60))
 
 
-def test_a_controller_that_died_counts_as_a_violation() -> None:
+def test_a_dead_controller_counts_as_a_violation() -> None:
     text = '[sweep.factors]\n"train.load_ratio" = { low = 0.0, high = 1.0, count = 2 }\n'
 
     def evaluate(cases: Sequence[Case]) -> Sequence[CaseResult]:
@@ -252,19 +252,19 @@ def test_the_runs_of_a_search_go_on_after_a_violation() -> None:
         ),
     ],
 )
-def test_a_wrong_choice_leads_to_a_right_one(chosen: dict[str, Any], said: str) -> None:
+def test_a_wrong_option_gets_a_valid_suggestion(chosen: dict[str, Any], said: str) -> None:
     with pytest.raises(SearchError, match=said):
         space_from(**chosen)
 
 
-def test_a_search_needs_a_sweep_and_a_monitor_that_is_there() -> None:
+def test_a_search_needs_a_sweep_and_an_existing_monitor() -> None:
     with pytest.raises(SearchError, match="nothing to vary"):
         space_from("")
     with pytest.raises(SearchError, match="--monitor stopp: nearest valid value: stop"):
         WorstCaseSearch(space_from(), Bench(valley), monitor="stopp", budget=8).run()
 
 
-def test_the_worst_cases_are_left_as_a_campaign_that_repeats_them(tmp_path: Path) -> None:
+def test_the_worst_cases_are_written_as_a_repeatable_campaign(tmp_path: Path) -> None:
     source = tmp_path / "source"
     (source / "trains").mkdir(parents=True)
     consist = Path(str(next(iter(shipped_consists()))))

@@ -1,4 +1,4 @@
-"""The lists of mutants: what a list may say, which mutants are chosen, and how a source changes."""
+"""Lists of mutants: valid entries, the selection of mutants, and the change of a source."""
 
 from pathlib import Path
 from typing import Any
@@ -80,7 +80,7 @@ def table(**changes: object) -> dict[str, object]:
         ({"mutant": [table(tries=["x", 1])]}, "some.toml: a: tries"),
     ],
 )
-def test_a_list_that_is_wrong_is_one_line_with_list_mutant_and_key(
+def test_an_error_in_a_list_is_one_line_with_list_mutant_and_key(
     tables: dict[str, object], words: str
 ) -> None:
     with pytest.raises(SettingsError) as caught:
@@ -100,7 +100,7 @@ def test_mutants_are_chosen_by_name_or_pattern_in_the_order_of_the_list() -> Non
     assert [each.name for each in chosen(mutants, ["door-b"])] == ["door-b"]
 
 
-def test_a_name_of_no_mutant_is_refused_with_the_nearest() -> None:
+def test_an_unknown_mutant_is_refused_with_the_nearest_name() -> None:
     with pytest.raises(SettingsError, match=r"--only brak: .*brake"):
         chosen([a_mutant(name="brake")], ["brak"])
 
@@ -120,7 +120,7 @@ def test_a_sample_of_few_is_at_least_one() -> None:
     assert len(sampled([a_mutant()], 0.001, "x")) == 1
 
 
-def test_many_seeds_draw_every_mutant() -> None:
+def test_many_seeds_sample_every_mutant() -> None:
     mutants = [a_mutant(name=f"m{number}") for number in range(20)]
 
     drawn = {each.name for seed in range(200) for each in sampled(mutants, 0.1, str(seed))}

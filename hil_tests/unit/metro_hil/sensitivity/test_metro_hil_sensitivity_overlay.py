@@ -1,4 +1,4 @@
-"""Copies of the packages for a mutant: the changed file is what runs, and nothing else is."""
+"""Copies of the packages for a mutant: they run the changed file and otherwise the true sources."""
 
 import os
 import subprocess
@@ -58,7 +58,7 @@ def test_a_worker_of_a_mutant_imports_the_changed_file_and_the_true_rest(
     assert not Path(environment["PYTHONPATH"].split(os.pathsep)[0]).exists()
 
 
-def test_a_worker_that_would_run_another_source_refuses(overlays: Overlays) -> None:
+def test_a_worker_refuses_to_run_another_source(overlays: Overlays) -> None:
     environment = overlays.true_environment(os.environ)
     environment[MUTATED] = f"vobc.atp.supervision={overlays.true / 'elsewhere.py'}"
 
@@ -72,10 +72,11 @@ def test_a_worker_that_would_run_another_source_refuses(overlays: Overlays) -> N
     assert "WrongSourceError: vobc.atp.supervision was imported from" in done.stderr
 
 
-def test_bytecode_of_the_true_file_is_not_taken_for_that_of_the_changed_one(
+def test_bytecode_of_the_true_file_is_not_used_for_the_changed_one(
     overlays: Overlays,
 ) -> None:
-    """The changed file is as long as the true one and may be of the same second."""
+    """The changed file has the length of the true one and may have the same second as time
+    stamp."""
     same_size = ControllerMutant(
         name="same-size",
         rule="made by hand",
@@ -105,7 +106,7 @@ def test_no_compiled_module_is_copied(overlays: Overlays) -> None:
     assert overlay.COMPILED == "*.so"
 
 
-def test_an_environment_names_no_mutant_of_before(overlays: Overlays) -> None:
+def test_an_environment_names_no_earlier_mutant(overlays: Overlays) -> None:
     environment = overlays.true_environment({MUTATED: "x=y", "HOME": "/nowhere"})
 
     assert MUTATED not in environment

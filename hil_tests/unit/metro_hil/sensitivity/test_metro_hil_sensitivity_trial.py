@@ -1,4 +1,4 @@
-"""A trial of one mutant: which results notice it, and what counts for nothing."""
+"""A trial of one mutant: which results detect it, and which do not count."""
 
 from collections.abc import Mapping, Sequence
 
@@ -62,7 +62,7 @@ def run(
     likely: int = 0,
     depth: Depth = Depth.USUAL,
 ) -> tuple[MutantFinding, list[tuple[str, bool]]]:
-    """The finding, and what was asked for. What is not given passes."""
+    """The finding and the requested runs. Runs without a given result pass."""
     asked = []
     trying = trial(mutant, cases, likely=likely, depth=depth)
     ask = next(trying)
@@ -76,7 +76,7 @@ def run(
             return end.value, asked
 
 
-def test_the_first_case_that_differs_from_the_true_controller_notices() -> None:
+def test_the_first_case_that_differs_from_the_true_controller_detects_the_mutant() -> None:
     cases = [case(1), case(2), case(3)]
     bad = result(cases[1], monitor("place", -0.5), monitor("speed", -2.0))
     good = result(cases[1], monitor("place", 0.1), monitor("speed", 0.2))
@@ -102,7 +102,7 @@ def test_a_monitor_that_the_true_controller_violates_too_is_not_named() -> None:
     assert finding.monitor == "place"
 
 
-def test_a_case_that_the_true_controller_fails_notices_nothing() -> None:
+def test_a_case_that_the_true_controller_fails_detects_nothing() -> None:
     only = case(1)
     bad = result(only, monitor("place", -0.5))
 
@@ -113,7 +113,7 @@ def test_a_case_that_the_true_controller_fails_notices_nothing() -> None:
 
 
 @pytest.mark.parametrize("error", ["NameError: name 'x' is not defined", "TypeError: no"])
-def test_a_mutant_that_is_written_wrongly_is_invalid_and_not_noticed(error: str) -> None:
+def test_a_mutant_with_a_syntax_error_is_invalid_and_not_detected(error: str) -> None:
     only = case(1)
 
     finding, _ = run(MUTANT, [only], {only.id: result(only, reason=f"{DEAD}: {error}")})
@@ -122,7 +122,7 @@ def test_a_mutant_that_is_written_wrongly_is_invalid_and_not_noticed(error: str)
     assert error in finding.why
 
 
-def test_a_mutant_that_trips_an_assertion_of_the_controller_is_noticed() -> None:
+def test_a_mutant_that_trips_an_assertion_of_the_controller_is_detected() -> None:
     only = case(1)
 
     finding, _ = run(MUTANT, [only], {only.id: result(only, reason=f"{DEAD}: AssertionError: x")})
@@ -131,7 +131,7 @@ def test_a_mutant_that_trips_an_assertion_of_the_controller_is_noticed() -> None
     assert "AssertionError" in finding.by()
 
 
-def test_an_argued_mutant_is_tried_with_the_cases_that_its_list_names() -> None:
+def test_a_justified_mutant_is_tried_with_the_cases_of_its_list() -> None:
     cases = [case(number) for number in range(5)]
 
     finding, asked = run(argued(), cases, {}, likely=2)
@@ -143,7 +143,7 @@ def test_an_argued_mutant_is_tried_with_the_cases_that_its_list_names() -> None:
     assert len(run(argued(), cases, {}, depth=Depth.THOROUGH)[1]) == 5
 
 
-def test_an_argument_is_refuted_by_a_case_that_notices() -> None:
+def test_a_justification_is_refuted_by_a_case_that_detects_the_mutant() -> None:
     only = case(1)
     bad = result(only, monitor("place", -0.5))
 
@@ -181,7 +181,7 @@ def test_only_cases_of_the_shipped_controller_in_virtual_time_are_used() -> None
     assert usable_cases([own, real, other]) == (own,)
 
 
-def test_the_report_fails_for_each_mutant_that_is_not_in_order() -> None:
+def test_the_report_fails_for_each_undetected_mutant() -> None:
     began = not_tried(MUTANT)
     findings = [
         msgspec.structs.replace(began, mutant=outcome.value, outcome=outcome, difference="-1\n+2")
@@ -200,7 +200,7 @@ def test_the_report_fails_for_each_mutant_that_is_not_in_order() -> None:
     assert any("add a scenario that notices it" in line for line in lines)
 
 
-def test_a_mutant_that_was_not_tried_is_not_in_order() -> None:
+def test_an_untried_mutant_fails_the_report() -> None:
     assert [each for each in MutantOutcome if each.in_order] == [
         MutantOutcome.NOTICED,
         MutantOutcome.ARGUED,

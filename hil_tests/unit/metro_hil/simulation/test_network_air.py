@@ -1,4 +1,4 @@
-"""What the judge of the messages on the air lets pass of planned switches, and what it does not."""
+"""The judge of radio messages: which planned switches it permits and which it rejects."""
 
 from collections import Counter
 from dataclasses import replace
@@ -32,8 +32,10 @@ ARBITERS = (65_001, 65_002, 65_003)
 
 
 class Line:
-    """Two trains that take the command of one area from each other, and three arbiters. All clocks
-    read the same; whatever an arbiter is asked it grants, at once."""
+    """Two trains that take the command of one area from each other, and three arbiters.
+
+    All clocks read the same, and an arbiter grants every request at once.
+    """
 
     def __init__(self) -> None:
         rules = LeaseRules(
@@ -56,7 +58,7 @@ class Line:
         return request
 
     def hears(self, arbiter: int, *requests: LeaseRequest) -> None:
-        """And answers the last of them to whom it came from, who hears that."""
+        """Deliver requests to an arbiter and its answer to the sender of the last one."""
         request = requests[-1]
         self._sequence += 1
         head = arbiter, request.source, AREA, request.term, 1, self._sequence, self.now_ns
@@ -72,8 +74,11 @@ class Line:
         before: tuple[TrainReport, ...] = (),
         rosters: tuple[tuple[int, ...], ...] = (),
     ) -> None:
-        """The holder hears some reports, prepares a switch, hears its successor and the others,
-        proposes other rosters that nobody keeps yet, and commits."""
+        """Run a planned switch.
+
+        The holder receives reports, prepares the switch, and receives those of its successor and
+        the others. It proposes other rosters, which no arbiter commits, and commits the switch.
+        """
         self.hears_reports(*before)
         head = HOLDER, SUCCESSOR, AREA, 1, 1, 1, self.now_ns
         trains = (HOLDER, SUCCESSOR, THIRD)
@@ -93,7 +98,7 @@ class Line:
         self._said(HOLDER, (), *commits, SwitchStep(*head, SwitchKind.COMMIT, NONCE, SUCCESSOR))
 
     def hears_reports(self, *reports: TrainReport) -> None:
-        """The holder does."""
+        """Deliver reports to the holder."""
         self._said(HOLDER, reports)
 
     def _said(self, train: int, heard: tuple[T2tMessage, ...], *out: T2tMessage) -> None:
@@ -103,7 +108,7 @@ class Line:
 
 @pytest.fixture
 def line() -> Line:
-    """The holder has its lease from the first two arbiters."""
+    """A line whose holder has its lease from the first two arbiters."""
     line = Line()
     acquired = line.ask(HOLDER, 1, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS[:2]:
@@ -111,7 +116,7 @@ def line() -> Line:
     return line
 
 
-def test_nobody_gets_the_lease_of_another_that_runs(line: Line) -> None:
+def test_no_train_gets_the_running_lease_of_another(line: Line) -> None:
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     line.hears(ARBITERS[0], asked)
 
@@ -119,7 +124,7 @@ def test_nobody_gets_the_lease_of_another_that_runs(line: Line) -> None:
         line.hears(ARBITERS[2], asked)
 
 
-def test_it_does_once_that_has_run_out(line: Line) -> None:
+def test_another_train_gets_an_expired_lease(line: Line) -> None:
     line.now_ns += 500 * NS_PER_MS
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS:
@@ -127,7 +132,7 @@ def test_it_does_once_that_has_run_out(line: Line) -> None:
     assert line.air.looked["19 lease"] == 2
 
 
-def test_the_one_whom_the_holder_named_does_for_good(line: Line) -> None:
+def test_the_named_successor_gets_the_running_lease(line: Line) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     for arbiter in ARBITERS[:2]:
         line.hears(arbiter, named)
@@ -137,17 +142,16 @@ def test_the_one_whom_the_holder_named_does_for_good(line: Line) -> None:
         line.hears(arbiter, asked)
     assert line.air.looked["19 lease"] == 2
 
-    # Late answers give the holder's next life no lease (seed 314860).
+    # Late answers give no lease to the holder's next incarnation (simulation seed 314860).
     line.air.booted(HOLDER)
     for arbiter in ARBITERS[::-1]:
         line.hears(arbiter, named)
     assert line.air.looked["19 lease"] == 2
 
 
-def test_the_holder_s_change_of_mind_counts_where_it_was_heard(line: Line) -> None:
-    """On its way it is none: the arbiters let in whom the last request names that they heard (seed
-    24471).
-    """
+def test_the_holders_withdrawal_counts_only_at_arbiters_that_received_it(line: Line) -> None:
+    """A message in transit does not count: arbiters admit the successor named in the last
+    request they received (simulation seed 24471)."""
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     for arbiter in ARBITERS[:2]:
         line.hears(arbiter, named)
@@ -159,7 +163,9 @@ def test_the_holder_s_change_of_mind_counts_where_it_was_heard(line: Line) -> No
 
 
 @pytest.mark.parametrize("together", [True, False])
-def test_where_it_was_heard_nobody_is_let_in_any_more(line: Line, *, together: bool) -> None:
+def test_an_arbiter_that_received_the_withdrawal_admits_no_successor(
+    line: Line, *, together: bool
+) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     for arbiter in ARBITERS[:2]:
         line.hears(arbiter, named)
@@ -174,7 +180,7 @@ def test_where_it_was_heard_nobody_is_let_in_any_more(line: Line, *, together: b
         line.hears(ARBITERS[1], *((back, asked) if together else (asked,)))
 
 
-def test_an_old_request_that_comes_late_names_nobody(line: Line) -> None:
+def test_a_late_old_request_names_no_successor(line: Line) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     back = line.ask(HOLDER, 1, LeaseKind.RENEW)
     for arbiter in ARBITERS[:2]:
@@ -186,7 +192,7 @@ def test_an_old_request_that_comes_late_names_nobody(line: Line) -> None:
         line.hears(ARBITERS[1], named, asked)
 
 
-def test_an_arbiter_that_has_no_part_in_the_lease_that_runs_needs_no_name(line: Line) -> None:
+def test_an_arbiter_without_a_part_in_the_running_lease_needs_no_successor(line: Line) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     line.hears(ARBITERS[0], named)
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
@@ -195,7 +201,7 @@ def test_an_arbiter_that_has_no_part_in_the_lease_that_runs_needs_no_name(line: 
         line.hears(arbiter, asked)
 
 
-def test_where_clocks_were_stepped_leases_are_not_held_against_each_other(line: Line) -> None:
+def test_leases_are_not_compared_after_a_clock_step(line: Line) -> None:
     line.air.clocks_sound = False
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS[:2]:
@@ -213,7 +219,7 @@ def test_a_switch_is_committed_when_all_on_the_roster_are_ready(line: Line) -> N
 
 
 @pytest.mark.parametrize(("rear_m", "localised"), [(END_M - 0.1, True), (END_M, False)])
-def test_it_is_not_while_one_that_is_heard_is_not(
+def test_a_switch_is_not_committed_while_a_reporting_train_is_not_ready(
     line: Line, rear_m: float, *, localised: bool
 ) -> None:
     report = ready(THIRD, NONCE - 1, rear_m, localised=localised)
@@ -222,39 +228,38 @@ def test_it_is_not_while_one_that_is_heard_is_not(
         line.switches(ready(SUCCESSOR, NONCE), report)
 
 
-def test_who_has_left_the_area_need_not_be_ready(line: Line) -> None:
-    """Its master takes it off the roster in that very step (seed 32420)."""
+def test_a_train_that_left_the_area_need_not_be_ready(line: Line) -> None:
+    """Its master removes it from the roster in the same step (simulation seed 32420)."""
     line.switches(ready(SUCCESSOR, NONCE), ready(THIRD, NONCE - 1, END_M))
 
 
-def test_nor_who_is_taken_off_the_roster(line: Line) -> None:
-    """It had begun anew elsewhere, and was found gone from its place in that step (seed 285155)."""
+def test_a_removed_train_need_not_be_ready(line: Line) -> None:
+    """It had restarted elsewhere and was removed from its place in that step (simulation seed
+    285155)."""
     line.switches(
         ready(SUCCESSOR, NONCE), ready(THIRD, 0), rosters=((HOLDER, THIRD), (HOLDER, SUCCESSOR))
     )
 
 
-def test_who_is_put_on_it_again_has_to_be(line: Line) -> None:
+def test_a_readmitted_train_must_be_ready(line: Line) -> None:
     with pytest.raises(ViolationError, match=r"^26: .* train 4 is ready for 0"):
         line.switches(
             ready(SUCCESSOR, NONCE), ready(THIRD, 0), rosters=((HOLDER,), (HOLDER, THIRD))
         )
 
 
-def test_who_is_not_heard_need_not_be_ready(line: Line) -> None:
+def test_a_silent_train_need_not_be_ready(line: Line) -> None:
     line.switches(ready(SUCCESSOR, NONCE))
 
 
 @pytest.mark.parametrize("sequence", [6, 7])
-def test_a_copy_that_comes_after_what_was_heard_before_says_nothing(
-    line: Line, sequence: int
-) -> None:
-    """The train was killed meanwhile, and is not heard any more (seed 43352)."""
+def test_a_late_copy_of_an_older_report_does_not_count(line: Line, sequence: int) -> None:
+    """The train was killed meanwhile and sends no more reports (simulation seed 43352)."""
     before = replace(ready(THIRD, 0), sequence=7)
     line.switches(ready(SUCCESSOR, NONCE), replace(before, sequence=sequence), before=(before,))
 
 
-def test_what_is_newer_than_what_was_heard_before_counts(line: Line) -> None:
+def test_a_newer_report_counts(line: Line) -> None:
     before = replace(ready(THIRD, 0), sequence=7)
 
     with pytest.raises(ViolationError, match=r"^26: .* train 4 is ready for 0"):
@@ -265,7 +270,7 @@ def test_what_is_newer_than_what_was_heard_before_counts(line: Line) -> None:
         )
 
 
-def test_who_begins_anew_hears_all_reports_anew(line: Line) -> None:
+def test_a_restarted_master_accepts_all_reports_again(line: Line) -> None:
     before = replace(ready(THIRD, 0), sequence=7)
     line.hears_reports(before)
     line.air.booted(HOLDER)

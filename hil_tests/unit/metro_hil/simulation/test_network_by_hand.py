@@ -1,4 +1,4 @@
-"""Trains that are driven by hand behind the next one, whatever their authority is."""
+"""Trains that a person drives behind the next one, whatever their authority."""
 
 import random
 
@@ -20,7 +20,7 @@ def settled() -> ScriptedLine:
     return scene
 
 
-def whoever_drives(scene: ScriptedLine) -> int:
+def drivers(scene: ScriptedLine) -> int:
     scene.until(
         "one drives", lambda: any(t.shunts for t in scene.world.trains.values()), within_s=40.0
     )
@@ -28,7 +28,7 @@ def whoever_drives(scene: ScriptedLine) -> int:
 
 
 class Always(random.Random):
-    """Draws one of the ways of a controller, and anything else as usual."""
+    """Always chooses the same kind of controller and otherwise samples as usual."""
 
     def __init__(self, how: ManualController) -> None:
         super().__init__(5)
@@ -49,7 +49,7 @@ def test_a_train_is_driven_farther_than_it_may_go_and_has_authority_again(
 
     scene.run(CLOSED_NS / S - 0.5)
     assert not any(each.shunts for each in scene.world.trains.values())
-    train = scene.world.trains[whoever_drives(scene)]
+    train = scene.world.trains[drivers(scene)]
     was_m, to_m = train.front_m, train.shunts_to_m
     assert scene.net.runs(train.address) is (how is not ManualController.OFF)
     assert train.localised or how is ManualController.LOST
@@ -65,10 +65,9 @@ def test_a_train_is_driven_farther_than_it_may_go_and_has_authority_again(
 
 
 @pytest.mark.parametrize("commanded", [True, False])
-def test_it_does_not_come_to_the_section_in_which_the_next_one_stands(*, commanded: bool) -> None:
-    """Of one that nobody knew, and that was driven up to another which was commanded, nothing was
-    left to be seen but axles in the section of that one (seed 230866).
-    """
+def test_a_train_driven_by_hand_stays_out_of_the_next_trains_section(*, commanded: bool) -> None:
+    """A train unknown to the masters was driven up to a commanded one. Only axles in that
+    train's section were left to see (simulation seed 230866)."""
     scene = settled()
     by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
     (section,) = [e for e in scene.world.track.line.sections if e.start_m == 1250.0]
@@ -84,11 +83,13 @@ def test_it_does_not_come_to_the_section_in_which_the_next_one_stands(*, command
     ("beyond_m", "unsure_m", "before_m"),
     [(1.9, 0.0, 1000.0), (19.9, 0.0, 1000.0), (20.1, 0.0, 1250.0), (20.1, 3.0, 1000.0)],
 )
-def test_nor_to_one_that_the_next_one_may_come_back_to_or_be_in_by_what_it_knows(
+def test_a_train_driven_by_hand_stays_out_of_sections_that_the_next_train_may_occupy(
     beyond_m: float, unsure_m: float, before_m: float
 ) -> None:
-    """Of one that was driven up to 100 m behind another, but into a section that this one, 4 m
-    beyond it, was not sure to have left, axles were left that counted as its own (seed 282326).
+    """A train was driven to 100 m behind another, into a section that the other was not sure to
+    have left.
+
+    The other was 4 m beyond it, so the axles counted as its own (simulation seed 282326).
     """
     scene = settled()
     by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
@@ -100,7 +101,7 @@ def test_nor_to_one_that_the_next_one_may_come_back_to_or_be_in_by_what_it_knows
     assert by_hand._to_m(trains[2]) == pytest.approx(before_m - APART_M)
 
 
-def test_who_moves_or_has_no_room_is_not_driven() -> None:
+def test_a_moving_train_or_one_without_room_is_not_driven_by_hand() -> None:
     scene = settled()
     for train in scene.world.trains.values():
         train.motion = SimulatedMotion(scene.net.now_ns, train.front_m, emergency_mps2=1.0)
@@ -110,8 +111,10 @@ def test_who_moves_or_has_no_room_is_not_driven() -> None:
     assert scene.world.t2t.closed == ()
 
 
-def test_nobody_is_driven_while_it_may_still_go_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A while later it is given up, and all is opened again."""
+def test_no_train_is_driven_by_hand_while_it_may_still_move_by_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The attempt is given up a while later, and all track is opened again."""
     scene = settled()
     by_hand = ByHand(scene.world, Always(ManualController.RUNS))
     monkeypatch.setattr(scene.world.checker, "reach_m", lambda train: train.front_m + 100.0)
@@ -125,11 +128,11 @@ def test_nobody_is_driven_while_it_may_still_go_by_itself(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("how", list(ManualController))
-def test_when_all_is_over_it_stops(how: ManualController) -> None:
+def test_driving_by_hand_stops_in_the_final_calm(how: ManualController) -> None:
     scene = settled()
     by_hand = ByHand(scene.world, Always(how))
     by_hand.drives()
-    train = scene.world.trains[whoever_drives(scene)]
+    train = scene.world.trains[drivers(scene)]
     scene.until("it is fast", lambda: train.motion.speed_mps > 3.0, within_s=60.0)
     train.shunts_to_m += 100.0
 
@@ -144,7 +147,7 @@ def test_when_all_is_over_it_stops(how: ManualController) -> None:
 
 
 @pytest.mark.parametrize("closed", [7, 8])
-def test_no_more_is_closed_than_can_be_told(closed: int) -> None:
+def test_the_number_of_closed_stretches_is_bounded(closed: int) -> None:
     scene = settled()
     scene.world.t2t.closed = (SpeedRestriction(1900.0, 1910.0, 1.0),) * closed
 

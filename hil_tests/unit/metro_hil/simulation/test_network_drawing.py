@@ -1,4 +1,4 @@
-"""What a seed plays is a line that can be played, and lines differ."""
+"""Every seed gives a valid line, and lines differ."""
 
 import itertools
 import random
@@ -24,12 +24,12 @@ def _even(drawn: Draw) -> bool:
     return len({area.end_m - area.start_m for area in drawn.cast.line.areas}) == 1
 
 
-def test_the_same_seed_plays_the_same() -> None:
+def test_the_same_seed_gives_the_same_line() -> None:
     assert [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 20)] == ANY[:20]
 
 
 @pytest.mark.parametrize("seed", [1, 42, 3794, EVEN_BELOW - 1])
-def test_below_areas_have_one_length(seed: int) -> None:
+def test_below_the_limit_areas_have_one_length(seed: int) -> None:
     drawn = draw(seed)
     assert drawn.cast.line.areas[0].end_m == 2000.0
     assert _even(drawn)
@@ -68,7 +68,7 @@ def test_lines_differ() -> None:
     assert not all(_even(drawn) for drawn in ANY)
 
 
-def test_the_last_seeds_are_full_of_trains_and_of_what_happens() -> None:
+def test_the_last_seeds_have_many_trains_and_events() -> None:
     def metres(drawn: list[Draw]) -> float:
         trains = sum(len(each.cast.trains) for each in drawn)
         return sum(each.cast.line.end_m for each in drawn) / trains
@@ -97,7 +97,7 @@ def test_stops_are_on_the_line() -> None:
         assert all(0.0 < stop_m < drawn.cast.line.end_m for stop_m in stops_m)
 
 
-def test_a_choosy_seed_takes_some_of_what_may_happen_and_each_as_often_as_it_comes() -> None:
+def test_a_selective_seed_chooses_a_subset_of_events() -> None:
     assert [draw(CHOOSY_FROM - 1).choosy, draw(CHOOSY_FROM).choosy] == [False, True]
     things = [(name, list) for name in "aabcccc"]
 

@@ -1,4 +1,4 @@
-"""The search tries every schedule within its bounds, and finds the few that break a rule."""
+"""The state search tries every schedule within its bounds and finds the few that break a rule."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,8 +15,8 @@ SLOT_NS = 1_000_000
 class Tokens:
     """Node 1 hands a token to node 2, which hands it back; a token in two places breaks the rule.
 
-    The sender gives its token away when it has sent it and takes it back when no answer comes
-    within `patience` slots, which is wrong.
+    The sender takes its token back if no answer comes within `patience` slots, which is the error
+    to find.
     """
 
     patience: int
@@ -69,7 +69,7 @@ def test_without_faults_there_is_one_schedule() -> None:
     assert (found.states, found.schedules, found.ends) == (11, 10, 1)
 
 
-def test_the_one_lost_answer_that_makes_two_tokens_is_found_and_told() -> None:
+def test_the_one_lost_answer_that_makes_two_tokens_is_found_and_reported() -> None:
     found = search(patience=3, faults=1).found
 
     assert found.broken is not None
@@ -78,7 +78,7 @@ def test_the_one_lost_answer_that_makes_two_tokens_is_found_and_told() -> None:
     assert len([step for step in found.story if step.what != "broken"]) == 1
 
 
-def test_a_state_from_which_nothing_comes_back_is_found() -> None:
+def test_a_state_without_recovery_is_found() -> None:
     explorer = Explorer(Bounds(10, 1, SLOT_NS), {})
 
     found = explorer.search(SearchState(Tokens(patience=1000), (), ()))

@@ -1,4 +1,5 @@
-"""True motion is that of the school book, readings hold the truth, the judge sees what breaks."""
+"""True motion obeys the equations of motion, readings contain the truth, and the judge detects
+violations."""
 
 import pytest
 from hypothesis import given
@@ -36,7 +37,7 @@ def test_a_train_that_accelerates_covers_half_a_t_squared() -> None:
 
 
 @given(speed_mps=st.floats(0.5, 25.0), steps=st.integers(1, 500))
-def test_an_emergency_stop_ends_where_it_was_foreseen_however_finely_it_is_stepped(
+def test_an_emergency_stop_ends_at_the_predicted_place_for_any_step(
     speed_mps: float, steps: int
 ) -> None:
     motion = train(1, 0.0, speed_mps).motion
@@ -51,7 +52,7 @@ def test_an_emergency_stop_ends_where_it_was_foreseen_however_finely_it_is_stepp
     assert foreseen_m == pytest.approx(by_hand_m)
 
 
-def test_what_a_train_set_back_is_less_by_what_it_goes_forwards_again() -> None:
+def test_forward_motion_reduces_the_distance_set_back() -> None:
     motion = SimulatedMotion(0, 100.0, emergency_mps2=1.0)
     motion.back_m = motion.jogged_m = 3.0
     motion.advance(10 * S)
@@ -64,7 +65,7 @@ def test_what_a_train_set_back_is_less_by_what_it_goes_forwards_again() -> None:
     assert (motion.front_m, motion.jogged_m) == (101.5, 0.0)
 
 
-def test_a_train_that_sets_off_while_it_sets_back_has_set_back_no_farther() -> None:
+def test_a_departing_train_does_not_set_back_any_further() -> None:
     motion = SimulatedMotion(0, 100.0, emergency_mps2=1.0)
     motion.back_m = motion.jogged_m = 4.0
     motion.advance(5 * S)
@@ -91,7 +92,7 @@ def test_a_train_rolls_back_only_while_it_stands_and_counts_it() -> None:
 
 
 @given(front_m=st.floats(0.0, 20_000.0), on_m=st.floats(0.0, 500.0), address=st.integers(1, 50))
-def test_readings_hold_the_truth_and_do_not_go_back(
+def test_readings_contain_the_truth_and_do_not_go_back(
     front_m: float, on_m: float, address: int
 ) -> None:
     one, two = train(address, front_m), train(address, front_m + on_m)
@@ -107,7 +108,8 @@ def test_readings_hold_the_truth_and_do_not_go_back(
 def test_a_train_supervised_every_cycle_stops_before_its_end(
     speed_mps: float, end_m: float
 ) -> None:
-    """From any speed that supervision lets pass, full traction until it trips."""
+    """The train has any speed that supervision permits, and full traction until supervision
+    trips."""
     if must_trip(0.0, speed_mps, end_m, accel_mps2=0.9):
         return
     motion = train(1, 0.0, speed_mps).motion
@@ -123,7 +125,7 @@ def test_a_train_supervised_every_cycle_stops_before_its_end(
     assert motion.front_m <= end_m
 
 
-def test_the_braking_curve_is_the_inverse_of_the_way_to_stop() -> None:
+def test_the_braking_curve_is_the_inverse_of_the_stopping_distance() -> None:
     for speed_mps in (1.0, 7.5, 20.0):
         way_m = speed_mps * 1.5 + speed_mps**2 / (2.0 * 0.9)
         assert braking_curve_mps(way_m, decel_mps2=0.9, reaction_s=1.5) == pytest.approx(speed_mps)
@@ -155,7 +157,7 @@ def test_authority_that_leaves_no_room_to_roll_back_is_seen() -> None:
     assert broken(judge, 1, grant(rear_m - 1.5, sequence=2)) == "22"
 
 
-def test_a_leader_that_uses_the_room_it_was_left_breaks_nothing() -> None:
+def test_a_leader_that_uses_its_rollback_room_breaks_no_rule() -> None:
     ahead = train(2, 900.0)
     judge = checker(train(1, 500.0), ahead)
     judge.accepted(1, grant(ahead.rear_m - 2.1), 0)
@@ -184,19 +186,19 @@ def test_a_term_that_falls_is_seen_across_a_restart() -> None:
     assert broken(judge, 1, grant(600.0, term=4, sequence=9)) == "20"
 
 
-def test_an_authority_older_than_the_one_held_is_seen() -> None:
+def test_an_authority_older_than_the_held_one_is_detected() -> None:
     judge = checker(train(1, 500.0))
     judge.accepted(1, grant(600.0, sequence=7), 0)
 
     assert broken(judge, 1, grant(650.0, sequence=6)) == "29"
 
 
-def test_an_old_authority_is_seen() -> None:
+def test_an_old_authority_is_detected() -> None:
     assert broken(checker(train(1, 500.0)), 1, grant(600.0), 1 * S + 1) == "24"
 
 
-def test_a_train_that_brakes_without_authority_keeps_what_it_needs_to_stop() -> None:
-    """Silent, dead or mute: physics is its reservation."""
+def test_a_train_that_brakes_without_authority_keeps_its_stopping_distance() -> None:
+    """For a silent, dead or mute train the stopping distance is its reservation."""
     runaway = train(1, 500.0, speed_mps=20.0)
     judge = checker(runaway, train(2, 785.0))
     runaway.motion.apply_emergency(0)
@@ -205,7 +207,7 @@ def test_a_train_that_brakes_without_authority_keeps_what_it_needs_to_stop() -> 
         judge.moved(runaway)
 
 
-def test_a_train_beyond_its_authority_is_seen() -> None:
+def test_a_train_beyond_its_authority_is_detected() -> None:
     runner = train(1, 500.0)
     judge = checker(runner)
     judge.accepted(1, grant(510.0), 0)
@@ -216,7 +218,7 @@ def test_a_train_beyond_its_authority_is_seen() -> None:
         judge.moved(runner)
 
 
-def test_a_train_whose_authority_is_shortened_under_it_has_the_way_it_needs_to_stop() -> None:
+def test_a_train_with_a_shortened_authority_keeps_its_stopping_distance() -> None:
     runner = train(1, 500.0, speed_mps=20.0)
     judge = checker(runner)
     judge.accepted(1, grant(510.0), 0)
@@ -228,7 +230,7 @@ def test_a_train_whose_authority_is_shortened_under_it_has_the_way_it_needs_to_s
     assert runner.front_m > 700.0
 
 
-def test_what_is_not_judged_is_still_counted() -> None:
+def test_unjudged_authorities_are_still_counted() -> None:
     judge = Checker([train(1, 500.0)], Rules(age_max_ns=S, unjudged=frozenset({"20", "29"})))
     judge.accepted(1, grant(600.0, term=5), 0)
     judge.accepted(1, grant(600.0, term=4, sequence=6), 0)

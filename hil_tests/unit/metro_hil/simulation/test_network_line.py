@@ -1,4 +1,5 @@
-"""Trains that command themselves on the simulated line: scenarios, lost guards, all schedules."""
+"""Trains that command themselves on the simulated line: scenarios, removed guards, all
+schedules."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -53,13 +54,13 @@ def test_without_this_guard_its_scenario_fails(name: str) -> None:
     assert noticed_by(ALL_SCENARIOS[NOTICED[name]], MUTANTS[name]) != ""
 
 
-def test_each_guard_is_either_missed_or_argued_away() -> None:
+def test_each_guard_has_a_scenario_or_a_reason() -> None:
     assert set(NOTICED) | set(ARGUED) == set(MUTANTS)
     assert not set(NOTICED) & set(ARGUED)
 
 
 @pytest.mark.parametrize("guards", [MemberGuards(), LeaseGuards(), MasterGuards()])
-def test_what_is_no_yes_or_no_is_known_as_a_formula_and_not_counted(guards: Any) -> None:
+def test_a_guard_that_is_a_formula_is_not_counted(guards: Any) -> None:
     for each in fields(guards):
         answers = get_type_hints(getattr(guards, each.name))["return"]
         assert (answers is bool) == (each.name not in FORMULAS), each.name
@@ -76,9 +77,12 @@ def test_random_faults_break_nothing_and_come_out_the_same_again() -> None:
 
 
 @pytest.mark.parametrize("seed", [42, 57])
-def test_a_train_that_has_no_place_on_the_roster_yet_is_in_nobodys_authority(seed: int) -> None:
-    """In 42 its axles made the train ahead of it sieved, and the one behind was let through it; in
-    57 it stood just beyond a border. Both trains were too near to what others had been granted."""
+def test_no_authority_reaches_into_an_unregistered_train(seed: int) -> None:
+    """An authority once came too close to another train in two ways.
+
+    In seed 42 the axles of the unregistered train made the train ahead sieved, and the train behind
+    was let through. In seed 57 it stood just beyond a border.
+    """
     result = SeedJob(Phases(trouble_s=10.0))(seed)
 
     assert (result.invariant, result.what) == ("", "")
@@ -88,11 +92,12 @@ def test_a_train_that_has_no_place_on_the_roster_yet_is_in_nobodys_authority(see
     ("seed", "trouble_s"),
     [(2414, 10.0), (2685, 30.0)],
 )
-def test_what_seeds_once_broke_they_break_no_more(seed: int, trouble_s: float) -> None:
-    """What a seed brings about changes with every message that is added, so that those of longer
-    runs are no longer here: the fault that each showed has a test of its own.
-    2414: who hid beside an unsieved train was let through to, by a few milliseconds. 2685: a
-    train that began over a failed switch was allowed to jog back over it."""
+def test_seeds_of_former_faults_break_no_rule(seed: int, trouble_s: float) -> None:
+    """A seed changes its course with every new message, so its original fault has a separate test.
+
+    2414: a train was let through to a shadow train beside an unsieved one, by a few milliseconds.
+    2685: a train that started over a failed switch was allowed to jog back over it.
+    """
     result = SeedJob(Phases(trouble_s=trouble_s))(seed)
 
     assert (result.invariant, result.what) == ("", "")
@@ -105,10 +110,10 @@ def test_through_the_real_codec_it_is_the_same_protocol() -> None:
     assert result.covered["AreaAuthority"] > 50
 
 
-def test_what_is_gone_through_is_named_and_what_is_not_is_known() -> None:
+def test_covered_and_uncovered_transitions_are_known() -> None:
     covered = SeedJob(Phases(trouble_s=15.0))(12).covered
 
-    # One step may go several ways, which then count as one.
+    # One step may have several transitions, which then count as one.
     named = {name for name in covered if not name.startswith("from ")}
     assert named <= everything()
     for name in ("guard young_enough: yes", "from fencing to master", "LeaseAnswer", "RosterAck"):
@@ -117,7 +122,7 @@ def test_what_is_gone_through_is_named_and_what_is_not_is_known() -> None:
     assert "from master to applicant" in everything()
 
 
-def test_whoever_leaves_an_area_behind_is_outside_of_it() -> None:
+def test_a_train_that_left_an_area_is_outside_it() -> None:
     scene = ScriptedLine(Plot({1: 1900.0}, areas=2))
     scene.settle()
     covered = scene.world.t2t.said
@@ -180,7 +185,7 @@ def test_every_schedule_with_one_fault_of_two_trains_and_an_arbiter_ends_well() 
     assert found.ends > 20
 
 
-def test_the_command_says_what_was_looked_at_and_gone_through(
+def test_the_command_reports_checks_and_coverage(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     code = main(["simulate", "--seed", "3", "--minutes", "0.1"])
@@ -191,7 +196,7 @@ def test_the_command_says_what_was_looked_at_and_gone_through(
         assert words in said
 
 
-def test_seeds_are_left_out_that_have_drawn_other_timers(
+def test_seeds_with_other_timers_are_left_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["simulate", "--seeds", "10..20", "--timers", "B", "--minutes", "0.05"]

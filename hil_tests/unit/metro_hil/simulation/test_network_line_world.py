@@ -1,4 +1,4 @@
-"""The line's own judge: what it lets pass because the trains' true places say why."""
+"""The judge of the line: situations that it permits because of the trains' true positions."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ CLOSED = SpeedRestriction(600.0, 700.0, 0.1)
 
 
 def world(*fronts_m: float) -> LineWorld:
-    """Trains of 80 m, axles from 2 m behind the front on, in sections of 250 m."""
+    """Trains of 80 m with axles from 2 m behind the front, on sections of 250 m."""
     return ScriptedLine(Plot(dict(enumerate(fronts_m, start=1)))).world
 
 
@@ -29,8 +29,8 @@ def joined(of: LineWorld, train: int) -> list[int]:
     return [each.address for each in of.track.joined_to(of.trains[train])]
 
 
-def test_trains_are_joined_where_no_section_between_them_is_empty() -> None:
-    # The second stands over the joint at 250 m, the third in the section behind the next joint.
+def test_trains_are_joined_when_no_section_between_them_is_empty() -> None:
+    # The second train stands over the joint at 250 m, the third behind the next joint.
     line = world(100.0, 300.0, 560.0, 1100.0)
 
     assert joined(line, 1) == joined(line, 2) == joined(line, 3) == [1, 2, 3]
@@ -39,11 +39,12 @@ def test_trains_are_joined_where_no_section_between_them_is_empty() -> None:
 
 @pytest.mark.parametrize(("front_m", "together"), [(502.1, [1, 2]), (501.9, [1])])
 def test_only_axles_join_and_not_the_ends_of_cars(front_m: float, together: list[int]) -> None:
-    # The other stands behind the joint at 750 m: one section is between them, from 500 m on.
+    # The other train stands behind the joint at 750 m, so the section from 500 m on is between
+    # them.
     assert joined(world(front_m, 835.0), 1) == together
 
 
-def test_who_is_gone_joins_nobody() -> None:
+def test_a_removed_train_is_joined_to_none() -> None:
     line = world(100.0, 400.0, 600.0)
     assert joined(line, 1) == [1, 2, 3]
     line.trains[2].on_line = False
@@ -52,7 +53,7 @@ def test_who_is_gone_joins_nobody() -> None:
     assert joined(line, 2) == []
 
 
-def test_a_train_waits_while_one_moves_that_it_is_joined_to() -> None:
+def test_a_train_may_wait_while_a_joined_train_moves() -> None:
     line = world(100.0, 300.0, 900.0)
     assert not line.unsettled([1])
 
@@ -63,7 +64,7 @@ def test_a_train_waits_while_one_moves_that_it_is_joined_to() -> None:
     assert not line.unsettled([])
 
 
-def test_a_train_waits_for_one_that_is_driven_by_hand_wherever_it_is() -> None:
+def test_a_train_may_wait_for_one_driven_by_hand_anywhere() -> None:
     line = world(100.0, 900.0)
     line.trains[2].shunts = True
 
@@ -76,7 +77,7 @@ def test_a_train_waits_for_one_that_is_driven_by_hand_wherever_it_is() -> None:
     [(900.0, True, True), (900.0, False, False), (2079.0, True, True), (2081.0, True, False)],
 )
 @pytest.mark.parametrize("moves", [None, 2, 3])
-def test_a_train_waits_while_one_moves_and_another_that_is_elsewhere_has_to_leave_a_roster(
+def test_a_train_may_wait_while_one_moves_and_another_must_leave_a_roster(
     state: RemovalState, front_m: float, on_line: bool, there: bool, moves: int | None
 ) -> None:
     line = ScriptedLine(Plot({1: 100.0, 2: front_m, 3: 1500.0}, areas=2)).world
@@ -91,7 +92,7 @@ def test_a_train_waits_while_one_moves_and_another_that_is_elsewhere_has_to_leav
 
 
 def apart(room_m: float) -> LineWorld:
-    """One 500 m ahead of another, moved back until so much is sure to be between them."""
+    """Two trains 500 m apart, moved together until their certain distance is `room_m`."""
     line = world(400.0, 900.0)
     follower, leader = line.trains[1], line.trains[2]
     for _ in range(20):
@@ -101,8 +102,11 @@ def apart(room_m: float) -> LineWorld:
 
 
 @pytest.mark.parametrize(("room_m", "waits"), [(7.1, [1, 2]), (6.9, [])])
-def test_nobody_waits_who_is_found_too_near_to_another(room_m: float, waits: list[int]) -> None:
-    """Neither the one behind, which can be given nothing, nor the one ahead, which has no place."""
+def test_a_train_too_close_to_another_is_exempt_from_getting_an_authority(
+    room_m: float, waits: list[int]
+) -> None:
+    """This exempts the train behind, which can get no authority, and the one ahead, which has no
+    place."""
     line = apart(room_m)
 
     assert line.without_authority() == waits
@@ -119,7 +123,7 @@ def test_nobody_waits_who_is_found_too_near_to_another(room_m: float, waits: lis
         ({(2, 6): (1, frozenset({2}))}, []),
     ],
 )
-def test_who_has_a_place_on_the_newest_roster_waits_however_near_another_is_behind_it(
+def test_a_registered_train_needs_an_authority_however_close_the_train_behind(
     kept: dict[tuple[int, int], tuple[int, frozenset[int]]], waits: list[int]
 ) -> None:
     line = apart(6.9)
@@ -128,7 +132,7 @@ def test_who_has_a_place_on_the_newest_roster_waits_however_near_another_is_behi
     assert line.without_authority() == waits
 
 
-def test_when_all_is_over_supervision_sees_who_is_not_in_an_area_any_more() -> None:
+def test_in_the_final_calm_supervision_detects_trains_that_left_an_area() -> None:
     line = ScriptedLine(Plot({1: 100.0, 2: 2300.0, 3: 900.0}, areas=2)).world
     line.trains[3].on_line = False
     mischief = RailwayEvents(line, seed=1)
@@ -144,8 +148,8 @@ def test_when_all_is_over_supervision_sees_who_is_not_in_an_area_any_more() -> N
     assert {(each.area, each.train) for each in line.t2t.orders if each.kind is None} == {(1, 2)}
 
 
-def test_when_all_is_over_orders_for_one_train_after_the_other_are_given() -> None:
-    """In seed 278683 one was overtaken 60 times by others of the same instant."""
+def test_in_the_final_calm_commands_are_given_train_by_train() -> None:
+    """In seed 278683 one command was overtaken 60 times by others of the same instant."""
     line = ScriptedLine(Plot({1: 100.0, 2: 2300.0, 3: 900.0}, areas=2)).world
     RailwayEvents(line, seed=1).calm()
     given = list[set[int]]()
@@ -158,7 +162,7 @@ def test_when_all_is_over_orders_for_one_train_after_the_other_are_given() -> No
     assert given == [{1}, {2}, {3}]
 
 
-def test_into_a_closed_stretch_nobody_is_let(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_train_may_enter_a_closed_stretch(monkeypatch: pytest.MonkeyPatch) -> None:
     line = closed_in_front_of(590.0, monkeypatch)
 
     line.holds(1, grant(CLOSED.start_m))
@@ -166,10 +170,11 @@ def test_into_a_closed_stretch_nobody_is_let(monkeypatch: pytest.MonkeyPatch) ->
         line.holds(1, grant(CLOSED.start_m + 0.01))
 
 
-def test_the_same_metres_closed_again_count_as_closed_from_then_on(
+def test_a_stretch_closed_again_counts_from_its_second_closing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Once it counted from the first time on, if nobody held anything meanwhile (seed 211900)."""
+    """Once it counted from the first time on if no train held an authority meanwhile (seed
+    211900)."""
     line = closed_in_front_of(590.0, monkeypatch)
     (first,) = line.t2t.closed
     again = replace(CLOSED)
@@ -184,7 +189,7 @@ def test_the_same_metres_closed_again_count_as_closed_from_then_on(
         line.holds(1, grant(CLOSED.start_m + 0.01))
 
 
-def test_who_rolls_back_out_of_it_may_stay_where_it_was_a_moment_before(
+def test_a_train_that_rolls_back_out_of_a_closed_stretch_may_keep_its_last_place(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     line = closed_in_front_of(605.0, monkeypatch)
@@ -202,7 +207,7 @@ def test_who_rolls_back_out_of_it_may_stay_where_it_was_a_moment_before(
         line.holds(1, grant(was_m))
 
 
-def test_who_held_nothing_while_it_rolled_back_may_stay_where_it_was_too(
+def test_a_train_without_authority_that_rolls_back_may_keep_its_last_place_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     line = closed_in_front_of(605.0, monkeypatch)
@@ -217,7 +222,7 @@ def test_who_held_nothing_while_it_rolled_back_may_stay_where_it_was_too(
         line.holds(1, grant(was_m + 0.01))
 
 
-def test_where_it_is_while_it_rolls_back_is_noted_at_each_step() -> None:
+def test_the_place_of_a_rolling_train_is_recorded_at_each_step() -> None:
     scene = ScriptedLine(Plot({1: 300.0, 2: 900.0}))
     scene.settle()
     scene.world.t2t.closed = (SpeedRestriction(301.0, 400.0, 0.1),)
@@ -234,10 +239,11 @@ def test_where_it_is_while_it_rolls_back_is_noted_at_each_step() -> None:
 
 
 @pytest.mark.parametrize("rolls_m", [0.5, 3.0])
-def test_an_object_in_which_a_train_stood_a_moment_ago_is_not_entered_by_its_last_authority(
+def test_the_last_authority_of_a_train_inside_an_object_is_no_entry(
     rolls_m: float,
 ) -> None:
-    """It is not locked; the train's front stands 2 m in it and rolls back, out of it or not."""
+    """The object is unlocked; the front of the train is 2 m inside it and rolls back, out of it
+    or not."""
     line = ScriptedLine(Plot({1: 702.0}, objects=True)).world
     train = line.trains[1]
 
@@ -253,7 +259,7 @@ def test_an_object_in_which_a_train_stood_a_moment_ago_is_not_entered_by_its_las
     line.net.run(AGE_MAX_NS + 1)
     stays_in_it = rolls_m < 2.0
     if stays_in_it:
-        # And so it keeps it from moving.
+        # The train keeps the object from moving.
         holds(was_m)
 
     with pytest.raises(ViolationError, match=r"^23: object 1 at 700.0 m is not locked, and train"):
@@ -261,8 +267,8 @@ def test_an_object_in_which_a_train_stood_a_moment_ago_is_not_entered_by_its_las
 
 
 @pytest.mark.parametrize("doom", list(Doom))
-def test_an_object_is_locked_before_it_is_stored_that_it_is(doom: Doom) -> None:
-    """Else it would be taken for locked after a restart, while it stands open (seed 210690)."""
+def test_an_object_locks_before_it_stores_the_lock(doom: Doom) -> None:
+    """Otherwise it would count as locked after a restart while it is open (seed 210690)."""
     scene = ScriptedLine(Plot({1: 500.0}, objects=True, stops_m=(500.0,), dwell_s=60.0))
     scene.keep_back(lambda source, target, message: isinstance(message, ObjectClaim))
     scene.world.boot_all()
@@ -283,8 +289,9 @@ def test_an_object_is_locked_before_it_is_stored_that_it_is(doom: Doom) -> None:
     scene.run(1.0)
 
 
-def test_what_is_acknowledged_the_brake_goes_by_already() -> None:
-    """Once it looked up to 0.2 s later, while its report reckoned with it (seed 220394)."""
+def test_an_acknowledged_authority_already_binds_the_brake() -> None:
+    """The brake once followed up to 0.2 s later, although the report already included it (seed
+    220394)."""
     scene = ScriptedLine(Plot({1: 200.0, 2: 1800.0}))
     scene.settle()
     train = scene.world.trains[1]
@@ -304,8 +311,8 @@ def test_what_is_acknowledged_the_brake_goes_by_already() -> None:
     assert all(brakes)
 
 
-def test_one_jog_takes_the_place_of_another_that_was_not_over() -> None:
-    """Once they had added up, and a train rolled back 14 m (seed 22784)."""
+def test_a_new_jog_replaces_an_unfinished_one() -> None:
+    """Jogs once added up, and a train rolled back 14 m (seed 22784)."""
     scene = ScriptedLine(Plot({1: 700.0}))
     scene.settle()
     motion = scene.world.trains[1].motion
@@ -318,7 +325,7 @@ def test_one_jog_takes_the_place_of_another_that_was_not_over() -> None:
         assert 0.0 < motion.jogged_m == motion.back_m <= scene.world.checker.rules.jog_m
 
 
-def test_a_section_with_a_disturbed_counter_is_not_entered_until_it_is_looked_at() -> None:
+def test_no_train_enters_a_section_with_a_disturbed_counter_until_it_is_checked() -> None:
     scene = ScriptedLine(Plot({1: 300.0}))
     scene.settle()
     track = scene.world.track
@@ -334,7 +341,7 @@ def test_a_section_with_a_disturbed_counter_is_not_entered_until_it_is_looked_at
 
 
 @pytest.mark.parametrize("over", [False, True])
-def test_a_counter_is_disturbed_for_a_while_or_until_all_is_over(over: bool) -> None:
+def test_a_counter_is_disturbed_for_a_while_or_until_the_final_calm(over: bool) -> None:
     line = world(200.0, 900.0)
     line.drawn = replace(line.drawn, disturbed=True)
     mischief = RailwayEvents(line, seed=1)
@@ -360,11 +367,13 @@ def test_a_disturbed_section_joins_the_trains_on_either_side() -> None:
 
 
 @pytest.mark.parametrize("shunts", [False, True])
-def test_a_new_life_brakes_from_its_first_output_and_goes_by_nothing_that_was_held(
+def test_a_restarted_train_brakes_from_its_first_output_and_ignores_its_former_authority(
     shunts: bool,
 ) -> None:
-    """Its brake once waited for up to a control cycle, while it said how far it comes with it, and
-    an object was released 190 m ahead of it: within what its former life held (seed 60368)."""
+    """The brake once waited up to a control cycle, although the report already included its effect.
+
+    An object was released 190 m ahead, within the authority of the former incarnation (seed 60368).
+    """
     scene = ScriptedLine(Plot({1: 200.0, 2: 1500.0}))
     scene.settle()
     scene.run(5.0)
@@ -383,10 +392,11 @@ def test_a_new_life_brakes_from_its_first_output_and_goes_by_nothing_that_was_he
 
 
 @pytest.mark.parametrize("kind", [*OrderKind, None])
-def test_where_nobody_commands_only_the_order_back_into_service_is_said(
+def test_without_a_master_only_the_command_back_into_service_is_sent(
     kind: OrderKind | None,
 ) -> None:
-    """To its train, in whatever area: all others would hear it from their master."""
+    """The command goes to its train in any area; all other trains would receive it from their
+    master."""
     desk, wanted = OrderSource(boot=3), TrainOrder(kind, 2, 7, left=1)
     said = desk.says([wanted], 50)
 
@@ -396,7 +406,7 @@ def test_where_nobody_commands_only_the_order_back_into_service_is_said(
 
 
 def closed_in_front_of(front_m: float, monkeypatch: pytest.MonkeyPatch) -> LineWorld:
-    """600 m to 700 m, long ago."""
+    """A line with the stretch from 600 m to 700 m closed long ago."""
     monkeypatch.setattr(AuthorityChecks, "made_of", lambda *_: None)
     line = world(front_m)
     line.closes(CLOSED)

@@ -1,4 +1,5 @@
-"""What a train hears and who is disturbed depend on its area, not on how long the line is."""
+"""A train's received messages and disturbances depend on its area and not on the length of the
+line."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +17,7 @@ def few_and_many() -> tuple[LongLine, LongLine]:
     return play(5, EACH, seconds=1.0), play(9, EACH, seconds=1.0)
 
 
-def test_a_line_of_more_areas_gives_no_train_more_to_hear() -> None:
+def test_more_areas_give_no_train_more_messages() -> None:
     few, many = few_and_many()
 
     assert many.heard_per_s <= 1.15 * few.heard_per_s
@@ -27,7 +28,7 @@ def test_a_line_of_more_areas_gives_no_train_more_to_hear() -> None:
         assert (line.other_terms, line.emergencies) == (0, 0)
 
 
-def test_trains_that_listened_everywhere_would_hear_all_of_the_line(
+def test_trains_that_listen_everywhere_would_receive_the_whole_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def to_all(targets: Sequence[int], message: Any, topic: int | None) -> QueuedMessage:

@@ -1,4 +1,4 @@
-"""The simulated network does to nodes and messages what it says, and the same for the same seed."""
+"""The simulated network treats nodes and messages as configured, reproducibly for a seed."""
 
 import itertools
 import zlib
@@ -22,7 +22,7 @@ S = 1_000_000_000
 
 @dataclass
 class Listener:
-    """Keeps what it hears, and when it heard it by its own clock."""
+    """Records received messages with the instants by its own clock."""
 
     heard: list[tuple[int, tuple[Any, ...]]] = field(default_factory=list)
 
@@ -38,7 +38,7 @@ class Listener:
 
 @dataclass
 class Counter:
-    """Every `period_ns` says the next number to all targets, and keeps it on its disk."""
+    """Sends the next number to all targets every `period_ns`, and stores it on its disk."""
 
     targets: tuple[int, ...]
     period_ns: int
@@ -57,7 +57,7 @@ class Counter:
 def network(
     seed: int = 1, *, period_ns: int = 100 * MS, listeners: int = 1, **more: Any
 ) -> SimulatedNetwork:
-    """Node 1 counts, nodes 2 and up listen."""
+    """Node 1 counts; nodes 2 and up listen."""
     net = SimulatedNetwork(seed, **more)
     targets = tuple(range(2, 2 + listeners))
 
@@ -103,7 +103,7 @@ def test_messages_come_in_order_and_once_on_a_clear_link() -> None:
     assert len(listener(net).messages) in (100, 101)
 
 
-def test_a_stopped_node_sends_nothing_and_then_acts_on_all_that_piled_up_at_once() -> None:
+def test_a_stopped_node_sends_nothing_and_then_processes_all_waiting_messages_at_once() -> None:
     net = network(listeners=2)
     net.run(1 * S)
     before = len(listener(net, 2).heard)
@@ -120,7 +120,7 @@ def test_a_stopped_node_sends_nothing_and_then_acts_on_all_that_piled_up_at_once
     assert net.sent == sent
 
 
-def test_a_node_stopped_before_it_sends_says_late_what_it_decided_early() -> None:
+def test_a_node_stopped_before_sending_sends_an_early_decision_late() -> None:
     net = network()
     net.run(1 * S - 20 * MS)
     net.nodes[1].freeze_ns = 3 * S
@@ -142,7 +142,7 @@ def test_a_node_stopped_before_it_sends_says_late_what_it_decided_early() -> Non
         (Doom.WHILE_SENDING, 11, 2),
     ],
 )
-def test_where_in_a_step_a_node_dies_decides_what_is_stored_and_what_goes_out(
+def test_the_point_of_death_in_a_step_decides_what_is_stored_and_sent(
     doom: Doom, disk: int, came: int
 ) -> None:
     net = network(listeners=3)
@@ -157,7 +157,7 @@ def test_where_in_a_step_a_node_dies_decides_what_is_stored_and_what_goes_out(
     assert sum(11 in listener(net, target).messages for target in (2, 3, 4)) == came
 
 
-def test_a_restarted_node_has_what_it_stored_unless_its_disk_is_lost() -> None:
+def test_a_restarted_node_has_its_stored_data_unless_its_disk_is_lost() -> None:
     net = network()
     net.run(1 * S)
     kept = net.nodes[1].disk
@@ -175,7 +175,7 @@ def test_a_restarted_node_has_what_it_stored_unless_its_disk_is_lost() -> None:
     assert net.nodes[1].boots == 3
 
 
-def test_what_a_dead_node_still_had_to_send_is_never_sent() -> None:
+def test_unsent_messages_of_a_dead_node_are_never_sent() -> None:
     net = network()
     net.nodes[1].slow_ns = 60 * MS
     net.run(1 * S + 30 * MS)
@@ -204,7 +204,7 @@ def test_a_cut_is_one_way_and_overlapping_cuts_heal_with_the_last() -> None:
     assert listener(net, 2).messages == list(range(22, 31))
 
 
-def test_a_cut_that_keeps_lets_everything_come_in_one_old_burst() -> None:
+def test_a_cut_that_holds_messages_delivers_them_in_one_old_burst() -> None:
     net = network()
     net.cut([(1, 2)], keeps=True)
     net.run(2 * S)
@@ -214,7 +214,7 @@ def test_a_cut_that_keeps_lets_everything_come_in_one_old_burst() -> None:
     assert listener(net).messages[:20] == list(range(1, 21))
 
 
-def test_links_lose_double_delay_and_reorder_about_as_often_as_told() -> None:
+def test_links_lose_double_delay_and_reorder_at_the_configured_rates() -> None:
     net = network(period_ns=5 * MS)
     net.weather(net.links(), Weather(spread_ns=30 * MS, loss_share=0.2, double_share=0.1))
     net.run(60 * S)
@@ -226,7 +226,7 @@ def test_links_lose_double_delay_and_reorder_about_as_often_as_told() -> None:
     assert listener(net).messages != sorted(listener(net).messages)
 
 
-def test_late_messages_come_much_later_but_come() -> None:
+def test_late_messages_arrive_much_later() -> None:
     net = network()
     net.weather(net.links(), Weather(late_share=0.2, late_ns=3 * S))
     net.run(30 * S)
@@ -254,7 +254,7 @@ class Sealed:
         return int.from_bytes(payload[:4], "big")
 
 
-def test_damaged_bytes_reach_the_codec_and_not_the_machine() -> None:
+def test_damaged_bytes_reach_the_codec_and_not_the_node() -> None:
     codec = Sealed()
     net = network(codec=codec)
     net.weather(net.links(), Weather(damage_share=0.3))
@@ -267,7 +267,7 @@ def test_damaged_bytes_reach_the_codec_and_not_the_machine() -> None:
     assert set(messages) <= set(range(1, net.sent + 1))
 
 
-def test_values_that_would_have_been_damaged_do_not_come() -> None:
+def test_values_that_cannot_be_damaged_as_bytes_are_lost() -> None:
     net = network()
     net.weather(net.links(), Weather(damage_share=0.3))
     net.run(60 * S)

@@ -1,4 +1,4 @@
-"""The paper's literal rules, played: each that is unsafe is seen to be."""
+"""The literal rules of [Wu 2022] in simulation: each unsafe rule shows its hazard."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def world(fronts_m: dict[int, float]) -> SimulatedLine:
 
 
 def start(line: SimulatedLine, *addresses: int) -> None:
-    """One after the other, the first long before the second, as the paper would have it."""
+    """Start trains one after the other, the first long before the second, as the paper assumes."""
     for address in addresses:
         line.net.boot(address)
         line.net.run(line.net.now_ns + 4 * S)
@@ -38,7 +38,7 @@ def masters(line: SimulatedLine) -> list[int]:
     return found
 
 
-def test_on_a_perfect_network_the_paper_works() -> None:
+def test_on_a_perfect_network_the_published_rules_work() -> None:
     line = world({2: 900.0, 1: 300.0})
     start(line, THIRD, 2, 1)
     line.net.run(120 * S)
@@ -48,7 +48,7 @@ def test_on_a_perfect_network_the_paper_works() -> None:
     assert line.trains[1].emergencies == 0
 
 
-def test_silence_taken_for_no_master_puts_two_trains_on_the_same_metres() -> None:
+def test_taking_silence_for_a_missing_master_puts_two_trains_on_the_same_metres() -> None:
     line = world({2: 900.0, 1: 300.0})
     line.net.cut([(1, 2), (2, 1)])
 
@@ -60,7 +60,7 @@ def test_silence_taken_for_no_master_puts_two_trains_on_the_same_metres() -> Non
 
 
 def test_a_third_party_that_picks_one_of_two_masters_comes_too_late() -> None:
-    """It hears both and rules at once; the track was given away before."""
+    """The third party receives both and decides at once, but the track was already granted."""
     line = world({2: 900.0, 1: 300.0})
     line.net.cut([(1, 2), (2, 1)])
 
@@ -71,7 +71,7 @@ def test_a_third_party_that_picks_one_of_two_masters_comes_too_late() -> None:
     assert not line.net.nodes[1].links[THIRD].cut
 
 
-def test_taking_over_at_once_from_a_master_that_was_only_stopped_makes_two() -> None:
+def test_an_immediate_takeover_from_a_paused_master_makes_two_masters() -> None:
     line = world({2: 900.0, 1: 300.0})
     start(line, THIRD, 2, 1)
     line.net.stop(2, 3 * S)
@@ -105,7 +105,7 @@ def test_an_authority_without_age_is_obeyed_however_old_it_is() -> None:
 PAPER = SeedJob(Phases(trouble_s=30.0), protocol="paper")
 
 
-def test_random_faults_find_it_too_and_the_same_in_every_process() -> None:
+def test_random_faults_find_the_same_hazard_in_every_process() -> None:
     here = list(run_many(range(1, 7), PAPER, workers=1))
     there = sorted(run_many(range(1, 7), PAPER, workers=2), key=lambda result: result.seed)
 
@@ -135,7 +135,7 @@ def test_a_broken_seed_names_the_command_that_repeats_it(
     assert any("sends" in line for line in story)
 
 
-def test_a_journal_spares_what_it_has_and_forgives_a_torn_last_line(tmp_path: Path) -> None:
+def test_a_journal_skips_finished_seeds_and_tolerates_a_torn_last_line(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     journal = SeedJournal(path)
     for result in run_many((1, 2), PAPER, workers=1):
@@ -156,7 +156,7 @@ def test_a_journal_spares_what_it_has_and_forgives_a_torn_last_line(tmp_path: Pa
 
 
 @pytest.mark.parametrize("kept", [b"first\nsecond", b"{}\n", b"[]", b"\xff\x00\n", b'{"seed"=1'])
-def test_a_file_that_is_no_journal_is_refused_and_left_as_it_is(
+def test_a_file_that_is_no_journal_is_refused_and_not_changed(
     kept: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "notes.txt"
@@ -169,7 +169,7 @@ def test_a_file_that_is_no_journal_is_refused_and_left_as_it_is(
     assert path.read_bytes() == kept
 
 
-def test_a_journal_that_cannot_be_written_is_said_with_the_seed(
+def test_an_unwritable_journal_is_reported_with_the_seed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def full(journal: SeedJournal, result: RunResult) -> None:
@@ -198,7 +198,7 @@ def test_a_journal_that_cannot_be_written_is_said_with_the_seed(
         (["--timers", "B", "--protocol", "paper"], "the paper's rules have no timers"),
     ],
 )
-def test_wrong_words_get_one_line(
+def test_wrong_arguments_get_one_line(
     words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:

@@ -1,4 +1,4 @@
-"""Trains that are taken off the line and set on again where nobody may come."""
+"""Trains that leave the line and return where no other train can come."""
 
 import math
 import random
@@ -47,7 +47,7 @@ def test_a_train_that_stands_is_switched_off_and_comes_back_among_the_others() -
     assert scene.world.t2t.closed == ()
 
 
-def test_one_that_is_switched_on_again_meanwhile_stays_where_it_is() -> None:
+def test_a_train_switched_on_again_meanwhile_stays_where_it_is() -> None:
     scene = settled()
 
     assert Sidings(scene.world, random.Random(3)).leaves()
@@ -59,7 +59,7 @@ def test_one_that_is_switched_on_again_meanwhile_stays_where_it_is() -> None:
     assert off(scene) == []
 
 
-def test_who_moves_is_not_taken_off() -> None:
+def test_a_moving_train_is_not_taken_off_the_line() -> None:
     scene = settled()
     for train in scene.world.trains.values():
         train.motion = SimulatedMotion(scene.net.now_ns, train.front_m, emergency_mps2=1.0)
@@ -69,7 +69,9 @@ def test_who_moves_is_not_taken_off() -> None:
     assert off(scene) == []
 
 
-def test_none_is_set_on_where_another_may_still_come(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_train_is_put_on_the_line_where_another_may_still_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     scene = settled()
     sidings = Sidings(scene.world, random.Random(3))
     judged = list[float]()
@@ -89,7 +91,7 @@ def test_none_is_set_on_where_another_may_still_come(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(("to_m", "taken"), [(979.0, False), (981.0, True), (math.inf, True)])
-def test_a_place_is_taken_to_which_another_is_being_driven(to_m: float, taken: bool) -> None:
+def test_a_place_to_which_a_train_is_driven_by_hand_is_taken(to_m: float, taken: bool) -> None:
     scene = settled()
     sidings, train = Sidings(scene.world, random.Random(3)), scene.world.trains[1]
     place = SpeedRestriction(1000.0, 1250.0, 1.0)
@@ -103,10 +105,11 @@ def test_a_place_is_taken_to_which_another_is_being_driven(to_m: float, taken: b
 
 
 @pytest.mark.parametrize(("unsure_m", "taken"), [(0.0, False), (3.0, True)])
-def test_a_place_is_taken_that_another_is_near_to_by_what_it_says(
+def test_a_place_close_to_a_trains_reported_position_is_taken(
     unsure_m: float, *, taken: bool
 ) -> None:
-    """Its rear is 20.1 m beyond, and it may say less; and then roll and jog back."""
+    """Its rear is 20.1 m beyond the place; its report may be lower, and it may roll and jog
+    back."""
     scene = settled()
     sidings, train = Sidings(scene.world, random.Random(3)), scene.world.trains[3]
     for behind in (1, 2):
@@ -118,10 +121,10 @@ def test_a_place_is_taken_that_another_is_near_to_by_what_it_says(
 
 
 @pytest.mark.parametrize("after_s", [1.0, AWAY_S[1] + 1.0])
-def test_when_all_is_over_nobody_is_set_on_any_more(
+def test_in_the_final_calm_no_train_is_put_on_the_line(
     after_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Before it looks for a place, and while it waits at one."""
+    """This holds before the search for a place and during the wait at one."""
     scene = settled()
     sidings = Sidings(scene.world, random.Random(3))
     monkeypatch.setattr(Sidings, "_is_free", lambda *_: False)
@@ -137,7 +140,7 @@ def test_when_all_is_over_nobody_is_set_on_any_more(
     assert scene.world.t2t.closed == ()
 
 
-def test_a_place_is_free_that_no_train_behind_it_may_come_to() -> None:
+def test_a_place_that_no_train_behind_can_reach_is_free() -> None:
     scene = settled()
     sidings = Sidings(scene.world, random.Random(3))
     end_m = scene.end_m(3)
@@ -149,8 +152,9 @@ def test_a_place_is_free_that_no_train_behind_it_may_come_to() -> None:
     assert not sidings._is_free(just_not)
 
 
-def test_a_place_is_not_free_to_which_a_train_may_come_by_its_own_reckoning() -> None:
-    """It brakes before it, and may be over the joint by what it is unsure of (seed 135659)."""
+def test_a_place_that_a_train_may_reach_by_its_own_estimate_is_not_free() -> None:
+    """The train brakes before the place but may be over the joint by its position uncertainty
+    (seed 135659)."""
     scene = settled()
     sidings, train = Sidings(scene.world, random.Random(3)), scene.world.trains[3]
     scene.world.checker.gave_up(3)
@@ -162,7 +166,7 @@ def test_a_place_is_not_free_to_which_a_train_may_come_by_its_own_reckoning() ->
     assert sidings._is_free(SpeedRestriction(place.start_m + 0.2, 1800.0, 1.0))
 
 
-def test_one_waits_off_the_line_while_no_more_can_be_closed() -> None:
+def test_a_train_waits_off_the_line_while_no_further_stretch_can_be_closed() -> None:
     scene = settled()
     others = (SpeedRestriction(1900.0, 1910.0, 1.0),) * 8
     scene.world.t2t.closed = others
@@ -176,8 +180,9 @@ def test_one_waits_off_the_line_while_no_more_can_be_closed() -> None:
     scene.until("it is back", lambda: not off(scene), within_s=120.0)
 
 
-def test_track_is_closed_from_some_way_before_the_sections_in_which_one_is_set_on() -> None:
-    """Who braked for it took the section for its own, unsure by a centimetre (seed 239562)."""
+def test_the_closed_track_begins_some_distance_before_the_sections_of_the_new_train() -> None:
+    """A braking train once took the section for its own, uncertain by a centimetre (seed
+    239562)."""
     scene = settled()
     train = scene.world.trains[1]
     scene.net.kill(1)

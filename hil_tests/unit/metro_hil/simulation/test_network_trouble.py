@@ -1,4 +1,4 @@
-"""Faults of the network come as a seed says."""
+"""Network faults follow from a seed."""
 
 from metro_hil.simulation.batch import cpu_ns
 from metro_hil.simulation.generate import DENSE_FROM, draw
@@ -9,7 +9,7 @@ from metro_hil.simulation.run import Phases, RunResult, run_seed
 
 def run(foul_share: float) -> RunResult:
     world = LineWorld(DENSE_FROM, draw(DENSE_FROM))
-    # Nothing strikes meanwhile.
+    # No fault occurs meanwhile.
     scale = FaultScale(between_s_min=1e6, between_s_max=1e6, foul_share=foul_share)
     return run_seed(DENSE_FROM, world, scale, Phases(trouble_s=20.0, calm_s=5.0), cpu_ns)
 
@@ -18,7 +18,7 @@ def lost_share(result: RunResult) -> float:
     return result.messages["lost"] / result.messages["sent"]
 
 
-def test_in_foul_weather_much_is_lost_all_the_time_and_nothing_breaks() -> None:
+def test_permanent_heavy_loss_breaks_no_rule() -> None:
     fair, foul = run(0.0), run(0.3)
 
     assert (fair.invariant, foul.invariant) == ("", "")

@@ -1,4 +1,4 @@
-"""Messages as bytes on the simulated network: each is opened once, however many hear it."""
+"""Messages as bytes on the simulated network are decoded once, whatever the number of receivers."""
 
 import pytest
 
@@ -9,7 +9,9 @@ from zenoh_config.codec import unpack
 from zenoh_config.messages import RefusedReason
 
 
-def test_all_that_hear_the_same_bytes_get_the_same_message(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_receivers_of_the_same_bytes_get_the_same_message(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     opened: list[bytes] = []
 
     def counted(payload: bytes) -> object:
@@ -24,7 +26,7 @@ def test_all_that_hear_the_same_bytes_get_the_same_message(monkeypatch: pytest.M
     assert opened == [sealed]
 
 
-def test_what_is_damaged_is_refused_and_counted_each_time() -> None:
+def test_damaged_bytes_are_refused_and_counted_each_time() -> None:
     codec = RealCodec()
     sealed = codec.seal(REPORT)
     damaged = sealed[:-1] + bytes([sealed[-1] ^ 1])
@@ -33,7 +35,7 @@ def test_what_is_damaged_is_refused_and_counted_each_time() -> None:
     assert codec.refusals == {RefusedReason.WRONG_CODE: 2}
 
 
-def test_what_came_long_ago_is_forgotten() -> None:
+def test_old_messages_are_dropped_from_the_cache() -> None:
     codec = RealCodec()
     for n in range(OPENED_MAX + 100):
         codec.open(n.to_bytes(4, "big"))

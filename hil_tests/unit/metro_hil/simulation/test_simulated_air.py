@@ -1,4 +1,4 @@
-"""The judge of what goes over the air keeps the lives of a train apart."""
+"""The judge of radio messages keeps the incarnations of a train apart."""
 
 from collections import Counter
 
@@ -24,7 +24,7 @@ ARBITERS = (65_001, 65_002, 65_003)
 
 
 class Line:
-    """Trains that ask, arbiters that grant at once, and the judge."""
+    """Trains that send requests, arbiters that grant at once, and the judge."""
 
     def __init__(self) -> None:
         self.now_ns = 0
@@ -60,7 +60,7 @@ class Line:
         self._stepped(train, [authority], [])
 
     def holds(self, train: int, term: int, sequence: int) -> None:
-        """It says which authority it holds."""
+        """The train reports which authority it holds."""
         head = (train, 2, train, term, 1, sequence, self.now_ns)
         place = (50.0, 51.0, 0.0, 0.0, 0.0)
         ends = (100.0, 100.0, 60.0, term, sequence)
@@ -71,8 +71,9 @@ class Line:
         self.judge.stepped(train, self.now_ns, self.now_ns, heard, letters)
 
 
-def test_numbers_of_requests_begin_anew_with_every_life_and_are_not_taken_for_old_ones() -> None:
-    """What was kept of an earlier life went first when memory was full (seed 1195)."""
+def test_request_numbers_restart_with_every_incarnation() -> None:
+    """Entries of an earlier incarnation were once dropped first when the memory was full (seed
+    1195)."""
     line = Line()
     for nonce in range(1, ANSWERS_MAX + 1):
         line.asks(1, 5, nonce, ARBITERS)
@@ -87,8 +88,8 @@ def test_numbers_of_requests_begin_anew_with_every_life_and_are_not_taken_for_ol
         line.issues(1, 6)
 
 
-def test_a_second_copy_that_comes_too_late_says_nothing_of_the_first_that_was_taken() -> None:
-    """Seed 2314: doubled, and held up for more than a second."""
+def test_a_late_second_copy_does_not_affect_the_accepted_first_one() -> None:
+    """In seed 2314 the message was doubled and delayed by more than a second."""
     line = Line()
     line.now_ns = 5000 * MS
     line.hears_authority(1, 6, 1, echo_ns=4000 * MS)

@@ -1,4 +1,4 @@
-"""The log of a line's radio, read again: decoded, chosen, counted and drawn."""
+"""The log of a line's radio read back: decoded, filtered, counted and plotted."""
 
 from pathlib import Path
 
@@ -44,7 +44,7 @@ def told(capsys: pytest.CaptureFixture[str], *words: object) -> list[str]:
     return capsys.readouterr().out.splitlines()
 
 
-def test_every_message_is_a_line_that_says_who_says_what_to_whom(
+def test_every_message_is_a_line_with_sender_content_and_receiver(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = told(capsys, folder)
@@ -72,7 +72,7 @@ def test_every_message_is_a_line_that_says_who_says_what_to_whom(
         (["--since", "0.1", "--until", "0.21"], ["0.180000", "0.200000"]),
     ],
 )
-def test_what_is_asked_for_is_shown_and_nothing_else(
+def test_only_the_requested_messages_are_shown(
     words: list[str], seconds: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert [line.split()[0] for line in told(capsys, folder, *words)] == seconds
@@ -92,7 +92,7 @@ def test_latencies_ages_and_terms_are_counted(
     assert any(line.split()[:3] == ["T1", "AreaAuthority", "3"] for line in lines)
 
 
-def test_figures_count_their_seconds_from_the_first_message_of_the_log_whatever_is_chosen(
+def test_seconds_count_from_the_first_message_of_the_log_whatever_the_filter(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = told(capsys, folder, "--stats", "--since", "0.5")
@@ -103,7 +103,7 @@ def test_figures_count_their_seconds_from_the_first_message_of_the_log_whatever_
 @pytest.mark.parametrize(
     "words", [["--source", "T99"], ["--area", "9", "--stats"], ["--since", "20", "--until", "30"]]
 )
-def test_where_nothing_passes_the_filters_that_is_said(
+def test_an_empty_filter_result_is_reported(
     words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert vobc(["line-log", str(folder), *words]) == 0
@@ -112,7 +112,7 @@ def test_where_nothing_passes_the_filters_that_is_said(
     assert said == f"vobc: {folder / 'line.log'}: none of 7 messages passes the filters\n"
 
 
-def test_an_empty_log_is_said_to_be_empty(
+def test_an_empty_log_is_reported_as_empty(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     RadioLog(tmp_path / "line.log").close()
@@ -138,7 +138,7 @@ def test_a_log_of_a_secured_line_asks_for_its_keys(
     assert "--secure FOLDER" in said.err
 
 
-def test_a_log_that_is_only_damaged_here_and_there_asks_for_nothing(
+def test_a_partly_damaged_log_does_not_ask_for_keys(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert vobc(["line-log", str(folder), "--stats"]) == 0
@@ -174,7 +174,7 @@ def test_without_a_name_the_last_run_is_read(
         (["x", "--for", "3"], "--for needs --live"),
     ],
 )
-def test_what_does_not_go_together_is_said(
+def test_incompatible_options_are_refused(
     words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert vobc(["line-log", *words]) == 2
@@ -182,7 +182,7 @@ def test_what_does_not_go_together_is_said(
     assert capsys.readouterr().err == f"vobc: line-log: {complaint}\n"
 
 
-def test_it_is_drawn(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_log_is_plotted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told(capsys, folder, "--plot", folder / "line.png")
 
     assert (folder / "line.png").read_bytes().startswith(b"\x89PNG")
@@ -197,7 +197,7 @@ def test_it_is_drawn(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
         ("t_s,direction,key,payload\n1,rx\n", "line 2: "),
     ],
 )
-def test_what_is_no_log_is_said_in_one_line(
+def test_an_invalid_log_is_refused_in_one_line(
     content: str | None, complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = tmp_path / "x.log"
@@ -214,7 +214,7 @@ def test_what_is_no_log_is_said_in_one_line(
 @pytest.mark.parametrize(
     "words", [["--kind", "nonsense"], ["--source", "Tx"], ["--to", "99999"], ["--area", "a"]]
 )
-def test_what_nobody_is_called_is_refused(
+def test_an_unknown_name_is_refused(
     words: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):

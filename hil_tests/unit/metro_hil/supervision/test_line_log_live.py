@@ -1,4 +1,4 @@
-"""`vobc line-log --live` shows, counts and draws what it hears, and says that it hears nothing."""
+"""`vobc line-log --live` shows, counts and plots received messages, and reports silence."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,7 +18,7 @@ ENDPOINT = ["--live", "--line-radio", "tcp/127.0.0.1:9"]
 
 
 class Radio:
-    """Hears each of these once, the first time that it is asked."""
+    """Receives each of these messages once, at the first reception."""
 
     def __init__(self, *messages: T2tMessage, connected: bool = True) -> None:
         self._messages, self.connected = messages, connected
@@ -38,7 +38,7 @@ def hears(monkeypatch: pytest.MonkeyPatch) -> Callable[[Radio], None]:
     return lambda radio: monkeypatch.setattr(radio_log_live, "open_radio", radio.open)
 
 
-def test_it_counts_and_draws_what_was_heard_until_time_is_over(
+def test_it_counts_and_plots_messages_until_the_time_is_over(
     hears: Callable[[Radio], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     hears(Radio(BEAT, authority(5000)))
@@ -63,7 +63,7 @@ def test_it_shows_each_message_as_it_comes(
     assert "T1 > all" in capsys.readouterr().out
 
 
-def test_it_says_once_that_there_is_no_session_and_goes_on_trying(
+def test_it_reports_a_missing_session_once_and_goes_on_trying(
     hears: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     hears(Radio(connected=False))
@@ -77,7 +77,7 @@ def test_it_says_once_that_there_is_no_session_and_goes_on_trying(
     ]
 
 
-def test_a_silent_line_that_is_reached_is_no_missing_session(
+def test_a_connected_silent_line_is_no_missing_session(
     hears: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     hears(Radio())

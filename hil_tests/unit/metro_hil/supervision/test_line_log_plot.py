@@ -1,4 +1,5 @@
-"""The picture of a line's radio can be read: whole terms, names apart, no line behind another."""
+"""The plot of a line's radio is readable: whole terms, separate names, no line hidden by
+another."""
 
 import itertools
 from collections.abc import Iterator
@@ -41,7 +42,7 @@ def test_terms_have_whole_numbers_and_none_is_below_zero(drawn: Figure) -> None:
     assert all(each == int(each) and each >= 0 for each in ticks)
 
 
-def test_one_term_only_has_a_whole_number_as_well() -> None:
+def test_a_single_term_has_a_whole_number_too() -> None:
     figure = picture(RadioFigures(terms={1: [(0.5, 1, 5)]}, end_s=3.0), "a run")
     figure.canvas.draw()
 
@@ -50,7 +51,7 @@ def test_one_term_only_has_a_whole_number_as_well() -> None:
     plt.close(figure)
 
 
-def test_no_name_of_a_train_lies_on_another(drawn: Figure) -> None:
+def test_names_of_trains_do_not_overlap(drawn: Figure) -> None:
     texts = terms_of(drawn).texts
     boxes = [each.get_window_extent() for each in texts]
 
@@ -58,7 +59,7 @@ def test_no_name_of_a_train_lies_on_another(drawn: Figure) -> None:
     assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
 
 
-def test_areas_under_the_same_term_are_drawn_apart_and_in_other_strokes(drawn: Figure) -> None:
+def test_areas_with_the_same_term_are_drawn_apart_in_different_styles(drawn: Figure) -> None:
     lines = terms_of(drawn).lines[:3]
     heights_px = [each.get_transform().transform((5.0, 1.0))[1] for each in lines]
 
@@ -66,7 +67,7 @@ def test_areas_under_the_same_term_are_drawn_apart_and_in_other_strokes(drawn: F
     assert len({each.get_linestyle() for each in lines}) == 3
 
 
-def test_legends_are_beside_what_is_drawn(drawn: Figure) -> None:
+def test_legends_are_beside_the_plots(drawn: Figure) -> None:
     for axes in drawn.axes:
         legend = axes.get_legend()
         assert legend is not None
@@ -74,7 +75,7 @@ def test_legends_are_beside_what_is_drawn(drawn: Figure) -> None:
         assert legend.get_window_extent().y0 >= axes.get_window_extent().y0
 
 
-def test_labels_are_raised_only_where_they_meet_and_left_out_where_too_many_do() -> None:
+def test_labels_are_raised_where_they_collide_and_omitted_where_too_many_do() -> None:
     width_pt, height_pt = LABEL_PT
 
     assert raised([(0.0, 0.0), (width_pt, 0.0), (1.0, 2.0)]) == [0.0, 0.0, height_pt]

@@ -1,4 +1,4 @@
-"""What a desk orders masters and trains, and what it says came of it."""
+"""Commands of the supervision console to masters and trains, and the reported results."""
 
 import dataclasses
 
@@ -23,7 +23,8 @@ from zenoh_config.t2t_supervision import (
 
 
 class Masters:
-    """A radio on which masters of two areas beat and answer removals, each in its own way."""
+    """A radio with masters of two areas that send heartbeats and answer removals, each
+    differently."""
 
     connected = True
 
@@ -32,7 +33,7 @@ class Masters:
         self.line = [line_of(*known)] if known else []
         self.heard: list[Removal] = []
         self.goes_after = 0
-        """So many removals; 0: it stays as it is."""
+        """Number of removals after which a train is removed; 0 means never."""
         self._said: list[T2tMessage] = []
 
     def receive(self, now_ns: int) -> list[RadioMessage]:
@@ -54,7 +55,7 @@ class Masters:
 
 
 def line_of(*trains: int) -> LineState:
-    """What a wayside says that knows these."""
+    """The state that a wayside with these known trains sends."""
     known = tuple([TrainDecree(train, False, False, False, 0) for train in trains])
     head = (0, BROADCAST, 0, 0, 2, 1, 0, 0, 0, DecreeAnswer.NONE)
     return LineState(*head, known, (), (), ())
@@ -69,7 +70,7 @@ def remove(
     return desk.remove(train), masters
 
 
-def test_a_train_is_removed_when_every_master_has_taken_it_off(
+def test_a_train_is_removed_when_every_master_has_removed_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     code, masters = remove({1: RemovalState.GONE, 2: RemovalState.GONE})
@@ -102,7 +103,7 @@ def test_a_train_is_removed_when_every_master_has_taken_it_off(
         ({}, "no train commands any area of loop"),
     ],
 )
-def test_who_keeps_a_train_and_why_is_said(
+def test_the_master_that_keeps_a_train_is_reported_with_its_reason(
     states: dict[int, RemovalState | None], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, _ = remove(states)
@@ -113,7 +114,7 @@ def test_who_keeps_a_train_and_why_is_said(
     assert len(complaint.splitlines()) == 1
 
 
-def test_what_was_answered_before_it_was_asked_does_not_count() -> None:
+def test_an_answer_before_the_request_does_not_count() -> None:
     clock, masters = Ticking(), Masters({1: RemovalState.GONE}, 4)
     desk = SupervisionConsole(clock, LineView(LOOP), masters)  # type: ignore[arg-type]
     desk.listen(0.2)
@@ -125,7 +126,7 @@ def test_what_was_answered_before_it_was_asked_does_not_count() -> None:
 
 
 class Obedient:
-    """A radio on which a train and a master are heard, and do as they are told."""
+    """A radio with a train and a master that send messages and obey."""
 
     connected = True
 
@@ -167,7 +168,7 @@ def at_the_desk(radio: Obedient) -> SupervisionConsole:
     return desk
 
 
-def test_an_order_to_switch_goes_to_whoever_commands_the_area_now() -> None:
+def test_an_order_to_switch_goes_to_the_present_master_of_the_area() -> None:
     radio = Obedient(beats=True, reports=False)
 
     assert at_the_desk(radio).switch(1, 5) == 0
@@ -177,7 +178,7 @@ def test_an_order_to_switch_goes_to_whoever_commands_the_area_now() -> None:
     assert (order.kind, order.train) == (OrderKind.SWITCH_MASTER, 5)
 
 
-def test_a_train_out_of_service_is_told_itself_besides_its_master() -> None:
+def test_a_train_taken_out_of_service_gets_the_command_itself_besides_its_master() -> None:
     radio = Obedient(beats=True, reports=True)
     assert radio.beat is not None
     radio.beat = dataclasses.replace(radio.beat, source=5, standby=3)
@@ -190,8 +191,8 @@ def test_a_train_out_of_service_is_told_itself_besides_its_master() -> None:
     assert radio.heard[0].sequence < radio.heard[1].sequence
 
 
-def test_a_train_is_taken_back_into_service_where_nobody_commands() -> None:
-    """When the last one that could was taken out of service, too."""
+def test_a_train_is_taken_back_into_service_without_a_master() -> None:
+    """This also holds when the last train that could command was taken out of service, too."""
     radio = Obedient(beats=False, reports=True, out_of_service=True)
 
     assert at_the_desk(radio).retire(3, end=True) == 0
@@ -207,7 +208,7 @@ def test_a_train_is_taken_back_into_service_where_nobody_commands() -> None:
         (False, True, "nothing is received on loop"),
     ],
 )
-def test_where_nobody_commands_no_other_train_is_told(
+def test_without_a_master_no_other_train_gets_the_command(
     reports: bool, end: bool, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     radio = Obedient(beats=False, reports=reports)
@@ -218,21 +219,21 @@ def test_where_nobody_commands_no_other_train_is_told(
     assert radio.heard == []
 
 
-def test_nobody_is_heard_only_where_nobody_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_silence_is_reported_only_on_a_silent_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert remove({}, known=())[0] == 3
 
     assert capsys.readouterr().err == "vobc: nothing is received on loop\n"
 
 
-def test_a_train_that_nobody_knows_is_not_removed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_train_is_not_removed(capsys: pytest.CaptureFixture[str]) -> None:
     code, masters = remove({1: RemovalState.GONE}, 7, known=(3, 4))
 
     assert code == 3
-    assert masters.heard, "a wayside started anew may know less than the masters"
+    assert masters.heard, "a restarted wayside may know fewer trains than the masters"
     assert capsys.readouterr() == ("", "vobc: train 7 is unknown: no program on loop knows it\n")
 
 
-def test_a_train_that_only_a_roster_knew_is_removed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_train_known_only_from_a_roster_is_removed(capsys: pytest.CaptureFixture[str]) -> None:
     masters = Masters({1: RemovalState.COMMITTING}, 3)
     desk = SupervisionConsole(Ticking(), LineView(LOOP), masters)  # type: ignore[arg-type]
     desk.listen(0.2)
@@ -242,7 +243,7 @@ def test_a_train_that_only_a_roster_knew_is_removed(capsys: pytest.CaptureFixtur
     assert capsys.readouterr().out == "train 7 is no longer on any roster\n"
 
 
-def test_a_train_that_nobody_knows_is_not_taken_out_of_service(
+def test_an_unknown_train_is_not_taken_out_of_service(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     radio = Obedient(beats=True, reports=True)
@@ -253,10 +254,10 @@ def test_a_train_that_nobody_knows_is_not_taken_out_of_service(
 
 
 @pytest.mark.parametrize(("end", "words"), [(False, "out of service"), (True, "in service")])
-def test_a_train_that_says_nothing_is_not_said_to_have_obeyed(
+def test_a_silent_train_is_not_reported_to_have_obeyed(
     end: bool, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It stands by, as its master says; and the master has another one after that."""
+    """The train is standby by its master's message, and the master has another one afterwards."""
     radio = Obedient(beats=True, reports=False)
 
     assert at_the_desk(radio).retire(5, end=end) == 3
@@ -264,7 +265,7 @@ def test_a_train_that_says_nothing_is_not_said_to_have_obeyed(
     assert capsys.readouterr() == ("", f"vobc: train 5 does not report that it is {words}\n")
 
 
-def test_the_last_one_that_commands_is_out_of_service_all_the_same(
+def test_the_last_commanding_train_can_be_taken_out_of_service(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     radio = Obedient(beats=True, reports=True, alone=True)
@@ -275,7 +276,7 @@ def test_the_last_one_that_commands_is_out_of_service_all_the_same(
     )
 
 
-def test_a_master_that_gave_its_area_up_is_not_said_to_command(
+def test_a_master_that_gave_up_its_area_is_not_reported_as_master(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     radio = Obedient(beats=True, reports=True, alone=True)
@@ -286,7 +287,7 @@ def test_a_master_that_gave_its_area_up_is_not_said_to_command(
     assert capsys.readouterr().out == "train 3 commands no area and is standby for none\n"
 
 
-def test_an_area_that_nobody_commands_is_switched_to_nobody(
+def test_an_area_without_a_master_cannot_be_switched(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     radio = Obedient(beats=True, reports=True)

@@ -1,4 +1,4 @@
-"""What supervision of a line shows and says, and to whom."""
+"""The supervision display of a line: what it shows, and which messages it sends."""
 
 import dataclasses
 from typing import Any
@@ -79,7 +79,7 @@ def said(message: T2tMessage) -> RadioMessage:
     return RadioMessage(0, key_of("loop", message), pack(message))
 
 
-def test_it_says_who_commands_which_area_and_where_trains_are() -> None:
+def test_it_shows_masters_areas_and_positions() -> None:
     places_m: dict[str, Any] = {
         "front_min_m": 400.0,
         "front_max_m": 402.0,
@@ -98,7 +98,7 @@ def test_it_says_who_commands_which_area_and_where_trains_are() -> None:
     assert told[6].split()[3] == "–"
 
 
-def test_it_says_who_commanded_before_and_how_long_a_master_has_been_silent() -> None:
+def test_it_shows_the_former_master_and_the_silence_of_a_master() -> None:
     shown = view(BEAT, dataclasses.replace(BEAT, source=5, term=9, standby=0))
 
     assert shown.words(1000 * MS)[0] == (
@@ -107,7 +107,7 @@ def test_it_says_who_commanded_before_and_how_long_a_master_has_been_silent() ->
     assert shown.words(2500 * MS)[0] == "area 1: train 5, term 9, silent for 2.5 s"
 
 
-def test_of_a_silent_train_only_its_silence_and_its_last_place_are_shown() -> None:
+def test_for_a_silent_train_only_silence_and_last_position_are_shown() -> None:
     shown = view(REPORT)
     status = dataclasses.replace(STATUS, train=REPORT.source)
     shown.hears([RadioMessage(0, keys.status("loop", REPORT.source), pack(status))], 0)
@@ -121,7 +121,7 @@ def test_of_a_silent_train_only_its_silence_and_its_last_place_are_shown() -> No
     assert "silent for 8.0 s, last at 1000.0 m" in silent
 
 
-def test_what_a_silent_wayside_said_is_not_shown() -> None:
+def test_old_data_of_a_silent_wayside_are_not_shown() -> None:
     nothing = (0, 0, DecreeAnswer.NONE, (), ())
     stretch = SpeedRestriction(start_m=100.0, end_m=200.0, limit_mps=5.0)
     places = (RosterPlace(1, 9),)
@@ -136,20 +136,20 @@ def test_what_a_silent_wayside_said_is_not_shown() -> None:
     assert "the wayside has been silent for 8.0 s: no command is possible" in silent
 
 
-def test_of_a_silent_object_only_its_silence_is_shown() -> None:
+def test_for_a_silent_object_only_its_silence_is_shown() -> None:
     shown = view(OBJECT)
 
     assert "object 1: locked" in shown.words(1000 * MS)
     assert "object 1: silent for 8.0 s" in shown.words(8000 * MS)
 
 
-def test_a_master_of_a_former_term_is_not_shown() -> None:
+def test_a_master_of_an_earlier_term_is_not_shown() -> None:
     shown = view(dataclasses.replace(BEAT, source=5, term=9), BEAT)
 
     assert shown.commands[1].heartbeat.source == 5
 
 
-def test_what_is_damaged_or_under_a_wrong_key_is_not_shown() -> None:
+def test_damaged_messages_and_those_under_a_wrong_key_are_not_shown() -> None:
     shown = LineView(LOOP)
     wrong = dataclasses.replace(BEAT, area=2)
 
@@ -165,7 +165,7 @@ def test_what_is_damaged_or_under_a_wrong_key_is_not_shown() -> None:
         (["master", "--line-radio", "nowhere"], 2, "nowhere: not an endpoint"),
     ],
 )
-def test_what_cannot_be_is_said_in_one_line(
+def test_impossible_arguments_are_refused_in_one_line(
     words: list[str], code: int, complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert vobc(words) == code
@@ -184,14 +184,14 @@ def test_the_program_names_every_verb(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.parametrize("train", ["T0", "x", "70000"])
-def test_what_is_no_train_is_refused(train: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_train_is_refused(train: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["out-of-service", train])
 
     assert f"{train} is no train" in capsys.readouterr().err
 
 
-def test_who_is_on_a_roster_and_says_nothing_is_shown() -> None:
+def test_a_silent_train_of_a_roster_is_shown() -> None:
     places = tuple(RosterPlace(*each) for each in ((1, 9), (2, 9)))
     nothing = (0, 0, DecreeAnswer.NONE, (), (), (), ())
     state = LineState(0, BROADCAST, 0, 0, 2, 1, 0, *nothing, places)
@@ -201,10 +201,9 @@ def test_who_is_on_a_roster_and_says_nothing_is_shown() -> None:
     assert "silent" not in "".join(view(dataclasses.replace(state, silent=()), REPORT).words(0))
 
 
-def test_of_who_is_silent_it_is_told_whether_its_session_is_there() -> None:
-    """A program that hangs keeps its session, so that this is told apart from a radio that is gone;
-    nothing else goes by it.
-    """
+def test_for_a_silent_train_the_display_shows_whether_its_session_exists() -> None:
+    """A program that hangs keeps its session, which distinguishes it from a lost radio. No other
+    rule uses this."""
     places = (RosterPlace(1, 9),)
     nothing = (0, 0, DecreeAnswer.NONE, (), (), (), ())
     shown = view(LineState(0, BROADCAST, 0, 0, 2, 1, 0, *nothing, places), REPORT)
@@ -252,13 +251,13 @@ ADMISSION = Admission(3, 1, 1, 7, 1, 1, 0, AdmissionState.UNPLACED, 2)
         (AdmissionState.FULL, 0, "waits in area 1: the roster is full"),
     ],
 )
-def test_it_says_why_a_train_waits(state: AdmissionState, ahead: int, words: str) -> None:
+def test_it_shows_why_a_train_waits(state: AdmissionState, ahead: int, words: str) -> None:
     admission = dataclasses.replace(ADMISSION, state=state, waits_for=ahead)
 
     assert view(NEWCOMER, admission).words(0)[-1].endswith(f"  {words}")
 
 
-def test_a_train_waits_no_more_that_is_admitted_or_that_nobody_told_so_lately() -> None:
+def test_a_wait_ends_with_admission_or_without_recent_reports() -> None:
     shown = view(NEWCOMER, ADMISSION)
     assert "waits" in shown.words(1000 * MS)[-1]
     assert "waits" not in shown.words(1001 * MS)[-1]
@@ -274,18 +273,18 @@ def test_a_member_of_one_area_may_wait_for_the_next() -> None:
     assert "waits in area 2: the roster is full" in view(member, full).words(0)[-1]
 
 
-def test_why_others_wait_is_not_said_of_a_train() -> None:
+def test_the_wait_of_another_train_is_not_shown() -> None:
     assert "waits" not in view(REPORT, ADMISSION).words(0)[-1]
 
 
 @pytest.mark.parametrize("train", [1, 4])
-def test_a_display_listens_to_why_any_train_waits(train: int) -> None:
+def test_a_display_subscribes_to_the_wait_reasons_of_all_trains(train: int) -> None:
     key = key_of("loop", dataclasses.replace(ADMISSION, destination=train))
 
     assert any(zenoh.KeyExpr(each).includes(key) for each in of_supervision("loop"))
 
 
-def test_the_mode_of_a_train_is_not_taken_for_a_standby_of_an_area() -> None:
+def test_the_standby_mode_of_a_train_is_not_shown_as_standby_of_an_area() -> None:
     shown = view(REPORT)
     shown.statuses[3] = dataclasses.replace(STATUS, mode=OperatingMode.STANDBY)
 

@@ -1,4 +1,4 @@
-"""Tuning: its searches on functions with a known least value, its rules, the file it leaves."""
+"""Tuning: searches on functions with a known minimum, the rules, and the written file."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
@@ -41,7 +41,7 @@ def result_of(case: Case, **measures: float) -> CaseResult:
 
 
 class Bench:
-    """Stands in for the simulation: the error grows with the distance from the best gains."""
+    """Replaces the simulation: the error grows with the distance from the best gains."""
 
     def __init__(self, best: dict[str, float], *, ends_after: int | None = None) -> None:
         self._best = best
@@ -97,7 +97,7 @@ def test_the_same_seed_gives_the_same_file(method: str) -> None:
     assert texts[0] == texts[1]
 
 
-def test_the_budget_is_kept_and_the_judging_uses_other_seeds() -> None:
+def test_the_budget_is_respected_and_the_judging_uses_other_seeds() -> None:
     bench = Bench(BEST)
     tuning = tuner(bench, budget=60)
     tuning.train()
@@ -110,7 +110,7 @@ def test_the_budget_is_kept_and_the_judging_uses_other_seeds() -> None:
     assert trained.isdisjoint(bench.seeds)
 
 
-def test_what_was_found_before_ctrl_c_is_kept() -> None:
+def test_results_before_ctrl_c_are_kept() -> None:
     tuning = tuner(Bench(BEST, ends_after=10 * TRAINING))
     with pytest.raises(KeyboardInterrupt):
         tuning.train()
@@ -120,8 +120,8 @@ def test_what_was_found_before_ctrl_c_is_kept() -> None:
     assert tuning.tuned.figures_after is None
 
 
-def test_nothing_is_worse_than_what_there_was() -> None:
-    """The settings of before are the best there are."""
+def test_the_result_is_never_worse_than_the_initial_settings() -> None:
+    """The initial settings are already the best ones."""
     config = load_config("florence4")
     tuning = tuner(Bench({key: value_of(config, key) for key in KEYS}), budget=60)
     tuning.train()
@@ -129,7 +129,7 @@ def test_nothing_is_worse_than_what_there_was() -> None:
     assert tuning.tuned.after == tuning.tuned.before
 
 
-def test_the_file_runs_and_says_what_made_it(tmp_path: Path) -> None:
+def test_the_file_is_usable_and_names_its_origin(tmp_path: Path) -> None:
     tuned = Tuned(
         before={KEYS[0]: 0.4, KEYS[1]: 1.0},
         after={KEYS[0]: 0.21, KEYS[1]: 1.7},
@@ -157,8 +157,8 @@ def test_the_file_runs_and_says_what_made_it(tmp_path: Path) -> None:
         assert words in head
 
 
-def test_nelder_and_mead_come_down_a_curved_valley() -> None:
-    """Rosenbrock's function over the square -2..2, whose least value lies at (1, 1)."""
+def test_nelder_mead_descends_a_curved_valley() -> None:
+    """Rosenbrock's function over the square -2..2 has its minimum at (1, 1)."""
 
     def rosenbrock(shares: Sequence[float]) -> float:
         x, y = (4.0 * share - 2.0 for share in shares)
@@ -252,7 +252,7 @@ def test_a_file_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "nothing is overwritten" in capsys.readouterr().err
 
 
-def test_a_law_without_a_table_is_said() -> None:
+def test_a_law_without_a_tuning_table_is_reported() -> None:
     with pytest.raises(SettingsError, match="--law nothing"):
         chosen_parameters("nothing", ())
     with pytest.raises(SettingsError, match="it has no tunable parameters"):
@@ -260,10 +260,10 @@ def test_a_law_without_a_table_is_said() -> None:
 
 
 @pytest.mark.parametrize("ends_after", [None, 20])
-def test_the_command_leaves_a_file_that_is_read_again(
+def test_the_command_writes_a_readable_file(
     ends_after: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ended by Ctrl-C, too: with the best so far."""
+    """This includes a run ended by Ctrl-C, which writes the best settings so far."""
 
     @contextmanager
     def crew(workers: int, files: object) -> Iterator[Bench]:
@@ -280,7 +280,7 @@ def test_the_command_leaves_a_file_that_is_read_again(
 
 
 def test_a_run_of_the_training_stops_on_the_bench() -> None:
-    """The one that is tuned on is a run like any other."""
+    """A training run is a run like any other."""
     case = GROUND.training({KEYS[0]: 0.3}, 1)[1]
 
     result = run_case(case)
