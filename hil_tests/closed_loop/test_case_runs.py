@@ -221,7 +221,7 @@ def test_an_inconsistent_case_is_blocked_with_a_reason() -> None:
     assert "no_such_train" in result.reason
 
 
-def test_a_run_ends_early_when_the_train_stands_for_good() -> None:
+def test_a_run_ends_early_when_the_train_stands_to_the_end() -> None:
     (case,) = hop(fault=[{"kind": "emergency_button", "when": "front_m > 3100"}]).cases()
 
     result = run_case(case)
@@ -243,7 +243,7 @@ def test_a_test_can_observe_and_disturb_a_running_train(bench: Bench) -> None:
     assert run.close().measures["emergency_count"] == 1.0
 
 
-def test_waiting_in_vain_ends_with_a_reason(bench: Bench) -> None:
+def test_a_wait_that_times_out_raises_an_error_that_names_its_condition(bench: Bench) -> None:
     run = bench.start(hop())
 
     with pytest.raises(BenchTimeoutError, match=r"speed_mps > 90: not within 5 s"):

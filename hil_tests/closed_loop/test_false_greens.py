@@ -1,4 +1,4 @@
-"""Inputs without evidence, or with the opposite, that once came out green: none of them passes."""
+"""Inputs without evidence, or with evidence of a failure, that once passed: none of them passes."""
 
 import json
 from collections.abc import Callable

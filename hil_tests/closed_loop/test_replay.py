@@ -1,5 +1,5 @@
-"""A recorded run fed to a controller again: the same controller sends the same, another
-deviates."""
+"""A recorded run is replayed to a controller: the same controller sends the same frames, another
+one deviates."""
 
 import json
 from collections.abc import Iterable, Iterator

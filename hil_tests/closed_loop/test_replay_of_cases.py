@@ -1,4 +1,4 @@
-"""Whole cases fed to their controller again: faults, restarts, branches, and a forged input."""
+"""Whole cases replayed to their controller: faults, restarts, branches, and a forged input."""
 
 import re
 from pathlib import Path

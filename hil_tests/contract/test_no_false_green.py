@@ -1,4 +1,4 @@
-"""No evidence is not a pass: no broken or empty scenario may come out green."""
+"""No evidence is not a pass: no broken or empty scenario may pass."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

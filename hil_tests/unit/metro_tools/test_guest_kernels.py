@@ -35,7 +35,7 @@ def test_the_stock_kernel_comes_first_where_it_works(frame_bytes: int | None) ->
         (set[str](), AVX512_FRAME_BYTES + 1),
     ],
 )
-def test_the_newer_kernel_comes_first_where_the_stock_one_dies(
+def test_the_newer_kernel_is_tried_first_where_the_stock_kernel_crashes(
     flags: set[str], frame_bytes: int | None
 ) -> None:
     choice = choose(AUTOMATIC, Processor(flags, frame_bytes))

@@ -119,7 +119,7 @@ def test_a_file_that_is_no_64_bit_program_is_refused(program: bytes) -> None:
 
 
 def test_a_program_without_a_loader_is_refused() -> None:
-    header = b"\x7fELF\x02\x01" + bytes(48) + b"\x38" + bytes(9)  # It has no segments of 56 bytes.
+    header = b"\x7fELF\x02\x01" + bytes(48) + b"\x38" + bytes(9)  # no segments of 56 bytes
 
     with pytest.raises(ValueError, match="without a dynamic loader"):
         with_interpreter(header, "lib/loader.so")

@@ -1,4 +1,4 @@
-"""The stops of a line that a train that commands itself can reach."""
+"""Which stops of a line a train that commands itself can reach."""
 
 import argparse
 from dataclasses import replace

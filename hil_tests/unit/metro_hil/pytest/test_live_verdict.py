@@ -115,7 +115,7 @@ def test_a_scenario_monitor_that_judged_nothing_is_reported() -> None:
     ]
 
 
-def test_only_an_expected_failure_that_occurred_is_no_complaint() -> None:
+def test_only_an_expected_failure_that_occurred_is_acceptable() -> None:
     expected = Expected(HERE, {"slow": frozenset({"slow"})})
     slow, other = Finding("slow", "slow violated"), Finding("inv-08-rollback", "rolled")
 

@@ -1,4 +1,4 @@
-"""Trains that a person drives behind the next one, whatever their authority."""
+"""Trains that a person drives up to the next train, whatever their authority."""
 
 import random
 

@@ -173,8 +173,8 @@ def test_no_train_may_enter_a_closed_stretch(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_stretch_closed_again_counts_from_its_second_closing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Once it counted from the first time on if no train held an authority meanwhile (seed
-    211900)."""
+    """If no train held an authority meanwhile, the check once counted from the first closing
+    (simulation seed 211900)."""
     line = closed_in_front_of(590.0, monkeypatch)
     (first,) = line.t2t.closed
     again = replace(CLOSED)
@@ -239,7 +239,7 @@ def test_the_place_of_a_rolling_train_is_recorded_at_each_step() -> None:
 
 
 @pytest.mark.parametrize("rolls_m", [0.5, 3.0])
-def test_the_last_authority_of_a_train_inside_an_object_is_no_entry(
+def test_the_last_authority_of_a_train_inside_an_object_does_not_count_as_an_entry(
     rolls_m: float,
 ) -> None:
     """The object is unlocked; the front of the train is 2 m inside it and rolls back, out of it

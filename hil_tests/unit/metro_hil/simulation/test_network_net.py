@@ -142,7 +142,7 @@ def test_a_node_stopped_before_sending_sends_an_early_decision_late() -> None:
         (Doom.WHILE_SENDING, 11, 2),
     ],
 )
-def test_the_point_of_death_in_a_step_decides_what_is_stored_and_sent(
+def test_the_point_of_the_kill_in_a_step_decides_what_is_stored_and_sent(
     doom: Doom, disk: int, came: int
 ) -> None:
     net = network(listeners=3)

@@ -77,7 +77,7 @@ def test_it_reports_a_missing_session_once_and_goes_on_trying(
     ]
 
 
-def test_a_connected_silent_line_is_no_missing_session(
+def test_a_connected_silent_line_is_not_reported_as_a_missing_session(
     hears: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     hears(Radio())

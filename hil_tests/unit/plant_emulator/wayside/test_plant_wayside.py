@@ -113,7 +113,7 @@ def test_a_report_under_the_key_of_another_train_gets_no_answer() -> None:
     assert controller.refusals == {RefusedReason.WRONG_SOURCE: 1}
 
 
-def test_an_authority_is_no_report() -> None:
+def test_an_authority_does_not_count_as_a_report() -> None:
     controller = zone()
     foreign = MovementAuthority(3, 12, 1, 1, 5, 4000.0)
     assert controller.answers([message(pack(foreign))], NOW_NS) == []

@@ -202,7 +202,7 @@ def test_a_line_without_axle_counters_counts_no_axles() -> None:
         (math.nan, 10.0),
     ],
 )
-def test_an_impossible_stretch_is_no_position(rear_m: float, front_m: float) -> None:
+def test_an_impossible_stretch_does_not_count_as_a_position(rear_m: float, front_m: float) -> None:
     assert detection(encoded_position(1, rear_m, front_m)).places == {}
 
 

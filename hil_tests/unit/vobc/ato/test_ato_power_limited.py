@@ -97,7 +97,7 @@ def test_less_time_left_never_lowers_the_limit(
     assert limit_w <= CONFIG.power_limited.brake_power_w
 
 
-def test_without_enough_time_the_plan_is_the_fastest_there_is() -> None:
+def test_without_enough_time_the_plan_is_the_fastest_possible() -> None:
     plan = planner().plan(3500.0, 0.0, 20.0, 18.9)
 
     assert plan.notch_off_mps == 18.9

@@ -140,8 +140,8 @@ def test_the_brake_s_gain_is_learnt(gain: float) -> None:
 
 
 @pytest.mark.parametrize("dead_time_s", [0.48, 1.02])
-def test_the_predicted_speed_comes_true(dead_time_s: float) -> None:
-    """Once the delay is identified, the predicted speeds come true within a few cm/s."""
+def test_the_predicted_speed_is_reached(dead_time_s: float) -> None:
+    """Once the delay is identified, the predicted speeds are right within a few cm/s."""
     _, _, predictions = brake_a_train(dead_time_s, gain=1.05, resistance_mps2=0.02)
     train = SimulatedTrain(18.0, dead_time_s, 1.05, 0.02)
     history = []

@@ -110,7 +110,8 @@ def test_slip_under_a_brake_of_others_does_not_mark_the_rail_slippery(
 def test_a_brake_application_shortly_before_the_stopping_curve_is_not_released(
     slows_m: float, lets_go: bool
 ) -> None:
-    """Another law wants 11 m/s from there on. The braking for the stop begins at 110 m."""
+    """Another law limits the speed to 11 m/s from there on. The braking for the stop begins at
+    110 m."""
     law, target = Predictive(AtoConfig(), LINE, 0.05), Target(4500.0, True)
     seen = dataclasses.replace(SLIPPING, slips=False, front_m=3900.0, speed_mps=14.0)
     law.set_off(seen, 0.0)

@@ -178,7 +178,7 @@ def test_a_fall_ends_when_the_rear_of_the_hindmost_train_is_off_it() -> None:
     assert exceeded_from(check, front_m, 10.0, 972.5 + 65.0 + left_j_per_kg)
 
 
-def test_an_edge_shortly_before_the_stop_leaves_what_energy_there_is() -> None:
+def test_an_edge_shortly_before_the_stop_keeps_the_remaining_energy() -> None:
     """A tenth of a joule per kg is left at the edge, and from there each metre takes 0.75 J/kg."""
     check = check_of((1092.9, 5000.0, QUARTER))
 

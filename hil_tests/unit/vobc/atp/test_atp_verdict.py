@@ -576,7 +576,7 @@ def test_an_overshoot_brakes_and_releases_itself_only_where_a_jog_corrects_it(
 
 
 def test_a_train_that_moves_without_attempts_left_is_braked_at_once() -> None:
-    """The order to stay lasts longer than operation's patience."""
+    """The order to stay still applies when operation would no longer wait."""
     train = off_the_stop(-4.0)
     train.step(4)
     for _ in range(CONFIG.jog_attempts):

@@ -256,7 +256,7 @@ def test_within_the_play_the_reported_interval_is_the_known_one() -> None:
     assert (low, high) == pytest.approx((-0.01, 10.0))
 
 
-def test_both_ends_keep_the_reported_width_alike() -> None:
+def test_both_ends_keep_the_reported_width() -> None:
     where = place()
     reported(where, 0.0, 5.0, 10.0)
     reported(where, 0.0, 9.0, 9.98)

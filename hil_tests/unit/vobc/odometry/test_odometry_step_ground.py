@@ -253,7 +253,7 @@ def test_wheels_that_turn_against_their_direction_are_no_evidence() -> None:
     assert going().moved(8, 8, way=Direction.REVERSE) == CARRIED_M
 
 
-def test_axles_that_disagree_are_no_evidence_while_they_slip() -> None:
+def test_axles_that_disagree_do_not_count_while_they_slip() -> None:
     made = going()
     assert made.moved(8, 8, steps_b=(8, 18)) == CARRIED_M
     assert made.odometry._slip

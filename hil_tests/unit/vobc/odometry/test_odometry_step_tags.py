@@ -438,7 +438,7 @@ def test_a_train_that_was_moved_too_far_loses_its_position_and_its_interval_stay
     assert told.front_m == silent.cycle(0, 0).front_m
 
 
-def test_a_train_that_knows_its_place_asks_for_no_proof() -> None:
+def test_a_train_with_a_known_position_requires_no_proof() -> None:
     made, silent = Desk(), Desk()
     told = made.cycle(0, 0, cold=ColdMovement(50.0, False))
 

@@ -88,8 +88,8 @@ def test_sensor_clocks_restart_when_the_clock_is_set_back(back_ns: int) -> None:
 def test_a_frame_that_is_late_is_timed_to_the_nanosecond_however_long_the_board_is_up(
     first_ns: int,
 ) -> None:
-    """A frame is 7 ms late after 50 or 20 ms; two crystals of 100 ppm may part by 11 400 or 5
-    400 ns."""
+    """A frame is 7 ms late after 50 or 20 ms. In these times two crystals of 100 ppm may deviate
+    by 11 400 or 5 400 ns."""
     radar, tacho = FrameClock(50), SampleClock()
     assert radar.sampled_ns(first_ns, 255) == first_ns
     assert tacho.sampled_ns(first_ns, 255, 250.0) == first_ns
@@ -106,7 +106,7 @@ def test_radar_and_accelerometer_send_every_fifty_milliseconds() -> None:
         assert clocks.sampled_ns(frame, 57 * MS, 1) == 50 * MS + 11_400
 
 
-def test_a_second_frame_that_comes_faster_than_the_first_is_no_queue() -> None:
+def test_a_second_frame_that_comes_faster_than_the_first_does_not_count_as_a_queue() -> None:
     """The first frame was 30 ms late and there was no silence."""
     clock = FrameClock(50)
     clock.sampled_ns(30 * MS, 0)

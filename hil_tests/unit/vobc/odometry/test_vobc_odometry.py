@@ -518,7 +518,7 @@ def test_a_counter_that_jumps_is_overruled_by_the_other() -> None:
     assert pulses.count == 60
 
 
-def test_two_counters_that_jump_together_are_no_distance() -> None:
+def test_two_counters_that_jump_together_add_no_distance() -> None:
     pulses = PulseCounter(4000.0)
     pulses.step(tacho(0, 0), 0.0)
 
@@ -535,7 +535,7 @@ def test_an_unhealthy_axle_does_not_count() -> None:
     assert pulses.step(tacho(30, 36, healthy_a=False, healthy_b=False), 0.02) is None
 
 
-def test_no_pulse_for_a_while_bounds_the_speed() -> None:
+def test_a_time_without_pulses_bounds_the_speed() -> None:
     track = SpeedTrack(bandwidth_rad_s=8.0, window_s=0.2)
     for number in range(50):
         track.add(number * 0.02, number)

@@ -232,7 +232,7 @@ def test_a_frame_in_step_comes_no_more_than_ten_milliseconds_early(
 
 
 @pytest.mark.parametrize("play_ms", [-6, -5, -1, 0, 5, 6])
-def test_a_stamp_out_of_step_with_its_counter_by_more_than_five_is_a_new_sensor(
+def test_a_stamp_that_deviates_from_its_counter_by_more_than_five_means_a_new_sensor(
     play_ms: int,
 ) -> None:
     clock = SampleClock()

@@ -281,8 +281,8 @@ def counted(from_m: float = 1000.0, to_m: float = 2200.0, **axles: int) -> tuple
 
 
 def near(*at_rest: StandingTrain, **axles: int) -> AdmissionGuardInputs:
-    """Guard inputs with moving trains whose positions cover everything, so that no whole run of
-    sections is known."""
+    """Guard inputs with moving trains whose possible positions cover the line, so no series of
+    sections is known to be complete."""
     return scene_of(())._replace(
         counted=counted(**axles),
         standing=(StandingTrain(1000.0, 1700.0, 1), StandingTrain(1600.0, 2300.0, 1)),
@@ -334,7 +334,7 @@ def test_the_track_that_a_train_may_still_reach_counts_as_its_own() -> None:
     assert is_sieved(replace(latent, latent_m=1489.1), near(**behind_a_gap), ROOM_M) is False
 
 
-def test_a_clear_section_that_ends_under_the_train_is_no_gap_ahead_of_it() -> None:
+def test_a_clear_section_that_ends_under_the_train_does_not_count_as_a_gap_ahead_of_it() -> None:
     pieces = ((1200.0, 1298.0, 16), (1298.0, 1300.0, 0), (1300.0, 1400.0, 1))
     told = tuple([Counted(start_m, end_m, n > 0, n) for start_m, end_m, n in pieces])
     scene = near()._replace(counted=told, standing=(StandingTrain(1240.0, 1260.0, 1),))

@@ -57,7 +57,8 @@ def between(start_m: float, end_m: float, bar: Bar) -> AreaBounds:
         (course(stopped=True, granted_m=900.0), 500.0),
         (course(ahead_m=505.0), None),  # No authority to give and none to take back.
         (course(ahead_m=505.0, granted_m=600.0), 498.0),
-        (course(2010.0), 2000.0),  # It extends over the border as far as the next area granted.
+        # The authority extends over the border as far as the next area granted.
+        (course(2010.0), 2000.0),
     ],
 )
 def test_it_ends_behind_the_train_ahead_or_with_the_area(
@@ -242,30 +243,22 @@ def sections(*axles: int) -> list[Counted]:
         ((0, 16, 0, 16), [], True),  # Another vehicle, separated by a clear section.
         ((0, 16, 16), [StandingTrain(210.0, 290.0, 16)], True),
         ((0, 16, 16), [StandingTrain(1210.0, 1290.0, 16)], False),
-        (
-            (16, 16, 0),
-            [StandingTrain(199.0, 279.0, 16)],
-            False,
-        ),  # The other train only just enters.
+        # The other train only just enters.
+        ((16, 16, 0), [StandingTrain(199.0, 279.0, 16)], False),
         ((0, 0, 0), [], False),  # The train reports itself in a clear section.
         ((16, 0, 16), [], False),
         ((0, 0, 16), [StandingTrain(210.0, 290.0, 16)], False),
-        (
-            (16, 16),
-            [StandingTrain(10.0, 90.0, 16)],
-            True,
-        ),  # The count may end at either side.
+        # The count may end at either side.
+        ((16, 16), [StandingTrain(10.0, 90.0, 16)], True),
         ((16, 16, 16), [StandingTrain(10.0, 90.0, 16), StandingTrain(210.0, 290.0, 16)], True),
-        ((0, 16, 0), [StandingTrain(160.0, 240.0, 16)], True),  # Its middle is at the joint.
+        # The train's middle is at the joint.
+        ((0, 16, 0), [StandingTrain(160.0, 240.0, 16)], True),
         ((0, 32, 0), [StandingTrain(160.0, 239.8, 16)], True),
         ((0, 16, 0), [StandingTrain(60.0, 140.0, 16)], True),
         ((0, 32, 0), [StandingTrain(60.2, 140.0, 16)], True),
         ((0, 32), [StandingTrain(120.0, 200.0, 16)], True),
-        (
-            (0, 32),
-            [StandingTrain(120.0, 200.1, 16)],
-            False,
-        ),  # It may extend beyond the count.
+        # The train may extend beyond the count.
+        ((0, 32), [StandingTrain(120.0, 200.1, 16)], False),
         ((32, 0), [StandingTrain(0.0, 80.0, 16)], False),
         ((16, 16, 0), [StandingTrain(0.0, 80.0, 16)], True),
         ((16, 16, 0), [StandingTrain(-0.1, 79.9, 16)], False),
@@ -282,7 +275,7 @@ def test_axles_around_a_train_must_belong_to_trains_reported_there(
     ("occupied", "rear_m", "to_m"),
     [
         ((False, False, True), 50.0, 196.0),
-        ((True, False, False), 50.0, 50.0),  # It may be in the section that it was in.
+        ((True, False, False), 50.0, 50.0),  # The train may be in its former section.
         ((False, True, False), 50.0, 96.0),
         ((False, False, False), 150.0, 296.0),
         ((True, False, False), 150.0, 296.0),
@@ -302,10 +295,10 @@ def test_a_silent_train_is_past_the_clear_sections_behind_it_but_for_its_overhan
     [
         ((16, 0, 16), 5.0, 95.0, True),
         ((16, 0, 16), 205.0, 295.0, True),
-        ((16, 0, 0, 16), 50.0, 148.0, True),  # Its front overhangs into a clear section.
+        ((16, 0, 0, 16), 50.0, 148.0, True),  # The front overhangs into a clear section.
         ((0, 16, 0, 16), 115.0, 210.0, True),
-        ((16, 0, 16), 100.0, 200.0, False),  # Only the sections beside it are occupied.
-        ((16, 0, 16), 99.9, 190.0, False),  # So small an overhang cannot hold its axles.
+        ((16, 0, 16), 100.0, 200.0, False),  # Only the sections beside the train are occupied.
+        ((16, 0, 16), 99.9, 190.0, False),  # So small an overhang cannot hold axles.
         ((8, 8), 60.0, 140.0, True),
         ((8, 0, 8), 60.0, 240.0, True),  # The section lies between its bogies.
     ],
@@ -337,13 +330,10 @@ def test_axles_of_a_clear_section_do_not_count() -> None:
     ("axles", "farther_m", "answer"),
     [
         ((0, 32, 0, 0), 0.0, True),
-        ((0, 32, 0, 0), 50.0, True),  # Its middle is at most at 145 m, in that section.
+        ((0, 32, 0, 0), 50.0, True),  # The train's middle is at most at 145 m, in that section.
         ((0, 32, 0, 0), 54.9, True),
-        (
-            (0, 32, 0, 16),
-            55.0,
-            True,
-        ),  # Its front stays before the occupied section.
+        # The train's front stays before the occupied section.
+        ((0, 32, 0, 16), 55.0, True),
         ((0, 32, 0, 16), 114.9, True),
         ((0, 32, 0, 16), 115.1, False),
         ((0, 32, 0, 16), 54.0, True),
@@ -473,17 +463,14 @@ OVER, BESIDE, AHEAD = (
         ((0, 16, 0, 24, 0), [HERE], False),
         ((0, 16, 0, 24, 0), [HERE, THERE], True),
         ((0, 24, 0, 16, 0), [HERE, THERE], False),  # The axles are not where the trains report.
-        ((16, 0, 0, 0, 0), [], True),  # This is behind the examined stretch.
-        ((0, 0, 0, 0, 16), [], True),  # This is before the examined stretch.
+        ((16, 0, 0, 0, 0), [], True),  # These axles are behind the examined stretch.
+        ((0, 0, 0, 0, 16), [], True),  # These axles are beyond the examined stretch.
         ((16, 16, 0, 0, 0), [HERE], True),
         ((0, 16, 0, 24, 16), [HERE, THERE], True),
         ((8, 8, 0, 0, 0), [OVER], True),
         ((8, 8, 0, 0, 0), [], False),
-        (
-            (24, 8, 0, 0, 0),
-            [OVER],
-            False,
-        ),  # Another vehicle stands there too.
+        # Another vehicle stands there too.
+        ((24, 8, 0, 0, 0), [OVER], False),
         ((24, 8, 0, 0, 0), [OVER, BESIDE], True),  # That vehicle is known and counts too.
         ((0, 0, 0, 8, 8), [AHEAD], True),
         ((0, 0, 0, 8, 24), [AHEAD], False),

@@ -104,7 +104,7 @@ def test_a_lost_train_does_not_report_and_its_standing_time_restarts() -> None:
 @pytest.mark.parametrize(
     ("front_m", "applies"), [(1199.9, False), (1200.0, True), (1500.0, True), (4090.0, False)]
 )
-def test_a_train_far_before_an_area_is_no_applicant_and_accounts_for_axles(
+def test_a_train_far_before_an_area_does_not_apply_but_accounts_for_axles(
     front_m: float, *, applies: bool
 ) -> None:
     """A train applies for the roster only within 800 m before the area."""

@@ -284,7 +284,7 @@ NO_HONEST_ONE = [
 
 
 @pytest.mark.parametrize("message", NO_HONEST_ONE)
-def test_absurd_numbers_are_neither_sent_nor_accepted(message: T2tMessage) -> None:
+def test_implausible_numbers_are_neither_sent_nor_accepted(message: T2tMessage) -> None:
     with pytest.raises(ValueError, match=type(message).__name__):
         pack(message)
 

@@ -211,7 +211,7 @@ def test_a_message_with_its_address_that_it_has_not_sent_comes_from_a_duplicate(
     assert hearing.doubled is doubled  # A detected duplicate address stays.
 
 
-def test_another_sender_with_higher_numbers_is_no_duplicate() -> None:
+def test_another_sender_with_higher_numbers_does_not_count_as_a_duplicate() -> None:
     hearing = fresh()
 
     hearing.admits(heartbeat(head(9, boot=99, sequence=99)), SPOKEN)

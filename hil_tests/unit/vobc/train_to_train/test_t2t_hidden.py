@@ -50,7 +50,7 @@ def hidden(
     end_m: float = 5000.0,
     left: TrainRecord | None = None,
 ) -> list[BarredTrack]:
-    """Barred track before a train from 0 to 80 m that was granted 100 m."""
+    """Barred track ahead of a train that stands from 0 to 80 m and was granted 100 m."""
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     return known.hidden_before(known.records[1].granted_m, ahead, track(*occupied), (end_m, left))
 

@@ -178,7 +178,7 @@ def test_two_of_three_grants_make_a_lease_that_counts_from_the_request() -> None
 
     lease.hears(grant(request, A), 1010 * MS)
     lease.hears(grant(request, A), 1011 * MS)
-    assert lease.until_ns == 0  # One arbiter counts once.
+    assert lease.until_ns == 0  # Two grants of one arbiter count as one.
     lease.hears(grant(request, C), 1050 * MS)
 
     assert lease.state is LeaseState.HELD
@@ -212,7 +212,9 @@ def test_answers_of_unknown_arbiters_do_not_count(arbiter: int) -> None:
 @pytest.mark.parametrize(
     ("term", "nonce"), [(0, 2), (1, 2), (3, 2), (2, 1), (2, 3), (2, 99), (1, 1), (2, 0)]
 )
-def test_a_grant_for_another_term_or_another_request_is_no_vote(term: int, nonce: int) -> None:
+def test_a_grant_for_another_term_or_another_request_does_not_count_as_a_vote(
+    term: int, nonce: int
+) -> None:
     lease = lease_of()
     first = asked(lease)
     second = lease.ask(1200 * MS, seen_term=0, tried_term=first.term)
@@ -458,7 +460,7 @@ def test_an_unanswered_renewal_does_not_lengthen_a_lease() -> None:
     assert not lease.runs(1_289_400_000)
 
 
-def test_an_application_is_no_running_lease() -> None:
+def test_an_application_does_not_count_as_a_running_lease() -> None:
     lease = lease_of()
     asked(lease)
 

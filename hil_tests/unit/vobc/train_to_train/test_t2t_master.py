@@ -497,7 +497,7 @@ class TestRoster:
         assert sorted(chair.master._applicants) == list(range(100, 164))
         assert chair.master._applicants[100][0].front_max_m == 210.0
 
-    def test_a_train_of_the_roster_is_no_applicant(self) -> None:
+    def test_a_train_on_the_roster_does_not_apply(self) -> None:
         chair = Chair()
         chair.reports(3, 200.0)
         chair.step(0)

@@ -191,7 +191,7 @@ class TestSuccession:
         assert [each.standby for each in of(Heartbeat, said)] == [2]
 
     @pytest.mark.parametrize("told", [{"out_of_service": True}, {"term": TERM - 1}, {"boot": 2}])
-    def test_an_unfit_train_is_no_standby(self, told: dict[str, Any]) -> None:
+    def test_an_unfit_train_does_not_become_standby(self, told: dict[str, Any]) -> None:
         chair = Chair()
         chair.reports(1, 900.0)
         chair.reports(2, 500.0, **told)

@@ -554,7 +554,7 @@ def test_before_the_border_the_foremost_train_has_none_ahead(behind: int, *, ren
 @pytest.mark.parametrize(
     ("rear_m", "before", "sieved"),
     [
-        (916.0, AREA_4, True),  # Its front may be at the border but not beyond.
+        (916.0, AREA_4, True),  # The front may be at the border but not beyond.
         (916.1, AREA_4, False),
         (916.0, None, False),
         (900.0, None, False),

@@ -152,7 +152,7 @@ class TestMasterOfObjects:
         assert self.plan(objects, far()) == []
         assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
 
-    def test_a_lock_of_an_earlier_claim_is_no_confirmation(self) -> None:
+    def test_a_lock_of_an_earlier_claim_does_not_confirm_this_one(self) -> None:
         objects = self.objects()
         objects.hears(status(ObjectState.LOCKED, 4, 1))
 
@@ -181,7 +181,7 @@ class TestMasterOfObjects:
         objects.hears(status(ObjectState.FREE, 5, 2, wanted=True))
         assert [each.bar for each in objects.stretches()] == [Bar.SHUT]
 
-    def test_after_a_release_the_lock_before_it_is_no_confirmation(self) -> None:
+    def test_after_a_release_the_lock_before_it_confirms_nothing(self) -> None:
         objects = self.objects()
         objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
         self.plan(objects, far(600.0))
@@ -272,12 +272,12 @@ class TestMasterOfObjects:
         assert objects.stretches() == [BarredTrack(500.0, 520.0, Bar.SHUT)]
 
     @pytest.mark.parametrize("nonce", [0, 1])
-    def test_a_lock_under_its_own_term_that_it_never_asked_for_is_no_confirmation(
+    def test_a_lock_that_was_never_requested_confirms_nothing_even_under_the_own_term(
         self, nonce: int
     ) -> None:
         assert self.bars(self.fresh(status(ObjectState.LOCKED, 5, nonce))) == [Bar.UNSURE]
 
-    def test_a_lock_by_the_number_of_a_release_is_no_confirmation(self) -> None:
+    def test_a_lock_with_the_number_of_a_release_confirms_nothing(self) -> None:
         objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
         self.plan(objects)
 

@@ -186,7 +186,7 @@ class TestCandidate:
 
         assert lease.state is LeaseState.HELD
 
-    def test_an_answer_to_an_earlier_attempt_is_no_vote_for_this_one(self) -> None:
+    def test_an_answer_to_an_earlier_attempt_does_not_count_as_a_vote_for_this_one(self) -> None:
         lease = self.lease(T2tConfig())
         first = lease.ask(0, seen_term=0, tried_term=0)
         old = self.answer(lease, 65_001, first.nonce)
@@ -428,7 +428,7 @@ def test_no_train_is_admitted_within_the_authority_of_another() -> None:
     command.step()
     command.hears(2, 500.0)
 
-    command.hears(3, 700.0)  # It starts where train 2 may go by an outstanding authority.
+    command.hears(3, 700.0)  # Train 3 starts where train 2 may go by an outstanding authority.
     command.step()
 
     assert command.order() == [1, 2]

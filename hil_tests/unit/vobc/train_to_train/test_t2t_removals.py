@@ -135,8 +135,10 @@ def test_the_last_axle_may_stand_4_m_before_the_rear_of_a_restarted_train() -> N
         ({2: 16}, RemovalState.COMMITTING),
         ({2: 32}, RemovalState.AXLES),
         ({2: 16, 3: 16}, RemovalState.AXLES),
-        ({2: 16, 5: 16}, RemovalState.AXLES),  # Its authority is unknown, so it may be there.
-        ({1: 16, 2: 16}, RemovalState.COMMITTING),  # These axles are behind its former place.
+        # The train's authority is unknown, so it may be there.
+        ({2: 16, 5: 16}, RemovalState.AXLES),
+        # These axles are behind the train's former place.
+        ({1: 16, 2: 16}, RemovalState.COMMITTING),
         ({1: 16, 2: 24}, RemovalState.AXLES),  # A vehicle comes closer.
         ({}, RemovalState.COMMITTING),
         ({2: 0}, RemovalState.AXLES),

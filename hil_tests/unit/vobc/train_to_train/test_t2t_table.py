@@ -322,22 +322,22 @@ def taken(start_m: float, end_m: float) -> tuple[float, float, SectionState]:
     ("sections", "rear_m"),
     [
         ([], 150.0),
-        # It is past a clear section; an occupied one may hold it.
+        # The train is past a clear section, but an occupied section may hold it.
         ([clear(100.0, 200.0)], 196.0),
         ([taken(100.0, 200.0)], 150.0),
         ([clear(100.0, 200.0), clear(200.0, 300.0), taken(300.0, 400.0)], 296.0),
         ([clear(100.0, 200.0), taken(200.0, 300.0), clear(300.0, 400.0)], 196.0),
-        # Sections behind it prove nothing.
+        # Sections behind the train prove nothing.
         ([taken(0.0, 100.0), clear(100.0, 200.0)], 196.0),
         ([taken(0.0, 150.0), clear(150.0, 200.0)], 196.0),
         ([clear(0.0, 100.0), taken(100.0, 200.0)], 150.0),
         ([clear(0.0, 150.0), taken(150.0, 200.0)], 150.0),
         ([taken(50.0, 100.0), clear(100.0, 140.0)], 150.0),
-        # An unreported section may hold it.
+        # An unreported section may hold the train.
         ([clear(160.0, 200.0)], 150.0),
         ([clear(150.0, 200.0)], 196.0),
         ([clear(100.0, 200.0), clear(201.0, 300.0)], 196.0),
-        # Its overhang does not move it back.
+        # The overhang does not move the train back.
         ([clear(100.0, 153.0)], 150.0),
         ([clear(100.0, 154.5)], 150.5),
     ],

@@ -205,7 +205,7 @@ def test_backoffs_differ_by_address_and_seed(told: dict[str, Any], seed: int) ->
 # Clock and position.
 
 
-def test_a_second_step_at_the_same_instant_is_no_backward_clock() -> None:
+def test_a_second_step_at_the_same_instant_does_not_count_as_a_backward_clock() -> None:
     ride = Ride()
     ride.step(100)
 
