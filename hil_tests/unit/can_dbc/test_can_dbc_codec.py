@@ -146,7 +146,8 @@ def test_after_a_silence_during_a_jump_any_counter_is_accepted_too() -> None:
 
 
 def test_a_stuck_sender_is_never_accepted_again() -> None:
-    """Its frames keep coming, so there is no silence after which the counter could restart."""
+    """The frames of a stuck sender keep coming, so there is no silence after which the counter
+    could restart."""
     decoder = Decoder([Tacho])
 
     found = outcomes(decoder, picked(*[5] * 50))

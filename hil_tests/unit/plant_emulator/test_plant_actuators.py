@@ -385,7 +385,7 @@ def test_service_and_emergency_do_not_add() -> None:
 
 
 def test_a_running_train_ignores_the_holding_brake_command() -> None:
-    """It applies by itself under the same command once the train has become slow."""
+    """The holding brake applies by itself under the same command once the train has become slow."""
     stand = released_stand(exact_brake(), speed_mps=1.0)
     holding = replace(RELEASED, holding_released=False)
     decels = stand.run(2.0, holding)

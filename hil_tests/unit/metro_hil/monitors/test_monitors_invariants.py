@@ -592,7 +592,7 @@ def test_a_silent_traction_command_takes_traction_away(
 
 @pytest.mark.parametrize(("steps", "verdict"), [(277, Verdict.PASS), (278, Verdict.FAIL)])
 def test_a_silent_door_command_closes_the_doors(rig: Rig, steps: int, verdict: Verdict) -> None:
-    """It takes 0.3 s to detect the silence and 2.5 s to close."""
+    """The unit needs 0.3 s to detect the silence and 2.5 s to close the doors."""
     open_doors(rig, 1500.0)
     rig.silent.add(DoorCommand)
     rig.step(steps)

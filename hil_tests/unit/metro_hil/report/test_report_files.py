@@ -459,7 +459,8 @@ def test_measures_come_back_from_parquet_with_their_units(
 def test_a_satisfied_count_makes_no_case_the_worst(
     campaign: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """Its margin is always zero; the case of another monitor comes closest to a violation."""
+    """The margin of a count is always zero; the case of another monitor comes closest to a
+    violation."""
     made = campaign(42)
     count = MonitorResult(name="no stop missed", verdict=Verdict.PASS, margin=0.0, unit="")
     results = [

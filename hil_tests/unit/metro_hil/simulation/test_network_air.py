@@ -229,13 +229,14 @@ def test_a_switch_is_not_committed_while_a_reporting_train_is_not_ready(
 
 
 def test_a_train_that_left_the_area_need_not_be_ready(line: Line) -> None:
-    """Its master removes it from the roster in the same step (simulation seed 32420)."""
+    """The master of a train that left removes it from the roster in the same step (simulation
+    seed 32420)."""
     line.switches(ready(SUCCESSOR, NONCE), ready(THIRD, NONCE - 1, END_M))
 
 
 def test_a_removed_train_need_not_be_ready(line: Line) -> None:
-    """It had restarted elsewhere and was removed from its place in that step (simulation seed
-    285155)."""
+    """The train had restarted elsewhere and was removed from its place in that step (simulation
+    seed 285155)."""
     line.switches(
         ready(SUCCESSOR, NONCE), ready(THIRD, 0), rosters=((HOLDER, THIRD), (HOLDER, SUCCESSOR))
     )

@@ -67,7 +67,7 @@ def test_a_train_is_driven_farther_than_it_may_go_and_has_authority_again(
 @pytest.mark.parametrize("commanded", [True, False])
 def test_a_train_driven_by_hand_stays_out_of_the_next_trains_section(*, commanded: bool) -> None:
     """A train unknown to the masters was driven up to a commanded one. Only axles in that
-    train's section were left to see (simulation seed 230866)."""
+    train's section then showed it (simulation seed 230866)."""
     scene = settled()
     by_hand, trains = ByHand(scene.world, random.Random(1)), scene.world.trains
     (section,) = [e for e in scene.world.track.line.sections if e.start_m == 1250.0]

@@ -268,7 +268,7 @@ def test_the_last_authority_of_a_train_inside_an_object_does_not_count_as_an_ent
 
 @pytest.mark.parametrize("doom", list(Doom))
 def test_an_object_locks_before_it_stores_the_lock(doom: Doom) -> None:
-    """Otherwise it would count as locked after a restart while it is open (seed 210690)."""
+    """Otherwise the object would count as locked after a restart while it is open (seed 210690)."""
     scene = ScriptedLine(Plot({1: 500.0}, objects=True, stops_m=(500.0,), dwell_s=60.0))
     scene.keep_back(lambda source, target, message: isinstance(message, ObjectClaim))
     scene.world.boot_all()

@@ -108,8 +108,8 @@ def test_a_place_to_which_a_train_is_driven_by_hand_is_taken(to_m: float, taken:
 def test_a_place_close_to_a_trains_reported_position_is_taken(
     unsure_m: float, *, taken: bool
 ) -> None:
-    """Its rear is 20.1 m beyond the place; its report may be lower, and it may roll and jog
-    back."""
+    """The train's rear is 20.1 m beyond the place. Its report may be lower, and the train may
+    roll and jog back."""
     scene = settled()
     sidings, train = Sidings(scene.world, random.Random(3)), scene.world.trains[3]
     for behind in (1, 2):

@@ -212,7 +212,7 @@ def test_a_restarted_arbiter_waits_a_whole_lease_and_remembers_terms_and_roster(
 
 
 def test_an_arbiter_with_unreadable_memory_sends_and_stores_nothing() -> None:
-    """Its next start would trust an empty memory and grant a term twice."""
+    """Otherwise its next start would trust an empty memory and grant a term twice."""
     arbiter = Arbiter(TIMERS_A, address=ADDRESS, memory=None, start_ns=0)
     request = ArbiterRig().request(1, 1)
 
@@ -528,8 +528,8 @@ def test_a_roster_is_stored_even_long_after_the_lease_expired() -> None:
 def test_after_a_restart_a_displaced_lease_is_waited_out_when_its_successor_gives_up(
     after_ms: int, *, granted: bool
 ) -> None:
-    """It waits a whole lease of 300.6 ms from the start, because train 1 may still rely on its
-    lease."""
+    """The arbiter waits a whole lease of 300.6 ms from the start, because train 1 may still rely
+    on its lease."""
     desk = ArbiterRig()
     desk.ask(1, 1)
     desk.ask(1, 1, LeaseKind.RENEW, successor=2)

@@ -79,8 +79,7 @@ def exact(front_m: float) -> Interval:
 def test_a_limit_is_released_exactly_when_the_rear_of_the_hindmost_front_is_clear(
     ceiling_map: CeilingMap, extra: tuple[Restriction, ...]
 ) -> None:
-    """This holds for civil limits and temporary restrictions alike; the foremost front is long
-    past."""
+    """This holds for civil limits and temporary restrictions; the foremost front is long past."""
     clear_m = 1900.0 + LENGTH_M
 
     held = ceiling_map.at(intervals(clear_m + 2.0, 2.0 + JUST_M, 5.0), FAR_M, extra)

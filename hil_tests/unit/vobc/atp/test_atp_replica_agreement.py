@@ -105,8 +105,8 @@ def exceeded(check: EnergyCheck, state: State, speed_mps: float) -> bool:
 
 
 def test_both_computations_find_the_same_limit_in_24000_states() -> None:
-    """This is far inside the band: energy is exceeded just above the ceiling's limit and not
-    just below."""
+    """The differences are far inside the band: energy is exceeded just above the ceiling's limit
+    and not just below."""
     met = 0
     for state, emergency_mps, check in states():
         assert exceeded(check, state, emergency_mps + AGREED_MPS), state

@@ -31,7 +31,7 @@ def test_time_without_samples_teaches_nothing() -> None:
 def test_during_learning_the_speed_over_ground_is_unknown(
     step: int, radar_mps: float | None
 ) -> None:
-    """Neither a still wheel nor radar nor a full window counts yet; the position interval still
+    """Neither a still wheel nor radar nor a full window counts yet, but the position interval
     follows them."""
     new = Desk(learn_s=0.8)
     while new.hear(step, step, radar_mps=radar_mps) is None:

@@ -375,7 +375,7 @@ def test_a_train_with_a_wrong_accelerometer_stands_again_once_it_is_held() -> No
 
 
 def test_wheels_that_stopped_a_moment_ago_count_as_slow_wheels() -> None:
-    """They do not count as standing yet and measure the distance like slow wheels: none."""
+    """Such wheels do not count as standing yet and measure the distance like slow wheels: none."""
     made = Desk()
     made.cycles(11, 0, 0, felt_mps2=1.0, brake=EASING)
     made.over_ground(-0.1, 0.1)

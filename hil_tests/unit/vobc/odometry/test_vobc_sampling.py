@@ -84,7 +84,8 @@ def test_a_frame_exactly_at_the_lateness_limit_is_accepted() -> None:
 
 @given(st.integers(0, 255))
 def test_a_restarted_sensor_is_timed_from_its_first_sample(new_ms: int) -> None:
-    """Its counter restarts, and its clock may show anything that does not fit the old counter."""
+    """The counter of a restarted sensor restarts too, and its clock may show anything that does
+    not fit the old counter."""
     assume(min((new_ms + 100) % 256, -(new_ms + 100) % 256) > STAMP_PLAY_MS)
     clock = SampleClock()
     for number in range(5):

@@ -288,8 +288,8 @@ def test_a_train_with_an_unknown_authority_comes_no_farther_than_the_train_ahead
 def test_a_restarted_train_is_bounded_by_its_former_place_and_bounds_no_train_behind(
     rear_m: float, own_m: float
 ) -> None:
-    """It may have left the line and come back behind trains that were behind it (simulation seed
-    66510)."""
+    """The train may have left the line and come back behind trains that were behind it
+    (simulation seed 66510)."""
     known = conclusions(report(2, 500.0, held_end_m=650.0), report(3, 300.0, term=4))
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
     known.hears_newborn(replace(report(1, rear_m, boot=2), latent_m=980.0))

@@ -470,7 +470,7 @@ def test_the_standby_without_a_blocking_lease_waits_like_the_others() -> None:
 def test_a_candidate_is_beaten_by_the_heartbeat_of_a_higher_term_only(
     term: int, role: Role
 ) -> None:
-    """It asks for term 5; only the arbiters decide who gets it."""
+    """The candidate asks for term 5; only the arbiters decide which train gets it."""
     scene = standby()
     scene.step(160)
     source = OTHER if term == 4 else LATER

@@ -474,7 +474,7 @@ def applies_at_ms(scene: Scene, from_ms: float) -> int:
 
 
 def test_a_deaf_master_does_not_apply_for_two_leases() -> None:
-    """Its renewals would only obstruct a candidate that receives messages."""
+    """Renewals of a deaf master would only obstruct a candidate that receives messages."""
     scene, _ = played(standby=2)
     scene.step(570)
     assert scene.role() is Role.APPLICANT

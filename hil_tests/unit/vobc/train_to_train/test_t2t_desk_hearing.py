@@ -403,7 +403,7 @@ def test_the_standby_is_due_when_its_turn_comes_before_its_next_report() -> None
 
 @pytest.mark.parametrize("told", [{"out_of_service": True}, {"localised": False}])
 def test_a_train_that_may_not_apply_is_due_for_its_next_report(told: dict[str, Any]) -> None:
-    """Otherwise it would run steps without a pause and without effect."""
+    """Otherwise the train would run steps without a pause and without effect."""
     scene = standby()
     scene.step(160, **told)
     assert scene.role() is Role.STANDBY

@@ -199,8 +199,8 @@ def test_refusals_are_counted_by_reason() -> None:
 def test_a_message_with_its_address_that_it_has_not_sent_comes_from_a_duplicate(
     boot: int, sequence: int, *, doubled: bool
 ) -> None:
-    """Its own messages come back too, some from an earlier incarnation; the train never accepts
-    them."""
+    """A train's own messages come back too, some from an earlier incarnation; the train never
+    accepts them."""
     hearing = fresh()
     assert hearing.doubled is False
 

@@ -180,7 +180,7 @@ def test_a_train_restarted_in_place_is_renewed_there_without_an_authority() -> N
 def test_only_a_train_with_a_recent_position_can_have_been_passed(
     age_ns: int, *, gone: bool
 ) -> None:
-    """Its rear is at most at 704 m and may come 20 m farther in half a second."""
+    """The train's rear is at most at 704 m and may come 20 m farther in half a second."""
     area = OneArea((6, 700.0), (1, 500.0))
     area.receives_former_report(6, age_ns=0, echo_ns=NOW_NS - age_ns)
     area.hears(BEYOND)
@@ -371,7 +371,7 @@ def test_the_foremost_axle_is_searched_however_close_the_train_ahead_was() -> No
 def test_a_departure_is_proven_by_its_own_axles_at_the_reported_place(
     axles: int, *, standstill: bool, left: bool
 ) -> None:
-    """This holds although another vehicle stands where it was."""
+    """This holds although another vehicle stands where the train was."""
     counted = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
     area = OneArea(RESTARTED, counted=(*counted, Counted(800.0, 3000.0, True, 16)))
     area.hears(restarted(100.0, standstill=standstill))

@@ -369,7 +369,7 @@ def test_without_axle_counters_the_command_is_sufficient() -> None:
 
 
 def test_axles_that_appear_after_the_removal_belong_to_another_vehicle() -> None:
-    """Only a train that runs over the border is exempt for a moment, and not a removed one."""
+    """Only a train that runs over the border is exempt for a moment, but not a removed one."""
     chair = scene()
     judged(chair)
 

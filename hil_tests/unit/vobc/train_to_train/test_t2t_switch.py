@@ -283,7 +283,7 @@ def test_without_an_order_and_while_the_master_stays_there_is_no_successor() -> 
 
 
 def test_an_ordered_successor_becomes_standby_first() -> None:
-    """It needs the records that a standby has."""
+    """The successor needs the records that a standby has."""
     succession = ordered(7, standby=8)
 
     assert steps(succession) is True

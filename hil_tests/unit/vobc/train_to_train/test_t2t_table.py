@@ -176,10 +176,8 @@ def test_beyond_that_the_two_oldest_authorities_merge_conservatively(
 def test_an_authority_too_old_at_the_time_of_the_report_does_not_count_as_granted(
     echo_ns: int, term: int, granted_m: float
 ) -> None:
-    """Its report answers heartbeats received at 100 and 200 ns.
-
-    By then the authority is too old, and the reported farthest point is from that time, too.
-    """
+    """The train's report answers heartbeats received at 100 and 200 ns. By then the authority is
+    too old, and the reported farthest point is from that time, too."""
     told = record()
     for sequence, (end_m, at_ns) in enumerate(((500.0, 100), (400.0, 200)), start=11):
         heard(told, report(latent_m=50.0), now_ns=at_ns)
@@ -213,7 +211,7 @@ def test_a_members_authority_proves_how_far_the_train_ahead_had_come() -> None:
 
 
 def test_a_lost_trains_authority_proves_no_more_than_its_reported_farthest_point() -> None:
-    """Its authority was shortened since, and another train was placed between the two
+    """The authority was shortened since, and another train was placed between the two
     (simulation seed 209865)."""
     told = heard(record(), report(member=True, held_end_m=900.0, latent_m=900.0))
 

@@ -63,8 +63,8 @@ def hidden(
 def test_a_train_that_reported_itself_beyond_before_the_count_was_not_counted_there(
     then_m: float, *, found: bool
 ) -> None:
-    """Its present report alone would permit that it came from there meanwhile (simulation seed
-    239837)."""
+    """The present report alone would permit that the train came from there meanwhile (simulation
+    seed 239837)."""
     since_ns = SEEN_NS + 200_000_000
     seen = hidden_between(view(2), beyond_m=100.0, before_m=204.0, ahead_ns=since_ns, then_m=then_m)
 

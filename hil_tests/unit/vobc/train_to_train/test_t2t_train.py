@@ -631,7 +631,7 @@ def test_the_authority_of_the_fronts_area_counts_whatever_its_age(
 def test_an_ageing_authority_of_the_next_area_is_ignored_while_the_train_can_stop_easily(
     age_ms: float, easy_m: float, *, continued: bool
 ) -> None:
-    """It would only make the whole authority older. An expired one never counts."""
+    """Such an authority would only make the whole authority older. An expired one never counts."""
     ride = Ride()
     ride.step(2000, authority(2, 2500.0, 2000), front_m=1900.0)
 
@@ -771,7 +771,7 @@ def test_left_areas_no_longer_make_it_due() -> None:
 
 
 def test_it_is_not_due_for_an_application_that_it_may_not_make() -> None:
-    """It could have applied long ago, but out of service it may not."""
+    """The train could have applied long ago, but out of service it may not."""
     ride = Ride()
     ride.step(0, out_of_service=True)
 
