@@ -136,7 +136,7 @@ def test_a_survivor_with_a_reason_counts_as_equivalent_and_a_stale_entry_is_an_e
 
     (planted / EQUIVALENTS_FILE).write_text(named.replace("0 is 0", " "))
     assert run(planted) == 2
-    assert "needs its argument" in capsys.readouterr().err
+    assert "give the argument for this equivalent mutant" in capsys.readouterr().err
 
 
 def test_only_mutants_that_a_change_can_affect_are_tried_again(
