@@ -2,7 +2,7 @@
 
 RUN_ARGS ?= --line florence --from II --to III
 PYTEST_ARGS ?=
-# One of them waits for real clocks most of the time, so there is one more than processors to compute.
+# One worker mostly waits for real clocks, so their number is one more than the processors.
 PYTEST_WORKERS ?= 3
 BENCH_ARGS ?=
 MUTATE_ARGS ?=
@@ -15,8 +15,8 @@ COMPILED_ARGS ?=
 PYTHON ?=
 DOCUMENTS ?=
 
-# Images for containers often forbid bytecode; without it each of the hundreds of programs that tests
-# start compiles all of its sources.
+# Container images often disable bytecode. Without it each of the hundreds of programs that the tests
+# start would compile all of its sources.
 unexport PYTHONDONTWRITEBYTECODE
 
 VENV := .venv
@@ -26,8 +26,8 @@ READY_TO_TEST := $(VENV)/.ready-to-test
 READY_TO_SITE := $(VENV)/.ready-to-site
 # A relative name: the variables below split at blanks, which the path of a checkout may contain.
 CONSTRAINTS := constraints.txt
-# The constraints reach pip's own build environment only through the environment: by the first name
-# up to pip 25.2, by the second from then on.
+# Only environment variables pass the constraints to pip's own build environment: the first up to pip
+# 25.2, the second from then on.
 PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DISABLE_PIP_VERSION_CHECK=1 \
 	$(BIN)/python -m pip install --quiet -c $(CONSTRAINTS)
 
@@ -38,13 +38,13 @@ PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.
 .PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity clean distclean
 
 help: ## show this list
-	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name words; do \
-		printf '  make %-13s %s\n' "$$name" "$$words"; done
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
+		printf '  make %-13s %s\n' "$$name" "$$text"; done
 
-setup: $(READY_TO_TEST) ## make .venv with everything for development
+setup: $(READY_TO_TEST) ## create .venv with all dependencies for development
 
-run: $(READY_TO_RUN) ## bring a bus up and drive one station hop; RUN_ARGS="--from I --to II"
-	@# The trap lets the run end by itself on Ctrl-C, so that its bus can be taken down after it.
+run: $(READY_TO_RUN) ## bring up a bus and run from one station to the next; RUN_ARGS="--from I --to II"
+	@# With the trap the run ends by itself on Ctrl-C, and its bus is removed afterwards.
 	@trap : INT TERM HUP; \
 	$(BIN)/vcan status vcan0 >/dev/null 2>&1; was_up=$$?; \
 	$(BIN)/vcan up vcan0 || exit; \
@@ -61,13 +61,13 @@ test-kernels: $(READY_TO_TEST) ## run the guest's tests on each of its three ker
 		VCAN_GUEST_KERNEL=$$kernel $(BIN)/python -m pytest hil_tests/real_time/test_vcan_guest.py $(PYTEST_ARGS) || exit; \
 	done
 
-check: format-check lint ## all that continuous integration runs
-	@# Two at a time; test files' bytecode is made once for all.
+check: format-check lint ## run all checks of continuous integration
+	@# Two at a time. `collected` compiles the bytecode of the test files once for all workers.
 	@$(MAKE) --no-print-directory --output-sync --jobs 2 types layers prose collected
 	@$(MAKE) --no-print-directory test
 
 collected: $(READY_TO_TEST)
-	@$(BIN)/python -m pytest --collect-only --quiet >/dev/null 2>&1 || true # what is wrong, the tests tell
+	@$(BIN)/python -m pytest --collect-only --quiet >/dev/null 2>&1 || true # The test run reports errors.
 
 format-check: $(READY_TO_TEST)
 	$(BIN)/ruff format --check .
@@ -83,25 +83,25 @@ types-of-packages: $(READY_TO_TEST)
 types-of-tests: $(READY_TO_TEST)
 	$(BIN)/mypy --config-file hil_tests/mypy.ini
 
-prose: $(READY_TO_TEST) ## find words that docs/design/development.md rules out
+prose: $(READY_TO_TEST) ## find words that docs/design/development.md excludes
 	$(BIN)/python -m metro_tools.prose
 
 layers: $(READY_TO_TEST)
 	$(BIN)/lint-imports
 
-mutate: $(READY_TO_TEST) ## make every small mistake in the safety half and see it noticed; MUTATE_ARGS=...
-	@# Of both kinds one after the other, and a survivor of either fails it.
+mutate: $(READY_TO_TEST) ## check that tests detect every small code change in the safety half; MUTATE_ARGS=...
+	@# Mutates code, then data. A survivor of either fails the target.
 	$(if $(filter-out data,$(firstword $(MUTATE_ARGS) code)),$(BIN)/python -m metro_tools.mutate $(MUTATE_ARGS); code=$$?;) \
 	$(if $(filter-out data,$(MUTATE_ARGS)),,$(BIN)/python -m metro_hil.proof.data; data=$$?;) \
 	exit $$(($${code:-0} | $${data:-0}))
 
-sensitivity: $(READY_TO_TEST) ## make semantic mistakes in the controller and see a scenario notice each; SENSITIVITY_ARGS=...
+sensitivity: $(READY_TO_TEST) ## check that a scenario detects each semantic mutant of the controller; SENSITIVITY_ARGS=...
 	$(BIN)/hil sensitivity acceptance $(SENSITIVITY_ARGS)
 
 fuzz: $(READY_TO_TEST) ## attack a controller with 10 million frames; FUZZ_ARGS="--frames N --seed S"
 	$(BIN)/python -m metro_hil.proof $(FUZZ_ARGS)
 
-# Only what tests the protection by itself counts: a ride runs through most lines and looks at few.
+# Only the unit tests of the protection count: a whole run executes most lines but checks few.
 coverage: $(READY_TO_TEST) ## measure branch coverage of vobc/atp by its own tests; fails below 100 %
 	$(BIN)/python -m pytest -p no:cacheprovider --cov=vobc.atp --cov-branch --cov-fail-under=100 \
 		--cov-report=term-missing:skip-covered $(PROTECTION_TESTS)
@@ -109,44 +109,44 @@ coverage: $(READY_TO_TEST) ## measure branch coverage of vobc/atp by its own tes
 bench: $(READY_TO_TEST) ## measure the figures that the README publishes; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks.bench $(BENCH_ARGS)
 
-bench-hil: compiled ## measure campaigns: overhead, seed 001's tables, kills, 10,000 stops; BENCH_ARGS=...
+bench-hil: compiled ## measure campaigns: overhead, tables of [Allotta 2013], kills, 10,000 stops; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks.campaigns $(BENCH_ARGS)
 
-bench-page: $(READY_TO_TEST) ## measure what the page of a log costs to write, open and move in
+bench-page: $(READY_TO_TEST) ## measure the time to write, open and navigate the page of a log
 	$(BIN)/python -m metro_tools.page_bench $(BENCH_ARGS)
 
-bench-atp: $(READY_TO_TEST) ## measure what protection costs a cycle, and its braking distances
+bench-atp: $(READY_TO_TEST) ## measure the cost of protection in each cycle, and its braking distances
 	$(BIN)/python -m metro_hil.benchmarks.protection $(BENCH_ARGS)
 
-bench-logs: $(READY_TO_TEST) ## measure canlog against its peers on a log of 2 M frames
+bench-logs: $(READY_TO_TEST) ## compare canlog with similar tools on a log of 2 M frames
 	$(BIN)/python -m hil_tests.log_benchmarks $(BENCH_ARGS)
 
-bench-energy: compiled ## measure running curves, the DC network, the green line, seven whole trains; BENCH_ARGS=...
+bench-energy: compiled ## measure running curves, DC network, green line and seven whole trains; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks.energy $(BENCH_ARGS)
 
-bench-t2t: $(READY_TO_TEST) ## kill and stop masters over real zenoh and time the next; BENCH_ARGS="--trains N --timers B"
+bench-t2t: $(READY_TO_TEST) ## measure the takeover after masters are killed or stopped, over real zenoh; BENCH_ARGS="--trains N --timers B"
 	$(BIN)/python -m metro_hil.line.failover_trial --fault kill $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line.failover_trial --fault stop $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line.failover_trial --fault switch $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line.failover_trial --fault none --trains 8 $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line.sessions
 
-simulate: compiled ## trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
+simulate: compiled ## simulate trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
 	@mkdir -p runs
 	.compiled/bin/hil simulate $(SIMULATE_ARGS)
 
-break: $(READY_TO_TEST) ## kill campaigns and fill their disk at random; their reports stay the same; BREAK_ARGS=...
+break: $(READY_TO_TEST) ## check that random kills and full disks do not change the reports of campaigns; BREAK_ARGS=...
 	unshare --map-root-user --mount $(BIN)/python -m metro_hil.engine.kill_trial --kills 30 --full-disks 10 \
 		--campaign stops --limit 6 $(BREAK_ARGS)
 
-explore: $(READY_TO_TEST) ## every schedule of two trains and their arbiters with one or two faults; EXPLORE_ARGS=...
+explore: $(READY_TO_TEST) ## check every schedule of two trains and their arbiters with one or two faults; EXPLORE_ARGS=...
 	$(BIN)/python -m metro_hil.simulation.model_check $(EXPLORE_ARGS)
 
 bench-simulator: compiled ## measure simulator, failover and headway in virtual time; BENCH_ARGS=...
 	PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/.compiled/lib $(BIN)/python -m metro_hil.benchmarks.simulator $(BENCH_ARGS)
 
-docs: $(READY_TO_TEST) ## write tables, pages and pictures of the documents; refuses figures older than the code
-	@# Figures that the code of today does not give stop this; make figures measures them again.
+docs: $(READY_TO_TEST) ## write tables, pages and pictures of the documents; fails if figures are older than the code
+	@# Stops if the current code gives other figures; `make figures` measures them again.
 	$(BIN)/hil laws --check --write
 	$(BIN)/hil requirements --out docs/reference/requirements.md
 	$(BIN)/python -m metro_tools.picture_doc
@@ -163,18 +163,18 @@ docs: $(READY_TO_TEST) ## write tables, pages and pictures of the documents; ref
 site: $(READY_TO_SITE) ## build the documentation site in site/; opens without a network
 	$(BIN)/python -m mkdocs build --strict --quiet
 
-figures: $(READY_TO_TEST) ## measure again what `make docs` calls stale; takes up to an hour
+figures: $(READY_TO_TEST) ## measure the figures that `make docs` calls stale; takes up to an hour
 	$(BIN)/hil laws --measure
 	$(MAKE) --no-print-directory docs
 
 examples: $(READY_TO_TEST) ## run every command of README and docs in a fresh clone; DOCUMENTS=docs/guide/hil.md
 	$(BIN)/python -m metro_tools.doc_blocks $(DOCUMENTS)
 
-format: $(READY_TO_TEST) ## let ruff format and mend what it can
+format: $(READY_TO_TEST) ## format and fix the code with ruff
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-compiled: $(READY_TO_TEST) ## copy of the programs with compiled hot modules, in .compiled; COMPILED_ARGS=--trained
+compiled: $(READY_TO_TEST) ## create a copy of the programs with compiled hot modules in .compiled; COMPILED_ARGS=--trained
 	$(BIN)/python -m metro_tools.compiled $(COMPILED_ARGS)
 
 clean: ## remove caches and build results; runs/ and .venv stay

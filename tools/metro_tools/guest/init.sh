@@ -1,19 +1,20 @@
-# PID 1 of the guest: makes the host's file system its own, runs the command, reports, powers off.
+# PID 1 of the guest: mounts the host's file system as its own, runs the command, reports its status
+# and powers off.
 #
-# Started by `init` in the run directory, which has set: engine, run, modules, toolbox, hostname,
-# streams, interfaces. Talks to the launcher through line 0: says "up", takes the names of signals
-# for the command, and says "status N" at the end. Lines 1 and 2 carry the command's standard output
-# and standard error.
+# `init` in the run directory starts it and sets: engine, run, modules, toolbox, hostname, streams,
+# interfaces. It communicates with the launcher through line 0: it sends "up", receives the names of
+# signals for the command, and sends "status N" at the end. Lines 1 and 2 carry the command's standard
+# output and standard error.
 
 b=$run/busybox
-exec 2>&1 # both are the console, which the launcher keeps for the case of trouble
+exec 2>&1 # Both are the console, which the launcher stores for error reports.
 
 fail() {
     echo "vcan-guest: $*"
     $b poweroff -f
 }
 
-# A user-mode kernel mounts any directory of the host; an emulated PC has three exported to it.
+# A user-mode kernel can mount any directory of the host; to an emulated PC the launcher exports three.
 case $engine in
 uml)
     line=/dev/ttyS
@@ -39,8 +40,9 @@ load_modules() {
     done
 }
 
-# The root is the host's, read-only. Under it goes the toolbox, so that the host's own programs win;
-# over it goes memory. It is mounted anew because a file system may not overlap itself in an overlay.
+# The root is an overlay of three file systems: memory on top, then the host's root, read-only, then the
+# toolbox, so that the host's own programs have priority. The toolbox is mounted separately because
+# a file system must not overlap itself in an overlay.
 stack_root() {
     $b mount -t tmpfs -o size=90% tmpfs "$run/mnt" || fail "no tmpfs"
     cd "$run/mnt" || fail "no $run/mnt"
@@ -100,8 +102,8 @@ open_lines() {
     done
 }
 
-# What a terminal would do: each process of the command's group gets the signal once. The group's
-# leader is `timeout`, which would pass it on to all of them a second time.
+# Sends a signal once to each process of the command's group, as a terminal would. The leader of the
+# group, `timeout`, is left out, because it would send the signal to all of them a second time.
 pass_signals() {
     while read -r signal; do
         [ -s command.pid ] || continue
@@ -114,7 +116,7 @@ pass_signals() {
     done <"${line}0"
 }
 
-# Whatever is still there would keep the output open.
+# Remaining processes would keep the output open.
 end_the_rest() {
     for process in /proc/[0-9]*; do
         process=${process#/proc/}
