@@ -76,8 +76,7 @@ class Decoder:
 
         Args:
             timeouts_s: silence after which any alive counter is accepted as a new start, for kinds
-                that
-                are sent at another period than their DBC file gives.
+                that are sent at another period than their DBC file gives.
         """
         self.rejections: Counter[tuple[int, Reason]] = Counter()
         """Rejection counts by identifier and reason."""

@@ -93,9 +93,9 @@ class Cause(enum.IntEnum):
     """Ordered by the centre."""
     OBSTACLE = 12
     DOOR_UNLOCKED = 13
-    """Before the train was clear of the platform."""
+    """A door was unlocked before the train was clear of the platform."""
     PASSENGER_ALARM = 14
-    """At a platform or on departure from it."""
+    """The passenger alarm was pulled at a platform or on departure from it."""
     OVERSHOT = 15
     """The stopping point was passed by more than a metre."""
     WRONG_DIRECTION = 16

@@ -27,7 +27,9 @@ class Program:
     """A command by its name. Calling it runs the command and returns its exit code."""
 
     def __init__(self, name: str, load: "Callable[[], Callable[[], int]]") -> None:
-        """Args: load: imports what the command needs and returns its main function."""
+        """Args:
+        load: imports what the command needs and returns its main function.
+        """
         self.name = name
         self.load = load
 

@@ -31,8 +31,7 @@ def bench_dir(bus_name: str) -> Path:
 
     Raises:
         RendezvousError: if the name is not valid for a bus, or if the folder cannot be created, is
-            a
-            link or belongs to another user.
+            a link, or belongs to another user.
     """
     if not BUS_NAME.fullmatch(bus_name):
         raise RendezvousError(

@@ -165,9 +165,8 @@ def override(value: T, changes: Mapping[str, Any], source: str) -> T:
     Args:
         changes: by dotted key relative to `value`, such as `brake.service.gain_ratio`; entries of a
             list by index, `cars.0.tare_kg`. A value is written as in a file, but a table changes
-                only
-            the keys it names. A dataclass with only the fields low and high may be given as one
-            number for both.
+            only the keys it names. A dataclass with only the fields low and high may be given as
+            one number for both.
 
     Raises:
         SettingsError: with source, key and value, as in `build`.

@@ -115,14 +115,13 @@ class PlantDevice:
         faults: Sequence[FaultPlan] = (),
         observer: Observer | None = None,
     ) -> None:
-        """Args: open_port: called once for each node.
-
-        In lockstep it returns a separate port for every node;
-         between processes one port may serve all of them.
+        """Args:
+        open_port: called once for each node. In lockstep it returns a separate port for every node;
+            between processes one port may serve all of them.
         faults: faults of the bus and of the controller's process are only passed on to the
-         listeners of `schedule`.
-        observer: receives the truth before the first step and after each step. epoch_offset_ns:
-        difference between nanoseconds since 1970 and the plant's clock.
+            listeners of `schedule`.
+        observer: receives the truth before the first step and after each step.
+        epoch_offset_ns: difference between nanoseconds since 1970 and the plant's clock.
         """
         self.scenario = scenario
         self.world = World(

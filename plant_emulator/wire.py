@@ -85,8 +85,8 @@ class Wire:
     """Sends frames through each node's own port and receives all commands through one port."""
 
     def __init__(self, open_port: OpenPort, also: tuple[type[Frame], ...] = ()) -> None:
-        """Args: also: frames that the sink receives besides the commands; they are not counted as
-        commands.
+        """Args:
+        also: frames that the sink receives besides the commands; they are not counted as commands.
         """
         self._decoder = Decoder((*COMMANDS, *also))
         self._also = also

@@ -47,12 +47,11 @@ class DisturbedWire:
         on_error: Callable[[CanFrame, str], None] | None = None,
         acting: Mapping[int, str] | None = None,
     ) -> None:
-        """Args: on_error: called at the end of every error frame, with the frame in the layout of
-        Linux and
-         the name of the destroyed frame's sender.
+        """Args:
+        on_error: called at the end of every error frame, with the frame in the layout of Linux and
+            the name of the destroyed frame's sender.
         acting: by identifier, the node that acts on a frame, if a port with a filter receives it
-        for
-         another node. Such a frame is received while that node is present.
+            for another node. Such a frame is received while that node is present.
         """
         self.disturber = disturber
         self.error_frames: Counter[str] = Counter()

@@ -46,11 +46,9 @@ class WallClock:
     """
 
     def __init__(self, spin_s: float = 0.0) -> None:
-        """Args: spin_s: length of the last part of every wait, which polls the clock without
-        sleeping.
-
-        It
-         costs that share of a processor and removes the wake-up latency from the lateness.
+        """Args:
+        spin_s: length of the last part of every wait, which polls the clock without sleeping. It
+            costs that share of a processor and removes the wake-up latency from the lateness.
         """
         if not spin_s >= 0.0:
             raise ValueError(f"spin_s {spin_s} is negative")

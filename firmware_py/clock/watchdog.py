@@ -13,8 +13,9 @@ class Watchdog:
     """
 
     def __init__(self, limit_ns: int, on_bite: Callable[[int], None], start_ns: int) -> None:
-        """Args: limit_ns: largest permitted silence. on_bite: called with the silence in ns, once
-        each time the limit is exceeded.
+        """Args:
+        limit_ns: largest permitted silence.
+        on_bite: called with the silence in ns, once each time the limit is exceeded.
         """
         if limit_ns <= 0:
             raise ValueError(f"limit_ns {limit_ns} is not positive")

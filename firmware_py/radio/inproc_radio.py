@@ -37,11 +37,13 @@ class InprocRadio:
         duplication_ratio: float = 0.0,
         generator: UniformGenerator | None = None,
     ) -> None:
-        """Args: delay_s: time from sending to reception; the minimum if there is jitter. jitter_s:
-        additional delay, uniformly distributed from 0; it may change the order of messages.
-        loss_ratio: share of messages that do not arrive, for each receiver. duplication_ratio:
-        share of messages that arrive twice, each time with its own jitter. generator: needed by all
-        settings except the delay.
+        """Args:
+        delay_s: time from sending to reception; the minimum if there is jitter.
+        jitter_s: additional delay, uniformly distributed from 0; it may change the order of
+            messages.
+        loss_ratio: share of messages that do not arrive, for each receiver.
+        duplication_ratio: share of messages that arrive twice, each time with its own jitter.
+        generator: needed by all settings except the delay.
         """
         self.delay_s = delay_s
         self.jitter_s = jitter_s

@@ -69,10 +69,9 @@ class Nvram:
     """The record of one board in one file. Disk errors never raise here."""
 
     def __init__(self, path: Path | str | None, initial: NvramRecord | None = None) -> None:
-        """Args: path: path of the file; None keeps the record in memory only.
-
-        One process per file. initial: record to start with if the file gives none; default: that of
-        a new board.
+        """Args:
+        path: path of the file; None keeps the record in memory only. One process per file.
+        initial: record to start with if the file gives none; default: that of a new board.
         """
         self._path = None if path is None else Path(path)
         self._lock = threading.Lock()

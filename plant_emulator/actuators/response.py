@@ -84,7 +84,7 @@ class DelayLine:
 
     @property
     def empty(self) -> bool:
-        """Only zeros are in the line."""
+        """Whether the line contains only zeros."""
         return not any(self._waiting)
 
     def step(self, value: float) -> float:

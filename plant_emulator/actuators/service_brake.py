@@ -49,7 +49,9 @@ class ServiceBrake:
         inertia_kg: float,
         motor_ratio: float,
     ) -> None:
-        """Args: motor_ratio: share of the train's mass on motor cars."""
+        """Args:
+        motor_ratio: share of the train's mass on motor cars.
+        """
         self._config = config
         self._inertia_kg = inertia_kg
         self._motor_ratio = motor_ratio

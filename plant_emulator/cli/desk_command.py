@@ -115,8 +115,9 @@ class DeskNode:
         record: TextIO | None,
         start_ns: int,
     ) -> None:
-        """Args: who: recording or driver model; None: the keys of the terminal. record: file that
-        receives a line for each change.
+        """Args:
+        who: recording or driver model; None: the keys of the terminal.
+        record: file that receives a line for each change.
         """
         self._can, self._who, self._terminal, self._record = can, who, terminal, record
         self._start_ns = start_ns

@@ -32,9 +32,9 @@ class SharedSetting(Generic[V]):
     """One setting of the train that all active faults determine together."""
 
     def __init__(self, turn: Callable[[Sequence[V]], None]) -> None:
-        """Args: turn: applies the values of all active faults, in the order of the scenario; an
-        empty
-         sequence restores the normal value.
+        """Args:
+        turn: applies the values of all active faults, in the order of the scenario; an empty
+            sequence restores the normal value.
         """
         self._turn = turn
         self._values: dict[int, V] = {}

@@ -188,8 +188,7 @@ class HighVoltageBox:
 
         Args:
             drive_work_j: work of the tractive effort at the rail. It is negative when the train
-                rolls
-                against the effort, which counts as braking.
+                rolls against the effort, which counts as braking.
             brake_work_j: work of the electric brake at the rail; never negative.
         """
         step_s = self._step_s

@@ -108,9 +108,8 @@ class Tachos:
         front_m: float,
         step_s: float,
     ) -> None:
-        """Args: cars: number of masses in the model.
-
-        An axle on a car beyond them counts for the last mass.
+        """Args:
+        cars: number of masses in the model. An axle on a car beyond them counts for the last mass.
         """
         self.error = config.odometer_error_ratio.draw(generators.of(NoiseSource.ODOMETER_SCALE))
         """Scale error: counted distance = true distance * (1 + error) for a wheel of nominal

@@ -52,8 +52,9 @@ class TrafficMember:
         start_ns: int | None,
         leader_rear_m: float,
     ) -> None:
-        """Args: start_ns: begin of the timetable; None: not before `begin`. leader_rear_m: initial
-        rear of the train ahead, in this train's chainage.
+        """Args:
+        start_ns: begin of the timetable; None: not before `begin`.
+        leader_rear_m: initial rear of the train ahead, in this train's chainage.
         """
         scenario = plant.scenario
         self.plant = plant

@@ -74,8 +74,9 @@ class LineCentre:
         first_sequence: int = 0,
         key: bytes = BENCH_KEY,
     ) -> None:
-        """Args: first_sequence: first sequence number of orders; above all that were sent before
-        this start. memory: the stored commands.
+        """Args:
+        first_sequence: first sequence number of orders; above all that were sent before this start.
+        memory: the stored commands.
         """
         self.memory = memory or CentreMemory()
         self.refusals: Counter[RefusedReason] = Counter()

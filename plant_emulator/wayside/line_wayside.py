@@ -60,8 +60,9 @@ class LineWayside:
         centre: LineCentre | None = None,
         key: bytes = BENCH_KEY,
     ) -> None:
-        """Args: boot: number of starts of this wayside; it must increase with every start. centre:
-        stores the commands of supervision; without it they are ignored.
+        """Args:
+        boot: number of starts of this wayside; it must increase with every start.
+        centre: stores the commands of supervision; without it they are ignored.
         """
         self.refusals: Counter[str] = Counter()
         self.failed: list[str] = []

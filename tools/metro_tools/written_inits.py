@@ -35,8 +35,7 @@ def with_written_inits(source: str, bases: Collection[str] = (), heads: Heads | 
 
     Args:
         bases: names of classes that any module inherits from. They are left unchanged: a
-            constructor
-            in a base would hide from mypyc the one given to its subclass.
+            constructor in a base would hide from mypyc the one given to its subclass.
         heads: those of these bases whose subclasses are all plain dataclasses in modules processed
             like this one; they get constructors like their subclasses.
     """
