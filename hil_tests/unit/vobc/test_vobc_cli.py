@@ -74,8 +74,9 @@ def test_a_remembered_position_overrides_the_given_one_with_a_message(tmp_path: 
     assert planned.start is not None
     assert planned.start.front_m == 3000.4
     assert planned.note == (
-        f"--from I is not believed: by {tmp_path}/nvram it was switched off at 3000.4 m, nearest "
-        f"to II; remove {tmp_path}/nvram once somebody has seen that the train stands at I"
+        f"--from I is ignored: by {tmp_path}/nvram it was switched off at 3000.4 m, nearest "
+        f"to II; remove {tmp_path}/nvram only after checking on site that the "
+        "train stands at I"
     )
 
 
@@ -100,9 +101,9 @@ def test_a_train_switched_off_in_motion_may_stand_anywhere_whatever_the_argument
     assert planned.start is not None
     assert planned.start.proof is PlaceProof.UNKNOWN
     assert planned.note == (
-        f"--from I is not believed: the train may stand anywhere: {tmp_path}/nvram: the last run "
-        f"did not end at a proven standstill; remove {tmp_path}/nvram once somebody has seen that "
-        "the train stands at I"
+        f"--from I is ignored: the train may stand anywhere: {tmp_path}/nvram: the last run "
+        f"did not end at a proven standstill; remove {tmp_path}/nvram only after checking on site "
+        "that the train stands at I"
     )
 
 
@@ -112,7 +113,7 @@ def test_without_a_given_position_there_is_no_message(tmp_path: Path) -> None:
 
 
 def test_a_mission_that_cannot_begin_at_the_position_names_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=r"^--to II: .*; --from I is not believed: by "):
+    with pytest.raises(SettingsError, match=r"^--to II: .*; --from I is ignored: by "):
         remembered(tmp_path, "--from", "I", "--to", "II")
 
 
@@ -124,7 +125,7 @@ def test_an_overridden_position_is_reported_first(
 
     assert main([*BUS, "--nvram", str(memory), "--from", "I"]) == EXIT_ENVIRONMENT
 
-    assert capsys.readouterr().err.startswith("vobc: --from I is not believed: ")
+    assert capsys.readouterr().err.startswith("vobc: --from I is ignored: ")
 
 
 @pytest.mark.parametrize("said", [[], ["--from", "I"]])
