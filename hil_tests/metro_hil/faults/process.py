@@ -32,7 +32,7 @@ from vobc.vocabulary import SAFE_OUTPUT, CycleOutput
 
 POLL_NS: Final = 1_000_000
 CYCLE_TASKS: Final = frozenset({"control", "grant"})
-"""Tasks that a slow process delays; the second is the only one of a program in its own process."""
+"""Tasks that a slow process delays. An external controller has only `grant`."""
 NS_PER_S: Final = 1_000_000_000
 
 

@@ -108,7 +108,7 @@ def _let_go_together(bench: LineBench, interval_s: float) -> None:
             raise TimeoutError("a train did not come to where it stops first")
         bench.run(LOOK_S)
         for plant, start_m in zip(plants, starts_m, strict=True):
-            # Before this point the train would be held at its start.
+            # An earlier order to hold would keep the train at its start.
             if plant.world.front_m > start_m + WARM_M / 2.0:
                 plant.railway.centre.standing = replace(NORMAL, hold=True)
     bench.run(SETTLED_S)

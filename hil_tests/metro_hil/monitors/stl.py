@@ -177,7 +177,7 @@ class _Builder:
 
     def _margin(self, text: str, node: Node) -> Margin:
         try:
-            # The leading float makes the result a float for any text.
+            # The leading 0.0 makes the result a float even for a text of integers.
             expression = compile_expression(f"0.0 + {text}", self._signals)
         except ExpressionError as error:
             raise self._error(_position(node), "is too long or too deep") from error

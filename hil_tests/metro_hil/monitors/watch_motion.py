@@ -16,7 +16,7 @@ FAR_NS = NS_PER_S // 5
 """Interval between two checks while the margin is above `FAR_M`; no train uses that up
 meanwhile."""
 ROLLED_M = 0.02
-"""Distance that couplers give; it is no rollback."""
+"""Backward movement that slack in the couplers explains; it does not count as a rollback."""
 
 
 class MotionWatch:

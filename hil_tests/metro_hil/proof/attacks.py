@@ -107,7 +107,7 @@ class Attacker:
         return self._with_flips(last)
 
     def heard(self, frames: Sequence[CanFrame]) -> None:
-        """Follow the counters, so that the next forged frame continues them."""
+        """Note counters and payloads of genuine frames, from which forged frames continue."""
         for frame in frames:
             if frame.can_id in PROTECTED:
                 self._counters[frame.can_id] = frame.data[-TRAILER_BYTES]

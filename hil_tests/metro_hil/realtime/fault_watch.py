@@ -7,7 +7,7 @@ from plant_emulator.faults.plan import FaultPlan
 
 
 class FaultWatch:
-    """Receives every change of a fault, and knows which faults never began."""
+    """Receives every change of a fault, and reports which faults began."""
 
     def __init__(self, plans: Sequence[FaultPlan]) -> None:
         self._plans = {plan.index: plan for plan in plans}

@@ -45,7 +45,7 @@ FRESH_NS = 500_000_000
 """Age beyond which a frame is not shown: two and a half periods of the slowest, VOBC_TARGET."""
 NOTHING = "--"
 FAR_M = 80_000.0
-"""Distance on the wire beyond which there is no stopping point."""
+"""Distance to the stop, in VOBC_TARGET, beyond which the train has no stopping point ahead."""
 LINE_RADIO = 0
 """Number of the input that has no flag in `missing`."""
 BAR_WIDTH = 46

@@ -65,7 +65,7 @@ def picture(figures: RadioFigures, title: str) -> "Figure":
             columns = -(-len(names) // NAMES_MAX)
             beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
             axes.legend(**beside, fontsize=FONT_PT, ncols=columns)
-    # Labels can be placed only after everything else.
+    # The places of labels depend on the size of everything else, so it is drawn first.
     figure.draw_without_rendering()
     _name_masters(figures, terms, colours)
     return figure

@@ -70,7 +70,7 @@ class WeightedChoice:
     cubic_j: Numbers
     """Coefficients A, B, C, D of E_acc over x - T0, highest order first."""
     cubic_x_s: float
-    """x that the cubic would have chosen instead of the runs themselves."""
+    """x that minimises f on the fitted cubic. The choice itself compares the runs."""
     notch_off_mps: float
     hold_m: float
 
