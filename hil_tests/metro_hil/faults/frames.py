@@ -63,10 +63,10 @@ class _Memory:
     """State of one active fault."""
 
     floors_ns: dict[FrameDirection, int] = field(default_factory=dict)
-    """Of a delay: earliest instant for the next frame of a direction, which keeps their order."""
+    """For a delay: earliest instant of the next frame of each direction, so that order is kept."""
     forger: Forger | None = None
     past: list[tuple[int, FrameDirection, int, bytes]] = field(default_factory=list)
-    """Of a replay: offset from its start at which each frame is first sent again."""
+    """For a replay: offset from its start at which each frame is first sent again."""
     next_index: int = 0
     next_ns: int = 0
     counter: int | None = None

@@ -50,7 +50,7 @@ LATENCY_BAR_MS: Final = 100.0
 """Maximum latency, to which one cycle of the master is added."""
 MS_PER_S: Final = 1000.0
 BEFORE: Final = 5
-"""How much higher the wayside's priority is than that of trains, which all wait for it."""
+"""Real-time priority of the wayside above that of trains, which all wait for it."""
 SWITCH_MS: Final = 50
 
 

@@ -15,7 +15,7 @@ class Gauge:
         self.name = name
         self._alarm = alarm
         self.least = math.inf
-        """In the unit of the invariant; infinite while its premise never held."""
+        """Least margin in the unit of the invariant; infinite while its premise never held."""
         self.at_ns = NEVER_NS
         """Instant of the least margin."""
         self.first_ns = NEVER_NS

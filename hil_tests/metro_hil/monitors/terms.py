@@ -14,7 +14,7 @@ class TermState(IntEnum):
     HOLDS = 1
     VIOLATED = 2
     UNKNOWN = 3
-    """Only at the end: the run ended before the result was certain."""
+    """The run ended before the result was certain."""
 
 
 class MonitorTerm:

@@ -58,7 +58,7 @@ class EmergencyWatch:
         self._traction_acted = False
         """Traction acted when the emergency brake was demanded, and has not been seen off since."""
         self._commanded = False
-        """As the frames show it; the command before the first frame is unknown."""
+        """Whether the newest frame commands the emergency brake; false before the first frame."""
         self._start_ns = context.start_ns
         self._applied_moving = False
         self._latched = False

@@ -121,8 +121,8 @@ class MotionWatch:
         return runaway_mps + fall_mps2 * self._build_up_s
 
     def _check_stopping(self, truth: Truth, to_end_m: float, now_ns: int) -> None:
-        # With the steepest fall of the line the distance is never shorter: enough while the end is
-        # far.
+        # A stopping distance for the line's steepest fall is never too short. It suffices while the
+        # end is far.
         speed_mps, reaction_s = truth.speed_mps, self._reaction_s
         gain_mps2 = self._worst_fall_mps2
         if truth.accel_mps2 > 0.0:

@@ -37,7 +37,7 @@ GATEWAY_LATE_S: Final = 0.02
 BLIND_S: Final = 0.05
 """Gap in the truth: five steps of the plant."""
 LOOKBACK_S: Final = 5.0
-"""How long before a violation its cause may lie. Units that miss commands brake within 0.15 s, and
+"""Longest time from a cause to its violation. Units that miss commands brake within 0.15 s, and
 a train braked from full speed stands some seconds later."""
 START_UP_S: Final = 2.0
 """Time in which starting processes delay each other while the train still stands. Later failures do

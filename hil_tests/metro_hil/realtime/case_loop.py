@@ -102,7 +102,7 @@ class Conduct:
                 self._check_bench()
                 self.reason = self._over()
             self._note(f"over: {self.reason}")
-            # What the host did just before the end may have caused the end.
+            # A disturbance by the host just before the end may have caused the end.
             self._close_second(self._looked_ns)
             self.hearing.finish()
         finally:

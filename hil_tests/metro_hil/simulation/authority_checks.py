@@ -88,7 +88,7 @@ class AuthorityChecks:
         self._answers: dict[tuple[int, int, int, int], dict[int, int]] = {}
         """Stamp of the request that each arbiter granted, by train, area, term and nonce."""
         self._less_ns: dict[tuple[int, int, int, int], int] = {}
-        """How much shorter than a whole lease a request asked for; by train, area, term and nonce.
+        """Difference between a whole lease and the lease requested, by train, area, term and nonce.
         Only requests of the current incarnation are kept."""
         self._received_ends_m: dict[tuple[int, int], dict[tuple[int, int], float]] = {}
         """Ends of the received authorities by term and sequence, for each train and area."""

@@ -61,7 +61,7 @@ class Checker:
         self._terms: dict[tuple[int, int], int] = {}
         """Highest accepted term over all incarnations, by train and area."""
         self._overrun_limit_m: dict[int, float] = {}
-        """How far a train may run although its authority was shortened, by train."""
+        """Position up to which a train may run although its authority was shortened, by train."""
         self._newest: dict[tuple[int, int], tuple[int, int]] = {}
 
     # -- notifications

@@ -81,7 +81,7 @@ class SupervisionConsole:
         clear = "\033[2J\033[H" if over and sys.stdout.isatty() else ""
         print(clear + "\n".join(lines), flush=True)
 
-    # To masters and trains.
+    # Commands to masters and trains.
 
     def switch(self, area: int, to: int) -> int:
         """Request another master until it commands, or the time is over."""
@@ -205,7 +205,7 @@ class SupervisionConsole:
         head = (SUPERVISION, to, area, term, self._boot, self._sequence, self._clock.now_ns())
         self._send(LineOrder(*head, kind, train))
 
-    # To the wayside.
+    # Commands to the wayside.
 
     def decree(
         self,

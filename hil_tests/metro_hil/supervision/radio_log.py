@@ -121,7 +121,7 @@ def entry_of(at_s: float, topic: str, payload: bytes, key: bytes) -> RadioEntry:
     return RadioEntry(at_s, topic, len(payload), heard)
 
 
-# Text.
+# Messages as text.
 
 
 def words_of(entry: RadioEntry, start_s: float) -> str:

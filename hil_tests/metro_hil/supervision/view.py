@@ -137,7 +137,7 @@ class LineView:
         if known is None or report.area == owner or known[0].area != owner:
             self.reports[report.source] = (report, now_ns)
 
-    # Text.
+    # The state of the line as text.
 
     def words(self, now_ns: int) -> list[str]:
         """Return areas, commands for the track, then trains, the foremost first."""

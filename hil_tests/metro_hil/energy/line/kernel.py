@@ -152,7 +152,7 @@ def decide_n(now_s: float, step_s: float, state: Any, law: Any, train: Any, boun
     most = min(train[FORCE], train[POWER] / max(speed, 0.5))
     effort = min(effort, most)
     bound = jerk * step_s * mass
-    # Without a limit at the end of a stop: the speed is only a few cm/s.
+    # At the end of a stop the jerk is not limited: the speed is only a few cm/s.
     if speed > 1.0 or effort > 0.0:
         effort = min(max(effort, state[EFFORT] - bound), state[EFFORT] + bound)
     return float(effort)

@@ -157,7 +157,7 @@ def _programme(
     middle = np.sqrt(middle_square)
     drag_n, slope = _resistance(train, middle)
     nodes = _Nodes(n)
-    # Motion.
+    # Equation of motion in each cell.
     inertia = train.mass_kg / (2.0 * step_m)
     right_n = -(drag_n - slope * middle_square) - track.grade_n
     motion = nodes.cells(inertia + slope / 2.0, -inertia + slope / 2.0, late + 1) / unit_n

@@ -27,12 +27,12 @@ class RunningTrain:
     traction_force_n: float
     traction_power_w: float
     traction_efficiency_ratio: float
-    """From line to wheel."""
+    """Share of the power drawn from the line that acts at the wheels."""
     brake_force_n: float
     """Maximum of the electric brake."""
     brake_power_w: float
     regeneration_efficiency_ratio: float
-    """From wheel to line."""
+    """Share of the power of electric braking at the wheels that returns to the line."""
     service_force_n: float
     """Maximum of both brakes together. Running curves use no friction brake; only the optimum
     may."""

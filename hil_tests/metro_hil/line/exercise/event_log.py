@@ -43,8 +43,8 @@ class EmergencyBrakeEvent(NamedTuple):
     commanded: bool
     """Whether the train held a fresh authority."""
     excused: bool
-    """Whether something explains the brake: a fault of the train, a fault of the line that makes it
-    brake, or that no train had commanded it yet."""
+    """Whether a fault of the train or of the line explains the brake, or no train had commanded it
+    yet."""
 
 
 class Given(NamedTuple):

@@ -22,10 +22,9 @@ from metro_hil.model.subprocesses import Child
 
 WAYSIDE: Final = "wayside"
 BEFORE: Final = 5
-"""How much higher the wayside's priority is than that of trains, which all wait for it."""
+"""Real-time priority of the wayside above that of trains, which all wait for it."""
 BEHIND: Final = 10
-"""How much lower the priority of plants is than that of controllers; plants may be a little
-late."""
+"""Real-time priority of plants below that of controllers; plants may be a little late."""
 
 
 class LineProcesses:

@@ -248,7 +248,7 @@ def conduct(
         folders: log folder of each train; None: no logs.
         processors: number of processes; by default one for each processor, and 1 uses this one
             only.
-        told: receives the progress now and then.
+        told: receives the simulated time at intervals, s.
     """
     intervals = max(1, round(duration_s / INTERVAL_S))
     paths = [None if path is None else RunFolder(path) for path in folders]
