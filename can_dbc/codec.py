@@ -82,7 +82,7 @@ class Decoder:
         """Rejection counts by identifier and reason."""
         self.lost: Counter[int] = Counter()
         """Number of lost frames by identifier, from gaps in accepted alive counters."""
-        self._hear: dict[int, Hear] = {}
+        self._receivers: dict[int, Hear] = {}
         for kind in kinds:
             bound = binding_of(kind)
             silence_s = (timeouts_s or {}).get(kind, bound.timeout_s)
@@ -91,7 +91,7 @@ class Decoder:
     @property
     def ids(self) -> frozenset[int]:
         """The identifiers that it decodes, for acceptance filters."""
-        return frozenset(self._hear)
+        return frozenset(self._receivers)
 
     def decode(self, can_id: int, data: bytes, heard_ns: int) -> Heard:
         """Decode one received frame.
@@ -100,7 +100,7 @@ class Decoder:
         for known identifiers outside of `kinds`. A first half whose twin never arrived is rejected
         when the next first half arrives.
         """
-        hear = self._hear.get(can_id)
+        hear = self._receivers.get(can_id)
         if hear is not None:
             return hear(data, heard_ns)
         if can_id in known_ids():
@@ -111,14 +111,14 @@ class Decoder:
         can_id = bound.message.frame_id
         reject = self._reject(can_id)
         if bound.protection is MessageProtection.NONE:
-            self._hear[can_id] = _plain_receiver(bound, reject)
+            self._receivers[can_id] = _plain_receiver(bound, reject)
             return
         alive = AliveCounter(can_id, self.lost, round(silence_s * 1e9))
         if bound.twin is None:
-            self._hear[can_id] = _safe_receiver(bound, alive, reject)
+            self._receivers[can_id] = _safe_receiver(bound, alive, reject)
             return
         twin_id = bound.twin.frame_id
-        self._hear[can_id], self._hear[twin_id] = _vital_receivers(
+        self._receivers[can_id], self._receivers[twin_id] = _vital_receivers(
             bound, bound.twin, alive, reject, self._reject(twin_id)
         )
 

@@ -102,7 +102,7 @@ class Cause(enum.IntEnum):
     REPLICAS_DISAGREE = 17
     CLOCK_STEPPED = 18
     JOG_EXCEEDED = 19
-    """Too far, too fast or once too often."""
+    """A jog was too long, too fast, or one more than permitted."""
     PAST_AUTHORITY = 20
     """The front may stand beyond the end of its authority."""
     ASLEEP_MOVED = 21

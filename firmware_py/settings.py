@@ -298,10 +298,10 @@ def _convert_plain(kind: type[Any], value: Any, source: str, key: str) -> Any:
         return float(value)
     if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
         return value
-    raise SettingsError(f"{source}: {key}: {value!r} is not {_words(kind)}")
+    raise SettingsError(f"{source}: {key}: {value!r} is not {_type_text(kind)}")
 
 
-def _words(hint: Any) -> str:
+def _type_text(hint: Any) -> str:
     plain = {float: "a number", int: "a whole number", str: "a string", bool: "true or false"}
     if hint in plain:
         return plain[hint]

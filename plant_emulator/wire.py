@@ -95,7 +95,7 @@ class Wire:
         self._ports: dict[Node, CanPort] = {
             node: open_port(node, ids if node is EARS else frozenset()) for node in PLANT_NODES
         }
-        self._ears = self._ports[EARS]
+        self._listener = self._ports[EARS]
         self.refused = 0
         """Number of rejected frames; `refusals` lists the reasons."""
         self.commands = 0
@@ -110,7 +110,7 @@ class Wire:
 
     def hear(self, now_ns: int, sink: CommandSink) -> None:
         """Pass each complete command to `sink`, in the order in which the bus carried them."""
-        frames = self._ears.receive(now_ns)
+        frames = self._listener.receive(now_ns)
         if not frames:
             return
         decode = self._decoder.decode

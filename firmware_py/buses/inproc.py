@@ -78,12 +78,12 @@ class InprocBus:
         "_carrier",
         "_duration_ns",
         "_frames",
+        "_latest_ns",
         "_offers",
         "_on_wire",
         "_ports",
         "_record",
         "_start_ns",
-        "_told_ns",
         "bit_rate",
         "name",
     )
@@ -100,7 +100,7 @@ class InprocBus:
         self._offers: list[Offer] = []
         self._start_ns = 0
         """Earliest start of the next frame; the exact start if frames are waiting."""
-        self._told_ns = 0
+        self._latest_ns = 0
         self._on_wire: tuple[CanFrame, InprocPort, int] | None = None
         self._frames = 0
         self._bits = 0
@@ -132,8 +132,8 @@ class InprocBus:
         """Start all frames that start before `now_ns`, and deliver those that have ended by
         then.
         """
-        assert now_ns >= self._told_ns, "time ran backwards"
-        self._told_ns = now_ns
+        assert now_ns >= self._latest_ns, "time ran backwards"
+        self._latest_ns = now_ns
         if self._carrier is not None:
             self._carrier.advance(now_ns)
             return
@@ -181,8 +181,8 @@ class InprocBus:
         if offers and self._start_ns < now_ns:
             # Frames that start before this offer do not arbitrate against it.
             self.advance(now_ns)
-        assert now_ns >= self._told_ns, "time ran backwards"
-        self._told_ns = now_ns
+        assert now_ns >= self._latest_ns, "time ran backwards"
+        self._latest_ns = now_ns
         if self._start_ns < now_ns:
             # The bus is idle.
             self._start_ns = now_ns

@@ -111,7 +111,7 @@ class InprocRadioPort:
         self.name = name
         self._radio = radio
         self._subscriptions = subscriptions
-        self._hears: dict[str, bool] = {}
+        self._receives: dict[str, bool] = {}
         """Whether the port receives a key, by key; a line has few keys and repeats them."""
         self._inbox: list[tuple[int, int, str, bytes]] = []
         """Heap by instant, then by order of sending, so that every run has the same order."""
@@ -119,13 +119,13 @@ class InprocRadioPort:
 
     def listen(self, subscriptions: Collection[str]) -> None:
         self._subscriptions = tuple(subscriptions)
-        self._hears.clear()
+        self._receives.clear()
 
     def hears(self, key: str) -> bool:
-        hears = self._hears.get(key)
+        hears = self._receives.get(key)
         if hears is None:
             hears = any(keys.matches(wanted, key) for wanted in self._subscriptions)
-            self._hears[key] = hears
+            self._receives[key] = hears
         return hears and not self._closed
 
     def hear(self, due_ns: int, number: int, key: str, payload: bytes) -> None:

@@ -137,10 +137,10 @@ class _LoggedCan:
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
         frames = self._port.receive(now_ns)
         if frames:
-            self._log.lines([self._heard(frame) for frame in frames])
+            self._log.lines([self._reception(frame) for frame in frames])
         return frames
 
-    def _heard(self, frame: CanFrame) -> str:
+    def _reception(self, frame: CanFrame) -> str:
         stamp_ns, can_id, data, extended, remote, error = frame
         if extended or remote or error:
             return _unusual(frame)

@@ -98,16 +98,16 @@ class DelayLine:
 class Hold:
     """Returns the greatest input of the last `hold_ns`."""
 
-    __slots__ = ("_hold_ns", "_kept")
+    __slots__ = ("_candidates", "_hold_ns")
 
     def __init__(self, hold_ns: int) -> None:
         self._hold_ns = hold_ns
-        self._kept: deque[tuple[int, float]] = deque()
+        self._candidates: deque[tuple[int, float]] = deque()
         """Expiry and value of each candidate, in falling order; the first is the answer."""
 
     def greatest(self, now_ns: int, value: float) -> float:
         """Return the input of greatest magnitude among `value` and those of the last `hold_ns`."""
-        kept = self._kept
+        kept = self._candidates
         while kept and abs(kept[-1][1]) <= abs(value):
             kept.pop()
         while kept and kept[0][0] <= now_ns:

@@ -14,12 +14,12 @@ class ServiceBrake:
     """Computes the brake forces of motor cars and trailers from the demanded deceleration."""
 
     __slots__ = (
-        "_asked_mps2",
         "_bites_ns",
         "_config",
         "_dead_time",
         "_dead_time_ns",
         "_dead_times",
+        "_demand_mps2",
         "_extra_ns",
         "_fade_per_mps",
         "_force_gain",
@@ -72,7 +72,7 @@ class ServiceBrake:
         self._draw(generators)
         fade_mps = config.electric.fade_begin_mps - config.electric.fade_end_mps
         self._fade_per_mps = 1.0 / fade_mps
-        self._asked_mps2 = 0.0
+        self._demand_mps2 = 0.0
         self.decel_mps2 = 0.0
         """Deceleration that the unit assumes it gives: the demand after delay and build-up."""
         self.electric_n = 0.0
@@ -124,7 +124,7 @@ class ServiceBrake:
     def at_rest(self) -> bool:
         """No demand is present or pending, and no force is left."""
         return (
-            self._asked_mps2 == self.decel_mps2 == 0.0
+            self._demand_mps2 == self.decel_mps2 == 0.0
             and self.motor_friction_n == self.trailer_friction_n == 0.0
             and self._dead_time.settled
             and all(shift.empty for shift in self._pneumatic_shifts)
@@ -138,19 +138,19 @@ class ServiceBrake:
     @property
     def works(self) -> bool:
         """A demand is present, or the brake still gives more than a released brake."""
-        return self._asked_mps2 > 0.0 or self.decel_mps2 > OFF_MPS2
+        return self._demand_mps2 > 0.0 or self.decel_mps2 > OFF_MPS2
 
     def ask(self, decel_mps2: float, at_ns: int) -> None:
         asked_mps2 = min(decel_mps2, self._config.max_decel_mps2)
-        if asked_mps2 == self._asked_mps2:
+        if asked_mps2 == self._demand_mps2:
             return
-        if self._asked_mps2 == 0.0:
+        if self._demand_mps2 == 0.0:
             if self._redraws is not None and self.at_rest:
                 self._draw(self._redraws)
                 self._redraws = None
             self._dead_time_ns = round(self._dead_times.draw() * NS_PER_S)
             self._bites_ns = at_ns + self._dead_time_ns
-        self._asked_mps2 = asked_mps2
+        self._demand_mps2 = asked_mps2
         if self._config.dead_time_kind is DeadTimeKind.TRANSPORT:
             due_ns = at_ns + self._dead_time_ns
         else:

@@ -103,14 +103,14 @@ class TractionUnit:
             self._obey(command, heard_ns)
 
     def _obey(self, command: TractionCommand, at_ns: int) -> None:
-        was_n = self._asked_n()
+        was_n = self._demand_n()
         self._command = command
         self._ask(was_n, at_ns)
 
     def refer(self, force_n: float, at_ns: int) -> None:
         """Take the amount of effort from a loop, with this value from now on."""
         if force_n != self._loop_n:
-            was_n = self._asked_n()
+            was_n = self._demand_n()
             self._loop_n = force_n
             self._ask(was_n, at_ns)
 
@@ -124,12 +124,12 @@ class TractionUnit:
         """The amount of effort in the command, N."""
         return self._command.force_n
 
-    def _asked_n(self) -> float:
+    def _demand_n(self) -> float:
         amount_n = self._command.force_n if self._loop_n is None else self._loop_n
         return amount_n * _SIGNS[self._command.direction]
 
     def _ask(self, was_n: float, at_ns: int) -> None:
-        asked_n = self._asked_n()
+        asked_n = self._demand_n()
         if asked_n != was_n:
             self._dead_time.ask(at_ns + round(self._config.dead_time_s * NS_PER_S), asked_n)
 

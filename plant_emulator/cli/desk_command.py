@@ -119,11 +119,11 @@ class DeskNode:
         who: recording or driver model; None: the keys of the terminal.
         record: file that receives a line for each change.
         """
-        self._can, self._who, self._terminal, self._record = can, who, terminal, record
+        self._can, self._driver, self._terminal, self._record = can, who, terminal, record
         self._start_ns = start_ns
         self._decoder, self._encoder = Decoder(SCREEN_KINDS), Encoder()
         self._hands = Hands(unattended(mode))
-        self._said: Desk | None = None
+        self._recorded: Desk | None = None
         self._life = NodeState.BOOT_UP
         self.display = DeskDisplay()
         self.executive = Executive(
@@ -142,9 +142,11 @@ class DeskNode:
         for identifier, data in self._encoder.encode(desk):
             self._can.send(now_ns, identifier, data)
         if self._record is not None:
-            self._record.write(change_line((now_ns - self._start_ns) / NS_PER_S, self._said, desk))
+            self._record.write(
+                change_line((now_ns - self._start_ns) / NS_PER_S, self._recorded, desk)
+            )
             self._record.flush()
-        self._said = desk
+        self._recorded = desk
         if self._terminal is not None:
             self._terminal.show(lines(self.display, desk, now_ns))
 
@@ -155,8 +157,8 @@ class DeskNode:
                 self.display.hear(heard, frame.stamp_ns)
 
     def _desk(self, now_ns: int) -> Desk:
-        if self._who is not None:
-            return self._who(self.display, now_ns)
+        if self._driver is not None:
+            return self._driver(self.display, now_ns)
         if self._terminal is not None:
             for key in self._terminal.pressed():
                 self._hands = press(self._hands, key, now_ns)

@@ -158,7 +158,7 @@ class _Line:
             for scenario, each in zip(plan.scenarios, wires, strict=True)
         ]
         self.members = [self._member(index) for index in range(len(wires))]
-        self._words = [
+        self._notices = [
             TrainNotices(plant, f"train {start.train}")
             for plant, start in zip(self.plants, plan.starts, strict=True)
         ]
@@ -226,7 +226,7 @@ class _Line:
         said = [member.says(now_ns) for member in self.members]
         for member, answer in zip(self.members, self._coupling.answers(said), strict=True):
             member.hears(answer)
-        for words in self._words:
+        for words in self._notices:
             words.tell()
 
     def tell(self, now_ns: int) -> None:
@@ -242,7 +242,7 @@ class _Line:
     def end(self, now_ns: int) -> None:
         for plant in self.plants:
             plant.stop(now_ns)
-        for words in self._words:
+        for words in self._notices:
             words.say_end()
         books, network = self._coupling.books, self._coupling.network
         say(

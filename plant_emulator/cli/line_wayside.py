@@ -138,7 +138,7 @@ class _Line:
         truth = WaysideTruth(self._detection.axles() if heard else {}, self._detection.occupied())
         for key, payload in self._wayside.step(now_ns, heard, truth):
             self._port.send(now_ns, key, payload)
-        self._tell()
+        self._print_grants()
 
     def refused(self, now_ns: int) -> None:
         """Report refused messages, so that a wrongly configured line becomes visible."""
@@ -148,7 +148,7 @@ class _Line:
     def doors(self, now_ns: int) -> None:
         self._centre.step_doors(now_ns)
 
-    def _tell(self) -> None:
+    def _print_grants(self) -> None:
         """Print each grant when it changes."""
         for address, arbiter in self._wayside.arbiters.items():
             for lease in arbiter.memory.areas:
@@ -169,7 +169,7 @@ class RefusalNotes:
 
     def __init__(self) -> None:
         self._looks = 0
-        self._told: dict[str, tuple[int, int]] = {}
+        self._reported: dict[str, tuple[int, int]] = {}
         """Count and number of the check at the last report, by reason."""
 
     def looks(self, counts: Mapping[str, int]) -> list[str]:
@@ -177,9 +177,9 @@ class RefusalNotes:
         self._looks += 1
         said = []
         for reason, count in counts.items():
-            before, at = self._told.get(reason, (0, -REFUSED_EVERY))
+            before, at = self._reported.get(reason, (0, -REFUSED_EVERY))
             if count > before and self._looks - at >= REFUSED_EVERY:
-                self._told[reason] = (count, self._looks)
+                self._reported[reason] = (count, self._looks)
                 more = count - before
                 said.append(f"refused: {more} message{'s' if more > 1 else ''}, {reason}")
         return said

@@ -26,19 +26,19 @@ Shown = TypeVar("Shown", bound=Frame)
 class DeskDisplay:
     """Stores the last frame of each kind and returns it while it is fresh."""
 
-    __slots__ = ("_heard",)
+    __slots__ = ("_received",)
 
     def __init__(self) -> None:
-        self._heard: dict[type[Frame], tuple[Frame, int]] = {}
+        self._received: dict[type[Frame], tuple[Frame, int]] = {}
 
     def hear(self, frame: Frame, now_ns: int) -> None:
         """Store a frame; frames of other kinds are ignored."""
         if isinstance(frame, SCREEN_KINDS):
-            self._heard[type(frame)] = (frame, now_ns)
+            self._received[type(frame)] = (frame, now_ns)
 
     def latest(self, kind: type[Shown], now_ns: int) -> Shown | None:
         """Return the last frame of a kind; None before the first, and when it is too old."""
-        frame, heard_ns = self._heard.get(kind, (None, 0))
+        frame, heard_ns = self._received.get(kind, (None, 0))
         if not isinstance(frame, kind) or now_ns - heard_ns > FRESH_NS:
             return None
         return frame
@@ -53,12 +53,12 @@ class DeskDisplay:
         """
         lost = {
             kind: now_ns - heard_ns
-            for kind, (_, heard_ns) in self._heard.items()
+            for kind, (_, heard_ns) in self._received.items()
             if now_ns - heard_ns > FRESH_NS
         }
-        if not self._heard:
+        if not self._received:
             return "no frame from the controller yet"
-        if len(lost) == len(self._heard):
+        if len(lost) == len(self._received):
             return f"controller silent for {min(lost.values()) // NS_PER_S} s"
         return ", ".join(
             f"{message(kind).name} silent for {age_ns // NS_PER_S} s"

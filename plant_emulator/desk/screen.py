@@ -64,10 +64,10 @@ def _speeds(seen: VobcMotion | None) -> Iterator[str]:
 
 def _state(display: DeskDisplay, now_ns: int) -> Iterator[str]:
     status, mode = display.latest(VobcStatus, now_ns), display.latest(VobcMode, now_ns)
-    supervision = NOTHING if status is None else _words(status.supervision.name)
-    phase = NOTHING if status is None else _words(status.ato_phase.name)
+    supervision = NOTHING if status is None else _as_text(status.supervision.name)
+    phase = NOTHING if status is None else _as_text(status.ato_phase.name)
     yield f"{'mode':>10}  {_mode(mode):24}{'supervision':>12}  {supervision}"
-    cause = NOTHING if mode is None else _words(mode.cause.name)
+    cause = NOTHING if mode is None else _as_text(mode.cause.name)
     yield f"{'cause':>10}  {cause:24}{'ATO':>12}  {phase}"
     missing = NOTHING if status is None else _flags(status.missing)
     yield f"{'missing':>10}  {missing}"
@@ -82,7 +82,7 @@ def _mode(mode: VobcMode | None) -> str:
         return NOTHING
     alarm = "  ALARM" if mode.alarm_raised else ""
     attempts = f" {mode.jog_attempts}" if mode.mode is OperatingMode.JOG else ""
-    return f"{_words(mode.mode.name)}{attempts}{alarm}"
+    return f"{_as_text(mode.mode.name)}{attempts}{alarm}"
 
 
 def _departure(mode: VobcMode | None, motion: VobcMotion | None) -> str:
@@ -139,8 +139,8 @@ def _keys() -> Iterator[str]:
 
 
 def _flags(flags: Inhibit | Missing | Withheld) -> str:
-    return ", ".join(_words(flag.name or "") for flag in type(flags) if flag & flags) or "nothing"
+    return ", ".join(_as_text(flag.name or "") for flag in type(flags) if flag & flags) or "nothing"
 
 
-def _words(name: str) -> str:
+def _as_text(name: str) -> str:
     return name.lower().replace("_", " ")

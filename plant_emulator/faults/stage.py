@@ -50,7 +50,7 @@ class FaultStage:
         """Whether `look` has been called before."""
         self._world, self._schedule, self._railway = world, schedule, railway
         self._start_m = world.front_m
-        self._told = -1
+        self._railway_changes = -1
         """Counter of wayside news up to which the truth is current."""
         self._start_ns, self._observer = start_ns, observer
         self._effects: dict[int, Effect] = {}
@@ -76,8 +76,8 @@ class FaultStage:
         """Evaluate the faults on the present state of the world."""
         self.began = True
         truth, now_ns, told = self.truth, self._world.now_ns, self._railway.told
-        if told != self._told:
-            self._told = told
+        if told != self._railway_changes:
+            self._railway_changes = told
             truth.hear(self._railway, self._start_m)
         truth.read(self._world, self._start_ns, authority_end_m)
         for index, touch in self._touches.items():

@@ -13,7 +13,7 @@ from typing import Any, Final, TypeVar
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def _there() -> bool:
+def _has_numba() -> bool:
     try:
         return importlib.util.find_spec("numba") is not None
     except ValueError:
@@ -21,7 +21,7 @@ def _there() -> bool:
         return False
 
 
-COMPILED: Final = _there()
+COMPILED: Final = _has_numba()
 
 
 def kernel(function: F) -> F:

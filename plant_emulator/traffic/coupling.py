@@ -82,7 +82,7 @@ class Coupling:
         ]
         fed, balance = self.network.solve(loads)
         self._book(loads, balance)
-        self.substations_w = self._given_w()
+        self.substations_w = self._delivered_w()
         limits, found = self.network.limits, []
         for train, each in enumerate(fed):
             effort, _ = flow.effort_share(each.voltage_v, limits)
@@ -116,7 +116,7 @@ class Coupling:
         books.trains_j += balance.trains_w * INTERVAL_S
         books.auxiliary_j += sum(load.auxiliary_w for load in loads) * INTERVAL_S
 
-    def _given_w(self) -> tuple[float, ...]:
+    def _delivered_w(self) -> tuple[float, ...]:
         network = self.network
         volts = network.joint_voltages_v()
         given = []

@@ -83,7 +83,7 @@ class LineCentre:
         """Refused statuses and commands by reason."""
         self.leases: dict[int, LeaseNote] = {}
         """Leases by area, as the arbiters granted them."""
-        self._heard_ns: dict[int, int] = {}
+        self._received_ns: dict[int, int] = {}
         """Instant of the last status of each train; before the first, of its first appearance on a
         roster."""
         self._rosters: dict[int, LeaseMemory] = {}
@@ -97,7 +97,7 @@ class LineCentre:
         self._statuses: dict[int, TrainStatus] = {}
         self._answered = (0, 0, DecreeAnswer.NONE)
         self._sequence = 0
-        self._tell_ns = 0
+        self._next_state_ns = 0
 
     @property
     def restrictions(self) -> tuple[SpeedRestriction, ...]:
@@ -121,7 +121,7 @@ class LineCentre:
             doors = PlatformDoors(self._line)
             centre = Centre(self._line, doors, first_sequence=self._first_sequence, key=self._key)
             self._centres[train] = centre, doors
-            self._tell_ns = 0
+            self._next_state_ns = 0
         centre, _ = self._centres[train]
         decreed = self._of(train)
         centre.standing = replace(
@@ -131,7 +131,7 @@ class LineCentre:
         answer = centre.answer(message, now_ns)
         if answer is not None:
             self._statuses[train] = status
-            self._heard_ns[train] = now_ns
+            self._received_ns[train] = now_ns
         return answer
 
     def step_doors(self, now_ns: int) -> None:
@@ -144,12 +144,12 @@ class LineCentre:
         before, answered = self.memory, self._answered
         for message in heard:
             if isinstance(message, Decree):
-                self._hears(message, now_ns)
+                self._on_command(message, now_ns)
         self._end_skips()
         changed = self.memory is not before
-        if not changed and self._answered == answered and now_ns < self._tell_ns:
+        if not changed and self._answered == answered and now_ns < self._next_state_ns:
             return WaysideStepped(None, ())
-        self._tell_ns = now_ns + TELL_NS
+        self._next_state_ns = now_ns + TELL_NS
         return WaysideStepped(self.memory if changed else None, (self._state(now_ns),))
 
     def not_stored(self, before: CentreMemory, now_ns: int) -> LineState:
@@ -168,7 +168,7 @@ class LineCentre:
         if version >= (kept.roster_term, kept.roster_version):
             self._rosters[now.area] = now
             for entry in now.roster:
-                self._heard_ns.setdefault(entry.train, now_ns)
+                self._received_ns.setdefault(entry.train, now_ns)
         known = self.leases.get(now.area)
         if not now.holder or (known is not None and known.granted_term >= now.promised):
             return
@@ -182,9 +182,9 @@ class LineCentre:
             reason = LeaseReason.RAN_OUT
         who = NOBODY if before is None else before.holder
         self.leases[now.area] = LeaseNote(now.area, now.holder, now.promised, who, reason, now_ns)
-        self._tell_ns = now_ns
+        self._next_state_ns = now_ns
 
-    def _hears(self, decree: Decree, now_ns: int) -> None:
+    def _on_command(self, decree: Decree, now_ns: int) -> None:
         if decree.source != SUPERVISION or not self._gate.admits(decree):
             self.refusals[RefusedReason.WRONG_SOURCE] += decree.source != SUPERVISION
             return
@@ -267,15 +267,15 @@ class LineCentre:
         trains = tuple([self._of(train) for train in sorted(self._centres)])
         stretches = self.memory.restrictions, self.memory.closed
         leases = tuple(self.leases.values())[:LEASES_MAX]
-        silent = self._silent(now_ns)[:SILENT_MAX]
+        silent = self._non_communicating(now_ns)[:SILENT_MAX]
         return LineState(*head, *self._answered, trains, leases, *stretches, silent)
 
-    def _silent(self, now_ns: int) -> tuple[RosterPlace, ...]:
+    def _non_communicating(self, now_ns: int) -> tuple[RosterPlace, ...]:
         return tuple(
             [
                 RosterPlace(area, entry.train)
                 for area, each in sorted(self._rosters.items())
                 for entry in each.roster
-                if now_ns - self._heard_ns[entry.train] > SILENT_NS
+                if now_ns - self._received_ns[entry.train] > SILENT_NS
             ]
         )

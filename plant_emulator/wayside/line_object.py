@@ -107,7 +107,7 @@ class LineObject:
         self._period_ns = timers.heartbeat_ms * NS_PER_MS
         self._due_ns = start_ns
         self._sequence = 0
-        self._said: tuple[ObjectMemory, bool] | None = None
+        self._sent: tuple[ObjectMemory, bool] | None = None
         self._stored = False
 
     def next_due_ns(self) -> int:
@@ -138,9 +138,9 @@ class LineObject:
         changed = self.memory is not before or not self._stored
         self._stored = True
         out: tuple[T2tMessage, ...] = ()
-        if now_ns >= self._due_ns or self._said != (self.memory, release_wanted):
+        if now_ns >= self._due_ns or self._sent != (self.memory, release_wanted):
             self._due_ns = now_ns + self._period_ns
-            self._said = (self.memory, release_wanted)
+            self._sent = (self.memory, release_wanted)
             out = (self._status(now_ns, release_wanted=release_wanted),)
         # An unreadable memory stays unreadable over the next start, too.
         changed = changed and not self._forgotten

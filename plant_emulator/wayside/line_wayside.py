@@ -21,7 +21,7 @@ from zenoh_config.t2t_supervision import Decree
 from zenoh_config.timers import LineTimers
 
 
-def _kept(_: CentreMemory) -> bool:
+def _store_nothing(_: CentreMemory) -> bool:
     """Store nothing and report success; for lines without a centre or disk."""
     return True
 
@@ -34,7 +34,7 @@ class Disks(NamedTuple):
     objects: Mapping[int, ObjectMemory | None]
     store_arbiter: Callable[[int, ArbiterMemory], bool]
     store_object: Callable[[int, ObjectMemory], bool]
-    store_centre: Callable[[CentreMemory], bool] = _kept
+    store_centre: Callable[[CentreMemory], bool] = _store_nothing
 
 
 class WaysideTruth(NamedTuple):

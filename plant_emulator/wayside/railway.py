@@ -22,13 +22,13 @@ class Railway:
         self.doors = PlatformDoors(line)
         self.zone = ZoneController(line, destination)
         self.centre = Centre(line, self.doors)
-        self._said = 0
+        self._answers_sent = 0
         self._statuses = keys.statuses(line.name)
 
     @property
     def told(self) -> int:
         """Counter that increases when an answer was sent or platform doors changed."""
-        return self._said + self.doors.changes
+        return self._answers_sent + self.doors.changes
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
         """Return key and payload of all answers to the received messages."""
@@ -38,5 +38,5 @@ class Railway:
             answer = side.answer(message, now_ns)
             if answer is not None:
                 said.append(answer)
-        self._said += bool(said)
+        self._answers_sent += bool(said)
         return said

@@ -31,7 +31,7 @@ class WaysideTrack:
         self._masters: dict[int, Heartbeat] = {}
         """By area, the newest heartbeat of the highest term."""
         self._known = {area.number for area in line.areas}
-        self._told_at = {area: _span(line, area) for area in self._known}
+        self._reported_range = {area: _span(line, area) for area in self._known}
         self._sequence = 0
 
     def step(
@@ -63,7 +63,7 @@ class WaysideTrack:
             [self._status(now_ns, area, axles, disturbed) for area in dict.fromkeys(answered)]
         )
 
-    def _told(
+    def _reported_sections(
         self, area: int, axles: Mapping[int, int], disturbed: Collection[int]
     ) -> tuple[TrackSection, ...]:
         """Return the sections to report.
@@ -71,7 +71,7 @@ class WaysideTrack:
         Beyond the borders they continue while occupied, so that no train is reported in part: the
         master could not account for its axles.
         """
-        every, (first, last) = self._line.sections, self._told_at[area]
+        every, (first, last) = self._line.sections, self._reported_range[area]
         if first > last:
             return ()
 
@@ -95,7 +95,7 @@ class WaysideTrack:
                 axles.get(each.number, 0) != 0 or each.number in disturbed,
                 0 if each.number in disturbed else max(0, axles.get(each.number, 0)),
             )
-            for each in self._told(area, axles, disturbed)
+            for each in self._reported_sections(area, axles, disturbed)
         ]
         return TrackStatus(
             WAYSIDE,

@@ -122,7 +122,7 @@ def _up(name: str, kind: str, world: HostWorld, *, dry_run: bool) -> int:
         step = _run_all(step, world, dry_run=dry_run)
     if not isinstance(step, NotAvailable) or kind == "kernel":
         return _conclude(step, f"{name}: kernel vcan is up; use --bus socketcan:{name}", dry_run)
-    _tell(
+    _print_lines(
         [
             *_missing_lines(step),
             f"so {name} becomes an embedded bus, which candump and cansend cannot use",
@@ -188,7 +188,7 @@ def _conclude(step: Step, success: str, dry_run: bool) -> int:
             print(text)
             return EXIT_OK
         case NotAvailable():
-            _tell(_missing_lines(step))
+            _print_lines(_missing_lines(step))
             return EXIT_ENVIRONMENT
         case NameTaken(text):
             return _complain(text, EXIT_ENVIRONMENT)
@@ -222,13 +222,13 @@ def survey(name: str | None, world: HostWorld) -> list[BusRow]:
     return [link_row(link) for link in links] + [hub_row(hub) for hub in hubs]
 
 
-def _tell(lines: Sequence[str]) -> None:
+def _print_lines(lines: Sequence[str]) -> None:
     for line in lines:
         print(f"vcan: {line}", file=sys.stderr, flush=True)
 
 
 def _complain(text: str, code: int) -> int:
-    _tell([text])
+    _print_lines([text])
     return code
 
 
@@ -253,7 +253,7 @@ class RealMachine:
                 words, stdin=subprocess.DEVNULL, timeout=COMMAND_TIMEOUT_S, check=False
             )
         except (OSError, subprocess.TimeoutExpired) as error:
-            _tell([str(error)])
+            _print_lines([str(error)])
             return False
         return done.returncode == 0
 

@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_USAGE
     if options.json is not None:
         options.json.write_text(json.dumps([dataclasses.asdict(item) for item in tried], indent=1))
-    status = _told(tried, equivalents, whole=not options.only) if tried else EXIT_USAGE
+    status = _print_report(tried, equivalents, whole=not options.only) if tried else EXIT_USAGE
     for words in unfit or (() if tried else ("nothing to try",)):
         print(f"mutate: {words}", file=sys.stderr)
     if options.write and not unfit:
@@ -106,7 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _told(tried: Sequence[Tried], equivalents: Sequence[Equivalent], *, whole: bool) -> int:
+def _print_report(tried: Sequence[Tried], equivalents: Sequence[Equivalent], *, whole: bool) -> int:
     left = survivors(tried, equivalents)
     old = list(stale(tried, equivalents)) if whole else []
     for item in left:

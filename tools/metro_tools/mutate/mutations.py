@@ -73,9 +73,9 @@ def mutants_of(source: str) -> list[Mutant]:
     found: list[Mutant] = []
     seen: Counter[tuple[str, str, str]] = Counter()
     for number, site in enumerate(_sites(ast.parse(source))):
-        before = _told(site.statement)
+        before = _as_one_line(site.statement)
         old = site.put(site.new)
-        after = "pass" if isinstance(site.new, ast.Pass) else _told(site.statement)
+        after = "pass" if isinstance(site.new, ast.Pass) else _as_one_line(site.statement)
         site.put(old)
         before, after = _shortened(before, after)
         what = (site.function, before, after)
@@ -226,7 +226,7 @@ def _may_go(statement: ast.stmt) -> bool:
     )
 
 
-def _told(statement: ast.stmt) -> str:
+def _as_one_line(statement: ast.stmt) -> str:
     """Return a statement in one line; for a compound statement its head."""
     bodies = [
         name

@@ -59,7 +59,7 @@ class Trials:
         self._orders: dict[tuple[str, int], MutantOrder] = {}
         self._killers: Counter[tuple[str, str]] = Counter()
         """Number of mutations in one function that a test has detected so far."""
-        self._anew: list[MutantOrder] = []
+        self._fresh_imports: list[MutantOrder] = []
         self.failed: str | None = None
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -77,11 +77,11 @@ class Trials:
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         if session.testsfailed:
-            self._tell(error="the tests cannot be collected, even without a mutant")
+            self._send(error="the tests cannot be collected, even without a mutant")
             return True
         baseline, words = self._baseline(session.items)
         if baseline is None:
-            self._tell(error=f"fails even without a mutant: {words}")
+            self._send(error=f"fails even without a mutant: {words}")
             return True
         with tempfile.TemporaryDirectory() as folder:
             self._try_all(session.items, baseline, folder)
@@ -91,7 +91,7 @@ class Trials:
     def left(self) -> FreshImportTask:
         """The mutants that need processes of their own."""
         foreign = [name for name, module in sys.modules.items() if self._is_foreign(name, module)]
-        return FreshImportTask(tuple(self._anew), tuple(foreign))
+        return FreshImportTask(tuple(self._fresh_imports), tuple(foreign))
 
     def _is_foreign(self, name: str, module: ModuleType) -> bool:
         file = getattr(module, "__file__", None)
@@ -149,7 +149,7 @@ class Trials:
                     item for item in items if everywhere or wanted in baseline.reached[item.nodeid]
                 ]
                 if not picked:
-                    self._tell(module=module, number=mutant.number, result=UNREACHED, by="")
+                    self._send(module=module, number=mutant.number, result=UNREACHED, by="")
                     continue
                 picked.sort(key=lambda item: self._cost(item, place, baseline))
                 limit_s = sum(baseline.duration_s[item.nodeid] for item in picked)
@@ -157,7 +157,7 @@ class Trials:
                 self._places[name] = place
                 self._orders[name] = MutantOrder(*name, ids, limit_s + self._collecting_s)
                 if everywhere:
-                    self._anew.append(self._orders[name])
+                    self._fresh_imports.append(self._orders[name])
                 else:
                     mine_s = [baseline.duration_s[item.nodeid] for item in picked]
                     trial = _Trial(
@@ -172,15 +172,15 @@ class Trials:
 
     def _ended(self, name: tuple[str, int], code: int, text: str) -> None:
         if code == EXIT_ANEW:
-            self._anew.append(self._orders[name])
+            self._fresh_imports.append(self._orders[name])
             return
         result, by = result_of(code), last_told(text)
         if result == KILLED:
             self._killers[self._places[name], by] += 1
         by = "" if result == SURVIVED else by
-        self._tell(module=name[0], number=name[1], result=result, by=by)
+        self._send(module=name[0], number=name[1], result=result, by=by)
 
-    def _tell(self, **entry: object) -> None:
+    def _send(self, **entry: object) -> None:
         write_line(self._report, **entry)
 
 
