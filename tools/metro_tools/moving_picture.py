@@ -34,6 +34,8 @@ SHADES: Final = 6
 """Palette entries for each colour, from the background to the colour: the soft edges of letters."""
 FRAME_S: Final = 0.5
 """Time of the run between two pictures."""
+FROM_S: Final = 5.0
+"""The picture begins here. Before, the controller waits for its inputs."""
 SPEED_UP: Final = 4.0
 """How many seconds of the run pass in one of the picture."""
 LAST_S: Final = 3.0
@@ -78,7 +80,8 @@ def moments(log: Path) -> Iterator[tuple[BusPicture, int, float]]:
         while at_ns >= due_ns:
             if (due_ns - start_ns) % NS_PER_S == 0:
                 picture.close_window(due_ns)
-            yield picture, due_ns, (due_ns - start_ns) / NS_PER_S
+            if due_ns - start_ns >= FROM_S * NS_PER_S:
+                yield picture, due_ns, (due_ns - start_ns) / NS_PER_S
             due_ns += round(FRAME_S * NS_PER_S)
         picture.take(CanFrame(at_ns, int(frames.identifier[row]), frames.payload(row)))
 

@@ -27,6 +27,7 @@ DOCS: Final = "docs"
 NAVIGATION: Final = "docs/nav.toml"
 HOME: Final = "docs/README.md"
 OUTPUT: Final = "site"
+MADE_BY_SPHINX: Final = ".buildinfo"
 PROJECT: Final = "project"
 """Folder of the site with the documents that lie beside docs/."""
 PROJECT_PAGES: Final = ("CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md")
@@ -177,6 +178,10 @@ def build(root: Path, output: Path) -> int:
     """Sphinx's exit status; it stops for no warning, prints all, and fails for any."""
     if not SCRIPT.is_file():
         raise SiteError(f"{SCRIPT} is missing; `python -m metro_tools.site fetch` gets it once")
+    if output.is_dir() and any(output.iterdir()):
+        if not (output / MADE_BY_SPHINX).is_file():
+            raise SiteError(f"{output}: not empty, and no site of an earlier build; remove it")
+        shutil.rmtree(output)
     with tempfile.TemporaryDirectory(prefix="site-") as scratch:
         source = Path(scratch) / "source"
         stage(root, source)
