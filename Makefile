@@ -161,7 +161,7 @@ docs: $(READY_TO_TEST) ## write tables, pages and pictures of the documents; fai
 	$(BIN)/python -m metro_tools.figure_doc
 
 site: $(READY_TO_SITE) ## build the documentation site in site/; opens without a network
-	$(BIN)/python -m mkdocs build --strict --quiet
+	$(BIN)/python -m metro_tools.site
 
 figures: $(READY_TO_TEST) ## measure the figures that `make docs` calls stale; takes up to an hour
 	$(BIN)/hil laws --measure

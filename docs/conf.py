@@ -18,6 +18,7 @@ html_title = f"{project} {__version__}"
 html_static_path = [str(SCRIPT.parent)]
 html_copy_source = False
 html_show_sphinx = False
+html_use_index = False
 html_js_files = ["mermaid.min.js"]
 html_theme_options = {"navigation_with_keys": True}
 templates_path: list[str] = []

@@ -21,15 +21,17 @@ OPENING: Final = f"""\
 
 Generated from the parsers of the commands by `python -m {MODULE}` (`make docs`).
 
-Every command has `--help`, `--version` and `--completion SHELL`. Completion is switched on with
+Every command has `--help`, `--version` and `--completion SHELL`. A mistake is answered in two lines,
+with the nearest verb or option. To switch completion on, write the script once to the place where
+the shell looks for it, for each command:
 
-| shell | line for its start-up file |
+| shell | command |
 | --- | --- |
-| bash | `eval "$(vobc --completion bash)"` |
-| zsh | `eval "$(vobc --completion zsh)"`, after `compinit` |
-| fish | `vobc --completion fish \\| source` |
+| bash | `vobc --completion bash > ~/.local/share/bash-completion/completions/vobc` |
+| zsh | `vobc --completion zsh > FOLDER/_vobc`, with a folder of `$fpath` |
+| fish | `vobc --completion fish > ~/.config/fish/completions/vobc.fish` |
 
-and the same for the other commands. [How commands end](endings.md) has the exit codes.
+[How commands end](endings.md) has the exit codes.
 """
 
 
