@@ -21,7 +21,7 @@ OPENING: Final = f"""\
 
 Generated from the parsers of the commands by `python -m {MODULE}` (`make docs`).
 
-Every command has `--help`, `--version` and `--completion SHELL`. A mistake is answered in two lines,
+Every command has `--help`, `--version` and `--completion SHELL`. It answers a mistake in two lines,
 with the nearest verb or option. To switch completion on, write the script once to the place where
 the shell looks for it, for each command:
 
