@@ -294,7 +294,9 @@ def _class_range(key: FileKey) -> str:
     kind = _plain(key.hint)
 
     def takes(value: float) -> bool:
-        others: dict[str, Any] = {"when": "speed_mps > 1"} if key.owner is schema.BranchKeys else {}
+        others: dict[str, Any] = {}
+        if key.owner is schema.BranchKeys:
+            others = {"when": "speed_mps > 1"}
         if key.owner is schema.SweepKeys:
             designs = {"strength": "COVERING", "count": "LHS"}
             design = designs.get(key.name, "DRAWN" if "faults" in key.name else "FACTORIAL")
