@@ -320,6 +320,8 @@ def _limits(inside: float, takes: Callable[[float], bool], *, whole: bool) -> st
     """
     low = _edge(inside, [probe for probe in reversed(PROBES) if probe < inside], takes, whole)
     high = _edge(inside, [probe for probe in PROBES if probe > inside], takes, whole)
+    if low is not None and high is not None and low[1] and high[1]:
+        return f"{_number(low[0])} … {_number(high[0])}"
     below = "" if low is None else f"{'≥' if low[1] else '>'} {_number(low[0])}"
     above = "" if high is None else f"{'≤' if high[1] else '<'} {_number(high[0])}"
     return ", ".join(text for text in (below, above) if text)
