@@ -1,12 +1,14 @@
 """What a reader could not take as it stood: counted, and located by line or byte."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from canlog.frames import ERROR, EXTENDED, Frames
 
+STANDARD_MAX: Final = 0x7FF
+EXTENDED_MAX: Final = 0x1FFF_FFFF
 PLACES_MAX: Final = 20
 """So many places of one kind of damage are remembered; all are counted."""
 SHOWN_MAX: Final = 60
@@ -44,6 +46,11 @@ class Damages:
         self._counts: dict[str, int] = {}
         self._places: dict[str, list[int]] = {}
         self._firsts: dict[str, tuple[str, str]] = {}
+        self.skipped: dict[str, int] = {}
+        """Counts of what the format knows beside CAN frames; none of it is damage."""
+
+    def skip(self, kind: str, count: int = 1) -> None:
+        self.skipped[kind] = self.skipped.get(kind, 0) + count
 
     def add(self, kind: str, unit: str, place: int | None, detail: str, count: int = 1) -> None:
         """`place` of the first of `count`; None where there is none, as with what a log lacks."""
@@ -63,15 +70,24 @@ class Damages:
 
 
 def possible(frames: Frames, damages: Damages, place: int | None = None) -> Frames:
-    """Without frames whose identifier is longer than it says, which are counted."""
-    short = (frames.flags & np.uint8(EXTENDED | ERROR)) == 0
-    good = (frames.identifier <= 0x7FF) | ~short
-    good &= frames.identifier <= 0x1FFF_FFFF
-    if good.all():
+    """The frames with identifiers that a bus can carry; the others are counted.
+
+    An identifier of more than 11 bits without the mark of 29 bits is taken as one of 29 bits.
+    """
+    unmarked = (frames.flags & np.uint8(EXTENDED | ERROR)) == 0
+    unmarked &= frames.identifier > STANDARD_MAX
+    if unmarked.any():
+        words = "more than 11 bits without the mark of 29 bits; taken as 29 bits"
+        damages.add("unmarked identifier", "byte", place, words, int(unmarked.sum()))
+        flags = frames.flags | (unmarked * np.uint8(EXTENDED))
+        frames = replace(frames, flags=flags)
+    bad = frames.identifier > EXTENDED_MAX
+    if not bad.any():
         return frames
-    count = int(len(good) - good.sum())
-    damages.add("impossible identifier", "byte", place, "more than 11 bits; left out", count)
-    return frames[good]
+    damages.add(
+        "impossible identifier", "byte", place, "more than 29 bits; left out", int(bad.sum())
+    )
+    return frames[~bad]
 
 
 def shown(raw: bytes | str) -> str:

@@ -1,128 +1,37 @@
-"""What a DBC file says of a bus, as plain values: messages by key, signals, nodes, periods."""
+"""Files that tell what a bus carries: DBC by our own reader, KCD, SYM and ARXML by cantools."""
 
 import functools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
-from can_dbc import merged
-from can_dbc.dbc_file import Database
-from canlog.damage import LogError
+from canlog.bus_model import (
+    DEFAULT_BAUDRATE,
+    PROTECTION,
+    TIMEOUT_PERIODS,
+    Bus,
+    MessageSpec,
+    SignalSpec,
+)
+from canlog.damage import Damages, LogError
+from canlog.dbc_text import bus_of_text, dbc_text
 from canlog.frames import KEY_EXTENDED
 
-DEFAULT_BAUDRATE: Final = 500_000
-TIMEOUT_PERIODS: Final = 3
-"""A message is stale after this many periods where the file has no TimeoutMs."""
-PROTECTION: Final = ("E2ECounterSignal", "E2ECrcSignal", "E2EProfile", "E2EDataId", "Protection")
-"""Attributes of messages that say how counters and CRCs are made."""
+__all__ = ["Bus", "MessageSpec", "SignalSpec", "load_bus", "own_bus", "parse_bus"]
 
-
-@dataclass(frozen=True, slots=True)
-class SignalSpec:
-    """One signal of one message. Physical value = raw * scale + offset."""
-
-    name: str
-    start: int
-    """As in the DBC file: the lowest bit, or the highest one of a Motorola signal."""
-    length: int
-    big_endian: bool
-    signed: bool
-    is_float: bool
-    scale: float
-    offset: float
-    minimum: float | None
-    maximum: float | None
-    unit: str
-    choices: Mapping[int, str]
-    """Raw value to its name."""
-    comment: str
-    receivers: tuple[str, ...]
-    is_multiplexer: bool
-    multiplexer: str | None
-    """The signal that decides whether this one is there."""
-    multiplexer_ids: tuple[int, ...]
-    """Raw values of it with which this one is there."""
-
-    @property
-    def lsb(self) -> float:
-        """One step of the raw value; that of a float signal is 0."""
-        return 0.0 if self.is_float else abs(self.scale)
-
-
-@dataclass(frozen=True, slots=True)
-class MessageSpec:
-    """One message of the bus."""
-
-    name: str
-    key: int
-    """Identifier, with KEY_EXTENDED where it has 29 bits."""
-    length: int
-    senders: tuple[str, ...]
-    period_ms: int
-    """0 where the file gives none."""
-    timeout_ms: int
-    """Older than this it is stale; 0 for never."""
-    is_fd: bool
-    comment: str
-    signals: tuple[SignalSpec, ...]
-    attributes: Mapping[str, Any] = field(default_factory=dict)
-    """Those of the DBC file that tell how the message is protected, by name."""
-    optional: bool = False
-    """The bus may never carry it, though it is cyclic: see `_may_stay_away`."""
-
-    @property
-    def identifier(self) -> int:
-        return self.key & ~KEY_EXTENDED
-
-    @property
-    def is_extended(self) -> bool:
-        return bool(self.key & KEY_EXTENDED)
-
-    def signal(self, name: str) -> SignalSpec:
-        """Raises LogError."""
-        for each in self.signals:
-            if each.name == name:
-                return each
-        known = ", ".join(each.name for each in self.signals)
-        raise LogError(f"{self.name}: no signal {name}; it has {known}")
-
-
-@dataclass(frozen=True, slots=True)
-class Bus:
-    """All messages that DBC files know."""
-
-    name: str
-    """Of the files."""
-    messages: Mapping[str, MessageSpec]
-    by_key: Mapping[int, MessageSpec]
-    nodes: Mapping[str, str] = field(default_factory=dict)
-    """Name and comment."""
-    baudrate: int = DEFAULT_BAUDRATE
-    data_baudrate: int = 0
-    """Of the fast part of CAN FD frames; 0 where the files tell none."""
-
-    def message(self, name: str) -> MessageSpec:
-        """Raises LogError with what is near."""
-        import difflib
-
-        found = self.messages.get(name)
-        if found is None:
-            near = difflib.get_close_matches(name, self.messages, n=1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            raise LogError(f"{self.name}: no message {name}{hint}")
-        return found
-
-    def name_of(self, key: int) -> str:
-        """Name of a message, or its identifier in hexadecimal."""
-        found = self.by_key.get(key)
-        if found is not None:
-            return found.name
-        return f"{key & ~KEY_EXTENDED:08X}" if key & KEY_EXTENDED else f"{key:03X}"
+OWN_NAME: Final = "can_dbc"
+"""Name of the bus of this project."""
+LAST: Final = "diagnostics.dbc"
+"""The file of this project whose attributes and nodes count for all."""
+BY_CANTOOLS: Final = (".kcd", ".sym", ".arxml")
 
 
 def load_bus(dbc: "Path | str | Sequence[Path | str] | Bus | None" = None) -> Bus:
-    """The bus of one or several DBC files; without any, that of this project.
+    """The bus of one or several files; without any, that of this project.
+
+    `can0=body.dbc` is a file for one channel only. Flaws of a DBC file are in `warnings`.
 
     Raises:
         LogError: names the file that cannot be read or is none.
@@ -130,36 +39,101 @@ def load_bus(dbc: "Path | str | Sequence[Path | str] | Bus | None" = None) -> Bu
     if isinstance(dbc, Bus):
         return dbc
     if dbc is None:
-        return _own_bus()
-    paths = [Path(dbc)] if isinstance(dbc, str | Path) else [Path(each) for each in dbc]
-    database = Database(strict=False)
-    for path in paths:
-        try:
-            text = path.read_bytes().decode("cp1252", "replace")
-        except OSError as error:
-            raise LogError(f"{path}: cannot be read: {error.strerror}") from error
-        _add(database, text, str(path))
-    return bus_of(database, ", ".join(str(path) for path in paths))
+        return own_bus()
+    given = [dbc] if isinstance(dbc, str | Path) else list(dbc)
+    common: list[Bus] = []
+    apart: dict[str, list[Bus]] = {}
+    for each in given:
+        channel, path = _channel_and_path(str(each))
+        found = _loaded(path)
+        (apart.setdefault(channel, []) if channel else common).append(found)
+    everything = [*common, *(bus for buses in apart.values() for bus in buses)]
+    joined = _joined(everything)
+    by_channel = {name: _joined([*common, *buses]) for name, buses in apart.items()}
+    return replace(joined, by_channel=by_channel)
 
 
 def parse_bus(text: str, name: str = "DBC") -> Bus:
     """The bus of the text of a DBC file. Raises LogError."""
-    database = Database(strict=False)
-    _add(database, text, name)
-    return bus_of(database, name)
-
-
-def _add(database: Any, text: str, name: str) -> None:
-    try:
-        database.add_dbc_string(text)
-    except Exception as error:
-        # The parser's errors share no base class; whatever it says is about this text.
-        raise LogError(f"{name}: not a usable DBC file: {error}") from error
+    found = bus_of_text(text, name)
+    if found is None:
+        raise LogError(f"{name}: not a usable DBC file: it has no statement of one")
+    return found
 
 
 @functools.cache
-def _own_bus() -> Bus:
-    return parse_bus(merged.merged(), "can_dbc")
+def own_bus() -> Bus:
+    """The bus of this project."""
+    entries = {each.name: each for each in resources.files(OWN_NAME).iterdir()}
+    names = sorted(name for name in entries if name.endswith(".dbc") and name != LAST)
+    files = [parse_bus(entries[name].read_text("ascii"), name) for name in [*names, LAST]]
+    return replace(_joined(files), name=OWN_NAME, nodes=files[-1].nodes)
+
+
+def no_bus() -> Bus:
+    """A bus that knows no message."""
+    return Bus("no DBC file", {}, {})
+
+
+def _channel_and_path(text: str) -> tuple[str, Path]:
+    channel, sign, rest = text.partition("=")
+    if sign and channel and rest and "/" not in channel and not Path(text).exists():
+        return channel, Path(rest)
+    return "", Path(text)
+
+
+def _loaded(path: Path) -> Bus:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
+    if path.suffix.lower() in BY_CANTOOLS:
+        return _by_cantools(path)
+    return parse_bus(dbc_text(raw), str(path))
+
+
+def _by_cantools(path: Path) -> Bus:
+    from cantools.database import load_file
+    from cantools.database.can import Database
+
+    try:
+        database = load_file(str(path), strict=False)
+    except Exception as error:
+        # Its parsers' errors share no base class; whatever they say is about this file.
+        raise LogError(f"{path}: not usable: {error}") from error
+    if not isinstance(database, Database):
+        raise LogError(f"{path}: describes no CAN bus")
+    return bus_of(database, str(path))
+
+
+def _joined(buses: Sequence[Bus]) -> Bus:
+    """All messages; of those with one identifier the last one counts, which is said."""
+    if len(buses) == 1:
+        return buses[0]
+    by_key: dict[int, MessageSpec] = {}
+    warnings = [each for bus in buses for each in bus.warnings]
+    again = Damages()
+    for bus in buses:
+        for key, spec in bus.by_key.items():
+            if key in by_key and by_key[key] != spec:
+                words = f"{by_key[key].name} and {spec.name} of {bus.name}; the last one counts"
+                again.add("identifier in two files", "line", None, words)
+            by_key[key] = spec
+    rates = [bus.baudrate for bus in buses if bus.baudrate != DEFAULT_BAUDRATE]
+    data_rates = [bus.data_baudrate for bus in buses if bus.data_baudrate]
+    return Bus(
+        name=", ".join(bus.name for bus in buses),
+        messages=_by_name(by_key.values()),
+        by_key=by_key,
+        nodes={name: told for bus in buses for name, told in bus.nodes.items()},
+        baudrate=rates[-1] if rates else DEFAULT_BAUDRATE,
+        data_baudrate=data_rates[-1] if data_rates else 0,
+        warnings=(*warnings, *map(str, again.all())),
+    )
+
+
+def _by_name(specs: Iterable[MessageSpec]) -> dict[str, MessageSpec]:
+    return {spec.name: spec for spec in specs}
 
 
 def bus_of(database: Any, name: str) -> Bus:
@@ -187,7 +161,7 @@ def _rate(database: Any, name: str) -> int:
     return int(found.value) if found is not None and found.value else 0
 
 
-def _message(message: Any, defaults: Mapping[str, Any]) -> MessageSpec:
+def _message(message: Any, defaults: dict[str, Any]) -> MessageSpec:
     period_ms = int(message.cycle_time or 0)
     attributes = message.dbc.attributes if message.dbc is not None else {}
     timeout = attributes.get("TimeoutMs") or attributes.get("E2ETimeout")
@@ -204,10 +178,11 @@ def _message(message: Any, defaults: Mapping[str, Any]) -> MessageSpec:
         signals=tuple(_signal(each) for each in message.signals),
         attributes={**defaults, **protection},
         optional=_may_stay_away(message, attributes),
+        is_j1939=message.protocol == "j1939",
     )
 
 
-def _may_stay_away(message: Any, attributes: Mapping[str, Any]) -> bool:
+def _may_stay_away(message: Any, attributes: Any) -> bool:
     """By GenMsgSendType, ifActive or cyclicIfActive, or by this project's attribute Optional."""
     optional = attributes.get("Optional")
     if_active = "ifactive" in str(message.send_type or "").lower()

@@ -235,8 +235,8 @@ static int take_object(const uint8_t *p, int64_t object, Taken *out)
 {
     uint32_t kind = u32(p + 12);
     if (kind != 1 && kind != 86)
-        return kind != 2 && kind != 73 && kind != 100 && kind != 101;
-    if (p[6] != 1 || p[7] || object < 48 || out->rows == out->most)
+        return kind != 2 && kind != 73 && kind != 100 && kind != 101 && kind != 104;
+    if (p[4] != 32 || p[5] || object < 48 || out->rows == out->most)
         return 0;
     uint64_t stamp = u64(p + 24);
     unsigned bits = p[34], code = p[35] < 8 ? p[35] : 8;
@@ -276,7 +276,7 @@ static int64_t take_objects(const uint8_t *text, int64_t size, int64_t at, int64
             break;
         if (!take_object(p, object, out))
             return -1;
-        at += skipped + object + object % 4;
+        at += skipped + object;
     }
     return at;
 }
@@ -314,6 +314,34 @@ int64_t canlog_blf(const uint8_t *rest, int64_t rest_size, const uint8_t *text, 
     return at > size ? size : at;
 }
 
+/* Walks records that each begin with the byte of their group: their number. `sizes` has bytes for
+   each group, -1 where each record tells its own in four bytes, -2 of no group. `stop` gets where
+   the first record begins that is not whole, -1 behind one of no group. */
+int64_t canlog_records(const uint8_t *text, int64_t size, const int64_t *sizes, int64_t *places,
+                       uint8_t *numbers, int64_t *stop)
+{
+    int64_t rows = 0, at = 0;
+    while (at < size) {
+        int64_t bytes = sizes[text[at]];
+        if (bytes == -2) {
+            at = -1;
+            break;
+        }
+        if (bytes < 0) {
+            if (size - at < 5)
+                break;
+            bytes = 4 + (int64_t)u32(text + at + 1);
+        }
+        if (bytes > size - at - 1)
+            break;
+        numbers[rows] = text[at];
+        places[rows++] = at + 1;
+        at += 1 + bytes;
+    }
+    *stop = at;
+    return rows;
+}
+
 /* One signal of a column of words: bits `down` to `down + length`, then raw * scale + offset, in
    integers modulo 2**64, or in doubles as two roundings. */
 void canlog_integers(const uint64_t *words, int64_t count, int down, int length, int is_signed,
@@ -346,21 +374,22 @@ void canlog_doubles(const uint64_t *words, int64_t count, int down, int length, 
 #define GROUPS_MAX 0xFFFF
 #define SLOTS (1 << 17) /* more than twice the groups */
 
-/* Numbers the keys of data frames (identifier, bit 31 for an extended one) as they first come:
-   their number, `known` of them from calls before, -1 when there are more than GROUPS_MAX - 1.
-   `group` gets the number of each frame, GROUPS_MAX of those that are no data; `keys` and `counts`
-   have GROUPS_MAX places, `slots` begins as SLOTS zeros. */
-int64_t canlog_number(const uint32_t *identifier, const uint8_t *flags, int64_t count,
-                      uint16_t *group, int64_t known, uint32_t *keys, int64_t *counts,
-                      uint16_t *slots)
+/* Numbers the channels and keys of data frames (channel above 32 bits of identifier, whose bit 31 is
+   set for an extended one) as they first come: their number, `known` of them from calls before, -1
+   when there are more than GROUPS_MAX - 1. `group` gets the number of each frame, GROUPS_MAX of those
+   that are no data; `keys` and `counts` have GROUPS_MAX places, `slots` begins as SLOTS zeros. */
+int64_t canlog_number(const uint32_t *identifier, const uint8_t *flags, const uint8_t *channel,
+                      int64_t count, uint16_t *group, int64_t known, uint64_t *keys,
+                      int64_t *counts, uint16_t *slots)
 {
     for (int64_t row = 0; row < count; row++) {
         if (flags[row] & (REMOTE | ERROR_FRAME)) {
             group[row] = GROUPS_MAX;
             continue;
         }
-        uint32_t key = identifier[row] | (uint32_t)(flags[row] & EXTENDED) << 31;
-        uint32_t slot = key < 0x800 ? key : (key * 2654435761u) >> 15;
+        uint64_t key = identifier[row] | (uint64_t)(flags[row] & EXTENDED) << 31
+            | (uint64_t)channel[row] << 32;
+        uint32_t slot = key < 0x800 ? (uint32_t)key : (uint32_t)(key * 0x9E3779B97F4A7C15u >> 47);
         while (slots[slot] && keys[slots[slot] - 1] != key)
             slot = (slot + 1) & (SLOTS - 1);
         if (!slots[slot]) {

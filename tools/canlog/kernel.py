@@ -36,6 +36,7 @@ USUAL_LINE: Final = 24
 SWITCH: Final = "CANLOG_KERNEL"
 BLF_OBJECT_BYTES: Final = 48
 """Of a classic frame, at the least."""
+BYTE_MAX: Final = 0xFF
 NO_GROUP: Final = 0xFFFF
 SLOTS: Final = 1 << 17
 
@@ -90,8 +91,10 @@ def _declared(found: Any) -> Any:
     number, place = ctypes.c_int64, ctypes.c_void_p
     found.canlog_candump.argtypes = [ctypes.c_char_p, *[number] * 3, *[place] * 11]
     found.canlog_blf.argtypes = [ctypes.c_char_p, number, place, number, place]
+    found.canlog_records.restype = number
+    found.canlog_records.argtypes = [ctypes.c_char_p, number, *[place] * 4]
     found.canlog_number.restype = number
-    found.canlog_number.argtypes = [place, place, number, place, number, *[place] * 3]
+    found.canlog_number.argtypes = [*[place] * 3, number, place, number, *[place] * 3]
     whole = ctypes.c_int
     found.canlog_integers.restype = found.canlog_doubles.restype = None
     found.canlog_group.restype = None
@@ -149,6 +152,33 @@ def _names(channels: list[str]) -> tuple[Any, Any, Any]:
         raw = name.encode("ascii", "replace")
         names[at, : len(raw)], sizes[at] = np.frombuffer(raw, np.uint8), len(raw)
     return names, sizes, ctypes.c_int32(len(channels))
+
+
+def records(content: bytes, id_bytes: int, sizes: dict[int, int]) -> tuple[int, Any, Any] | None:
+    """Walk the records of several MDF groups; None without a kernel or for long numbers of groups.
+
+    Args:
+        sizes: bytes of the records of each group, -1 where each record tells its own.
+
+    Returns:
+        Where the first record begins that is not whole, -1 behind one of an unknown group; the
+        places of the records behind their numbers; and those numbers.
+    """
+    kernel = library()
+    if kernel is None or id_bytes != 1 or any(number > BYTE_MAX for number in sizes):
+        return None
+    table = np.full(BYTE_MAX + 1, -2, np.int64)
+    for number, size in sizes.items():
+        table[number] = size
+    least = 1 + min((size if size >= 0 else 4 for size in sizes.values()), default=0)
+    most = len(content) // max(least, 1) + 1
+    places, numbers = np.empty(most, np.int64), np.empty(most, np.uint8)
+    stop = np.zeros(1, np.int64)
+    count = kernel.canlog_records(
+        content, len(content), table.ctypes.data, places.ctypes.data, numbers.ctypes.data,
+        stop.ctypes.data,
+    )  # fmt: skip
+    return int(stop[0]), places[:count], numbers[:count]
 
 
 class _Taken(ctypes.Structure):
@@ -240,12 +270,12 @@ def scaled(
 
 @dataclass(frozen=True, slots=True)
 class Numbered:
-    """Which frames of some blocks have which key."""
+    """Which frames of some blocks have which channel and key."""
 
     groups: tuple[Any, ...]
     """Of each block (n,) uint16: the place of the key, NO_GROUP of what is no data."""
     keys: Any
-    """(k,) uint32, as they first come."""
+    """(k,) uint64, as they first come: the index of the channel above 32 bits of key."""
     counts: Any
     """(k,) int64, frames of each."""
 
@@ -266,20 +296,27 @@ class Numbered:
         return out
 
 
-def numbered(blocks: Sequence[Frames], room: Room = in_memory) -> Numbered | None:
-    """None without a kernel, or when there are more keys than fit."""
+def numbered(
+    blocks: Sequence[Frames], channels: Sequence[Any], room: Room = in_memory
+) -> Numbered | None:
+    """None without a kernel, or when there are more keys than fit.
+
+    Args:
+        channels: (n,) uint8 of each block.
+    """
     kernel = library()
     if kernel is None:
         return None
-    keys, counts = np.empty(NO_GROUP, np.uint32), np.empty(NO_GROUP, np.int64)
+    keys, counts = np.empty(NO_GROUP, np.uint64), np.empty(NO_GROUP, np.int64)
     slots, groups, known = np.zeros(SLOTS, np.uint16), [], 0
-    for block in blocks:
-        identifier, flags = (
-            np.ascontiguousarray(column) for column in (block.identifier, block.flags)
+    for block, channel in zip(blocks, channels, strict=True):
+        identifier, flags, channel = (
+            np.ascontiguousarray(column) for column in (block.identifier, block.flags, channel)
         )
         group = room(len(block), np.uint16)
         known = kernel.canlog_number(
-            identifier.ctypes.data, flags.ctypes.data, len(block), group.ctypes.data, known,
+            identifier.ctypes.data, flags.ctypes.data, channel.ctypes.data, len(block),
+            group.ctypes.data, known,
             *(column.ctypes.data for column in (keys, counts, slots)),
         )  # fmt: skip
         if known < 0:

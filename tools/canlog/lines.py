@@ -69,10 +69,10 @@ class Writer:
         flags, identifier = int(frames.flags[at]), int(frames.identifier[at])
         key = identifier | (1 << 31 if flags & EXTENDED else 0)
         digits = f"{identifier:08X}" if flags & (EXTENDED | ERROR) else f"     {identifier:03X}"
-        spec = self.bus.by_key.get(key) if not flags & ERROR else None
+        channel = frames.channels[int(frames.channel[at])]
+        spec = self.bus.on(channel).spec_at(key) if not flags & ERROR else None
         name = spec.name if spec else ("error frame" if flags & ERROR else "?")
         stamp = self._stamp(int(frames.at_ns[at]))
-        channel = frames.channels[int(frames.channel[at])]
         way = "Tx " if flags & TX else ""
         style = self.style
         return (
@@ -108,13 +108,15 @@ class Writer:
             flags, length = int(frames.flags[at]), int(frames.length[at])
             texts[at] = f"remote request for {length}" if flags & REMOTE else _hex(frames, at)
         groups = Groups(frames)
-        for key in groups.keys:
-            spec, rows = self.bus.by_key.get(key), groups.rows(key).tolist()
+        for key, channel in groups.places:
+            spec = self.bus.on(channel).spec_at(key)
+            rows = groups.rows(key, channel=channel).tolist()
             if spec is None:
                 for at in rows:
                     texts[at] = self._unknown(frames, at)
                 continue
-            for at, text in zip(rows, self._table(groups.table(spec)), strict=True):
+            table = groups.table(spec, channel, (key,))
+            for at, text in zip(rows, self._table(table), strict=True):
                 texts[at] = f"{_hex(frames, at)}  {text}" if self.style.raw else text
         return texts
 

@@ -1,7 +1,7 @@
 """How a message is taken apart: one signal of a whole column of frames at once, exactly."""
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -83,8 +83,13 @@ def cut_of(spec: SignalSpec) -> Cut:
 
 
 def raw_of(cut: Cut, payloads: Payloads) -> Raws:
-    """(n,) uint64: the bits of a signal as they stand, without sign."""
+    """(n,) uint64: the bits of a signal as they stand, without sign.
+
+    Of a signal of more than 64 bits (n,) Python integers.
+    """
     spec = cut.spec
+    if spec.length > WORD_BITS:
+        return _long_raw(spec, payloads)
     word = payloads.word(cut.first_byte, big_endian=spec.big_endian)
     over = cut.skipped + spec.length - WORD_BITS
     if over > 0:
@@ -99,10 +104,28 @@ def raw_of(cut: Cut, payloads: Payloads) -> Raws:
     return word & np.uint64((1 << spec.length) - 1) if spec.length < WORD_BITS else word
 
 
+def _long_raw(spec: SignalSpec, payloads: Payloads) -> Column:
+    """(n,) Python integers."""
+    rows = payloads.data.tobytes()
+    width, mask = payloads.width, (1 << spec.length) - 1
+    order: Literal["big", "little"] = "big" if spec.big_endian else "little"
+    down = spec.start
+    if spec.big_endian:
+        down = 8 * width - (8 * (spec.start // 8) + 7 - spec.start % 8) - spec.length
+    found = np.empty(len(payloads), object)
+    for at in range(len(payloads)):
+        whole = int.from_bytes(rows[at * width : (at + 1) * width], order)
+        found[at] = (whole >> down if down >= 0 else whole << -down) & mask
+    return found
+
+
 def signed_raw(spec: SignalSpec, raw: Raws) -> Column:
     """(n,) int64 for a signed signal, else as it is."""
     if not spec.signed:
         return raw
+    if spec.length > WORD_BITS:
+        half, whole = 1 << spec.length - 1, 1 << spec.length
+        return np.where(raw >= half, raw - whole, raw) if len(raw) else raw
     up = WORD_BITS - spec.length
     signed: Column = (raw << np.uint64(up)).view(np.int64) >> np.int64(up)
     return signed
@@ -117,6 +140,8 @@ def physical_of(spec: SignalSpec, raw: Raws) -> Column:
     """
     if spec.is_float:
         return _float_physical(spec, raw)
+    if spec.length > WORD_BITS:
+        return signed_raw(spec, raw) * spec.scale + spec.offset
     if float(spec.scale).is_integer():
         whole = float(spec.offset).is_integer()
         offset = int(spec.offset) if whole else 0
@@ -167,7 +192,7 @@ def _compiled(cut: Cut, payloads: Payloads, room: Column) -> Column | None:
     """What `physical_of` gives, by the kernel; None for what it does not do."""
     spec = cut.spec
     over = cut.skipped + spec.length - WORD_BITS
-    if spec.is_float or over > 0:
+    if spec.is_float or over > 0 or spec.length > WORD_BITS:
         return None
     kind: Any = np.float64
     if float(spec.scale).is_integer():
@@ -187,9 +212,19 @@ class DecodingPlan:
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec
         self.cuts = {signal.name: cut_of(signal) for signal in spec.signals}
+        self._others = {
+            signal.name: [cut_of(each) for each in signal.others]
+            for signal in spec.signals
+            if signal.others
+        }
+        """Where a signal lies in other pages."""
 
     def raw(self, name: str, payloads: Payloads) -> Raws:
-        return raw_of(self.cuts[name], payloads)
+        """(n,) bits of a signal."""
+        raw = raw_of(self.cuts[name], payloads)
+        for cut in self._others.get(name, ()):
+            raw = np.where(self._carries(cut, payloads), raw_of(cut, payloads), raw)
+        return raw
 
     def physical(self, name: str, payloads: Payloads, room: Column | None = None) -> Column:
         """(n,) values; those of frames that do not carry the signal mean nothing.
@@ -199,15 +234,33 @@ class DecodingPlan:
         """
         cut = self.cuts[name]
         room = np.empty(len(payloads), np.uint64) if room is None else room
-        fast = _compiled(cut, payloads, room)
-        return physical_of(cut.spec, raw_of(cut, payloads)) if fast is None else fast
+        found = _compiled(cut, payloads, room)
+        if found is None:
+            found = physical_of(cut.spec, raw_of(cut, payloads))
+        for other in self._others.get(name, ()):
+            value = physical_of(other.spec, raw_of(other, payloads))
+            found = np.where(self._carries(other, payloads), value, found)
+        return found
 
     def valid(self, name: str, payloads: Payloads) -> Bools | None:
         """(n,) whether the frame is long enough and its multiplexers choose the signal.
 
         None when that holds for every frame.
         """
-        cut = self.cuts[name]
+        valid = self._valid(self.cuts[name], payloads)
+        for cut in self._others.get(name, ()):
+            valid = (
+                self._carries(cut, payloads)
+                if valid is None
+                else valid | self._carries(cut, payloads)
+            )
+        return valid
+
+    def _carries(self, cut: Cut, payloads: Payloads) -> Bools:
+        valid = self._valid(cut, payloads)
+        return np.ones(len(payloads), np.bool_) if valid is None else valid
+
+    def _valid(self, cut: Cut, payloads: Payloads) -> Bools | None:
         valid = None
         if payloads.shortest < cut.needed:
             valid = payloads.length >= cut.needed
@@ -228,8 +281,9 @@ class DecodingPlan:
             known = {
                 each
                 for signal in self.spec.signals
-                if signal.multiplexer == name
-                for each in signal.multiplexer_ids
+                for page in (signal, *signal.others)
+                if page.multiplexer == name
+                for each in page.multiplexer_ids
             }
             if not known:
                 continue

@@ -1,8 +1,10 @@
 """Reads a log: as a whole with its messages as tables, or block by block with bounded memory."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Final
 
 from canlog.damage import Damage, Damages, LogError
 from canlog.database import Bus, MessageSpec, load_bus
@@ -14,7 +16,18 @@ from canlog.run import RunFiles, bus_log_of, read_run
 from canlog.shelf import Room, in_memory, on_disk, shelved
 from canlog.table import Groups, Table
 
+CHANNEL_SIGN: Final = ":"
+"""Stands between a channel and a message that is on several."""
 Dbc = Path | str | Sequence[Path | str] | Bus | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """One message on one channel, and the keys that it comes with."""
+
+    spec: MessageSpec
+    channel: str
+    keys: list[int]
 
 
 class Log:
@@ -66,31 +79,74 @@ class Log:
         """The latest stamp."""
         return max((int(each.at_ns.max()) for each in self._blocks if len(each)), default=0)
 
+    @cached_property
+    def _parts(self) -> dict[str, "_Part"]:
+        """Each message on each channel, by the name that it goes by in this log."""
+        found: dict[str, dict[str, _Part]] = {}
+        for key, channel in self.groups.places:
+            spec = self.bus.on(channel).spec_at(key)
+            if spec is not None:
+                part = found.setdefault(spec.name, {}).setdefault(channel, _Part(spec, channel, []))
+                part.keys.append(key)
+        return {
+            name if len(parts) == 1 else f"{channel}{CHANNEL_SIGN}{name}": part
+            for name, parts in found.items()
+            for channel, part in parts.items()
+        }
+
     @property
     def messages(self) -> Mapping[str, MessageSpec]:
-        """Messages of the DBC file that the log has data frames of, by name, in order of keys."""
-        by_key = self.bus.by_key
-        return {by_key[key].name: by_key[key] for key in self.groups.keys if key in by_key}
+        """Messages that the log has data frames of, by name, in order of keys.
+
+        One that is on several channels is there once for each, as `can1:MESSAGE`.
+        """
+        return {name: part.spec for name, part in self._parts.items()}
+
+    def channel_of(self, name: str) -> str:
+        """The channel that a message of the log is on; empty for one that the log lacks."""
+        part = self._parts.get(name)
+        return part.channel if part is not None else ""
 
     @property
     def unknown(self) -> tuple[int, ...]:
-        """Keys of data frames that the DBC file does not know."""
-        return tuple(key for key in self.groups.keys if key not in self.bus.by_key)
+        """Keys of data frames that no file knows."""
+        keys = (key for key, on in self.groups.places if self.bus.on(on).spec_at(key) is None)
+        return tuple(dict.fromkeys(keys))
 
     def rows(self, key: int) -> Ints:
         """Which frames have a key, rising."""
         return self.groups.rows(key)
 
+    def spec(self, name: str) -> MessageSpec:
+        """A message by its name, with its channel where several have it. Raises LogError."""
+        part = self._parts.get(name)
+        if part is not None:
+            return part.spec
+        channel, sign, plain = name.partition(CHANNEL_SIGN)
+        if sign:
+            return self.bus.on(channel).message(plain)
+        spread = [each for each, part in self._parts.items() if part.spec.name == name]
+        if spread:
+            raise LogError(f"{name}: several channels have it; name one of {', '.join(spread)}")
+        return self.bus.message(name)
+
     def table(self, name: str) -> Table:
         """All data frames of a message; one of no rows for a message that the log lacks.
 
         Raises:
-            LogError: when the DBC file does not know the message.
+            LogError: when no file knows the message, or several channels have it.
         """
         found = self._tables.get(name)
         if found is None:
-            found = self._tables[name] = self.groups.table(self.bus.message(name))
+            found = self._tables[name] = self.fresh_table(name)
         return found
+
+    def fresh_table(self, name: str) -> Table:
+        """The same, and the log does not keep what is decoded of it."""
+        spec, part = self.spec(name), self._parts.get(name)
+        if part is None:
+            return self.groups.table(spec, "", ())
+        return self.groups.table(spec, part.channel, part.keys)
 
     def signal(self, name: str) -> tuple[Ints, Column]:
         """Instants and physical values of `MESSAGE.signal`, where a frame carries it.
@@ -125,6 +181,11 @@ class Stream:
     @property
     def warnings(self) -> tuple[Damage, ...]:
         return self.damages.all()
+
+    @property
+    def skipped(self) -> dict[str, int]:
+        """Counts of what the format knows beside CAN frames, such as statistics."""
+        return self.damages.skipped
 
     def __iter__(self) -> Iterator[Frames]:
         """Raises LogError at the end of a file without a frame, if the options refuse that."""

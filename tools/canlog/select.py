@@ -57,9 +57,9 @@ class Selector:
 
     wanted: Selection
     bus: Bus
-    _slots: dict[int, int] = field(default_factory=dict)
-    """By key: the part of a second in which the last frame was shown."""
-    _before: dict[tuple[int, int], bytes] = field(default_factory=dict)
+    _slots: dict[tuple[int, str], int] = field(default_factory=dict)
+    """By key and channel: the part of a second in which the last frame was shown."""
+    _before: dict[tuple[int, str], bytes] = field(default_factory=dict)
     """By key and channel: the last data."""
 
     def __post_init__(self) -> None:
@@ -96,51 +96,48 @@ class Selector:
             return np.ones(len(frames), np.bool_)
         keep = np.zeros(len(frames), np.bool_)
         keep[np.isin(frames.key, np.array(wanted.keys, np.uint32))] = True
-        for key in groups.keys:
-            spec = self.bus.by_key.get(key)
+        for key, channel in groups.places:
+            spec = self.bus.on(channel).spec_at(key)
             if spec is None:
                 continue
             named = any(fnmatch.fnmatchcase(spec.name, pattern) for pattern in wanted.names)
             if named or set(spec.senders) & set(wanted.nodes):
-                keep[groups.rows(key)] = True
+                keep[groups.rows(key, channel=channel)] = True
         return keep
 
     def _by_value(self, frames: Frames, groups: Groups, keep: Bools) -> Bools:
         found = np.zeros(len(frames), np.bool_)
         assert self.wanted.where is not None
-        for key in groups.keys:
-            rows = groups.rows(key)
-            if self.wanted.where.covers(key) and keep[rows].any():
-                found[rows] = self.wanted.where.holds(groups.table(self.bus.by_key[key]))
+        for key, channel in groups.places:
+            spec = self.bus.on(channel).spec_at(key)
+            rows = groups.rows(key, channel=channel)
+            if spec is not None and self.wanted.where.covers(spec) and keep[rows].any():
+                found[rows] = self.wanted.where.holds(groups.table(spec, channel, (key,)))
         return found
 
     def _by_change(self, frames: Frames, groups: Groups) -> Bools:
         changed = np.zeros(len(frames), np.bool_)
-        for key in groups.keys:
-            for channel in range(len(frames.channels)):
-                rows = groups.rows(key)
-                rows = rows[frames.channel[rows] == channel]
-                if not len(rows):
-                    continue
-                told = np.column_stack([taken(frames, rows), frames.length[rows]])
-                differs = np.ones(len(rows), np.bool_)
-                differs[1:] = (told[1:] != told[:-1]).any(axis=1)
-                differs[0] = self._before.get((key, channel)) != told[0].tobytes()
-                self._before[key, channel] = told[-1].tobytes()
-                changed[rows] = differs
+        for key, channel in groups.places:
+            rows = groups.rows(key, channel=channel)
+            told = np.column_stack([taken(frames, rows), frames.length[rows]])
+            differs = np.ones(len(rows), np.bool_)
+            differs[1:] = (told[1:] != told[:-1]).any(axis=1)
+            differs[0] = self._before.get((key, channel)) != told[0].tobytes()
+            self._before[key, channel] = told[-1].tobytes()
+            changed[rows] = differs
         return changed
 
     def _by_rate(self, frames: Frames, groups: Groups, keep: Bools) -> Bools:
         assert self.wanted.rate_hz is not None
         shown = np.zeros(len(frames), np.bool_)
         slot_ns = max(1, round(NS_PER_S / self.wanted.rate_hz))
-        for key in groups.keys:
-            rows = groups.rows(key)
+        for place in groups.places:
+            rows = groups.rows(place[0], channel=place[1])
             rows = rows[keep[rows]]
             if len(rows):
                 slots = frames.at_ns[rows] // slot_ns
-                before = np.concatenate([[self._slots.get(key, -1)], slots[:-1]])
-                self._slots[key] = int(slots[-1])
+                before = np.concatenate([[self._slots.get(place, -1)], slots[:-1]])
+                self._slots[place] = int(slots[-1])
                 shown[rows] = slots != before
         return shown
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from canlog import kernel
 from canlog.database import MessageSpec
-from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat
+from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat, renumbered
 from canlog.plan import Column, DecodingPlan, Payloads, Raws, signed_raw
 from canlog.shelf import Room, in_memory
 
@@ -111,22 +111,38 @@ class Table:
         found = self._plan.undefined(self.payloads)
         return np.zeros(len(self), np.bool_) if found is None else found
 
-    def arrow(self) -> Any:
+    def arrow(self, channel: str | None = None) -> Any:
         """A pyarrow.Table: `at_ns`, then each signal, null where a frame has none.
 
         Units, value tables and the message's name are in the metadata of fields and schema.
+        Integers of more than 64 bits become text.
+
+        Args:
+            channel: for a column of this name behind the stamps.
         """
         import pyarrow as pa
 
         fields, columns = [pa.field("at_ns", pa.int64())], [pa.array(self.at_ns)]
+        if channel is not None:
+            names = pa.array([channel], pa.string())
+            rows = pa.array(np.zeros(len(self), np.int32))
+            columns.append(pa.DictionaryArray.from_arrays(rows, names))
+            fields.append(pa.field("channel", columns[-1].type))
         for signal in self.spec.signals:
-            values, valid = self[signal.name], self.valid(signal.name)
+            values, valid = exported(self[signal.name]), self.valid(signal.name)
             column = pa.array(values, mask=None if valid.all() else ~valid)
             told = {"unit": signal.unit, **{f"value {r}": n for r, n in signal.choices.items()}}
             fields.append(pa.field(signal.name, column.type, metadata=told))
             columns.append(column)
         schema = pa.schema(fields, metadata={"message": self.spec.name})
         return pa.Table.from_arrays(columns, schema=schema)
+
+
+def exported(column: Column) -> Any:
+    """A column as other programs can take it: long integers as hexadecimal text."""
+    if column.dtype.kind != "O":
+        return column
+    return np.array([hex(value) for value in column.tolist()], str)
 
 
 def table_of(spec: MessageSpec, data: Sequence[bytes]) -> Table:
@@ -140,70 +156,128 @@ def table_of(spec: MessageSpec, data: Sequence[bytes]) -> Table:
 
 
 def _nothing(column: Column) -> Any:
+    if column.dtype.kind == "O":
+        return 0
     return np.nan if column.dtype.kind == "f" else column.dtype.type(0)
 
 
+Spans = dict[int, tuple[int, int]]
+"""Where the frames of a place lie: the index of the channel above 32 bits of key."""
+CHANNEL_SHIFT: Final = 32
+KEY_MASK: Final = (1 << CHANNEL_SHIFT) - 1
+
+
 class Groups:
-    """Which frames belong to which message: sorted once for all of them."""
+    """Which frames belong to which message on which channel: sorted once for all of them."""
 
     def __init__(self, frames: Frames | Sequence[Frames], room: Room = in_memory) -> None:
         """Of the blocks of one log, if there are several; `room` gives columns their place."""
         self._blocks = (frames,) if isinstance(frames, Frames) else tuple(frames)
         self._room = room
-        self._told = kernel.numbered(self._blocks, room)
+        names = list(dict.fromkeys(name for block in self._blocks for name in block.channels))
+        self.channels = tuple(names)
+        channels = [renumbered(block, names) for block in self._blocks]
+        self._told = kernel.numbered(self._blocks, channels, room)
         self._columns: tuple[Any, ...] | None = None
         self._order: Ints | None = None
+        self._chosen: dict[tuple[int, ...], Ints] = {}
         if self._told is None:
-            key = self.frames.key
+            place = self.frames.key.astype(np.uint64)
+            place |= np.concatenate([*channels, np.zeros(0, np.uint8)]).astype(
+                np.uint64
+            ) << np.uint64(CHANNEL_SHIFT)
             rows = np.flatnonzero(self.frames.is_data)
-            self._order = rows[np.argsort(_numbers(key[rows]), kind="stable")]
-            self._spans = _spans(key[self._order])
+            self._order = rows[np.argsort(_numbers(place[rows]), kind="stable")]
+            self._spans = _spans(place[self._order])
             return
         starts = self._told.starts
-        keys, ends = self._told.keys.tolist(), (starts + self._told.counts).tolist()
-        spans = sorted(zip(keys, starts.tolist(), ends, strict=True))
-        self._spans = {key: (start, end) for key, start, end in spans}
+        places, ends = self._told.keys.tolist(), (starts + self._told.counts).tolist()
+        spans = sorted(zip(places, starts.tolist(), ends, strict=True))
+        self._spans = {place: (start, end) for place, start, end in spans}
         self._columns = kernel.grouped(self._told, self._blocks, room)
 
     @cached_property
     def frames(self) -> Frames:
         return concat(self._blocks)
 
-    @property
+    @cached_property
     def keys(self) -> tuple[int, ...]:
-        """Of all data frames, sorted."""
-        return tuple(self._spans)
+        """Of all data frames, sorted, whatever channel they are on."""
+        return tuple(sorted({place & KEY_MASK for place in self._spans}))
 
-    def rows(self, key: int) -> Ints:
-        """Indices of the data frames with this key, rising."""
+    @cached_property
+    def places(self) -> tuple[tuple[int, str], ...]:
+        """Key and channel of all data frames, sorted by key."""
+        found = [(place & KEY_MASK, place >> CHANNEL_SHIFT) for place in self._spans]
+        return tuple((key, self.channels[channel]) for key, channel in sorted(found))
+
+    def _places(self, keys: Sequence[int], channel: str | None) -> tuple[int, ...]:
+        numbers = range(len(self.channels))
+        if channel is not None:
+            numbers = range(0)
+            if channel in self.channels:
+                at = self.channels.index(channel)
+                numbers = range(at, at + 1)
+        places = (number << CHANNEL_SHIFT | key for number in numbers for key in keys)
+        return tuple(place for place in places if place in self._spans)
+
+    def _index(self, places: tuple[int, ...]) -> "slice | Ints":
+        """Where the frames of some places lie among the sorted ones, in the order of the log."""
+        if len(places) < 2:
+            return slice(*self._spans[places[0]]) if places else slice(0, 0)
+        found = self._chosen.get(places)
+        if found is None:
+            spans = [np.arange(*self._spans[place], dtype=np.int64) for place in places]
+            index = np.concatenate(spans)
+            found = self._chosen[places] = index[np.argsort(self._sorted_rows[index])]
+        return found
+
+    @property
+    def _sorted_rows(self) -> Ints:
         if self._order is None:
             assert self._told is not None
             self._order = self._told.order(self._room)
-        start, stop = self._spans.get(key, (0, 0))
-        return self._order[start:stop]
+        return self._order
 
-    def at_ns(self, key: int) -> Ints:
-        """(n,) stamps of the data frames with this key."""
+    def rows(self, *keys: int, channel: str | None = None) -> Ints:
+        """Indices of the data frames with one of these keys, rising; on any channel for None."""
+        return self._sorted_rows[self._index(self._places(keys, channel))]
+
+    def count(self, *keys: int, channel: str | None = None) -> int:
+        """How many data frames have one of these keys."""
+        spans = (self._spans[place] for place in self._places(keys, channel))
+        return sum(stop - start for start, stop in spans)
+
+    def at_ns(self, *keys: int, channel: str | None = None) -> Ints:
+        """(n,) stamps of the data frames with one of these keys."""
+        index = self._index(self._places(keys, channel))
         if self._columns is None:
-            return self.frames.at_ns[self.rows(key)]
-        start, stop = self._spans.get(key, (0, 0))
-        stamps: Ints = self._columns[0][start:stop]
+            return self.frames.at_ns[self._sorted_rows[index]]
+        stamps: Ints = self._columns[0][index]
         return stamps
 
-    def payloads(self, key: int) -> Payloads:
+    def payloads(self, *keys: int, channel: str | None = None) -> Payloads:
         """Their data."""
+        index = self._index(self._places(keys, channel))
         if self._columns is None:
-            rows = self.rows(key)
+            rows = self._sorted_rows[index]
             return Payloads(taken(self.frames, rows), self.frames.length[rows])
-        start, stop = self._spans.get(key, (0, 0))
-        words, length = self._columns[1][start:stop], self._columns[2][start:stop]
+        words, length = self._columns[1][index], self._columns[2][index]
         return Payloads(words.view(np.uint8).reshape(-1, 8), length)
 
-    def table(self, spec: MessageSpec) -> Table:
-        key = spec.key
-        return Table(
-            DecodingPlan(spec), self.at_ns(key), partial(self.rows, key), self.payloads(key)
-        )
+    def table(
+        self, spec: MessageSpec, channel: str | None = None, keys: Sequence[int] = ()
+    ) -> Table:
+        """The frames of a message.
+
+        Args:
+            channel: only of this one.
+            keys: that the message comes with, if they are not just its own.
+        """
+        mine = tuple(keys) or (spec.key,)
+        rows = partial(self.rows, *mine, channel=channel)
+        payloads = self.payloads(*mine, channel=channel)
+        return Table(DecodingPlan(spec), self.at_ns(*mine, channel=channel), rows, payloads)
 
 
 def taken(frames: Frames, rows: Ints) -> Any:
@@ -212,9 +286,6 @@ def taken(frames: Frames, rows: Ints) -> Any:
     if data.shape[1] == 8 and data.flags.c_contiguous:
         return data.view(np.uint64)[:, 0][rows].view(np.uint8).reshape(-1, 8)
     return data[rows]
-
-
-Spans = dict[int, tuple[int, int]]
 
 
 def _spans(key: Any) -> Spans:
@@ -227,7 +298,7 @@ def _numbers(key: Any) -> Any:
     """(n,) what sorts as the keys do: 16 bits where they can, which numpy sorts fastest."""
     if not len(key) or int(key.max()) < SHORT:
         return key.astype(np.uint16)
-    short = key < SHORT
+    short = key < np.uint64(SHORT)
     long = np.flatnonzero(~short)
     known = np.unique(key[long])
     if len(known) + SHORT > 1 << 16:

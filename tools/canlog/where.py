@@ -41,12 +41,12 @@ class Where:
     def __init__(self, text: str, bus: Bus) -> None:
         """Raises LogError for what is no condition, or names no signal of any one message."""
         self.text = text
-        signals = {each.name for spec in bus.messages.values() for each in spec.signals}
+        specs = [
+            spec for each in (bus, *bus.by_channel.values()) for spec in each.messages.values()
+        ]
+        signals = {each.name for spec in specs for each in spec.signals}
         labels = {
-            label
-            for spec in bus.messages.values()
-            for each in spec.signals
-            for label in each.choices.values()
+            label for spec in specs for each in spec.signals for label in each.choices.values()
         }
         try:
             compiled = compile_expression(text, signals | labels)
@@ -54,16 +54,15 @@ class Where:
             raise LogError(f"--where {error}") from error
         self._names = compiled.names & signals
         self._tree = ast.parse(text.strip(), mode="eval").body
-        self._specs = {spec.key for spec in bus.messages.values() if self._fits(spec)}
-        if not self._names or not self._specs:
+        if not self._names or not any(map(self._fits, specs)):
             raise LogError(f"--where {text!r}: no message has {' and '.join(sorted(self._names))}")
 
     def _fits(self, spec: MessageSpec) -> bool:
         return self._names <= {each.name for each in spec.signals}
 
-    def covers(self, key: int) -> bool:
-        """Whether the message with this key can fulfil it at all."""
-        return key in self._specs
+    def covers(self, spec: MessageSpec) -> bool:
+        """Whether this message can fulfil it at all."""
+        return self._fits(spec)
 
     def holds(self, table: Table) -> Bools:
         """(n,) for which frames it is true; never where a frame lacks one of the signals."""

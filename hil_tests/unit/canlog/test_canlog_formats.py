@@ -403,19 +403,20 @@ def test_asc_relative_stamps_and_decimal_numbers(tmp_path: Path) -> None:
     assert found.flags.tolist() == [0, 1 | TX, REMOTE]
 
 
-def test_asc_lines_that_are_no_frames_are_counted(tmp_path: Path) -> None:
+def test_asc_lines_that_are_no_frames_are_counted_and_no_damage(tmp_path: Path) -> None:
     lines = (
         "0.1 1  101 Rx d 2 0A\n0.2 1  101 Rx d 2 0A FF\n0.3 1 Statistic: D 1 R 0\n"
         "0.4 1 ErrorFrame\nwhat is this\n0.5 CANFD 1 Rx 101 name 1 0 9 12 " + "0A " * 12
     )
     (tmp_path / "x.asc").write_text(ASC.format(base="hex", stamps="absolute", lines=lines))
 
-    log = read(tmp_path / "x.asc")
+    source = stream(tmp_path / "x.asc")
+    flags = concat(list(source)).flags
 
-    assert log.frames.flags.tolist() == [0, ERROR, FD | 16]
-    kinds = {each.kind: (each.count, each.places) for each in log.warnings}
-    assert kinds["junk line"] == (2, (7, 11))
-    assert kinds["line that is no frame"] == (1, (9,))
+    assert flags.tolist() == [0, ERROR, FD | 16]
+    kinds = {each.kind: (each.count, each.places) for each in source.warnings}
+    assert kinds == {"junk line": (2, (7, 11)), "local time": (2, ())}
+    assert source.skipped == {"line that is no frame": 1}
 
 
 @pytest.mark.parametrize(
@@ -448,12 +449,14 @@ def test_trc_of_version_two_in_any_order_of_columns(tmp_path: Path) -> None:
         "      5      1063.000 DT     0123 Rx 2  0A\n"
     )
 
-    log = read(path)
+    source = stream(path)
+    frames = concat(list(source))
 
-    assert log.frames.flags.tolist() == [0, REMOTE | 1 | TX, FD | 16]
-    assert log.frames.length.tolist() == [2, 4, 12]
-    kinds = {each.kind: each.count for each in log.warnings}
-    assert kinds == {"local time": 1, "line that is no frame": 1, "junk line": 1}
+    assert frames.flags.tolist() == [0, REMOTE | 1 | TX, FD | 16]
+    assert frames.length.tolist() == [2, 4, 12]
+    kinds = {each.kind: each.count for each in source.warnings}
+    assert kinds == {"local time": 1, "junk line": 1}
+    assert source.skipped == {"line that is no frame": 1}
 
 
 def test_mcap_has_the_signals_of_known_messages_for_foxglove(tmp_path: Path) -> None:

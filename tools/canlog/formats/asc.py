@@ -5,13 +5,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from canlog.damage import Damages
+from canlog.damage import Damages, shown
 from canlog.formats.asc_write import write
+from canlog.formats.dates import instant_ns
 from canlog.formats.text import (
     JUNK,
     NS_PER_S,
     OTHER,
-    date_ns,
     hex_bytes,
     read_lines,
     stamp_ns,
@@ -32,13 +32,9 @@ from canlog.rows import Rows
 
 __all__ = ["read", "write"]
 
-DATE: Final = re.compile(
-    r"(?:date|begin triggerblock)\s+\w+\s+(?P<month>\w+)\s+(?P<day>\d{1,2})\s+"
-    r"(?P<hour>\d{1,2}):(?P<rest>\d\d:\d\d(?:\.\d{1,9})?)(?:\s+(?P<half>am|pm))?\s+(?P<year>\d{4})",
-    re.IGNORECASE,
-)
+DATE: Final = re.compile(r"(?P<kind>date|begin triggerblock)\b(?P<text>.*)", re.IGNORECASE)
 BASE: Final = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
-EVENT: Final = re.compile(r"(?P<stamp>\d{1,12}(?:\.\d{1,9})?)\s+(?P<rest>\S.*)", re.ASCII)
+EVENT: Final = re.compile(r"(?P<stamp>-?\d{1,12}(?:\.\d{1,9})?)\s+(?P<rest>\S.*)", re.ASCII)
 CLASSIC: Final = re.compile(
     r"(?P<channel>\d{1,3})\s+(?P<id>[0-9A-Fa-f]{1,10})(?P<wide>x?)\s+(?P<way>Rx|Tx|TxRq)\s+"
     r"(?P<kind>[dr])(?:\s+(?P<dlc>[0-9A-Fa-f]))?(?P<data>(?:\s+[0-9A-Fa-f]{1,3})*)"
@@ -47,7 +43,7 @@ CLASSIC: Final = re.compile(
 )
 FAST: Final = re.compile(
     r"CANFD\s+(?P<channel>\d{1,3})\s+(?P<way>Rx|Tx|TxRq)\s+(?P<id>[0-9A-Fa-f]{1,10})(?P<wide>x?)\s+"
-    r"(?:(?P<name>[A-Za-z_]\w*)\s+)?(?P<brs>[01])\s+(?P<esi>[01])\s+(?P<dlc>[0-9A-Fa-f])\s+"
+    r"(?:(?P<name>[A-Za-z_]\w*)\s+)?(?P<brs>[01])\s+(?P<esi>[01])\s+(?P<dlc>[0-9A-Fa-f]{1,2})\s+"
     r"(?P<length>\d{1,2})(?P<rest>(?:\s+\S+)*)",
     re.ASCII,
 )
@@ -55,23 +51,19 @@ ERRORS: Final = re.compile(
     r"(?:CANFD\s+)?(?P<channel>\d{1,3})\s+(?:Rx\s+|Tx\s+)?ErrorFrame\b.*", re.ASCII
 )
 KNOWN: Final = re.compile(
-    r"//|(?:no )?internal events|begin triggerblock|end triggerblock|version|measurement|date\b|"
-    r"base\b|split|previous|#|previous log file|[A-Z]\w*:",
+    r"//|(?:no )?internal events|end triggerblock|version|measurement|split|previous|#|"
+    r"[A-Z]\w*:",
     re.IGNORECASE,
 )
 """Lines without a stamp that belong to the format."""
-OTHER_EVENT: Final = re.compile(
-    r"(?:log trigger|(?:canfd\s+)?\d{1,3}\s+statistic|can \d+ status|sv:|::|"
-    r"tfs:|j1939|eth|lin|fr|error|trigger|overload|\d{1,3}\s+(?:overload|error))",
-    re.IGNORECASE,
+BROKEN: Final = re.compile(
+    r"CANFD\b|\d{1,3}\s+\S+\s+(?:Rx|Tx|TxRq)\b|\d{1,3}\s+[0-9A-Fa-f]+x?(?:\s|$)", re.IGNORECASE
 )
-MONTHS: Final = {
-    name: number
-    for number, names in enumerate(
-        ("jan", "feb", "mar mär mrz", "apr", "may mai", "jun", "jul", "aug", "sep", "oct okt",
-         "nov", "dec dez"), 1)
-    for name in names.split()
-}  # fmt: skip
+"""Events that begin as CAN frames do. If they are none, they are damage."""
+OTHER_EVENT: Final = re.compile(r"[^\W\d]|\d{1,3}\s+[^\W\d]|//|::")
+"""Events of other buses and of the program begin with a word, or a channel and a word."""
+WHOLE: Final = re.compile(r"(?!.*CANFD).*\s(?:d\s+0|[0-9A-Fa-f]{2})", re.ASCII)
+NO_DATE: Final = "no date"
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
@@ -81,7 +73,9 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     which is said in the damage, unless `options.utc_offset_s` says where it was written.
     """
     taker = _Taker(options, damages)
-    return read_lines(path, options, damages, taker.take)
+    yield from read_lines(path, options, damages, taker.take, taker.is_whole)
+    if not taker.dated:
+        damages.add(NO_DATE, "line", None, "the log has no date; its stamps count from 1970")
 
 
 class _Taker:
@@ -93,6 +87,8 @@ class _Taker:
         self._relative = False
         self._start_ns = 0
         self._last_ns = 0
+        self.dated = False
+        """Whether a line told the date, readable or not."""
 
     def take(self, line: str, rows: Rows) -> str | None:
         event = EVENT.fullmatch(line)
@@ -105,6 +101,10 @@ class _Taker:
             past_ns = self._last_ns = self._last_ns + past_ns
         return self._event(self._start_ns + past_ns, event["rest"], rows)
 
+    def is_whole(self, line: str) -> bool:
+        """A classic data frame whose last byte has both digits."""
+        return self._base == 16 and WHOLE.fullmatch(line) is not None
+
     def _head(self, line: str) -> str | None:
         base = BASE.match(line)
         if base is not None:
@@ -112,15 +112,26 @@ class _Taker:
             self._relative = (base[2] or "").lower() == "relative"
             return None
         date = DATE.fullmatch(line)
-        if date is not None and (start_ns := _start_ns(date)) is not None:
-            if not self._options.utc_offset_s:
-                self._damages.add(
-                    "local time", "line", None, "the head tells no zone; UTC is taken"
-                )
-            self._start_ns = start_ns - self._options.utc_offset_s * NS_PER_S
-            self._last_ns = 0
-            return None
+        if date is not None:
+            return self._date(date)
         return None if KNOWN.match(line) else JUNK
+
+    def _date(self, date: re.Match[str]) -> str | None:
+        """Stamps behind it count from this date."""
+        self._last_ns = 0
+        if date["kind"].lower() != "date" and not date["text"].strip():
+            return None
+        self.dated = True
+        start_ns = instant_ns(date["text"])
+        if start_ns is None:
+            self._start_ns = 0
+            words = f"{shown(date['text'].strip())} cannot be read; stamps count from 1970"
+            self._damages.add(NO_DATE, "line", None, words)
+            return None
+        if not self._options.utc_offset_s:
+            self._damages.add("local time", "line", None, "the head tells no zone; UTC is taken")
+        self._start_ns = start_ns - self._options.utc_offset_s * NS_PER_S
+        return None
 
     def _event(self, at_ns: int, rest: str, rows: Rows) -> str | None:
         match = CLASSIC.fullmatch(rest)
@@ -134,6 +145,8 @@ class _Taker:
             return None if rows.add(at_ns, 0, ERROR, f"can{match['channel']}", 0, b"") else JUNK
         if rest.lower().startswith("start of measurement"):
             return None
+        if BROKEN.match(rest):
+            return JUNK
         return OTHER if OTHER_EVENT.match(rest) else JUNK
 
     def _identifier(self, match: re.Match[str]) -> tuple[int, int] | None:
@@ -170,18 +183,20 @@ class _Taker:
         channel, length = f"can{match['channel']}", int(match["length"])
         texts = match["rest"].split()
         # Behind the data stand duration, bits, flags and CRC; the flags tell classic frames.
-        data, tail = hex_bytes(texts[:length]), texts[length:]
+        data, tail = hex_bytes(texts[:length], self._base), texts[length:]
         if data is None or len(data) != length or length not in FD_LENGTHS:
             return JUNK
         bits = _flags_of(tail)
-        fd = bits is None or bool(bits & 0x1000)
+        # Some writers leave the flags empty; what only CAN FD has tells, too.
+        fd = bits is None or bool(bits & 0x1000) or length > 8
+        fd = fd or (bits == 0 and "1" in (match["brs"], match["esi"]))
         if fd:
             flags |= FD | (BRS if match["brs"] == "1" else 0) | (ESI if match["esi"] == "1" else 0)
         elif length > 8:
             return JUNK
         if bits is not None and bits & 0x10:
             flags |= REMOTE
-            length = FD_LENGTHS[int(match["dlc"], 16)]
+            length = FD_LENGTHS[min(int(match["dlc"], 16), 15)]
             length = length if fd else min(length, 8)
         return None if rows.add(at_ns, identifier, flags, channel, length, data) else JUNK
 
@@ -194,13 +209,3 @@ def _flags_of(tail: list[str]) -> int | None:
         return int(tail[2], 16)
     except ValueError:
         return None
-
-
-def _start_ns(date: re.Match[str]) -> int | None:
-    month = MONTHS.get(date["month"].lower()[:3])
-    hour = int(date["hour"])
-    if date["half"] is not None:
-        hour = hour % 12 + (12 if date["half"].lower() == "pm" else 0)
-    if month is None:
-        return None
-    return date_ns(int(date["year"]), month, int(date["day"]), f"{hour:02d}:{date['rest']}")

@@ -101,7 +101,8 @@ def _contents(data: Any, first: int, damages: Damages, options: ReadOptions) -> 
         else:
             yield data[at:stop], at, whole
             whole = not torn
-        at = stop if torn else stop + size % 4
+        # Up to four bytes may fill it up, which are stepped over above.
+        at = stop
     if 0 < end - at < BASE.itemsize and data[at:end].strip(b"\0"):
         damages.add("torn file", "byte", at, "it ends inside a block's head")
 
@@ -239,7 +240,7 @@ class _Reader:
         yield from self._taken()
         if self._joined.size:
             yield from self._take_joined()
-        if self._rest:
+        if self._rest.strip(b"\0"):
             words = "its block is followed by a broken one"
             self._damages.add("torn object", "byte", self._joined.place(0), words)
         self._joined, self._rest = _Joined(), b""
@@ -261,7 +262,10 @@ def _take(
     objects = find(buffer)
     for spot, words in objects.damage:
         damages.add("corrupt object", "byte", joined.place(spot), words)
-    parts = columns(buffer, objects)
+    parts, cut = columns(buffer, objects)
+    if len(cut):
+        words = "a CAN object with a header or size that none has"
+        damages.add("corrupt object", "byte", joined.place(int(cut[0])), words, len(cut))
     rest = buffer[objects.consumed :]
     count = sum(len(part.row) for part in parts)
     if not count:
@@ -293,6 +297,7 @@ def _take(
 
 def _channels(numbers: Any, names: list[str], damages: Damages) -> Any:
     """Index of each channel; new ones get a name."""
+    numbers = numbers.astype(np.uint16, copy=False)
     least, most = int(numbers.min(initial=0xFFFF)), int(numbers.max(initial=0))
     if least >= most:
         return np.full(len(numbers), _index(most, names, damages), np.uint8)

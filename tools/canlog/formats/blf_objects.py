@@ -25,8 +25,10 @@ BASE: Final = np.dtype(
 )
 STAMPS: Final = [("unit", "<u4"), ("client", "<u2"), ("revision", "<u2"), ("stamp", "<u8")]
 """Of both versions of the header; the second has eight more bytes behind."""
+HEADS: Final = (32, 40)
+"""Bytes of a header of either version, the base included."""
 CAN_MESSAGE, CAN_ERROR, CONTAINER, CAN_ERROR_EXT = 1, 2, 10, 73
-CAN_MESSAGE2, CAN_FD, CAN_FD_64 = 86, 100, 101
+CAN_MESSAGE2, CAN_FD, CAN_FD_64, CAN_FD_ERROR_64 = 86, 100, 101, 104
 EXTENDED_BIT: Final = 0x8000_0000
 TEN_US: Final = 1
 STAMP_MAX: Final = 1 << 62
@@ -53,6 +55,12 @@ LAYOUTS: Final[dict[int, Any]] = {
         *[("frame_ns", "<u4"), ("flags", "<u4"), ("rate", "<u4"), ("fast", "<u4")],
         *[("brs_ns", "<u4"), ("crc_ns", "<u4"), ("bits", "<u2"), ("sent", "u1"), ("ext", "u1")],
         ("crc", "<u4"),
+    ],
+    CAN_FD_ERROR_64: [
+        *[("channel", "u1"), ("dlc", "u1"), ("length", "u1"), ("ecc", "u1"), ("flags", "<u2")],
+        *[("code", "<u2"), ("more", "<u2"), ("ext", "u1"), ("pad", "u1"), ("id", "<u4")],
+        *[("frame_ns", "<u4"), ("rate", "<u4"), ("fast", "<u4"), ("brs_ns", "<u4")],
+        *[("crc_ns", "<u4"), ("crc", "<u4"), ("position", "<u2"), ("pad2", "<u2")],
     ],
 }
 LAYOUTS[CAN_MESSAGE2] = LAYOUTS[CAN_MESSAGE]
@@ -111,7 +119,9 @@ def find(buffer: bytes, start: int = 0) -> BlfObjects:
                 continue
             at = found
             break
-        run, at = _run(text, found, size)
+        following = buffer.find(SIGNATURE, found + size, found + size + 8)
+        stride = following - found if following >= 0 else size
+        run, at = _run(text, found, size, stride)
         parts.append(run)
     places = np.concatenate(parts) if parts else np.zeros(0, np.int64)
     base = (
@@ -128,17 +138,19 @@ def _is_object(buffer: bytes, at: int) -> bool:
     return version in (1, 2) and head in (16, 32, 40)
 
 
-def _run(text: Bytes, at: int, size: int) -> tuple[Any, int]:
-    """Places of the objects of this size from here on, and where the last of them ends."""
-    stride = size + size % 4
-    count = (len(text) - at) // stride
+def _run(text: Bytes, at: int, size: int, stride: int) -> tuple[Any, int]:
+    """Places of the objects of this size, `stride` apart, and where the last of them ends.
+
+    Writers fill up to four bytes, by a rule of their own, or not at all; the next signature tells.
+    """
+    count = (len(text) - at - size) // stride + 1
     if count < 2:
-        return np.array([at], np.int64), min(at + stride, len(text))
+        return np.array([at], np.int64), at + size
     rows = np.lib.stride_tricks.as_strided(text[at:], (count, 12), (stride, 1), writeable=False)
     first = np.array([*SIGNATURE, *size.to_bytes(4, "little")], np.uint8)
     alike = (rows[:, [0, 1, 2, 3, 8, 9, 10, 11]] == first).all(axis=1)
     length = count if alike.all() else max(1, int(alike.argmin()))
-    return at + stride * np.arange(length, dtype=np.int64), at + stride * length
+    return at + stride * np.arange(length, dtype=np.int64), at + stride * (length - 1) + size
 
 
 def _gather(text: Bytes, places: Any, width: int) -> Bytes:
@@ -166,17 +178,20 @@ class BlfColumns:
     data: Bytes
 
 
-def columns(buffer: bytes, objects: BlfObjects) -> list[BlfColumns]:
-    """The frames among objects, and nothing else; cut objects are left out."""
+def columns(buffer: bytes, objects: BlfObjects) -> tuple[list[BlfColumns], Any]:
+    """The frames among objects, and the places of objects too short or strange to be frames.
+
+    Objects of other kinds, such as those of other buses, are neither.
+    """
     text = np.frombuffer(buffer, np.uint8)
-    found = []
+    found: list[BlfColumns] = []
+    known = np.isin(objects.kind, list(_TAKERS))
     for kind in np.unique(objects.kind).tolist():
         take = _TAKERS.get(kind)
-        for version in (1, 2) if take else ():
-            rows = np.flatnonzero((objects.kind == kind) & (objects.version == version))
-            layout = np.dtype(
-                [*STAMPS, *([("more_", "u1", 8)] if version == 2 else []), *LAYOUTS[kind]]
-            )
+        for head in HEADS if take else ():
+            rows = np.flatnonzero((objects.kind == kind) & (objects.head == head))
+            more = head - HEADS[0]
+            layout = np.dtype([*STAMPS, *([("more_", "u1", more)] if more else []), *LAYOUTS[kind]])
             rows = rows[objects.size[rows] >= BASE.itemsize + layout.itemsize - _slack(kind)]
             places = objects.at[rows] + BASE.itemsize
             inside = places + layout.itemsize <= len(text)
@@ -185,7 +200,8 @@ def columns(buffer: bytes, objects: BlfObjects) -> list[BlfColumns]:
             if len(rows) and take:
                 told = _gather(text, places, layout.itemsize).view(layout)[:, 0]
                 found.append(take(rows, told, text, places + layout.itemsize, objects.size[rows]))
-    return found
+                known[rows] = False
+    return found, objects.at[known]
 
 
 def _slack(kind: int) -> int:
@@ -270,13 +286,27 @@ def _fd_64(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> BlfColum
     flags = flags | ((bits & 0x4000) != 0) * np.uint8(ESI)
     length = np.minimum(told["length"], np.uint8(FD_BYTES))
     length = np.where(remote, _DLC_LENGTH[told["dlc"]], length).astype(np.uint8)
-    told_end = np.where(told["ext"] != 0, told["ext"], sizes).astype(np.int64)
-    there = np.clip(told_end - BASE.itemsize - told.dtype.itemsize, 0, FD_BYTES)
-    shown = np.where(remote, 0, np.minimum(length, there))
-    padded = np.concatenate([text, np.zeros(FD_BYTES, np.uint8)])
-    data = np.lib.stride_tricks.sliding_window_view(padded, FD_BYTES)[ends].copy()
-    data[np.arange(FD_BYTES) >= shown[:, None]] = 0
+    data = _behind(told, text, ends, sizes, np.where(remote, 0, length))
     return BlfColumns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
+
+
+def _fd_error_64(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> BlfColumns:
+    identifier, _ = _identifier(told)
+    flags = np.full(len(rows), ERROR, np.uint8)
+    length = np.minimum(told["length"], np.uint8(FD_BYTES))
+    data = _behind(told, text, ends, sizes, length)
+    return BlfColumns(rows, _stamps(told), identifier, flags, told["channel"], length, data)
+
+
+def _behind(told: Any, text: Bytes, ends: Any, sizes: Any, length: Any) -> Bytes:
+    """(n, 64): `length` bytes from `ends` on, as far as the object and not its extension goes."""
+    limit = np.where(told["ext"] != 0, np.minimum(told["ext"], sizes), sizes).astype(np.int64)
+    there = np.clip(limit - BASE.itemsize - told.dtype.itemsize, 0, FD_BYTES)
+    shown = np.minimum(length, there)
+    padded = np.concatenate([text, np.zeros(FD_BYTES, np.uint8)])
+    data: Bytes = np.lib.stride_tricks.sliding_window_view(padded, FD_BYTES)[ends].copy()
+    data[np.arange(FD_BYTES) >= shown[:, None]] = 0
+    return data
 
 
 _TAKERS: Final[dict[int, Callable[..., BlfColumns]]] = {
@@ -286,4 +316,5 @@ _TAKERS: Final[dict[int, Callable[..., BlfColumns]]] = {
     CAN_ERROR_EXT: _error_ext,
     CAN_FD: _fd,
     CAN_FD_64: _fd_64,
+    CAN_FD_ERROR_64: _fd_error_64,
 }

@@ -13,8 +13,18 @@ from canlog.formats.candump_columns import (
     parse_block,
     wide_enough,
 )
-from canlog.formats.candump_line import LOCAL, NONE, SINCE, CandumpLine
+from canlog.formats.candump_line import (
+    BESIDE,
+    COLOUR,
+    DROPPED,
+    EXTRA_LONG,
+    LOCAL,
+    NONE,
+    SINCE,
+    CandumpLine,
+)
 from canlog.formats.candump_write import write
+from canlog.formats.text import UTF8_MARK
 from canlog.frames import CLASSIC_BYTES, Bools, Frames, Ints
 from canlog.line_block import LineBlock
 from canlog.options import DELTA, ReadOptions
@@ -34,6 +44,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     stamps = _Stamps(options, damages)
     width, first_line = CLASSIC_BYTES, 1
     for text in text_blocks(path, damages):
+        text = text.removeprefix(UTF8_MARK) if first_line == 1 else text
         if not text.endswith(b"\n"):
             damages.add("torn line", "line", first_line, shown(text))
             continue
@@ -72,7 +83,7 @@ def _with_odd(
         line = candump_line.parse(raw)
         if line is None or (line.channel not in channels and len(channels) == CHANNELS_MAX):
             keep[row] = False
-            damages.add("junk line", "line", first_line + number, shown(raw))
+            _tell(raw, first_line + number, damages)
             continue
         if line.channel not in channels:
             channels.append(line.channel)
@@ -81,6 +92,21 @@ def _with_odd(
         stamps.note(line, first_line + number)
     stamps.settle(frames.at_ns, since & keep)
     return _renamed(frames, channels, keep)
+
+
+def _tell(raw: bytes, number: int, damages: Damages) -> None:
+    """Of a line that is no frame."""
+    raw = COLOUR.sub(b"", raw)
+    dropped = DROPPED.fullmatch(raw)
+    if dropped is not None:
+        words = "candump itself lost them; it read too slowly"
+        damages.add("dropped frame", "line", number, words, int(dropped[1]))
+    elif EXTRA_LONG.fullmatch(raw):
+        damages.skip("CAN XL frame")
+    elif BESIDE.fullmatch(raw):
+        damages.skip("line that is no frame")
+    else:
+        damages.add("junk line", "line", number, shown(raw))
 
 
 def _put(line: CandumpLine, row: int, frames: Frames, channels: list[str]) -> None:

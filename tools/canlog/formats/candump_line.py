@@ -27,9 +27,23 @@ SHOWN: Final = re.compile(
     rb" *(?:\((?:(?P<date>\d{4}-\d\d-\d\d \d\d:\d\d:\d\d)|(?P<seconds>\d{1,12}))"
     rb"\.(?P<fraction>\d{6}|\d{9})\))? +(?P<channel>\S+)"
     rb"(?:  (?P<way>RX|TX) (?P<brs>[B-]) (?P<esi>[E-]))? +" + _ID + rb" +"
-    rb"\[(?P<length>\d{1,2})\] *(?P<rest>.*)"
+    rb"(?:\[(?P<length>\d{1,2})\]|\{(?P<code>[9A-F])\}) *(?P<rest>.*)"
 )
-BYTES: Final = re.compile(rb"(?P<data>(?:[0-9A-Fa-f]{2}(?: +|$)){0,64})(?P<tail>.*)")
+"""`-8` shows data length codes above 8 of classic frames in braces."""
+BYTES: Final = re.compile(rb"(?P<data>(?:(?:[01]{8}|[0-9A-Fa-f]{2})(?:[ `]+|$)){0,64})(?P<tail>.*)")
+"""Hexadecimal, or binary with `-i`; `-S` shows the last byte first, with grave accents between."""
+COLOUR: Final = re.compile(rb"\x1b\[[0-9;]*m")
+DROPPED: Final = re.compile(rb"DROPCOUNT: dropped (\d+) CAN frames?.*")
+BESIDE: Final = re.compile(
+    rb"[\t ]+[a-z][^#\[]*|(?:Disabled|Enabled|Warning|New|using|interface)\b[^#]*", re.IGNORECASE
+)
+"""What `-e` says of an error frame in a line of its own, and what candump says of itself."""
+EXTRA_LONG: Final = re.compile(
+    rb"\(\d+\.\d+\) \S+ [0-9A-Fa-f]+#[0-9A-Fa-f]{2}:[0-9A-Fa-f]{2}:[0-9A-Fa-f]+#[0-9A-Fa-f]*"
+    rb"(?: [RT])?"
+    rb"| *(?:\([^)]*\))? +\S+ .*\[\d{4,5}\] .*"
+)
+"""CAN XL frames, in a log and as printed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +62,8 @@ class CandumpLine:
 
 def parse(line: bytes) -> CandumpLine | None:
     """Of a line without its end; None for a line that candump cannot have written whole."""
+    if b"\x1b" in line:
+        line = COLOUR.sub(b"", line)
     match = LOGGED.fullmatch(line)
     if match is not None:
         return _logged(match)
@@ -96,10 +112,10 @@ def _shown(match: re.Match[bytes]) -> CandumpLine | None:
     if known is None or stamp is None:
         return None
     identifier, flags = known
-    length, found = int(match["length"]), BYTES.fullmatch(match["rest"])
+    length, found = int(match["length"] or 8), BYTES.fullmatch(match["rest"])
     if found is None:
         return None
-    data, tail = bytes.fromhex(found["data"].decode()), found["tail"].strip()
+    data, tail = _bytes(found["data"]), found["tail"].strip()
     flags |= TX if match["way"] == b"TX" else 0
     if tail == b"remote request":
         if data or flags & ERROR or length > 8:
@@ -107,7 +123,7 @@ def _shown(match: re.Match[bytes]) -> CandumpLine | None:
         flags |= REMOTE
     elif len(data) != length or not _is_comment(tail, bool(flags & ERROR)):
         return None
-    if len(match["length"]) == 2:
+    if len(match["length"] or b"") == 2:
         if length not in FD_LENGTHS:
             return None
         flags |= FD | (BRS if match["brs"] == b"B" else 0) | (ESI if match["esi"] == b"E" else 0)
@@ -117,11 +133,17 @@ def _shown(match: re.Match[bytes]) -> CandumpLine | None:
     return CandumpLine(stamp[0], stamp[1], identifier, flags, channel, length, data)
 
 
+def _bytes(text: bytes) -> bytes:
+    texts = text.replace(b"`", b" ").split()
+    data = bytes(int(each, 2 if len(each) == 8 else 16) for each in texts)
+    return data[::-1] if b"`" in text else data
+
+
 def _is_comment(tail: bytes, is_error: bool) -> bool:
     """Nothing, the data as characters (`-a`), or what is said of an error frame."""
     if is_error:
         return tail.startswith(b"ERRORFRAME")
-    return not tail or (len(tail) >= 2 and tail.startswith(b"'") and tail.endswith(b"'"))
+    return not tail or (len(tail) >= 2 and tail[:1] in b"'`" and tail[-1:] == tail[:1])
 
 
 def _shown_stamp(match: re.Match[bytes]) -> tuple[int, str] | None:

@@ -1,14 +1,14 @@
-"""ASAM MDF 4 bus logging: the raw columns of its groups of CAN frames, by asammdf."""
+"""ASAM MDF 4 bus logging: groups of CAN frames, finished or not, up to a torn end."""
 
-import gc
-import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from canlog import kernel
 from canlog.damage import Damages, LogError, possible
+from canlog.formats.mf4_blocks import VARIABLE, DataGroup, Field, Group, Mf4File, numbers_of
 from canlog.formats.mf4_write import write
 from canlog.frames import (
     BRS,
@@ -23,136 +23,300 @@ from canlog.frames import (
     TX,
     Bytes,
     Frames,
+    Ints,
     concat,
     widened,
 )
+from canlog.inflate import fastest
 from canlog.options import ReadOptions
+from canlog.source import opened
 
 __all__ = ["read", "write"]
 
 KINDS: Final = {"CAN_DataFrame": 0, "CAN_ErrorFrame": ERROR, "CAN_RemoteFrame": REMOTE}
 NS_PER_S: Final = 1_000_000_000
+EXACT_NS: Final = 1 << 62
+LENGTH_BYTES: Final = 4
+"""Of a value of variable length, before it."""
 _LENGTHS: Final = np.array(FD_LENGTHS, np.uint8)
-
-
-def library() -> Any:
-    """asammdf, or LogError that says what to install."""
-    try:
-        import asammdf
-    except ImportError:
-        raise LogError("MF4 needs asammdf: pip install 'metro-vobc-bench[logs]'") from None
-    return asammdf
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
     """The frames of all groups of CAN frames, merged by their stamps; bus 1 is called `can1`.
 
-    Stamps of the format are seconds since the start as float64: exact to a nanosecond for logs of
-    up to 50 days. Blocks of `options.block_frames` are read at a time.
+    Stamps of the format are often seconds since the start as float64: exact to a nanosecond for
+    logs of up to 50 days. A file that ends inside its records gives the whole ones.
 
     Raises:
-        LogError: for a file that asammdf cannot open.
+        LogError: for a file that is no MDF 4 file.
     """
-    made = library().MDF
-    try:
-        # Its own look at the frames would cost reading all of them once more.
-        with made(str(path), process_bus_logging=False) as file:
-            start_ns = _start_ns(file.header)
-            groups = [
-                (index, name, group.channel_group.cycles_nr)
-                for index, group in enumerate(file.groups)
-                for name in KINDS
-                if any(channel.name == name for channel in group.channels)
-            ]
-            blocks = [
-                _group_blocks(file, index, name, count, start_ns, options, damages)
-                for index, name, count in groups
-                if count
-            ]
-            yield from merged(blocks)
-    except LogError:
-        raise
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except Exception as error:
-        # asammdf raises whatever its parsing meets in a damaged file.
-        words = f"{path}: no usable MDF 4 file: {error!r}"
-    else:
-        return
-    _forget()
-    raise LogError(words)
-
-
-def _forget() -> None:
-    """Let a file go that asammdf could not open: its finaliser fails, too, and would be shown."""
-    before, sys.unraisablehook = sys.unraisablehook, lambda _: None
-    try:
-        gc.collect()
-    finally:
-        sys.unraisablehook = before
-
-
-def _start_ns(header: Any) -> int:
-    found = getattr(header, "abs_time", None)
-    if found is not None:
-        return int(found)
-    return int(np.datetime64(header.start_time.replace(tzinfo=None), "ns").astype(np.int64))
-
-
-def _group_blocks(
-    file: Any,
-    index: int,
-    name: str,
-    count: int,
-    start_ns: int,
-    options: ReadOptions,
-    damages: Damages,
-) -> Iterator[Frames]:
-    for offset in range(0, count, options.block_frames):
-        size = min(options.block_frames, count - offset)
+    with opened(path, damages) as source:
         try:
-            told = file.get(name, group=index, raw=True, record_offset=offset, record_count=size)
-            made = _frames(told.samples, told.timestamps, name, start_ns, damages)
-            yield possible(made, damages)
-        except Exception as error:
-            # Whatever asammdf meets in a damaged block; the blocks behind it may be whole.
-            damages.add("broken block", "frame", offset + 1, f"{name}: {error!r}", size)
+            file = Mf4File(source.data, source.size, damages, fastest(options.inflater))
+        except LogError as error:
+            raise LogError(f"{path}: no usable MDF 4 file: {error}") from None
+        readers = [_Reader(file, each, options, damages) for each in file.data_groups]
+        yield from merged([each.frames() for each in readers if each.holds_frames])
 
 
-def _frames(samples: Any, stamps_s: Any, name: str, start_ns: int, damages: Damages) -> Frames:
-    n = len(samples)
-    names = set(samples.dtype.names or ())
+class _Reader:
+    """One data group: its records, and the frames in them."""
 
-    def field(of: str, default: int = 0) -> Any:
-        full = f"{name}.{of}"
-        return samples[full] if full in names else np.full(n, default, np.uint8)
+    def __init__(
+        self, file: Mf4File, data: DataGroup, options: ReadOptions, damages: Damages
+    ) -> None:
+        self._file, self._data, self._options, self._damages = file, data, options, damages
+        self._kinds = {group.record_id: kind for group in data.groups if (kind := _kind(group))}
+        for group in data.groups:
+            if group.record_id not in self._kinds and not group.is_variable and group.count:
+                damages.skip(_name(group), group.count)
+
+    @property
+    def holds_frames(self) -> bool:
+        return bool(self._kinds) and bool(self._data.data_link)
+
+    def frames(self) -> Iterator[Frames]:
+        if not self._data.id_bytes and len(self._data.groups) == 1:
+            yield from self._sorted(self._data.groups[0])
+        else:
+            yield from self._unsorted()
+
+    def _sorted(self, group: Group) -> Iterator[Frames]:
+        """Records of one shape, one behind the other."""
+        if not group.size:
+            return
+        done, limit = 0, None if self._file.cycles_open else group.count
+        values = self._values_of(group)
+        rest = b""
+        for content in _gathered(
+            self._file.content(self._data.data_link), group.size * self._options.block_frames
+        ):
+            content = rest + content if rest else content
+            count = len(content) // group.size
+            if limit is not None:
+                count = min(count, limit - done)
+            if count:
+                records = np.frombuffer(content, np.uint8, count * group.size)
+                yield self._frames(group, records.reshape(count, group.size), values)
+            done += count
+            rest = bytes(content[count * group.size :])
+        self._tell_missing(group, done, len(rest) if limit is None else 0)
+
+    def _tell_missing(self, group: Group, done: int, rest: int) -> None:
+        """What a torn file lacks."""
+        if not self._file.cycles_open and done < group.count:
+            words = f"{done} of {group.count} records of {_name(group)} are there"
+            self._damages.add("torn file", "frame", done + 1, words, group.count - done)
+        elif rest:
+            words = f"{rest} of {group.size} bytes of the last record of {_name(group)}"
+            self._damages.add("torn file", "frame", done + 1, words)
+
+    def _values_of(self, group: Group) -> "_Values | None":
+        """Data of variable length that lie in a block of their own."""
+        name = _kind(group) or ""
+        field = group.fields.get(f"{name}.DataBytes")
+        if field is None or field.kind != VARIABLE:
+            return None
+        values = _Values()
+        values.add_content(b"".join(self._file.content(field.data_link)))
+        return values
+
+    def _unsorted(self) -> Iterator[Frames]:
+        """Records of several shapes, each with the number of its group before it."""
+        by_id = {group.record_id: group for group in self._data.groups}
+        values = {group.at: _Values() for group in self._data.groups if group.is_variable}
+        done = dict.fromkeys(by_id, 0)
+        waiting: dict[int, Any] = {}
+        rest = b""
+        pieces = self._file.content(self._data.data_link)
+        for content in _gathered(pieces, 64 * self._options.block_frames):
+            content = rest + bytes(content) if rest else bytes(content)
+            stop, places, numbers = _walk(content, self._data.id_bytes, by_id)
+            broken = stop < 0
+            if broken:
+                words = "of no group of the file; what comes behind it is lost"
+                self._damages.add("broken record", "frame", sum(done.values()) + len(places), words)
+                stop = len(content)
+            rest = content[stop:]
+            text = np.frombuffer(content, np.uint8)
+            blocks = []
+            for number, group in by_id.items():
+                mine = places[numbers == number]
+                done[number] += len(mine)
+                if group.is_variable:
+                    values[group.at].add_records(text, mine)
+                elif number in self._kinds and len(mine):
+                    records = np.lib.stride_tricks.sliding_window_view(text, group.size)[mine]
+                    waiting[number] = np.concatenate([waiting.get(number, records[:0]), records])
+            for number, records in waiting.items():
+                group = by_id[number]
+                found = values.get(_variable_link(group))
+                ready = found.ready(_offsets(group, records)) if found else len(records)
+                if ready:
+                    blocks.append(self._frames(group, records[:ready], found))
+                waiting[number] = records[ready:]
+            if blocks:
+                joined = concat(blocks)
+                yield joined[np.argsort(joined.at_ns, kind="stable")]
+            if broken:
+                return
+        lost = sum(len(records) for records in waiting.values())
+        if rest or lost:
+            words = f"{len(rest)} bytes behind the last whole record"
+            self._damages.add("torn file", "frame", sum(done.values()) + 1, words, max(lost, 1))
+        if not self._file.cycles_open and not rest:
+            for number in self._kinds:
+                self._tell_missing(by_id[number], done[number], 0)
+
+    def _frames(self, group: Group, records: Any, values: "_Values | None") -> Frames:
+        name = _kind(group)
+        assert name is not None
+        return possible(_frames(group, records, name, self._file.start_ns, self._damages, values),
+                        self._damages)  # fmt: skip
+
+
+def _kind(group: Group) -> str | None:
+    return next(
+        (name for name in KINDS if f"{name}.ID" in group.fields or name in group.fields), None
+    )
+
+
+def _name(group: Group) -> str:
+    """What a group is called by its first channel that is no clock."""
+    return next((name.partition(".")[0] for name in group.fields if name), "group without channels")
+
+
+def _gathered(pieces: Iterable[bytes | bytearray], least: int) -> Iterator[bytes | bytearray]:
+    """Pieces put together until they hold this many bytes."""
+    parts: list[bytes | bytearray] = []
+    size = 0
+    for piece in pieces:
+        parts.append(piece)
+        size += len(piece)
+        if size >= least:
+            yield parts[0] if len(parts) == 1 else b"".join(parts)
+            parts, size = [], 0
+    if parts:
+        yield parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _walk(content: bytes, id_bytes: int, groups: dict[int, Group]) -> tuple[int, Any, Any]:
+    """Where the first record begins that is not whole, or -1 behind a record of no group.
+
+    And of each record where it begins behind its number, and that number.
+    """
+    sizes = {number: -1 if each.is_variable else each.size for number, each in groups.items()}
+    found = kernel.records(content, id_bytes, sizes)
+    if found is not None:
+        return found
+    places, numbers, at, end = [], [], 0, len(content)
+    while at + id_bytes <= end:
+        number = int.from_bytes(content[at : at + id_bytes], "little")
+        size = sizes.get(number)
+        if size is None:
+            at = -1
+            break
+        first = at + id_bytes
+        if size < 0:
+            size = LENGTH_BYTES + int.from_bytes(content[first : first + LENGTH_BYTES], "little")
+            if first + LENGTH_BYTES > end:
+                break
+        if first + size > end:
+            break
+        places.append(first)
+        numbers.append(number)
+        at = first + size
+    return at, np.array(places, np.int64), np.array(numbers, np.int64)
+
+
+class _Values:
+    """Values of variable length, found by where they lie in a stream of lengths and bytes."""
+
+    def __init__(self) -> None:
+        self._text = np.zeros(0, np.uint8)
+        self._begin = 0
+        """Of the text in the stream: what comes before has been used."""
+
+    def add_content(self, content: bytes) -> None:
+        self._text = np.concatenate([self._text, np.frombuffer(content, np.uint8)])
+
+    def add_records(self, text: Bytes, places: Ints) -> None:
+        """Length and bytes of records that lie at places of a text."""
+        if not len(places):
+            return
+        padded = np.concatenate([text, np.zeros(LENGTH_BYTES, np.uint8)])
+        heads = np.lib.stride_tricks.sliding_window_view(padded, LENGTH_BYTES)[places]
+        sizes = np.ascontiguousarray(heads).view("<u4")[:, 0].astype(np.int64) + LENGTH_BYTES
+        starts = np.cumsum(sizes) - sizes
+        index = np.repeat(places - starts, sizes) + np.arange(int(sizes.sum()))
+        self._text = np.concatenate([self._text, text[index]])
+
+    def ready(self, offsets: Any) -> int:
+        """How many of these values, from the first one on, are there."""
+        there = offsets.astype(np.int64) < self._begin + len(self._text)
+        return len(there) if there.all() else int(there.argmin())
+
+    def take(self, offsets: Any) -> tuple[Bytes, Any]:
+        """(n, 8) or (n, 64) bytes, and how many of them each value has."""
+        at = offsets.astype(np.int64) - self._begin
+        at = np.clip(at, 0, len(self._text))
+        padded = np.concatenate([self._text, np.zeros(LENGTH_BYTES + FD_BYTES, np.uint8)])
+        heads = np.lib.stride_tricks.sliding_window_view(padded, LENGTH_BYTES)[at]
+        sizes = np.minimum(np.ascontiguousarray(heads).view("<u4")[:, 0], FD_BYTES)
+        width = CLASSIC_BYTES if int(sizes.max(initial=0)) <= CLASSIC_BYTES else FD_BYTES
+        data = np.lib.stride_tricks.sliding_window_view(padded, width)[at + LENGTH_BYTES].copy()
+        if len(at):
+            # Values are used in their order; those before the last one are not needed again.
+            cut = int(at.max())
+            self._text, self._begin = self._text[cut:], self._begin + cut
+        return data, sizes.astype(np.uint8)
+
+
+def _variable_link(group: Group) -> int:
+    name = _kind(group)
+    field = group.fields.get(f"{name}.DataBytes")
+    return field.data_link if field is not None and field.kind == VARIABLE else 0
+
+
+def _offsets(group: Group, records: Any) -> Any:
+    return numbers_of(records, group.fields[f"{_kind(group)}.DataBytes"])
+
+
+def _frames(
+    group: Group,
+    records: Any,
+    name: str,
+    start_ns: int,
+    damages: Damages,
+    values: _Values | None,
+) -> Frames:
+    n = len(records)
+
+    def field(of: str) -> Any:
+        found = group.fields.get(f"{name}.{of}")
+        return np.zeros(n, np.uint8) if found is None else numbers_of(records, found)
 
     identifier = field("ID").astype(np.uint32)
     flags = np.full(n, KINDS[name], np.uint8)
     extended = (field("IDE") != 0) | ((identifier & np.uint32(0x8000_0000)) != 0)
-    way = field("Dir")
-    sent = way == b"Tx" if way.dtype.kind == "S" else way != 0
     for bit, on in (
         (EXTENDED, extended), (FD, field("EDL") != 0), (BRS, field("BRS") != 0),
-        (ESI, field("ESI") != 0), (TX, sent),
+        (ESI, field("ESI") != 0), (TX, field("Dir") != 0),
     ):  # fmt: skip
         flags |= on * np.uint8(bit)
-    data = _data(field("DataBytes")) if f"{name}.DataBytes" in names else np.zeros((n, 8), np.uint8)
-    code = np.minimum(field("DLC"), 15)
-    length = field("DataLength").astype(np.uint8)
-    if f"{name}.DataLength" not in names or KINDS[name] == REMOTE:
+    data, sizes = _data(group, name, records, values)
+    code = np.minimum(field("DLC"), 15).astype(np.uint8)
+    told = f"{name}.DataLength" in group.fields and KINDS[name] != REMOTE
+    length = field("DataLength").astype(np.uint8) if told else sizes
+    if length is None or KINDS[name] == REMOTE:
         length = np.where((flags & FD) != 0, _LENGTHS[code], np.minimum(code, 8)).astype(np.uint8)
     length = np.minimum(length, data.shape[1])
     data = np.where(np.arange(data.shape[1]) < length[:, None], data, 0).astype(np.uint8)
-    at_ns = np.rint(np.asarray(stamps_s, np.float64) * NS_PER_S)
-    if not np.isfinite(at_ns).all():
-        damages.add("impossible stamp", "frame", None, f"{name}: no number; taken as the start")
-        at_ns = np.nan_to_num(at_ns, nan=0.0, posinf=0.0, neginf=0.0)
     bus = field("BusChannel").astype(np.uint8)
     numbers = np.unique(bus)
     return Frames(
-        at_ns.astype(np.int64) + start_ns,
-        identifier & np.uint32(0x1FFF_FFFF),
+        _stamps_ns(group.fields.get(""), records, damages, name) + start_ns,
+        identifier & np.uint32(0x7FFF_FFFF),
         flags,
         np.searchsorted(numbers, bus).astype(np.uint8),
         length.astype(np.uint8),
@@ -161,12 +325,41 @@ def _frames(samples: Any, stamps_s: Any, name: str, start_ns: int, damages: Dama
     )
 
 
-def _data(column: Any) -> Bytes:
-    """(n, 8) or (n, 64), whatever width the file has."""
-    if column.ndim != 2:
-        raise ValueError("its DataBytes are no bytes")
-    data: Bytes = column.astype(np.uint8, copy=False)[:, :FD_BYTES]
-    return widened(data, CLASSIC_BYTES if data.shape[1] <= CLASSIC_BYTES else FD_BYTES)
+def _data(group: Group, name: str, records: Any, values: _Values | None) -> tuple[Bytes, Any]:
+    """(n, 8) or (n, 64), and the lengths of values that have their own."""
+    found = group.fields.get(f"{name}.DataBytes")
+    if found is None:
+        return np.zeros((len(records), CLASSIC_BYTES), np.uint8), None
+    if found.kind == VARIABLE:
+        return (
+            values.take(numbers_of(records, found)) if values is not None else _data_none(records)
+        )
+    size = min(found.bits // 8, FD_BYTES, max(records.shape[1] - found.byte, 0))
+    data = records[:, found.byte : found.byte + size]
+    return widened(data, CLASSIC_BYTES if size <= CLASSIC_BYTES else FD_BYTES), None
+
+
+def _data_none(records: Any) -> tuple[Bytes, Any]:
+    return np.zeros((len(records), CLASSIC_BYTES), np.uint8), np.zeros(len(records), np.uint8)
+
+
+def _stamps_ns(field: Field | None, records: Any, damages: Damages, name: str) -> Ints:
+    """(n,) nanoseconds since the start."""
+    if field is None:
+        damages.add("no stamps", "frame", None, f"{name}: its group has no clock; all are at 0")
+        return np.zeros(len(records), np.int64)
+    raw = numbers_of(records, field)
+    step_ns = field.scale * NS_PER_S
+    whole = raw.dtype.kind != "f" and abs(step_ns - round(step_ns)) < 1e-6 and round(step_ns) > 0
+    if whole and (not len(raw) or int(raw.max()) < EXACT_NS // round(step_ns)):
+        exact: Ints = raw.astype(np.int64) * round(step_ns) + round(field.offset * NS_PER_S)
+        return exact
+    at_ns = np.rint((raw * field.scale + field.offset) * NS_PER_S)
+    if not (np.abs(at_ns) < EXACT_NS).all():
+        damages.add("impossible stamp", "frame", None, f"{name}: no number; taken as the start")
+        at_ns = np.where(np.abs(at_ns) < EXACT_NS, at_ns, 0.0)
+    rounded: Ints = at_ns.astype(np.int64)
+    return rounded
 
 
 def merged(sources: Iterable[Iterator[Frames]]) -> Iterator[Frames]:

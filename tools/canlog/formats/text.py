@@ -16,36 +16,65 @@ NS_PER_S: Final = 1_000_000_000
 JUNK: Final = "junk line"
 TORN: Final = "torn line"
 OTHER: Final = "line that is no frame"
-"""Something the format knows beside frames, such as a comment or a statistic."""
+"""Something the format knows beside frames, such as a statistic; it is skipped, not damage."""
+UTF8_MARK: Final = b"\xef\xbb\xbf"
 
 Take = Callable[[str, Rows], str | None]
 """Adds the frame of a line; JUNK, OTHER, or None when all is well."""
 
 
+def decoded(text: bytes) -> str:
+    """UTF-8 where it is that, else Latin-1, which keeps every byte."""
+    text = text.removeprefix(UTF8_MARK)
+    try:
+        return text.decode("utf-8")
+    except UnicodeDecodeError:
+        return text.decode("latin-1")
+
+
 def read_lines(
-    path: Path, options: ReadOptions, damages: Damages, take: Take, *, encoding: str = "cp1252"
+    path: Path,
+    options: ReadOptions,
+    damages: Damages,
+    take: Take,
+    is_whole: Callable[[str], bool] = lambda line: False,
 ) -> Iterator[Frames]:
-    """Blocks of the frames of a text log."""
+    """Blocks of the frames of a text log.
+
+    Args:
+        is_whole: whether a last line without its end is a whole frame all the same, by its own
+            count of data bytes; `take` has accepted it.
+    """
     rows = Rows()
     for text, number in lines_blocks(path, damages):
-        lines = text.decode(encoding, "replace").split("\n")
-        # A file may end without the end of its last line; a frame there may lack its last bytes.
-        torn = lines.pop()
+        lines = decoded(text).split("\n")
+        # A file may end inside its last line, and the frame there may lack its last bytes.
+        torn = lines.pop().strip()
         for at, line in enumerate(lines):
             line = line.strip()
             fault = take(line, rows) if line else None
-            if fault is not None:
+            if fault == OTHER:
+                damages.skip(OTHER)
+            elif fault is not None:
                 damages.add(fault, "line", number + at, shown(line))
             if len(rows) >= options.block_frames:
                 yield rows.take()
-        if torn.strip():
-            before = len(rows)
+        if torn:
             probe = Rows()
-            if take(torn.strip(), probe) != OTHER or len(probe):
+            fault = take(torn, probe)
+            if len(probe) and fault is None and is_whole(torn):
+                yield from _both(rows, probe)
+            elif len(probe) or fault != OTHER:
                 damages.add(TORN, "line", number + len(lines), shown(torn))
-            assert len(rows) == before
         if len(rows):
             yield rows.take()
+
+
+def _both(rows: Rows, last: Rows) -> Iterator[Frames]:
+    """What was gathered, and the frame of the last line."""
+    if len(rows):
+        yield rows.take()
+    yield last.take()
 
 
 def stamp_ns(text: str, digits: int = 9) -> int | None:

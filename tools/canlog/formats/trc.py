@@ -36,6 +36,8 @@ from canlog.options import ReadOptions
 from canlog.rows import Rows
 from canlog.writing import Numbers, lost
 
+DAYS_MAX: Final = 100_000
+"""Stamps of 64 bits reach a little further than this many days from 1970."""
 MS_DIGITS: Final = 6
 """Milliseconds with so many digits are nanoseconds."""
 NS_PER_DAY: Final = 86_400 * NS_PER_S
@@ -58,6 +60,11 @@ TYPES: Final = {
     "ER": ERROR,
 }
 OTHER_TYPES: Final = frozenset({"ST", "EC", "EV"})
+WHOLE: Final = re.compile(
+    r"(?:\s[0-9A-Fa-f]{2}|\sRTR|\sRR\s.*\s\d|(?:-|Rx|Tx|[0-9A-Fa-f]{4,8})\s+0)$", re.ASCII
+)
+"""Lines whose end is the end of a frame: both digits of a byte, or a frame without data."""
+NO_DATE: Final = "no date"
 NUMBER: Final = re.compile(r"\d+\)?", re.ASCII)
 
 
@@ -67,7 +74,10 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     `$STARTTIME` is local time without a zone: it is taken for UTC, which is said in the damage,
     unless `options.utc_offset_s` says where it was written.
     """
-    return read_lines(path, options, damages, _Taker(options, damages).take)
+    taker = _Taker(options, damages)
+    yield from read_lines(path, options, damages, taker.take, lambda line: bool(WHOLE.search(line)))
+    if not taker.dated:
+        damages.add(NO_DATE, "line", None, "the log has no $STARTTIME; its stamps count from 1970")
 
 
 class _Taker:
@@ -76,6 +86,7 @@ class _Taker:
     def __init__(self, options: ReadOptions, damages: Damages) -> None:
         self._options, self._damages = options, damages
         self._start_ns = 0
+        self.dated = False
         self._version = "1.0"
         self._columns: tuple[str, ...] = COLUMNS_1["1.0"]
 
@@ -105,10 +116,14 @@ class _Taker:
             self._columns = tuple(each for each in self._columns if each != "D")
         elif name == "$STARTTIME":
             try:
-                day_ns = (Decimal(value.strip()) - DAY_OF_1970) * NS_PER_DAY
-                self._start_ns = int(day_ns.to_integral_value())
+                days = Decimal(value.strip()) - DAY_OF_1970
+                self._start_ns = int((days * NS_PER_DAY).to_integral_value())
             except (InvalidOperation, ValueError, OverflowError):
                 return JUNK
+            if not 0 <= days <= DAYS_MAX:
+                self._start_ns = 0
+                return None
+            self.dated = True
             if not self._options.utc_offset_s:
                 self._damages.add(
                     "local time", "line", None, "$STARTTIME has no zone; UTC is taken"

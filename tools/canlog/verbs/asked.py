@@ -7,7 +7,7 @@ from pathlib import Path
 from canlog.damage import LogError
 from canlog.read import Log, read
 from canlog.run import NS_PER_S
-from canlog.verbs.common import add_log, read_options, seconds
+from canlog.verbs.common import add_log, bus_asked, read_options, seconds
 from canlog.views.span import TimeSpan, zero_of
 
 
@@ -21,7 +21,7 @@ def log_options(parser: argparse.ArgumentParser, *, span: bool = True) -> None:
 
 
 def read_asked(given: argparse.Namespace, *, on_disk: bool = False) -> Log:
-    return read(given.log, given.dbc, replace(read_options(given), on_disk=on_disk))
+    return read(given.log, bus_asked(given), replace(read_options(given), on_disk=on_disk))
 
 
 def name_asked(given: argparse.Namespace) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canlog.damage import LogError
-from canlog.verbs.common import LOG_HELP, add_reading, seconds
+from canlog.verbs.common import LOG_HELP, add_reading, bus_asked, seconds
 from firmware_py.clock.clock import WallClock
 
 if TYPE_CHECKING:
@@ -75,7 +75,6 @@ def _recorded(given: argparse.Namespace) -> "BrowserState":
 def _live(given: argparse.Namespace, clock: WallClock) -> "tuple[CanPort, BrowserState]":
     from canlog.browse.lanes import Lanes
     from canlog.browse.state import BrowserState
-    from canlog.database import load_bus
     from firmware_py.buses import BusError, open_can
 
     try:
@@ -83,7 +82,7 @@ def _live(given: argparse.Namespace, clock: WallClock) -> "tuple[CanPort, Browse
     except BusError as error:
         raise LogError(str(error)) from error
     now_ns = clock.epoch_ns()
-    lanes = Lanes(load_bus(given.dbc), {})
+    lanes = Lanes(bus_asked(given), {})
     return port, BrowserState(given.follow, lanes, now_ns, now_ns, live=True, running=True)
 
 

@@ -2,9 +2,11 @@
 
 import argparse
 import math
+import sys
 from pathlib import Path
 from typing import Final
 
+from canlog.database import Bus, load_bus
 from canlog.formats.registry import FORMATS
 from canlog.options import DELTA, ZERO, ReadOptions
 
@@ -65,7 +67,11 @@ def add_log(parser: argparse.ArgumentParser, *, required: bool = False) -> None:
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--dbc", action="append", type=Path, help="instead of this project's; may be repeated"
+        "--dbc",
+        action="append",
+        metavar="[CHANNEL=]FILE",
+        help="DBC, KCD, SYM or ARXML, of one channel or of all, instead of this project's; may be"
+        " repeated",
     )
     parser.add_argument("--format", choices=[each.name for each in FORMATS])
     parser.add_argument(
@@ -74,6 +80,14 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--utc-offset-s", type=offset_s, default=0, help="of formats with local time, east positive"
     )
+
+
+def bus_asked(given: argparse.Namespace) -> Bus:
+    """What the files know; every flaw of them goes to standard error. Raises LogError."""
+    bus = load_bus(given.dbc)
+    for each in bus.warnings:
+        print(f"canlog: warning: {each}", file=sys.stderr)
+    return bus
 
 
 def read_options(given: argparse.Namespace) -> ReadOptions:

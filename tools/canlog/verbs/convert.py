@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from canlog.convert import convert
-from canlog.database import load_bus
 from canlog.formats.registry import FORMATS
-from canlog.verbs.common import add_log, read_options
+from canlog.verbs.common import add_log, bus_asked, read_options
 
 SUMMARY: Final = "write a log in another format; what that cannot hold is listed"
 
@@ -29,7 +28,7 @@ def run(given: argparse.Namespace) -> int:
         given.target,
         form=given.to,
         options=read_options(given),
-        bus=load_bus(given.dbc),
+        bus=bus_asked(given),
         overwrite=given.force,
     )
     for each in damaged:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from canlog.damage import LogError
-from canlog.verbs.common import add_reading, count, read_options, seconds
+from canlog.verbs.common import add_reading, bus_asked, count, read_options, seconds
 
 SUMMARY: Final = "compare two logs signal by signal, or two DBC files"
 SAME: Final = 0
@@ -74,7 +74,6 @@ def _dbcs(given: argparse.Namespace) -> int:
 def _logs(given: argparse.Namespace) -> int:
     from canlog.compare.logs import Allowed, compare
     from canlog.compare.told import difference_json, difference_lines, parse_tolerances
-    from canlog.database import load_bus
     from canlog.read import read
 
     if given.lsb < 0 or given.context < 0:
@@ -86,7 +85,7 @@ def _logs(given: argparse.Namespace) -> int:
         trailer=given.trailer,
         timing_ms=given.timing_ms,
     )
-    bus = load_bus(given.dbc)
+    bus = bus_asked(given)
     options = replace(read_options(given), on_disk=True)
     a, b = (read(path, bus, options) for path in (given.a, given.b))
     found = compare(a, b, allowed, given.align)

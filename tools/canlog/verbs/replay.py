@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Final
 
 from canlog.damage import LogError
-from canlog.database import load_bus
 from canlog.frames import EXTENDED, FD, NOT_DATA, Frames
 from canlog.read import stream
 from canlog.select import Selection, Selector, parse_key
 from canlog.table import Groups
-from canlog.verbs.common import add_log, read_options
+from canlog.verbs.common import add_log, bus_asked, read_options
 from firmware_py.buses import BusError, is_virtual, open_can
 from firmware_py.clock.clock import Clock, WallClock
 from firmware_py.ports import CanPort
@@ -37,7 +36,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 def run(given: argparse.Namespace) -> int:
     if not given.speed > 0.0:
         raise LogError(f"--speed {given.speed}: has to be positive")
-    bus = load_bus(given.dbc)
+    bus = bus_asked(given)
     clock = WallClock(SPIN_S)
     source = stream(Path(given.log), read_options(given))
     keys = tuple(parse_key(text) for text in given.id)

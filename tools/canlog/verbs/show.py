@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from canlog.damage import LogError
-from canlog.database import Bus, load_bus
+from canlog.database import Bus
 from canlog.frames import ERROR, EXTENDED, REMOTE, Frames
 from canlog.lines import LineStyle, Writer
 from canlog.read import read, stream
@@ -21,7 +21,7 @@ from canlog.run import RunFiles
 from canlog.select import NS_PER_S, Selection, Selector, around, parse_key
 from canlog.stats import JUDGED_BUS
 from canlog.table import Groups
-from canlog.verbs.common import LOG_HELP, add_reading, count, read_options, seconds
+from canlog.verbs.common import LOG_HELP, add_reading, bus_asked, count, read_options, seconds
 from canlog.verdict import Judge
 from canlog.where import Where
 from firmware_py.buses import BusError, open_can
@@ -62,7 +62,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 def run(given: argparse.Namespace) -> int:
     if given.log is not None and given.follow is not None:
         raise LogError(f"{given.log} and --follow {given.follow} exclude each other")
-    bus = load_bus(given.dbc)
+    bus = bus_asked(given)
     lines = _followed(given, bus) if given.follow else _logged(given, bus)
     if given.limit is not None:
         lines = islice(lines, given.limit)

@@ -14,7 +14,6 @@ from rich.console import Console
 from rich.table import Table as TextTable
 
 from canlog.damage import Damage
-from canlog.database import load_bus
 from canlog.read import stream
 from canlog.rules import Broken, FailRule, Judged, broken, parse_rule, untold
 from canlog.stats import Statistics, gather
@@ -28,7 +27,7 @@ from canlog.stats_rows import (
     signal_rows,
     unjudged,
 )
-from canlog.verbs.common import add_log, count, read_options
+from canlog.verbs.common import add_log, bus_asked, count, read_options
 
 SUMMARY: Final = "what every message and the bus did: cycle times, gaps, errors, load, latency"
 FORMATS: Final = ("text", "json", "csv", "junit")
@@ -67,7 +66,7 @@ def run(given: argparse.Namespace) -> int:
     rules = [parse_rule(text) for text in given.fail_on]
     source = stream(given.log, read_options(given))
     rates = {"baudrate": given.baudrate, "data_baudrate": given.data_baudrate}
-    found = gather(source, load_bus(given.dbc), **rates)
+    found = gather(source, bus_asked(given), **rates)
     damaged = sum(each.count for each in source.warnings)
     rows = message_rows(found), bus_rows(found)
     judged = Judged(*rows, damaged, absent_count(found), absent_rows(found))

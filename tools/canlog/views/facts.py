@@ -74,6 +74,7 @@ def message_head(group: KeyGroup, spec: MessageSpec | None, name: str) -> dict[s
                     "scale": each.scale,
                     "offset": each.offset,
                     "unit": each.unit,
+                    "state": each.is_state,
                     "choices": {str(raw): text for raw, text in each.choices.items()},
                     "comment": each.comment,
                     "mux": each.multiplexer,

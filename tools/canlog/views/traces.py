@@ -52,14 +52,11 @@ class SignalTrace:
     """Names of physical values."""
     gap_ns: int = 0
     """Two samples further apart than this are not joined; 0 joins all."""
+    is_state: bool = False
+    """Drawn as a band of named states instead of a line."""
 
     def __len__(self) -> int:
         return len(self.at_ns)
-
-    @property
-    def is_state(self) -> bool:
-        """Drawn as a band of named states instead of a line."""
-        return bool(self.choices)
 
     def text_of(self, value: float) -> str:
         """A value as a person reads it, with the unit."""
@@ -87,7 +84,7 @@ def flags_text(choices: Mapping[float, str], value: float) -> str:
 
 def trace_names(log: Log) -> list[str]:
     """All that can be drawn of a log: signals of its messages, then columns of its run folder."""
-    names = [f"{spec.name}.{each.name}" for spec in log.messages.values() for each in spec.signals]
+    names = [f"{name}.{each.name}" for name, spec in log.messages.items() for each in spec.signals]
     return names + list(_run_names(log.run))
 
 
@@ -144,7 +141,7 @@ def trace_of(log: Log, name: str) -> SignalTrace:
     group, _, column = name.partition(".")
     if log.run is not None and group in (TRUTH, CYCLES):
         return _run_trace(log.run, group, column)
-    spec = log.bus.message(group)
+    spec = log.spec(group)
     signal = spec.signal(column)
     table = log.table(group)
     values = np.asarray(table[column], np.float64)
@@ -153,7 +150,13 @@ def trace_of(log: Log, name: str) -> SignalTrace:
         at_ns, values = at_ns[valid], values[valid]
     at_ns, values = in_order(at_ns, values)
     return SignalTrace(
-        name, signal.unit, at_ns, values, physical_choices(signal), gap_of(spec, at_ns)
+        name,
+        signal.unit,
+        at_ns,
+        values,
+        physical_choices(signal),
+        gap_of(spec, at_ns),
+        signal.is_state,
     )
 
 
@@ -230,12 +233,12 @@ def default_words(log: Log) -> list[str]:
 
 def _liveliest(log: Log) -> Iterator[tuple[int, str]]:
     """Rank and name of signals that change, by how many values a glance at them shows."""
-    for spec in log.messages.values():
+    for message, spec in log.messages.items():
         for signal in spec.signals:
             if signal.name.lower() in TRAILER:
                 continue
-            values = log.table(spec.name)[signal.name]
+            values = log.table(message)[signal.name]
             glance = values[:: max(1, len(values) // 500)]
             distinct = len(np.unique(glance[: 1 << 12]))
             if distinct > 1:
-                yield -distinct, f"{spec.name}.{signal.name}"
+                yield -distinct, f"{message}.{signal.name}"

@@ -13,7 +13,6 @@ function prepare(head) {
       signal.unit = signal.unit.replace(/(m\/s)(\d)$/, (_, unit, power) => unit + "²³"[power - 2]);
       signal.full = `${message.name}.${signal.name}`;
       signal.message = message;
-      signal.state = Object.keys(signal.choices).length > 0;
       signal.gap = (message.timeout || 0) * 1e6;
       signal.byValue = new Map(Object.entries(signal.choices).map(
         ([raw, text]) => [Number(raw) * signal.scale + signal.offset, text]));
