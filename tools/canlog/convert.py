@@ -31,8 +31,9 @@ def convert(
     """
     found = named(form) if form else by_suffix(target)
     if found is None:
-        known = ", ".join(each.name for each in FORMATS)
+        known = ", ".join(each.name for each in FORMATS if each.writes)
         raise LogError(f"{target}: its name tells no format; --to takes {known}")
+    write = found.write
     blocks = stream(source, replace(options or ReadOptions(), refuse_empty=True))
     if target.exists() and not overwrite:
         raise LogError(f"{target}: is there already; --force replaces it")
@@ -42,7 +43,7 @@ def convert(
     content = chained(next(block for block in frames if len(block)), frames)
     with whole_file(target) as part:
         if found.name == "mcap":
-            found.write(part, content, losses, bus)
+            write(part, content, losses, bus)
         else:
-            found.write(part, content, losses)
+            write(part, content, losses)
     return blocks.warnings, losses.all()

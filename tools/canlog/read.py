@@ -8,12 +8,15 @@ from typing import Final
 
 from canlog.damage import Damage, Damages, LogError
 from canlog.database import Bus, MessageSpec, load_bus
+from canlog.formats.foreign import looks_like
 from canlog.formats.registry import format_of
+from canlog.formats.text import JUNK, TORN
 from canlog.frames import Frames, Ints, concat
 from canlog.options import ReadOptions
 from canlog.plan import Column
 from canlog.run import RunFiles, bus_log_of, read_run
 from canlog.shelf import Room, in_memory, on_disk, shelved
+from canlog.source import head_of
 from canlog.table import Groups, Table
 
 CHANNEL_SIGN: Final = ":"
@@ -198,6 +201,8 @@ class Stream:
 
     def _without_frames(self) -> str:
         found = f"{self.path}: holds no frame (read as {self.format})"
+        if any(each.kind in (JUNK, TORN) for each in self.warnings):
+            found += f"; it looks like {looks_like(head_of(self.path))}"
         if self.warnings:
             return f"{found}; {self.warnings[0]}; name a log of CAN frames, or its --format"
         return f"{found}; name a log of CAN frames"

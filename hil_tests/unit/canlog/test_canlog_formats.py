@@ -25,7 +25,7 @@ from canlog.formats.registry import FORMATS, format_of, named
 from canlog.frames import ERROR, FD, REMOTE, TX, Frames, concat
 from canlog.rows import from_rows
 
-NAMES = [each.name for each in FORMATS]
+NAMES = [each.name for each in FORMATS if each.writes]
 TEXT_ERRORS = ("asc", "trc")
 """What an error frame was is told by neither."""
 

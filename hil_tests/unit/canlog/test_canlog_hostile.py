@@ -16,7 +16,7 @@ from canlog.formats.registry import FORMATS, named
 HOSTILE = settings(
     max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-CHEAP = [each.name for each in FORMATS if each.name != "mf4"]
+CHEAP = [each.name for each in FORMATS if each.writes and each.name != "mf4"]
 
 
 class Logs(dict[str, bytes]):
@@ -32,6 +32,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Logs:
     folder, frames = tmp_path_factory.mktemp("whole"), drawn_frames(21, 400)
     found = Logs()
     for each in FORMATS:
+        if not each.writes:
+            continue
         path = folder / f"x{each.suffixes[0]}"
         each.write(path, [frames], Damages())
         found[each.name] = path.read_bytes()

@@ -19,7 +19,7 @@ from canlog.read import read
 from canlog.views.packed import ordered
 from hil_tests.unit.canlog import canlog_rig as rig
 
-NAMES = [each.name for each in FORMATS]
+NAMES = [each.name for each in FORMATS if each.writes]
 BLOCKS, HELD_MAX = 24, 5
 
 

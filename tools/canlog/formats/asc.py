@@ -10,6 +10,7 @@ from canlog.formats.asc_write import write
 from canlog.formats.dates import instant_ns
 from canlog.formats.text import (
     JUNK,
+    NO_DATE,
     NS_PER_S,
     OTHER,
     hex_bytes,
@@ -63,7 +64,6 @@ BROKEN: Final = re.compile(
 OTHER_EVENT: Final = re.compile(r"[^\W\d]|\d{1,3}\s+[^\W\d]|//|::")
 """Events of other buses and of the program begin with a word, or a channel and a word."""
 WHOLE: Final = re.compile(r"(?!.*CANFD).*\s(?:d\s+0|[0-9A-Fa-f]{2})", re.ASCII)
-NO_DATE: Final = "no date"
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:

@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from canlog.damage import Damages, LogError
+from canlog.formats.busmaster import is_busmaster
 from canlog.formats.candump_line import parse
+from canlog.formats.foreign import looks_like
+from canlog.formats.gvret import is_gvret
+from canlog.formats.kvaser import is_kvaser
+from canlog.formats.microchip import is_microchip
+from canlog.formats.pcap import is_pcap
+from canlog.formats.python_can_csv import is_python_can_csv
+from canlog.formats.python_can_sqlite import is_sqlite
 from canlog.frames import Frames
 from canlog.options import ReadOptions
 from canlog.source import GZIP, ZSTD, head_of
@@ -25,6 +33,8 @@ class Format:
     module: str
     told_by: Callable[[bytes], bool]
     """Whether the first bytes of a file are those of the format."""
+    writes: bool = True
+    """Whether it can be written."""
 
     @property
     def read(self) -> Read:
@@ -33,6 +43,10 @@ class Format:
 
     @property
     def write(self) -> Write:
+        """Raises LogError for a format that is only read."""
+        if not self.writes:
+            known = ", ".join(each.name for each in FORMATS if each.writes)
+            raise LogError(f"{self.name} is only read; --to takes {known}")
         found: Write = self._module().write
         return found
 
@@ -58,6 +72,13 @@ FORMATS: Final = (
     Format("mf4", (".mf4", ".mdf"), "mf4", lambda head: head.startswith((b"MDF ", b"UnFinMF"))),
     Format("mcap", (".mcap",), "mcap_log", lambda head: head.startswith(b"\x89MCAP0\r\n")),
     Format("parquet", (".parquet",), "parquet", lambda head: head.startswith(b"PAR1")),
+    Format("pcap", (".pcap", ".pcapng", ".cap"), "pcap", is_pcap, writes=False),
+    Format("sqlite", (".db", ".sqlite", ".sqlite3"), "python_can_sqlite", is_sqlite, writes=False),
+    Format("gvret", (), "gvret", is_gvret, writes=False),
+    Format("python-can", (), "python_can_csv", is_python_can_csv, writes=False),
+    Format("busmaster", (), "busmaster", is_busmaster, writes=False),
+    Format("microchip", (), "microchip", is_microchip, writes=False),
+    Format("kvaser", (), "kvaser", is_kvaser, writes=False),
     Format("trc", (".trc",), "trc", _trc),
     Format("asc", (".asc",), "asc", _asc),
     Format("candump", (".log", ".candump", ".txt"), "candump", _candump),
@@ -96,7 +117,8 @@ def format_of(path: Path, name: str | None = None) -> Format:
     found = told if told is not None and told.name != "candump" else by_suffix(path) or told
     if found is None:
         known = ", ".join(each.name for each in FORMATS)
-        raise LogError(f"{path}: of no known format; --format takes {known}")
+        seems = looks_like(head)
+        raise LogError(f"{path}: of no known format; it looks like {seems}; --format takes {known}")
     return found
 
 

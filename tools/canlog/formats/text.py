@@ -17,6 +17,8 @@ JUNK: Final = "junk line"
 TORN: Final = "torn line"
 OTHER: Final = "line that is no frame"
 """Something the format knows beside frames, such as a statistic; it is skipped, not damage."""
+NO_DATE: Final = "no date"
+"""The kind of damage of a log whose stamps cannot be told as dates."""
 UTF8_MARK: Final = b"\xef\xbb\xbf"
 
 Take = Callable[[str, Rows], str | None]

@@ -12,6 +12,7 @@ from canlog.damage import Damages
 from canlog.formats.candump_write import text_file
 from canlog.formats.text import (
     JUNK,
+    NO_DATE,
     NS_PER_S,
     OTHER,
     first_ns_of,
@@ -64,7 +65,6 @@ WHOLE: Final = re.compile(
     r"(?:\s[0-9A-Fa-f]{2}|\sRTR|\sRR\s.*\s\d|(?:-|Rx|Tx|[0-9A-Fa-f]{4,8})\s+0)$", re.ASCII
 )
 """Lines whose end is the end of a frame: both digits of a byte, or a frame without data."""
-NO_DATE: Final = "no date"
 NUMBER: Final = re.compile(r"\d+\)?", re.ASCII)
 
 

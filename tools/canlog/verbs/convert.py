@@ -15,7 +15,7 @@ SUMMARY: Final = "write a log in another format; what that cannot hold is listed
 def options(parser: argparse.ArgumentParser) -> None:
     add_log(parser, required=True)
     parser.add_argument("target", type=Path, metavar="TARGET", help="such as log.blf, log.log.gz")
-    parser.add_argument("--to", choices=[each.name for each in FORMATS])
+    parser.add_argument("--to", choices=[each.name for each in FORMATS if each.writes])
     parser.add_argument("--force", action="store_true", help="replace a file that is there")
     parser.add_argument(
         "--strict", action="store_true", help="exit with 1 when anything is damaged or lost"

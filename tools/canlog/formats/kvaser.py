@@ -1,0 +1,67 @@
+"""Text logs of Kvaser's CANKing: columns of channel, identifier, flags, data and time."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from canlog.damage import Damages
+from canlog.formats.text import JUNK, NO_DATE, OTHER, hex_bytes, read_lines, stamp_ns
+from canlog.frames import ERROR, EXTENDED, FD, FD_LENGTHS, REMOTE, TX, Frames
+from canlog.options import ReadOptions
+from canlog.rows import Rows
+
+HEAD: Final = re.compile(rb"\s*Chn\s+Identifier\s+Flg", re.IGNORECASE)
+LINE: Final = re.compile(
+    r"(?P<channel>\d{1,3})\s+(?P<id>[0-9A-Fa-f]{1,10})\s+(?P<flags>[A-Za-z ]*?)\s*"
+    r"(?P<length>\d{1,2})(?P<data>(?:\s+[0-9A-Fa-f]{1,3})*)\s+(?P<stamp>\d{1,12}\.\d{1,9})"
+    r"\s+(?P<way>[RT])\w*",
+    re.ASCII,
+)
+ERRORS: Final = re.compile(
+    r"(?P<channel>\d{1,3})\s+Error ?Frame\s+(?P<stamp>\d{1,12}\.\d{1,9}).*", re.I
+)
+ENDED: Final = ("Logging stopped", "Log ", "=", "Time", "Settings", "Kvaser", "Trigger")
+
+
+def is_kvaser(head: bytes) -> bool:
+    return any(HEAD.match(line) for line in head.split(b"\n")[:40])
+
+
+def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
+    """The frames; channel 0 is called `can0`. Stamps count from the start of the log."""
+    damages.add(NO_DATE, "line", None, "the format has none; stamps count from the start")
+    yield from read_lines(path, options, damages, _Taker().take)
+
+
+class _Taker:
+    """Numbers are hexadecimal unless an identifier or a byte needs three decimal digits."""
+
+    def take(self, line: str, rows: Rows) -> str | None:
+        if HEAD.match(line.encode("ascii", "replace")) or line.startswith(ENDED):
+            return None
+        found = LINE.fullmatch(line) or ERRORS.fullmatch(line)
+        if found is None:
+            return JUNK if line[0].isdigit() else OTHER
+        at_ns, channel = stamp_ns(found["stamp"]), f"can{int(found['channel'])}"
+        if at_ns is None:
+            return JUNK
+        if found.re is ERRORS:
+            return None if rows.add(at_ns, 0, ERROR, channel, 0, b"") else JUNK
+        return self._frame(at_ns, channel, found, rows)
+
+    def _frame(self, at_ns: int, channel: str, found: re.Match[str], rows: Rows) -> str | None:
+        marks, texts, length = found["flags"].upper(), found["data"].split(), int(found["length"])
+        base = 10 if any(len(each) == 3 for each in texts) else 16
+        data, identifier = hex_bytes(texts, base), int(found["id"], base)
+        wide = "X" in marks or identifier > 0x7FF
+        flags = EXTENDED * wide | REMOTE * ("R" in marks) | FD * ("F" in marks)
+        flags |= TX * (found["way"] == "T")
+        if data is None or identifier > 0x1FFF_FFFF or length not in FD_LENGTHS:
+            return JUNK
+        if length > 8 and not flags & FD:
+            return JUNK
+        if not flags & REMOTE and len(data) != length:
+            return JUNK
+        data = b"" if flags & REMOTE else data
+        return None if rows.add(at_ns, identifier, flags, channel, length, data) else JUNK

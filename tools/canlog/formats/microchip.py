@@ -1,0 +1,91 @@
+"""Text logs of Microchip's CAN BUS Analyzer: fields parted by semicolons, milliseconds."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from canlog.damage import Damages
+from canlog.formats.text import JUNK, NO_DATE, NS_PER_S, date_ns, read_lines
+from canlog.frames import EXTENDED, TX, Frames
+from canlog.options import ReadOptions
+from canlog.rows import Rows
+
+MARK: Final = b"Microchip Technology Inc."
+NS_PER_MS: Final = 1_000_000
+CHANNEL: Final = "can0"
+STARTED: Final = re.compile(
+    r"Logging Started:\s*(\d{1,2})/(\d{1,2})/(\d{4}) (\d{1,2}):(\d{1,2}):(\d{1,2})(?: (AM|PM))?",
+    re.IGNORECASE | re.ASCII,
+)
+LINE: Final = re.compile(
+    r"(?P<ms>\d{1,15}(?:\.\d{1,6})?);(?P<way>RX|TX);(?P<id>(?:0x[0-9A-F]{1,8}|\d{1,10})x?);"
+    r"(?P<length>\d);(?P<data>(?:(?:0x[0-9A-F]{1,2}|\d{1,3});?)*)",
+    re.IGNORECASE | re.ASCII,
+)
+
+
+def is_microchip(head: bytes) -> bool:
+    return MARK in head[:400]
+
+
+def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
+    """The frames, all on channel `can0`; stamps count from the start in the head, local time."""
+    yield from read_lines(path, options, damages, _Taker(options, damages).take)
+
+
+class _Taker:
+    """Follows the comment at the head, which two lines of slashes enclose."""
+
+    def __init__(self, options: ReadOptions, damages: Damages) -> None:
+        self._options, self._damages = options, damages
+        self._comment = False
+        self._start_ns = 0
+        self._dated = False
+
+    def take(self, line: str, rows: Rows) -> str | None:
+        if line.startswith("//"):
+            self._comment = not self._comment
+            return None
+        if self._comment:
+            found = STARTED.fullmatch(line)
+            if found is not None:
+                self._start(found)
+            return None
+        return self._frame(line, rows)
+
+    def _start(self, found: re.Match[str]) -> None:
+        first, second, year, hour, minute, past = (int(each) for each in found.groups()[:6])
+        half = (found[7] or "").upper()
+        # American programs say the half of the day and put the month first.
+        day, month = (second, first) if half or second > 12 else (first, second)
+        if half:
+            hour = hour % 12 + 12 * (half == "PM")
+        at_ns = date_ns(year, month, day, f"{hour:02d}:{minute:02d}:{past:02d}")
+        if at_ns is None:
+            return
+        self._dated = True
+        if not self._options.utc_offset_s:
+            self._damages.add("local time", "line", None, "its head tells no zone; UTC is taken")
+        self._start_ns = at_ns - self._options.utc_offset_s * NS_PER_S
+
+    def _frame(self, line: str, rows: Rows) -> str | None:
+        found = LINE.fullmatch(line)
+        if found is None:
+            return JUNK
+        if not self._dated:
+            self._damages.add(NO_DATE, "line", None, "its head tells none; stamps count from 1970")
+            self._dated = True
+        whole, _, fraction = found["ms"].partition(".")
+        at_ns = self._start_ns + int(whole) * NS_PER_MS + int(fraction.ljust(6, "0"))
+        identifier, length = int(found["id"].rstrip("xX"), 0), int(found["length"])
+        texts = [each for each in found["data"].split(";") if each]
+        try:
+            data = bytes(int(each, 0) for each in texts[:length])
+        except ValueError:
+            return JUNK
+        if length > 8 or len(data) != length or identifier > 0x1FFF_FFFF:
+            return JUNK
+        wide = identifier > 0x7FF or found["id"][-1] in "xX"
+        flags = EXTENDED * wide | TX * (found["way"].upper() == "TX")
+        return None if rows.add(at_ns, identifier, flags, CHANNEL, length, data) else JUNK

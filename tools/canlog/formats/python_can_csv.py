@@ -1,0 +1,64 @@
+"""CSV as python-can's CSVWriter writes it."""
+
+import base64
+import binascii
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from canlog.damage import Damages
+from canlog.formats.text import JUNK, read_lines, stamp_ns
+from canlog.frames import ERROR, EXTENDED, FD, FD_LENGTHS, REMOTE, Frames
+from canlog.options import ReadOptions
+from canlog.rows import Rows
+
+HEAD: Final = b"timestamp,arbitration_id,extended,remote,error,dlc,data"
+LINE: Final = re.compile(
+    r"(?P<stamp>-?\d{1,12}(?:\.\d+)?(?:[eE][-+]?\d+)?),(?:0x)?(?P<id>[0-9A-Fa-f]{1,8}),(?P<wide>[01]),"
+    r"(?P<remote>[01]),(?P<error>[01]),(?P<length>\d{1,2}),(?P<data>[A-Za-z0-9+/=]*)",
+    re.ASCII,
+)
+CHANNEL: Final = "can0"
+"""The format names none."""
+
+
+def is_python_can_csv(head: bytes) -> bool:
+    return head.startswith(HEAD)
+
+
+def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
+    """The frames, all on channel `can0`."""
+    yield from read_lines(path, options, damages, _take)
+
+
+def _take(line: str, rows: Rows) -> str | None:
+    if line.startswith("timestamp,"):
+        return None
+    found = LINE.fullmatch(line)
+    if found is None:
+        return JUNK
+    stamp = found["stamp"]
+    at_ns = round(float(stamp) * 1e9) if "e" in stamp.lower() else stamp_ns(stamp)
+    try:
+        data = base64.b64decode(found["data"], validate=True)
+    except binascii.Error:
+        return JUNK
+    flags = EXTENDED * (found["wide"] == "1") | REMOTE * (found["remote"] == "1")
+    flags |= ERROR * (found["error"] == "1")
+    length = int(found["length"])
+    return add_message(rows, at_ns, int(found["id"], 16), flags, length, data)
+
+
+def add_message(
+    rows: Rows, at_ns: int | None, identifier: int, flags: int, length: int, data: bytes
+) -> str | None:
+    """The frame of a message of python-can; JUNK where its numbers contradict each other."""
+    limit = 0x1FFF_FFFF if flags & (EXTENDED | ERROR) else 0x7FF
+    if at_ns is None or identifier > limit or length not in FD_LENGTHS:
+        return JUNK
+    if not flags & REMOTE and len(data) != length:
+        return JUNK
+    flags |= FD if length > 8 else 0
+    data = b"" if flags & REMOTE else data
+    return None if rows.add(at_ns, identifier, flags, CHANNEL, length, data) else JUNK
