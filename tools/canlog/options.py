@@ -26,5 +26,7 @@ class ReadOptions:
     """Use the compiled kernel where there is one."""
     on_disk: bool = False
     """Keep large columns in files without a name, so that a log need not fit into memory."""
+    channels: tuple[str, ...] = ()
+    """Only frames of these channels; all without any."""
     refuse_empty: bool = False
     """A file without a frame raises LogError: nothing can be concluded from it."""

@@ -1,10 +1,12 @@
 """Reads a log: as a whole with its messages as tables, or block by block with bounded memory."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final
+
+import numpy as np
 
 from canlog.damage import Damage, Damages, LogError
 from canlog.database import Bus, MessageSpec, load_bus
@@ -105,6 +107,15 @@ class Log:
         """
         return {name: part.spec for name, part in self._parts.items()}
 
+    def name_at(self, key: int, channel: str) -> str:
+        """What frames with this key on this channel are called in this log."""
+        spec = self.bus.on(channel).spec_at(key)
+        name = spec.name if spec is not None else self.bus.name_of(key)
+        spread = f"{channel}{CHANNEL_SIGN}{name}"
+        if spec is not None:
+            return spread if spread in self._parts else name
+        return spread if sum(key == each for each, _ in self.groups.places) > 1 else name
+
     def channel_of(self, name: str) -> str:
         """The channel that a message of the log is on; empty for one that the log lacks."""
         part = self._parts.get(name)
@@ -192,11 +203,16 @@ class Stream:
 
     def __iter__(self) -> Iterator[Frames]:
         """Raises LogError at the end of a file without a frame, if the options refuse that."""
-        held = False
+        held, wanted, seen = False, self._options.channels, dict[str, None]()
         for block in self._format.read(self.path, self._options, self.damages):
-            held = held or len(block) > 0
-            yield block
+            seen |= dict.fromkeys(block.channels)
+            chosen = _on_channels(block, wanted) if wanted else block
+            held = held or len(chosen) > 0
+            yield chosen
         if self._options.refuse_empty and not held:
+            if wanted and seen:
+                there = ", ".join(seen)
+                raise LogError(f"--channel {' '.join(wanted)}: {self.path} has frames of {there}")
             raise LogError(self._without_frames())
 
     def _without_frames(self) -> str:
@@ -206,6 +222,17 @@ class Stream:
         if self.warnings:
             return f"{found}; {self.warnings[0]}; name a log of CAN frames, or its --format"
         return f"{found}; name a log of CAN frames"
+
+
+def _on_channels(block: Frames, wanted: Sequence[str]) -> Frames:
+    """The frames of these channels, and no other channel's name."""
+    kept = [name for name in block.channels if name in wanted]
+    number = np.full(len(block.channels) or 1, len(kept), np.uint8)
+    for at, name in enumerate(block.channels):
+        number[at] = kept.index(name) if name in kept else len(kept)
+    channel = number[block.channel]
+    found = replace(block, channel=channel, channels=tuple(kept))
+    return found[channel < len(kept)]
 
 
 def stream(path: Path | str, options: ReadOptions | None = None) -> Stream:

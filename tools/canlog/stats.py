@@ -13,7 +13,7 @@ from canlog.declared import Follower
 from canlog.frames import BRS, ERROR, FD, REMOTE, Frames, Ints
 from canlog.gaps import Gaps
 from canlog.plan import DecodingPlan, Payloads, physical_of, signed_raw
-from canlog.table import Groups, taken
+from canlog.table import Groups
 from canlog.verdict import CODES, REASONS, UNCONFIRMED, Judge
 
 NS_PER_MS: Final = 1_000_000
@@ -149,12 +149,8 @@ class Statistics:
         self._feed_buses(frames, nominal, fast)
         code = self._judge.feed(frames, groups) if self._judge else None
         self._late()
-        for key in groups.keys:
-            rows = groups.rows(key)
-            for number, channel in enumerate(frames.channels):
-                mine = rows if len(frames.channels) == 1 else rows[frames.channel[rows] == number]
-                if len(mine):
-                    self._feed_message(channel, key, groups, mine, nominal, fast, code)
+        for key, channel in groups.places:
+            self._feed_message(channel, key, groups, nominal, fast, code)
 
     def _feed_buses(self, frames: Frames, nominal: Any, fast: Any) -> None:
         for number, channel in enumerate(frames.channels):
@@ -175,12 +171,13 @@ class Statistics:
     def _message(self, channel: str, key: int) -> MessageStats:
         found = self.messages.get((channel, key))
         if found is None:
-            spec = self.bus.by_key.get(key)
+            bus = self.bus.on(channel)
+            spec = bus.spec_at(key)
             gaps = Gaps(
                 spec.period_ms * NS_PER_MS if spec else 0,
                 spec.timeout_ms * NS_PER_MS if spec else 0,
             )
-            found = MessageStats(channel, key, self.bus.name_of(key), spec, gaps)
+            found = MessageStats(channel, key, bus.name_of(key), spec, gaps)
             if spec is not None:
                 found.plan = DecodingPlan(spec)
                 found.follower = None if self.judged else Follower(spec, found.plan)
@@ -193,16 +190,15 @@ class Statistics:
         channel: str,
         key: int,
         groups: Groups,
-        rows: Ints,
         nominal: Any,
         fast: Any,
         code: Any,
     ) -> None:
         one, frames = self._message(channel, key), groups.frames
+        rows = groups.rows(key, channel=channel)
         one.frames += len(rows)
         one.bits += int(nominal[rows].sum()) + int(fast[rows].sum())
-        whole = len(frames.channels) == 1
-        at_ns = groups.at_ns(key) if whole else frames.at_ns[rows]
+        at_ns = groups.at_ns(key, channel=channel)
         one.gaps.feed(at_ns)
         _feed_lengths(one, frames.flags[rows], frames.length[rows])
         if code is not None:
@@ -214,9 +210,7 @@ class Statistics:
         if one.plan is None or one.spec is None:
             self.buses[channel].unknown_frames += len(rows)
             return
-        payloads = groups.payloads(key)
-        if not whole:
-            payloads = Payloads(taken(frames, rows), frames.length[rows])
+        payloads = groups.payloads(key, channel=channel)
         if payloads.shortest < one.spec.length:
             one.short += int((payloads.length < one.spec.length).sum())
         if one.follower is not None:

@@ -133,12 +133,14 @@ def absent_count(found: Statistics) -> int | None:
 
 def _due(found: Statistics) -> list[MessageSpec]:
     """Messages that have to come."""
-    return [spec for spec in found.bus.by_key.values() if spec.period_ms and not spec.optional]
+    buses = (found.bus, *found.bus.by_channel.values())
+    specs = {(spec.name, spec.key): spec for bus in buses for spec in bus.by_key.values()}
+    return [spec for spec in specs.values() if spec.period_ms and not spec.optional]
 
 
 def _absent(found: Statistics) -> list[MessageSpec]:
-    seen = {key for _, key in found.messages}
-    return [spec for spec in _due(found) if spec.key not in seen]
+    seen = {one.spec.name for one in found.messages.values() if one.spec is not None}
+    return [spec for spec in _due(found) if spec.name not in seen]
 
 
 def absent_rows(found: Statistics) -> list[Row]:

@@ -10,6 +10,8 @@ from canlog.frames import Frames
 
 NUMBERED: Final = re.compile(r"can([1-9]\d{0,2})")
 """Channels of formats that number them; others are numbered in the order of their names."""
+FROM_ZERO: Final = re.compile(r"(v?can)0")
+"""The first channel of SocketCAN: with it `can1` is the second one, and so on."""
 
 
 class Numbers:
@@ -19,15 +21,30 @@ class Numbers:
         self._losses = losses
         self._most = most
         self._numbers: dict[str, int] = {}
+        self._shifted = ""
+        """What stands before the number of channels that count from 0."""
 
     def of(self, frames: Frames) -> Any:
         """(n,) uint8 number of each frame's channel."""
+        zero = next(
+            (found for each in frames.channels if (found := FROM_ZERO.fullmatch(each))), None
+        )
+        if zero is not None and not self._numbers:
+            self._shifted = zero[1]
         table = [self._number(name) for name in frames.channels] or [1]
         return np.array(table, np.uint8)[frames.channel]
 
     def _number(self, name: str) -> int:
         if name in self._numbers:
             return self._numbers[name]
+        shifted = name.removeprefix(self._shifted) if self._shifted else ""
+        if self._shifted and name.startswith(self._shifted) and shifted.isdigit():
+            number = int(shifted) + 1
+            if number <= self._most and number not in self._numbers.values():
+                words = f"{name} becomes channel {number}"
+                self._losses.add("channel name", "frame", None, words)
+                self._numbers[name] = number
+                return number
         match = NUMBERED.fullmatch(name)
         taken = set(self._numbers.values())
         number = int(match[1]) if match else 0

@@ -9,7 +9,8 @@ import numpy as np
 from canlog.database import Bus, MessageSpec
 from canlog.frames import ERROR, FD_BYTES, NOT_DATA, Bytes, Frames, Ints
 from canlog.plan import DecodingPlan, Payloads
-from canlog.table import Table
+from canlog.read import CHANNEL_SIGN
+from canlog.table import CHANNEL_SHIFT, KEY_MASK, Table
 from canlog.views.packed import ordered
 
 KEPT_MAX: Final = 1 << 16
@@ -116,6 +117,7 @@ class Lanes:
 
     bus: Bus
     lanes: dict[int, Lane]
+    """By key, above which stands the number of the channel."""
     start_ns: int = 0
     end_ns: int = 0
 
@@ -129,7 +131,7 @@ class Lanes:
             lane_key = ERRORS if flags & ERROR else key
             lane = self.lanes.get(lane_key)
             if lane is None:
-                lane = self.lanes[lane_key] = _lane(self.bus, lane_key)
+                lane = self.lanes[lane_key] = _lane(self.bus, lane_key, "")
             if not self.end_ns:
                 self.start_ns = at_ns
             self.end_ns = max(self.end_ns, at_ns)
@@ -138,25 +140,31 @@ class Lanes:
         return count
 
 
-def _lane(bus: Bus, key: int) -> Lane:
+def _lane(bus: Bus, key: int, channel: str) -> Lane:
+    """The name has the channel before it where there is one."""
     if key == ERRORS:
         return Lane(key, "error frames", None)
-    return Lane(key, bus.name_of(key), bus.by_key.get(key))
+    bus, plain = bus.on(channel), key & KEY_MASK
+    name = f"{channel}{CHANNEL_SIGN}{bus.name_of(plain)}" if channel else bus.name_of(plain)
+    return Lane(key, name, bus.spec_at(plain))
 
 
 def lanes_of(frames: Frames, bus: Bus) -> Lanes:
     """Of a whole log. Requests carry no data and make no lane; all error frames share one."""
     in_order = ordered(frames)
-    rows_of: dict[int, list[Ints]] = {}
+    rows_of: dict[tuple[int, str], list[Ints]] = {}
     for group in in_order.groups:
         if group.flags & ERROR:
-            rows_of.setdefault(ERRORS, []).append(group.rows)
+            rows_of.setdefault((ERRORS, ""), []).append(group.rows)
         elif not group.flags & NOT_DATA:
-            rows_of.setdefault(group.key, []).append(group.rows)
+            number = frames.channels.index(group.channel) if group.channel else 0
+            place = number << CHANNEL_SHIFT | group.key
+            rows_of.setdefault((place, group.channel), []).append(group.rows)
     found = {}
-    for key, pieces in rows_of.items():
+    several = len({channel for _, channel in rows_of if channel}) > 1
+    for (key, channel), pieces in rows_of.items():
         mine = in_order.frames[np.sort(np.concatenate(pieces))]
-        empty = _lane(bus, key)
+        empty = _lane(bus, key, channel if several else "")
         found[key] = Lane.whole(key, empty.name, empty.spec, mine.at_ns, mine.length, mine.data)
     stamps = in_order.frames.at_ns
     start_ns, end_ns = (int(stamps[0]), int(stamps[-1])) if len(stamps) else (0, 0)

@@ -11,7 +11,7 @@ from canlog.compare.pairing import Pairs, pair, reach_ns
 from canlog.damage import LogError
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Bools, Ints
-from canlog.read import Log
+from canlog.read import CHANNEL_SIGN, Log
 from canlog.table import Table
 from canlog.views.traces import TRAILER, flags_text
 
@@ -65,6 +65,8 @@ class MessageDifference:
 
     name: str
     key: int
+    channel_a: str
+    channel_b: str
     frames_a: int
     frames_b: int
     pairs: int
@@ -108,13 +110,39 @@ def compare(a: Log, b: Log, allowed: Allowed, align: str = START) -> LogDifferen
     """Raises LogError for an alignment, tolerance or pattern that names nothing."""
     _check(allowed, a)
     zero_a, zero_b = zero_of(a, align), zero_of(b, align)
-    keys = sorted({*a.groups.keys, *b.groups.keys})
     found = [
-        _message(a, b, key, zero_a, zero_b, allowed)
-        for key in keys
-        if not _matched(a.bus.name_of(key), allowed.ignored)
+        _message(a, b, place, zero_a, zero_b, allowed)
+        for place in _places(a, b)
+        if not _matched(a.bus.on(place.channel_a).name_of(place.key), allowed.ignored)
     ]
     return LogDifference(zero_a, zero_b, tuple(found))
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Frames with one key, on one channel of each log."""
+
+    key: int
+    channel_a: str
+    channel_b: str
+    name: str
+
+
+def _places(a: Log, b: Log) -> list[_Place]:
+    """All of both logs, by key. Channels go by name, or by their order where names differ."""
+    names_a, names_b = (sorted({on for _, on in log.groups.places}) for log in (a, b))
+    other = {name: name for name in (*names_a, *names_b)}
+    if names_a != names_b and len(names_a) == len(names_b):
+        other = dict(zip(names_b, names_a, strict=True))
+    back = {mine: theirs for theirs, mine in other.items()}
+    found = {*a.groups.places, *((key, other[on]) for key, on in b.groups.places)}
+    places = []
+    for key, on in sorted(found):
+        plain = a.bus.on(on).name_of(key)
+        spread = sum(each == key for each, _ in found) > 1
+        name = f"{on}{CHANNEL_SIGN}{plain}" if spread else plain
+        places.append(_Place(key, on, back.get(on, on), name))
+    return places
 
 
 def zero_of(log: Log, align: str) -> int:
@@ -144,10 +172,13 @@ def _matched(name: str, patterns: Sequence[str]) -> bool:
 
 
 def _message(
-    a: Log, b: Log, key: int, zero_a: int, zero_b: int, allowed: Allowed
+    a: Log, b: Log, place: _Place, zero_a: int, zero_b: int, allowed: Allowed
 ) -> MessageDifference:
-    spec = a.bus.by_key.get(key)
-    rows_a, rows_b = _by_time(a, key), _by_time(b, key)
+    spec = a.bus.on(place.channel_a).spec_at(place.key)
+    rows_a, rows_b = (
+        _by_time(a, place.key, place.channel_a),
+        _by_time(b, place.key, place.channel_b),
+    )
     a_ns, b_ns = a.frames.at_ns[rows_a] - zero_a, b.frames.at_ns[rows_b] - zero_b
     pairs = pair(a_ns, b_ns, reach_ns(spec, a_ns, b_ns))
     apart = np.abs(a_ns[pairs.a] - b_ns[pairs.b])
@@ -155,10 +186,13 @@ def _message(
     firsts = [*a_ns[pairs.only_a[:1]].tolist(), *b_ns[pairs.only_b[:1]].tolist()]
     signals = list(_bytes(a, b, rows_a[pairs.a], rows_b[pairs.b], spec, a_ns[pairs.a]))
     if spec is not None and len(pairs.a):
-        signals += _signals(a, b, spec, pairs, (rows_a, rows_b), a_ns, allowed)
+        tables = place_tables(a, b, spec, place.key, (place.channel_a, place.channel_b))
+        signals += _signals(tables, spec, pairs, (rows_a, rows_b), a_ns, allowed)
     return MessageDifference(
-        name=a.bus.name_of(key),
-        key=key,
+        name=place.name,
+        key=place.key,
+        channel_a=place.channel_a,
+        channel_b=place.channel_b,
         frames_a=len(rows_a),
         frames_b=len(rows_b),
         pairs=len(pairs.a),
@@ -172,8 +206,15 @@ def _message(
     )
 
 
-def _by_time(log: Log, key: int) -> Ints:
-    rows = log.rows(key)
+def place_tables(
+    a: Log, b: Log, spec: MessageSpec, key: int, channels: tuple[str, str]
+) -> tuple[Table, Table]:
+    """The frames of both logs with one key, each on its channel."""
+    return a.groups.table(spec, channels[0], (key,)), b.groups.table(spec, channels[1], (key,))
+
+
+def _by_time(log: Log, key: int, channel: str) -> Ints:
+    rows = log.groups.rows(key, channel=channel)
     return rows[np.argsort(log.frames.at_ns[rows], kind="stable")]
 
 
@@ -215,15 +256,13 @@ def _bytes(
 
 
 def _signals(
-    a: Log,
-    b: Log,
+    tables: tuple[Table, Table],
     spec: MessageSpec,
     pairs: Pairs,
     rows: tuple[Ints, Ints],
     a_ns: Ints,
     allowed: Allowed,
 ) -> Iterator[SignalDifference]:
-    tables = a.table(spec.name), b.table(spec.name)
     # Tables are in the order of their log, pairs in that of time.
     places = [
         np.searchsorted(table.rows, mine[chosen])

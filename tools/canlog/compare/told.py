@@ -7,7 +7,13 @@ from typing import Any, Final
 import numpy as np
 
 from canlog.compare.dbcs import Change
-from canlog.compare.logs import BYTES, LogDifference, MessageDifference, value_text
+from canlog.compare.logs import (
+    BYTES,
+    LogDifference,
+    MessageDifference,
+    place_tables,
+    value_text,
+)
 from canlog.damage import LogError
 from canlog.read import Log
 from canlog.run import NS_PER_S
@@ -85,12 +91,12 @@ def _first_lines(found: LogDifference, a: Log, b: Log, context: int) -> Iterator
         here = left[1] if left is not None else ""
         there = right[1] if right is not None else ""
         yield f"{mark} {at_s}  {here:{NAME_WIDTH}}  {there}{apart}".rstrip()
-    spec = a.bus.by_key.get(message.key)
+    spec = a.bus.on(message.channel_a).spec_at(message.key)
     if spec is None or signal.signal == BYTES:
         return
     yield ""
     yield f"  {message.name} at that frame:"
-    tables = a.table(spec.name), b.table(spec.name)
+    tables = place_tables(a, b, spec, message.key, (message.channel_a, message.channel_b))
     places = [
         int(np.searchsorted(t.rows, row))
         for t, row in zip(tables, (signal.first_a, signal.first_b), strict=True)
@@ -122,7 +128,8 @@ def around(log: Log, row: int, zero_ns: int, context: int) -> list[Around | None
             continue
         this = int(order[at])
         at_s = (int(frames.at_ns[this]) - zero_ns) / NS_PER_S
-        name = log.bus.name_of(int(frames.key[this]))
+        channel = frames.channels[int(frames.channel[this])]
+        name = log.bus.on(channel).name_of(int(frames.key[this]))
         found.append((at_s, f"{name} {frames.payload(this).hex().upper()}", this == row))
     return found
 

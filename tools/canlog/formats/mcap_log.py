@@ -81,10 +81,10 @@ class _Topics:
 def _write_block(frames: Frames, bus: Bus, topics: _Topics) -> None:
     groups = Groups(frames)
     decoded: list[tuple[MessageSpec, dict[str, Any]] | None] = [None] * len(frames)
-    for key in groups.keys:
-        spec = bus.by_key.get(key)
+    for key, on in groups.places:
+        spec = bus.on(on).spec_at(key)
         if spec is not None:
-            table = groups.table(spec)
+            table = groups.table(spec, on, (key,))
             for row, content in zip(table.rows.tolist(), _contents(table), strict=True):
                 decoded[row] = spec, content
     for row in range(len(frames)):

@@ -73,6 +73,13 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         help="DBC, KCD, SYM or ARXML, of one channel or of all, instead of this project's; may be"
         " repeated",
     )
+    parser.add_argument(
+        "--channel",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="only frames of this channel of the log; may be repeated",
+    )
     parser.add_argument("--format", choices=[each.name for each in FORMATS])
     parser.add_argument(
         "--stamps", choices=(DELTA, ZERO), help="what `candump -t d` or `-t z` wrote"
@@ -96,5 +103,6 @@ def read_options(given: argparse.Namespace) -> ReadOptions:
         format=given.format,
         stamps=given.stamps,
         utc_offset_s=given.utc_offset_s,
+        channels=tuple(given.channel),
         refuse_empty=True,
     )

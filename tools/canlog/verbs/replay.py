@@ -27,7 +27,6 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--message", action="append", default=[], metavar="PATTERN")
     parser.add_argument("--id", action="append", default=[], metavar="HEX")
     parser.add_argument("--node", action="append", default=[], metavar="SENDER")
-    parser.add_argument("--channel", help="only frames of this channel of the log")
     parser.add_argument(
         "--real", action="store_true", help="also onto a bus that a real train may hang on"
     )
@@ -47,7 +46,7 @@ def run(given: argparse.Namespace) -> int:
     try:
         for frames in source:
             rows = selector.rows(frames, Groups(frames))
-            player.play(_of_channel(frames[rows], given.channel))
+            player.play(frames[rows])
     finally:
         port.close()
         _tell(player, port, source.warnings)
@@ -74,14 +73,6 @@ def _open(bus: str, clock: Clock, *, real: bool) -> CanPort:
         return open_can(bus, clock=clock, node="canlog", accept_ids=())
     except BusError as error:
         raise LogError(str(error)) from error
-
-
-def _of_channel(frames: Frames, channel: str | None) -> Frames:
-    if channel is None:
-        return frames
-    if channel not in frames.channels:
-        return frames[:0]
-    return frames[frames.channel == frames.channels.index(channel)]
 
 
 class Player:

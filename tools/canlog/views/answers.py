@@ -35,7 +35,11 @@ class Answers:
             name: data.log.taken(column) for name, column in frame_columns(log).items()
         }
         self._subjects = tuple(
-            Subject(group, head["name"], log.bus.by_key.get(group.key) if head["known"] else None)
+            Subject(
+                group,
+                head["name"],
+                log.bus.on(group.channel).spec_at(group.key) if head["known"] else None,
+            )
             for group, head in zip(data.log.groups, data.head["messages"], strict=True)
         )
         self._questions: Mapping[str, Callable[[Query], tuple[str, bytes]]] = {

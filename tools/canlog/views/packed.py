@@ -64,11 +64,12 @@ _KINDS: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyGroup:
-    """Frames of one key; remote and error frames make groups of their own."""
+    """Frames of one key on one channel; remote and error frames make groups of their own."""
 
     key: int
     flags: int
     """REMOTE or ERROR of all of them, or 0."""
+    channel: str
     rows: Ints
     """Which frames, in order of time."""
 
@@ -105,7 +106,7 @@ def ordered(frames: Frames, room: Room = in_memory) -> Ordered:
         counts += np.bincount(mine, minlength=len(kinds))
     order = _sorted_rows(numbers, counts, room)
     groups = tuple(
-        KeyGroup(int(each) & 0xFFFFFFFF, int(each) >> 32, rows)
+        KeyGroup(each & 0xFFFFFFFF, each >> 32 & 0xFF, _channel(frames, each >> 40), rows)
         for each, rows in zip(kinds.tolist(), np.split(order, np.cumsum(counts)[:-1]), strict=True)
     )
     return Ordered(frames, groups, numbers, by_time)
@@ -122,9 +123,14 @@ def _in_order(frames: Frames) -> bool:
 
 
 def _kind(frames: Frames) -> Any:
-    """(n,) uint64: key, and whether it is a remote or an error frame."""
+    """(n,) uint64: key, whether it is a remote or an error frame, and channel."""
     flags = (frames.flags & np.uint8(NOT_DATA)).astype(np.uint64)
+    flags |= frames.channel.astype(np.uint64) << np.uint64(8)
     return frames.key.astype(np.uint64) | flags << np.uint64(32)
+
+
+def _channel(frames: Frames, number: int) -> str:
+    return frames.channels[number] if number < len(frames.channels) else ""
 
 
 def _sorted_rows(numbers: Any, counts: Ints, room: Room) -> Ints:

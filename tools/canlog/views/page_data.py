@@ -75,8 +75,8 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
 
 
 def _message(log: Log, group: KeyGroup) -> dict[str, Any]:
-    spec = log.bus.by_key.get(group.key)
-    name = log.bus.name_of(group.key) if not group.flags & 4 else "error frame"
+    spec = log.bus.on(group.channel).spec_at(group.key)
+    name = log.name_at(group.key, group.channel) if not group.flags & 4 else "error frame"
     name += KIND_NAMES.get(group.flags & NOT_DATA, "") if not group.flags & 4 else ""
     return message_head(group, spec, name)
 

@@ -104,7 +104,8 @@ def _comparison(log: Log, subjects: tuple[Subject, ...], name: str, sign: str, t
     def term(subject: Subject) -> "bool | Bools":
         if not has(subject) or subject.spec is None:
             return False
-        table = log.table(subject.spec.name)
+        group = subject.group
+        table = log.groups.table(subject.spec, group.channel, (group.key,))
         if number is not None:
             found = compare(np.asarray(table[signal], np.float64), number)
         else:
