@@ -210,6 +210,344 @@ int64_t canlog_candump(const uint8_t *text, int64_t size, int64_t width, int64_t
     return row;
 }
 
+/* A place in one line of text. */
+typedef struct {
+    const uint8_t *p, *end;
+} Cursor;
+
+static void skip_blanks(Cursor *at)
+{
+    while (at->p < at->end && (*at->p == ' ' || *at->p == '\t'))
+        at->p++;
+}
+
+/* Bytes up to the next blank or the end; `text` gets where they begin. */
+static int64_t token(Cursor *at, const uint8_t **text)
+{
+    skip_blanks(at);
+    *text = at->p;
+    while (at->p < at->end && *at->p > ' ')
+        at->p++;
+    return at->p - *text;
+}
+
+/* A decimal number of units of 10^digits nanoseconds, such as seconds with 9; -1 when it is none. */
+static int64_t instant(const uint8_t *text, int64_t size, int digits)
+{
+    int64_t value = 0, at = 0;
+    while (at < size && (unsigned)text[at] - '0' <= 9)
+        value = value * 10 + (text[at++] - '0');
+    if (!at || at > 9)
+        return -1;
+    int left = digits;
+    if (at < size) {
+        if (text[at++] != '.' || at == size || size - at > digits)
+            return -1;
+        for (; at < size; at++, left--) {
+            unsigned digit = (unsigned)text[at] - '0';
+            if (digit > 9)
+                return -1;
+            value = value * 10 + digit;
+        }
+    }
+    while (left-- > 0)
+        value *= 10;
+    return value;
+}
+
+/* A hexadecimal number of at most 8 digits, -1 when it is none. */
+static int64_t hexadecimal(const uint8_t *text, int64_t size)
+{
+    uint32_t value = 0;
+    unsigned bad = 0;
+    if (size < 1 || size > 8)
+        return -1;
+    for (int64_t at = 0; at < size; at++) {
+        bad |= hex_of[text[at]];
+        value = value << 4 | (hex_of[text[at]] & 15);
+    }
+    return bad & NOT_HEX ? -1 : (int64_t)value;
+}
+
+/* The number of one to three decimal digits, -1 when it is none. */
+static int64_t small(const uint8_t *text, int64_t size)
+{
+    return size >= 1 && size <= 3 ? decimal(text, (int)size) : -1;
+}
+
+/* `can` and the digits of a channel. */
+static int channel_index(Names *names, const uint8_t *digits, int64_t size)
+{
+    uint8_t name[8] = "can";
+    if (small(digits, size) < 0)
+        return -1;
+    memcpy(name + 3, digits, (size_t)size);
+    return name_index(names, name, size + 3);
+}
+
+/* So many bytes, each of two hexadecimal digits. */
+static int spaced_bytes(Cursor *at, int64_t count, uint8_t *out)
+{
+    unsigned bad = 0;
+    for (int64_t one = 0; one < count; one++) {
+        skip_blanks(at);
+        const uint8_t *p = at->p;
+        if (at->end - p < 2 || (at->end - p > 2 && p[2] > ' '))
+            return 0;
+        unsigned high = hex_of[p[0]], low = hex_of[p[1]];
+        bad |= high | low;
+        out[one] = (uint8_t)(high << 4 | low);
+        at->p = p + 2;
+    }
+    return !(bad & NOT_HEX);
+}
+
+static int put(Columns *out, int64_t row, int64_t at_ns, int64_t identifier, unsigned flags,
+               int channel, int64_t length, const uint8_t *data)
+{
+    if (channel < 0 || length > out->width || identifier > (flags & EXTENDED ? 0x1FFFFFFF : 0x7FF))
+        return 0;
+    memcpy(out->data + row * out->width, data, (size_t)length);
+    out->at_ns[row] = at_ns;
+    out->identifier[row] = (uint32_t)identifier;
+    out->flags[row] = (uint8_t)flags;
+    out->channel[row] = (uint8_t)channel;
+    out->length[row] = (uint8_t)length;
+    return 1;
+}
+
+/* TX or 0 of a direction, -1 of any other word. */
+static int direction(const uint8_t *text, int64_t size)
+{
+    if (size != 2 || text[1] != 'x')
+        return -1;
+    return text[0] == 'T' ? TX : text[0] == 'R' ? 0 : -1;
+}
+
+/* An identifier of ASC, hexadecimal, with a trailing x for 29 bits; -1 when it is none. */
+static int64_t asc_identifier(const uint8_t *text, int64_t size, unsigned *flags)
+{
+    if (size > 1 && text[size - 1] == 'x') {
+        *flags |= EXTENDED;
+        size--;
+    }
+    return hexadecimal(text, size);
+}
+
+static int is_name(const uint8_t *text, int64_t size)
+{
+    unsigned bad = 0;
+    for (int64_t at = 0; at < size; at++) {
+        unsigned letter = text[at] | 0x20u, digit = (unsigned)text[at] - '0';
+        bad |= !((letter >= 'a' && letter <= 'z' && text[at] < 128) || text[at] == '_' || (at && digit <= 9));
+    }
+    return !bad;
+}
+
+/* Behind `CANFD`: channel, direction, identifier, perhaps a name, BRS, ESI, code, length, data, and
+   of the numbers behind them the third, whose bits tell what kind of frame it was. */
+static int asc_fast(Cursor at, int64_t at_ns, Columns *out, int64_t row, Names *names)
+{
+    const uint8_t *text;
+    uint8_t bytes[64];
+    unsigned flags = 0;
+    int64_t size = token(&at, &text);
+    int channel = channel_index(names, text, size);
+    size = token(&at, &text);
+    int way = direction(text, size);
+    if (channel < 0 || way < 0)
+        return 0;
+    size = token(&at, &text);
+    int64_t identifier = asc_identifier(text, size, &flags);
+    size = token(&at, &text);
+    if (size && (text[0] < '0' || text[0] > '9')) {
+        if (!is_name(text, size))
+            return 0;
+        size = token(&at, &text);
+    }
+    if (identifier < 0 || size != 1 || (text[0] != '0' && text[0] != '1'))
+        return 0;
+    int brs = text[0] == '1';
+    size = token(&at, &text);
+    if (size != 1 || (text[0] != '0' && text[0] != '1'))
+        return 0;
+    int esi = text[0] == '1';
+    size = token(&at, &text);
+    if (size != 1 || hex_of[text[0]] & NOT_HEX)
+        return 0;
+    size = token(&at, &text);
+    int64_t length = size <= 2 ? small(text, size) : -1;
+    if (length < 0 || length > 64 || !fd_length(length) || !spaced_bytes(&at, length, bytes))
+        return 0;
+    int64_t bits = -1;
+    for (int number = 0; number < 3; number++) {
+        size = token(&at, &text);
+        if (number == 2 && size && (bits = hexadecimal(text, size)) < 0)
+            return 0;
+    }
+    if (bits >= 0 && bits & 0x10)
+        return 0;
+    int fd = bits < 0 || bits & 0x1000 || length > 8 || (bits == 0 && (brs || esi));
+    flags |= (unsigned)way | (fd ? FD | (brs ? BRS : 0) | (esi ? ESI : 0) : 0);
+    return put(out, row, at_ns, identifier, flags, channel, length, bytes);
+}
+
+/* A frame of ASC with hexadecimal numbers; 0 when only the strict parser can tell. */
+static int asc_line(Cursor at, Columns *out, int64_t row, Names *names, const char *columns)
+{
+    const uint8_t *text;
+    uint8_t bytes[64];
+    unsigned flags = 0;
+    (void)columns;
+    int64_t size = token(&at, &text);
+    int64_t at_ns = instant(text, size, 9);
+    if (at_ns < 0)
+        return 0;
+    size = token(&at, &text);
+    if (size == 5 && !memcmp(text, "CANFD", 5))
+        return asc_fast(at, at_ns, out, row, names);
+    const uint8_t *digits = text;
+    int64_t digits_size = size;
+    if (small(digits, digits_size) < 0)
+        return 0;
+    size = token(&at, &text);
+    int64_t identifier = asc_identifier(text, size, &flags);
+    size = token(&at, &text);
+    int way = direction(text, size);
+    if (identifier < 0 || way < 0 || token(&at, &text) != 1 || text[0] != 'd')
+        return 0;
+    if (token(&at, &text) != 1 || hex_of[text[0]] & NOT_HEX)
+        return 0;
+    int64_t length = hex_of[text[0]] < 8 ? hex_of[text[0]] : 8;
+    if (!spaced_bytes(&at, length, bytes))
+        return 0;
+    skip_blanks(&at);
+    if (at.p < at.end && (at.end - at.p < 9 || memcmp(at.p, "Length = ", 9)))
+        return 0;
+    int channel = channel_index(names, digits, digits_size);
+    return put(out, row, at_ns, identifier, flags | (unsigned)way, channel, length, bytes);
+}
+
+static int64_t length_of_code(int64_t code)
+{
+    static const uint8_t lengths[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
+    return code < 0 || code > 15 ? -1 : lengths[code];
+}
+
+/* A data frame of TRC whose columns are called as in its head; 0 when only the strict parser can
+   tell. Lower case v before them says that the length is that of version 1: at most 8. */
+static int trc_line(Cursor at, Columns *out, int64_t row, Names *names, const char *columns)
+{
+    const uint8_t *text, *digits = (const uint8_t *)"1";
+    uint8_t bytes[64];
+    unsigned flags = 0;
+    int64_t at_ns = -1, identifier = -1, length = -1, code = -1, digits_size = 1, size;
+    int first = *columns == 'v';
+    for (columns += first; *columns; columns++) {
+        size = token(&at, &text);
+        if (!size)
+            return 0;
+        switch (*columns) {
+        case 'N':
+            if (size > 1 && text[size - 1] == ')')
+                size--;
+            if (size > 18 || decimal(text, (int)size) < 0)
+                return 0;
+            break;
+        case 'O':
+            at_ns = instant(text, size, 6);
+            break;
+        case 'T':
+            if (size != 2)
+                return 0;
+            if (!memcmp(text, "FD", 2))
+                flags |= FD;
+            else if (!memcmp(text, "FB", 2))
+                flags |= FD | BRS;
+            else if (!memcmp(text, "FE", 2))
+                flags |= FD | BRS | ESI;
+            else if (!memcmp(text, "BI", 2))
+                flags |= FD | ESI;
+            else if (memcmp(text, "DT", 2))
+                return 0;
+            break;
+        case 'B':
+            digits = text, digits_size = size;
+            break;
+        case 'I':
+            identifier = hexadecimal(text, size);
+            flags |= size > 4 ? EXTENDED : 0;
+            break;
+        case 'd': {
+            int way = direction(text, size);
+            if (way < 0)
+                return 0;
+            flags |= (unsigned)way;
+            break;
+        }
+        case 'l':
+            length = small(text, size);
+            break;
+        case 'L':
+            code = small(text, size);
+            if (code < 0)
+                return 0;
+            break;
+        case 'R':
+            break;
+        default:
+            return 0;
+        }
+    }
+    if (length < 0 && code >= 0)
+        length = first ? code : flags & FD ? length_of_code(code) : code > 15 ? -1 : code < 8 ? code : 8;
+    if (at_ns < 0 || identifier < 0 || length < 0 || length > (flags & FD ? 64 : 8))
+        return 0;
+    if (!spaced_bytes(&at, length, bytes))
+        return 0;
+    skip_blanks(&at);
+    if (at.p < at.end)
+        return 0;
+    int channel = channel_index(names, digits, digits_size);
+    return put(out, row, at_ns, identifier, flags, channel, length, bytes);
+}
+
+/* The same as canlog_candump for ASC, or with `columns` for TRC; stamps count from the start. */
+int64_t canlog_text(const uint8_t *text, int64_t size, const char *columns, int64_t width,
+                    int64_t most, int64_t *at_ns, uint32_t *identifier, uint8_t *flags,
+                    uint8_t *channel, uint8_t *length, uint8_t *data, char *name_texts,
+                    int32_t *name_sizes, int32_t *name_count, int64_t *odd, int64_t *told)
+{
+    Columns out = {at_ns, identifier, flags, channel, length, data, width};
+    Names names = {name_texts, name_sizes, *name_count, 0};
+    int64_t row = 0, odds = 0, number = 0;
+    prepare();
+    for (const uint8_t *p = text, *last = text + size; p < last; number++) {
+        const uint8_t *stop = memchr(p, '\n', (size_t)(last - p));
+        const uint8_t *next = stop ? stop + 1 : last;
+        Cursor at = {p, stop ? stop : last};
+        while (at.end > at.p && at.end[-1] <= ' ')
+            at.end--;
+        skip_blanks(&at);
+        if (at.end > at.p) {
+            if (row == most)
+                return -1;
+            int done = *columns ? trc_line(at, &out, row, &names, columns)
+                                : asc_line(at, &out, row, &names, columns);
+            if (!done) {
+                int64_t *one = odd + 4 * odds++;
+                one[0] = row, one[1] = at.p - text, one[2] = at.end - text, one[3] = number;
+            }
+            row++;
+        }
+        p = next;
+    }
+    *name_count = names.count;
+    told[0] = odds;
+    told[1] = number;
+    return row;
+}
+
 static uint32_t u32(const uint8_t *p)
 {
     return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;

@@ -88,8 +88,14 @@ def _compile(compiler: str, source: bytes, path: Path) -> None:
 
 def _declared(found: Any) -> Any:
     found.canlog_candump.restype = found.canlog_blf.restype = ctypes.c_int64
+    found.canlog_text.restype = ctypes.c_int64
     number, place = ctypes.c_int64, ctypes.c_void_p
     found.canlog_candump.argtypes = [ctypes.c_char_p, *[number] * 3, *[place] * 11]
+    found.canlog_text.argtypes = [
+        *[ctypes.c_char_p, number, ctypes.c_char_p],
+        *[number] * 2,
+        *[place] * 11,
+    ]
     found.canlog_blf.argtypes = [ctypes.c_char_p, number, place, number, place]
     found.canlog_records.restype = number
     found.canlog_records.argtypes = [ctypes.c_char_p, number, *[place] * 4]
@@ -112,6 +118,20 @@ def _declared(found: Any) -> Any:
 
 def parse_candump(text: bytes, channels: list[str], width: int) -> LineBlock | None:
     """What `parse_block` gives; None when there is no kernel."""
+    return _parsed(text, channels, width, None)
+
+
+def parse_text(text: bytes, channels: list[str], width: int, columns: bytes) -> LineBlock | None:
+    """The same for ASC with hexadecimal numbers, or for TRC with these columns.
+
+    Stamps of its frames count from the start of the log.
+    """
+    return _parsed(text, channels, width, columns)
+
+
+def _parsed(
+    text: bytes, channels: list[str], width: int, columns: bytes | None
+) -> LineBlock | None:
     kernel = library()
     if kernel is None or any(len(name.encode()) >= NAME_BYTES for name in channels):
         return None
@@ -120,10 +140,14 @@ def parse_candump(text: bytes, channels: list[str], width: int) -> LineBlock | N
     while rows < 0:
         made = blank(most, width=width)
         odd, told = np.empty((most, 4), np.int64), np.zeros(2, np.int64)
-        rows = kernel.canlog_candump(
-            text, len(text), width, most, *_places(made), names.ctypes.data, sizes.ctypes.data,
+        given = (
+            width, most, *_places(made), names.ctypes.data, sizes.ctypes.data,
             ctypes.byref(known), odd.ctypes.data, told.ctypes.data,
         )  # fmt: skip
+        if columns is None:
+            rows = kernel.canlog_candump(text, len(text), *given)
+        else:
+            rows = kernel.canlog_text(text, len(text), columns, *given)
         # A line takes a byte and its end at the least.
         most = len(text) // 2 + 1
     for at in range(len(channels), known.value):

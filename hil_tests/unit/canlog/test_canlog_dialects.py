@@ -8,8 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canlog import Frames, read, stream
+from canlog import Frames, ReadOptions, read, stream
+from canlog.damage import Damages
+from canlog.drawn import drawn_frames
 from canlog.formats.dates import instant_ns
+from canlog.formats.registry import named
 from canlog.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, TX, concat
 
 DATES = [
@@ -287,3 +290,71 @@ def test_a_byte_order_mark_costs_no_frame(tmp_path: Path) -> None:
     path.write_bytes(b"\xef\xbb\xbf(1700000000.000000) can0 123#0102\n")
 
     assert len(read(path)) == 1
+
+
+LONE = [
+    "1.0 1 123 Rx d 2 01 02 03",
+    "1.0 1 123 Rx d 2 01 2",
+    "1.0 1 123 Rx d 9 01 02 03 04 05 06 07 08",
+    "1.0 1 123 Rx d 2 01 02 Length = 1",
+    "1.0 1 123 Rx d 2 01 02 Lengthy",
+    "1.0 1 800 Rx d 0",
+    "1.0 1 1FFFFFFFx Tx d 0",
+    "1.0 1 20000000x Tx d 0",
+    "1.0 1 123 TxRq d 0",
+    "1.0 1 123 Rx r 4",
+    "1. 1 123 Rx d 0",
+    ".5 1 123 Rx d 0",
+    "1.0000000000 1 123 Rx d 0",
+    "999999999999.0 1 123 Rx d 0",
+    "1.0 1234 123 Rx d 0",
+    "1.0 1 123 rx d 0",
+    "1.0\t1\t123\tRx\td\t1\tff",
+    "1.0 CANFD 1 Rx 123 Rx 0 0 0 0 0",
+    "1.0 CANFD 1 Rx 123 0 0 a 16 00",
+    "1.0 CANFD 1 Rx 123 0 0 0 0 1 2 1040 0",
+    "1.0 CANFD 1 Rx 123 0 0 0 0 1 2 zz 0",
+    "1.0 CANFD 1 Rx 123 name 1 1 0 0 1 2 0",
+    "begin triggerblock Tue Jan 07 13:14:49.000 2020",
+    "base dec  timestamps absolute",
+]
+
+
+@given(
+    seed=st.integers(0, 1 << 20),
+    places=st.lists(
+        st.tuples(st.integers(0, 1 << 20), st.sampled_from("0 9xFdR.\t=-;gé")), max_size=4
+    ),
+    extra=st.lists(st.sampled_from(LONE), max_size=3),
+    form=st.sampled_from(["asc", "trc"]),
+)
+@settings(max_examples=120, deadline=None)
+def test_the_kernel_and_the_strict_parser_read_the_same_text(
+    seed: int, places: list[tuple[int, str]], extra: list[str], form: str
+) -> None:
+    """Frames and damage, whatever characters a log was hurt by."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"x.{form}"
+        named(form).write(path, [drawn_frames(seed, 12, classic=seed % 2 == 0)], Damages())
+        lines = path.read_text().split("\n")
+        for number, line in enumerate(extra):
+            lines.insert(4 + (seed + 7 * number) % (len(lines) - 4), line)
+        text = list("\n".join(lines))
+        for at, sign in places:
+            text[at % len(text)] = sign
+        path.write_text("".join(text), encoding="utf-8")
+        found = []
+        for compiled in (True, False):
+            source = stream(path, ReadOptions(format=form, compiled=compiled))
+            found.append((concat(list(source)), source))
+
+    (one, told_one), (other, told_other) = found
+    assert told_one.warnings == told_other.warnings
+    assert told_one.skipped == told_other.skipped
+    for name in ("at_ns", "identifier", "flags", "length"):
+        assert getattr(one, name).tolist() == getattr(other, name).tolist()
+    channels = [[frames.channels[at] for at in frames.channel] for frames in (one, other)]
+    assert channels[0] == channels[1]
+    assert [one.payload(at) for at in range(len(one))] == [
+        other.payload(at) for at in range(len(other))
+    ]

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from canlog import kernel
 from canlog.damage import Damages, shown
 from canlog.formats.asc_write import write
 from canlog.formats.dates import instant_ns
@@ -19,15 +20,18 @@ from canlog.formats.text import (
 )
 from canlog.frames import (
     BRS,
+    CLASSIC_BYTES,
     ERROR,
     ESI,
     EXTENDED,
     FD,
+    FD_BYTES,
     FD_LENGTHS,
     REMOTE,
     TX,
     Frames,
 )
+from canlog.line_block import LineBlock
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
@@ -35,6 +39,7 @@ __all__ = ["read", "write"]
 
 DATE: Final = re.compile(r"(?P<kind>date|begin triggerblock)\b(?P<text>.*)", re.IGNORECASE)
 BASE: Final = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
+UNUSUAL: Final = re.compile(rb"base[ \t]+(?:dec|hex[ \t]+timestamps[ \t]+relative)")
 EVENT: Final = re.compile(r"(?P<stamp>-?\d{1,12}(?:\.\d{1,9})?)\s+(?P<rest>\S.*)", re.ASCII)
 CLASSIC: Final = re.compile(
     r"(?P<channel>\d{1,3})\s+(?P<id>[0-9A-Fa-f]{1,10})(?P<wide>x?)\s+(?P<way>Rx|Tx|TxRq)\s+"
@@ -73,7 +78,10 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     which is said in the damage, unless `options.utc_offset_s` says where it was written.
     """
     taker = _Taker(options, damages)
-    yield from read_lines(path, options, damages, taker.take, taker.is_whole)
+    fast = taker.fast if options.compiled else None
+    yield from read_lines(
+        path, options, damages, taker.take, taker.is_whole, fast, lambda: taker.start_ns
+    )
     if not taker.dated:
         damages.add(NO_DATE, "line", None, "the log has no date; its stamps count from 1970")
 
@@ -87,6 +95,7 @@ class _Taker:
         self._relative = False
         self._start_ns = 0
         self._last_ns = 0
+        self._usual = True
         self.dated = False
         """Whether a line told the date, readable or not."""
 
@@ -100,6 +109,21 @@ class _Taker:
         if self._relative:
             past_ns = self._last_ns = self._last_ns + past_ns
         return self._event(self._start_ns + past_ns, event["rest"], rows)
+
+    @property
+    def start_ns(self) -> int:
+        """What stamps count from."""
+        return self._start_ns
+
+    def fast(self, text: bytes, channels: list[str]) -> LineBlock | None:
+        """A block by the kernel, which knows hexadecimal numbers and absolute stamps only."""
+        told = text.lower() if b"base" in text or b"Base" in text else b""
+        if UNUSUAL.search(told):
+            self._usual = False
+        if not self._usual:
+            return None
+        width = FD_BYTES if b"CANFD" in text else CLASSIC_BYTES
+        return kernel.parse_text(text, channels, width, b"")
 
     def is_whole(self, line: str) -> bool:
         """A classic data frame whose last byte has both digits."""

@@ -1,13 +1,15 @@
 """What readers of text formats share: whole lines in, blocks of frames out, the rest counted."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from canlog.damage import Damages, shown
-from canlog.frames import Frames
+from canlog.frames import Frames, widened
+from canlog.line_block import LineBlock
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 from canlog.source import lines_blocks
@@ -21,6 +23,8 @@ NO_DATE: Final = "no date"
 """The kind of damage of a log whose stamps cannot be told as dates."""
 UTF8_MARK: Final = b"\xef\xbb\xbf"
 
+Fast = Callable[[bytes, list[str]], LineBlock | None]
+"""Parses a block of whole lines as far as it can; None where it cannot at all."""
 Take = Callable[[str, Rows], str | None]
 """Adds the frame of a line; JUNK, OTHER, or None when all is well."""
 
@@ -40,15 +44,26 @@ def read_lines(
     damages: Damages,
     take: Take,
     is_whole: Callable[[str], bool] = lambda line: False,
+    fast: Fast | None = None,
+    start: Callable[[], int] = lambda: 0,
 ) -> Iterator[Frames]:
     """Blocks of the frames of a text log.
 
     Args:
+        fast: takes what it can of a block first. Its stamps count from `start`, the instant that
+            lines before have told.
         is_whole: whether a last line without its end is a whole frame all the same, by its own
             count of data bytes; `take` has accepted it.
     """
     rows = Rows()
     for text, number in lines_blocks(path, damages):
+        whole = text[: text.rfind(b"\n") + 1].removeprefix(UTF8_MARK) if fast is not None else b""
+        found = fast(whole, rows.channels) if fast is not None and whole else None
+        if found is not None:
+            made = _mixed(found, whole, number, rows, take, start, damages)
+            for at in range(0, len(made), options.block_frames):
+                yield made[at : at + options.block_frames]
+            text, number = text[text.rfind(b"\n") + 1 :], number + found.lines
         lines = decoded(text).split("\n")
         # A file may end inside its last line, and the frame there may lack its last bytes.
         torn = lines.pop().strip()
@@ -70,6 +85,47 @@ def read_lines(
                 damages.add(TORN, "line", number + len(lines), shown(torn))
         if len(rows):
             yield rows.take()
+
+
+def _mixed(
+    block: LineBlock,
+    text: bytes,
+    number: int,
+    rows: Rows,
+    take: Take,
+    start: Callable[[], int],
+    damages: Damages,
+) -> Frames:
+    """The frames of a block, those of odd lines among them, in the order of the lines."""
+    frames, keep, since, start_ns = block.frames, np.ones(len(block.frames), np.bool_), 0, start()
+    odd = (block.odd, block.odd_starts, block.odd_ends, block.odd_lines)
+    for row, first, last, line_at in zip(*(each.tolist() for each in odd), strict=True):
+        line = decoded(text[first:last])
+        fault = take(line, rows)
+        if fault == OTHER:
+            damages.skip(OTHER)
+        elif fault is not None:
+            damages.add(fault, "line", number + line_at, shown(line))
+        if start() != start_ns:
+            frames.at_ns[since:row] += start_ns
+            since, start_ns = row, start()
+        keep[row] = len(rows) > 0
+        if len(rows):
+            frames = _put(rows.take(), frames, row, start_ns)
+    frames.at_ns[since:] += start_ns
+    frames = replace(frames, channels=tuple(rows.channels))
+    return frames if keep.all() else frames[keep]
+
+
+def _put(one: Frames, frames: Frames, row: int, start_ns: int) -> Frames:
+    """One frame into its row, whose stamp the start is still to be added to."""
+    width = max(one.data.shape[1], frames.data.shape[1])
+    frames = replace(frames, data=widened(frames.data, width))
+    frames.at_ns[row] = int(one.at_ns[0]) - start_ns
+    frames.identifier[row], frames.flags[row] = one.identifier[0], one.flags[0]
+    frames.channel[row], frames.length[row] = one.channel[0], one.length[0]
+    frames.data[row] = widened(one.data, width)[0]
+    return frames
 
 
 def _both(rows: Rows, last: Rows) -> Iterator[Frames]:

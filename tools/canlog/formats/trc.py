@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from canlog import kernel
 from canlog.damage import Damages
 from canlog.formats.candump_write import text_file
 from canlog.formats.text import (
@@ -23,22 +24,32 @@ from canlog.formats.text import (
 )
 from canlog.frames import (
     BRS,
+    CLASSIC_BYTES,
     ERROR,
     ESI,
     EXTENDED,
     FD,
+    FD_BYTES,
     FD_LENGTHS,
     REMOTE,
     TX,
     Frames,
     Ints,
 )
+from canlog.line_block import LineBlock
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 from canlog.writing import Numbers, lost
 
 DAYS_MAX: Final = 100_000
 """Stamps of 64 bits reach a little further than this many days from 1970."""
+HEAD: Final = re.compile(rb"^;\$[^\n]*", re.MULTILINE)
+LONG: Final = re.compile(rb"\d+\)?[ \t]+[\d.]+[ \t]+(?:FD|FB|FE|BI)\b")
+"""A line of CAN FD, whose data may be long."""
+ODD_MAX: Final = 1000
+"""Lines of a block that are looked at for one of CAN FD."""
+HEAD_BYTES: Final = 1 << 14
+"""The head of a log is not longer."""
 MS_DIGITS: Final = 6
 """Milliseconds with so many digits are nanoseconds."""
 NS_PER_DAY: Final = 86_400 * NS_PER_S
@@ -75,7 +86,16 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     unless `options.utc_offset_s` says where it was written.
     """
     taker = _Taker(options, damages)
-    yield from read_lines(path, options, damages, taker.take, lambda line: bool(WHOLE.search(line)))
+    fast = taker.fast if options.compiled else None
+    yield from read_lines(
+        path,
+        options,
+        damages,
+        taker.take,
+        lambda line: bool(WHOLE.search(line)),
+        fast,
+        lambda: taker.start_ns,
+    )
     if not taker.dated:
         damages.add(NO_DATE, "line", None, "the log has no $STARTTIME; its stamps count from 1970")
 
@@ -87,8 +107,39 @@ class _Taker:
         self._options, self._damages = options, damages
         self._start_ns = 0
         self.dated = False
+        self._wide = False
         self._version = "1.0"
         self._columns: tuple[str, ...] = COLUMNS_1["1.0"]
+
+    @property
+    def start_ns(self) -> int:
+        """What stamps count from."""
+        return self._start_ns
+
+    def fast(self, text: bytes, channels: list[str]) -> LineBlock | None:
+        """A block by the kernel, once the head has told the columns."""
+        version, columns = self._version, self._columns
+        if b";$" in text:
+            # The lines of the head are taken one by one as well, behind this.
+            probe = _Taker(self._options, Damages())
+            for line in HEAD.findall(text[:HEAD_BYTES]):
+                probe.take(line.decode("latin-1").strip(), Rows())
+            version, columns = probe._version, probe._columns
+            if b";$" in text[HEAD_BYTES:]:
+                return None
+        marks = "v" if version.startswith("1") else ""
+        told = "".join(columns)
+        if len(told) != len(columns) or (marks and not set(told) <= set("NOIdBRL")):
+            return None
+        names = (marks + told).encode()
+        if not self._wide:
+            found = kernel.parse_text(text, channels, CLASSIC_BYTES, names)
+            if found is None or not any(
+                LONG.match(text, int(at)) for at in found.odd_starts[:ODD_MAX]
+            ):
+                return found
+            self._wide = True
+        return kernel.parse_text(text, channels, FD_BYTES, names)
 
     def take(self, line: str, rows: Rows) -> str | None:
         if line.startswith(";"):
@@ -111,9 +162,11 @@ class _Taker:
             elif self._version not in ("2.0", "2.1"):
                 self._damages.add("unknown version", "line", None, f"{value}: read as 2.1")
         elif name == "$COLUMNS":
-            self._columns = tuple(each.strip() for each in value.split(","))
+            columns = [each.strip() for each in value.split(",")]
+            if not {"N", "O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
+                return JUNK
             # Data are the rest of the line, however many blanks they have.
-            self._columns = tuple(each for each in self._columns if each != "D")
+            self._columns = tuple(each for each in columns if each != "D")
         elif name == "$STARTTIME":
             try:
                 days = Decimal(value.strip()) - DAY_OF_1970
@@ -138,9 +191,10 @@ class _Taker:
             return self._error(told, rows) if way.lower() == "error" else OTHER
         if way not in ("Rx", "Tx") or told["I"].upper() == "FFFFFFFF":
             return OTHER if told["I"].upper() == "FFFFFFFF" else JUNK
-        if not _is_number(told["L"]):
+        size = told.get("L", told.get("l", ""))
+        if not _is_number(size):
             return JUNK
-        length, flags = int(told["L"]), TX if way == "Tx" else 0
+        length, flags = int(size), TX if way == "Tx" else 0
         if length > 8:
             return JUNK
         if told["D"].strip() == "RTR":
