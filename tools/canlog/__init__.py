@@ -1,12 +1,17 @@
 """Frame-level inspection of CAN logs: `read` gives numpy columns with exact time and verdicts."""
 
+from typing import TYPE_CHECKING, Any
+
 from canlog.damage import Damage, LogError
 from canlog.database import Bus, MessageSpec, SignalSpec, load_bus, parse_bus
 from canlog.frames import Frames
 from canlog.options import ReadOptions
 from canlog.read import Log, Stream, read, stream
 from canlog.table import Table, table_of
-from canlog.verdict import ACCEPTED, Verdicts, judge
+from canlog.verdict_codes import ACCEPTED
+
+if TYPE_CHECKING:
+    from canlog.verdict import Verdicts, judge
 
 __all__ = [
     "ACCEPTED",
@@ -28,3 +33,12 @@ __all__ = [
     "stream",
     "table_of",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """The codec is loaded when it is first asked for: it takes longer than everything else."""
+    if name not in ("Verdicts", "judge"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from canlog import verdict
+
+    return getattr(verdict, name)

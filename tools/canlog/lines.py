@@ -10,12 +10,14 @@ import numpy as np
 from canlog.database import Bus, SignalSpec
 from canlog.frames import ERROR, EXTENDED, FD, REMOTE, TX, Frames, Ints
 from canlog.table import Groups, Table
-from canlog.verdict import REASONS, UNCONFIRMED, detail_of
+from canlog.verdict_codes import UNCONFIRMED
 
 NS_PER_S: Final = 1_000_000_000
 DIM, BOLD, RED, GREEN, CYAN, YELLOW = "2", "1", "31", "32", "36", "33"
 TRAILER: Final = ("alive_counter", "crc16")
 """Signals that only say that a frame is whole; the verdict does, too."""
+FIRST_LINES, LINES_AT_ONCE = 64, 1 << 14
+"""Frames that are decoded together: few at first, so that the first lines come at once."""
 DIGITS_MAX: Final = 9
 
 
@@ -55,6 +57,15 @@ class Writer:
         Args:
             code: (n,) verdicts of the block; cycle, sent: (n,) what a run tells of its frames.
         """
+        first, count = 0, FIRST_LINES
+        while first < len(rows):
+            some = rows[first : first + count]
+            yield from self._some_lines(frames, some, code, cycle, sent)
+            first, count = first + count, min(2 * count, LINES_AT_ONCE)
+
+    def _some_lines(
+        self, frames: Frames, rows: Ints, code: Any, cycle: Any, sent: Any
+    ) -> Iterator[str]:
         chosen = frames[rows]
         texts = self._signals(chosen)
         for at, row in enumerate(rows.tolist()):
@@ -96,6 +107,9 @@ class Writer:
     def _verdict(self, frames: Frames, row: int, code: int) -> str:
         if code <= UNCONFIRMED:
             return "  (no other half)" if code == UNCONFIRMED else ""
+        # A log of another bus is shown without loading the codec.
+        from canlog.verdict import REASONS, detail_of
+
         words = REASONS[code].name.lower().replace("_", " ")
         detail = detail_of(frames, row, code)
         text = f"  REJECTED {words}" + (f": {detail}" if detail else "")

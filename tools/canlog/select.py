@@ -4,7 +4,7 @@ import fnmatch
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from canlog.damage import LogError
 from canlog.database import Bus
 from canlog.frames import KEY_EXTENDED, Bools, Frames, Ints
 from canlog.table import Groups, taken
-from canlog.verdict import UNCONFIRMED
-from canlog.where import Where
+from canlog.verdict_codes import UNCONFIRMED
+
+if TYPE_CHECKING:
+    from canlog.where import Where
 
 NS_PER_S: Final = 1_000_000_000
 IDENTIFIER: Final = re.compile("[0-9a-f]+x?")
@@ -28,7 +30,7 @@ class Selection:
     keys: tuple[int, ...] = ()
     nodes: tuple[str, ...] = ()
     """Senders."""
-    where: Where | None = None
+    where: "Where | None" = None
     spans_ns: tuple[tuple[int, int], ...] | None = None
     """Stamps, first and last."""
     rate_hz: float | None = None

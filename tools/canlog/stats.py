@@ -14,14 +14,13 @@ from canlog.frames import BRS, ERROR, FD, REMOTE, Frames, Ints
 from canlog.gaps import Gaps
 from canlog.plan import DecodingPlan, Payloads, physical_of, signed_raw
 from canlog.table import Groups
-from canlog.verdict import CODES, REASONS, UNCONFIRMED, Judge
+from canlog.verdict import CODES, REASONS, Judge
+from canlog.verdict_codes import JUDGED_BUS, UNCONFIRMED
 
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 WINDOW_NS: Final = 100 * NS_PER_MS
 """Of the highest load."""
-JUDGED_BUS: Final = "can_dbc"
-"""The bus whose frames this project's codec can judge."""
 
 
 @dataclass(slots=True)

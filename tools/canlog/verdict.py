@@ -18,12 +18,8 @@ from can_dbc.rejection import Reason
 from can_dbc.trailer import AliveCounter, crc_of_data_id, damage
 from canlog.frames import EXTENDED, NOT_DATA, Bytes, Frames, Ints
 from canlog.table import Groups
+from canlog.verdict_codes import ACCEPTED, NOT_JUDGED, UNCONFIRMED
 
-NOT_JUDGED: Final = 0
-"""Remote, error and extended frames, which no receiver of this bus takes."""
-ACCEPTED: Final = 1
-UNCONFIRMED: Final = 2
-"""One half of a vital pair whose other half was refused or had not come by the end."""
 CODES: Final = {reason: number for number, reason in enumerate(Reason, 3)}
 REASONS: Final = {number: reason for reason, number in CODES.items()}
 _POLYNOMIAL: Final = 0x1021

@@ -17,7 +17,6 @@ from canlog.damage import Damages
 from canlog.formats import candump
 from canlog.frames import EXTENDED, Frames
 from canlog.rows import from_rows
-from canlog.verbs import show
 from canlog.verbs.replay import Player
 from firmware_py.clock.clock import LockstepClock
 from firmware_py.ports import CanFrame, LinkCounters
@@ -296,7 +295,7 @@ def test_a_live_bus_is_shown_until_somebody_interrupts(
                 raise KeyboardInterrupt
             return [heard.pop(0)]
 
-    monkeypatch.setattr(show, "open_can", lambda *_, **__: Live())
+    monkeypatch.setattr("firmware_py.buses.open_can", lambda *_, **__: Live())
 
     with pytest.raises(KeyboardInterrupt):
         main(["show", "--follow", "embedded:x", "--message", "TRACTION_CMD"])

@@ -11,7 +11,6 @@ from canlog.frames import ERROR, EXTENDED, FD, FD_LENGTHS, REMOTE, TX, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
-MAGIC: Final = b"***BUSMASTER"
 SYSTEM, ABSOLUTE, RELATIVE = "SYSTEM MODE", "ABSOLUTE MODE", "RELATIVE MODE"
 DAY_NS: Final = 86_400 * NS_PER_S
 START: Final = re.compile(
@@ -28,10 +27,6 @@ ERRORS: Final = re.compile(
     r"(?P<channel>\d{1,3})\s+.*(?:ERR|error).*",
     re.ASCII | re.IGNORECASE,
 )
-
-
-def is_busmaster(head: bytes) -> bool:
-    return head.lstrip(b"\xef\xbb\xbf\r\n ").startswith(MAGIC)
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:

@@ -6,10 +6,14 @@ from typing import Final
 
 import numpy as np
 
+from canlog.damage import EXTENDED_MAX, STANDARD_MAX
 from canlog.frames import BRS, ERROR, ESI, EXTENDED, FD, FD_LENGTHS, REMOTE, TX
-from firmware_py.storage.recorder import ERROR_FLAG, ERROR_MASK, EXTENDED_MAX, STANDARD_MAX
 
 NS_PER_S: Final = 1_000_000_000
+ERROR_FLAG: Final = 0x2000_0000
+"""Of SocketCAN: the identifier of an error frame."""
+ERROR_MASK: Final = EXTENDED_MAX
+"""The classes of an error."""
 SECONDS_MAX: Final = 9_223_372_035
 """Later instants do not fit into 64 bits of nanoseconds."""
 ABSOLUTE, SINCE, LOCAL, NONE = "absolute", "since", "local", "none"

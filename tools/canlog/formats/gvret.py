@@ -11,7 +11,6 @@ from canlog.frames import EXTENDED, FD, FD_LENGTHS, TX, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
-HEAD: Final = b"time stamp,id,extended"
 NS_PER_US: Final = 1000
 DATED_US: Final = 10**15
 """Stamps below count from the start of the device, and not from 1970."""
@@ -21,10 +20,6 @@ LINE: Final = re.compile(
     re.ASCII | re.IGNORECASE,
 )
 CLASSIC_COLUMNS: Final = 8
-
-
-def is_gvret(head: bytes) -> bool:
-    return head.removeprefix(b"\xef\xbb\xbf").lower().startswith(HEAD)
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Final
 
 from canlog.damage import Damages
+from canlog.formats.heads import KVASER
 from canlog.formats.text import JUNK, NO_DATE, OTHER, hex_bytes, read_lines, stamp_ns
 from canlog.frames import ERROR, EXTENDED, FD, FD_LENGTHS, REMOTE, TX, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
-HEAD: Final = re.compile(rb"\s*Chn\s+Identifier\s+Flg", re.IGNORECASE)
 LINE: Final = re.compile(
     r"(?P<channel>\d{1,3})\s+(?P<id>[0-9A-Fa-f]{1,10})\s+(?P<flags>[A-Za-z ]*?)\s*"
     r"(?P<length>\d{1,2})(?P<data>(?:\s+[0-9A-Fa-f]{1,3})*)\s+(?P<stamp>\d{1,12}\.\d{1,9})"
@@ -24,10 +24,6 @@ ERRORS: Final = re.compile(
 ENDED: Final = ("Logging stopped", "Log ", "=", "Time", "Settings", "Kvaser", "Trigger")
 
 
-def is_kvaser(head: bytes) -> bool:
-    return any(HEAD.match(line) for line in head.split(b"\n")[:40])
-
-
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
     """The frames; channel 0 is called `can0`. Stamps count from the start of the log."""
     damages.add(NO_DATE, "line", None, "the format has none; stamps count from the start")
@@ -38,7 +34,7 @@ class _Taker:
     """Numbers are hexadecimal unless an identifier or a byte needs three decimal digits."""
 
     def take(self, line: str, rows: Rows) -> str | None:
-        if HEAD.match(line.encode("ascii", "replace")) or line.startswith(ENDED):
+        if KVASER.match(line.encode("ascii", "replace")) or line.startswith(ENDED):
             return None
         found = LINE.fullmatch(line) or ERRORS.fullmatch(line)
         if found is None:

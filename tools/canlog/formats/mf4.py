@@ -36,6 +36,8 @@ __all__ = ["read", "write"]
 KINDS: Final = {"CAN_DataFrame": 0, "CAN_ErrorFrame": ERROR, "CAN_RemoteFrame": REMOTE}
 NS_PER_S: Final = 1_000_000_000
 EXACT_NS: Final = 1 << 62
+GATHERED: Final = 1 << 16
+"""Records that are taken together at most."""
 LENGTH_BYTES: Final = 4
 """Of a value of variable length, before it."""
 _LENGTHS: Final = np.array(FD_LENGTHS, np.uint8)
@@ -89,7 +91,8 @@ class _Reader:
         values = self._values_of(group)
         rest = b""
         for content in _gathered(
-            self._file.content(self._data.data_link), group.size * self._options.block_frames
+            self._file.content(self._data.data_link),
+            group.size * min(self._options.block_frames, GATHERED),
         ):
             content = rest + content if rest else content
             count = len(content) // group.size
@@ -129,7 +132,7 @@ class _Reader:
         waiting: dict[int, Any] = {}
         rest = b""
         pieces = self._file.content(self._data.data_link)
-        for content in _gathered(pieces, 64 * self._options.block_frames):
+        for content in _gathered(pieces, 32 * min(self._options.block_frames, GATHERED)):
             content = rest + bytes(content) if rest else bytes(content)
             stop, places, numbers = _walk(content, self._data.id_bytes, by_id)
             broken = stop < 0

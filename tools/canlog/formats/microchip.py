@@ -11,7 +11,6 @@ from canlog.frames import EXTENDED, TX, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
-MARK: Final = b"Microchip Technology Inc."
 NS_PER_MS: Final = 1_000_000
 CHANNEL: Final = "can0"
 STARTED: Final = re.compile(
@@ -23,10 +22,6 @@ LINE: Final = re.compile(
     r"(?P<length>\d);(?P<data>(?:(?:0x[0-9A-F]{1,2}|\d{1,3});?)*)",
     re.IGNORECASE | re.ASCII,
 )
-
-
-def is_microchip(head: bytes) -> bool:
-    return MARK in head[:400]
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:

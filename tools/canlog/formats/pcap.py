@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from canlog.damage import Damages, LogError
+from canlog.formats.heads import PCAPNG_SECTION, is_pcap
 from canlog.frames import (
     BRS,
     CLASSIC_BYTES,
@@ -27,7 +28,6 @@ from canlog.source import opened
 
 MICROSECONDS, NANOSECONDS = 0xA1B2C3D4, 0xA1B23C4D
 SECTION, INTERFACE, OLD_PACKET, SIMPLE, ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
-SECTION_BYTES: Final = b"\n\r\r\n"
 ORDER_MARK: Final = 0x1A2B3C4D
 SOCKETCAN, COOKED, COOKED_2 = 227, 113, 276
 """Link types: bare frames, and frames behind the head of a cooked capture of either version."""
@@ -45,15 +45,6 @@ CHANNELS_MAX: Final = 256
 AT_MAX: Final = (1 << 63) - 1
 
 Order = Literal["little", "big"]
-
-
-def is_pcap(head: bytes) -> bool:
-    magics = {
-        number.to_bytes(4, order)
-        for number in (MICROSECONDS, NANOSECONDS)
-        for order in ("little", "big")
-    }
-    return head[:4] in magics or (head[:4] == SECTION_BYTES and len(head) >= 12)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +79,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     """
     with opened(path, damages) as file:
         capture = _Capture(file.data, file.size, damages)
-        if file.data[:4] == SECTION_BYTES:
+        if file.data[:4] == PCAPNG_SECTION:
             packets = capture.blocks()
         elif is_pcap(bytes(file.data[:4])):
             packets = capture.records()
@@ -141,7 +132,7 @@ class _Capture:
         interfaces: list[_Interface] = []
         at = 0
         while at + 12 <= self._size:
-            if self._data[at : at + 4] == SECTION_BYTES:
+            if self._data[at : at + 4] == PCAPNG_SECTION:
                 order = "little" if self._number(at + 8, 4, "little") == ORDER_MARK else "big"
                 interfaces = []
             kind, size = self._number(at, 4, order), self._number(at + 4, 4, order)

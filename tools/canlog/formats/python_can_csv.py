@@ -13,7 +13,6 @@ from canlog.frames import ERROR, EXTENDED, FD, FD_LENGTHS, REMOTE, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
-HEAD: Final = b"timestamp,arbitration_id,extended,remote,error,dlc,data"
 LINE: Final = re.compile(
     r"(?P<stamp>-?\d{1,12}(?:\.\d+)?(?:[eE][-+]?\d+)?),(?:0x)?(?P<id>[0-9A-Fa-f]{1,8}),(?P<wide>[01]),"
     r"(?P<remote>[01]),(?P<error>[01]),(?P<length>\d{1,2}),(?P<data>[A-Za-z0-9+/=]*)",
@@ -21,10 +20,6 @@ LINE: Final = re.compile(
 )
 CHANNEL: Final = "can0"
 """The format names none."""
-
-
-def is_python_can_csv(head: bytes) -> bool:
-    return head.startswith(HEAD)
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:

@@ -10,12 +10,7 @@ from canlog.frames import ERROR, EXTENDED, REMOTE, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
-MAGIC: Final = b"SQLite format 3\0"
 COLUMNS: Final = ("ts", "arbitration_id", "extended", "remote", "error", "dlc", "data")
-
-
-def is_sqlite(head: bytes) -> bool:
-    return head.startswith(MAGIC)
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:

@@ -7,15 +7,17 @@ from pathlib import Path
 from typing import Any, Final
 
 from canlog.damage import Damages, LogError
-from canlog.formats.busmaster import is_busmaster
 from canlog.formats.candump_line import parse
 from canlog.formats.foreign import looks_like
-from canlog.formats.gvret import is_gvret
-from canlog.formats.kvaser import is_kvaser
-from canlog.formats.microchip import is_microchip
-from canlog.formats.pcap import is_pcap
-from canlog.formats.python_can_csv import is_python_can_csv
-from canlog.formats.python_can_sqlite import is_sqlite
+from canlog.formats.heads import (
+    is_busmaster,
+    is_gvret,
+    is_kvaser,
+    is_microchip,
+    is_pcap,
+    is_python_can_csv,
+    is_sqlite,
+)
 from canlog.frames import Frames
 from canlog.options import ReadOptions
 from canlog.source import GZIP, ZSTD, head_of

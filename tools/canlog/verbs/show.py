@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from canlog.damage import LogError
 from canlog.database import Bus
@@ -19,14 +19,15 @@ from canlog.read import read, stream
 from canlog.rows import from_rows
 from canlog.run import RunFiles
 from canlog.select import NS_PER_S, Selection, Selector, around, parse_key
-from canlog.stats import JUDGED_BUS
 from canlog.table import Groups
 from canlog.verbs.common import LOG_HELP, add_reading, bus_asked, count, read_options, seconds
-from canlog.verdict import Judge
-from canlog.where import Where
-from firmware_py.buses import BusError, open_can
+from canlog.verdict_codes import JUDGED_BUS
 from firmware_py.clock.clock import WallClock
-from firmware_py.ports import CanFrame
+
+if TYPE_CHECKING:
+    from canlog.verdict import Judge
+    from canlog.where import Where
+    from firmware_py.ports import CanFrame
 
 SUMMARY: Final = "frame by frame, decoded, with control cycles and reasons of rejection"
 POLL_NS: Final = 20_000_000
@@ -108,12 +109,29 @@ def _wanted(given: argparse.Namespace, bus: Bus, start_ns: int, run_: RunFiles |
         names=tuple(given.message),
         keys=tuple(parse_key(text) for text in given.id),
         nodes=tuple(given.node),
-        where=Where(given.where, bus) if given.where else None,
+        where=_where(given.where, bus),
         spans_ns=spans,
         rate_hz=given.rate,
         rejected=given.rejected,
         changed=given.changed,
     )
+
+
+def _where(text: str | None, bus: Bus) -> "Where | None":
+    if not text:
+        return None
+    from canlog.where import Where
+
+    return Where(text, bus)
+
+
+def _judge_of(bus: Bus) -> "Judge | None":
+    """The codec of this project, for its own bus; other logs are shown without loading it."""
+    if bus.name != JUDGED_BUS:
+        return None
+    from canlog.verdict import Judge
+
+    return Judge()
 
 
 def _instants_ns(given: argparse.Namespace, run_: RunFiles | None) -> list[int]:
@@ -133,7 +151,7 @@ def _instants_ns(given: argparse.Namespace, run_: RunFiles | None) -> list[int]:
 
 def _logged(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
     """The lines of a log. A run folder is read whole, anything else block by block."""
-    judge = Judge() if bus.name == JUDGED_BUS else None
+    judge = _judge_of(bus)
     if given.log.is_dir():
         log = read(given.log, bus, read_options(given))
         run_, start_ns = log.run, log.run.start_ns if log.run else log.start_ns
@@ -158,13 +176,15 @@ def _logged(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
 
 def _followed(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
     """The lines of a live bus, until somebody interrupts."""
+    from firmware_py.buses import BusError, open_can
+
     clock = WallClock()
     try:
         port = open_can(given.follow, clock=clock, node="canlog")
     except BusError as error:
         raise LogError(str(error)) from error
     start_ns = clock.epoch_ns()
-    judge = Judge() if bus.name == JUDGED_BUS else None
+    judge = _judge_of(bus)
     selector = Selector(_wanted(given, bus, start_ns, None), bus)
     writer = Writer(bus, _style(given, bus, start_ns))
     try:
@@ -180,7 +200,7 @@ def _followed(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
         port.close()
 
 
-def _block(heard: Sequence[CanFrame], bus: str, offset_ns: int) -> Frames:
+def _block(heard: "Sequence[CanFrame]", bus: str, offset_ns: int) -> Frames:
     channel = bus.partition(":")[2]
     rows = [
         (

@@ -8,9 +8,10 @@ from canlog.database import MessageSpec
 from canlog.frames import KEY_EXTENDED
 from canlog.read import Log
 from canlog.shelf import in_pieces
-from canlog.stats import JUDGED_BUS, gather
+from canlog.stats import gather
 from canlog.stats_rows import absent, bus_rows, message_rows, unjudged
-from canlog.verdict import REASONS, UNCONFIRMED, Judge
+from canlog.verdict import REASONS, Judge
+from canlog.verdict_codes import JUDGED_BUS, UNCONFIRMED
 from canlog.views.packed import KeyGroup
 
 REFUSED_FROM: Final = UNCONFIRMED + 1
