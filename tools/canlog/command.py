@@ -29,6 +29,7 @@ VERBS: Final = {
     "report": "canlog.verbs.report",
     "show": "canlog.verbs.show",
     "stats": "canlog.verbs.stats",
+    "transport": "canlog.verbs.transport",
 }
 """Each module has SUMMARY, `options(parser)` and `run(options) -> exit code`."""
 

@@ -27,8 +27,8 @@ Raws = npt.NDArray[np.uint64]
 class Payloads:
     """The data of frames, and the words that signals are cut from, each made once."""
 
-    def __init__(self, data: Bytes, length: Bytes) -> None:
-        """`data` (n, 8) or (n, 64), `length` (n,)."""
+    def __init__(self, data: Bytes, length: "Bytes | npt.NDArray[np.uint16]") -> None:
+        """`data` (n, 8), (n, 64) or, of messages of several frames, longer; `length` (n,)."""
         self.data = np.ascontiguousarray(data)
         self.length = length
         self.shortest = int(length.min()) if len(length) else WORD_BYTES

@@ -147,9 +147,10 @@ def exported(column: Column) -> Any:
 
 def table_of(spec: MessageSpec, data: Sequence[bytes]) -> Table:
     """Of frames by themselves, such as those that an event names: one row each, stamps 0."""
-    width = FD_BYTES if any(len(each) > CLASSIC_BYTES for each in data) else CLASSIC_BYTES
-    joined = b"".join(each[:width].ljust(width, b"\0") for each in data)
-    length = np.array([min(len(each), width) for each in data], np.uint8)
+    longest = max((len(each) for each in data), default=0)
+    width = CLASSIC_BYTES if longest <= CLASSIC_BYTES else max(longest, FD_BYTES)
+    joined = b"".join(each.ljust(width, b"\0") for each in data)
+    length = np.array([len(each) for each in data], np.uint16)
     payloads = Payloads(np.frombuffer(joined, np.uint8).reshape(-1, width), length)
     rows = np.arange(len(data), dtype=np.int64)
     return Table(DecodingPlan(spec), np.zeros(len(data), np.int64), lambda: rows, payloads)

@@ -14,15 +14,8 @@ from can_dbc.codec import Decoder, Encoder, Reason, Rejected
 from can_dbc.packing import unpacker
 from canlog.frames import ERROR, EXTENDED, REMOTE, Frames
 from canlog.rows import from_rows
-from canlog.verdict import (
-    ACCEPTED,
-    CODES,
-    NOT_JUDGED,
-    UNCONFIRMED,
-    Judge,
-    crc16,
-    judge,
-)
+from canlog.verdict import CODES, Judge, crc16, judge
+from canlog.verdict_codes import ACCEPTED, NOT_JUDGED, UNCONFIRMED
 
 Row = tuple[int, int, int, str, bytes]
 KINDS = [kind for kind in kinds() if len(dataclasses.fields(kind))]

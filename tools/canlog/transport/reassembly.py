@@ -1,0 +1,370 @@
+"""J1939 transport and ISO-TP put together block by block, with the frames that are still open."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from canlog.frames import Bools, Bytes, Frames, Ints, concat, empty
+from canlog.transport.messages import Kind, Messages, Status
+
+NS_PER_MS: Final = 1_000_000
+FIRST_GAP_NS: Final = 1250 * NS_PER_MS
+"""J1939-21, T2 and T3: longest wait within a connection."""
+PACKET_GAP_NS: Final = 750 * NS_PER_MS
+"""J1939-21, T1: longest wait between packets of a broadcast."""
+ISOTP_GAP_NS: Final = 1000 * NS_PER_MS
+"""ISO 15765-2, N_Cr: longest wait for a consecutive frame."""
+TP_CM, TP_DT = 0xEC, 0xEB
+"""PDU formats of J1939: connection management and data transfer."""
+RTS, CTS, ACKNOWLEDGED, BAM, ABORT = 16, 17, 19, 32, 255
+PACKET_BYTES: Final = 7
+SINGLE, FIRST, CONSECUTIVE = 0, 1, 2
+DIAGNOSTIC_FORMATS: Final = (0xDA, 0xDB)
+"""PDU formats of normal fixed addressing: to one node, to all."""
+DIAGNOSTIC_IDS: Final = (0x700, 0x7FF)
+LENGTH_MAX: Final = 1 << 24
+"""A first frame that announces more is none."""
+BAD: Final = -1
+
+
+@dataclass(frozen=True, slots=True)
+class TransportOptions:
+    """Which frames carry what."""
+
+    j1939: bool = True
+    isotp: bool = True
+    isotp_keys: tuple[int, ...] = ()
+    """Only these; without any, those that diagnosis usually has."""
+    address_bytes: int = 0
+    """Of an extended address, before the ISO-TP of each frame."""
+
+
+_Way = tuple[str, Callable[[Frames], Bools], "Callable[[Frames, Ints], _Segmented]"]
+"""A protocol: its name, which frames are its own, and what puts them together."""
+
+
+class Reassembler:
+    """Feed it blocks of frames; it gives the messages that have ended."""
+
+    def __init__(self, options: TransportOptions | None = None) -> None:
+        self._options = options or TransportOptions()
+        self._waiting: dict[str, tuple[Frames, Ints]] = {}
+        self._seen = 0
+
+    def feed(self, frames: Frames) -> list[Messages]:
+        """Of the next block; those that are still open wait for the next one."""
+        first, self._seen = self._seen, self._seen + len(frames)
+        return list(self._taken(frames, first, last=False))
+
+    def finish(self) -> list[Messages]:
+        """What had not ended at the end of the log."""
+        return list(self._taken(empty(), self._seen, last=True))
+
+    def _taken(self, frames: Frames, first: int, *, last: bool) -> Iterator[Messages]:
+        ways: list[_Way] = []
+        if self._options.j1939:
+            ways.append(("j1939", is_j1939_transport, _J1939))
+        if self._options.isotp:
+            ways.append(("isotp", self._is_isotp, self._isotp))
+        for name, chooses, made in ways:
+            rows = np.flatnonzero(chooses(frames))
+            mine, numbers = frames[rows], rows + first
+            if name in self._waiting:
+                before, before_rows = self._waiting.pop(name)
+                mine = concat([before, mine]) if len(mine) else before
+                numbers = np.concatenate([before_rows, numbers])
+            if not len(mine):
+                continue
+            found, left = made(mine, numbers).messages(last=last)
+            if left.any():
+                self._waiting[name] = mine[left], numbers[left]
+            if len(found):
+                yield found
+
+    def _is_isotp(self, frames: Frames) -> Bools:
+        key, options = frames.key, self._options
+        there: Bools = frames.is_data & (frames.length > options.address_bytes)
+        if options.isotp_keys:
+            there &= np.isin(key, np.array(options.isotp_keys, np.uint32))
+            return there
+        low, high = DIAGNOSTIC_IDS
+        form = key >> np.uint32(16) & np.uint32(0xFF)
+        fixed = (key >> np.uint32(31) != 0) & np.isin(form, DIAGNOSTIC_FORMATS)
+        there &= ((key >= low) & (key <= high)) | fixed
+        return there
+
+    def _isotp(self, frames: Frames, numbers: Ints) -> "_Segmented":
+        return _IsoTp(frames, numbers, self._options.address_bytes)
+
+
+def is_j1939_transport(frames: Frames) -> Bools:
+    """(n,) TP.CM and TP.DT frames of eight bytes."""
+    form = frames.identifier >> np.uint32(16) & np.uint32(0xFF)
+    found: Bools = frames.is_data & (frames.length == 8) & ((frames.flags & 1) != 0)
+    found &= (form == TP_CM) | (form == TP_DT)
+    return found
+
+
+class _Segmented:
+    """Frames of one protocol, sorted by session: starts, each followed by its segments."""
+
+    gap_ns: int
+
+    def __init__(self, frames: Frames, numbers: Ints, session: Any) -> None:
+        self.order = np.argsort(session, kind="stable")
+        self.frames, self.numbers = frames[self.order], numbers[self.order]
+        self.session = session[self.order]
+
+    def starts(self) -> Bools:
+        """(n,) frames that begin a message."""
+        raise NotImplementedError
+
+    def part(self) -> tuple[Ints, Ints]:
+        """(n,) where the data of each frame begin and end in it."""
+        raise NotImplementedError
+
+    def totals(self, starts: Ints) -> Ints:
+        """Bytes that each start announces."""
+        raise NotImplementedError
+
+    def sequence(self) -> Ints:
+        """(n,) number of each segment, BAD of a frame that is none."""
+        raise NotImplementedError
+
+    def expected(self, position: Ints) -> Ints:
+        """The number of the segment at a position, from 1."""
+        raise NotImplementedError
+
+    def columns(self, starts: Ints) -> tuple[Any, Ints, Bytes]:
+        """Key, group and kind of messages by their starts."""
+        raise NotImplementedError
+
+    def limit_ns(self, starts: Ints) -> Ints:
+        """Longest wait for the next frame of each message."""
+        raise NotImplementedError
+
+    def aborted(self, message: Ints, count: int) -> Bools:
+        """Which messages somebody gave up."""
+        del message
+        return np.zeros(count, np.bool_)
+
+    def messages(self, *, last: bool) -> tuple[Messages, Bools]:
+        """All that have ended, and which of the frames given wait for more."""
+        is_start, sequence = self.starts(), self.sequence()
+        starts = np.flatnonzero(is_start)
+        message = np.cumsum(is_start) - 1
+        # Segments before the first start of their session belong to a message that is not there.
+        known = message >= 0
+        known[known] = self.session[starts[message[known]]] == self.session[known]
+        mine = known & (is_start | (sequence != BAD))
+        count = len(starts)
+        low, high = self.part()
+        sizes = np.where(mine, np.maximum(high - low, 0), 0)
+        totals = self.totals(starts)
+        before = np.cumsum(sizes) - sizes
+        # Segments behind the last byte belong to no message.
+        rows = np.flatnonzero(mine)
+        past = before[rows] - before[starts[message[rows]]]
+        mine[rows] = is_start[rows] | (past < totals[message[rows]])
+        sizes = np.where(mine, sizes, 0)
+        used, owned = np.flatnonzero(mine), message[mine]
+        got = np.bincount(owned, sizes[used], count).astype(np.int64)
+        position = np.arange(len(used)) - np.searchsorted(owned, owned)
+        wrong = (position > 0) & (sequence[used] != self.expected(position))
+        stamps = self.frames.at_ns[used]
+        gaps = np.diff(stamps, prepend=stamps[:1])
+        late = (position > 0) & (gaps > self.limit_ns(starts)[owned])
+        status = np.zeros(count, np.uint8)
+        status[got < totals] = Status.UNFINISHED
+        status[np.unique(owned[late])] = Status.TIMEOUT
+        status[np.unique(owned[wrong])] = Status.WRONG_SEQUENCE
+        status[self.aborted(message, count) & (got < totals)] = Status.ABORTED
+        self.mend(status, used, owned, totals)
+        open_ = np.zeros(count, np.bool_)
+        if not last and count:
+            final = np.ones(count, np.bool_)
+            final[:-1] = self.session[starts[1:]] != self.session[starts[:-1]]
+            open_ = final & (status == Status.UNFINISHED)
+        left = np.zeros(len(self.frames), np.bool_)
+        left[used[open_[owned]]] = True
+        unsorted = np.zeros(len(self.frames), np.bool_)
+        unsorted[self.order] = left
+        return self._columns(starts, used, owned, totals, status, ~open_, low, sizes), unsorted
+
+    def mend(self, status: Bytes, used: Ints, owned: Ints, totals: Ints) -> None:
+        """Messages whose segments are out of turn but may be whole all the same, in place."""
+
+    def segments(self, used: Ints, owned: Ints, at: int) -> Ints:
+        """The frames of one message in the order of their data."""
+        return used[np.searchsorted(owned, at) : np.searchsorted(owned, at, "right")]
+
+    def _columns(
+        self,
+        starts: Ints,
+        used: Ints,
+        owned: Ints,
+        totals: Ints,
+        status: Bytes,
+        kept: Bools,
+        low: Ints,
+        sizes: Ints,
+    ) -> Messages:
+        chosen = np.flatnonzero(kept)
+        rows_kept = kept[owned]
+        used, owned = used[rows_kept], owned[rows_kept]
+        counts = np.bincount(owned, minlength=len(starts))[chosen]
+        row_ends = np.cumsum(counts)
+        whole = status[owned] == Status.WHOLE
+        width = self.frames.data.shape[1]
+        rows, column = used[whole], np.arange(width)
+        spans = (column >= low[rows][:, None]) & (column < (low + sizes)[rows][:, None])
+        flat = self.frames.data[rows][spans]
+        # The last segment may be filled up behind the last byte.
+        lengths = np.where(status == Status.WHOLE, totals, 0)[chosen]
+        held = np.bincount(owned[whole], sizes[rows], len(starts)).astype(np.int64)[chosen]
+        offset = np.arange(len(flat)) - np.repeat(np.cumsum(held) - held, held)
+        flat = flat[offset < np.repeat(lengths, held)]
+        first, final = used[row_ends - counts], used[row_ends - 1]
+        key, group, kind = self.columns(starts[chosen])
+        return Messages(
+            self.frames.at_ns[first],
+            self.frames.at_ns[final],
+            key,
+            group,
+            self.frames.channel[first],
+            kind,
+            status[chosen],
+            flat,
+            np.cumsum(lengths),
+            self.numbers[used],
+            row_ends,
+            self.frames.channels,
+        )
+
+
+class _J1939(_Segmented):
+    """Transport protocol of J1939-21: sessions by channel, source and destination."""
+
+    def __init__(self, frames: Frames, numbers: Ints) -> None:
+        identifier = frames.identifier
+        is_data = (identifier >> np.uint32(16) & np.uint32(0xFF)) == TP_DT
+        ends = identifier & np.uint32(0xFFFF)
+        # What the receiver says goes the other way.
+        said = np.where(is_data, 0, frames.data[:, 0])
+        back = np.isin(said, (CTS, ACKNOWLEDGED))
+        swapped = ends >> np.uint32(8) | (ends & np.uint32(0xFF)) << np.uint32(8)
+        if (said == ABORT).any():
+            # Either side may give up: an abort goes with the session that is known.
+            known = set((ends[is_data]).tolist())
+            abort = said == ABORT
+            back |= abort & ~np.isin(ends, list(known)) & np.isin(swapped, list(known))
+        session = np.where(back, swapped, ends).astype(np.int64)
+        super().__init__(frames, numbers, session | frames.channel.astype(np.int64) << 16)
+        self._control = np.where(is_data, 0, frames.data[:, 0])[self.order]
+        self._is_data = is_data[self.order]
+
+    def starts(self) -> Bools:
+        found: Bools = (self._control == BAM) | (self._control == RTS)
+        return found
+
+    def part(self) -> tuple[Ints, Ints]:
+        low = np.ones(len(self.frames), np.int64)
+        return low, np.where(self._is_data, 1 + PACKET_BYTES, 1)
+
+    def totals(self, starts: Ints) -> Ints:
+        data = self.frames.data[starts].astype(np.int64)
+        return data[:, 1] | data[:, 2] << 8
+
+    def sequence(self) -> Ints:
+        return np.where(self._is_data, self.frames.data[:, 0].astype(np.int64), BAD)
+
+    def expected(self, position: Ints) -> Ints:
+        return position
+
+    def limit_ns(self, starts: Ints) -> Ints:
+        return np.where(self._control[starts] == BAM, PACKET_GAP_NS, FIRST_GAP_NS)
+
+    def aborted(self, message: Ints, count: int) -> Bools:
+        found = np.zeros(count, np.bool_)
+        hit = message[(self._control == ABORT) & (message >= 0)]
+        found[hit] = True
+        return found
+
+    def mend(self, status: Bytes, used: Ints, owned: Ints, totals: Ints) -> None:
+        """Packets that were asked for again: each is taken by its number."""
+        del totals
+        for at in np.flatnonzero(status == Status.WRONG_SEQUENCE).tolist():
+            rows = self.segments(used, owned, at)
+            packets = self.frames.data[rows[1:], 0].astype(np.int64)
+            wanted = int(self.frames.data[rows[0], 3])
+            if len(packets) == wanted and (np.sort(packets) == np.arange(1, wanted + 1)).all():
+                order = rows[1:][np.argsort(packets, kind="stable")]
+                self.frames.data[rows[1:]] = self.frames.data[order]
+                status[at] = Status.WHOLE
+
+    def columns(self, starts: Ints) -> tuple[Any, Ints, Bytes]:
+        data = self.frames.data[starts].astype(np.int64)
+        group = data[:, 5] | data[:, 6] << 8 | data[:, 7] << 16
+        kind = np.where(self._control[starts] == BAM, Kind.BROADCAST, Kind.CONNECTION)
+        return self.frames.key[starts], group, kind.astype(np.uint8)
+
+
+class _IsoTp(_Segmented):
+    """ISO 15765-2: sessions by channel and identifier."""
+
+    def __init__(self, frames: Frames, numbers: Ints, address_bytes: int) -> None:
+        session = frames.key.astype(np.int64) | frames.channel.astype(np.int64) << 32
+        super().__init__(frames, numbers, session)
+        self._at = address_bytes
+        head = self._column(0)
+        self._type, self._low = head >> 4, head & 15
+        self._length = self.frames.length.astype(np.int64)
+        self._escaped = (self._type == SINGLE) & (self._low == 0) & (self._length > 8)
+        long = (self._low << 8 | self._column(1)) == 0
+        self._wide = (self._type == FIRST) & long & (self._length >= address_bytes + 6)
+        self._announced = self._totals()
+
+    def _column(self, at: int) -> Ints:
+        place = self._at + at
+        if place >= self.frames.data.shape[1]:
+            return np.zeros(len(self.frames), np.int64)
+        return self.frames.data[:, place].astype(np.int64)
+
+    def _totals(self) -> Ints:
+        short = np.where(self._escaped, self._column(1), self._low)
+        long = self._low << 8 | self._column(1)
+        wide = (
+            self._column(2) << 24 | self._column(3) << 16 | self._column(4) << 8 | self._column(5)
+        )
+        return np.where(self._type == SINGLE, short, np.where(self._wide, wide, long))
+
+    def starts(self) -> Bools:
+        room = self._length - self._at - np.where(self._escaped, 2, 1)
+        single = (self._type == SINGLE) & (self._announced > 0) & (self._announced <= room)
+        first = (self._type == FIRST) & (self._announced > room) & (self._announced < LENGTH_MAX)
+        found: Bools = single | first
+        return found
+
+    def part(self) -> tuple[Ints, Ints]:
+        low = np.where(self._type == SINGLE, np.where(self._escaped, 2, 1), 1)
+        low = np.where(self._type == FIRST, np.where(self._wide, 6, 2), low) + self._at
+        high = np.where(self._type == SINGLE, low + self._announced, self._length)
+        return low, np.minimum(high, self._length)
+
+    def totals(self, starts: Ints) -> Ints:
+        return self._announced[starts]
+
+    def sequence(self) -> Ints:
+        return np.where(self._type == CONSECUTIVE, self._low, BAD)
+
+    def expected(self, position: Ints) -> Ints:
+        return position & 15
+
+    def limit_ns(self, starts: Ints) -> Ints:
+        return np.full(len(starts), ISOTP_GAP_NS)
+
+    def columns(self, starts: Ints) -> tuple[Any, Ints, Bytes]:
+        kind = np.where(self._type[starts] == SINGLE, Kind.SINGLE, Kind.SEGMENTED)
+        return self.frames.key[starts], np.full(len(starts), -1), kind.astype(np.uint8)
