@@ -167,7 +167,7 @@ def test_a_restarted_controller_begins_its_own_time(
 
     assert [each.controller for each in read_story(folder).events] == [0, 0, 1, 1]
     assert main(["explain", str(folder)]) == 0
-    assert "started again" in capsys.readouterr().out
+    assert "the controller restarted" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("torn", ['{"t_s": 9.6, "num', "[]\n", '{"t_s": 1}\n', "noise\n"])
