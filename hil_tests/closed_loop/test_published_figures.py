@@ -1,7 +1,7 @@
 """The published figures of the control laws, and a picture, agree with the present code.
 
 No case runs while the sources are unchanged since the measurement. Otherwise one case of each
-shorter scenario, and of the tables in README.md, must give the published digits.
+shorter scenario, and of the tables in docs/results, must give the published digits.
 """
 
 from pathlib import Path

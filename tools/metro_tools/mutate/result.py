@@ -18,7 +18,7 @@ PAGE_FILE: Final = "docs/mutation.md"
 TENTHS: Final = 10
 PAGE_HEAD: Final = f"""# Mutation score
 
-Written by `make mutate MUTATE_ARGS=--write`; [protection.md](protection.md#mutation) describes
+Written by `make mutate MUTATE_ARGS=--write`; [protection](design/protection.md#mutation) describes
 the changes and how they are tried. A mutant is detected when a test fails or never ends.
 `{EQUIVALENTS_FILE}` has an argument for each equivalent mutant why no test can detect it.
 """
