@@ -19,6 +19,7 @@ EXIT_FOUND: Final = 1
 EXIT_USAGE: Final = 2
 
 VERBS: Final = {
+    "bits": "canlog.verbs.bits",
     "browse": "canlog.verbs.browse",
     "convert": "canlog.verbs.convert",
     "diff": "canlog.verbs.diff",
@@ -39,7 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     require_assertions("canlog")
     words = words_of("canlog", argv)
     try:
-        options = parser(words).parse_args(words)
+        top = parser(words)
+        options = top.parse_args(options_first(top, words))
         _choose_runs(options)
         code: int = _module(options.verb).run(options)
     except LogError as error:
@@ -66,6 +68,32 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
             module = _module(verb)
             module.options(verbs.add_parser(verb, help=module.SUMMARY, description=module.SUMMARY))
     return top
+
+
+def options_first(parser: argparse.ArgumentParser, words: Sequence[str]) -> list[str]:
+    """The words of a subcommand with its options, and their values, before everything else.
+
+    argparse takes a list of words, such as the signals of `plot`, in one piece only.
+    """
+    verbs = next(
+        (each for each in parser._actions if isinstance(each, argparse._SubParsersAction)), None
+    )
+    if not words or verbs is None or words[0] not in verbs.choices:
+        return list(words)
+    known = verbs.choices[words[0]]._option_string_actions
+    front, back, rest = [words[0]], list[str](), iter(words[1:])
+    for word in rest:
+        if word == "--":
+            return [*front, word, *back, *rest]
+        if not word.startswith("-") or word == "-":
+            back.append(word)
+            continue
+        front.append(word)
+        near = {id(known[name]): known[name] for name in known if name.startswith(word)}
+        action = known.get(word) or (next(iter(near.values())) if len(near) == 1 else None)
+        if action is not None and action.nargs is None:
+            front += [value for value in [next(rest, None)] if value is not None]
+    return [*front, *back]
 
 
 def _choose_runs(options: argparse.Namespace) -> None:

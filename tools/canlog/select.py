@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from canlog.damage import LogError
+from canlog.damage import STANDARD_MAX, LogError
 from canlog.database import Bus
-from canlog.frames import KEY_EXTENDED, Bools, Frames, Ints
+from canlog.frames import KEY_EXTENDED, TX, Bools, Frames, Ints
 from canlog.table import Groups, taken
 from canlog.verdict_codes import UNCONFIRMED
 
@@ -19,6 +19,43 @@ if TYPE_CHECKING:
 
 NS_PER_S: Final = 1_000_000_000
 IDENTIFIER: Final = re.compile("[0-9a-f]+x?")
+PATTERN: Final = re.compile(r"(?:[0-9a-f?.]{2})+")
+"""Data bytes in hexadecimal, any half of one as a point or question mark."""
+RECEIVED, SENT = "rx", "tx"
+
+
+@dataclass(frozen=True, slots=True)
+class KeyRange:
+    """Identifiers from one to another, or those that agree with one in the bits of a mask."""
+
+    first: int
+    last: int
+    mask: int = 0xFFFF_FFFF
+
+    def holds(self, key: Any) -> Bools:
+        """(n,) of keys, uint32."""
+        masked = key & np.uint32(self.mask)
+        found: Bools = (masked >= np.uint32(self.first)) & (masked <= np.uint32(self.last))
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class DataPattern:
+    """What the first data bytes have to be, under a mask."""
+
+    wanted: bytes
+    mask: bytes
+
+    def holds(self, frames: Frames) -> Bools:
+        """(n,) frames that have the bytes and agree with them."""
+        size = len(self.wanted)
+        found: Bools = (frames.length >= size) & frames.is_data
+        if size > frames.data.shape[1]:
+            return np.zeros(len(frames), np.bool_)
+        mask = np.frombuffer(self.mask, np.uint8)
+        wanted = np.frombuffer(self.wanted, np.uint8) & mask
+        found &= ((frames.data[:, :size] & mask) == wanted).all(axis=1)
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +64,7 @@ class Selection:
 
     names: tuple[str, ...] = ()
     """Patterns of the names of messages."""
-    keys: tuple[int, ...] = ()
+    keys: tuple[KeyRange, ...] = ()
     nodes: tuple[str, ...] = ()
     """Senders."""
     where: "Where | None" = None
@@ -37,6 +74,9 @@ class Selection:
     """At most so many frames a second of each message."""
     rejected: bool = False
     """Only what the codec refuses."""
+    direction: str = ""
+    """RECEIVED or SENT."""
+    data: DataPattern | None = None
     changed: bool = False
     """Only frames with other data than the one of their message before."""
 
@@ -51,6 +91,43 @@ def parse_key(text: str) -> int:
     if number > 0x1FFF_FFFF:
         raise LogError(f"{text}: no identifier has more than 29 bits")
     return number | KEY_EXTENDED if extended else number
+
+
+def parse_keys(text: str) -> KeyRange:
+    """`103`, `100-1FF`, or `100/7F0` for those that agree with 100 in the bits of 7F0.
+
+    Raises:
+        LogError: for what is none of them.
+    """
+    first, dash, last = text.partition("-")
+    if dash and first:
+        low, high = parse_key(first), parse_key(last)
+        if low & KEY_EXTENDED != high & KEY_EXTENDED:
+            # The shorter end is meant as wide as the longer one.
+            low, high = low | KEY_EXTENDED, high | KEY_EXTENDED
+        if low > high:
+            raise LogError(f"--id {text}: {first} is above {last}")
+        return KeyRange(low, high)
+    value, slash, mask_text = text.partition("/")
+    key = parse_key(value)
+    if not slash:
+        return KeyRange(key, key)
+    mask = parse_key(mask_text) & ~KEY_EXTENDED
+    if mask > STANDARD_MAX:
+        key |= KEY_EXTENDED
+    masked = key & (mask | KEY_EXTENDED)
+    return KeyRange(masked, masked, mask | KEY_EXTENDED)
+
+
+def parse_data(text: str) -> DataPattern:
+    """`0A..FF`: the first byte 0A, the third FF. Raises LogError."""
+    digits = text.lower().replace(" ", "")
+    if not PATTERN.fullmatch(digits):
+        raise LogError(f"--data {text}: write bytes in hexadecimal, with points for any, as 0A..FF")
+    wild = "?."
+    wanted = bytes.fromhex("".join("0" if sign in wild else sign for sign in digits))
+    mask = bytes.fromhex("".join("0" if sign in wild else "f" for sign in digits))
+    return DataPattern(wanted, mask)
 
 
 @dataclass(slots=True)
@@ -82,6 +159,11 @@ class Selector:
             for first_ns, last_ns in self.wanted.spans_ns:
                 inside |= (frames.at_ns >= first_ns) & (frames.at_ns <= last_ns)
             keep &= inside
+        if self.wanted.direction:
+            sent = (frames.flags & np.uint8(TX)) != 0
+            keep &= sent if self.wanted.direction == SENT else ~sent
+        if self.wanted.data is not None:
+            keep &= self.wanted.data.holds(frames)
         if self.wanted.rejected:
             keep &= code > UNCONFIRMED if code is not None else False
         if self.wanted.where is not None:
@@ -97,7 +179,8 @@ class Selector:
         if not (wanted.names or wanted.keys or wanted.nodes):
             return np.ones(len(frames), np.bool_)
         keep = np.zeros(len(frames), np.bool_)
-        keep[np.isin(frames.key, np.array(wanted.keys, np.uint32))] = True
+        for each in wanted.keys:
+            keep |= each.holds(frames.key)
         for key, channel in groups.places:
             spec = self.bus.on(channel).spec_at(key)
             if spec is None:

@@ -6,9 +6,10 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from canlog.database import Bus, load_bus
+from canlog.database import Bus, load_bus, no_bus
 from canlog.formats.registry import FORMATS
 from canlog.options import DELTA, ZERO, ReadOptions
+from canlog.own_logs import OWN, own_or_none, remember, remembered
 
 SECONDS_MAX: Final = 9.0e9
 """Stamps of 64 bits reach so far."""
@@ -71,7 +72,11 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="[CHANNEL=]FILE",
         help="DBC, KCD, SYM or ARXML, of one channel or of all, instead of this project's; may be"
-        " repeated",
+        f" repeated; {OWN} is this project's, also for a log of another bus",
+    )
+    parser.add_argument("--no-dbc", action="store_true", help="decode nothing")
+    parser.add_argument(
+        "--remember", action="store_true", help="use these files for all logs of the folder"
     )
     parser.add_argument(
         "--channel",
@@ -90,8 +95,22 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def bus_asked(given: argparse.Namespace) -> Bus:
-    """What the files know; every flaw of them goes to standard error. Raises LogError."""
-    bus = load_bus(given.dbc)
+    """What the files know; every flaw of them goes to standard error.
+
+    Without files it is this project's bus, but for a log of another one, which is shown undecoded.
+
+    Raises:
+        LogError: names the file that cannot be used.
+    """
+    if given.no_dbc:
+        return no_bus()
+    logs = [getattr(given, name, None) for name in ("log", "a", "b")]
+    paths = [path for path in logs if path is not None]
+    if given.dbc is None:
+        return remembered(paths) or own_or_none(paths, read_options(given))
+    bus = load_bus(None if given.dbc == [OWN] else given.dbc)
+    if given.remember:
+        remember(paths, given.dbc)
     for each in bus.warnings:
         print(f"canlog: warning: {each}", file=sys.stderr)
     return bus

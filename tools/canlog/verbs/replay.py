@@ -9,7 +9,7 @@ from typing import Final
 from canlog.damage import LogError
 from canlog.frames import EXTENDED, FD, NOT_DATA, Frames
 from canlog.read import stream
-from canlog.select import Selection, Selector, parse_key
+from canlog.select import Selection, Selector, parse_keys
 from canlog.table import Groups
 from canlog.verbs.common import add_log, bus_asked, read_options
 from firmware_py.buses import BusError, is_virtual, open_can
@@ -38,7 +38,7 @@ def run(given: argparse.Namespace) -> int:
     bus = bus_asked(given)
     clock = WallClock(SPIN_S)
     source = stream(Path(given.log), read_options(given))
-    keys = tuple(parse_key(text) for text in given.id)
+    keys = tuple(parse_keys(text) for text in given.id)
     wanted = Selection(names=tuple(given.message), keys=keys, nodes=tuple(given.node))
     selector = Selector(wanted, bus)
     port = _open(given.bus, clock, real=given.real)

@@ -18,7 +18,16 @@ from canlog.lines import LineStyle, Writer
 from canlog.read import read, stream
 from canlog.rows import from_rows
 from canlog.run import RunFiles
-from canlog.select import NS_PER_S, Selection, Selector, around, parse_key
+from canlog.select import (
+    NS_PER_S,
+    RECEIVED,
+    SENT,
+    Selection,
+    Selector,
+    around,
+    parse_data,
+    parse_keys,
+)
 from canlog.table import Groups
 from canlog.verbs.common import LOG_HELP, add_reading, bus_asked, count, read_options, seconds
 from canlog.verdict_codes import JUDGED_BUS
@@ -40,7 +49,17 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--follow", metavar="BUS", help="a live bus, such as socketcan:vcan0")
     choose = parser.add_argument_group("which frames")
     choose.add_argument("--message", action="append", default=[], metavar="PATTERN")
-    choose.add_argument("--id", action="append", default=[], metavar="HEX")
+    choose.add_argument(
+        "--id",
+        action="append",
+        default=[],
+        metavar="HEX",
+        help="an identifier, a range as 100-1FF, or value and mask as 100/7F0",
+    )
+    choose.add_argument("--direction", choices=(RECEIVED, SENT), default="")
+    choose.add_argument(
+        "--data", metavar="HEX", help="first data bytes, points for any digit, as 0A..FF"
+    )
     choose.add_argument("--node", action="append", default=[], metavar="SENDER")
     choose.add_argument("--where", metavar="CONDITION", help="such as 'speed_mps > 10'")
     choose.add_argument("--from", dest="from_s", type=seconds, help="seconds since the start")
@@ -107,12 +126,14 @@ def _wanted(given: argparse.Namespace, bus: Bus, start_ns: int, run_: RunFiles |
         raise LogError(f"--rate {given.rate}: has to be positive")
     return Selection(
         names=tuple(given.message),
-        keys=tuple(parse_key(text) for text in given.id),
+        keys=tuple(parse_keys(text) for text in given.id),
         nodes=tuple(given.node),
         where=_where(given.where, bus),
         spans_ns=spans,
         rate_hz=given.rate,
         rejected=given.rejected,
+        direction=given.direction,
+        data=parse_data(given.data) if given.data is not None else None,
         changed=given.changed,
     )
 
