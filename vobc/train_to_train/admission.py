@@ -1,4 +1,4 @@
-"""Who comes onto the roster, and where: between whom a newcomer stands, and that nobody hides."""
+"""Admission to the roster: where an applicant belongs, and that no shadow train is next to it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
@@ -19,34 +19,37 @@ from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, ROSTER_MAX, AdmissionState, RosterEntry, TrainReport
 
 APART_M: Final = 20.0
-"""So far behind a train that is let go nobody may hide: it may come back, as much again is kept
-free of it as its own, and an old look at the track excuses some more."""
+"""Distance behind an admitted train that must be free of shadow trains.
+
+It covers 7 m that the train may move back, 7 m kept free behind it, and 5 m for an outdated track
+status.
+"""
 
 
 class AdmissionGuardInputs(NamedTuple):
-    """What an admission is decided on."""
+    """Inputs that decide on an admission."""
 
     area: Area
     before: Area | None
     """The area that ends where this one begins."""
     records: dict[int, TrainRecord]
     reserved_m: dict[int, float]
-    """By train of the roster: the farthest that it may have been granted."""
+    """Farthest place that each train of the roster may reach by any authority."""
     counted: tuple[Counted, ...] | None
-    """Sections as last counted; None: this line counts no axles."""
+    """Sections as last counted. None: this line counts no axles."""
     stood: bool
-    """The newcomer stood already where it is when they were counted."""
+    """The applicant already stood in its place when the axles were counted."""
     standing: tuple[StandingTrain, ...]
-    """Trains that say where they are, the newcomer not among them: of the roster, in the life that
-    it is for, and outside of the area. Another may be forgotten while it stands in the way, and
-    explains no axles."""
+    """Trains that report their place, without the applicant. They are on the roster in this
+    incarnation, or outside of the area. Any other train may be forgotten while it still stands in
+    the way, so it accounts for no axles."""
     at_rest: tuple[StandingTrain, ...] = ()
-    """Those of them that stood already where they are when sections were counted."""
+    """Those of them that already stood in the same place when the axles were counted."""
     there: tuple[StandingTrain, ...] = ()
-    """Where it is asked for, others in the area, too: whose axles these are now, whoever is
+    """On request also other trains in the area. They account for axles now, whether or not they are
     forgotten later."""
     line_m: tuple[float, float] = (-UNBOUNDED_M, UNBOUNDED_M)
-    """Where the line begins and ends: nobody hides beyond."""
+    """Start and end of the line. No shadow train is beyond."""
 
 
 class Waiting(NamedTuple):
@@ -61,7 +64,7 @@ def admitted(
     config: T2tConfig,
     guards: MasterGuards,
 ) -> Order | Waiting:
-    """The order with the newcomer in it, or why it is not."""
+    """The order with the applicant inserted, or the reason why it waits."""
     if len(order) >= ROSTER_MAX:
         return Waiting(AdmissionState.FULL)
     at = sum(1 for _ in _ahead(order, report, scene))
@@ -84,7 +87,7 @@ def admitted(
 def _ahead(
     order: Sequence[RosterEntry], report: TrainReport, scene: AdmissionGuardInputs
 ) -> Sequence[int]:
-    """Trains in front of the newcomer: the roster up to the first that is not."""
+    """Trains in front of the applicant: the roster up to the first train that is not in front."""
     ahead = []
     for entry in order:
         if scene.records[entry.train].rear_m < report.front_max_m:
@@ -94,7 +97,7 @@ def _ahead(
 
 
 def is_over_border(report: TrainReport, scene: AdmissionGuardInputs) -> bool:
-    """It is still wholly in the area before, and commanded there."""
+    """The applicant is still entirely in the preceding area and under its master's command."""
     return scene.before is not None and report.front_max_m <= scene.area.start_m
 
 
@@ -105,10 +108,10 @@ def line_of(report: TrainReport, scene: AdmissionGuardInputs, ahead: int) -> InL
 
 
 def is_sieved(report: TrainReport, scene: AdmissionGuardInputs, room_m: float) -> bool:
-    """All axles around a train that stands are those of trains that say that they are there.
+    """Whether reporting trains account for all axles around a train at standstill.
 
     Args:
-        room_m: kept free ahead of it of an axle that nobody explains.
+        room_m: track ahead of it that must be free of unknown axles.
     """
     if scene.counted is None:
         return True
@@ -122,8 +125,10 @@ def is_sieved(report: TrainReport, scene: AdmissionGuardInputs, room_m: float) -
 def _is_known_within(
     report: TrainReport, scene: AdmissionGuardInputs, counted: Sequence[Counted], room_m: float
 ) -> bool:
-    """Whether all axles from the train's rear on, as far as there is no gap and to the end of the
-    area, are of trains at rest. Those farther on may be of trains that this master does not hear.
+    """Whether trains at rest account for all axles from the train's rear to the next gap.
+
+    The search ends at the end of the area. Axles farther on may belong to trains that this master
+    does not receive.
     """
     front_m, border_m = max(report.front_max_m, report.latent_m), scene.area.end_m
     from_m, to_m = report.rear_min_m - APART_M, front_m + room_m
@@ -143,8 +148,9 @@ def are_known(
     from_m: float,
     to_m: float,
 ) -> bool:
-    """Whether all axles between these two are counted, and of trains at rest: the newcomer, if it
-    stands, and others.
+    """Whether all axles between two places are counted and belong to trains at rest.
+
+    The applicant counts among these trains if it stands.
     """
     start_m, end_m = scene.line_m
     from_m, to_m = max(from_m, start_m), min(to_m, end_m)
@@ -160,12 +166,12 @@ def are_known(
 def kept_free(
     strangers: Iterable[tuple[TrainReport, int]], boots: Mapping[int, int], config: T2tConfig
 ) -> list[BarredTrack]:
-    """Where trains say that they are that are not on the roster, or not in this life: nobody comes
-    any nearer.
+    """Places of trains that are not on the roster in their present incarnation. Other trains keep
+    clear.
 
     Args:
-        strangers: each with the instant at which it was heard.
-        boots: of those on the roster the life that it is for.
+        strangers: reports with their time of arrival.
+        boots: registered incarnation of each train of the roster.
     """
     return [
         BarredTrack(each.rear_min_m - config.behind_rear_m, each.front_max_m, Bar.CLOSING)
@@ -175,10 +181,10 @@ def kept_free(
 
 
 def may_explain(report: TrainReport, roster: Mapping[int, TrainRecord], area: Area) -> bool:
-    """Whether a train's axles may account for those counted near another train.
+    """Whether the axles of a train may account for those counted near another train.
 
-    Until it is renewed, the place on the roster of one that began anew is that of its former life:
-    elsewhere than there it may be forgotten like any other.
+    A restarted train is registered in its former place until its entry is renewed. In any other
+    place the master may forget it, like any train that is not on the roster.
     """
     known = roster.get(report.source)
     kept = known is not None and known.boot == report.boot
@@ -191,6 +197,6 @@ def standing_of(report: TrainReport) -> StandingTrain:
 
 
 def foremost_first(item: tuple[int, tuple[TrainReport, int]]) -> tuple[float, int]:
-    """Sorts applicants, given by train with what they report and when, for their admission."""
+    """Sort key of applicants for admission: the foremost first."""
     train, (report, _) = item
     return (-report.front_max_m, train)

@@ -1,4 +1,4 @@
-"""All that a train has to do with one area: as its member, as candidate, and as its master."""
+"""State of a train in one area: as member, as candidate and as master."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -30,7 +30,7 @@ from zenoh_config.timers import NS_PER_MS
 
 COMMANDING: Final = (Role.FENCING, Role.MASTER)
 FOR_NONE: Final = (0, 0)
-"""Ready for no switch: neither terms nor switches are numbered 0."""
+"""Marks a train that is ready for no switch. Terms and switches are never numbered 0."""
 
 
 class AreaParticipant:
@@ -51,31 +51,31 @@ class AreaParticipant:
             config.timers, guards.member, boot=speaker.boot, memory=memory, now_ns=now_ns
         )
         self.stored = memory
-        """Of this area, as it was handed out to be stored."""
+        """Memory of this area as last handed out for storage."""
         self.lease = Lease(config, guards.lease)
         self.master: Master | None = None
         self.area = line.area(area)
         self.refused: list[str] = []
-        """Why authorities were not taken in this step."""
+        """Reasons of refused authorities in this step."""
         self._ready = FOR_NONE
-        """Term and nonce of the planned switch that it is ready for."""
+        """Term and nonce of the planned switch for which this train is ready."""
         self._config, self._guards, self._line, self._speaker = config, guards, line, speaker
         self._chance = chance
         self._table = TrainTable()
-        """What a standby has been told; a master's own begins with it."""
+        """Train records that a standby receives. The records of a new master start from them."""
         self._report_ns = now_ns
         self._quiet_until_ns = now_ns
-        """After a lost candidacy."""
+        """Until then the train does not apply again after a lost candidacy."""
         self._called = False
         self._fenced = False
-        """Somebody reported a higher term than that of the newest candidacy."""
+        """A train reported a higher term than that of the newest candidacy."""
         self._heard_ns = now_ns
-        """When anything was heard of the area from anybody else."""
+        """When the last message of this area arrived from another device."""
 
-    # What is heard.
+    # Received messages.
 
     def hears(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
-        """What has to be said to it at once."""
+        """Process a message. The result is the immediate answer."""
         self._heard_ns = now_ns
         return self._takes(message, now_ns)
 
@@ -132,11 +132,12 @@ class AreaParticipant:
             self._called = True
         return []
 
-    # What follows from it.
+    # Decisions.
 
     def next_due_ns(self, now_ns: int) -> int:
-        """When time alone makes a difference next. A turn that is over, or a silence that has
-        lasted long enough, and came to nothing waits for something else.
+        """When the passing of time next makes a difference.
+
+        A turn or a silence that has ended without effect is not counted again.
         """
         due_ns = self._report_ns
         if self.master is not None:
@@ -152,10 +153,10 @@ class AreaParticipant:
     def step(
         self, now_ns: int, own: OwnTrain, *, concerned: bool, relation: tuple[int, int]
     ) -> list[T2tMessage]:
-        """Role first, then what the role has to say.
+        """Update the role, then return the messages of that role.
 
         Args:
-            relation: area that the train comes from, and who is ahead of it there.
+            relation: the area that the train comes from, and the train ahead of it there.
         """
         if self.role is Role.OUTSIDE:
             self.member.master_heard_ns = now_ns
@@ -170,7 +171,7 @@ class AreaParticipant:
 
     def _change_role(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> list[T2tMessage]:
         said: list[T2tMessage] = []
-        # A lease granted at once, or a roster kept at once, needs no second step.
+        # A lease or roster that is granted at once takes effect in the same step.
         for _ in range(len(ROLES)):
             sight = self._sight(now_ns, own, concerned=concerned)
             role = next_role(self.role, sight)
@@ -198,7 +199,7 @@ class AreaParticipant:
             lease_runs=self.lease.runs(now_ns),
             fenced=self._is_fenced(),
             roster_kept=master is not None and master.roster.kept is not None,
-            # Out of service it commands itself for as long as nobody takes over.
+            # A master out of service stays master until another train takes over.
             relieved=gone and master is not None and not master.has_others,
             deaf=master is not None and self._is_deaf(master, now_ns),
         )
@@ -207,14 +208,15 @@ class AreaParticipant:
         return self._heard_ns + self._config.timers.silence_ms * NS_PER_MS
 
     def _is_deaf(self, master: Master, now_ns: int) -> bool:
-        """Nothing comes from anybody, or nothing from any train: what it says may still come
-        through, so that the others would go on waiting for it.
+        """Whether this master receives nothing, or nothing from any train.
+
+        Its own messages may still arrive, so the others would go on waiting for it.
         """
         somebody_waits = master.succession.standby != NOBODY
         return somebody_waits and (now_ns >= self._deaf_ns() or master.hears_no_train(now_ns))
 
     def _turn_ns(self) -> int:
-        """When the silence of the master has lasted long enough for this train to apply."""
+        """When the master's silence has lasted long enough for this train to apply."""
         timers = self._config.timers
         rank = 0 if self.member.standby == self._speaker.address else self.member.rank
         return self.member.master_heard_ns + (timers.silence_ms + rank * timers.rank_ms) * NS_PER_MS
@@ -228,7 +230,8 @@ class AreaParticipant:
             self.master = None
             self.member.master_heard_ns = now_ns
             if now_ns >= self._deaf_ns():
-                # As its arbiters hear it, it would only be in the way of whoever hears them, too.
+                # The arbiters still receive this train, although it receives nothing. Its requests
+                # would only obstruct a train with a working receiver.
                 self._quiet_until_ns = now_ns + 2 * self._config.timers.lease_ms * NS_PER_MS
             said = self._ask(now_ns, self.lease.give_back(now_ns))
             if standby != NOBODY and not sight.fenced:
@@ -237,13 +240,15 @@ class AreaParticipant:
         return []
 
     def _is_fenced(self) -> bool:
-        """Something of a higher term than its own was heard, or somebody else heard it."""
+        """This train, or a train that reports to it, received a higher term than its own."""
         newer = self.member.memory.seen_term > self.lease.term
         return newer or self._fenced or self.lease.beaten
 
     def _next_try_ns(self, now_ns: int) -> int:
-        """The standby asks again when the lease that stood in its way has run out; whoever lost
-        against another candidate, and everybody else, waits for a while that chance draws.
+        """When this train applies again after a lost candidacy.
+
+        The standby asks again when the lease that blocked it has expired. A train that lost against
+        another candidate, and every other train, waits for a random time.
         """
         wait_ns = self.lease.wait_until_ns - now_ns
         if wait_ns > 0 and self.member.standby == self._speaker.address:
@@ -285,7 +290,7 @@ class AreaParticipant:
         self._table = TrainTable()
 
     def _ask(self, now_ns: int, request: ArbiterRequest) -> list[T2tMessage]:
-        """The same request to every arbiter."""
+        """Send the same request to every arbiter."""
         area = self.area.number
         return [
             LeaseRequest(
@@ -314,7 +319,7 @@ class AreaParticipant:
         if now_ns >= self.lease.renewal_due_ns() or self.lease.successor != successor:
             said += self._ask(now_ns, self.lease.renew(now_ns))
         for message in spoken:
-            # The master obeys itself as everybody else does.
+            # The master obeys its own messages like any member.
             if message.destination in (BROADCAST, self._speaker.address):
                 self._obeys(message, now_ns)
         return said + [m for m in spoken if m.destination != self._speaker.address]
@@ -328,9 +333,10 @@ class AreaParticipant:
     # Reports.
 
     def vouch(self, now_ns: int, own: OwnTrain) -> list[TrainReport]:
-        """What it tells the master of an area that is no concern of it, half as often as members.
+        """Report to the master of an area that does not concern the train, half as often as a
+        member.
 
-        Whoever is one somewhere is asked often enough.
+        A member of any area reports often enough already.
         """
         if self.member.beat_ns == 0:
             return []
@@ -348,7 +354,7 @@ class AreaParticipant:
         member = self.member
         latent_m = UNBOUNDED_M if member.latent_m is None else member.latent_m
         comes_from, behind = relation
-        # What another master prepared is nothing to the one of this term.
+        # A switch that the master of another term prepared does not concern this one.
         ready_nonce = self._ready[1] if self._ready[0] == member.memory.seen_term else 0
         report = TrainReport(
             *self._speaker.head(
@@ -372,7 +378,7 @@ class AreaParticipant:
             axles=own.axles,
             out_of_service=own.out_of_service,
             ready_nonce=ready_nonce,
-            # What it says to itself is on its way for no time.
+            # A report to itself has no transmission delay.
             echo_ns=member.beat_ns if self.master is None else now_ns,
         )
         return [report]
@@ -383,13 +389,13 @@ class AreaParticipant:
 
 
 class Chance:
-    """Numbers that differ from train to train and repeat from run to run (xorshift64*)."""
+    """Random numbers that differ between trains and repeat from run to run (xorshift64*)."""
 
     def __init__(self, seed: int) -> None:
         self._state = (seed * 0x9E3779B97F4A7C15 + 0x2545F4914F6CDD1D) % 2**64 or 1
 
     def below(self, limit: int) -> int:
-        """0 to `limit` - 1."""
+        """A number from 0 to `limit` - 1."""
         state = self._state
         state ^= state >> 12
         state ^= (state << 25) % 2**64

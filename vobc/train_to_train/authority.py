@@ -1,9 +1,9 @@
-"""How far a train may go: moving block behind the train ahead, and what lies in between. Pure.
+"""How far a train may go: moving block behind the train ahead, and bars in between. Pure functions.
 
-Only one rule gives track away: the metres up to the protected rear of the next train ahead, less
-what that may roll or jog back. As trains keep their order and move forwards, nothing that any
-master of any time granted by it can meet what another did (DOMAIN, R6); all that does not follow
-this rule, objects and newcomers, waits for promises.
+A single rule grants track: up to the protected rear of the next train ahead, less its rollback and
+jog distance. Trains keep their order and move forwards. Authorities granted by this rule never
+conflict, even between masters of different terms. Everything else, such as objects and new trains,
+waits for acknowledgements.
 """
 
 import enum
@@ -14,19 +14,20 @@ from typing import NamedTuple
 
 
 class Bar(enum.Enum):
-    """What something on the track means to trains that come to it."""
+    """Effect of a bar on approaching trains."""
 
     SHUT = "shut"
-    """No authority enters it, and those that do are shortened."""
+    """No authority enters the stretch. Authorities that do are shortened."""
     UNSURE = "unsure"
-    """No authority newly enters it; a train that has one over it gets no other for the moment."""
+    """No new authority enters the stretch. A train whose authority covers it gets no other one for
+    the moment."""
     CLOSING = "closing"
-    """No authority newly enters it, and those that do are shortened where the service brake is
-    enough to stop before it."""
+    """No new authority enters the stretch. An authority that does is shortened if the service brake
+    can stop the train before the stretch."""
 
 
 class BarredTrack(NamedTuple):
-    """Track that bars a train's way."""
+    """Stretch of track that bars trains."""
 
     start_m: float
     end_m: float
@@ -34,36 +35,36 @@ class BarredTrack(NamedTuple):
 
 
 class Course(NamedTuple):
-    """What bounds one train."""
+    """Bounds of one train."""
 
     rear_m: float
     """Protected rear."""
     front_max_m: float
     easy_m: float
-    """It can stop before this with the service brake."""
+    """Farthest place that the front can reach with the service brake."""
     granted_m: float
-    """The farthest that it may have been granted."""
+    """Farthest place that an authority may have granted."""
     ahead_m: float | None
-    """Protected rear of the next train ahead; None: there is none in the area."""
+    """Protected rear of the next train ahead. None: there is none in the area."""
     stopped: bool
     """Supervision wants it to stop where it is."""
 
 
 class AreaBounds(NamedTuple):
-    """What bounds every train of an area."""
+    """Bounds of every train of an area."""
 
     end_m: float
     stretches: tuple[BarredTrack, ...]
-    """By start."""
+    """In order of start."""
     rollback_m: float
-    """So far a train may roll back; what it may roll onto is still under it."""
+    """Upper bound of a train's rollback. A rolling train may enter a stretch behind it."""
     jog_m: float
-    """So far it may be let back."""
+    """Greatest distance that a train may be allowed to jog back."""
     longest_m: float
 
     @property
     def behind_rear_m(self) -> float:
-        """Kept free behind every protected rear."""
+        """Track kept free behind every protected rear."""
         return self.rollback_m + self.jog_m
 
     def barred_by(self, stretches: Iterable[BarredTrack]) -> "AreaBounds":
@@ -72,13 +73,13 @@ class AreaBounds(NamedTuple):
 
 
 def end_of_authority_m(course: Course, space: AreaBounds) -> float | None:
-    """Where the front must stop at the latest; None: issue nothing, let the train keep what it has.
+    """End of the new authority. None: send none, and the train keeps what it has.
 
-    What is barred by doubt alone shortens nothing: an authority that reaches into it stays as it is
-    and grows old while the doubt lasts, unless supervision wants the train to stop.
+    A bar of the kind UNSURE shortens nothing. An authority that reaches into it stays unchanged and
+    ages while the doubt lasts, unless supervision wants the train to stop.
 
-    Of a train over the border of its area nothing is shortened either, as what ends there is
-    continued by the next area: one that is to stay where it is gets nothing.
+    A train across the border of its area is not shortened either, because the next area continues
+    its authority. If it is ordered to stop there, it gets no authority.
     """
     over = course.front_max_m > space.end_m
     if over and course.stopped:
@@ -106,14 +107,15 @@ def end_of_authority_m(course: Course, space: AreaBounds) -> float | None:
         end_m = min(end_m, course.front_max_m if inside else stretch.start_m)
         break
     if end_m < course.front_max_m and course.granted_m <= course.front_max_m:
-        # Over the border of its area the train may be by what the next one granted.
+        # A train may be beyond its area's border by the authority of the next area.
         return end_m if end_m == space.end_m else None
     return end_m
 
 
 def back_to_m(course: Course, space: AreaBounds) -> float:
-    """Where the rear may jog back to: onto nothing, and within nothing, that may not be passed,
-    also if it rolls back from there.
+    """Hindmost place to which the rear may jog back.
+
+    It does not enter or move within a barred stretch, even if the train rolls back from there.
     """
     least_m = course.rear_m - space.jog_m
     behind_m = [
@@ -125,7 +127,7 @@ def back_to_m(course: Course, space: AreaBounds) -> float:
 
 
 class SeenSection(NamedTuple):
-    """An occupied section and how sure it is that it was so when trains were where they are."""
+    """An occupied section."""
 
     start_m: float
     end_m: float
@@ -140,8 +142,8 @@ def unexplained(
     """The first occupied section that neither of two neighbours on the roster can be in.
 
     Args:
-        beyond_m: the one behind has come no farther than this.
-        before_m: the one ahead was nowhere behind this when the sections were seen.
+        beyond_m: farthest place that the train behind has reached.
+        before_m: the train ahead was nowhere behind this when the sections were read.
     """
     for section in occupied:
         if section.start_m >= beyond_m and section.end_m <= before_m:
@@ -150,7 +152,7 @@ def unexplained(
 
 
 class Counted(NamedTuple):
-    """A section and the axles in it, in running order."""
+    """A section with its axle count. Sections are in running order."""
 
     start_m: float
     end_m: float
@@ -159,15 +161,16 @@ class Counted(NamedTuple):
 
 
 class StandingTrain(NamedTuple):
-    """A train among sections whose axles are counted."""
+    """A train in sections whose axles are counted."""
 
     rear_m: float
     front_m: float
     axles: int
     farther_m: float = 0.0
-    """By now it may be so much farther on than it said."""
+    """Greatest distance that it may be ahead of its reported place by now."""
     behind_m: float = 0.0
-    """When sections were counted it may have been so much farther back."""
+    """Greatest distance that it may have been behind its reported place when the axles were
+    counted."""
 
     @property
     def middle_m(self) -> float:
@@ -177,10 +180,10 @@ class StandingTrain(NamedTuple):
 def explained(
     sections: Sequence[Counted], train: StandingTrain, others: Sequence[StandingTrain]
 ) -> bool:
-    """Whether all axles around a train are those of trains that say they are there.
+    """Whether reporting trains account for all axles around a train.
 
-    The sections around it that are occupied without a gap are taken together. A train that has an
-    axle in them has all its axles in them, so that its middle tells whether it belongs there.
+    Adjoining occupied sections are judged together. A train with one axle in them has all its axles
+    in them, so the place of its middle decides whether it belongs there.
     """
     run = [at for at, each in enumerate(sections) if each.occupied and _touch(each, train)]
     if not run:
@@ -197,9 +200,9 @@ def explained(
 def all_explained(
     sections: Sequence[Counted], standing: Sequence[StandingTrain], *, from_m: float, to_m: float
 ) -> bool:
-    """Whether all axles between these two are those of trains that stand there.
+    """Whether trains at standstill account for all axles between two places.
 
-    Whoever stands in one of these sections and in the next counts with both of them.
+    A train that stands across a section joint extends the search to both sections.
     """
     starts_m, ends_m = [each.start_m for each in sections], [each.end_m for each in sections]
     first, beyond = bisect_right(ends_m, from_m), bisect_left(starts_m, to_m)
@@ -217,7 +220,7 @@ def all_explained(
                 elsewhere.append(each)
         if len(elsewhere) == len(waiting):
             break
-        # From the rear on it grew towards the front, and grows the other way now.
+        # This pass extended the range towards the front. The next one extends it towards the rear.
         waiting = elsewhere[::-1]
     there.sort(key=lambda each: each.middle_m)
     middles_m = [each.middle_m for each in there]
@@ -241,19 +244,19 @@ def _explained(
     *,
     seen_m: tuple[float, float],
 ) -> bool:
-    """Whether what is counted in sections without a gap are the trains that surely are there.
+    """Whether trains that are certainly there account for the axles in adjoining sections.
 
     Args:
-        seen_m: where counters begin and end. Of a train that may hang over some axles are not
-            counted, and as many of another may be.
+        seen_m: first and last place that counters cover. A train that may extend beyond is partly
+            uncounted, and a shadow train could have as many axles.
     """
     if any(each.occupied and each.axles == 0 for each in run):
-        # Its count is not to be trusted.
+        # An occupied section with zero axles is a faulty count.
         return False
     start_m, end_m = run[0].start_m, run[-1].end_m
     there = [each for each in trains if start_m < each.middle_m < end_m]
     if any(each.middle_m - each.behind_m <= start_m for each in there):
-        # It may have come since.
+        # This train may have arrived after the count.
         return False
     if any(_may_have_left(each, end_m, beyond) for each in there):
         return False
@@ -265,8 +268,11 @@ def _explained(
 
 
 def _stand_so(run: Sequence[Counted], trains: Sequence[StandingTrain]) -> bool:
-    """Up to no joint are more axles counted than of trains that may have some there, nor fewer than
-    of those that surely are behind it: who hides here is not made up for by axles missed there.
+    """Whether the counts match the trains at every section joint.
+
+    The count up to a joint is at most the axles of trains that may be there. It is at least the
+    axles of trains that are certainly behind the joint. A shadow train is therefore not masked by
+    axles missing elsewhere.
     """
     fronts = sorted([(each.front_m + each.farther_m, each.axles) for each in trains])
     rears = sorted([(each.rear_m - each.behind_m, each.axles) for each in trains])
@@ -285,7 +291,10 @@ def _stand_so(run: Sequence[Counted], trains: Sequence[StandingTrain]) -> bool:
 
 
 def _may_have_left(train: StandingTrain, end_m: float, beyond: Sequence[Counted]) -> bool:
-    """Unless all is clear as far as it may have come; farther than is counted it may hang over."""
+    """Whether the train may have left, unless all sections within its possible reach are clear.
+
+    Beyond the last counted section, `_may_hang_over` decides.
+    """
     if train.middle_m + train.farther_m < end_m:
         return False
     reach_m = train.front_m + train.farther_m

@@ -1,4 +1,4 @@
-"""What the wayside last told a master of its area's track, with the instant that it is true for."""
+"""The newest track status of an area as its master received it, with the time it is valid for."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -10,19 +10,24 @@ from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import SectionState, TrackStatus
 
 SPEED_MAX_MPS = 40.0
-"""No train is faster; bounds where one was when the sections were seen."""
+"""Upper bound of any train's speed. It bounds where a train was when the wayside read the sections.
+"""
 S_PER_NS = 1e-9
 EXCUSED_M: Final = 5.0
-"""So far behind what is kept free of the train ahead, at most, it may have been itself in a section
-when that was seen. Nobody is set within 20 m of where it says that it may be, whence it may come
-back by 7 m. An older view of the track says no more of what is behind it now."""
+"""Distance behind the free track of the train ahead within which that train may itself explain an
+occupied section.
+
+A new train is placed at least 20 m from where others report that they may be. It may come back from
+there by 7 m. Behind this distance an older track status says nothing about the present.
+"""
 
 
 class TrackView(NamedTuple):
     seen_ns: int
-    """By the master's clock; not before this the sections were as told."""
+    """Time of the status by the master's clock. The sections were in this state at this time or
+    later."""
     counted: tuple[Counted, ...]
-    """In running order."""
+    """Sections with their axle counts, in running order."""
     occupied: tuple[SeenSection, ...]
     states: tuple[tuple[float, float, SectionState], ...]
     restrictions: tuple[SpeedRestriction, ...]
@@ -43,7 +48,7 @@ def view_of(status: TrackStatus, line: AreaMap) -> TrackView:
 
 
 def way_m(duration_ns: int) -> float:
-    """No train comes farther meanwhile."""
+    """Upper bound of the distance that a train covers in this time."""
     return max(0, duration_ns) * S_PER_NS * SPEED_MAX_MPS
 
 
@@ -55,12 +60,12 @@ def hidden_between(
     ahead_ns: int,
     then_m: float = -UNBOUNDED_M,
 ) -> BarredTrack | None:
-    """An occupied section between two neighbours that neither of them is in.
+    """Find an occupied section that neither of two neighbouring trains can be in.
 
     Args:
-        beyond_m: the one behind has come no farther.
-        before_m: protected rear of the one ahead, heard at `ahead_ns`.
-        then_m: the same as it had been heard already when sections were seen.
+        beyond_m: farthest place that the train behind has reached.
+        before_m: protected rear of the train ahead, received at `ahead_ns`.
+        then_m: the same rear as known when the wayside read the sections.
     """
     drift_m = way_m(ahead_ns - view.seen_ns)
     bar = Bar.SHUT
@@ -72,12 +77,12 @@ def hidden_between(
 
 
 def moved_on_m(view: TrackView, record: TrainRecord, *, overhang_m: float) -> float:
-    """Where the rear of a silent train surely is by the sections that are clear behind it."""
+    """Hindmost possible place of a silent train's rear, given the clear sections behind it."""
     return cleared_to_m(record.rear_m, view.states, overhang_m=overhang_m)
 
 
 def restrictions_for(
     restrictions: Sequence[SpeedRestriction], *, rear_m: float, end_m: float
 ) -> tuple[SpeedRestriction, ...]:
-    """Those that a train meets on the way to the end of its authority."""
+    """Restrictions that a train meets up to the end of its authority."""
     return tuple([each for each in restrictions if each.end_m >= rear_m and each.start_m <= end_m])

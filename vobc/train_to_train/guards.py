@@ -1,6 +1,7 @@
-"""What must hold before a train obeys, commands or lets go: every guard by name, each replaceable.
+"""Guards: the conditions under which a train obeys, commands or releases. Each is replaceable.
 
-Tests and simulators take one away with `without` and have to notice; nothing else replaces any.
+Tests and simulators remove a guard with `without` and must detect the effect. Nothing else replaces
+a guard.
 """
 
 import dataclasses
@@ -11,14 +12,14 @@ from zenoh_config.t2t import NOBODY, AreaAuthority, ObjectState, ObjectStatus
 
 
 class Offer(NamedTuple):
-    """An authority that was heard, beside what decides whether it is taken."""
+    """A received authority with the inputs that decide whether the train accepts it."""
 
     authority: AreaAuthority
     now_ns: int
     boot: int
-    """Of the receiver."""
+    """Incarnation of the receiver."""
     newest: tuple[int, int]
-    """Term and sequence of the newest that was taken."""
+    """Term and sequence number of the newest accepted authority."""
     age_max_ns: int
 
 
@@ -27,7 +28,7 @@ def for_this_incarnation(offer: Offer) -> bool:
 
 
 def young_enough(offer: Offer) -> bool:
-    """By the receiver's own clock, since it sent the report that is answered."""
+    """The age counts by the receiver's clock, from the sending of the report that is answered."""
     return 0 <= offer.now_ns - offer.authority.echo_ns <= offer.age_max_ns
 
 
@@ -36,7 +37,7 @@ def newer_than_held(offer: Offer) -> bool:
 
 
 class Fence(NamedTuple):
-    """A term that was heard, and what is known of terms."""
+    """Term of a received message, with the highest known term and its owner."""
 
     term: int
     source: int
@@ -49,24 +50,29 @@ def term_not_old(fence: Fence) -> bool:
 
 
 def owner_of_term(fence: Fence) -> bool:
-    """A term has one owner. Who first speaks under a new one is its owner: only one can have it."""
+    """Each term has one owner. The first sender under a new term is its owner, because a majority
+    grants a term only once.
+    """
     return fence.term != fence.seen_term or fence.source == fence.owner
 
 
 class Latency(NamedTuple):
-    """What bounds how far a train's front may still come by the authority of one area."""
+    """Bounds of how far a train's front may still run on the authority of one area."""
 
     before_m: float
-    """As told last."""
+    """Farthest place as last reported."""
     held_end_m: float | None
-    """Of the authority that is held, of whatever age, in force or not."""
+    """End of the held authority, whether expired or not. None: no authority is held."""
     reach_m: float
-    """With the emergency brake from now."""
+    """Farthest place with the emergency brake applied from now."""
     front_max_m: float
 
 
 def latent_authority_m(seen: Latency) -> float:
-    """A shorter authority binds at once, but the train still has to stop for it."""
+    """Farthest place that the front may still reach.
+
+    A shorter authority binds at once, but the train still needs its braking distance.
+    """
     still_m = min(seen.before_m, seen.reach_m)
     held_m = seen.front_max_m if seen.held_end_m is None else seen.held_end_m
     return max(max(held_m, still_m), seen.front_max_m)
@@ -74,7 +80,7 @@ def latent_authority_m(seen: Latency) -> float:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class MemberGuards:
-    """Of a train that obeys."""
+    """Guards of a train that obeys."""
 
     for_this_incarnation: Callable[[Offer], bool] = for_this_incarnation
     young_enough: Callable[[Offer], bool] = young_enough
@@ -82,11 +88,11 @@ class MemberGuards:
     term_not_old: Callable[[Fence], bool] = term_not_old
     owner_of_term: Callable[[Fence], bool] = owner_of_term
     latent_authority_m: Callable[[Latency], float] = latent_authority_m
-    """No guard that can be taken away, but a formula that can be replaced by a wrong one."""
+    """A formula. A test replaces it by a wrong one instead of removing it."""
 
 
 class Votes(NamedTuple):
-    """Arbiters that granted one request of a train."""
+    """Number of arbiters that granted one request of a train."""
 
     granted: int
     majority: int
@@ -99,38 +105,38 @@ def granted_by_majority(votes: Votes) -> bool:
 class LeaseClock(NamedTuple):
     now_ns: int
     until_ns: int
-    """The lease holds before this instant, by the holder's clock."""
+    """End of the lease by the holder's clock."""
     margin_ns: int
 
 
 def lease_runs(clock: LeaseClock) -> bool:
-    """Also still when what is decided now has left."""
+    """Whether the lease still holds when the messages of this step have left."""
     return clock.now_ns + clock.margin_ns < clock.until_ns
 
 
 class Granted(NamedTuple):
-    """One request that a majority granted, by the holder's clock."""
+    """A request that a majority granted. Times are by the holder's clock."""
 
     sent_ns: int
     whole_ns: int
-    """A whole lease, as its holder may count on it."""
+    """Length of a full lease as the holder may assume it."""
     less_ns: int
-    """As the request said."""
+    """Reduction that the request asked for."""
 
 
 def granted_until_ns(granted: Granted) -> int:
-    """Arbiters keep to what was asked for, and so does the holder."""
+    """End of the lease. Arbiters and holder both apply the reduction of the request."""
     return granted.sent_ns + granted.whole_ns - granted.less_ns
 
 
 class Attempt(NamedTuple):
-    """An arbiter's answer beside the request it should answer."""
+    """An arbiter's answer, with the request that it should answer."""
 
     term: int
     nonce: int
     asked_term: int
     asked_nonce: int | None
-    """None: no such request is on its way."""
+    """None: no request with this nonce is open."""
 
 
 def answers_this_attempt(attempt: Attempt) -> bool:
@@ -140,37 +146,39 @@ def answers_this_attempt(attempt: Attempt) -> bool:
 class Terms(NamedTuple):
     seen: int
     refused: int
-    """Highest that an arbiter said it had promised when it refused."""
+    """Highest acknowledged term that a refusing arbiter reported."""
     tried: int
 
 
 def unused_term(terms: Terms) -> int:
-    """Above everything heard, and above everything asked for: a term is never asked for twice."""
+    """A term above every term received and every term requested. A train never requests a term
+    twice.
+    """
     return max(terms.seen, terms.refused, terms.tried) + 1
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class LeaseGuards:
-    """Of a train that wants to command."""
+    """Guards of a train that wants to command."""
 
     granted_by_majority: Callable[[Votes], bool] = granted_by_majority
     lease_runs: Callable[[LeaseClock], bool] = lease_runs
     answers_this_attempt: Callable[[Attempt], bool] = answers_this_attempt
     unused_term: Callable[[Terms], int] = unused_term
-    """A formula, as `latent_authority_m` is."""
+    """A formula, like `latent_authority_m`."""
     granted_until_ns: Callable[[Granted], int] = granted_until_ns
-    """A formula, too."""
+    """A formula, like `latent_authority_m`."""
 
 
 class Acknowledgement(NamedTuple):
-    """What a train's newest report says of terms, beside the master's own term."""
+    """Term that a train's newest report acknowledges, with the master's own term."""
 
     reported_term: int
     term: int
 
 
 def has_promised(promise: Acknowledgement) -> bool:
-    """The train obeys no lower term any more."""
+    """The train has acknowledged the master's term and obeys no lower one."""
     return promise.reported_term == promise.term
 
 
@@ -180,7 +188,7 @@ class Commitment(NamedTuple):
 
 
 def roster_kept(commitment: Commitment) -> bool:
-    """At so many arbiters that whoever commands next finds it."""
+    """So many arbiters stored the roster that every later majority contains one of them."""
     return commitment.acks >= commitment.majority
 
 
@@ -194,27 +202,28 @@ def report_alive(freshness: Freshness) -> bool:
 
 
 def report_recent(freshness: Freshness) -> bool:
-    """Since the heartbeat that it echoes: what a train says of its place has not been long on its
-    way, so that it is not far from there.
+    """The report echoes a recent heartbeat, so its transmission was short.
+
+    The train is therefore near the reported position.
     """
     return 0 <= freshness.age_ns <= freshness.age_max_ns
 
 
 def track_known(freshness: Freshness) -> bool:
-    """What supervision closed and what is occupied is known from the time of this very term."""
+    """The track status dates from the present term, so closures and occupancy are known."""
     return 0 <= freshness.age_ns <= freshness.age_max_ns
 
 
 class Neighbours(NamedTuple):
-    """An applicant and the trains that it would stand between."""
+    """Places of an applicant and of the trains between which it would stand."""
 
     behind_m: float
-    """No train behind may come farther than this: the farthest that they may have been granted."""
+    """Farthest place that the authorities of the trains behind may reach."""
     rear_m: float
-    """The applicant's, less the allowance for rolling back."""
+    """Rear of the applicant, less the track kept free behind it."""
     front_m: float
     ahead_m: float
-    """The rear of the next train ahead, less the allowance."""
+    """Rear of the next train ahead, less the allowance for rolling back."""
 
 
 def placed_apart(place: Neighbours) -> bool:
@@ -222,34 +231,35 @@ def placed_apart(place: Neighbours) -> bool:
 
 
 class InLine(NamedTuple):
-    """An applicant from the area before, and the roster that it wants to join."""
+    """Relation of an applicant in the preceding area to the roster that it wants to join."""
 
     comes_over_border: bool
     has_authority_there: bool
     behind: int
-    """Who is ahead of it there by its authority; NOBODY: none up to the border."""
+    """Train ahead of the applicant in the preceding area, from its authority. 0: none up to
+    the border."""
     ahead: int
-    """Who would be ahead of it here."""
+    """Train that would be ahead of the applicant in this area."""
 
 
 def comes_in_line(line: InLine) -> bool:
-    """Nobody who is not on the roster can be between the applicant and the train ahead."""
+    """No unregistered train can be between the applicant and the train ahead."""
     if not line.comes_over_border:
         return True
     return line.has_authority_there and line.behind in (NOBODY, line.ahead)
 
 
 class Claimed(NamedTuple):
-    """What an object says, beside the claim that its master made."""
+    """Reported status of an object, with the claim that its master made."""
 
     status: ObjectStatus | None
     term: int
     nonce: int
-    """0: there is no claim."""
+    """Number of the claim. 0: there is no claim."""
 
 
 def object_confirmed(claimed: Claimed) -> bool:
-    """Locked by this claim: any other status may be older than what came between."""
+    """The object is locked by this very claim. Any other status may be outdated."""
     status = claimed.status
     return (
         status is not None
@@ -260,33 +270,33 @@ def object_confirmed(claimed: Claimed) -> bool:
 
 
 class Reach(NamedTuple):
-    """One train of the roster beside an object that shall be released."""
+    """A train of the roster and an object that should be released."""
 
     reserved_m: float
-    """The farthest that it may come by anything that it was granted, as far as that is known."""
+    """Farthest place that the train may reach by any authority, as far as that is known."""
     rear_m: float
-    """Protected rear, less the allowance."""
+    """Protected rear, less the track kept free behind it."""
     start_m: float
     end_m: float
 
 
 def cannot_reach(reach: Reach) -> bool:
-    """It is past the object for good, or all that it may act upon ends before it."""
+    """The train has passed the object for good, or all its authorities end before the object."""
     return reach.rear_m >= reach.end_m or reach.reserved_m <= reach.start_m
 
 
 def cleared_after(later_ns: int) -> bool:
-    """Sections were seen clear when the silent train had been heard already, so much later."""
+    """The sections were read as clear after the last report of the silent train."""
     return later_ns >= 0
 
 
 class Vanished(NamedTuple):
-    """A train that a person says is not there any more."""
+    """A train that an operator declares gone."""
 
     silent: bool
-    """For longer than any authority is obeyed."""
+    """The train has been silent for longer than any train obeys an authority."""
     explained: bool
-    """All axles where it may be are those of trains that say that they stand there."""
+    """Reporting trains at standstill account for all axles where the train may be."""
 
 
 def vanished(seen: Vanished) -> bool:
@@ -294,13 +304,13 @@ def vanished(seen: Vanished) -> bool:
 
 
 def sieved(shown: bool) -> bool:
-    """Secondary detection has shown that nothing hides near the train."""
+    """Secondary detection has shown that no shadow train is next to the train."""
     return shown
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class MasterGuards:
-    """Of a train that commands."""
+    """Guards of a train that commands."""
 
     has_promised: Callable[[Acknowledgement], bool] = has_promised
     roster_kept: Callable[[Commitment], bool] = roster_kept
@@ -327,10 +337,10 @@ T = TypeVar("T", MemberGuards, LeaseGuards, MasterGuards)
 
 
 def holds(*_: Any) -> bool:
-    """Stands where a guard was taken away."""
+    """Takes the place of a removed guard."""
     return True
 
 
 def without(guards: T, *names: str) -> T:
-    """The same guards but for those, which let everything pass. For tests and simulators only."""
+    """Copy of the guards with the named ones always true. Only for tests and simulators."""
     return dataclasses.replace(guards, **dict.fromkeys(names, holds))

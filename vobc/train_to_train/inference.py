@@ -1,4 +1,4 @@
-"""What a master may conclude from what it knows of its trains, under its own term."""
+"""Conclusions that a master draws from the reports of its trains, under its own term."""
 
 from collections.abc import Sequence
 
@@ -20,16 +20,18 @@ class Conclusions:
         self.table = table
         self.term, self._config, self._guards = term, config, guards
         self._silence_ns = config.timers.authority_ms * NS_PER_MS // 2
-        """After this a train is silent: what answers its last report would soon be too old."""
+        """Time without a report after which a train counts as silent. An authority that answers an
+        older report would soon be too old."""
         self.life_ns = 2 * config.timers.authority_ms * NS_PER_MS
-        """No train takes an authority that answers a report so old, however clocks drift."""
+        """Age of a report after which no train accepts an authority that answers it, whatever the
+        clock drift."""
 
     @property
     def records(self) -> dict[int, TrainRecord]:
         return self.table.records
 
     def begin_with(self, roster: Order, now_ns: int) -> None:
-        """Keep these trains and no others; a rear never goes back by what arbiters kept."""
+        """Keep exactly these trains. The stored rear of a train never moves it backwards."""
         for entry in roster:
             self.add(entry, now_ns)
         self.table.forget_but([entry.train for entry in roster])
@@ -37,7 +39,7 @@ class Conclusions:
     def add(self, entry: RosterEntry, now_ns: int) -> TrainRecord:
         record = self.table.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
         if record.boot != entry.boot:
-            # What was heard of another life says nothing of the one that arbiters kept.
+            # Reports of another incarnation say nothing about the one on the roster.
             record = TrainRecord(entry.train, entry.rear_m, now_ns, boot=entry.boot)
             self.records[entry.train] = record
         record.stopped = entry.stopped
@@ -46,8 +48,9 @@ class Conclusions:
         return record
 
     def reborn(self, report: TrainReport, heard_ns: int) -> None:
-        """A train is where it was and begins anew; of authorities of its former life it takes none
-        any more.
+        """Record that a train restarted in its old place.
+
+        It accepts no authority of its former incarnation any more.
         """
         former = self.records[report.source]
         record = TrainRecord(report.source, report.rear_min_m, heard_ns)
@@ -56,7 +59,10 @@ class Conclusions:
         self.records[report.source] = record
 
     def hears_newborn(self, report: TrainReport) -> None:
-        """Of authorities of the life that arbiters kept it takes none any more."""
+        """Note the reach of a restarted train that is registered under its former incarnation.
+
+        It accepts no authority of that incarnation any more.
+        """
         record = self.records[report.source]
         if report.term == self.term and report.boot > record.boot:
             record.anew_m = report.latent_m
@@ -64,15 +70,15 @@ class Conclusions:
                 record.anew_rear_m = rear_max_m(report)
 
     def has_promised(self, record: TrainRecord) -> bool:
-        """It obeys no older term any more."""
+        """The train has acknowledged this term and obeys no older one."""
         return self._guards.has_promised(Acknowledgement(record.term, self.term))
 
     def is_told(self, record: TrainRecord, now_ns: int) -> bool:
-        """It obeys no older term any more, and will hear what is said to it."""
+        """The train has acknowledged this term and is still in communication."""
         return self.has_promised(record) and self.is_alive(record.heard_ns, now_ns)
 
     def is_fit(self, train: int, now_ns: int) -> bool:
-        """Heard of, promised, and in service by its own word."""
+        """The train reports, has acknowledged the term, and is in service by its own report."""
         record = self.records.get(train)
         return (
             record is not None
@@ -82,8 +88,9 @@ class Conclusions:
         )
 
     def all_silent(self, own: int, now_ns: int) -> bool:
-        """Several others were heard under this command, and none of them for two silences: rather
-        the master's ear than all their voices.
+        """Several other trains reported under this term, and none of them for two silence periods.
+
+        It is then more likely that this master's receiver has failed than that all the trains have.
         """
         heard_ns = [
             each.heard_ns
@@ -97,44 +104,48 @@ class Conclusions:
         return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns))
 
     def is_recent(self, report: TrainReport, now_ns: int) -> bool:
-        """What it says is true of just now."""
+        """Whether the content of the report is current."""
         return self.is_of_last(self._silence_ns, report, now_ns)
 
     def is_of_last(self, limit_ns: int, report: TrainReport, now_ns: int) -> bool:
-        """By this master's own clock, which it echoes; one of another term echoes none. When it was
-        heard says nothing of that: it may have been long on its way.
+        """Whether the report echoes a heartbeat of this master that is younger than the limit.
+
+        A report under another term echoes none. The time of arrival is no measure, because the
+        report may have been delayed.
         """
         if report.term != self.term or report.echo_ns == 0:
             return False
         return self._guards.report_recent(Freshness(now_ns - report.echo_ns, limit_ns))
 
     def is_placed(self, record: TrainRecord, now_ns: int) -> bool:
-        """It said under this command where it is, just now. Else its rear may be far beyond, and in
-        the sections that it was in somebody else.
+        """Whether the train's reported place under this term is current.
+
+        Otherwise its rear may be far beyond, and a shadow train may be in the sections that it was
+        in.
         """
         return not record.lost and self.spoke_just_now(record, now_ns)
 
     def spoke_just_now(self, record: TrainRecord, now_ns: int) -> bool:
-        """What it said last of its place is true of just now; it may be lost since."""
+        """Whether its last reported place is current, even if it has lost its position since."""
         return record.report is not None and self.is_recent(record.report, now_ns)
 
     def farther_m(self, record: TrainRecord, report: TrainReport, now_ns: int) -> float:
-        """How much farther than it said last a train may be if it said so a while ago."""
+        """Greatest distance that the train may be ahead of its last reported place."""
         if self.is_recent(report, now_ns):
             return way_m(now_ns - report.echo_ns)
         return (record.granted_m if self.has_promised(record) else UNBOUNDED_M) - report.front_max_m
 
     def rear_max_m(self, report: TrainReport, now_ns: int) -> float:
-        """No farther has the rear come by now of a train that said this recently."""
+        """Farthest place of the rear now, for a train with a recent report."""
         return rear_max_m(report) + way_m(now_ns - report.echo_ns)
 
     def reserved_m(self, order: Sequence[RosterEntry]) -> dict[int, float]:
-        """By train, the farthest that it may come by anything that it was granted.
+        """Farthest place that each train may reach by any authority.
 
-        What a train that has not promised holds is not known; but it was never granted more than
-        the way to the rear of the train ahead, and so no more than that one may come to. Only who
-        lives on is surely still ahead: who began anew may have left and come back behind the
-        others, and bounds itself alone.
+        The authority of a train that has not acknowledged the term is unknown. It never went beyond
+        the rear of the train ahead, so that train's own bound holds for it, too. This is only
+        certain for trains that have not restarted. A restarted train may have come back behind the
+        others, so its bound holds for itself alone.
         """
         reserved_m: dict[int, float] = {}
         bound_m = UNBOUNDED_M
@@ -157,7 +168,7 @@ class Conclusions:
         ]
 
     def is_needed(self, site: ObjectSite) -> bool:
-        """A train comes near it, or might come back to it."""
+        """A train approaches the object, or might come back to it."""
         ahead_m, behind_m = self._config.claim_ahead_m, self._config.behind_rear_m
         reports = [each.report for each in self.records.values() if each.report is not None]
         return any(
@@ -166,8 +177,10 @@ class Conclusions:
         )
 
     def take_proofs(self, order: Sequence[RosterEntry], now_ns: int) -> None:
-        """What a train was granted proves how far the train ahead of it had come; what it said of
-        that long ago does not, as the one ahead may have been moved since.
+        """Advance the known rear of each train ahead by the authority of the train behind it.
+
+        An authority proves how far the train ahead had come. An old report proves nothing, because
+        the train ahead may have been moved since.
         """
         ahead: TrainRecord | None = None
         for entry in order:
@@ -179,7 +192,7 @@ class Conclusions:
             ahead = record
 
     def advance_silent(self, now_ns: int, track: TrackView) -> None:
-        """A train that says nothing moves on as sections clear behind it."""
+        """Advance the rear of silent trains as the sections behind them clear."""
         for record in self.records.values():
             silent_ns = now_ns - record.heard_ns
             later_ns = track.seen_ns - record.heard_ns
@@ -189,8 +202,10 @@ class Conclusions:
     def ahead_m(
         self, record: TrainRecord, report: TrainReport, ahead: TrainRecord | None
     ) -> float | None:
-        """Protected rear of the train ahead: the next one on the roster, or any that is farther on
-        whatever its place there, as somebody may have been moved past others by hand.
+        """Protected rear of the nearest train ahead.
+
+        That is the next one on the roster, or any train farther on. A train may have been moved
+        past others by hand.
         """
         rears_m = [] if ahead is None else [ahead.rear_m]
         rears_m += [
@@ -201,11 +216,14 @@ class Conclusions:
         return min(rears_m, default=None)
 
     def within_m(self, record: TrainRecord, now_ns: int, *, sure: bool) -> float:
-        """An occupied section from here on is not this train's own. Only of a train that is told.
+        """Place from which on an occupied section cannot be this train's own.
+
+        Valid only for a train that has acknowledged the term and is in communication.
 
         Args:
-            sure: nobody hides near the train ahead. Else what this one was granted reaches into
-                sections that may be that one's, and is not taken back for them.
+            sure: no shadow train hides near the train ahead. Otherwise the sections within this
+                train's authority may be occupied by the train ahead, and the authority is not
+                shortened for them.
         """
         granted_m, report = record.granted_m, record.report
         if not sure or report is None:
@@ -221,11 +239,13 @@ class Conclusions:
         open_end: tuple[float, TrainRecord | None],
         now_ns: int,
     ) -> list[BarredTrack]:
-        """Before a train, as `hidden_before`; also in sections of the next one if that may be out
-        of them by now: there nothing is taken back, and nothing more is granted.
+        """Occupied sections ahead of a train that no known train accounts for.
 
-        Of a train that may not have heard for a while what it was told nobody knows whether it took
-        what it was granted, and so whether it is itself in sections within that: it gets no more.
+        If the place of the next train is not current, its own sections count, too, but only beyond
+        the present authority. Nothing is taken back there, and nothing more is granted.
+
+        If this train's own report is not current, it may or may not have accepted its authority.
+        The sections within that authority may be its own, so it gets nothing more.
         """
         found, report = self.hidden_before(beyond_m, ahead, track, open_end), record.report
         if ahead is not None and not self.is_placed(ahead, now_ns):
@@ -240,8 +260,9 @@ class Conclusions:
         return found
 
     def no_farther(self, record: TrainRecord, now_ns: int) -> BarredTrack:
-        """Where a train was granted nothing yet; one that may not have heard gets no other for the
-        moment than what it says that it holds.
+        """Bar that keeps a train within the authority that it already has.
+
+        If the train's report is not current, it gets no new authority beyond what it last reported.
         """
         if self.spoke_just_now(record, now_ns):
             return BarredTrack(record.granted_m, UNBOUNDED_M, Bar.SHUT)
@@ -254,12 +275,14 @@ class Conclusions:
         track: TrackView | None,
         open_end: tuple[float, TrainRecord | None],
     ) -> list[BarredTrack]:
-        """An occupied section that none of the trains known can be in.
+        """An occupied section that no known train can be in.
 
         Args:
-            beyond_m: the train behind is not in sections that begin here or farther on.
-            ahead: the next train, if nobody hides near it; else its own sections count, too.
-            open_end: without such a train, up to where, and who went beyond last.
+            beyond_m: the train behind occupies no section that begins here or farther on.
+            ahead: the next train, if no shadow train hides near it. None: its own sections count,
+                too.
+            open_end: without such a train, the limit of the search and the train that last went
+                beyond it.
         """
         if track is None:
             return []
@@ -278,7 +301,7 @@ class Conclusions:
         )
         if found is None:
             return []
-        # What hides hangs over behind its last axle, and may roll back.
+        # A shadow train has an overhang behind its last axle and may roll back.
         return [found._replace(start_m=found.start_m - self._config.behind_axle_m)]
 
     def sync_entries(self) -> tuple[SyncEntry, ...]:

@@ -1,4 +1,4 @@
-"""The lease of one area as a train sees it: ask for it, keep it, name a successor, give it back."""
+"""The lease of one area on the train's side: request, renew, name a successor, return."""
 
 import enum
 from typing import Final, NamedTuple
@@ -9,9 +9,9 @@ from zenoh_config.t2t import NOBODY, LeaseAnswer, LeaseKind, RosterEntry
 from zenoh_config.timers import NS_PER_MS
 
 ATTEMPT_NS: Final = 100 * NS_PER_MS
-"""A candidacy that has no majority by then is lost."""
+"""Time after which a candidacy without a majority is lost."""
 REQUESTS_KEPT: Final = 8
-"""Renewals on their way at a time."""
+"""Greatest number of open renewal requests."""
 
 
 class LeaseState(enum.Enum):
@@ -21,7 +21,7 @@ class LeaseState(enum.Enum):
 
 
 class ArbiterRequest(NamedTuple):
-    """To every arbiter, from this instant."""
+    """Request that the train sends to every arbiter now."""
 
     kind: LeaseKind
     term: int
@@ -31,7 +31,7 @@ class ArbiterRequest(NamedTuple):
 
 
 class PendingRequest(NamedTuple):
-    """A request on its way."""
+    """A request that is still open."""
 
     sent_ns: int
     less_ns: int
@@ -40,7 +40,7 @@ class PendingRequest(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """A roster as arbiters keep it."""
+    """A roster as an arbiter stored it."""
 
     term: int
     version: int
@@ -51,36 +51,37 @@ NOTHING_KEPT: Final = Kept(0, 0, ())
 
 
 class Lease:
-    """One area's. Says what to ask for; whoever holds it sends that to every arbiter."""
+    """Lease of one area. It builds the requests; the caller sends each to every arbiter."""
 
     def __init__(self, config: T2tConfig, guards: LeaseGuards) -> None:
         self._config, self._guards = config, guards
         self.state = LeaseState.NONE
         self.term = 0
         self.until_ns = 0
-        """By this train's clock, from the sending of the newest request with a majority."""
+        """End of the lease by this train's clock. It counts from the sending of the newest request
+        that a majority granted."""
         self.adopted = NOTHING_KEPT
-        """The newest roster that a majority of arbiters kept when the lease was granted."""
+        """The newest roster among the answers of the majority that granted the lease."""
         self.refused_term = 0
-        """Highest that an arbiter has promised to somebody."""
+        """Highest term that an arbiter has acknowledged to any train."""
         self.successor = NOBODY
         self.wait_until_ns = 0
-        """Before this, by this train's clock, no majority of arbiters can grant what was asked."""
+        """Time by this train's clock before which no majority of arbiters can grant the request."""
         self.beaten = False
-        """An arbiter has promised a higher term: nobody will renew this one."""
+        """An arbiter has acknowledged a higher term, so no majority will renew this one."""
         self._nonce = 0
         self._asked: dict[int, PendingRequest] = {}
-        """By nonce."""
+        """Open requests by nonce."""
         self._refusers: set[int] = set()
         self._renewed_ns = 0
         self._asked_ns = 0
         self._confirmed_ns = 0
-        """When the newest request was sent that a majority granted,"""
+        """When the train sent the newest request that a majority granted."""
         self._answer_ns = 0
-        """and how long that took."""
+        """Time that this request took until the majority was complete."""
 
     def ask(self, now_ns: int, *, seen_term: int, tried_term: int) -> ArbiterRequest:
-        """Apply for the area. The term of the request must be stored as tried before it goes."""
+        """Request the lease. The caller must store the term as tried before sending."""
         self.state = LeaseState.ASKED
         self.term = self._guards.unused_term(Terms(seen_term, self.refused_term, tried_term))
         self.adopted, self.successor, self.beaten = NOTHING_KEPT, NOBODY, False
@@ -100,8 +101,10 @@ class Lease:
         return self._request(LeaseKind.RENEW, now_ns, self._less_ns(now_ns))
 
     def _less_ns(self, now_ns: int) -> int:
-        """How much longer than usual no answer was heard, so that the lease of a holder that hears
-        nothing any more runs out at the arbiters, too, although they go on hearing it.
+        """Reduction of the next lease: the time without an answer beyond the usual.
+
+        A holder that receives nothing any more still reaches the arbiters. With the reduction its
+        lease expires at the arbiters, too.
         """
         timers = self._config.timers
         usual_ns = (timers.renew_ms + timers.margin_ms) * NS_PER_MS + self._answer_ns
@@ -109,7 +112,7 @@ class Lease:
         return min(max(unheard_ns, 0), timers.holder_lease_ns)
 
     def give_back(self, now_ns: int) -> ArbiterRequest:
-        """Also what was granted in part."""
+        """Return the lease, or the votes of an incomplete candidacy."""
         request = self._request(LeaseKind.RELEASE, now_ns)
         self.state = LeaseState.NONE
         return request
@@ -124,7 +127,7 @@ class Lease:
         return ArbiterRequest(kind, self.term, self._nonce, self.successor, less_ns)
 
     def hears(self, answer: LeaseAnswer, now_ns: int) -> None:
-        """Count a vote, if it is one for what was asked."""
+        """Count the answer as a vote if it answers an open request."""
         if answer.source not in self._config.arbiters:
             return
         if not answer.granted:
@@ -163,7 +166,7 @@ class Lease:
         self.state = LeaseState.HELD
 
     def lost(self, now_ns: int) -> bool:
-        """The candidacy came to nothing."""
+        """The candidacy has failed."""
         refused = len(self._refusers) > len(self._config.arbiters) - self._config.majority
         return self.state is LeaseState.ASKED and (refused or now_ns - self._asked_ns >= ATTEMPT_NS)
 
@@ -171,7 +174,7 @@ class Lease:
         return self._asked_ns + ATTEMPT_NS
 
     def runs(self, now_ns: int) -> bool:
-        """It holds, and still when what is said now has left."""
+        """Whether the lease holds, also when the messages of this step have left."""
         margin_ns = self._config.timers.margin_ms * NS_PER_MS
         return self.state is LeaseState.HELD and self._guards.lease_runs(
             LeaseClock(now_ns, self.until_ns, margin_ns)

@@ -1,4 +1,6 @@
-"""A train that commands an area: takes reports, keeps roster and objects, issues authorities."""
+"""A train that commands an area: it receives reports, keeps roster and objects, and issues
+authorities.
+"""
 
 from typing import Final
 
@@ -61,7 +63,7 @@ APPLICANTS_MAX: Final = 64
 
 
 class Master:
-    """From the grant of the lease to its end; under one term, with one order of trains."""
+    """Master of an area from the grant of the lease to its end, under one term."""
 
     def __init__(
         self,
@@ -75,7 +77,7 @@ class Master:
         table: TrainTable,
         now_ns: int,
     ) -> None:
-        """`table`: what a standby already knows; else an empty one."""
+        """Begin to command. `table` holds what a standby already knows; otherwise it is empty."""
         self.term = lease.term
         self.succession = Succession(speaker.address, config.switch_ms * NS_PER_MS)
         self.roster = Roster(lease.term, lease.adopted, config.majority, guards)
@@ -92,9 +94,9 @@ class Master:
         self._around = Surroundings(self._known, line, area)
         self._removals = Removals(config, guards, self._known)
         self._unfit: set[int] = set()
-        """Out of service by order of supervision."""
+        """Trains that supervision has ordered out of service."""
         self._left: TrainRecord | None = None
-        """The last train that left the area near which nobody hid; its axles may still show."""
+        """The last sieved train that left the area. Its axles may still be counted."""
         self._beat_ns = self._cycle_ns = now_ns
         self._was_ready = False
         self._newborns = RestartedTrains(config, guards)
@@ -150,16 +152,17 @@ class Master:
         elif record is not None:
             record.stopped = order.kind is OrderKind.STOP
 
-    # What follows from it.
+    # Decisions.
 
     def next_due_ns(self) -> int:
         return min(self._beat_ns, self._cycle_ns) if self._was_ready else self._beat_ns
 
     def step(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
-        """Everything to say now. Nothing is, unless the lease still holds when it has left.
+        """All messages to send now. There are none unless the lease still holds when they have
+        left.
 
         Args:
-            away: this train should not command much longer: it leaves, or cannot.
+            away: this train should stop commanding soon, because it leaves or cannot continue.
         """
         said: list[T2tMessage] = []
         if not self._lease.runs(now_ns):
@@ -173,7 +176,9 @@ class Master:
         return said
 
     def _is_ready(self, now_ns: int) -> bool:
-        """Who is in the area and what its track is like is known; before, nothing is issued."""
+        """Whether the trains of the area and the state of its track are known. Before, the master
+        issues no authority.
+        """
         self._was_ready = self.roster.kept is not None and self._track_is_known(now_ns)
         return self._was_ready
 
@@ -209,7 +214,9 @@ class Master:
     # The roster.
 
     def _keep_roster(self, now_ns: int) -> list[T2tMessage]:
-        """Departures and sieved trains first, then at most one newcomer after the other."""
+        """Remove departed trains, update sieved ones, then admit at most one applicant after
+        another.
+        """
         said: list[T2tMessage] = []
         records = self._known.records
         gone = self._removals.gone(self.roster, self._sight, now_ns)
@@ -248,7 +255,7 @@ class Master:
         return said
 
     def _has_passed(self, rear_m: float) -> bool:
-        """Out of the area for good, whatever it may roll or jog back."""
+        """The train has left the area for good, even if it rolls or jogs back."""
         return rear_m >= self._area.end_m + self._config.behind_rear_m
 
     def _sieve(self, order: Order, now_ns: int) -> tuple[Order, bool]:
@@ -300,7 +307,8 @@ class Master:
             record = self._known.records[entry.train]
             sieved, told = self._guards.sieved(entry.sieved), self._known.is_told(record, now_ns)
             if entry.train in commanded and sieved and told:
-                # Near one that is not sieved somebody may hide: it tells nothing of its sections.
+                # A shadow train may be near a train that is not sieved. That train's sections then
+                # prove nothing.
                 beyond_m = self._known.within_m(record, now_ns, sure=alone is ahead)
                 open_end = (self._area.end_m, self._left)
                 hidden = self._known.hidden(record, beyond_m, alone, self._track, open_end, now_ns)
@@ -308,7 +316,8 @@ class Master:
                 authority = self._authority(now_ns, record, ahead, [*barred, *hidden], rank)
                 issued += [] if authority is None else [authority]
             ahead, alone = record, record if sieved else None
-            # Who is not kept yet may be forgotten by the next master: nobody gets farther by it.
+            # The next master may not know a train that is not committed. No train gets track on its
+            # account.
             kept = entry.train in commanded
         return [*self._sync(now_ns), *issued]
 
@@ -352,7 +361,7 @@ class Master:
         )
 
     def _sync(self, now_ns: int) -> list[T2tMessage]:
-        """What the standby must know stands before what it is about."""
+        """Records for the standby. They are sent before the authorities that they concern."""
         standby = self.succession.standby
         if standby == NOBODY:
             return []
@@ -360,13 +369,16 @@ class Master:
         return [StandbySync(*head, self.roster.version, self._known.sync_entries())]
 
     def is_fit(self, train: int, now_ns: int) -> bool:
-        """To be standby or master: heard of, committed, promised, in service, another than this."""
+        """Whether a train may be standby or master.
+
+        It is another train, reports, is committed, has acknowledged the term and is in service.
+        """
         if train in self._unfit or train == self._speaker.address:
             return False
         return train in self.roster.may_be_commanded() and self._known.is_fit(train, now_ns)
 
     def _succeed(self, now_ns: int, *, away: bool) -> None:
-        """Standby and planned switch."""
+        """Update the standby and the planned switch."""
         succession, own = self.succession, self._speaker.address
         heard = [
             (each.train, each.ready_nonce)
@@ -391,12 +403,12 @@ class Master:
 
     @property
     def has_others(self) -> bool:
-        """Another train is on the roster, or wants to be."""
+        """Another train is on the roster or applies."""
         own = self._speaker.address
         return bool((self._on_roster() | set(self._applicants)) - {own})
 
     def hears_no_train(self, now_ns: int) -> bool:
-        """Of several others none."""
+        """There are several other trains, and none of them reports."""
         return self._known.all_silent(self._speaker.address, now_ns)
 
     def _on_roster(self) -> set[int]:
@@ -414,6 +426,6 @@ class Master:
 
 
 def _next(due_ns: int, now_ns: int, period_ms: int) -> int:
-    """The next instant of a rhythm; what was missed is not made up for."""
+    """The next due time of a periodic task. Missed periods are skipped."""
     period_ns = period_ms * NS_PER_MS
     return due_ns + (1 + (now_ns - due_ns) // period_ns) * period_ns

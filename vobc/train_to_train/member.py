@@ -1,4 +1,4 @@
-"""A train as one area's member: the terms it has seen, the authority it holds, what is latent."""
+"""A train as member of one area: the terms it knows, its authority and how far it may still run."""
 
 from vobc.train_to_train.guards import Fence, Latency, MemberGuards, Offer
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain
@@ -6,11 +6,12 @@ from zenoh_config.t2t import NOBODY, AreaAuthority, Heartbeat, T2tMessage
 from zenoh_config.timers import NS_PER_MS, LineTimers
 
 RANK_OF_A_STRANGER: int = 4
-"""Members of the roster go first."""
+"""Candidacy rank of a train that is not on the roster. The members of the roster apply before it.
+"""
 
 
 class AreaMember:
-    """One for each area that the train has to do with."""
+    """State of the train as member of one of the areas that concern it."""
 
     def __init__(
         self,
@@ -24,23 +25,24 @@ class AreaMember:
         self._timers, self._guards = timers, guards
         self._boot = boot
         self.memory = memory
-        """To be stored whenever it is another than before."""
+        """Memory of the area. The caller stores it whenever it changes."""
         self.held: AreaAuthority | None = None
         self.newest = (0, -1)
-        """Term and sequence of the newest authority that was taken."""
+        """Term and sequence number of the newest authority that the train accepted."""
         self.latent_m: float | None = None
-        """As told last; None before the train first knew where it is."""
+        """Farthest place that the front may still reach by authorities of this area, as last
+        reported. None: the train has not been localised yet."""
         self.master_heard_ns = now_ns
-        """When the master was last heard, or when listening began."""
+        """When the train last received a message of the master, or began to listen."""
         self.beat_ns = 0
-        """`stamp_ns` of the newest heartbeat of the term that was seen last; 0: none was heard."""
+        """`stamp_ns` of the newest heartbeat of the highest known term. 0: none received."""
         self.standby = NOBODY
         self.rank = RANK_OF_A_STRANGER
         self.promised_anew = False
-        """A new term was seen: it wants to be acknowledged at once."""
+        """A new term was received, and the train must acknowledge it at once."""
 
     def fences(self, message: T2tMessage) -> bool:
-        """Whether to hear the message at all by its term; a new term is remembered."""
+        """Whether the term of the message allows to process it. A new term is remembered."""
         memory = self.memory
         fence = Fence(message.term, message.source, memory.seen_term, memory.owner)
         if not self._guards.term_not_old(fence) or not self._guards.owner_of_term(fence):
@@ -60,7 +62,7 @@ class AreaMember:
         return True
 
     def takes(self, authority: AreaAuthority, now_ns: int) -> str:
-        """Take it or say why not; empty: taken."""
+        """Accept the authority. The result is the reason of a refusal, or empty if accepted."""
         guards = self._guards
         offer = Offer(
             authority, now_ns, self._boot, self.newest, self._timers.authority_ms * NS_PER_MS
@@ -80,14 +82,18 @@ class AreaMember:
         return ""
 
     def settle(self, now_ns: int, own: OwnTrain) -> None:
-        """Once a step, after everything heard: drop what ran out, and see what is still latent."""
+        """Discard an expired authority and update how far the train may still run.
+
+        Called once a step, after all messages of the step.
+        """
         if own.standstill and not self.is_young(now_ns):
             self.held = None
         if not own.localised:
             if self.held is not None and self.latent_m is not None:
                 self.latent_m = max(self.latent_m, self.held.end_m)
             return
-        # Of what an earlier life was granted nothing is known but how far that can carry the train.
+        # Authorities of an earlier incarnation are unknown. They cannot carry the train beyond its
+        # emergency braking distance.
         before_m = own.reach_m if self.latent_m is None else self.latent_m
         end_m = None if self.held is None else self.held.end_m
         self.latent_m = self._guards.latent_authority_m(
@@ -95,7 +101,7 @@ class AreaMember:
         )
 
     def is_young(self, now_ns: int) -> bool:
-        """The held authority has not run out."""
+        """Whether the train holds an authority that has not expired."""
         held = self.held
         age_max_ns = self._timers.authority_ms * NS_PER_MS
         return held is not None and now_ns - held.echo_ns <= age_max_ns

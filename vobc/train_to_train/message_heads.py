@@ -1,4 +1,4 @@
-"""The heads of everything that one train says: who, which incarnation, in what order, when."""
+"""Message headers of one train: sender, incarnation, sequence number and time stamp."""
 
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ class MessageHeads:
     def __init__(self, address: int, boot: int) -> None:
         self.address, self.boot = address, boot
         self.sequence = 0
-        """Of the last message."""
+        """Sequence number of the last message."""
 
     def head(self, now_ns: int, *, to: int, area: int, term: int) -> MessageHead:
         self.sequence += 1

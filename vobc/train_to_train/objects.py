@@ -1,4 +1,4 @@
-"""Switches, crossings and platform tracks as a master sees them: claimed, confirmed, released."""
+"""Switches, crossings and platform tracks as a master handles them: claim, confirm, release."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -15,7 +15,9 @@ class Claim(NamedTuple):
 
 
 class TrackObjects:
-    """Of one area, under one term. Nonces grow, so that an older claim cannot undo a newer."""
+    """Objects of one area under one term. Nonces grow, so that an old claim never undoes a newer
+    one.
+    """
 
     def __init__(self, term: int, sites: Sequence[ObjectSite], guards: MasterGuards) -> None:
         self.statuses: dict[int, ObjectStatus] = {}
@@ -33,11 +35,11 @@ class TrackObjects:
         needed: Callable[[ObjectSite], bool],
         reaches: Callable[[ObjectSite], Sequence[Reach]],
     ) -> list[tuple[ObjectSite, Claim]]:
-        """What to say to objects now: claims that are not confirmed, releases not carried out.
+        """Claims and releases to send now: those that the object has not confirmed yet.
 
         Args:
             needed: whether a train comes near an object.
-            reaches: every train of the roster beside it.
+            reaches: every train of the roster, as seen from the object.
         """
         said = []
         for site in self._sites:
@@ -79,7 +81,7 @@ class TrackObjects:
         return (status.claim_term, status.nonce) == (self._term, claim.nonce)
 
     def stretches(self) -> list[BarredTrack]:
-        """Those that trains may not pass just so."""
+        """Objects that trains may not pass freely."""
         barred = [(site, self._bar(site)) for site in self._sites]
         return [
             BarredTrack(site.start_m, site.end_m, bar) for site, bar in barred if bar is not None

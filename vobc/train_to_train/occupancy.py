@@ -1,4 +1,4 @@
-"""What a master knows of the trains of its area: where each surely is, and what it may hold."""
+"""What a master knows of each train in its area: its place and the authorities that it may hold."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -7,63 +7,73 @@ from typing import Final, NamedTuple
 from zenoh_config.t2t import SectionState, SyncEntry, TrainReport
 
 OUTSTANDING_MAX: Final = 64
-"""Authorities on their way to one train that are told apart, which are more than are not void yet;
-of one that hears nothing more are taken for one."""
+"""Number of open authorities to one train that are tracked one by one.
+
+This is more than can be valid at a time. For a train that receives nothing any more, the oldest
+ones are merged.
+"""
 PLACES_MAX: Final = 8
-"""Reports of one train that are told apart by when they came: those of most of a second."""
+"""Number of reports of one train kept with their time of arrival. They cover about one second."""
 UNBOUNDED_M: Final = 1.0e6
-"""Reserved for a train of which nobody knows what it may hold."""
+"""Bound of a train whose authorities are unknown."""
 
 
 class Sent(NamedTuple):
-    """An authority on its way to a train."""
+    """An authority that the master has sent to a train."""
 
     sequence: int
     end_m: float
     void_ns: int
-    """From then on the train surely takes it no more."""
+    """Time from which on the train certainly refuses it."""
 
 
 @dataclass(slots=True)
 class TrainRecord:
-    """One train, as far as its master knows."""
+    """State of one train as its master knows it."""
 
     train: int
     rear_m: float
-    """Protected: the rear has been seen here or farther on, by the train or by detection, or comes
-    to rest here or farther on."""
+    """Protected rear. The rear is here or farther on, or comes to rest here or farther on. The
+    train or the axle counters have shown it."""
     heard_ns: int
-    """When its newest report came; when the record was made, before."""
+    """When its newest report arrived. Before the first report: when the record was made."""
     boot: int = 0
-    """Of the train's incarnation; 0: unknown."""
+    """Incarnation of the train. 0: unknown."""
     report: TrainReport | None = None
-    """The newest, from a time when the train knew where it was."""
+    """Newest report in which the train knew its place."""
     term: int = 0
-    """That it promised last."""
+    """Term that it acknowledged last."""
     ready_nonce: int | None = None
-    """Of the planned switch that it said last it is ready for; None: it has not been heard."""
+    """Nonce of the planned switch for which it last reported ready. None: no report received."""
     latent_m: float = UNBOUNDED_M
-    """By its newest report, also of one that does not know where it is."""
+    """Farthest place by its newest report, even if the train has lost its position."""
     served: bool = False
-    """It was given an authority under this master's term."""
+    """The train received an authority under this master's term."""
     anew_m: float = UNBOUNDED_M
-    """It began anew since, and obeys no older term: it comes no farther by all that it holds."""
+    """Farthest place by anything that it holds, for a train that has since restarted and obeys no
+    older term."""
     anew_rear_m: float = -UNBOUNDED_M
-    """Its rear in that life, at the farthest; until it is heard of, nowhere on the line."""
+    """Farthest place of its rear in the new incarnation. Until its first report: nowhere on the
+    line."""
     stopped: bool = False
-    """Supervision has ordered its authority to end where it stands."""
+    """Supervision has ordered the train to stop where it is."""
     sent: list[Sent] = field(default_factory=list)
-    """Authorities that it may yet take, or have taken since it spoke, oldest first."""
+    """Authorities that the train may still accept, or has accepted since its last report. Oldest
+    first."""
     lost: bool = False
-    """By the newest report of all it does not know where it is."""
+    """The train has lost its position by its newest report."""
     places: list[tuple[int, float]] = field(default_factory=list, compare=False)
-    """When it was heard lately, and its protected rear by then, oldest first."""
+    """Arrival time and protected rear of the latest reports, oldest first."""
 
     def hears(self, report: TrainReport, now_ns: int, *, term: int, jog_m: float) -> None:
-        """A report that came in order; `term` is the master's own.
+        """Update the record from a report that arrived in order.
 
-        While a train moves it cannot jog back; it has to come to rest first, and that is farther
-        on. So what a jog needs counts from there, and nobody is let nearer than it may roll back.
+        A moving train must come to rest before it can jog back, and it comes to rest farther on.
+        The jog allowance therefore counts from the place of rest. No train comes nearer than the
+        rollback distance.
+
+        Args:
+            term: the master's own term.
         """
         self.heard_ns = now_ns
         self.term = report.term
@@ -72,7 +82,8 @@ class TrainRecord:
         if report.held_term == term:
             self.sent = [each for each in self.sent if each.sequence > report.held_sequence]
         if report.term == term:
-            # What it echoes it had heard when it spoke; what was void by then it did not take.
+            # The train had received the echoed heartbeat when it sent this report. It has not
+            # accepted any authority that was void by then.
             self.sent = [each for each in self.sent if report.echo_ns < each.void_ns]
         self.lost = not report.localised
         if self.lost:
@@ -87,12 +98,14 @@ class TrainRecord:
         del self.places[:-PLACES_MAX]
 
     def rear_then_m(self, at_ns: int) -> float:
-        """Protected rear as it had been heard by that instant; far behind, if it had not."""
+        """Protected rear as known at that time. It is far behind if nothing was known."""
         return max([m for heard_ns, m in self.places if heard_ns <= at_ns], default=-UNBOUNDED_M)
 
     def issued(self, sequence: int, end_m: float, *, life_ns: int) -> None:
-        """In answer to what was heard last; `life_ns`: longer than an authority is taken after the
-        report that it answers, by whatever clock.
+        """Note an authority that answers the newest report.
+
+        Args:
+            life_ns: age of a report after which no train accepts an authority that answers it.
         """
         self.served = True
         self.sent.append(Sent(sequence, end_m, self.heard_ns + life_ns))
@@ -101,11 +114,11 @@ class TrainRecord:
             self.sent = [second._replace(end_m=max(first.end_m, second.end_m)), *rest]
 
     def rear_ahead_m(self, behind_rear_m: float) -> float:
-        """Where the rear of the next train ahead must at least be, for this one to have been
-        granted what it still may act upon. Only of a train that obeys no older term any more.
+        """Least place of the rear of the next train ahead, given the authority of this train.
 
-        Since it lost its place it says nothing of what it holds, but how far that still lets it
-        come: farther on another may have been set before it since.
+        It is valid only for a train that obeys no older term. A train that has lost its position
+        reports how far it may still come, not what it holds. Another train may have been placed
+        ahead of it since, farther on.
         """
         report = self.report
         if report is None or not report.member:
@@ -114,14 +127,12 @@ class TrainRecord:
 
     @property
     def granted_m(self) -> float:
-        """The farthest its front may come by anything that it holds, may yet take or gave up."""
+        """Farthest place of the front by any authority held, still acceptable, or given up."""
         return max([self.latent_m, *[each.end_m for each in self.sent]])
 
 
 def rear_max_m(report: TrainReport) -> float:
-    """The farthest that the rear can be: beyond the one that is told by what the front is unsure
-    of.
-    """
+    """Farthest place of the rear: the reported rear plus the uncertainty of the front."""
     return report.rear_min_m + (report.front_max_m - report.front_min_m)
 
 
@@ -132,7 +143,7 @@ class TrainTable:
         self.records: dict[int, TrainRecord] = {}
 
     def of(self, train: int, *, rear_m: float, now_ns: int) -> TrainRecord:
-        """The record of a train; a new one begins with this rear."""
+        """Record of a train. A new record begins with this rear."""
         found = self.records.get(train)
         if found is None:
             found = self.records[train] = TrainRecord(train, rear_m, now_ns)
@@ -143,7 +154,9 @@ class TrainTable:
         self.records = {train: each for train, each in self.records.items() if train in kept}
 
     def takes_sync(self, entries: Iterable[SyncEntry], now_ns: int) -> None:
-        """What a master left to its standby; a rear never goes back by it."""
+        """Take over the entries that a master sent to its standby. They never move a rear
+        backwards.
+        """
         for entry in entries:
             record = self.of(entry.train, rear_m=entry.rear_m, now_ns=now_ns)
             if record.boot < entry.boot:
@@ -159,10 +172,10 @@ def cleared_to_m(
     *,
     overhang_m: float,
 ) -> float:
-    """How far forward a rear must be that stood at `rear_m` or beyond when all this was seen.
+    """Least place of a rear that was at `rear_m` or beyond when the sections were read.
 
-    A train that moves forwards only is not in clear sections that begin where it was: it is past
-    them, but for what hangs over behind its last axle.
+    A train that moves only forwards has left the clear sections that begin at its old place. Only
+    the overhang behind its last axle may still be in them.
 
     Args:
         sections: start, end and state of each, in running order.

@@ -1,4 +1,4 @@
-"""A planned switch of the master, as the one who hands over sees it: prepare, ready, commit."""
+"""Planned switch of the master, on the side that hands over: prepare, ready, commit."""
 
 import enum
 from collections.abc import Callable, Mapping
@@ -10,20 +10,20 @@ from zenoh_config.t2t import NOBODY
 class SwitchState(enum.Enum):
     IDLE = "idle"
     PREPARING = "preparing"
-    """All are asked whether they are ready; nothing has changed."""
+    """The master asks all trains whether they are ready. Nothing has changed yet."""
     COMMITTED = "committed"
-    """The successor may acquire the lease; until it has, the old term stays in force."""
+    """The successor may acquire the lease. Until it has, the old term stays in force."""
 
 
 class SwitchGuardInputs(NamedTuple):
-    """What decides about a switch."""
+    """Inputs of the guards that decide on a switch."""
 
     wanted: int
-    """Who shall be master; NOBODY: things stay as they are."""
+    """The train that should become master. 0: no switch is wanted."""
     successor_fit: bool
     successor_ready: bool
     all_ready: bool
-    """Every train of the roster that is heard of; the silent ones keep their reservation."""
+    """Every train of the roster that reports is ready. Silent trains keep their reservation."""
     timed_out: bool
 
 
@@ -49,7 +49,7 @@ TRANSITIONS: Final[Mapping[SwitchState, tuple[tuple[Guard, SwitchState], ...]]] 
     ),
     SwitchState.COMMITTED: ((given_up, SwitchState.IDLE),),
 }
-"""Out of COMMITTED there is no success: the new term, once heard, ends the old master."""
+"""COMMITTED has no transition for success. The old master ends when it receives the new term."""
 
 
 class PlannedSwitch:
@@ -66,7 +66,7 @@ class PlannedSwitch:
     def step(
         self, now_ns: int, *, wanted: int, fit: Callable[[int], bool], all_ready: Callable[[], bool]
     ) -> None:
-        """One transition at most."""
+        """Make at most one transition."""
         target = wanted if self.state is SwitchState.IDLE else self.successor
         running = self.state is not SwitchState.IDLE
         look = SwitchGuardInputs(

@@ -1,4 +1,4 @@
-"""The first gate of everything heard: whom it is for, who can have said it, and in what order."""
+"""First check of every received message: destination, permitted sender, and order."""
 
 from collections import Counter
 from typing import Final
@@ -28,8 +28,10 @@ from zenoh_config.t2t import (
 from zenoh_config.t2t_supervision import Removal
 
 SOURCES_MAX: Final = 16_384
-"""Streams of messages that are kept in order; more are refused, so that memory stays bounded. All
-trains of a line may come through the areas that a train has to do with, and say four kinds there.
+"""Number of message streams whose order is tracked. More are refused, so that memory stays bounded.
+
+All trains of a line may pass the areas that concern this train, and each sends four kinds of
+message there.
 """
 OF_TRAINS: Final = (
     Heartbeat,
@@ -46,16 +48,18 @@ OF_WAYSIDE: Final = (ObjectStatus, TrackStatus)
 OF_SUPERVISION: Final = (LineOrder, Removal)
 
 Stream = tuple[type[T2tMessage], int, int, int]
-"""Kind, source, area and the number of the object that it speaks of."""
+"""Message type, source, area and object number (0 if the message has none)."""
 
 
 class Reception:
-    """Counts what it refuses by reason; a refused message changes nothing else."""
+    """Checks received messages and counts refusals by reason. A refused message has no other
+    effect.
+    """
 
     def __init__(self, address: int, boot: int) -> None:
         self.refusals: Counter[RefusedReason] = Counter()
         self.doubled = False
-        """Somebody else speaks under this train's address."""
+        """Another device sends under this train's address."""
         self._address, self._boot = address, boot
         self._newest: dict[Stream, tuple[int, int]] = {}
 
@@ -67,8 +71,9 @@ class Reception:
         return False
 
     def forget(self, area: int) -> None:
-        """What trains say there is no concern any more. What the wayside and supervision say is
-        kept in order all the same: those streams are few.
+        """Stop tracking the order of train messages of this area.
+
+        Messages of the wayside and of supervision stay tracked, because those streams are few.
         """
         self._newest = {
             stream: newest

@@ -1,9 +1,9 @@
-"""Trains that supervision wants off the roster, as a person has seen that they are not there.
+"""Removal of trains from the roster after an operator has seen that they are gone.
 
-A train that falls silent stays on the roster, and those behind it wait until sections are clear
-around where it was. What no counter can tell is left to a person: whether it stands behind the last
-counter of the line, or was taken away past trains that stand there. What counters do tell stands
-against any word.
+A train that falls silent stays on the roster. Trains behind it wait until the sections around its
+last place are clear. Axle counters cannot tell two things: whether the train stands behind the last
+counter of the line, and whether it was taken away past standing trains. An operator decides these.
+What the counters do show overrides the operator.
 """
 
 from collections.abc import Callable, Iterable
@@ -19,40 +19,40 @@ from zenoh_config.t2t_supervision import Removal, RemovalState
 from zenoh_config.timers import NS_PER_MS
 
 GOOD_FOR_NS: Final = 3_000_000_000
-"""So long what a person has seen counts."""
+"""How long an operator's observation is valid."""
 REMOVALS_MAX: Final = 16
-"""Wanted at the same time; others are not answered."""
+"""Greatest number of open removals. Further ones get no answer."""
 
 
 class TrackObservation(NamedTuple):
-    """What the area's track and trains tell."""
+    """What the track and the trains of the area show."""
 
     counts: bool
-    """This line counts axles."""
+    """Whether this line counts axles."""
     track: TrackView | None
     standing: tuple[StandingTrain, ...]
-    """Trains that are heard, and say that they stand."""
+    """Trains that report and are at standstill."""
     heard: set[int]
-    """Trains that were heard just now and are not on the roster in this incarnation."""
+    """Trains that reported recently and are not on the roster in this incarnation."""
     end_m: float
-    """Of the area."""
+    """End of the area."""
 
 
 class WantedRemoval(NamedTuple):
-    """A removal that supervision asks for, and how far it has come."""
+    """A removal that supervision requests, and its state."""
 
     echo_ns: int
-    """Own stamp of the heartbeat that the newest removal answers."""
+    """Own time stamp of the heartbeat that the newest removal request answers."""
     state: RemovalState = RemovalState.HEARD
 
 
 class Removals:
-    """Of one master, under its own term."""
+    """Removals of one master, under its own term."""
 
     def __init__(self, config: T2tConfig, guards: MasterGuards, known: Conclusions) -> None:
         self._config, self._guards, self._known = config, guards, known
         self._wanted: dict[int, WantedRemoval] = {}
-        """By train."""
+        """Requested removals by train."""
         self._late: set[int] = set()
 
     def hears(self, removal: Removal, now_ns: int) -> None:
@@ -70,7 +70,7 @@ class Removals:
     def gone(
         self, roster: Roster, look: Callable[[int], TrackObservation], now_ns: int
     ) -> set[int]:
-        """Trains that are wanted off the roster and surely hold and occupy nothing."""
+        """Trains to be removed that certainly hold no authority and occupy no track."""
         wanted = {t: e for t, e in self._wanted.items() if _is_good(e.echo_ns, now_ns)}
         self._wanted = wanted
         concerned = wanted.keys() & roster.boots().keys()
@@ -81,7 +81,7 @@ class Removals:
         for entry in roster.proposed:
             train = entry.train
             if train in concerned:
-                # By hand it may have been driven farther than it was let: up to the train ahead.
+                # A person may have driven it by hand beyond its authority, up to the train ahead.
                 reach_m = max(reserved_m[train], to_m)
                 state = self._judged(train, wanted[train].echo_ns, reach_m, sight, now_ns)
                 wanted[train] = wanted[train]._replace(state=state)
@@ -95,7 +95,7 @@ class Removals:
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         from_m = record.rear_m - self._config.behind_rear_m
         silent = train not in sight.heard and now_ns - record.heard_ns > age_max_ns
-        # What it tells in another life, and from elsewhere, bounds nothing here.
+        # Reports of another incarnation may come from elsewhere, so they do not bound this place.
         to_m = max(reach_m, record.rear_m + self._config.overhang_m)
         explained = not sight.counts or (
             track is not None
@@ -107,7 +107,7 @@ class Removals:
         return RemovalState.AXLES if silent else RemovalState.HEARD
 
     def answers(self, roster: Roster) -> Iterable[tuple[int, RemovalState]]:
-        """What to tell supervision, by train."""
+        """Answers to supervision, by train."""
         on_roster = roster.boots()
         for train, wanted in self._wanted.items():
             if roster.pending:

@@ -1,8 +1,8 @@
-"""Trains of the roster that began anew: whether one is still where it was, or left and came back.
+"""Restarted trains of the roster: still in place, or away and back again.
 
-A roster entry is for one incarnation of its train. Who begins anew gets nothing by it: nobody knows
-what became of the train meanwhile. If it is where it was, the entry is renewed; if it is not, the
-entry ends, and the train applies as a stranger does.
+A roster entry is valid for one incarnation of its train. A restarted train gets no authority by it,
+because the master cannot know what happened meanwhile. If the train is in its old place, the master
+renews the entry. Otherwise the entry ends, and the train applies like an unregistered one.
 """
 
 import enum
@@ -26,44 +26,46 @@ from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.t2t import NOBODY, RosterEntry, TrainReport
 
 RECENT_NS: Final = 10_000_000_000
-"""No train leaves the line and comes back within this."""
+"""Shortest time in which a train can leave the line and come back."""
 SHORTEST_M: Final = 15.0
-"""No train is shorter."""
+"""Lower bound of a train's length."""
 
 
 class RestartPlace(enum.Enum):
     IN_PLACE = "in place"
     GONE = "gone"
     UNSURE = "unsure"
-    """It keeps its place on the roster, as an obstacle, and gets nothing."""
+    """The train keeps its roster entry as an obstacle and gets no authority."""
     BEFORE = "before"
-    """It is before one that was ahead of it and began anew, too: nobody knows which was away."""
+    """The train is ahead of another restarted train that was ahead of it. The master cannot know
+    which of them was away."""
 
 
 class Neighbour(NamedTuple):
     """Another train on the roster."""
 
     rear_m: float
-    """It was there, or is farther on."""
+    """Its rear was here, or is farther on."""
     heard: bool
-    """Where it is, in the life that arbiters kept, or lately in a new one."""
+    """Its place is known from the registered incarnation, or from a recent report of a new one."""
     rear_max_m: float = UNBOUNDED_M
-    """Its rear has come no farther yet; by default nobody knows."""
+    """Farthest place that its rear has reached. By default this is unknown."""
     anew_m: tuple[float, float] | None = None
-    """Where its rear is at least and at most by what it tells of a new life, if it may be that it
-    has not been away: of two that began anew and changed places nobody knows which was."""
+    """Least and greatest place of its rear by the reports of a new incarnation, if it may have
+    stayed on the line. If two restarted trains changed places, the master cannot know which one was
+    away."""
 
     @property
     def told_m(self) -> float:
         return self.rear_m if self.anew_m is None else max(self.rear_m, self.anew_m[0])
 
     def is_behind(self, rear_m: float) -> bool:
-        """By what it tells of a new life."""
+        """Whether it is behind this place by the reports of its new incarnation."""
         return self.anew_m is not None and self.anew_m[1] < rear_m
 
 
 class Former(NamedTuple):
-    """What is known of the life before, and of those around it on the roster."""
+    """What is known of the former incarnation and of its neighbours on the roster."""
 
     record: TrainRecord
     behind: Sequence[Neighbour]
@@ -72,30 +74,35 @@ class Former(NamedTuple):
 
 class RestartEvidence(NamedTuple):
     sieved: bool
-    """It stands, and all axles around are those of trains that say they stand there."""
+    """The train stands, and standing trains account for all axles around it."""
     left: bool
-    """All axles from where its foremost one would be up to the train ahead, or the end of the area,
-    are of others at rest; or no axles are counted on this line, and its word is all there is."""
+    """Other trains at rest account for all axles from the place of its foremost axle to the train
+    ahead, or to the end of the area. On a line without axle counters its own report is the only
+    evidence."""
     recent: bool
-    """This very master heard of its former life so lately that it cannot have been away."""
+    """This master received a report of the former incarnation so recently that the train cannot
+    have been away."""
 
 
 def whereabouts(
     former: Former, report: TrainReport, evidence: RestartEvidence, *, behind_rear_m: float
 ) -> RestartPlace:
-    """The report is of the new life, and knows its place."""
+    """Compare the place of a restarted train with its roster entry.
+
+    The report is of the new incarnation, and the train knows its place.
+    """
     gone_back = _is_farther_back(report, former.record, behind_rear_m)
     overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
     overtakes = any(each.rear_max_m < report.rear_min_m for each in former.ahead)
     if gone_back or overtaken or overtakes:
-        # A word may be of somebody else by the same name; what is counted on the track is not.
+        # Another device may report under the same number. The axle counts are independent evidence.
         return RestartPlace.GONE if evidence.sieved or evidence.left else RestartPlace.UNSURE
     if evidence.recent:
         return RestartPlace.IN_PLACE
     unheard = not all(each.heard for each in former.behind)
     anew = [each for each in former.behind if each.anew_m is not None]
     changed = not all(each.is_behind(report.rear_min_m) for each in anew)
-    # What is known of one ahead may be old: it has gone on since, or was passed.
+    # The known place of a train ahead may be old. It may have run on, or been passed.
     passed = [each for each in former.ahead if each.told_m < report.front_max_m]
     if changed or unheard or not all(each.is_behind(report.rear_min_m) for each in passed):
         return RestartPlace.UNSURE
@@ -105,12 +112,12 @@ def whereabouts(
 
 
 def _is_farther_back(report: TrainReport, record: TrainRecord, behind_rear_m: float) -> bool:
-    """Than it can have rolled or jogged from where it was."""
+    """Whether the train is farther back than it can have rolled or jogged."""
     return rear_max_m(report) < record.rear_m - behind_rear_m
 
 
 class RestartedTrains:
-    """What they told since they began anew, by train."""
+    """Reports of trains since they restarted."""
 
     def __init__(self, config: T2tConfig, guards: MasterGuards) -> None:
         self._config, self._guards = config, guards
@@ -123,11 +130,11 @@ class RestartedTrains:
         self._told.pop(train, None)
 
     def told(self) -> list[tuple[TrainReport, int]]:
-        """The newest of each, and when it came."""
+        """The newest report of each train, with its time of arrival."""
         return list(self._told.values())
 
     def ready(self, known: Conclusions, now_ns: int) -> list[tuple[int, int]]:
-        """Of those that are heard: who, and for which switch it is ready."""
+        """Trains that report, each with the switch for which it is ready."""
         return [
             (report.source, report.ready_nonce)
             for report, heard_ns in self._told.values()
@@ -141,7 +148,10 @@ class RestartedTrains:
         known: Conclusions,
         now_ns: int,
     ) -> tuple[Order, list[tuple[TrainReport, int]]]:
-        """The order without those that are gone, those in place renewed; and who is gone."""
+        """Renew the entries of trains in place and drop those of trains that left.
+
+        The result is the new order and the reports of the dropped trains.
+        """
         settled, gone = list[RosterEntry](), list[tuple[TrainReport, int]]()
         self._told = {t: e for t, e in self._told.items() if known.is_alive(e[1], now_ns)}
         for at, entry in enumerate(order):
@@ -160,7 +170,8 @@ class RestartedTrains:
             life = Former(former, behind, before)
             found = self._find(ahead, life, report, scene, recent=recent)
             if found is RestartPlace.BEFORE:
-                # Whichever was away: on the roster it is, where it stands, or where it was.
+                # It is unknown which of the two was away. This train is registered where it stands,
+                # and the other one keeps its place.
                 rest = (*settled, *followers)
                 result = admitted(rest, report, scene, self._config, self._guards)
                 if not isinstance(result, Waiting):
@@ -184,8 +195,10 @@ class RestartedTrains:
         return tuple(settled), gone
 
     def _neighbour(self, entry: RosterEntry, known: Conclusions, now_ns: int) -> Neighbour:
-        """Trains that began anew one behind the other would wait for each other if only the life
-        that arbiters kept counted. No train passes another: where they are is their order.
+        """A train of the roster as a neighbour of a restarted one.
+
+        If only registered incarnations counted, restarted trains in a row would wait for each
+        other. Trains never pass each other, so their places show their order.
         """
         record = known.records[entry.train]
         report, _ = self._told.get(entry.train, (None, now_ns))
@@ -196,7 +209,7 @@ class RestartedTrains:
         if report is None or not report.localised or not known.is_recent(report, now_ns):
             return Neighbour(record.rear_m, heard=False)
         if _is_farther_back(report, record, self._config.behind_rear_m):
-            # It came back elsewhere, and was passed by nobody: that is for its own entry.
+            # It came back elsewhere and no train passed it. Its own entry decides about that.
             return Neighbour(record.rear_m, heard=True)
         anew_m = report.rear_min_m, known.rear_max_m(report, now_ns)
         return Neighbour(record.rear_m, heard=True, anew_m=anew_m)
@@ -212,11 +225,13 @@ class RestartedTrains:
     ) -> RestartPlace:
         config, record = self._config, former.record
         ahead_m = scene.area.end_m if ahead == NOBODY else scene.records[ahead].rear_m
-        # There at least its foremost axle would be; what is before the area is others' to look at.
+        # At least its foremost axle would be here. The preceding area's master judges the track
+        # before the area.
         foremost_m = record.rear_m - config.behind_rear_m + SHORTEST_M - config.overhang_m
         from_m = max(foremost_m, scene.area.start_m)
         to_m = max(ahead_m, from_m + config.overhang_m)
-        # Of what is there now it matters only whose it is, not who may be forgotten later.
+        # It matters only which train the axles belong to now, not which train may be forgotten
+        # later.
         there = scene._replace(standing=scene.there, at_rest=scene.there)
         evidence = RestartEvidence(
             sieved=(
@@ -231,6 +246,6 @@ class RestartedTrains:
         found = whereabouts(former, report, evidence, behind_rear_m=config.behind_rear_m)
         if found is not RestartPlace.IN_PLACE:
             return found
-        # Over the border, as for any other that comes over it.
+        # A train across the border must satisfy the same condition as any other applicant there.
         in_line = self._guards.comes_in_line(line_of(report, scene, ahead))
         return found if in_line else RestartPlace.UNSURE

@@ -1,4 +1,4 @@
-"""What a train is in an area, and how it stands to those who command it: two tables."""
+"""Two state tables: the role of a train in an area, and its relation to its masters."""
 
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
@@ -7,26 +7,26 @@ from vobc.train_to_train.vocabulary import Role, TrainState
 
 
 class RoleGuardInputs(NamedTuple):
-    """What decides about a train's role in one area."""
+    """Inputs of the guards that decide on a train's role in one area."""
 
     concerned: bool
-    """The train is there, or will soon be."""
+    """The train is in the area, or will soon be."""
     member: bool
-    """It holds an authority of the area that is young enough."""
+    """The train holds an authority of the area that has not expired."""
     named_standby: bool
     apply_now: bool
-    """It may command, and the master has been silent for this train's turn, or has called it."""
+    """The master has been silent until this train's turn, or has called this train to take over."""
     may_command: bool
     candidacy_lost: bool
     lease_granted: bool
     lease_runs: bool
     fenced: bool
-    """A higher term than that of its own lease exists."""
+    """A term higher than that of the train's own lease exists."""
     roster_kept: bool
     relieved: bool
-    """There is nobody left to command, and this train leaves."""
+    """No other train is left to command, and this train leaves."""
     deaf: bool
-    """It commands, and hears nothing of those whom it commands."""
+    """The train is master and receives nothing from the trains that it commands."""
 
 
 def not_concerned(sight: RoleGuardInputs) -> bool:
@@ -101,7 +101,7 @@ ROLES: Final[Mapping[Role, tuple[tuple[Guard, Role], ...]]] = {
 
 
 def next_role(role: Role, sight: RoleGuardInputs) -> Role:
-    """The first guard that holds decides; when none holds the role stays."""
+    """Follow the first guard that holds. If none holds, the role stays."""
     for guard, target in ROLES[role]:
         if guard(sight):
             return target
@@ -109,12 +109,12 @@ def next_role(role: Role, sight: RoleGuardInputs) -> Role:
 
 
 class StandingGuardInputs(NamedTuple):
-    """What decides how a train stands to those who command it."""
+    """Inputs of the guards that decide on the train's relation to its masters."""
 
     localised: bool
     authority_young: bool
     areas: int
-    """In which it is with any part of itself."""
+    """Number of areas that contain some part of the train."""
 
 
 def lost(standing: StandingGuardInputs) -> bool:
@@ -139,7 +139,7 @@ STATES: Final[tuple[tuple[Callable[[StandingGuardInputs], bool], TrainState], ..
     (between_areas, TrainState.CO_MANAGED),
     (always, TrainState.CONTROLLED),
 )
-"""From every state alike: the first that holds."""
+"""The table is the same for every state: the first guard that holds decides."""
 
 
 def state_of(standing: StandingGuardInputs) -> TrainState:

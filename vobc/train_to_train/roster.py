@@ -1,4 +1,4 @@
-"""The trains of one area in line order, kept at the arbiters before anything rests on it."""
+"""The trains of one area in line order. Arbiters commit the order before the master acts on it."""
 
 from collections.abc import Sequence
 
@@ -10,15 +10,18 @@ Order = tuple[RosterEntry, ...]
 
 
 class Roster:
-    """Of one master, under one term. Foremost train first; never sorted by position again."""
+    """Roster of one master under one term, foremost train first.
+
+    It is never sorted by position again.
+    """
 
     def __init__(self, term: int, adopted: Kept, majority: int, guards: MasterGuards) -> None:
         self.term = term
         self.version = 1
         self.proposed: Order = adopted.roster
-        """The newest order, kept or not: a train on it is an obstacle to those behind."""
+        """The newest order, committed or not. A train on it is an obstacle to those behind."""
         self.kept: Order | None = None
-        """As kept under this very term; None before the first time."""
+        """Order that a majority committed under this term. None: nothing is committed yet."""
         self._majority, self._guards = majority, guards
         self._acks: set[int] = set()
         self._judge()
@@ -28,7 +31,9 @@ class Roster:
         return self.kept is not self.proposed
 
     def propose(self, order: Sequence[RosterEntry]) -> None:
-        """One change at a time. The rears are brought up to date on the way."""
+        """Propose a new order, with the rears brought up to date. Only one proposal is open at a
+        time.
+        """
         assert not self.pending
         self.proposed = tuple(order)
         self.version += 1
@@ -41,7 +46,7 @@ class Roster:
             self._judge()
 
     def missing(self, arbiters: Sequence[int]) -> list[int]:
-        """Who has yet to keep the newest order."""
+        """Arbiters that have not yet acknowledged the newest order."""
         return [each for each in arbiters if each not in self._acks]
 
     def _judge(self) -> None:
@@ -49,12 +54,12 @@ class Roster:
             self.kept = self.proposed
 
     def may_be_commanded(self) -> set[int]:
-        """Trains that whoever commands next will know of, in this very incarnation."""
+        """Trains that the next master will certainly know, in this incarnation."""
         boots = self.boots()
         return {e.train for e in self.kept or () if boots.get(e.train) == e.boot}
 
     def boots(self) -> dict[int, int]:
-        """By train of the newest order, the incarnation that it is about."""
+        """Incarnation of each train of the newest order."""
         return {entry.train: entry.boot for entry in self.proposed}
 
 

@@ -1,4 +1,4 @@
-"""Who stands by for a master, and who follows it: the standby, and the planned switch."""
+"""Succession of a master: choice of the standby, and planned switch."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,7 +10,7 @@ from zenoh_config.t2t import BROADCAST, NOBODY, SwitchKind, SwitchStep, T2tMessa
 class Succession:
     def __init__(self, own: int, limit_ns: int) -> None:
         self.wanted = NOBODY
-        """Who shall be master instead, by order of supervision."""
+        """Train that supervision orders to become master."""
         self.standby = NOBODY
         self.switch = PlannedSwitch(limit_ns)
         self._own = own
@@ -18,12 +18,13 @@ class Succession:
 
     @property
     def named(self) -> int:
-        """Whom the arbiters may let acquire although the lease runs."""
+        """Train that may acquire the lease although the present lease still runs."""
         committed = self.switch.state is SwitchState.COMMITTED
         return self.switch.successor if committed else NOBODY
 
     def choose_standby(self, fit: Sequence[int]) -> None:
-        """The rearmost train that is fit, it stays longest; kept for as long as it is fit.
+        """Keep the standby while it is fit. Otherwise take the rearmost fit train, which stays
+        longest.
 
         Args:
             fit: foremost first.
@@ -39,18 +40,18 @@ class Succession:
         fit: Callable[[int], bool],
         ready: Sequence[tuple[int, int]],
     ) -> bool:
-        """Whether the switch changed its state.
+        """Advance the planned switch. The result says whether its state changed.
 
         Args:
-            away: the master itself has to go.
-            ready: every train that is heard of, and the switch that it is ready for.
+            away: the master itself has to leave.
+            ready: each train that reports, with the switch for which it is ready.
         """
         wanted = self.wanted or (self.standby if away else NOBODY)
         if wanted == self._own:
             wanted = self.wanted = NOBODY
         switch = self.switch
         if wanted != NOBODY and fit(wanted):
-            # The successor has to know what a standby knows.
+            # The successor must know what a standby knows.
             self.standby = wanted
         before = switch.state
         switch.step(
@@ -64,10 +65,10 @@ class Succession:
         return switch.state is not before
 
     def steps(self, now_ns: int, head: Callable[[int, int], MessageHead]) -> list[T2tMessage]:
-        """What to say of the switch now; said again and again while it lasts.
+        """Messages of the switch. They are repeated while it lasts.
 
         Args:
-            head: of a message at an instant to an address.
+            head: makes a message header from an instant and a destination.
         """
         switch = self.switch
         if switch.state is SwitchState.PREPARING:

@@ -1,4 +1,6 @@
-"""What a master sees around a train: what is counted, and whose axles explain it."""
+"""Surroundings of a train as its master sees them: counted axles and the trains that account for
+them.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -13,23 +15,23 @@ from vobc.train_to_train.roster import Order
 from zenoh_config.t2t import TrainReport
 
 Heard = tuple[TrainReport, int]
-"""A report and when it came."""
+"""A report and its time of arrival."""
 
 
 class Halt(NamedTuple):
     since_ns: int
-    """When the first report came that says so."""
+    """When the first report arrived that shows the train at standstill."""
     report: TrainReport
-    """The newest that does."""
+    """The newest report that shows it."""
 
 
 class AreaObservation(NamedTuple):
-    """What is seen and heard at one instant, whoever it is needed for."""
+    """Everything observed in the area at one instant, for any train."""
 
     told: Mapping[int, StandingTrain]
-    """By train that says where it is."""
+    """Trains that report their place."""
     at_rest: Mapping[int, StandingTrain]
-    """Those of them that stood already where they are when sections were counted."""
+    """Those trains that already stood in the same place when the axles were counted."""
     strangers: Sequence[Heard]
     reserved_m: dict[int, float]
     track: TrackView | None
@@ -37,7 +39,7 @@ class AreaObservation(NamedTuple):
 
 
 class Surroundings:
-    """In one area, as its master knows it."""
+    """Surroundings of the trains of one area, as its master knows them."""
 
     def __init__(self, known: Conclusions, line: AreaMap, area: int) -> None:
         self._known, self._counts = known, bool(line.sections)
@@ -45,10 +47,10 @@ class Surroundings:
         self._area, self._before = line.area(area), line.preceding(area)
         self._passed: dict[int, Heard] = {}
         self._halts: dict[int, Halt] = {}
-        """By train that stands."""
+        """Trains at standstill."""
 
     def hears(self, report: TrainReport, now_ns: int) -> None:
-        """Since when it stands: what was counted before that says nothing of what is near it."""
+        """Record since when a train stands. Older axle counts say nothing of its surroundings."""
         known = self._halts.pop(report.source, None)
         if report.standstill and report.localised:
             since_ns = now_ns
@@ -57,17 +59,17 @@ class Surroundings:
             self._halts[report.source] = Halt(since_ns, report)
 
     def is_far(self, report: TrainReport) -> bool:
-        """It stands so far before the area that it does not come to it yet."""
+        """The train is so far before the area that it does not approach it yet."""
         return report.front_max_m < self._area.start_m - self._apply_m
 
     def passes(self, report: TrainReport, now_ns: int) -> None:
-        """It is out of the area, and may explain axles beyond its borders."""
+        """Record a train that has left the area. It may account for axles beyond the borders."""
         self._passed[report.source] = report, now_ns
 
     def look(
         self, order: Order, strangers: Iterable[Heard], track: TrackView | None, now_ns: int
     ) -> AreaObservation:
-        """Around at one instant.
+        """Observe the area at one instant.
 
         Args:
             strangers: trains that are not on the roster in this incarnation.
@@ -81,11 +83,11 @@ class Surroundings:
     def scene(
         self, but: int, look: AreaObservation, *, inside: bool = False
     ) -> AdmissionGuardInputs:
-        """What the admission of a train is decided on.
+        """Inputs that decide on the admission of a train.
 
         Args:
-            but: this train itself.
-            inside: also who else stands in the area, as is asked of one that begins anew.
+            but: the train itself.
+            inside: include other trains that stand in the area, as for a restarted train.
         """
         track = look.track
         there = self._standing_there(look.strangers, track, look.now_ns) if inside else {}
@@ -105,9 +107,9 @@ class Surroundings:
     def sight(
         self, strangers: Iterable[Heard], track: TrackView | None, now_ns: int
     ) -> TrackObservation:
-        """What the removal of a train is decided on."""
+        """Inputs that decide on the removal of a train."""
         others = list(strangers)
-        # Also one whose word was long on its way is there.
+        # A report that was long under way still shows that the train exists.
         anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
         return TrackObservation(
             self._counts,
@@ -120,7 +122,7 @@ class Surroundings:
     def _standing_there(
         self, others: Sequence[Heard], track: TrackView | None, now_ns: int
     ) -> dict[int, StandingTrain]:
-        """Who may be forgotten is there all the same now, and so is whose axles these are."""
+        """Trains at rest in the area now, including those that the master may forget later."""
         return self._at_rest(self._witnesses(others, track, now_ns, inside=True), track, now_ns)
 
     def _at_rest(
@@ -133,7 +135,7 @@ class Surroundings:
         }
 
     def _stood(self, train: int, track: TrackView | None, now_ns: int) -> bool:
-        """It stood where it is already when all this was counted, and says so still."""
+        """The train already stood in its place when axles were counted, and still reports it."""
         halt = self._halts.get(train)
         if halt is None or track is None or not self._known.is_recent(halt.report, now_ns):
             return False
@@ -147,20 +149,21 @@ class Surroundings:
         *,
         inside: bool = False,
     ) -> dict[int, StandingTrain]:
-        """By train: of the roster, and of all others those that may explain anything.
+        """Trains that may account for axles: all of the roster, and others outside the area.
 
         Args:
-            inside: others also where they stand in the area.
+            inside: include others that stand in the area.
         """
         known = self._known
         behind_m = 0.0 if track is None else way_m(now_ns - track.seen_ns)
         reports = [each.report for each in known.records.values() if each.report is not None]
         self._passed = {t: e for t, e in self._passed.items() if known.is_alive(e[1], now_ns)}
         for report, _ in [*strangers, *self._passed.values()]:
-            # One that has only just come onto the roster still stands among the applicants.
+            # A train that was registered a moment ago is still among the applicants.
             if may_explain(report, known.records, self._area) or (inside and report.localised):
                 reports.append(report)
-        # Who is not heard any more may have run on, or been taken away while it stood.
+        # A silent train may have run on, or been taken away while it stood. Only recent reports
+        # count.
         return {
             report.source: standing_of(report)._replace(
                 farther_m=way_m(now_ns - report.echo_ns), behind_m=behind_m

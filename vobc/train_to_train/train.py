@@ -1,4 +1,4 @@
-"""One train among trains that command themselves: the state machine that its process runs."""
+"""One train in train-to-train control: the state machine that the train's process runs."""
 
 from collections import Counter
 from dataclasses import replace
@@ -23,20 +23,28 @@ from zenoh_config.t2t import NOBODY, AreaAuthority, LineOrder, OrderKind, T2tMes
 from zenoh_config.timers import NS_PER_MS
 
 FAREWELL_M: Final = 150.0
-"""So far behind a border the rear goes on being told to the area before, and as far as its master
-is told of sections there: what it says explains the axles in them."""
+"""Distance beyond a border up to which a train still reports to the area that it has left.
+
+The master of that area receives the track status this far, and the reports account for the axles
+there.
+"""
 IDLE_NS: Final = 1000 * NS_PER_MS
 LISTENS_NS: Final = 10_000 * NS_PER_MS
-"""For so long it goes on listening in an area that has been no concern of it any more: longer than
-anything lives that is said there, and than its bounds of place waver around a border."""
+"""How long the train keeps listening in an area that no longer concerns it.
+
+This is longer than any message of the area stays valid, and longer than position uncertainty can
+waver around a border.
+"""
 VOUCHES_NS: Final = 20_000 * NS_PER_MS
-"""A train that has stood for so long tells the areas next to its own where."""
+"""Time at standstill after which a train also reports to the areas next to its own."""
 HEARD_MAX: Final = 1000
-"""Messages taken in one step; more are refused and counted."""
+"""Greatest number of messages processed in one step. More are refused and counted."""
 
 
 class TrainCore:
-    """Not for reuse over a restart: a new incarnation is a new object with the stored memory."""
+    """Core of one incarnation. After a restart the caller creates a new object from the stored
+    memory.
+    """
 
     def __init__(
         self,
@@ -49,14 +57,15 @@ class TrainCore:
         seed: int = 0,
         guards: TrainGuards | None = None,
     ) -> None:
-        """`memory` as it was stored; None: it cannot be read, and the train takes part in nothing.
+        """Begin an incarnation. The first step returns its memory to be stored.
 
-        The first step hands out the memory of this incarnation.
+        Args:
+            memory: memory as stored. None: it is unreadable, and the train takes no part.
         """
         stored = memory or TrainMemory()
         self.memory = replace(stored, boot=stored.boot + 1)
         self.refusals: Counter[str] = Counter()
-        """Messages that were not acted on, by reason."""
+        """Messages that the train did not act on, by reason."""
         self._forgotten = memory is None
         self._config, self._line = config, line
         self._told_to_m = {
@@ -66,24 +75,27 @@ class TrainCore:
             )
             for area in line.areas
         }
-        """By area: a train whose rear is beyond this is no concern of it any more."""
+        """Place of the rear by area. A train whose rear is beyond it is no longer concerned with
+        the area."""
         self._guards = guards or TrainGuards()
         self._speaker = MessageHeads(address, self.memory.boot)
         self._hearing = Reception(address, self.memory.boot)
         self._chance = Chance(address * 0x10001 + seed)
         self._desks: dict[int, AreaParticipant] = {}
         self.listens: frozenset[int] = frozenset()
-        """Areas of which it wants to hear what is said to all; another object when it changes."""
+        """Areas whose broadcasts the train wants to receive. The object is replaced when the set
+        changes."""
         self._concerned_ns: dict[int, int] = {}
-        """By area: when it was a concern of the train last."""
+        """When each area last concerned the train."""
         self._stored = False
         self._void = False
-        """Its clock or its place went back: nothing that it said or was told holds any more."""
+        """The clock or the place went backwards. Nothing that the train sent or received is valid
+        any more."""
         self._newest_ns = start_ns
         self._moved_ns = start_ns
-        """Until then it moved, or was lost."""
+        """When the train last moved or had lost its position."""
         self._rear_m = -UNBOUNDED_M
-        """Its rear was surely here or farther on."""
+        """Hindmost place where the rear can be."""
         self._due_ns = start_ns
 
     @property
@@ -91,15 +103,15 @@ class TrainCore:
         return self._speaker.address
 
     def desk(self, area: int) -> AreaParticipant | None:
-        """What the train has to do with an area, for displays; None: nothing."""
+        """State of the train in an area, for displays. None: the area does not concern it."""
         return self._desks.get(area)
 
     def next_due_ns(self) -> int:
-        """When the next step is needed although nothing is heard."""
+        """When the next step is due without any message."""
         return self._due_ns
 
     def step(self, now_ns: int, heard: tuple[T2tMessage, ...], own: OwnTrain) -> Stepped:
-        """Read all, decide once, say all."""
+        """Process all messages, decide once, and return all messages to send."""
         self._look_back(now_ns, own)
         if self._silenced():
             return self._takes_no_part(now_ns)
@@ -132,8 +144,10 @@ class TrainCore:
         return self._stepped(now_ns, own, said)
 
     def _listen(self, now_ns: int) -> None:
-        """A line has many areas, and more trains than one of them: what is said to all in those
-        that are no concern of this train any more it does not want to hear, nor to keep in order.
+        """Update the areas in which the train listens.
+
+        A line has many areas and many trains. The train stops receiving and tracking broadcasts of
+        areas that no longer concern it.
         """
         for area, last_ns in list(self._concerned_ns.items()):
             if now_ns - last_ns > LISTENS_NS and self._desks[area].role is Role.OUTSIDE:
@@ -143,13 +157,16 @@ class TrainCore:
             self.listens = frozenset(self._concerned_ns)
 
     def _silenced(self) -> bool:
-        """Without memory, or with a double, it cannot be told from what it was or is not."""
+        """Whether the train takes no part. Without its memory, or with a duplicate of its address,
+        it cannot be identified.
+        """
         return self._forgotten or self._void or self._hearing.doubled
 
     def _look_back(self, now_ns: int, own: OwnTrain) -> None:
-        """Neither time nor a train goes back; what seems to has to begin anew, with the next start.
+        """Detect a clock or a place that went backwards. The train then takes no part until the
+        next restart.
 
-        A train that went round by a depot, or was towed, is not where its authority was.
+        After a detour through a depot, or a tow, the train is no longer where its authority began.
         """
         if not self._void and now_ns < self._newest_ns:
             self.refusals["clock went back"] += 1
@@ -168,7 +185,7 @@ class TrainCore:
         if len(heard) > HEARD_MAX:
             self.refusals["flood"] += len(heard) - HEARD_MAX
         for message in heard[:HEARD_MAX]:
-            # Not even kept in order: that place is for somebody who is there.
+            # A message of an unknown area is not even tracked. That memory is for real senders.
             if message.area not in self._told_to_m and message.source != self.address:
                 self.refusals["unknown area"] += 1
                 continue
@@ -187,8 +204,9 @@ class TrainCore:
         return said
 
     def _serve(self, order: LineOrder) -> None:
-        """In or out of service by order: in every area, for as long as nobody says otherwise, and
-        over the next start, too.
+        """Apply an order to take the train in or out of service.
+
+        It holds in every area and across restarts, until supervision orders otherwise.
         """
         kinds = (OrderKind.IN_SERVICE, OrderKind.OUT_OF_SERVICE)
         out_of_service = order.kind is OrderKind.OUT_OF_SERVICE
@@ -210,7 +228,9 @@ class TrainCore:
             )
 
     def _concerned(self, own: OwnTrain) -> set[int]:
-        """Areas that the train is in, has just left or comes to; while lost, those from before."""
+        """Areas that the train is in, has just left, or approaches. A lost train keeps the former
+        ones.
+        """
         if not own.localised:
             return {number for number, each in self._desks.items() if each.role is not Role.OUTSIDE}
         line = self._line
@@ -222,8 +242,10 @@ class TrainCore:
         }
 
     def _beside(self, areas: set[int], now_ns: int, own: OwnTrain) -> set[int]:
-        """Areas next to those: their masters may see its axles in sections that are occupied
-        without a gap, and all would wait for ever for somebody who explains them.
+        """Areas next to those of a train that has stood for a while.
+
+        Their masters may count its axles in adjoining occupied sections. Without its report no
+        train could account for them, and all would wait for ever.
         """
         if not (own.localised and own.standstill):
             self._moved_ns = now_ns
@@ -234,7 +256,7 @@ class TrainCore:
         return {each.number for each in sides if each is not None} - areas
 
     def _relation(self, area: Area, now_ns: int) -> tuple[int, int]:
-        """The area before, if its authority is held, and who is ahead by that."""
+        """The preceding area whose authority is held, and the train ahead in that authority."""
         for number, desk in self._desks.items():
             following = self._line.following(number)
             if following is not None and following.number == area.number:
@@ -244,11 +266,15 @@ class TrainCore:
         return 0, NOBODY
 
     def _authority(self, now_ns: int, own: OwnTrain) -> HeldAuthority | None:
-        """Area by area from where the rear may roll back to: one that reaches its border is
-        continued by the next, and every one that the train stands in has its say, as only that one
-        knows of its objects. So has the next one where the end is near the border. Where that one
-        has none, or the line ends, somebody may hide just beyond, with axles that only others count
-        or nobody does: nobody goes nearer.
+        """Combine the authorities of the areas from the rear onwards.
+
+        The first area is the one into which the rear may roll back. An authority that reaches its
+        area's border is continued by the next area. Each area that the train stands in must agree,
+        because only its master knows its objects. The next area must agree, too, if the end is near
+        the border.
+
+        If the next area has granted nothing, or the line ends, a shadow train may be just beyond.
+        The authority then ends short of that border.
         """
         hindmost = self._line.area_at(own.rear_min_m - self._config.rollback_m)
         back_m = self._back_m(hindmost)
@@ -281,18 +307,21 @@ class TrainCore:
         return result._replace(end_m=min(result.end_m, max(before_m, own.front_max_m)))
 
     def _back_m(self, area: Area) -> float:
-        """The rear jogs back over no border, also if it rolls back from there."""
+        """Hindmost place for a jog. The rear must not cross a border, even if it rolls back from
+        there.
+        """
         first = self._line.preceding(area.number) is None
         return -UNBOUNDED_M if first else area.start_m + self._config.rollback_m
 
     def _held(
         self, area: Area, before: HeldAuthority | None, now_ns: int, own: OwnTrain
     ) -> AreaAuthority | None:
-        """What an area has granted: one that the train is in of whatever age, the next one while
-        it is young.
+        """Authority that an area has granted. In an area that the train occupies, its age does not
+        matter.
 
-        While the train stops before it with ease, one that grows old is left out: it would only
-        make the whole look old.
+        The next area's authority must not have expired. While the train can stop short of that area
+        with the service brake, an ageing authority is left out. It would only age the combined
+        authority.
         """
         desk = self._desks.get(area.number)
         held = None if desk is None else desk.member.held
@@ -303,7 +332,7 @@ class TrainCore:
         return held if age_ns < age_max_ns // 2 or (age_ns <= age_max_ns and not easy) else None
 
     def _takes_no_part(self, now_ns: int) -> Stepped:
-        """Nothing is said, nothing obeyed: others protect the train by what they know of it."""
+        """Send nothing and obey nothing. Other trains protect this one by what they know of it."""
         self._due_ns = now_ns + IDLE_NS
         return Stepped(None, None, ())
 
@@ -318,7 +347,7 @@ class TrainCore:
             if desk.role is not Role.OUTSIDE:
                 due_ns = min(due_ns, desk.next_due_ns(now_ns))
                 roles.append((number, desk.role))
-            # Every area that the train is in has a desk.
+            # Every area that the train is in has an entry here.
             within += desk.area.start_m < own.front_max_m and own.rear_min_m < desk.area.end_m
         changed = memory is not self.memory or not self._stored
         self.memory, self._stored = memory, True

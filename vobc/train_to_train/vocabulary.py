@@ -1,4 +1,4 @@
-"""The nouns of train-to-train control on board: what goes into a step and what comes out of it."""
+"""Data types of train-to-train control on board: the inputs and outputs of one step."""
 
 import enum
 from dataclasses import dataclass
@@ -13,25 +13,28 @@ NO_TERM: Final = 0
 
 @dataclass(frozen=True, slots=True)
 class T2tConfig:
-    """What one train believes of trains that command themselves."""
+    """Settings of one train for train-to-train control."""
 
     timers: LineTimers = TIMERS_A
     arbiters: tuple[int, ...] = (65_001,)
-    """Their addresses; a lease needs the majority of them."""
+    """Addresses of the arbiters. A lease needs a majority of them."""
     rollback_m: float = 2.0
-    """A train whose brakes are applied too late rolls back less than this."""
+    """Upper bound of the distance that a train rolls back when its brakes are applied too late."""
     jog_m: float = 5.0
-    """A train may be allowed to move back so far to correct a stop."""
+    """Greatest distance that supervision may allow a train to move back to correct a stop."""
     longest_authority_m: float = 3000.0
-    """Beyond its front; longer ones would only bind objects early."""
+    """Greatest length of an authority ahead of the train's front. A longer one would only lock
+    objects earlier than needed."""
     claim_ahead_m: float = 1200.0
-    """An object so near ahead of a train is claimed for it."""
+    """Distance ahead of a train within which the master claims an object for it."""
     backoff_ms: int = 80
-    """After a lost candidacy a train waits between one and two of these, drawn from its seed."""
+    """Shortest wait after a lost candidacy. The train waits between one and two of these periods;
+    its seed decides how long."""
     overhang_m: float = 4.0
-    """From the last axle to the coupler behind it, at most: no counter sees what is beyond."""
+    """Greatest distance from the last axle to the coupler behind it. No axle counter detects this
+    part."""
     switch_ms: int = 1000
-    """A planned switch that is not through by then is given up."""
+    """Time after which the master gives up a planned switch that has not completed."""
 
     def __post_init__(self) -> None:
         if len(set(self.arbiters)) != len(self.arbiters) or len(self.arbiters) % 2 == 0:
@@ -43,46 +46,47 @@ class T2tConfig:
 
     @property
     def behind_rear_m(self) -> float:
-        """No authority of a train behind comes nearer to the protected rear of the one ahead."""
+        """Track kept free behind the protected rear of the train ahead: rollback plus jog."""
         return self.rollback_m + self.jog_m
 
     @property
     def behind_axle_m(self) -> float:
-        """No train comes nearer to the last axle of one that says nothing."""
+        """Track kept free behind the last axle of a train that does not report."""
         return self.overhang_m + self.behind_rear_m
 
 
 class OwnTrain(NamedTuple):
-    """What the train's own controller knows in this step."""
+    """State of the train as its own controller knows it in this step."""
 
     localised: bool
     front_min_m: float
     front_max_m: float
     rear_min_m: float
     rests_m: float
-    """The rear comes to rest nowhere behind this, however hard it is braked; at standstill
-    rear_min_m."""
+    """Hindmost place where the rear can come to rest, however hard the train brakes. At standstill
+    it equals rear_min_m."""
     speed_mps: float
     standstill: bool
-    """Zero speed is proven."""
+    """Whether zero speed is proven."""
     reach_m: float
-    """The front gets no farther if the emergency brake is commanded now; at least front_max_m."""
+    """Farthest place that the front can reach if ATP commands the emergency brake now. It is at
+    least front_max_m."""
     easy_m: float
-    """The front gets no farther with the service brake; at least reach_m."""
+    """Farthest place that the front can reach with the service brake. It is at least reach_m."""
     axles: int
     out_of_service: bool = False
 
 
 class AreaMemory(NamedTuple):
-    """What a train must never forget of one area."""
+    """Part of an area's state that the train must keep across restarts."""
 
     area: int
     seen_term: int = NO_TERM
-    """Highest heard or held."""
+    """Highest term that the train has received or held."""
     owner: int = NOBODY
-    """Whose term that is."""
+    """Address of the master that owns seen_term."""
     tried_term: int = NO_TERM
-    """Highest ever applied for."""
+    """Highest term for which the train has ever applied."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +94,11 @@ class TrainMemory:
     """The part of a train's state that survives power cuts."""
 
     boot: int = 0
-    """Incarnations so far."""
+    """Number of incarnations so far."""
     areas: tuple[AreaMemory, ...] = ()
     out_of_service: bool = False
-    """By order of supervision, until it says otherwise."""
+    """Whether supervision has ordered the train out of service. It holds until supervision orders
+    otherwise."""
 
     def of_area(self, area: int) -> AreaMemory:
         for each in self.areas:
@@ -107,55 +112,59 @@ class TrainMemory:
 
 
 class HeldAuthority(NamedTuple):
-    """What the train may act on now, put together from the areas that have a say."""
+    """The authority that the train may act on now. It combines the authorities of all areas
+    concerned.
+    """
 
     end_m: float
     rear_m: float
     echo_ns: int
-    """Own stamp that the oldest authority in it answers: its age is counted from there."""
+    """Own time stamp of the report that the oldest authority in it answers. The age counts from
+    there."""
     area: int
-    """That sets the end."""
+    """Area whose authority sets the end."""
     term: int
     sequence: int
     restrictions: tuple[SpeedRestriction, ...]
 
 
 class TrainState(enum.Enum):
-    """How the train stands to those who command it."""
+    """Relation of the train to the masters that command it."""
 
     LOST = "lost"
-    """It does not know where it is: it reports nothing but its promise."""
+    """The train has lost its position. It reports only the term that it has acknowledged."""
     NON_COMMUNICATING = "non-communicating"
-    """It holds no authority that is young enough."""
+    """The train holds no authority, or the one that it holds is too old."""
     CONTROLLED = "controlled"
     CO_MANAGED = "co-managed"
-    """Between its front's entry into one area and its rear's exit from another."""
+    """The front has entered one area and the rear has not yet left the area before."""
 
 
 class Role(enum.StrEnum):
-    """What the train is in one area."""
+    """Role of the train in one area."""
 
     OUTSIDE = "outside"
-    """Nothing of it is there, and it does not apply."""
+    """No part of the train is in the area, and the train does not apply."""
     APPLICANT = "applicant"
     MEMBER = "member"
     STANDBY = "standby"
     CANDIDATE = "candidate"
-    """It has asked the arbiters for the lease."""
+    """The train has asked the arbiters for the lease."""
     FENCING = "fencing"
-    """It has the lease; the roster is not committed under its term yet."""
+    """The train has the lease, but a majority has not committed the roster under its term yet."""
     MASTER = "master"
 
 
 @dataclass(frozen=True, slots=True)
 class Stepped:
-    """What a step of a train's core comes to. Do it in this order: store, apply, send."""
+    """Result of one step of a train's core. The caller stores, applies and sends, in this order."""
 
     memory: TrainMemory | None
-    """To be on the disk before anything else of this is done; None: as it was."""
+    """Memory that must be on disk before the caller acts on the rest. None: unchanged."""
     authority: HeldAuthority | None
-    """For the train's protection, before anything is sent: what goes out acknowledges it."""
+    """Authority for ATP. The caller applies it before it sends `out`, because `out` acknowledges
+    it."""
     out: tuple[T2tMessage, ...]
     state: TrainState = TrainState.LOST
     roles: tuple[tuple[int, Role], ...] = ()
-    """By area, of those that the train has to do with."""
+    """Area and role, for each area that concerns the train."""
