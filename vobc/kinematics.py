@@ -1,4 +1,4 @@
-"""Braking curves and what a gradient does to a train: pure functions of plain numbers."""
+"""Braking curves and the effect of gradients: pure functions of plain numbers."""
 
 import math
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ GRAVITY_MPS2: Final = 9.81
 
 
 def gradient_accel_mps2(gradient_permille: float, *, rotating_mass_ratio: float = 0.0) -> float:
-    """What gravity adds to the acceleration of a rolling train: positive where the track falls.
+    """Acceleration that gravity adds to a rolling train: positive where the track falls.
 
-    Rotating parts add to the inertia but not to the weight, so they dampen the effect.
+    Rotating parts add to the inertia but not to the weight, so they reduce the effect.
     """
     return -GRAVITY_MPS2 * gradient_permille / 1000.0 / (1.0 + rotating_mass_ratio)
 
@@ -18,7 +18,7 @@ def gradient_accel_mps2(gradient_permille: float, *, rotating_mass_ratio: float 
 def stopping_distance_m(
     speed_mps: float, *, decel_mps2: float, reaction_s: float = 0.0, target_mps: float = 0.0
 ) -> float:
-    """What a train needs to slow down to `target_mps`: it runs on, then brakes steadily.
+    """Distance that a train needs to slow down to `target_mps`: it runs on, then brakes steadily.
 
     d = v * t + (v**2 - v_target**2) / (2 * a)
     """
@@ -33,9 +33,9 @@ def permitted_speed_mps(
 ) -> float:
     """Highest speed from which the train still slows to `target_mps` within `distance_m`.
 
-    The train is taken to run on for `reaction_s` before the brake bites and then to lose
-    `decel_mps2` steadily: the inverse of `stopping_distance_m`. A train already below the target
-    needs no brake, hence the target is also the least value returned.
+    The function is the inverse of `stopping_distance_m`. The train runs on for `reaction_s` before
+    the brake acts, then decelerates by `decel_mps2`. A train below the target speed needs no brake,
+    so the result is never less than the target.
 
     Args:
         distance_m: to the danger point; negative once it is passed.
@@ -54,19 +54,19 @@ def permitted_speed_mps(
 
 @dataclass(frozen=True, slots=True)
 class ReactionTimes:
-    """What passes between a command to brake and the brake, in two parts."""
+    """Delay between a brake command and the brake effort, in two parts."""
 
     before_cut_s: float
-    """t1 of seed 000: the train goes on as before."""
+    """t1 of [Lin]: the train goes on as before."""
     build_up_s: float
-    """t2 of seed 000: traction is cut, the brake is not there yet."""
+    """t2 of [Lin]: traction is cut, and the brake has not built up yet."""
 
 
 SERVICE_FROM_TRACTION: Final = ReactionTimes(before_cut_s=0.95, build_up_s=1.05)
 SERVICE_FROM_COAST_OR_BRAKE: Final = ReactionTimes(before_cut_s=0.2, build_up_s=1.05)
 EMERGENCY: Final = ReactionTimes(before_cut_s=0.3, build_up_s=1.05)
-"""Seed 000 names the two times and gives no figures; these are what the interface standard between
-train control and vehicles leads to."""
+"""[Lin] names the two times without figures. These values follow from the interface standard
+between train control and vehicles."""
 
 
 def v_top_mps(
@@ -77,21 +77,22 @@ def v_top_mps(
     reaction: ReactionTimes,
     target_mps: float = 0.0,
 ) -> float:
-    """Highest speed now from which braking in three stages still ends at the target: seed 000.
+    """Highest present speed from which braking in three stages still ends at the target, after
+    [Lin].
 
-    It is the root of W = 0, equation (2): the kinetic energy now and the work of traction in t1 are
-    just what the brake takes and what may be left at the target. With v1 the speed after t1,
+    It is the root of W = 0, equation (2). The kinetic energy now and the work of traction in t1
+    equal the work of the brake and the energy left at the target. With v1 the speed after t1,
 
         v1 = -b*(t1 + t2) + sqrt(b**2*(t1 + t2)**2 + 2*b*(d + a*t1**2/2) + v_c**2)
         v_top = v1 - a*t1
 
-    Seed 000 switches between the speeds of the place and of the target by the sign of W; at the
-    root the two meet. Not less than 0; a train slower than the target needs no brake, which is left
-    to the caller.
+    [Lin] switches between the speeds of the place and of the target by the sign of W. At the root
+    the two are equal. The result is at least 0. The caller handles a train slower than the target,
+    which needs no brake.
 
     Args:
         distance_m: to the target; negative once it is passed.
-        decel_mps2: b, of the brake and a climb together (b' of seed 000); positive.
+        decel_mps2: b, of the brake and a climb together (b' of [Lin]); positive.
         accel_mps2: a, of traction in t1; 0 for a train that coasts, negative for one that brakes.
         reaction: t1 and t2, by the state that the train is in.
         target_mps: v_c; zero or more.

@@ -23,7 +23,7 @@ RULES: Final = (
     (r"somebody", "name who does: 'a person', 'another train'"),
     (r"who(?:so)?ever", "name the agent"),
     (r"anew", "write 'again', or say what restarted"),
-    (r"reckon(?:s|ed|ing)?", "write 'compute' or 'assume'"),
+    (r"(?<!dead )reckon(?:s|ed|ing)?", "write 'compute' or 'assume'"),
     (r"in words", "write 'as text', or describe"),
     (r"(?:is|are|was|were) told", "write 'receives', 'is reported' or 'is given'"),
     (r"hears?", "write 'receives'"),

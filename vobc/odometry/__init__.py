@@ -1,4 +1,4 @@
-"""Odometry: where the train is and how fast it runs, from pulses, radar and tags."""
+"""Odometry: place and speed of the train from tacho pulses, radar, accelerometer and tags."""
 
 from vobc.odometry.config import OdometryConfig
 from vobc.odometry.odometer import Odometry

@@ -1,4 +1,4 @@
-"""What the controller believes of its position and speed sensors."""
+"""Assumed properties of the position and speed sensors."""
 
 from dataclasses import dataclass
 
@@ -6,73 +6,77 @@ from dataclasses import dataclass
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
     scale_error_low_ratio: float
-    """Counted distance = true distance * (1 + e); e lies between these two ends."""
+    """Bounds of the scale error e: counted distance = true distance * (1 + e)."""
     scale_error_high_ratio: float
     scale_sigma_ratio: float
     """Standard deviation of e before the first tags."""
     scale_margin_ratio: float
-    """What a scale measured between two tags is widened by, for creep that nobody sees."""
+    """Relative margin added to a scale measured between two tags. It covers undetected creep."""
     scale_base_m: float
-    """Two tags at least so far apart measure the scale."""
+    """Least distance between two tags that measure the scale."""
     creep_sigma_m_per_sqrt_m: float
     """Random walk of the counted distance."""
     start_bound_m: float
-    """A train that is set up at a stopping point stands within this."""
+    """Hard bound of the place of a train that is set up at a stopping point."""
     cold_movement_m: float
-    """A place is remembered only if it was known to this, and the train was moved by no more."""
+    """Limit for using a remembered place. Neither the place's bound nor the distance moved while
+    off may exceed it."""
     tag_bound_m: float
     """Hard bound of the place of one tag."""
     tag_sigma_m: float
     tag_stamp_s: float
     """Hard bound of the instant at which the reader latches the pulses."""
     tag_reach_m: float
-    """A tag may be read again while its centre is this near to the antenna's."""
+    """Greatest distance between the centres of tag and antenna at which the tag can be read."""
     tag_silence_s: float
-    """After this a passed tag that nobody reported counts as missed."""
+    """Time after which a passed tag without a telegram counts as missed."""
     missed_tags_max: int
     localisation_limit_m: float
-    """Wider intervals mean that the train does not know where it is."""
+    """Width of the position interval beyond which the train counts as not localised."""
     tracking_rad_s: float
     """Bandwidth of the speed filter."""
     window_s: float
-    """Pulses are counted over this time for the hard bounds of speed."""
+    """Time over which pulses are counted for the hard bounds of speed."""
     stamp_jitter_s: float
-    """How much the delay between sampling a tacho and hearing its frame may vary."""
+    """Bound of the variation in delay between a tacho sample and the arrival of its frame."""
     learn_s: float
-    """Of the tacho frames of so long a time one comes without delay. Before, the first ones may all
-    have been held up, and show a train that sets off as one that stands: nothing is told yet."""
+    """Learning time of the tacho clock. Within this time at least one frame arrives without delay.
+    Before, all frames may have been delayed, and a starting train would appear to stand. Odometry
+    therefore gives no output until then."""
     max_accel_mps2: float
-    """No train changes its speed faster, either way, gradient included."""
+    """Upper bound of any train's acceleration and deceleration, gradient included."""
     max_speed_mps: float
-    """Counters that would need more than this have jumped."""
+    """Upper bound of the speed. A counter step that implies more is a jump."""
     standing_s: float
     silence_s: float
-    """Older than this a tacho sample proves no standstill any more."""
+    """Age beyond which a tacho sample no longer proves standstill."""
     zero_speed_mps: float
     zero_speed_s: float
     doppler_quality_percent: float
     doppler_age_s: float
     doppler_error_mps: float
-    """Hard bound of one reading, with `doppler_error_ratio`."""
+    """Hard bound of one reading, to which `doppler_error_ratio` adds a part of the speed."""
     doppler_error_ratio: float
     doppler_mean_mps: float
-    """The same of the mean over some readings, when their noise has averaged out."""
+    """Hard bound of the mean of several readings, whose noise has averaged out.
+    `doppler_mean_ratio` adds a part of the speed."""
     doppler_mean_ratio: float
     doppler_blind_mps: float
-    """Slower than this the radar may see nothing."""
+    """Speed below which the radar may detect nothing."""
     imu_age_s: float
     imu_error_mps2: float
     """Hard bound of one reading: bias and noise."""
     unseen_slip_ratio: float
-    """What wheels may slip or slide where neither radar nor accelerometer could tell."""
+    """Bound of the relative slip or slide of the wheels where neither radar nor accelerometer can
+    detect it."""
     gentle_mps2: float
-    """Wheels that change their speed by no more need next to no adhesion."""
+    """Acceleration of the wheels up to which they need next to no adhesion."""
     gentle_slip_ratio: float
-    """What they may slip or slide then, the same."""
+    """Bound of the relative slip or slide at such low acceleration."""
     ground_slack_m: float
-    """What radar readings may be wrong in sum before their noise has averaged out."""
+    """Bound of the accumulated radar error before the noise has averaged out."""
     slip_hold_s: float
-    """Wheels are to be trusted again once they agreed with the speed over ground for so long."""
+    """Time of agreement with the ground speed after which the wheels are trusted again."""
 
     def __post_init__(self) -> None:
         if not -0.2 < self.scale_error_low_ratio <= 0.0 <= self.scale_error_high_ratio < 0.2:

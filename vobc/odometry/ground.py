@@ -9,14 +9,14 @@ from vobc.odometry.config import OdometryConfig
 from vobc.vocabulary import CycleInput
 
 FIRST_CAR_M: Final = 25.0
-"""The accelerometer feels the gradient somewhere under the first car."""
+"""Length of the first car. The accelerometer is somewhere in it and senses the gradient there."""
 AHEAD_M: Final = 50.0
-"""The gradients are looked up again after so far at the latest."""
+"""Greatest distance after which the gradients are looked up again."""
 PERMILLE: Final = 0.001
 
 
 def believable_mps(seen: CycleInput, config: OdometryConfig) -> float | None:
-    """What the Doppler radar says, if it is to be believed."""
+    """Speed of the Doppler radar. None: the reading is missing, old or of low quality."""
     radar = seen.doppler
     if (
         radar is None
@@ -29,9 +29,9 @@ def believable_mps(seen: CycleInput, config: OdometryConfig) -> float | None:
 
 
 class Gradients:
-    """The flattest and the steepest that the accelerometer may feel while the front is somewhere.
+    """Bounds of the gradient that the accelerometer may sense, given the interval of the front.
 
-    A line has few gradients, so what was found is kept until the train leaves the stretch.
+    A line has few gradients, so the result is kept until the train leaves the stretch.
     """
 
     __slots__ = ("_from_m", "_line", "_to_m", "highest_mps2", "lowest_mps2")
@@ -40,7 +40,7 @@ class Gradients:
         self._line = line
         self._from_m, self._to_m = math.inf, -math.inf
         self.lowest_mps2 = 0.0
-        """What gravity adds to the reading at least; positive where the line climbs."""
+        """Least contribution of gravity to the reading, positive uphill."""
         self.highest_mps2 = 0.0
 
     def look(self, low_m: float, high_m: float) -> None:
@@ -61,7 +61,7 @@ class Gradients:
         self._reach()
 
     def _reach(self) -> None:
-        """On the level, or in the middle of one gradient, look again only where it may end."""
+        """Extend the valid stretch to the next change of gradient, at most by AHEAD_M."""
         edges_m = [edge for g in self._line.gradients for edge in (g.start_m, g.end_m)]
         behind_m = [edge for edge in edges_m if edge <= self._from_m]
         ahead_m = [edge for edge in edges_m if edge >= self._to_m]
@@ -70,12 +70,13 @@ class Gradients:
 
 
 class GroundSpeed:
-    """Bounds of the speed that hold while radar and accelerometer keep within what is declared.
+    """Bounds of the speed over ground, valid while radar and accelerometer keep their declared
+    errors.
 
-    Each radar reading and what the accelerometer made of the reading before have to meet; where
-    they do not, the one that the wheels agree with is right, and if all three contradict each other
-    both are kept. Without radar the bounds widen by what the accelerometer may err, and without
-    either by what a train can accelerate.
+    Each radar reading must agree with the previous bounds extrapolated by the accelerometer. If it
+    does not, the one that agrees with the wheels counts. If all three contradict each other, the
+    bounds enclose both. Without radar the bounds widen by the accelerometer's error, and without
+    both by a train's greatest acceleration.
     """
 
     __slots__ = (
@@ -98,24 +99,25 @@ class GroundSpeed:
         self.low_mps = -config.max_speed_mps
         self.high_mps = config.max_speed_mps
         self.moved_low_m = 0.0
-        """Least and most distance of the last step."""
+        """Least and greatest distance of the last step."""
         self.moved_high_m = 0.0
         self._felt_mps2: float | None = None
         self._accel_low_mps2 = -config.max_accel_mps2
         self._accel_high_mps2 = config.max_accel_mps2
         self.seen = False
-        """The radar said so in the last step."""
+        """The last step used a radar reading."""
         self.refused = 0
-        """Radar readings that neither wheels nor accelerometer bear out."""
+        """Number of radar readings that neither wheels nor accelerometer confirm."""
 
     def begin(self, low_mps: float, high_mps: float) -> None:
         self.begun = True
         self.low_mps, self.high_mps = low_mps, high_mps
 
     def feel(self, felt_mps2: float | None, gradients: Gradients) -> None:
-        """What the accelerometer says; None when it says nothing that could be believed.
+        """Take a reading of the accelerometer. None: there is no credible reading.
 
-        It tells the mean of its last period, late: how much it changed is added on both sides.
+        The reading is a delayed mean over one period. Its change since the last one widens both
+        bounds.
         """
         most_mps2 = self._config.max_accel_mps2
         before, self._felt_mps2 = self._felt_mps2, felt_mps2
@@ -127,7 +129,7 @@ class GroundSpeed:
             error_mps2 += abs(felt_mps2 - before)
         low = felt_mps2 - gradients.highest_mps2 - error_mps2
         high = felt_mps2 - gradients.lowest_mps2 + error_mps2
-        # Beyond what a train can do the accelerometer is wrong, and tells nothing.
+        # A reading beyond any train's acceleration is wrong and is ignored.
         wrong = low > most_mps2 or high < -most_mps2
         self._accel_low_mps2 = -most_mps2 if wrong else max(low, -most_mps2)
         self._accel_high_mps2 = most_mps2 if wrong else min(high, most_mps2)
@@ -140,7 +142,7 @@ class GroundSpeed:
         wheels_low_mps: float,
         wheels_high_mps: float,
     ) -> None:
-        """Carry the bounds on by `dt_s` and let the radar narrow them."""
+        """Extrapolate the bounds by `dt_s` and narrow them with the radar."""
         low_accel, high_accel = self._accel_low_mps2, self._accel_high_mps2
         before_low, before_high = self.low_mps, self.high_mps
         most_mps = self._config.max_speed_mps
@@ -170,12 +172,14 @@ class GroundSpeed:
         self.low_mps, self.high_mps = low, high
 
     def _move_as_shown(self, radar_mps: float, radar_age_s: float, dt_s: float) -> None:
-        """Over some readings their noise averages out, so that the way is known better."""
+        """Distance of the step by the mean of several readings. It is more accurate, as noise
+        averages out.
+        """
         config = self._config
         accel_mps2 = 0.5 * (self._accel_low_mps2 + self._accel_high_mps2)
         mean_mps = radar_mps + accel_mps2 * (radar_age_s - 0.5 * dt_s)
         error_mps = config.doppler_mean_mps + config.doppler_mean_ratio * abs(radar_mps)
-        # What the accelerometer may err, over the time that the reading is carried on.
+        # Error of the accelerometer over the time by which the reading is extrapolated.
         spread_mps2 = 0.5 * (self._accel_high_mps2 - self._accel_low_mps2)
         error_mps += spread_mps2 * abs(radar_age_s - 0.5 * dt_s)
         self.moved_low_m = (mean_mps - error_mps) * dt_s
@@ -183,7 +187,7 @@ class GroundSpeed:
 
     @property
     def may_rest(self) -> bool:
-        """The accelerometer does not exclude that the speed stays as it is."""
+        """The accelerometer does not exclude a constant speed."""
         return self._accel_low_mps2 <= 0.0 <= self._accel_high_mps2
 
     @property

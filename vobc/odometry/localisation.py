@@ -1,4 +1,4 @@
-"""Where the front of the train is: an interval that holds the truth, and the best guess in it."""
+"""Position of the train's front: an interval that holds the true place, and the best estimate."""
 
 from typing import Final
 
@@ -9,17 +9,19 @@ from vobc.odometry.scale import WheelScale
 from vobc.vocabulary import Interval, OdometryRecord, TrainBelief
 
 REACH_PLAY_M: Final = 0.05
-"""By so much the best guess wanders within an interval that stays as it is."""
+"""Tolerated change of the best estimate within an interval that stays the same."""
 
 
 class Localisation:
-    """Dead reckoning from reference to reference, twice.
+    """Dead reckoning from reference to reference, by wheels and over ground.
 
-    Two intervals are carried on: one by the wheels, which holds the truth while tacho A turns as
-    the train moves, one over ground, which holds it while radar and accelerometer keep within what
-    is declared of them. Whatever single sensor is wrong, one of them is right, so that both
-    together hold the truth. Both shrink only at accepted tags. The best estimate is a Kalman filter
-    over (position, metres per pulse): every tag corrects both, weighed by what came before.
+    The interval by the wheels holds the true place while tacho A rolls without slip. The interval
+    over ground holds it while radar and accelerometer keep their declared errors. If any single
+    sensor fails, one of the two is right, so the union of both holds the true place. Both shrink
+    only at accepted tags.
+
+    The best estimate is a Kalman filter over (position, metres per pulse). Every tag corrects both,
+    weighted by their variances.
     """
 
     __slots__ = (
@@ -49,26 +51,27 @@ class Localisation:
         self._pulse_m = self.scale.high_m
         self.at_m = start.front_m
         """Best estimate of the front at the last sample."""
-        # From any instant on, pulses tell the way within one pulse, so once is enough to add it.
+        # Pulses measure any distance within one pulse, so this uncertainty is added only once.
         self.low_m = start.front_m - start.bound_m - self._pulse_m
         self.high_m = start.front_m + start.bound_m + self._pulse_m
-        """By the wheels, at the last sample."""
+        """Interval by the wheels, at the last sample."""
         self.ground_low_m = self.low_m - config.ground_slack_m
         self.ground_high_m = self.high_m + config.ground_slack_m
-        """Over ground, now."""
+        """Interval over ground, at this instant."""
         self._recent = RecentWay(config.max_accel_mps2)
         self._width_m = 0.0
         self._reach_m = 0.0
-        """Of what was told last, from end to end and from the best guess to the further end."""
+        """Width of the last reported interval, and distance from its best estimate to the farther
+        end."""
         self._var_pp = (start.bound_m / 2.0) ** 2
         self._var_ps = 0.0
         self._var_ss = (nominal_m * config.scale_sigma_ratio) ** 2
         self.pulses = 0
-        """Pulses since start, the base of all distances between tags."""
+        """Pulses since the start, the base of all distances between tags."""
         self.scale.anchor(start.front_m - train.antenna_offset_m, 0, start.bound_m + self._pulse_m)
 
     def advance(self, pulses: int) -> None:
-        """The wheels turned."""
+        """Move the interval by the wheels."""
         self.pulses += pulses
         scale = self.scale
         if pulses > 0:
@@ -79,7 +82,9 @@ class Localisation:
             self.high_m += pulses * scale.low_m
 
     def by_wheels(self, speed_mps: Interval, since_s: float) -> tuple[float, float]:
-        """Least and most, now: the last sample, `since_s` ago, carried on by the speed since."""
+        """Present bounds by the wheels: the last sample, `since_s` ago, extrapolated with the
+        speed.
+        """
         jitter_s = self._config.stamp_jitter_s
         long_s = since_s + jitter_s
         short_s = max(0.0, since_s - jitter_s) if since_s <= STEADY_S else 0.0
@@ -90,23 +95,25 @@ class Localisation:
         )
 
     def begin_ground(self, speed_mps: Interval, since_s: float) -> None:
-        """Over ground the train is where it is by the wheels, the last sample `since_s` ago."""
+        """Start the interval over ground from the one by the wheels, whose last sample is `since_s`
+        old.
+        """
         low_m, high_m = self.by_wheels(speed_mps, since_s)
         self.ground_low_m = low_m - self._config.ground_slack_m
         self.ground_high_m = high_m + self._config.ground_slack_m
 
     def follow_wheels(self, pulses: int) -> None:
-        """The best estimate goes with the wheels."""
+        """Move the best estimate with the wheels."""
         self._predict(pulses, pulses * self.m_per_pulse)
 
     def follow_ground(self, likely_m: float, spread_m: float) -> None:
-        """The best estimate goes over ground; the wheels turned, but not as the train moved."""
+        """Move the best estimate over ground, while the wheels slip or slide."""
         self._predict(0, likely_m)
         self._var_pp += spread_m * spread_m
         self.scale.forget_anchor()
 
     def move_over_ground(self, least_m: float, most_m: float, dt_s: float, *, steady: bool) -> None:
-        """So far in this cycle; of one that was not steady nobody knows when it went how far."""
+        """Add the distance of this cycle. After a gap, the course of the distance is unknown."""
         self.ground_low_m += least_m
         self.ground_high_m += most_m
         if steady:
@@ -115,33 +122,35 @@ class Localisation:
             self._recent.forget()
 
     def lately_m(self, age_s: float) -> tuple[float, float] | None:
-        """Least and most way over ground since then, within `ground_slack_m`, if it is known."""
+        """Least and greatest distance over ground since then, within `ground_slack_m`, if known."""
         return self._recent.since(age_s)
 
     def stretch(self, back_m: float, ahead_m: float) -> None:
-        """The wheels may have told too much or too little by so much."""
+        """Widen the interval by the wheels, which may have counted this much too much or too
+        little.
+        """
         self.low_m -= back_m
         self.high_m += ahead_m
         self._var_pp += (back_m + ahead_m) ** 2
         self.scale.forget_anchor()
 
     def widen(self, by_m: float) -> None:
-        """Whatever it was, the train may have moved so much besides."""
+        """Widen both intervals by an unknown movement."""
         self.stretch(by_m, by_m)
         self.ground_low_m -= by_m
         self.ground_high_m += by_m
         self._recent.forget()
 
     def trust_ground(self, low_mps: float, high_mps: float, age_s: float) -> None:
-        """Take the place over ground for that by the wheels, at a sample `age_s` ago."""
+        """Replace the interval by the wheels by the one over ground, for a sample `age_s` old."""
         self.low_m = self.ground_low_m - max(0.0, high_mps) * age_s
         self.high_m = self.ground_high_m - min(0.0, low_mps) * age_s
 
     def window(self, low_mps: float, high_mps: float, age_s: float) -> tuple[float, float]:
-        """Where the front may have been at the last sample, `age_s` ago.
+        """Bounds of the front at the last sample, `age_s` ago.
 
         Args:
-            low_mps: with `high_mps` the bounds of the speed over ground since.
+            low_mps: with `high_mps` the bounds of the speed over ground since then.
         """
         return (
             min(self.low_m, self.ground_low_m - max(0.0, high_mps) * age_s),
@@ -155,7 +164,7 @@ class Localisation:
         self._var_ps += pulses * self._var_ss
 
     def forget_scale(self) -> None:
-        """Another wheel counts from now on; what was measured of the first says nothing of it."""
+        """Discard the measured scale, because another wheel counts from now on."""
         self.scale.forget()
         self._var_ss += (self._pulse_m * self._config.scale_sigma_ratio) ** 2
 
@@ -168,14 +177,17 @@ class Localisation:
         *,
         anew: bool,
     ) -> None:
-        """Narrow both intervals to an accepted reference; one that misses it begins anew there.
+        """Narrow both intervals to an accepted reference, or restart them from it.
+
+        An interval that does not contain the reference is replaced by it. So are both intervals
+        after the place was lost.
 
         Args:
-            front_m: of the train at the tag.
-            since_m: least, likely and most way by the wheels from there to the last sample.
-            ground_m: least and most way over ground from there until now.
-            bound_m: of place and instant of the reference.
-            anew: nothing of what was known before is to be kept.
+            front_m: place of the front at the tag.
+            since_m: least, likely and greatest distance by the wheels from there to the last
+                sample.
+            ground_m: least and greatest distance over ground from there until now.
+            bound_m: bound of place and instant of the reference.
         """
         slack_m = self._config.ground_slack_m
         low_m, high_m = front_m + since_m[0] - bound_m, front_m + since_m[2] + bound_m
@@ -190,7 +202,7 @@ class Localisation:
         self._width_m = self._reach_m = 0.0
 
     def never_narrower(self, low_m: float, best_m: float, high_m: float) -> Interval:
-        """What is told next: no two intervals come together again but at a reference."""
+        """The reported interval. It becomes narrower only at a reference."""
         back_m, ahead_m = best_m - low_m, high_m - best_m
         short_m = self._reach_m - REACH_PLAY_M - max(back_m, ahead_m)
         if short_m > 0.0:
@@ -204,7 +216,7 @@ class Localisation:
         return Interval(low_m, best_m, high_m)
 
     def begin_anew(self, front_m: float, bound_m: float) -> None:
-        """The best estimate knows nothing but this reference."""
+        """Restart the best estimate from this reference alone."""
         self.at_m = front_m
         self._var_pp = bound_m**2
         self._var_ps = 0.0
@@ -228,6 +240,10 @@ class Localisation:
         self.m_per_pulse = self.scale.nearest(self.m_per_pulse)
 
     def measure(self, tag_m: float, pulses: int, bound_m: float) -> None:
-        """An honest wheel was read at a tag, at so many pulses since start."""
+        """Use a tag to measure the scale of a wheel that has not slipped.
+
+        Args:
+            pulses: count at the tag since the start.
+        """
         self.scale.measure(tag_m, pulses, bound_m)
         self.m_per_pulse = self.scale.nearest(self.m_per_pulse)

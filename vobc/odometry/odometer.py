@@ -1,4 +1,6 @@
-"""One step of odometry: pulses, radar, accelerometer and tags of a cycle to the train's motion."""
+"""One step of odometry: the pulses, radar, accelerometer and tags of a cycle give the train's
+motion.
+"""
 
 import math
 from typing import Final
@@ -26,18 +28,19 @@ from vobc.vocabulary import (
 )
 
 SPACING_S: Final = 0.008
-"""Samples closer than this came in a bunch; only the last is as old as told, and counts for all."""
+"""Least spacing of usable samples. Closer ones arrived in a burst; only the last has a reliable
+age, and it covers them all."""
 REST_MPS: Final = 0.02
-"""A wheel of 256 pulses that gave none for half a second rolls slower than this."""
+"""Upper bound of the speed of a wheel with 256 pulses per turn that gave none for half a second."""
 UNSURE_MPS: Final = 0.3
-"""Once the accelerometer alone knows the speed no better, the wheels are asked."""
+"""Uncertainty of the ground speed above which the wheels narrow its bounds again."""
 KIN_S: Final = 0.6
-"""A jump of the wheels and a contradiction to the ground this close together are one slip, but not
-next to axles that differ."""
+"""Greatest time between a jump of the wheel speed and a contradiction to the ground that count as
+one slip. A jump this soon after the axles differed does not count."""
 
 
 class Odometry:
-    """Holds what odometry remembers from cycle to cycle."""
+    """State of odometry from cycle to cycle."""
 
     def __init__(
         self, config: OdometryConfig, train: TrainBelief, line: LineMap, start: OdometryRecord
@@ -57,17 +60,17 @@ class Odometry:
         self._time = OwnTime()
         self._travel_m = self._pulses_m = 0.0
         self._over_m = self._over_blur_m = 0.0
-        """Way over ground since start and half the width of its bounds."""
+        """Distance over ground since the start, and half the width of its bounds."""
         self._slip_until_s = 0.0
         self._slip = False
         self._sampled_s = self._jumped_s = -math.inf
-        """Last instant at which the wheels changed their speed as no train can."""
+        """Last instant at which the wheel speed changed faster than any train can."""
         self._wheels_out = False
-        """The wheels are proven to slip or slide: their interval follows the ground."""
+        """The wheels are proven to slip or slide. Their interval then follows the ground."""
         self._fast_s = 0.0
         """Last instant at which zero speed was not certain."""
         self._axles_differ = False
-        """In this cycle one axle was left behind by the other: maybe a tacho that is broken."""
+        """In this cycle one axle fell behind the other. One tacho may be broken."""
         self._differed_s = -math.inf
         self._usable = False
         self._slow = False
@@ -75,7 +78,7 @@ class Odometry:
 
     @property
     def usable(self) -> bool:
-        """The last tacho sample made sense."""
+        """The last tacho sample was plausible."""
         return self._usable
 
     @property
@@ -83,7 +86,7 @@ class Odometry:
         return self._rejected
 
     def record(self) -> OdometryRecord:
-        """What to keep over a power cycle; sensible only at standstill."""
+        """Place to store over a power cycle. It is valid only at standstill."""
         where = self._where
         low_m, high_m = min(where.low_m, where.ground_low_m), max(where.high_m, where.ground_high_m)
         half_m = max(high_m - where.at_m, where.at_m - low_m, 0.0)
@@ -92,7 +95,7 @@ class Odometry:
         return OdometryRecord(where.at_m, half_m, where.m_per_pulse, proof)
 
     def step(self, seen: CycleInput) -> Motion | None:
-        """The motion at `seen.now_ns`; None before samples over `learn_s` were heard."""
+        """Motion at `seen.now_ns`. None: the samples do not cover `learn_s` yet."""
         if not self._time.begun:
             self._time.expect(seen.dt_s)
         now_s = self._time.tell(seen.now_ns)
@@ -128,7 +131,7 @@ class Odometry:
         return motion if self._track.heard_s >= self._config.learn_s else None
 
     def _take(self, tacho: Tacho, stamp_s: float) -> None:
-        """One tacho sample: count, track, move."""
+        """Process one tacho sample: count it, track the speed, move the position."""
         track, where, pulses = self._track, self._where, self._pulses
         dt_s = stamp_s - self._sampled_s
         if dt_s <= 0.0:
@@ -155,7 +158,7 @@ class Odometry:
         self._pulses_m += step * where.m_per_pulse
         self._refer.turned(where.pulses)
         if pulses.contradicted:
-            # Forwards or backwards: as much the other way is as true.
+            # The direction is uncertain, so the same distance the other way is equally possible.
             both_m = 2.0 * step * where.scale.declared_m[1]
             where.stretch(max(0.0, both_m), max(0.0, -both_m))
         if not self._slip:
@@ -163,17 +166,18 @@ class Odometry:
             self._travel_m += step * where.m_per_pulse
 
     def _wheel_speed(self, now_s: float) -> Interval:
-        """Of a wheel that turns as the train moves, now."""
+        """Present speed of a wheel that rolls without slip."""
         config, where, track = self._config, self._where, self._track
         low_rate, high_rate, window_s = track.mean_rate(config.stamp_jitter_s)
-        # The mean held in the middle of the window; since then the speed may have changed so much.
+        # The mean is valid for the middle of the window. Since then the speed may have changed this
+        # much.
         change_mps = config.max_accel_mps2 * (0.5 * window_s + config.stamp_jitter_s)
         scale = where.scale
         low = low_rate * (scale.low_m if low_rate > 0.0 else scale.high_m) - change_mps
         high = high_rate * (scale.high_m if high_rate > 0.0 else scale.low_m) + change_mps
         self._slow = -config.zero_speed_mps < low and high < config.zero_speed_mps
         aged_mps = config.max_accel_mps2 * max(0.0, now_s - track.stamp_s)
-        # A single sample, or several at one instant, says nothing but that the train is a train.
+        # A single sample, or several at one instant, bounds the speed only by the train's maximum.
         low = max(low - aged_mps, -config.max_speed_mps)
         high = min(high + aged_mps, config.max_speed_mps)
         if self._pulses.contradicted:
@@ -184,7 +188,7 @@ class Odometry:
         return Interval(low, track.limited_rate_pulses_per_s(now_s) * where.m_per_pulse, high)
 
     def _follow_ground(self, seen: CycleInput, now_s: float, wheels: Interval) -> None:
-        """Speed and way over ground since the cycle before."""
+        """Update speed and distance over ground since the cycle before."""
         config, where, ground, track = self._config, self._where, self._ground, self._track
         dt_s, steady = self._time.dt_s, self._time.steady
         radar_mps = believable_mps(seen, config)
@@ -199,13 +203,13 @@ class Odometry:
         self._gradients.look(
             min(where.low_m, where.ground_low_m), max(where.high_m, where.ground_high_m)
         )
-        # Of a gap between cycles the accelerometer tells only the end.
+        # After a gap between cycles the accelerometer shows only the end of the gap.
         imu = seen.imu if steady and seen.imu_age_s <= config.imu_age_s else None
         felt_mps2 = imu.accel_mps2 if imu is not None and imu.healthy else None
         ground.feel(felt_mps2, self._gradients)
         ground.step(dt_s, radar_mps, seen.doppler_age_s, wheels.low, wheels.high)
         least_m, most_m = ground.moved_low_m, ground.moved_high_m
-        # Wheels that may be slipping say nothing of the ground.
+        # Wheels that may be slipping say nothing about the ground.
         gripping = not self._slip and not self._axles_differ
         if gripping and not ground.seen and self._wheels_agree(wheels):
             fresh = seen.tacho_age_s <= config.silence_s and self._usable
@@ -235,10 +239,10 @@ class Odometry:
             self._travel_m += likely_m
 
     def _sets_off(self, seen: CycleInput) -> bool:
-        """No wheel turns, but the train is not known to be held and feels as if it went.
+        """No wheel turns, but the holding brake is not proven and the accelerometer shows motion.
 
-        Couplers stretch: the first car is ahead before the axle of the second has turned at all.
-        Other brakes are no proof: a train pulls while they still ease.
+        Couplers stretch, so the first car moves before the axle of the second one turns. Other
+        brakes prove nothing, because a train pulls while they still release.
         """
         if self._track.still_s < self._config.standing_s or self._ground.may_rest:
             return False
@@ -250,7 +254,9 @@ class Odometry:
         return wheels.low <= ground.high_mps and ground.low_mps <= wheels.high
 
     def _watch_slip(self, now_s: float, wheels: Interval) -> None:
-        """Wheels contradict each other or the ground, by more than may be wrong, or did lately."""
+        """Detect slip: the wheels contradict each other or the ground beyond tolerance, now or
+        recently.
+        """
         config, where, ground = self._config, self._where, self._ground
         if not ground.begun:
             return
@@ -276,7 +282,9 @@ class Odometry:
             self._wheels_out = self._slip
 
     def _offer(self, tag: TagReading) -> tuple[bool, RefusedTag | None]:
-        """Whether a tag corrected the place, and else what is wrong with it, if anything is."""
+        """Use a tag for the place. The result says whether it was accepted, or why it was
+        refused.
+        """
         where, refer, config, track = self._where, self._refer, self._config, self._track
         site = refer.sites.get(tag.tag_id)
         if site is None:
@@ -331,12 +339,12 @@ class Odometry:
         return True, None
 
     def _ahead_m(self, now_s: float, speed_mps: float) -> float:
-        """From the last sample, in whole pulses, to where the front likely is now."""
+        """Likely distance from the last sample, in whole pulses, to the front's present place."""
         ahead = self._track.at_pulses - (self._pulses.count + HALF_PULSE)
         return ahead * self._where.m_per_pulse + speed_mps * (now_s - self._track.stamp_s)
 
     def _speed(self, wheels: Interval) -> Interval:
-        """Both while both may be right; what is proven to slip says nothing."""
+        """Combine wheels and ground while both may be right. Wheels proven to slip do not count."""
         ground = self._ground
         if not ground.begun:
             return _ordered(wheels.low, wheels.best, wheels.high)
@@ -346,7 +354,7 @@ class Odometry:
         return _ordered(min(wheels.low, ground.low_mps), best, max(wheels.high, ground.high_mps))
 
     def _standstill(self, now_s: float, tacho_age_s: float) -> bool:
-        """Zero speed is proven once its ends, at the samples, were under the limit long enough."""
+        """Zero speed is proven once its bounds at the samples were below the limit long enough."""
         silent = tacho_age_s > self._config.silence_s
         if not self._slow or self._slip or silent or not self._usable:
             self._fast_s = now_s
@@ -361,7 +369,7 @@ class Odometry:
         *,
         standstill: bool,
     ) -> Motion:
-        """The position at this instant: the last sample carried on by the speed since."""
+        """Motion at this instant: the last sample extrapolated with the speed since."""
         config, where, track, refer = self._config, self._where, self._track, self._refer
         low_m, high_m = where.by_wheels(speed, max(0.0, now_s - track.stamp_s))
         low_m, high_m = min(low_m, where.ground_low_m), max(high_m, where.ground_high_m)

@@ -1,4 +1,6 @@
-"""Tacho counters of two axles to one count of pulses: wraps, jumps and dead axles."""
+"""Combines the tacho counters of two axles into one pulse count, despite wraps, jumps and dead
+axles.
+"""
 
 from typing import Final
 
@@ -8,25 +10,26 @@ from can_dbc.odometer import Tacho
 WRAP_A: Final = 65536
 WRAP_B: Final = 1024
 STUCK_PULSES: Final = 25
-"""An axle that stands while the other one turns so far does not count any more."""
+"""Pulses of the other axle after which an axle without pulses is no longer used."""
 LATE_S: Final = 0.02
-"""One sample may have been heard so much later after it was taken than the next one."""
+"""Bound of the difference in delay between two successive samples."""
 
 PLAY_PULSES: Final = 2
-"""A wheel that turns round may show the direction of its last pulse against the sum of a sample."""
+"""Pulses within a sample that may contradict the reported direction. When a wheel reverses, only
+its last pulse determines the direction."""
 APART_PULSES: Final = 4.0
-"""So far two axles may drift apart before one of them is taken to slip or slide."""
+"""Difference in pulses between two axles beyond which one of them slips or slides."""
 APART_RATIO: Final = 0.01
-"""And by this share of what they count, as their diameters differ."""
+"""Permitted difference relative to the count, because wheel diameters differ."""
 
 
 def signed_difference(later: int, earlier: int, wrap: int = WRAP_A) -> int:
-    """Of two counters modulo `wrap`, the shorter way round."""
+    """Difference of two counters modulo `wrap`, the shorter way round."""
     return (later - earlier + wrap // 2) % wrap - wrap // 2
 
 
 class PulseCounter:
-    """Counts along tacho A, which latches the tags, and falls back on B while A cannot be right."""
+    """Counts by tacho A, whose count the tags latch. It uses tacho B while A is implausible."""
 
     __slots__ = (
         "_apart",
@@ -49,22 +52,22 @@ class PulseCounter:
         self.count = 0
         """Pulses since the first sample, signed."""
         self.jumps = 0
-        """Counter steps that no train can have made."""
+        """Number of counter steps that no train can produce."""
         self.on_b = False
         self._apart = 0.0
         self.axles_differ = False
-        """The last sample left one axle behind the other: one of them slips or slides."""
+        """In the last sample one axle fell behind the other: one of them slips or slides."""
         self.contradicted = False
-        """The direction of the pulses is not the one that tacho A says."""
+        """The sign of the pulses contradicts the direction that tacho A reports."""
 
     def since_latched(self, pulses: int) -> int | None:
-        """Pulses of tacho A since it showed `pulses`; None while A is not to be trusted."""
+        """Pulses of tacho A since it showed `pulses`. None: tacho A is not trusted now."""
         if self._tacho is None or self.on_b:
             return None
         return signed_difference(self._tacho.pulses_a, pulses)
 
     def step(self, tacho: Tacho, dt_s: float) -> int | None:
-        """Pulses since the sample before; None when neither axle can be right."""
+        """Pulses since the sample before. None: neither axle is plausible."""
         before, self._tacho = self._tacho, tacho
         if before is None:
             return 0 if tacho.healthy_a or tacho.healthy_b else None
@@ -86,13 +89,13 @@ class PulseCounter:
         return step
 
     def _watch_stuck(self, step_a: int, step_b: int) -> None:
-        """How far each axle has been left behind by the other while it did not move at all."""
+        """Update how far the other axle has turned while each axle gave no pulse."""
         self._still_a = self._still_a + abs(step_b) if step_a == 0 else 0
         self._still_b = self._still_b + abs(step_a) if step_b == 0 else 0
 
     def _left_behind(self, step_a: int, step_b: int) -> bool:
-        """Whether the axles moved further apart than honest ones do."""
-        # B wraps so early that over a silence its step is known but for whole turns of its counter.
+        """Whether the axles moved further apart than two rolling axles do."""
+        # B wraps early. After a gap its step is known only modulo its counter.
         apart = self._apart + signed_difference(step_a, step_b, WRAP_B)
         back = APART_RATIO * abs(step_a)
         apart = max(0.0, apart - back) if apart > 0.0 else min(0.0, apart + back)

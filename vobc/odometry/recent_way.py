@@ -1,17 +1,18 @@
-"""How far the train has come over ground since an instant that is not long ago."""
+"""Distance over ground since a recent instant."""
 
 from collections import deque
 from typing import Final
 
 KEPT: Final = 64
-"""Cycles; what a reader tells later than that is bounded by speed alone."""
+"""Number of stored cycles. For tag readings that arrive later, only the speed bounds the distance.
+"""
 
 
 class RecentWay:
-    """Least and most way of the last cycles, which add up better than any one speed tells.
+    """Least and greatest distance of the latest cycles.
 
-    A single reading of the radar is known within its noise, but of the way its readings tell
-    together that noise is averaged out, but for a slack that is reckoned once.
+    Their sum is more accurate than a single speed. The noise of one radar reading averages out over
+    several readings, except for a slack that counts once.
     """
 
     __slots__ = ("_max_accel_mps2", "_steps")
@@ -19,21 +20,21 @@ class RecentWay:
     def __init__(self, max_accel_mps2: float) -> None:
         self._max_accel_mps2 = max_accel_mps2
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
-        """How long a cycle took in s, and the least and most way in it in m; the newest first."""
+        """Duration in s, least and greatest distance in m of each cycle, the newest first."""
 
     def add(self, dt_s: float, least_m: float, most_m: float) -> None:
-        """The train went on for a cycle."""
+        """Add the distance of one cycle."""
         self._steps.appendleft((dt_s, least_m, most_m))
 
     def forget(self) -> None:
-        """Of what was until now nobody knows how it went."""
+        """Discard the history."""
         self._steps.clear()
 
     def since(self, age_s: float) -> tuple[float, float] | None:
-        """Least and most way in m since `age_s` ago; None when that is not known any more.
+        """Least and greatest distance in m since `age_s` ago. None: no longer known.
 
-        Within a cycle the speed may have changed: of two parts of it the means are apart by no more
-        than the greatest acceleration over half the cycle.
+        Within a cycle the speed may have changed. The mean speeds of its two parts differ by at
+        most the greatest acceleration over half the cycle.
         """
         least_m = most_m = 0.0
         left_s = age_s

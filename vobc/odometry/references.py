@@ -1,4 +1,4 @@
-"""Which tags are believed, which are missed, and whether the train knows where it is."""
+"""Decides which tags are accepted or missed, and whether the train knows its place."""
 
 import math
 from collections.abc import Sequence
@@ -12,31 +12,31 @@ from vobc.odometry.contacts import Contacts, Travelled
 from vobc.vocabulary import PlaceProof, RefusedTag, TagRefusal
 
 TURN_PULSES: Final = 4
-"""A train that went back by more may pass the same tag again."""
+"""Backward pulses after which the train may pass the same tag again."""
 MOVED_PULSES: Final = 10
-"""Once a train moved by more, the detector of cold movement says nothing of where it was."""
+"""Pulses after which the cold-movement detector no longer shows where the train stood."""
 
 
 @dataclass(frozen=True, slots=True)
 class LocatedTag:
-    """A tag that the line knows, as it was read."""
+    """A tag of the line as it was read."""
 
     site: TagSite
     front_m: float
-    """Of the train at the tag."""
+    """Place of the train's front at the tag."""
     claim_m: float
-    """Where the front would be at the last sample."""
+    """Resulting place of the front at the last sample."""
     bound_m: float
-    """Of that claim; hard."""
+    """Hard bound of that place."""
     pulses: int
-    """Pulses since start at the tag."""
+    """Pulses since the start, at the tag."""
     ground_m: float
-    """Way over ground since start at the tag, as likely."""
+    """Best estimate of the distance over ground since the start, at the tag."""
     ground_bound_m: float
 
 
 class References:
-    """Keeps order among tags. It decides, and moves nothing."""
+    """Sequence of the tags. This class decides and does not move the position."""
 
     __slots__ = (
         "_backed",
@@ -59,39 +59,41 @@ class References:
         self._tags: Sequence[TagSite] = line.tags
         self.sites = {tag.tag_id: tag for tag in line.tags}
         self.lost_cause = ""
-        """Why the train does not know where it is; empty while it does."""
+        """Why the train does not know its place. Empty while it does."""
         self.waiting = proof is PlaceProof.REMEMBERED
-        """For the proof that the train was not moved while it was off."""
+        """Waiting for the proof that the train was not moved while it was off."""
         if self.waiting:
             self.lost_cause = "not proven yet that the train was not moved while it was off"
         elif proof is PlaceProof.UNKNOWN:
             self.lost_cause = "started at an unknown place"
         self.missed = 0
-        """Tags in a row that should have been read."""
+        """Number of successive tags that should have been read."""
         self._next = 0
         self._last: LocatedTag | None = None
         self._furthest = 0
-        """Pulses, at the most since the last accepted tag was read."""
+        """Highest pulse count since the last accepted tag was read."""
         self._backed = 0
-        """By how many the train went back from there."""
+        """Pulses by which the train moved back from there."""
         self._witness: LocatedTag | None = None
-        """Read while the place was lost; a second one has to bear it out."""
+        """First tag read while the place was lost. A second tag has to confirm it."""
 
     def begin(self, antenna_high_m: float) -> None:
-        """Tags up to there need not be read."""
+        """Expect only tags beyond this place."""
         self._next = sum(1 for tag in self._tags if tag.position_m <= antenna_high_m)
 
     def lose(self, cause: str) -> None:
-        """Nothing but two references finds it again."""
+        """Mark the place as lost. Only two references restore it."""
         if not self.lost_cause or self.waiting:
             self.lost_cause = cause
             self._witness = None
         self.waiting = False
 
     def check_cold(self, cold: ColdMovement, pulses: int) -> float | None:
-        """By how much the train was moved while it was off, once it is proven to be little."""
+        """Distance that the train moved while it was off, once it is proven to be small. None: not
+        proven.
+        """
         if not cold.monitored:
-            self.lose("nobody watched whether the train was moved while it was off")
+            self.lose("the train may have been moved while it was off: movement was not monitored")
         elif abs(cold.moved_m) > self._config.cold_movement_m:
             self.lose(f"moved by {cold.moved_m:.1f} m while it was off")
         elif abs(pulses) > MOVED_PULSES:
@@ -103,7 +105,7 @@ class References:
         return None
 
     def follow(self, way: Travelled, least_m_per_pulse: float, *, gap: bool, slip: bool) -> None:
-        """Follow the train, and hear whether telegrams of the reader may be missing up to here."""
+        """Track the train's movement. A gap means that telegrams of the reader may be missing."""
         self._contacts.move(way, least_m_per_pulse)
         if slip:
             self._contacts.doubt()
@@ -111,26 +113,28 @@ class References:
             self._contacts.miss(way)
 
     def off_centre_m(self, site: TagSite, pulses: int, most_m_per_pulse: float) -> float:
-        """How far from the tag the antenna may have been when it was read, at so many pulses."""
+        """Greatest distance between tag and antenna at the reading with this pulse count."""
         return self._contacts.off_m(site, pulses, most_m_per_pulse)
 
     def read(self, reading: LocatedTag, *, honest: bool) -> None:
-        """Keep in mind that a tag was read, by honest wheels or not, whatever becomes of it."""
+        """Note that a tag was read, whether or not it is accepted. `honest`: the wheels did not
+        slip.
+        """
         way = Travelled(reading.pulses, reading.ground_m, reading.ground_bound_m)
         self._contacts.read(reading.site.tag_id, way, reading.bound_m if honest else math.inf)
 
     def turned(self, pulses: int) -> None:
-        """Follow the wheels, in pulses since start."""
+        """Track the wheels, in pulses since the start."""
         if pulses > self._furthest:
             self._furthest = pulses
         elif self._furthest - pulses > self._backed:
             self._backed = self._furthest - pulses
 
     def judge(self, reading: LocatedTag, low_m: float, high_m: float) -> RefusedTag | None:
-        """None for a tag that may be believed: it is in order, and inside its window.
+        """Why a tag is refused. None: it is in order and inside its window.
 
         Args:
-            low_m: of the front at the last sample, with `high_m` the window.
+            low_m: with `high_m` the window of the front at the last sample.
         """
         tag_id, bound_m = reading.site.tag_id, reading.bound_m
         off_m = max(0.0, reading.claim_m - high_m) or min(0.0, reading.claim_m - low_m)
@@ -156,10 +160,11 @@ class References:
     def find_again(
         self, reading: LocatedTag, least_m_per_pulse: float, most_m_per_pulse: float
     ) -> RefusedTag | None:
-        """A tag while the place is lost; found once `lost_cause` is empty.
+        """Judge a tag while the place is lost. The place is found once `lost_cause` is empty.
 
-        Two different tags have to lie as far apart as the train ran between them, by its wheels or
-        over ground. The first is kept in mind; of two that contradict each other the later one.
+        The distance between two different tags must match the distance that the train ran between
+        them, by its wheels or over ground. If two tags contradict each other, the later one is
+        kept.
         """
         before = self._witness
         if before is not None and before.site.tag_id == reading.site.tag_id:
@@ -184,7 +189,9 @@ class References:
         return RefusedTag(reading.site.tag_id, TagRefusal.OUTSIDE_WINDOW, off_m)
 
     def watch(self, antenna_low_m: float, speed_mps: float, width_m: float) -> None:
-        """Count the tags that the antenna has certainly passed, and say when that is too much."""
+        """Count the tags that the antenna has certainly passed. Too many missed tags lose the
+        place.
+        """
         config, tags = self._config, self._tags
         self._contacts.look(math.inf if self.lost_cause else antenna_low_m + width_m)
         late_m = max(0.0, speed_mps) * config.tag_silence_s + config.tag_bound_m

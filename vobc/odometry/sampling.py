@@ -1,9 +1,8 @@
-"""When a sensor was read, by this board's clock: from its own counting, not from the arrival.
+"""Sampling time of each sensor frame by this controller's clock, from the sensor's own counter.
 
-A frame may be held up on its way: by a bus that others keep busy, in a mailbox, by a host that has
-other things to do. Taken for fresh it would show a train that suddenly slows down. A sensor counts
-its frames and sends them in step with its own clock; of all samples the one that came through
-fastest shows how far the two clocks are apart.
+A busy bus, a mailbox or a busy host may delay a frame. Treated as fresh, a delayed frame would show
+a train that suddenly slows down. A sensor counts its frames and sends them in step with its own
+clock. The frame with the shortest delay shows the offset between the two clocks.
 """
 
 from typing import Final
@@ -14,34 +13,35 @@ COUNTER_PERIOD: Final = 256
 STAMP_PERIOD_MS: Final = 256
 TACHO_PERIOD_MS: Final = 20
 OTHER_PERIOD_MS: Final = 50
-"""Of radar and accelerometer."""
+"""Period of radar and accelerometer frames."""
 STAMP_PLAY_MS: Final = 5
-"""A sensor whose stamp leaves the step of its counter by more was started anew."""
+"""Difference between stamp and counter beyond which the sensor has restarted."""
 DRIFT_RATIO: Final = 2.0e-4
-"""Two crystals of 100 ppm; so much later the fastest frame of today may be tomorrow."""
+"""Greatest drift between two crystals of 100 ppm each."""
 LATE_NS: Final = 100_000_000
-"""Held up for longer, a sample is refused."""
+"""Delay beyond which a sample is refused."""
 FASTER_NS: Final = 1_000_000_000
-"""The frame that set the clocks may itself have been so late; one that comes through faster by no
-more sets them closer."""
+"""Bound of the delay of the frame that first set the clock offset. A faster frame corrects the
+offset by at most this."""
 PACED_FRAMES: Final = 5
-"""After a silence that the counter cannot measure so many frames have to come in step."""
+"""Number of frames that must arrive in step after a silence that the counter cannot measure."""
 PACE_NS: Final = 10_000_000
-"""What comes faster than it was sent by more than this comes out of a queue."""
+"""A frame that arrives this much faster than it was sent comes out of a queue."""
 READER_PLAY_NS: Final = 5_000_000
-"""Telegrams differ in length, and a stamp is not known better."""
+"""Tolerance for the different length of telegrams and the resolution of their stamps."""
 READER_LATE_NS: Final = 1_000_000_000
-"""By no more a telegram of the tag reader is held up; beyond, its clock is another one."""
+"""Greatest delay of a telegram of the tag reader. Beyond, the reader's clock was set."""
 NS_PER_MS: Final = 1_000_000
 S_PER_NS: Final = 1e-9
 STEADY_S: Final = 0.1
-"""Cycles further apart are not to be told from a clock that was set: the train may have stood."""
+"""Longest interval between cycles that counts as continuous. A longer one may be a clock that was
+set, and the train may have stood meanwhile."""
 CYCLES_STEADY: Final = 1.5
-"""The same for slow controllers, as a multiple of their cycle."""
+"""The same limit for slow controllers, as a multiple of their cycle."""
 
 
 class OwnTime:
-    """The time of odometry: this board's clock, but it never goes back."""
+    """Time base of odometry: the controller's clock, but never backwards."""
 
     __slots__ = ("_ahead_s", "_longest_s", "begun", "dt_s", "now_s", "steady")
 
@@ -49,21 +49,22 @@ class OwnTime:
         self.begun = False
         self.now_s = 0.0
         self.dt_s = 0.0
-        """Since the cycle before, and 0 in the first one."""
+        """Time since the cycle before. 0 in the first cycle."""
         self.steady = True
-        """Nothing can have happened between the cycle before and this one."""
+        """The interval to the cycle before is short enough to exclude an interruption."""
         self._ahead_s = 0.0
-        """Of the board's clock, by as much as that was ever set back."""
+        """Lead over the controller's clock: the sum of all backward steps of that clock."""
         self._longest_s = STEADY_S
 
     def expect(self, cycle_s: float) -> None:
-        """How long a cycle is; one that is late by half is still no gap."""
+        """Set the length of a cycle. A cycle that is late by half its length is no gap."""
         self._longest_s = max(STEADY_S, CYCLES_STEADY * cycle_s)
 
     def tell(self, now_ns: int) -> float:
-        """The instant of a new cycle in s; where the clock was set back, the longest step goes on.
+        """Instant of a new cycle in s. If the clock was set back, time advances by the longest
+        step.
 
-        How long that step took nobody knows, but more would not have been a cycle.
+        The true length of that step is unknown, but a longer one would not have been a cycle.
         """
         now_s = now_ns * S_PER_NS + self._ahead_s
         dt_s = now_s - self.now_s if self.begun else 0.0
@@ -77,10 +78,11 @@ class OwnTime:
 
 
 class FrameClock:
-    """Follows a sensor that sends in step with its counter.
+    """Follows the clock of a sensor that sends in step with its counter.
 
-    The counter tells how old a frame is as long as that is less than its period; after a longer
-    silence frames are refused until they come as they were sent, and not out of a queue.
+    The counter shows the age of a frame as long as the age is shorter than the counter's period.
+    After a longer silence, frames are refused until they arrive at their sending rate and not out
+    of a queue.
     """
 
     __slots__ = (
@@ -107,10 +109,13 @@ class FrameClock:
         self._offset_ns = 0
         self._unpaced = 0
         self.refused = 0
-        """Frames that were too old when they came."""
+        """Number of frames that were too old on arrival."""
 
     def sampled_ns(self, heard_ns: int, counter: int) -> int | None:
-        """The instant of a frame that was heard now, never after it; None when it is too old."""
+        """Sampling instant of a frame received now. None: the frame is too old.
+
+        The instant is never in the future.
+        """
         if self._anew(heard_ns):
             self._begin(heard_ns, counter)
             return heard_ns
@@ -118,11 +123,11 @@ class FrameClock:
         return self._follow(heard_ns, counter, steps * self._period_ns)
 
     def _anew(self, heard_ns: int) -> bool:
-        """No frame yet, or this board's clock was set back: what was learnt of it is void."""
+        """There is no frame yet, or the controller's clock was set back, so the offset is void."""
         return not self._begun or heard_ns < self._heard_ns
 
     def _begin(self, heard_ns: int, counter: int) -> None:
-        """The sensor's time counts from here."""
+        """Start the sensor's time here."""
         self._begun = True
         self._counter = counter
         self._heard_ns = heard_ns
@@ -130,10 +135,10 @@ class FrameClock:
         self._offset_ns = heard_ns
 
     def _follow(self, heard_ns: int, counter: int, ahead_ns: int) -> int | None:
-        """The youngest sample that fits is taken, but none from the future.
+        """Take the latest sampling instant that fits and is not in the future.
 
         Args:
-            ahead_ns: how far the sensor went on, less whole turns of its counter.
+            ahead_ns: progress of the sensor's time, modulo its counter period.
         """
         elapsed_ns = heard_ns - self._heard_ns
         offset_ns = self._offset_ns + int(DRIFT_RATIO * elapsed_ns)
@@ -156,7 +161,7 @@ class FrameClock:
 
 
 class SampleClock(FrameClock):
-    """The tacho's: its stamp is finer than its counter, and shows when the sensor started anew."""
+    """Clock of the tacho. Its stamp is finer than its counter and shows a restart of the sensor."""
 
     __slots__ = ("_stamp_ms", "restarts")
 
@@ -164,13 +169,13 @@ class SampleClock(FrameClock):
         super().__init__(TACHO_PERIOD_MS)
         self._stamp_ms = 0
         self.restarts = 0
-        """How often the sensor started anew."""
+        """Number of restarts of the sensor."""
 
     def sampled_ns(self, heard_ns: int, counter: int, stamp_ms: float = 0.0) -> int | None:
-        """As of `FrameClock`.
+        """Sampling instant as in `FrameClock`.
 
         Args:
-            stamp_ms: of the sensor, modulo STAMP_PERIOD_MS.
+            stamp_ms: stamp of the sensor, modulo STAMP_PERIOD_MS.
         """
         stamp = int(stamp_ms)
         before, self._stamp_ms = self._stamp_ms, stamp
@@ -188,27 +193,31 @@ class SampleClock(FrameClock):
 
 
 class ReaderClock:
-    """Follows the tag reader's clock, which every telegram tells.
+    """Follows the clock of the tag reader, which every telegram carries.
 
-    A serial line says only when it was asked, and bytes wait there for the next cycle, or for a
-    process that is held up. Of all telegrams the one that came through fastest shows how far the
-    two clocks are apart; every other one was sent as much earlier as it came later.
+    A serial line shows only when it was read. Bytes wait there for the next cycle, or for a delayed
+    process. The telegram with the shortest delay shows the offset between the two clocks. The delay
+    of every other telegram follows from it.
     """
 
     __slots__ = ("_fastest", "_period_ns", "_reader_ns", "_sent_ns")
 
     def __init__(self, period_ms: float) -> None:
-        """Args: period_ms: after so long the reader's clock begins at 0 again."""
+        """Start to follow the clock.
+
+        Args:
+            period_ms: period after which the reader's clock wraps to 0.
+        """
         self._period_ns = round(period_ms * NS_PER_MS)
         self._reader_ns = self._sent_ns = 0
         self._fastest: tuple[int, int] | None = None
-        """When the last telegram was heard, and how far the clocks are apart by the fastest."""
+        """Arrival of the last telegram, and the smallest clock offset so far."""
 
     def late_ns(self, heard_ns: int, sent_ms: float) -> int:
-        """How much later than the fastest one a telegram came; 0 within what is not told apart.
+        """Delay of a telegram relative to the fastest one. 0: within the tolerance.
 
-        One that seems to have come through faster than any, be it for a clock that was set, is what
-        the next are compared with; so is one that is too late to be of the same clock.
+        A telegram that seems faster than any before becomes the new reference, even if a clock was
+        set. So does one that is too late to be of the same clock.
         """
         sent_ns = round(sent_ms * NS_PER_MS)
         self._reader_ns += (sent_ns - self._sent_ns) % self._period_ns
@@ -225,7 +234,9 @@ class ReaderClock:
 
 
 class OdometerClocks:
-    """All that one odometer sends; when its tachos start anew, so did radar and accelerometer."""
+    """Clocks of one odometer unit. When its tachos restart, its radar and accelerometer have
+    restarted, too.
+    """
 
     __slots__ = ("_inertial", "_radar", "_tacho")
 
@@ -236,14 +247,14 @@ class OdometerClocks:
 
     @property
     def refused(self) -> int:
-        """Frames that were too old when they came."""
+        """Number of frames that were too old on arrival."""
         return self._tacho.refused + self._radar.refused + self._inertial.refused
 
     def sampled_ns(self, heard: Tacho | Doppler | Imu, heard_ns: int, counter: int) -> int | None:
-        """When a frame that was heard now was taken; None when it is too old.
+        """Sampling instant of a frame received now. None: the frame is too old.
 
         Args:
-            counter: its alive counter.
+            counter: alive counter of the frame.
         """
         if isinstance(heard, Tacho):
             restarts = self._tacho.restarts

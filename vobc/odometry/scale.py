@@ -1,12 +1,13 @@
-"""How far a wheel runs for one pulse: hard bounds, from what is declared and from pairs of tags."""
+"""Distance per wheel pulse: hard bounds from declared values and from pairs of tags."""
 
 from vobc.odometry.config import OdometryConfig
 
 
 class WheelScale:
-    """The bounds fall only from tag to tag, and only while nothing was seen of slip between them.
+    """Bounds of the distance per pulse.
 
-    Two tags that contradict what was measured before take all of that back.
+    They narrow only from tag to tag, and only if no slip was detected in between. Two tags that
+    contradict the earlier measurement reset the bounds.
     """
 
     __slots__ = ("_anchor", "_config", "_declared_m", "high_m", "low_m")
@@ -18,33 +19,33 @@ class WheelScale:
             nominal_m / (1.0 + config.scale_error_low_ratio),
         )
         self.low_m, self.high_m = self._declared_m
-        """Least and most distance behind one pulse."""
+        """Least and greatest distance per pulse."""
         self._anchor: tuple[float, int, float] | None = None
-        """Where the antenna was, pulses then and bound, from where the scale is being measured."""
+        """Start of the present measurement: place of the antenna, pulse count, and bound."""
 
     @property
     def declared_m(self) -> tuple[float, float]:
-        """What one pulse may stand for, whatever was measured."""
+        """Declared bounds, independent of any measurement."""
         return self._declared_m
 
     def nearest(self, m_per_pulse: float) -> float:
-        """Within the bounds."""
+        """The nearest value within the bounds."""
         return min(max(m_per_pulse, self.low_m), self.high_m)
 
     def anchor(self, antenna_m: float, pulses: int, bound_m: float) -> None:
         self._anchor = (antenna_m, pulses, bound_m)
 
     def forget_anchor(self) -> None:
-        """The wheels did not run as the train did."""
+        """Abandon the present measurement, because the wheels slipped."""
         self._anchor = None
 
     def forget(self) -> None:
-        """Back to what is declared."""
+        """Return to the declared bounds."""
         self.low_m, self.high_m = self._declared_m
         self._anchor = None
 
     def measure(self, tag_m: float, pulses: int, bound_m: float) -> None:
-        """Two known places and the pulses between them bound the distance behind one pulse."""
+        """Bound the distance per pulse by two known places and the pulses between them."""
         if self._anchor is None:
             self._anchor = (tag_m, pulses, bound_m)
             return

@@ -5,17 +5,17 @@ from collections import deque
 from typing import Final
 
 HALF_PULSE: Final = 0.5
-"""A counter shows the whole pulses, so the wheel is on average half a pulse further."""
+"""Mean offset of the wheel from the shown count. A counter shows whole pulses only."""
 MIN_STEP_S: Final = 1e-3
 MIN_HALVES: Final = 4
 MIN_HALF_S: Final = 0.035
 
 
 class SpeedTrack:
-    """Fading-memory filter of second order, in pulses; no lag while the acceleration is steady.
+    """Second-order fading-memory filter, in pulses. It has no lag at constant acceleration.
 
-    With theta = exp(-bandwidth * dt) the three errors of the filter die out together, and the gains
-    1 - theta**3, 3/2 * (1 - theta**2) * (1 - theta), (1 - theta)**3 fit any spacing of the samples.
+    With theta = exp(-bandwidth * dt) the three errors of the filter decay together. The gains 1 -
+    theta**3, 3/2 * (1 - theta**2) * (1 - theta), (1 - theta)**3 suit any spacing of the samples.
     """
 
     __slots__ = (
@@ -45,7 +45,7 @@ class SpeedTrack:
         self.accel_pulses_per_s2 = 0.0
 
     def add(self, stamp_s: float, count: int) -> None:
-        """Take one sample; samples come in the order of their instants."""
+        """Add one sample. Samples must be in order of time."""
         counts = self._counts
         if not self.begun:
             self.begun = True
@@ -73,16 +73,16 @@ class SpeedTrack:
 
     @property
     def still_s(self) -> float:
-        """Time over which samples came but no pulse. Silence adds nothing to it."""
+        """Time with samples but without a pulse. A time without samples does not count."""
         return self.stamp_s - self._moved_s
 
     def settle(self) -> None:
-        """The wheel stands: forget what is left of its motion."""
+        """Reset the motion, because the wheel stands."""
         self.rate_pulses_per_s = 0.0
         self.accel_pulses_per_s2 = 0.0
 
     def limited_rate_pulses_per_s(self, now_s: float) -> float:
-        """The rate now; a wheel that gave no pulse for t turns slower than one pulse in t."""
+        """The present rate. A wheel without a pulse for t turns slower than one pulse per t."""
         rate = self.rate_pulses_per_s + self.accel_pulses_per_s2 * (now_s - self.stamp_s)
         still_s = self.still_s
         if still_s <= 0.0:
@@ -92,16 +92,16 @@ class SpeedTrack:
 
     @property
     def window_full(self) -> bool:
-        """Samples of a whole window were taken."""
+        """The samples cover a whole window."""
         return self.stamp_s - self._counts[0][0] >= self._window_s
 
     @property
     def heard_s(self) -> float:
-        """From the first sample to the last."""
+        """Time from the first sample to the last."""
         return self.stamp_s - self._first_s
 
     def jumped(self, most_pulses_per_s2: float, jitter_s: float) -> bool:
-        """The rate changed from the first half of the window to the second as no train can."""
+        """The rate changed between the two halves of the window faster than any train can."""
         counts = self._counts
         if len(counts) < MIN_HALVES:
             return False
@@ -112,14 +112,15 @@ class SpeedTrack:
         if early_s <= MIN_HALF_S or late_s <= MIN_HALF_S:
             return False
         early, late = (mid - first) / early_s, (last - mid) / late_s
-        # Whole pulses, and instants that are known to the jitter.
+        # Counts are whole pulses, and instants are known within the jitter.
         blur = (1.0 + abs(early) * jitter_s) / early_s + (1.0 + abs(late) * jitter_s) / late_s
         return abs(late - early) > blur + most_pulses_per_s2 * 0.5 * (last_s - first_s)
 
     def mean_rate(self, jitter_s: float) -> tuple[float, float, float]:
         """Lowest and highest mean rate over the window in pulses/s, and the window's length in s.
 
-        A difference of whole pulses is off by less than one, its time by `jitter_s`.
+        A difference of whole pulses is wrong by less than one pulse, and its time by at most
+        `jitter_s`.
         """
         first_s, first = self._counts[0]
         last_s, last = self._counts[-1]
