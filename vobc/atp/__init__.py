@@ -1,4 +1,4 @@
-"""Protection (ATP): where and how fast the train may be. It never leans on operation."""
+"""Protection (ATP): supervises place and speed of the train, independently of operation (ATO)."""
 
 from vobc.atp.config import AtpConfig, Timeouts
 from vobc.atp.protection import Protection, ProtectionVerdict

@@ -1,4 +1,4 @@
-"""What a passenger alarm, fire or a door that lost its lock ask of the train, by where it is."""
+"""Reaction to a passenger alarm, a fire or an unlocked door, depending on the train's place."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,11 +9,12 @@ from vobc.atp.place import PlatformWhereabouts
 
 
 class AlarmGuardInputs(NamedTuple):
-    """Where an alarm meets the train."""
+    """Place and movement of the train when the alarm occurs."""
 
     where: PlatformWhereabouts
     leaving: bool
-    """It moves, and part of it is at a platform where it stood or whose stop it has passed."""
+    """The train moves, and part of it is at a platform where it stood or whose stop it has passed.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,18 +23,19 @@ class AlarmResponse:
     stop_now: bool = False
     stop_next: bool = False
     stay: bool = False
-    """Not to depart, and where doors may open, they open and stay open."""
+    """Do not depart. Doors that may open are opened and kept open."""
 
 
 NOTHING: Final = AlarmResponse()
 GO_ON: Final = AlarmResponse(stop_next=True)
-"""Nobody can be helped between stations: the next one is served, whatever was planned."""
+"""Help is impossible between stations. The train stops at the next station, whatever was planned.
+"""
 STAY: Final = AlarmResponse(stay=True)
 STOP_AND_STAY: Final = AlarmResponse(stop_next=True, stay=True)
 STOP_HERE: Final = AlarmResponse(stop_now=True, stay=True)
-"""It has hardly moved: doors can open again where it comes to rest by the service brake."""
+"""The train has hardly moved. It stops with the service brake where its doors can open again."""
 _PULLED_AWAY_FROM_PLATFORM: Final = AlarmResponse(emergency=Cause.PASSENGER_ALARM, stay=True)
-"""Somebody may be caught in a door: nothing is quick enough."""
+"""A person may be caught in a door, so only the emergency brake is fast enough."""
 _UNLOCKED: Final = AlarmResponse(emergency=Cause.DOOR_UNLOCKED)
 
 _W = PlatformWhereabouts
@@ -52,7 +54,8 @@ PASSENGER_ALARM: Final[Mapping[AlarmGuardInputs, AlarmResponse]] = {
 }
 FIRE: Final[Mapping[AlarmGuardInputs, AlarmResponse]] = {
     **PASSENGER_ALARM,
-    # Nobody hangs in a door: better the next station than half a train in the tunnel.
+    # No person is caught in a door. Stopping at the next station is better than half a train in the
+    # tunnel.
     AlarmGuardInputs(_W.ARRIVING, True): GO_ON,
     AlarmGuardInputs(_W.NEAR, True): GO_ON,
     AlarmGuardInputs(_W.PAST, False): GO_ON,
@@ -70,5 +73,5 @@ DOOR_UNLOCKED: Final[Mapping[AlarmGuardInputs, AlarmResponse]] = {
     AlarmGuardInputs(_W.PAST, False): _UNLOCKED,
     AlarmGuardInputs(_W.PAST, True): _UNLOCKED,
 }
-"""For a train that moves. Traction is cut in any case; without it a train may roll to the next
-station."""
+"""Reactions of a moving train. Traction is cut in any case, and without it the train may roll to
+the next station."""

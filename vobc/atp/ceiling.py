@@ -1,4 +1,4 @@
-"""The ceiling: what the line, the braking curves and the end of authority permit the train now."""
+"""The ceiling: speed limits from the line, the braking curves and the end of authority."""
 
 import itertools
 import math
@@ -12,11 +12,12 @@ from vobc.atp.profile import BrakingProfile
 from vobc.vocabulary import Ceiling, Interval, Restriction
 
 PROFILES_MAX: Final = 256
-"""Kept at most; an interval that grows by steps all along a line needs fewer."""
+"""Greatest number of stored profiles. An interval that grows in steps along a whole line needs
+fewer."""
 
 
 class _Four(NamedTuple):
-    """The four speeds of a ceiling, or what makes them differ."""
+    """The four speeds of a ceiling, or their margins or leads."""
 
     permitted: float
     warning: float
@@ -28,17 +29,17 @@ _NOTHING: Final = _Four(0.0, 0.0, 0.0, 0.0)
 
 
 class CeilingMap:
-    """All restrictions of a line for one train; `at` looks at them from one place.
+    """All speed restrictions of a line for one train.
 
-    Each of the four curves is the safe braking curve, seen so much earlier as somebody needs to act
-    (`lead`), and ends so much over the limit as is tolerated (`margin`). Nothing is tolerated at
-    the end of authority.
+    Each of the four curves is the safe braking curve, shifted by the time needed to act (`lead`).
+    It ends above the limit by the tolerated `margin`. There is no tolerance at the end of
+    authority.
     """
 
     def __init__(
         self, config: AtpConfig, braking: SafeBraking, line: LineMap, *, train_length_m: float
     ) -> None:
-        """Raises ValueError for a line that falls more than the guaranteed brake rate can hold."""
+        """Raises ValueError for a line that is too steep downhill for the guaranteed brake rate."""
         self._line = line
         self._braking = braking
         self._length_m = train_length_m
@@ -67,12 +68,11 @@ class CeilingMap:
         authority_end_m: float,
         restrictions: Sequence[Restriction] = (),
     ) -> Ceiling:
-        """The ceiling of a train whose front lies somewhere in the interval.
+        """Ceiling of a train whose front is somewhere in the interval.
 
-        The front may be as far ahead, the rear as far behind as the interval lets them: what lies
-        ahead counts from its high end, and a limit holds until the rear of its low end is clear.
-        Nothing is permitted to a train whose front may be at the end of authority or beyond it, nor
-        to one of which no finite place is known.
+        Targets ahead count from the high end of the interval. A limit holds until the rear is clear
+        of it, measured from the low end. Nothing is permitted if the front may be at or beyond the
+        end of authority, or if the place is not finite.
         """
         foremost_m = front_m.high
         to_end_m = authority_end_m - foremost_m
@@ -103,7 +103,7 @@ class CeilingMap:
     def _limit_under_mps(
         self, rear_m: float, front_m: float, restrictions: Sequence[Restriction]
     ) -> float:
-        """The least limit under a train that covers [rear, front]; sections are half-open."""
+        """The lowest limit under a train that covers [rear, front]. Sections are half-open."""
         limit_mps = self._line.least_limit_mps(rear_m, front_m)
         for under in restrictions:
             if under.start_m <= front_m and rear_m < under.end_m:
@@ -119,7 +119,7 @@ class CeilingMap:
         target_mps: float,
         margins_mps: _Four,
     ) -> None:
-        """Bring the four down to the curves towards one point ahead."""
+        """Lower the four speeds to the curves towards one target ahead."""
         work_j_per_kg = profile.work_j_per_kg(at_m)
         for index, lead_s in enumerate(self._leads_s):
             least[index] = profile.speed_mps(
@@ -131,7 +131,7 @@ class CeilingMap:
             )
 
     def _profile(self, steps: int) -> BrakingProfile:
-        """Made once for each width of the interval, in steps."""
+        """Braking profile for the width of the interval, in steps. Each is computed once."""
         profile = self._profiles.get(steps)
         if profile is None:
             if len(self._profiles) >= PROFILES_MAX:
@@ -142,7 +142,9 @@ class CeilingMap:
         return profile
 
     def _distance_that_never_binds_m(self) -> float:
-        """From here on every curve lies over the highest speed of the line, wherever it falls."""
+        """Distance from which every curve lies above the highest speed of the line, even on the
+        steepest part.
+        """
         line = self._line
         worst_permille = line.worst_gradient_permille(line.start_m, line.end_m)
         try:

@@ -1,11 +1,11 @@
-"""What protection is set to: margins, the worst case it reckons with, how long silence may last."""
+"""Settings of protection: margins, worst-case assumptions and input timeouts."""
 
 from dataclasses import dataclass, fields
 
 
 @dataclass(frozen=True, slots=True)
 class Timeouts:
-    """An input older than this counts as lost."""
+    """Age beyond which an input counts as lost."""
 
     tacho_s: float
     brake_s: float
@@ -24,72 +24,75 @@ class Timeouts:
 @dataclass(frozen=True, slots=True)
 class AtpConfig:
     warning_margin_mps: float
-    """Over the permitted speed; reaching a margin counts as exceeding it."""
+    """Margins over the permitted speed. Reaching a margin counts as exceeding it."""
     service_margin_mps: float
     emergency_margin_mps: float
     guaranteed_decel_mps2: float
     """Guaranteed emergency brake rate on level track (GEBR)."""
     runaway_mps2: float
-    """Most that traction gives while it should not."""
+    """Greatest acceleration by traction in the runaway phase."""
     sensing_s: float
-    """From a movement of the wheel to the cycle that may know of it."""
+    """Delay from a movement of the wheel to the first cycle that can see it."""
     traction_cut_s: float
-    """From the command to no tractive effort."""
+    """Delay from the cut-off command to the end of tractive effort."""
     brake_build_up_s: float
-    """From then on until the guaranteed rate counts as there from the first moment."""
+    """Delay from the end of traction until the guaranteed brake rate counts as fully effective."""
     interval_step_m: float
-    """Over changing gradients the front interval counts as wide as the next multiple of this."""
+    """Step to which the width of the front interval is rounded up where the gradient changes."""
     replica_band_mps: float
-    """The two computations of the emergency limit may differ by so much."""
+    """Permitted difference between the two computations of the emergency limit."""
     replica_cycles_max: int
-    """In so many cycles in a row they may differ by more."""
+    """Number of successive cycles in which the difference may be larger."""
     service_lead_s: float
-    """Service braking begins so long before the train would reach the emergency curve."""
+    """Lead of the service brake: time before the train would reach the emergency curve."""
     warning_lead_s: float
-    """The warning so long before service braking."""
+    """Lead of the warning before the service brake."""
     permitted_lead_s: float
-    """The permitted speed lies so long before the warning."""
+    """Lead of the permitted speed before the warning."""
     authority_age_max_s: float
-    """An older authority brakes the train by emergency."""
+    """Age of an authority from which the emergency brake applies."""
     authority_service_ratio: float
-    """Share of that age from which the service brake comes."""
+    """Share of that age from which the service brake applies."""
     orders_age_max_s: float
-    """Older orders mean that the centre is silent; an emergency it ordered lasts all the same."""
+    """Age of orders from which the centre counts as silent. An emergency that it ordered stays in
+    force."""
     rollback_m: float
     held_movement_m: float
-    """A held train that moves farther than this is not held."""
+    """Movement beyond which a train that should be held counts as moving."""
     overruns_max: int
-    """Cycles missed in a row that are still forgiven."""
+    """Number of successive missed cycles that are tolerated."""
     clock_tolerance_s: float
-    """A cycle may come so much sooner or later than cycle time and missed cycles explain."""
+    """Tolerated difference between the interval of two cycles and the value expected from cycle
+    time and missed cycles."""
     brake_unit_s: float
-    """So long after its release the brake unit may report the emergency brake without a break."""
+    """How long the brake unit may continuously report the emergency brake after its release."""
     restricted_mps: float
-    """On sight, with a person at the desk, or with doors that are bypassed."""
+    """Speed on sight, with a person at the desk, or with bypassed doors."""
     creep_mps: float
-    """On sight without a driver."""
+    """Speed on sight without a driver."""
     jog_mps: float
-    """Up or back to a stopping point that was missed."""
+    """Speed of a jog, forwards or backwards, to a stopping point that was missed."""
     flat_warning_margin_mps: float
-    """Over the three speeds above, where no place is needed to know the ceiling."""
+    """Margins over the three fixed speeds above. These ceilings need no known place."""
     flat_service_margin_mps: float
     flat_emergency_margin_mps: float
     takeover_margin_mps: float
-    """Full supervision takes over only so far under its permitted speed."""
+    """Difference below its permitted speed at which full supervision takes over a moving train."""
     jog_m: float
-    """One jog goes no farther."""
+    """Greatest distance of one jog."""
     jog_attempts: int
-    """At one stop."""
+    """Greatest number of jogs at one stop."""
     overshoot_m: float
-    """Passing the stopping point by more brings the emergency brake."""
+    """Distance past the stopping point from which the emergency brake applies."""
     overshoot_mended_m: float
-    """Up to here a jog may mend it; the emergency brake releases itself at standstill."""
+    """Overshoot up to which a jog may correct the stop. The emergency brake then releases itself at
+    standstill."""
     stop_patience_s: float
-    """Asked to stop now, operation may take so long to begin."""
+    """Time that operation has to begin a stop after a request to stop now."""
     stop_decel_mps2: float
-    """From then on it has to slow so much at least, or protection brakes."""
+    """Least deceleration that protection expects after that time. Otherwise it brakes itself."""
     door_window_m: float
-    """Doors open only if the front surely stands so close to the stopping point."""
+    """Doors open only if the whole front interval is this close to the stopping point."""
     timeouts: Timeouts
 
     def __post_init__(self) -> None:
@@ -122,10 +125,10 @@ class AtpConfig:
                 raise ValueError(f"{name} {getattr(self, name)} is negative")
 
     def runaway_s(self, cycle_s: float) -> float:
-        """From reaching a speed until traction is surely cut.
+        """Time from reaching a speed until traction is certainly cut.
 
-        It may be reached just after a cycle has looked, and as many cycles may be missed before the
-        next look as are forgiven in a row.
+        The speed may be reached just after a cycle has sampled it. Then as many cycles may be
+        missed as are tolerated in a row.
         """
         return self.sensing_s + (1 + self.overruns_max) * cycle_s + self.traction_cut_s
 

@@ -1,4 +1,4 @@
-"""The departure interlock: everything that keeps a standing train from setting off, by name."""
+"""The departure interlock: the conditions for a standing train to depart."""
 
 from collections.abc import Mapping
 from typing import Final, NamedTuple
@@ -7,25 +7,25 @@ from can_dbc.vobc import Inhibit
 
 
 class DepartureTerms(NamedTuple):
-    """All that has to be true before a train sets off, each by itself."""
+    """Conditions for departure. Each of them must be true."""
 
     doors_locked: bool
-    """Every door of the train, or the bypass stands in for the proof."""
+    """Every door of the train is proven locked, or the bypass replaces the proof."""
     platform_doors_locked: bool
-    """The centre says so, or is silent while no platform is near, or the bypass stands in for the
-    proof."""
+    """The centre reports them locked, or the bypass replaces the proof. Away from platforms the
+    centre may also be silent."""
     authority_ahead: bool
-    """Some room to the end of a fresh authority."""
+    """There is distance left to the end of a fresh authority."""
     not_held: bool
-    """No order to stay at this platform."""
+    """There is no order to stay at this platform."""
     no_passenger_alarm: bool
-    """None that has to be answered at this platform."""
+    """No passenger alarm requires the train to stay at this platform."""
     no_fire: bool
     no_obstacle: bool
-    """The deflector is heard and was not touched."""
+    """The obstacle deflector reports that it was not touched."""
     awake: bool
     no_emergency: bool
-    """None is latched, and the centre orders none."""
+    """No emergency is latched, and the centre orders none."""
     centre_heard: bool
 
 
@@ -41,19 +41,19 @@ INHIBIT_WITHOUT: Final[Mapping[str, Inhibit]] = {
     "no_emergency": Inhibit.EMERGENCY,
     "centre_heard": Inhibit.CENTRE_SILENT,
 }
-"""What is said of a term that is not true."""
+"""Inhibit that is reported for each condition that is false."""
 
 # Plain numbers: operators on an IntFlag cost a microsecond each, every cycle.
 _WITHOUT: Final = tuple(int(INHIBIT_WITHOUT[term]) for term in DepartureTerms._fields)
 _FLAGS: Final = tuple(Inhibit(number) for number in range(sum(_WITHOUT) + 1))
 
 NOT_AGAINST_JOG: Final = Inhibit.HOLD | Inhibit.AUTHORITY
-"""A train that is told to stay may move up to where its doors can open; how far it may go for
-that, ahead and back, the jog has rules of its own."""
+"""Inhibits that do not prevent a jog. A held train may move to where its doors can open. Separate
+rules limit the distance of a jog."""
 
 
 def inhibits(terms: DepartureTerms) -> Inhibit:
-    """What stands against setting off; NONE only if every single term is true."""
+    """Inhibits against departure. NONE only if every condition is true."""
     number = 0
     for term, flag in zip(terms, _WITHOUT, strict=True):
         if not term:

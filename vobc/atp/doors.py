@@ -1,4 +1,4 @@
-"""Door enable: protection lets doors open only where and when nobody can fall out."""
+"""Door enable: protection enables doors only where and when no person can fall out."""
 
 from collections.abc import Mapping
 from typing import Final, NamedTuple
@@ -17,23 +17,23 @@ SHUT: Final = DoorEnable(False, False)
 
 
 class DoorTerms(NamedTuple):
-    """All that has to be true before a side is enabled (IEEE 1474), each by itself."""
+    """Conditions for enabling a side (IEEE 1474). Each of them must be true."""
 
     standstill: bool
-    """Zero speed is proven by an odometer that is heard."""
+    """An odometer in communication proves zero speed."""
     localised: bool
     near_platform: bool
-    """Some part of the train may stand at a platform."""
+    """Some part of the train may be at a platform."""
     aligned: bool
-    """The whole position interval lies in the window around the stopping point."""
+    """The whole position interval is in the window around the stopping point."""
     holding_applied: bool
-    """Confirmed by the brake unit, freshly."""
+    """A fresh message of the brake unit confirms it."""
     traction_cut: bool
-    """Confirmed by the traction unit, freshly."""
+    """A fresh message of the traction unit confirms it."""
     no_emergency: bool
-    """No emergency is latched and waits for its reset."""
+    """No emergency is latched and waiting for its reset."""
     authorised: bool
-    """The centre lets doors open on the side where the map has the platform."""
+    """The centre permits doors on the side where the line map has the platform."""
     centre_heard: bool
 
 
@@ -48,7 +48,7 @@ WITHHELD_WITHOUT: Final[Mapping[str, Withheld]] = {
     "authorised": Withheld.NOT_AUTHORISED,
     "centre_heard": Withheld.CENTRE_SILENT,
 }
-"""What is said of a term that is not true."""
+"""Reason that is reported for each condition that is false."""
 
 # Plain numbers: operators on an IntFlag cost a microsecond each, every cycle.
 _WITHOUT: Final = tuple(int(WITHHELD_WITHOUT[term]) for term in DoorTerms._fields)
@@ -56,7 +56,7 @@ _FLAGS: Final = tuple(Withheld(number) for number in range(sum(_WITHOUT) + 1))
 
 
 def withheld(terms: DoorTerms) -> Withheld:
-    """What stands against enabling doors; NONE only if every single term is true."""
+    """Reasons against enabling doors. NONE only if every condition is true."""
     number = 0
     for term, flag in zip(terms, _WITHOUT, strict=True):
         if not term:
@@ -65,10 +65,10 @@ def withheld(terms: DoorTerms) -> Withheld:
 
 
 def enabled_doors(reasons: Withheld, platform: PlatformSide | None) -> DoorEnable:
-    """The side at the platform while nothing stands against it; it goes as soon as anything does.
+    """Enable the platform side while there is no reason against it.
 
     Args:
-        platform: side of the platform at which the train stands right; None at none.
+        platform: side of the platform at which the train is aligned. None: at no platform.
     """
     if reasons:
         return SHUT
@@ -79,5 +79,5 @@ def enabled_doors(reasons: Withheld, platform: PlatformSide | None) -> DoorEnabl
 
 
 def is_aligned(station: Station, front_m: Interval, *, window_m: float) -> bool:
-    """The front surely stands within ±window_m of the stopping point; the edges belong to it."""
+    """The whole front interval is within ±window_m of the stopping point, edges included."""
     return station.stop_m - window_m <= front_m.low and front_m.high <= station.stop_m + window_m

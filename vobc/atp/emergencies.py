@@ -1,4 +1,4 @@
-"""Why the emergency brake comes, and who may release it. One table."""
+"""Causes of the emergency brake and who may release it, in one table."""
 
 import enum
 from collections.abc import Callable
@@ -14,7 +14,7 @@ Guard = Callable[[GuardInputs], bool]
 
 
 class When(enum.Enum):
-    """In which states of supervision a cause is looked for."""
+    """States of supervision in which a cause is checked."""
 
     MOVING = "while the train may move"
     HELD = "while it is held"
@@ -22,7 +22,7 @@ class When(enum.Enum):
 
 
 class Reset(enum.IntFlag):
-    """Who lets the train go again, once it stands and the cause is gone."""
+    """Who may reset a cause at standstill once it is gone."""
 
     DESK = 1
     CENTRE = 2
@@ -32,9 +32,9 @@ class Reset(enum.IntFlag):
 
 
 def over_emergency(seen: GuardInputs) -> bool:
-    """A bound of the speed reaches the limit; a train that stands exceeds nothing.
+    """A bound of the speed reaches the limit. A standing train never exceeds it.
 
-    Under full supervision the second computation may say so first: either of the two is enough.
+    Under full supervision the second computation may find it first. Either of the two is enough.
     """
     return not seen.standing and (
         not surely_slower(seen, seen.ceiling.emergency_mps)
@@ -43,7 +43,7 @@ def over_emergency(seen: GuardInputs) -> bool:
 
 
 def surely_slower(seen: GuardInputs, limit_mps: float) -> bool:
-    """By both bounds of the speed, forwards and backwards; one that is no number is not."""
+    """Both bounds of the speed, forwards and backwards, are below the limit. NaN is not."""
     return -limit_mps < seen.speed_mps.low and seen.speed_mps.high < limit_mps
 
 
@@ -71,7 +71,7 @@ def rolled_back(seen: GuardInputs) -> bool:
 
 
 def backed_too_far(seen: GuardInputs) -> bool:
-    """Behind what protects the rear of a jog."""
+    """The train is farther back than the place that protects the rear during a jog."""
     return not seen.behind_jog_m < seen.limits.rollback_m
 
 
@@ -95,7 +95,10 @@ def _moved(seen: GuardInputs) -> bool:
 
 
 def vital_lost(seen: GuardInputs) -> bool:
-    """Silence counts; a unit that says it is not ready still answers, and the train may coast."""
+    """A vital input is silent.
+
+    A unit that reports not ready still answers, and the train may coast.
+    """
     return not seen.standing and bool(seen.silent & VITAL_IN_MOTION)
 
 
@@ -160,23 +163,23 @@ def never(_seen: GuardInputs) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class EmergencyRule:
-    """One cause, from its coming to its release."""
+    """One cause with its conditions for application and release."""
 
     cause: Cause
     comes: Guard
-    """The cause is there. Where it is looked for, it also bars the release."""
+    """Condition of the cause. In the states where it is checked, it also prevents the release."""
     when: When
     reset_by: Reset
     words: str
-    """For the log and the person at the desk."""
+    """Text for the log and the driver's desk."""
     by_itself: Guard = never
-    """At standstill nobody needs to reset it while this holds."""
+    """While this holds at standstill, the cause needs no reset."""
 
 
 EITHER: Final = Reset.DESK | Reset.CENTRE
 
 RULES: Final = (
-    # What makes every other answer worthless comes first, then people, then the train.
+    # Causes that invalidate every other result come first, then people, then the train.
     EmergencyRule(Cause.NOT_FINITE, not_finite, When.ALWAYS, Reset.DESK, "a number was not finite"),
     EmergencyRule(Cause.CLOCK_STEPPED, clock_stepped, When.ALWAYS, Reset.DESK, "the clock stepped"),
     EmergencyRule(
@@ -300,13 +303,14 @@ LOOKED_AT: Final = {
     Supervision.SERVICE: _MOVING,
     Supervision.EMERGENCY: _HELD,
 }
-"""Rules that count in each state. A train under the emergency brake is a train that is held."""
+"""Rules checked in each state. A train under the emergency brake counts as held."""
 
 
 def latched_after(state: Supervision, seen: GuardInputs) -> tuple[Cause, ...]:
-    """What keeps the emergency brake on from now on: what did and is not released, what came.
+    """Causes that keep the emergency brake on: earlier ones not yet released, and new ones.
 
-    Every cause is released by whom its own rule names; the brake comes off when none is left.
+    Each cause is released by the source that its rule names. The brake is released when no cause is
+    left.
     """
     kept = [cause for cause in seen.latched if not released(RULE_OF[cause], seen)]
     for rule in LOOKED_AT[state]:
@@ -316,7 +320,7 @@ def latched_after(state: Supervision, seen: GuardInputs) -> tuple[Cause, ...]:
 
 
 def released(rule: EmergencyRule, seen: GuardInputs) -> bool:
-    """The train stands, the cause is gone, and somebody who may has just reset it."""
+    """The train stands, the cause is gone, and a permitted source has just reset it."""
     if not seen.at_rest or (rule.when is When.ALWAYS and rule.comes(seen)):
         return False
     return bool(seen.resets & rule.reset_by) or rule.by_itself(seen)

@@ -1,10 +1,10 @@
-"""The second computation of the emergency limit: the train's energy, followed to what lies ahead.
+"""Second computation of the emergency limit, by the energy of the train at the targets ahead.
 
-`CeilingMap` reckons backwards, from each target to the highest speed here. `EnergyCheck` reckons
-forwards, from the speed there is, in the form of seed 000: kinetic energy now, plus the work of
-traction in t1 and of the fall, minus the work of the brake, against the energy allowed at the
-target. The two share settings and the track database and nothing else, so that a mistake in one
-does not also hide in the other. `Replicas` watches that they say the same.
+`CeilingMap` computes backwards, from each target to the highest present speed. `EnergyCheck`
+computes forwards from the present speed, in the form of [Lin]. It takes the kinetic energy, adds
+the work of traction in t1 and of the gradient, and subtracts the work of the brake. It compares the
+result with the energy allowed at the target. The two share only settings and track database, so a
+mistake in one does not hide in the other. `Replicas` checks that they agree.
 """
 
 import math
@@ -17,27 +17,28 @@ from vobc.atp.config import AtpConfig
 from vobc.vocabulary import Interval, Restriction
 
 WEIGHT_N_PER_KG: Final = 9.81
-"""Of this standstill takes the share that a falling track has of its length in height."""
+"""Gravity. Standstill on a gradient takes its share of this, in proportion to the height per
+length."""
 
 
 class _Phase(NamedTuple):
-    """A part of the worst motion: what the train does by itself, and for how long."""
+    """Part of the worst motion: force on the train and duration."""
 
     push_n_per_kg: float
-    """Force per mass along the track, the fall apart."""
+    """Force per mass along the track, without the gradient."""
     lasts_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class _Target:
-    """A place ahead and the kinetic energy that may be left there."""
+    """A place ahead and the kinetic energy permitted there."""
 
     at_m: float
     energy_j_per_kg: float
 
 
 class _Fall(NamedTuple):
-    """A section that falls, and how hard it pulls."""
+    """A downhill section and its force."""
 
     start_m: float
     end_m: float
@@ -45,11 +46,11 @@ class _Fall(NamedTuple):
 
 
 class EnergyCheck:
-    """Whether the train would have too much energy left at something ahead if all went wrong now.
+    """Whether the train would have too much energy at a target ahead after the worst reaction now.
 
-    The motion is that of the safe braking model as `profile` declares it: the foremost front of the
-    interval, each falling section pulling from the moment at which this front comes to it until the
-    hindmost rear is off it, the steepest one if there are several.
+    The motion follows the safe braking model as `profile` defines it. It starts at the foremost
+    front of the interval. Each downhill section acts from when this front reaches it until the
+    hindmost rear leaves it. Of several, the steepest one acts.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class EnergyCheck:
         self._length_m = train_length_m
         self._step_m = config.interval_step_m
         self._margin_mps = config.emergency_margin_mps
-        # One cycle until the speed is looked at, and as many more as may be missed in a row.
+        # One cycle until the speed is sampled, plus the cycles that may be missed in a row.
         looks_late_s = sum([cycle_s] * (config.overruns_max + 1))
         t1_s = config.sensing_s + looks_late_s + config.traction_cut_s
         self._phases = (
@@ -71,7 +72,7 @@ class EnergyCheck:
             for g in line.gradients
             if g.gradient_permille < 0.0
         )
-        # The first and the last limit of a line hold beyond its ends, too.
+        # The first and the last limit of a line also hold beyond its ends.
         starts_m = [-math.inf, *(section.start_m for section in line.speed_sections[1:])]
         ends_m = [*starts_m[1:], math.inf]
         limits_mps = [section.limit_mps for section in line.speed_sections]
@@ -88,13 +89,13 @@ class EnergyCheck:
     ) -> bool:
         """Whether the emergency brake is needed now.
 
-        Args:
-            front_m: the front lies somewhere in it; ahead counts from its high end.
-            speed_high_mps: upper bound; a train that runs backwards counts as standing.
-            authority_end_m: the front must not reach it.
-            restrictions: temporary ones, in any order; they count like civil limits.
+        A place or speed that is not finite needs the brake.
 
-        A place or a speed that is not finite needs the brake.
+        Args:
+            front_m: interval of the front. Targets ahead count from its high end.
+            speed_high_mps: upper bound. A train that runs backwards counts as standing.
+            authority_end_m: the front must not reach it.
+            restrictions: temporary ones, in any order. They count like civil limits.
         """
         if not (math.isfinite(front_m.high - front_m.low) and math.isfinite(speed_high_mps)):
             return True
@@ -115,10 +116,10 @@ class EnergyCheck:
     def _arrives_with_too_much(
         self, front_m: Interval, energy_j_per_kg: float, targets: Sequence[_Target]
     ) -> bool:
-        """Follow the energy from target to target, in order, until one is missed or it is spent.
+        """Follow the energy from target to target until it is too high at one, or is used up.
 
-        A limit that the train is under lies behind its front: there the energy now counts. At the
-        end of authority, which is one of the targets, any energy is too much.
+        A limit that already applies lies behind the front, so the present energy counts. At the end
+        of authority, which is one of the targets, any energy is too much.
         """
         steps = math.ceil((front_m.high - front_m.low) / self._step_m)
         covered_m = self._length_m + steps * self._step_m
@@ -148,7 +149,9 @@ class EnergyCheck:
         return True
 
     def _pull(self, at_m: float, covered_m: float) -> tuple[float, float]:
-        """The greatest pull under the train with its front here, and where that may change."""
+        """The greatest downhill force on a train with its front here, and the place where it may
+        change.
+        """
         greatest_n_per_kg, until_m = 0.0, math.inf
         for fall in self._falls:
             if fall.start_m > at_m:
@@ -161,14 +164,16 @@ class EnergyCheck:
 
 
 def _way_m(energy_j_per_kg: float, force_n_per_kg: float, time_s: float) -> float:
-    """How far a train comes in a time; if that has no end, until its energy is spent."""
+    """Distance of a train in a time. If the time is infinite: distance until its energy is
+    used up.
+    """
     if time_s == math.inf:
         return -energy_j_per_kg / force_n_per_kg if force_n_per_kg < 0.0 else math.inf
     return (math.sqrt(2.0 * energy_j_per_kg) + 0.5 * force_n_per_kg * time_s) * time_s
 
 
 class Replicas:
-    """Compares the two computations in each cycle and remembers for how long they differed."""
+    """Compares the two computations in each cycle and counts how long they differ."""
 
     def __init__(self, config: AtpConfig, check: EnergyCheck) -> None:
         self._band_mps = config.replica_band_mps
@@ -176,7 +181,7 @@ class Replicas:
         self._check = check
         self._differed = 0
         self.exceeded = False
-        """What the energy check said in the last cycle; either of the two may brake the train."""
+        """Result of the energy check in the last cycle. Either computation may brake the train."""
 
     def agree(
         self,
@@ -186,11 +191,14 @@ class Replicas:
         authority_end_m: float,
         restrictions: Sequence[Restriction] = (),
     ) -> bool:
-        """Once a cycle. False as soon as they differed in more cycles in a row than are forgiven.
+        """Compare once a cycle. False after more differing cycles in a row than are tolerated.
 
-        They differ when one says that the limit is exceeded while by the other the train is clear
-        of it by more than the band. `emergency_mps` is that of the ceiling; the rest is what both
-        were made from. Reaching a limit is exceeding it.
+        They differ if one finds the limit exceeded while the other finds the train below it by more
+        than the band. Reaching a limit counts as exceeding it.
+
+        Args:
+            emergency_mps: emergency limit of the ceiling. The other arguments are the inputs of
+                both.
         """
         speed_mps = max(0.0, speed_high_mps)
         exceeds = self._check.exceeded

@@ -1,11 +1,11 @@
-"""Ceilings that need no place: on sight, at a creep, for a jog."""
+"""Fixed ceilings that need no known place: driving on sight, creep, jog."""
 
 from vobc.atp.config import AtpConfig
 from vobc.vocabulary import Ceiling
 
 
 class FixedCeilings:
-    """One speed each, with small margins of their own."""
+    """One speed each, with separate small margins."""
 
     def __init__(self, config: AtpConfig) -> None:
         self.restricted = _flat(config, config.restricted_mps)
@@ -14,7 +14,9 @@ class FixedCeilings:
 
     @staticmethod
     def under(known: Ceiling, flat: Ceiling) -> Ceiling:
-        """The lower of both in each speed; how far it is to the end is what is known."""
+        """The lower of both in each speed. The distance to the end of authority is that of
+        `known`.
+        """
         return Ceiling(
             min(known.permitted_mps, flat.permitted_mps),
             min(known.warning_mps, flat.warning_mps),

@@ -1,4 +1,4 @@
-"""What protection remembers to see edges and durations: resets, brake unit, clock, stops asked."""
+"""Detection of edges and durations: resets, brake unit, clock, requested stops."""
 
 import math
 from typing import Final
@@ -14,17 +14,22 @@ CENTRE: Final = int(Reset.CENTRE)
 
 
 class Resets:
-    """Tells a fresh reset from one that is held, or was given while nobody could hear it."""
+    """Distinguishes a new reset from one that is held, or that was given while its source was
+    silent.
+    """
 
     def __init__(self) -> None:
         self._was_pressed = True
         self._counted: int | None = None
 
     def step(self, desk: Desk | None, orders: Orders | None) -> int:
-        """Flags of `Reset`, each for one cycle. None stands for whoever is not heard freshly.
+        """Flags of `Reset`, each for one cycle.
 
-        The centre counts its resets: a step up is one. The first count that is heard is none, nor
-        is a step down, which is a centre that began to count anew.
+        The centre counts its resets, and a step up is a reset. The first received count is none. A
+        step down is none either: the centre has restarted its count.
+
+        Args:
+            desk: None if no fresh message is there. The same applies to `orders`.
         """
         given = 0
         pressed = desk is not None and desk.reset_requested
@@ -39,7 +44,7 @@ class Resets:
 
 
 class BrakeUnitWatch:
-    """Notices a brake unit that applies the emergency brake although it was told to release it."""
+    """Detects a brake unit that applies the emergency brake although its release is commanded."""
 
     def __init__(self, config: AtpConfig) -> None:
         self._patience_s = config.brake_unit_s
@@ -47,10 +52,13 @@ class BrakeUnitWatch:
         self._was_free = False
 
     def step(self, brake: BrakeStatus | None, *, released: bool, dt_s: float) -> bool:
-        """`released` is what protection said in the cycle before.
+        """Whether the unit brakes by itself.
 
-        A unit that has reported the brake off applies it for a reason of its own; one that has not
-        gets some time. The report of one that fell silent counts on: silence is no good news.
+        A unit that has already reported the brake off applies it for its own reason. Any other unit
+        gets some time. The last report of a silent unit stays valid.
+
+        Args:
+            released: command of protection in the cycle before.
         """
         if not released:
             self._released_s, self._was_free = 0.0, False
@@ -63,7 +71,7 @@ class BrakeUnitWatch:
 
 
 class StopWatch:
-    """Gives operation time to begin a stop it was asked for, then asks for a least deceleration."""
+    """Gives operation time to begin a requested stop, then requires a least deceleration."""
 
     def __init__(self, config: AtpConfig) -> None:
         self._patience_s = config.stop_patience_s
@@ -72,7 +80,7 @@ class StopWatch:
         self._from_mps: float | None = None
 
     def stop_by_mps(self, asked: bool, *, speed_mps: float, dt_s: float) -> float:
-        """The highest speed that the train may have by now; math.inf while nothing is asked."""
+        """The highest speed permitted by now. math.inf: no stop is requested."""
         if not asked:
             self._asked_s, self._from_mps = 0.0, None
             return math.inf
@@ -86,5 +94,5 @@ class StopWatch:
 
 
 def clock_stepped(dt_s: float, overruns: int, *, cycle_s: float, tolerance_s: float) -> bool:
-    """Whether time passed in a way that cycles, missed ones included, do not explain."""
+    """Whether the elapsed time differs from the cycles, missed ones included."""
     return not (dt_s > 0.0 and abs(dt_s - cycle_s * (1 + overruns)) <= tolerance_s)

@@ -1,4 +1,4 @@
-"""Which of the inputs that protection needs are there, and fresh."""
+"""Presence and age of the inputs that protection needs."""
 
 from typing import Final
 
@@ -18,12 +18,15 @@ LOCALISATION: Final = int(Missing.LOCALISATION)
 ALARMS: Final = int(Missing.ALARMS)
 
 VITAL_IN_MOTION: Final = BRAKE | TRACTION | ODOMETER | DESK
-"""Whom a moving train must hear. Doors unheard count as unlocked and cut traction; a tag reader
-that fell silent shows in the position interval; the authority has an age limit of its own; without
-the detectors of obstacle and fire the train stays at the next station."""
+"""Inputs without which a moving train brakes by emergency.
+
+A silent door unit counts as unlocked and cuts traction. A silent tag reader widens the position
+interval. An authority has its own age limit. Without obstacle and fire detectors the train stays at
+the next station.
+"""
 
 FLAGS: Final = tuple(Missing(number) for number in range(2 * ALARMS))
-"""From plain numbers back to flags."""
+"""Flags by their number."""
 
 WORDS: Final = {
     Missing.BRAKE: "brake unit",
@@ -39,10 +42,9 @@ WORDS: Final = {
 
 
 def silent(seen: CycleInput, config: AtpConfig, *, odometer_usable: bool) -> int:
-    """Nodes that were never heard or not for too long, and an authority that is none any more.
+    """Flags of `Missing` for silent nodes and for an expired authority.
 
-    An odometer that cannot be right is no better than a silent one, an age that is no number no
-    better than one that is too high. Flags of `Missing`.
+    An implausible odometer counts as silent, and a NaN age as too old.
     """
     timeouts = config.timeouts
     gone = 0
@@ -66,7 +68,7 @@ def silent(seen: CycleInput, config: AtpConfig, *, odometer_usable: bool) -> int
 
 
 def unready(seen: CycleInput, motion: Motion | None) -> int:
-    """What is heard but says that it cannot do its work. Flags of `Missing`."""
+    """Flags of `Missing` for nodes that report that they are not ready."""
     bad = 0
     if seen.brake is None or not seen.brake.ready:
         bad |= BRAKE
@@ -80,5 +82,5 @@ def unready(seen: CycleInput, motion: Motion | None) -> int:
 
 
 def in_words(missing: Missing) -> str:
-    """What is missing, in a fixed order, for the log and the person at the desk."""
+    """Text of the missing inputs in a fixed order, for the log and the driver's desk."""
     return ", ".join(words for flag, words in WORDS.items() if flag in missing)

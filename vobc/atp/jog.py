@@ -1,4 +1,4 @@
-"""A stopping point that was missed: how often, how far and how fast the train may mend that."""
+"""Correction of a missed stop by jogs: their number, distance and speed."""
 
 import enum
 from collections.abc import Callable, Mapping
@@ -9,14 +9,15 @@ from can_dbc.vobc import Cause
 from vobc.atp.config import AtpConfig
 
 MOVED_M: Final = 0.1
-"""More than a held train gives way, and than its pulses may say of one that stands."""
+"""Movement that ends standstill. It exceeds the give of a held train and the pulse error of a
+standing one."""
 FINEST_M: Final = 0.1
-"""A jog ends no closer to the stopping point than this; an interval that is too wide to lie in the
-window even then gains nothing by it."""
+"""Least remaining distance of a jog from the stopping point. If the interval does not fit the
+window even then, a jog does not help."""
 
 TAG_AHEAD_M: Final = 0.05
-"""A front that is believed so far past the stopping point at most may still have the stop's tag
-ahead of it: where tags lie and what is believed are off by centimetres."""
+"""Estimated distance past the stopping point up to which the stop's tag may still be ahead. Tag
+places and position are inaccurate by centimetres."""
 
 
 class JogState(enum.Enum):
@@ -28,25 +29,25 @@ class JogState(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class JogFacts:
-    """What the rules of a jog look at in one cycle."""
+    """Inputs of the jog rules in one cycle."""
 
     limits: AtpConfig
     low_m: float
-    """How far past the stopping point the front is at least; negative before it."""
+    """Least distance of the front past the stopping point. Negative before it."""
     best_m: float
     high_m: float
     standstill: bool
     moved_m: float
-    """Since the train last stood, signed."""
+    """Distance since the train last stood, signed."""
     most_moved_m: float
-    """The most that it may be, either way."""
+    """Upper bound of that distance, in either direction."""
     speed_high_mps: float
-    """Most that it may run, either way."""
+    """Upper bound of the speed, in either direction."""
     back_room_m: float
-    """From the rearmost place of the rear back to what the authority protects; negative beyond
-    it, and without such protection."""
+    """Distance from the rearmost place of the rear back to the protected place. Negative beyond it,
+    and without protection."""
     attempts: int
-    """Begun so far."""
+    """Jogs begun so far."""
 
     @property
     def aligned(self) -> bool:
@@ -70,8 +71,10 @@ def stands_aligned(seen: JogFacts) -> bool:
 
 
 def stands_off(seen: JogFacts) -> bool:
-    """Within reach of a jog that would help: only one on to the stop's tag, which lies where the
-    stop does, makes an interval narrower.
+    """The train stands within reach of a jog that would help.
+
+    A jog helps if the interval would fit the window. It also helps if the stop's tag is still
+    ahead, as that narrows the interval, or if the front is beyond the window.
     """
     if not seen.standstill or seen.aligned or out_of_reach(seen):
         return False
@@ -85,7 +88,7 @@ def stands_off_for_the_last_time(seen: JogFacts) -> bool:
 
 
 def stands_wide(seen: JogFacts) -> bool:
-    """At rest where another jog would not help."""
+    """The train stands where another jog would not help."""
     return seen.standstill and not stands_off(seen)
 
 
@@ -110,7 +113,7 @@ TRANSITIONS: Final[Mapping[JogState, tuple[tuple[Guard, JogState], ...]]] = {
         (stands_wide, JogState.NONE),
     ),
     JogState.USED_UP: (
-        # Otherwise only another stop leads out of it: a person or the centre consents to that.
+        # Otherwise only another stop ends this state, with the consent of a driver or the centre.
         (out_of_reach, JogState.NONE),
         (stands_aligned, JogState.NONE),
     ),
@@ -118,7 +121,7 @@ TRANSITIONS: Final[Mapping[JogState, tuple[tuple[Guard, JogState], ...]]] = {
 
 
 def next_state(state: JogState, seen: JogFacts) -> JogState:
-    """The first guard that holds decides; when none holds the state stays."""
+    """Follow the first guard that holds. If none holds, the state stays."""
     for guard, target in TRANSITIONS[state]:
         if guard(seen):
             return target
@@ -126,7 +129,7 @@ def next_state(state: JogState, seen: JogFacts) -> JogState:
 
 
 def exceeded(state: JogState, seen: JogFacts) -> bool:
-    """An attempt that is too fast, too far or not covered behind, or one too many."""
+    """A jog too fast, too far, or without rear protection, or one more than permitted."""
     if state is JogState.USED_UP:
         return moves(seen)
     if state is not JogState.UNDER_WAY:
@@ -140,10 +143,10 @@ def exceeded(state: JogState, seen: JogFacts) -> bool:
 
 
 def overshot(state: JogState, seen: JogFacts, *, began_m: float, standing: bool) -> bool:
-    """The stopping point is surely passed by too much, and the train still moves.
+    """The front is certainly past the stopping point by too much, and the train still moves.
 
     Args:
-        began_m: `best_m` where the present jog began; a jog back begins beyond the limit.
+        began_m: `best_m` where the present jog began. A jog back begins beyond the limit.
     """
     if standing or seen.low_m <= seen.limits.overshoot_m:
         return False
@@ -151,12 +154,14 @@ def overshot(state: JogState, seen: JogFacts, *, began_m: float, standing: bool)
 
 
 def mends_itself(seen: JogFacts) -> bool:
-    """An overshoot that a jog back can mend; the whole interval has to lie within its reach."""
+    """A jog back can correct the overshoot. The whole interval must be within its reach."""
     return seen.low_m > 0.0 and seen.high_m <= seen.limits.overshoot_mended_m
 
 
 def back_m(seen: JogFacts) -> float:
-    """How far back the train may still go: to its stopping point, as far as its rear is covered."""
+    """Distance that the train may still go back: to its stopping point, if its rear is
+    protected.
+    """
     wanted_m = seen.best_m + seen.limits.door_window_m
     if seen.best_m <= 0.0:
         return 0.0
@@ -166,18 +171,18 @@ def back_m(seen: JogFacts) -> float:
 @dataclass(frozen=True, slots=True)
 class JogVerdict:
     permitted: bool = False
-    """As far as the stop is concerned; others say whether it may move at all."""
+    """Permitted by the rules of the stop. Other rules decide whether the train may move at all."""
     back_m: float = 0.0
     attempts: int = 0
     emergency: Cause = Cause.NONE
     self_release: bool = False
     used_up: bool = False
     out_of_reach: bool = False
-    """It stands too far past the stopping point: on to the next station, with consent."""
+    """It stands too far past the stopping point and continues to the next station, with consent."""
 
 
 class JogGuard:
-    """Remembers the stop in question, the attempts made there and where the present one began."""
+    """State of the jogs at one stop: attempts, and where the present one began."""
 
     def __init__(self) -> None:
         self.state = JogState.NONE
@@ -186,10 +191,9 @@ class JogGuard:
         self._began_m = 0.0
 
     def heads_for(self, stop_m: float | None) -> bool:
-        """Whether that is the stop of the cycle before; attempts are forgotten only for a new one.
+        """Whether the train heads for a stop. A new stop resets the attempts.
 
-        None, while nobody heads for a stop, ends an attempt, but a stop that comes back after that
-        finds its attempts again.
+        None ends an attempt. If the same stop returns later, its attempts count on.
         """
         same = stop_m == self._stop_m
         if stop_m is not None and not same:

@@ -1,4 +1,4 @@
-"""Operating modes: which kind of movement is supervised, and what it needs. A table."""
+"""Operating modes: kinds of supervised movement and their requirements, as a table."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -21,21 +21,21 @@ from vobc.atp.seen import GuardInputs
 Guard = Callable[[GuardInputs], bool]
 
 ON_SIGHT: Final = BRAKE | TRACTION | ODOMETER | DOORS | DESK
-"""Without these nothing ever moves."""
+"""Inputs without which no movement begins."""
 PLACED: Final = ON_SIGHT | ALARMS | TAG_READER | AUTHORITY | LOCALISATION
 
 NEEDED: Final[Mapping[OperatingMode, int]] = {
     OperatingMode.RESTRICTED: ON_SIGHT,
-    # Nobody looks out of the front window.
+    # No driver looks out of the front window.
     OperatingMode.CREEP: ON_SIGHT | ALARMS,
     OperatingMode.AUTHORISED: PLACED,
     OperatingMode.JOG: PLACED,
 }
-"""What must not be missing when a movement begins, as flags of `Missing`. A mode that is not in
-here does not move."""
+"""Inputs that a mode needs to begin a movement, as flags of `Missing`. A mode that is not listed
+does not move."""
 
 SUPERVISED: Final = frozenset({OperatingMode.AUTHORISED, OperatingMode.JOG})
-"""Modes that rest on a movement authority and on knowing the place."""
+"""Modes that need a movement authority and a known place."""
 
 UNHEEDED: Final[Mapping[OperatingMode, Inhibit]] = {
     OperatingMode.ASLEEP: Inhibit.NONE,
@@ -45,7 +45,7 @@ UNHEEDED: Final[Mapping[OperatingMode, Inhibit]] = {
     OperatingMode.AUTHORISED: Inhibit.NONE,
     OperatingMode.JOG: NOT_AGAINST_JOG,
 }
-"""What keeps a train from departing, but not from moving in this mode."""
+"""Departure inhibits that do not prevent movement in this mode."""
 
 
 def told_to_sleep(seen: GuardInputs) -> bool:
@@ -57,12 +57,12 @@ def woken(seen: GuardInputs) -> bool:
 
 
 def emergency_at_rest(seen: GuardInputs) -> bool:
-    """What was permitted before an emergency has to be asked for again."""
+    """After an emergency the earlier permission must be requested again."""
     return seen.standing and bool(seen.latched)
 
 
 def ready_at_standstill(seen: GuardInputs) -> bool:
-    """On an authority that the next moment makes too old nothing begins."""
+    """No movement begins on an authority that is about to expire."""
     return _may_begin(seen, OperatingMode.AUTHORISED) and authority_is_fresh(seen)
 
 
@@ -79,13 +79,13 @@ def _may_begin(seen: GuardInputs, mode: OperatingMode) -> bool:
 
 
 def authority_is_fresh(seen: GuardInputs) -> bool:
-    """Far from too old: it asks for no service brake yet."""
+    """The authority is young enough to need no service brake."""
     limits = seen.limits
     return seen.authority_age_s < limits.authority_service_ratio * limits.authority_age_max_s
 
 
 def place_and_authority_found(seen: GuardInputs) -> bool:
-    """Full supervision takes over only from a train that is already well within it."""
+    """Full supervision takes over a train only if its speed is well below the ceiling."""
     quick_mps = seen.speed_mps.high + seen.limits.takeover_margin_mps
     return (
         not seen.latched
@@ -96,7 +96,7 @@ def place_and_authority_found(seen: GuardInputs) -> bool:
 
 
 def lacks_at_rest(seen: GuardInputs) -> bool:
-    """The quick sign is enough to hold a train; only letting it go takes the proof."""
+    """The quick sign of standstill is enough to hold a train. Releasing it needs the proof."""
     return seen.standing and bool(seen.missing & NEEDED[seen.mode])
 
 
@@ -121,7 +121,7 @@ _ENDS: Final = (
     (told_to_sleep, OperatingMode.ASLEEP),
     (lacks_at_rest, OperatingMode.STANDBY),
 )
-"""Of every movement, and only at rest: what happens to a moving train is for supervision to say."""
+"""Ends of every movement. They apply only at rest; supervision handles a moving train."""
 
 TRANSITIONS: Final[Mapping[OperatingMode, tuple[tuple[Guard, OperatingMode], ...]]] = {
     OperatingMode.ASLEEP: ((woken, OperatingMode.STANDBY),),
@@ -150,11 +150,11 @@ TRANSITIONS: Final[Mapping[OperatingMode, tuple[tuple[Guard, OperatingMode], ...
         (jog_over_at_rest, OperatingMode.AUTHORISED),
     ),
 }
-"""The only ways up without standing still lead into full supervision."""
+"""A moving train can only change to full supervision."""
 
 
 def next_mode(mode: OperatingMode, seen: GuardInputs) -> OperatingMode:
-    """The first guard that holds decides; when none holds the mode stays."""
+    """Follow the first guard that holds. If none holds, the mode stays."""
     for guard, target in TRANSITIONS[mode]:
         if guard(seen):
             return target

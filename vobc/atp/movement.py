@@ -1,4 +1,4 @@
-"""What protection remembers of the way: how far back, how far from where it was held or granted."""
+"""Distances of the train: rollback, movement while held, and movement during a jog."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -8,30 +8,31 @@ from vobc.vocabulary import Motion
 
 class _Jog(NamedTuple):
     from_m: float
-    """Where it was granted."""
+    """Where the jog was granted."""
     back_to_m: float
-    """The train may go back to here."""
+    """Hindmost place to which the train may go back."""
 
 
 class Movement:
-    """Distances on one way, which no tag makes jump."""
+    """Distances along one odometer reading. Tags do not shift it."""
 
     def __init__(self) -> None:
         self._foremost_m = 0.0
         self._held_at_m = 0.0
         self._jog: _Jog | None = None
         self.rollback_m = 0.0
-        """Back from the foremost place; a jog may go back and counts nothing of it."""
+        """Distance back from the foremost place. 0 during a jog, which may go back."""
         self.held_m = 0.0
-        """Either way from where it was last to be held."""
+        """Distance from the place where the train was last to be held, in either direction."""
         self.jog_m = 0.0
-        """Either way from where the jog was granted; 0 without one."""
+        """Distance from the place where the jog was granted, in either direction. 0 without a jog.
+        """
         self.behind_jog_m = 0.0
-        """Back from the place up to which the jog's rear is protected; 0 without one."""
+        """Distance back from the place that protects the rear during a jog. 0 without a jog."""
 
     def look(self, travel_m: float) -> None:
-        """Measure, before anything is decided."""
-        # In this order: a way that is no number is not the foremost place for ever.
+        """Measure, before any decision."""
+        # With this order of arguments, max() ignores a NaN.
         self._foremost_m = max(self._foremost_m, travel_m)
         self.held_m = abs(travel_m - self._held_at_m)
         if self._jog is None:
@@ -46,13 +47,13 @@ class Movement:
         self._held_at_m = travel_m
 
     def begin_anew(self, travel_m: float) -> None:
-        """The train comes to be held: what it rolled back before is over."""
+        """Restart the measurement, because the train is to be held from now on."""
         self._held_at_m = self._foremost_m = travel_m
 
     def jogs(self, motion: Motion, jog_back_m: float) -> None:
-        """A jog is granted. How far back it may go is settled while the train stands.
+        """Grant a jog. How far back it may go is fixed while the train stands.
 
-        What is settled once only gets less: a train that rolls back bit by bit gains nothing.
+        The limit can only become tighter, so a train that rolls back bit by bit gains nothing.
         """
         back_to_m = motion.travel_m - jog_back_m
         jog = self._jog
@@ -68,10 +69,10 @@ class Movement:
 
 
 class Movements:
-    """By pulses alone, and by what is believed of the ground while wheels slip.
+    """Distances by pulses alone, and by the estimated movement over ground during slip.
 
-    Either may be wrong: pulses of a wheel that spins or is locked, belief where an accelerometer
-    makes a slip of none. What says more counts.
+    Either may be wrong: pulses of a spinning or locked wheel, or the estimate if a faulty
+    accelerometer simulates slip. The larger value counts.
     """
 
     def __init__(self) -> None:
@@ -83,7 +84,7 @@ class Movements:
         self.behind_jog_m = 0.0
 
     def look(self, motion: Motion) -> None:
-        """Measure, before anything is decided."""
+        """Measure, before any decision."""
         counted, believed = self._counted, self._believed
         counted.look(motion.pulses_m)
         believed.look(motion.travel_m)
@@ -97,12 +98,12 @@ class Movements:
         self._believed.held_here(motion.travel_m)
 
     def begin_anew(self, motion: Motion) -> None:
-        """The train comes to be held: what it rolled back before is over."""
+        """Restart the measurement, because the train is to be held from now on."""
         self._counted.begin_anew(motion.pulses_m)
         self._believed.begin_anew(motion.travel_m)
 
     def jogs(self, motion: Motion, jog_back_m: float) -> None:
-        """A jog is granted, on both ways alike."""
+        """Grant a jog by both measures."""
         self._counted.jogs(replace(motion, travel_m=motion.pulses_m), jog_back_m)
         self._believed.jogs(motion, jog_back_m)
 

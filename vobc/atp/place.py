@@ -1,4 +1,4 @@
-"""Where a train is in terms of platforms, from the worst ends of its position interval."""
+"""Place of a train relative to platforms, by the ends of its position interval."""
 
 import enum
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ class PlatformWhereabouts(enum.Enum):
 class PlatformPlace(NamedTuple):
     where: PlatformWhereabouts
     station: Station | None
-    """Whose platform it is; None where there is none."""
+    """Station of the platform. None: no platform."""
 
 
 UNKNOWN = PlatformPlace(PlatformWhereabouts.UNKNOWN, None)
@@ -31,7 +31,9 @@ BETWEEN = PlatformPlace(PlatformWhereabouts.BETWEEN, None)
 def place_of(
     stations: Sequence[Station], front_m: Interval, *, train_length_m: float, window_m: float
 ) -> PlatformPlace:
-    """The platform that the train may touch; of two it is the one behind, which it has to clear."""
+    """Platform that the train may touch. Of two it is the rear one, which the train has to
+    clear.
+    """
     rear_m = front_m.low - train_length_m
     for station in stations:
         if front_m.high < station.platform_start_m or station.platform_end_m < rear_m:

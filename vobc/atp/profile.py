@@ -1,13 +1,13 @@
-"""The safe braking model over a track whose gradient changes, exact from section to section.
+"""The safe braking model on changing gradients, exact from section to section.
 
-Declared: at each place the train falls with the steepest falling section that any part of it may
-be on. The front whose way is followed is the foremost one of the front interval; the train reaches
-back from it by its length and by the width of the interval. So no front of the interval, at its own
-place, feels a greater fall than this one did there.
+Assumption: at each place the steepest downhill section under any part of the train acts. The
+computation follows the foremost front of the front interval. The train extends back from it by its
+length and by the width of the interval. Any other front of the interval therefore meets at most the
+same gradient at its own place.
 
-That is the worst motion: the acceleration never grows from phase to phase, so a train that starts
-slower or farther back comes to each place later, is in the same phase or a later one, feels no more
-fall, and is never faster there.
+This is the worst motion. The acceleration never grows from phase to phase. A train that starts
+slower or farther back reaches each place later, in the same phase or a later one. It meets no
+steeper gradient and is never faster there.
 """
 
 import itertools
@@ -19,20 +19,26 @@ from firmware_py.trackdb import LineMap
 from vobc.atp.braking import SafeBraking, fall_of_mps2
 
 CLOSE_MPS: Final = 1e-6
-"""A speed that is found step by step lies at most so much under the exact one, never over it."""
+"""Accuracy of a speed found by iteration. It is below the exact speed by at most this, and never
+above."""
 BEYOND_MPS: Final = 0.25 * CLOSE_MPS
 
 
 class BrakingProfile:
-    """Braking curves of one train on one line, for one reach back from the foremost front.
+    """Braking curves of one train on one line, for one distance back from the foremost front.
 
-    Section i of the profile lies before its edge i and falls with `falls_mps2[i]`; the last edge is
-    at infinity. While it brakes, a train loses of v**2 / 2 just what `work_j_per_kg` grows by; that
-    grows by GEBR minus fall for each metre, so it is exact over any number of sections.
+    Section i of the profile ends at its edge i and has the downhill acceleration `falls_mps2[i]`.
+    The last edge is at infinity. A braking train loses of v**2 / 2 exactly the increase of
+    `work_j_per_kg`. This increase is GEBR minus downhill acceleration per metre, so it is exact
+    over any number of sections.
     """
 
     def __init__(self, braking: SafeBraking, line: LineMap, *, under_m: float) -> None:
-        """`under_m`: reach back from the foremost front. Raises ValueError on too great a fall."""
+        """Compute the sections. Raises ValueError if the line is too steep downhill.
+
+        Args:
+            under_m: distance back from the foremost front.
+        """
         self._braking = braking
         self._edges_m, self._falls_mps2 = _worst_falls(line, under_m)
         self._curves = [braking.falling(fall_mps2) for fall_mps2 in self._falls_mps2]
@@ -45,7 +51,7 @@ class BrakingProfile:
         self._work_at_edges = works
 
     def work_j_per_kg(self, at_m: float) -> float:
-        """Energy per mass that the guaranteed brake has taken up to here, from some fixed place."""
+        """Energy per mass that the guaranteed brake has absorbed up to here, from a fixed place."""
         index = bisect_right(self._edges_m, at_m)
         edge = index - 1 if index else 0
         run_m = at_m - self._edges_m[edge]
@@ -60,21 +66,21 @@ class BrakingProfile:
         lead_s: float,
         below_mps: float,
     ) -> float:
-        """Highest speed here from which the train is down to `target_mps` at the target.
+        """Highest speed here from which the train slows to `target_mps` at the target.
 
         Args:
-            front_m: the foremost front; before the target.
+            front_m: the foremost front, before the target.
             target_j_per_kg: the work at the target.
-            target_mps: also the least value returned: a slower train needs no brake.
-            lead_s: the train runs on at its speed so long before the first phase.
-            below_mps: nothing over this is of interest; the greatest value returned.
+            target_mps: also the least result, because a slower train needs no brake.
+            lead_s: time at constant speed before the first phase.
+            below_mps: the greatest result. Higher speeds are of no interest.
         """
         if target_mps >= below_mps:
             return below_mps
         index = bisect_right(self._edges_m, front_m)
         curve = self._curves[index]
-        # In one section the curve is a closed form; what lies beyond makes its distance as long as
-        # if the section went on until the same work is done.
+        # Within one section the curve has a closed form. The rest is expressed as the distance that
+        # takes the same work if the section went on.
         distance_m = (target_j_per_kg - self.work_j_per_kg(front_m)) / curve.decel_mps2
         speed_mps = curve.speed_mps(distance_m, target_mps=target_mps, lead_s=lead_s)
         begins_m = front_m + speed_mps * (lead_s + curve.reaction_s) + curve.gain_m
@@ -95,10 +101,10 @@ class BrakingProfile:
         low_mps: float,
         high_mps: float,
     ) -> float:
-        """The same where the fall changes before the brake bites: closed in from both sides.
+        """The same where the gradient changes before the brake acts, by iteration from both sides.
 
-        Of v**2 + 2 * work at the moment when the brake bites at most `allowed` may be there. It
-        grows with the speed here, so the root is unique.
+        When the brake begins to act, v**2 + 2 * work may be at most `allowed`. It grows with the
+        present speed, so the root is unique.
         """
         if self._excess(front_m, high_mps, lead_s, allowed)[0] <= 0.0:
             return high_mps
@@ -121,7 +127,7 @@ class BrakingProfile:
     def _excess(
         self, front_m: float, speed_mps: float, lead_s: float, allowed: float
     ) -> tuple[float, float]:
-        """How much more than allowed is there when the brake bites, and about its growth."""
+        """Excess over `allowed` when the brake begins to act, and its approximate slope."""
         braking = self._braking
         at_m, now_mps = front_m + speed_mps * lead_s, speed_mps
         at_m, now_mps = self._run_on(at_m, now_mps, braking.runaway_mps2, braking.runaway_s)
@@ -133,7 +139,7 @@ class BrakingProfile:
     def _run_on(
         self, at_m: float, speed_mps: float, push_mps2: float, left_s: float
     ) -> tuple[float, float]:
-        """Place and speed after a time in which only `push_mps2` and the falls act."""
+        """Place and speed after a time in which only `push_mps2` and the gradient act."""
         index = bisect_right(self._edges_m, at_m)
         while True:
             accel_mps2 = push_mps2 + self._falls_mps2[index]
@@ -148,7 +154,10 @@ class BrakingProfile:
 
 
 def _worst_falls(line: LineMap, under_m: float) -> tuple[list[float], list[float]]:
-    """Edges, the last at infinity, and the fall before each; before its start a line is level."""
+    """Edges, the last at infinity, and the downhill acceleration before each.
+
+    Before its start a line is level.
+    """
     changes_m = {section.start_m for section in line.gradients}
     changes_m |= {section.end_m + under_m for section in line.gradients}
     edges_m = [line.start_m]
@@ -162,7 +171,7 @@ def _worst_falls(line: LineMap, under_m: float) -> tuple[list[float], list[float
 
 
 def _worst_fall_mps2(line: LineMap, at_m: float, under_m: float) -> float:
-    """Of a train whose front is here and whose rear may be `under_m` behind."""
+    """Steepest downhill acceleration under a train from its front here to `under_m` behind."""
     falls_mps2 = [
         fall_of_mps2(section.gradient_permille)
         for section in line.gradients

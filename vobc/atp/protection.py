@@ -38,12 +38,12 @@ __all__ = ["Protection", "ProtectionVerdict"]
 
 MOVING_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 INHIBITS: Final = tuple(Inhibit(number) for number in range(2 * Inhibit.CENTRE_SILENT))
-"""From plain numbers back to flags."""
+"""Flags by their number."""
 HEEDED: Final = {mode: ~int(flags) for mode, flags in UNHEEDED.items()}
 
 
 class Protection:
-    """Holds what protection remembers: mode, state, what is latched, and where the train was."""
+    """State of protection: mode, supervision, latched causes and reference places of the train."""
 
     def __init__(
         self, config: AtpConfig, line: LineMap, *, train_length_m: float, cycle_s: float
@@ -78,12 +78,12 @@ class Protection:
         not_finite: bool,
         stopping_at_m: float | None = None,
     ) -> ProtectionVerdict:
-        """Decide once.
+        """Decide once per cycle.
 
         Args:
-            not_finite: the cycle before ended in the safe output by that.
-            stopping_at_m: the stopping point that operation heads for, as it said in the cycle
-                before. Jogs and overshoots are judged by it, nothing that guards the movement is.
+            not_finite: the cycle before ended in the safe output because a number was not finite.
+            stopping_at_m: the stopping point of operation in the cycle before. It affects only jogs
+                and overshoots, never the supervision of movement.
         """
         seen = self._seen
         gone = silent(image, self._config, odometer_usable=odometer_usable)
@@ -110,13 +110,13 @@ class Protection:
         self._move_on(motion)
         return self._verdict(image, motion, station)
 
-    # What is there.
+    # Inputs.
 
     def _fresh_orders(self, image: CycleInput) -> Orders | None:
         return image.orders if image.orders_age_s <= self._config.orders_age_max_s else None
 
     def _listen(self, image: CycleInput, orders: Orders | None) -> None:
-        """What desk, centre, brake unit and clock say, whatever the wheels do."""
+        """Read desk, centre, brake unit and clock. These do not depend on the odometer."""
         seen, config = self._seen, self._config
         desk = image.desk if not seen.silent & DESK else None
         seen.resets = self._resets.step(desk, orders)
@@ -127,7 +127,7 @@ class Protection:
         seen.sight_asked = seen.person_at_desk and (asked or allowed)
         automatic = desk is not None and desk.mode is CabMode.AUTO
         seen.creep_ordered = automatic and orders is not None and orders.creep
-        # What the centre said last holds on while it is silent, where that is the safe side.
+        # While the centre is silent, its last order stays valid where that is the safe side.
         heard = image.orders
         seen.sleep_ordered = heard is not None and not heard.awake
         seen.ordered_to_stop = heard is not None and heard.emergency
@@ -144,7 +144,7 @@ class Protection:
         seen.authority_age_s = image.authority_age_s
 
     def _full_ceiling(self, image: CycleInput, motion: Motion) -> Ceiling:
-        """Of full supervision; the second computation looks at what it was made from."""
+        """Ceiling of full supervision. The second computation checks it from the same inputs."""
         seen = self._seen
         seen.replicas_disagree = seen.energy_exceeded = False
         if not motion.localised:
@@ -169,7 +169,8 @@ class Protection:
         seen.station_cause = station.emergency
         seen.overshot_little = station.self_release
         seen.jog_granted = station.jog_permitted
-        # Pressed in motion it would brake a fast train to the speed of a bypassed one.
+        # The bypass takes effect only at standstill. In motion it would brake a fast train to the
+        # bypass speed.
         self._bypass = station.door_bypass and (self._bypass or motion.standing)
         if self._bypass:
             seen.missing &= ~DOORS
@@ -182,7 +183,7 @@ class Protection:
             station.stop_now, speed_mps=motion.speed_mps.best, dt_s=image.dt_s
         )
 
-    # What follows from it.
+    # Decisions.
 
     def _jog(self, motion: Motion, station: StationVerdict) -> None:
         if self._seen.mode is OperatingMode.JOG:
@@ -191,7 +192,7 @@ class Protection:
             self._movement.jogs_no_more(motion)
 
     def _ceiling(self, image: CycleInput, motion: Motion, full: Ceiling) -> Ceiling:
-        """What the mode permits: on sight a flat speed, and no more than is known to be ahead."""
+        """Ceiling of the mode. On sight it is a fixed speed, lowered by what is known ahead."""
         seen, flat = self._seen, self._flat
         mode = seen.mode
         if mode is OperatingMode.JOG:
@@ -206,7 +207,7 @@ class Protection:
         return flat.under(full, flat.restricted) if self._bypass else full
 
     def _endless_ceiling(self, image: CycleInput, front_m: Interval) -> Ceiling:
-        """The line's limits and the centre's restrictions, with no end of authority known."""
+        """Limits of the line and restrictions of the centre, without a known end of authority."""
         restrictions = () if image.orders is None else image.orders.restrictions
         known = self._ceilings.at(front_m, math.inf, restrictions)
         return replace(known, distance_to_authority_m=0.0)
@@ -216,15 +217,15 @@ class Protection:
         seen.latched = latched_after(before, seen)
         self._state = next_state(before, seen)
         if self._state is Supervision.EMERGENCY:
-            # Where it comes to rest is where it is to be held.
+            # The train is to be held where it comes to rest.
             self._movement.held_here(motion)
         elif self._state is not before and self._state is Supervision.NO_AUTHORITY:
             self._movement.begin_anew(motion)
 
-    # What goes out.
+    # Outputs.
 
     def _blind(self) -> ProtectionVerdict:
-        """Nothing was ever heard of the wheels: the train is held, nothing else is known."""
+        """Verdict while odometry has no motion yet: the train is held."""
         seen = self._seen
         if self._state in MOVING_STATES:
             seen.latched = (Cause.VITAL_INPUT_LOST,)
@@ -253,7 +254,8 @@ class Protection:
         doors = image.doors
         locked = doors is not None and doors.closed_and_locked and not seen.silent & DOORS
         inhibits = self._inhibits(station)
-        # Stations inhibit until the train has moved some way: a mere pulse does not let it go.
+        # Station inhibits last until the train has moved some distance. A single pulse does not end
+        # them.
         kept = inhibits != 0
         jogs = mode is OperatingMode.JOG and may_move and station.jog_permitted
         back_m = station.jog_back_m if jogs else 0.0
@@ -328,7 +330,7 @@ def _why_service(seen: GuardInputs) -> str:
     if authority_ages(seen):
         return "movement authority is getting old"
     if permission_gone(seen):
-        return "nobody answers for driving on sight any more"
+        return "driving on sight is no longer permitted"
     if stops_not(seen):
         return "operation does not stop as asked"
     return "speed over the service brake limit"

@@ -1,4 +1,4 @@
-"""What others say that matters at stations; what is not heard is read to the safe side."""
+"""Received inputs that matter at stations. Missing inputs are read as the safe value."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from vobc.vocabulary import CycleInput
 @dataclass(frozen=True, slots=True)
 class StationInputs:
     centre: bool
-    """The orders are fresh. All that the centre permits is false while they are not."""
+    """The orders are fresh. Otherwise every permission of the centre is false."""
     doors_left: bool
     doors_right: bool
     platform_doors_locked: bool
@@ -21,7 +21,7 @@ class StationInputs:
     doors_locked: bool
     door_bypass: bool
     passenger_alarm: bool
-    """Certainly raised; a silent desk raises none, it stops the train by itself."""
+    """Certainly raised. A silent desk raises none, because it stops the train by itself."""
     fire: bool
     """Certainly reported."""
     obstacle: bool
@@ -31,7 +31,7 @@ class StationInputs:
 
 
 def listen(seen: CycleInput, config: AtpConfig, gone: int) -> StationInputs:
-    """`gone` says what is not heard, as flags of `Missing`."""
+    """Read the inputs. `gone` lists silent nodes as flags of `Missing`."""
     orders = seen.orders if seen.orders_age_s <= config.orders_age_max_s else None
     desk = None if gone & DESK else seen.desk
     doors = None if gone & DOORS else seen.doors

@@ -1,4 +1,4 @@
-"""What the guards of protection's tables look at, filled anew in each cycle."""
+"""Inputs of the guards in protection's tables. They are refilled in each cycle."""
 
 import math
 from dataclasses import dataclass
@@ -9,78 +9,81 @@ from vobc.atp.config import AtpConfig
 from vobc.vocabulary import Ceiling, Interval
 
 NOWHERE: Final = Ceiling(0.0, 0.0, 0.0, 0.0, 0.0)
-"""Nothing is permitted."""
+"""Ceiling that permits nothing."""
 STILL: Final = Interval(0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
 class GuardInputs:
-    """Everything that a guard may know. What is no number makes a guard decide for the brake."""
+    """All inputs of the guards. With a NaN input a guard decides for the brake."""
 
     limits: AtpConfig
 
-    # How the train moves.
+    # Movement of the train.
     speed_mps: Interval = STILL
     standing: bool = False
-    """The tacho's samples show no pulse any more: quick, but no proof."""
+    """The tacho samples show no pulse. This sign is quick, but no proof of standstill."""
     standstill: bool = False
-    """Proven."""
+    """Zero speed is proven."""
     rollback_m: float = 0.0
-    """How far the train went back from its foremost place."""
+    """Distance back from the foremost place."""
     held_movement_m: float = 0.0
-    """How far it moved, either way, since it was last to be held."""
+    """Distance from the place where the train was last to be held, in either direction."""
     jog_movement_m: float = 0.0
-    """How far it moved, either way, since the jog was granted."""
+    """Distance from the place where the jog was granted, in either direction."""
     behind_jog_m: float = 0.0
-    """How far it is behind the place up to which its rear is protected for a jog."""
+    """Distance behind the place up to which the rear is protected for a jog."""
 
-    # What is there.
+    # Presence of inputs.
     missing: int = 0
-    """What is silent or not ready, as flags of `Missing`."""
+    """Inputs that are silent or not ready, as flags of `Missing`."""
     silent: int = 0
-    """What is not heard."""
+    """Inputs that are silent."""
     authority_age_s: float = 0.0
     ceiling: Ceiling = NOWHERE
-    """Of the present mode."""
+    """Ceiling of the present mode."""
     full_mps: float = 0.0
-    """Permitted under full supervision, whatever the present mode."""
+    """Permitted speed under full supervision, whatever the present mode."""
 
-    # What people, centre and stations ask.
+    # Requests of people, centre and stations.
     sleep_ordered: bool = False
     person_at_desk: bool = False
     sight_asked: bool = False
-    """The person at the desk asks to drive on sight, or the centre lets them."""
+    """The person at the desk asks to drive on sight, or the centre permits it."""
     creep_ordered: bool = False
     jog_granted: bool = False
     stop_by_mps: float = math.inf
-    """A train that was asked to stop now may not be faster than this any more."""
+    """Highest speed permitted by now after a request to stop now."""
     resets: int = 0
-    """Who resets the emergency brake in this very cycle, as flags of `Reset`."""
+    """Sources that reset the emergency brake in this cycle, as flags of `Reset`."""
     overshot_little: bool = False
-    """The stopping point was overshot no farther than a jog mends."""
+    """The overshoot of the stopping point is small enough for a jog to correct it."""
 
-    # What is wrong.
+    # Faults.
     button_pressed: bool = False
     ordered_to_stop: bool = False
     """The centre orders the emergency brake."""
     station_cause: Cause = Cause.NONE
-    """Why stations and passengers need the emergency brake."""
+    """Reason why stations or passengers require the emergency brake."""
     brake_unit_braked: bool = False
-    """The brake unit applied the emergency brake, and nobody had told it to."""
+    """The brake unit applied the emergency brake without a command."""
     overruns: int = 0
     clock_stepped: bool = False
     not_finite: bool = False
-    """The cycle before made a number that is none."""
+    """The cycle before produced a number that was not finite."""
     replicas_disagree: bool = False
     energy_exceeded: bool = False
-    """By the second computation the train has too much energy for what lies ahead."""
+    """By the second computation the train has too much energy for the targets ahead."""
 
-    # What protection itself decided up to now.
+    # Previous decisions of protection.
     mode: OperatingMode = OperatingMode.STANDBY
     latched: tuple[Cause, ...] = ()
-    """What keeps the emergency brake on, the first cause first."""
+    """Causes that keep the emergency brake on, the first one first."""
 
     @property
     def at_rest(self) -> bool:
-        """Proven, and without a pulse: a train that creeps may seem to have zero speed for long."""
+        """Standstill is proven and there is no pulse.
+
+        The speed of a creeping train may seem zero for long.
+        """
         return self.standstill and self.standing

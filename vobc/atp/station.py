@@ -1,4 +1,4 @@
-"""What protection demands at and around platforms: doors, departure, alarms, missed stops."""
+"""Demands of protection at platforms: doors, departure, alarms, missed stops."""
 
 import math
 from dataclasses import dataclass
@@ -23,31 +23,32 @@ NO_JOG: Final = JogVerdict()
 
 @dataclass(frozen=True, slots=True)
 class StationVerdict:
-    """What stations and passengers ask of the movement in one cycle."""
+    """Requirements of stations and passengers on the movement in one cycle."""
 
     doors: DoorEnable
     withheld: Withheld
-    """Why no side is enabled."""
+    """Reasons why no side is enabled."""
     inhibits: Inhibit
-    """Why the train must not set off."""
+    """Reasons why the train must not depart."""
     emergency: Cause
-    """The emergency brake is needed, and why."""
+    """Cause of a required emergency brake."""
     stop_now: bool
     stop_next: bool
     keep_doors_open: bool
     jog_back_m: float
-    """How far back a jog may go; 0 when it may not."""
+    """Distance that a jog may go back. 0: not permitted."""
     jog_permitted: bool
     alarm_raised: bool
     door_bypass: bool
     jog_attempts: int
-    """Made at this stop."""
+    """Jogs made at this stop."""
     self_release: bool
-    """The emergency brake of an overshoot may release itself at standstill: a jog mends it."""
+    """The emergency brake of an overshoot may release itself at standstill, because a jog corrects
+    it."""
 
 
 class _Answers(NamedTuple):
-    """To everything that is wrong on board, the weightiest first."""
+    """Reactions to the faults on board, the most important one first."""
 
     lock: AlarmResponse
     passenger_alarm: AlarmResponse
@@ -56,23 +57,24 @@ class _Answers(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """All that a cycle has found out, before it becomes one verdict."""
+    """All findings of a cycle that form the verdict."""
 
     heard: StationInputs
     place: PlatformPlace
     standing: bool
     answers: _Answers
     alarm: bool
-    """Of passengers or fire; it counts until it is over and the train has stood at a platform."""
+    """Passenger alarm or fire. It lasts until it has ended and the train has stood at a platform.
+    """
     inhibiting: Inhibit
     reasons: Withheld
     jog: JogVerdict
     jog_free: bool
-    """Nothing but the stop itself has a say in a jog."""
+    """Only the rules of the stop itself restrict a jog."""
 
 
 class StationGuard:
-    """Remembers what a platform asks of the train: where it stood, alarms, attempts."""
+    """State at platforms: where the train stood, alarms, attempts."""
 
     def __init__(self, config: AtpConfig, line: LineMap, *, train_length_m: float) -> None:
         self._config = config
@@ -81,11 +83,11 @@ class StationGuard:
         self._stood_at: Station | None = None
         """The platform at which the train last stood."""
         self._stood_m: float | None = None
-        """Distance by pulses where it last stood; None before it ever did."""
+        """Distance by pulses where it last stood. None: it has not stood yet."""
         self._stood_front_m: Interval | None = None
-        """Where its front was then."""
+        """Interval of its front there."""
         self._slipped = False
-        """Wheels slipped or slid since then."""
+        """Wheels have slipped or slid since then."""
         self._passenger_alarm = False
         self._fire = False
         self._jogs = JogGuard()
@@ -100,15 +102,14 @@ class StationGuard:
         may_move: bool,
         stopping_at_m: float | None = None,
     ) -> StationVerdict:
-        """Decide once.
+        """Decide once per cycle.
 
         Args:
-            gone: what is not heard, as flags of `Missing`.
+            gone: silent inputs, as flags of `Missing`.
             emergency: the emergency brake was latched when the cycle began.
             may_move: supervision permits movement (NOMINAL, WARNING or SERVICE).
-            stopping_at_m: the stopping point that operation heads for, as it said in the cycle
-                before; None while it heads for none. Only jogs and overshoots hang on it: a wrong
-                one costs a stop, never safety.
+            stopping_at_m: the stopping point of operation in the cycle before. None: no stop. Only
+                jogs and overshoots depend on it, so a wrong one costs a stop, never safety.
         """
         heard = listen(seen, self._config, gone)
         place = self._place(motion)
@@ -152,7 +153,9 @@ class StationGuard:
         )
 
     def _moved_m(self, motion: Motion, place: PlatformPlace) -> float:
-        """Since the train last stood. One that was met in motion has moved for ever."""
+        """Distance since the train last stood. It is infinite for a train that has not stood
+        yet.
+        """
         if _rests(motion):
             self._stood_m, self._stood_at = motion.travel_m, place.station
             self._stood_front_m, self._slipped = motion.front_m, False
@@ -160,7 +163,7 @@ class StationGuard:
         return math.inf if self._stood_m is None else motion.travel_m - self._stood_m
 
     def _most_moved_m(self, motion: Motion, moved_m: float) -> float:
-        """Once wheels have slipped only the bounds of the place still tell how far it came."""
+        """Upper bound of the distance. After slip only the position bounds are reliable."""
         stood_m, front_m = self._stood_front_m, motion.front_m
         if stood_m is None or not self._slipped:
             return abs(moved_m)
@@ -169,8 +172,10 @@ class StationGuard:
     def _answers(
         self, heard: StationInputs, place: PlatformPlace, motion: Motion, *, moving: bool
     ) -> _Answers:
-        """An alarm counts until it is over and the train has stood at a platform, the lost lock of
-        a door until it is back.
+        """Update alarms and unlocked doors.
+
+        An alarm lasts until it has ended and the train has stood at a platform. A lost door lock
+        lasts until the lock is back.
         """
         over = _rests(motion) and place.station is not None
         self._passenger_alarm = heard.passenger_alarm or (self._passenger_alarm and not over)
@@ -230,7 +235,7 @@ def _verdict(found: _Found) -> StationVerdict:
         stop_now=jog.used_up or any(answer.stop_now for answer in answers),
         stop_next=heard.stop_next
         or any(
-            # A train that stands where it is to stay has made that stop.
+            # A train that already stands where it must stay has made that stop.
             answer.stop_next and not (answer.stay and found.standing)
             for answer in answers
         ),
@@ -249,7 +254,10 @@ def _first(*causes: Cause) -> Cause:
 
 
 def _rests(motion: Motion) -> bool:
-    """Proven, and without a pulse: a train that creeps may seem to have zero speed for long."""
+    """Standstill is proven and there is no pulse.
+
+    The speed of a creeping train may seem zero for long.
+    """
     return motion.standstill and motion.standing
 
 
@@ -266,7 +274,7 @@ def _departure_terms(
     authority_ahead: bool,
     emergency: bool,
 ) -> DepartureTerms:
-    # An order to stay is for a platform; a train that stands short of its stop has not reached it.
+    # An order to stay is for a platform. A train short of its stop has not reached it yet.
     to_stay = place.where not in (PlatformWhereabouts.BETWEEN, PlatformWhereabouts.ARRIVING)
     doors_elsewhere = place.where is PlatformWhereabouts.BETWEEN and not heard.centre
     return DepartureTerms(

@@ -1,4 +1,4 @@
-"""Supervision: from what protection sees to its state. A table and the guards it names."""
+"""Supervision states of protection: a transition table and its guards."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -12,7 +12,7 @@ Guard = Callable[[GuardInputs], bool]
 
 
 def emergency(seen: GuardInputs) -> bool:
-    """At least one cause of `vobc.atp.emergencies` is there, or not released yet."""
+    """At least one cause of `vobc.atp.emergencies` is present or not released yet."""
     return bool(seen.latched)
 
 
@@ -29,13 +29,18 @@ def movement_over(seen: GuardInputs) -> bool:
 
 
 def over_warning(seen: GuardInputs) -> bool:
-    """The best estimate: a warning that came by uncertainty alone would not be heeded for long."""
+    """The best estimate reaches the warning limit.
+
+    A warning by uncertainty alone would soon be ignored.
+    """
     return not seen.standing and not abs(seen.speed_mps.best) < seen.ceiling.warning_mps
 
 
 def service_needed(seen: GuardInputs) -> bool:
-    """Over the limit, an authority that gets old, nobody who answers for driving on sight, or a
-    stop that was asked for and does not come.
+    """The service brake is needed.
+
+    Reasons: speed over the limit, an ageing authority, no permission for driving on sight, or a
+    requested stop that does not happen.
     """
     return over_service(seen) or authority_ages(seen) or permission_gone(seen) or stops_not(seen)
 
@@ -49,19 +54,19 @@ def authority_ages(seen: GuardInputs) -> bool:
 
 
 def permission_gone(seen: GuardInputs) -> bool:
-    """Whoever answers for a movement on sight does so no more."""
+    """The permission for a movement on sight has ended."""
     if seen.mode is OperatingMode.RESTRICTED:
         return not seen.person_at_desk
     return seen.mode is OperatingMode.CREEP and not seen.creep_ordered
 
 
 def stops_not(seen: GuardInputs) -> bool:
-    """Asked to stop now, operation does not."""
+    """Operation does not stop although requested."""
     return not seen.standing and not abs(seen.speed_mps.best) <= seen.stop_by_mps
 
 
 def under_ceiling(seen: GuardInputs) -> bool:
-    """Back where nothing is exceeded and nothing else asks for the brake."""
+    """No limit is exceeded any more, and nothing else requires the brake."""
     under = seen.standing or abs(seen.speed_mps.best) < seen.ceiling.permitted_mps
     return under and not service_needed(seen)
 
@@ -90,12 +95,12 @@ TRANSITIONS: Final[Mapping[Supervision, tuple[tuple[Guard, Supervision], ...]]] 
     ),
     Supervision.EMERGENCY: ((emergency_released, Supervision.NO_AUTHORITY),),
 }
-"""Emergency is latched. It leads back only to the held state, from which the operating mode lets
-the train go; so does the state at start, where nothing is latched."""
+"""EMERGENCY is latched. It leads only to the held state, from which the operating mode releases the
+train. The held state is also the state at start, where nothing is latched."""
 
 
 def next_state(state: Supervision, seen: GuardInputs) -> Supervision:
-    """The first guard that holds decides; when none holds the state stays."""
+    """Follow the first guard that holds. If none holds, the state stays."""
     for guard, target in TRANSITIONS[state]:
         if guard(seen):
             return target

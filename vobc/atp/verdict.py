@@ -1,4 +1,4 @@
-"""What protection says in one cycle."""
+"""Result of protection in one cycle."""
 
 from dataclasses import dataclass
 
@@ -9,36 +9,36 @@ from vobc.vocabulary import Ceiling
 
 @dataclass(frozen=True, slots=True)
 class ProtectionVerdict:
-    """What protection says in one cycle; operation may only ask for less."""
+    """Result of protection in one cycle. Operation can only request less."""
 
     supervision: Supervision
     cause: str
     missing: Missing
     ceiling: Ceiling | None
     doors_locked: bool
-    """Heard freshly; a door unit that is silent has no locked doors."""
+    """Reported by a fresh message. A silent door unit counts as unlocked."""
     emergency_released: bool
     service_brake: bool
-    """Full service brake whatever operation asks for."""
+    """Full service brake, whatever operation requests."""
     traction_permitted: bool
     hold: bool
-    """The holding brake stays on."""
+    """The holding brake stays applied."""
     doors: DoorEnable
     mode: OperatingMode = OperatingMode.STANDBY
     emergency_cause: Cause = Cause.NONE
     departure_inhibits: Inhibit = Inhibit.NONE
-    """Why the train may not set off from where it stands."""
+    """Reasons why the train must not depart."""
     doors_withheld: Withheld = Withheld.NONE
     reverse_permitted: bool = False
-    """Traction may act backwards: a jog."""
+    """Traction may act backwards, for a jog."""
     jog_permitted: bool = False
     jog_back_m: float = 0.0
-    """How far back from where it stands the train may jog."""
+    """Distance back from the present place that the train may jog."""
     jog_attempts: int = 0
     stop_now: bool = False
-    """Operation is to come to rest wherever it is; protection brakes only if it does not."""
+    """Operation must stop the train now. Protection brakes only if it does not."""
     stop_next: bool = False
-    """A stop at the next station is not to be left out."""
+    """The stop at the next station must not be skipped."""
     keep_doors_open: bool = False
     creep: bool = False
     """Operation may drive on sight at the permitted speed."""

@@ -96,7 +96,7 @@ def test_the_brake_holds_a_train_down_to_a_twentieth_and_not_less() -> None:
     weak = SafeBraking(0.3, 1.0, 0.5, 2.0)
 
     assert SafeBraking(0.05, 0.0, 0.0, 0.0).falling(0.0).decel_mps2 == 0.05
-    with pytest.raises(ValueError, match=r"where the fall takes 0\.000 m/s2 of it$"):
+    with pytest.raises(ValueError, match=r"where the gradient takes 0\.000 m/s2 of it$"):
         SafeBraking(math.nextafter(0.05, 0.0), 0.0, 0.0, 0.0).falling(0.0)
     assert weak.falling(0.2).decel_mps2 == pytest.approx(0.1)
     with pytest.raises(ValueError, match=r"^guaranteed_decel_mps2 0\.3 does not hold .* 0\.260 m"):

@@ -175,7 +175,7 @@ def test_a_person_who_leaves_the_desk_mode_in_motion_is_braked_to_standstill() -
     stands = train.step(60)
 
     assert braked.supervision is Supervision.SERVICE
-    assert braked.cause == "nobody answers for driving on sight any more"
+    assert braked.cause == "driving on sight is no longer permitted"
     assert stands.mode is OperatingMode.STANDBY
     assert stands.supervision is Supervision.NO_AUTHORITY
 
