@@ -1,4 +1,4 @@
-"""Automatic train operation: from station to station within what protection permits."""
+"""Automatic train operation: drives from station to station within the limits of protection."""
 
 from vobc.ato.operation import Ato
 from vobc.ato.settings.ato import AtoConfig

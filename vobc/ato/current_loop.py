@@ -1,4 +1,4 @@
-"""The current loops of 4 to 20 mA from the controller's end: converter, mapping, what is set."""
+"""The 4 to 20 mA current loops on the controller's side: converter, scaling and reference."""
 
 import math
 from typing import Final
@@ -7,27 +7,28 @@ from vobc.ato.settings.output import OutputStage
 from vobc.vocabulary import CurrentReference
 
 REST_MA: Final = 3.8
-"""Set for no effort: far enough under the live zero that no error of the loop asks for any, far
-enough over a broken wire, which carries nothing, to be told from it."""
+"""Current for no effort. It is so far below the live zero that no loop error demands effort, and so
+far above 0 that it differs from a broken wire."""
 LIVE_ZERO_MA: Final = 4.0
-"""Under this there is no effort."""
+"""Current below which there is no effort."""
 FULL_MA: Final = 18.0
-"""From here to the end of the range effort is full."""
+"""Current from which effort is full, up to the end of the range."""
 RANGE_MA: Final = 20.0
-"""Over this the loop is faulty: the brake is applied in full, traction is cut."""
+"""Current above which the loop is faulty: the brake is applied in full and traction is cut."""
 LEAST_BRAKE_MA: Final = 4.1
-"""Set for the least brake: scatter about the live zero must not apply and release it by turns."""
+"""Current of the least brake. Noise around the live zero must not alternate between applied and
+released."""
 SAME_STEPS: Final = 1e-6
-"""A current so close to a step of the converter is meant to be it."""
+"""Tolerance for a current that is meant to be a step of the converter."""
 
 
 def brake_ratio(read_ma: float) -> float:
-    """Share of full brake that a current asks for."""
+    """Brake demand of a current, as a share of full brake."""
     return 1.0 if read_ma > RANGE_MA else _ratio(read_ma)
 
 
 def traction_ratio(read_ma: float) -> float:
-    """Share of full traction that a current asks for."""
+    """Traction demand of a current, as a share of full traction."""
     return 0.0 if read_ma > RANGE_MA else _ratio(read_ma)
 
 
@@ -38,12 +39,12 @@ def _ratio(read_ma: float) -> float:
 
 
 def current_ma(ratio: float, bits: int, *, up: bool) -> float:
-    """Current of a converter with `bits` over 0 to 20 mA for a share of full effort.
+    """Current for a share of full effort, from a converter with `bits` over 0 to 20 mA.
 
     Args:
-        ratio: not negative; over 1 it counts as 1.
-        up: to the next step at or above, and to no less than `LEAST_BRAKE_MA`; else at or below. No
-            effort is the step at or below `REST_MA`.
+        ratio: not negative. A value over 1 counts as 1.
+        up: round up to a step, to no less than `LEAST_BRAKE_MA`; else round down. No effort gives
+            the step at or below `REST_MA`.
     """
     steps = (1 << bits) - 1
     wanted_ma = LIVE_ZERO_MA + min(1.0, ratio) * (FULL_MA - LIVE_ZERO_MA)
@@ -59,12 +60,12 @@ def current_ma(ratio: float, bits: int, *, up: bool) -> float:
 def reference(
     force_n: float, decel_mps2: float, *, inertia_kg: float, config: OutputStage
 ) -> CurrentReference:
-    """The currents for what arbitration lets out.
+    """Currents for the demand that arbitration passes on.
 
     Args:
-        force_n: of traction, not negative.
-        decel_mps2: of the service brake, not negative; more than full counts as full.
-        inertia_kg: of the train as it is believed, rotating parts included.
+        force_n: traction force, not negative.
+        decel_mps2: service brake, not negative. More than full counts as full.
+        inertia_kg: assumed inertia of the train, rotating parts included.
     """
     pull_ratio = force_n / (inertia_kg * config.loop_traction_full_mps2)
     brakes_ratio = decel_mps2 / config.loop_brake_full_mps2

@@ -1,4 +1,4 @@
-"""Phases of the automatic operation as a table of named guards; pure."""
+"""Phases of the automatic operation as a table of named guards. Pure functions."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,38 +9,39 @@ from can_dbc.vobc import AtoPhase
 
 @dataclass(slots=True)
 class PhaseGuardInputs:
-    """What the guards look at. Refilled each cycle."""
+    """Inputs of the guards. They are refilled in each cycle."""
 
     enabled: bool = False
     resting: bool = False
-    """Standstill proven and the holding brake asked for."""
+    """Standstill is proven and the holding brake is commanded."""
     under_way: bool = False
-    """Clearly moving forwards."""
+    """The train clearly moves forwards."""
     braking: bool = False
     """The strategy brakes towards the target."""
     in_stopping_zone: bool = False
     at_stop: bool = False
     served: bool = False
-    """The station work at the present stop is done; the next stop is the goal."""
+    """The station work at the present stop is done, and the next stop is the goal."""
     has_door_work: bool = False
     may_go: bool = False
-    """There is a goal ahead, the authority reaches far enough and no attempt limit is used up."""
+    """There is a goal ahead, the authority is long enough and no attempt limit is used up."""
     dwell_over: bool = False
     released: bool = False
-    """Nothing of the service brake is left."""
+    """The service brake is fully released."""
     doors_locked: bool = False
     doors_enabled: bool = False
     departure_permitted: bool = False
     keep_doors_open: bool = False
-    """Somebody on board needs help: doors open here, and stay open."""
+    """A person on board needs help: doors open here and stay open."""
     stays: bool = False
     """An order or an alarm keeps the train at this platform."""
     may_jog: bool = False
-    """Off its stopping point, a jog can mend it, protection permits one, an attempt is left."""
+    """The train is off its stopping point. A jog can correct this, protection permits it, and an
+    attempt is left."""
     jog_over: bool = False
-    """The train has come to rest again, or never got away."""
+    """The train has come to rest again, or has never moved."""
     creep: bool = False
-    """To drive on sight; the place may be unknown."""
+    """Drive on sight. The place may be unknown."""
 
 
 Guard = Callable[[PhaseGuardInputs], bool]
@@ -91,7 +92,7 @@ def creeps_no_more(seen: PhaseGuardInputs) -> bool:
 
 
 def creep_rests(seen: PhaseGuardInputs) -> bool:
-    """Nothing is left to creep for: the order is over, or the ceiling fell to nothing."""
+    """The train is at rest, and the creep order has ended or the ceiling fell to 0."""
     return seen.resting and not (seen.creep and seen.may_go)
 
 
@@ -177,7 +178,7 @@ TRANSITIONS: Final[Mapping[AtoPhase, tuple[tuple[Guard, AtoPhase], ...]]] = {
     AtoPhase.DEPARTING: (
         (disabled, AtoPhase.OFF),
         (under_way, AtoPhase.RUNNING),
-        # Before the train moves anything that is missing takes the departure back.
+        # Until the train moves, any missing condition cancels the departure.
         (doors_not_locked, AtoPhase.HOLDING),
         (departure_forbidden, AtoPhase.HOLDING),
         (nowhere_to_go, AtoPhase.HOLDING),
@@ -233,14 +234,14 @@ TRANSITIONS: Final[Mapping[AtoPhase, tuple[tuple[Guard, AtoPhase], ...]]] = {
 DRIVING: Final = frozenset(
     {AtoPhase.DEPARTING, AtoPhase.RUNNING, AtoPhase.APPROACHING, AtoPhase.STOPPING}
 )
-"""Phases in which the strategy gives the demand."""
+"""Phases in which the strategy determines the demand."""
 
 SETTING_OFF: Final = frozenset({AtoPhase.DEPARTING, AtoPhase.JOGGING, AtoPhase.CREEPING})
 """Phases that may begin against the holding brake."""
 
 
 def next_phase(phase: AtoPhase, seen: PhaseGuardInputs) -> AtoPhase:
-    """The first guard that holds decides; when none holds the phase stays."""
+    """Follow the first guard that holds. If none holds, the phase stays."""
     for guard, target in TRANSITIONS[phase]:
         if guard(seen):
             return target

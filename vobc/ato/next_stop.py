@@ -1,4 +1,4 @@
-"""Which stop comes next: the mission, and what the centre changes about it on the way."""
+"""The next stop: the mission, and changes by the centre under way."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -7,13 +7,14 @@ from firmware_py.trackdb import LineMap, Station
 from vobc.vocabulary import AtoInput
 
 STOPPING_DECEL_MPS2: Final = 0.55
-"""A stop that is ordered late counts only if this suffices, after the time below."""
+"""Deceleration that must suffice for a late stop order, after the delay below. Otherwise the order
+does not count."""
 STOPPING_DELAY_S: Final = 3.0
 STOPPING_ROOM_M: Final = 20.0
 
 
 class StopPlan:
-    """Stops in running order and the one that is approached or worked at."""
+    """Stops in running order, with the one that is approached or served."""
 
     def __init__(
         self, line: LineMap, start_m: float, stops: Sequence[Station], *, window_m: float
@@ -23,31 +24,37 @@ class StopPlan:
         self._stops = tuple(stop for stop in stops if stop.stop_m >= start_m - window_m)
         self._index = 0
         self._run: tuple[float, int, float | None] | None = None
-        """The last plan asked for: from where, to which stop, and its time."""
+        """The last computed plan: start, stop index and running time."""
         self._skip_heard = False
         self._skipped: Station | None = None
         self._stay_heard = False
         self._stay_at: Station | None = None
         self.served = False
-        """The work at the present stop is done; the one after it is the goal."""
+        """The work at the present stop is done, and the next one is the goal."""
 
     @property
     def next_stop(self) -> Station | None:
-        """The stop that is approached or worked at; None when there is none (left)."""
+        """The stop that is approached or served. None: there is none left."""
         return self._stops[self._index] if self._index < len(self._stops) else None
 
     def goal(self, *, working: bool) -> Station | None:
-        """Where the next movement leads: past the present stop if its work is begun or done."""
+        """Destination of the next movement.
+
+        It is beyond the present stop if work there has begun or is done.
+        """
         index = self._after() if working or self.served else self._index
         return self._stops[index] if index < len(self._stops) else None
 
     def at_station(self, front_m: float) -> bool:
-        """Whether the front stands where one of the line's stations wants it."""
+        """Whether the front is at the stopping point of a station of the line."""
         before_m, after_m = front_m - self._window_m, front_m + self._window_m
         return len(self._line.stations_between(before_m, after_m)) > 0
 
     def run_s(self, front_m: float) -> float | None:
-        """Planned from the station here to the next stop, over those passed; None: no plan."""
+        """Planned running time from the station here to the next stop, skipped stations included.
+
+        None: no plan.
+        """
         if self._run is None or self._run[0] != front_m or self._run[1] != self._index:
             self._run = front_m, self._index, self._planned_s(front_m)
         return self._run[2]
@@ -61,13 +68,13 @@ class StopPlan:
         return sum(times_s) if times_s and min(times_s) > 0.0 else None
 
     def depart(self) -> None:
-        """The train sets off; from a stop that was served, to the one after it."""
+        """Note the departure. From a served stop the next one becomes the goal."""
         if self.served:
             self.served = False
             self._index = self._after()
 
     def give_up(self) -> bool:
-        """The present stop can not be made any more: on to the one after it, if there is one."""
+        """Skip a stop that can no longer be made. False if there is no next one."""
         index = self._after()
         if index >= len(self._stops):
             return False
@@ -76,12 +83,14 @@ class StopPlan:
         return True
 
     def stays_at_present_stop(self) -> bool:
-        """An order to stop at the next station and stay there was for this one, and lasts."""
+        """An order to stop and stay at the next station was given for this one and still holds."""
         return self._stay_heard and self._stay_at is self.next_stop
 
     def listen(self, seen: AtoInput, *, working: bool) -> None:
-        """Take up what the centre orders. An order counts once, for the station that is next when
-        it comes; to be meant for another one it has to end and to be given anew.
+        """Process the orders of the centre.
+
+        An order counts once, for the station that is next when it arrives. For another station it
+        has to end and be given again.
 
         Args:
             working: the train stands at the present stop and its doors are or were open.
@@ -92,7 +101,7 @@ class StopPlan:
     def _listen_for_skip(self, seen: AtoInput, *, working: bool) -> None:
         if seen.skip_next and not self._skip_heard:
             goal = self.goal(working=working)
-            # At the end of its mission a train stops.
+            # A train always stops at the end of its mission.
             if goal is not None and goal is not self._stops[-1]:
                 self._skipped = goal
                 if goal is self.next_stop:
@@ -117,7 +126,7 @@ class StopPlan:
         self._stay_heard = seen.stop_next
 
     def _next_station(self, seen: AtoInput, *, working: bool) -> Station | None:
-        """The first of the plan or of the line at which the train can still stop."""
+        """The first station of plan or line at which the train can still stop."""
         goal = self.goal(working=working)
         here = self.next_stop if working or self.served else None
         for station in self._line.stations:

@@ -20,39 +20,40 @@ from vobc.vocabulary import AtoDemand, AtoInput
 
 NS_PER_S: Final = 1_000_000_000
 UNDER_WAY_MPS: Final = 0.3
-"""Over this a departing train is under way; well over speed noise and rollback."""
+"""Speed above which a departing train is under way. It is well above speed noise and rollback."""
 MOVING_MPS: Final = 0.5
-"""A train met in motion is taken over when it is faster than this."""
+"""Minimum speed at which ATO takes over a moving train."""
 DISABLED_DECEL_MPS2: Final = 0.65
-"""Asked while somebody else has the say and the train still moves."""
+"""Deceleration requested while ATO is disabled and the train is moving."""
 HOLD_HELP_MPS2: Final = 0.02
-"""On a rising gradient the holding brake comes off when traction exceeds gravity by this."""
+"""Margin of traction over gravity at which the holding brake is released uphill."""
 LEVEL_MPS2: Final = 0.01
 LEAST_CEILING_MPS: Final = 1.0
-"""Under a lower ceiling nothing sets off."""
+"""Least ceiling for a departure."""
 AHEAD_STEP_M: Final = 0.1
 AHEAD_GROWS_RATIO: Final = 1.2
-"""On the way to the stop the train knows its place less and less well."""
+"""Growth of the assumed position error on the way to the stop."""
 FINEST_JOG_BACK_M: Final = 0.1
-"""No jog back is worth its while for less. One forward is for any way: it may lead onto a tag, also
-from a little past the stopping point."""
+"""Least distance for a jog back. A jog forwards may be shorter: it may reach a tag, even from
+slightly past the stopping point."""
 JOG_PAST_M: Final = 0.05
-"""Jogs forward aim so far past the stopping point: there the antenna comes to the stop's tag."""
+"""Target of a jog forwards, as distance past the stopping point. There the antenna reaches the
+stop's tag."""
 JOG_BACK_PAST_M: Final = 0.12
-"""Jogs back a little farther: the antenna has to pass the tag once more, or after the slide of an
-emergency brake the place would stay too uncertain for doors."""
+"""Target of a jog back, as distance short of the stopping point. The antenna must pass the tag
+again; otherwise the place stays too uncertain for doors after a slide in emergency braking."""
 JOG_SPREAD_M: Final = 0.15
-"""A jog may end so far from where it aims; no jog may be longer than its reach by that."""
+"""Greatest distance of a jog's end from its target. Including it, a jog stays within its reach."""
 HELP_WAITS_S: Final = 30.0
-"""Standing for so long at or off a stop without opening doors, or on the way without getting away,
-the train calls for a person."""
+"""Time without progress after which the train calls for help. It stands at or off a stop without
+opening doors, or does not move under way."""
 JOG_MOVED_MPS: Final = 0.05
 JOG_PATIENCE_S: Final = 12.0
-"""A jog that does not get away in this time is over; it counts as an attempt."""
+"""Time after which a jog that has not moved the train ends. It counts as an attempt."""
 
 
 class Ato:
-    """Serves `stops` in order; one at `start_m` first, unless it has no dwell time.
+    """Serves `stops` in order, beginning with a stop at `start_m` unless it has no dwell time.
 
     Raises ValueError for an unknown strategy name.
     """
@@ -80,9 +81,9 @@ class Ato:
         self._doors_wanted = False
         self._dt_s = 0.0
         self._left: tuple[int, float] | None = None
-        """When and where the train set off from its last stop."""
+        """Time and place of the departure from the last stop."""
         self._strategy: Strategy | None = None
-        # Refuses an unknown name now; the real one is made when the cycle time is known.
+        # Checks the strategy name now. The strategy in use is created when the cycle time is known.
         make_strategy(config, line, 1.0)
         self._shaper = Shaper(config.limits)
         self._stage = make_stage(config.output)
@@ -92,16 +93,16 @@ class Ato:
 
     @property
     def next_stop(self) -> Station | None:
-        """The stop that is approached or worked at; None when the list is empty."""
+        """The stop that is approached or served. None: the list is empty."""
         return self._plan.next_stop
 
     @property
     def strategy(self) -> Strategy | None:
-        """The control law at work; None before the first step."""
+        """The active control law. None: before the first step."""
         return self._strategy
 
     def step(self, seen: AtoInput) -> AtoDemand:
-        """One cycle. The first one's `dt_s` is the nominal period."""
+        """One cycle. `dt_s` of the first one is the nominal period."""
         strategy = self._strategy or self._begin(seen)
         cycles = max(1, round(seen.dt_s / self._dt_s))
         strategy.observe(seen, cycles)
@@ -116,14 +117,14 @@ class Ato:
         accel_mps2 = self._stage.step(self._shape(seen, drive), seen.dt_s)
         self._sent_mps2 = accel_mps2
         reverse = self.phase is AtoPhase.JOGGING and self._reverse
-        # Backwards the traction pulls against what the strategy takes for forwards.
+        # In reverse, traction acts against the direction that the strategy takes as forwards.
         strategy.issued(-accel_mps2 if reverse and accel_mps2 > 0.0 else accel_mps2)
         braked = accel_mps2 < 0.0 or seen.protection_brakes
         self._released_s = 0.0 if braked else self._released_s + seen.dt_s
         return self._demand(seen, accel_mps2, drive)
 
     def _drive(self, seen: AtoInput, strategy: Strategy) -> Drive:
-        """What this phase wants, before limits of comfort."""
+        """Demand of the present phase, before comfort limits."""
         if self.phase not in DRIVING and self.phase not in SETTING_OFF:
             return self._stand_or_brake(seen)
         overruled = seen.stop_now or seen.protection_brakes
@@ -132,7 +133,8 @@ class Ato:
             self._seen.braking = True
             return Drive(-DISABLED_DECEL_MPS2, 0.0, True)
         if self._overruled:
-            # Whoever braked meanwhile, the train does something else now than what was reckoned.
+            # Another brake command has changed the motion, so the strategy restarts from the
+            # present state.
             self._overruled = False
             strategy.set_off(seen, self._sent_mps2)
             self._slow.begin(seen.speed_mps)
@@ -172,7 +174,7 @@ class Ato:
             stopping_at_m=None if stop is None or seen.creep else stop.stop_m,
         )
 
-    # What the guards look at.
+    # Inputs of the guards.
 
     def _look(self, seen: AtoInput) -> None:
         work, situation, plan = self._config.station, self._seen, self._plan
@@ -215,13 +217,15 @@ class Ato:
         self._watch_jog(seen)
 
     def _working(self) -> bool:
-        """Doors are, or are about to be, open at the present stop."""
+        """Doors at the present stop are open or about to open."""
         return self._plan.served or (
             self.phase in (AtoPhase.DOORS_OPEN, AtoPhase.DOORS_CLOSING) and self._seen.at_stop
         )
 
     def _leave_what_is_out_of_reach(self, seen: AtoInput) -> None:
-        """A stop that lies too far behind a standing train is left out; nothing reverses there."""
+        """Skip a stop that is too far behind a standing train. The train does not reverse
+        that far.
+        """
         stop, plan = self.next_stop, self._plan
         if stop is None or plan.served or seen.creep:
             return
@@ -236,8 +240,8 @@ class Ato:
             self._dwelt_s += seen.dt_s
 
     def _may_go(self, seen: AtoInput) -> bool:
-        """Whether the next movement may begin: on sight, or to the next stop unless a jog leads
-        there.
+        """Whether the next movement may begin: on sight, or to the next stop if that is beyond a
+        jog.
         """
         work = self._config.station
         if seen.stop_now or seen.ceiling_mps < LEAST_CEILING_MPS:
@@ -284,10 +288,11 @@ class Ato:
         return self._reach(stop_m, seen)
 
     def _reach(self, stop_m: float, seen: AtoInput) -> Target:
-        """The stop itself if the authority is going to cover it, else a point short of its end.
+        """Target of the movement: the stop, or a point before the end of authority.
 
-        The foremost front the train may have keeps the margin; it is looked at in steps, as each
-        new target is planned for anew.
+        The stop is the target if the authority will cover it. Otherwise the foremost front keeps a
+        margin to the end. The uncertainty is rounded up to steps, as each new target requires a new
+        plan.
         """
         end_m = self._receding.at_least_m
         if end_m >= stop_m:
@@ -296,14 +301,14 @@ class Ato:
         return Target(end_m - self._config.authority.margin_m - ahead_m, False)
 
     def _due_ns(self) -> int | None:
-        """When the train shall stand at its next stop by the timetable."""
+        """Timetable arrival at the next stop."""
         if self._left is None:
             return None
         left_ns, left_m = self._left
         run_s = self._plan.run_s(left_m)
         return None if run_s is None else left_ns + round(run_s * NS_PER_S)
 
-    # What a change of phase brings.
+    # Actions on a change of phase.
 
     def _enter(self, before: AtoPhase, seen: AtoInput) -> None:
         assert self._strategy is not None
@@ -311,7 +316,8 @@ class Ato:
         if phase is AtoPhase.DEPARTING:
             if self._plan.served:
                 self._dwelt_s, self._jogs = 0.0, 0
-            # A timetable runs from station to station: who halts between keeps the time lost.
+            # A timetable covers the run from station to station. A train that halts in between
+            # keeps its delay.
             if self._plan.served or self._plan.at_station(seen.front_m):
                 self._left = seen.now_ns, seen.front_m
             self._plan.depart()
@@ -339,13 +345,13 @@ class Ato:
             self._plan.served = False
         elif phase is AtoPhase.DOORS_CLOSING:
             self._doors_wanted = False
-            # Doors may have been opened once more at a stop that was left already by the plan.
+            # Doors may have opened again at a stop that the plan has already left.
             self._plan.served = self._seen.at_stop
 
-    # What goes out.
+    # Outputs.
 
     def _stand_or_brake(self, seen: AtoInput) -> Drive:
-        """Outside the driving phases: held at standstill, else braked to it."""
+        """Demand outside the driving phases: hold at standstill, otherwise brake to a stop."""
         assert self._strategy is not None
         if not self._hold:
             return Drive(-DISABLED_DECEL_MPS2, 0.0, False)
@@ -355,7 +361,9 @@ class Ato:
         return Drive(0.0 if held else -self._config.station.hold_decel_mps2, 0.0, False)
 
     def _decide_hold(self, seen: AtoInput, drive: Drive) -> None:
-        """The holding brake comes on as the train comes to rest and stays until it departs."""
+        """The holding brake is applied as the train comes to rest and stays applied until
+        departure.
+        """
         assert self._strategy is not None
         uphill_mps2 = max(0.0, gradient.decel_on_mps2(self._config, seen.gradient_permille))
         if self.phase is AtoPhase.JOGGING and self._reverse:
@@ -380,13 +388,14 @@ class Ato:
             wanted_mps2 = min(wanted_mps2, 0.0)
             if not (seen.holding_applied and seen.standstill):
                 wanted_mps2 = -self._config.station.hold_decel_mps2
-        # A notch of traction that dwells is way that the brake is begun too late for.
+        # A traction notch that dwells would delay the start of braking.
         coming_off = drive.braking and self._sent_mps2 >= 0.0
         firm = not drives or self._overruled or coming_off
-        # A missed cycle and a clock that stepped look alike: never more than one cycle's change.
+        # A missed cycle and a stepped clock look alike. The change is limited to that of one cycle.
         dt_s = min(seen.dt_s, self._dt_s)
         picked_mps2 = self._stage.pick(wanted_mps2, dt_s, firm=firm)
-        # More would arrive by itself, and at no jerk of ours, as soon as the motors can.
+        # A larger demand would become effective later without jerk limit, as soon as the motors can
+        # give it.
         accel_mps2 = self._shaper.step(min(picked_mps2, seen.traction_mps2), dt_s)
         unready = self._hold and self.phase not in DRIVING | SETTING_OFF
         if accel_mps2 > 0.0 and (unready or (not seen.doors_locked and not self._seen.under_way)):

@@ -1,7 +1,7 @@
-"""Output stages: what a shaped demand becomes on its way to the train.
+"""Output stages: conversion of the shaped demand into what the train receives.
 
-All keep one promise: a stage never sends more traction and never less brake than it is asked for,
-as far as its levels go. On the axis of demands that is the next level at or below.
+No stage ever sends more traction or less brake than demanded, within its levels. On the axis of
+demands this is the next level at or below.
 """
 
 import math
@@ -11,31 +11,31 @@ from vobc.ato import current_loop
 from vobc.ato.settings.output import OutputStage
 
 SAME_MPS2: Final = 1e-9
-"""A demand so close to a level is meant to be it."""
+"""Tolerance within which a demand is taken as a level."""
 TREND_S: Final = 0.3
 TREND_MPS3: Final = 0.3
-"""The slope of what is wanted is smoothed over that time, and no steeper than that."""
+"""Time constant and limit of the smoothed slope of the demand."""
 LIGHT_MPS2: Final = 0.25
 LIGHT_RATIO: Final = 0.6
-"""Under so much brake the dwell time is shorter by this."""
+"""Brake demand below which the dwell time is shortened by this factor."""
 FAR_NOTCHES: Final = 4
-"""A change over so many notches does not wait for the dwell time."""
+"""Number of notches from which a change does not wait for the dwell time."""
 
 
 class StageOutput(Protocol):
     def pick(self, wanted_mps2: float, dt_s: float, *, firm: bool) -> float:
-        """What the shaper shall head for, of what is wanted.
+        """Level that the shaper should aim at.
 
         Args:
-            firm: no less brake than is wanted; else the nearest will do.
+            firm: at least the demanded brake; else the nearest level.
         """
 
     def step(self, demand_mps2: float, dt_s: float) -> float:
-        """The demand that really leaves in this cycle, of the shaped one."""
+        """Demand that is actually sent in this cycle."""
 
 
 class Continuous:
-    """The train takes any demand; the limits of acceleration and jerk hold for what leaves."""
+    """The train accepts any demand. The limits of acceleration and jerk apply to what is sent."""
 
     __slots__ = ()
 
@@ -47,12 +47,12 @@ class Continuous:
 
 
 class Notches:
-    """A master controller: it rests on notches, and moves between them along the shaper's ramp.
+    """A master controller that rests on notches and moves between them along the shaper's ramp.
 
-    A notch stays for the dwell time, and until what is wanted is nearer to another one by the
-    hysteresis; a demand far off does not wait. Traction is never more than wanted, and any brake,
-    however small, keeps the least notch on. A demand that is a notch was picked by the law, and is
-    taken as it is.
+    A notch stays for the dwell time. It also stays until the demand is nearer to another one by the
+    hysteresis. A distant demand does not wait. Traction never exceeds the demand, and any brake
+    demand keeps at least the smallest notch. A demand that equals a notch was picked by the law and
+    is used as it is.
     """
 
     __slots__ = (
@@ -83,7 +83,7 @@ class Notches:
         picked = abs(self._levels_mps2[best] - wanted_mps2) <= SAME_MPS2
         self._follow_trend(wanted_mps2, dt_s)
         if not (firm or picked):
-            # A notch that stays shall fit in the middle of its stay.
+            # A notch should fit the middle of the time it stays.
             if wanted_mps2 < 0.0:
                 ahead_mps2 = wanted_mps2 + self._trend_mps3 * self._dwell_s / 2.0
                 wanted_mps2 = min(self._least_brake_mps2, ahead_mps2)
@@ -108,7 +108,7 @@ class Notches:
             return True
         levels_mps2 = self._levels_mps2
         here_mps2 = levels_mps2[self._index]
-        # What brakes little, or shall, is about to stop: there a strong notch must not stay.
+        # A light brake is about to stop the train. A strong notch must not stay then.
         light = -LIGHT_MPS2 < wanted_mps2 < 0.0
         if self._since_s < self._dwell_s * (LIGHT_RATIO if light else 1.0):
             return False
@@ -116,12 +116,15 @@ class Notches:
             return True
         towards = self._index + (1 if best > self._index else -1)
         gap_mps2 = abs(levels_mps2[towards] - here_mps2)
-        # Traction is never rounded up, so that its notches change where they are reached.
+        # Traction is never rounded up, so its notches change where they are reached.
         share_ratio = 0.5 if here_mps2 < 0.0 else 1.0 if best > self._index else 0.0
         return abs(wanted_mps2 - here_mps2) >= (share_ratio + self._hysteresis_ratio) * gap_mps2
 
     def _nearest(self, wanted_mps2: float) -> int:
-        """Of the brakes the nearest, and no release; of traction the next at or under it."""
+        """Index of the nearest brake level, never a release.
+
+        For traction, the next level at or below.
+        """
         below = self._at_most(wanted_mps2)
         above = below + 1
         levels_mps2 = self._levels_mps2
@@ -131,7 +134,9 @@ class Notches:
         return above if nearer else below
 
     def _at_most(self, wanted_mps2: float) -> int:
-        """The highest level at or under it; under all of them, the strongest brake."""
+        """Index of the highest level at or below the demand. If there is none, the strongest
+        brake.
+        """
         index = len(self._levels_mps2) - 1
         while index > 0 and self._levels_mps2[index] > wanted_mps2 + SAME_MPS2:
             index -= 1
@@ -139,9 +144,9 @@ class Notches:
 
 
 class CurrentLoop:
-    """Two loops of 4 to 20 mA, one for traction and one for the brake, set by a converter.
+    """Two 4 to 20 mA loops, for traction and brake, driven by a converter.
 
-    What leaves is the demand that a receiver reads from the quantised currents.
+    The demand sent is what a receiver reads from the quantised currents.
     """
 
     __slots__ = ("_bits", "_brake_full_mps2", "_traction_full_mps2", "brake_ma", "traction_ma")
@@ -167,7 +172,7 @@ class CurrentLoop:
 
 
 def make_stage(config: OutputStage) -> StageOutput:
-    """A fresh stage of the kind that the settings name."""
+    """A new stage of the kind that the settings name."""
     if config.stage == "notches":
         return Notches(config)
     if config.stage == "current_loop":

@@ -1,1 +1,1 @@
-"""What operation believes of its train: brake, adhesion, motion, and what it predicts from that."""
+"""Operation's models of its train: brake, adhesion and motion, and predictions from them."""

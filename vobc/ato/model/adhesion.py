@@ -1,4 +1,4 @@
-"""What the law makes of the rail: once wheels slipped it is taken to be slippery for a while."""
+"""Adhesion estimate: after a slip the rail counts as slippery for a while."""
 
 from dataclasses import replace
 from typing import Final
@@ -9,11 +9,11 @@ from vobc.ato.settings.ato import AtoConfig
 
 NS_PER_S: Final = 1_000_000_000
 TOLD_FROM_MPS: Final = 3.0
-"""Slower, a jerk between the coaches looks like a slip."""
+"""Speed below which a slip is ignored, because a jerk between the coaches looks the same."""
 
 
 class Manner:
-    """How to drive on one kind of rail."""
+    """Driving limits for one rail condition."""
 
     __slots__ = ("accel_mps2", "config", "limits")
 
@@ -24,8 +24,10 @@ class Manner:
 
 
 class AdhesionEstimate:
-    """Remembers slips. A slip of now does not change a braking that has begun: planned on a rail
-    that was good, it needs all it can get.
+    """Remembers slips.
+
+    A new slip does not change a braking under way. That braking was planned for a good rail and
+    needs all the adhesion it can get.
     """
 
     __slots__ = ("_dry", "_memory_ns", "_slippery", "_slippery_until_ns", "slippery")
@@ -40,7 +42,7 @@ class AdhesionEstimate:
         self.slippery = rail.from_start
 
     def observe(self, now_ns: int, speed_mps: float, *, slips: bool) -> bool:
-        """Returns whether the wheels slip now."""
+        """Update the estimate. The result says whether the wheels slip now."""
         slips = slips and speed_mps > TOLD_FROM_MPS
         if self.slippery and self._slippery_until_ns == 0:
             self._slippery_until_ns = now_ns + self._memory_ns
@@ -55,7 +57,7 @@ class AdhesionEstimate:
 
 
 def gently(config: AtoConfig) -> AtoConfig:
-    """The same law on a slippery rail: nothing is planned harder than that bears."""
+    """Settings for a slippery rail: no planned deceleration exceeds its adhesion."""
     shape, most_mps2 = config.braking, config.slippery.decel_mps2
     return replace(
         config,

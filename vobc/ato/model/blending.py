@@ -1,9 +1,9 @@
-"""Motors that hand the braking over to friction as the train slows down, and friction that is late.
+"""Handover of braking from motors to friction at low speed, with friction that may be late.
 
-Above a speed the motors brake, under a lower one friction does, in between they share. On some
-trains the air takes its time, so that meanwhile a part of the braking is missing. How late it is
-shows in each handover: every hypothesis has a filter of its own, and what it cannot explain is its
-cost.
+Above one speed the motors brake, below a lower one friction does, and in between they share. On
+some trains the compressed air is late, so a part of the braking is missing meanwhile. The delay
+shows in each handover. Every hypothesis has a filter of its own, and its cost is what it cannot
+explain.
 """
 
 import math
@@ -16,15 +16,15 @@ from vobc.ato.model.predictor import Pipeline
 from vobc.ato.settings.ato import BrakeBelief
 
 LATE_COST: Final = 1.0
-"""Before anything was seen friction is taken to be in time: late needs such evidence."""
+"""Prior cost of late friction. Before any evidence friction counts as in time."""
 KEPT_COST: Final = 14.0
-"""What one application has shown counts up to this in the next one."""
+"""Greatest cost that is carried over from one application to the next."""
 LATE_FROM_RATIO: Final = 0.02
-"""Friction that is less likely late is reckoned with as if it were in time."""
+"""Probability of late friction below which it counts as in time."""
 
 
 class Handover:
-    """All of it is per unit of mass, and of what the brake unit gives before gains."""
+    """State of the handover, per unit of mass and before gains."""
 
     __slots__ = (
         "_bank",
@@ -51,13 +51,13 @@ class Handover:
         self._bank = ModelBank(len(delays_s), dt_s)
         self._bank.know([0.0 if delay_s == 0.0 else LATE_COST for delay_s in delays_s])
         self.under_way = False
-        """The hypotheses of this part are at work."""
+        """The hypotheses about friction are active."""
         self.air_s = 0.0
-        """By how much friction is late, as believed."""
+        """Estimated delay of friction."""
         self.late_ratio = 0.0
-        """How likely it is late at all."""
+        """Probability that friction is late."""
         self.friction_mps2 = 0.0
-        """What has arrived of it."""
+        """Friction deceleration that has arrived."""
         self._agree()
 
     @property
@@ -66,11 +66,11 @@ class Handover:
 
     @property
     def late(self) -> bool:
-        """It may be late, and does a part of the braking."""
+        """Friction may be late and provides a part of the braking."""
         return self.under_way and self.may_be_late
 
     def gap_m(self, speed_mps: float, unit_mps2: float) -> float:
-        """Way without brake that is still to come when friction takes over, as expected."""
+        """Expected distance without brake that is still to come when friction takes over."""
         if not self.may_be_late:
             return 0.0
         belief = self._belief
@@ -81,19 +81,22 @@ class Handover:
         return middle_mps * gap_s * (1.0 - self.friction_ratio(speed_mps, unit_mps2))
 
     def _keep_ratio(self, delay_s: float) -> float:
-        """Friction that is hardly late builds up as quickly; none at all, at once."""
+        """Decay per cycle.
+
+        Friction with a short delay builds up as quickly; without delay, at once.
+        """
         lag_s = min(self._belief.air_lag_s, delay_s)
         return math.exp(-self._dt_s / lag_s) if lag_s > 0.0 else 0.0
 
     def friction_ratio(self, speed_mps: float, unit_mps2: float) -> float:
-        """Share of the braking that falls to friction: what is more than the motors still give."""
+        """Share of friction in the braking: what exceeds the motors' present capability."""
         belief = self._belief
         faded = (speed_mps - belief.fade_end_mps) / (belief.fade_begin_mps - belief.fade_end_mps)
         most_mps2 = belief.motors_mps2 * min(1.0, max(0.0, faded))
         return 0.0 if unit_mps2 <= most_mps2 else 1.0 - most_mps2 / unit_mps2
 
     def end(self) -> None:
-        """The application is over. What was seen in it counts, but not for ever."""
+        """End the application. Its evidence is kept up to a limit."""
         self.under_way = False
         self._bank.know(self._bank.costs(KEPT_COST))
         self._output = [0.0] * len(self._output)
@@ -111,7 +114,7 @@ class Handover:
         self.late_ratio = 1.0 - bank.weights[0]
 
     def note(self, for_friction_mps2: float) -> None:
-        """What falls to friction in this cycle."""
+        """Note the friction share of this cycle."""
         self._pipeline.push(for_friction_mps2)
 
     def step(
@@ -123,14 +126,14 @@ class Handover:
         motors_mps2: float,
         blur_m2_per_s2: float,
     ) -> None:
-        """One cycle of every hypothesis after `note`; `motion` becomes what they agree on."""
+        """One cycle of every hypothesis, after `note`. `motion` becomes their weighted mean."""
         bank, outputs, pipeline = self._bank, self._output, self._pipeline
         for index in bank.alive:
             mean_mps2 = pipeline.mean(self._taps[index])
             before_mps2 = outputs[index]
             after_mps2 = mean_mps2 + (before_mps2 - mean_mps2) * self._keep_ratios[index]
             outputs[index] = after_mps2
-            # Friction in time has built up with the unit, so that its mean is what it does.
+            # Friction without delay has built up with the brake unit, so the mean is its effort.
             friction_mps2 = (before_mps2 + after_mps2) / 2.0 if index > 0 else mean_mps2
             bank.step(
                 index,
@@ -152,12 +155,13 @@ class Handover:
         steady_mps2: float,
         reach_s: float,
     ) -> tuple[float, float]:
-        """Way and speed until a demand given now bites: after `reach_s` by the motors, later by as
-        much of the air's delay as then falls to friction.
+        """Distance and speed until a demand given now acts.
+
+        The motors act after `reach_s`. The share of friction adds its part of the air delay.
 
         Args:
-            units_mps2: what the brake unit will give in each cycle from now on; the last stays.
-            steady_mps2: acceleration by all that is not the brake.
+            units_mps2: output of the brake unit in each coming cycle; the last one stays.
+            steady_mps2: acceleration by everything but the brake.
         """
         dt_s, air_s = self._dt_s, self.air_s
         motors_gain = 1.0 + motion.gain_ratio

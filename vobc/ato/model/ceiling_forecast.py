@@ -1,16 +1,19 @@
-"""What the control laws make of raw position and ceiling before they use them."""
+"""Smoothing of position and ceiling before the control laws use them."""
 
 from typing import Final
 
 FRONT_PULL_RATIO: Final = 0.15
 FRONT_JUMP_M: Final = 0.5
 CEILING_FALL_MPS2: Final = 1.5
-"""A faster fall of the ceiling is a step, not a curve to be extrapolated."""
+"""Rate above which a decrease of the ceiling is a step and is not extrapolated."""
 CEILING_PULL_RATIO: Final = 0.2
 
 
 class SmoothFront:
-    """Between tags the position comes in steps of a pulse; at a tag it is believed at once."""
+    """Smooths the position between tags, where it moves in steps of a pulse.
+
+    A tag takes effect at once.
+    """
 
     __slots__ = ("front_m",)
 
@@ -18,7 +21,10 @@ class SmoothFront:
         self.front_m = 0.0
 
     def step(self, measured_m: float, *, moved_m: float, at_tag: bool) -> None:
-        """`moved_m` is what the believed speed adds since the step before."""
+        """Update the position.
+
+        `moved_m` is the distance by the estimated speed since the last step.
+        """
         expected_m = self.front_m + moved_m
         error_m = measured_m - expected_m
         if at_tag or abs(error_m) >= FRONT_JUMP_M:
@@ -28,7 +34,7 @@ class SmoothFront:
 
 
 class CeilingOutlook:
-    """Learns how fast a braking curve of protection pulls the ceiling down."""
+    """Measures how fast a braking curve of protection lowers the ceiling."""
 
     __slots__ = ("_fall_mps2", "_last_mps")
 
@@ -43,5 +49,5 @@ class CeilingOutlook:
         self._fall_mps2 += CEILING_PULL_RATIO * (fall_mps2 - self._fall_mps2)
 
     def in_mps(self, horizon_s: float) -> float:
-        """The ceiling to expect after `horizon_s`."""
+        """Expected ceiling after `horizon_s`."""
         return max(0.0, self._last_mps - self._fall_mps2 * horizon_s)

@@ -1,4 +1,4 @@
-"""A bank of hypotheses, each with its own filter of the motion, weighed by how well it fits."""
+"""A bank of hypotheses, each with its own motion filter, weighted by their fit."""
 
 import math
 from collections.abc import Sequence
@@ -7,11 +7,11 @@ from typing import Final
 from vobc.ato.model.motion_filter import MotionFilter
 
 NEVER_MATTERS: Final = 40.0
-"""A hypothesis that is worse by this cost weighs less than rounding; it is given up."""
+"""Cost difference beyond which a hypothesis weighs less than rounding and is discarded."""
 
 
 class ModelBank:
-    """Filters of the same motion that differ in what they take the brake to have done."""
+    """Filters of the same motion that assume different brake behaviour."""
 
     __slots__ = ("_cost", "_filters", "alive", "weights")
 
@@ -19,24 +19,25 @@ class ModelBank:
         self._filters = tuple(MotionFilter(dt_s) for _ in range(count))
         self._cost = [0.0] * count
         self.weights = [1.0 / count] * count
-        """They add up to 1."""
+        """Weights of the hypotheses. They add up to 1."""
         self.alive = list(range(count))
-        """Hypotheses that were not given up."""
+        """Hypotheses that are not discarded."""
 
     def know(self, costs: Sequence[float]) -> None:
-        """All come to life again; `costs` are what is known of them beforehand."""
+        """Restart all hypotheses with these prior costs."""
         self._cost = list(costs)
         self.alive = list(range(len(self._cost)))
         self.weigh()
 
     def begin(self, motion: MotionFilter) -> None:
-        """All go on from the same motion."""
+        """Set all filters to the same motion."""
         for each in self._filters:
             each.copy(motion)
 
     def costs(self, most: float) -> list[float]:
-        """By how much each hypothesis is worse than the best, up to a bound; one that was given up,
-        by that much.
+        """Excess cost of each hypothesis over the best one, at most `most`.
+
+        A discarded hypothesis has the cost `most`.
         """
         least = min([self._cost[index] for index in self.alive])
         worse = [most] * len(self._cost)
@@ -54,7 +55,7 @@ class ModelBank:
         friction_mps2: float,
         blur_m2_per_s2: float,
     ) -> None:
-        """One cycle of one hypothesis; see MotionFilter.step."""
+        """One cycle of one hypothesis, as in MotionFilter.step."""
         self._cost[index] += self._filters[index].step(
             measured_mps,
             push_mps2=push_mps2,
@@ -64,7 +65,7 @@ class ModelBank:
         )
 
     def weigh(self) -> None:
-        """After all that are alive took their step."""
+        """Update the weights after the step of all active hypotheses."""
         cost = self._cost
         least = min([cost[index] for index in self.alive])
         self.alive = [index for index in self.alive if cost[index] - least < 2.0 * NEVER_MATTERS]
@@ -84,7 +85,7 @@ class ModelBank:
         return total
 
     def agree(self, motion: MotionFilter) -> None:
-        """Fill in what they agree on, as uncertain as the best one is."""
+        """Set `motion` to the weighted mean, with the uncertainty of the best hypothesis."""
         weights, filters = self.weights, self._filters
         best = max(self.alive, key=weights.__getitem__)
         motion.copy(filters[best])

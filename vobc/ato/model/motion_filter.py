@@ -1,38 +1,39 @@
-"""Kalman filter over speed, unexplained acceleration and gains of the brake, written in scalars.
+"""Kalman filter of speed, unexplained acceleration and brake gains, in scalar form.
 
-Under the brake a wrong gain and a wrong resistance look alike in any one moment. They part when the
-demand changes, and what is known beforehand of both says how to share an error until then. Friction
-that takes over from the motors has a gain of its own beside that of the whole brake.
+Under the brake, a wrong gain and a wrong resistance have the same effect at any one moment. They
+separate when the demand changes. Until then their prior variances determine how an error is shared.
+Friction that takes over from the motors has its own gain beside that of the whole brake.
 """
 
 import math
 from typing import Final
 
 SPEED_SIGMA_MPS: Final = 0.03
-"""Of a measured speed, the swinging of the coaches included."""
+"""Standard deviation of a measured speed, including oscillation of the coaches."""
 DISTURBANCE_WALK: Final = 0.004**2
-"""Variance in (m/s²)² that the disturbance gains each second: resistance changes with the speed."""
+"""Growth of the disturbance variance in (m/s²)² per second, as resistance changes with speed."""
 DISTURBANCE_SIGMA_MPS2: Final = 0.03
 DISTURBANCE_RENEWED_MPS2: Final = 0.015
-"""Spread at the start of an application: of resistance, wind and what the map does not know."""
+"""Standard deviation at the start of an application: resistance, wind and map errors."""
 GAIN_WALK: Final = 0.002**2
 GAIN_SIGMA_RATIO: Final = 0.08
-"""Spread of the gain before it was ever seen."""
+"""Standard deviation of the gain before it was measured."""
 FRICTION_SIGMA_RATIO: Final = 0.13
-"""Spread of what friction gives more or less than the whole brake."""
+"""Standard deviation of friction relative to the whole brake."""
 SURPRISE_MPS: Final = 0.25
-"""A measured speed so far off is nothing the brake or the track could do: somebody else brakes."""
+"""Speed error that neither brake nor track can cause. It means that another source brakes."""
 SURPRISE_COST: Final = 100.0
-"""Of a hypothesis that such a speed surprises; it learns nothing of it."""
+"""Cost of a hypothesis with such an error, from which it does not learn."""
 BLIND_MPS: Final = 0.08
-"""So slow, a measured speed is older than what it tells, and soon the train stands: a train that is
-held says nothing of its brake."""
+"""Speed below which measurements are too old to be used, as the train soon stands. A held train
+says nothing about its brake."""
 GAIN_MAX_RATIO: Final = 0.3
 DISTURBANCE_MAX_MPS2: Final = 0.5
 GAIN_REFUSED_RATIO: Final = 0.25
-"""A brake that is off by so much is faulty: what was learnt of it goes with the application."""
+"""Gain deviation from which the brake is faulty. Its estimate is discarded after the application.
+"""
 GAIN_RENEWED_RATIO: Final = 0.02
-"""Least spread at the start of an application: the train may have been loaded since."""
+"""Least standard deviation at the start of an application, as the load may have changed."""
 
 
 class MotionFilter:
@@ -57,15 +58,15 @@ class MotionFilter:
     def __init__(self, dt_s: float) -> None:
         self._dt_s = dt_s
         self.gain_ratio = 0.0
-        """By how much the brake gives more than was asked."""
+        """Relative excess of the brake over the demand."""
         self.friction_ratio = 0.0
-        """By how much its friction gives still more."""
+        """Further relative excess of its friction."""
         self._gg = GAIN_SIGMA_RATIO**2
         self._hh = FRICTION_SIGMA_RATIO**2
         self.start(0.0)
 
     def start(self, speed_mps: float) -> None:
-        """Begin with a known speed and no disturbance; the gains are kept."""
+        """Begin with a known speed and no disturbance. The gains are kept."""
         self.speed_mps = speed_mps
         self.disturbance_mps2 = 0.0
         self._vv = SPEED_SIGMA_MPS**2
@@ -73,7 +74,7 @@ class MotionFilter:
         self._vd = self._vg = self._vh = self._dg = self._dh = self._gh = 0.0
 
     def forget(self, speed_mps: float) -> None:
-        """What was learnt, was learnt of something else."""
+        """Discard the estimates, because another source moved the train."""
         self.gain_ratio = self.friction_ratio = 0.0
         self._gg = GAIN_SIGMA_RATIO**2
         self._hh = FRICTION_SIGMA_RATIO**2
@@ -81,11 +82,11 @@ class MotionFilter:
 
     @property
     def least_gain_ratio(self) -> float:
-        """Two standard deviations under what is believed of the gain."""
+        """Two standard deviations below the estimated gain."""
         return self.gain_ratio - 2.0 * math.sqrt(max(self._gg, GAIN_RENEWED_RATIO**2))
 
     def copy(self, other: "MotionFilter") -> None:
-        """Go on from what another one has found."""
+        """Continue from the state of another filter."""
         self.speed_mps, self.disturbance_mps2 = other.speed_mps, other.disturbance_mps2
         self.gain_ratio, self.friction_ratio = other.gain_ratio, other.friction_ratio
         self._vv, self._vd, self._vg, self._vh = other._vv, other._vd, other._vg, other._vh
@@ -93,7 +94,7 @@ class MotionFilter:
         self._gg, self._gh, self._hh = other._gg, other._gh, other._hh
 
     def renew_gain(self) -> None:
-        """A new application begins; what was learnt of a faulty brake goes."""
+        """Begin a new application. The estimates of a faulty brake are discarded."""
         if abs(self.gain_ratio) >= GAIN_REFUSED_RATIO:
             self.gain_ratio = 0.0
             self._gg = GAIN_SIGMA_RATIO**2
@@ -102,7 +103,7 @@ class MotionFilter:
         self._vh = self._dh = self._gh = 0.0
         self._gg = max(self._gg, GAIN_RENEWED_RATIO**2)
         self._hh = FRICTION_SIGMA_RATIO**2
-        # While traction worked its errors were in the disturbance, too.
+        # Under traction the disturbance also contained traction errors.
         self.disturbance_mps2 = self._vd = self._dg = self._dh = 0.0
         self._dd = DISTURBANCE_RENEWED_MPS2**2
 
@@ -115,13 +116,13 @@ class MotionFilter:
         friction_mps2: float = 0.0,
         blur_m2_per_s2: float = 0.0,
     ) -> float:
-        """One cycle; returns how ill the measured speed fits, as a square of standard deviations.
+        """One cycle. The result is the squared error of the measured speed in standard deviations.
 
         Args:
-            push_mps2: acts for certain.
-            braked_mps2: was asked of the brake.
-            friction_mps2: of that, asked of late friction.
-            blur_m2_per_s2: variance in (m/s)² by which the speed is less certain after this cycle.
+            push_mps2: known acceleration.
+            braked_mps2: brake demand.
+            friction_mps2: part of it that late friction provides.
+            blur_m2_per_s2: additional variance of the speed in (m/s)² after this cycle.
         """
         dt_s = self._dt_s
         self._vv += blur_m2_per_s2
@@ -158,7 +159,9 @@ class MotionFilter:
         return share * innovation_mps
 
     def _spread(self, by_d: float, by_g: float, by_h: float) -> None:
-        """Covariance after one cycle in which the speed took up `by_d` of d and so on."""
+        """Covariance after one cycle with the given influence of disturbance and gains on the
+        speed.
+        """
         vd, vg, vh = self._vd, self._vg, self._vh
         dg, dh, gh = self._dg, self._dh, self._gh
         new_vd = vd + by_d * self._dd + by_g * dg + by_h * dh

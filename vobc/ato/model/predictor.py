@@ -1,7 +1,8 @@
-"""Smith predictor: what the demands already on their way will have done when the next one bites.
+"""Smith predictor: the effect of the demands under way until the next demand acts.
 
-An actuator is a dead time followed by a first-order lag. Demands stay constant between cycles, so
-the integrals over the past are exact, also for dead times that are no multiple of the cycle.
+An actuator is a dead time followed by a first-order lag. Demands are constant between cycles, so
+the integrals over the past are exact. This also holds for dead times that are no multiple of the
+cycle.
 """
 
 import math
@@ -13,14 +14,14 @@ TIME_EPSILON_S: Final = 1e-9
 
 
 class DelayTap(NamedTuple):
-    """A place in the past: so many slots back, and the share of that slot in the mean."""
+    """A place in the past: number of slots back, and the share of that slot in the mean."""
 
     back: int
     share_ratio: float
 
 
 class Pipeline:
-    """The past of one demand as running integrals, kept long enough for the longest dead time."""
+    """History of one demand as running integrals, long enough for the longest dead time."""
 
     __slots__ = ("_dt_s", "_first", "_second", "_size", "_value", "head")
 
@@ -35,7 +36,7 @@ class Pipeline:
         self._value = [0.0] * self._size
         """Demand during each slot."""
         self.head = 0
-        """Slots completed; slot `head` starts now."""
+        """Number of completed slots. Slot `head` starts now."""
 
     def push(self, value: float) -> None:
         """The demand was `value` for the last cycle."""
@@ -48,12 +49,12 @@ class Pipeline:
         self.head += 1
 
     def clear(self) -> None:
-        """As if nothing had ever been demanded."""
+        """Reset the history to zero demand."""
         for integral in (self._first, self._second, self._value):
             integral[:] = [0.0] * self._size
 
     def to_come(self, dead_time_s: float) -> list[float]:
-        """Means over the cycles from now on of what is under way, if nothing more is demanded."""
+        """Mean demand that arrives in each coming cycle, if there is no further demand."""
         cycles = math.floor(dead_time_s / self._dt_s + TIME_EPSILON_S)
         return [
             self.mean(self.tap(dead_time_s - (cycle + 1) * self._dt_s)) for cycle in range(cycles)
@@ -68,7 +69,7 @@ class Pipeline:
         return single, double
 
     def tap(self, age_s: float) -> DelayTap:
-        """Prepares reading the mean over the one cycle that ended `age_s` ago."""
+        """Prepare to read the mean over the one cycle that ended `age_s` ago."""
         slots = age_s / self._dt_s
         back = math.ceil(slots - TIME_EPSILON_S)
         assert back + 1 < self._size
@@ -97,14 +98,14 @@ class Pipeline:
 
 
 class Remains:
-    """What is still under way of earlier applications, each of which had a dead time of its own."""
+    """Demands under way from earlier applications, each with a dead time of its own."""
 
     __slots__ = ("_dt_s", "_means")
 
     def __init__(self, dt_s: float) -> None:
         self._dt_s = dt_s
         self._means: list[float] = []
-        """Over the cycles from now on."""
+        """Mean of each coming cycle."""
 
     def __bool__(self) -> bool:
         return bool(self._means)
@@ -113,15 +114,15 @@ class Remains:
         self._means = []
 
     def add(self, means: Sequence[float]) -> None:
-        """Another application has ended; `means` are what it sends in the cycles from now on."""
+        """Add an application that has ended. `means` arrive in the coming cycles."""
         self._means = [sum(both) for both in zip_longest(self._means, means, fillvalue=0.0)]
 
     def step(self) -> None:
-        """A cycle has passed."""
+        """Advance by one cycle."""
         del self._means[:1]
 
     def after(self, time_s: float) -> float:
-        """Mean over the cycle that begins so long from now."""
+        """Mean over the cycle that begins after this time."""
         cycle = round(time_s / self._dt_s)
         return self._means[cycle] if cycle < len(self._means) else 0.0
 
@@ -139,14 +140,14 @@ class Remains:
 
 
 class PredictedState(NamedTuple):
-    """The predicted state when a demand given now begins to bite."""
+    """The predicted state when a demand given now begins to act."""
 
     front_m: float
     speed_mps: float
 
 
 class MeanInputLag:
-    """First-order lag fed with the mean of its input over each cycle."""
+    """First-order lag whose input is the mean over each cycle."""
 
     __slots__ = ("_keep_ratio", "value")
 
@@ -171,13 +172,13 @@ def response(
 ) -> tuple[float, float]:
     """Single and double integral of an actuator's output from now until the dead time has passed.
 
-    For a first-order lag y' = (u - y) / tau, so the integral of y is that of u less tau * (y - y0);
-    integrated once more this gives the double integral. Nothing is approximated.
+    For a first-order lag y' = (u - y) / tau, the integral of y is that of u less tau * (y - y0).
+    Integrated once more, this gives the double integral. The result is exact.
 
     Args:
-        output_now: the lag's output now, driven by the delayed demand.
-        output_then: its output when the dead time has passed, driven by all that is under way.
-        remains: of earlier demands, which is under way beside the pipeline.
+        output_now: present output of the lag, driven by the delayed demand.
+        output_then: its output after the dead time, driven by all demands under way.
+        remains: demands of earlier applications that are also under way.
     """
     single_in, double_in = pipeline.window(dead_time_s)
     if remains is not None:
@@ -192,7 +193,7 @@ def response(
 def settling(
     time_s: float, *, lag_s: float, output_now: float, asked: float
 ) -> tuple[float, float]:
-    """The same of a lag of which nothing is under way any more, and that is asked for one value."""
+    """The same for a lag with a constant input and no demands under way."""
     output_then = asked + (output_now - asked) * math.exp(-time_s / lag_s)
     single = asked * time_s - lag_s * (output_then - output_now)
     double = asked * time_s**2 / 2.0 - lag_s * (single - output_now * time_s)

@@ -1,8 +1,7 @@
-"""How far the end of authority is going to be at least, behind a train that draws away.
+"""Forecast of the end of authority behind a train that moves away.
 
-An end that moves is the rear of a train ahead, and that train does not stop at once. Operation may
-reckon with the way that it still makes if it is braked as trains are in service; protection does
-not, and goes by the end as it is.
+A moving end is the rear of a train ahead, and that train does not stop at once. Operation may count
+on the distance of its service braking. Protection does not, and uses the end as it is.
 """
 
 from typing import Final, NamedTuple
@@ -10,17 +9,20 @@ from typing import Final, NamedTuple
 from vobc.ato.settings.ato import AuthorityStop
 
 WINDOW_S: Final = 1.6
-"""Over which the speed of the end is taken: some authorities, as each comes with a jump."""
+"""Time over which the speed of the end is measured. It covers several authorities, as each one
+moves the end by a jump."""
 LEAST_SPAN_S: Final = 0.7
-"""Over less than that nothing is said of it."""
+"""Shortest time for a measurement."""
 STILL_S: Final = 0.6
-"""An end that has not moved for so long stands. Three authorities in a row are seldom lost."""
+"""Time without movement after which the end counts as fixed. Three authorities in a row are seldom
+lost."""
 FASTEST_MPS: Final = 30.0
 JUMP_M: Final = 5.0
-"""What moves farther at once than a train in that time, and what place it finds at a tag, is no
-train that draws away: a route was set, or another train is ahead now."""
+"""Greatest plausible movement: a fast train plus its position correction at a tag. A larger one is
+a route that was set, or another train ahead."""
 JOLT_M: Final = 0.4
-"""What moves so much farther than it would at its speed has found its place at a tag."""
+"""Movement beyond the expected one from which the train ahead has corrected its position at a tag.
+"""
 
 
 class _End(NamedTuple):
@@ -29,7 +31,7 @@ class _End(NamedTuple):
 
 
 class RecedingEnd:
-    """Is told the end of authority in each cycle."""
+    """Follows the end of authority, one step per cycle."""
 
     __slots__ = ("_ends", "_now_s", "_shape", "at_least_m")
 
@@ -37,20 +39,20 @@ class RecedingEnd:
         self._shape = shape
         self._now_s = 0.0
         self._ends: list[_End] = []
-        """As it changed, oldest first."""
+        """Changes of the end, oldest first."""
         self.at_least_m = 0.0
-        """Where it is going to be; never behind where it is."""
+        """Forecast of the end. It is never behind the present end."""
 
     def step(self, end_m: float, *, speed_mps: float, dt_s: float) -> None:
-        """`speed_mps` is that of the train itself."""
+        """Note the present end. `speed_mps` is the speed of this train."""
         self._now_s += dt_s
         self._note(end_m)
-        # More would bring the train under the curve of protection, which does not reckon so.
+        # A larger value would exceed the ATP curve, which ignores the leader's motion.
         closer_m = max(0.0, speed_mps) * self._shape.closer_s
         self.at_least_m = end_m + min(self._way_m(*self._leaves()), closer_m)
 
     def _way_m(self, leaves_mps: float, accel_mps2: float) -> float:
-        """What a train still makes that goes over to the brake of service at its jerk."""
+        """Distance of the train ahead if it changes to service braking within its jerk limit."""
         shape = self._shape
         if leaves_mps <= 0.0:
             return 0.0
@@ -78,7 +80,7 @@ class RecedingEnd:
             del ends[0]
 
     def _bring_up(self, end_m: float) -> None:
-        """A place that is found anew says nothing of the speed: what was before it moves along."""
+        """Shift the older ends with a position correction, which says nothing about the speed."""
         speed_mps, accel_mps2 = self._leaves()
         before = self._ends[-1]
         after_s = self._now_s - before.at_s
@@ -87,9 +89,9 @@ class RecedingEnd:
             self._ends[:] = [_End(each.at_s, each.end_m + jolt_m) for each in self._ends]
 
     def _leaves(self) -> tuple[float, float]:
-        """How fast it moves away, and how much that grows; 0.0 when it stands, or nobody knows yet.
+        """Speed and acceleration of the end. 0.0: it is fixed, or unknown yet.
 
-        The middle of what was seen parts two mean speeds.
+        The acceleration is the difference of the mean speeds in the two halves of the window.
         """
         ends = self._ends
         if not ends or self._now_s - ends[-1].at_s > STILL_S:

@@ -1,10 +1,10 @@
-"""What operation believes of the moving train: its speed, and how late its brake answers.
+"""Model of the moving train: its speed, and the delay of its brake.
 
-The brake's dead time is drawn anew at each application, so each one starts a bank of hypotheses;
-what is still under way of the one before keeps the dead time that was found for that one.
-Every hypothesis has its own dead time and a filter of speed, disturbance and gain; how badly it
-predicts the speed is its cost, and the costs weigh the hypotheses. When friction takes over from
-the motors a second bank does the same for how late that friction is.
+The dead time of the brake is random for each application, so each one starts a bank of hypotheses.
+What is left of the previous application keeps its own dead time. Every hypothesis has a dead time
+and a filter of speed, disturbance and gain. Its cost is its prediction error of the speed, and the
+costs determine the weights. When friction takes over from the motors, a second bank does the same
+for the delay of friction.
 """
 
 import math
@@ -24,21 +24,24 @@ from vobc.ato.model.predictor import (
 from vobc.ato.settings.ato import BrakeBelief, TractionBelief
 
 SETTLE_LAGS: Final = 5.0
-"""So many lags after the longest dead time a released brake is taken to be off."""
+"""Number of lags after the longest dead time until a released brake counts as off."""
 DECIDED_S: Final = 3.0
-"""After so much of an application its dead time is known well enough to look at friction."""
+"""Duration of an application after which its dead time is known well enough to examine friction."""
 FILTER_ORDER: Final = 3.0
 FILTER_TIME_RATIO: Final = 8.0 / 3.0
-"""A filter of second order with all three poles at w takes a speed of steady jerk J for 3 J / w²
-less than it is; that error builds up within about 8 / (3 w)."""
+"""A second-order filter with all three poles at w underestimates a speed of constant jerk J by 3 J
+/ w². The error builds up within about 8 / (3 w)."""
 TRACTION_INSTANT_S: Final = 0.15
-"""By so much the traction may answer sooner or later than is believed of it."""
+"""Uncertainty of the traction delay."""
 FULL_MPS2: Final = 0.8
-"""Errors of an instant add up over a whole ramp of the demand, of about this height."""
+"""Typical height of a demand ramp. Timing errors accumulate over such a ramp."""
 
 
 class TrainModel:
-    """All of it is per unit of mass: demands and disturbance are accelerations of the train."""
+    """State of the model.
+
+    All quantities are per unit of mass: demands and disturbance are accelerations.
+    """
 
     __slots__ = (
         *("_active", "_active_s", "_arrived", "_bank", "_brake", "_brake_belief", "_demand_mps2"),
@@ -59,44 +62,44 @@ class TrainModel:
         self._traction_tap = self._traction.tap(traction.dead_time_s)
         self._traction_now = MeanInputLag(traction.lag_s, dt_s)
         self._traction_late = MeanInputLag(traction.lag_s, dt_s)
-        # A brake that bites sooner than it is believed to build up also builds up sooner.
+        # A brake that acts sooner than its assumed build-up time also builds up sooner.
         self._lags_s = tuple(max(dt_s, min(brake.lag_s, each_s)) for each_s in brake.dead_times_s)
         self._keep_ratios = tuple(math.exp(-dt_s / lag_s) for lag_s in self._lags_s)
         self._settle_cycles = math.ceil((brake.dead_times_s[-1] + SETTLE_LAGS * brake.lag_s) / dt_s)
         self._demand_mps2 = 0.0
         self._motion = MotionFilter(dt_s)
-        """What the hypotheses agree on, and the only filter while the brake is off."""
+        """Weighted mean of the hypotheses, and the only filter while the brake is off."""
         self._bank = ModelBank(count, dt_s)
         self._no_costs = (0.0,) * count
         self._handover = Handover(brake, dt_s)
         self._output = [0.0] * count
         self._arrived = [0.0] * count
-        """Driven without dead time: the output when all that is under way has arrived."""
+        """Output without dead time: its value when all demands under way have arrived."""
         filter_s = FILTER_TIME_RATIO / brake.speed_filter_rad_s
         self._trail_ratio = 1.0 - math.exp(-dt_s / filter_s)
         self._late_s = FILTER_ORDER / (brake.speed_filter_rad_s**2 * filter_s)
         self._trail = [0.0] * count
-        """The output as late as the filter of the speed takes it."""
+        """The output with the same lag as the filtered speed."""
         self._remains = Remains(dt_s)
         self._active = False
         self._active_s = 0.0
         self._ours = True
         self._quiet_cycles = 0
         self.brake_mps2 = 0.0
-        """Deceleration that was asked for and has arrived, as believed; the gain is apart."""
+        """Estimated deceleration of the demands that have arrived, without the gain."""
         self.on_its_way_mps2 = 0.0
-        """What it will be when all that is under way has arrived."""
+        """Value of it when all demands under way have arrived."""
         self._found_s = brake.expected_dead_time_s
-        """Dead time of the present application, or of the last one while it still works."""
+        """Dead time of the present application, or of the last one while it still acts."""
         self.lag_s = brake.lag_s
 
     def issue(self, demand_mps2: float) -> None:
-        """The demand that leaves now and stays until the next cycle."""
+        """Note the demand that is sent now and holds until the next cycle."""
         self._demand_mps2 = demand_mps2
 
     @property
     def dead_time_s(self) -> float:
-        """Of a demand that is given now: a brake that was released draws another."""
+        """Dead time of a demand given now. After a release the next application has another one."""
         if not self._quiet_cycles:
             return self._found_s
         return max(self._found_s, self._brake_belief.expected_dead_time_s)
@@ -112,11 +115,11 @@ class TrainModel:
 
     @property
     def gain_ratio(self) -> float:
-        """By how much the brake gives more than it was asked for, as believed."""
+        """Estimated relative excess of the brake over the demand."""
         return self._motion.gain_ratio
 
     def gain_at(self, speed_mps: float) -> float:
-        """The same at this speed, where late friction may do a part of the braking."""
+        """The same at this speed, where late friction may provide a part of the braking."""
         handover, motion = self._handover, self._motion
         if not handover.late:
             return motion.gain_ratio
@@ -125,16 +128,18 @@ class TrainModel:
 
     @property
     def least_gain_ratio(self) -> float:
-        """The brake is at least as strong, in all likelihood."""
+        """Lower bound of the gain, in all likelihood."""
         return self._motion.least_gain_ratio
 
     @property
     def friction_may_be_late(self) -> bool:
-        """At the next handover from the motors, or in the present one."""
+        """Friction may be late at the next handover from the motors, or in the present one."""
         return self._handover.may_be_late
 
     def gap_m(self, speed_mps: float, decel_mps2: float) -> float:
-        """Way without brake that is still to come at a handover from motors to late friction."""
+        """Distance without brake that is still to come at a handover from motors to late
+        friction.
+        """
         return self._handover.gap_m(speed_mps, decel_mps2)
 
     def build_up_s(self, speed_mps: float) -> float:
@@ -150,14 +155,15 @@ class TrainModel:
         return self._demand_mps2 < 0.0
 
     def rest(self) -> None:
-        """The train stands: its motion is forgotten, the demands under way are not."""
+        """Reset the motion of a standing train. Demands under way stay."""
         self.meet(0.0)
 
     def meet(self, speed_mps: float) -> None:
-        """Take the speed as it is, on taking over a train that moves."""
+        """Accept the measured speed, for example when taking over a moving train."""
         self._motion.start(speed_mps)
         if self._active and self._active_s > DECIDED_S:
-            # How late this application is stays known, whoever braked meanwhile.
+            # The delay of this application stays known, even if another source has braked
+            # meanwhile.
             self._handover.end()
             self._bank.begin(self._motion)
         else:
@@ -166,12 +172,12 @@ class TrainModel:
     def step(
         self, speed_mps: float, gravity_mps2: float, cycles: int, *, ours: bool = True
     ) -> None:
-        """Advance to now under the demand issued before, then lean towards the measured speed.
+        """Advance to now under the previous demand, then correct towards the measured speed.
 
         Args:
             gravity_mps2: deceleration by gradient and running resistance.
             cycles: since the step before; more than one after an overrun.
-            ours: it is our demands that move the train. Else nothing is learnt.
+            ours: operation's own demands move the train. Otherwise nothing is learned.
         """
         self._ours = ours
         for _ in range(cycles):
@@ -206,7 +212,7 @@ class TrainModel:
             self._start_hypotheses()
 
     def _advance_banks(self, speed_mps: float, push_mps2: float, blur_m2_per_s2: float) -> None:
-        """One cycle of the brake under every hypothesis that is alive; the hot loop."""
+        """One cycle of the brake under every active hypothesis. This is the hot loop."""
         handover, motion, bank = self._handover, self._motion, self._bank
         asked_mps2 = max(0.0, -self._demand_mps2)
         outputs, arrived, mean = self._output, self._arrived, self._brake.mean
@@ -259,7 +265,7 @@ class TrainModel:
         self._agree()
 
     def _note_application(self, brake_mps2: float) -> None:
-        """Brake from nothing starts the bank; long enough without brake puts it to sleep."""
+        """Start the bank at a new application. Stop it after long enough without brake."""
         if brake_mps2 > 0.0:
             if not self._active:
                 self._active = True
@@ -282,7 +288,7 @@ class TrainModel:
                 self.lag_s = self._brake_belief.lag_s
 
     def _begin_again(self) -> None:
-        """Another application while the one before still works: nothing is known of how late."""
+        """Begin a new application of unknown dead time while the previous one still acts."""
         self._remains.add(self._brake.to_come(self._found_s))
         self._brake.clear()
         trail_mps2 = self._bank.mean(self._trail)
@@ -297,10 +303,10 @@ class TrainModel:
         self._start_hypotheses()
 
     def _start_hypotheses(self) -> None:
-        """All begin alike from the motion as it is believed now."""
+        """Start all hypotheses from the present motion."""
         self._active_s = 0.0
         self._handover.end()
-        # One that was given up did not follow the demand.
+        # A discarded hypothesis has not followed the demand.
         for index in range(len(self._output)):
             if self._active and index not in self._bank.alive:
                 self._output[index] = self.brake_mps2
@@ -317,9 +323,9 @@ class TrainModel:
         self.on_its_way_mps2 = bank.mean(self._arrived)
 
     def ahead_of_brake(self, front_m: float, gravity_mps2: float) -> PredictedState:
-        """Where and how fast the train will be when a brake demand given now begins to bite.
+        """Predicted state when a brake demand given now begins to act.
 
-        The traction demand of now is taken to stay until then.
+        The present traction demand is assumed to last until then.
         """
         horizon_s = self.dead_time_s
         steady_mps2 = self.disturbance_mps2 - gravity_mps2
@@ -335,7 +341,10 @@ class TrainModel:
         return PredictedState(front_m + travel_m, max(0.0, speed_mps))
 
     def _ahead_of_friction(self, front_m: float, steady_mps2: float) -> PredictedState:
-        """Step by step, as what the speed will be decides who brakes; traction is taken as off."""
+        """Prediction step by step, because the speed decides whether motors or friction brake.
+
+        Traction is assumed to be off.
+        """
         dt_s = self._dt_s
         keep_ratio = math.exp(-dt_s / self.lag_s)
         unit_mps2, asked_mps2 = self.brake_mps2, max(0.0, -self._demand_mps2)
@@ -356,7 +365,7 @@ class TrainModel:
         return PredictedState(front_m + travel_m, speed_mps)
 
     def ahead_of_traction_mps(self, gravity_mps2: float) -> float:
-        """The speed when a traction demand given now begins to act; the brake is taken to stay."""
+        """Speed when a traction demand given now begins to act. The brake is assumed to stay."""
         horizon_s = self._traction_belief.dead_time_s
         gained_mps, _ = self._traction_response(horizon_s)
         braked_mps2 = self.brake_mps2 * (1.0 + self.gain_at(self.speed_mps))

@@ -1,4 +1,4 @@
-"""Deceleration by gradients, positive uphill, and running resistance, as believed."""
+"""Assumed deceleration by gradients, positive uphill, and by running resistance."""
 
 from firmware_py.trackdb import LineMap
 from vobc import kinematics
@@ -12,13 +12,13 @@ def decel_on_mps2(config: AtoConfig, gradient_permille: float) -> float:
 
 
 def decel_at_mps2(config: AtoConfig, line: LineMap, front_m: float) -> float:
-    """Mean under a train with its front there."""
+    """Mean over the length of a train with its front there."""
     gradient_permille = line.mean_gradient_permille(front_m - config.train_length_m, front_m)
     return decel_on_mps2(config, gradient_permille)
 
 
 def resistance_mps2(config: AtoConfig, speed_mps: float) -> float:
-    """Deceleration by the running resistance: n ‰ uphill weigh as n N for each kN do."""
+    """Deceleration by the running resistance. n N per kN act like a gradient of n ‰ uphill."""
     if speed_mps <= 0.0:
         return 0.0
     return decel_on_mps2(config, config.resistance.n_per_kn(speed_mps))

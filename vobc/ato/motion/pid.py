@@ -1,10 +1,10 @@
-"""A PID with anti-windup by conditional integration and bumpless hand-over."""
+"""A PID with anti-windup by conditional integration and bumpless transfer."""
 
 from vobc.ato.settings.pid import PidGains
 
 
 class Pid:
-    """Parallel form; errors are in m/s, or in m for a position loop."""
+    """Parallel form. Errors are in m/s, or in m for a position loop."""
 
     __slots__ = ("_integral_mps2", "_last_error")
 
@@ -33,10 +33,10 @@ class Pid:
         high_mps2: float,
         slope: float | None = None,
     ) -> float:
-        """The output within the bounds; the integral never pushes further past one.
+        """Output within the bounds. The integral does not grow beyond a bound.
 
         Args:
-            slope: of the error, a second, if it is known better than from two errors.
+            slope: change of the error per second, if known better than from two errors.
         """
         if slope is None:
             last = self._last_error

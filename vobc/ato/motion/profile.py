@@ -1,4 +1,4 @@
-"""Reference speeds: braking curves, peaks of short sections, limits under the whole train."""
+"""Reference speeds: braking curves, peak speeds of short sections, limits under the whole train."""
 
 import itertools
 import math
@@ -12,27 +12,29 @@ from vobc.ato.motion import gradient, trapezoid
 from vobc.ato.settings.ato import AtoConfig, Braking
 
 LEAST_DECEL_MPS2: Final = 0.15
-"""A braking plan is never gentler than this, however steeply the track falls."""
+"""Least planned deceleration, however steep the downhill gradient."""
 
 
 SEARCH_STEPS: Final = 40
-"""Halvings of a range of speeds; far finer than a millimetre a second."""
+"""Number of bisections of a speed range. The result is far finer than 1 mm/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """Where on a braking curve a speed lies."""
+    """Point of a braking curve at a given speed."""
 
     time_to_go_s: float
     distance_m: float
-    """To the point where the curve ends."""
+    """Distance to the end of the curve."""
     decel_mps2: float
     ease_mps3: float
-    """By how much the deceleration falls in each second from here on; zero or more."""
+    """Decrease of the deceleration per second from here on, zero or more."""
 
 
 class _Piece(NamedTuple):
-    """Counted backwards from the end: where it begins, its deceleration there and its rise."""
+    """Piece of the curve, counted backwards from its end: start, deceleration there and its
+    slope.
+    """
 
     time_s: float
     speed_mps: float
@@ -42,10 +44,10 @@ class _Piece(NamedTuple):
 
 
 class ReferenceBrakingCurve:
-    """A deceleration that is piecewise linear in time, followed from any speed down to `end_mps`.
+    """Braking curve with a deceleration that is piecewise linear in time, down to `end_mps`.
 
-    Counted backwards from its end it begins with `decels_mps2[0]` and rises to each next value at
-    the rate of `eases_mps3`, keeping the last for ever. Everything is closed form.
+    Counted backwards from its end, the deceleration begins with `decels_mps2[0]`. It rises to each
+    next value at the rate of `eases_mps3` and keeps the last one. All results have a closed form.
     """
 
     __slots__ = ("_pieces", "end_mps", "steady_decel_mps2")
@@ -74,7 +76,7 @@ class ReferenceBrakingCurve:
         self._pieces = tuple(reversed(pieces))
 
     def at_speed(self, speed_mps: float) -> CurvePoint:
-        """The point with this speed; below the end speed, the end itself."""
+        """The point with this speed. Below the end speed: the end."""
         for piece in self._pieces:
             if speed_mps > piece.speed_mps:
                 break
@@ -96,9 +98,10 @@ class ReferenceBrakingCurve:
 def stopping_curve(
     shape: Braking, *, steady_mps2: float, final_mps2: float
 ) -> ReferenceBrakingCurve:
-    """To a standstill: steady, eased to the plateau, then falling linearly to the small last step.
+    """Curve to a standstill: constant, eased to the plateau, then decreasing linearly to the last
+    step.
 
-    From speed v2 at the plateau b2 the linear fall to bf takes 2 * v2 / (b2 + bf).
+    From speed v2 at the plateau b2 the linear decrease to bf takes 2 * v2 / (b2 + bf).
     """
     plateau_mps2 = min(max(shape.plateau_decel_mps2, final_mps2), steady_mps2)
     fall_mps2 = plateau_mps2 - final_mps2
@@ -118,7 +121,10 @@ def curve_to_stop(
     gain_ratio: float | None = None,
     late_friction: bool = False,
 ) -> ReferenceBrakingCurve:
-    """Uphill the last step is larger: the brake needs as much room to ease as on the level."""
+    """Braking curve to a stop.
+
+    Uphill the last step is larger, so that the brake can ease as on the level.
+    """
     shape = late_shape(config.braking) if late_friction else config.braking
     steady_mps2 = steady_decel_mps2(config, line, at_m, gain_ratio)
     uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
@@ -127,7 +133,7 @@ def curve_to_stop(
 
 
 def late_shape(shape: Braking) -> Braking:
-    """The braking of a train whose friction may be late."""
+    """Shape of the braking of a train with late friction."""
     return replace(
         shape,
         plateau_decel_mps2=shape.late_plateau_decel_mps2,
@@ -139,7 +145,7 @@ def late_shape(shape: Braking) -> Braking:
 def curve_to_authority(
     config: AtoConfig, line: LineMap, at_m: float, *, gain_ratio: float | None = None
 ) -> ReferenceBrakingCurve:
-    """To a standstill before the end of authority, under protection's own curve.
+    """Curve to a standstill before the end of authority, below protection's own curve.
 
     `gain_ratio` is as for `steady_decel_mps2`.
     """
@@ -154,7 +160,7 @@ def curve_to_authority(
 
 
 def slowing_curve(shape: Braking, *, end_mps: float, steady_mps2: float) -> ReferenceBrakingCurve:
-    """To a lower limit: steady, then eased off."""
+    """Curve to a lower limit: constant, then eased off."""
     return ReferenceBrakingCurve(
         end_mps, (min(shape.final_decel_mps2, steady_mps2), steady_mps2), (shape.ease_jerk_mps3,)
     )
@@ -163,14 +169,13 @@ def slowing_curve(shape: Braking, *, end_mps: float, steady_mps2: float) -> Refe
 def steady_decel_mps2(
     config: AtoConfig, line: LineMap, at_m: float, gain_ratio: float | None = None
 ) -> float:
-    """The deceleration to plan towards `at_m`: less where the track falls or the brake is weak, by
-    the demand's limit.
+    """Deceleration to plan towards `at_m`, within the limit of the demand.
 
-    The whole braking from the speed limit there is looked at.
+    It is lower where the track falls or the brake is weak. The function considers the whole braking
+    from the speed limit there.
 
     Args:
-        gain_ratio: the least by which the brake may give more than it is asked for; None where
-            nobody knows.
+        gain_ratio: least relative deviation of the brake gain. None: unknown.
     """
     shape = config.braking
     top_mps = line.limit_mps(at_m - 1.0)
@@ -193,10 +198,11 @@ def peak_speed_mps(
     change_over_s: float,
     limit_mps: float,
 ) -> float:
-    """The highest speed up to `limit_mps` worth reaching before `curve` ends in `distance_m`.
+    """The highest speed up to `limit_mps` that is worth reaching before `curve` ends in
+    `distance_m`.
 
-    Accelerate under trapezoidal acceleration, run on for `change_over_s`, build the brake up at the
-    jerk limit, follow the curve. When even the present speed is too much it is the answer.
+    The train accelerates trapezoidally, runs on for `change_over_s`, builds the brake up at the
+    jerk limit and follows the curve. If even the present speed is too high, it is the result.
     """
 
     def needed_m(peak_mps: float) -> float:
@@ -221,14 +227,14 @@ def peak_speed_mps(
 
 @dataclass(frozen=True, slots=True)
 class LowerLimit:
-    """A place ahead from which the train must be slower than it may be just before."""
+    """A place ahead where the speed limit becomes lower."""
 
     at_m: float
     curve: ReferenceBrakingCurve
 
 
 class SpeedLimits:
-    """Civil limits as a train meets them: lowered at its front, released behind its rear."""
+    """Civil limits for a train: lowered at its front, released behind its rear."""
 
     __slots__ = ("_line", "_lowerings", "_starts_m", "_train_length_m")
 
@@ -250,7 +256,7 @@ class SpeedLimits:
         return self._line.least_limit_mps(front_m - self._train_length_m, front_m)
 
     def next_lowering(self, front_m: float) -> int:
-        """Index of the first lowering at or beyond the front; see `lowering`."""
+        """Index of the first lowering beyond the front, for `lowering`."""
         return bisect_right(self._starts_m, front_m)
 
     def lowering(self, index: int) -> LowerLimit | None:

@@ -1,21 +1,22 @@
-"""Speed reference in time: moves to the target speed with trapezoidal, smoothed acceleration."""
+"""Speed reference over time that moves to the target with smoothed trapezoidal acceleration."""
 
 import math
 from collections import deque
 from typing import Final
 
 LANDING_PER_S: Final = 0.8
-"""Close to the target the reference approaches it exponentially at this rate."""
+"""Rate of the exponential approach close to the target."""
 LANDING_JERK_RATIO: Final = 0.7
-"""Share of the jerk limit with which the acceleration eases off into the target."""
+"""Share of the jerk limit with which the acceleration decreases towards the target."""
 URGENT_MPS: Final = 0.5
-"""A target so far below the reference is not waited for by the smoothing."""
+"""Difference below the reference at which a target takes effect without smoothing."""
 
 
 class RateLimiter:
-    """A raw reference lands on the target under the jerk limit; its moving average is followed.
+    """A raw reference approaches the target within the jerk limit. The output is its moving
+    average.
 
-    Both land on the same speed, so smoothing never overshoots.
+    Both reach the same speed, so smoothing never overshoots.
     """
 
     __slots__ = (
@@ -36,18 +37,18 @@ class RateLimiter:
         self.restart(0.0, 0.0)
 
     def restart(self, speed_mps: float, accel_mps2: float) -> None:
-        """Begin from what the train does now."""
+        """Restart from the train's present motion."""
         length = self._recent_mps2.maxlen or 1
         self._recent_mps2.extend([accel_mps2] * length)
         self._sum_mps2 = accel_mps2 * length
         self._raw_mps2 = accel_mps2
         self.accel_mps2 = accel_mps2
         self.speed_mps = speed_mps
-        # A steadily changing reference runs ahead of its moving average by half the window.
+        # A steadily changing reference leads its moving average by half the window.
         self._raw_mps = speed_mps + accel_mps2 * (length - 1) * self._dt_s / 2.0
 
     def hold_back(self, highest_mps: float) -> None:
-        """Wait for a train that does not follow: the reference is not let over `highest_mps`."""
+        """Limit the reference to `highest_mps` while the train does not follow."""
         excess_mps = self.speed_mps - highest_mps
         if excess_mps > 0.0:
             self.speed_mps -= excess_mps
@@ -56,7 +57,7 @@ class RateLimiter:
     def step(
         self, target_mps: float, *, rise_mps2: float, fall_mps2: float, cycles: int = 1
     ) -> None:
-        """Move on towards the target; the limits of acceleration are both zero or more."""
+        """Move towards the target. Both acceleration limits are zero or more."""
         for _ in range(cycles):
             self._step_once(target_mps, rise_mps2, fall_mps2)
 

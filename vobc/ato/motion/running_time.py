@@ -1,4 +1,4 @@
-"""How long the way to a stop takes at a given cruising speed, and which speed a time asks for."""
+"""Running time to a stop at a given cruising speed, and the cruising speed for a given time."""
 
 from typing import Final, NamedTuple
 
@@ -8,26 +8,26 @@ from vobc.ato.motion.profile import ReferenceBrakingCurve
 from vobc.ato.settings.ato import AtoConfig
 
 SEARCH_STEPS: Final = 24
-"""Halvings of the range of speeds: some millimetres a second."""
+"""Number of bisections of the speed range. The result is accurate to a few mm/s."""
 CHANGE_OVER_S: Final = 1.0
-"""Between gaining speed and losing it."""
+"""Time between acceleration and deceleration."""
 CRAWL_MPS: Final = 0.5
-"""No stretch is reckoned slower than this."""
+"""Lower bound of the assumed speed."""
 
 
 class LimitStretch(NamedTuple):
-    """Of the front's way under one limit."""
+    """Stretch of the front's way under one limit."""
 
     end_m: float
     limit_mps: float
 
 
 class RunningTime:
-    """Limits as the front of the train meets them, from one place to a stop.
+    """Speed limits as the front of the train meets them, from one place to a stop.
 
-    Seed 000, equations (3) to (7), gives the target speed as what is left of the way over what is
-    left of the time, and forgets that the train has to gain and lose speed. Here the time of the
-    way is reckoned with both, and the speed for a time is searched for.
+    [Lin], equations (3) to (7), defines the target speed as remaining distance over remaining time.
+    It ignores the time to accelerate and brake. Here the running time includes both, and the speed
+    for a given time is found by search.
     """
 
     __slots__ = ("_accel_mps2", "_curve", "_jerk_mps3", "_margin_mps", "_stop_m", "_stretches")
@@ -61,7 +61,7 @@ class RunningTime:
         self._stretches = tuple(stretches)
 
     def time_s(self, front_m: float, speed_mps: float, cruise_mps: float) -> float:
-        """From here to standstill at the stop, at `cruise_mps` where the limits allow it."""
+        """Time from here to standstill at the stop, at `cruise_mps` where the limits permit it."""
         last_mps = max(CRAWL_MPS, min(cruise_mps, self._last_limit_mps() - self._margin_mps))
         parking = self._curve.at_speed(last_mps)
         total_s = parking.time_to_go_s
@@ -81,9 +81,11 @@ class RunningTime:
     def speed_for_mps(
         self, front_m: float, speed_mps: float, left_s: float, *, low_mps: float, high_mps: float
     ) -> float:
-        """The cruising speed that takes `left_s`; the highest when even that is too slow.
+        """Cruising speed for a running time of `left_s`. If even the highest is too slow: the
+        highest.
 
-        No speed is asked for that the rest of the way is too short to reach and to lose again.
+        The result is never a speed that the remaining distance is too short to reach and lose
+        again.
         """
         if left_s <= 0.0:
             return high_mps
@@ -111,8 +113,9 @@ class RunningTime:
         return self._stretches[-1].limit_mps if self._stretches else CRAWL_MPS
 
     def _change_s(self, from_mps: float, to_mps: float, *, falls_before: bool) -> float:
-        """Time beyond that of running steadily: at `to_mps`, or for a fall before a lower limit at
-        the speed before it.
+        """Additional time of a speed change, compared with constant speed.
+
+        The comparison is with `to_mps`, or with `from_mps` for a reduction before a lower limit.
         """
         ramp_s = trapezoid.ramp_s(
             to_mps - from_mps, accel_mps2=self._accel_mps2, jerk_mps3=self._jerk_mps3

@@ -1,4 +1,4 @@
-"""The last word on comfort: no demand leaves beyond the limits of acceleration and jerk."""
+"""Comfort limiter: no demand exceeds the limits of acceleration and jerk."""
 
 from vobc.ato.settings.ato import Limits
 
@@ -12,7 +12,7 @@ class Shaper:
         self.demand_mps2 = 0.0
 
     def step(self, wanted_mps2: float, dt_s: float) -> float:
-        """The demand nearest to what is wanted that the limits allow after `dt_s`."""
+        """The demand nearest to the wanted one that the limits permit after `dt_s`."""
         reach_mps2 = self._jerk_mps3 * dt_s
         low_mps2 = max(-self._accel_mps2, self.demand_mps2 - reach_mps2)
         high_mps2 = min(self._accel_mps2, self.demand_mps2 + reach_mps2)
@@ -20,6 +20,6 @@ class Shaper:
         return self.demand_mps2
 
     def drop_traction(self) -> float:
-        """Traction is cut at once where safety asks for it; a brake demand stays as it is."""
+        """Cut traction at once where safety requires it. A brake demand stays unchanged."""
         self.demand_mps2 = min(0.0, self.demand_mps2)
         return self.demand_mps2

@@ -1,4 +1,4 @@
-"""A braking curve of constant decelerations, as a train with notches runs it."""
+"""Braking curve of constant decelerations, as a train with notches follows it."""
 
 import math
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from vobc.ato.motion.profile import CurvePoint
 
 
 class _Step(NamedTuple):
-    """Counted backwards from the stop: where it begins, and its deceleration."""
+    """Step of the curve, counted backwards from the stop: start and deceleration."""
 
     time_s: float
     speed_mps: float
@@ -17,10 +17,10 @@ class _Step(NamedTuple):
 
 
 class StepCurve:
-    """Down to a stop; `tops_mps` are the speeds at which one deceleration gives way to the next.
+    """Curve to a stop. `tops_mps` are the speeds at which the deceleration changes.
 
-    Both are counted from the stop; the last deceleration has no top. `reserve_m` is way that the
-    curve leaves over before its first top, for the train to run at about that speed.
+    Both sequences count from the stop, and the last deceleration has no top. `reserve_m` is a
+    distance left before the first top, which the train covers at about that speed.
     """
 
     __slots__ = ("_steps", "end_mps", "steady_decel_mps2")
@@ -47,7 +47,7 @@ class StepCurve:
         self._steps = tuple(reversed(steps))
 
     def at_speed(self, speed_mps: float) -> CurvePoint:
-        """The point with this speed; below none, the stop itself."""
+        """The point with this speed. Below the lowest: the stop."""
         step = self._steps[-1]
         for candidate in self._steps:
             if speed_mps > candidate.speed_mps:
@@ -64,7 +64,7 @@ class StepCurve:
         )
 
     def speed_at_mps(self, distance_m: float) -> float:
-        """The curve's speed so far before the stop; none beyond it."""
+        """Speed of the curve at this distance before the stop. 0 beyond the stop."""
         for step in self._steps:
             if distance_m > step.distance_m:
                 rise = 2.0 * step.decel_mps2 * (distance_m - step.distance_m)

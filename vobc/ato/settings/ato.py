@@ -1,4 +1,6 @@
-"""Tuning of the automatic operation: its belief of train and brake, how it drives and stops."""
+"""Settings of the automatic operation: assumed properties of train and brake, driving and
+stopping.
+"""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -11,12 +13,12 @@ from vobc.ato.settings.power_limited import PowerLimited
 from vobc.ato.settings.timing import Timing
 
 MAX_DEAD_TIMES: Final = 20
-"""Bound on the hypotheses of brake delay, which keeps the cost of a cycle bounded."""
+"""Greatest number of brake-delay hypotheses. It bounds the computing time of a cycle."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What passengers are promised (Allotta et al. 2013, table 1), emergency braking apart."""
+    """Comfort limits for passengers ([Allotta 2013], table 1), except in emergency braking."""
 
     accel_mps2: float = 0.8
     jerk_mps3: float = 0.6
@@ -31,30 +33,31 @@ class BrakeBelief:
         *(0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75),
         *(0.85, 0.95, 1.05, 1.15, 1.25, 1.35, 1.45, 1.55, 1.7, 1.85),
     )
-    """Hypotheses, rising, from the demand leaving this cycle to the first bite; the last are for a
-    late brake that also builds up slowly."""
+    """Hypotheses, in rising order, of the time from sending a demand to the first brake effort. The
+    last ones stand for a late brake that also builds up slowly."""
     expected_dead_time_s: float = 1.1
-    """Until an application has shown its own. Too long a guess only starts the braking early; too
-    short a one has to be made up for by a brake that may be weak."""
+    """Dead time assumed until an application has shown its own. Too long a value only starts the
+    braking early. Too short a value needs extra braking later, which a weak brake may not have."""
     lag_s: float = 0.35
-    """Of the first-order build-up after the dead time; an error in it is found as dead time. A
-    brake that bites sooner than this is taken to build up as quickly."""
+    """Time constant of the build-up after the dead time. An error in it is identified as dead time.
+    A brake that acts sooner than this is assumed to build up as quickly."""
     speed_sigma_mps: float = 0.03
-    """Spread of speed innovations on the true hypothesis, couplers included."""
+    """Standard deviation of the speed innovation under the true hypothesis, including coupler
+    oscillation."""
     speed_filter_rad_s: float = 8.0
-    """Bandwidth of the filter that odometry takes the speed by; behind a braking that grows or
-    eases off it lags, which is reckoned with."""
+    """Bandwidth of odometry's speed filter. Its lag while the brake builds up or releases is taken
+    into account."""
     fade_begin_mps: float = 8.0 / 3.6
-    """Under this speed the motors can do less and less of the braking."""
+    """Speed below which the electric brake fades."""
     fade_end_mps: float = 3.0 / 3.6
-    """Under this they do nothing of it."""
+    """Speed below which the electric brake gives nothing."""
     motors_mps2: float = 1.2
-    """What they can do before they begin to fade."""
+    """Deceleration of the electric brake before it fades."""
     air_delays_s: tuple[float, ...] = (0.0,)
-    """Hypotheses, rising from none, of how much later than the motors friction answers. With more
-    than one the first stops are planned as if it might be late, which costs some seconds."""
+    """Hypotheses, rising from 0, of the delay of friction behind the motors. With more than one,
+    the first stops are planned for late friction, which costs some seconds."""
     air_lag_s: float = 0.2
-    """Of the build-up of friction that is late."""
+    """Time constant of the build-up of late friction."""
 
     def __post_init__(self) -> None:
         _positive(
@@ -86,11 +89,12 @@ class TractionBelief:
     dead_time_s: float = 0.12
     lag_s: float = 0.3
     rated_accel_mps2: float = 1.0
-    """What the full rated effort gives the loaded train on the level."""
+    """Acceleration of the loaded train on level track at full rated effort."""
     jerk_mps3: float = 0.52
-    """Of the reference: faster, and the couplers make more of it than was asked for."""
+    """Jerk of the reference. A higher jerk excites the couplers beyond the demand."""
     smoothing_s: float = 1.4
-    """Moving average over the reference acceleration; its first null is a coupler mode."""
+    """Window of the moving average over the reference acceleration. Its first null is at a coupler
+    mode."""
 
     def __post_init__(self) -> None:
         _positive(
@@ -104,7 +108,7 @@ class TractionBelief:
 
 @dataclass(frozen=True, slots=True)
 class RunningResistance:
-    """Davis formula a + b * v + c * v**2 in N for each kN of weight (Allotta et al. 2013)."""
+    """Davis formula a + b * v + c * v**2 in N per kN of weight ([Allotta 2013])."""
 
     a_n_per_kn: float = 2.0
     b_n_per_kn_per_mps: float = 0.04
@@ -115,7 +119,7 @@ class RunningResistance:
             raise ValueError("a coefficient of the running resistance is negative")
 
     def n_per_kn(self, speed_mps: float) -> float:
-        """At a speed of zero or more."""
+        """Resistance at a speed of zero or more."""
         return self.a_n_per_kn + speed_mps * (
             self.b_n_per_kn_per_mps + speed_mps * self.c_n_per_kn_per_mps2
         )
@@ -123,29 +127,32 @@ class RunningResistance:
 
 @dataclass(frozen=True, slots=True)
 class Braking:
-    """Shape of a braking: steady at speed, a low plateau at the end, a small last step."""
+    """Shape of a braking: constant deceleration, a low plateau at the end, and a small last
+    step.
+    """
 
     decel_mps2: float = 0.76
     onset_jerk_mps3: float = 0.45
-    """Of the brake coming on: faster, and the couplers make more of it than was asked for."""
+    """Jerk at the start of braking. A higher jerk excites the couplers beyond the demand."""
     ease_jerk_mps3: float = 0.4
     plateau_decel_mps2: float = 0.5
     plateau_speed_mps: float = 1.35
     final_decel_mps2: float = 0.065
     least_decel_mps2: float = 0.03
-    """The brake stays on with at least this from the start of braking to the stop: ending the
-    application would let the next one draw another delay."""
+    """Least demand from the start of braking to the stop. If the brake were released, the next
+    application would have another random delay."""
     correction_ratio: float = 2.6
-    """2 aims at the mark with a steady brake; more removes errors earlier than at the mark."""
+    """Gain of the correction towards the stopping point. With 2 a constant brake meets it exactly;
+    more removes errors earlier."""
     late_plateau_decel_mps2: float = 0.15
     late_plateau_speed_mps: float = 1.3
     late_final_decel_mps2: float = 0.05
-    """The same three for a train whose friction may be late: at the handover from the motors a
-    part of the braking will be missing, and what is corrected after it comes late."""
+    """The same three values for a train with late friction. At the handover from the motors a part
+    of the braking is missing, and its correction comes late."""
     weak_ratio: float = -0.16
-    """Before a brake's gain was ever seen, braking is planned for one that much weaker."""
+    """Assumed deviation of the brake gain before the gain has been measured."""
     reserve_mps2: float = 0.02
-    """Kept between the planned demand on the worst gradient and the limit, for corrections."""
+    """Reserve for corrections between the planned demand on the worst gradient and the limit."""
 
     def __post_init__(self) -> None:
         _positive(
@@ -171,16 +178,17 @@ class Braking:
 
 @dataclass(frozen=True, slots=True)
 class SlipperyRail:
-    """How the train is driven for a while after its wheels slipped or slid."""
+    """Driving for a time after the wheels slipped or slid."""
 
     from_start: bool = False
-    """The rail is known to be slippery before any wheel has shown it."""
+    """The rail counts as slippery from the start, before any slip."""
     decel_mps2: float = 0.45
-    """Braking is planned no harder: an adhesion of 0.06 bears 0.54 m/s² on all wheels."""
+    """Greatest planned deceleration. An adhesion of 0.06 supports 0.54 m/s² on all wheels."""
     accel_mps2: float = 0.25
-    """On the wheels of the motor cars it bears 0.29 m/s²."""
+    """Greatest acceleration. The same adhesion supports 0.29 m/s² on the wheels of the motor cars.
+    """
     memory_s: float = 900.0
-    """From the last slip on."""
+    """How long the rail counts as slippery after the last slip."""
 
     def __post_init__(self) -> None:
         _positive(decel_mps2=self.decel_mps2, accel_mps2=self.accel_mps2, memory_s=self.memory_s)
@@ -188,30 +196,29 @@ class SlipperyRail:
 
 @dataclass(frozen=True, slots=True)
 class AuthorityStop:
-    """A stop before the end of authority keeps under the curve of protection.
+    """A stop before the end of authority that stays below protection's curve.
 
-    That curve allows v / (v + 3.5 s) of deceleration in m/s² to a train that follows it, much less
-    than a stop at a platform needs where the authority reaches beyond.
+    That curve permits a train that follows it a deceleration of v / (v + 3.5 s) in m/s². This is
+    much less than a platform stop uses where the authority extends beyond.
     """
 
     margin_m: float = 2.2
-    """From the foremost front that the standing train may have to the end of authority. Protection
-    brakes a train that might creep there still: what it reckons with takes 0.6 m for a runaway
-    and the build-up of the brake, and more for the least speed that odometry can tell from none."""
+    """Distance from the foremost front of the standing train to the end of authority. Otherwise
+    protection would brake a train that may still creep. Its assumptions take 0.6 m for runaway and
+    brake build-up, and more for the least speed that odometry can distinguish from 0."""
     final_decel_mps2: float = 0.04
     creep_ease_mps3: float = 0.014
     knee_decel_mps2: float = 0.3
     ease_mps3: float = 0.03
     decel_mps2: float = 0.76
     leader_decel_mps2: float = 0.8
-    """A train ahead is braked no harder in service: so much way it still makes at least when the
-    end of authority moves away with it."""
+    """Assumed service braking of a train ahead. It determines the distance that the end of
+    authority still moves away."""
     leader_jerk_mps3: float = 0.6
-    """With which it goes over to that brake, from what it does now."""
+    """Jerk with which the train ahead changes to that brake from its present acceleration."""
     closer_s: float = 3.4
-    """Of that way, no more is reckoned with than the train itself makes in this time. At 60 km/h it
-    would brake 248 m before an end that stands; protection permits that speed up to 199 m before.
-    """
+    """Limit of that distance, as time at the train's own speed. At 60 km/h the train would brake
+    248 m before a fixed end; protection permits that speed up to 199 m before."""
 
     def __post_init__(self) -> None:
         _positive(
@@ -231,15 +238,18 @@ class AuthorityStop:
 
 @dataclass(frozen=True, slots=True)
 class SpeedControl:
-    """PIDs on the predicted speed error, one for each direction of the reference."""
+    """PID control of the predicted speed error, one set of gains for each direction of the
+    reference.
+    """
 
     rising: PidGains = field(default_factory=lambda: PidGains(0.6, 0.06, 0.0))
     constant: PidGains = field(default_factory=lambda: PidGains(0.4, 0.04, 0.0))
     falling: PidGains = field(default_factory=lambda: PidGains(0.3859, 0.0277, 0.0097))
     margin_mps: float = 0.5
-    """Kept under the ceiling and the civil limits: room for odometry's uncertainty."""
+    """Distance of the reference below ceiling and civil limits, for the uncertainty of odometry."""
     coast_band_mps2: float = 0.05
-    """While cruising, a smaller brake demand is coasted instead: each application costs a delay."""
+    """Brake demand below which a cruising train coasts instead, because each application costs a
+    delay."""
 
     def __post_init__(self) -> None:
         if self.margin_mps < 0.0 or self.coast_band_mps2 < 0.0:
@@ -251,23 +261,24 @@ class StationWork:
     window_m: float = 0.3
     """Distance to the stopping point within which the stop counts as made."""
     stopping_zone_m: float = 50.0
-    """From here on the three-tag stop is spoken of; the distance of T1."""
+    """Distance from which the phase counts as the three-tag stop: the distance of T1."""
     jog_reach_m: float = 5.0
     jog_attempts: int = 3
     least_run_m: float = 5.0
-    """Between stations the train sets off only when the authority lets it go at least so far."""
+    """Least distance that the authority must permit before the train departs between stations."""
     hold_speed_mps: float = 0.01
-    """The holding brake comes on under this: slow enough for its grip not to be felt."""
+    """Speed below which the holding brake is applied. It is too low for passengers to feel."""
     release_s: float = 2.0
-    """The service brake has to be off so long before departure, or traction pulls against it."""
+    """Time for which the service brake must be released before departure, so that traction does not
+    pull against it."""
     hold_lead_s: float = 0.15
-    """On a rising gradient it comes on so much earlier, which keeps the train from rolling back."""
+    """Lead of the holding brake on an uphill gradient. It keeps the train from rolling back."""
     settle_s: float = 0.5
-    """The holding brake has to be on so long before the train counts as at rest."""
+    """Time for which the holding brake must be applied before the train counts as at rest."""
     hold_decel_mps2: float = 0.4
-    """Service brake asked at standstill until the holding brake is confirmed."""
+    """Service brake demand at standstill until the holding brake is confirmed."""
     doors_patience_s: float = 10.0
-    """The dwell begins at the latest so long after the doors were asked to open."""
+    """Greatest delay between the request to open the doors and the start of the dwell time."""
 
     def __post_init__(self) -> None:
         _positive(
@@ -284,7 +295,7 @@ class StationWork:
 @dataclass(frozen=True, slots=True)
 class AtoConfig:
     strategy: str = "predictive"
-    """A name from `vobc.ato.laws.STRATEGIES`."""
+    """Name of a control law in `vobc.ato.laws.STRATEGIES`."""
     train_length_m: float = 68.59
     rotating_mass_percent: float = 8.0
     limits: Limits = field(default_factory=Limits)

@@ -1,4 +1,4 @@
-"""Settings of control by chasing time."""
+"""Settings of the control by chasing time."""
 
 from dataclasses import dataclass
 
@@ -7,64 +7,70 @@ KMH_PER_MPS = 3.6
 
 @dataclass(frozen=True, slots=True)
 class ChasingScheme:
-    """Wu 2022 leaves all figures but the blending band open; these are ours."""
+    """[Wu 2022] gives only the blending band. The other values are chosen here."""
 
     early_transition: bool = True
-    """Brake before the curve is reached, so that the brake has built up where the curve begins."""
+    """Start braking before the curve, so that the brake has built up where the curve begins."""
     small_brake: bool = True
-    """Hold one small notch through electro-pneumatic blending; off, one curve leads to the stop."""
+    """Hold one small notch through electro-pneumatic blending. If off, one curve leads to the stop.
+    """
     dead_time_s: float = 0.75
-    """Of the brake, from the decision to the first bite; fixed, this law identifies nothing."""
+    """Time from the decision to the first brake effort. It is fixed, because this law identifies
+    nothing."""
     lag_s: float = 0.35
-    """Of the brake's build-up after that; both together are what is predicted over."""
+    """Time constant of the brake's build-up after that. The law predicts over both together."""
     air_delay_s: float = 0.0
-    """Added below blending, where friction alone brakes and answers later than the motors."""
+    """Additional delay below blending, where friction alone brakes and answers later than the
+    motors."""
     decel_mps2: float = 0.6
-    """Of the curve to a stop, down to the small brake."""
+    """Deceleration of the curve to a stop, down to the small notch."""
     small_decel_mps2: float = 0.2
-    """Through blending."""
+    """Deceleration of the small notch through blending."""
     small_decel_min_mps2: float = 0.1
     small_decel_max_mps2: float = 0.35
-    """The small notch lies within these, as the distance left asks for it."""
+    """Bounds of the small notch, which depends on the remaining distance."""
     chase_decel_mps2: float = 0.15
-    """From the end of blending towards the last notch."""
+    """Deceleration from the end of blending to the last notch."""
     last_decel_mps2: float = 0.05
-    """Of the last notch on the level; it exceeds the fall of the track."""
+    """Deceleration of the last notch on level track. It exceeds the effect of downhill gradients.
+    """
     blending_begin_mps: float = 8.0 / KMH_PER_MPS
     blending_end_mps: float = 4.0 / KMH_PER_MPS
     blending_reserve_m: float = 0.0
-    """Kept behind blending for what friction lacks while the motors fade faster than it follows;
-    without the small brake, by the one curve."""
+    """Distance kept after blending to make up for late friction while the motors fade. Without the
+    small notch the one curve keeps it."""
     blending_spread_ratio: float = 0.1
-    """The band may begin so much sooner."""
+    """Share by which blending may begin at a higher speed."""
     last_speed_mps: float = 0.17
-    """From about here the last notch stays on."""
+    """Speed from which the last notch stays applied."""
     rolling_mps2: float = 0.018
-    """Resistance at low speed; every notch brakes by that much more."""
+    """Running resistance at low speed, which every notch adds to its braking."""
     chase_ratio: float = 0.27
-    """Share of the time to the target within which the curve is to be caught."""
+    """Share of the time to the target within which the train should reach the curve."""
     cruise_chase_s: float = 6.0
-    """Time within which a constant speed is to be caught."""
+    """Time within which the train should reach a constant speed."""
     keep_band_mps: float = 0.5
-    """A notch that closes the gap in time is kept as long as the gap is smaller than this."""
+    """Speed error below which a notch that closes the gap in time is kept."""
     cruise_band_mps: float = 0.25
-    """A constant speed is kept within this."""
+    """Speed error within which a constant speed is kept."""
     quiet_band_mps: float = 0.15
-    """In a gap smaller than this no other notch is looked for."""
+    """Speed error below which the law keeps its notch."""
     quiet_growth_mps2: float = 0.05
-    """Before a stop that gap grows by this for each second that there is to close it."""
+    """Growth of that band before a stop, for each second that is left to close the gap."""
     guard_mps2: float = 0.01
-    """A notch nearer to the curve's deceleration than this never catches it."""
+    """Least difference between a notch and the deceleration of the curve. A closer notch never
+    reaches the curve."""
     dwell_s: float = 0.4
-    """A notch stays at least so long."""
+    """Shortest time between two changes of notch."""
     early_s: float = 0.5
-    """By so much the brake state is entered early: half of the build-up at the jerk limit."""
+    """Lead of the brake state: half of the build-up at the jerk limit."""
     coast_s: float = 0.6
-    """Planned without traction and brake before a braking."""
+    """Planned coasting time before braking."""
     resume_band_mps: float = 0.8
-    """So much under the curve a braking is given up."""
+    """Distance in speed below the curve at which a braking is abandoned."""
     stop_tolerance_m: float = 0.09
-    """The last notch is given up for a stronger one when it would stop farther beyond than this."""
+    """Predicted overrun of the stopping point above which a stronger notch replaces the last one.
+    """
 
     def __post_init__(self) -> None:
         for name in (

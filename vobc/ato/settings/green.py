@@ -1,38 +1,40 @@
-"""Settings of the law of Green CBTC: its weights, and what it takes the supply to be."""
+"""Settings of the Green CBTC law: its weights and its assumed power supply."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Green:
-    """Weights and supply arm of seed 000, equations (8) to (12); the literal readings are off."""
+    """Weights and supply section of [Lin], equations (8) to (12). The literal variants are off."""
 
     alpha_ratio: float = 0.786
-    """Weight of the timing target speed; with the other one it makes 1."""
+    """Weight of the timing target speed. Both weights add up to 1."""
     beta_ratio: float = 0.214
     """Weight of the energy-saving target speed."""
     standard_v: float = 750.0
-    """U_s. Nearly all voltages of a running line lie above it, so it acts as a bias."""
+    """U_s. Nearly all voltages of a line in service are above it, so it acts as a bias."""
     standard_a: float = 0.0
-    """I_s: 0 is a reference without load."""
+    """I_s. 0 means a reference without load."""
     feed_factor: float = 4.0
-    """p: 4 for bilateral, 2 for unilateral feed."""
+    """p: 4 for bilateral feed, 2 for unilateral feed."""
     arm_ohm: float = 0.04
     """L * r of feeder and return."""
     train_count_factor: float = 2.0
-    """m, trains in the arm."""
+    """m, number of trains in the section."""
     exponent_factor: float = 1.0
-    """q. Printed is 2 for unilateral feed, which a ladder of resistors shows 12 to 20 % high."""
+    """q. [Lin] prints 2 for unilateral feed, which is 12 to 20 % too high compared with a resistor
+    ladder."""
     horizon_s: float = 1.0
-    """What makes an energy of the power in (9); printed is nothing, which is 1 s."""
+    """Time that turns the power in (9) into an energy. [Lin] prints none, which means 1 s."""
     constant_v: float = 0.0
-    """Over 0: the law is shown this voltage instead of the true one, to see what it is worth."""
+    """Above 0, the law uses this voltage instead of the measured one. This shows what the
+    measurement is worth."""
     tare_kg: float = 136000.0
-    """Of the empty train; rotating masses and passengers come on top."""
+    """Mass of the empty train, without rotating masses and passengers."""
     literal_time: bool = False
-    """(7) as printed: the time of gaining speed is left out."""
+    """(7) as printed, without the time of gaining speed."""
     literal_target: bool = False
-    """(12) as printed: V_energy at or over V_top gives V_top, whatever its weight."""
+    """(12) as printed: V_energy at or above V_top gives V_top, whatever its weight."""
 
     def __post_init__(self) -> None:
         for name in (

@@ -10,24 +10,25 @@ LOOP_BITS_MAX: Final = 24
 
 @dataclass(frozen=True, slots=True)
 class OutputStage:
-    """Levels are those of the master controller; a law that picks notches picks from them, too."""
+    """Levels of the master controller. A law that picks notches picks from them, too."""
 
     stage: str = "continuous"
-    """continuous, notches or current_loop."""
+    """One of: continuous, notches, current_loop."""
     traction_levels_mps2: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
-    """Acceleration of each traction notch on the level, rising."""
+    """Acceleration of each traction notch on level track, in rising order."""
     brake_levels_mps2: tuple[float, ...] = (
         *(0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4),
         *(0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8),
     )
-    """Deceleration of each brake notch on the level, rising."""
+    """Deceleration of each brake notch on level track, in rising order."""
     hysteresis_ratio: float = 0.4
-    """So far beyond the middle between two brake notches a demand has to be, as a share of the step
-    between them, for the other one to be taken; with traction, beyond the notch itself."""
+    """Hysteresis of a notch change, as a share of the step between two notches. For brakes it
+    counts from the middle between them, for traction from the notch itself."""
     dwell_s: float = 0.7
-    """A notch stays for so long, unless the demand is far off; with little brake a part of it."""
+    """Shortest time between notch changes. A large change does not wait, and a light brake waits
+    less."""
     loop_bits: int = 12
-    """Resolution of the converter that drives the current loops, over 0 to 20 mA."""
+    """Resolution of the converter for the current loops, over 0 to 20 mA."""
     loop_traction_full_mps2: float = 1.0
     """Acceleration at full current of the traction loop."""
     loop_brake_full_mps2: float = 1.0

@@ -1,16 +1,19 @@
-"""Settings of both PID laws: gains as printed and as tuned, the sections before a stop."""
+"""Settings of both PID laws: printed and tuned gains, and the sections before a stop."""
 
 import math
 from dataclasses import dataclass
 from typing import Final
 
 CREEP_LIMIT_MPS2: Final = 0.6
-"""No section between tags needs to brake harder; faster sections than that are a mistake."""
+"""Greatest deceleration that any section between tags needs. Higher section speeds are a mistake.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class PidGains:
-    """From a speed error to an acceleration; a position error takes one more power of a second."""
+    """Gains from a speed error to an acceleration. For a position error each unit has one
+    more 1/s.
+    """
 
     kp_per_s: float
     ki_per_s2: float
@@ -25,40 +28,42 @@ class PidGains:
 class PidScheme:
     """Law `pid`: four PIDs on the state predicted past dead time and lag, with feed-forward.
 
-    Sections and choice of gains are those of Allotta et al. 2013, section II. The speeds at the
-    tags make each section's deceleration: (v1² - v2²) / (2 * (d1 - d2)).
+    Sections and choice of gains are those of [Allotta 2013], section II. The speeds at the tags
+    determine the deceleration of each section: (v1² - v2²) / (2 * (d1 - d2)).
     """
 
     rising: PidGains = PidGains(0.6, 0.06, 0.0)
-    """Reference rising; after the delay of traction only."""
+    """Gains for a rising reference, predicted past the delay of traction only."""
     falling: PidGains = PidGains(0.3859, 0.0277, 0.0097)
-    """Reference falling, down to T2; as printed."""
+    """Gains for a falling reference down to T2, as printed."""
     constant: PidGains = PidGains(0.4, 0.04, 0.0)
-    """Reference constant, and between T2 and T3."""
+    """Gains for a constant reference, and between T2 and T3."""
     position: PidGains = PidGains(0.2, 0.03, 1.8)
-    """From T3 to the stop."""
+    """Gains of the position loop from T3 to the stop."""
     identify_delay: bool = True
-    """Take the dead time of the brake from how the present application answers; otherwise it is
-    believed to be `brake.expected_dead_time_s` always."""
+    """Identify the dead time of the brake in each application. If off, `brake.expected_dead_time_s`
+    is used."""
     t1_m: float = 50.0
-    """Before the stop; front of the train when the antenna meets the tag."""
+    """Distance of tag T1 before the stop: place of the front when the antenna reaches the tag."""
     t2_m: float = 10.0
     t3_m: float = 1.5
     t1_speed_mps: float = 15.0 / 3.6
     t2_speed_mps: float = 1.3
     t3_speed_mps: float = 0.7
-    """Much slower, and the place grows so uncertain before the stop that doors stay shut."""
+    """Speed at T3. At a much lower speed the position becomes so uncertain before the stop that
+    doors stay closed."""
     last_decel_mps2: float = 0.08
-    """Of the deceleration, which falls from T3 to the stop; what the stop feels like."""
+    """Final deceleration at the stop, which passengers feel. The deceleration falls to it from T3.
+    """
     decel_mps2: float = 0.6
-    """Down to the speed at T1."""
+    """Deceleration down to the speed at T1."""
     rise_jerk_mps3: float = 0.4
-    """Of a rising reference. The couplers swing less than at the limit."""
+    """Jerk of a rising reference. It is below the limit to reduce coupler oscillation."""
     ease_jerk_mps3: float = 0.3
-    """With which one section's deceleration goes over to the next one's."""
+    """Jerk of the change between the decelerations of two sections."""
     least_decel_mps2: float = 0.03
-    """Asked of the brake at least, from the start of braking to the stop: a new application would
-    draw a new delay."""
+    """Least brake demand from the start of braking to the stop. A new application would have a new
+    random delay."""
 
     def __post_init__(self) -> None:
         _check_sections(self.t3_m, self.t2_m, self.t1_m)
@@ -78,25 +83,26 @@ class PidScheme:
 
     @property
     def section_decel_mps2(self) -> float:
-        """Between T1 and T2."""
+        """Deceleration between T1 and T2."""
         return (self.t1_speed_mps**2 - self.t2_speed_mps**2) / (2.0 * (self.t1_m - self.t2_m))
 
     @property
     def creep_decel_mps2(self) -> float:
-        """Between T2 and T3; the paper's is 0."""
+        """Deceleration between T2 and T3. It is 0 in the paper."""
         return (self.t2_speed_mps**2 - self.t3_speed_mps**2) / (2.0 * (self.t2_m - self.t3_m))
 
     @property
     def t3_decel_mps2(self) -> float:
-        """At T3, from where it falls."""
+        """Deceleration at T3, from which it decreases."""
         speed_mps = self.t3_speed_mps
         return falling_decel(speed_mps, self.t3_m, self.last_decel_mps2)[0]
 
 
 def falling_decel(speed_mps: float, way_m: float, last_mps2: float) -> tuple[float, float]:
-    """Deceleration at first, and time to the stop, so that it falls steadily to `last_mps2` there.
+    """Initial deceleration and time to the stop for a linear decrease to `last_mps2` at the stop.
 
-    v = (b0 + b1) T / 2 and d = v T / 3 + b1 T² / 6. A train too slow for that brakes steadily.
+    v = (b0 + b1) T / 2 and d = v T / 3 + b1 T² / 6. A train too slow for that brakes at a constant
+    rate.
     """
     assert speed_mps > 0.0
     assert way_m > 0.0
@@ -110,22 +116,22 @@ def falling_decel(speed_mps: float, way_m: float, last_mps2: float) -> tuple[flo
 
 @dataclass(frozen=True, slots=True)
 class PrintedScheme:
-    """Law `pid_literal`: Allotta et al. 2013, tables 5 and 6, and the speeds of section II."""
+    """Law `pid_literal`: [Allotta 2013], tables 5 and 6, and the speeds of section II."""
 
     rising: PidGains = PidGains(5.4781, 0.0097, 0.0079)
     falling: PidGains = PidGains(0.3859, 0.0277, 0.0097)
     constant: PidGains = PidGains(0.6832, 0.2242, 0.2401)
     position: PidGains = PidGains(0.7926, 0.2764, 0.7683)
     feed_forward: bool = False
-    """Add the reference acceleration to the output of the PIDs; the paper does not mention one."""
+    """Add the reference acceleration to the PID output. The paper does not mention it."""
     t1_m: float = 50.0
     t2_m: float = 10.0
     t3_m: float = 1.5
     t1_speed_mps: float = 15.0 / 3.6
     creep_speed_mps: float = 0.67
-    """Constant between T2 and T3."""
+    """Constant speed between T2 and T3."""
     decel_mps2: float = 0.6
-    """Down to the speed at T1."""
+    """Deceleration down to the speed at T1."""
 
     def __post_init__(self) -> None:
         _check_sections(self.t3_m, self.t2_m, self.t1_m)

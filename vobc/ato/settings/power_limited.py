@@ -5,24 +5,25 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PowerLimited:
-    """What the law believes of motors and mass, and how it weighs energy against peak power."""
+    """Assumed motors and mass of the law, and its weights of energy and peak power."""
 
     weight_factor: float = 5.0
-    """Of equation (1): 0 saves acceleration energy, 15 and more lowers the peak of regeneration."""
+    """Weight of equation (1). 0 saves acceleration energy; 15 and more lowers the peak of
+    regeneration."""
     tare_kg: float = 130000.0
-    """Of the empty train; rotating masses and passengers come on top."""
+    """Mass of the empty train, without rotating masses and passengers."""
     brake_power_w: float = 2.0e6
-    """Most that the electric brake takes at the wheel, all motors together."""
+    """Greatest power of the electric brake at the wheel, all motors together."""
     power_min_w: float = 0.1e6
-    """No lower limit is given, however much time there is."""
+    """Lower bound of the power limit, however much time there is."""
     traction_power_w: float = 2.4e6
-    """At the wheel; gaining speed is planned with it."""
+    """Traction power at the wheel, used to plan acceleration."""
     slowest_mps: float = 8.0
-    """No lower notch-off speed is planned."""
+    """Lower bound of the planned notch-off speed."""
     look_s: float = 1.0
-    """While coasting, how often the power limit is reckoned anew."""
+    """Interval between updates of the power limit while coasting."""
     spare_ratio: float = 0.94
-    """Share of the power limit that the braking point is planned with; the rest corrects."""
+    """Share of the power limit used to plan the braking point. The rest is for corrections."""
 
     def __post_init__(self) -> None:
         for name in (

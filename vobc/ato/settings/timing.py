@@ -5,22 +5,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """The Green CBTC speed control for one train; its guards and braking."""
+    """Green CBTC speed control for one train: guards and braking."""
 
     start_up_mps: float = 5.0 / 3.6
-    """V_cfg: faster than this a train that set off is in automatic operation."""
+    """V_cfg: speed above which a departing train is in automatic operation."""
     slowed_mps: float = 3.0 / 3.6
-    """Slower than this a train in automatic operation starts up anew."""
+    """Speed below which a train in automatic operation starts up again."""
     parking_m: float = 50.0
-    """Least S_cfg: within so much of the stopping point the train parks."""
+    """Least S_cfg: distance to the stopping point within which the train parks."""
     parking_spare_m: float = 10.0
-    """S_cfg is not less than the way of the service brake and this."""
+    """S_cfg is at least the service-braking distance plus this."""
     decel_mps2: float = 0.75
-    """b of V_top, before gravity."""
+    """b of V_top, without gravity."""
     look_s: float = 1.0
-    """How often the timing target speed is reckoned anew."""
+    """Interval between updates of the timing target speed."""
     least_mps: float = 5.0
-    """No lower target speed is given, however much time there is."""
+    """Lower bound of the target speed, however much time there is."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.slowed_mps < self.start_up_mps:
