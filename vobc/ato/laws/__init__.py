@@ -1,4 +1,4 @@
-"""Control laws by name; a new one is one module and its line in the table."""
+"""Control laws by name. A new law is one module and one line in the table."""
 
 import difflib
 from collections.abc import Callable, Mapping
@@ -26,11 +26,11 @@ STRATEGIES: Final[Mapping[str, Callable[[AtoConfig, LineMap, float], Strategy]]]
     "chasing": Chasing,
     "chasing_literal": ChasingLiteral,
 }
-"""From the line and the nominal cycle in seconds."""
+"""Makers of the laws. Their arguments are settings, line and nominal cycle time in seconds."""
 
 
 def make_strategy(config: AtoConfig, line: LineMap, dt_s: float) -> Strategy:
-    """Raises ValueError, with the nearest name there is, for an unknown one."""
+    """Create a law. Raises ValueError with the nearest known name for an unknown one."""
     maker = STRATEGIES.get(config.strategy)
     if maker is None:
         names = sorted(STRATEGIES)

@@ -1,8 +1,8 @@
-"""Control by chasing time (Wu 2022): the gentlest notch that still catches the curve in time.
+"""Control by chasing time ([Wu 2022]): the gentlest notch that still reaches the curve in time.
 
 State and reference are predicted over the brake's dead time and lag. Each notch brakes by its level
-and the gradient; the time in which it closes the gap to the curve decides which one is taken. Two
-additions of the paper can be switched off: to brake early, and a small brake through blending.
+and the gradient. The law takes a notch by the time in which it closes the gap to the curve. Two
+additions of the paper can be switched off: early braking, and a small brake through blending.
 """
 
 from typing import Final
@@ -21,19 +21,19 @@ from vobc.ato.motion.step_curve import StepCurve
 from vobc.ato.settings.ato import AtoConfig
 
 LEAST_SPEED_MPS: Final = 0.3
-"""Under this a gap in metres no longer turns into a greater one in speed."""
+"""Speed below which the conversion of a gap in metres into one in speed no longer grows."""
 COAST_KEPT_S: Final = 2.0
-"""So much farther from the curve a coasting train pulls again."""
+"""Additional coasting time to the curve from which a coasting train applies traction again."""
 REJOIN_M: Final = 1.0
-"""No braking to a stop is given up for less room than this."""
+"""Least spare distance at which a braking to a stop is abandoned."""
 LOOK_AHEAD_RATIO: Final = 1.3
-"""Lower limits are looked for as far as the braking distance times this."""
+"""Range of the search for lower limits, relative to the braking distance."""
 JOIN_MAX_S: Final = 2.5
-"""A notch that was taken early is held at most so long before it is judged like any other."""
+"""Greatest time that a notch taken early is held before the normal rule applies."""
 AT_TARGET_MPS: Final = 0.1
 SPEED_PULL_RATIO: Final = 0.2
 SPEED_JUMP_MPS: Final = 0.3
-"""Off by so much the measured speed is believed at once: somebody else brakes."""
+"""Speed error from which the measured speed is accepted at once, because another source brakes."""
 
 Curve = profile.ReferenceBrakingCurve | StepCurve
 
@@ -96,7 +96,7 @@ class Chasing:
         self._joining_s = 0.0
         self.state = ChasingState.COAST
         self.notch_mps2 = 0.0
-        """The notch at work, as a demand; it is reached at the jerk limit."""
+        """The present notch as a demand. The demand reaches it at the jerk limit."""
         self.speed_mps = 0.0
 
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
@@ -114,7 +114,7 @@ class Chasing:
         self._ceiling.step(seen.ceiling_mps, dt_s)
 
     def _move(self, measured_mps: float) -> None:
-        """One cycle under what the demands do by now, leaning on what is measured."""
+        """One cycle under the demands that act by now, corrected towards the measurement."""
         pull_mps2 = self._pull_lag.step(self._traction.mean(self._traction_tap))
         brake_mps2 = self._brake_lag.step(self._brake.mean(self._brake_tap))
         steady_mps2 = self._gravity_mps2 + self._config.chasing.rolling_mps2
@@ -158,13 +158,13 @@ class Chasing:
         reference_mps = self._reference_mps(target.at_m, slowing, free, ahead)
         return Drive(self.notch_mps2, reference_mps, self._stopping)
 
-    # Where the train will be, and what it is held against.
+    # Prediction and references.
 
     def _ahead(self) -> PredictedState:
-        """S_cur and v_cur when a brake demand given now bites (equation 3).
+        """S_cur and v_cur when a brake demand given now acts (equation 3).
 
-        S + v * t - b * t**2 / 2 with b the mean of what is under way; here the integrals are exact.
-        The traction of now is taken to stay.
+        The paper has S + v * t - b * t**2 / 2 with b the mean of the demands under way. Here the
+        integrals are exact. The present traction is assumed to stay.
         """
         scheme, traction = self._config.chasing, self._config.traction
         horizon_s = scheme.dead_time_s + scheme.lag_s
@@ -212,7 +212,7 @@ class Chasing:
     def _aim(
         self, curve: Curve, ahead: PredictedState, end_m: float, *, to_stop: bool
     ) -> NotchTarget:
-        """The gap to a curve, to first order about the train's own speed: dv = spare * b / v."""
+        """Gap to a curve, linearised about the train's own speed: dv = spare * b / v."""
         point = curve.at_speed(ahead.speed_mps)
         spare_m = end_m - ahead.front_m - point.distance_m
         error_mps = -spare_m * point.decel_mps2 / max(LEAST_SPEED_MPS, ahead.speed_mps)
@@ -223,7 +223,7 @@ class Chasing:
         return NotchTarget(error_mps, point.decel_mps2, within_s, spare_m, to_stop)
 
     def _free(self, ahead: PredictedState) -> NotchTarget:
-        """The highest speed that limits and ceiling allow, as a reference of its own."""
+        """The highest speed within limits and ceiling, as a reference of its own."""
         scheme = self._config.chasing
         horizon_s = scheme.dead_time_s + scheme.lag_s
         ceiling_mps = self._ceiling.in_mps(horizon_s)
@@ -236,7 +236,10 @@ class Chasing:
         return NotchTarget(error_mps, fall_mps2, scheme.cruise_chase_s, 0.0)
 
     def _slowing(self, ahead: PredictedState) -> tuple[NotchTarget, float, Curve] | None:
-        """The lower limit ahead that is being braked for, or the nearest to be; else None."""
+        """The lower limit ahead that is braked for, or the most demanding one ahead.
+
+        None: there is none.
+        """
         front_m = self._front.front_m
         index = self._limits.next_lowering(front_m)
         if self._slowing_to >= 0 and index > self._slowing_to:
@@ -263,7 +266,7 @@ class Chasing:
         return aim.spare_m <= ahead.speed_mps * early_s
 
     def _is_near(self, curve: Curve, ahead: PredictedState, end_m: float) -> bool:
-        """Whether traction that goes now leaves just the planned time without it."""
+        """Whether ending traction now leaves just the planned coasting time."""
         scheme = self._config.chasing
         after_mps, travel_m = trapezoid.swing(
             ahead.speed_mps,
@@ -285,7 +288,7 @@ class Chasing:
         slowing: tuple[NotchTarget, float, Curve] | None,
         free: NotchTarget,
     ) -> None:
-        """Fill in what the guards of the states look at."""
+        """Update the inputs of the state guards."""
         scheme, chase = self._config.chasing, self._chase
         if not self._stopping:
             self._stopping = self._is_reached(stop, ahead)
@@ -304,7 +307,7 @@ class Chasing:
     def _binding(
         self, stop: NotchTarget, slowing: tuple[NotchTarget, float, Curve] | None, free: NotchTarget
     ) -> NotchTarget:
-        """Of the references that are braked for, the one that the train is fastest against."""
+        """The reference that the train exceeds most, among those that it brakes for."""
         aims = [free] if self._chase.too_fast or not self._chase.on_curve else []
         if slowing is not None and self._slowing_to >= 0:
             aims.append(slowing[0])
@@ -324,7 +327,7 @@ class Chasing:
         return gravity_mps2 + self._config.chasing.rolling_mps2
 
     def _begin_braking(self, aim: NotchTarget, ahead: PredictedState) -> None:
-        """Before the curve the notch next to its deceleration, which builds up meanwhile."""
+        """Before the curve, take the notch nearest to its deceleration. It builds up meanwhile."""
         if aim.error_mps >= 0.0 or not self._chase.on_curve:
             return
         wanted_mps2 = aim.decel_mps2 - self._resistance_mps2(ahead.front_m)
@@ -356,11 +359,14 @@ class Chasing:
             self._take(self._chosen_brake_mps2(ahead, aim))
 
     def _chosen_brake_mps2(self, ahead: PredictedState, aim: NotchTarget) -> float:
-        """The rule, with its hysteresis; too fast without any that fits, the strongest."""
+        """Notch by the rule with its hysteresis.
+
+        If none fits and the train is too fast, the strongest.
+        """
         resistance_mps2 = self._resistance_mps2(ahead.front_m)
         levels_mps2 = [-level_mps2 for level_mps2 in self._config.output.brake_levels_mps2]
         if not (aim.to_stop and self.notch_mps2 < 0.0):
-            # A released brake answers with a new delay; before a stop the least notch stays on.
+            # A released brake answers with a new delay, so the least notch stays on before a stop.
             levels_mps2.insert(0, 0.0)
         return self._pick(aim, levels_mps2, resistance_mps2)
 
@@ -392,7 +398,9 @@ class Chasing:
         free: NotchTarget,
         ahead: PredictedState,
     ) -> float:
-        """The command speed at the present front; once braking for it, a curve's, else the top."""
+        """Reference speed at the present front: a curve's while braking for it, otherwise the
+        highest.
+        """
         reference_mps = max(0.0, ahead.speed_mps - free.error_mps)
         if slowing is not None:
             reference_mps = min(reference_mps, self._curve_mps(slowing[2], slowing[1]))

@@ -1,4 +1,4 @@
-"""Control by chasing time as Wu 2022 prints it, which runs away; kept to show that it does."""
+"""Control by chasing time as printed in [Wu 2022]. It is unstable and kept to show that."""
 
 from dataclasses import replace
 
@@ -15,9 +15,10 @@ from vobc.ato.settings.ato import AtoConfig
 class ChasingLiteral(Chasing):
     """The printed rule alone, down to the stop, over the whole time to the target.
 
-    Both sentences of the paper are for "the target speed is less than the present one", and the
-    second asks for a catch time greater than the time to the target: the notch that comes too late.
-    Hysteresis, dwell and the end of a stop are not printed and not here, nor are the two additions.
+    Both sentences of the paper apply to "the target speed is less than the present one". The second
+    asks for a catch time longer than the time to the target, which selects a notch that comes too
+    late. Hysteresis, dwell and the end of a stop are not printed and not implemented here, nor are
+    the two additions.
     """
 
     __slots__ = ()

@@ -1,4 +1,4 @@
-"""States of control by chasing time as a table of named guards; pure."""
+"""States of control by chasing time as a table of named guards. Pure functions."""
 
 import enum
 from collections.abc import Callable, Mapping
@@ -7,7 +7,7 @@ from typing import Final
 
 
 class ChasingState(enum.Enum):
-    """What the law does with the train."""
+    """Driving state of the law."""
 
     TRACTION = "traction"
     CRUISE = "cruise"
@@ -17,20 +17,21 @@ class ChasingState(enum.Enum):
 
 @dataclass(slots=True)
 class Chase:
-    """What the guards look at. Refilled each cycle."""
+    """Inputs of the guards. They are refilled in each cycle."""
 
     near_curve: bool = False
-    """Traction has to go now, or the brake comes too late."""
+    """Traction must end now, or the brake comes too late."""
     on_curve: bool = False
-    """Braking towards a stop or a lower limit; entered early if so set."""
+    """The train brakes towards a stop or a lower limit. With early transition the state begins
+    early."""
     too_fast: bool = False
-    """Over the target speed by more than coasting may mend."""
+    """The speed exceeds the target by more than coasting corrects."""
     at_target: bool = False
-    """Hardly under the target speed any more."""
+    """The speed has nearly reached the target."""
     too_slow: bool = False
-    """Under the target speed by more than cruising mends."""
+    """The speed is below the target by more than cruising corrects."""
     braked: bool = False
-    """Not over the target speed."""
+    """The speed does not exceed the target."""
 
 
 Guard = Callable[[Chase], bool]
@@ -80,13 +81,13 @@ TRANSITIONS: Final[Mapping[ChasingState, tuple[tuple[Guard, ChasingState], ...]]
         (runs_free_and_slow, ChasingState.TRACTION),
         (runs_free, ChasingState.CRUISE),
     ),
-    # Never straight to traction: the brake has to let go first.
+    # BRAKE never leads straight to traction, because the brake has to release first.
     ChasingState.BRAKE: ((braked_enough, ChasingState.COAST),),
 }
 
 
 def next_state(state: ChasingState, seen: Chase) -> ChasingState:
-    """The first guard that holds decides; when none holds the state stays."""
+    """Follow the first guard that holds. If none holds, the state stays."""
     for guard, target in TRANSITIONS[state]:
         if guard(seen):
             return target

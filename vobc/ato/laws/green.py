@@ -1,8 +1,8 @@
-"""Green CBTC (seed 000): the timing target speed, bent by the voltage at the pantograph.
+"""Green CBTC ([Lin]): the timing target speed, adjusted by the voltage at the pantograph.
 
-V_top and V_time are those of `timing`. A voltage over the standard one says that somebody brakes
-nearby: the train speeds up to take what is given back; a low one eases it off. Without a voltage,
-a timetable or time to spare it is the law `timing`.
+V_top and V_time are those of `timing`. A voltage above the standard one shows that another train
+brakes nearby, and the train speeds up to use the regenerated power. At a low voltage it slows down.
+Without a voltage, a timetable or time to spare it acts like the law `timing`.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""The target speeds of Green CBTC (seed 000, equations 3 to 12), as plain functions of numbers.
+"""The target speeds of Green CBTC ([Lin], equations 3 to 12) as plain functions of numbers.
 
-None calls another, none needs more than `math`, and no argument is by keyword only, though callers
-name them: so they drive the train here and can be compiled as they are for simulations of a line.
+No function calls another, none needs more than `math`, and none has keyword-only arguments. They
+drive the train here and can also be compiled as they are for simulations of a line.
 """
 
 import math
@@ -15,14 +15,14 @@ def arm_current_a(
     train_count: float,
     exponent: float,
 ) -> float:
-    """I_k, equation (8): current of the supply arm that the voltage stands for.
+    """I_k, equation (8): current of the supply section that corresponds to the voltage.
 
     Args:
         feed_factor: p, 4 for bilateral feed and 2 for unilateral.
         arm_ohm: L * r of feeder and return.
-        train_count: m, trains in the arm.
-        exponent: q: 1 agrees with a ladder of resistors for both ways to feed; the paper prints 2
-            for unilateral feed, which comes out 12 to 20 % high.
+        train_count: m, number of trains in the section.
+        exponent: q. 1 agrees with a resistor ladder for both kinds of feed; the paper prints 2 for
+            unilateral feed, which is 12 to 20 % too high.
     """
     spread = 1.0 + 1.0 / math.pow(train_count, exponent)
     return (standard_v - voltage_v) * feed_factor / (arm_ohm * spread)
@@ -38,8 +38,8 @@ def energy_speed_mps(
 ) -> float:
     """V_energy, equations (9) to (11).
 
-    (9) is a power and (10) wants an energy: it is multiplied by a horizon, 1 s as printed. A low
-    voltage eases the train off, a high one speeds it up.
+    (9) is a power and (10) needs an energy, so it is multiplied by a horizon, 1 s as printed. A low
+    voltage slows the train down, a high one speeds it up.
 
     Args:
         standard_w: U_s * I_s, 0 for a reference without load.
@@ -49,9 +49,9 @@ def energy_speed_mps(
 
 
 def literal_timing_speed_mps(left_m: float, left_s: float, decel_mps2: float) -> float:
-    """V_time as printed, equations (3) to (7): the way left before parking over the time left.
+    """V_time as printed, equations (3) to (7): the distance before parking over the remaining time.
 
-    The braking point is that of a train at the mean speed, which is what is known of it.
+    The braking point assumes a train at the mean speed.
     """
     if left_m <= 0.0 or left_s <= 0.0:
         return math.inf
@@ -68,11 +68,11 @@ def literal_timing_speed_mps(left_m: float, left_s: float, decel_mps2: float) ->
 def timing_speed_mps(
     left_m: float, left_s: float, speed_mps: float, accel_mps2: float, decel_mps2: float
 ) -> float:
-    """V_time with the time of gaining and losing speed, which (7) leaves out; inf when too late.
+    """V_time with the time to accelerate and brake, which (7) omits. inf: too late.
 
-    From the present speed v to V at a, on at V, to a stand at b:
-    left_m = V * left_s - (V - v)² / 2a - V² / 2b, the smaller root; a train faster than that
-    already has it without the term of a.
+    The train accelerates at a from the present speed v to V, runs on at V, and brakes at b to a
+    stand: left_m = V * left_s - (V - v)² / 2a - V² / 2b. The result is the smaller root. For a
+    train that is already faster, the term of a is omitted.
     """
     if left_m <= 0.0 or left_s <= 0.0:
         return math.inf
@@ -94,9 +94,9 @@ def timing_speed_mps(
 def target_speed_mps(
     top_mps: float, timing_mps: float, energy_mps: float, alpha_ratio: float, beta_ratio: float
 ) -> float:
-    """V_target, equation (12), with each speed bounded by V_top first.
+    """V_target, equation (12), with each speed limited to V_top first.
 
-    As printed V_energy >= V_top forces V_top even with beta = 0; here it counts by its weight.
+    As printed, V_energy >= V_top forces V_top even with beta = 0. Here it counts by its weight.
     """
     timing = min(timing_mps, top_mps)
     if timing >= top_mps or beta_ratio <= 0.0:

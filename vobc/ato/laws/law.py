@@ -1,4 +1,4 @@
-"""What every control law of the automatic operation offers."""
+"""Interface of every control law of the automatic operation."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,44 +8,50 @@ from vobc.vocabulary import AtoInput
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where the front shall come to a stand next."""
+    """Next place where the front should come to a stand."""
 
     at_m: float
     at_station: bool
-    """Otherwise before the end of authority."""
+    """True for a stop at a station, false for one before the end of authority."""
     due_ns: int | None = None
-    """When the train shall stand there by its timetable."""
+    """Arrival by the timetable."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A strategy's answer while the train drives."""
+    """Output of a law while the train drives."""
 
     accel_mps2: float
-    """Wanted demand; limits of acceleration and jerk are applied to it afterwards."""
+    """Demand, before the limits of acceleration and jerk are applied."""
     reference_mps: float
     braking: bool
-    """Braking towards the target, with nothing but the stop to come."""
+    """The train brakes towards the target, with nothing else before the stop."""
 
 
 class Strategy(Protocol):
-    """One control law. It is told what really left after each cycle, so that it can predict."""
+    """One control law.
+
+    It receives the demand that was actually sent in each cycle, for its predictions.
+    """
 
     @property
     def speed_mps(self) -> float:
-        """The speed it believes in."""
+        """Estimated speed."""
 
     def observe(self, seen: AtoInput, cycles: int) -> None:
-        """Called first in every cycle, driving or not; `cycles` counts missed ones in."""
+        """Process the inputs.
+
+        This is the first call of every cycle, driving or not. `cycles` includes missed ones.
+        """
 
     def rest(self) -> None:
-        """The train stands and is held; forget its motion."""
+        """The train stands and is held: reset the motion."""
 
     def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
         """Driving begins, from standstill or on taking over a moving train."""
 
     def drive(self, seen: AtoInput, target: Target) -> Drive:
-        """What to ask for now."""
+        """Demand of this cycle."""
 
     def issued(self, demand_mps2: float) -> None:
-        """The demand that leaves in this cycle."""
+        """Note the demand that is sent in this cycle."""

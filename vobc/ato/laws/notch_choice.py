@@ -1,4 +1,4 @@
-"""Which notch is taken towards one reference, and how long the one at work is kept (Wu 2022)."""
+"""Choice of a notch towards one reference, and how long the present one is kept ([Wu 2022])."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,14 +8,14 @@ from vobc.ato.settings.chasing import ChasingScheme
 
 
 class NotchTarget(NamedTuple):
-    """One reference as the predicted train sees it."""
+    """One reference relative to the predicted train."""
 
     error_mps: float
-    """Its speed less the reference's."""
+    """Speed of the train minus that of the reference."""
     decel_mps2: float
-    """Of the reference."""
+    """Deceleration of the reference."""
     run_s: float
-    """Time within which the reference is to be caught."""
+    """Time within which the train should reach the reference."""
     spare_m: float
     to_stop: bool = False
 
@@ -27,11 +27,11 @@ def picked(
     levels_mps2: Sequence[float],
     resistance_mps2: float,
 ) -> float:
-    """The demand of the notch to take.
+    """Demand of the notch to take.
 
     Args:
-        now_mps2: the demand of the notch at work.
-        levels_mps2: demands to choose from, from the strongest pull to the strongest brake.
+        now_mps2: demand of the present notch.
+        levels_mps2: demands to choose from, from the strongest traction to the strongest brake.
         resistance_mps2: deceleration by gradient and rolling.
     """
     if keeps(scheme, aim, now_mps2, levels_mps2, resistance_mps2):
@@ -55,11 +55,11 @@ def keeps(
     levels_mps2: Sequence[float],
     resistance_mps2: float,
 ) -> bool:
-    """Whether the notch at work still catches the reference in time, near enough to it."""
+    """Whether the present notch still reaches the reference in time, and the error is small."""
     if now_mps2 not in levels_mps2 or abs(aim.error_mps) >= scheme.keep_band_mps:
         return False
     if abs(aim.error_mps) < quiet_mps(scheme, aim):
-        # On a curve to a stop a released brake waits for no gap: it would only open.
+        # On a curve to a stop a released brake must be applied at once, or the gap grows.
         return now_mps2 < 0.0 or not aim.to_stop
     time_s = catch_time.catch_s(
         aim.error_mps,
@@ -71,7 +71,7 @@ def keeps(
 
 
 def quiet_mps(scheme: ChasingScheme, aim: NotchTarget) -> float:
-    """The gap in which no other notch is looked for; wider while there is time to close it."""
+    """Error below which the notch is kept. It is wider while there is time to close the gap."""
     if not aim.to_stop:
         return scheme.quiet_band_mps
     return max(

@@ -1,4 +1,6 @@
-"""The end of a stop with notches: a small brake through blending, then the chase to the mark."""
+"""The end of a stop with notches: a small brake through blending, then the last notches to the
+stop.
+"""
 
 from typing import Final
 
@@ -9,24 +11,24 @@ from vobc.ato.settings.chasing import ChasingScheme
 
 LAST_SOONER_RATIO: Final = 2.0
 LAST_LATER_RATIO: Final = 0.5
-"""Bounds, as shares of its planned speed, on where the last notch comes: as soon as it fits."""
+"""Bounds of the speed at which the last notch is taken, relative to its planned speed."""
 LEAST_ROOM_M: Final = 0.02
 ROLL_RATIO: Final = 0.6
-"""With less needed than this share of the last notch a train is let roll."""
+"""Share of the last notch below which the train rolls without brake."""
 KEPT_RATIO: Final = 0.75
 KEPT_LEAST_MPS2: Final = 0.03
-"""A notch is kept as long as what is needed differs from it by less than either."""
+"""Difference between the needed and the present notch up to which the present one is kept."""
 SMALL_STEP_MPS2: Final = 0.04
-"""The small notch is corrected for three quarters of this."""
+"""Correction step of the small notch. Three quarters of it are its hysteresis."""
 SMALL_SPARE_MPS2: Final = 0.035
 HOLD_LOOKS_MPS: Final = 0.2
-"""So close to the end of blending the small notch stays as it is."""
+"""Speed difference to the end of blending within which the small notch stays unchanged."""
 STEP_UP_MPS2: Final = 0.1
-"""No notch is taken that is stronger than the one before by much more."""
+"""Greatest increase of the brake from one notch to the next."""
 
 
 def last_notch_mps2(config: AtoConfig, gravity_mps2: float) -> float:
-    """The least notch that still stops the train on this gradient; the strongest if none does.
+    """The smallest notch that still stops the train on this gradient. If none does, the strongest.
 
     Args:
         gravity_mps2: deceleration by the gradient, negative where the track falls.
@@ -39,14 +41,16 @@ def last_notch_mps2(config: AtoConfig, gravity_mps2: float) -> float:
 
 
 def chase_from_mps(scheme: ChasingScheme) -> float:
-    """The speed at which the first notch after blending bites; until then the small one does."""
+    """Speed at which the first notch after blending begins to act. Until then the small one
+    acts.
+    """
     late_s = scheme.dead_time_s + scheme.lag_s + scheme.air_delay_s
     late_mps = scheme.small_decel_mps2 * late_s
     return max(2.0 * scheme.last_speed_mps, scheme.blending_end_mps - late_mps)
 
 
 class StopEnding:
-    """Asked in every cycle of a braking to a stop; it answers once its part has come."""
+    """End of a stop. It is called in every cycle of the braking and takes over near the end."""
 
     __slots__ = (
         "_chasing",
@@ -73,7 +77,7 @@ class StopEnding:
         self._lasting = False
 
     def plan(self, curve: StepCurve, gravity_mps2: float) -> None:
-        """A new stop, on this gradient."""
+        """Prepare a new stop on this gradient."""
         scheme = self._config.chasing
         self._curve = curve
         self._resistance_mps2 = gravity_mps2 + scheme.rolling_mps2
@@ -90,13 +94,13 @@ class StopEnding:
         now_mps2: float,
         rested: bool,
     ) -> float | None:
-        """The demand of the notch to take, negative; None while the curve is chased.
+        """Demand of the notch to take, negative. None: the curve is still followed.
 
         Args:
             distance_m: from the predicted front to the stop.
-            measured_mps: the speed now.
-            now_mps2: the notch at work.
-            rested: it has been at work long enough.
+            measured_mps: present speed.
+            now_mps2: demand of the present notch.
+            rested: the dwell time of the notch is over.
         """
         wanted_mps2 = self._wanted_mps2(ahead, distance_m, measured_mps, now_mps2, rested=rested)
         scheme = self._config.chasing
@@ -105,7 +109,7 @@ class StopEnding:
         begin_mps = scheme.blending_begin_mps * (1.0 + scheme.blending_spread_ratio)
         if not scheme.blending_end_mps < measured_mps <= begin_mps:
             return wanted_mps2
-        # While two brakes change over the notch may grow where room is lacking, and nothing else.
+        # During blending the notch may only grow, where distance is lacking.
         return min(now_mps2, wanted_mps2)
 
     def _wanted_mps2(
@@ -136,7 +140,7 @@ class StopEnding:
         return self._final_mps2(ahead, distance_m, -now_mps2, rested=rested)
 
     def _eased_mps(self, from_mps2: float, to_mps2: float) -> float:
-        """Speed that is still lost while a brake notch gives way to a smaller one."""
+        """Speed that is still lost while a brake notch changes to a smaller one."""
         fall_mps2 = max(0.0, from_mps2 - to_mps2)
         mean_mps2 = (from_mps2 + to_mps2) / 2.0 + self._resistance_mps2
         return mean_mps2 * fall_mps2 / self._config.limits.jerk_mps3
@@ -150,8 +154,7 @@ class StopEnding:
     def _small_notch_mps2(self, ahead: PredictedState, distance_m: float, now_mps2: float) -> float:
         """The notch that leads from here to the end of blending, within its bounds.
 
-        The brake first eases from the notch at work; what that takes is counted for the notch that
-        is planned.
+        The brake first eases from the present notch. This loss is counted for the planned notch.
         """
         scheme = self._config.chasing
         end_mps = chase_from_mps(scheme)
@@ -168,8 +171,8 @@ class StopEnding:
         wanted_mps2 = min(high_mps2, max(low_mps2, wanted_mps2))
         if abs(wanted_mps2 - now_mps2) < KEPT_RATIO * SMALL_STEP_MPS2:
             return now_mps2
-        # In blending it may still grow, and nothing mends a train that is too slow behind it: so
-        # little too much is taken here.
+        # The notch may still grow in blending, but a train that is too slow after it cannot be
+        # corrected. Therefore the choice is slightly too small.
         levels_mps2 = self._config.output.brake_levels_mps2
         fitting = [level for level in levels_mps2 if level >= wanted_mps2 - SMALL_SPARE_MPS2]
         return fitting[0] if fitting else levels_mps2[-1]
@@ -177,7 +180,7 @@ class StopEnding:
     def _final_mps2(
         self, ahead: PredictedState, distance_m: float, now_mps2: float, *, rested: bool
     ) -> float:
-        """b = v**2 / 2d: first to where the last notch begins, then with that notch to the mark."""
+        """b = v**2 / 2d: first to where the last notch begins, then with that notch to the stop."""
         scheme = self._config.chasing
         if not rested:
             return -now_mps2
@@ -196,7 +199,7 @@ class StopEnding:
         return -self._nearest_mps2(speed_mps, distance_m, now_mps2)
 
     def _nearest_mps2(self, speed_mps: float, distance_m: float, now_mps2: float) -> float:
-        """The notch nearest to what is needed, with a hysteresis of three quarters of a step."""
+        """The notch nearest to the needed one, with a hysteresis of three quarters of a step."""
         scheme = self._config.chasing
         last_mps = scheme.last_speed_mps
         room_m = distance_m - self._last_m
@@ -205,10 +208,11 @@ class StopEnding:
             room_m, squares = max(LEAST_ROOM_M, distance_m), speed_mps * speed_mps
         needed_mps2 = squares / (2.0 * room_m) - self._resistance_mps2
         if speed_mps < LAST_SOONER_RATIO * last_mps:
-            # What is on when the train comes to rest is felt as a jolt.
+            # The brake that is applied when the train comes to rest is felt as a jolt.
             most_mps2 = scheme.chase_decel_mps2 - min(0.0, self._resistance_mps2)
             needed_mps2 = min(needed_mps2, max(most_mps2, self._last_mps2))
-        # A released brake answers with a new delay: only a train much too slow is let roll.
+        # A released brake answers with a new delay. Only a train that is much too slow rolls
+        # without brake.
         levels_mps2 = self._config.output.brake_levels_mps2
         if not self._lasting and needed_mps2 < ROLL_RATIO * self._last_mps2:
             return 0.0

@@ -1,4 +1,4 @@
-"""What laws share that only bend the predictive law: they bound it, it drives and stops."""
+"""Base of laws that only limit the predictive law. The predictive law drives and stops."""
 
 from firmware_py.trackdb import LineMap
 from vobc.ato.laws.predictive import Predictive
@@ -7,7 +7,7 @@ from vobc.vocabulary import AtoInput
 
 
 class OverPredictive:
-    """Hands on to the predictive law what each law has to be told."""
+    """Passes all calls on to the predictive law."""
 
     __slots__ = ("_config", "_demand_mps2", "_drives", "_line")
 

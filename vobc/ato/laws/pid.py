@@ -1,8 +1,9 @@
-"""The scheme of Allotta et al. 2013 as it should have been: PIDs that know how late the brake is.
+"""The scheme of [Allotta 2013], corrected for the delay of the brake.
 
-References over the place, three sections before the stop and four sets of gains are the paper's.
-The PIDs act on the state predicted past the dead time, the reference's own acceleration is fed
-forward, gradient and resistance are compensated, and one application of the brake ends the run.
+References over the place, three sections before the stop and four sets of gains are those of the
+paper. The PIDs act on the state predicted past the dead time, and the acceleration of the reference
+is fed forward. Gradient and resistance are compensated, and a single brake application ends the
+run.
 """
 
 import dataclasses
@@ -22,25 +23,25 @@ from vobc.ato.settings.ato import AtoConfig
 from vobc.ato.settings.pid import PidGains, falling_decel
 
 FLAT_MPS2: Final = 0.02
-"""A reference acceleration within this counts as constant speed."""
+"""Reference acceleration below which the speed counts as constant."""
 SET_OFF_M: Final = 0.05
-"""A rise is read so far ahead at least: where it begins its speed is none."""
+"""Least distance ahead at which a rise is read. At its start its speed is 0."""
 CHANGE_OVER_S: Final = 1.5
-"""Planned between the end of traction and the start of braking."""
+"""Planned time between the end of traction and the start of braking."""
 REJOIN_M: Final = 1.0
 REJOIN_S: Final = 2.0
-"""A train with so many metres and seconds to spare against its fall is accelerated again."""
+"""Spare distance and time to the braking curve at which the train accelerates again."""
 AT_T3_M: Final = 0.5
-"""A tag met so near to where T3 is expected is T3."""
+"""Distance from its expected place within which a tag counts as T3."""
 ERROR_MAX_MPS: Final = 1.0
-"""A larger speed error counts as this: a train that cannot follow does not wind anything up."""
+"""Limit of the speed error. It prevents wind-up if the train cannot follow."""
 OVER_CEILING_PER_S: Final = 0.8
-"""Deceleration for each m/s over the ceiling expected when the brake bites."""
+"""Deceleration for each m/s above the ceiling expected when the brake acts."""
 LEAST_COAST_MPS2: Final = 0.02
 
 
 class Fall:
-    """A curve down to somewhere; `at_m` is where it ends."""
+    """A braking curve to a stop or limit. `at_m` is its end."""
 
     __slots__ = ("at_m", "curve", "stops")
 
@@ -54,7 +55,7 @@ class Fall:
 
 
 class PositionSection:
-    """From T3 to the stop: x = v t - b t² / 2 + e t³ / 6, from the state in which T3 was met."""
+    """From T3 to the stop: x = v t - b t² / 2 + e t³ / 6, from the state at T3."""
 
     __slots__ = ("_decel_mps2", "_ease_mps3", "_since_s", "_start_mps", "_stop_s", "_way_m")
 
@@ -66,7 +67,7 @@ class PositionSection:
         self._since_s = 0.0
 
     def step(self, dt_s: float) -> tuple[float, ReferencePoint]:
-        """What is left of the way, and the motion there."""
+        """Remaining distance of the reference, and its motion there."""
         self._since_s = min(self._stop_s, self._since_s + dt_s)
         t, v, b, e = self._since_s, self._start_mps, self._decel_mps2, self._ease_mps3
         left_m = self._way_m - t * (v - t * (b / 2.0 - t * e / 6.0))
@@ -130,7 +131,7 @@ class PidPredicted:
 
     @property
     def brake_dead_time_s(self) -> float:
-        """Identified in the present application; the expected one before it."""
+        """Dead time identified in the present application, or the expected one before."""
         return self._model.dead_time_s
 
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
@@ -138,7 +139,7 @@ class PidPredicted:
         self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
         self._model.step(seen.speed_mps, self._gravity_mps2, cycles)
         if not seen.enabled:
-            # Others brake now; what the speed does says nothing about our demands.
+            # Another source brakes, so the speed says nothing about this law's demands.
             self._model.meet(seen.speed_mps)
         self.speed_mps = self._model.speed_mps
         dt_s = self._dt_s * cycles
@@ -176,7 +177,7 @@ class PidPredicted:
     # Planning.
 
     def _plan(self, front_m: float, target: Target) -> None:
-        """The curves of this leg, whenever target or limit under the train are new."""
+        """Plan the curves to the target when the target or the limit under the train changes."""
         config, line = self._config, self._line
         limit_mps = self._limits.under_train_mps(front_m) - config.speed.margin_mps
         key = (target, limit_mps)
@@ -196,7 +197,7 @@ class PidPredicted:
         )
         falling = self._fall is not None
         if falling:
-            # The end of a fall may move while it is followed; where it began stays.
+            # The end of a braking curve may move while it is followed. Its start stays.
             peak_mps = max(peak_mps, self._peak_mps)
         self._peak_mps = peak_mps
         self._start_rise(front_m, speed_mps)
@@ -210,7 +211,7 @@ class PidPredicted:
             self._fall = self._stop if fall.stops else self._same_slowing(fall)
 
     def _slowings_before(self, front_m: float, end_m: float) -> list[Fall]:
-        """To the lower limits between here and there that are lower than what is planned."""
+        """Braking curves to limits before `end_m` that are lower than the planned speed."""
         falls: list[Fall] = []
         index = self._limits.next_lowering(front_m)
         lowering = self._limits.lowering(index)
@@ -244,23 +245,25 @@ class PidPredicted:
             jerk_mps3=self._config.pid.rise_jerk_mps3,
         )
 
-    # Which reference is the least.
+    # Choice of the lowest reference.
 
     def _run_reference(self, front_m: float) -> ReferencePoint:
-        """Service profile or signalling, whichever is slower, while nothing is braked for."""
+        """The lower of running profile and ceiling while the train does not brake."""
         point = self._rise.at(max(SET_OFF_M, front_m - self._rise_from_m))
         horizon_s = self._config.traction.dead_time_s
         margin_mps = self._config.speed.margin_mps
         ceiling_mps = max(0.0, self._ceiling.in_mps(horizon_s) - margin_mps)
         if ceiling_mps >= point.speed_mps:
             return point
-        # When the ceiling lifts, the rise begins from there.
+        # When the ceiling rises, the acceleration starts from there.
         self._start_rise(front_m, min(ceiling_mps, max(0.0, self.speed_mps)))
         fall_mps2 = self._ceiling.in_mps(0.0) - self._ceiling.in_mps(1.0)
         return ReferencePoint(ceiling_mps, -fall_mps2, 0.0)
 
     def _choose_fall(self, front_m: float, ahead: PredictedState, run_mps: float) -> Fall | None:
-        """The fall that leads to the least speed when a demand of now bites; None for none."""
+        """The braking curve with the lowest speed when a demand given now acts. None: none
+        applies.
+        """
         chosen = self._kept_fall(front_m, ahead)
         least_mps = run_mps if chosen is None else chosen.point(ahead.front_m).speed_mps
         for fall in (self._stop, *self._slowings):
@@ -274,7 +277,7 @@ class PidPredicted:
         return chosen
 
     def _kept_fall(self, front_m: float, ahead: PredictedState) -> Fall | None:
-        """A fall is left where it ends, or when the train would not reach its end any more."""
+        """A braking curve ends at its end, or when the train would no longer reach its end."""
         fall = self._fall
         if fall is None:
             return None
@@ -300,7 +303,7 @@ class PidPredicted:
         reach_m = ahead.speed_mps * ahead.speed_mps / (2.0 * coast_mps2)
         return to_go_m - reach_m > REJOIN_M
 
-    # Following a fall: the brake.
+    # Following a braking curve.
 
     def _follow_fall(self, fall: Fall, ahead: PredictedState) -> Drive:
         to_go_m = fall.at_m - ahead.front_m
@@ -328,7 +331,7 @@ class PidPredicted:
         return Drive(demand_mps2, point.speed_mps, fall.stops)
 
     def _note_t3(self, to_go_m: float, speed_mps: float) -> None:
-        """The position loop begins with T3; without it the stop is made under speed control."""
+        """The position loop begins at T3. Without that tag the stop is made under speed control."""
         if not self._t3_met or self._position is not None:
             return
         if 0.0 < to_go_m <= self._config.pid.t3_m + AT_T3_M and speed_mps > 0.0:
@@ -340,12 +343,12 @@ class PidPredicted:
         return scheme.constant if fall.stops and to_go_m <= scheme.t2_m else scheme.falling
 
     def _help_mps2(self, ahead: PredictedState) -> float:
-        """Deceleration that comes without the brake."""
+        """Deceleration without the brake."""
         gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, ahead.front_m)
         gravity_mps2 += gradient.resistance_mps2(self._config, ahead.speed_mps)
         return gravity_mps2 - self._model.disturbance_mps2
 
-    # Rising and running: traction, and now and then a little brake.
+    # Accelerating and running: traction, and sometimes a light brake.
 
     def _follow_run(self, seen: vocabulary.AtoInput, point: ReferencePoint) -> Drive:
         config = self._config
@@ -366,7 +369,7 @@ class PidPredicted:
         band_mps2 = 0.0 if self._model.brake_asked else config.speed.coast_band_mps2
         if -band_mps2 < demand_mps2 < 0.0:
             demand_mps2 = 0.0
-        # Where the ceiling leaves nothing the train rests instead of creeping on by noise.
+        # At a ceiling of 0 the train rests instead of creeping on by noise.
         most_mps2 = available_mps2 if point.speed_mps > 0.0 else 0.0
         return Drive(min(demand_mps2, most_mps2), point.speed_mps, False)
 
@@ -384,7 +387,7 @@ class PidPredicted:
         low_mps2: float,
         high_mps2: float,
     ) -> float:
-        """One PID step; other gains take over what the ones before gave."""
+        """One PID step. Changed gains continue from the previous output."""
         if gains is not self._gains:
             if self._gains is not None:
                 self._pid.take_over(

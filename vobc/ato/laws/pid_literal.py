@@ -1,7 +1,7 @@
-"""Allotta et al. 2013 as printed: PIDs on what is measured, without a predictor.
+"""[Allotta 2013] as printed: PIDs on measured values, without a predictor.
 
-With a brake whose every change is delayed the position loop is unstable, which this law is kept to
-show. Phases, limits of demand and station work are those of every other law.
+With a brake that delays every change the position loop is unstable, and this law is kept to show
+that. Phases, limits of the demand and station work are those of every other law.
 """
 
 from typing import Final
@@ -19,7 +19,7 @@ FLAT_MPS2: Final = 0.02
 
 
 class PidLiteral:
-    """Three sections before the stop: slow down from T1, creep from T2, then follow a position."""
+    """Three sections before the stop: slow down from T1, creep from T2, then position control."""
 
     __slots__ = (
         "_accel_max_mps2",
@@ -94,7 +94,7 @@ class PidLiteral:
         return squared**0.5, -scheme.decel_mps2
 
     def _signal_reference(self, seen: AtoInput) -> tuple[float, float]:
-        """The least of ceiling, limits under the train and the next lower limit ahead."""
+        """The lowest of ceiling, limits under the train and the next lower limit ahead."""
         margin_mps = self._config.speed.margin_mps
         limit_mps = min(self._limits.under_train_mps(seen.front_m), seen.ceiling_mps) - margin_mps
         lowering = self._limits.lowering(self._limits.next_lowering(seen.front_m))
@@ -116,7 +116,7 @@ class PidLiteral:
         return scheme.constant
 
     def _follow_position(self, seen: AtoInput, distance_m: float) -> Drive:
-        """From T3 on: x_ref = v2 * t - a3 * t**2 / 2, which ends at the stop at rest."""
+        """From T3 on: x_ref = v2 * t - a3 * t**2 / 2, which ends at rest at the stop."""
         scheme = self._config.pid_literal
         creep_mps = scheme.creep_speed_mps
         decel_mps2 = creep_mps**2 / (2.0 * scheme.t3_m)
@@ -128,7 +128,7 @@ class PidLiteral:
         return Drive(accel_mps2, max(0.0, creep_mps - decel_mps2 * t_s), True)
 
     def _control(self, gains: PidGains, error: float, reference_mps2: float) -> float:
-        """One PID step; `error` is in m/s, or in m for the position loop."""
+        """One PID step. `error` is in m/s, or in m for the position loop."""
         ahead_mps2 = reference_mps2 if self._config.pid_literal.feed_forward else 0.0
         low_mps2, high_mps2 = -self._accel_max_mps2, self._accel_max_mps2
         if gains is not self._gains:

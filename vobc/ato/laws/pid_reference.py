@@ -1,7 +1,7 @@
 """Speed references of the PID law over the place: jerk-limited rises, and falls to a stop or limit.
 
-A rise is counted from where it begins, a fall backwards from where it ends: so both begin slow, and
-speed never falls along either.
+A rise counts from its start, a fall backwards from its end. Both therefore begin slow, and the
+speed never decreases along either.
 """
 
 import math
@@ -16,11 +16,14 @@ from vobc.ato.settings.pid import falling_decel
 SOLVE_STEPS: Final = 60
 SOLVED_M: Final = 1e-9
 SEARCH_STEPS: Final = 30
-"""Halvings of a range of peak speeds: well under a millimetre a second."""
+"""Number of bisections of a range of peak speeds. The result is far finer than 1 mm/s."""
 
 
 class ReferencePoint(NamedTuple):
-    """A curve at one place; rates in time along the curve, so a fall's are of a deceleration."""
+    """Point of a curve at one place.
+
+    Rates are in time along the curve; those of a fall are decelerations.
+    """
 
     speed_mps: float
     accel_mps2: float
@@ -28,7 +31,7 @@ class ReferencePoint(NamedTuple):
 
 
 class _Phase(NamedTuple):
-    """Of constant jerk."""
+    """Phase of constant jerk."""
 
     place_m: float
     speed_mps: float
@@ -38,7 +41,7 @@ class _Phase(NamedTuple):
 
 
 class SpeedCurve:
-    """Made phase by phase from its slow end; at its fast end the speed stays."""
+    """Curve built phase by phase from its slow end. At its fast end the speed is constant."""
 
     __slots__ = ("_accel_mps2", "_phases", "_places_m", "length_m", "top_mps")
 
@@ -52,13 +55,13 @@ class SpeedCurve:
         self._places_m: list[float] = []
 
     def ramp(self, to_mps2: float, jerk_mps3: float) -> None:
-        """Change the acceleration at this rate, up or down, not under zero."""
+        """Change the acceleration at this rate, up or down, but not below zero."""
         change_mps2 = to_mps2 - self._accel_mps2
         self._add(math.copysign(jerk_mps3, change_mps2), abs(change_mps2) / jerk_mps3)
         self._accel_mps2 = to_mps2
 
     def keep_to_m(self, place_m: float) -> None:
-        """Keep the acceleration up to a place, if that lies ahead."""
+        """Keep the acceleration up to a place, if that is ahead."""
         v, a, way_m = self.top_mps, self._accel_mps2, place_m - self.length_m
         if way_m > 0.0 and a > 0.0:
             self._add(0.0, (math.sqrt(v * v + 2.0 * a * way_m) - v) / a)
@@ -69,7 +72,10 @@ class SpeedCurve:
             self._add(0.0, (speed_mps - self.top_mps) / self._accel_mps2)
 
     def finish(self, top_mps: float, jerk_mps3: float) -> None:
-        """On to `top_mps`, reached without acceleration; past it if there is no room to ease."""
+        """Continue to `top_mps` and end without acceleration.
+
+        The speed exceeds it if there is no room to ease.
+        """
         a = self._accel_mps2
         self.keep_to_mps(top_mps - a * a / (2.0 * jerk_mps3))
         self.ramp(0.0, jerk_mps3)
@@ -84,13 +90,13 @@ class SpeedCurve:
         self.top_mps = v + t * (a + t * jerk_mps3 / 2.0)
 
     def at(self, place_m: float) -> ReferencePoint:
-        """Before the curve its beginning, behind it its last speed."""
+        """The point at this place. Before the curve: its beginning. Behind it: its last speed."""
         if place_m >= self.length_m:
             return ReferencePoint(self.top_mps, 0.0, 0.0)
         phase = self._phases[max(0, bisect_right(self._places_m, place_m) - 1)]
         start_m, v, a, j, t = phase
         way_m = max(0.0, place_m - start_m)
-        # The way is convex in time, so Newton's steps come down to the root from its far side.
+        # Distance is convex in time, so Newton's steps converge from the far side.
         for _ in range(SOLVE_STEPS):
             over_m = t * (v + t * (a / 2.0 + t * j / 6.0)) - way_m
             speed_mps = v + t * (a + t * j / 2.0)
@@ -101,7 +107,7 @@ class SpeedCurve:
         return ReferencePoint(v + t * (a + t * j / 2.0), a + t * j, j)
 
     def place_of_m(self, speed_mps: float) -> float:
-        """Where the curve has this speed; its end for a higher one."""
+        """Place where the curve has this speed. For a higher speed: its end."""
         if speed_mps >= self.top_mps:
             return self.length_m
         for start_m, v, a, j, duration_s in reversed(self._phases):
@@ -117,11 +123,11 @@ class SpeedCurve:
 def rise(
     from_mps: float, from_mps2: float, top_mps: float, *, accel_mps2: float, jerk_mps3: float
 ) -> SpeedCurve:
-    """Trapezoidal acceleration up to `top_mps`, beginning with `from_mps2` or none."""
+    """Trapezoidal acceleration up to `top_mps`, beginning with `from_mps2` or 0."""
     first_mps2 = max(0.0, from_mps2)
     curve = SpeedCurve(max(0.0, from_mps), first_mps2)
     gain_mps = max(0.0, top_mps - from_mps)
-    # Up to a peak p and down to none gains (2 p² - first²) / 2J.
+    # A ramp up to a peak p and down to 0 gains (2 p² - first²) / 2J.
     peak_mps2 = math.sqrt(jerk_mps3 * gain_mps + first_mps2 * first_mps2 / 2.0)
     curve.ramp(max(first_mps2, min(accel_mps2, peak_mps2)), jerk_mps3)
     curve.finish(top_mps, jerk_mps3)
@@ -129,9 +135,11 @@ def rise(
 
 
 def stop_at_platform(config: AtoConfig, line: LineMap, at_m: float, top_mps: float) -> SpeedCurve:
-    """Backwards from the stop: through T3, T2 and T1, each with its section's deceleration.
+    """Curve backwards from the stop through T3, T2 and T1, each with the deceleration of its
+    section.
 
-    Uphill the brake needs as much room to ease as on the level, so all last ones are larger there.
+    Uphill all final decelerations are larger, because the brake needs as much room to ease as on
+    the level.
     """
     scheme = config.pid
     jerk_mps3 = scheme.ease_jerk_mps3
@@ -156,7 +164,7 @@ def stop_at_platform(config: AtoConfig, line: LineMap, at_m: float, top_mps: flo
 def stop_before_authority(
     config: AtoConfig, line: LineMap, at_m: float, top_mps: float
 ) -> SpeedCurve:
-    """To a standstill under protection's own curve; see `AuthorityStop`."""
+    """Curve to a standstill below protection's own curve; see `AuthorityStop`."""
     shape = config.authority
     steady_mps2 = min(shape.decel_mps2, profile.steady_decel_mps2(config, line, at_m))
     uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
@@ -169,7 +177,7 @@ def stop_before_authority(
 
 
 def slow_down(config: AtoConfig, *, to_mps: float, decel_mps2: float, top_mps: float) -> SpeedCurve:
-    """To a lower limit: trapezoidal deceleration that ends at its beginning."""
+    """Curve to a lower limit: trapezoidal deceleration that ends at the start of the limit."""
     jerk_mps3 = config.pid.ease_jerk_mps3
     peak_mps2 = math.sqrt(jerk_mps3 * max(0.0, top_mps - to_mps))
     curve = SpeedCurve(to_mps, 0.0)
@@ -196,8 +204,10 @@ def peak_mps(
     limit_mps: float,
     change_over_s: float,
 ) -> float:
-    """The highest speed up to `limit_mps` that can be risen to, kept for a while and fallen from
-    within `way_m`; `from_mps` where even that is too much.
+    """The highest speed up to `limit_mps` that fits within `way_m`.
+
+    The train accelerates to it, keeps it for a while and brakes from it. If even `from_mps` is too
+    high, that is the result.
     """
     if limit_mps <= from_mps:
         return limit_mps

@@ -1,10 +1,10 @@
-"""Power-limited running curves (seed 002): a lower notch-off speed, coasting, a gentle long brake.
+"""Power-limited running curves ([Ninh]): lower notch-off speed, coasting, and a long gentle brake.
 
-On setting off it plans notch-off speed and power limit for the time that the timetable leaves.
-While it coasts the limit follows the time that is left: late trains brake with more power, up to
-that of the motors. A train that is late even so leaves out the gentle brake, and the predictive law
-brakes it on its curve, which friction shares, as at the end of every stop; later still it does not
-coast either. Limits, ceiling and the stop itself are the predictive law's, too.
+At departure the law plans notch-off speed and power limit for the time left by the timetable. While
+coasting it adapts the power limit to the remaining time. A late train brakes with more power, up to
+that of the motors. A train that is still late omits the gentle brake. Then the predictive law
+brakes it on its curve, which friction shares, as at the end of every stop. An even later train does
+not coast either. Limits, ceiling and the stop itself are those of the predictive law.
 """
 
 import math
@@ -20,22 +20,23 @@ from vobc.vocabulary import AtoInput
 
 NS_PER_S: Final = 1_000_000_000
 CORRECTION_RATIO: Final = 2.0
-"""Of the brake towards the stop, as in the predictive law."""
+"""Gain of the correction towards the stop, as in the predictive law."""
 LEAST_SHARE: Final = 0.3
 LEAST_SPEED_MPS: Final = 1.0
 LATE_S: Final = 0.5
-"""So much too late with all that the motors can brake, the train brakes with friction, too."""
+"""Delay with full electric braking from which the train also brakes with friction."""
 VERY_LATE_S: Final = 3.0
-"""So much too late it does not coast: friction saves two or three seconds of it."""
+"""Delay from which the train does not coast. Friction makes up for two or three seconds of it."""
 NEAR_MPS: Final = 0.2
-"""Speed is gained ever more slowly towards its end."""
+"""Tolerance of the notch-off speed. The last part of an acceleration is slow."""
 HOLDING_MPS2: Final = 0.1
-"""A law that brakes harder than this while the train coasts does so for a limit or the ceiling."""
+"""Deceleration of the predictive law above which a coasting train slows for a limit or the ceiling.
+"""
 
 
 class RunStage(IntEnum):
     FREE = 0
-    """Without a timetable, or once the predictive law brakes into the stop: it drives."""
+    """The predictive law drives: without a timetable, or once it brakes into the stop."""
     GAINING = 1
     COASTING = 2
     BRAKING = 3
@@ -59,9 +60,9 @@ class PowerLimitedRun(OverPredictive):
         self._brake: PowerBrake | None = None
         self._look_again_ns = 0
         self._late = False
-        """Even with all that the motors can brake."""
+        """The train is late even with full electric braking."""
         self.plan: PowerPlan | None = None
-        """What is driven; None without a timetable."""
+        """The present plan. None: there is no timetable."""
         self.stage = RunStage.FREE
 
     def rest(self) -> None:
@@ -82,7 +83,7 @@ class PowerLimitedRun(OverPredictive):
             return free
         self._advance(seen, target)
         if self.stage is RunStage.COASTING:
-            # Slowing for a limit or the ceiling goes before.
+            # Slowing for a limit or the ceiling has priority.
             slows = free.accel_mps2 < -HOLDING_MPS2
             return Drive(free.accel_mps2 if slows else 0.0, free.reference_mps, False)
         if self.stage is RunStage.BRAKING:
@@ -93,7 +94,7 @@ class PowerLimitedRun(OverPredictive):
         return free
 
     def _begin(self, seen: AtoInput, target: Target) -> None:
-        """A new target, or a new time for it: plan from here."""
+        """Plan from here for a new target or arrival time."""
         self._target = target
         self.plan = None
         self.stage = RunStage.FREE
@@ -108,7 +109,7 @@ class PowerLimitedRun(OverPredictive):
         self._planner = planner
         plan = planner.plan(seen.front_m, max(0.0, self.speed_mps), left_s, top_mps)
         if plan.time_s > left_s + LATE_S:
-            # There is no curve of that time: as fast as the line allows.
+            # No curve takes so little time, so the train runs as fast as the line permits.
             return
         self.plan = plan
         self._drives.most_mps = self.plan.notch_off_mps
@@ -130,7 +131,9 @@ class PowerLimitedRun(OverPredictive):
         return high_mps - self._config.speed.margin_mps
 
     def _advance(self, seen: AtoInput, target: Target) -> None:
-        """At most one stage further. Ending traction at the jerk limit gains some speed more."""
+        """Advance by at most one stage. Ending traction at the jerk limit still gains some
+        speed.
+        """
         assert self.plan is not None
         speed_mps = self.speed_mps
         pulls_mps2 = max(0.0, self._demand_mps2)
@@ -148,7 +151,7 @@ class PowerLimitedRun(OverPredictive):
                 self.stage = RunStage.BRAKING
 
     def _look_again(self, seen: AtoInput, target: Target) -> None:
-        """The power limit for the time that is left now; fixed once the brake is on."""
+        """Update the power limit for the remaining time. It is fixed once the train brakes."""
         assert self._planner is not None
         assert self.plan is not None
         assert target.due_ns is not None
@@ -164,7 +167,7 @@ class PowerLimitedRun(OverPredictive):
         self._brake = self._planner.brake(self._planned_w)
 
     def _limited_mps2(self, seen: AtoInput, target: Target) -> float:
-        """What the brake does: at most the power limit, less where the train would stop short."""
+        """Brake effort: at most the power limit, less if the train would stop short."""
         assert self._brake is not None
         assert self._planner is not None
         assert self.plan is not None

@@ -1,7 +1,7 @@
-"""Plans power-limited runs on board: gaining speed, coasting, and a brake of bounded power.
+"""Plans power-limited runs on board: acceleration, coasting, and braking with limited power.
 
-The way to lose speed is a table by speed, the way to coast is stepped along the line; both take a
-fraction of a millisecond, so that the power limit can be searched for while the train rolls.
+Braking is a table by speed, and coasting is computed in steps along the line. Both take a fraction
+of a millisecond, so the power limit can be searched for while the train rolls.
 """
 
 import math
@@ -16,18 +16,18 @@ from vobc.ato.settings.ato import AtoConfig
 GRAIN_MPS: Final = 0.2
 """Step of the braking table."""
 STEP_M: Final = 10.0
-"""Step of coasting."""
+"""Step of the coasting computation."""
 LEAST_MPS: Final = 1.0
 LEAST_MPS2: Final = 0.02
 HALVINGS: Final = 12
 TOLERANCE_S: Final = 0.25
-"""A plan that is no better than this is another plan's."""
+"""Time difference below which two plans count as equal."""
 CHOICES: Final = 20
-"""Notch-off speeds that are compared."""
+"""Number of notch-off speeds that are compared."""
 
 
 class Braked(NamedTuple):
-    """What a braking from some speed into the stop takes."""
+    """Distance and time of a braking from one speed to the stop."""
 
     way_m: float
     time_s: float
@@ -40,13 +40,14 @@ class Grain(NamedTuple):
     curve_mps2: float
     """Deceleration on the stopping curve."""
     drag_mps2: float
-    """What resistance and the mean gradient before the stop do."""
+    """Deceleration by resistance and mean gradient before the stop."""
 
 
 class PowerBrake:
-    """Into one stop with one power limit: the stopping curve where that asks for less power.
+    """Braking into one stop with one power limit. Where the stopping curve needs less power, it
+    applies.
 
-    The limit is on what the brake does; resistance and gradient (a mean one) help beside it.
+    The limit is for the brake alone. Resistance and a mean gradient act in addition.
     """
 
     __slots__ = ("_ways",)
@@ -63,7 +64,7 @@ class PowerBrake:
         self._ways = ways
 
     def from_speed(self, speed_mps: float) -> Braked:
-        """Linear between the entries of the table."""
+        """Linear interpolation between the entries of the table."""
         at = max(0.0, speed_mps) / GRAIN_MPS
         grain = min(int(at), len(self._ways) - 2)
         low, high = self._ways[grain], self._ways[grain + 1]
@@ -75,16 +76,16 @@ class PowerBrake:
 
 
 class PowerPlan(NamedTuple):
-    """How the way to a stop is driven."""
+    """Plan of the run to a stop."""
 
     notch_off_mps: float
     power_w: float
     time_s: float
-    """From the moment of planning to standstill."""
+    """Time from planning to standstill."""
 
 
 class PowerPlanner:
-    """Plans to one stop. `mass_kg` counts rotating masses in."""
+    """Plans to one stop. `mass_kg` includes rotating masses."""
 
     __slots__ = ("_config", "_grains", "_line", "_mass_kg", "_resist_mps2", "_stop_m")
 
@@ -133,9 +134,9 @@ class PowerPlanner:
         return PowerBrake(self._grains, power_w=power_w, mass_kg=self._mass_kg)
 
     def plan(self, front_m: float, speed_mps: float, left_s: float, top_mps: float) -> PowerPlan:
-        """Equation (1) on the runs themselves: x by the weight, then the power limit by the time.
+        """Equation (1) on complete runs: x by the weight, then the power limit by the time.
 
-        A train without enough time gets `top_mps` and the full power.
+        Without enough time the result is `top_mps` with full power.
         """
         settings = self._config.power_limited
         full = self.brake(settings.brake_power_w)
@@ -154,18 +155,20 @@ class PowerPlanner:
             time_s = self._time_s(front_m, speed_mps, off_mps, self.brake(power_w))
             if best is None or time_s > best.time_s:
                 best = PowerPlan(off_mps, power_w, time_s)
-            # A speed too high for the way leaves no power limit that makes the run last so long.
+            # If a speed is too high for the distance, no power limit makes the run last that long.
             if best.time_s > left_s - TOLERANCE_S:
                 break
         return best or PowerPlan(top_mps, settings.brake_power_w, fastest_s)
 
     def limit_w(self, front_m: float, speed_mps: float, left_s: float) -> float:
-        """Power limit for a train that coasts from here: so that it arrives just in time."""
+        """Power limit with which a train that coasts from here arrives just in time."""
         return self._power_w(front_m, speed_mps, speed_mps, left_s)
 
     def coasted_s(self, front_m: float, speed_mps: float, power_w: float) -> float:
-        """To standstill for a train that coasts from here and brakes with this limit; 0 for one
-        that is too near for such a brake, infinite for one that stalls."""
+        """Time to standstill for a train that coasts from here and brakes with this limit.
+
+        0: the train is too near for such a brake. Infinite: it stalls.
+        """
         brake = self.brake(power_w)
         if self._stop_m - front_m < brake.from_speed(max(speed_mps, LEAST_MPS)).way_m:
             return 0.0
@@ -183,7 +186,7 @@ class PowerPlanner:
         return high_w
 
     def _time_s(self, front_m: float, speed_mps: float, off_mps: float, brake: PowerBrake) -> float:
-        """To standstill; infinite for a train that stalls or cannot reach that speed."""
+        """Time to standstill. Infinite: the train stalls or cannot reach that speed."""
         config = self._config
         time_s = 0.0
         now_mps = max(speed_mps, LEAST_MPS)

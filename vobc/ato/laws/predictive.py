@@ -1,8 +1,9 @@
-"""A law that identifies brake and train while it drives, predicts and plans anew in each cycle.
+"""Predictive law: it identifies brake and train while driving, predicts, and replans in each cycle.
 
-Jerk-limited reference and PIDs as in Allotta et al. 2013, but on the speed predicted past dead time
-and lag, with the reference acceleration fed forward. From the start of braking to the stop one
-application of the brake follows one curve, which is planned anew to the mark in each cycle.
+The jerk-limited reference and the PIDs are as in [Allotta 2013]. They act on the speed predicted
+past dead time and lag, with the reference acceleration fed forward. From the start of braking to
+the stop one brake application follows one curve. The law replans this curve to the stopping point
+in each cycle.
 """
 
 import math
@@ -23,31 +24,32 @@ from vobc.ato.settings.pid import PidGains
 
 LEAST_SPEED_MPS: Final = 0.05
 LEAST_TIME_TO_GO_S: Final = 0.8
-"""Under these the correction towards the mark no longer grows: what is left is open loop anyway."""
+"""Bounds below which the correction towards the stopping point no longer grows. The rest is open
+loop anyway."""
 LEAST_SHARE: Final = 0.2
 MOST_SHARE: Final = 2.5
-"""Bounds on the corrected deceleration, as shares of the curve's."""
+"""Bounds of the corrected deceleration, relative to the curve's."""
 STEADY_FROM_MPS: Final = 0.1
 LEAST_LEFT_M: Final = 0.02
-"""What is corrected in the last moments, or so close to the mark, would only be felt."""
+"""Bounds of speed and distance below which a correction would only be felt."""
 SLOW_MPS: Final = 1.0
-"""About where motors hand over to friction."""
+"""Approximate speed at which motors hand over to friction."""
 REJOIN_M: Final = 1.0
-"""With more than this to spare, a train too slow to reach the mark is accelerated again."""
+"""Spare distance above which a train too slow to reach the stopping point accelerates again."""
 CHANGE_OVER_S: Final = 0.3
-"""Planned between the end of traction and the start of braking."""
+"""Planned time between the end of traction and the start of braking."""
 HOLD_BACK_MPS: Final = 0.5
-"""How far the reference may run ahead of a train that cannot follow."""
+"""Greatest lead of the reference over a train that cannot follow."""
 OVER_CEILING_PER_S: Final = 0.8
-"""Deceleration for each m/s over the ceiling expected when the brake bites."""
+"""Deceleration for each m/s above the ceiling expected when the brake acts."""
 FLAT_MPS2: Final = 0.02
-"""A reference acceleration within this counts as constant speed."""
+"""Reference acceleration below which the speed counts as constant."""
 KEPT_ON_S: Final = 3.0
-"""So long before the stop's braking another one goes over into it."""
+"""A brake application that ends this shortly before the stop is held until the stop."""
 RELEASE_LAGS: Final = 2.0
-"""So many lags after the longest dead time a brake that others released is off."""
+"""Number of lags after the longest dead time until a brake released by another source is off."""
 LOOK_AHEAD_RATIO: Final = 1.3
-"""Lower limits are looked for as far as the braking distance times this."""
+"""Range of the search for lower limits, relative to the braking distance."""
 
 
 class Predictive:
@@ -92,7 +94,7 @@ class Predictive:
         self._demand_mps2 = 0.0
         self._by_notches = config.output.stage == "notches"
         self._wanted_mps2: float | None = None
-        """Of the brake, in the cycle before; None while the train does not brake."""
+        """Brake demand of the cycle before. None: the train did not brake."""
         self._curve = profile.curve_to_stop(config, line, line.end_m)
         self._planned_for: tuple[Target, float, bool] | None = None
         self._peak_mps = 0.0
@@ -104,22 +106,22 @@ class Predictive:
         self._gravity_mps2 = 0.0
         brake = config.brake
         self._release_s = brake.dead_times_s[-1] + RELEASE_LAGS * brake.lag_s
-        """So long the brake of protection goes on working after it let go."""
+        """How long the ATP brake keeps acting after its release."""
         self._released_s = math.inf
         self.most_mps = math.inf
-        """Another law's target speed; cruising stays at or under it."""
+        """Target speed of a law above this one. Cruising does not exceed it."""
         self.speed_mps = 0.0
 
     @property
     def brake_dead_time_s(self) -> float:
-        """Identified in the present application; the expected one before it."""
+        """Dead time identified in the present application, or the expected one before."""
         return self._model.dead_time_s
 
     def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
         self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
         self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
-        # Where others brake, or the rail does not bear what is asked, what the speed does says
-        # nothing of our demands; and wheels that slip under others' brakes say little of the rail.
+        # If another source brakes, or the rail does not support the demand, the speed says nothing
+        # about this law's demands. A slip under another source's brake says little about the rail.
         self._released_s += self._dt_s * cycles
         if seen.protection_brakes and seen.speed_mps > SLOW_MPS:
             self._released_s = 0.0
@@ -170,7 +172,8 @@ class Predictive:
         if over_mps > 0.0:
             decel_mps2 += OVER_CEILING_PER_S * over_mps
         demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead)
-        # Measured from what left last, so that the brake comes on as gently as it was planned to.
+        # The ramp starts from the demand last sent, so that the brake comes on as gently as
+        # planned.
         onset_mps2 = self._config.braking.onset_jerk_mps3 * seen.dt_s
         demand_mps2 = max(demand_mps2, self._onset_from_mps2() - onset_mps2)
         self._wanted_mps2 = demand_mps2
@@ -178,7 +181,10 @@ class Predictive:
         return Drive(demand_mps2, reference_mps, self._braking)
 
     def _onset_from_mps2(self) -> float:
-        """Where notches leave, the ramp goes on from what was wanted: it would never reach one."""
+        """Start of the ramp.
+
+        With notches it is the wanted demand, as the demand sent would never reach a notch.
+        """
         if not self._by_notches or self._wanted_mps2 is None:
             return self._demand_mps2
         return min(self._demand_mps2, self._wanted_mps2)
@@ -186,9 +192,9 @@ class Predictive:
     def _reference_mps(
         self, front_m: float, target_m: float, slowing: profile.LowerLimit | None
     ) -> float:
-        """The curve's speed here, to first order about the present speed: dv = e * b / v.
+        """Speed of the curve here, linearised about the present speed: dv = e * b / v.
 
-        Before the brake has bitten the curve lies above what the train may ever run.
+        Before the brake acts, the curve is above any permitted speed.
         """
         curve, end_m = self._curve, target_m
         if not self._braking and slowing is not None:
@@ -202,7 +208,7 @@ class Predictive:
     # Planning.
 
     def curve_to(self, target: Target) -> profile.ReferenceBrakingCurve:
-        """How a train like this one, on a rail like this one, would be braked to a target now."""
+        """Braking curve of this train on this rail to a target."""
         config, line = self._manner.config, self._line
         if not target.at_station:
             gain_ratio = self._model.least_gain_ratio
@@ -216,7 +222,7 @@ class Predictive:
         )
 
     def _plan(self, front_m: float, target: Target, limit_mps: float) -> None:
-        """The curve to a target and the peak speed before it, whenever target or limit are new."""
+        """Plan the curve to a target and the peak speed before it when target or limit change."""
         manner = self._manner
         key = (target, limit_mps, self._rail.slippery)
         if key == self._planned_for:
@@ -224,7 +230,7 @@ class Predictive:
         config = manner.config
         self._planned_for = key
         self._curve = self.curve_to(target)
-        # A tag close to an end of authority gives some metres back; they are crept through.
+        # A tag near the end of authority may give some metres back. The train creeps through them.
         self._rejoin_m = REJOIN_M if target.at_station else config.station.least_run_m
         self._peak_mps = profile.peak_speed_mps(
             max(0.0, self.speed_mps),
@@ -252,7 +258,7 @@ class Predictive:
             self._resume_cruise(-self._model.brake_mps2)
 
     def _note_slowing(self, ahead: PredictedState, front_m: float) -> profile.LowerLimit | None:
-        """The lower limit ahead that is being braked for, if any."""
+        """The lower limit ahead that is braked for. None: there is none."""
         index = self._limits.next_lowering(front_m)
         if self._slowing_to >= 0 and index > self._slowing_to:
             self._slowing_to = -1
@@ -274,7 +280,9 @@ class Predictive:
     def _must_begin(
         self, curve: profile.ReferenceBrakingCurve, ahead: PredictedState, distance_m: float
     ) -> bool:
-        """Whether the change from the present acceleration to the curve's ends on it or beyond."""
+        """Whether the change from the present acceleration to the curve's ends on the curve or
+        beyond.
+        """
         now_mps2 = self._governor.accel_mps2
         to_mps2 = -curve.at_speed(ahead.speed_mps).decel_mps2
         after_mps, travel_m = trapezoid.swing(
@@ -300,9 +308,9 @@ class Predictive:
     ) -> float:
         """Deceleration that leads back onto the curve before its end.
 
-        With e metres to spare against the curve, de/dt = v * (b / b_ref - 1). Asking
-        b = b_ref * (1 - k * e / (v * t_go)) lets e fall with the k-th power of the time to go. The
-        curve's deceleration falls at a known rate, so the lag of the brake is led by just that.
+        With e metres to spare, de/dt = v * (b / b_ref - 1). The demand b = b_ref * (1 - k * e / (v
+        * t_go)) makes e decrease with the k-th power of the time to go. The curve's deceleration
+        decreases at a known rate, which compensates the lag of the brake.
         """
         point = curve.at_speed(ahead.speed_mps)
         left_m = end_m - ahead.front_m - self._gap_m(curve, ahead, end_m)
@@ -313,7 +321,8 @@ class Predictive:
         led_mps2 = point.decel_mps2 - self._model.build_up_s(ahead.speed_mps) * point.ease_mps3
         decel_mps2 = max(0.0, led_mps2) * share_ratio
         if curve.end_mps == 0.0 and ahead.speed_mps > STEADY_FROM_MPS:
-            # Far over the curve only a steady braking from now on still ends at the mark.
+            # Far beyond the curve only constant braking from now on still ends at the stopping
+            # point.
             steady_mps2 = ahead.speed_mps**2 / (2.0 * max(LEAST_LEFT_M, left_m))
             decel_mps2 = max(decel_mps2, steady_mps2)
         return decel_mps2
@@ -321,9 +330,9 @@ class Predictive:
     def _gap_m(
         self, curve: profile.ReferenceBrakingCurve, ahead: PredictedState, end_m: float
     ) -> float:
-        """Way without brake to reckon with before the end of a curve that ends in a standstill.
+        """Distance without brake before the end of a curve to a standstill.
 
-        Uphill the brake does only a part of the braking, and only that part is missing.
+        Uphill the brake provides only a part of the deceleration, and only that part is missing.
         """
         if curve.end_mps > 0.0:
             return 0.0
@@ -334,7 +343,7 @@ class Predictive:
         return self._model.gap_m(ahead.speed_mps, brake_mps2) * brake_mps2 / decel_mps2
 
     def _brake_demand_mps2(self, decel_mps2: float, ahead: PredictedState) -> float:
-        """What to ask of the brake, after gradient and resistance; it is never released."""
+        """Brake demand after gradient and resistance. The brake is never released."""
         config, model = self._config, self._model
         gravity_mps2 = gradient.decel_at_mps2(config, self._line, ahead.front_m)
         gravity_mps2 += gradient.resistance_mps2(config, ahead.speed_mps)
@@ -352,7 +361,7 @@ class Predictive:
         config, governor = self._config, self._governor
         limit_mps2 = config.limits.accel_mps2
         available_mps2 = config.traction.rated_accel_mps2 * seen.traction_ratio
-        # A reference that the demand can follow also while it eases off, resistance included.
+        # The demand can follow this reference also while it eases off, including resistance.
         uphill_mps2 = max(0.0, self._gravity_mps2 - self._model.disturbance_mps2)
         rise_mps2 = max(0.0, min(self._manner.accel_mps2, available_mps2) - uphill_mps2)
         governor.step(target_mps, rise_mps2=rise_mps2, fall_mps2=limit_mps2)
@@ -370,13 +379,15 @@ class Predictive:
         band_mps2 = 0.0 if self._model.brake_asked else config.speed.coast_band_mps2
         if -band_mps2 < demand_mps2 < 0.0:
             demand_mps2 = 0.0
-        # Where the ceiling leaves nothing the train rests instead of creeping on by noise.
+        # At a ceiling of 0 the train rests instead of creeping on by noise.
         most_mps2 = min(available_mps2, self._most_traction_mps2()) if target_mps > 0.0 else 0.0
         return Drive(min(demand_mps2, most_mps2), governor.speed_mps, False)
 
     def _kept_on(self, drive: Drive, ahead: PredictedState, target_m: float) -> Drive:
-        """A brake that is on shortly before the stop's is not released: applied again, it would
-        answer with another dead time than the one that has been learnt."""
+        """Hold a brake that is on shortly before the stop's braking.
+
+        A new application would have another dead time than the one identified.
+        """
         least_mps2 = -self._config.braking.least_decel_mps2
         if self._demand_mps2 >= 0.0 or drive.accel_mps2 <= least_mps2:
             return drive
@@ -387,7 +398,7 @@ class Predictive:
         return Drive(least_mps2, drive.reference_mps, False)
 
     def _most_traction_mps2(self) -> float:
-        """On a slippery rail a demand over what it bears only spins the wheels."""
+        """Greatest traction demand. On a slippery rail a higher one only spins the wheels."""
         return self._manner.accel_mps2 + (0.0 if self._rail.slippery else FLAT_MPS2)
 
     def _gains(self, reference_mps2: float) -> PidGains:

@@ -1,4 +1,4 @@
-"""Slow movements: jogs to a stopping point that was missed, either way, and creeping on sight."""
+"""Slow movements: jogs to a missed stopping point, in either direction, and creeping on sight."""
 
 from typing import Final
 
@@ -9,30 +9,31 @@ from vobc.ato.settings.ato import AtoConfig
 from vobc.vocabulary import AtoInput
 
 LAST_MPS: Final = 0.12
-"""A jog ends from about this speed: what the brake's delay may be wrong by is then centimetres."""
+"""Speed at the end of a jog. An error in the brake's delay then costs only centimetres."""
 SPEED_PER_M: Final = 0.06
-"""Each metre to go lets a jog be faster by so many m/s."""
+"""Increase of a jog's speed per metre of remaining distance."""
 JOG_MPS: Final = 0.35
-"""A jog is never meant to be faster; 5 km/h are permitted."""
+"""Greatest reference speed of a jog. 5 km/h are permitted."""
 JOG_ACCEL_MPS2: Final = 0.15
 STOP_DECEL_MPS2: Final = 0.25
-"""Asked to end a jog."""
+"""Deceleration that ends a jog."""
 DELAY_S: Final = 0.75
-"""From the demand to the bite of the brake: the middle of what brakes have."""
+"""Assumed delay from the demand to the brake effort: the mean of typical brakes."""
 ROLLING_MPS2: Final = 0.012
-"""Resistance at low speed."""
+"""Running resistance at low speed."""
 OVER_MPS: Final = 0.1
-"""So much over its reference a jog is braked; before that it coasts: each application of the brake
-costs a delay."""
+"""Excess over the reference at which a jog brakes. Below it the train coasts, because each
+application of the brake costs a delay."""
 CREEP_ACCEL_MPS2: Final = 0.4
 CREEP_DECEL_MPS2: Final = 0.65
 LEAST_CREEP_MPS: Final = 0.5
-"""Under such a reference a creeping train is brought to rest."""
+"""Reference below which a creeping train is brought to rest."""
 
 
 class SlowDrive:
-    """Speed control with a reference that rises and falls steadily; directions are turned, not
-    mirrored: speed, distance and demand count along the movement.
+    """Speed control with a reference that rises and falls steadily.
+
+    Speed, distance and demand count along the movement, in either direction.
     """
 
     __slots__ = ("_config", "_pid", "_reference_mps", "ending")
@@ -42,7 +43,7 @@ class SlowDrive:
         self._pid = Pid()
         self._reference_mps = 0.0
         self.ending = False
-        """The train is being brought to rest, and nothing makes it go on in this movement."""
+        """The train is being brought to rest, and this movement does not continue."""
 
     def begin(self, speed_mps: float) -> None:
         self._pid.reset()
@@ -53,7 +54,7 @@ class SlowDrive:
         self.ending = True
 
     def jog(self, seen: AtoInput, distance_m: float, *, reverse: bool) -> Drive:
-        """Towards a point `distance_m` away along the movement."""
+        """Move to a point `distance_m` away along the movement."""
         speed_mps = -seen.speed_mps if reverse else seen.speed_mps
         if distance_m <= self._stopping_m(max(0.0, speed_mps)):
             self.ending = True
@@ -67,7 +68,7 @@ class SlowDrive:
         return Drive(demand_mps2, self._reference_mps, False)
 
     def creep(self, seen: AtoInput) -> Drive:
-        """Under the ceiling, without knowing the place; to rest where it permits nothing."""
+        """Move below the ceiling without a known place. Come to rest where nothing is permitted."""
         target_mps = max(0.0, seen.ceiling_mps - self._config.speed.margin_mps)
         self._approach(
             target_mps, seen.dt_s, rise_mps2=CREEP_ACCEL_MPS2, fall_mps2=CREEP_DECEL_MPS2

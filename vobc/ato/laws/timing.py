@@ -1,8 +1,8 @@
-"""The speed control of Green CBTC (seed 000) for one train: on time, below a permissible speed.
+"""Speed control of Green CBTC ([Lin]) for one train: on time, below a permissible speed.
 
-Each cycle gives the permissible target speed V_top in closed form, then the timing target speed
-V_time from what is left of way and time; the lesser is the target speed. How the train follows it,
-and how it parks, seed 000 leaves open: it does both as the predictive law.
+Each cycle gives the permissible target speed V_top in closed form. Remaining distance and time give
+the timing target speed V_time. The lower one is the target speed. [Lin] does not say how the train
+follows it and parks; both are done by the predictive law.
 """
 
 import math
@@ -21,11 +21,11 @@ from vobc.vocabulary import AtoInput
 
 NS_PER_S: Final = 1_000_000_000
 LEAST_DECEL_MPS2: Final = 0.2
-"""V_top reckons with at least this, however steeply the track falls."""
+"""Least deceleration assumed for V_top, however steep the downhill gradient."""
 FAR_S: Final = 10.0
-"""Longer than any reaction of the service brake."""
+"""Longer than any reaction time of the service brake."""
 AGAIN_FAR_M: Final = 20.0
-"""A stopping point that moved so far beyond S_cfg is no longer parked for."""
+"""Distance beyond S_cfg at which parking for a moved stopping point ends."""
 
 
 class TimingState(IntEnum):
@@ -36,19 +36,19 @@ class TimingState(IntEnum):
 
 
 class TimingGuard(IntEnum):
-    """Of seed 000's figure 1 by their numbers there, and what it lacks."""
+    """Guards of figure 1 of [Lin] by their numbers there, with the missing ones added."""
 
     MOVES = 1
-    """The train is let go."""
+    """The train is released."""
     FAST = 2
     """Faster than V_cfg."""
     NEAR = 3
     """Nearer to the stopping point than S_cfg, or already braking for it."""
     STANDS = 4
     SLOW = 5
-    """Slower than the speed at which automatic operation is left; lower than V_cfg."""
+    """Slower than the speed at which automatic operation ends, which is below V_cfg."""
     FAR = 6
-    """The stopping point moved away."""
+    """The stopping point has moved away."""
 
 
 TRANSITIONS: Final[Mapping[TimingState, tuple[tuple[TimingGuard, TimingState], ...]]] = {
@@ -68,11 +68,11 @@ TRANSITIONS: Final[Mapping[TimingState, tuple[tuple[TimingGuard, TimingState], .
         (TimingGuard.FAR, TimingState.START_UP),
     ),
 }
-"""From each state, in the order of precedence."""
+"""Transitions of each state in order of priority."""
 
 
 def next_state(state: TimingState, holds: Mapping[TimingGuard, bool]) -> TimingState:
-    """One transition at most in a cycle."""
+    """Make at most one transition per cycle."""
     for guard, to in TRANSITIONS[state]:
         if holds[guard]:
             return to
@@ -96,7 +96,7 @@ class TimedRun(OverPredictive):
         self._limits = profile.SpeedLimits(config, line)
         most_mps = max(section.limit_mps for section in line.speed_sections)
         self._far_m = most_mps * (FAR_S + most_mps / (2.0 * LEAST_DECEL_MPS2))
-        """From any speed of the line the gentlest brake that is reckoned with ends before that."""
+        """Distance within which the weakest assumed braking ends from any speed of the line."""
         self._braking = False
         self._target: Target | None = None
         self._running: RunningTime | None = None
@@ -137,9 +137,9 @@ class TimedRun(OverPredictive):
     # Target speeds.
 
     def _target_mps(self, seen: AtoInput, target: Target) -> float:
-        """Equation (12) with alpha = 1: V_time where it is under V_top.
+        """Equation (12) with alpha = 1: V_time where it is below V_top.
 
-        Parking follows a curve of its own under the target speed that there was.
+        Parking follows its own curve below the previous target speed.
         """
         if self.state is TimingState.PARKING:
             return self._time_mps
@@ -162,7 +162,7 @@ class TimedRun(OverPredictive):
         self._running = RunningTime(self._config, self._line, seen.front_m, target.at_m, curve)
 
     def _timing_mps(self, seen: AtoInput, target: Target) -> float:
-        """V_time; infinite without a timetable."""
+        """V_time. It is infinite without a timetable."""
         if target.due_ns is None or self._running is None:
             return math.inf
         left_s = (target.due_ns - seen.now_ns) / NS_PER_S
@@ -179,7 +179,7 @@ class TimedRun(OverPredictive):
         )
 
     def _top_mps(self, seen: AtoInput) -> float:
-        """V_top towards every lower limit ahead, by what the train does now."""
+        """V_top towards every lower limit ahead, by the train's present demand."""
         pulls = self._demand_mps2 > 0.0
         reaction = SERVICE_FROM_TRACTION if pulls else SERVICE_FROM_COAST_OR_BRAKE
         top_mps = math.inf
@@ -199,7 +199,7 @@ class TimedRun(OverPredictive):
         return top_mps
 
     def _decel_mps2(self, front_m: float, limit_m: float) -> float:
-        """b' of V_top: on the steepest fall between the train's rear and the limit."""
+        """b' of V_top: on the steepest downhill gradient between the train's rear and the limit."""
         rear_m = front_m - self._config.train_length_m
         falls_permille = min(0.0, self._line.worst_gradient_permille(rear_m, limit_m))
         help_mps2 = gradient.decel_on_mps2(self._config, falls_permille)
