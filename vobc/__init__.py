@@ -1,1 +1,1 @@
-"""The on-board controller: what it believes, decides and says. It knows the world by wires only."""
+"""The on-board controller. It knows the world only through its wires."""

@@ -1,4 +1,4 @@
-"""Makes `python -m vobc` the bare controller."""
+"""Entry point of the bare controller, `python -m vobc`."""
 
 import sys
 

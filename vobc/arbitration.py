@@ -1,4 +1,4 @@
-"""The one place where protection overrules operation and a demand becomes force and brake."""
+"""Arbitration: protection overrules operation, and the demand becomes force and brake."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ BRAKED_DEMAND: Final = AtoDemand(
     target_mps=0.0,
     distance_to_stop_m=math.inf,
 )
-"""Nobody drives: full service brake, and the train is held."""
+"""Demand if no one drives: full service brake, and the train is held."""
 
 
 def arbitrate(
@@ -40,9 +40,9 @@ def arbitrate(
     train: TrainBelief,
     load_kg: float,
 ) -> CycleOutput:
-    """What goes out: of two answers the more restrictive, in every single part.
+    """Combine verdict and demand. In each part the more restrictive one counts.
 
-    A number that is not finite anywhere gives the safe output.
+    Any number that is not finite gives the safe output.
     """
     if not _finite(demand, motion, verdict.ceiling, load_kg):
         return _not_finite(verdict)
@@ -50,7 +50,7 @@ def arbitrate(
     if verdict.service_brake:
         decel_mps2 = train.service_decel_max_mps2
     hold = demand.hold or verdict.hold
-    # Held traction stays ready only while operation sets off against the holding brake.
+    # Traction against the holding brake is permitted only while operation departs against it.
     permitted = verdict.traction_permitted and (not hold or force_n > 0.0)
     if not permitted or decel_mps2 > 0.0:
         force_n = 0.0
@@ -90,7 +90,7 @@ def arbitrate(
 
 
 def _doors_asked(demand: AtoDemand, desk: Desk | None) -> tuple[bool, bool]:
-    """Left and right, by whoever drives."""
+    """Requested doors, left and right, by the driver or by operation."""
     if desk is not None and desk.mode is CabMode.MANUAL:
         return desk.open_left_requested, desk.open_right_requested
     return demand.open_doors, demand.open_doors
@@ -103,10 +103,10 @@ def _direction(permitted: bool, *, reverse: bool) -> Direction:
 
 
 def effort(accel_mps2: float, *, train: TrainBelief, load_kg: float) -> tuple[float, float]:
-    """Force of traction in N and deceleration of the service brake in m/s², never both.
+    """Traction force in N and service brake deceleration in m/s², never both.
 
-    The force ends at the rated one. The rated power is for the motors to keep: a limit that follows
-    the measured speed would pass on each jump that a tag makes in it.
+    The force is limited to the rated one. The motors limit the power themselves. A limit by the
+    measured speed would pass on every jump that a tag causes in it.
     """
     if accel_mps2 <= 0.0:
         return 0.0, min(-accel_mps2, train.service_decel_max_mps2)
@@ -114,7 +114,7 @@ def effort(accel_mps2: float, *, train: TrainBelief, load_kg: float) -> tuple[fl
 
 
 def most_accel_mps2(speed_mps: float, *, train: TrainBelief, load_kg: float) -> float:
-    """What traction in full order gives at this speed, before gradient and resistance."""
+    """Acceleration by full traction at this speed, before gradient and resistance."""
     most_n = train.rated_force_n
     if speed_mps > 0.0:
         most_n = min(most_n, train.rated_power_w / speed_mps)
@@ -122,16 +122,16 @@ def most_accel_mps2(speed_mps: float, *, train: TrainBelief, load_kg: float) -> 
 
 
 def inertia_kg(train: TrainBelief, load_kg: float) -> float:
-    """Rotating parts of the empty train count, passengers do not rotate."""
+    """Inertia of the train. Rotating parts add to the tare mass only."""
     return train.tare_kg * (1.0 + train.rotating_mass_ratio) + load_kg
 
 
 def manual_demand(
     desk: Desk, before_mps2: float, standing: bool, *, train: TrainBelief, jerk_mps: float
 ) -> AtoDemand:
-    """The lever as a demand, moved no faster than `jerk_mps` (change allowed in this cycle).
+    """Demand of the lever, changed by at most `jerk_mps` in this cycle.
 
-    A lever at no number asks for a demand that is none: of two, `min` and `max` keep the first.
+    A NaN lever position gives a NaN demand, because `min` and `max` then keep their first argument.
     """
     share_ratio = max(min(desk.lever_percent / FULL_LEVER_PERCENT, 1.0), -1.0)
     full_mps2 = train.rated_force_n / (train.tare_kg * (1.0 + train.rotating_mass_ratio))
@@ -152,9 +152,9 @@ def manual_demand(
 def _finite(
     demand: AtoDemand, motion: Motion | None, ceiling: Ceiling | None, load_kg: float
 ) -> bool:
-    """No NaN and no infinity in anything that goes out.
+    """No output is NaN or infinite.
 
-    Nobody driving is minus infinity on purpose, and there may be no stop ahead.
+    Exceptions: without a driver the demand is minus infinity, and there may be no stop ahead.
     """
     numbers = [demand.target_mps, load_kg]
     if demand is not BRAKED_DEMAND:

@@ -1,4 +1,4 @@
-"""Everything the controller is told by its parameter file, and the mission of a run."""
+"""Contents of the controller's parameter file, and the mission of a run."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,7 +28,7 @@ class VobcConfig:
     report_ms: float
     """Period of position reports on the radio."""
     manual_jerk_mps3: float
-    """How fast a demand may follow the lever."""
+    """Greatest rate at which the demand follows the lever."""
     train: TrainBelief
     odometry: OdometryConfig
     atp: AtpConfig
@@ -56,14 +56,14 @@ def load_config(
     stage: str | None = None,
     changes: Mapping[str, Any] = NOTHING,
 ) -> VobcConfig:
-    """Parameters by path or by the stem of a shipped file; raises SettingsError.
+    """Load parameters by path or by the stem of a shipped file. Raises SettingsError.
 
-    What operation has to know of the train is what the whole controller believes of it.
+    Operation uses the same train properties as the rest of the controller.
 
     Args:
-        law: of the automatic operation, instead of that of the file and the changes.
-        stage: of its output, instead of that of the file and the changes.
-        changes: of the file, by dotted key; see `firmware_py.settings.override`.
+        law: control law of the automatic operation, instead of the file's.
+        stage: its output stage, instead of the file's.
+        changes: changes of the file by dotted key; see `firmware_py.settings.override`.
     """
     config = settings.load(VobcConfig, name, SHIPPED)
     config = settings.override(config, changes, name)
@@ -86,12 +86,12 @@ def load_config(
 def plan_mission(
     line: LineMap, start: str | None, end: str | None, only: Sequence[str] | None = None
 ) -> Mission:
-    """From one station to another; by default the whole line.
+    """Mission from one station to another. The default is the whole line.
+
+    Raises SettingsError for a station that does not exist or lies in the wrong direction.
 
     Args:
-        only: where to stop, the end included; None for all stations on the way.
-
-    Raises SettingsError for a station that is not there, or that lies the other way.
+        only: stations to stop at, including the last one. None: all stations on the way.
     """
     first = _station(line, start, line.stations[0], "--from")
     last = _station(line, end, line.stations[-1], "--to")
@@ -110,7 +110,7 @@ def _chosen(stops: Sequence[Station], only: Sequence[str]) -> tuple[Station, ...
         if name not in names:
             raise SettingsError(f"stops: {name}: not on the way; {settings.nearest(name, names)}")
     if names[-1] not in only:
-        raise SettingsError(f"stops: the last has to be {names[-1]}, where the way ends")
+        raise SettingsError(f"stops: the last must be {names[-1]}, the end of the mission")
     return tuple(station for station in stops if station.name in only)
 
 

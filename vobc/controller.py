@@ -1,4 +1,4 @@
-"""One control cycle on one page: motion, protection, operation, arbitration, in this order."""
+"""One control cycle on one page: odometry, protection, operation, arbitration, in this order."""
 
 from dataclasses import replace
 from typing import Final, Protocol
@@ -24,23 +24,24 @@ from vobc.vocabulary import (
 
 ATO_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 NOT_FOR_DRIVING: Final = int(Missing.DOORS | Missing.ALARMS)
-"""Not needed to drive on: protection keeps a standing train, a moving one goes to the next stop."""
+"""Inputs not needed for driving. Protection keeps a standing train, and a moving one continues to
+the next stop."""
 
 KEPT: Final = ~int(Inhibit.DOORS | Inhibit.PLATFORM_DOORS | Inhibit.AUTHORITY)
-"""Doors close only to depart, so neither their lock nor the authority may keep them open for ever;
-whatever else stands against departure keeps them open."""
+"""Inhibits that keep doors open. Doors close only for departure, so door locks and authority must
+not keep them open for ever."""
 SUPPLY_AGE_MAX_S: Final = 0.5
-"""Five periods of the high-voltage box; an older voltage is none."""
+"""Greatest age of a voltage: five periods of the high-voltage box."""
 
 
 class Operation(Protocol):
-    """Whatever drives the train within what protection permits."""
+    """Any component that drives the train within the limits of protection."""
 
     def step(self, seen: AtoInput) -> AtoDemand: ...
 
 
 class Controller:
-    """All state of the on-board controller that outlives a cycle. It never asks for the time."""
+    """State of the on-board controller between cycles. It never reads a clock."""
 
     def __init__(
         self,
@@ -50,8 +51,9 @@ class Controller:
         start: OdometryRecord,
         operation: Operation | None = None,
     ) -> None:
-        """`operation` replaces the configured automatic operation. Raises ValueError for an unknown
-        strategy.
+        """`operation` replaces the configured automatic operation.
+
+        Raises ValueError for an unknown strategy.
         """
         self._config = config
         self._cycle_s = config.cycle_ms / 1000.0
@@ -71,18 +73,18 @@ class Controller:
         self._not_finite = False
         self._stopping_at_m: float | None = None
         self.verdict: ProtectionVerdict | None = None
-        """Of protection, in the last cycle."""
+        """Verdict of protection in the last cycle."""
 
     @property
     def rejected_tags(self) -> int:
         return self._odometry.rejected_tags
 
     def record(self) -> OdometryRecord:
-        """What to keep over a power cycle; meant for a train that stands."""
+        """State to keep over a power cycle. It is meant for a standing train."""
         return self._odometry.record()
 
     def step(self, seen: CycleInput) -> CycleOutput:
-        """Decide once. Whatever is missing, stale or not finite ends restrictively."""
+        """Decide once. Missing, stale or non-finite inputs lead to the restrictive result."""
         motion = self._odometry.step(seen)
         self._weigh(seen, motion)
         verdict = self._protection.step(
@@ -102,7 +104,7 @@ class Controller:
         return self._with_currents(output)
 
     def _with_currents(self, output: CycleOutput) -> CycleOutput:
-        """For a train that takes its reference from current loops; the safe output has none."""
+        """Add the currents for a train with current loops. The safe output has none."""
         stage = self._config.ato.output
         if stage.stage != "current_loop" or output.motion is None:
             return output
@@ -117,7 +119,10 @@ class Controller:
     def _demand(
         self, seen: CycleInput, motion: Motion | None, verdict: ProtectionVerdict
     ) -> AtoDemand:
-        """Who drives: the automatic operation is always told, so that it can take over smoothly."""
+        """Demand of the driver or of operation.
+
+        Operation runs in every cycle, so that it can take over smoothly.
+        """
         desk = seen.desk
         if motion is None or verdict.ceiling is None or desk is None:
             return BRAKED_DEMAND
@@ -130,7 +135,7 @@ class Controller:
             self._manual_mps2,
             motion.standing,
             train=self._train,
-            # A clock that steps brings no jerk: never more than one cycle's change.
+            # A stepped clock causes no jerk: the change is limited to that of one cycle.
             jerk_mps=self._config.manual_jerk_mps3 * min(seen.dt_s, self._cycle_s),
         )
         self._manual_mps2 = manual.accel_mps2
@@ -187,9 +192,10 @@ class Controller:
         )
 
     def _weigh(self, seen: CycleInput, motion: Motion | None) -> None:
-        """Passengers board a train that stands: what it weighs on the way is not believed.
+        """Update the load. Passengers board only a standing train, so a load reported on the way is
+        ignored.
 
-        Until it was weighed once it is taken to be full.
+        Until the first report the train counts as full.
         """
         standing = motion is None or motion.standing
         if seen.load is not None and (standing or not self._weighed):

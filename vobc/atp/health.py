@@ -14,8 +14,9 @@ CENTRE: Final = int(Reset.CENTRE)
 
 
 class Resets:
-    """Distinguishes a new reset from one that is held, or that was given while its source was
-    silent.
+    """Detects new resets of desk and centre.
+
+    At the desk, a button that is held, or that was pressed while the desk was silent, is no reset.
     """
 
     def __init__(self) -> None:
@@ -25,8 +26,9 @@ class Resets:
     def step(self, desk: Desk | None, orders: Orders | None) -> int:
         """Flags of `Reset`, each for one cycle.
 
-        The centre counts its resets, and a step up is a reset. The first received count is none. A
-        step down is none either: the centre has restarted its count.
+        The centre counts its resets. A step up is a reset, even if the centre was silent meanwhile.
+        The first received count is none. A step down is none either: the centre has restarted its
+        count.
 
         Args:
             desk: None if no fresh message is there. The same applies to `orders`.

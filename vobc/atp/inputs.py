@@ -26,7 +26,7 @@ the next station.
 """
 
 FLAGS: Final = tuple(Missing(number) for number in range(2 * ALARMS))
-"""Flags by their number."""
+"""Flag sets by number."""
 
 WORDS: Final = {
     Missing.BRAKE: "brake unit",

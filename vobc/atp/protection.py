@@ -38,7 +38,7 @@ __all__ = ["Protection", "ProtectionVerdict"]
 
 MOVING_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 INHIBITS: Final = tuple(Inhibit(number) for number in range(2 * Inhibit.CENTRE_SILENT))
-"""Flags by their number."""
+"""Flag sets by number. The lookup is faster than operators on an IntFlag."""
 HEEDED: Final = {mode: ~int(flags) for mode, flags in UNHEEDED.items()}
 
 

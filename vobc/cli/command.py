@@ -49,13 +49,13 @@ from zenoh_config import keys
 
 NS_PER_S: Final = 1_000_000_000
 WATCHDOG_S: Final = 1.0
-"""A cycle that takes so long hangs. The train brakes by itself after 150 ms."""
+"""Duration of a cycle after which it counts as hanging. The train brakes by itself after 150 ms."""
 GARBAGE_MS: Final = 1000.0
-"""Between collections, since none comes by itself on a real-time run."""
+"""Period of garbage collection, because a real-time run disables the automatic one."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Parse, check, run; whatever the user got wrong is one line."""
+    """Parse, check, run. A user error gives one line."""
     require_assertions("vobc")
     words = words_of("vobc", argv)
     if words[:1] == ["grant"]:
@@ -74,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_ENVIRONMENT
     except Exception:
         traceback.print_exc()
-        say("the controller failed; its last word on the bus was the safe output")
+        say("the controller failed; it ended with the safe output on the bus")
         return EXIT_FAILED
 
 
@@ -161,7 +161,7 @@ def _device(
     command: LineCommand | None,
     logs: list[Lossy],
 ) -> VobcDevice:
-    """Open everything. What is opened is closed by the stack, the bus last; logs are added."""
+    """Open everything. The stack closes it, the bus last. Logs are added to `logs`."""
     stack.callback(planned.nvram.close)
     can = open_can(planned.bus, clock=clock, node="VOBC", accept_ids=HEARD_IDS)
     stack.callback(can.close)
@@ -204,7 +204,7 @@ def _device(
 
 
 def _summary(vobc: VobcDevice) -> dict[str, object]:
-    """How the tasks kept their rhythm, and what was not acted on."""
+    """Timing of the tasks, and refused inputs."""
     return {
         "slips": vobc.slips,
         "tasks": [asdict(report) for report in vobc.executive.report()],
@@ -214,7 +214,7 @@ def _summary(vobc: VobcDevice) -> dict[str, object]:
 
 def _granted_words(granted: RealtimeReport | None) -> dict[str, str]:
     if granted is None:
-        return {"real time": "not asked for"}
+        return {"real time": "not requested"}
     return {
         measure.name: measure.detail if measure.granted else f"not granted, {measure.detail}"
         for measure in granted.measures
@@ -230,7 +230,7 @@ def _folder(out: str | None) -> Path | None:
 
 
 def _note(path: Path, content: object) -> None:
-    """Write a file that the run can do without: a full disk does not hold up a train."""
+    """Write an optional file. A full disk does not stop the train."""
     try:
         _write_json(path, content)
     except OSError as error:

@@ -59,7 +59,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def serve(lines: Lines) -> int:
-    """Answer until the bench says stop or is gone. An exception of the controller passes through.
+    """Answer until the bench stops the run or disconnects. Exceptions of the controller pass
+    through.
 
     Raises GrantProtocolError and OSError.
     """
@@ -67,7 +68,7 @@ def serve(lines: Lines) -> int:
     if hello is None:
         return EXIT_OK
     if not isinstance(hello, grants.Hello):
-        raise grants.GrantProtocolError("the bench does not begin with hello")
+        raise grants.GrantProtocolError("the bench does not start with hello")
     ports = HandedPorts()
     device = _device(lines, hello, ports)
     if device is None:
@@ -80,20 +81,20 @@ def serve(lines: Lines) -> int:
             _say(lines, grants.yielded(message.now_ns, message.now_ns, ports.take()))
             return EXIT_OK
         if not isinstance(message, grants.Grant):
-            raise grants.GrantProtocolError("the bench says hello twice")
+            raise grants.GrantProtocolError("the bench sent hello twice")
         ports.hand(
             grants.heard_frames(message),
             grants.heard_chunks(message),
             grants.heard_messages(message),
         )
-        # One task for each grant, as the loop of one process would begin them.
+        # One task for each grant, in the order of a single process.
         executive.run_next(message.now_ns)
         _say(lines, grants.yielded(message.now_ns, executive.next_due_ns(), ports.take()))
     return EXIT_OK
 
 
 def _device(lines: Lines, hello: grants.Hello, ports: HandedPorts) -> VobcDevice | None:
-    """None when it was refused."""
+    """Create the device. None: the commission was refused."""
     if hello.version != grants.VERSION:
         reason = f"version {hello.version} of the protocol; this controller speaks {grants.VERSION}"
         _say(lines, grants.Refuse(reason))
@@ -106,12 +107,12 @@ def _device(lines: Lines, hello: grants.Hello, ports: HandedPorts) -> VobcDevice
         _say(lines, grants.Refuse(str(error)))
         return None
     if left_out:
-        say(f"this version does not know {', '.join(left_out)}")
+        say(f"ignored keys that this version does not know: {', '.join(left_out)}")
     return device
 
 
 def _hear(lines: Lines) -> grants.OfBench | None:
-    """None when the bench is gone."""
+    """The next message. None: the bench has disconnected."""
     line = lines.readline(grants.LINE_BYTES_MAX)
     return grants.read_bench(line) if line else None
 
@@ -122,7 +123,7 @@ def _say(lines: Lines, message: grants.OfController) -> None:
 
 
 class _Standard:
-    """Standard input and output. What else is printed goes to standard error, not in between."""
+    """Standard input and output. Other printed text goes to standard error instead."""
 
     def __init__(self) -> None:
         self._input: BinaryIO = sys.stdin.buffer

@@ -1,4 +1,4 @@
-"""What lies between the controller and its host: signals, words for a person, a patient line."""
+"""Services of the host: exit codes, messages for people, and a serial line that is opened later."""
 
 import sys
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ RETRY_NS: Final = 500_000_000
 
 
 class PatientLine:
-    """A serial line that may not be there yet: a train that waits is braked, not broken."""
+    """A serial line that may not exist yet. The controller waits for it with the brakes on."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -27,7 +27,7 @@ class PatientLine:
         self._retry_ns = 0
         self._counters = LinkCounters()
         self.error = ""
-        """Why it is not open; empty when it is."""
+        """Why the line is not open. Empty: it is open."""
 
     @property
     def counters(self) -> LinkCounters:
@@ -59,7 +59,7 @@ class PatientLine:
 
 
 class ProtectionNotices:
-    """Says on standard error what protection does or waits for, whenever that changes."""
+    """Prints the state of protection on standard error whenever it changes."""
 
     def __init__(self, vobc: VobcDevice) -> None:
         self._vobc = vobc

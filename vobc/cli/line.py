@@ -1,4 +1,4 @@
-"""The controller's way to the other trains of its line: options, radio session, memory on disk."""
+"""Command line, radio session and memory of a train in train-to-train control."""
 
 import argparse
 from contextlib import ExitStack
@@ -29,43 +29,49 @@ from zenoh_config.t2t import FIRST_ARBITER, LAST_TRAIN
 from zenoh_config.timers import TIMER_SETS
 
 AXLES: Final = 16
-"""Of four cars."""
+"""Number of axles of four cars."""
 NS_PER_S: Final = 1_000_000_000
 ANYWHERE: Final = ""
 LINE_LOG: Final = "line.log"
-"""Its name in a run folder."""
+"""File name in a run folder."""
 
 
 def add(top: argparse.ArgumentParser) -> None:
-    group = top.add_argument_group("trains that command themselves")
+    group = top.add_argument_group("train-to-train control")
     group.add_argument(
         "--line-radio",
         metavar="ENDPOINT",
-        help="where the line's wayside listens; without it a zone controller commands the train",
+        help="endpoint of the line's wayside; without it a zone controller commands the train",
     )
     group.add_argument(
         "--line-peer",
         nargs="?",
         const=ANYWHERE,
         metavar="ENDPOINT",
-        help="speak to other trains that do so directly, not through the wayside; they reach this "
-        "one at ENDPOINT; default: the address on the way to the wayside, any port",
+        help="talk to other such trains directly, not through the wayside; they reach this "
+        "one at ENDPOINT; default: the address towards the wayside, any port",
     )
     group.add_argument(
         "--secure", metavar="FOLDER", help="certificates and keys; see `vobc demo-ca`"
     )
     group.add_argument("--train", type=_address, metavar="N", help="address on the radio")
-    group.add_argument("--line-memory", metavar="FILE", help="terms and starts that must survive")
+    group.add_argument(
+        "--line-memory", metavar="FILE", help="file for terms and start counts that must survive"
+    )
     group.add_argument(
         "--line-timers", choices=sorted(TIMER_SETS), default="A", help="default: %(default)s"
     )
     group.add_argument(
-        "--arbiters", type=_odd, default=1, metavar="1|3|5", help="of the line; default: 1"
+        "--arbiters",
+        type=_odd,
+        default=1,
+        metavar="1|3|5",
+        help="number of arbiters of the line; default: 1",
     )
 
 
 def addressed(config: VobcConfig, options: argparse.Namespace) -> VobcConfig:
-    """The train under the address that was asked for, obeying the line's ages of authorities."""
+    """Configuration with the given train address and the line's maximum age of authorities."""
     if options.train is not None:
         config = replace(config, address=options.train)
     if options.line_radio is not None:
@@ -74,7 +80,7 @@ def addressed(config: VobcConfig, options: argparse.Namespace) -> VobcConfig:
 
 
 def check_peer(options: argparse.Namespace) -> None:
-    """Raises SettingsError for a peer that cannot be one."""
+    """Raises SettingsError for an invalid combination of options."""
     if options.line_peer is None:
         return
     if options.line_radio is None:
@@ -87,15 +93,15 @@ def check_peer(options: argparse.Namespace) -> None:
 
 
 def areas_of(options: argparse.Namespace, line: LineMap) -> AreaMap | None:
-    """None where a zone controller commands the train. Raises SettingsError."""
+    """Areas of the line. None: a zone controller commands the train. Raises SettingsError."""
     if options.line_radio is None:
         return None
     return reachable_areas(options.line, line)
 
 
 def reachable_areas(name: str, line: LineMap) -> AreaMap:
-    """Raises SettingsError for a line of which nobody has said how it is divided, or of which no
-    authority reaches one of the stops.
+    """Raises SettingsError for a line without areas, or if no authority reaches one of the
+    stops.
     """
     areas, room_m = load_areas(name), T2tConfig().behind_axle_m
     for station in line.stations:
@@ -118,11 +124,10 @@ def open_line(
     secure: Credentials | None,
     log: RadioLog | None,
 ) -> LineCommand:
-    """Open the session; the stack closes it and the log of all that is said and heard. Raises
-    RadioError for an endpoint that is none.
+    """Open the session. The stack closes it and the log of its messages.
 
-    Without a memory the time of day counts the starts, and nothing that this train promised
-    outlives it.
+    Raises RadioError for an invalid endpoint. Without a memory file the time of day counts the
+    starts, and acknowledged terms are lost at the end.
     """
     path = None if options.line_memory is None else Path(options.line_memory)
     store = CheckedStore(path, TrainMemory)
@@ -174,7 +179,7 @@ def _port(
 def credentials_of(
     options: argparse.Namespace, config: VobcConfig, epoch_ns: int
 ) -> Credentials | None:
-    """Who this train is on a secured line. Raises SettingsError."""
+    """Credentials of this train on a secured line. Raises SettingsError."""
     if options.secure is None:
         return None
     return load_credentials(options.secure, train_name(config.address), epoch_ns)
@@ -183,7 +188,9 @@ def credentials_of(
 def _address(text: str) -> int:
     number = text.removeprefix("T")
     if not (number.isascii() and number.isdecimal()) or not 0 < int(number) <= LAST_TRAIN:
-        raise argparse.ArgumentTypeError(f"{text} is no train; they are 1..{LAST_TRAIN}, or T1 ...")
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a train; trains are 1..{LAST_TRAIN}, or T1 ..."
+        )
     return int(number)
 
 

@@ -1,4 +1,4 @@
-"""The words of the command line, and everything that can be checked before a device is opened."""
+"""Command line, and all checks that are possible before a device is opened."""
 
 import argparse
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ PRIORITY_MAX: Final = 99
 DESCRIPTION: Final = "The bare controller in real time on a bus, for a plant or a real train."
 
 EPILOG: Final = """\
-The controller stays braked until everything that it needs is heard, and says what it waits for.
+The controller keeps the brakes on until all its inputs arrive, and lists the missing ones.
 `python -m vobc grant` is the same controller in virtual time, run by a bench in lockstep.
 exit codes: 0 ended by SIGTERM or after --duration; 1 the controller failed and braked; 2 wrong
 usage or configuration; 3 bus, rights or a folder missing; 130 ended by Ctrl-C
@@ -50,32 +50,40 @@ def parser() -> argparse.ArgumentParser:
         "--consist", default="florence4", metavar="NAME|FILE", help="parameters of the train"
     )
     top.add_argument(
-        "--ato", choices=sorted(STRATEGIES), help="control law; default: the parameters'"
+        "--ato", choices=sorted(STRATEGIES), help="control law; default: that of the parameters"
     )
     top.add_argument(
-        "--output", choices=STAGES, help="how a demand reaches the train; default: the parameters'"
+        "--output",
+        choices=STAGES,
+        help="how a demand reaches the train; default: that of the parameters",
     )
     top.add_argument(
         "--from",
         dest="start",
         metavar="STATION",
-        help="where the train stands; not believed where its memory knows otherwise",
+        help="where the train stands; ignored if its memory has another place",
     )
     top.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
     top.add_argument("--stops", type=_names, metavar="A,B,...", help="default: all on the way")
-    top.add_argument("--cycle-ms", type=_cycle_ms, metavar="MS", help="default: as parameters say")
-    top.add_argument("--duration", type=_seconds, metavar="SECONDS", help="end after so long")
-    top.add_argument("--priority", type=_priority, default=80, help="of SCHED_FIFO; 0: none")
-    top.add_argument("--out", metavar="FOLDER", help="for cycles.csv, events.jsonl and others")
-    top.add_argument("--nvram", metavar="FILE", help="default: nothing survives a power cycle")
-    top.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
+    top.add_argument(
+        "--cycle-ms", type=_cycle_ms, metavar="MS", help="default: that of the parameters"
+    )
+    top.add_argument("--duration", type=_seconds, metavar="SECONDS", help="end after this time")
+    top.add_argument("--priority", type=_priority, default=80, help="SCHED_FIFO priority; 0: none")
+    top.add_argument(
+        "--out", metavar="FOLDER", help="folder for cycles.csv, events.jsonl and others"
+    )
+    top.add_argument(
+        "--nvram", metavar="FILE", help="memory file; default: none, nothing survives a power cycle"
+    )
+    top.add_argument("--parent", type=int, metavar="PID", help="end when this process ends")
     line_options.add(top)
     return top
 
 
 @dataclass(frozen=True, slots=True)
 class DevicePlan:
-    """Everything that can be checked before the first device is opened."""
+    """Results of all checks before the first device is opened."""
 
     config: VobcConfig
     line: LineMap
@@ -86,19 +94,19 @@ class DevicePlan:
     tags: str
     radio: str
     areas: AreaMap | None = None
-    """Where trains command themselves."""
+    """Areas for train-to-train control."""
     line_radio: str | None = None
     secure: Credentials | None = None
-    """Who the train is on a secured line."""
+    """Credentials of the train on a secured line."""
     note: str = ""
-    """What a person should know before the start."""
+    """Note for the user before the start."""
 
 
 def plan(options: argparse.Namespace, epoch_ns: int) -> DevicePlan:
-    """Raises SettingsError or BusError for what cannot be.
+    """Check the options. Raises SettingsError or BusError.
 
-    A board without a memory takes the time of day for its boot count: it has to grow with each
-    start, or the wayside would take the new incarnation for messages out of order.
+    A board without a memory uses the time of day as its boot count. The count must grow with each
+    start; otherwise the wayside would refuse the messages of the new incarnation as out of order.
     """
     config = load_config(
         options.consist, cycle_ms=options.cycle_ms, law=options.ato, stage=options.output
@@ -116,7 +124,7 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> DevicePlan:
     if tags == AUTO:
         tags = str(rendezvous.tags_link(name))
     if radio == AUTO and options.line_radio is not None:
-        # The centre of such a line sits in its wayside.
+        # On such a line the centre is part of the wayside.
         radio = options.line_radio
     elif radio == AUTO:
         radio = rendezvous.read_radio(name) or DEFAULT_ENDPOINT
@@ -133,7 +141,7 @@ def _mission(line: LineMap, place: Whereabouts, options: argparse.Namespace) -> 
     try:
         return plan_mission(line, place.first, options.end, options.stops)
     except SettingsError as error:
-        # From where it was not said to stand the way may not lead to where it was told to go.
+        # The mission may not be possible from the place in the memory.
         raise SettingsError("; ".join(filter(None, (str(error), place.note)))) from error
 
 

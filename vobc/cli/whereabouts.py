@@ -1,4 +1,4 @@
-"""Where the train stands at the start: what a person says, and what the board remembers."""
+"""Place of the train at the start, from the command line and from the board's memory."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,24 @@ from vobc.vocabulary import OdometryRecord
 @dataclass(frozen=True, slots=True)
 class Whereabouts:
     start: OdometryRecord | None
-    """None: where the mission starts, as a person said."""
+    """Place of the train. None: the start of the mission, as given by --from."""
     first: str | None
-    """Where the mission starts; None: at the first station of the line."""
+    """Station where the mission starts. None: the first station of the line."""
     note: str = ""
-    """Why a person was not believed."""
+    """Why --from was ignored."""
 
 
 def whereabouts(
     config: VobcConfig, line: LineMap, nvram: Nvram, said: str | None, path: str | None
 ) -> Whereabouts:
-    """A person is not believed against a memory: whoever starts a train again with the words of its
-    first start would put it back to where it has left.
+    """Determine the place. The memory overrules --from.
+
+    A command that is repeated with the same --from would otherwise put the train back to its first
+    start.
 
     Args:
-        said: the station of `--from`; SettingsError is raised for one that is not on the line.
-        path: of the memory, for people.
+        said: station of `--from`. SettingsError is raised if it is not on the line.
+        path: path of the memory, for messages.
     """
     if nvram.state is NvramState.ABSENT:
         return Whereabouts(None, said)
@@ -48,8 +50,8 @@ def whereabouts(
 def _note(said: str | None, path: str | None, why: str) -> str:
     if said is None:
         return ""
-    advice = f"remove {path} once somebody has seen that the train stands at {said}"
-    return f"--from {said} is not believed: {why}; {advice}"
+    advice = f"remove {path} only after checking on site that the train stands at {said}"
+    return f"--from {said} is ignored: {why}; {advice}"
 
 
 def _agree(config: VobcConfig, line: LineMap, remembered: OdometryRecord, said: str) -> bool:

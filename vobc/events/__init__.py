@@ -1,4 +1,4 @@
-"""What the controller decided and noticed, told as events: what, why, and from what it followed."""
+"""Events: decisions and observations of the controller, with their reasons and sources."""
 
 from vobc.events.between import events_between
 from vobc.events.start import controller_ends, memory_lost

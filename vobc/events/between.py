@@ -1,4 +1,4 @@
-"""What changed from one cycle to the next, told as events with their cause and their sources."""
+"""Events for the changes from one cycle to the next, with cause and sources."""
 
 import enum
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +23,7 @@ MODE_SOURCES: Final[Mapping[OperatingMode, tuple[Source, ...]]] = {
     OperatingMode.CREEP: (Source.ORDERS,),
     OperatingMode.AUTHORISED: (Source.AUTHORITY, Source.TAG),
 }
-"""What lets the train into a mode."""
+"""Inputs that let the train enter a mode."""
 INHIBIT_SOURCES: Final[Mapping[enum.IntFlag, Source]] = {
     Inhibit.DOORS: Source.DOORS,
     Inhibit.PLATFORM_DOORS: Source.ORDERS,
@@ -53,19 +53,19 @@ def events_between(
     output: CycleOutput,
     seen_before: CycleInput | None = None,
 ) -> Sequence[Event]:
-    """Everything that the step from `before` to `output` decided, the weightiest first.
+    """All events of the step from `before` to `output`, the most important first.
 
     Each change of the supervision makes exactly one event, and so does each change of the mode.
 
     Args:
-        before: the output of the cycle before; None in the first cycle.
-        seen: what `output` was decided from.
-        seen_before: what `before` was decided from; without it nothing is said of what was heard.
+        before: output of the cycle before. None: this is the first cycle.
+        seen: inputs of `output`.
+        seen_before: inputs of `before`. None: changes of received messages are not reported.
     """
     if before is None:
         return tuple(_first(output))
-    # Nearly every cycle changes nothing of all this, and then must cost next to nothing: fields
-    # that hold one of few objects are compared by identity here and looked at closely only below.
+    # Nearly every cycle changes nothing, and must then cost almost no time. Fields with few values
+    # are compared by identity here and examined only below.
     found: list[Event] = []
     if (
         output.supervision is not before.supervision
@@ -105,12 +105,12 @@ def events_between(
 
 
 def _first(output: CycleOutput) -> Iterator[Event]:
-    """A controller begins."""
-    words = f"the controller begins: protection is in {name_words(output.supervision)}"
+    """Events of the first cycle."""
+    words = f"the controller starts: protection is in {name_words(output.supervision)}"
     if output.cause:
         words += f", {output.cause}"
     yield Event(EventKind.SUPERVISION, words, (), int(output.supervision))
-    words = f"the controller begins in mode {name_words(output.mode)}"
+    words = f"the controller starts in mode {name_words(output.mode)}"
     yield Event(EventKind.MODE, words, (), int(output.mode))
 
 
@@ -180,7 +180,7 @@ def _mode(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
 
 
 def _why_over(output: CycleOutput) -> str:
-    """What took the movement away, of a train that is back in standby."""
+    """Reason why the movement ended, for a train that is back in standby."""
     if output.mode is not OperatingMode.STANDBY:
         return ""
     if output.supervision is Supervision.EMERGENCY:
@@ -209,7 +209,7 @@ def _station(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
     if not news or not _stands(output):
         return
     if inhibits == Inhibit.NONE:
-        words = "nothing stands against departure any more"
+        words = "departure is permitted"
         sources = _sources_of(before.departure_inhibits, INHIBIT_SOURCES)
         yield Event(EventKind.DEPARTURE_PERMITTED, words, sources)
         return
@@ -254,19 +254,19 @@ def _sources_of(flags: enum.IntFlag, table: Mapping[enum.IntFlag, Source]) -> tu
 
 def _alarms(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterator[Event]:
     if before.replicas_agree and not output.replicas_agree:
-        words = "the two computations of protection came to different answers"
+        words = "the two computations of protection disagree"
         yield Event(EventKind.REPLICAS_DISAGREE, words + place_words(output), (Source.TACHO,))
     if output.alarm_raised and not before.alarm_raised:
         reasons, sources = _alarm_reasons(seen)
-        words = f"a person has to come: {reasons or 'the train cannot mend its stop by itself'}"
+        words = f"the train needs help: {reasons or 'it cannot correct its stop by itself'}"
         yield Event(EventKind.ALARM_RAISED, words + place_words(output), sources)
     elif before.alarm_raised and not output.alarm_raised:
-        yield Event(EventKind.ALARM_CLEARED, "nobody has to come any more", (Source.DESK,))
+        yield Event(EventKind.ALARM_CLEARED, "the train no longer needs help", (Source.DESK,))
     if output.door_bypass and not before.door_bypass:
         words = "the sealed switch lets the train depart although its doors are not proven locked"
         yield Event(EventKind.DOOR_BYPASS, words, (Source.DESK, Source.DOORS), 1)
     elif before.door_bypass and not output.door_bypass:
-        words = "the sealed switch of the doors bypasses nothing any more"
+        words = "the sealed switch no longer bypasses the door lock"
         yield Event(EventKind.DOOR_BYPASS, words, (Source.DESK, Source.DOORS))
 
 

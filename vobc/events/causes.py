@@ -1,4 +1,4 @@
-"""Why the emergency brake came and what let it go, in sentences with the numbers that decided."""
+"""Text for the application and release of the emergency brake, with the deciding numbers."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -8,7 +8,7 @@ from vobc.events.words import flag_words, place_words
 from vobc.vocabulary import CycleInput, CycleOutput, Event, Source
 
 Tell = Callable[[CycleInput, CycleOutput], str]
-"""Gives no words where the numbers are not known."""
+"""Returns an empty text if the numbers are not known."""
 
 CAUSE_SOURCES: Final[Mapping[Cause, tuple[Source, ...]]] = {
     Cause.NONE: (),
@@ -34,11 +34,11 @@ CAUSE_SOURCES: Final[Mapping[Cause, tuple[Source, ...]]] = {
     Cause.PAST_AUTHORITY: (Source.AUTHORITY, Source.TACHO),
     Cause.ASLEEP_MOVED: (Source.TACHO, Source.COLD),
 }
-"""What each cause is decided from, the weightiest first."""
+"""Inputs that each cause is decided from, the most important one first."""
 
 
 def emergency_applied(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Event:
-    """It came, or it is on already and now for another cause."""
+    """The emergency brake is applied, or stays applied for another cause."""
     cause = output.emergency_cause
     again = before.supervision is output.supervision
     words = "emergency brake stays on, now for another cause" if again else "emergency brake"
@@ -55,7 +55,7 @@ def emergency_applied(before: CycleOutput, seen: CycleInput, output: CycleOutput
 def emergency_released(
     before: CycleOutput, seen: CycleInput, output: CycleOutput, seen_before: CycleInput | None
 ) -> Event:
-    """Whoever asked for it in this cycle; a brake that nobody reset let go by itself."""
+    """Release of the emergency brake by the source of the reset in this cycle, or by itself."""
     desk, orders = seen.desk, seen.orders
     told_before = None if seen_before is None else seen_before.orders
     by, sources = "by itself at standstill", (Source.TACHO,)
@@ -63,7 +63,7 @@ def emergency_released(
         by, sources = "by a reset at the desk", (Source.DESK,)
     elif orders is not None and told_before is not None and orders.releases > told_before.releases:
         by, sources = f"by reset {orders.releases} of the centre", (Source.ORDERS,)
-    words = f"emergency brake released {by}; it had come because of: {_own_words(before)}"
+    words = f"emergency brake released {by}; its cause was: {_own_words(before)}"
     return Event(
         EventKind.EMERGENCY_RELEASED,
         words + place_words(output),
@@ -73,7 +73,7 @@ def emergency_released(
 
 
 def _own_words(output: CycleOutput) -> str:
-    """As protection puts it."""
+    """Text of the cause as protection states it."""
     return output.cause or output.emergency_cause.name.replace("_", " ").lower()
 
 
@@ -113,7 +113,7 @@ def _input_lost(seen: CycleInput, output: CycleOutput) -> str:
         f"brake {seen.brake_age_s:.2f} s, traction {seen.traction_age_s:.2f} s, tacho"
         f" {seen.tacho_age_s:.2f} s, desk {seen.desk_age_s:.2f} s"
     )
-    return f"lost while moving: {flag_words(output.missing)}; last heard: {ages} ago"
+    return f"lost while moving: {flag_words(output.missing)}; last received: {ages} ago"
 
 
 def _localisation_lost(_: CycleInput, output: CycleOutput) -> str:
@@ -145,4 +145,4 @@ TELLERS: Final[Mapping[Cause, Tell]] = {
     Cause.CLOCK_STEPPED: _clock_stepped,
     Cause.BRAKE_UNIT: _brake_unit,
 }
-"""Causes with numbers of their own; for the others speed and place say enough."""
+"""Causes with specific numbers. For the others, speed and place are enough."""

@@ -1,4 +1,4 @@
-"""Inputs that fell silent or came back, and what centre and wayside said anew."""
+"""Events of inputs that fell silent or came back, and of new orders and authorities."""
 
 import math
 from collections.abc import Iterator
@@ -19,11 +19,11 @@ INPUTS: Final = (
     (Missing.AUTHORITY, "movement authority", Source.AUTHORITY, "authority_age_s"),
     (Missing.ALARMS, "obstacle and fire detection", Source.ALARMS, "alarms_age_s"),
 )
-"""Flag, words, source and age of each input; that the place is lost is an event of its own."""
+"""Flag, text, source and age of each input. Lost localisation has its own event."""
 
 
 UNITS: Final = {Missing.BRAKE: "brake", Missing.TRACTION: "traction"}
-"""Those that say on the bus whether they are ready, and the field with their status."""
+"""Units that report whether they are ready, with the field of their status."""
 
 
 def inputs_changed(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterator[Event]:
@@ -34,19 +34,19 @@ def inputs_changed(before: CycleOutput, seen: CycleInput, output: CycleOutput) -
         if output.missing & flag:
             told = f"{words} lost: {_age_words(getattr(seen, age))}"
             if flag in UNITS and _is_unready(getattr(seen, UNITS[flag])):
-                told = f"{words} says that it is not ready"
+                told = f"{words} reports that it is not ready"
             yield Event(EventKind.INPUT_LOST, told, (source,), int(flag))
         else:
-            yield Event(EventKind.INPUT_BACK, f"{words} is there", (source,), int(flag))
+            yield Event(EventKind.INPUT_BACK, f"{words} is available", (source,), int(flag))
 
 
 def units_not_ready(before: CycleInput, seen: CycleInput) -> Iterator[Event]:
-    """Units that say so with the first word that is heard of them."""
+    """Units whose first message reports that they are not ready."""
     for flag, words, source, _ in INPUTS:
         name = UNITS.get(flag)
         if name and getattr(before, name) is None and _is_unready(getattr(seen, name)):
             yield Event(
-                EventKind.INPUT_LOST, f"{words} says that it is not ready", (source,), int(flag)
+                EventKind.INPUT_LOST, f"{words} reports that it is not ready", (source,), int(flag)
             )
 
 
@@ -55,13 +55,13 @@ def _is_unready(status: BrakeStatus | TractionStatus | None) -> bool:
 
 
 def _age_words(age_s: float) -> str:
-    return "never heard" if math.isinf(age_s) else f"last heard {age_s:.2f} s ago"
+    return "never received" if math.isinf(age_s) else f"last received {age_s:.2f} s ago"
 
 
 def authority_changed(before: Authority | None, now: Authority | None) -> Iterator[Event]:
     if now is None:
         return
-    # What protects the rear follows the train all the time; only whether it does is told.
+    # The protected place of the rear follows the train. Only its presence is reported.
     if before is not None and (before.end_m, before.rear_m is None, before.term) == (
         now.end_m,
         now.rear_m is None,
@@ -81,17 +81,17 @@ def authority_changed(before: Authority | None, now: Authority | None) -> Iterat
 
 ORDER_WORDS: Final = (
     ("awake", "be awake", "sleep"),
-    ("hold", "hold at the platform", "hold no more"),
+    ("hold", "hold at the platform", "hold ended"),
     ("skip_next", "skip the next station", "skip no station"),
     ("stop_next", "stop at the next station", "stop by the plan"),
-    ("emergency", "emergency brake", "emergency brake no more"),
-    ("creep", "creep", "creep no more"),
-    ("restricted", "drive on sight", "drive on sight no more"),
-    ("doors_left", "doors on the left may open", "doors on the left stay shut"),
-    ("doors_right", "doors on the right may open", "doors on the right stay shut"),
+    ("emergency", "emergency brake", "emergency brake order ended"),
+    ("creep", "creep", "creep order ended"),
+    ("restricted", "drive on sight", "driving on sight ended"),
+    ("doors_left", "doors on the left may open", "doors on the left stay closed"),
+    ("doors_right", "doors on the right may open", "doors on the right stay closed"),
     ("platform_doors_locked", "platform doors are locked", "platform doors are not locked"),
 )
-"""Field, and what it says when it is set and when it no longer is."""
+"""Field of the orders, with its text when set and when ended."""
 
 
 def orders_changed(before: Orders | None, now: Orders | None) -> Iterator[Event]:
@@ -107,7 +107,7 @@ def orders_changed(before: Orders | None, now: Orders | None) -> Iterator[Event]
     if now.restrictions != (before.restrictions if before is not None else ()):
         changes.append(_restrictions(now))
     begin = "the centre's first orders" if before is None else "the centre orders"
-    words = f"{begin}: {', '.join(changes) or 'nothing special'}"
+    words = f"{begin}: {', '.join(changes) or 'none'}"
     yield Event(EventKind.ORDERS_CHANGED, words, (Source.ORDERS,))
 
 

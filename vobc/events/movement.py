@@ -1,4 +1,4 @@
-"""What odometry noticed: tags, slip, the wheel, and whether the train knows where it is."""
+"""Events of odometry: tags, slip, wheel calibration, and localisation."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -7,12 +7,12 @@ from can_dbc.vobc import EventKind
 from vobc.vocabulary import Event, Motion, Source
 
 WHEEL_STEP_M: Final = 1e-4
-"""A calibration that changes the wheel by less is none to speak of."""
+"""Change of the wheel diameter below which a calibration is not reported."""
 MM_PER_M: Final = 1000.0
 
 
 def motion_changed(before: Motion | None, motion: Motion) -> Sequence[Event]:
-    """Cheap while nothing happens, for it is asked in every cycle."""
+    """Events of a changed motion. The check is cheap, because it runs in every cycle."""
     if (
         before is not None
         and motion.localised is before.localised
@@ -30,19 +30,19 @@ def _place(before: Motion | None, motion: Motion) -> Iterator[Event]:
     was = before is not None and before.localised
     front = motion.front_m
     if motion.localised and not was:
-        words = f"the train knows where it is: front between {front.low:.2f} m and {front.high:.2f}"
-        # Without a tag it is what the board remembers, and what watched the wheels meanwhile.
+        words = f"the train is localised: front between {front.low:.2f} m and {front.high:.2f}"
+        # Without a tag the sources are the board's memory and the cold-movement detector.
         source = Source.TAG if motion.accepted_tag_ids else Source.COLD
         yield Event(EventKind.LOCALISATION_FOUND, f"{words} m", (source, Source.TACHO))
     elif was and not motion.localised:
-        words = f"the train no longer knows where it is: {motion.lost_cause or 'no cause is known'}"
+        words = f"the train has lost its position: {motion.lost_cause or 'cause unknown'}"
         yield Event(EventKind.LOCALISATION_LOST, words, (Source.TACHO, Source.TAG))
 
 
 def _tags(before: Motion | None, motion: Motion) -> Iterator[Event]:
     front = motion.front_m
     for tag_id in motion.accepted_tag_ids:
-        words = f"tag {tag_id} corrects the place: front now between {front.low:.2f} m and"
+        words = f"tag {tag_id} corrects the position: front now between {front.low:.2f} m and"
         yield Event(
             EventKind.TAG_ACCEPTED,
             f"{words} {front.high:.2f} m",
@@ -50,7 +50,7 @@ def _tags(before: Motion | None, motion: Motion) -> Iterator[Event]:
             tag_id,
         )
     for refused in motion.refused_tags:
-        words = f"tag {refused.tag_id} is not believed: {refused.reason.value}"
+        words = f"tag {refused.tag_id} refused: {refused.reason.value}"
         if refused.off_m:
             words += f", off by {refused.off_m:+.2f} m"
         yield Event(EventKind.TAG_REJECTED, words, (Source.TAG, Source.TACHO), refused.tag_id)

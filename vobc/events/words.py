@@ -1,4 +1,4 @@
-"""Names, flags and places in plain words."""
+"""Text of names, flags and places."""
 
 import enum
 
@@ -10,12 +10,12 @@ def name_words(value: enum.Enum) -> str:
 
 
 def flag_words(flags: enum.IntFlag) -> str:
-    """Each flag that is set, in the order of their numbers."""
+    """The set flags, in the order of their numbers."""
     return ", ".join(name_words(flag) for flag in type(flags) if flag and flag in flags)
 
 
 def place_words(output: CycleOutput) -> str:
-    """Where, and how fast; empty while nothing is known of either."""
+    """Text of place and speed. Empty while both are unknown."""
     motion = output.motion
     if motion is None:
         return ""

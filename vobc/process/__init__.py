@@ -1,4 +1,4 @@
-"""The controller as a device: its rhythm, its log, and where it starts from."""
+"""The controller as a device: its tasks, its logs, and its start."""
 
 from vobc.process.commission import Commission, read_commission
 from vobc.process.cycle_log import CYCLE_COLUMNS, CycleLog

@@ -1,4 +1,4 @@
-"""Everything that a controller is told before its first cycle, also as a table for JSON."""
+"""All inputs of a controller before its first cycle, also as a table for JSON."""
 
 import dataclasses
 import enum
@@ -21,21 +21,23 @@ from vobc.vocabulary import Mission, OdometryRecord
 
 @dataclass(frozen=True, slots=True)
 class Commission:
-    """What makes a controller; with the same inputs at the same instants it says the same."""
+    """Everything that determines a controller. Equal inputs at equal instants give equal
+    outputs.
+    """
 
     config: VobcConfig
     line: LineMap
     mission: Mission
     nvram: NvramRecord
-    """As the controller finds it."""
+    """Memory as the controller finds it."""
     start_ns: int
-    """On the controller's clock."""
+    """Start on the controller's clock."""
     start: OdometryRecord | None = None
-    """Where the train stands; None for where its mission starts."""
+    """Place of the train. None: the start of its mission."""
     grid_ns: int | None = None
-    """Where the grid of its releases starts; None for `start_ns`."""
+    """Start of the grid of task releases. None: `start_ns`."""
     forgotten: bool = False
-    """The memory of the board could not be read; `nvram` is what it starts from instead."""
+    """The memory of the board is unreadable, and `nvram` is the replacement."""
 
     def device(
         self,
@@ -48,7 +50,7 @@ class Commission:
         event_log: EventLog | None = None,
         command: LineCommand | None = None,
     ) -> VobcDevice:
-        """Without `nvram` what it remembers is forgotten with it."""
+        """Create the device. Without `nvram` its memory is lost at the end."""
         device = VobcDevice(
             self.config,
             self.line,
@@ -69,7 +71,7 @@ class Commission:
         return device
 
     def table(self) -> dict[str, Any]:
-        """As JSON knows it; `read_commission` makes the same of it again."""
+        """Table for JSON. `read_commission` restores the same commission from it."""
         return {
             "start_ns": self.start_ns,
             "grid_ns": self.start_ns if self.grid_ns is None else self.grid_ns,
@@ -88,10 +90,10 @@ class Commission:
 def read_commission(
     table: Mapping[str, Any], source: str, left_out: list[str] | None = None
 ) -> Commission:
-    """Raises SettingsError that names source, key and value.
+    """Read a table. Raises SettingsError that names source, key and value.
 
     Args:
-        left_out: takes the keys that this version does not know; without it they are an error.
+        left_out: receives the keys that this version does not know. Without it they are an error.
     """
     parts: dict[str, Any] = {}
     kinds = {"line": LineMap, "params": VobcConfig, "memory": NvramRecord}
@@ -137,7 +139,7 @@ def _table(table: Mapping[str, Any], key: str, source: str) -> Mapping[str, Any]
 
 
 def _plain(value: Any) -> Any:
-    """Dataclasses and enums as `settings.build` reads them; what is None is left out."""
+    """Convert dataclasses and enums for `settings.build`. None is left out."""
     if dataclasses.is_dataclass(value):
         fields = ((field.name, field.init) for field in dataclasses.fields(value))
         told = {name: getattr(value, name) for name, init in fields if init}

@@ -38,11 +38,11 @@ CYCLE_COLUMNS: Final = (
     "lateness_us",
     "slips",
 )
-"""Of the cycle log. What is not known in a cycle is an empty field."""
+"""Columns of the cycle log. A value that is unknown in a cycle is an empty field."""
 
 
 class CycleLog(Protocol):
-    """Takes one value for each of CYCLE_COLUMNS."""
+    """Receives one value for each of CYCLE_COLUMNS."""
 
     def row(self, *values: object) -> None: ...
 

@@ -1,4 +1,6 @@
-"""The controller as a device: input image, step, output image, on the rhythm of its task table."""
+"""The controller as a device: input image, step and output image in the period of its task
+table.
+"""
 
 import math
 from collections.abc import Iterable
@@ -48,7 +50,7 @@ from vobc.wire import (
 from zenoh_config.codec import BENCH_KEY
 
 VITAL_MS: Final = 50.0
-"""At this period the units wait for vital commands, whatever the cycle."""
+"""Period in which the units expect vital commands, whatever the cycle."""
 DOOR_MS: Final = 100.0
 MOTION_MS: Final = 100.0
 TARGET_MS: Final = 200.0
@@ -58,11 +60,11 @@ NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 NS_PER_US: Final = 1_000
 NAMES: Final = {can_id: source.value for source, can_id in SOURCE_IDS.items()}
-"""Of the frames that are listened to, by identifier."""
+"""Names of the received frames, by identifier."""
 
 
 class VobcDevice:
-    """One train's controller on its wires. Run `executive`; call `stop` as the last thing."""
+    """One train's controller on its wires. Run `executive`, and call `stop` at the end."""
 
     def __init__(
         self,
@@ -81,12 +83,12 @@ class VobcDevice:
         forgotten: bool = False,
         command: LineCommand | None = None,
     ) -> None:
-        """Counts this start in `nvram`, on the disk before anything is said on the radio.
+        """Count this start in `nvram`. The count is on the disk before the first radio message.
 
         Args:
-            command: where trains command themselves; authorities then come by it alone.
-            start: where the train stands; by default where its mission starts.
-            forgotten: the memory of the board could not be read; it is told as the first event.
+            command: train-to-train control. Authorities then come only from it.
+            start: place of the train; by default the start of its mission.
+            forgotten: the memory of the board is unreadable. This is reported as the first event.
         """
         self._config = config
         self._can, self._tags, self._radio, self._nvram = can, tags, radio, nvram
@@ -123,7 +125,7 @@ class VobcDevice:
         self._emergency = False
         self._life = NodeState.BOOT_UP
         self.output: CycleOutput = SAFE_OUTPUT
-        """Of the last cycle."""
+        """Output of the last cycle."""
         self.executive = Executive(self._tasks(), start_ns)
 
     def _tasks(self) -> Iterable[Task]:
@@ -138,7 +140,7 @@ class VobcDevice:
 
     @property
     def verdict(self) -> ProtectionVerdict | None:
-        """What protection said in the last cycle, before operation asked for less."""
+        """Verdict of protection in the last cycle."""
         return self._controller.verdict
 
     @property
@@ -148,7 +150,7 @@ class VobcDevice:
 
     @property
     def refused(self) -> dict[str, int]:
-        """What was heard and not acted on, by the wire it came from."""
+        """Number of refused inputs, by their wire."""
         return {
             "frames": self._inbox.rejected,
             "telegrams": self._inbox.torn_telegrams,
@@ -158,7 +160,9 @@ class VobcDevice:
         }
 
     def control_cycle(self, now_ns: int) -> None:
-        """Read all, decide once, write all; if anything fails, the safe output is the last word."""
+        """Read all inputs, decide once, write all outputs. If anything fails, send the safe
+        output.
+        """
         overruns = self.executive.slips_before("control")
         try:
             output = self._decide(now_ns, overruns)
@@ -188,7 +192,7 @@ class VobcDevice:
         return self._controller.step(image)
 
     def _obey(self, now_ns: int, command: LineCommand) -> None:
-        """What other trains let this one do, from this cycle on."""
+        """Take the authority of train-to-train control, from this cycle on."""
         command.apply(now_ns, self.output.motion)
         held, link = command.held, self._link
         if held is None:
@@ -198,12 +202,15 @@ class VobcDevice:
         link.hold(authority, held.echo_ns, restrictions_of(held))
 
     def line_beat(self, now_ns: int) -> None:
-        """Between two cycles: what other trains ask is answered, authorities wait."""
+        """Answer other trains between two cycles. Authorities wait for the next cycle."""
         if self._command is not None:
             self._command.beat(now_ns, self.output.motion)
 
     def _send_cycle(self, now_ns: int, output: CycleOutput) -> None:
-        """Brake first. Slower frames go every so many cycles; a slow cycle sends them each time."""
+        """Send the frames of the cycle, brake first.
+
+        Slower frames have their own period, or go in every cycle if that is slower.
+        """
         self._send_vital(now_ns, output)
         self._sent_ns = now_ns
         cycle_ms, count = self._config.cycle_ms, self._cycles
@@ -223,7 +230,7 @@ class VobcDevice:
             self._send(now_ns, emergency_message(output.emergency_cause if emergency else None))
 
     def _tell(self, now_ns: int, output: CycleOutput) -> None:
-        """What this cycle decided; on the bus after everything that moves or stops the train."""
+        """Report the events of this cycle. They follow all commands on the bus."""
         assert self._seen is not None
         desk, inbox, link = self._events, self._inbox, self._link
         events = events_between(self._output_before, self._seen, output, self._seen_before)
@@ -250,7 +257,7 @@ class VobcDevice:
             self._send(now_ns, analogue_frame(output))
 
     def repeat_vital(self, now_ns: int) -> None:
-        """Between the cycles of a slow controller, while those come: units wait for no cycle."""
+        """Repeat vital commands between the cycles of a slow controller, as long as cycles come."""
         if self._last_ns is None or now_ns - self._last_ns > STALE_CYCLES * self._cycle_ns:
             return
         if now_ns - self._sent_ns >= VITAL_MS / 2.0 * NS_PER_MS:
@@ -272,7 +279,7 @@ class VobcDevice:
 
     @property
     def waits_for_line(self) -> str:
-        """That nobody is heard on the line's radio; empty where somebody is, or there is none."""
+        """Text if the line's radio is silent. Empty if it is not, or if there is none."""
         return "" if self._command is None else self._command.silence_words
 
     def _look_for_line(self, now_ns: int) -> None:
@@ -283,7 +290,7 @@ class VobcDevice:
             self._events.tell(now_ns, (event,))
 
     def stop(self, now_ns: int) -> None:
-        """The last word on the bus: brake, whatever was said before."""
+        """Send the safe output as the last message."""
         self.output = replace(SAFE_OUTPUT, cause="controller ends")
         self._send_vital(now_ns, self.output)
         self._send(now_ns, door_frame(self.output))
@@ -293,11 +300,11 @@ class VobcDevice:
         self._events.flush()
 
     def _remember(self, output: CycleOutput) -> None:
-        """Once after each run the wheel and the place are stored: at standstill, off the cycle.
+        """Store wheel and place once after each run, at standstill and outside of the cycle.
 
-        As soon as it moves again the place is taken back: a controller that is cut off on the way
-        must not find itself where it stood before. So it is in an emergency, at standstill too:
-        switched off and on again, the train has no place, and somebody has to let it go as well.
+        When the train moves again, the stored place is invalidated. A controller that loses power
+        on the way must not restart in its former place. The same applies in an emergency, even at
+        standstill. After a power cycle the train then has no place, and a person has to release it.
         """
         motion = output.motion
         latched = output.supervision is Supervision.EMERGENCY

@@ -1,4 +1,6 @@
-"""Events on their way out: numbered, onto the bus a few in each cycle, and into the event log."""
+"""Output of events: numbered, sent on the bus with a limit per cycle, and written to the
+event log.
+"""
 
 import json
 from collections import deque
@@ -12,19 +14,20 @@ from vobc.vocabulary import Event, Source
 from vobc.wire import Evidence, event_frame
 
 FRAMES_PER_CYCLE: Final = 4
-"""More wait for the next cycles, so that a burst of events never crowds out a command."""
+"""Greatest number of event frames per cycle, so that a burst of events never delays a command."""
 WAITING_MAX: Final = 256
-"""Of a flood of events the oldest are given up; their numbers are missing on the bus."""
+"""Greatest number of waiting events. In a flood the oldest are discarded, and their numbers are
+missing on the bus."""
 LINES_MAX: Final = 1024
 EVENTS_LOG: Final = "events.jsonl"
-"""Its name in a run folder."""
+"""File name in a run folder."""
 NS_PER_S: Final = 1_000_000_000
 
 Look = Callable[[Source, int], Evidence | None]
 
 
 class EventLog(Protocol):
-    """Takes the events of a run in their order; never waits for a disk."""
+    """Receives the events of a run in order. It never waits for a disk."""
 
     def event(self, entry: dict[str, Any]) -> None: ...
 
@@ -32,7 +35,9 @@ class EventLog(Protocol):
 
 
 class EventLines:
-    """`events.jsonl`: one JSON object for each event, as docs/guide/explain.md lists them."""
+    """Writes `events.jsonl`: one JSON object for each event, as docs/guide/explain.md lists
+    them.
+    """
 
     def __init__(self, path: Path | str) -> None:
         """Raises RecorderError."""
@@ -50,7 +55,7 @@ class EventLines:
             self.flush()
 
     def flush(self) -> None:
-        """Hand everything to the operating system, as is done each second and on closing."""
+        """Pass everything to the operating system. This happens each second and on closing."""
         if self._lines:
             self._file.write(self._lines)
             self._lines = []
@@ -61,16 +66,18 @@ class EventLines:
 
 
 class EventQueue:
-    """Numbers the events of a controller since its start and hands them on."""
+    """Numbers the events of a controller since its start and passes them on."""
 
     def __init__(self, log: EventLog | None, look: Look, start_ns: int) -> None:
-        """`look` finds what a source said last, given the number of the event."""
+        """`look` finds the last message of a source, given the number of the event."""
         self._log, self._look, self._start_ns = log, look, start_ns
         self._waiting: deque[Frame] = deque(maxlen=WAITING_MAX)
         self.told = 0
 
     def tell(self, now_ns: int, events: Iterable[Event]) -> None:
-        """In the cycle that decided them, while what they rest on is still the last thing heard."""
+        """Add events in the cycle that decided them, while their sources are still the latest
+        messages.
+        """
         for event in events:
             self.told += 1
             self._waiting.append(event_frame(event, self.told))
@@ -78,7 +85,7 @@ class EventQueue:
                 self._log.event(self._entry(now_ns, event))
 
     def due(self) -> Sequence[Frame]:
-        """What goes out in this cycle."""
+        """Event frames to send in this cycle."""
         waiting = self._waiting
         if not waiting:
             return ()

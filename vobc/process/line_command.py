@@ -1,4 +1,4 @@
-"""The train's part among trains that command themselves, on its own radio port and rhythm."""
+"""The train's part in train-to-train control, with its own radio port and period."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,23 +16,24 @@ from vobc.wire.refusals import Refusals
 from zenoh_config.timers import LineTimers
 
 BEAT_MS: Final = 10.0
-"""So often what is heard is answered, beside the control cycle."""
+"""Period of the answers between control cycles."""
 EASY_LEAD_S: Final = 3.0
 EASY_DECEL_MPS2: Final = 0.5
-"""A stop that passengers and punctuality bear: later than that, an object lets the train pass."""
+"""Braking that passengers and timetable tolerate. If a train cannot stop like this before a closing
+object, the object lets it pass."""
 HARDEST_DECEL_MPS2: Final = 10.0
-"""No brake of a train slows it so hard: it would take an adhesion of more than one."""
+"""Upper bound of any train's deceleration. More would need an adhesion above 1."""
 S_PER_MS: Final = 1e-3
 
 
 def commanded(config: VobcConfig, timers: LineTimers) -> VobcConfig:
-    """The same train, whose protection lets authorities get as old as the line has agreed on."""
+    """The same train with the maximum age of authorities that the line has agreed on."""
     age_max_s = timers.authority_ms * S_PER_MS
     return replace(config, atp=replace(config.atp, authority_age_max_s=age_max_s))
 
 
 class LineCommand:
-    """Between the control cycles it answers; authorities it takes with them only."""
+    """Answers messages between control cycles. Authorities are taken only with the cycle."""
 
     def __init__(
         self,
@@ -45,11 +46,11 @@ class LineCommand:
         write_down: Callable[[], None] | None = None,
         silence: LineSilence | None = None,
     ) -> None:
-        """`port` listens to the radio's subscriptions already.
+        """`port` already has the radio's subscriptions.
 
         Args:
-            write_down: puts what passed the port into a log; called between control cycles.
-            silence: to be told of what is heard, the centre's words included.
+            write_down: writes what passed the port into a log; called between control cycles.
+            silence: watches the messages received, including those of the centre.
         """
         self.radio = radio
         self._write_down, self._silence = write_down, silence
@@ -64,24 +65,29 @@ class LineCommand:
         self._curve = braking.on(line.worst_gradient_permille(line.start_m, line.end_m))
         self._cycle_s = config.cycle_ms * S_PER_MS
         self.refusals = Refusals()
-        """Of the line's radio."""
+        """Refusals of the line's radio."""
         self._out: list[tuple[str, bytes]] = []
         self.out_of_service = False
 
     def apply(self, now_ns: int, motion: Motion | None) -> None:
-        """At the beginning of a control cycle, which is to act on what `authority` says then."""
+        """Receive at the beginning of a control cycle. The cycle then acts on the authority
+        held.
+        """
         self.radio.takes(self._port.receive(now_ns))
         self._out += self.radio.step(now_ns, self._own(motion), apply=True)
 
     def send(self, now_ns: int) -> None:
-        """When the cycle has told the brakes: now it may be acknowledged."""
+        """Send after the cycle has commanded the brakes.
+
+        Only now may the authority be acknowledged.
+        """
         for key, payload in self._out:
             self._port.send(now_ns, key, payload)
         self._out.clear()
         self.radio.tune(self._port)
 
     def beat(self, now_ns: int, motion: Motion | None) -> None:
-        """Between two cycles."""
+        """Process messages between two cycles."""
         self.radio.takes(self._port.receive(now_ns))
         if self.radio.is_due(now_ns):
             self._out += self.radio.step(now_ns, self._own(motion), apply=False)
@@ -98,7 +104,11 @@ class LineCommand:
                 self.refusals.note(0, reason, "from the line", more)
 
     def silence(self, now_ns: int, from_centre: int) -> Event | None:
-        """That nobody is heard any more, or is again; `from_centre` counts what came from there."""
+        """Event if the radio has become silent, or is back.
+
+        Args:
+            from_centre: number of messages from the centre so far.
+        """
         if self._silence is None:
             return None
         return self._silence.look(now_ns, self._port.counters.received + from_centre)
@@ -139,10 +149,10 @@ class LineCommand:
 
 
 def authority_of(held: HeldAuthority, *, restrictions_heeded: bool) -> Authority:
-    """For the protection. Restrictions that it cannot be told of are met like the end of the way.
+    """Authority for protection. Restrictions that it cannot receive end the authority.
 
     Args:
-        restrictions_heeded: there are orders to put them into.
+        restrictions_heeded: there are orders that can carry the restrictions.
     """
     end_m = held.end_m
     if not restrictions_heeded:

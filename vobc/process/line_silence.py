@@ -1,4 +1,4 @@
-"""Notices that nobody is heard on a line's radio, for the person who waits for an authority."""
+"""Detects a silent line radio and reports it while the train waits for an authority."""
 
 from typing import Final
 
@@ -6,22 +6,23 @@ from can_dbc.vobc import EventKind
 from vobc.vocabulary import Event
 
 SILENT_S: Final = 5.0
-"""A centre answers each status, five times a second; a session takes a second or two to begin."""
+"""Silence that is reported. A centre answers each status, five times a second, and a session takes
+a second or two to begin."""
 NS_PER_S: Final = 1e9
 
 
 class LineSilence:
-    """Nobody is told apart who is not there, speaks under other keys or belongs to another line."""
+    """Watches the line radio. A missing wayside, a wrong key and another line look the same."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
         self._received = 0
         self._heard_ns: int | None = None
         self.words = ""
-        """What is wrong; empty while somebody is heard."""
+        """Text of the problem. Empty while messages arrive."""
 
     def look(self, now_ns: int, received: int) -> Event | None:
-        """What there is to tell; `received` counts all messages so far."""
+        """The event to report, if any. `received` counts all messages so far."""
         if self._heard_ns is None:
             self._heard_ns = now_ns
         if received != self._received:
@@ -39,4 +40,4 @@ class LineSilence:
         if not self.words:
             return None
         self.words = ""
-        return Event(EventKind.INPUT_BACK, "the line's radio is heard")
+        return Event(EventKind.INPUT_BACK, "the line's radio is back")

@@ -1,4 +1,4 @@
-"""Where a train takes itself to stand when its controller starts."""
+"""Assumed place of the train when its controller starts."""
 
 import math
 
@@ -18,10 +18,10 @@ def commissioned_start(config: VobcConfig, mission: Mission, record: NvramRecord
 
 
 def remembered_start(config: VobcConfig, record: NvramRecord) -> OdometryRecord | None:
-    """Where the train was switched off, if it stood then and knew its place.
+    """Place where the train was switched off, if it stood and knew its place.
 
-    It may have been moved since: the place counts once the detector of cold movement says by how
-    little, and is widened by that.
+    The train may have been moved since. The place counts only once the cold-movement detector
+    reports a small distance, which widens the interval.
     """
     if record.front_m is None or not record.standing:
         return None
@@ -34,7 +34,7 @@ def remembered_start(config: VobcConfig, record: NvramRecord) -> OdometryRecord 
 
 
 def unknown_start(config: VobcConfig, line: LineMap, record: NvramRecord) -> OdometryRecord:
-    """The controller ended on the way: the train may be anywhere on its line."""
+    """The controller ended while moving, so the train may be anywhere on its line."""
     return OdometryRecord(
         front_m=(line.start_m + line.end_m) / 2.0,
         bound_m=(line.end_m - line.start_m) / 2.0,
@@ -44,6 +44,6 @@ def unknown_start(config: VobcConfig, line: LineMap, record: NvramRecord) -> Odo
 
 
 def _stored_m_per_pulse(config: VobcConfig, record: NvramRecord) -> float:
-    """The last calibration is the likeliest guess; what it is worth now is proven anew by tags."""
+    """Scale of the last calibration. It is the best guess, and tags have to confirm it."""
     wheel_m = record.wheel_diameter_m or config.train.wheel_diameter_m
     return math.pi * wheel_m / config.train.pulses_per_turn

@@ -65,7 +65,7 @@ class AreaParticipant:
         """Train records that a standby receives. The records of a new master start from them."""
         self._report_ns = now_ns
         self._quiet_until_ns = now_ns
-        """Until then the train does not apply again after a lost candidacy."""
+        """Time until which the train does not apply again, after a lost candidacy."""
         self._called = False
         self._fenced = False
         """A train reported a higher term than that of the newest candidacy."""

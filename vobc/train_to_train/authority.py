@@ -55,7 +55,7 @@ class AreaBounds(NamedTuple):
 
     end_m: float
     stretches: tuple[BarredTrack, ...]
-    """In order of start."""
+    """Barred stretches, in order of their start."""
     rollback_m: float
     """Upper bound of a train's rollback. A rolling train may enter a stretch behind it."""
     jog_m: float

@@ -136,7 +136,7 @@ class Attempt(NamedTuple):
     nonce: int
     asked_term: int
     asked_nonce: int | None
-    """None: no request with this nonce is open."""
+    """Nonce of the open request. None: no request with this nonce is open."""
 
 
 def answers_this_attempt(attempt: Attempt) -> bool:
@@ -188,7 +188,7 @@ class Commitment(NamedTuple):
 
 
 def roster_kept(commitment: Commitment) -> bool:
-    """So many arbiters stored the roster that every later majority contains one of them."""
+    """A majority of arbiters stored the roster, so every later majority contains one of them."""
     return commitment.acks >= commitment.majority
 
 
@@ -337,7 +337,7 @@ T = TypeVar("T", MemberGuards, LeaseGuards, MasterGuards)
 
 
 def holds(*_: Any) -> bool:
-    """Takes the place of a removed guard."""
+    """Always true. `without` puts it in place of a removed guard."""
     return True
 
 

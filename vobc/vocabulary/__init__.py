@@ -1,4 +1,4 @@
-"""The nouns: what a control cycle is given, what it answers, what its rooms tell each other."""
+"""Data types of the controller: inputs and outputs of a cycle, and exchange between its parts."""
 
 from vobc.vocabulary.inputs import (
     NEVER_S,

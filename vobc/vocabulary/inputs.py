@@ -1,4 +1,4 @@
-"""What the controller is told: its train, its mission, and the image of one cycle."""
+"""Inputs of the controller: its train, its mission, and the image of one cycle."""
 
 import enum
 import math
@@ -17,28 +17,28 @@ from can_dbc.traction import TractionStatus
 from firmware_py.trackdb import Station
 
 NEVER_S: Final = math.inf
-"""Age of something that was never heard."""
+"""Age of an input that was never received."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainBelief:
-    """What the controller believes of its own train. What the train really is, the plant knows."""
+    """Assumed properties of the train. The plant has the true ones."""
 
     length_m: float
     tare_kg: float
     full_load_kg: float
-    """Passengers at most; assumed until the train has weighed them."""
+    """Greatest passenger mass. It is assumed until the train has been weighed."""
     rotating_mass_ratio: float
-    """Share of the tare mass that rotating parts add to its inertia."""
+    """Inertia of rotating parts, as a share of the tare mass."""
     antenna_offset_m: float
-    """From the front coupler back to the centre of the tag antenna."""
+    """Distance from the front coupler back to the centre of the tag antenna."""
     wheel_diameter_m: float
     pulses_per_turn: int
     rated_force_n: float
-    """Tractive effort at the rail, whole consist, below the power limit."""
+    """Tractive effort at the rail of the whole train, below the power limit."""
     rated_power_w: float
     service_decel_max_mps2: float
-    """Largest demand that the service brake follows."""
+    """Greatest deceleration of the service brake."""
 
     def __post_init__(self) -> None:
         for name in _POSITIVE_OF_TRAIN:
@@ -66,31 +66,32 @@ _POSITIVE_OF_TRAIN: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """Where the train starts and where it shall stop, in running order."""
+    """Start of the train and its stops in running order."""
 
     start: Station
     stops: tuple[Station, ...]
 
 
 class PlaceProof(enum.Enum):
-    """How a controller that starts comes to know its place."""
+    """How a starting controller knows its place."""
 
-    SET_UP = "people set the train up there"
-    REMEMBERED = "stood there when it was switched off"
-    """True once the detector of cold movement bears it out."""
-    UNKNOWN = "nobody knows"
-    """Found again by two references."""
+    SET_UP = "staff set the train up there"
+    REMEMBERED = "switched off there"
+    """Valid once the cold-movement detector confirms it."""
+    UNKNOWN = "unknown"
+    """Two references restore it."""
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryRecord:
-    """What odometry wants to find again after a power cycle."""
+    """State of odometry to be restored after a power cycle."""
 
     front_m: float
     bound_m: float
-    """The front stands within front_m ± bound_m."""
+    """The front is within front_m ± bound_m."""
     m_per_pulse: float
-    """Best estimate of the distance behind one pulse; a prior only, its bounds are earned again."""
+    """Best estimate of the distance per pulse. It is only a prior; the bounds start from the
+    declared ones."""
     proof: PlaceProof = PlaceProof.SET_UP
 
 
@@ -104,25 +105,26 @@ class TachoSample:
 
 @dataclass(frozen=True, slots=True)
 class TagReading:
-    """One tag as the reader reported it; nothing about its truth is decided yet."""
+    """One tag as the reader reported it. Odometry still has to check it."""
 
     tag_id: int
     pulses: int
     """Counter of tacho A when the antenna was over the tag's centre, modulo 65536."""
     age_s: float
-    """Since the antenna was over the centre, by the reader's clock at sending plus line time."""
+    """Time since the antenna was over the centre: by the reader's clock at sending, plus line time.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Authority:
-    """A movement authority as it was accepted: checked for address, term and sequence."""
+    """An accepted movement authority, checked for address, term and sequence."""
 
     end_m: float
     """Chainage that the front must never pass."""
     term: int
     sequence: int
     rear_m: float | None = None
-    """The rear is protected back to here; None: the train must not move back."""
+    """Chainage back to which the rear is protected. None: the train must not move back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +138,7 @@ class Restriction:
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What centre and platform have to say, as it was accepted; a state, not a history."""
+    """Accepted orders of centre and platform. They are a state, not a history."""
 
     awake: bool
     hold: bool
@@ -147,11 +149,11 @@ class Orders:
     emergency: bool
     """Apply the emergency brake and keep it."""
     releases: int
-    """Resets by the centre so far; a step up is one fresh reset."""
+    """Number of resets by the centre so far. An increase is a new reset."""
     creep: bool
     restricted: bool
     doors_left: bool
-    """The centre lets doors open on this side of the present platform."""
+    """The centre permits doors to open on this side of the present platform."""
     doors_right: bool
     platform_doors_locked: bool
     restrictions: tuple[Restriction, ...] = ()
@@ -159,17 +161,20 @@ class Orders:
 
 @dataclass(frozen=True, slots=True)
 class CycleInput:
-    """All the controller may know in one cycle, frozen; of a frame never heard None and NEVER_S."""
+    """All inputs of one cycle, frozen.
+
+    A frame that was never received is None, with the age NEVER_S.
+    """
 
     now_ns: int
     dt_s: float
-    """Since the cycle before; the nominal period in the first one."""
+    """Time since the cycle before. In the first cycle: the nominal period."""
     overruns: int
     """Cycles missed directly before this one."""
     tacho: Tacho | None
     tacho_age_s: float
     tacho_samples: tuple[TachoSample, ...]
-    """All tacho frames since the cycle before, oldest first; it comes faster than the cycle."""
+    """All tacho frames since the cycle before, oldest first. They come faster than the cycle."""
     doppler: Doppler | None
     doppler_age_s: float
     imu: Imu | None
@@ -189,16 +194,17 @@ class CycleInput:
     load: TcmsStatus | None
     load_age_s: float
     tags: tuple[TagReading, ...]
-    """Telegrams that became complete since the cycle before, oldest first."""
+    """Telegrams completed since the cycle before, oldest first."""
     authority: Authority | None
     authority_age_s: float
-    """By the train's own clock: since the position report that the authority answers was sent."""
+    """Age by the train's own clock, since it sent the position report that the authority answers.
+    """
     alarms: TrainAlarms | None = None
     alarms_age_s: float = NEVER_S
     cold: ColdMovement | None = None
     cold_age_s: float = NEVER_S
     orders: Orders | None = None
     orders_age_s: float = NEVER_S
-    """By the train's own clock: since the status that the orders answer was sent."""
+    """Age by the train's own clock, since it sent the status that the orders answer."""
     tag_gap: bool = False
     """Telegrams of the tag reader are missing, or may be, since the cycle before."""

@@ -1,4 +1,4 @@
-"""Where the train is, how it moves, and how fast it may."""
+"""Place and motion of the train, and its speed limits."""
 
 import enum
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A quantity that is known only to lie between two ends."""
+    """A quantity known only to lie between two bounds."""
 
     low: float
     best: float
@@ -14,7 +14,7 @@ class Interval:
 
 
 class TagRefusal(enum.Enum):
-    """Why a tag was not believed."""
+    """Reason why a tag was refused."""
 
     UNKNOWN = "no such tag on this line"
     OUTSIDE_WINDOW = "outside of its expectation window"
@@ -27,12 +27,15 @@ class RefusedTag:
     tag_id: int
     reason: TagRefusal
     off_m: float
-    """From the nearer end of the window to where the tag claims the front to be; signed."""
+    """Distance from the nearer end of the window to the front's place by this tag, signed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What odometry makes of pulses and tags; the intervals hold the truth for declared errors."""
+    """Result of odometry.
+
+    The intervals contain the true values if the sensors keep their declared errors.
+    """
 
     front_m: Interval
     """Chainage of the front coupler."""
@@ -41,36 +44,36 @@ class Motion:
     accel_mps2: float
     """Smoothed, signed."""
     travel_m: float
-    """Distance by pulses since start, signed; no tag makes it jump. While wheels slip it follows
-    what else is believed of the ground, and is no bound."""
+    """Distance by pulses since the start, signed. Tags do not shift it. During slip it follows the
+    estimated movement over ground and is no bound."""
     standing: bool
-    """Half a second of samples without a pulse: a quick sign, but no proof of standstill."""
+    """Half a second of samples without a pulse. This sign is quick, but no proof of standstill."""
     standstill: bool
-    """Zero speed proven: upper speed bound under 1 km/h for 2 s."""
+    """Zero speed is proven: the upper speed bound was below 1 km/h for 2 s."""
     localised: bool
     slip: bool
     accepted_tag_ids: tuple[int, ...]
     """Tags that corrected the position in this cycle."""
     refused_tags: tuple[RefusedTag, ...] = ()
-    """Tags that were read in this cycle and not believed."""
+    """Tags that were read and refused in this cycle."""
     missed_tags: int = 0
-    """Expected tags in a row that were not read."""
+    """Number of successive expected tags that were not read."""
     lost_cause: str = ""
-    """Why the train does not know where it is; empty while it does."""
+    """Why the train does not know its place. Empty while it does."""
     wheel_diameter_m: float = 0.0
-    """As last calibrated."""
+    """Last calibrated value."""
     pulses_m: float = 0.0
-    """Distance by pulses alone since start, signed, also while wheels slip."""
+    """Distance by pulses alone since the start, signed, also during slip."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ceiling:
-    """What protection permits now, all as speeds of the train."""
+    """Speed limits that protection permits now, all as speeds of the train."""
 
     permitted_mps: float
-    """Least of civil limits under the train, braking curves ahead and end of authority."""
+    """The lowest of civil limits under the train, braking curves ahead and end of authority."""
     warning_mps: float
     service_mps: float
     emergency_mps: float
     distance_to_authority_m: float
-    """From the worst end of the front interval to the end of authority."""
+    """Distance from the farthest place of the front to the end of authority."""

@@ -1,4 +1,4 @@
-"""What operation is given and what it asks for."""
+"""Inputs and outputs of operation."""
 
 from dataclasses import dataclass
 
@@ -7,26 +7,26 @@ from can_dbc.vobc import AtoPhase
 
 @dataclass(frozen=True, slots=True)
 class AtoInput:
-    """What operation is given. It cannot change any of it."""
+    """Inputs of operation. It cannot change them."""
 
     now_ns: int
     dt_s: float
     enabled: bool
-    """Desk in AUTO, protection not in emergency, nothing missing."""
+    """The desk is in AUTO, protection is not in emergency, and nothing is missing."""
     front_m: float
     speed_mps: float
     accel_mps2: float
     standstill: bool
     accepted_tag_ids: tuple[int, ...]
     gradient_permille: float
-    """Mean under the train now."""
+    """Mean gradient under the train now."""
     ceiling_mps: float
     authority_end_m: float
     load_kg: float
     traction_ratio: float
     """Share of the rated effort that is available."""
     traction_mps2: float
-    """Acceleration that this share gives at the present speed, before gradient and resistance."""
+    """Acceleration by this share at the present speed, before gradient and resistance."""
     doors_locked: bool
     doors_open: bool
     """The platform side is fully open."""
@@ -34,56 +34,56 @@ class AtoInput:
     """Protection enables the platform side now."""
     holding_applied: bool
     departure_permitted: bool = True
-    """Nothing of the departure interlock stands against it, the doors' own lock included."""
+    """No departure inhibit applies, including the door lock."""
     skip_next: bool = False
     """Do not stop at the next station."""
     stop_next: bool = False
     """Stop at the next station, whatever the plan says, and stay."""
     stop_now: bool = False
-    """Come to rest with the service brake wherever the train is."""
+    """Stop with the service brake wherever the train is."""
     keep_doors_open: bool = False
     """At a platform: open the doors, and leave them open."""
     jog_permitted: bool = False
-    """Protection allows a jog now, backwards included where `jog_back_m` is more than 0."""
+    """Protection permits a jog now. It may go backwards if `jog_back_m` is positive."""
     jog_back_m: float = 0.0
-    """How far back the train may move; its rear is protected so far."""
+    """Distance that the train may move back. Its rear is protected that far."""
     creep: bool = False
-    """Drive on sight at `ceiling_mps`; place and authority may be unknown."""
+    """Drive on sight at `ceiling_mps`. Place and authority may be unknown."""
     protection_brakes: bool = False
-    """The service brake comes from protection now, whatever is asked for."""
+    """Protection applies the service brake now, whatever the demand."""
     kept_at_platform: bool = False
-    """Something beside doors and authority stands against departure: the dwell goes on."""
+    """Something besides doors and authority inhibits departure, so the dwell continues."""
     ahead_m: float = 0.0
-    """The front may be so far ahead of `front_m`; protection looks from there."""
+    """Greatest distance of the front beyond `front_m`. Protection uses that place."""
     slips: bool = False
     """Wheels slip or slide, or did a moment ago."""
     line_voltage_v: float | None = None
-    """At the pantograph; None when the high-voltage box is silent or its breaker open."""
+    """Voltage at the pantograph. None: the high-voltage box is silent or its breaker is open."""
 
 
 @dataclass(frozen=True, slots=True)
 class AtoDemand:
-    """What operation asks for; arbitration decides what goes out."""
+    """Demand of operation. Arbitration decides the output."""
 
     accel_mps2: float
-    """Effort per mass asked of traction (positive) or service brake (negative).
+    """Demand per mass for traction (positive) or service brake (negative).
 
-    What gradient and resistance do to the train comes on top; operation reckons with both, so that
-    one application of the brake stays one application.
+    Gradient and resistance act in addition. Operation takes both into account, so that one brake
+    application stays one application.
     """
     hold: bool
-    """Keep or bring the holding brake on."""
+    """Keep or apply the holding brake."""
     open_doors: bool
-    """Doors on the platform side of the present station shall be open."""
+    """Open the doors on the platform side of the present station."""
     phase: AtoPhase
     target_mps: float
-    """Speed of the reference now."""
+    """Present speed of the reference."""
     distance_to_stop_m: float
-    """To the next stopping point; math.inf when there is none."""
+    """Distance to the next stopping point. math.inf: there is none."""
     reverse: bool = False
-    """Positive `accel_mps2` drives backwards; only for a jog."""
+    """Positive `accel_mps2` drives backwards. Only for a jog."""
     calls_for_help: bool = False
-    """A person has to come: all attempts are used up and the train still does not stand right, or
-    it does and its doors are not enabled for long, or it is to run and does not get away."""
+    """The train needs a person on site. Either all jogs are used and it is not aligned, or its
+    doors stay disabled for long, or it should run and does not move."""
     stopping_at_m: float | None = None
-    """Stopping point that the train heads for or stands at; None while it heads for none."""
+    """Stopping point that the train approaches or stands at. None: there is none."""

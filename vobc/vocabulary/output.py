@@ -1,4 +1,4 @@
-"""What the controller says in one cycle, and the events that it tells."""
+"""Outputs of the controller in one cycle, and its events."""
 
 import enum
 import math
@@ -20,7 +20,7 @@ from vobc.vocabulary.motion import Ceiling, Motion
 
 
 class Source(enum.Enum):
-    """Where the facts of a decision came from; the wire knows which frame or message that was."""
+    """Input on which a decision was based. Module `wire` knows its frame or message."""
 
     TACHO = "TACHO"
     DOPPLER = "DOPPLER"
@@ -41,20 +41,20 @@ class Source(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One thing that the controller decided or noticed in a cycle."""
+    """A decision or observation of the controller in one cycle."""
 
     kind: EventKind
     words: str
-    """What and why, for the log and for people."""
+    """Text of the event and its reason, for the log and for people."""
     sources: tuple[Source, ...] = ()
-    """What it was decided from, the weightiest first."""
+    """Inputs of the decision, the most important one first."""
     number: int = 0
-    """Goes out on the bus beside the kind: a `Cause`, a tag, a flag; 0 without one."""
+    """Number sent on the bus with the kind: a `Cause`, a tag or a flag. 0: none."""
 
 
 @dataclass(frozen=True, slots=True)
 class CurrentReference:
-    """What the output module shall put onto the current loops."""
+    """Currents that the output module should drive in the current loops."""
 
     traction_ma: float
     brake_ma: float
@@ -62,7 +62,7 @@ class CurrentReference:
 
 @dataclass(frozen=True, slots=True)
 class CycleOutput:
-    """Everything the controller says in one cycle."""
+    """All outputs of the controller in one cycle."""
 
     force_n: float
     direction: Direction
@@ -83,7 +83,7 @@ class CycleOutput:
     accel_demand_mps2: float
     distance_to_stop_m: float
     cause: str
-    """Why protection holds or brakes; empty while it does not."""
+    """Reason why protection holds or brakes. Empty: it does neither."""
     mode: OperatingMode = OperatingMode.STANDBY
     emergency_cause: Cause = Cause.NONE
     departure_inhibits: Inhibit = Inhibit.NONE
@@ -91,18 +91,19 @@ class CycleOutput:
     jog_attempts: int = 0
     replicas_agree: bool = True
     alarm_raised: bool = False
-    """A person has to come: passenger alarm, fire, obstacle, or a stop that cannot be mended."""
+    """The train needs a person on site: passenger alarm, fire, obstacle, or a stop that it cannot
+    correct."""
     door_bypass: bool = False
     """The train may depart although its doors are not proven locked."""
     currents: CurrentReference | None = None
-    """None where the train takes its reference from the bus, and of the safe output."""
+    """None for a train that takes its reference from the bus, and for the safe output."""
 
 
 MAX_SERVICE_DECEL_MPS2: Final = 2.0
-"""Largest demand the wire can carry; the brake unit limits it to what it has."""
+"""Greatest demand that the frame can carry. The brake unit limits it to its capability."""
 
 SAFE_CURRENTS: Final = CurrentReference(traction_ma=3.8, brake_ma=18.0)
-"""Go with the safe output: no traction, full service brake, both loops sound."""
+"""Currents of the safe output: no traction, full service brake, both loops healthy."""
 
 SAFE_OUTPUT: Final = CycleOutput(
     force_n=0.0,

@@ -1,4 +1,6 @@
-"""Frames, telegrams and radio messages to the nouns of the controller, and back."""
+"""Conversion between wire formats (frames, telegrams, radio messages) and the controller's data
+types.
+"""
 
 from vobc.wire.evidence import SOURCE_IDS, SOURCE_KINDS, Evidence
 from vobc.wire.frames import (

@@ -1,4 +1,4 @@
-"""What a fact of a cycle rests on: the frame, telegram or message that said it."""
+"""Evidence for the facts of a cycle: the frame, telegram or message that carried them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ SOURCE_KINDS: Final[Mapping[Source, type[Frame]]] = {
     Source.ALARMS: TrainAlarms,
     Source.SUPPLY: LineSupply,
 }
-"""The sources that are frames of the train bus."""
+"""Sources that are frames of the train bus."""
 SOURCE_IDS: Final[Mapping[Source, int]] = {
     source: can_id(kind) for source, kind in SOURCE_KINDS.items()
 }
@@ -36,11 +36,11 @@ SOURCE_IDS: Final[Mapping[Source, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What was heard last of one source, as it was on the wire."""
+    """Last message of one source, as it was on the wire."""
 
     source: Source
     number: int
-    """Identifier of the frame, id of the tag, sequence of the message."""
+    """Identifier of the frame, id of the tag, or sequence number of the message."""
     payload: bytes
-    """All of it, alive counter, CRC and safety envelope included."""
+    """Complete bytes, including alive counter, CRC and safety envelope."""
     heard_ns: int

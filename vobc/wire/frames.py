@@ -1,4 +1,4 @@
-"""The output of a cycle as frames for the bus."""
+"""Conversion of a cycle's output into bus frames."""
 
 import math
 from collections.abc import Sequence
@@ -44,14 +44,14 @@ EVENT_PERIOD: Final = 65536
 SPEED_REACH_STEP_MPS: Final = 0.05
 SPEED_REACH_MAX_MPS: Final = 1.55
 POSITION_STEP_M: Final = 0.01
-"""Of front and uncertainty in their frame; each is rounded to the nearest."""
+"""Resolution of front and uncertainty in their frame. Each is rounded to the nearest step."""
 PROTECTION_ERROR: Final = 0xFF01
-"""EMCY code of the manufacturer's: the emergency brake is latched; its detail is the `Cause`."""
+"""Manufacturer-specific EMCY code: the emergency brake is latched. Its detail is the `Cause`."""
 PROTECTION_REGISTER: Final = 0x81
 
 
 def vital_frames(output: CycleOutput) -> tuple[Frame, Frame]:
-    """What brakes and drives the train, brake first."""
+    """Commands to brake and traction, brake first."""
     return (
         BrakeCommand(
             service_decel_mps2=output.service_decel_mps2,
@@ -67,7 +67,7 @@ def vital_frames(output: CycleOutput) -> tuple[Frame, Frame]:
 
 
 def analogue_frame(output: CycleOutput) -> Frame:
-    """Only for a train that takes its reference from current loops."""
+    """Current references. Only for a train that takes its reference from current loops."""
     currents = output.currents or SAFE_CURRENTS
     return AnalogueCommand(traction_ma=currents.traction_ma, brake_ma=currents.brake_ma)
 
@@ -95,7 +95,7 @@ def status_frame(output: CycleOutput, *, work_us: float, slips: int) -> Frame:
 
 
 def motion_frames(output: CycleOutput) -> Sequence[Frame]:
-    """Speed and position; nothing is said that is not known."""
+    """Speed and position. No frames are sent for unknown values."""
     motion, ceiling = output.motion, output.ceiling
     if motion is None or ceiling is None:
         return ()
@@ -111,12 +111,12 @@ def motion_frames(output: CycleOutput) -> Sequence[Frame]:
 
 
 def _reach_m(front_m: Interval) -> float:
-    """From the best estimate to the farther end, so that both ends lie within it as encoded."""
+    """Distance from the best estimate to the farther end. It includes the rounding of the frame."""
     return max(front_m.high - front_m.best, front_m.best - front_m.low) + POSITION_STEP_M
 
 
 def target_frames(output: CycleOutput) -> Sequence[Frame]:
-    """What lies ahead; that there is no stop is said with the largest distance on the wire."""
+    """Distances ahead. If there is no stop, the frame carries its largest distance."""
     if output.ceiling is None:
         return ()
     return (
@@ -141,7 +141,9 @@ def mode_frame(output: CycleOutput) -> Frame:
 
 
 def _speed_reach_mps(speed_mps: Interval) -> float:
-    """From the size of the best estimate to what neither direction exceeds, in whole steps."""
+    """Margin from the best estimate's magnitude to the bounds in both directions, in whole
+    steps.
+    """
     reach_mps = max(speed_mps.high, -speed_mps.low) - abs(speed_mps.best)
     if not reach_mps < SPEED_REACH_MAX_MPS:
         return SPEED_REACH_MAX_MPS
@@ -149,9 +151,9 @@ def _speed_reach_mps(speed_mps: Interval) -> float:
 
 
 def event_frame(event: Event, number: int) -> Frame:
-    """One event with the first two frames that it was decided from; tags and radio have no id.
+    """One event with its first two source frames. Tags and radio messages have no identifier.
 
-    A refused frame is its own evidence.
+    A refused frame is its own source.
     """
     ids = [SOURCE_IDS[source] for source in event.sources if source in SOURCE_IDS]
     if event.kind is EventKind.FRAME_REJECTED:
@@ -170,7 +172,7 @@ def heartbeat(state: NodeState) -> Frame:
 
 
 def emergency_message(cause: Cause | None) -> Frame:
-    """EMCY for a latched emergency brake; None says that it is gone."""
+    """EMCY message for a latched emergency brake. None: the emergency has ended."""
     message = EMERGENCIES[Node.VOBC]
     if cause is None:
         return message(0, 0, 0)
@@ -178,5 +180,5 @@ def emergency_message(cause: Cause | None) -> Frame:
 
 
 def make_encoder() -> Encoder:
-    """Ready for everything that the controller sends, so that no cycle waits for it."""
+    """An encoder prepared for all frames of the controller, so that no cycle waits for it."""
     return Encoder(SENT_KINDS)

@@ -1,4 +1,4 @@
-"""What was heard on the wires, kept and frozen into one image for each cycle."""
+"""Received messages, stored and frozen into one image per cycle."""
 
 from collections.abc import Iterable
 from typing import Any, Final
@@ -51,31 +51,33 @@ HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
     ColdMovement,
 )
 HEARD_IDS: Final = Decoder(HEARD_KINDS).ids
-"""For acceptance filters."""
+"""Identifiers for acceptance filters."""
 ODOMETER_KINDS: Final = (Tacho, Doppler, Imu)
-"""Their age counts from the stamp of their sensor."""
+"""Frames whose age counts from the stamp of their sensor."""
 S_PER_NS: Final = 1e-9
 ALIVE_COUNTER_BYTE: Final = -3
-"""Before the two bytes of the CRC."""
+"""Position of the counter, before the two CRC bytes."""
 TACHO_SAMPLES_MAX: Final = 64
 TAGS_MAX: Final = 32
 TELEGRAM_LINE_S: Final = 0.002
-"""A telegram of a magnetic tag on the line at 115 200 baud."""
+"""Transmission time of a magnetic tag's telegram at 115 200 baud."""
 TELEGRAM_LINE_NS: Final = 2_000_000
 READER_SILENCE_NS: Final = round(2 * HEALTH_PERIOD_S * 1e9)
-"""A reader that was not heard for longer has told something that is missing."""
+"""Silence of the reader after which telegrams may be missing."""
 
 
 class Inbox:
-    """Keeps the latest of every frame with the instant it was heard; freezes them into an image."""
+    """Stores the latest frame of each kind with its time of arrival, and freezes them into an
+    image.
+    """
 
     def __init__(self, radio: RadioLink) -> None:
         self._decoder = Decoder(HEARD_KINDS)
         self._parser = TelegramParser()
         self._begun_ns = 0
-        """When what the parser holds back began on the line."""
+        """Start of reception of the bytes that the parser still holds."""
         self._reader_ns = 0
-        """When the tag reader was heard last."""
+        """Time of the last telegram of the tag reader."""
         self._gaps = self._jumps = 0
         self._reader_clock = ReaderClock(CLOCK_PERIOD_MS)
         self._tag_gap = False
@@ -85,17 +87,17 @@ class Inbox:
         self._odometer_clocks = OdometerClocks()
         self._tags: list[tuple[TagTelegram, int]] = []
         self._last_tags: list[tuple[TagTelegram, int]] = []
-        """Of the last image that had any."""
+        """Tags of the last image that had any."""
         self.rejected = 0
-        """Frames that were refused: unknown, damaged, stuck or out of order."""
+        """Number of refused frames: unknown, damaged, stuck or out of order."""
         self.refusals = Refusals()
-        """The same by identifier and reason."""
+        """Refused frames by identifier and reason."""
         self.overflowed = 0
-        """Samples and tags beyond what one cycle may take; the oldest are given up."""
+        """Samples and tags beyond the limit of one cycle. The oldest are discarded."""
 
     @property
     def late_samples(self) -> int:
-        """Samples of the odometer that were too old when they came."""
+        """Odometer samples that were too old on arrival."""
         return self._odometer_clocks.refused
 
     @property
@@ -103,7 +105,7 @@ class Inbox:
         return sum(self._parser.torn.values())
 
     def take_frames(self, frames: Iterable[CanFrame]) -> None:
-        """What the bus delivered, in its order."""
+        """Process frames in the order of the bus."""
         decode, latest = self._decoder.decode, self._latest
         for frame in frames:
             if frame.extended or frame.remote or frame.error:
@@ -133,10 +135,10 @@ class Inbox:
             del self._tachos[:-TACHO_SAMPLES_MAX]
 
     def take_serial(self, chunks: Iterable[SerialChunk]) -> None:
-        """What the tag reader's line delivered; a telegram may be spread over several chunks.
+        """Process bytes of the tag reader. A telegram may be spread over several chunks.
 
-        It says how old it was when its first byte was sent, so its age counts from there: one that
-        lost its closing flag is closed by the next one's opening flag, and that comes much later.
+        A telegram carries its age when its first byte was sent, so its age counts from there. If
+        its closing flag is lost, the next opening flag closes it, and that comes much later.
         """
         for chunk in chunks:
             begun_ns = self._begun_ns if self._parser.pending_bytes else chunk.stamp_ns
@@ -158,20 +160,23 @@ class Inbox:
             self._tag_gap = True
 
     def _late_ns(self, came_ns: int, sent_ms: float) -> int:
-        """How long a telegram waited to be fetched; one that started anew has another clock."""
+        """Waiting time of a telegram before it was read. A restarted reader gets a new clock."""
         if self._parser.jumps != self._jumps:
             self._jumps = self._parser.jumps
             self._reader_clock = ReaderClock(CLOCK_PERIOD_MS)
         return self._reader_clock.late_ns(came_ns, sent_ms)
 
     def _watch_silence(self, stamp_ns: int) -> None:
-        """Over a long one the sequence may have come round to where it was."""
+        """Detect a gap.
+
+        After a long silence the sequence number may have wrapped to the same value.
+        """
         if stamp_ns - self._reader_ns > READER_SILENCE_NS:
             self._tag_gap = True
         self._reader_ns = stamp_ns
 
     def image(self, now_ns: int, *, dt_s: float, overruns: int) -> CycleInput:
-        """Everything heard up to now, frozen; tacho samples and tags are handed over once."""
+        """Freeze all inputs up to now. Tacho samples and tags are passed on only once."""
         tacho, tacho_age_s = self._aged(Tacho, now_ns)
         doppler, doppler_age_s = self._aged(Doppler, now_ns)
         imu, imu_age_s = self._aged(Imu, now_ns)
@@ -231,10 +236,10 @@ class Inbox:
         )
 
     def evidence(self, source: Source, number: int = 0) -> Evidence | None:
-        """What was heard last of a source; None when nothing was, and for the clock.
+        """The last message of a source. None: no message, or the source is the clock.
 
         Args:
-            number: of the tag that is meant, where there were several; 0 for the last one.
+            number: id of the tag, if there were several. 0: the last one.
         """
         if source is Source.AUTHORITY:
             return self._radio.authority_evidence

@@ -1,4 +1,4 @@
-"""A train among trains that command themselves, on the radio: bytes in, bytes out, stored first."""
+"""Radio of a train in train-to-train control: bytes in, bytes out, memory stored first."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -13,29 +13,30 @@ from zenoh_config.messages import Refused
 from zenoh_config.t2t import AreaAuthority, T2tMessage
 
 Store = Callable[[TrainMemory], bool]
-"""Whether the memory is safe on the disk."""
+"""Stores the memory. The result says whether it is safe on the disk."""
 WAITING_MAX: Final = 1000
-"""Messages kept between two steps; more are refused and counted."""
+"""Greatest number of messages stored between two steps. More are refused and counted."""
 
 
 class LineRadio:
-    """Carries out what the core decides, in its order: store, apply, send.
+    """Carries out the decisions of the core in its order: store, apply, send.
 
-    Authorities wait until the control cycle asks for them with `apply`, so that what the next
-    report acknowledges is what the brake loop has.
+    Authorities wait until the control cycle requests them with `apply`. The next report then
+    acknowledges exactly what ATP uses.
     """
 
     def __init__(
         self, core: TrainCore, line_name: str, store: Store, *, key: bytes = BENCH_KEY
     ) -> None:
         self.authority: HeldAuthority | None = None
-        """To be handed to the protection in the control cycle that asked for it."""
+        """Authority for ATP in the control cycle that requested it."""
         self.state = TrainState.LOST
         self.roles: dict[int, Role] = {}
         self.refusals: Counter[str] = Counter()
-        """By reason: of the envelope and the key; the core counts its own."""
+        """Refused messages by reason, for envelope and key. The core counts its own."""
         self.subscriptions = t2t_keys.of_train(line_name, core.address)
-        """Key expressions that its port listens to, at first and as `tune` has left it."""
+        """Key expressions of the port's subscriptions: the initial ones, or those that `tune` has
+        set."""
         self._listens = core.listens
         self._core, self._line_name, self._store, self.key = core, line_name, store, key
         self._heard: list[T2tMessage] = []
@@ -43,7 +44,7 @@ class LineRadio:
         self._unstored: TrainMemory | None = None
 
     def takes(self, messages: Iterable[RadioMessage]) -> list[RadioMessage]:
-        """Keep what is of this protocol for the next step; the rest comes back."""
+        """Store messages of this protocol for the next step. The result is the other messages."""
         others = []
         for message in messages:
             heard = unpack(message.payload, self.key)
@@ -52,7 +53,7 @@ class LineRadio:
             elif not isinstance(heard, T2tMessage):
                 others.append(message)
             elif message.key != t2t_keys.key_of(self._line_name, heard):
-                # What one says under the key of another was not said by that other.
+                # A message under the key of another sender does not come from that sender.
                 self.refusals["wrong source"] += 1
             elif len(self._heard) + len(self._authorities) >= WAITING_MAX:
                 self.refusals["flood"] += 1
@@ -63,15 +64,15 @@ class LineRadio:
         return others
 
     def refused(self) -> Counter[str]:
-        """Messages that were not acted on, by reason: all of them so far."""
+        """Total number of messages not acted on, by reason."""
         return self.refusals + self._core.refusals
 
     def is_due(self, now_ns: int) -> bool:
-        """A step would have something to do."""
+        """Whether a step has something to do."""
         return bool(self._heard) or now_ns >= self._core.next_due_ns()
 
     def tune(self, port: TunableRadioPort) -> None:
-        """Have the port, which listens to `subscriptions`, listen where the train is now."""
+        """Subscribe the port to the areas where the train is now."""
         if self._core.listens is not self._listens:
             self._listens = self._core.listens
             areas = sorted(self._listens)
@@ -79,9 +80,9 @@ class LineRadio:
             port.listen(self.subscriptions)
 
     def step(self, now_ns: int, own: OwnTrain, *, apply: bool) -> list[tuple[str, bytes]]:
-        """Key and payload of everything to send, after what was to be applied is applied.
+        """Run one step. The result is key and payload of each message to send.
 
-        Nothing is applied or sent for as long as the disk does not take what must be stored.
+        While the disk does not accept the memory, nothing is applied or sent.
         """
         heard, self._heard = self._heard, []
         if apply:

@@ -1,4 +1,4 @@
-"""The train on the radio: position reports out, movement authorities in."""
+"""Radio link of the train: position reports out, movement authorities in."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -29,11 +29,11 @@ from zenoh_config.sequencing import AuthorityGate, OrdersGate
 
 S_PER_NS: Final = 1e-9
 ORDERS_AGE_MAX_S: Final = 5.0
-"""Older orders are refused when they come; how old held ones may get is for protection to say."""
+"""Age above which orders are refused on arrival. Protection limits the age of stored orders."""
 
 
 class RadioLink:
-    """Position reports and status out, movement authorities and orders in."""
+    """Radio link for position reports, status, movement authorities and orders."""
 
     def __init__(
         self,
@@ -66,37 +66,39 @@ class RadioLink:
         self.authority: Authority | None = None
         self.orders: Orders | None = None
         self._told_orders: Orders | None = None
-        """As the centre said them."""
+        """Orders as received from the centre."""
         self.authority_evidence: Evidence | None = None
         self.orders_evidence: Evidence | None = None
         self.refused = 0
-        """Radio messages that were not acted on."""
+        """Number of radio messages that were refused."""
         self.refusals = Refusals()
-        """The same by reason."""
+        """The same number by reason."""
 
     @property
     def seen_term(self) -> int:
         return self._gate.seen_term
 
     def authority_age_s(self, now_ns: int) -> float:
-        """By this train's clock, since it sent the report that the held authority answers."""
+        """Age by this train's clock since the report that the authority answers."""
         return NEVER_S if self.authority is None else (now_ns - self._echo_ns) * S_PER_NS
 
     def orders_age_s(self, now_ns: int) -> float:
-        """By this train's clock, since it sent the status that the held orders answer."""
+        """Age by this train's clock since the status that the orders answer."""
         return NEVER_S if self.orders is None else (now_ns - self._orders_echo_ns) * S_PER_NS
 
     def hold(
         self, authority: Authority | None, echo_ns: int, restrictions: tuple[Restriction, ...]
     ) -> None:
-        """What came by other ways than a zone controller's messages, with restrictions in it."""
+        """Use an authority with restrictions from another source than a zone controller."""
         self.authority, self._echo_ns = authority, echo_ns
         if self._told_orders is not None:
             joined = (*self._told_orders.restrictions, *restrictions)
             self.orders = replace(self._told_orders, restrictions=joined)
 
     def take(self, now_ns: int, messages: Iterable[RadioMessage]) -> None:
-        """Hold the newest authority and orders for this train and in order; count the rest."""
+        """Store the newest valid authority and orders for this train. Refused messages are
+        counted.
+        """
         for message in messages:
             heard = unpack(message.payload, self._key)
             refused: Refused | None
@@ -153,7 +155,7 @@ class RadioLink:
         )
 
     def status(self, now_ns: int, output: CycleOutput, seen: CycleInput | None) -> bytes:
-        """What the centre and the platforms are told, located or not."""
+        """Status message for centre and platforms, whether localised or not."""
         self._statuses += 1
         motion = output.motion
         localised = motion is not None and motion.localised
@@ -184,7 +186,7 @@ class RadioLink:
         )
 
     def report(self, now_ns: int, output: CycleOutput) -> bytes | None:
-        """Where the train is for certain; None while it does not know."""
+        """Position report. None: the train does not know its place."""
         motion = output.motion
         if motion is None or not motion.localised:
             return None

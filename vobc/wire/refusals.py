@@ -1,4 +1,4 @@
-"""What was heard and not acted on, gathered so that a flood of it becomes one event a second."""
+"""Collects refusals, so that a flood of them makes one event per second."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -6,29 +6,30 @@ from dataclasses import dataclass
 from typing import Final
 
 EVERY_NS: Final = 1_000_000_000
-"""Of one key and reason at most one note in this time."""
+"""Least interval between two reports of the same key and reason."""
 KEYS_MAX: Final = 64
-"""Of a babbling node with ever new identifiers; the rest are counted under the last key."""
+"""Greatest number of keys, against a node that floods the bus with new identifiers. More are
+counted under one key."""
 
 Key = tuple[int, str]
-"""Identifier (0 where there is none) and reason."""
+"""Identifier, or 0 if there is none, and reason."""
 OTHERS: Final[Key] = (0, "of further kinds")
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Refused since the note before: how many, of what, why."""
+    """Refusals since the last report: identifier, reason, number."""
 
     number: int
-    """Identifier of the frames; 0 for messages and for what is too much to be told apart."""
+    """Identifier of the frames. 0 for messages and for refusals beyond the number of keys."""
     reason: str
     count: int
     detail: str
-    """Of the last one, for a person to read."""
+    """Detail of the last one as text."""
 
 
 class Refusals:
-    """Counts all of them; hands each key and reason out once a second at most."""
+    """Counts refusals and reports each key and reason at most once per second."""
 
     def __init__(self) -> None:
         self.totals: Counter[Key] = Counter()
@@ -45,11 +46,11 @@ class Refusals:
 
     @property
     def waiting(self) -> bool:
-        """Cheap: whether there is anything that `due` might hand out."""
+        """Whether `due` might have something to report. This check is cheap."""
         return bool(self._waiting)
 
     def due(self, now_ns: int) -> Sequence[Refusal]:
-        """What may be told now, in the order in which it was first refused."""
+        """Refusals to report now, in the order of their first occurrence."""
         found = []
         for key, (count, detail) in tuple(self._waiting.items()):
             told_ns = self._told_ns.get(key)

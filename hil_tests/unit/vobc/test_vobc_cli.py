@@ -74,8 +74,9 @@ def test_one_that_remembers_another_place_stands_there_and_says_so(tmp_path: Pat
     assert planned.start is not None
     assert planned.start.front_m == 3000.4
     assert planned.note == (
-        f"--from I is not believed: by {tmp_path}/nvram it was switched off at 3000.4 m, nearest "
-        f"to II; remove {tmp_path}/nvram once somebody has seen that the train stands at I"
+        f"--from I is ignored: by {tmp_path}/nvram it was switched off at 3000.4 m, nearest "
+        f"to II; remove {tmp_path}/nvram only after checking on site that the "
+        "train stands at I"
     )
 
 
@@ -98,9 +99,9 @@ def test_one_that_ended_on_the_way_may_stand_anywhere_whatever_is_said(tmp_path:
     assert planned.start is not None
     assert planned.start.proof is PlaceProof.UNKNOWN
     assert planned.note == (
-        f"--from I is not believed: the train may stand anywhere: {tmp_path}/nvram: the last run "
-        f"did not end at a proven standstill; remove {tmp_path}/nvram once somebody has seen that "
-        "the train stands at I"
+        f"--from I is ignored: the train may stand anywhere: {tmp_path}/nvram: the last run "
+        f"did not end at a proven standstill; remove {tmp_path}/nvram only after checking on site "
+        "that the train stands at I"
     )
 
 
@@ -110,7 +111,7 @@ def test_nothing_is_to_be_said_where_nobody_said_anything(tmp_path: Path) -> Non
 
 
 def test_where_the_way_cannot_begin_where_the_train_stands_it_is_said_why(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=r"^--to II: .*; --from I is not believed: by "):
+    with pytest.raises(SettingsError, match=r"^--to II: .*; --from I is ignored: by "):
         remembered(tmp_path, "--from", "I", "--to", "II")
 
 
@@ -122,7 +123,7 @@ def test_that_a_person_is_not_believed_is_said_before_anything_else(
 
     assert main([*BUS, "--nvram", str(memory), "--from", "I"]) == EXIT_ENVIRONMENT
 
-    assert capsys.readouterr().err.startswith("vobc: --from I is not believed: ")
+    assert capsys.readouterr().err.startswith("vobc: --from I is ignored: ")
 
 
 @pytest.mark.parametrize("said", [[], ["--from", "I"]])

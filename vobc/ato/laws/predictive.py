@@ -361,7 +361,7 @@ class Predictive:
         config, governor = self._config, self._governor
         limit_mps2 = config.limits.accel_mps2
         available_mps2 = config.traction.rated_accel_mps2 * seen.traction_ratio
-        # The demand can follow this reference also while it eases off, including resistance.
+        # The limit leaves room for resistance, so that the demand can follow the reference.
         uphill_mps2 = max(0.0, self._gravity_mps2 - self._model.disturbance_mps2)
         rise_mps2 = max(0.0, min(self._manner.accel_mps2, available_mps2) - uphill_mps2)
         governor.step(target_mps, rise_mps2=rise_mps2, fall_mps2=limit_mps2)

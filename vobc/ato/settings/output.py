@@ -10,7 +10,7 @@ LOOP_BITS_MAX: Final = 24
 
 @dataclass(frozen=True, slots=True)
 class OutputStage:
-    """Levels of the master controller. A law that picks notches picks from them, too."""
+    """Kind of the output stage, and its levels. Laws that pick notches use the same levels."""
 
     stage: str = "continuous"
     """One of: continuous, notches, current_loop."""

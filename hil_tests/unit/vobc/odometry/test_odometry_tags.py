@@ -176,7 +176,7 @@ def test_a_place_that_is_lost_forgets_the_tag_that_was_read_before() -> None:
         (0.0, True, 0, 0.0, ""),
         (2.25, True, 0, None, "moved by 2.2 m while it was off"),
         (-2.25, True, 0, None, "moved by -2.2 m while it was off"),
-        (0.0, False, 0, None, "nobody watched whether the train was moved while it was off"),
+        (0.0, False, 0, None, "the train may have been moved while it was off: movement was not monitored"),
         (
             0.0, True, 11, None,
             "moved before it was proven to stand where it was switched off",
