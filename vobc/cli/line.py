@@ -54,12 +54,17 @@ def add(top: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--secure", metavar="FOLDER", help="certificates and keys; see `vobc demo-ca`"
     )
-    group.add_argument("--train", type=_address, metavar="N", help="address on the radio")
+    group.add_argument(
+        "--train", type=_address, metavar="N", help="address of the train on the radio"
+    )
     group.add_argument(
         "--line-memory", metavar="FILE", help="file for terms and start counts that must survive"
     )
     group.add_argument(
-        "--line-timers", choices=sorted(TIMER_SETS), default="A", help="default: %(default)s"
+        "--line-timers",
+        choices=sorted(TIMER_SETS),
+        default="A",
+        help="set of timers; default: %(default)s",
     )
     group.add_argument(
         "--arbiters",

@@ -42,10 +42,21 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("verb", nargs="?", choices=("run",), default="run", help="default: run")
-    top.add_argument("--bus", default=AUTO, metavar="SPEC", help="auto, socketcan:can0, ...")
-    top.add_argument("--tags", default=AUTO, metavar="DEVICE", help="such as /dev/ttyUSB0")
-    top.add_argument("--radio", default=AUTO, metavar="ENDPOINT", help="tcp/HOST:PORT")
-    top.add_argument("--line", default="florence", metavar="NAME|FILE", help="default: florence")
+    top.add_argument(
+        "--bus", default=AUTO, metavar="SPEC", help="CAN bus: auto, socketcan:can0, ..."
+    )
+    top.add_argument(
+        "--tags",
+        default=AUTO,
+        metavar="DEVICE",
+        help="line of the tag reader, such as /dev/ttyUSB0",
+    )
+    top.add_argument(
+        "--radio", default=AUTO, metavar="ENDPOINT", help="radio, such as tcp/HOST:PORT"
+    )
+    top.add_argument(
+        "--line", default="florence", metavar="NAME|FILE", help="line map; default: florence"
+    )
     top.add_argument(
         "--consist", default="florence4", metavar="NAME|FILE", help="parameters of the train"
     )
@@ -63,10 +74,23 @@ def parser() -> argparse.ArgumentParser:
         metavar="STATION",
         help="where the train stands; ignored if its memory has another place",
     )
-    top.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
-    top.add_argument("--stops", type=_names, metavar="A,B,...", help="default: all on the way")
     top.add_argument(
-        "--cycle-ms", type=_cycle_ms, metavar="MS", help="default: that of the parameters"
+        "--to",
+        dest="end",
+        metavar="STATION",
+        help="last stop; default: the last station of the line",
+    )
+    top.add_argument(
+        "--stops",
+        type=_names,
+        metavar="A,B,...",
+        help="stations to stop at; default: all on the way",
+    )
+    top.add_argument(
+        "--cycle-ms",
+        type=_cycle_ms,
+        metavar="MS",
+        help="cycle time; default: that of the parameters",
     )
     top.add_argument("--duration", type=_seconds, metavar="SECONDS", help="end after this time")
     top.add_argument("--priority", type=_priority, default=80, help="SCHED_FIFO priority; 0: none")
