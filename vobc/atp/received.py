@@ -21,13 +21,13 @@ class StationInputs:
     doors_locked: bool
     door_bypass: bool
     passenger_alarm: bool
-    """Certainly raised. A silent desk raises none, because it stops the train by itself."""
+    """A fresh message of the desk reports an alarm. A silent desk stops the train anyway."""
     fire: bool
-    """Certainly reported."""
+    """A fresh message reports a fire."""
     obstacle: bool
-    """Certainly touched."""
+    """A fresh message reports that the obstacle deflector was touched."""
     no_obstacle: bool
-    """Certainly not touched."""
+    """A fresh message reports that the deflector was not touched."""
 
 
 def listen(seen: CycleInput, config: AtpConfig, gone: int) -> StationInputs:

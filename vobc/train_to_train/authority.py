@@ -38,7 +38,7 @@ class Course(NamedTuple):
     """Bounds of one train."""
 
     rear_m: float
-    """Protected rear."""
+    """Protected rear of the train."""
     front_max_m: float
     easy_m: float
     """Farthest place that the front can reach with the service brake."""

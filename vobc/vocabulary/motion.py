@@ -40,9 +40,9 @@ class Motion:
     front_m: Interval
     """Chainage of the front coupler."""
     speed_mps: Interval
-    """Signed, positive forwards."""
+    """Speed, positive forwards."""
     accel_mps2: float
-    """Smoothed, signed."""
+    """Smoothed acceleration, positive forwards."""
     travel_m: float
     """Distance by pulses since the start, signed. Tags do not shift it. During slip it follows the
     estimated movement over ground and is no bound."""

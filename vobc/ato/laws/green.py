@@ -25,7 +25,7 @@ class GreenRun(TimedRun):
         )
 
     def _combined_mps(self, seen: AtoInput, top_mps: float, timing_mps: float) -> float:
-        """Equation (12)."""
+        """Target speed by equation (12)."""
         settings = self._config.green
         voltage_v = settings.constant_v or seen.line_voltage_v
         if voltage_v is None or self.state is not TimingState.AUTOMATIC or math.isinf(timing_mps):
