@@ -42,6 +42,8 @@ class Life(RuleBasedStateMachine):
         self.output = self.arbitrated(self.train.motion())
         self.before = self.verdict
         self.reset_now = False
+        self.reset_waits = False
+        """The centre has reset while it was silent, which counts in the first fresh cycle."""
 
     def arbitrated(self, motion: Motion) -> CycleOutput:
         return arbitrate(
@@ -59,6 +61,11 @@ class Life(RuleBasedStateMachine):
             self.verdict = self.train.step()
             self.output = self.arbitrated(self.train.motion())
             self.check()
+            self.reset_waits &= self.centre_silent
+
+    @property
+    def centre_silent(self) -> bool:
+        return not self.train.image.orders_age_s <= CONFIG.orders_age_max_s
 
     def check(self) -> None:
         verdict, before, output, train = self.verdict, self.before, self.output, self.train
@@ -71,7 +78,7 @@ class Life(RuleBasedStateMachine):
             assert verdict.supervision not in MOVING_STATES
         if before.supervision is Supervision.EMERGENCY is not verdict.supervision:
             assert train.stood_s >= 2.0
-            assert self.reset_now
+            assert self.reset_now or self.reset_waits
             assert verdict.supervision is Supervision.NO_AUTHORITY
             assert verdict.emergency_cause is Cause.NONE
         assert (verdict.supervision is Supervision.EMERGENCY) is (
@@ -192,6 +199,7 @@ class Life(RuleBasedStateMachine):
         assert train.image.desk is not None
         self.releases += centre
         self.reset_now = True
+        self.reset_waits |= centre and self.centre_silent
         train.change(
             desk=replace(train.image.desk, reset_requested=desk),
             orders=replace(train.image.orders, releases=self.releases),
