@@ -232,7 +232,7 @@ def test_a_release_says_who_did_it(
 
     assert events[0].kind is EventKind.EMERGENCY_RELEASED
     assert words in events[0].words
-    assert "because of: button" in events[0].words
+    assert "its cause was: button" in events[0].words
     assert events[0].sources == (source,)
     assert events[0].number == Cause.BUTTON
 
