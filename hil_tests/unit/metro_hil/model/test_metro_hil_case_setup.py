@@ -65,7 +65,7 @@ def test_up_to_its_branch_a_case_draws_from_the_seed_of_the_branch() -> None:
         ({"dwell_s": {"Il": 5.0}}, "dwell_s.Il: no such station; nearest valid value: I"),
         ({"dwell_s": {"II": -1.0}}, "dwell_s.II: -1 is not within 0..3600"),
         ({"stops": ("V",)}, "stops: V: not on the way"),
-        ({"stops": ("I", "II")}, "stops: the last has to be IV"),
+        ({"stops": ("I", "II")}, "stops: the last must be IV"),
         ({"desk_mode": "manuel"}, "desk_mode: 'manuel': nearest valid value: manual"),
         ({"start": "IV", "end": "I"}, "lies at 1500 m, not beyond IV"),
         ({"real": {"brake.servise.x": 1}}, "nearest valid key: service"),
