@@ -122,8 +122,8 @@ def test_parameters_come_from_the_settings_with_unit_default_and_words() -> None
 
     assert f"| `decel_mps2` | m/s² | {Braking().decel_mps2} |  |" in text
     assert f"| `plateau_speed_mps` | m/s | {Braking().plateau_speed_mps:g} |  |" in text
-    assert re.search(r"\| `least_decel_mps2` \| m/s² \| 0.03 \| The brake stays on .* \|", text)
-    assert "Shape of a braking: steady at speed" in text
+    assert re.search(r"\| `least_decel_mps2` \| m/s² \| 0.03 \| Least demand from .* \|", text)
+    assert "Shape of a braking: constant deceleration" in text
     # What has no default has a dash; units with a fraction are written out.
     assert "| `ki_per_s2` | 1/s² | – |  |" in text
 
