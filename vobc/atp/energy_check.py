@@ -17,8 +17,7 @@ from vobc.atp.config import AtpConfig
 from vobc.vocabulary import Interval, Restriction
 
 WEIGHT_N_PER_KG: Final = 9.81
-"""Gravity. Standstill on a gradient takes its share of this, in proportion to the height per
-length."""
+"""Weight per mass. On a gradient, the force along the track is this times height per length."""
 
 
 class _Phase(NamedTuple):
