@@ -1,7 +1,7 @@
 """The frames of the shipped lines and of `hil run smoke` are those of version 0.1.0.
 
 Each hash was recorded with commit 9a50b18. A change of names, rooms or texts leaves all of them as
-they are. A commit that changes what the controller or the train sends records them again and says why.
+they are. A commit that changes what controller or train send records them again and says why.
 """
 
 from typing import Any, Final

@@ -1,4 +1,4 @@
-"""`python -m vobc`: the bare controller in real time on a bus, for a plant or a real train."""
+"""`vobc device`: the bare controller in real time on a bus, for a plant or a real train."""
 
 import argparse
 import json
@@ -60,6 +60,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = words_of("vobc", argv)
     if words[:1] == ["grant"]:
         return grant.main(words[1:])
+    if words[:1] == ["run"]:
+        say("`python -m vobc run` is now `vobc device`; the old name works for one more release")
+    if words[:1] in (["run"], ["device"]):
+        del words[0]
     options = parser().parse_args(words)
     try:
         return _run(options, plan(options, WallClock().epoch_ns()))

@@ -23,7 +23,10 @@ AUTO: Final = "auto"
 NS_PER_S: Final = 1_000_000_000
 PRIORITY_MAX: Final = 99
 
-DESCRIPTION: Final = "The bare controller in real time on a bus, for a plant or a real train."
+DESCRIPTION: Final = (
+    "The bare controller in real time on a bus, for a plant or a real train. `python -m vobc` is "
+    "the same program."
+)
 
 EPILOG: Final = """\
 The controller keeps the brakes on until all its inputs arrive, and lists the missing ones.
@@ -36,12 +39,11 @@ usage or configuration; 3 bus, rights or a folder missing; 130 ended by Ctrl-C
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     top = argparse.ArgumentParser(
-        prog="python -m vobc",
+        prog="vobc device",
         description=DESCRIPTION,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument("verb", nargs="?", choices=("run",), default="run", help="default: run")
     top.add_argument(
         "--bus", default=AUTO, metavar="SPEC", help="CAN bus: auto, socketcan:can0, ..."
     )
