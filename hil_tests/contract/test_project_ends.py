@@ -30,7 +30,14 @@ VERBS: Final[Mapping[str, Sequence[str]]] = {
 SHOWING: Final = {
     "vobc": (["lines"], ["consists"], ["show", "line", "florence"]),
     "plant": (["consists"],),
-    "hil": (["scenarios"], ["monitors"], ["faults"], ["requirements"], ["check", "smoke"]),
+    "hil": (
+        ["scenarios"],
+        ["monitors"],
+        ["faults"],
+        ["requirements"],
+        ["laws"],
+        ["check", "smoke"],
+    ),
     "vcan": (["status"], ["up", "--kind", "embedded", "--dry-run"]),
 }
 """Commands that print and need nothing, beside the help of every verb."""
