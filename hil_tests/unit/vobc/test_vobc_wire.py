@@ -294,7 +294,9 @@ def test_orders_become_orders_and_age_from_the_status_that_they_answer() -> None
     assert radio.orders is not None
     assert radio.orders.hold
     assert radio.orders.restrictions == (Restriction(10.0, 20.0, 8.25),)
-    assert radio.orders_age_s(300 * MS) == pytest.approx(0.2)
+    assert radio.received_orders is not None
+    assert radio.received_orders.value is radio.orders
+    assert radio.received_orders.age_s(300 * MS) == pytest.approx(0.2)
     assert radio.refused == 1
 
 
@@ -541,8 +543,10 @@ def test_an_authority_ages_from_the_report_that_it_answers() -> None:
 
     assert radio.authority is not None
     assert radio.authority.end_m == 900.0
-    assert radio.authority_age_s(300 * MS) == pytest.approx(0.2)
-    assert radio.authority_age_s(800 * MS) == pytest.approx(0.7)
+    assert radio.received_authority is not None
+    assert radio.received_authority.value is radio.authority
+    assert radio.received_authority.age_s(300 * MS) == pytest.approx(0.2)
+    assert radio.received_authority.age_s(800 * MS) == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize(
