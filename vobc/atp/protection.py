@@ -14,6 +14,7 @@ from vobc.atp.doors import SHUT
 from vobc.atp.emergencies import in_cause_words, latched_after
 from vobc.atp.energy_check import EnergyCheck, Replicas
 from vobc.atp.fixed_ceilings import FixedCeilings
+from vobc.atp.guard_inputs import NOWHERE, GuardInputs
 from vobc.atp.health import BrakeUnitWatch, Resets, StopWatch, clock_stepped
 from vobc.atp.inputs import (
     ALARMS,
@@ -28,7 +29,6 @@ from vobc.atp.inputs import (
 )
 from vobc.atp.modes import NEEDED, UNHEEDED, authority_is_fresh, next_mode
 from vobc.atp.movement import Movements
-from vobc.atp.seen import NOWHERE, GuardInputs
 from vobc.atp.station import StationGuard, StationVerdict
 from vobc.atp.supervision import authority_ages, next_state, permission_gone, stops_not
 from vobc.atp.verdict import ProtectionVerdict
