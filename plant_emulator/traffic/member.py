@@ -92,7 +92,7 @@ class TrafficMember:
             auxiliary_w=wish.auxiliary_w,
         )
 
-    def hears(self, answer: CouplingAnswer) -> None:
+    def on_message(self, answer: CouplingAnswer) -> None:
         """To the earliest interval that was not answered yet."""
         world = self.plant.world
         world.power.fed(

@@ -53,7 +53,7 @@ class Detection:
         """By key: axles in each section."""
         self._axles: Counter[int] = Counter()
 
-    def hears(self, messages: Iterable[RadioMessage]) -> list[RadioMessage]:
+    def on_message(self, messages: Iterable[RadioMessage]) -> list[RadioMessage]:
         """Take what is for the rails; the rest comes back."""
         prefix = subscription(self._areas.name).removesuffix("*")
         others = []

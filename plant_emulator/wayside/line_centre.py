@@ -138,7 +138,7 @@ class LineCentre:
         before, answered = self.memory, self._answered
         for message in heard:
             if isinstance(message, Decree):
-                self._hears(message, now_ns)
+                self._on_message(message, now_ns)
         self._end_skips()
         changed = self.memory is not before
         if not changed and self._answered == answered and now_ns < self._tell_ns:
@@ -176,7 +176,7 @@ class LineCentre:
         self.leases[now.area] = LeaseNote(now.area, now.holder, now.promised, who, reason, now_ns)
         self._tell_ns = now_ns
 
-    def _hears(self, decree: Decree, now_ns: int) -> None:
+    def _on_message(self, decree: Decree, now_ns: int) -> None:
         if decree.source != SUPERVISION or not self._gate.admits(decree):
             self.refusals[RefusedReason.WRONG_SOURCE] += decree.source != SUPERVISION
             return

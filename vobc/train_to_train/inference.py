@@ -54,11 +54,11 @@ class Conclusions:
         """
         former = self.records[report.source]
         record = TrainRecord(report.source, report.rear_min_m, heard_ns)
-        record.hears(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
+        record.on_message(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
         record.stopped = former.stopped
         self.records[report.source] = record
 
-    def hears_newborn(self, report: TrainReport) -> None:
+    def on_restarted_report(self, report: TrainReport) -> None:
         """Note the reach of a restarted train that is registered under its former incarnation.
 
         It accepts no authority of that incarnation any more.

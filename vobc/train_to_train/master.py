@@ -102,14 +102,14 @@ class Master:
         self._newborns = RestartedTrains(config, guards)
         self._known.begin_with(self.roster.proposed, now_ns)
 
-    def hears(self, message: T2tMessage, now_ns: int) -> None:
+    def on_message(self, message: T2tMessage, now_ns: int) -> None:
         if isinstance(message, TrainReport):
-            self._hears_report(message, now_ns)
+            self._on_report(message, now_ns)
         elif isinstance(message, RosterAck):
             if message.source in self._config.arbiters:
-                self.roster.hears(message)
+                self.roster.on_message(message)
         elif isinstance(message, ObjectStatus):
-            self._objects.hears(message)
+            self._objects.on_message(message)
         elif isinstance(message, TrackStatus):
             if message.term == self.term:
                 self._track = view_of(message, self._line)
@@ -117,22 +117,22 @@ class Master:
             if message.kind is SwitchKind.READY and message.term == self.term:
                 self.succession.switch.is_ready(message.source, message.nonce)
         elif isinstance(message, LineOrder):
-            self._hears_order(message)
+            self._on_order(message)
         elif isinstance(message, Removal):
-            self._removals.hears(message, now_ns)
+            self._removals.on_message(message, now_ns)
 
-    def _hears_report(self, report: TrainReport, now_ns: int) -> None:
+    def _on_report(self, report: TrainReport, now_ns: int) -> None:
         train = report.source
         boot = self.roster.boots().get(train)
-        self._around.hears(report, now_ns)
+        self._around.on_message(report, now_ns)
         if boot is not None and boot != report.boot:
-            self._newborns.hears(report, now_ns)
-            self._known.hears_newborn(report)
+            self._newborns.on_message(report, now_ns)
+            self._known.on_restarted_report(report)
         elif boot is not None:
             self._newborns.forgets(train)
             self._applicants.pop(train, None)
             record = self._known.records[train]
-            record.hears(report, now_ns, term=self.term, jog_m=self._config.jog_m)
+            record.on_message(report, now_ns, term=self.term, jog_m=self._config.jog_m)
             if not record.served:
                 self._cycle_ns = min(self._cycle_ns, now_ns)
         elif self._has_passed(report.rear_min_m) or self._around.is_far(report):
@@ -141,7 +141,7 @@ class Master:
         elif train in self._applicants or len(self._applicants) < APPLICANTS_MAX:
             self._applicants[train] = (report, now_ns)
 
-    def _hears_order(self, order: LineOrder) -> None:
+    def _on_order(self, order: LineOrder) -> None:
         record = self._known.records.get(order.train)
         if order.kind is OrderKind.SWITCH_MASTER:
             self.succession.wanted = order.train
@@ -164,16 +164,16 @@ class Master:
         Args:
             away: this train should stop commanding soon, because it leaves or cannot continue.
         """
-        said: list[T2tMessage] = []
+        sent: list[T2tMessage] = []
         if not self._lease.runs(now_ns):
-            return said
+            return sent
         if now_ns >= self._cycle_ns and self._is_ready(now_ns):
             self._cycle_ns = _next(self._cycle_ns, now_ns, self._config.timers.cycle_ms)
-            said += self._cycle(now_ns, away=away)
+            sent += self._cycle(now_ns, away=away)
         if now_ns >= self._beat_ns:
             self._beat_ns = _next(self._beat_ns, now_ns, self._config.timers.heartbeat_ms)
-            said += self._beat(now_ns)
-        return said
+            sent += self._beat(now_ns)
+        return sent
 
     def _is_ready(self, now_ns: int) -> bool:
         """Whether the trains of the area and the state of its track are known. Before, the master
@@ -184,32 +184,32 @@ class Master:
 
     def _beat(self, now_ns: int) -> list[T2tMessage]:
         phase = Phase.FENCING if self.roster.kept is None else Phase.ISSUING
-        said: list[T2tMessage] = [
+        sent: list[T2tMessage] = [
             Heartbeat(
                 *self._head(now_ns, BROADCAST), phase, self.succession.standby, self.roster.version
             )
         ]
         if self.roster.pending:
-            said += [
+            sent += [
                 RosterCommit(*self._head(now_ns, each), self.roster.version, self.roster.proposed)
                 for each in self.roster.missing(self._config.arbiters)
             ]
-        return said + self.succession.steps(now_ns, self._head)
+        return sent + self.succession.steps(now_ns, self._head)
 
     def _cycle(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
         if self._track is not None:
             self._known.advance_silent(now_ns, self._track)
         self._known.take_proofs(self.roster.proposed, now_ns)
-        said: list[T2tMessage] = []
+        sent: list[T2tMessage] = []
         if not self.roster.pending:
-            said += self._keep_roster(now_ns)
-        said += [
+            sent += self._keep_roster(now_ns)
+        sent += [
             RemovalAnswer(*self._head(now_ns, SUPERVISION), train, state)
             for train, state in self._removals.answers(self.roster)
         ]
         self._succeed(now_ns, away=away)
-        said += self._claims(now_ns)
-        return said + self._authorities(now_ns)
+        sent += self._claims(now_ns)
+        return sent + self._authorities(now_ns)
 
     # The roster.
 
@@ -217,7 +217,7 @@ class Master:
         """Remove departed trains, update sieved ones, then admit at most one applicant after
         another.
         """
-        said: list[T2tMessage] = []
+        sent: list[T2tMessage] = []
         records = self._known.records
         gone = self._removals.gone(self.roster, self._sight, now_ns)
         order: Order = self.roster.proposed
@@ -241,18 +241,18 @@ class Master:
             scene = self._scene(now_ns, report)
             result = admitted(order, report, scene, self._config, self._guards)
             if isinstance(result, Waiting):
-                said.append(Admission(*self._head(now_ns, train), result.state, result.waits_for))
+                sent.append(Admission(*self._head(now_ns, train), result.state, result.waits_for))
                 continue
             order, changed = result, True
             record = self._known.table.of(train, rear_m=report.rear_min_m, now_ns=heard_ns)
-            record.hears(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
-            said.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
+            record.on_message(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
+            sent.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
         order, sieved = self._sieve(order, now_ns)
         if changed or sieved:
             self.roster.propose([e._replace(rear_m=records[e.train].rear_m) for e in order])
             self._known.table.forget_but([entry.train for entry in order])
             self._beat_ns = now_ns
-        return said
+        return sent
 
     def _has_passed(self, rear_m: float) -> bool:
         """The train has left the area for good, even if it rolls or jogs back."""
@@ -407,7 +407,7 @@ class Master:
         own = self._speaker.address
         return bool((self._on_roster() | set(self._applicants)) - {own})
 
-    def hears_no_train(self, now_ns: int) -> bool:
+    def receives_from_no_train(self, now_ns: int) -> bool:
         """There are several other trains, and none of them reports."""
         return self._known.all_silent(self._speaker.address, now_ns)
 

@@ -65,7 +65,7 @@ class TrainRecord:
     places: list[tuple[int, float]] = field(default_factory=list, compare=False)
     """Arrival time and protected rear of the latest reports, oldest first."""
 
-    def hears(self, report: TrainReport, now_ns: int, *, term: int, jog_m: float) -> None:
+    def on_message(self, report: TrainReport, now_ns: int, *, term: int, jog_m: float) -> None:
         """Update the record from a report that arrived in order.
 
         A moving train must come to rest before it can jog back, and it comes to rest farther on.

@@ -55,7 +55,7 @@ class Removals:
         """Requested removals by train."""
         self._late: set[int] = set()
 
-    def hears(self, removal: Removal, now_ns: int) -> None:
+    def on_message(self, removal: Removal, now_ns: int) -> None:
         train = removal.train
         if removal.term != self._known.term:
             return

@@ -123,7 +123,7 @@ class RestartedTrains:
         self._config, self._guards = config, guards
         self._told: dict[int, tuple[TrainReport, int]] = {}
 
-    def hears(self, report: TrainReport, now_ns: int) -> None:
+    def on_message(self, report: TrainReport, now_ns: int) -> None:
         self._told[report.source] = report, now_ns
 
     def forgets(self, train: int) -> None:

@@ -49,7 +49,7 @@ class Surroundings:
         self._halts: dict[int, Halt] = {}
         """Trains at standstill."""
 
-    def hears(self, report: TrainReport, now_ns: int) -> None:
+    def on_message(self, report: TrainReport, now_ns: int) -> None:
         """Record since when a train stands. Older axle counts say nothing of its surroundings."""
         known = self._halts.pop(report.source, None)
         if report.standstill and report.localised:

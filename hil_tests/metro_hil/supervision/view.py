@@ -87,7 +87,7 @@ class LineView:
         return all(each.area in self.commands for each in self.state.leases)
 
     @property
-    def hears_nobody(self) -> bool:
+    def receives_nothing(self) -> bool:
         return not (self.state or self.commands or self.reports or self.statuses)
 
     def knows(self, train: int) -> bool:
@@ -100,7 +100,7 @@ class LineView:
             known |= {each.train for each in self.state.silent}
         return train in known
 
-    def hears(self, messages: Iterable[RadioMessage], now_ns: int) -> None:
+    def on_message(self, messages: Iterable[RadioMessage], now_ns: int) -> None:
         for message in messages:
             heard = unpack(message.payload, self._key)
             line = self.areas.name
@@ -109,9 +109,9 @@ class LineView:
             elif not isinstance(heard, T2tMessage) or message.key != t2t_keys.key_of(line, heard):
                 self.refused += 1
             elif isinstance(heard, Heartbeat):
-                self._hears_heartbeat(heard, now_ns)
+                self._on_heartbeat(heard, now_ns)
             elif isinstance(heard, TrainReport):
-                self._hears_report(heard, now_ns)
+                self._on_report(heard, now_ns)
             elif isinstance(heard, ObjectStatus):
                 self.objects[heard.number], self._object_ns[heard.number] = heard, now_ns
             elif isinstance(heard, LineState):
@@ -121,7 +121,7 @@ class LineView:
             elif isinstance(heard, RemovalAnswer):
                 self.removals[heard.area] = heard, now_ns
 
-    def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
+    def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
         known = self.commands.get(heartbeat.area)
         if known is None:
             self.commands[heartbeat.area] = Command(heartbeat, now_ns, now_ns, NOBODY)
@@ -131,7 +131,7 @@ class LineView:
         elif heartbeat.term == known.heartbeat.term:
             self.commands[heartbeat.area] = known._replace(heartbeat=heartbeat, heard_ns=now_ns)
 
-    def _hears_report(self, report: TrainReport, now_ns: int) -> None:
+    def _on_report(self, report: TrainReport, now_ns: int) -> None:
         known = self.reports.get(report.source)
         owner = self.areas.area_at(report.front_min_m).number
         if known is None or report.area == owner or known[0].area != owner:

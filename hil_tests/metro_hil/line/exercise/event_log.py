@@ -139,7 +139,7 @@ class LineEvents:
 
     # Told.
 
-    def hears(self, messages: Iterable[RadioMessage]) -> None:
+    def on_message(self, messages: Iterable[RadioMessage]) -> None:
         for message in messages:
             if message.key.startswith(self._rails):
                 number = message.key.removeprefix(self._rails)
@@ -157,7 +157,7 @@ class LineEvents:
                 continue
             if isinstance(heard, T2tMessage) and message.key == t2t_keys.key_of(name, heard):
                 self._is_sent(heard.stamp_ns, message.stamp_ns)
-                self._hears(heard, message.stamp_ns)
+                self._on_message(heard, message.stamp_ns)
             elif not message.key.startswith(f"m/{keys.line_chunk(name)}/w/0/or/"):
                 self.refused += 1
 
@@ -217,15 +217,15 @@ class LineEvents:
 
     # What follows from it.
 
-    def _hears(self, message: T2tMessage, now_ns: int) -> None:
+    def _on_message(self, message: T2tMessage, now_ns: int) -> None:
         if isinstance(message, Heartbeat):
-            self._hears_heartbeat(message, now_ns)
+            self._on_heartbeat(message, now_ns)
         elif isinstance(message, AreaAuthority):
-            self._hears_authority(message, now_ns)
+            self._on_authority(message, now_ns)
         elif isinstance(message, TrainReport):
-            self._hears_report(message, now_ns)
+            self._on_report(message, now_ns)
 
-    def _hears_report(self, report: TrainReport, now_ns: int) -> None:
+    def _on_report(self, report: TrainReport, now_ns: int) -> None:
         train = self.train(report.source)
         story = self.areas.get(report.area)
         if report.member and story is not None and story.heartbeat.source == report.source:
@@ -237,7 +237,7 @@ class LineEvents:
             )
             train.given[report.area] = given
 
-    def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
+    def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
         area, who = heartbeat.area, heartbeat.source
         known = self.areas.get(area)
         if known is None:
@@ -263,7 +263,7 @@ class LineEvents:
             )
         known.heartbeat, known.heard_ns = heartbeat, now_ns
 
-    def _hears_authority(self, authority: AreaAuthority, now_ns: int) -> None:
+    def _on_authority(self, authority: AreaAuthority, now_ns: int) -> None:
         train = self.train(authority.destination)
         before = train.given.get(authority.area)
         if before is not None and authority.term < before.term:

@@ -31,7 +31,7 @@ class ProtectionTap:
         """Frames for which its inbox had no room."""
         return self._port.counters.dropped_in
 
-    def hears(self, now_ns: int) -> Iterator[ProtectionOutput]:
+    def on_message(self, now_ns: int) -> Iterator[ProtectionOutput]:
         yield from self._said(self._port.receive(now_ns))
 
     def _said(self, frames: Iterable[CanFrame]) -> Iterator[ProtectionOutput]:

@@ -268,7 +268,7 @@ def test_an_ordered_takeover_has_to_be_seen(
 def test_a_master_without_another_train_in_its_area_has_no_successor() -> None:
     told = Told()
     told.story.stands(1, Place(3080.0, 3000.0, 16))
-    told.hears(replace(BEAT, area=1, source=2), 100)
+    told.on_message(replace(BEAT, area=1, source=2), 100)
 
     told.story.orders_takeover(1, 2)
     assert told.story.unseen_takeovers() == []
@@ -311,7 +311,7 @@ def test_a_train_that_drove_had_an_authority_whether_it_was_heard_or_not() -> No
 
 def test_a_message_from_the_future_makes_nothing_young() -> None:
     told = Told()
-    told.hears(replace(BEAT, stamp_ns=900 * S), 100)
+    told.on_message(replace(BEAT, stamp_ns=900 * S), 100)
     observer = Observer(told.story, 0)
 
     observer.looks(100 * MS + 500 * MS)

@@ -19,7 +19,7 @@ def test_the_story_counts_from_the_first_message_of_the_log(tmp_path: Path) -> N
     record = LineRunFiles(tmp_path, lambda at_s, words: said.append((at_s, words)))
     record.tell(4_000_000 * MS, "nothing was heard yet")
     for at_ms in (5_000_000, 5_000_700):
-        record.hears([RadioMessage(at_ms * MS, "m/loop/w/9/hb/1/all", b"12")])
+        record.on_message([RadioMessage(at_ms * MS, "m/loop/w/9/hb/1/all", b"12")])
     record.tell(5_001_500 * MS, "something happens")
     record.close()
 
@@ -33,7 +33,7 @@ def test_the_story_counts_from_the_first_message_of_the_log(tmp_path: Path) -> N
 
 def test_results_hold_what_was_seen_by_the_seconds_of_the_story() -> None:
     told = Told()
-    told.hears(GIVEN, 5050)
+    told.on_message(GIVEN, 5050)
     told.story.tells(2, Supervision.EMERGENCY, Cause.OVERSPEED, 5500 * MS)
 
     results = json.loads(

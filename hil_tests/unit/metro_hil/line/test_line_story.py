@@ -33,14 +33,14 @@ class Told:
         self.story.stands(1, Place(1080.0, 1000.0, 16))
         self.story.stands(2, Place(180.0, 100.0, 16))
 
-    def hears(self, message: T2tMessage, at_ms: int) -> None:
-        self.story.hears([RadioMessage(at_ms * MS, key_of("loop", message), pack(message))])
+    def on_message(self, message: T2tMessage, at_ms: int) -> None:
+        self.story.on_message([RadioMessage(at_ms * MS, key_of("loop", message), pack(message))])
 
 
 def test_the_gap_is_that_from_an_authority_to_the_true_rear_ahead() -> None:
     told = Told()
-    told.hears(BEAT, 0)
-    told.hears(GIVEN, 50)
+    told.on_message(BEAT, 0)
+    told.on_message(GIVEN, 50)
 
     told.story.stands(1, Place(1080.5, 1000.5, 16))
 
@@ -56,7 +56,7 @@ def test_a_place_that_waited_on_its_way_says_nothing_of_a_younger_authority() ->
     """The train ahead had moved on when it was said: by 10 m in 500 ms."""
     told = Told()
     told.story.stands(1, Place(1080.0, 1000.0, 16, 100 * MS))
-    told.hears(replace(GIVEN, end_m=1000.5, stamp_ns=350 * MS), 360)
+    told.on_message(replace(GIVEN, end_m=1000.5, stamp_ns=350 * MS), 360)
 
     for late_ms, rear_m in ((200, 1002.0), (300, 1004.0)):
         told.story.stands(1, Place(rear_m + 80.0, rear_m, 16, late_ms * MS))
@@ -75,7 +75,7 @@ def test_places_that_always_come_late_are_held_against_what_was_said_before_them
     told = Told()
     for n in range(12):
         end_m = 990.0 if n != 3 else 1002.0
-        told.hears(replace(GIVEN, end_m=end_m, sequence=3 + n, stamp_ns=n * 100 * MS), n * 100)
+        told.on_message(replace(GIVEN, end_m=end_m, sequence=3 + n, stamp_ns=n * 100 * MS), n * 100)
         told.story.stands(1, Place(1080.0, 1000.0, 16, max(0, n - 4) * 100 * MS))
 
     assert told.story.train(2).least_gap_m == -2.0
@@ -83,10 +83,10 @@ def test_places_that_always_come_late_are_held_against_what_was_said_before_them
 
 def test_what_a_master_grants_itself_counts_from_its_report_on() -> None:
     told = Told()
-    told.hears(replace(BEAT, source=2), 0)
+    told.on_message(replace(BEAT, source=2), 0)
     held = replace(REPORT, source=2, stamp_ns=350 * MS, front_min_m=180.0, front_max_m=181.0)
     held = replace(held, easy_m=181.0, latent_m=1000.5, held_term=7, held_end_m=1000.5, area=1)
-    told.hears(held, 360)
+    told.on_message(held, 360)
     told.story.stands(1, Place(1084.0, 1004.0, 16, 300 * MS))
     assert told.story.train(2).least_gap_m == float("inf")
 
@@ -97,11 +97,11 @@ def test_what_a_master_grants_itself_counts_from_its_report_on() -> None:
 def test_an_authority_reaches_into_the_next_area_only_by_that_areas_own() -> None:
     told = Told()
     told.story.stands(1, Place(3080.0, 3000.0, 16))
-    told.hears(replace(GIVEN, end_m=2800.0), 50)
+    told.on_message(replace(GIVEN, end_m=2800.0), 50)
     told.story.stands(1, Place(3080.5, 3000.5, 16))
     assert told.story.train(2).least_gap_m == 200.5
 
-    told.hears(replace(GIVEN, area=2, end_m=2950.0, rear_m=0.0), 60)
+    told.on_message(replace(GIVEN, area=2, end_m=2950.0, rear_m=0.0), 60)
     told.story.stands(1, Place(3081.0, 3001.0, 16))
 
     assert told.story.train(2).least_gap_m == 51.0
@@ -109,12 +109,12 @@ def test_an_authority_reaches_into_the_next_area_only_by_that_areas_own() -> Non
 
 def test_a_new_term_is_told_with_how_long_the_last_was_silent_and_when_all_are_served() -> None:
     told = Told()
-    told.hears(BEAT, 0)
-    told.hears(GIVEN, 50)
-    told.hears(replace(BEAT, stamp_ns=60 * MS, sequence=3), 60)
+    told.on_message(BEAT, 0)
+    told.on_message(GIVEN, 50)
+    told.on_message(replace(BEAT, stamp_ns=60 * MS, sequence=3), 60)
 
-    told.hears(replace(BEAT, source=3, term=9), 360)
-    told.hears(replace(GIVEN, source=3, term=9, echo_ns=380 * MS), 400)
+    told.on_message(replace(BEAT, source=3, term=9), 360)
+    told.on_message(replace(GIVEN, source=3, term=9, echo_ns=380 * MS), 400)
 
     assert told.said == [
         "area 1: train 1 commands, term 7",
@@ -133,7 +133,7 @@ def test_every_emergency_brake_is_told_and_the_verdict_counts_those_without_excu
         told.story.tells(train, Supervision.EMERGENCY, cause, (at_ms + 5) * MS)
 
     brakes(Cause.BRAKE_UNIT, 10)
-    told.hears(GIVEN, 50)
+    told.on_message(GIVEN, 50)
     brakes(Cause.OVERSPEED, 60)
     brakes(Cause.AUTHORITY_OLD, 2000)
     told.story.excused.add("authority old")
@@ -155,7 +155,7 @@ def test_what_a_train_says_of_its_protection_by_radio_is_left_to_its_bus() -> No
     """It is told again and late once radios work again."""
     told = Told()
     late = replace(STATUS, train=2, supervision=Supervision.EMERGENCY, cause=Cause.BUTTON)
-    told.story.hears([RadioMessage(50 * MS, keys.status("loop", 2), pack(late))])
+    told.story.on_message([RadioMessage(50 * MS, keys.status("loop", 2), pack(late))])
 
     assert told.said == []
     assert told.story.refused == 0
@@ -181,7 +181,9 @@ def test_a_stop_is_told_with_its_distance_and_passing_through_is_none() -> None:
 
 def test_the_speed_is_that_of_the_true_places_also_when_its_controller_says_nothing_more() -> None:
     told = Told()
-    told.hears(replace(REPORT, source=2, speed_mps=12.4, front_min_m=180.0, front_max_m=181.0), 0)
+    told.on_message(
+        replace(REPORT, source=2, speed_mps=12.4, front_min_m=180.0, front_max_m=181.0), 0
+    )
     told.story.stands(2, Place(180.5, 100.5, 16, 100 * MS))
 
     told.story.stands(2, Place(181.5, 101.5, 16, 300 * MS))
@@ -193,7 +195,7 @@ def test_the_speed_is_that_of_the_true_places_also_when_its_controller_says_noth
 
 def test_what_is_under_the_key_of_another_is_not_believed() -> None:
     told = Told()
-    told.story.hears([RadioMessage(0, key_of("loop", replace(BEAT, source=4)), pack(BEAT))])
+    told.story.on_message([RadioMessage(0, key_of("loop", replace(BEAT, source=4)), pack(BEAT))])
 
     assert told.said == []
     assert told.story.refused == 1
@@ -204,7 +206,9 @@ def test_what_is_under_the_key_of_another_is_not_believed() -> None:
 )
 def test_what_is_no_place_of_a_train_ends_no_run(train: str, payload: bytes) -> None:
     told = Told()
-    told.story.hears([RadioMessage(0, subscription("loop").removesuffix("*") + train, payload)])
+    told.story.on_message(
+        [RadioMessage(0, subscription("loop").removesuffix("*") + train, payload)]
+    )
 
     assert set(told.story.trains) == {1, 2}
     assert told.story.refused == 1

@@ -45,7 +45,7 @@ class Heard:
         for frame in frames:
             for can_id, payload in self._encoder.encode(frame):
                 self._controller.send(at_ms * MS, can_id, payload)
-        return [each[1:] for each in self.tap.hears((at_ms + 5) * MS)]
+        return [each[1:] for each in self.tap.on_message((at_ms + 5) * MS)]
 
 
 def test_an_emergency_is_told_with_its_cause_and_all_else_at_once() -> None:
@@ -65,7 +65,7 @@ def test_it_is_told_by_when_it_was_on_the_bus() -> None:
     for can_id, payload in Encoder().encode(status(Supervision.SERVICE)):
         heard.bus.port("X", frozenset()).send(20 * MS, can_id, payload)
 
-    (said,) = heard.tap.hears(500 * MS)
+    (said,) = heard.tap.on_message(500 * MS)
 
     assert isinstance(said, ProtectionOutput)
     assert 20 * MS < said.at_ns < 22 * MS

@@ -55,7 +55,7 @@ class Line:
         self._said(train, (), request)
         return request
 
-    def hears(self, arbiter: int, *requests: LeaseRequest) -> None:
+    def on_message(self, arbiter: int, *requests: LeaseRequest) -> None:
         """And answers the last of them to whom it came from, who hears that."""
         request = requests[-1]
         self._sequence += 1
@@ -74,7 +74,7 @@ class Line:
     ) -> None:
         """The holder hears some reports, prepares a switch, hears its successor and the others,
         proposes other rosters that nobody keeps yet, and commits."""
-        self.hears_reports(*before)
+        self.on_reports(*before)
         head = HOLDER, SUCCESSOR, AREA, 1, 1, 1, self.now_ns
         trains = (HOLDER, SUCCESSOR, THIRD)
         roster = tuple([RosterEntry(train, 0.0, True, 1) for train in trains])
@@ -92,7 +92,7 @@ class Line:
         ]
         self._said(HOLDER, (), *commits, SwitchStep(*head, SwitchKind.COMMIT, NONCE, SUCCESSOR))
 
-    def hears_reports(self, *reports: TrainReport) -> None:
+    def on_reports(self, *reports: TrainReport) -> None:
         """The holder does."""
         self._said(HOLDER, reports)
 
@@ -107,40 +107,40 @@ def line() -> Line:
     line = Line()
     acquired = line.ask(HOLDER, 1, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, acquired)
+        line.on_message(arbiter, acquired)
     return line
 
 
 def test_nobody_gets_the_lease_of_another_that_runs(line: Line) -> None:
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
-    line.hears(ARBITERS[0], asked)
+    line.on_message(ARBITERS[0], asked)
 
     with pytest.raises(ViolationError, match=r"^19: train 3 gets the lease of area 2, and that of"):
-        line.hears(ARBITERS[2], asked)
+        line.on_message(ARBITERS[2], asked)
 
 
 def test_it_does_once_that_has_run_out(line: Line) -> None:
     line.now_ns += 500 * NS_PER_MS
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS:
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
     assert line.air.looked["19 lease"] == 2
 
 
 def test_the_one_whom_the_holder_named_does_for_good(line: Line) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, named)
+        line.on_message(arbiter, named)
 
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
     assert line.air.looked["19 lease"] == 2
 
     # Late answers give the holder's next life no lease (seed 314860).
     line.air.booted(HOLDER)
     for arbiter in ARBITERS[::-1]:
-        line.hears(arbiter, named)
+        line.on_message(arbiter, named)
     assert line.air.looked["19 lease"] == 2
 
 
@@ -150,56 +150,56 @@ def test_the_holder_s_change_of_mind_counts_where_it_was_heard(line: Line) -> No
     """
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, named)
+        line.on_message(arbiter, named)
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     line.ask(HOLDER, 1, LeaseKind.RENEW)
 
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
 
 
 @pytest.mark.parametrize("together", [True, False])
 def test_where_it_was_heard_nobody_is_let_in_any_more(line: Line, *, together: bool) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, named)
+        line.on_message(arbiter, named)
     back = line.ask(HOLDER, 1, LeaseKind.RENEW)
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
-    line.hears(ARBITERS[0], asked)
+    line.on_message(ARBITERS[0], asked)
 
     if not together:
-        line.hears(ARBITERS[1], back)
+        line.on_message(ARBITERS[1], back)
 
     with pytest.raises(ViolationError, match=r"^19: "):
-        line.hears(ARBITERS[1], *((back, asked) if together else (asked,)))
+        line.on_message(ARBITERS[1], *((back, asked) if together else (asked,)))
 
 
 def test_an_old_request_that_comes_late_names_nobody(line: Line) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     back = line.ask(HOLDER, 1, LeaseKind.RENEW)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, back)
+        line.on_message(arbiter, back)
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
-    line.hears(ARBITERS[0], named, asked)
+    line.on_message(ARBITERS[0], named, asked)
 
     with pytest.raises(ViolationError, match=r"^19: "):
-        line.hears(ARBITERS[1], named, asked)
+        line.on_message(ARBITERS[1], named, asked)
 
 
 def test_an_arbiter_that_has_no_part_in_the_lease_that_runs_needs_no_name(line: Line) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
-    line.hears(ARBITERS[0], named)
+    line.on_message(ARBITERS[0], named)
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
 
     for arbiter in (ARBITERS[0], ARBITERS[2]):
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
 
 
 def test_where_clocks_were_stepped_leases_are_not_held_against_each_other(line: Line) -> None:
     line.air.clocks_sound = False
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
 
 
 def ready(train: int, nonce: int, rear_m: float = 100.0, *, localised: bool = True) -> TrainReport:
@@ -267,7 +267,7 @@ def test_what_is_newer_than_what_was_heard_before_counts(line: Line) -> None:
 
 def test_who_begins_anew_hears_all_reports_anew(line: Line) -> None:
     before = replace(ready(THIRD, 0), sequence=7)
-    line.hears_reports(before)
+    line.on_reports(before)
     line.air.booted(HOLDER)
 
     with pytest.raises(ViolationError, match=r"^26: .* train 4 is ready for 0"):

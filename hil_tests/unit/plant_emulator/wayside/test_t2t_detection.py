@@ -34,7 +34,7 @@ def told(train: int, rear_m: float, front_m: float, *, axles: int = 16) -> Radio
 
 def detection(*messages: RadioMessage) -> Detection:
     detecting = Detection(LINE)
-    assert detecting.hears(messages) == []
+    assert detecting.on_message(messages) == []
     return detecting
 
 
@@ -162,7 +162,7 @@ def test_however_trains_have_moved_only_where_they_are_now_is_counted(
     newest: dict[int, RadioMessage] = {}
     for train, rear_m, long_m in moves:
         newest[train] = told(train, rear_m, rear_m + long_m)
-        detecting.hears([newest[train]])
+        detecting.on_message([newest[train]])
 
         assert detecting.axles() == detection(*newest.values()).axles()
 
@@ -170,7 +170,7 @@ def test_however_trains_have_moved_only_where_they_are_now_is_counted(
 def test_a_train_that_only_says_the_same_anew_is_counted_once() -> None:
     detecting = detection(told(1, 10.0, 40.0, axles=3))
     again = Place(40.0, 10.0, 3, 50)
-    detecting.hears([RadioMessage(0, key_of("Line 9", 1), packed(again))])
+    detecting.on_message([RadioMessage(0, key_of("Line 9", 1), packed(again))])
 
     assert detecting.axles() == {1: 3}
     assert detecting.places == {"m/line-9/x/1": again}
@@ -178,7 +178,7 @@ def test_a_train_that_only_says_the_same_anew_is_counted_once() -> None:
 
 def test_on_a_line_without_counters_nothing_is_counted() -> None:
     detecting = Detection(AreaMap("Line 9", (Area(1, 0.0, 400.0),)))
-    detecting.hears([told(1, 10.0, 40.0)])
+    detecting.on_message([told(1, 10.0, 40.0)])
 
     assert detecting.axles() == {}
 
@@ -213,7 +213,7 @@ def test_what_is_not_for_the_rails_of_this_line_comes_back_in_its_order() -> Non
     ]
     detecting = Detection(LINE)
 
-    assert detecting.hears([others[0], told(1, 10.0, 40.0), *others[1:]]) == others
+    assert detecting.on_message([others[0], told(1, 10.0, 40.0), *others[1:]]) == others
     assert detecting.places == {"m/line-9/x/1": Place(40.0, 10.0, 16)}
 
 
@@ -221,5 +221,5 @@ def test_no_more_than_512_trains_are_kept_and_these_are_followed() -> None:
     flood = detection(*[told(n, 10.0, 40.0) for n in range(1, 600)])
     assert list(flood.places) == [f"m/line-9/x/{n}" for n in range(1, 513)]
 
-    flood.hears([told(7, 310.0, 340.0)])
+    flood.on_message([told(7, 310.0, 340.0)])
     assert flood.places["m/line-9/x/7"] == Place(340.0, 310.0, 16)

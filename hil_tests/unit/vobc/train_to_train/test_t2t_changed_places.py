@@ -21,8 +21,8 @@ TWO = ((6, 700.0), (1, 500.0))
 def two_anew(*others: tuple[int, float], told_m: float) -> OneArea:
     """That began anew: train 6, and train 1, which says that it is before it now."""
     area = OneArea(*TWO, *others)
-    area.hears(anew(told_m, train=6))
-    area.hears(BEYOND)
+    area.on_message(anew(told_m, train=6))
+    area.on_message(BEYOND)
     area.reserved_m = {6: told_m + 84.0}
     return area
 
@@ -88,8 +88,8 @@ def test_of_two_that_changed_places_both_wait_while_one_behind_is_not_heard() ->
 
 def test_of_two_that_changed_places_both_wait_while_one_between_is_not_heard() -> None:
     area = OneArea((6, 700.0), (7, 600.0), (1, 500.0))
-    area.hears(anew(700.0, train=6))
-    area.hears(BEYOND)
+    area.on_message(anew(700.0, train=6))
+    area.on_message(BEYOND)
     area.reserved_m = {6: 784.0, 7: 690.0}
 
     assert area.settles() == (area.order, [])
@@ -100,8 +100,8 @@ def test_one_that_came_back_elsewhere_was_passed_by_nobody(told_m: float) -> Non
     """What it was ahead of may still be where it was, and keeps its place on the roster."""
     area = OneArea((6, 700.0), (1, 650.0), counted=(Counted(0.0, 3000.0, True, 32),))
     area.strangers = (StandingTrain(told_m, told_m + 84.0, 16),)
-    area.hears(anew(told_m, train=6, standstill=False))
-    area.hears(BEYOND)
+    area.on_message(anew(told_m, train=6, standstill=False))
+    area.on_message(BEYOND)
     area.reserved_m = {6: told_m + 84.0}
 
     order, _ = area.settles()
@@ -111,8 +111,8 @@ def test_one_that_came_back_elsewhere_was_passed_by_nobody(told_m: float) -> Non
 
 def test_a_train_need_not_wait_for_one_behind_it_that_came_back_farther_back() -> None:
     area = OneArea((1, 900.0), (2, 700.0))
-    area.hears(anew(900.0))
-    area.hears(anew(200.0, train=2))
+    area.on_message(anew(900.0))
+    area.on_message(anew(200.0, train=2))
 
     order, _ = area.settles()
 

@@ -41,7 +41,7 @@ def conclusions(*told: TrainReport, heard_ns: int = NOW_NS) -> Conclusions:
     known = Conclusions(TERM, TrainTable(), T2tConfig(), MasterGuards())
     for each in told:
         record = known.table.of(each.source, rear_m=each.rear_min_m, now_ns=0)
-        record.hears(each, heard_ns, term=TERM, jog_m=5.0)
+        record.on_message(each, heard_ns, term=TERM, jog_m=5.0)
     return known
 
 
@@ -295,7 +295,7 @@ def test_who_began_anew_bounds_itself_where_it_was_and_nobody_behind(
     """It may have left, and come back behind those that were behind it (seed 66510)."""
     known = conclusions(report(2, 500.0, held_end_m=650.0), report(3, 300.0, term=4))
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
-    known.hears_newborn(replace(report(1, rear_m, boot=2), latent_m=980.0))
+    known.on_restarted_report(replace(report(1, rear_m, boot=2), latent_m=980.0))
 
     assert known.reserved_m(order_of(1, 2, 3)) == {1: own_m, 2: 650.0, 3: 650.0}
     assert known.reserved_m(order_of(1, 3)) == {1: own_m, 3: 1e6}
@@ -305,13 +305,13 @@ def test_a_new_life_that_does_not_know_where_it_is_bounds_nothing_until_it_did()
     known = conclusions()
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
     lost = replace(report(1, 900.0, boot=2), latent_m=990.0, localised=False)
-    known.hears_newborn(lost)
+    known.on_restarted_report(lost)
 
     assert known.reserved_m(order_of(1)) == {1: 1e6}
 
-    known.hears_newborn(report(1, 900.0, boot=2))
+    known.on_restarted_report(report(1, 900.0, boot=2))
     assert known.reserved_m(order_of(1)) == {1: 980.0}
-    known.hears_newborn(lost)
+    known.on_restarted_report(lost)
     assert known.reserved_m(order_of(1)) == {1: 990.0}
 
 
@@ -319,10 +319,10 @@ def test_the_rear_of_a_new_life_is_no_farther_than_its_front_is_unsure_of() -> N
     known = conclusions()
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
     sure = report(1, 890.0, boot=2)
-    known.hears_newborn(replace(sure, front_max_m=sure.front_min_m + 2.9))
+    known.on_restarted_report(replace(sure, front_max_m=sure.front_min_m + 2.9))
     assert known.reserved_m(order_of(1)) == {1: 1e6}
 
-    known.hears_newborn(replace(sure, front_max_m=sure.front_min_m + 3.0))
+    known.on_restarted_report(replace(sure, front_max_m=sure.front_min_m + 3.0))
     assert known.reserved_m(order_of(1)) == {1: 970.0}
 
 
@@ -362,11 +362,11 @@ def test_no_train_can_come_farther_than_is_reserved_for_it(
         if life.word in ("promised", "former term"):
             term = TERM if life.word == "promised" else TERM - 1
             record = known.records[train]
-            record.hears(replace(told, term=term), NOW_NS, term=TERM, jog_m=5.0)
+            record.on_message(replace(told, term=term), NOW_NS, term=TERM, jog_m=5.0)
         elif life.word != "nothing":
             at_m = rear_m if life.word == "anew" else back_m
             may_m[train] = at_m + 80.0
-            known.hears_newborn(replace(report(train, at_m, boot=2), latent_m=may_m[train]))
+            known.on_restarted_report(replace(report(train, at_m, boot=2), latent_m=may_m[train]))
         ahead_m = rear_m
     order = order_of(*may_m)
 

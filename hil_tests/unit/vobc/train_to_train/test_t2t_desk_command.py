@@ -149,7 +149,7 @@ def test_its_master_hears_what_members_objects_and_successors_say() -> None:
 def test_its_master_hears_nothing_of_what_masters_and_arbiters_say_to_trains() -> None:
     scene, puppet = played()
     scene.beats(415)
-    scene.desk.hears(scene.authority(415), ns(415))
+    scene.desk.on_message(scene.authority(415), ns(415))
     scene.grants(415, 1, nonce=9)
     scene.sync(415)
     scene.switch(415, SwitchKind.PREPARE)
@@ -433,7 +433,7 @@ def test_a_master_goes_when_its_lease_would_run_out_before_its_words_have_left()
 
 
 @pytest.mark.parametrize(
-    ("standby", "hears_nobody", "early_ns", "deaf"),
+    ("standby", "receives_nothing", "early_ns", "deaf"),
     [
         (2, False, 1, False),
         (2, False, 0, True),
@@ -443,10 +443,10 @@ def test_a_master_goes_when_its_lease_would_run_out_before_its_words_have_left()
     ],
 )
 def test_a_master_is_deaf_after_160_ms_without_a_word_or_when_no_train_is_heard(
-    standby: int, early_ns: int, *, hears_nobody: bool, deaf: bool
+    standby: int, early_ns: int, *, receives_nothing: bool, deaf: bool
 ) -> None:
     """And somebody waits to take its place."""
-    scene, _ = played(standby=standby, hears_nobody=hears_nobody)
+    scene, _ = played(standby=standby, receives_nothing=receives_nothing)
 
     scene.step(410 + 160, early_ns=early_ns)
 
@@ -483,7 +483,7 @@ def test_a_master_that_was_deaf_is_quiet_for_two_leases() -> None:
 
 def test_a_master_that_was_not_deaf_waits_for_its_turn_only() -> None:
     """From the time when it commanded itself."""
-    scene, _ = played(standby=2, hears_nobody=True)
+    scene, _ = played(standby=2, receives_nothing=True)
     scene.step(570, early_ns=1)
     assert scene.role() is Role.APPLICANT
 

@@ -45,7 +45,7 @@ def test_authorities_that_are_not_taken_are_told_with_the_reason() -> None:
     first, second = scene.authority(0), scene.authority(0)
 
     for heard in (second, first):
-        assert scene.desk.hears(heard, ns(10)) == []
+        assert scene.desk.on_message(heard, ns(10)) == []
 
     assert scene.desk.refused == ["repeated or out of order"]
     assert scene.desk.member.held is second
@@ -55,7 +55,7 @@ def test_a_sync_is_acknowledged_to_the_master_by_its_number() -> None:
     scene = standby()
     sync = StandbySync(OTHER, OWN, AREA, 4, 1, 212, 77, 1, ())
 
-    (ack,) = scene.desk.hears(sync, ns(10))
+    (ack,) = scene.desk.on_message(sync, ns(10))
 
     assert ack == SyncAck(OWN, OTHER, AREA, 4, BOOT, 3, ns(10), 212)
 
@@ -110,7 +110,7 @@ def test_what_came_before_the_heartbeat_that_names_the_standby_counts_too() -> N
 
 def test_a_standby_that_is_another_no_more_forgets_what_it_was_told() -> None:
     scene = standby()
-    scene.desk.hears(scene.authority(0, rank=0), ns(0))
+    scene.desk.on_message(scene.authority(0, rank=0), ns(0))
     scene.sync(0, SyncEntry(1, 1500.0, 1700.0, 1))
     scene.beats(10, standby=2)
     scene.step(10)
@@ -332,7 +332,7 @@ def test_a_members_report_says_what_it_holds() -> None:
     scene = Scene()
     scene.step(0)
     held = scene.authority(0)
-    scene.desk.hears(held, ns(100))
+    scene.desk.on_message(held, ns(100))
 
     (report,) = reports(scene.step(100))
 

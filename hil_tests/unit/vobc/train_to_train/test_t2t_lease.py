@@ -67,7 +67,7 @@ def held(config: T2tConfig = ONE, *, at_ms: int = 1000) -> tuple[Lease, ArbiterR
     lease = lease_of(config)
     request = asked(lease, at_ms)
     for arbiter in config.arbiters[: config.majority]:
-        lease.hears(grant(request, arbiter), at_ms * MS)
+        lease.on_message(grant(request, arbiter), at_ms * MS)
     assert lease.state is LeaseState.HELD
     return lease, request
 
@@ -105,7 +105,7 @@ def test_an_application_asks_for_a_whole_lease_under_a_term_nobody_has_seen_trie
     lease = lease_of()
 
     first = lease.ask(1000 * MS, seen_term=3, tried_term=5)
-    lease.hears(refusal(first, term=8), 1010 * MS)
+    lease.on_message(refusal(first, term=8), 1010 * MS)
     second = lease.ask(1200 * MS, seen_term=3, tried_term=6)
 
     assert first == ArbiterRequest(LeaseKind.ACQUIRE, term=6, nonce=1, successor=0, less_ns=0)
@@ -130,8 +130,8 @@ def test_a_lease_given_back_is_held_no_more_whatever_arbiters_say_late() -> None
     late = lease.renew(1075 * MS)
 
     given = lease.give_back(1080 * MS)
-    lease.hears(grant(late), 1085 * MS)
-    lease.hears(grant(request), 1085 * MS)
+    lease.on_message(grant(late), 1085 * MS)
+    lease.on_message(grant(request), 1085 * MS)
 
     assert given == ArbiterRequest(LeaseKind.RELEASE, request.term, 3, successor=0, less_ns=0)
     assert lease.state is LeaseState.NONE
@@ -144,7 +144,7 @@ def test_no_answer_to_what_was_given_back_counts() -> None:
     lease, _ = held()
     given = lease.give_back(1080 * MS)
 
-    lease.hears(refusal(given, term=1, wait_ms=500), 1085 * MS)
+    lease.on_message(refusal(given, term=1, wait_ms=500), 1085 * MS)
 
     assert lease.wait_until_ns == 0
 
@@ -152,10 +152,10 @@ def test_no_answer_to_what_was_given_back_counts() -> None:
 def test_who_applies_anew_forgets_all_that_was_of_the_attempt_before() -> None:
     lease = lease_of()
     first = asked(lease)
-    lease.hears(grant(first, kept=Kept(3, 4, YOUNG)), 1005 * MS)
+    lease.on_message(grant(first, kept=Kept(3, 4, YOUNG)), 1005 * MS)
     lease.successor = 7
     renewal = lease.renew(1010 * MS)
-    lease.hears(refusal(renewal, term=first.term + 1, wait_ms=200), 1015 * MS)
+    lease.on_message(refusal(renewal, term=first.term + 1, wait_ms=200), 1015 * MS)
     assert lease.beaten
     assert lease.wait_until_ns == 1215 * MS
     assert lease.adopted.version == 4
@@ -178,10 +178,10 @@ def test_two_of_three_make_a_lease_that_counts_from_the_question() -> None:
     lease = lease_of(THREE)
     request = asked(lease)
 
-    lease.hears(grant(request, A), 1010 * MS)
-    lease.hears(grant(request, A), 1011 * MS)
+    lease.on_message(grant(request, A), 1010 * MS)
+    lease.on_message(grant(request, A), 1011 * MS)
     assert lease.until_ns == 0  # One counts once.
-    lease.hears(grant(request, C), 1050 * MS)
+    lease.on_message(grant(request, C), 1050 * MS)
 
     assert lease.state is LeaseState.HELD
     assert lease.until_ns == 1000 * MS + LEASE_NS
@@ -192,8 +192,8 @@ def test_votes_for_two_requests_are_not_added_up() -> None:
     first = asked(lease)
     second = lease.renew(1010 * MS)
 
-    lease.hears(grant(first, A), 1020 * MS)
-    lease.hears(grant(second, B), 1020 * MS)
+    lease.on_message(grant(first, A), 1020 * MS)
+    lease.on_message(grant(second, B), 1020 * MS)
 
     assert lease.state is LeaseState.ASKED
 
@@ -203,8 +203,8 @@ def test_who_is_no_arbiter_of_this_line_has_no_vote_and_refuses_nothing(arbiter:
     lease = lease_of(ONE)
     request = asked(lease)
 
-    lease.hears(grant(request, arbiter), 1010 * MS)
-    lease.hears(refusal(request, arbiter, term=30, wait_ms=50), 1010 * MS)
+    lease.on_message(grant(request, arbiter), 1010 * MS)
+    lease.on_message(refusal(request, arbiter, term=30, wait_ms=50), 1010 * MS)
 
     assert lease.state is LeaseState.ASKED
     assert not lease.lost(1010 * MS)
@@ -220,7 +220,7 @@ def test_a_grant_for_another_term_or_another_request_is_no_vote(term: int, nonce
     second = lease.ask(1200 * MS, seen_term=0, tried_term=first.term)
     assert (second.term, second.nonce) == (2, 2)
 
-    lease.hears(
+    lease.on_message(
         grant(second, term=term, nonce=nonce, echo_ns=1200 * MS, kept=Kept(1, 1, OLD)), 1210 * MS
     )
 
@@ -235,20 +235,20 @@ def test_eight_requests_are_kept_and_answers_to_older_ones_are_none() -> None:
     renewals = [lease.renew((1000 + n) * MS) for n in range(1, 10)]
 
     for late in (first, renewals[0]):
-        lease.hears(grant(late, echo_ns=5000 * MS), 1020 * MS)
+        lease.on_message(grant(late, echo_ns=5000 * MS), 1020 * MS)
         assert lease.until_ns == 1000 * MS + LEASE_NS
-    lease.hears(grant(renewals[1]), 1020 * MS)
+    lease.on_message(grant(renewals[1]), 1020 * MS)
     assert lease.until_ns == 1002 * MS + LEASE_NS
 
 
 def test_a_late_grant_of_an_older_request_shortens_nothing() -> None:
     lease, first = held(THREE)
     renewal = lease.renew(1075 * MS)
-    lease.hears(grant(renewal, A), 1080 * MS)
-    lease.hears(grant(renewal, B), 1080 * MS)
+    lease.on_message(grant(renewal, A), 1080 * MS)
+    lease.on_message(grant(renewal, B), 1080 * MS)
     assert lease.until_ns == 1075 * MS + LEASE_NS
 
-    lease.hears(grant(first, C), 1090 * MS)
+    lease.on_message(grant(first, C), 1090 * MS)
 
     assert lease.until_ns == 1075 * MS + LEASE_NS
 
@@ -280,7 +280,7 @@ def test_a_lease_ends_with_the_newest_request_that_a_majority_granted(
         if back >= min(len(requests), 8):
             continue
         sent_ms, request = requests[-1 - back]
-        lease.hears(grant(request, arbiter), now_ms * MS)
+        lease.on_message(grant(request, arbiter), now_ms * MS)
         voters.setdefault(request.nonce, set()).add(arbiter)
         if len(voters[request.nonce]) >= 3:
             until_ns = max(until_ns, sent_ms * MS + LEASE_NS - request.less_ns)
@@ -311,8 +311,8 @@ def test_a_candidate_adopts_the_newest_roster_by_term_and_then_by_version(
     lease = lease_of(THREE)
     request = asked(lease)
 
-    lease.hears(grant(request, A, kept=first), 1010 * MS)
-    lease.hears(grant(request, B, kept=second), 1010 * MS)
+    lease.on_message(grant(request, A, kept=first), 1010 * MS)
+    lease.on_message(grant(request, B, kept=second), 1010 * MS)
 
     assert lease.state is LeaseState.HELD
     assert lease.adopted == adopted
@@ -322,11 +322,11 @@ def test_whoever_holds_a_lease_adopts_no_other_roster_any_more() -> None:
     """From then on its own is the newest, whatever a slow arbiter still has."""
     lease = lease_of(THREE)
     request = asked(lease)
-    lease.hears(grant(request, A, kept=Kept(3, 4, OLD)), 1010 * MS)
-    lease.hears(grant(request, B, kept=Kept(3, 4, OLD)), 1010 * MS)
+    lease.on_message(grant(request, A, kept=Kept(3, 4, OLD)), 1010 * MS)
+    lease.on_message(grant(request, B, kept=Kept(3, 4, OLD)), 1010 * MS)
 
-    lease.hears(grant(request, C, kept=Kept(3, 5, YOUNG)), 1020 * MS)
-    lease.hears(grant(request, C, kept=Kept(2, 1, YOUNG)), 1020 * MS)
+    lease.on_message(grant(request, C, kept=Kept(3, 5, YOUNG)), 1020 * MS)
+    lease.on_message(grant(request, C, kept=Kept(2, 1, YOUNG)), 1020 * MS)
 
     assert lease.adopted == (3, 4, OLD)
 
@@ -338,11 +338,11 @@ def test_a_refusal_says_how_long_to_wait_and_the_longest_wait_counts() -> None:
     lease = lease_of(FIVE)
     request = asked(lease)
 
-    lease.hears(refusal(request, A, wait_ms=40), 1010 * MS)
+    lease.on_message(refusal(request, A, wait_ms=40), 1010 * MS)
     assert lease.wait_until_ns == 1050 * MS
-    lease.hears(refusal(request, B, wait_ms=10), 1011 * MS)
+    lease.on_message(refusal(request, B, wait_ms=10), 1011 * MS)
     assert lease.wait_until_ns == 1050 * MS
-    lease.hears(refusal(request, C, wait_ms=90), 1012 * MS)
+    lease.on_message(refusal(request, C, wait_ms=90), 1012 * MS)
     assert lease.wait_until_ns == 1102 * MS
 
 
@@ -351,12 +351,12 @@ def test_a_refusal_of_another_attempt_tells_of_a_term_and_of_nothing_else() -> N
     first = asked(lease)
     lease.ask(1200 * MS, seen_term=0, tried_term=first.term)
 
-    lease.hears(refusal(first, term=30, wait_ms=500), 1210 * MS)
+    lease.on_message(refusal(first, term=30, wait_ms=500), 1210 * MS)
 
     assert lease.refused_term == 30
     assert lease.wait_until_ns == 0
     assert not lease.lost(1210 * MS)
-    lease.hears(refusal(first, term=20), 1220 * MS)
+    lease.on_message(refusal(first, term=20), 1220 * MS)
     assert lease.refused_term == 30
 
 
@@ -381,7 +381,7 @@ def test_a_candidacy_is_lost_as_soon_as_no_majority_is_left(
     request = asked(lease)
 
     for arbiter in refused_by:
-        lease.hears(refusal(request, arbiter), 1005 * MS)
+        lease.on_message(refusal(request, arbiter), 1005 * MS)
 
     assert lease.lost(1005 * MS) is lost
 
@@ -398,8 +398,8 @@ def test_a_candidacy_without_a_majority_is_lost_after_100_ms(after_ns: int, *, l
 def test_whoever_has_the_lease_or_gave_it_back_has_no_candidacy_to_lose() -> None:
     lease, _ = held(THREE)
     renewal = lease.renew(1075 * MS)
-    lease.hears(refusal(renewal, A), 1080 * MS)
-    lease.hears(refusal(renewal, B), 1080 * MS)
+    lease.on_message(refusal(renewal, A), 1080 * MS)
+    lease.on_message(refusal(renewal, B), 1080 * MS)
     assert not lease.lost(5000 * MS)
 
     lease.give_back(5000 * MS)
@@ -416,7 +416,7 @@ def test_a_holder_is_beaten_when_a_higher_term_is_promised_than_its_own(
     assert request.term == 1
     renewal = lease.renew(1075 * MS)
 
-    lease.hears(refusal(renewal, term=term), 1080 * MS)
+    lease.on_message(refusal(renewal, term=term), 1080 * MS)
 
     assert lease.beaten is beaten
     assert lease.state is LeaseState.HELD
@@ -425,9 +425,9 @@ def test_a_holder_is_beaten_when_a_higher_term_is_promised_than_its_own(
 def test_who_is_beaten_stays_beaten() -> None:
     lease, _ = held(THREE)
     renewal = lease.renew(1075 * MS)
-    lease.hears(refusal(renewal, A, term=2), 1080 * MS)
+    lease.on_message(refusal(renewal, A, term=2), 1080 * MS)
 
-    lease.hears(refusal(renewal, B, term=1), 1081 * MS)
+    lease.on_message(refusal(renewal, B, term=1), 1081 * MS)
 
     assert lease.beaten
 
@@ -436,7 +436,7 @@ def test_a_candidate_is_not_beaten_before_it_holds_anything() -> None:
     lease = lease_of(THREE)
     request = asked(lease)
 
-    lease.hears(refusal(request, A, term=30), 1010 * MS)
+    lease.on_message(refusal(request, A, term=30), 1010 * MS)
 
     assert not lease.beaten
 
@@ -485,12 +485,12 @@ def test_a_renewal_asks_for_as_much_less_as_the_last_answer_is_overdue(
 ) -> None:
     """Usual are 75 ms between renewals, 10 ms of margin, and what the last answer took."""
     lease = lease_of()
-    lease.hears(grant(asked(lease)), answered_ms * MS)
+    lease.on_message(grant(asked(lease)), answered_ms * MS)
 
     renewal = lease.renew(at_ms * MS)
 
     assert renewal.less_ns == less_ms * MS
-    lease.hears(grant(renewal), at_ms * MS)
+    lease.on_message(grant(renewal), at_ms * MS)
     assert lease.until_ns == max(1000 * MS + LEASE_NS, at_ms * MS + LEASE_NS - less_ms * MS)
 
 
@@ -503,9 +503,9 @@ def test_nobody_asks_for_less_than_nothing() -> None:
 def test_what_an_answer_takes_is_known_by_the_majority_and_not_by_the_slowest() -> None:
     lease = lease_of(THREE)
     request = asked(lease)
-    lease.hears(grant(request, A), 1005 * MS)
-    lease.hears(grant(request, B), 1010 * MS)
-    lease.hears(grant(request, C), 1060 * MS)
+    lease.on_message(grant(request, A), 1005 * MS)
+    lease.on_message(grant(request, B), 1010 * MS)
+    lease.on_message(grant(request, C), 1060 * MS)
 
     # 75 ms and 10 ms, and 10 ms that the majority took.
     assert lease.renew(1100 * MS).less_ns == 5 * MS
@@ -514,10 +514,10 @@ def test_what_an_answer_takes_is_known_by_the_majority_and_not_by_the_slowest() 
 def test_a_late_answer_to_an_older_request_says_nothing_of_how_long_answers_take() -> None:
     lease, first = held(THREE)
     renewal = lease.renew(1075 * MS)
-    lease.hears(grant(renewal, A), 1080 * MS)
-    lease.hears(grant(renewal, B), 1080 * MS)
+    lease.on_message(grant(renewal, A), 1080 * MS)
+    lease.on_message(grant(renewal, B), 1080 * MS)
 
-    lease.hears(grant(first, C), 1155 * MS)
+    lease.on_message(grant(first, C), 1155 * MS)
 
     assert lease.renew(1166 * MS).less_ns == 1 * MS
 
@@ -526,7 +526,7 @@ def test_a_request_in_the_first_instant_of_a_clock_is_confirmed_as_any_other() -
     lease = lease_of()
     request = lease.ask(1, seen_term=0, tried_term=0)
 
-    lease.hears(grant(request), 20 * MS + 1)
+    lease.on_message(grant(request), 20 * MS + 1)
 
     assert lease.renew(105 * MS + 1).less_ns == 0
     assert lease.renew(106 * MS + 1).less_ns == 1 * MS
@@ -549,8 +549,8 @@ def test_without_the_guard_of_attempts_an_answer_to_nothing_counts_from_what_it_
     lease = lease_of(THREE, without(LeaseGuards(), "answers_this_attempt"))
     request = asked(lease)
 
-    lease.hears(grant(request, A, nonce=77, echo_ns=2000 * MS), 2005 * MS)
-    lease.hears(grant(request, B, nonce=77, echo_ns=3000 * MS), 2005 * MS)
+    lease.on_message(grant(request, A, nonce=77, echo_ns=2000 * MS), 2005 * MS)
+    lease.on_message(grant(request, B, nonce=77, echo_ns=3000 * MS), 2005 * MS)
 
     assert lease.state is LeaseState.HELD
     assert lease.until_ns == 2000 * MS + LEASE_NS

@@ -54,7 +54,7 @@ class TestBefore:
         assert chair.master.next_due_ns() == 0
         chair.reports(1, 900.0)
         head = (0, BROADCAST, 1, TERM, 1, 1, 0)
-        chair.hears(ObjectStatus(*head, site.number, ObjectState.FREE, 0, 0, False))
+        chair.on_message(ObjectStatus(*head, site.number, ObjectState.FREE, 0, 0, False))
         assert of(ObjectClaim, chair.step(0)) == []
         chair.keeps()
         assert len(of(ObjectClaim, chair.step(0))) == 1
@@ -81,7 +81,7 @@ class TestBefore:
     def test_an_arbiter_of_another_line_is_none_of_the_majority(self) -> None:
         chair = Chair(kept=False)
         for arbiter in (65_001, 65_004, 65_005):
-            chair.hears(RosterAck(*chair.head(arbiter), 1))
+            chair.on_message(RosterAck(*chair.head(arbiter), 1))
         assert [each.phase for each in of(Heartbeat, chair.step())] == [Phase.FENCING]
 
     def test_nothing_is_said_once_the_lease_does_not_outlast_the_saying(self) -> None:
@@ -368,7 +368,7 @@ class TestAuthority:
         site = ObjectSite(3, ObjectKind.CROSSING, 1500.0, 1520.0)
         chair = Chair((entry(1, 900.0),), sections=True, objects=(site,))
         head = (0, BROADCAST, 1, TERM, 1, 1, 0)
-        chair.hears(ObjectStatus(*head, site.number, ObjectState.LOCKED, 0, 0, False))
+        chair.on_message(ObjectStatus(*head, site.number, ObjectState.LOCKED, 0, 0, False))
         chair.track(axles={2: 16}, closed=(SpeedRestriction(*shut_m, 0.0),))
         chair.reports(1, 900.0, latent_m=1900.0)
 

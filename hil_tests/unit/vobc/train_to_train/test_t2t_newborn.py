@@ -129,9 +129,9 @@ OCCUPIED = (Counted(0.0, 3000.0, True, 32),)
 
 def test_what_a_train_tells_anew_is_kept_until_it_is_forgotten() -> None:
     area = OneArea()
-    area.hears(anew(900.0))
-    area.hears(anew(901.0), age_ns=-3)
-    area.hears(anew(500.0, train=2))
+    area.on_message(anew(900.0))
+    area.on_message(anew(901.0), age_ns=-3)
+    area.on_message(anew(500.0, train=2))
 
     assert area.newborns.told() == [(anew(901.0), NOW_NS + 3), (anew(500.0, train=2), NOW_NS)]
 
@@ -142,8 +142,8 @@ def test_what_a_train_tells_anew_is_kept_until_it_is_forgotten() -> None:
 
 def test_for_a_switch_those_are_ready_that_said_so_within_half_the_life_of_an_authority() -> None:
     area = OneArea()
-    area.hears(anew(900.0), age_ns=500_000_000)
-    area.hears(anew(500.0, train=2), age_ns=500_000_001)
+    area.on_message(anew(900.0), age_ns=500_000_000)
+    area.on_message(anew(500.0, train=2), age_ns=500_000_001)
 
     assert area.newborns.ready(area.known, NOW_NS) == [(1, 41)]
 
@@ -152,7 +152,7 @@ def test_a_train_that_is_where_it_was_is_renewed_in_its_place_and_begins_with_no
     area = OneArea((6, 1500.0), ANEW, (2, 400.0))
     area.heard_of_life_before(1, age_ns=0)
     area.known.records[1].issued(7, 1400.0, life_ns=0)
-    area.hears(anew(898.0), age_ns=20)
+    area.on_message(anew(898.0), age_ns=20)
 
     order, gone = area.settles()
 
@@ -174,7 +174,7 @@ def test_only_a_train_that_said_just_now_where_it_is_can_have_been_passed(
     """Its rear is at 704 m at the farthest, and has come 20 m farther in half a second."""
     area = OneArea((6, 700.0), (1, 500.0))
     area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS - age_ns)
-    area.hears(BEYOND)
+    area.on_message(BEYOND)
 
     order, _ = area.settles()
 
@@ -188,7 +188,7 @@ def test_how_far_one_that_was_passed_may_have_come_is_reckoned_with(
 ) -> None:
     area = OneArea((6, 700.0), (1, 500.0))
     area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS - 500_000_000)
-    area.hears(anew(rear_m))
+    area.on_message(anew(rear_m))
 
     order, _ = area.settles()
 
@@ -201,7 +201,7 @@ def test_one_that_is_lost_or_that_only_arbiters_kept_may_have_gone_on(*, kept_on
     if not kept_only:
         area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS)
         area.heard_of_life_before(6, age_ns=0, echo_ns=NOW_NS, localised=False)
-    area.hears(BEYOND)
+    area.on_message(BEYOND)
 
     assert area.settles() == (area.order, [])
 
@@ -210,7 +210,7 @@ def test_one_that_is_lost_or_that_only_arbiters_kept_may_have_gone_on(*, kept_on
 def test_what_a_train_told_too_long_ago_settles_nothing(age_ns: int, *, renewed: bool) -> None:
     """However late that came."""
     area = OneArea(ANEW)
-    area.hears(dataclasses.replace(anew(900.0), echo_ns=NOW_NS - age_ns))
+    area.on_message(dataclasses.replace(anew(900.0), echo_ns=NOW_NS - age_ns))
 
     order, gone = area.settles()
 
@@ -220,7 +220,7 @@ def test_what_a_train_told_too_long_ago_settles_nothing(age_ns: int, *, renewed:
 
 def test_whoever_does_not_know_where_it_is_or_says_nothing_keeps_its_place_as_it_was() -> None:
     area = OneArea((6, 1500.0), ANEW)
-    area.hears(anew(900.0, localised=False))
+    area.on_message(anew(900.0, localised=False))
 
     assert area.settles() == (area.order, [])
     assert area.newborns.told() == [(anew(900.0, localised=False), NOW_NS)]
@@ -229,7 +229,7 @@ def test_whoever_does_not_know_where_it_is_or_says_nothing_keeps_its_place_as_it
 
 def test_whoever_may_have_been_away_keeps_its_place_and_gets_nothing() -> None:
     area = OneArea(ANEW, counted=OCCUPIED)
-    area.hears(anew(100.0))
+    area.on_message(anew(100.0))
 
     assert area.settles() == (area.order, [])
     assert area.newborns.told() == [(anew(100.0), NOW_NS)]
@@ -242,7 +242,7 @@ CLEAR = (Counted(0.0, 904.0, True, 32), Counted(904.0, 3000.0, False, 0))
 
 def test_whoever_left_is_off_the_roster_and_applies_as_a_stranger() -> None:
     area = OneArea((6, 1500.0), ANEW, (2, 400.0), counted=CLEAR)
-    area.hears(anew(100.0), age_ns=20)
+    area.on_message(anew(100.0), age_ns=20)
 
     order, gone = area.settles()
 
@@ -265,7 +265,7 @@ def test_one_word_of_a_train_that_went_back_is_not_believed_while_it_may_be_wher
     counted: tuple[Counted, ...],
 ) -> None:
     area = OneArea(ANEW, counted=counted)
-    area.hears(anew(100.0))
+    area.on_message(anew(100.0))
 
     assert area.settles() == (area.order, [])
 
@@ -275,7 +275,7 @@ def test_where_no_axles_are_counted_the_word_of_a_train_that_went_back_is_all_th
     before: Area | None,
 ) -> None:
     area = OneArea(ANEW, before=before, start_m=0.0 if before is None else 1000.0)
-    area.hears(anew(100.0))
+    area.on_message(anew(100.0))
 
     assert area.settles() == ((), [(anew(100.0), NOW_NS)])
 
@@ -293,7 +293,7 @@ def test_that_a_train_left_is_seen_where_all_axles_are_of_one_that_waits_behind_
     trains = [ANEW, (2, 700.0)] if ahead_m is None else [(6, ahead_m), ANEW, (2, 700.0)]
     area = OneArea(*trains, counted=(*there, beyond))
     area.at_rest = (StandingTrain(700.0, 784.0, 16), StandingTrain(100.0, 184.0, 16))
-    area.hears(anew(100.0, standstill=False))
+    area.on_message(anew(100.0, standstill=False))
 
     _, gone = area.settles()
 
@@ -302,7 +302,7 @@ def test_that_a_train_left_is_seen_where_all_axles_are_of_one_that_waits_behind_
 
 def test_that_a_train_left_is_seen_also_where_the_next_one_is_kept_close_before_it() -> None:
     area = OneArea((6, 902.0), ANEW, counted=CLEAR)
-    area.hears(anew(100.0))
+    area.on_message(anew(100.0))
 
     assert area.settles() == (area.order[:1], [(anew(100.0), NOW_NS)])
 
@@ -315,14 +315,14 @@ def test_that_a_train_is_elsewhere_is_seen_also_where_axles_beside_it_are_a_stra
     beside = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
     area = OneArea(ANEW, counted=(*beside, Counted(800.0, 3000.0, True, 16)))
     area.strangers = (StandingTrain(300.0, 384.0, 16),)
-    area.hears(anew(100.0))
+    area.on_message(anew(100.0))
 
     assert [report for report, _ in area.settles()[1]] == ([anew(100.0)] if gone else [])
 
 
 def test_of_one_that_fell_silent_nothing_is_kept_that_it_told_anew() -> None:
     area = OneArea((6, 1500.0), ANEW)
-    area.hears(anew(900.0), age_ns=500_000_001)
+    area.on_message(anew(900.0), age_ns=500_000_001)
 
     assert area.settles() == (area.order, [])
     assert area.newborns.told() == []
@@ -335,7 +335,7 @@ def test_that_a_train_left_is_seen_where_all_axles_are_of_a_stranger_that_waits_
     """The two waited for each other (seed 130561)."""
     area = OneArea(ANEW, counted=(Counted(800.0, 3000.0, True, axles),))
     area.strangers = (StandingTrain(1200.0, 1280.0, 16),)
-    area.hears(anew(100.0))
+    area.on_message(anew(100.0))
 
     assert area.settles() == (((), [(anew(100.0), NOW_NS)]) if left else (area.order, []))
 
@@ -343,7 +343,7 @@ def test_that_a_train_left_is_seen_where_all_axles_are_of_a_stranger_that_waits_
 def test_nobody_left_before_whom_somebody_may_be_it_up_to_the_end_of_the_area() -> None:
     counted = (Counted(0.0, 2000.0, False, 0), Counted(2000.0, 3000.0, True, 16))
     area = OneArea(ANEW, counted=counted)
-    area.hears(anew(100.0, standstill=False))
+    area.on_message(anew(100.0, standstill=False))
 
     assert area.settles() == (area.order, [])
 
@@ -351,7 +351,7 @@ def test_nobody_left_before_whom_somebody_may_be_it_up_to_the_end_of_the_area() 
 def test_its_foremost_axle_is_looked_for_however_near_the_next_train_was() -> None:
     counted = (Counted(0.0, 903.0, False, 0), Counted(903.0, 3000.0, True, 16))
     area = OneArea((6, 902.0), ANEW, counted=counted)
-    area.hears(anew(100.0, standstill=False))
+    area.on_message(anew(100.0, standstill=False))
 
     assert area.settles() == (area.order, [])
 
@@ -365,7 +365,7 @@ def test_that_a_train_left_is_believed_if_it_stands_with_its_axles_where_it_says
     """Although somebody is where it was."""
     counted = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
     area = OneArea(ANEW, counted=(*counted, Counted(800.0, 3000.0, True, 16)))
-    area.hears(anew(100.0, standstill=standstill))
+    area.on_message(anew(100.0, standstill=standstill))
 
     _, gone = area.settles()
 
@@ -381,7 +381,7 @@ def test_nobody_leaves_the_line_and_comes_back_within_ten_seconds(
     """So that it does not matter that trains behind were not heard yet."""
     area = OneArea(ANEW, (2, 400.0))
     area.heard_of_life_before(1, age_ns=age_ns)
-    area.hears(anew(900.0))
+    area.on_message(anew(900.0))
 
     order, _ = area.settles()
 
@@ -393,7 +393,7 @@ def test_what_comes_of_a_former_life_may_have_been_long_on_its_way(echo_ns: int)
     """It says when by the heartbeat that it echoes; or it does not say."""
     area = OneArea(ANEW, (2, 400.0))
     area.heard_of_life_before(1, age_ns=0, echo_ns=echo_ns)
-    area.hears(anew(900.0))
+    area.on_message(anew(900.0))
 
     assert area.settles() == (area.order, [])
 
@@ -401,7 +401,7 @@ def test_what_comes_of_a_former_life_may_have_been_long_on_its_way(echo_ns: int)
 def test_a_life_that_this_master_never_heard_of_is_not_recent_however_young_its_record() -> None:
     area = OneArea(ANEW, (2, 400.0))
     area.known.records[1].heard_ns = NOW_NS
-    area.hears(anew(900.0))
+    area.on_message(anew(900.0))
 
     assert area.settles() == (area.order, [])
 
@@ -411,8 +411,8 @@ def settled(behind: TrainReport, *, kept_m: float = 400.0) -> list[int]:
     behind it and cannot be renewed itself: it follows one that is not on the roster.
     """
     area = OneArea((1, 1900.0), (2, kept_m), before=AREA_4, start_m=1000.0, counted=OCCUPIED)
-    area.hears(anew(1900.0))
-    area.hears(dataclasses.replace(behind, comes_from=4, behind=3))
+    area.on_message(anew(1900.0))
+    area.on_message(dataclasses.replace(behind, comes_from=4, behind=3))
     return [entry.boot for entry in area.settles()[0]]
 
 
@@ -425,7 +425,7 @@ def test_trains_that_began_anew_one_behind_the_other_do_not_wait_for_each_other(
 def test_a_train_behind_that_is_heard_in_the_life_that_arbiters_kept_need_not_begin_anew() -> None:
     area = OneArea(ANEW, (2, 400.0))
     area.heard_of_life_before(2, age_ns=20_000_000_000)
-    area.hears(anew(900.0))
+    area.on_message(anew(900.0))
 
     order, _ = area.settles()
 
@@ -454,7 +454,7 @@ def test_a_train_is_in_its_place_only_before_all_behind_it_that_began_anew() -> 
 
 def test_trains_ahead_say_nothing_of_whether_a_train_has_been_away() -> None:
     area = OneArea((7, 2000.0), (6, 1500.0), ANEW)
-    area.hears(anew(900.0))
+    area.on_message(anew(900.0))
 
     order, _ = area.settles()
 
@@ -464,17 +464,17 @@ def test_trains_ahead_say_nothing_of_whether_a_train_has_been_away() -> None:
 def test_the_foremost_train_is_unsure_of_the_very_next_one_behind_it() -> None:
     area = OneArea(ANEW, (2, 700.0), (3, 400.0))
     area.heard_of_life_before(3, age_ns=0)
-    area.hears(anew(900.0))
+    area.on_message(anew(900.0))
 
     assert area.settles() == (area.order, [])
 
 
 def test_several_trains_are_settled_at_once_each_by_what_it_told() -> None:
     area = OneArea((6, 1500.0), ANEW, (2, 400.0), (3, 200.0), counted=OCCUPIED)
-    area.hears(anew(100.0, train=6))
-    area.hears(anew(900.0))
-    area.hears(anew(380.0, train=2))
-    area.hears(anew(200.0, train=3))
+    area.on_message(anew(100.0, train=6))
+    area.on_message(anew(900.0))
+    area.on_message(anew(380.0, train=2))
+    area.on_message(anew(200.0, train=3))
     for train in (1, 2, 3):
         area.heard_of_life_before(train, age_ns=0)
 
@@ -499,7 +499,7 @@ def test_nothing_hides_near_a_train_if_that_was_so_lately_or_is_seen_again(
 ) -> None:
     area = OneArea(ANEW, counted=(Counted(0.0, 3000.0, True, axles),), sieved=was)
     area.heard_of_life_before(1, age_ns=age_ns)
-    area.hears(anew(900.0))
+    area.on_message(anew(900.0))
 
     order, _ = area.settles()
 
@@ -518,7 +518,7 @@ def test_over_the_border_a_train_is_renewed_only_in_line_as_it_was_admitted(
 ) -> None:
     area = OneArea((7, 2000.0), (6, 1500.0), ANEW, (2, 400.0), before=AREA_4, start_m=1000.0)
     area.heard_of_life_before(1, age_ns=0)
-    area.hears(anew(900.0, comes_from=comes_from, behind=behind))
+    area.on_message(anew(900.0, comes_from=comes_from, behind=behind))
 
     order, gone = area.settles()
 
@@ -533,7 +533,7 @@ def test_over_the_border_the_foremost_train_has_nobody_ahead_of_it(
 ) -> None:
     area = OneArea(ANEW, (2, 400.0), before=AREA_4, start_m=1000.0)
     area.heard_of_life_before(1, age_ns=0)
-    area.hears(anew(900.0, comes_from=4, behind=behind))
+    area.on_message(anew(900.0, comes_from=4, behind=behind))
 
     order, _ = area.settles()
 
@@ -554,7 +554,7 @@ def test_who_is_in_the_area_needs_no_line_but_has_to_be_counted(
 ) -> None:
     comes_from = 4 if sieved else 0
     area = OneArea(ANEW, before=before, start_m=1000.0, counted=OCCUPIED)
-    area.hears(anew(rear_m, comes_from=comes_from))
+    area.on_message(anew(rear_m, comes_from=comes_from))
 
     order, _ = area.settles()
 
@@ -566,7 +566,7 @@ def test_axles_before_the_border_do_not_show_that_a_train_left() -> None:
     counted = (Counted(0.0, 500.0, True, 16), Counted(500.0, 800.0, False, 0))
     stays = (*counted, Counted(800.0, 3000.0, True, 16))
     area = OneArea(ANEW, before=AREA_4, start_m=1000.0, counted=stays)
-    area.hears(anew(100.0, comes_from=4))
+    area.on_message(anew(100.0, comes_from=4))
 
     assert area.settles() == (area.order, [])
 
@@ -583,7 +583,7 @@ def test_that_a_train_left_from_before_the_border_is_seen_by_what_the_area_itsel
     """
     counted = (Counted(first_m, 1100.0, False, 0), Counted(1100.0, 3000.0, bool(axles), axles))
     area = OneArea((1, 600.0), before=AREA_4, start_m=1000.0, counted=counted)
-    area.hears(anew(100.0, comes_from=4))
+    area.on_message(anew(100.0, comes_from=4))
 
     assert area.settles() == (
         ((), [(anew(100.0, comes_from=4), NOW_NS)]) if left else (area.order, [])
@@ -592,7 +592,7 @@ def test_that_a_train_left_from_before_the_border_is_seen_by_what_the_area_itsel
 
 def test_whoever_left_need_not_stand_in_line_to_be_off_the_roster() -> None:
     area = OneArea(ANEW, before=AREA_4, start_m=1000.0, counted=CLEAR)
-    area.hears(anew(100.0, comes_from=0, behind=8))
+    area.on_message(anew(100.0, comes_from=0, behind=8))
 
     order, gone = area.settles()
 
@@ -602,16 +602,16 @@ def test_whoever_left_need_not_stand_in_line_to_be_off_the_roster() -> None:
 def test_a_master_gives_nothing_by_an_entry_of_another_life_until_it_is_renewed() -> None:
     command = Command(roster=tuple([entry._replace(boot=7) for entry in ROSTER]))
     command.step()
-    command.hears(1, 900.0)
-    command.hears(2, 500.0)
+    command.on_message(1, 900.0)
+    command.on_message(2, 500.0)
 
     assert command.step(acks=False) == {}
 
     # Both are where they were, and all are heard: the entries are renewed, kept, and then used.
     issued: dict[int, AreaAuthority] = {}
     for _ in range(5):
-        command.hears(1, 900.0)
-        command.hears(2, 500.0)
+        command.on_message(1, 900.0)
+        command.on_message(2, 500.0)
         issued |= command.step()
     assert set(issued) == {1, 2}
     assert [entry.boot for entry in command.master.roster.proposed] == [1, 1]
@@ -681,8 +681,8 @@ def test_who_came_behind_one_that_has_left_the_roster_keeps_its_place_and_gets_n
     trains = ((7, 2000.0), (5, 1500.0), (1, 800.0))
     area = OneArea(*trains, before=AREA_4, start_m=1000.0, counted=counted)
     area.heard_of_life_before(1, age_ns=0)
-    area.hears(anew(900.0, train=5, comes_from=4))
-    area.hears(anew(800.0, comes_from=4, behind=5))
+    area.on_message(anew(900.0, train=5, comes_from=4))
+    area.on_message(anew(800.0, comes_from=4, behind=5))
 
     order, gone = area.settles()
 
@@ -732,6 +732,6 @@ def test_what_bounds_a_train_that_began_anew(told: dict[str, int], bound_m: floa
 def test_what_arbiters_keep_of_a_life_is_not_of_one_that_began_since() -> None:
     chair = Chair((entry(2, 1249.0, boot=2),))
     told = chair.reports(2, 1940.0, boot=3, term=TERM - 1)
-    chair.master._known.hears_newborn(dataclasses.replace(told, boot=2, term=TERM))
+    chair.master._known.on_restarted_report(dataclasses.replace(told, boot=2, term=TERM))
 
     assert chair.master._known.reserved_m(chair.master.roster.proposed) == {2: 1.0e6}

@@ -30,7 +30,7 @@ def record(*, boot: int = 2, rear_m: float = 0.0) -> TrainRecord:
 
 def heard(told: TrainRecord, *reports: TrainReport, now_ns: int = 0) -> TrainRecord:
     for each in reports:
-        told.hears(each, now_ns, term=TERM, jog_m=5.0)
+        told.on_message(each, now_ns, term=TERM, jog_m=5.0)
     return told
 
 
@@ -366,8 +366,8 @@ def ack(arbiter: int, *, term: int = TERM, version: int = 1) -> RosterAck:
 
 def kept_by_two(*adopted: RosterEntry) -> Roster:
     order = roster(*adopted)
-    order.hears(ack(65_001))
-    order.hears(ack(65_002))
+    order.on_message(ack(65_001))
+    order.on_message(ack(65_002))
     return order
 
 
@@ -385,11 +385,11 @@ def test_an_adopted_roster_is_version_1_of_the_new_term_and_has_to_be_kept_anew(
 def test_a_roster_is_kept_as_soon_as_two_of_three_arbiters_say_so() -> None:
     order = roster(THREE, ONE)
 
-    order.hears(ack(65_003))
-    order.hears(ack(65_003))
+    order.on_message(ack(65_003))
+    order.on_message(ack(65_003))
     assert (order.kept, order.missing(ARBITERS)) == (None, [65_001, 65_002])
 
-    order.hears(ack(65_001))
+    order.on_message(ack(65_001))
     assert (order.kept, order.missing(ARBITERS)) == ((THREE, ONE), [65_002])
     assert order.pending is False
     assert order.may_be_commanded() == {1, 3}
@@ -400,7 +400,7 @@ def test_an_answer_to_another_roster_keeps_nothing(term: int, version: int) -> N
     order = roster(ONE)
 
     for arbiter in ARBITERS:
-        order.hears(ack(arbiter, term=term, version=version))
+        order.on_message(ack(arbiter, term=term, version=version))
 
     assert order.kept is None
     assert order.missing(ARBITERS) == list(ARBITERS)
@@ -415,10 +415,10 @@ def test_a_changed_order_is_the_next_version_and_the_former_holds_until_it_is_ke
     assert order.pending is True
     assert order.missing(ARBITERS) == list(ARBITERS)
     assert order.may_be_commanded() == {1}
-    order.hears(ack(65_001, version=1))
-    order.hears(ack(65_001, version=2))
+    order.on_message(ack(65_001, version=1))
+    order.on_message(ack(65_001, version=2))
     assert order.pending is True
-    order.hears(ack(65_002, version=2))
+    order.on_message(ack(65_002, version=2))
     assert (order.kept, order.pending) == ((TWO, ONE), False)
     assert order.may_be_commanded() == {1, 2}
     order.propose([TWO])
