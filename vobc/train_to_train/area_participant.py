@@ -1,7 +1,7 @@
 """State of a train in one area: as member, as candidate and as master."""
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.train_to_train.guards import TrainGuards
@@ -80,32 +80,39 @@ class AreaParticipant:
         return self._takes(message, now_ns)
 
     def _takes(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
-        if isinstance(message, Heartbeat):
-            self._on_heartbeat(message, now_ns)
-        elif isinstance(message, AreaAuthority):
-            refused = self.member.takes(message, now_ns)
-            self.refused += [refused] if refused else []
-        elif isinstance(message, LeaseAnswer):
-            self.lease.on_message(message, now_ns)
-        elif isinstance(message, StandbySync):
-            return self._on_sync(message, now_ns)
-        elif isinstance(message, SwitchStep) and message.kind is not SwitchKind.READY:
-            return self._on_switch(message, now_ns)
-        else:
-            self._passes_on(message, now_ns)
+        return ROUTES.get(type(message), AreaParticipant._passes_on)(self, message, now_ns)
+
+    def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> list[T2tMessage]:
+        self.member.on_heartbeat(heartbeat, now_ns)
         return []
 
-    def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
-        self.member.on_heartbeat(heartbeat, now_ns)
+    def _on_authority(self, authority: AreaAuthority, now_ns: int) -> list[T2tMessage]:
+        refused = self.member.takes(authority, now_ns)
+        self.refused += [refused] if refused else []
+        return []
 
-    def _passes_on(self, message: T2tMessage, now_ns: int) -> None:
-        if isinstance(message, TrainReport):
-            self._fenced |= message.term > self.lease.term
-            if self.role is Role.STANDBY and message.localised:
-                record = self._table.of(message.source, rear_m=message.rear_min_m, now_ns=now_ns)
-                record.on_message(message, now_ns, term=message.term, jog_m=self._config.jog_m)
+    def _on_lease_answer(self, answer: LeaseAnswer, now_ns: int) -> list[T2tMessage]:
+        self.lease.on_message(answer, now_ns)
+        return []
+
+    def _on_switch_step(self, step: SwitchStep, now_ns: int) -> list[T2tMessage]:
+        """A member that is ready answers the master. All other steps are for the members."""
+        if step.kind is SwitchKind.READY:
+            return self._passes_on(step, now_ns)
+        return self._on_switch(step, now_ns)
+
+    def _on_report(self, report: TrainReport, now_ns: int) -> list[T2tMessage]:
+        self._fenced |= report.term > self.lease.term
+        if self.role is Role.STANDBY and report.localised:
+            record = self._table.of(report.source, rear_m=report.rear_min_m, now_ns=now_ns)
+            record.on_message(report, now_ns, term=report.term, jog_m=self._config.jog_m)
+        return self._passes_on(report, now_ns)
+
+    def _passes_on(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
+        """Give the message to the master, if this train is it."""
         if self.master is not None:
             self.master.on_message(message, now_ns)
+        return []
 
     def _on_sync(self, sync: StandbySync, now_ns: int) -> list[T2tMessage]:
         if not self.member.fences(sync):
@@ -404,3 +411,16 @@ class Chance:
         state ^= state >> 27
         self._state = state
         return (state * 0x2545F4914F6CDD1D % 2**64 >> 16) % limit
+
+
+ROUTES: Final[
+    Mapping[type[T2tMessage], Callable[[AreaParticipant, Any, int], list[T2tMessage]]]
+] = {
+    Heartbeat: AreaParticipant._on_heartbeat,
+    AreaAuthority: AreaParticipant._on_authority,
+    LeaseAnswer: AreaParticipant._on_lease_answer,
+    StandbySync: AreaParticipant._on_sync,
+    SwitchStep: AreaParticipant._on_switch_step,
+    TrainReport: AreaParticipant._on_report,
+}
+"""Method for each type of message that a member or standby acts on. Others are for the master."""

@@ -2,7 +2,8 @@
 authorities.
 """
 
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.train_to_train import admission
@@ -103,23 +104,28 @@ class Master:
         self._known.begin_with(self.roster.proposed, now_ns)
 
     def on_message(self, message: T2tMessage, now_ns: int) -> None:
-        if isinstance(message, TrainReport):
-            self._on_report(message, now_ns)
-        elif isinstance(message, RosterAck):
-            if message.source in self._config.arbiters:
-                self.roster.on_message(message)
-        elif isinstance(message, ObjectStatus):
-            self._objects.on_message(message)
-        elif isinstance(message, TrackStatus):
-            if message.term == self.term:
-                self._track = view_of(message, self._line)
-        elif isinstance(message, SwitchStep):
-            if message.kind is SwitchKind.READY and message.term == self.term:
-                self.succession.switch.is_ready(message.source, message.nonce)
-        elif isinstance(message, LineOrder):
-            self._on_order(message)
-        elif isinstance(message, Removal):
-            self._removals.on_message(message, now_ns)
+        """Process a message. Types without a route do not concern a master."""
+        route = ROUTES.get(type(message))
+        if route is not None:
+            route(self, message, now_ns)
+
+    def _on_roster_ack(self, ack: RosterAck, _: int) -> None:
+        if ack.source in self._config.arbiters:
+            self.roster.on_message(ack)
+
+    def _on_object_status(self, status: ObjectStatus, _: int) -> None:
+        self._objects.on_message(status)
+
+    def _on_track_status(self, status: TrackStatus, _: int) -> None:
+        if status.term == self.term:
+            self._track = view_of(status, self._line)
+
+    def _on_switch_step(self, step: SwitchStep, _: int) -> None:
+        if step.kind is SwitchKind.READY and step.term == self.term:
+            self.succession.switch.is_ready(step.source, step.nonce)
+
+    def _on_removal(self, removal: Removal, now_ns: int) -> None:
+        self._removals.on_message(removal, now_ns)
 
     def _on_report(self, report: TrainReport, now_ns: int) -> None:
         train = report.source
@@ -141,7 +147,7 @@ class Master:
         elif train in self._applicants or len(self._applicants) < APPLICANTS_MAX:
             self._applicants[train] = (report, now_ns)
 
-    def _on_order(self, order: LineOrder) -> None:
+    def _on_order(self, order: LineOrder, _: int) -> None:
         record = self._known.records.get(order.train)
         if order.kind is OrderKind.SWITCH_MASTER:
             self.succession.wanted = order.train
@@ -429,3 +435,15 @@ def _next(due_ns: int, now_ns: int, period_ms: int) -> int:
     """The next due time of a periodic task. Missed periods are skipped."""
     period_ns = period_ms * NS_PER_MS
     return due_ns + (1 + (now_ns - due_ns) // period_ns) * period_ns
+
+
+ROUTES: Final[Mapping[type[T2tMessage], Callable[[Master, Any, int], None]]] = {
+    TrainReport: Master._on_report,
+    RosterAck: Master._on_roster_ack,
+    ObjectStatus: Master._on_object_status,
+    TrackStatus: Master._on_track_status,
+    SwitchStep: Master._on_switch_step,
+    LineOrder: Master._on_order,
+    Removal: Master._on_removal,
+}
+"""Method of a master for each type of message that it acts on."""

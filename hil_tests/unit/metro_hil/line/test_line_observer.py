@@ -204,7 +204,7 @@ def test_one_train_whose_places_are_old_makes_the_run_invalid(tmp_path: Path) ->
 
 def test_an_observer_that_judges_too_slowly_makes_the_run_invalid(tmp_path: Path) -> None:
     run = line(tmp_path)
-    hears = run.record.hears
+    hears = run.record.on_message
 
     def slow(messages: Sequence[RadioMessage]) -> None:
         clock: Any = run._clock
@@ -212,7 +212,7 @@ def test_an_observer_that_judges_too_slowly_makes_the_run_invalid(tmp_path: Path
         if clock.ns // S == START_MS // 1000 + 2:
             clock.ns += S
 
-    run.record.hears = slow  # type: ignore[assignment, method-assign]
+    run.record.on_message = slow  # type: ignore[assignment, method-assign]
 
     assert "the observer lagged" in watched(run, Air(constant(0)))[0]
 
@@ -236,14 +236,14 @@ def test_an_emergency_brake_before_the_run_begins_is_judged_by_young_messages_to
     air.withheld = {"AreaAuthority", "TrainReport"}
     run._beginning = lambda now_ns: now_ns if now_ns > (START_MS + 2000) * MS else None  # type: ignore[method-assign]
 
-    said = watched(run, air, SimpleNamespace(hears=hears, dropped=0))
+    said = watched(run, air, SimpleNamespace(on_message=hears, dropped=0))
 
     assert len(run.story.train(2).emergencies) == 1
     assert (said == []) is valid
 
 
 def test_lost_messages_make_the_run_invalid(tmp_path: Path) -> None:
-    air, tap = Air(constant(0)), SimpleNamespace(hears=lambda now_ns: (), dropped=2)
+    air, tap = Air(constant(0)), SimpleNamespace(on_message=lambda now_ns: (), dropped=2)
     air.counters.dropped_in = 3
 
     said = watched(line(tmp_path), air, tap)
