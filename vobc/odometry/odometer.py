@@ -189,17 +189,11 @@ class Odometry:
 
     def _follow_ground(self, seen: CycleInput, now_s: float, wheels: Interval) -> None:
         """Update speed and distance over ground since the cycle before."""
-        config, where, ground, track = self._config, self._where, self._ground, self._track
+        config, where, ground = self._config, self._where, self._ground
         dt_s, steady = self._time.dt_s, self._time.steady
         radar_mps = believable_mps(seen, config)
-        if not ground.begun:
-            learns = track.heard_s < config.learn_s
-            if learns or (radar_mps is None and track.still_s < config.standing_s):
-                if track.window_full and not learns:
-                    ground.begin(wheels.low, wheels.high)
-                where.begin_ground(wheels, max(0.0, now_s - track.stamp_s))
-                return
-            ground.begin(wheels.low, wheels.high)
+        if not ground.begun and not self._begin_ground(radar_mps, now_s, wheels):
+            return
         self._gradients.look(
             min(where.low_m, where.ground_low_m), max(where.high_m, where.ground_high_m)
         )
@@ -209,25 +203,8 @@ class Odometry:
         ground.feel(felt_mps2, self._gradients)
         ground.step(dt_s, radar_mps, seen.doppler_age_s, wheels.low, wheels.high)
         least_m, most_m = ground.moved_low_m, ground.moved_high_m
-        # Wheels that may be slipping say nothing about the ground.
-        gripping = not self._slip and not self._axles_differ
-        if gripping and not ground.seen and self._wheels_agree(wheels):
-            fresh = seen.tacho_age_s <= config.silence_s and self._usable
-            witness = fresh and not self._sets_off(seen)
-            gentle = abs(track.accel_pulses_per_s2) * where.m_per_pulse <= config.gentle_mps2
-            slip_ratio = config.gentle_slip_ratio if gentle else config.unseen_slip_ratio
-            slack_mps = slip_ratio * abs(wheels.best)
-            if witness and track.still_s >= config.standing_s:
-                least_m = most_m = 0.0
-                ground.begin(-REST_MPS, REST_MPS)
-            elif witness and abs(wheels.best) <= config.doppler_blind_mps:
-                least_m = (wheels.best - slack_mps) * dt_s
-                most_m = (wheels.best + slack_mps) * dt_s
-            if witness and ground.high_mps - ground.low_mps > 2.0 * (UNSURE_MPS + slack_mps):
-                ground.begin(
-                    max(ground.low_mps, wheels.low - slack_mps),
-                    min(ground.high_mps, wheels.high + slack_mps),
-                )
+        if self._wheels_bear_witness(seen, wheels):
+            least_m, most_m = self._by_gripping_wheels(least_m, most_m, wheels)
         if not steady:
             least_m, most_m = min(0.0, least_m), max(0.0, most_m)
         where.move_over_ground(least_m, most_m, dt_s, steady=steady)
@@ -237,6 +214,51 @@ class Odometry:
             likely_m = 0.5 * (least_m + most_m)
             where.follow_ground(likely_m, most_m - least_m)
             self._travel_m += likely_m
+
+    def _begin_ground(self, radar_mps: float | None, now_s: float, wheels: Interval) -> bool:
+        """Start the ground speed from the wheels. False while it cannot be told from them."""
+        config, where, ground, track = self._config, self._where, self._ground, self._track
+        learns = track.heard_s < config.learn_s
+        if learns or (radar_mps is None and track.still_s < config.standing_s):
+            if track.window_full and not learns:
+                ground.begin(wheels.low, wheels.high)
+            where.begin_ground(wheels, max(0.0, now_s - track.stamp_s))
+            return False
+        ground.begin(wheels.low, wheels.high)
+        return True
+
+    def _wheels_bear_witness(self, seen: CycleInput, wheels: Interval) -> bool:
+        """Whether the wheels tell the speed over ground, which no radar sees now.
+
+        Wheels that may be slipping say nothing about the ground.
+        """
+        gripping = not self._slip and not self._axles_differ
+        if not gripping or self._ground.seen or not self._wheels_agree(wheels):
+            return False
+        fresh = seen.tacho_age_s <= self._config.silence_s and self._usable
+        return fresh and not self._sets_off(seen)
+
+    def _by_gripping_wheels(
+        self, least_m: float, most_m: float, wheels: Interval
+    ) -> tuple[float, float]:
+        """Distance over ground in this cycle, narrowed by wheels that grip."""
+        config, ground, track = self._config, self._ground, self._track
+        gentle = abs(track.accel_pulses_per_s2) * self._where.m_per_pulse <= config.gentle_mps2
+        slip_ratio = config.gentle_slip_ratio if gentle else config.unseen_slip_ratio
+        slack_mps = slip_ratio * abs(wheels.best)
+        if track.still_s >= config.standing_s:
+            least_m = most_m = 0.0
+            ground.begin(-REST_MPS, REST_MPS)
+        elif abs(wheels.best) <= config.doppler_blind_mps:
+            dt_s = self._time.dt_s
+            least_m = (wheels.best - slack_mps) * dt_s
+            most_m = (wheels.best + slack_mps) * dt_s
+        if ground.high_mps - ground.low_mps > 2.0 * (UNSURE_MPS + slack_mps):
+            ground.begin(
+                max(ground.low_mps, wheels.low - slack_mps),
+                min(ground.high_mps, wheels.high + slack_mps),
+            )
+        return least_m, most_m
 
     def _sets_off(self, seen: CycleInput) -> bool:
         """No wheel turns, but the holding brake is not proven and the accelerometer shows motion.

@@ -94,11 +94,17 @@ def whereabouts(
     gone_back = _is_farther_back(report, former.record, behind_rear_m)
     overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
     overtakes = any(each.rear_max_m < report.rear_min_m for each in former.ahead)
+    proven = evidence.sieved or evidence.left
     if gone_back or overtaken or overtakes:
         # Another device may report under the same number. The axle counts are independent evidence.
-        return RestartPlace.GONE if evidence.sieved or evidence.left else RestartPlace.UNSURE
+        return RestartPlace.GONE if proven else RestartPlace.UNSURE
     if evidence.recent:
         return RestartPlace.IN_PLACE
+    return _among_neighbours(former, report, proven=proven)
+
+
+def _among_neighbours(former: Former, report: TrainReport, *, proven: bool) -> RestartPlace:
+    """Place of a train that may have been away: its neighbours have to confirm the order."""
     unheard = not all(each.heard for each in former.behind)
     anew = [each for each in former.behind if each.anew_m is not None]
     changed = not all(each.is_behind(report.rear_min_m) for each in anew)
@@ -108,7 +114,7 @@ def whereabouts(
         return RestartPlace.UNSURE
     if not passed:
         return RestartPlace.IN_PLACE
-    return RestartPlace.BEFORE if evidence.sieved or evidence.left else RestartPlace.UNSURE
+    return RestartPlace.BEFORE if proven else RestartPlace.UNSURE
 
 
 def _is_farther_back(report: TrainReport, record: TrainRecord, behind_rear_m: float) -> bool:
