@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 @frame("analogue.dbc", "ANALOGUE_CMD")
@@ -17,3 +17,6 @@ class AnalogueCommand:
     """Current of the traction loop; under 4 mA there is no effort."""
     brake_ma: float
     """Current of the service brake's loop."""
+
+
+complete("analogue.dbc")

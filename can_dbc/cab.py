@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 class CabMode(enum.IntEnum):
@@ -32,3 +32,6 @@ class Desk:
     """To drive on sight, at restricted speed."""
     door_bypass_requested: bool = False
     """The sealed switch: depart although doors are not proven locked. Every use is an event."""
+
+
+complete("cab.dbc")

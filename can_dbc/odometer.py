@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 from can_dbc.nodes import Direction
 
 
@@ -50,3 +50,6 @@ class ColdMovement:
     """Largest distance from the place at which the controller was switched off, either way."""
     monitored: bool
     """It was awake all the time since then."""
+
+
+complete("odometer.dbc")

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 @frame("tags.dbc", "TAG_READER_HEALTH")
@@ -12,3 +12,6 @@ class TagReaderHealth:
     telegrams_sent: int
     """Modulo 65536, so that a telegram lost on the serial line is noticed."""
     self_test_age_ms: float
+
+
+complete("tags.dbc")

@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 class Supervision(enum.IntEnum):
@@ -250,3 +250,6 @@ class VobcEvent:
     frame_a: int
     """Identifier of the frame that decided; 0 when it was none."""
     frame_b: int
+
+
+complete("vobc.dbc")

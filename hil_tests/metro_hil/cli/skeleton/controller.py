@@ -1,7 +1,7 @@
 """A controller of your own: it drives one train from its first station to the next and stops there.
 
 Run it with `hil run controller.toml` in this folder. The bench starts this program and talks to it
-in lines of JSON (docs/reference/lockstep_interface.md). This program decides in `Controller.step`;
+in lines of JSON (docs/reference/lockstep_interface.md). This program decides in `MyController.step`;
 everything else is transport. It has no ATP: replace `step` with your own logic.
 """
 
@@ -29,7 +29,7 @@ PULSES = 65536
 """The counter of TACHO starts again at 0 after this many pulses."""
 
 
-class Controller:
+class MyController:
     """The decisions. `step` is called once each cycle with the newest inputs."""
 
     def __init__(
@@ -95,7 +95,7 @@ def main() -> None:
         message = json.loads(line)
         if message["type"] == "hello":
             told = message["told"]
-            controller = Controller(told["line"], told["params"], told["mission"])
+            controller = MyController(told["line"], told["params"], told["mission"])
             answer(type="ready", version=1, name="mine 0.1", next_wakeup_ns=told["start_ns"])
             continue
         now_ns = message["now_ns"]
