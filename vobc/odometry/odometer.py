@@ -1,5 +1,49 @@
-"""One step of odometry: the pulses, radar, accelerometer and tags of a cycle give the train's
-motion.
+"""One step of odometry: pulses, radar, accelerometer and tags of a cycle give the train's motion.
+
+Theory
+------
+Odometry answers two questions with different means. *Where can the train be?* takes intervals
+that hold for every error within the declared bounds; ATP uses only their ends. *Where is it most
+likely?* takes a Kalman filter; ATO uses it, and it never moves an interval.
+
+States:
+
+- interval W of the front by the wheels, interval G over ground (`localisation`);
+- interval of the distance per pulse (`scale`), best estimate and covariance of position and
+  distance per pulse (`localisation`);
+- window of the newest tacho samples (`tracking`), speed interval over ground (`ground`);
+- flags: `slip` (wheels contradict each other or the ground), `wheels_out` (a jump of the wheel
+  speed proves that the wheels slip), `lost_cause` of the references (the place is not known).
+
+Equations, with a_max as greatest acceleration of any train and e as declared ratio of error:
+
+    distance per pulse    s = pi * d / p / (1 + e),   e in [e_low, e_high]
+    n pulses              W += [n * s_low, n * s_high]
+    speed of a wheel      [r_low * s_low - c, r_high * s_high + c],  c = a_max * (T / 2 + j + age)
+                          from the mean pulse rate r over a window T with stamp jitter j, and the
+                          age of the newest sample
+    speed over ground     v += [f - g_high - b, f - g_low + b] * dt
+                          from the felt acceleration f, gravity along the gradients that the front
+                          may be on, and the error b of the accelerometer; cut with the radar's
+                          [u - e_u, u + e_u] where both agree
+    distance over ground  G += (v_before + v) / 2 * dt, each end for itself
+    tag at chainage c     W, G := cut with c + antenna offset + distance since, +- bound of the tag
+
+Invariants:
+
+1. W holds the true front while tacho A rolls without slip. G holds it while radar and
+   accelerometer keep their declared errors. The reported interval is the hull of both, so it holds
+   the true front if any one sensor is wrong (INV-13).
+2. An interval becomes narrower only by an accepted tag (INV-14). A tag outside its window is
+   refused and narrows nothing (INV-15).
+3. The reported speed interval is the hull of wheels and ground while both may be right. Wheels that
+   are proven to slip do not count.
+4. Zero speed is proven only after its upper bound stayed below the limit for `zero_speed_s`
+   without slip and with fresh samples (INV-17).
+5. A sample is as old as its sensor's stamp says. A late frame is an old sample, never a slow train.
+
+References: [IEEE 1474.1] for position uncertainty and zero speed, [Allotta 2013] for the tags
+before a stopping point and the error range of the wheels.
 """
 
 import math

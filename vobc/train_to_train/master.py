@@ -1,5 +1,50 @@
 """A train that commands an area: it receives reports, keeps roster and objects, and issues
 authorities.
+
+Theory
+------
+A master is the one train that may issue authorities in an area under one *term*. Arbiters grant it
+a *lease*; a majority decides, so two masters of one term cannot exist. The master computes, and the
+arbiters only count votes and store the roster.
+
+States of a master:
+
+- lease and term (`lease`): without a running lease it sends nothing;
+- roster (`roster`): the trains of the area in line order. It is *proposed* by the master and
+  *committed* when a majority of arbiters has stored it;
+- records (`occupancy`): per train the newest report, the authorities that are outstanding, and the
+  place that is kept free for it while it is silent;
+- track and objects (`axle_counting`, `objects`): occupied sections, locked switches, closures;
+- applicants and restarted trains (`admission`, `restart`): they report without a valid entry.
+
+Phases: *fencing* until the first roster is committed and the track is known, then *issuing*. Each
+cycle updates the roster, the objects and the authorities, in this order.
+
+Equations. With rear_min as the least place of a train's rear, the authority of the train behind
+ends at
+
+    min(end of the area,
+        rear_min of the train ahead - (rollback + jog back),
+        start of the first barred stretch ahead,
+        front_max + longest authority)
+
+A train ahead counts with the worst of what it may do: its own outstanding authorities, and its
+place since the last report. A silent train keeps its place until axle counters show it clear.
+
+Invariants:
+
+1. At most one master issues authorities of a term, and none within the margin of the lease's end
+   (INV-19, INV-25). Members refuse messages of a lower term (INV-20, INV-29).
+2. Authorities of two trains never overlap, also across masters and areas (INV-21, INV-22). No train
+   gets track because of a roster entry that is not committed.
+3. A section that axle counters show occupied, and that known trains do not account for, bars the
+   trains behind. Only a *sieved* train proves that no shadow train is next to it.
+4. A train that was never received, or restarted, gets no authority before it is on a committed
+   roster in its present incarnation.
+
+References: [Xu] for the master that computes for its area, [Raft] for term and majority,
+[Gray 1989] for the lease, [IEEE 1474.1] for the safe separation of trains.
+docs/design/train_to_train.md has the whole protocol.
 """
 
 from collections.abc import Callable, Mapping

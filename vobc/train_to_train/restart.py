@@ -1,8 +1,48 @@
 """Restarted trains of the roster: still in place, or away and back again.
 
-A roster entry is valid for one incarnation of its train. A restarted train gets no authority by it,
-because the master cannot know what happened meanwhile. If the train is in its old place, the master
-renews the entry. Otherwise the entry ends, and the train applies like an unregistered one.
+Theory
+------
+A roster entry is valid for one *incarnation* of its train. A restarted train gets no authority by
+it, because the master cannot know what happened meanwhile: the train may have been taken off the
+line, moved by hand, or passed by another one. If the train is in its old place, the master renews
+the entry. Otherwise the entry ends, and the train applies like an unregistered one.
+
+Result for each entry whose train reports a new incarnation (`RestartPlace`):
+
+- IN_PLACE: the entry is renewed with the new incarnation;
+- GONE: the entry ends; the train applies again where it stands;
+- BEFORE: the train is ahead of another restarted train that was ahead of it. It is registered where
+  it stands, and the other one keeps its entry;
+- UNSURE: the entry stays as an obstacle, and the train gets no authority.
+
+The decision compares intervals. With R as the place of the entry's rear, [r, f] as the reported
+interval from least rear to greatest front, and N as any neighbour on the roster:
+
+    gone back    greatest rear < R - (rollback + jog back)
+    overtaken    a train behind reports a rear beyond f
+    overtakes    the greatest rear of a train ahead is below r
+
+Each of the three contradicts "it stayed in place". The entry then ends only if axle counters agree
+(`sieved`: standing trains account for all axles around it; `left`: other trains account for all
+axles where its foremost axle would be). Without such evidence the result is UNSURE, since another
+device may report under the same number.
+
+If nothing contradicts, the train is in place when either
+
+- the master received the former incarnation less than RECENT_NS ago, as a train cannot leave the
+  line and come back in that time, or
+- every train behind was received, and no known place contradicts the order of the roster.
+
+Invariants:
+
+1. A renewed entry never lets a train pass another one: the order of the roster is the order on the
+   track.
+2. A doubt keeps the obstacle: UNSURE issues nothing and frees nothing.
+3. Restarted trains in a row do not wait for each other. Their reports count as places, because
+   trains never pass each other on the line.
+
+References: [EN 50159] for messages of an earlier incarnation, [IEEE 1474.1] for
+non-communicating trains. docs/design/train_to_train.md has the protocol around these rules.
 """
 
 import enum
