@@ -1,7 +1,7 @@
 """A controller of your own: it drives one train from its first station to the next and stops there.
 
 Run it with `hil run controller.toml` in this folder. The bench starts this program and talks to it
-in lines of JSON (docs/reference/lockstep_interface.md). This program decides in `MyController.step`;
+in lines of JSON (docs/reference/lockstep_interface.md). It decides in `MyController.step`;
 everything else is transport. It has no ATP: replace `step` with your own logic.
 """
 
