@@ -31,7 +31,7 @@ from vobc.ato.settings.output import STAGES
 from vobc.config import load_config
 from vobc.vocabulary import cycle_input
 from vobc.wire.frames import SENT_KINDS
-from vobc.wire.inbox import HEARD_KINDS
+from vobc.wire.inbox import RECEIVED_KINDS
 
 ROOT = Path(__file__).parents[2]
 ATO = load_config("florence4").ato
@@ -60,7 +60,7 @@ def test_the_inbox_takes_the_frames_that_the_controller_acts_on() -> None:
     received = {typing.get_args(each)[0] for each in hints.values() if typing.get_args(each)}
     frames = {typing.get_args(each)[0] for each in received if "Received[" in str(each)}
 
-    assert frames & set(kinds()) == set(HEARD_KINDS)
+    assert frames & set(kinds()) == set(RECEIVED_KINDS)
 
 
 def test_a_law_is_a_line_in_a_table(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,7 +44,7 @@ from vobc.cli.line import LINE_LOG, open_line
 from vobc.cli.options import DevicePlan, parser, plan
 from vobc.process import CYCLE_COLUMNS, EVENTS_LOG, Commission, CycleLog, EventLines, VobcDevice
 from vobc.process.line_command import LineCommand
-from vobc.wire import HEARD_IDS
+from vobc.wire import RECEIVED_IDS
 from zenoh_config import keys
 
 NS_PER_S: Final = 1_000_000_000
@@ -167,7 +167,7 @@ def _device(
 ) -> VobcDevice:
     """Open everything. The stack closes it, the bus last. Logs are added to `logs`."""
     stack.callback(planned.nvram.close)
-    can = open_can(planned.bus, clock=clock, node="VOBC", accept_ids=HEARD_IDS)
+    can = open_can(planned.bus, clock=clock, node="VOBC", accept_ids=RECEIVED_IDS)
     stack.callback(can.close)
     log: CycleLog | None = None
     events: EventLines | None = None

@@ -286,7 +286,7 @@ class Master:
             for train, each in self._applicants.items()
             if self._known.is_alive(each[1], now_ns)
         }
-        for train, (report, heard_ns) in sorted(self._applicants.items(), key=foremost_first):
+        for train, (report, received_at_ns) in sorted(self._applicants.items(), key=foremost_first):
             if not (report.localised and self._known.is_recent(report, now_ns)):
                 continue
             scene = self._scene(now_ns, report)
@@ -295,8 +295,8 @@ class Master:
                 sent.append(Admission(*self._head(now_ns, train), result.state, result.waits_for))
                 continue
             order, changed = result, True
-            record = self._known.table.of(train, rear_m=report.rear_min_m, now_ns=heard_ns)
-            record.on_message(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
+            record = self._known.table.of(train, rear_m=report.rear_min_m, now_ns=received_at_ns)
+            record.on_message(report, received_at_ns, term=self.term, jog_m=self._config.jog_m)
             sent.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
         order, sieved = self._sieve(order, now_ns)
         if changed or sieved:
@@ -436,7 +436,7 @@ class Master:
             for each in self._known.records.values()
             if each.ready_nonce is not None
             and each.train != own
-            and self._known.is_alive(each.heard_ns, now_ns)
+            and self._known.is_alive(each.received_at_ns, now_ns)
         ]
         heard += self._newborns.ready(self._known, now_ns)
         succession.choose_standby(

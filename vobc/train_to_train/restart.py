@@ -183,8 +183,8 @@ class RestartedTrains:
         """Trains that report, each with the switch for which it is ready."""
         return [
             (report.source, report.ready_nonce)
-            for report, heard_ns in self._told.values()
-            if known.is_alive(heard_ns, now_ns)
+            for report, received_at_ns in self._told.values()
+            if known.is_alive(received_at_ns, now_ns)
         ]
 
     def settle(
@@ -201,7 +201,7 @@ class RestartedTrains:
         settled, gone = list[RosterEntry](), list[tuple[TrainReport, int]]()
         self._told = {t: e for t, e in self._told.items() if known.is_alive(e[1], now_ns)}
         for at, entry in enumerate(order):
-            report, heard_ns = self._told.get(entry.train, (None, now_ns))
+            report, received_at_ns = self._told.get(entry.train, (None, now_ns))
             if report is None or not report.localised or not known.is_recent(report, now_ns):
                 settled.append(entry)
                 continue
@@ -223,7 +223,7 @@ class RestartedTrains:
                 if not isinstance(result, Waiting):
                     settled = list(result[: len(result) - len(followers)])
                     del self._told[entry.train]
-                    known.reborn(report, heard_ns)
+                    known.reborn(report, received_at_ns)
                     continue
                 found = RestartPlace.UNSURE
             if found is RestartPlace.UNSURE:
@@ -232,12 +232,12 @@ class RestartedTrains:
             del self._told[entry.train]
             if found is RestartPlace.GONE:
                 del known.records[entry.train]
-                gone.append((report, heard_ns))
+                gone.append((report, received_at_ns))
             else:
                 sieved = (recent and entry.sieved) or is_over_border(report, scene)
                 sieved = sieved or is_sieved(report, scene, self._config.behind_axle_m)
                 settled.append(RosterEntry(entry.train, report.rear_min_m, sieved, report.boot))
-                known.reborn(report, heard_ns)
+                known.reborn(report, received_at_ns)
         return tuple(settled), gone
 
     def _neighbour(self, entry: RosterEntry, known: Conclusions, now_ns: int) -> Neighbour:

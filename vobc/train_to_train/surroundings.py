@@ -110,7 +110,9 @@ class Surroundings:
         """Inputs that decide on the removal of a train."""
         others = list(strangers)
         # A report that was long under way still shows that the train exists.
-        anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
+        anew = {
+            e.source for e, received_at_ns in others if self._known.is_alive(received_at_ns, now_ns)
+        }
         return TrackObservation(
             self._counts,
             track,

@@ -40,7 +40,7 @@ from vobc.wire.refusals import Refusals
 
 F = TypeVar("F", bound=Frame)
 
-HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
+RECEIVED_KINDS: Final[tuple[type[Frame], ...]] = (
     Tacho,
     Doppler,
     Imu,
@@ -54,7 +54,7 @@ HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
     TrainAlarms,
     ColdMovement,
 )
-HEARD_IDS: Final = Decoder(HEARD_KINDS).ids
+RECEIVED_IDS: Final = Decoder(RECEIVED_KINDS).ids
 """Identifiers for acceptance filters."""
 ODOMETER_KINDS: Final = (Tacho, Doppler, Imu)
 """Frames whose age counts from the stamp of their sensor."""
@@ -75,7 +75,7 @@ class Inbox:
     """
 
     def __init__(self, radio: RadioLink) -> None:
-        self._decoder = Decoder(HEARD_KINDS)
+        self._decoder = Decoder(RECEIVED_KINDS)
         self._parser = TelegramParser()
         self._begun_ns = 0
         """Start of reception of the bytes that the parser still holds."""

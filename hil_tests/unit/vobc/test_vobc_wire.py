@@ -45,7 +45,7 @@ from vobc.vocabulary import (
     Source,
 )
 from vobc.wire import (
-    HEARD_IDS,
+    RECEIVED_IDS,
     SOURCE_IDS,
     SOURCE_KINDS,
     TACHO_SAMPLES_MAX,
@@ -173,8 +173,8 @@ def test_a_tacho_frame_that_was_held_up_is_as_old_as_its_sample() -> None:
     inbox, encoder = Inbox(link()), Encoder()
     for number, late_ms in enumerate((0, 0, 60, 40)):
         sampled_ms = 20 * number
-        heard_ns = (sampled_ms + late_ms) * MS
-        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), heard_ns))
+        received_at_ns = (sampled_ms + late_ms) * MS
+        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), received_at_ns))
 
     image = inbox.image(100 * MS, dt_s=0.05, overruns=0)
 
@@ -187,8 +187,8 @@ def test_a_tacho_frame_that_is_too_old_is_counted_and_keeps_nothing_alive() -> N
     inbox, encoder = Inbox(link()), Encoder()
     for number, late_ms in enumerate((0, 0, 0, 110)):
         sampled_ms = 20 * number
-        heard_ns = (sampled_ms + late_ms) * MS
-        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), heard_ns))
+        received_at_ns = (sampled_ms + late_ms) * MS
+        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), received_at_ns))
 
     image = inbox.image(180 * MS, dt_s=0.05, overruns=0)
 
@@ -394,7 +394,7 @@ def test_a_telegram_that_waited_on_the_line_is_as_old_as_the_reader_s_clock_says
     assert reading.age_s == pytest.approx(0.030 + 0.002 + 0.100, abs=0.001)
     evidence = inbox.evidence(Source.TAG)
     assert evidence is not None
-    assert evidence.heard_ns == pytest.approx(1200 * MS, abs=MS)
+    assert evidence.received_at_ns == pytest.approx(1200 * MS, abs=MS)
 
 
 def test_a_reader_that_started_anew_has_another_clock() -> None:
@@ -713,4 +713,4 @@ def test_the_controller_does_not_listen_to_itself() -> None:
         for can_id, _ in encoder.encode(frame)
     }
 
-    assert not own & HEARD_IDS
+    assert not own & RECEIVED_IDS

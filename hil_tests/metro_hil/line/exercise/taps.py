@@ -8,7 +8,7 @@ from can_dbc.vobc import Supervision, VobcMode, VobcStatus
 from firmware_py.ports import CanFrame, CanPort
 
 SEEN: Final = (VobcStatus, VobcMode)
-HEARD_IDS: Final = Decoder(SEEN).ids
+RECEIVED_IDS: Final = Decoder(SEEN).ids
 
 
 class ProtectionOutput(NamedTuple):

@@ -14,7 +14,7 @@ from can_dbc.vobc import (
     Withheld,
 )
 from firmware_py.buses.inproc import InprocBus
-from metro_hil.line.exercise.taps import HEARD_IDS, ProtectionOutput, ProtectionTap
+from metro_hil.line.exercise.taps import RECEIVED_IDS, ProtectionOutput, ProtectionTap
 
 MS = 1_000_000
 
@@ -39,7 +39,7 @@ class Heard:
         self.bus = InprocBus("train2", 250_000, None)
         self._controller = self.bus.port("VOBC", frozenset())
         self._encoder = Encoder()
-        self.tap = ProtectionTap(2, self.bus.port("TAP", HEARD_IDS))
+        self.tap = ProtectionTap(2, self.bus.port("TAP", RECEIVED_IDS))
 
     def says(self, at_ms: int, *frames: Frame) -> list[tuple[int, Supervision, int]]:
         for frame in frames:

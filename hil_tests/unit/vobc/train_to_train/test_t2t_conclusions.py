@@ -36,12 +36,12 @@ def report(
     )
 
 
-def conclusions(*told: TrainReport, heard_ns: int = NOW_NS) -> Conclusions:
+def conclusions(*told: TrainReport, received_at_ns: int = NOW_NS) -> Conclusions:
     """Of the master of term 5, that heard these."""
     known = Conclusions(TERM, TrainTable(), T2tConfig(), MasterGuards())
     for each in told:
         record = known.table.of(each.source, rear_m=each.rear_min_m, now_ns=0)
-        record.on_message(each, heard_ns, term=TERM, jog_m=5.0)
+        record.on_message(each, received_at_ns, term=TERM, jog_m=5.0)
     return known
 
 
@@ -225,13 +225,13 @@ def test_a_master_is_deaf_if_all_of_several_others_are_silent_for_320_ms(
 ) -> None:
     known = conclusions(*[report(train, 400.0) for train in range(1, 1 + len(ages_ms))])
     for train, age_ms in enumerate(ages_ms, start=1):
-        known.records[train].heard_ns = NOW_NS - age_ms * 1_000_000
+        known.records[train].received_at_ns = NOW_NS - age_ms * 1_000_000
 
     assert known.all_silent(OWN, NOW_NS) is silent
 
 
 def test_the_last_nanosecond_before_320_ms_is_not_silence_yet() -> None:
-    known = conclusions(report(1, 900.0), report(2, 500.0), heard_ns=NOW_NS)
+    known = conclusions(report(1, 900.0), report(2, 500.0), received_at_ns=NOW_NS)
 
     assert known.all_silent(OWN, NOW_NS + 320_000_000) is True
     assert known.all_silent(OWN, NOW_NS + 319_999_999) is False
@@ -239,7 +239,7 @@ def test_the_last_nanosecond_before_320_ms_is_not_silence_yet() -> None:
 
 def test_a_masters_own_voice_is_none_of_the_others() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0), report(OWN, 100.0))
-    known.records[1].heard_ns = known.records[2].heard_ns = 0
+    known.records[1].received_at_ns = known.records[2].received_at_ns = 0
 
     assert known.all_silent(OWN, NOW_NS)
     assert not known.all_silent(1, NOW_NS)
@@ -248,12 +248,12 @@ def test_a_masters_own_voice_is_none_of_the_others() -> None:
 
 
 def test_who_was_never_heard_is_neither_a_silent_train_nor_one_that_speaks() -> None:
-    known = conclusions(report(1, 900.0), heard_ns=0)
+    known = conclusions(report(1, 900.0), received_at_ns=0)
     known.records[2] = TrainRecord(2, 500.0, 0, boot=1)
 
     assert not known.all_silent(OWN, NOW_NS)
 
-    known = conclusions(report(1, 900.0), report(3, 300.0), heard_ns=0)
+    known = conclusions(report(1, 900.0), report(3, 300.0), received_at_ns=0)
     known.records[2] = TrainRecord(2, 500.0, NOW_NS, boot=1)
 
     assert known.all_silent(OWN, NOW_NS)

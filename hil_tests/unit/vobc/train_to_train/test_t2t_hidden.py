@@ -203,8 +203,8 @@ def test_a_train_that_was_heard_before_the_look_was_not_in_a_section_that_it_had
     """It says so again 50 ms after the look, in which it might have run 2 m (seed 239837)."""
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     ahead = known.table.of(2, rear_m=rear_m, now_ns=0)
-    for heard_ns in (NOW_NS - before_ms * 1_000_000, NOW_NS):
-        ahead.on_message(report(2, rear_m), heard_ns, term=TERM, jog_m=5.0)
+    for received_at_ns in (NOW_NS - before_ms * 1_000_000, NOW_NS):
+        ahead.on_message(report(2, rear_m), received_at_ns, term=TERM, jog_m=5.0)
     view = track(*THIRD_OCCUPIED, seen_ns=NOW_NS - 50_000_000)
 
     assert known.hidden_before(100.0, ahead, view, (5000.0, None)) == (HIDDEN if hides else [])

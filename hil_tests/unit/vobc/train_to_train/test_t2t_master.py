@@ -343,7 +343,7 @@ class TestAuthority:
         chair.reports(1, 900.0)
         first = authorities(chair.step(0))[1]
         record = chair.master._known.records[1]
-        assert record.sent == [(first.sequence, 2000.0, record.heard_ns + 2000 * MS)]
+        assert record.sent == [(first.sequence, 2000.0, record.received_at_ns + 2000 * MS)]
         assert record.granted_m == 2000.0
         chair.reports(1, 900.0, held_term=TERM, held_sequence=first.sequence, latent_m=950.0)
         assert record.granted_m == 950.0
@@ -400,7 +400,7 @@ class TestRoster:
     def test_a_newcomer_is_proposed_told_and_committed_at_once(self) -> None:
         chair = Chair()
         chair.reports(1, 950.0)
-        told, heard_ns = chair.reports(3, 200.0), chair.now_ns
+        told, received_at_ns = chair.reports(3, 200.0), chair.now_ns
 
         said = chair.step(20)
 
@@ -417,7 +417,7 @@ class TestRoster:
         assert [each.roster_version for each in of(Heartbeat, said)] == [2]
         assert 3 not in authorities(said)
         assert chair.master._known.records[3].report is told
-        assert chair.master._known.records[3].heard_ns == heard_ns
+        assert chair.master._known.records[3].received_at_ns == received_at_ns
         chair.keeps()
         chair.reports(3, 200.0)
         assert 3 in authorities(chair.step())

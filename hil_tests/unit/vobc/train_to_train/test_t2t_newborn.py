@@ -160,7 +160,7 @@ def test_a_train_that_is_where_it_was_is_renewed_in_its_place_and_begins_with_no
     assert gone == []
     assert area.newborns.told() == []
     record = area.known.records[1]
-    assert (record.boot, record.rear_m, record.heard_ns) == (2, 898.0, NOW_NS - 20)
+    assert (record.boot, record.rear_m, record.received_at_ns) == (2, 898.0, NOW_NS - 20)
     assert record.sent == []
 
 
@@ -400,7 +400,7 @@ def test_what_comes_of_a_former_life_may_have_been_long_on_its_way(echo_ns: int)
 
 def test_a_life_that_this_master_never_heard_of_is_not_recent_however_young_its_record() -> None:
     area = OneArea(ANEW, (2, 400.0))
-    area.known.records[1].heard_ns = NOW_NS
+    area.known.records[1].received_at_ns = NOW_NS
     area.on_message(anew(900.0))
 
     assert area.settles() == (area.order, [])

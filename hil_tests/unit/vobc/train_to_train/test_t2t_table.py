@@ -40,7 +40,7 @@ def test_of_a_train_that_is_only_known_by_its_rear_the_worst_is_believed() -> No
     assert fresh == TrainRecord(
         train=4,
         rear_m=120.0,
-        heard_ns=33,
+        received_at_ns=33,
         boot=0,
         report=None,
         term=0,
@@ -68,7 +68,12 @@ def test_a_lost_train_tells_of_its_promise_and_reserve_but_not_of_its_place() ->
     after = heard(record(), placed_at, lost, now_ns=55)
 
     assert (after.rear_m, after.report, after.boot) == (100.0, placed_at, 2)
-    assert (after.heard_ns, after.term, after.ready_nonce, after.latent_m) == (55, 9, 12, 400.0)
+    assert (after.received_at_ns, after.term, after.ready_nonce, after.latent_m) == (
+        55,
+        9,
+        12,
+        400.0,
+    )
 
 
 @pytest.mark.parametrize(
