@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 @frame("alarms.dbc", "TRAIN_ALARMS")
@@ -12,3 +12,6 @@ class TrainAlarms:
     """The obstacle deflector in front of the first axle was not touched."""
     no_fire: bool
     """No smoke or fire detector of the train has tripped."""
+
+
+complete("alarms.dbc")

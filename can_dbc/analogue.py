@@ -4,7 +4,7 @@ module.
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 @frame("analogue.dbc", "ANALOGUE_CMD")
@@ -20,3 +20,6 @@ class AnalogueCommand:
     """Current of the traction loop; below 4 mA there is no effort."""
     brake_ma: float
     """Current of the service brake's loop."""
+
+
+complete("analogue.dbc")

@@ -22,6 +22,7 @@ __all__ = [
     "bind",
     "binding_of",
     "can_id",
+    "complete",
     "frame",
     "is_vital",
     "kinds",
@@ -94,6 +95,33 @@ def bind(kind: type[Frame], file: DbcFile, message_name: str) -> Binding:
     )
 
 
+def complete(dbc: str) -> None:
+    """Refuse messages without a frame class. The last line of each module of this package.
+
+    Args:
+        dbc: name of a file of this package.
+
+    Raises:
+        BindingError: with a line for every message without a class.
+    """
+    file = dbc_file.shipped(dbc)
+    bound = {
+        message.name
+        for each in _BINDINGS.values()
+        if each.file is file
+        for message in each.messages
+    }
+    if missing := [name for name in file.messages if name not in bound]:
+        module = dbc.removesuffix(".dbc")
+        raise BindingError(
+            "\n".join(
+                f"{dbc}: {name}: has no frame class; add one to can_dbc/{module}.py under "
+                f'@frame("{dbc}", "{name}")'
+                for name in missing
+            )
+        )
+
+
 def kinds() -> tuple[type[Frame], ...]:
     """Return every frame class of this package, by increasing identifier."""
     return _shipped_kinds()
@@ -104,6 +132,7 @@ def _shipped_kinds() -> tuple[type[Frame], ...]:
     """Import the modules that belong to the DBC files; each has the name of its file."""
     for name in dbc_file.names():
         importlib.import_module("can_dbc." + name.removesuffix(".dbc"))
+        complete(name)
     files = [dbc_file.shipped(name) for name in dbc_file.names()]
     dbc_file.refuse_shared("all files", [m for file in files for m in file.messages.values()])
     shipped = {id(file) for file in files}

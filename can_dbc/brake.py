@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 @frame("brake.dbc", "BRAKE_CMD")
@@ -32,3 +32,6 @@ class BrakeStatus:
     released: bool
     """No brake of any kind is applied."""
     ready: bool
+
+
+complete("brake.dbc")

@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 class CabMode(enum.IntEnum):
@@ -33,3 +33,6 @@ class Desk:
     door_bypass_requested: bool = False
     """The sealed switch: permits departure although doors are not proven locked. Every use is an
     event."""
+
+
+complete("cab.dbc")

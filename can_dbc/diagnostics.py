@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final, TypeVar
 
-from can_dbc.binding import Frame, frame
+from can_dbc.binding import Frame, complete, frame
 from can_dbc.nodes import Node
 
 F = TypeVar("F", bound=Frame)
@@ -76,3 +76,6 @@ class TcmsStatus:
 class TimeOfDay:
     since_midnight_ms: float
     days_since_1984: int
+
+
+complete("diagnostics.dbc")

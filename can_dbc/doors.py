@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 class DoorState(enum.IntEnum):
@@ -36,3 +36,6 @@ class DoorStatus:
     left: DoorState
     right: DoorState
     no_obstruction: bool
+
+
+complete("doors.dbc")

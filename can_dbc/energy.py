@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 @frame("energy.dbc", "LINE_SUPPLY")
@@ -19,3 +19,6 @@ class LineSupply:
 class EnergyMeter:
     drawn_kwh: float
     regenerated_kwh: float
+
+
+complete("energy.dbc")

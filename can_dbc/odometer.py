@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 from can_dbc.nodes import Direction
 
 
@@ -57,3 +57,6 @@ class ColdMovement:
     direction."""
     monitored: bool
     """The detector monitored all the time since then."""
+
+
+complete("odometer.dbc")

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 @frame("tags.dbc", "TAG_READER_HEALTH")
@@ -12,3 +12,6 @@ class TagReaderHealth:
     telegrams_sent: int
     """Count modulo 65536, which reveals telegrams lost on the serial line."""
     self_test_age_ms: float
+
+
+complete("tags.dbc")

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 from can_dbc.nodes import Direction
 
 
@@ -30,3 +30,6 @@ class TractionStatus:
     traction_cut: bool
     """The contactor confirms that no tractive effort is possible."""
     ready: bool
+
+
+complete("traction.dbc")

@@ -3,7 +3,7 @@
 import enum
 from dataclasses import dataclass
 
-from can_dbc.binding import frame
+from can_dbc.binding import complete, frame
 
 
 class Supervision(enum.IntEnum):
@@ -252,3 +252,6 @@ class VobcEvent:
     frame_a: int
     """Identifier of the frame that caused the event; 0 without one."""
     frame_b: int
+
+
+complete("vobc.dbc")

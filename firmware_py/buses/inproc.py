@@ -203,7 +203,7 @@ class InprocBus:
 
     def _route(self, sender: "InprocPort", can_id: int) -> "tuple[InprocPort, ...]":
         others = (port for port in self._ports.values() if port is not sender)
-        hearers = tuple(port for port in others if port.hears(can_id))
+        hearers = tuple(port for port in others if port.accepts(can_id))
         sender._hearers[can_id] = hearers
         return hearers
 
@@ -257,7 +257,7 @@ class InprocPort:
         self._waiting = 0
         self._sequence = 0
 
-    def hears(self, can_id: int) -> bool:
+    def accepts(self, can_id: int) -> bool:
         if self._deaf is not (can_id in self._excepted):
             return False
         return self._accepted is None or can_id in self._accepted

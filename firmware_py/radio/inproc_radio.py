@@ -77,7 +77,7 @@ class InprocRadio:
 
     def carry(self, now_ns: int, sender: "InprocRadioPort", key: str, payload: bytes) -> None:
         for receiver in self._ports.values():
-            if receiver is sender or not receiver.hears(key):
+            if receiver is sender or not receiver.is_subscribed_to(key):
                 continue
             loss, jitter, duplication, second_jitter = self._draw()
             if (sender.name, receiver.name) in self._cuts:
@@ -121,7 +121,7 @@ class InprocRadioPort:
         self._subscriptions = tuple(subscriptions)
         self._receives.clear()
 
-    def hears(self, key: str) -> bool:
+    def is_subscribed_to(self, key: str) -> bool:
         hears = self._receives.get(key)
         if hears is None:
             hears = any(keys.matches(wanted, key) for wanted in self._subscriptions)

@@ -60,7 +60,7 @@ def test_a_train_stops_behind_one_that_is_kept_at_its_platform() -> None:
         gaps_m.append(said[0].front_m - LENGTH_M - said[1].front_m)
         speeds_mps.append(said[1].speed_mps)
         for seat, answer in zip(seats, coupling.answers(said), strict=True):
-            seat.hears(answer)
+            seat.on_message(answer)
     reports = [seat.close() for seat in seats]
 
     assert max(speeds_mps) > 15.0

@@ -13,14 +13,14 @@ import pytest
 
 from canlog.command import VERBS as CANLOG
 from metro_hil.cli.hil import VERBS as HIL
-from metro_hil.model.run_options import LINE_VERBS, OTHER_VERBS
+from metro_hil.model.run_options import LINE_VERBS, OTHER_VERBS, SHIPPED_VERBS
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 SCRIPTS: Final[Mapping[str, str]] = tomllib.loads(
     (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 )["project"]["scripts"]
 VERBS: Final[Mapping[str, Sequence[str]]] = {
-    "vobc": ("run", *OTHER_VERBS, *LINE_VERBS),
+    "vobc": ("run", *OTHER_VERBS, *SHIPPED_VERBS, *LINE_VERBS),
     "plant": ("run", "consists", "desk", "wayside"),
     "hil": HIL,
     "vcan": ("up", "down", "status"),
@@ -28,8 +28,16 @@ VERBS: Final[Mapping[str, Sequence[str]]] = {
     "canlog": tuple(CANLOG),
 }
 SHOWING: Final = {
+    "vobc": (["lines"], ["consists"], ["show", "line", "florence"]),
     "plant": (["consists"],),
-    "hil": (["scenarios"], ["monitors"], ["faults"], ["requirements"], ["check", "smoke"]),
+    "hil": (
+        ["scenarios"],
+        ["monitors"],
+        ["faults"],
+        ["requirements"],
+        ["laws"],
+        ["check", "smoke"],
+    ),
     "vcan": (["status"], ["up", "--kind", "embedded", "--dry-run"]),
 }
 """Commands that print and need no input, in addition to the help of every verb."""

@@ -17,7 +17,7 @@ from metro_hil.realtime import RealtimeWires, run_realtime_case
 
 BRAKE_ID = can_id(BrakeCommand)
 SHIPPED = (
-    f"{sys.executable} -m vobc run --bus {{bus}} --tags {{tags}} --radio {{radio}} --line {{line}} "
+    f"{sys.executable} -m vobc --bus {{bus}} --tags {{tags}} --radio {{radio}} --line {{line}} "
     "--consist {params} --from {start} --to {end} --out {out}"
 )
 HOST_MAY_DISTURB = (Verdict.PASS, Verdict.INVALID, Verdict.INCONCLUSIVE)

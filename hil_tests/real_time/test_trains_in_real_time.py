@@ -30,7 +30,7 @@ def test_controllers_attach_and_the_first_train_leaves_by_the_timetable(tmp_path
         controllers = [
             subprocess.Popen(
                 [
-                    *(sys.executable, "-m", "vobc", "run", "--bus", f"embedded:train{train}"),
+                    *(sys.executable, "-m", "vobc", "--bus", f"embedded:train{train}"),
                     *("--line", "changping", "--consist", "typeB4", "--from", start),
                     *("--ato", "green", "--duration", "60"),
                 ],

@@ -225,7 +225,7 @@ class _Line:
                 member.begin(now_ns)
         said = [member.says(now_ns) for member in self.members]
         for member, answer in zip(self.members, self._coupling.answers(said), strict=True):
-            member.hears(answer)
+            member.on_message(answer)
         for words in self._notices:
             words.tell()
 

@@ -134,7 +134,7 @@ class _Line:
         self._refused = RefusalNotes()
 
     def beat(self, now_ns: int) -> None:
-        heard = self._detection.hears(self._port.receive(now_ns))
+        heard = self._detection.on_message(self._port.receive(now_ns))
         truth = WaysideTruth(self._detection.axles() if heard else {}, self._detection.occupied())
         for key, payload in self._wayside.step(now_ns, heard, truth):
             self._port.send(now_ns, key, payload)

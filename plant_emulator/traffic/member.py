@@ -95,7 +95,7 @@ class TrafficMember:
             auxiliary_w=wish.auxiliary_w,
         )
 
-    def hears(self, answer: CouplingAnswer) -> None:
+    def on_message(self, answer: CouplingAnswer) -> None:
         """Apply an answer to the earliest interval without one."""
         world = self.plant.world
         world.power.fed(

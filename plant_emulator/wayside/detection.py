@@ -57,7 +57,7 @@ class Detection:
         """Axles in each section, by the train's key."""
         self._axles: Counter[int] = Counter()
 
-    def hears(self, messages: Iterable[RadioMessage]) -> list[RadioMessage]:
+    def on_message(self, messages: Iterable[RadioMessage]) -> list[RadioMessage]:
         """Take the messages for the rails and return all others."""
         prefix = subscription(self._areas.name).removesuffix("*")
         others = []

@@ -133,7 +133,7 @@ class LineObject:
         """
         before = self.memory
         for message in heard:
-            if not self._hears(message, release_wanted=release_wanted, occupied=occupied):
+            if not self._on_message(message, release_wanted=release_wanted, occupied=occupied):
                 self.refused += 1
         changed = self.memory is not before or not self._stored
         self._stored = True
@@ -146,7 +146,7 @@ class LineObject:
         changed = changed and not self._forgotten
         return WaysideStepped(self.memory if changed else None, out) if changed or out else NOTHING
 
-    def _hears(self, message: T2tMessage, *, release_wanted: bool, occupied: bool) -> bool:
+    def _on_message(self, message: T2tMessage, *, release_wanted: bool, occupied: bool) -> bool:
         if not isinstance(message, Heartbeat | ObjectClaim) or message.area != self._area:
             return False
         if self._forgotten or not 0 < message.source <= LAST_TRAIN:

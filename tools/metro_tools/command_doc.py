@@ -12,7 +12,6 @@ from metro_tools import vcan
 from metro_tools.generated_doc import markdown_table, write_or_check
 from metro_tools.guest import cli as guest_command
 from plant_emulator.cli import options as plant_options
-from vobc.cli import options as controller_options
 
 DOCUMENT: Final = "docs/reference/commands.md"
 MODULE: Final = "metro_tools.command_doc"
@@ -42,7 +41,6 @@ def document() -> str:
 
 def _parsers() -> Iterator[argparse.ArgumentParser]:
     yield whole_parser()
-    yield controller_options.parser()
     yield plant_options.parser()
     yield hil_command.parser()
     yield canlog_command.parser([])

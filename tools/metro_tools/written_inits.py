@@ -13,7 +13,7 @@ from typing import Final
 Heads = Mapping[str, Sequence[ast.AnnAssign]]
 """Fields by class."""
 
-KEYWORDS: Final = {"frozen", "slots"}
+KEYWORDS: Final = {"frozen", "slots", "kw_only"}
 """Permitted arguments of `dataclass`; classes with others are left unchanged."""
 
 
@@ -206,7 +206,8 @@ def _margin(node: ast.ClassDef) -> str:
 
 
 def _init(node: ast.ClassDef, head: Sequence[ast.AnnAssign]) -> str:
-    parameters, statements = ["self"], []
+    keyword_only = "kw_only=True" in ast.unparse(node.decorator_list[0])
+    parameters, statements = ["self", *(["*"] if keyword_only else [])], []
     for field in (*head, *_fields(node)):
         name, kind = ast.unparse(field.target), ast.unparse(field.annotation)
         default = "" if field.value is None else f" = {ast.unparse(field.value)}"

@@ -207,14 +207,17 @@ class Ato:
         )
         situation.stays = seen.kept_at_platform or plan.stays_at_present_stop()
         situation.may_go = self._may_go(seen)
-        missed = self.phase is AtoPhase.HOLDING and not plan.served and not seen.creep
-        missed = missed and abs(to_stop_m) <= work.jog_reach_m
-        missed = missed and seen.authority_end_m >= seen.front_m + to_stop_m
-        stuck = self.phase in DRIVING and seen.standstill
-        waits = self.phase is AtoPhase.STOPPED or missed or stuck
-        self._waits_s = self._waits_s + seen.dt_s if waits else 0.0
+        self._waits_s = self._waits_s + seen.dt_s if self._waits(seen, to_stop_m) else 0.0
         situation.may_jog = self._may_jog(seen, to_stop_m)
         self._watch_jog(seen)
+
+    def _waits(self, seen: AtoInput, to_stop_m: float) -> bool:
+        """The train stands at its stop, missed it within reach of a jog, or does not get going."""
+        if self.phase is AtoPhase.STOPPED or (self.phase in DRIVING and seen.standstill):
+            return True
+        held = self.phase is AtoPhase.HOLDING and not self._plan.served and not seen.creep
+        within_reach = abs(to_stop_m) <= self._config.station.jog_reach_m
+        return held and within_reach and seen.authority_end_m >= seen.front_m + to_stop_m
 
     def _working(self) -> bool:
         """Doors at the present stop are open or about to open."""

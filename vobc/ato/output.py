@@ -5,6 +5,7 @@ demands this is the next level at or below.
 """
 
 import math
+from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
 from vobc.ato import current_loop
@@ -173,8 +174,12 @@ class CurrentLoop:
 
 def make_stage(config: OutputStage) -> StageOutput:
     """A new stage of the kind that the settings name."""
-    if config.stage == "notches":
-        return Notches(config)
-    if config.stage == "current_loop":
-        return CurrentLoop(config)
-    return Continuous()
+    return MAKERS[config.stage](config)
+
+
+MAKERS: Final[Mapping[str, Callable[[OutputStage], StageOutput]]] = {
+    "continuous": lambda config: Continuous(),
+    "notches": Notches,
+    "current_loop": CurrentLoop,
+}
+"""Maker of each stage of `settings.output.STAGES`."""

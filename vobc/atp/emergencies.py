@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from can_dbc.vobc import Cause, OperatingMode, Supervision
+from vobc.atp.guard_inputs import GuardInputs
 from vobc.atp.inputs import LOCALISATION, VITAL_IN_MOTION
 from vobc.atp.modes import SUPERVISED
-from vobc.atp.seen import GuardInputs
 
 Guard = Callable[[GuardInputs], bool]
 

@@ -5,6 +5,7 @@ from typing import Final
 
 from can_dbc.vobc import Inhibit, OperatingMode
 from vobc.atp.departure import NOT_AGAINST_JOG
+from vobc.atp.guard_inputs import GuardInputs
 from vobc.atp.inputs import (
     ALARMS,
     AUTHORITY,
@@ -16,7 +17,6 @@ from vobc.atp.inputs import (
     TAG_READER,
     TRACTION,
 )
-from vobc.atp.seen import GuardInputs
 
 Guard = Callable[[GuardInputs], bool]
 

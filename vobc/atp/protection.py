@@ -2,9 +2,9 @@
 
 import math
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
-from can_dbc.cab import CabMode
+from can_dbc.cab import CabMode, Desk
 from can_dbc.vobc import Cause, Inhibit, OperatingMode, Supervision
 from firmware_py.trackdb import LineMap
 from vobc.atp.braking import SafeBraking
@@ -14,6 +14,7 @@ from vobc.atp.doors import SHUT
 from vobc.atp.emergencies import in_cause_words, latched_after
 from vobc.atp.energy_check import EnergyCheck, Replicas
 from vobc.atp.fixed_ceilings import FixedCeilings
+from vobc.atp.guard_inputs import NOWHERE, GuardInputs
 from vobc.atp.health import BrakeUnitWatch, Resets, StopWatch, clock_stepped
 from vobc.atp.inputs import (
     ALARMS,
@@ -28,7 +29,6 @@ from vobc.atp.inputs import (
 )
 from vobc.atp.modes import NEEDED, UNHEEDED, authority_is_fresh, next_mode
 from vobc.atp.movement import Movements
-from vobc.atp.seen import NOWHERE, GuardInputs
 from vobc.atp.station import StationGuard, StationVerdict
 from vobc.atp.supervision import authority_ages, next_state, permission_gone, stops_not
 from vobc.atp.verdict import ProtectionVerdict
@@ -40,6 +40,24 @@ MOVING_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SE
 INHIBITS: Final = tuple(Inhibit(number) for number in range(2 * Inhibit.CENTRE_SILENT))
 """Flag sets by number. The lookup is faster than operators on an IntFlag."""
 HEEDED: Final = {mode: ~int(flags) for mode, flags in UNHEEDED.items()}
+
+
+class _ReceivedInputs(NamedTuple):
+    """Inputs of desk, centre and brake unit, checked for their age."""
+
+    desk: Desk | None
+    orders: Orders | None
+    resets: int
+    """Sources that reset the emergency brake in this cycle, as flags of `Reset`."""
+    brake_unit_braked: bool
+
+
+class _CheckedCeiling(NamedTuple):
+    """Ceiling of full supervision, with what the second computation says of it."""
+
+    ceiling: Ceiling
+    replicas_disagree: bool
+    energy_exceeded: bool
 
 
 class Protection:
@@ -67,7 +85,8 @@ class Protection:
         self._movement = Movements()
         self._bypass = False
         self._state = Supervision.NO_AUTHORITY
-        self._seen = GuardInputs(config)
+        self._mode = OperatingMode.STANDBY
+        self._latched: tuple[Cause, ...] = ()
 
     def step(
         self,
@@ -85,15 +104,11 @@ class Protection:
             stopping_at_m: the stopping point of operation in the cycle before. It affects only jogs
                 and overshoots, never the supervision of movement.
         """
-        seen = self._seen
         gone = silent(image, self._config, odometer_usable=odometer_usable)
-        seen.silent = gone
-        seen.missing = gone | unready(image, motion)
-        seen.not_finite = not_finite
-        orders = self._fresh_orders(image)
-        self._listen(image, orders)
+        missing = gone | unready(image, motion)
+        received = self._receive(image, gone)
         if motion is None:
-            return self._blind()
+            return self._blind(image, missing)
         station = self._station.step(
             image,
             motion,
@@ -103,105 +118,140 @@ class Protection:
             stopping_at_m=stopping_at_m,
         )
         full = self._full_ceiling(image, motion)
-        self._look(image, motion, station, full)
-        seen.mode = next_mode(seen.mode, seen)
+        # The bypass takes effect only at standstill. In motion it would brake a fast train to the
+        # bypass speed.
+        self._bypass = station.door_bypass and (self._bypass or motion.standing)
+        if self._bypass:
+            missing &= ~DOORS
+        inputs = self._guard_inputs(
+            image,
+            motion,
+            station,
+            received,
+            full,
+            silent=gone,
+            missing=missing,
+            not_finite=not_finite,
+        )
+        self._mode = next_mode(self._mode, inputs)
         self._jog(motion, station)
-        seen.ceiling = self._ceiling(image, motion, full)
-        self._move_on(motion)
-        return self._verdict(image, motion, station)
+        ceiling = self._ceiling(image, motion, full.ceiling, missing)
+        inputs = self._move_on(motion, replace(inputs, mode=self._mode, ceiling=ceiling))
+        return self._verdict(image, motion, station, inputs)
 
     # Inputs.
 
     def _fresh_orders(self, image: CycleInput) -> Orders | None:
         return image.orders if image.orders_age_s <= self._config.orders_age_max_s else None
 
-    def _listen(self, image: CycleInput, orders: Orders | None) -> None:
-        """Read desk, centre, brake unit and clock. These do not depend on the odometer."""
-        seen, config = self._seen, self._config
-        desk = image.desk if not seen.silent & DESK else None
-        seen.resets = self._resets.step(desk, orders)
-        seen.button_pressed = desk is not None and not desk.emergency_released
-        seen.person_at_desk = desk is not None and desk.mode is CabMode.MANUAL
-        asked = desk is not None and desk.restricted_requested
-        allowed = orders is not None and orders.restricted
-        seen.sight_asked = seen.person_at_desk and (asked or allowed)
-        automatic = desk is not None and desk.mode is CabMode.AUTO
-        seen.creep_ordered = automatic and orders is not None and orders.creep
-        # While the centre is silent, its last order stays valid where that is the safe side.
-        heard = image.orders
-        seen.sleep_ordered = heard is not None and not heard.awake
-        seen.ordered_to_stop = heard is not None and heard.emergency
-        seen.overruns = image.overruns
-        seen.clock_stepped = clock_stepped(
-            image.dt_s,
-            image.overruns,
-            cycle_s=self._cycle_s,
-            tolerance_s=config.clock_tolerance_s,
+    def _receive(self, image: CycleInput, gone: int) -> _ReceivedInputs:
+        """Read desk, centre and brake unit. These do not depend on the odometer."""
+        desk, orders = None if gone & DESK else image.desk, self._fresh_orders(image)
+        return _ReceivedInputs(
+            desk=desk,
+            orders=orders,
+            resets=self._resets.step(desk, orders),
+            brake_unit_braked=self._brake_unit.step(
+                image.brake, released=self._state in MOVING_STATES, dt_s=image.dt_s
+            ),
         )
-        seen.brake_unit_braked = self._brake_unit.step(
-            image.brake, released=self._state in MOVING_STATES, dt_s=image.dt_s
-        )
-        seen.authority_age_s = image.authority_age_s
 
-    def _full_ceiling(self, image: CycleInput, motion: Motion) -> Ceiling:
+    def _full_ceiling(self, image: CycleInput, motion: Motion) -> _CheckedCeiling:
         """Ceiling of full supervision. The second computation checks it from the same inputs."""
-        seen = self._seen
-        seen.replicas_disagree = seen.energy_exceeded = False
         if not motion.localised:
-            return NOWHERE
+            return _CheckedCeiling(NOWHERE, replicas_disagree=False, energy_exceeded=False)
         orders, authority, front_m = image.orders, image.authority, motion.front_m
         end_m = front_m.low if authority is None else authority.end_m
         restrictions = () if orders is None else orders.restrictions
         full = self._ceilings.at(front_m, end_m, restrictions)
-        seen.replicas_disagree = not self._replicas.agree(
+        agree = self._replicas.agree(
             full.emergency_mps, front_m, motion.speed_mps.high, end_m, restrictions
         )
-        seen.energy_exceeded = self._replicas.exceeded
-        return full
+        return _CheckedCeiling(
+            full, replicas_disagree=not agree, energy_exceeded=self._replicas.exceeded
+        )
 
-    def _look(
-        self, image: CycleInput, motion: Motion, station: StationVerdict, full: Ceiling
-    ) -> None:
-        seen, movement = self._seen, self._movement
-        seen.speed_mps = motion.speed_mps
-        seen.standing, seen.standstill = motion.standing, motion.standstill
-        seen.full_mps = full.permitted_mps
-        seen.station_cause = station.emergency
-        seen.overshot_little = station.self_release
-        seen.jog_granted = station.jog_permitted
-        # The bypass takes effect only at standstill. In motion it would brake a fast train to the
-        # bypass speed.
-        self._bypass = station.door_bypass and (self._bypass or motion.standing)
-        if self._bypass:
-            seen.missing &= ~DOORS
+    def _guard_inputs(
+        self,
+        image: CycleInput,
+        motion: Motion,
+        station: StationVerdict,
+        received: _ReceivedInputs,
+        full: _CheckedCeiling,
+        *,
+        silent: int,
+        missing: int,
+        not_finite: bool,
+    ) -> GuardInputs:
+        """Everything that a guard may rely on. Mode and latched causes are those before now."""
+        config, movement = self._config, self._movement
         movement.look(motion)
-        seen.rollback_m = movement.rollback_m
-        seen.held_movement_m = movement.held_m
-        seen.jog_movement_m = movement.jog_m
-        seen.behind_jog_m = movement.behind_jog_m
-        seen.stop_by_mps = self._stop_watch.stop_by_mps(
-            station.stop_now, speed_mps=motion.speed_mps.best, dt_s=image.dt_s
+        desk, orders = received.desk, received.orders
+        at_desk = desk is not None and desk.mode is CabMode.MANUAL
+        asked = desk is not None and desk.restricted_requested
+        allowed = orders is not None and orders.restricted
+        automatic = desk is not None and desk.mode is CabMode.AUTO
+        # While the centre is silent, its last order stays valid where that is the safe side.
+        last = image.orders
+        return GuardInputs(
+            config,
+            speed_mps=motion.speed_mps,
+            standing=motion.standing,
+            standstill=motion.standstill,
+            rollback_m=movement.rollback_m,
+            held_movement_m=movement.held_m,
+            jog_movement_m=movement.jog_m,
+            behind_jog_m=movement.behind_jog_m,
+            missing=missing,
+            silent=silent,
+            authority_age_s=image.authority_age_s,
+            full_mps=full.ceiling.permitted_mps,
+            sleep_ordered=last is not None and not last.awake,
+            person_at_desk=at_desk,
+            sight_asked=at_desk and (asked or allowed),
+            creep_ordered=automatic and orders is not None and orders.creep,
+            jog_granted=station.jog_permitted,
+            stop_by_mps=self._stop_watch.stop_by_mps(
+                station.stop_now, speed_mps=motion.speed_mps.best, dt_s=image.dt_s
+            ),
+            resets=received.resets,
+            overshot_little=station.self_release,
+            button_pressed=desk is not None and not desk.emergency_released,
+            ordered_to_stop=last is not None and last.emergency,
+            station_cause=station.emergency,
+            brake_unit_braked=received.brake_unit_braked,
+            overruns=image.overruns,
+            clock_stepped=clock_stepped(
+                image.dt_s,
+                image.overruns,
+                cycle_s=self._cycle_s,
+                tolerance_s=config.clock_tolerance_s,
+            ),
+            not_finite=not_finite,
+            replicas_disagree=full.replicas_disagree,
+            energy_exceeded=full.energy_exceeded,
+            mode=self._mode,
+            latched=self._latched,
         )
 
     # Decisions.
 
     def _jog(self, motion: Motion, station: StationVerdict) -> None:
-        if self._seen.mode is OperatingMode.JOG:
+        if self._mode is OperatingMode.JOG:
             self._movement.jogs(motion, station.jog_back_m)
         else:
             self._movement.jogs_no_more(motion)
 
-    def _ceiling(self, image: CycleInput, motion: Motion, full: Ceiling) -> Ceiling:
+    def _ceiling(self, image: CycleInput, motion: Motion, full: Ceiling, missing: int) -> Ceiling:
         """Ceiling of the mode. On sight it is a fixed speed, lowered by what is known ahead."""
-        seen, flat = self._seen, self._flat
-        mode = seen.mode
+        flat, mode = self._flat, self._mode
         if mode is OperatingMode.JOG:
             return flat.under(full, flat.jog)
         if mode is OperatingMode.RESTRICTED or mode is OperatingMode.CREEP:
             sight = flat.restricted if mode is OperatingMode.RESTRICTED else flat.creep
-            if seen.missing & LOCALISATION:
+            if missing & LOCALISATION:
                 return sight
-            if not seen.missing & AUTHORITY:
+            if not missing & AUTHORITY:
                 return flat.under(full, sight)
             return flat.under(self._endless_ceiling(image, motion.front_m), sight)
         return flat.under(full, flat.restricted) if self._bypass else full
@@ -212,28 +262,37 @@ class Protection:
         known = self._ceilings.at(front_m, math.inf, restrictions)
         return replace(known, distance_to_authority_m=0.0)
 
-    def _move_on(self, motion: Motion) -> None:
-        seen, before = self._seen, self._state
-        seen.latched = latched_after(before, seen)
-        self._state = next_state(before, seen)
+    def _move_on(self, motion: Motion, inputs: GuardInputs) -> GuardInputs:
+        """Latch causes and step the supervision. Returns the inputs with the latched causes."""
+        before = self._state
+        self._latched = latched_after(before, inputs)
+        inputs = replace(inputs, latched=self._latched)
+        self._state = next_state(before, inputs)
         if self._state is Supervision.EMERGENCY:
             # The train is to be held where it comes to rest.
             self._movement.held_here(motion)
         elif self._state is not before and self._state is Supervision.NO_AUTHORITY:
             self._movement.begin_anew(motion)
+        return inputs
 
     # Outputs.
 
-    def _blind(self) -> ProtectionVerdict:
+    def _blind(self, image: CycleInput, missing: int) -> ProtectionVerdict:
         """Verdict while odometry has no motion yet: the train is held."""
-        seen = self._seen
         if self._state in MOVING_STATES:
-            seen.latched = (Cause.VITAL_INPUT_LOST,)
+            self._latched = (Cause.VITAL_INPUT_LOST,)
             self._state = Supervision.EMERGENCY
+        inputs = GuardInputs(
+            self._config,
+            missing=missing,
+            authority_age_s=image.authority_age_s,
+            mode=self._mode,
+            latched=self._latched,
+        )
         return ProtectionVerdict(
             supervision=self._state,
-            cause=self._words(),
-            missing=FLAGS[seen.missing],
+            cause=self._words(inputs),
+            missing=FLAGS[missing],
             ceiling=None,
             doors_locked=False,
             emergency_released=False,
@@ -241,15 +300,14 @@ class Protection:
             traction_permitted=False,
             hold=True,
             doors=SHUT,
-            mode=seen.mode,
+            mode=self._mode,
             emergency_cause=self._cause,
         )
 
     def _verdict(
-        self, image: CycleInput, motion: Motion, station: StationVerdict
+        self, image: CycleInput, motion: Motion, station: StationVerdict, seen: GuardInputs
     ) -> ProtectionVerdict:
-        seen, state = self._seen, self._state
-        mode, ceiling = seen.mode, seen.ceiling
+        state, mode, ceiling = self._state, self._mode, seen.ceiling
         may_move = state in MOVING_STATES
         doors = image.doors
         locked = doors is not None and doors.closed_and_locked and not seen.silent & DOORS
@@ -262,7 +320,7 @@ class Protection:
         asleep = mode is OperatingMode.ASLEEP
         return ProtectionVerdict(
             supervision=state,
-            cause=self._words(),
+            cause=self._words(seen),
             missing=FLAGS[seen.missing],
             ceiling=ceiling,
             doors_locked=locked,
@@ -295,17 +353,16 @@ class Protection:
         )
 
     def _inhibits(self, station: StationVerdict) -> int:
-        mode = self._seen.mode
+        mode = self._mode
         inhibits = int(station.inhibits) & HEEDED[mode]
         return inhibits | Inhibit.ASLEEP if mode is OperatingMode.ASLEEP else inhibits
 
     @property
     def _cause(self) -> Cause:
-        latched = self._seen.latched
-        return latched[0] if latched else Cause.NONE
+        return self._latched[0] if self._latched else Cause.NONE
 
-    def _words(self) -> str:
-        seen, state = self._seen, self._state
+    def _words(self, seen: GuardInputs) -> str:
+        state = self._state
         if seen.latched:
             return in_cause_words(seen.latched[0])
         if state is Supervision.NO_AUTHORITY:

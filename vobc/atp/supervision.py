@@ -5,8 +5,8 @@ from typing import Final
 
 from can_dbc.vobc import OperatingMode, Supervision
 from vobc.atp.emergencies import surely_slower
+from vobc.atp.guard_inputs import GuardInputs
 from vobc.atp.modes import NEEDED, SUPERVISED, authority_is_fresh
-from vobc.atp.seen import GuardInputs
 
 Guard = Callable[[GuardInputs], bool]
 

@@ -1,4 +1,4 @@
-"""`python -m vobc`: the bare controller in real time on a bus."""
+"""`vobc device`, or `python -m vobc`: the bare controller in real time on a bus."""
 
 from vobc.cli.command import main
 from vobc.cli.host import (

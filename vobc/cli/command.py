@@ -1,4 +1,4 @@
-"""`python -m vobc`: the bare controller in real time on a bus, for a plant or a real train."""
+"""`vobc device`: the bare controller in real time on a bus, for a plant or a real train."""
 
 import argparse
 import json
@@ -44,7 +44,7 @@ from vobc.cli.line import LINE_LOG, open_line
 from vobc.cli.options import DevicePlan, parser, plan
 from vobc.process import CYCLE_COLUMNS, EVENTS_LOG, Commission, CycleLog, EventLines, VobcDevice
 from vobc.process.line_command import LineCommand
-from vobc.wire import HEARD_IDS
+from vobc.wire import RECEIVED_IDS
 from zenoh_config import keys
 
 NS_PER_S: Final = 1_000_000_000
@@ -60,6 +60,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = words_of("vobc", argv)
     if words[:1] == ["grant"]:
         return grant.main(words[1:])
+    if words[:1] == ["run"]:
+        say("`python -m vobc run` is now `vobc device`; the old name works for one more release")
+    if words[:1] in (["run"], ["device"]):
+        del words[0]
     options = parser().parse_args(words)
     try:
         return _run(options, plan(options, WallClock().epoch_ns()))
@@ -163,7 +167,7 @@ def _device(
 ) -> VobcDevice:
     """Open everything. The stack closes it, the bus last. Logs are added to `logs`."""
     stack.callback(planned.nvram.close)
-    can = open_can(planned.bus, clock=clock, node="VOBC", accept_ids=HEARD_IDS)
+    can = open_can(planned.bus, clock=clock, node="VOBC", accept_ids=RECEIVED_IDS)
     stack.callback(can.close)
     log: CycleLog | None = None
     events: EventLines | None = None

@@ -24,7 +24,10 @@ AUTO: Final = "auto"
 NS_PER_S: Final = 1_000_000_000
 PRIORITY_MAX: Final = 99
 
-DESCRIPTION: Final = "The bare controller in real time on a bus, for a plant or a real train."
+DESCRIPTION: Final = (
+    "The bare controller in real time on a bus, for a plant or a real train. `python -m vobc` is "
+    "the same program."
+)
 
 EPILOG: Final = """\
 The controller keeps the brakes on until all its inputs arrive, and lists the missing ones.
@@ -37,13 +40,11 @@ usage or configuration; 3 bus, rights or a folder missing; 130 ended by Ctrl-C
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     top = CommandParser(
-        prog="python -m vobc",
-        is_command=True,
+        prog="vobc device",
         description=DESCRIPTION,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument("verb", nargs="?", choices=("run",), default="run", help="default: run")
     top.add_argument(
         "--bus", default=AUTO, metavar="SPEC", help="CAN bus: auto, socketcan:can0, ..."
     )

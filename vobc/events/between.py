@@ -95,13 +95,18 @@ def events_between(
     ):
         found.extend(_alarms(before, seen, output))
     if seen_before is not None:
-        if seen_before.brake is None or seen_before.traction is None:
-            found.extend(units_not_ready(seen_before, seen))
-        if seen.authority is not seen_before.authority:
-            found.extend(authority_changed(seen_before.authority, seen.authority))
-        if seen.orders is not seen_before.orders:
-            found.extend(orders_changed(seen_before.orders, seen.orders))
+        _extend_by_messages(found, seen_before, seen)
     return found or NOTHING
+
+
+def _extend_by_messages(found: list[Event], before: CycleInput, seen: CycleInput) -> None:
+    """Add the events of received messages that changed."""
+    if before.brake is None or before.traction is None:
+        found.extend(units_not_ready(before, seen))
+    if seen.authority is not before.authority:
+        found.extend(authority_changed(before.authority, seen.authority))
+    if seen.orders is not before.orders:
+        found.extend(orders_changed(before.orders, seen.orders))
 
 
 def _first(output: CycleOutput) -> Iterator[Event]:

@@ -1,5 +1,49 @@
-"""One step of odometry: the pulses, radar, accelerometer and tags of a cycle give the train's
-motion.
+"""One step of odometry: pulses, radar, accelerometer and tags of a cycle give the train's motion.
+
+Theory
+------
+Odometry answers two questions with different means. *Where can the train be?* takes intervals
+that hold for every error within the declared bounds; ATP uses only their ends. *Where is it most
+likely?* takes a Kalman filter; ATO uses it, and it never moves an interval.
+
+States:
+
+- interval W of the front by the wheels, interval G over ground (`localisation`);
+- interval of the distance per pulse (`scale`), best estimate and covariance of position and
+  distance per pulse (`localisation`);
+- window of the newest tacho samples (`tracking`), speed interval over ground (`ground`);
+- flags: `slip` (wheels contradict each other or the ground), `wheels_out` (a jump of the wheel
+  speed proves that the wheels slip), `lost_cause` of the references (the place is not known).
+
+Equations, with a_max as greatest acceleration of any train and e as declared ratio of error:
+
+    distance per pulse    s = pi * d / p / (1 + e),   e in [e_low, e_high]
+    n pulses              W += [n * s_low, n * s_high]
+    speed of a wheel      [r_low * s_low - c, r_high * s_high + c],  c = a_max * (T / 2 + j + age)
+                          from the mean pulse rate r over a window T with stamp jitter j, and the
+                          age of the newest sample
+    speed over ground     v += [f - g_high - b, f - g_low + b] * dt
+                          from the felt acceleration f, gravity along the gradients that the front
+                          may be on, and the error b of the accelerometer; cut with the radar's
+                          [u - e_u, u + e_u] where both agree
+    distance over ground  G += (v_before + v) / 2 * dt, each end for itself
+    tag at chainage c     W, G := cut with c + antenna offset + distance since, +- bound of the tag
+
+Invariants:
+
+1. W holds the true front while tacho A rolls without slip. G holds it while radar and
+   accelerometer keep their declared errors. The reported interval is the hull of both, so it holds
+   the true front if any one sensor is wrong (INV-13).
+2. An interval becomes narrower only by an accepted tag (INV-14). A tag outside its window is
+   refused and narrows nothing (INV-15).
+3. The reported speed interval is the hull of wheels and ground while both may be right. Wheels that
+   are proven to slip do not count.
+4. Zero speed is proven only after its upper bound stayed below the limit for `zero_speed_s`
+   without slip and with fresh samples (INV-17).
+5. A sample is as old as its sensor's stamp says. A late frame is an old sample, never a slow train.
+
+References: [IEEE 1474.1] for position uncertainty and zero speed, [Allotta 2013] for the tags
+before a stopping point and the error range of the wheels.
 """
 
 import math
@@ -189,17 +233,11 @@ class Odometry:
 
     def _follow_ground(self, seen: CycleInput, now_s: float, wheels: Interval) -> None:
         """Update speed and distance over ground since the cycle before."""
-        config, where, ground, track = self._config, self._where, self._ground, self._track
+        config, where, ground = self._config, self._where, self._ground
         dt_s, steady = self._time.dt_s, self._time.steady
         radar_mps = believable_mps(seen, config)
-        if not ground.begun:
-            learns = track.heard_s < config.learn_s
-            if learns or (radar_mps is None and track.still_s < config.standing_s):
-                if track.window_full and not learns:
-                    ground.begin(wheels.low, wheels.high)
-                where.begin_ground(wheels, max(0.0, now_s - track.stamp_s))
-                return
-            ground.begin(wheels.low, wheels.high)
+        if not ground.begun and not self._begin_ground(radar_mps, now_s, wheels):
+            return
         self._gradients.look(
             min(where.low_m, where.ground_low_m), max(where.high_m, where.ground_high_m)
         )
@@ -209,25 +247,8 @@ class Odometry:
         ground.feel(felt_mps2, self._gradients)
         ground.step(dt_s, radar_mps, seen.doppler_age_s, wheels.low, wheels.high)
         least_m, most_m = ground.moved_low_m, ground.moved_high_m
-        # Wheels that may be slipping say nothing about the ground.
-        gripping = not self._slip and not self._axles_differ
-        if gripping and not ground.seen and self._wheels_agree(wheels):
-            fresh = seen.tacho_age_s <= config.silence_s and self._usable
-            witness = fresh and not self._sets_off(seen)
-            gentle = abs(track.accel_pulses_per_s2) * where.m_per_pulse <= config.gentle_mps2
-            slip_ratio = config.gentle_slip_ratio if gentle else config.unseen_slip_ratio
-            slack_mps = slip_ratio * abs(wheels.best)
-            if witness and track.still_s >= config.standing_s:
-                least_m = most_m = 0.0
-                ground.begin(-REST_MPS, REST_MPS)
-            elif witness and abs(wheels.best) <= config.doppler_blind_mps:
-                least_m = (wheels.best - slack_mps) * dt_s
-                most_m = (wheels.best + slack_mps) * dt_s
-            if witness and ground.high_mps - ground.low_mps > 2.0 * (UNSURE_MPS + slack_mps):
-                ground.begin(
-                    max(ground.low_mps, wheels.low - slack_mps),
-                    min(ground.high_mps, wheels.high + slack_mps),
-                )
+        if self._wheels_bear_witness(seen, wheels):
+            least_m, most_m = self._by_gripping_wheels(least_m, most_m, wheels)
         if not steady:
             least_m, most_m = min(0.0, least_m), max(0.0, most_m)
         where.move_over_ground(least_m, most_m, dt_s, steady=steady)
@@ -237,6 +258,51 @@ class Odometry:
             likely_m = 0.5 * (least_m + most_m)
             where.follow_ground(likely_m, most_m - least_m)
             self._travel_m += likely_m
+
+    def _begin_ground(self, radar_mps: float | None, now_s: float, wheels: Interval) -> bool:
+        """Start the ground speed from the wheels. False while it cannot be told from them."""
+        config, where, ground, track = self._config, self._where, self._ground, self._track
+        learns = track.heard_s < config.learn_s
+        if learns or (radar_mps is None and track.still_s < config.standing_s):
+            if track.window_full and not learns:
+                ground.begin(wheels.low, wheels.high)
+            where.begin_ground(wheels, max(0.0, now_s - track.stamp_s))
+            return False
+        ground.begin(wheels.low, wheels.high)
+        return True
+
+    def _wheels_bear_witness(self, seen: CycleInput, wheels: Interval) -> bool:
+        """Whether the wheels tell the speed over ground, which no radar sees now.
+
+        Wheels that may be slipping say nothing about the ground.
+        """
+        gripping = not self._slip and not self._axles_differ
+        if not gripping or self._ground.seen or not self._wheels_agree(wheels):
+            return False
+        fresh = seen.tacho_age_s <= self._config.silence_s and self._usable
+        return fresh and not self._sets_off(seen)
+
+    def _by_gripping_wheels(
+        self, least_m: float, most_m: float, wheels: Interval
+    ) -> tuple[float, float]:
+        """Distance over ground in this cycle, narrowed by wheels that grip."""
+        config, ground, track = self._config, self._ground, self._track
+        gentle = abs(track.accel_pulses_per_s2) * self._where.m_per_pulse <= config.gentle_mps2
+        slip_ratio = config.gentle_slip_ratio if gentle else config.unseen_slip_ratio
+        slack_mps = slip_ratio * abs(wheels.best)
+        if track.still_s >= config.standing_s:
+            least_m = most_m = 0.0
+            ground.begin(-REST_MPS, REST_MPS)
+        elif abs(wheels.best) <= config.doppler_blind_mps:
+            dt_s = self._time.dt_s
+            least_m = (wheels.best - slack_mps) * dt_s
+            most_m = (wheels.best + slack_mps) * dt_s
+        if ground.high_mps - ground.low_mps > 2.0 * (UNSURE_MPS + slack_mps):
+            ground.begin(
+                max(ground.low_mps, wheels.low - slack_mps),
+                min(ground.high_mps, wheels.high + slack_mps),
+            )
+        return least_m, most_m
 
     def _sets_off(self, seen: CycleInput) -> bool:
         """No wheel turns, but the holding brake is not proven and the accelerometer shows motion.

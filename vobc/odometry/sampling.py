@@ -111,43 +111,43 @@ class FrameClock:
         self.refused = 0
         """Number of frames that were too old on arrival."""
 
-    def sampled_ns(self, heard_ns: int, counter: int) -> int | None:
+    def sampled_ns(self, received_at_ns: int, counter: int) -> int | None:
         """Sampling instant of a frame received now. None: the frame is too old.
 
         The instant is never in the future.
         """
-        if self._anew(heard_ns):
-            self._begin(heard_ns, counter)
-            return heard_ns
+        if self._anew(received_at_ns):
+            self._begin(received_at_ns, counter)
+            return received_at_ns
         steps = (counter - self._counter) % COUNTER_PERIOD
-        return self._follow(heard_ns, counter, steps * self._period_ns)
+        return self._follow(received_at_ns, counter, steps * self._period_ns)
 
-    def _anew(self, heard_ns: int) -> bool:
+    def _anew(self, received_at_ns: int) -> bool:
         """There is no frame yet, or the controller's clock was set back, so the offset is void."""
-        return not self._begun or heard_ns < self._heard_ns
+        return not self._begun or received_at_ns < self._heard_ns
 
-    def _begin(self, heard_ns: int, counter: int) -> None:
+    def _begin(self, received_at_ns: int, counter: int) -> None:
         """Start the sensor's time here."""
         self._begun = True
         self._counter = counter
-        self._heard_ns = heard_ns
+        self._heard_ns = received_at_ns
         self._sensor_ns = 0
-        self._offset_ns = heard_ns
+        self._offset_ns = received_at_ns
 
-    def _follow(self, heard_ns: int, counter: int, ahead_ns: int) -> int | None:
+    def _follow(self, received_at_ns: int, counter: int, ahead_ns: int) -> int | None:
         """Take the latest sampling instant that fits and is not in the future.
 
         Args:
             ahead_ns: progress of the sensor's time, modulo its counter period.
         """
-        elapsed_ns = heard_ns - self._heard_ns
+        elapsed_ns = received_at_ns - self._heard_ns
         offset_ns = self._offset_ns + int(DRIFT_RATIO * elapsed_ns)
         sensor_ns = self._sensor_ns + ahead_ns
-        turns = (heard_ns - sensor_ns - offset_ns + FASTER_NS) // self._turn_ns
+        turns = (received_at_ns - sensor_ns - offset_ns + FASTER_NS) // self._turn_ns
         sensor_ns += turns * self._turn_ns
         gone_ns = sensor_ns - self._sensor_ns
-        self._heard_ns, self._sensor_ns, self._counter = heard_ns, sensor_ns, counter
-        apart_ns = heard_ns - sensor_ns
+        self._heard_ns, self._sensor_ns, self._counter = received_at_ns, sensor_ns, counter
+        apart_ns = received_at_ns - sensor_ns
         self._offset_ns = min(apart_ns, offset_ns)
         if elapsed_ns > self._turn_ns - FASTER_NS:
             self._unpaced = PACED_FRAMES
@@ -171,7 +171,7 @@ class SampleClock(FrameClock):
         self.restarts = 0
         """Number of restarts of the sensor."""
 
-    def sampled_ns(self, heard_ns: int, counter: int, stamp_ms: float = 0.0) -> int | None:
+    def sampled_ns(self, received_at_ns: int, counter: int, stamp_ms: float = 0.0) -> int | None:
         """Sampling instant as in `FrameClock`.
 
         Args:
@@ -179,17 +179,17 @@ class SampleClock(FrameClock):
         """
         stamp = int(stamp_ms)
         before, self._stamp_ms = self._stamp_ms, stamp
-        if self._anew(heard_ns):
-            self._begin(heard_ns, counter)
-            return heard_ns
+        if self._anew(received_at_ns):
+            self._begin(received_at_ns, counter)
+            return received_at_ns
         counted_ms = (counter - self._counter) % COUNTER_PERIOD * TACHO_PERIOD_MS
         half_ms = STAMP_PERIOD_MS // 2
         play_ms = (stamp - before - counted_ms + half_ms) % STAMP_PERIOD_MS - half_ms
         if abs(play_ms) > STAMP_PLAY_MS:
             self.restarts += 1
-            self._begin(heard_ns, counter)
-            return heard_ns
-        return self._follow(heard_ns, counter, (counted_ms + play_ms) * NS_PER_MS)
+            self._begin(received_at_ns, counter)
+            return received_at_ns
+        return self._follow(received_at_ns, counter, (counted_ms + play_ms) * NS_PER_MS)
 
 
 class ReaderClock:
@@ -213,7 +213,7 @@ class ReaderClock:
         self._fastest: tuple[int, int] | None = None
         """Arrival of the last telegram, and the smallest clock offset so far."""
 
-    def late_ns(self, heard_ns: int, sent_ms: float) -> int:
+    def late_ns(self, received_at_ns: int, sent_ms: float) -> int:
         """Delay of a telegram relative to the fastest one. 0: within the tolerance.
 
         A telegram that seems faster than any before becomes the new reference, even if a clock was
@@ -222,13 +222,13 @@ class ReaderClock:
         sent_ns = round(sent_ms * NS_PER_MS)
         self._reader_ns += (sent_ns - self._sent_ns) % self._period_ns
         self._sent_ns = sent_ns
-        apart_ns = offset_ns = heard_ns - self._reader_ns
+        apart_ns = offset_ns = received_at_ns - self._reader_ns
         if self._fastest is not None:
             before_ns, fastest_ns = self._fastest
-            drifted_ns = fastest_ns + int(DRIFT_RATIO * (heard_ns - before_ns))
+            drifted_ns = fastest_ns + int(DRIFT_RATIO * (received_at_ns - before_ns))
             if apart_ns <= drifted_ns + READER_LATE_NS:
                 offset_ns = min(apart_ns, drifted_ns)
-        self._fastest = heard_ns, offset_ns
+        self._fastest = received_at_ns, offset_ns
         late_ns = apart_ns - offset_ns
         return late_ns if late_ns > READER_PLAY_NS else 0
 
@@ -250,7 +250,9 @@ class OdometerClocks:
         """Number of frames that were too old on arrival."""
         return self._tacho.refused + self._radar.refused + self._inertial.refused
 
-    def sampled_ns(self, heard: Tacho | Doppler | Imu, heard_ns: int, counter: int) -> int | None:
+    def sampled_ns(
+        self, heard: Tacho | Doppler | Imu, received_at_ns: int, counter: int
+    ) -> int | None:
         """Sampling instant of a frame received now. None: the frame is too old.
 
         Args:
@@ -258,10 +260,10 @@ class OdometerClocks:
         """
         if isinstance(heard, Tacho):
             restarts = self._tacho.restarts
-            sampled_ns = self._tacho.sampled_ns(heard_ns, counter, heard.stamp_ms)
+            sampled_ns = self._tacho.sampled_ns(received_at_ns, counter, heard.stamp_ms)
             if self._tacho.restarts != restarts:
                 self._radar = FrameClock(OTHER_PERIOD_MS)
                 self._inertial = FrameClock(OTHER_PERIOD_MS)
             return sampled_ns
         clock = self._radar if isinstance(heard, Doppler) else self._inertial
-        return clock.sampled_ns(heard_ns, counter)
+        return clock.sampled_ns(received_at_ns, counter)

@@ -111,7 +111,7 @@ class EventQueue:
         if evidence is not None:
             entry["id"] = evidence.number
             entry["payload"] = evidence.payload.hex()
-            entry["heard_s"] = self._seconds(evidence.heard_ns)
+            entry["heard_s"] = self._seconds(evidence.received_at_ns)
         return entry
 
     def _seconds(self, at_ns: int) -> float:

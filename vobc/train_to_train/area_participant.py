@@ -1,7 +1,7 @@
 """State of a train in one area: as member, as candidate and as master."""
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.train_to_train.guards import TrainGuards
@@ -74,46 +74,53 @@ class AreaParticipant:
 
     # Received messages.
 
-    def hears(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
+    def on_message(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
         """Process a message. The result is the immediate answer."""
         self._heard_ns = now_ns
         return self._takes(message, now_ns)
 
     def _takes(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
-        if isinstance(message, Heartbeat):
-            self._hears_heartbeat(message, now_ns)
-        elif isinstance(message, AreaAuthority):
-            refused = self.member.takes(message, now_ns)
-            self.refused += [refused] if refused else []
-        elif isinstance(message, LeaseAnswer):
-            self.lease.hears(message, now_ns)
-        elif isinstance(message, StandbySync):
-            return self._hears_sync(message, now_ns)
-        elif isinstance(message, SwitchStep) and message.kind is not SwitchKind.READY:
-            return self._hears_switch(message, now_ns)
-        else:
-            self._passes_on(message, now_ns)
+        return ROUTES.get(type(message), AreaParticipant._passes_on)(self, message, now_ns)
+
+    def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> list[T2tMessage]:
+        self.member.on_heartbeat(heartbeat, now_ns)
         return []
 
-    def _hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
-        self.member.hears_heartbeat(heartbeat, now_ns)
+    def _on_authority(self, authority: AreaAuthority, now_ns: int) -> list[T2tMessage]:
+        refused = self.member.takes(authority, now_ns)
+        self.refused += [refused] if refused else []
+        return []
 
-    def _passes_on(self, message: T2tMessage, now_ns: int) -> None:
-        if isinstance(message, TrainReport):
-            self._fenced |= message.term > self.lease.term
-            if self.role is Role.STANDBY and message.localised:
-                record = self._table.of(message.source, rear_m=message.rear_min_m, now_ns=now_ns)
-                record.hears(message, now_ns, term=message.term, jog_m=self._config.jog_m)
+    def _on_lease_answer(self, answer: LeaseAnswer, now_ns: int) -> list[T2tMessage]:
+        self.lease.on_message(answer, now_ns)
+        return []
+
+    def _on_switch_step(self, step: SwitchStep, now_ns: int) -> list[T2tMessage]:
+        """A member that is ready answers the master. All other steps are for the members."""
+        if step.kind is SwitchKind.READY:
+            return self._passes_on(step, now_ns)
+        return self._on_switch(step, now_ns)
+
+    def _on_report(self, report: TrainReport, now_ns: int) -> list[T2tMessage]:
+        self._fenced |= report.term > self.lease.term
+        if self.role is Role.STANDBY and report.localised:
+            record = self._table.of(report.source, rear_m=report.rear_min_m, now_ns=now_ns)
+            record.on_message(report, now_ns, term=report.term, jog_m=self._config.jog_m)
+        return self._passes_on(report, now_ns)
+
+    def _passes_on(self, message: T2tMessage, now_ns: int) -> list[T2tMessage]:
+        """Give the message to the master, if this train is it."""
         if self.master is not None:
-            self.master.hears(message, now_ns)
+            self.master.on_message(message, now_ns)
+        return []
 
-    def _hears_sync(self, sync: StandbySync, now_ns: int) -> list[T2tMessage]:
+    def _on_sync(self, sync: StandbySync, now_ns: int) -> list[T2tMessage]:
         if not self.member.fences(sync):
             return []
         self._table.takes_sync(sync.entries, now_ns)
         return [SyncAck(*self._head(now_ns, sync.source), sync.sequence)]
 
-    def _hears_switch(self, step: SwitchStep, now_ns: int) -> list[T2tMessage]:
+    def _on_switch(self, step: SwitchStep, now_ns: int) -> list[T2tMessage]:
         if not self.member.fences(step):
             return []
         own = self._speaker.address
@@ -160,17 +167,17 @@ class AreaParticipant:
         """
         if self.role is Role.OUTSIDE:
             self.member.master_heard_ns = now_ns
-        said = self._change_role(now_ns, own, concerned=concerned)
+        sent = self._change_role(now_ns, own, concerned=concerned)
         if self.role is Role.OUTSIDE:
-            return said
+            return sent
         reports = self._report(now_ns, own, relation)
-        said += reports
+        sent += reports
         if self.master is not None:
-            said += self._command(self.master, now_ns, own, reports, concerned=concerned)
-        return said
+            sent += self._command(self.master, now_ns, own, reports, concerned=concerned)
+        return sent
 
     def _change_role(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> list[T2tMessage]:
-        said: list[T2tMessage] = []
+        sent: list[T2tMessage] = []
         # A lease or roster that is granted at once takes effect in the same step.
         for _ in range(len(ROLES)):
             sight = self._sight(now_ns, own, concerned=concerned)
@@ -178,9 +185,9 @@ class AreaParticipant:
             if role is self.role:
                 break
             before, self.role = self.role, role
-            said += self._leave(before, sight, now_ns)
-            said += self._enter(role, now_ns)
-        return said
+            sent += self._leave(before, sight, now_ns)
+            sent += self._enter(role, now_ns)
+        return sent
 
     def _sight(self, now_ns: int, own: OwnTrain, *, concerned: bool) -> RoleGuardInputs:
         master = self.master
@@ -213,7 +220,9 @@ class AreaParticipant:
         Its own messages may still arrive, so the others would go on waiting for it.
         """
         somebody_waits = master.succession.standby != NOBODY
-        return somebody_waits and (now_ns >= self._deaf_ns() or master.hears_no_train(now_ns))
+        return somebody_waits and (
+            now_ns >= self._deaf_ns() or master.receives_from_no_train(now_ns)
+        )
 
     def _turn_ns(self) -> int:
         """When the master's silence has lasted long enough for this train to apply."""
@@ -233,10 +242,10 @@ class AreaParticipant:
                 # The arbiters still receive this train, although it receives nothing. Its requests
                 # would only obstruct a train with a working receiver.
                 self._quiet_until_ns = now_ns + 2 * self._config.timers.lease_ms * NS_PER_MS
-            said = self._ask(now_ns, self.lease.give_back(now_ns))
+            sent = self._ask(now_ns, self.lease.give_back(now_ns))
             if standby != NOBODY and not sight.fenced:
-                said.append(SwitchStep(*self._head(now_ns, standby), SwitchKind.RESIGN, 0, standby))
-            return said
+                sent.append(SwitchStep(*self._head(now_ns, standby), SwitchKind.RESIGN, 0, standby))
+            return sent
         return []
 
     def _is_fenced(self) -> bool:
@@ -310,25 +319,25 @@ class AreaParticipant:
         *,
         concerned: bool,
     ) -> list[T2tMessage]:
-        said: list[T2tMessage] = []
+        sent: list[T2tMessage] = []
         for report in reports:
-            master.hears(report, now_ns)
+            master.on_message(report, now_ns)
         away = own.out_of_service or not own.localised or not concerned
         successor = self.lease.successor
         spoken = master.step(now_ns, away=away)
         if now_ns >= self.lease.renewal_due_ns() or self.lease.successor != successor:
-            said += self._ask(now_ns, self.lease.renew(now_ns))
+            sent += self._ask(now_ns, self.lease.renew(now_ns))
         for message in spoken:
             # The master obeys its own messages like any member.
             if message.destination in (BROADCAST, self._speaker.address):
                 self._obeys(message, now_ns)
-        return said + [m for m in spoken if m.destination != self._speaker.address]
+        return sent + [m for m in spoken if m.destination != self._speaker.address]
 
     def _obeys(self, message: T2tMessage, now_ns: int) -> None:
         if isinstance(message, Heartbeat | AreaAuthority):
             self._takes(message, now_ns)
         elif isinstance(message, SwitchStep) and message.kind is not SwitchKind.COMMIT:
-            self._hears_switch(message, now_ns)
+            self._on_switch(message, now_ns)
 
     # Reports.
 
@@ -340,10 +349,10 @@ class AreaParticipant:
         """
         if self.member.beat_ns == 0:
             return []
-        said = self._report(now_ns, own, (0, NOBODY))
-        if said:
+        sent = self._report(now_ns, own, (0, NOBODY))
+        if sent:
             self._report_ns += self._config.timers.cycle_ms * NS_PER_MS
-        return said
+        return sent
 
     def _report(self, now_ns: int, own: OwnTrain, relation: tuple[int, int]) -> list[TrainReport]:
         if now_ns < self._report_ns and not self.member.promised_anew:
@@ -402,3 +411,16 @@ class Chance:
         state ^= state >> 27
         self._state = state
         return (state * 0x2545F4914F6CDD1D % 2**64 >> 16) % limit
+
+
+ROUTES: Final[
+    Mapping[type[T2tMessage], Callable[[AreaParticipant, Any, int], list[T2tMessage]]]
+] = {
+    Heartbeat: AreaParticipant._on_heartbeat,
+    AreaAuthority: AreaParticipant._on_authority,
+    LeaseAnswer: AreaParticipant._on_lease_answer,
+    StandbySync: AreaParticipant._on_sync,
+    SwitchStep: AreaParticipant._on_switch_step,
+    TrainReport: AreaParticipant._on_report,
+}
+"""Method for each type of message that a member or standby acts on. Others are for the master."""

@@ -94,22 +94,38 @@ def end_of_authority_m(course: Course, space: AreaBounds) -> float | None:
             break
         if stretch.end_m <= course.rear_m - space.rollback_m:
             continue
-        inside = course.front_max_m > stretch.start_m
-        granted_in = course.granted_m > stretch.start_m
-        shortened = course.stopped and course.granted_m > course.front_max_m
-        if stretch.bar is Bar.UNSURE and (inside or granted_in) and not shortened:
-            return None
-        late = granted_in and course.easy_m > stretch.start_m
-        if stretch.bar is Bar.CLOSING and (inside or late):
+        effect = _effect(course, stretch)
+        if effect is _Effect.PASSABLE:
             continue
-        if over:
+        if effect is _Effect.IN_DOUBT or over:
             return None
+        inside = course.front_max_m > stretch.start_m
         end_m = min(end_m, course.front_max_m if inside else stretch.start_m)
         break
     if end_m < course.front_max_m and course.granted_m <= course.front_max_m:
         # A train may be beyond its area's border by the authority of the next area.
         return end_m if end_m == space.end_m else None
     return end_m
+
+
+class _Effect(enum.Enum):
+    """What a barred stretch ahead means for a train."""
+
+    ENDS = "the authority ends before it, or where the train is within it"
+    PASSABLE = "the train can no longer stop before it with the service brake, or is within it"
+    IN_DOUBT = "nothing new is granted while the stretch is unsure"
+
+
+def _effect(course: Course, stretch: BarredTrack) -> _Effect:
+    inside = course.front_max_m > stretch.start_m
+    granted_in = course.granted_m > stretch.start_m
+    if stretch.bar is Bar.UNSURE and (inside or granted_in):
+        shortened = course.stopped and course.granted_m > course.front_max_m
+        return _Effect.ENDS if shortened else _Effect.IN_DOUBT
+    late = granted_in and course.easy_m > stretch.start_m
+    if stretch.bar is Bar.CLOSING and (inside or late):
+        return _Effect.PASSABLE
+    return _Effect.ENDS
 
 
 def back_to_m(course: Course, space: AreaBounds) -> float:

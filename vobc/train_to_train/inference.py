@@ -47,18 +47,18 @@ class Conclusions:
             record.rear_m = max(record.rear_m, entry.rear_m)
         return record
 
-    def reborn(self, report: TrainReport, heard_ns: int) -> None:
+    def reborn(self, report: TrainReport, received_at_ns: int) -> None:
         """Record that a train restarted in its old place.
 
         It accepts no authority of its former incarnation any more.
         """
         former = self.records[report.source]
-        record = TrainRecord(report.source, report.rear_min_m, heard_ns)
-        record.hears(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
+        record = TrainRecord(report.source, report.rear_min_m, received_at_ns)
+        record.on_message(report, received_at_ns, term=self.term, jog_m=self._config.jog_m)
         record.stopped = former.stopped
         self.records[report.source] = record
 
-    def hears_newborn(self, report: TrainReport) -> None:
+    def on_restarted_report(self, report: TrainReport) -> None:
         """Note the reach of a restarted train that is registered under its former incarnation.
 
         It accepts no authority of that incarnation any more.
@@ -75,7 +75,7 @@ class Conclusions:
 
     def is_told(self, record: TrainRecord, now_ns: int) -> bool:
         """The train has acknowledged this term and is still in communication."""
-        return self.has_promised(record) and self.is_alive(record.heard_ns, now_ns)
+        return self.has_promised(record) and self.is_alive(record.received_at_ns, now_ns)
 
     def is_fit(self, train: int, now_ns: int) -> bool:
         """The train reports, has acknowledged the term, and is in service by its own report."""
@@ -92,16 +92,16 @@ class Conclusions:
 
         It is then more likely that this master's receiver has failed than that all the trains have.
         """
-        heard_ns = [
-            each.heard_ns
+        received_at_ns = [
+            each.received_at_ns
             for each in self.records.values()
             if each.report is not None and each.train != own
         ]
         limit_ns = 2 * self._config.timers.silence_ms * NS_PER_MS
-        return len(heard_ns) > 1 and now_ns - max(heard_ns) >= limit_ns
+        return len(received_at_ns) > 1 and now_ns - max(received_at_ns) >= limit_ns
 
-    def is_alive(self, heard_ns: int, now_ns: int) -> bool:
-        return self._guards.report_alive(Freshness(now_ns - heard_ns, self._silence_ns))
+    def is_alive(self, received_at_ns: int, now_ns: int) -> bool:
+        return self._guards.report_alive(Freshness(now_ns - received_at_ns, self._silence_ns))
 
     def is_recent(self, report: TrainReport, now_ns: int) -> bool:
         """Whether the content of the report is current."""
@@ -194,8 +194,8 @@ class Conclusions:
     def advance_silent(self, now_ns: int, track: TrackView) -> None:
         """Advance the rear of silent trains as the sections behind them clear."""
         for record in self.records.values():
-            silent_ns = now_ns - record.heard_ns
-            later_ns = track.seen_ns - record.heard_ns
+            silent_ns = now_ns - record.received_at_ns
+            later_ns = track.seen_ns - record.received_at_ns
             if silent_ns > self._silence_ns and self._guards.cleared_after(later_ns):
                 record.rear_m = moved_on_m(track, record, overhang_m=self._config.overhang_m)
 
@@ -294,7 +294,7 @@ class Conclusions:
             track = track._replace(occupied=tuple(within))
         if nearest is not None:
             behind_m = self._config.behind_rear_m
-            before_m, since_ns = nearest.rear_m - behind_m, nearest.heard_ns
+            before_m, since_ns = nearest.rear_m - behind_m, nearest.received_at_ns
             then_m = nearest.rear_then_m(track.seen_ns) - behind_m
         found = hidden_between(
             track, beyond_m=beyond_m, before_m=before_m, ahead_ns=since_ns, then_m=then_m

@@ -126,12 +126,12 @@ class Lease:
                 del self._asked[next(iter(self._asked))]
         return ArbiterRequest(kind, self.term, self._nonce, self.successor, less_ns)
 
-    def hears(self, answer: LeaseAnswer, now_ns: int) -> None:
+    def on_message(self, answer: LeaseAnswer, now_ns: int) -> None:
         """Count the answer as a vote if it answers an open request."""
         if answer.source not in self._config.arbiters:
             return
         if not answer.granted:
-            self._hears_refusal(answer, now_ns)
+            self._on_refusal(answer, now_ns)
             return
         asked = self._asked.get(answer.nonce)
         nonce = None if asked is None else answer.nonce
@@ -147,7 +147,7 @@ class Lease:
             self.adopted = kept
         self._judge(answer.nonce, now_ns)
 
-    def _hears_refusal(self, answer: LeaseAnswer, now_ns: int) -> None:
+    def _on_refusal(self, answer: LeaseAnswer, now_ns: int) -> None:
         self.refused_term = max(self.refused_term, answer.term)
         if answer.nonce in self._asked:
             self.wait_until_ns = max(self.wait_until_ns, now_ns + answer.wait_ns)

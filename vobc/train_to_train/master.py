@@ -1,8 +1,54 @@
 """A train that commands an area: it receives reports, keeps roster and objects, and issues
 authorities.
+
+Theory
+------
+A master is the one train that may issue authorities in an area under one *term*. Arbiters grant it
+a *lease*; a majority decides, so two masters of one term cannot exist. The master computes, and the
+arbiters only count votes and store the roster.
+
+States of a master:
+
+- lease and term (`lease`): without a running lease it sends nothing;
+- roster (`roster`): the trains of the area in line order. It is *proposed* by the master and
+  *committed* when a majority of arbiters has stored it;
+- records (`occupancy`): per train the newest report, the authorities that are outstanding, and the
+  place that is kept free for it while it is silent;
+- track and objects (`axle_counting`, `objects`): occupied sections, locked switches, closures;
+- applicants and restarted trains (`admission`, `restart`): they report without a valid entry.
+
+Phases: *fencing* until the first roster is committed and the track is known, then *issuing*. Each
+cycle updates the roster, the objects and the authorities, in this order.
+
+Equations. With rear_min as the least place of a train's rear, the authority of the train behind
+ends at
+
+    min(end of the area,
+        rear_min of the train ahead - (rollback + jog back),
+        start of the first barred stretch ahead,
+        front_max + longest authority)
+
+A train ahead counts with the worst of what it may do: its own outstanding authorities, and its
+place since the last report. A silent train keeps its place until axle counters show it clear.
+
+Invariants:
+
+1. At most one master issues authorities of a term, and none within the margin of the lease's end
+   (INV-19, INV-25). Members refuse messages of a lower term (INV-20, INV-29).
+2. Authorities of two trains never overlap, also across masters and areas (INV-21, INV-22). No train
+   gets track because of a roster entry that is not committed.
+3. A section that axle counters show occupied, and that known trains do not account for, bars the
+   trains behind. Only a *sieved* train proves that no shadow train is next to it.
+4. A train that was never received, or restarted, gets no authority before it is on a committed
+   roster in its present incarnation.
+
+References: [Xu] for the master that computes for its area, [Raft] for term and majority,
+[Gray 1989] for the lease, [IEEE 1474.1] for the safe separation of trains.
+docs/design/train_to_train.md has the whole protocol.
 """
 
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
 from firmware_py.trackdb.areas import AreaMap
 from vobc.train_to_train import admission
@@ -102,37 +148,42 @@ class Master:
         self._newborns = RestartedTrains(config, guards)
         self._known.begin_with(self.roster.proposed, now_ns)
 
-    def hears(self, message: T2tMessage, now_ns: int) -> None:
-        if isinstance(message, TrainReport):
-            self._hears_report(message, now_ns)
-        elif isinstance(message, RosterAck):
-            if message.source in self._config.arbiters:
-                self.roster.hears(message)
-        elif isinstance(message, ObjectStatus):
-            self._objects.hears(message)
-        elif isinstance(message, TrackStatus):
-            if message.term == self.term:
-                self._track = view_of(message, self._line)
-        elif isinstance(message, SwitchStep):
-            if message.kind is SwitchKind.READY and message.term == self.term:
-                self.succession.switch.is_ready(message.source, message.nonce)
-        elif isinstance(message, LineOrder):
-            self._hears_order(message)
-        elif isinstance(message, Removal):
-            self._removals.hears(message, now_ns)
+    def on_message(self, message: T2tMessage, now_ns: int) -> None:
+        """Process a message. Types without a route do not concern a master."""
+        route = ROUTES.get(type(message))
+        if route is not None:
+            route(self, message, now_ns)
 
-    def _hears_report(self, report: TrainReport, now_ns: int) -> None:
+    def _on_roster_ack(self, ack: RosterAck, _: int) -> None:
+        if ack.source in self._config.arbiters:
+            self.roster.on_message(ack)
+
+    def _on_object_status(self, status: ObjectStatus, _: int) -> None:
+        self._objects.on_message(status)
+
+    def _on_track_status(self, status: TrackStatus, _: int) -> None:
+        if status.term == self.term:
+            self._track = view_of(status, self._line)
+
+    def _on_switch_step(self, step: SwitchStep, _: int) -> None:
+        if step.kind is SwitchKind.READY and step.term == self.term:
+            self.succession.switch.is_ready(step.source, step.nonce)
+
+    def _on_removal(self, removal: Removal, now_ns: int) -> None:
+        self._removals.on_message(removal, now_ns)
+
+    def _on_report(self, report: TrainReport, now_ns: int) -> None:
         train = report.source
         boot = self.roster.boots().get(train)
-        self._around.hears(report, now_ns)
+        self._around.on_message(report, now_ns)
         if boot is not None and boot != report.boot:
-            self._newborns.hears(report, now_ns)
-            self._known.hears_newborn(report)
+            self._newborns.on_message(report, now_ns)
+            self._known.on_restarted_report(report)
         elif boot is not None:
             self._newborns.forgets(train)
             self._applicants.pop(train, None)
             record = self._known.records[train]
-            record.hears(report, now_ns, term=self.term, jog_m=self._config.jog_m)
+            record.on_message(report, now_ns, term=self.term, jog_m=self._config.jog_m)
             if not record.served:
                 self._cycle_ns = min(self._cycle_ns, now_ns)
         elif self._has_passed(report.rear_min_m) or self._around.is_far(report):
@@ -141,7 +192,7 @@ class Master:
         elif train in self._applicants or len(self._applicants) < APPLICANTS_MAX:
             self._applicants[train] = (report, now_ns)
 
-    def _hears_order(self, order: LineOrder) -> None:
+    def _on_order(self, order: LineOrder, _: int) -> None:
         record = self._known.records.get(order.train)
         if order.kind is OrderKind.SWITCH_MASTER:
             self.succession.wanted = order.train
@@ -164,16 +215,16 @@ class Master:
         Args:
             away: this train should stop commanding soon, because it leaves or cannot continue.
         """
-        said: list[T2tMessage] = []
+        sent: list[T2tMessage] = []
         if not self._lease.runs(now_ns):
-            return said
+            return sent
         if now_ns >= self._cycle_ns and self._is_ready(now_ns):
             self._cycle_ns = _next(self._cycle_ns, now_ns, self._config.timers.cycle_ms)
-            said += self._cycle(now_ns, away=away)
+            sent += self._cycle(now_ns, away=away)
         if now_ns >= self._beat_ns:
             self._beat_ns = _next(self._beat_ns, now_ns, self._config.timers.heartbeat_ms)
-            said += self._beat(now_ns)
-        return said
+            sent += self._beat(now_ns)
+        return sent
 
     def _is_ready(self, now_ns: int) -> bool:
         """Whether the trains of the area and the state of its track are known. Before, the master
@@ -184,32 +235,32 @@ class Master:
 
     def _beat(self, now_ns: int) -> list[T2tMessage]:
         phase = Phase.FENCING if self.roster.kept is None else Phase.ISSUING
-        said: list[T2tMessage] = [
+        sent: list[T2tMessage] = [
             Heartbeat(
                 *self._head(now_ns, BROADCAST), phase, self.succession.standby, self.roster.version
             )
         ]
         if self.roster.pending:
-            said += [
+            sent += [
                 RosterCommit(*self._head(now_ns, each), self.roster.version, self.roster.proposed)
                 for each in self.roster.missing(self._config.arbiters)
             ]
-        return said + self.succession.steps(now_ns, self._head)
+        return sent + self.succession.steps(now_ns, self._head)
 
     def _cycle(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
         if self._track is not None:
             self._known.advance_silent(now_ns, self._track)
         self._known.take_proofs(self.roster.proposed, now_ns)
-        said: list[T2tMessage] = []
+        sent: list[T2tMessage] = []
         if not self.roster.pending:
-            said += self._keep_roster(now_ns)
-        said += [
+            sent += self._keep_roster(now_ns)
+        sent += [
             RemovalAnswer(*self._head(now_ns, SUPERVISION), train, state)
             for train, state in self._removals.answers(self.roster)
         ]
         self._succeed(now_ns, away=away)
-        said += self._claims(now_ns)
-        return said + self._authorities(now_ns)
+        sent += self._claims(now_ns)
+        return sent + self._authorities(now_ns)
 
     # The roster.
 
@@ -217,7 +268,7 @@ class Master:
         """Remove departed trains, update sieved ones, then admit at most one applicant after
         another.
         """
-        said: list[T2tMessage] = []
+        sent: list[T2tMessage] = []
         records = self._known.records
         gone = self._removals.gone(self.roster, self._sight, now_ns)
         order: Order = self.roster.proposed
@@ -235,24 +286,24 @@ class Master:
             for train, each in self._applicants.items()
             if self._known.is_alive(each[1], now_ns)
         }
-        for train, (report, heard_ns) in sorted(self._applicants.items(), key=foremost_first):
+        for train, (report, received_at_ns) in sorted(self._applicants.items(), key=foremost_first):
             if not (report.localised and self._known.is_recent(report, now_ns)):
                 continue
             scene = self._scene(now_ns, report)
             result = admitted(order, report, scene, self._config, self._guards)
             if isinstance(result, Waiting):
-                said.append(Admission(*self._head(now_ns, train), result.state, result.waits_for))
+                sent.append(Admission(*self._head(now_ns, train), result.state, result.waits_for))
                 continue
             order, changed = result, True
-            record = self._known.table.of(train, rear_m=report.rear_min_m, now_ns=heard_ns)
-            record.hears(report, heard_ns, term=self.term, jog_m=self._config.jog_m)
-            said.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
+            record = self._known.table.of(train, rear_m=report.rear_min_m, now_ns=received_at_ns)
+            record.on_message(report, received_at_ns, term=self.term, jog_m=self._config.jog_m)
+            sent.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
         order, sieved = self._sieve(order, now_ns)
         if changed or sieved:
             self.roster.propose([e._replace(rear_m=records[e.train].rear_m) for e in order])
             self._known.table.forget_but([entry.train for entry in order])
             self._beat_ns = now_ns
-        return said
+        return sent
 
     def _has_passed(self, rear_m: float) -> bool:
         """The train has left the area for good, even if it rolls or jogs back."""
@@ -385,7 +436,7 @@ class Master:
             for each in self._known.records.values()
             if each.ready_nonce is not None
             and each.train != own
-            and self._known.is_alive(each.heard_ns, now_ns)
+            and self._known.is_alive(each.received_at_ns, now_ns)
         ]
         heard += self._newborns.ready(self._known, now_ns)
         succession.choose_standby(
@@ -407,7 +458,7 @@ class Master:
         own = self._speaker.address
         return bool((self._on_roster() | set(self._applicants)) - {own})
 
-    def hears_no_train(self, now_ns: int) -> bool:
+    def receives_from_no_train(self, now_ns: int) -> bool:
         """There are several other trains, and none of them reports."""
         return self._known.all_silent(self._speaker.address, now_ns)
 
@@ -429,3 +480,15 @@ def _next(due_ns: int, now_ns: int, period_ms: int) -> int:
     """The next due time of a periodic task. Missed periods are skipped."""
     period_ns = period_ms * NS_PER_MS
     return due_ns + (1 + (now_ns - due_ns) // period_ns) * period_ns
+
+
+ROUTES: Final[Mapping[type[T2tMessage], Callable[[Master, Any, int], None]]] = {
+    TrainReport: Master._on_report,
+    RosterAck: Master._on_roster_ack,
+    ObjectStatus: Master._on_object_status,
+    TrackStatus: Master._on_track_status,
+    SwitchStep: Master._on_switch_step,
+    LineOrder: Master._on_order,
+    Removal: Master._on_removal,
+}
+"""Method of a master for each type of message that it acts on."""

@@ -53,7 +53,7 @@ class AreaMember:
             self.beat_ns = 0
         return True
 
-    def hears_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> bool:
+    def on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> bool:
         if not self.fences(heartbeat):
             return False
         self.master_heard_ns = now_ns

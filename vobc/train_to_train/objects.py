@@ -25,7 +25,7 @@ class TrackObjects:
         self._claims: dict[int, Claim] = {}
         self._nonce = 0
 
-    def hears(self, status: ObjectStatus) -> None:
+    def on_message(self, status: ObjectStatus) -> None:
         if any(site.number == status.number for site in self._sites):
             self.statuses[status.number] = status
 
@@ -41,15 +41,15 @@ class TrackObjects:
             needed: whether a train comes near an object.
             reaches: every train of the roster, as seen from the object.
         """
-        said = []
+        sent = []
         for site in self._sites:
             status = self.statuses.get(site.number)
             if status is None or status.state is ObjectState.FAILED:
                 continue
             claim = self._wish(site, status, needed, reaches)
             if claim is not None and not self._carried_out(claim, status):
-                said.append((site, claim))
-        return said
+                sent.append((site, claim))
+        return sent
 
     def _wish(
         self,

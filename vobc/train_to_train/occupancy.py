@@ -35,7 +35,7 @@ class TrainRecord:
     rear_m: float
     """Protected rear. The rear is here or farther on, or comes to rest here or farther on. The
     train or the axle counters have shown it."""
-    heard_ns: int
+    received_at_ns: int
     """When its newest report arrived. Before the first report: when the record was made."""
     boot: int = 0
     """Incarnation of the train. 0: unknown."""
@@ -65,7 +65,7 @@ class TrainRecord:
     places: list[tuple[int, float]] = field(default_factory=list, compare=False)
     """Arrival time and protected rear of the latest reports, oldest first."""
 
-    def hears(self, report: TrainReport, now_ns: int, *, term: int, jog_m: float) -> None:
+    def on_message(self, report: TrainReport, now_ns: int, *, term: int, jog_m: float) -> None:
         """Update the record from a report that arrived in order.
 
         A moving train must come to rest before it can jog back, and it comes to rest farther on.
@@ -75,7 +75,7 @@ class TrainRecord:
         Args:
             term: the master's own term.
         """
-        self.heard_ns = now_ns
+        self.received_at_ns = now_ns
         self.term = report.term
         self.ready_nonce = report.ready_nonce
         self.latent_m = report.latent_m
@@ -99,7 +99,10 @@ class TrainRecord:
 
     def rear_then_m(self, at_ns: int) -> float:
         """Protected rear as known at that time. It is far behind if nothing was known."""
-        return max([m for heard_ns, m in self.places if heard_ns <= at_ns], default=-UNBOUNDED_M)
+        return max(
+            [m for received_at_ns, m in self.places if received_at_ns <= at_ns],
+            default=-UNBOUNDED_M,
+        )
 
     def issued(self, sequence: int, end_m: float, *, life_ns: int) -> None:
         """Note an authority that answers the newest report.
@@ -108,7 +111,7 @@ class TrainRecord:
             life_ns: age of a report after which no train accepts an authority that answers it.
         """
         self.served = True
-        self.sent.append(Sent(sequence, end_m, self.heard_ns + life_ns))
+        self.sent.append(Sent(sequence, end_m, self.received_at_ns + life_ns))
         if len(self.sent) > OUTSTANDING_MAX:
             first, second, *rest = self.sent
             self.sent = [second._replace(end_m=max(first.end_m, second.end_m)), *rest]

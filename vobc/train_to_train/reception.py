@@ -1,6 +1,7 @@
 """First check of every received message: destination, permitted sender, and order."""
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import Final
 
 from zenoh_config.messages import WAYSIDE, RefusedReason
@@ -33,19 +34,28 @@ SOURCES_MAX: Final = 16_384
 All trains of a line may pass the areas that concern this train, and each sends four kinds of
 message there.
 """
-OF_TRAINS: Final = (
-    Heartbeat,
-    TrainReport,
-    AreaAuthority,
-    StandbySync,
-    SyncAck,
-    SwitchStep,
-    Admission,
-    ObjectClaim,
-)
-OF_ARBITERS: Final = (LeaseAnswer, RosterAck)
-OF_WAYSIDE: Final = (ObjectStatus, TrackStatus)
-OF_SUPERVISION: Final = (LineOrder, Removal)
+TRAINS: Final = range(WAYSIDE + 1, LAST_TRAIN + 1)
+ARBITERS: Final = range(FIRST_ARBITER, LAST_ARBITER + 1)
+THE_WAYSIDE: Final = range(WAYSIDE, WAYSIDE + 1)
+THE_SUPERVISION: Final = range(SUPERVISION, SUPERVISION + 1)
+NO_SENDER: Final = range(0)
+SENDERS: Final[Mapping[type[T2tMessage], range]] = {
+    Heartbeat: TRAINS,
+    TrainReport: TRAINS,
+    AreaAuthority: TRAINS,
+    StandbySync: TRAINS,
+    SyncAck: TRAINS,
+    SwitchStep: TRAINS,
+    Admission: TRAINS,
+    ObjectClaim: TRAINS,
+    LeaseAnswer: ARBITERS,
+    RosterAck: ARBITERS,
+    ObjectStatus: THE_WAYSIDE,
+    TrackStatus: THE_WAYSIDE,
+    LineOrder: THE_SUPERVISION,
+    Removal: THE_SUPERVISION,
+}
+"""Addresses that may send a message of each type to a train."""
 
 Stream = tuple[type[T2tMessage], int, int, int]
 """Message type, source, area and object number (0 if the message has none)."""
@@ -106,10 +116,4 @@ class Reception:
 
 
 def _may_say(source: int, message: T2tMessage) -> bool:
-    if isinstance(message, OF_TRAINS):
-        return WAYSIDE < source <= LAST_TRAIN
-    if isinstance(message, OF_ARBITERS):
-        return FIRST_ARBITER <= source <= LAST_ARBITER
-    if isinstance(message, OF_SUPERVISION):
-        return source == SUPERVISION
-    return isinstance(message, OF_WAYSIDE) and source == WAYSIDE
+    return source in SENDERS.get(type(message), NO_SENDER)

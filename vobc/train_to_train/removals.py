@@ -55,7 +55,7 @@ class Removals:
         """Requested removals by train."""
         self._late: set[int] = set()
 
-    def hears(self, removal: Removal, now_ns: int) -> None:
+    def on_message(self, removal: Removal, now_ns: int) -> None:
         train = removal.train
         if removal.term != self._known.term:
             return
@@ -94,7 +94,7 @@ class Removals:
         record, track = self._known.records[train], sight.track
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         from_m = record.rear_m - self._config.behind_rear_m
-        silent = train not in sight.heard and now_ns - record.heard_ns > age_max_ns
+        silent = train not in sight.heard and now_ns - record.received_at_ns > age_max_ns
         # Reports of another incarnation may come from elsewhere, so they do not bound this place.
         to_m = max(reach_m, record.rear_m + self._config.overhang_m)
         explained = not sight.counts or (

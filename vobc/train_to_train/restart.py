@@ -1,8 +1,48 @@
 """Restarted trains of the roster: still in place, or away and back again.
 
-A roster entry is valid for one incarnation of its train. A restarted train gets no authority by it,
-because the master cannot know what happened meanwhile. If the train is in its old place, the master
-renews the entry. Otherwise the entry ends, and the train applies like an unregistered one.
+Theory
+------
+A roster entry is valid for one *incarnation* of its train. A restarted train gets no authority by
+it, because the master cannot know what happened meanwhile: the train may have been taken off the
+line, moved by hand, or passed by another one. If the train is in its old place, the master renews
+the entry. Otherwise the entry ends, and the train applies like an unregistered one.
+
+Result for each entry whose train reports a new incarnation (`RestartPlace`):
+
+- IN_PLACE: the entry is renewed with the new incarnation;
+- GONE: the entry ends; the train applies again where it stands;
+- BEFORE: the train is ahead of another restarted train that was ahead of it. It is registered where
+  it stands, and the other one keeps its entry;
+- UNSURE: the entry stays as an obstacle, and the train gets no authority.
+
+The decision compares intervals. With R as the place of the entry's rear, [r, f] as the reported
+interval from least rear to greatest front, and N as any neighbour on the roster:
+
+    gone back    greatest rear < R - (rollback + jog back)
+    overtaken    a train behind reports a rear beyond f
+    overtakes    the greatest rear of a train ahead is below r
+
+Each of the three contradicts "it stayed in place". The entry then ends only if axle counters agree
+(`sieved`: standing trains account for all axles around it; `left`: other trains account for all
+axles where its foremost axle would be). Without such evidence the result is UNSURE, since another
+device may report under the same number.
+
+If nothing contradicts, the train is in place when either
+
+- the master received the former incarnation less than RECENT_NS ago, as a train cannot leave the
+  line and come back in that time, or
+- every train behind was received, and no known place contradicts the order of the roster.
+
+Invariants:
+
+1. A renewed entry never lets a train pass another one: the order of the roster is the order on the
+   track.
+2. A doubt keeps the obstacle: UNSURE issues nothing and frees nothing.
+3. Restarted trains in a row do not wait for each other. Their reports count as places, because
+   trains never pass each other on the line.
+
+References: [EN 50159] for messages of an earlier incarnation, [IEEE 1474.1] for
+non-communicating trains. docs/design/train_to_train.md has the protocol around these rules.
 """
 
 import enum
@@ -94,11 +134,17 @@ def whereabouts(
     gone_back = _is_farther_back(report, former.record, behind_rear_m)
     overtaken = any(each.rear_m > report.front_max_m for each in former.behind)
     overtakes = any(each.rear_max_m < report.rear_min_m for each in former.ahead)
+    proven = evidence.sieved or evidence.left
     if gone_back or overtaken or overtakes:
         # Another device may report under the same number. The axle counts are independent evidence.
-        return RestartPlace.GONE if evidence.sieved or evidence.left else RestartPlace.UNSURE
+        return RestartPlace.GONE if proven else RestartPlace.UNSURE
     if evidence.recent:
         return RestartPlace.IN_PLACE
+    return _among_neighbours(former, report, proven=proven)
+
+
+def _among_neighbours(former: Former, report: TrainReport, *, proven: bool) -> RestartPlace:
+    """Place of a train that may have been away: its neighbours have to confirm the order."""
     unheard = not all(each.heard for each in former.behind)
     anew = [each for each in former.behind if each.anew_m is not None]
     changed = not all(each.is_behind(report.rear_min_m) for each in anew)
@@ -108,7 +154,7 @@ def whereabouts(
         return RestartPlace.UNSURE
     if not passed:
         return RestartPlace.IN_PLACE
-    return RestartPlace.BEFORE if evidence.sieved or evidence.left else RestartPlace.UNSURE
+    return RestartPlace.BEFORE if proven else RestartPlace.UNSURE
 
 
 def _is_farther_back(report: TrainReport, record: TrainRecord, behind_rear_m: float) -> bool:
@@ -123,7 +169,7 @@ class RestartedTrains:
         self._config, self._guards = config, guards
         self._told: dict[int, tuple[TrainReport, int]] = {}
 
-    def hears(self, report: TrainReport, now_ns: int) -> None:
+    def on_message(self, report: TrainReport, now_ns: int) -> None:
         self._told[report.source] = report, now_ns
 
     def forgets(self, train: int) -> None:
@@ -137,8 +183,8 @@ class RestartedTrains:
         """Trains that report, each with the switch for which it is ready."""
         return [
             (report.source, report.ready_nonce)
-            for report, heard_ns in self._told.values()
-            if known.is_alive(heard_ns, now_ns)
+            for report, received_at_ns in self._told.values()
+            if known.is_alive(received_at_ns, now_ns)
         ]
 
     def settle(
@@ -155,7 +201,7 @@ class RestartedTrains:
         settled, gone = list[RosterEntry](), list[tuple[TrainReport, int]]()
         self._told = {t: e for t, e in self._told.items() if known.is_alive(e[1], now_ns)}
         for at, entry in enumerate(order):
-            report, heard_ns = self._told.get(entry.train, (None, now_ns))
+            report, received_at_ns = self._told.get(entry.train, (None, now_ns))
             if report is None or not report.localised or not known.is_recent(report, now_ns):
                 settled.append(entry)
                 continue
@@ -177,7 +223,7 @@ class RestartedTrains:
                 if not isinstance(result, Waiting):
                     settled = list(result[: len(result) - len(followers)])
                     del self._told[entry.train]
-                    known.reborn(report, heard_ns)
+                    known.reborn(report, received_at_ns)
                     continue
                 found = RestartPlace.UNSURE
             if found is RestartPlace.UNSURE:
@@ -186,12 +232,12 @@ class RestartedTrains:
             del self._told[entry.train]
             if found is RestartPlace.GONE:
                 del known.records[entry.train]
-                gone.append((report, heard_ns))
+                gone.append((report, received_at_ns))
             else:
                 sieved = (recent and entry.sieved) or is_over_border(report, scene)
                 sieved = sieved or is_sieved(report, scene, self._config.behind_axle_m)
                 settled.append(RosterEntry(entry.train, report.rear_min_m, sieved, report.boot))
-                known.reborn(report, heard_ns)
+                known.reborn(report, received_at_ns)
         return tuple(settled), gone
 
     def _neighbour(self, entry: RosterEntry, known: Conclusions, now_ns: int) -> Neighbour:

@@ -40,7 +40,7 @@ class Roster:
         self._acks = set()
         self._judge()
 
-    def hears(self, ack: RosterAck) -> None:
+    def on_message(self, ack: RosterAck) -> None:
         if (ack.term, ack.version) == (self.term, self.version):
             self._acks.add(ack.source)
             self._judge()

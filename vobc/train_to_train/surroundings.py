@@ -49,7 +49,7 @@ class Surroundings:
         self._halts: dict[int, Halt] = {}
         """Trains at standstill."""
 
-    def hears(self, report: TrainReport, now_ns: int) -> None:
+    def on_message(self, report: TrainReport, now_ns: int) -> None:
         """Record since when a train stands. Older axle counts say nothing of its surroundings."""
         known = self._halts.pop(report.source, None)
         if report.standstill and report.localised:
@@ -110,7 +110,9 @@ class Surroundings:
         """Inputs that decide on the removal of a train."""
         others = list(strangers)
         # A report that was long under way still shows that the train exists.
-        anew = {e.source for e, heard_ns in others if self._known.is_alive(heard_ns, now_ns)}
+        anew = {
+            e.source for e, received_at_ns in others if self._known.is_alive(received_at_ns, now_ns)
+        }
         return TrackObservation(
             self._counts,
             track,

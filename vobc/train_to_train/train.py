@@ -123,7 +123,7 @@ class TrainCore:
             self._concerned_ns[area] = now_ns
         if not len(known) == len(self._concerned_ns) == len(self.listens):
             self._listen(now_ns)
-        said = self._hear(now_ns, heard)
+        sent = self._hear(now_ns, heard)
         if self._silenced():
             return self._takes_no_part(now_ns)
         if self.memory.out_of_service:
@@ -133,15 +133,15 @@ class TrainCore:
         for number, desk in self._desks.items():
             concerned = number in areas
             relation = self._relation(desk.area, now_ns)
-            said += desk.step(now_ns, own, concerned=concerned, relation=relation)
+            sent += desk.step(now_ns, own, concerned=concerned, relation=relation)
             if number in beside:
-                said += desk.vouch(now_ns, own)
+                sent += desk.vouch(now_ns, own)
         for desk in self._desks.values():
             if desk.refused:
                 self.refusals.update(desk.refused)
                 desk.refused.clear()
             desk.member.settle(now_ns, own)
-        return self._stepped(now_ns, own, said)
+        return self._stepped(now_ns, own, sent)
 
     def _listen(self, now_ns: int) -> None:
         """Update the areas in which the train listens.
@@ -181,7 +181,7 @@ class TrainCore:
         self._rear_m = max(self._rear_m, own.rear_min_m)
 
     def _hear(self, now_ns: int, heard: tuple[T2tMessage, ...]) -> list[T2tMessage]:
-        said: list[T2tMessage] = []
+        sent: list[T2tMessage] = []
         if len(heard) > HEARD_MAX:
             self.refusals["flood"] += len(heard) - HEARD_MAX
         for message in heard[:HEARD_MAX]:
@@ -197,11 +197,11 @@ class TrainCore:
             if desk is None:
                 self.refusals["area of no concern"] += 1
             else:
-                said += desk.hears(message, now_ns)
+                sent += desk.on_message(message, now_ns)
         if self._hearing.refusals:
             self.refusals.update({r.value: n for r, n in self._hearing.refusals.items()})
             self._hearing.refusals.clear()
-        return said
+        return sent
 
     def _serve(self, order: LineOrder) -> None:
         """Apply an order to take the train in or out of service.
@@ -336,7 +336,7 @@ class TrainCore:
         self._due_ns = now_ns + IDLE_NS
         return Stepped(None, None, ())
 
-    def _stepped(self, now_ns: int, own: OwnTrain, said: list[T2tMessage]) -> Stepped:
+    def _stepped(self, now_ns: int, own: OwnTrain, sent: list[T2tMessage]) -> Stepped:
         memory, due_ns = self.memory, now_ns + IDLE_NS
         roles: list[tuple[int, Role]] = []
         within = 0
@@ -358,7 +358,7 @@ class TrainCore:
         return Stepped(
             memory=memory if changed else None,
             authority=authority,
-            out=tuple(said),
+            out=tuple(sent),
             state=state_of(StandingGuardInputs(own.localised, young, within)),
             roles=tuple(roles),
         )

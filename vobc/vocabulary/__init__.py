@@ -2,16 +2,19 @@
 
 from vobc.vocabulary.inputs import (
     NEVER_S,
+    S_PER_NS,
     Authority,
     CycleInput,
     Mission,
     OdometryRecord,
     Orders,
     PlaceProof,
+    Received,
     Restriction,
     TachoSample,
     TagReading,
     TrainBelief,
+    cycle_input,
 )
 from vobc.vocabulary.motion import Ceiling, Interval, Motion, RefusedTag, TagRefusal
 from vobc.vocabulary.operation import AtoDemand, AtoInput
@@ -42,8 +45,10 @@ __all__ = [
     "OdometryRecord",
     "Orders",
     "PlaceProof",
+    "Received",
     "RefusedTag",
     "Restriction",
+    "S_PER_NS",
     "SAFE_CURRENTS",
     "SAFE_OUTPUT",
     "Source",
@@ -51,4 +56,5 @@ __all__ = [
     "TagReading",
     "TagRefusal",
     "TrainBelief",
+    "cycle_input",
 ]

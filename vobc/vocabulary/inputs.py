@@ -3,7 +3,7 @@
 import enum
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, Generic, TypeVar
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeStatus
@@ -16,6 +16,9 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from firmware_py.trackdb import Station
 
+T = TypeVar("T")
+
+S_PER_NS: Final = 1e-9
 NEVER_S: Final = math.inf
 """Age of an input that was never received."""
 
@@ -160,43 +163,56 @@ class Orders:
 
 
 @dataclass(frozen=True, slots=True)
+class Received(Generic[T]):
+    """The newest value of one source, together with the instant that its age counts from."""
+
+    value: T
+    received_at_ns: int
+    """By the train's own clock. A sample of the odometer counts from its sensor's stamp, a radio
+    message from the report that it answers, everything else from its last bit."""
+
+    def age_s(self, now_ns: int) -> float:
+        return (now_ns - self.received_at_ns) * S_PER_NS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CycleInput:
     """All inputs of one cycle, frozen.
 
-    A frame that was never received is None, with the age NEVER_S.
+    A source that was never received is None with an age of NEVER_S.
     """
 
     now_ns: int
     dt_s: float
     """Time since the cycle before. In the first cycle: the nominal period."""
-    overruns: int
+    overruns: int = 0
     """Cycles missed directly before this one."""
-    tacho: Tacho | None
-    tacho_age_s: float
-    tacho_samples: tuple[TachoSample, ...]
+    tacho: Tacho | None = None
+    tacho_age_s: float = NEVER_S
+    tacho_samples: tuple[TachoSample, ...] = ()
     """All tacho frames since the cycle before, oldest first. They come faster than the cycle."""
-    doppler: Doppler | None
-    doppler_age_s: float
-    imu: Imu | None
-    imu_age_s: float
-    traction: TractionStatus | None
-    traction_age_s: float
-    brake: BrakeStatus | None
-    brake_age_s: float
-    doors: DoorStatus | None
-    doors_age_s: float
-    desk: Desk | None
-    desk_age_s: float
-    tag_reader: TagReaderHealth | None
-    tag_reader_age_s: float
-    supply: LineSupply | None
-    supply_age_s: float
-    load: TcmsStatus | None
-    load_age_s: float
-    tags: tuple[TagReading, ...]
+    doppler: Doppler | None = None
+    doppler_age_s: float = NEVER_S
+    imu: Imu | None = None
+    imu_age_s: float = NEVER_S
+    traction: TractionStatus | None = None
+    traction_age_s: float = NEVER_S
+    brake: BrakeStatus | None = None
+    brake_age_s: float = NEVER_S
+    doors: DoorStatus | None = None
+    doors_age_s: float = NEVER_S
+    desk: Desk | None = None
+    desk_age_s: float = NEVER_S
+    tag_reader: TagReaderHealth | None = None
+    tag_reader_age_s: float = NEVER_S
+    supply: LineSupply | None = None
+    supply_age_s: float = NEVER_S
+    load: TcmsStatus | None = None
+    load_age_s: float = NEVER_S
+    tags: tuple[TagReading, ...] = ()
     """Telegrams completed since the cycle before, oldest first."""
-    authority: Authority | None
-    authority_age_s: float
+    authority: Authority | None = None
+    authority_age_s: float = NEVER_S
     """Age by the train's own clock, since it sent the position report that the authority answers.
     """
     alarms: TrainAlarms | None = None
@@ -208,3 +224,69 @@ class CycleInput:
     """Age by the train's own clock, since it sent the status that the orders answer."""
     tag_gap: bool = False
     """Telegrams of the tag reader are missing, or may be, since the cycle before."""
+
+
+def cycle_input(
+    *,
+    now_ns: int,
+    dt_s: float,
+    overruns: int,
+    tacho: Received[Tacho] | None,
+    tacho_samples: tuple[TachoSample, ...],
+    doppler: Received[Doppler] | None,
+    imu: Received[Imu] | None,
+    traction: Received[TractionStatus] | None,
+    brake: Received[BrakeStatus] | None,
+    doors: Received[DoorStatus] | None,
+    desk: Received[Desk] | None,
+    tag_reader: Received[TagReaderHealth] | None,
+    supply: Received[LineSupply] | None,
+    load: Received[TcmsStatus] | None,
+    tags: tuple[TagReading, ...],
+    authority: Received[Authority] | None,
+    alarms: Received[TrainAlarms] | None,
+    cold: Received[ColdMovement] | None,
+    orders: Received[Orders] | None,
+    tag_gap: bool,
+) -> CycleInput:
+    """The image of a cycle at `now_ns`. Value and age of a source come from one `Received`."""
+    return CycleInput(
+        now_ns=now_ns,
+        dt_s=dt_s,
+        overruns=overruns,
+        tacho=None if tacho is None else tacho.value,
+        tacho_age_s=_age_s(tacho, now_ns),
+        tacho_samples=tacho_samples,
+        doppler=None if doppler is None else doppler.value,
+        doppler_age_s=_age_s(doppler, now_ns),
+        imu=None if imu is None else imu.value,
+        imu_age_s=_age_s(imu, now_ns),
+        traction=None if traction is None else traction.value,
+        traction_age_s=_age_s(traction, now_ns),
+        brake=None if brake is None else brake.value,
+        brake_age_s=_age_s(brake, now_ns),
+        doors=None if doors is None else doors.value,
+        doors_age_s=_age_s(doors, now_ns),
+        desk=None if desk is None else desk.value,
+        desk_age_s=_age_s(desk, now_ns),
+        tag_reader=None if tag_reader is None else tag_reader.value,
+        tag_reader_age_s=_age_s(tag_reader, now_ns),
+        supply=None if supply is None else supply.value,
+        supply_age_s=_age_s(supply, now_ns),
+        load=None if load is None else load.value,
+        load_age_s=_age_s(load, now_ns),
+        tags=tags,
+        authority=None if authority is None else authority.value,
+        authority_age_s=_age_s(authority, now_ns),
+        alarms=None if alarms is None else alarms.value,
+        alarms_age_s=_age_s(alarms, now_ns),
+        cold=None if cold is None else cold.value,
+        cold_age_s=_age_s(cold, now_ns),
+        orders=None if orders is None else orders.value,
+        orders_age_s=_age_s(orders, now_ns),
+        tag_gap=tag_gap,
+    )
+
+
+def _age_s(received: Received[Any] | None, now_ns: int) -> float:
+    return NEVER_S if received is None else received.age_s(now_ns)

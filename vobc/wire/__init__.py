@@ -16,13 +16,13 @@ from vobc.wire.frames import (
     target_frames,
     vital_frames,
 )
-from vobc.wire.inbox import HEARD_IDS, TACHO_SAMPLES_MAX, TAGS_MAX, Inbox
+from vobc.wire.inbox import RECEIVED_IDS, TACHO_SAMPLES_MAX, TAGS_MAX, Inbox
 from vobc.wire.radio import RadioLink
 from vobc.wire.refusals import Refusal, Refusals
 
 __all__ = [
     "Evidence",
-    "HEARD_IDS",
+    "RECEIVED_IDS",
     "Inbox",
     "RadioLink",
     "Refusal",

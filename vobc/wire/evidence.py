@@ -43,4 +43,4 @@ class Evidence:
     """Identifier of the frame, id of the tag, or sequence number of the message."""
     payload: bytes
     """Complete bytes, including alive counter, CRC and safety envelope."""
-    heard_ns: int
+    received_at_ns: int

@@ -1,7 +1,7 @@
 """Received messages, stored and frozen into one image per cycle."""
 
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.binding import Frame
@@ -26,17 +26,21 @@ from firmware_py.tag_reader.telegram import (
 )
 from vobc.odometry.sampling import OdometerClocks, ReaderClock
 from vobc.vocabulary import (
-    NEVER_S,
+    S_PER_NS,
     CycleInput,
+    Received,
     Source,
     TachoSample,
     TagReading,
+    cycle_input,
 )
 from vobc.wire.evidence import SOURCE_KINDS, Evidence
 from vobc.wire.radio import RadioLink
 from vobc.wire.refusals import Refusals
 
-HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
+F = TypeVar("F", bound=Frame)
+
+RECEIVED_KINDS: Final[tuple[type[Frame], ...]] = (
     Tacho,
     Doppler,
     Imu,
@@ -50,11 +54,10 @@ HEARD_KINDS: Final[tuple[type[Frame], ...]] = (
     TrainAlarms,
     ColdMovement,
 )
-HEARD_IDS: Final = Decoder(HEARD_KINDS).ids
+RECEIVED_IDS: Final = Decoder(RECEIVED_KINDS).ids
 """Identifiers for acceptance filters."""
 ODOMETER_KINDS: Final = (Tacho, Doppler, Imu)
 """Frames whose age counts from the stamp of their sensor."""
-S_PER_NS: Final = 1e-9
 ALIVE_COUNTER_BYTE: Final = -3
 """Position of the counter, before the two CRC bytes."""
 TACHO_SAMPLES_MAX: Final = 64
@@ -72,7 +75,7 @@ class Inbox:
     """
 
     def __init__(self, radio: RadioLink) -> None:
-        self._decoder = Decoder(HEARD_KINDS)
+        self._decoder = Decoder(RECEIVED_KINDS)
         self._parser = TelegramParser()
         self._begun_ns = 0
         """Start of reception of the bytes that the parser still holds."""
@@ -82,7 +85,9 @@ class Inbox:
         self._reader_clock = ReaderClock(CLOCK_PERIOD_MS)
         self._tag_gap = False
         self._radio = radio
-        self._latest: dict[type, tuple[Any, int, CanFrame]] = {}
+        self._latest: dict[type, Received[Any]] = {}
+        self._frames: dict[type, CanFrame] = {}
+        """The frame that carried the newest value of each kind."""
         self._tachos: list[tuple[Tacho, int]] = []
         self._odometer_clocks = OdometerClocks()
         self._tags: list[tuple[TagTelegram, int]] = []
@@ -106,7 +111,8 @@ class Inbox:
 
     def take_frames(self, frames: Iterable[CanFrame]) -> None:
         """Process frames in the order of the bus."""
-        decode, latest = self._decoder.decode, self._latest
+        decode = self._decoder.decode
+        latest, frames_of = self._latest, self._frames
         for frame in frames:
             if frame.extended or frame.remote or frame.error:
                 if not frame.error:
@@ -129,7 +135,8 @@ class Inbox:
                 stamp_ns = sampled_ns
                 if isinstance(heard, Tacho):
                     self._tachos.append((heard, stamp_ns))
-            latest[kind] = (heard, stamp_ns, frame)
+            latest[kind] = Received(heard, stamp_ns)
+            frames_of[kind] = frame
         if len(self._tachos) > TACHO_SAMPLES_MAX:
             self.overflowed += len(self._tachos) - TACHO_SAMPLES_MAX
             del self._tachos[:-TACHO_SAMPLES_MAX]
@@ -177,18 +184,6 @@ class Inbox:
 
     def image(self, now_ns: int, *, dt_s: float, overruns: int) -> CycleInput:
         """Freeze all inputs up to now. Tacho samples and tags are passed on only once."""
-        tacho, tacho_age_s = self._aged(Tacho, now_ns)
-        doppler, doppler_age_s = self._aged(Doppler, now_ns)
-        imu, imu_age_s = self._aged(Imu, now_ns)
-        traction, traction_age_s = self._aged(TractionStatus, now_ns)
-        brake, brake_age_s = self._aged(BrakeStatus, now_ns)
-        doors, doors_age_s = self._aged(DoorStatus, now_ns)
-        desk, desk_age_s = self._aged(Desk, now_ns)
-        tag_reader, tag_reader_age_s = self._aged(TagReaderHealth, now_ns)
-        supply, supply_age_s = self._aged(LineSupply, now_ns)
-        load, load_age_s = self._aged(TcmsStatus, now_ns)
-        alarms, alarms_age_s = self._aged(TrainAlarms, now_ns)
-        cold, cold_age_s = self._aged(ColdMovement, now_ns)
         samples = tuple(
             [TachoSample(frame, (now_ns - stamp_ns) * S_PER_NS) for frame, stamp_ns in self._tachos]
         )
@@ -198,41 +193,27 @@ class Inbox:
             tags = tuple([_reading(tag, now_ns - stamp_ns) for tag, stamp_ns in self._tags])
             self._last_tags, self._tags = self._tags, []
         tag_gap, self._tag_gap = self._tag_gap, False
-        return CycleInput(
-            now_ns,
-            dt_s,
-            overruns,
-            tacho,
-            tacho_age_s,
-            samples,
-            doppler,
-            doppler_age_s,
-            imu,
-            imu_age_s,
-            traction,
-            traction_age_s,
-            brake,
-            brake_age_s,
-            doors,
-            doors_age_s,
-            desk,
-            desk_age_s,
-            tag_reader,
-            tag_reader_age_s,
-            supply,
-            supply_age_s,
-            load,
-            load_age_s,
-            tags,
-            self._radio.authority,
-            self._radio.authority_age_s(now_ns),
-            alarms,
-            alarms_age_s,
-            cold,
-            cold_age_s,
-            self._radio.orders,
-            self._radio.orders_age_s(now_ns),
-            tag_gap,
+        return cycle_input(
+            now_ns=now_ns,
+            dt_s=dt_s,
+            overruns=overruns,
+            tacho=self._newest(Tacho),
+            tacho_samples=samples,
+            doppler=self._newest(Doppler),
+            imu=self._newest(Imu),
+            traction=self._newest(TractionStatus),
+            brake=self._newest(BrakeStatus),
+            doors=self._newest(DoorStatus),
+            desk=self._newest(Desk),
+            tag_reader=self._newest(TagReaderHealth),
+            supply=self._newest(LineSupply),
+            load=self._newest(TcmsStatus),
+            tags=tags,
+            authority=self._radio.received_authority,
+            alarms=self._newest(TrainAlarms),
+            cold=self._newest(ColdMovement),
+            orders=self._radio.received_orders,
+            tag_gap=tag_gap,
         )
 
     def evidence(self, source: Source, number: int = 0) -> Evidence | None:
@@ -248,10 +229,9 @@ class Inbox:
         if source is Source.TAG:
             return self._tag_evidence(number)
         kind = SOURCE_KINDS.get(source)
-        heard = None if kind is None else self._latest.get(kind)
-        if heard is None:
+        frame = None if kind is None else self._frames.get(kind)
+        if frame is None:
             return None
-        _, _, frame = heard
         return Evidence(source, frame.can_id, bytes(frame.data), frame.stamp_ns)
 
     def _tag_evidence(self, tag_id: int) -> Evidence | None:
@@ -265,11 +245,8 @@ class Inbox:
         self.rejected += 1
         self.refusals.note(can_id, reason.name, detail)
 
-    def _aged(self, kind: type, now_ns: int) -> tuple[Any, float]:
-        heard = self._latest.get(kind)
-        if heard is None:
-            return None, NEVER_S
-        return heard[0], (now_ns - heard[1]) * S_PER_NS
+    def _newest(self, kind: type[F]) -> Received[F] | None:
+        return self._latest.get(kind)
 
 
 def _reading(telegram: TagTelegram, since_ns: int) -> TagReading:

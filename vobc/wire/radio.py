@@ -6,11 +6,12 @@ from typing import Final
 
 from firmware_py.ports import RadioMessage
 from vobc.vocabulary import (
-    NEVER_S,
+    S_PER_NS,
     Authority,
     CycleInput,
     CycleOutput,
     Orders,
+    Received,
     Restriction,
     Source,
 )
@@ -27,7 +28,6 @@ from zenoh_config.messages import (
 )
 from zenoh_config.sequencing import AuthorityGate, OrdersGate
 
-S_PER_NS: Final = 1e-9
 ORDERS_AGE_MAX_S: Final = 5.0
 """Age above which orders are refused on arrival. Protection limits the age of stored orders."""
 
@@ -78,13 +78,15 @@ class RadioLink:
     def seen_term(self) -> int:
         return self._gate.seen_term
 
-    def authority_age_s(self, now_ns: int) -> float:
-        """Age by this train's clock since the report that the authority answers."""
-        return NEVER_S if self.authority is None else (now_ns - self._echo_ns) * S_PER_NS
+    @property
+    def received_authority(self) -> Received[Authority] | None:
+        """The held authority. Its age counts from the report of this train that it answers."""
+        return None if self.authority is None else Received(self.authority, self._echo_ns)
 
-    def orders_age_s(self, now_ns: int) -> float:
-        """Age by this train's clock since the status that the orders answer."""
-        return NEVER_S if self.orders is None else (now_ns - self._orders_echo_ns) * S_PER_NS
+    @property
+    def received_orders(self) -> Received[Orders] | None:
+        """The held orders. Their age counts from the status of this train that they answer."""
+        return None if self.orders is None else Received(self.orders, self._orders_echo_ns)
 
     def hold(
         self, authority: Authority | None, echo_ns: int, restrictions: tuple[Restriction, ...]

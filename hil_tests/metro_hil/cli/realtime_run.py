@@ -184,7 +184,7 @@ class RealtimeRun:
 
     def _plant_arguments(self, spec: str, radio: str) -> list[str]:
         options, journey = self._options, self._journey
-        arguments = ["run", "--bus", spec, "--line", options.line, "--consist", options.consist]
+        arguments = ["--bus", spec, "--line", options.line, "--consist", options.consist]
         arguments += ["--seed", str(options.seed), "--from", journey.start.name]
         arguments += ["--to", journey.end.name, "--radio", radio, "--out", str(self._folder.path)]
         arguments += line_arguments(options)
@@ -201,7 +201,7 @@ class RealtimeRun:
 
     def _start_controller(self, stack: ExitStack, spec: str, tags: str, radio: str) -> None:
         options, journey = self._options, self._journey
-        arguments = ["run", "--bus", spec, "--tags", tags, "--radio", radio]
+        arguments = ["--bus", spec, "--tags", tags, "--radio", radio]
         arguments += ["--line", options.line, "--consist", options.params]
         arguments += ["--from", journey.start.name, "--to", journey.end.name]
         arguments += ["--cycle-ms", str(options.cycle_ms), "--priority", str(options.priority)]

@@ -5,14 +5,16 @@
 
 import argparse
 
+from metro_hil.cli import shipped_files
 from metro_hil.energy.line import timetable_command
 from metro_hil.energy.running_curve import command as design_curve_command
 from metro_hil.model import run_options
-from metro_hil.model.run_options import LINE_VERBS
+from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS
 from metro_hil.report.explain import command as explain_command
 from metro_hil.supervision import command as supervision_command
 from metro_hil.supervision import demo_ca, radio_log_command
 from metro_hil.tuning import command as tuning_command
+from vobc.cli import options as device_options
 
 
 def whole_parser() -> argparse.ArgumentParser:
@@ -21,6 +23,9 @@ def whole_parser() -> argparse.ArgumentParser:
     verbs = verbs_of(top)
     operator = verbs_of(supervision_command.parser())
     verbs |= {verb: operator[verb] for verb in LINE_VERBS}
+    shipped = verbs_of(shipped_files.parser())
+    verbs |= {verb: shipped[verb] for verb in SHIPPED_VERBS}
+    verbs["device"] = device_options.parser()
     verbs["explain"] = explain_command.parser()
     verbs["tune"] = tuning_command.parser()
     verbs["timetable"] = timetable_command.parser()

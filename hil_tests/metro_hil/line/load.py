@@ -39,7 +39,7 @@ class _Others:
         self._beat_ns = 0
         self._sequence = 0
 
-    def hears(self, payload: bytes) -> None:
+    def on_message(self, payload: bytes) -> None:
         heard = unpack(payload)
         if isinstance(heard, Heartbeat):
             self._term = max(self._term, heard.term)
@@ -124,7 +124,7 @@ def waiting_cycle_ms(trains: int) -> list[float]:
             took_ms.append((clock.now_ns() - begun_ns) / NS_PER_MS)
         heard = [RadioMessage(now_ns, key, payload) for key, payload in said]
         for each in heard:
-            others.hears(each.payload)
+            others.on_message(each.payload)
             message = unpack(each.payload)
             if isinstance(message, RosterCommit):
                 on_roster = len(message.roster)
@@ -213,7 +213,7 @@ def _run(
         heard = [RadioMessage(now_ns, key, payload) for key, payload in said]
         authorities = sum("/aa/" in each.key for each in heard)
         for each in heard:
-            others.hears(each.payload)
+            others.on_message(each.payload)
         if authorities >= wanted and others.commanded >= wanted:
             took_ms.append(spent_ms)
             if len(took_ms) >= CYCLES:

@@ -8,10 +8,11 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from statistics import median
-from typing import Final
+from typing import Any, Final
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.clock.realtime import die_with_parent
+from firmware_py.ports import RadioPort
 from firmware_py.radio.zenoh_radio import SessionRole, open_radio, pick_endpoint
 from firmware_py.trackdb import load_line
 from plant_emulator.wayside.line_centre import LineCentre
@@ -95,49 +96,20 @@ def _cpu_s() -> float:
 def run(trains: int, seconds: float) -> dict[str, float]:
     """Run the wayside in this process and each train in its own. Raises TimeoutError."""
     clock, endpoint = WallClock(), pick_endpoint()
-    centre = LineCentre(load_line(LINE), boot=1)
     statuses = round(seconds * NS_PER_S / PERIOD_NS)
-    module = [sys.executable, "-m", "metro_hil.line.sessions", "--seat"]
     with open_radio(
         SessionRole.WAYSIDE, endpoint, (keys.statuses(LINE),), clock, inbox_messages=INBOX_MESSAGES
     ) as port:
-        seats = [
-            subprocess.Popen(
-                [*module, str(n), endpoint, str(statuses), str(os.getpid())],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-            for n in range(1, trains + 1)
-        ]
+        wayside = _Wayside(clock, port)
+        seats = [_started_seat(n, endpoint, statuses) for n in range(1, trains + 1)]
         try:
-
-            def serve(end_ns: int) -> None:
-                while (now_ns := clock.now_ns()) < end_ns:
-                    for message in port.receive(now_ns):
-                        heard = unpack(message.payload)
-                        if isinstance(heard, TrainStatus):
-                            answer = centre.answer(message, heard, clock.now_ns())
-                            if answer is not None:
-                                port.send(now_ns, *answer)
-                    clock.wait_until(clock.now_ns() + BEAT_NS)
-
-            for each in seats:
-                assert each.stdout is not None
-                os.set_blocking(each.stdout.fileno(), False)
-            waiting = set(range(trains))
-            end_ns = clock.now_ns() + round(CONNECT_S * NS_PER_S)
-            while waiting and clock.now_ns() < end_ns:
-                serve(clock.now_ns() + PERIOD_NS)
-                waiting -= {n for n in waiting if _said(seats[n])}
-            if waiting:
-                raise TimeoutError(f"{len(waiting)} of {trains} trains never got an answer")
+            _await_all(wayside, seats)
             for each in seats:
                 assert each.stdin is not None
                 each.stdin.write("go\n")
                 each.stdin.flush()
             before_s, begun_ns = _cpu_s(), clock.now_ns()
-            serve(begun_ns + round((seconds + ANSWER_S + 1.0) * NS_PER_S))
+            wayside.serve(begun_ns + round((seconds + ANSWER_S + 1.0) * NS_PER_S))
             own_ratio = (_cpu_s() - before_s) / ((clock.now_ns() - begun_ns) / NS_PER_S)
             for each in seats:
                 assert each.stdout is not None
@@ -147,6 +119,53 @@ def run(trains: int, seconds: float) -> dict[str, float]:
             for each in seats:
                 each.kill()
                 each.wait()
+    return _summary(told, own_ratio)
+
+
+class _Wayside:
+    """Answers the status of every train."""
+
+    def __init__(self, clock: WallClock, port: RadioPort) -> None:
+        self.clock, self._port = clock, port
+        self._centre = LineCentre(load_line(LINE), boot=1)
+
+    def serve(self, end_ns: int) -> None:
+        while (now_ns := self.clock.now_ns()) < end_ns:
+            for message in self._port.receive(now_ns):
+                status = unpack(message.payload)
+                if isinstance(status, TrainStatus):
+                    answer = self._centre.answer(message, status, self.clock.now_ns())
+                    if answer is not None:
+                        self._port.send(now_ns, *answer)
+            self.clock.wait_until(self.clock.now_ns() + BEAT_NS)
+
+
+def _started_seat(number: int, endpoint: str, statuses: int) -> "subprocess.Popen[str]":
+    """The process of one train."""
+    module = [sys.executable, "-m", "metro_hil.line.sessions", "--seat"]
+    return subprocess.Popen(
+        [*module, str(number), endpoint, str(statuses), str(os.getpid())],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _await_all(wayside: _Wayside, seats: Sequence["subprocess.Popen[str]"]) -> None:
+    """Serve until every train got its first answer. Raises TimeoutError."""
+    for each in seats:
+        assert each.stdout is not None
+        os.set_blocking(each.stdout.fileno(), False)
+    clock, waiting = wayside.clock, set(range(len(seats)))
+    end_ns = clock.now_ns() + round(CONNECT_S * NS_PER_S)
+    while waiting and clock.now_ns() < end_ns:
+        wayside.serve(clock.now_ns() + PERIOD_NS)
+        waiting -= {n for n in waiting if _said(seats[n])}
+    if waiting:
+        raise TimeoutError(f"{len(waiting)} of {len(seats)} trains never got an answer")
+
+
+def _summary(told: Sequence[dict[str, Any]], own_ratio: float) -> dict[str, float]:
     latencies_ms = sorted([ms for each in told for ms in each["latencies_ms"]])
     return {
         "sent": sum(each["sent"] for each in told),

@@ -25,7 +25,7 @@ from vobc.process import VobcDevice
 from vobc.process.line_command import LineCommand, commanded
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import Role, T2tConfig, TrainMemory
-from vobc.wire import HEARD_IDS
+from vobc.wire import RECEIVED_IDS
 from vobc.wire.line_radio import LineRadio
 from zenoh_config import keys
 
@@ -132,7 +132,7 @@ class LineBench:
             config,
             line,
             plan_mission(line, way.start, way.end, way.stops),
-            can=bus.port(Node.VOBC.name, HEARD_IDS),
+            can=bus.port(Node.VOBC.name, RECEIVED_IDS),
             tags=controller_end,
             radio=radio.port("train", (keys.orders(line.name, address),)),
             nvram=Nvram(None, NvramRecord(boot_count=1)),

@@ -29,6 +29,7 @@ EXIT_ENVIRONMENT = 3
 EXIT_INTERRUPTED = 130
 
 OTHER_VERBS = {
+    "device": "run the bare controller on a bus, for a plant or a real train",
     "explain": "show what the controller of a run decided, why, and from which frames",
     "tune": "re-tune a control law and write a parameter file",
     "timetable": "find a timetable that saves energy on a whole line",
@@ -37,6 +38,12 @@ OTHER_VERBS = {
     "demo-ca": "make certificates and the other files of a secured line, for demonstrations",
 }
 """Help texts of verbs that are separate programs."""
+SHIPPED_VERBS = {
+    "lines": "list the lines that ship",
+    "consists": "list the trains that ship",
+    "show": "print a shipped file of a line, a consist or the controller's parameters",
+}
+"""Help texts of the verbs that print what ships."""
 LINE_VERBS = {
     "line": "show areas, track and trains of a line",
     "master": "show which train commands each area, and why",
@@ -116,7 +123,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    for verb, words in {**OTHER_VERBS, **LINE_VERBS}.items():
+    for verb, words in {**OTHER_VERBS, **SHIPPED_VERBS, **LINE_VERBS}.items():
         verbs.add_parser(verb, help=words, add_help=False)
     _add_journey(run)
     _add_desk(run)

@@ -143,10 +143,7 @@ class EmergencyWatch:
         if released:
             self._released_ns = now_ns
         if (self._latched and not told) or (released and (self._latched or moving)):
-            reset = self._reset_ns >= 0 and now_ns - self._reset_ns <= self._reset_lifetime_ns
-            mended = self._cause == OVERSHOT
-            self.held.said(not moving and (reset or mended or not self._latched), now_ns)
-            self._reset_ns = -1
+            self._judge_release(now_ns, moving=moving)
         if released:
             self._applied_moving = False
         if spoken.emergency_cause > 0.0:
@@ -155,6 +152,13 @@ class EmergencyWatch:
             self._cause = 0.0
         self._latched = told
         self._commanded = commanded
+
+    def _judge_release(self, now_ns: int, *, moving: bool) -> None:
+        """A release is right at standstill, after a reset or for a cause that releases itself."""
+        reset = self._reset_ns >= 0 and now_ns - self._reset_ns <= self._reset_lifetime_ns
+        mended = self._cause == OVERSHOT
+        self.held.said(not moving and (reset or mended or not self._latched), now_ns)
+        self._reset_ns = -1
 
     def _was_restarted(self, spoken: Spoken) -> bool:
         """Tell whether the controller was restarted: it was silent and counts no missed cycles."""

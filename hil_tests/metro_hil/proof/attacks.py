@@ -10,7 +10,7 @@ from can_dbc.binding import MessageProtection, binding_of
 from can_dbc.trailer import crc_of_data_id
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from metro_hil.proof.genuine import Genuine
-from vobc.wire.inbox import HEARD_KINDS
+from vobc.wire.inbox import RECEIVED_KINDS
 
 STANDARD_IDS: Final = 2048
 MAX_BYTES: Final = 8
@@ -22,7 +22,7 @@ COUNTER_MASK: Final = 0xFF
 TELEGRAMS_KNOWN: Final = 8
 """Number of recent telegrams that a parser recognises byte for byte."""
 
-_BOUND: Final = [binding_of(kind) for kind in HEARD_KINDS]
+_BOUND: Final = [binding_of(kind) for kind in RECEIVED_KINDS]
 PROTECTED: Final = {
     bound.message.frame_id: (bound.message.length, crc_of_data_id(bound.message))
     for bound in _BOUND

@@ -89,7 +89,7 @@ def controller_start(
         environment = {**environment, "PYTHONPATH": _search_path(controller.path)}
     elif controller.kind != "shipped":
         raise Blocked(f"controller.kind: {controller.kind!r} is unknown to this bench")
-    base = [sys.executable, "-m", "vobc", "run", "--bus", places.bus, "--tags", places.tags]
+    base = [sys.executable, "-m", "vobc", "--bus", places.bus, "--tags", places.tags]
     base += ["--radio", places.radio, "--line", places.line, "--consist", places.params]
     base += ["--to", places.end, "--cycle-ms", f"{cycle_ms:g}", "--priority", str(priority)]
     base += ["--nvram", str(nvram)]

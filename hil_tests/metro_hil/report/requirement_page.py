@@ -1,7 +1,7 @@
 """The page of requirements, with the scenarios and tests of each and their last results."""
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -54,16 +54,34 @@ def outcomes_json(found: Mapping[str, ScenarioOutcome]) -> str:
     return msgspec.json.format(text, indent=1).decode() + "\n"
 
 
+def requirement_rows(
+    catalogue: Mapping[str, Requirement],
+    scenarios: Sequence[Named],
+    found: Mapping[str, ScenarioOutcome],
+) -> list[dict[str, Any]]:
+    """Each requirement with its scenarios, their last results, and its tests."""
+    named = _by_requirement(scenarios)
+    return [
+        {
+            "id": requirement.id,
+            "source": _source(requirement),
+            "text": requirement.text,
+            "scenarios": [
+                {"name": each.name, "result": _result(each, found)}
+                for each in named.get(requirement.id, [])
+            ],
+            "tests": list(requirement.tests),
+        }
+        for requirement in catalogue.values()
+    ]
+
+
 def requirements_page(
     catalogue: Mapping[str, Requirement],
     scenarios: Sequence[Named],
     found: Mapping[str, ScenarioOutcome],
 ) -> str:
     """The page as Markdown."""
-    named: dict[str, list[Named]] = {}
-    for each in scenarios:
-        for name in each.requirements:
-            named.setdefault(name, []).append(each)
     lines = [
         "# Requirements",
         "",
@@ -75,13 +93,13 @@ def requirements_page(
         "| requirement | seed, clause | what | scenarios and their results | tests |",
         "|---|---|---|---|---|",
     ]
-    for requirement in catalogue.values():
-        shown = [_scenario(each, found) for each in named.get(requirement.id, [])]
-        tests = [f"`{test.rpartition('/')[2]}`" for test in requirement.tests]
+    for row in requirement_rows(catalogue, scenarios, found):
+        shown = [f"`{each['name']}`: {each['result']}" for each in row["scenarios"]]
+        tests = [f"`{test.rpartition('/')[2]}`" for test in row["tests"]]
         cells = (
-            requirement.id,
-            ", ".join(filter(None, (_seed(requirement), requirement.source))),
-            requirement.text,
+            row["id"],
+            row["source"],
+            row["text"],
             "<br>".join(shown) or "none",
             "<br>".join(tests) or "none",
         )
@@ -89,10 +107,19 @@ def requirements_page(
     return "\n".join(lines) + "\n"
 
 
-def _scenario(each: Named, found: Mapping[str, ScenarioOutcome]) -> str:
+def _by_requirement(scenarios: Sequence[Named]) -> dict[str, list[Named]]:
+    named: dict[str, list[Named]] = {}
+    for each in scenarios:
+        for name in each.requirements:
+            named.setdefault(name, []).append(each)
+    return named
+
+
+def _result(each: Named, found: Mapping[str, ScenarioOutcome]) -> str:
     outcome = found.get(each.name)
-    return f"`{each.name}`: {NOT_RUN if outcome is None else outcome.words}"
+    return NOT_RUN if outcome is None else outcome.words
 
 
-def _seed(requirement: Requirement) -> str:
-    return f"seed {requirement.seed}" if requirement.seed else ""
+def _source(requirement: Requirement) -> str:
+    seed = f"seed {requirement.seed}" if requirement.seed else ""
+    return ", ".join(filter(None, (seed, requirement.source)))

@@ -36,7 +36,7 @@ from plant_emulator.wayside.railway import subscriptions
 from plant_emulator.world import TrainScenario, plan_scenario
 from vobc.config import VobcConfig, load_config
 from vobc.process import CYCLE_COLUMNS, EventLines
-from vobc.wire import HEARD_IDS
+from vobc.wire import RECEIVED_IDS
 from zenoh_config import keys
 
 BIT_RATE = 250_000
@@ -132,7 +132,7 @@ class Lockstep:
         )
         self._stack.callback(self._side.close)
         places = {*places, *(plan.kind.place for plan in faults)}
-        accepted = HEARD_IDS if controller.kind == SHIPPED.kind else None
+        accepted = RECEIVED_IDS if controller.kind == SHIPPED.kind else None
         self.vobc = self._connected(
             self._controller_port(accepted, scenario.seed, faulty=FaultPlace.BUS in places),
             self._recorded(controller_end, folder),

@@ -2,7 +2,8 @@
 
 import itertools
 import random
-from collections.abc import Sequence
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -25,22 +26,6 @@ AREA_M: Final = 2000.0
 SECTION_PIECES: Final = 8
 """Number of sections in each area."""
 FIRST_ARBITER: Final = 65_001
-EVEN_BELOW: Final = 10_000
-"""First seed with random areas, train lengths and object places. Lower seeds use areas and trains
-of equal length, with objects at the same places in each area."""
-ORDERED_FROM: Final = 20_000
-"""First seed for which supervision also takes trains out of service by command."""
-CHOOSY_FROM: Final = 100_000
-"""First seed for which only some kinds of railway event happen, and some of them far more often."""
-SIDINGS_FROM: Final = 110_000
-"""First seed for which trains leave the line anywhere, return elsewhere, and differ in length."""
-BY_HAND_FROM: Final = 120_000
-"""First seed for which trains are also driven by hand, on sight."""
-DISTURBED_FROM: Final = 130_000
-"""First seed for which axle counters are also disturbed."""
-DENSE_FROM: Final = 200_000
-"""First seed with shorter and denser lines and far more events and faults. On some of these lines
-messages are lost or late all the time."""
 FAULTS_S: Final = (1.0, 40.0)
 """Default range of the mean time between two faults, in seconds."""
 PLACES_M: Final = 10.0
@@ -167,9 +152,66 @@ class Draw:
         return "B" if self.cast.config.timers == TIMERS_B else "A"
 
 
-def draw(seed: int) -> Draw:
-    """Generate everything that a seed runs with; equal seeds give equal results."""
-    return _draw_even(seed) if seed < EVEN_BELOW else _draw_any(seed)
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Features of the simulator that the runs of a seed use."""
+
+    name: str
+    even: bool = False
+    """Whether areas and trains have equal length, with objects at the same places in each area."""
+    ordered: bool = False
+    """Whether supervision also takes trains out of service by command."""
+    choosy: bool = False
+    """Whether only some kinds of railway event happen, and some of them far more often."""
+    sidings: bool = False
+    """Whether trains leave the line anywhere, return elsewhere, and differ in length."""
+    by_hand: bool = False
+    """Whether trains are also driven by hand, on sight."""
+    disturbed: bool = False
+    """Whether axle counters are also disturbed."""
+    dense: bool = False
+    """Whether lines are shorter and denser, with far more events and faults. On some of these lines
+    messages are lost or late all the time."""
+
+
+def _profiles() -> dict[str, Profile]:
+    """Each profile has the features of the one before it, and one more."""
+    found = {"even": Profile("even", even=True), "varied": Profile("varied")}
+    latest = found["varied"]
+    for name in ("ordered", "choosy", "sidings", "by_hand", "disturbed", "dense"):
+        latest = replace(latest, name=name.replace("_", "-"), **{name: True})
+        found[latest.name] = latest
+    return found
+
+
+PROFILES: Final[Mapping[str, Profile]] = _profiles()
+DEFAULT_PROFILES: Final = (
+    (0, "even"),
+    (10_000, "varied"),
+    (20_000, "ordered"),
+    (100_000, "choosy"),
+    (110_000, "sidings"),
+    (120_000, "by-hand"),
+    (130_000, "disturbed"),
+    (200_000, "dense"),
+)
+"""Default profile of the seeds from each number on. A seed that once failed runs the same again
+with these."""
+
+
+def default_profile(seed: int) -> Profile:
+    """The profile of a seed when no profile is named."""
+    place = bisect_right(DEFAULT_PROFILES, seed, key=lambda entry: entry[0])
+    return PROFILES[DEFAULT_PROFILES[place - 1][1]]
+
+
+def draw(seed: int, profile: Profile | None = None) -> Draw:
+    """Generate everything that a seed runs with; equal seeds and profiles give equal results.
+
+    Without a profile the number of the seed chooses it.
+    """
+    chosen = profile or default_profile(seed)
+    return _draw_even(seed) if chosen.even else _draw_any(seed, chosen)
 
 
 def _draw_even(seed: int) -> Draw:
@@ -195,9 +237,9 @@ def _draw_even(seed: int) -> Draw:
     return Draw(LineParticipants(line, config, trains), setting, turn_ms, leisurely)
 
 
-def _draw_any(seed: int) -> Draw:
+def _draw_any(seed: int, profile: Profile) -> Draw:
     rng = random.Random(seed ^ 0xD2A4)
-    dense = seed >= DENSE_FROM
+    dense = profile.dense
     span = DENSE if dense else WIDE
     line = line_by_chance(rng, span)
     length_m = rng.choice(span.trains_m)
@@ -212,7 +254,7 @@ def _draw_any(seed: int) -> Draw:
         length_m=length_m,
         speed_max_mps=rng.choice((30.0, 60.0, 60.0, 90.0)) / 3.6,
     )
-    if seed >= SIDINGS_FROM:
+    if profile.sidings:
         shorter = {train: _shorter(rng, length_m) for train in trains if rng.random() < 0.5}
         setting = replace(setting, builds=shorter)
     return Draw(
@@ -221,11 +263,11 @@ def _draw_any(seed: int) -> Draw:
         turn_ms=rng.choice((1, 5, 10, 10)),
         leisurely=rng.random() < 0.8,
         between_s=rng.choice(span.between_s),
-        ordered=seed >= ORDERED_FROM,
-        choosy=seed >= CHOOSY_FROM,
-        sidings=seed >= SIDINGS_FROM,
-        by_hand=seed >= BY_HAND_FROM,
-        disturbed=seed >= DISTURBED_FROM and (not dense or rng.random() < 0.3),
+        ordered=profile.ordered,
+        choosy=profile.choosy,
+        sidings=profile.sidings,
+        by_hand=profile.by_hand,
+        disturbed=profile.disturbed and (not dense or rng.random() < 0.3),
         faults_s=(0.7, 15.0) if dense else FAULTS_S,
         foul_share=rng.choice((0.0, 0.0, 0.1, 0.3)) if dense else 0.0,
     )

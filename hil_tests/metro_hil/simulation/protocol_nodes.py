@@ -272,29 +272,7 @@ class WaysideNode:
         self._desk = OrderSource(self._boot)
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
-        out: list[T2tMessage] = []
-        due_ns = now_ns + self._beat_ns
-        moved: list[tuple[int, bool]] = []
-        changed = False
-        for number, thing in self._objects.items():
-            true = self._track.objects[number]
-            concerning = tuple([m for m in heard if _concerns(m, number, true.area)])
-            stepped: WaysideStepped[ObjectMemory] = thing.step(
-                now_ns,
-                concerning,
-                release_wanted=true.release_wanted,
-                occupied=self._track.occupied(true),
-            )
-            if stepped.memory is not None:
-                self._memories[number] = stepped.memory
-                changed = True
-            for message in stepped.out:
-                if isinstance(message, ObjectStatus) and message.state is not ObjectState.FAILED:
-                    moved.append((number, message.state is ObjectState.LOCKED))
-            out += stepped.out
-            due_ns = min(due_ns, thing.next_due_ns())
-        if changed:
-            self._keep = (self._boot, tuple(self._memories.items()))
+        out, moved, due_ns = self._step_objects(now_ns, heard)
         # Lock an object before storing that it is locked; free it only after storing that.
         self._crew.move([each for each in moved if each[1]])
         freed = [each for each in moved if not each[1]]
@@ -319,6 +297,37 @@ class WaysideNode:
             due_ns,
             (lambda: self._crew.move(freed)) if freed else None,
         )
+
+    def _step_objects(
+        self, now_ns: int, heard: Sequence[Any]
+    ) -> tuple[list[T2tMessage], list[tuple[int, bool]], int]:
+        """Step every object. The result is their messages, which of them locked or released, and
+        when the next one is due.
+        """
+        out: list[T2tMessage] = []
+        due_ns = now_ns + self._beat_ns
+        moved: list[tuple[int, bool]] = []
+        changed = False
+        for number, thing in self._objects.items():
+            true = self._track.objects[number]
+            concerning = tuple([m for m in heard if _concerns(m, number, true.area)])
+            stepped: WaysideStepped[ObjectMemory] = thing.step(
+                now_ns,
+                concerning,
+                release_wanted=true.release_wanted,
+                occupied=self._track.occupied(true),
+            )
+            if stepped.memory is not None:
+                self._memories[number] = stepped.memory
+                changed = True
+            for message in stepped.out:
+                if isinstance(message, ObjectStatus) and message.state is not ObjectState.FAILED:
+                    moved.append((number, message.state is ObjectState.LOCKED))
+            out += stepped.out
+            due_ns = min(due_ns, thing.next_due_ns())
+        if changed:
+            self._keep = (self._boot, tuple(self._memories.items()))
+        return out, moved, due_ns
 
 
 def _concerns(message: T2tMessage, number: int, area: int) -> bool:

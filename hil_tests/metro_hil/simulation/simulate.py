@@ -6,7 +6,7 @@ from typing import Final
 
 from metro_hil.simulation.batch import cpu_ns
 from metro_hil.simulation.event_queue import Codec
-from metro_hil.simulation.generate import FAULTS_S, draw
+from metro_hil.simulation.generate import FAULTS_S, PROFILES, Draw, draw
 from metro_hil.simulation.line_world import LineWorld
 from metro_hil.simulation.network_faults import FaultScale
 from metro_hil.simulation.paper_line import paper_world
@@ -29,9 +29,17 @@ class SeedJob:
     protocol: str = "line"
     bytes_always: bool = False
     told: bool = False
+    profile: str | None = None
+    """Name of the profile of all seeds. None: each seed has its own."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        return SeedJob, (self.phases, self.protocol, self.bytes_always, self.told)
+        return SeedJob, (
+            self.phases,
+            self.protocol,
+            self.bytes_always,
+            self.told,
+            self.profile,
+        )
 
     def __call__(self, seed: int) -> RunResult:
         tell = EventTranscript(print) if self.told else None
@@ -51,6 +59,7 @@ class SeedJob:
         """Return the command-line options that repeat this run."""
         words = [] if self.protocol == "line" else [f"--protocol {self.protocol}"]
         words += ["--bytes"] if self.bytes_always else []
+        words += [f"--profile {self.profile}"] if self.profile else []
         minutes = self.phases.trouble_s / 60.0
         return words if minutes == 5.0 else [*words, f"--minutes {minutes:g}"]
 
@@ -60,4 +69,8 @@ class SeedJob:
         codec: Codec | None = None
         if self.bytes_always or seed % BYTES_EVERY == 0:
             codec = RealCodec()
-        return LineWorld(seed, draw(seed), codec=codec, tell=tell)
+        return LineWorld(seed, self.sampled(seed), codec=codec, tell=tell)
+
+    def sampled(self, seed: int) -> Draw:
+        """What the seed plays."""
+        return draw(seed, PROFILES[self.profile] if self.profile else None)

@@ -72,7 +72,7 @@ class SupervisionConsole:
         while self._clock.now_ns() < end_ns:
             self._clock.wait_until(self._clock.now_ns() + BEAT_NS)
             now_ns = self._clock.now_ns()
-            self._view.hears(self._port.receive(now_ns), now_ns)
+            self._view.on_message(self._port.receive(now_ns), now_ns)
             if until():
                 return True
         return False
@@ -305,7 +305,7 @@ class SupervisionConsole:
     def nobody(self, what: str = "") -> int:
         """Fail because no train commands the area, or by default any area."""
         line = self._view.areas.name
-        if self._view.hears_nobody:
+        if self._view.receives_nothing:
             return _failed(f"nothing is received on {line}")
         return _failed(f"no train commands {what or f'any area of {line}'}")
 

@@ -87,7 +87,7 @@ class LineView:
         return all(each.area in self.commands for each in self.state.leases)
 
     @property
-    def hears_nobody(self) -> bool:
+    def receives_nothing(self) -> bool:
         return not (self.state or self.commands or self.reports or self.statuses)
 
     def knows(self, train: int) -> bool:
@@ -100,7 +100,7 @@ class LineView:
             known |= {each.train for each in self.state.silent}
         return train in known
 
-    def hears(self, messages: Iterable[RadioMessage], now_ns: int) -> None:
+    def on_message(self, messages: Iterable[RadioMessage], now_ns: int) -> None:
         for message in messages:
             heard = unpack(message.payload, self._key)
             line = self.areas.name

@@ -103,7 +103,7 @@ def test_logs_without_any_date_say_so(tmp_path: Path) -> None:
     ],
 )
 def test_asc_frames_of_every_kind(tmp_path: Path, line: str, flags: int, data: int) -> None:
-    """What is fast is told by flags, by its length, and by bits that no classic frame has."""
+    """A fast frame shows by its flags, its length, or bits that no classic frame has."""
     for size in (8, 12, 64):
         line = line.replace(f"{{{size}}}", " ".join(f"{at:02X}" for at in range(size)))
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from canlog import LogError
 from canlog.bit_activity import ActivityView
-from canlog.command import VERBS, _parser, main, options_first
+from canlog.command import VERBS, main, options_first, parser
 from canlog.frames import KEY_EXTENDED
 from canlog.rows import from_rows
 from canlog.select import parse_data, parse_keys
@@ -139,7 +139,7 @@ def test_plot_takes_its_words_in_any_order(
 def test_words_that_are_in_order_stay_as_they_are(verb: str) -> None:
     words = [verb, "--utc-offset-s", "-3600", "--no-dbc", "a", "b"]
 
-    assert options_first(_parser(words), words) == words
+    assert options_first(parser(words), words) == words
 
 
 @given(

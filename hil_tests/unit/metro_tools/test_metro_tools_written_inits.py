@@ -65,7 +65,7 @@ class Pair(NamedTuple):
     right: int
 '''
 UNUSUAL = (
-    "@dataclass(frozen=True, kw_only=True)\nclass Unusual:\n    a: int\n",
+    "@dataclass(frozen=True, order=True)\nclass Unusual:\n    a: int\n",
     "@dataclass(frozen=True)\nclass Unusual:\n    a: list[int] = field(default_factory=list)\n",
     "@dataclass(frozen=True)\nclass Unusual:\n    a: ClassVar[int] = 1\n    b: int = 2\n",
     "@dataclass(frozen=True)\nclass Unusual(Exception):\n    a: int\n",
@@ -209,3 +209,9 @@ def test_lost_annotations_are_restored() -> None:
 
     assert without["at_m"] is object
     assert with_them == {"at_m": float, "name": str | None, "sides": tuple[int, ...]}
+
+
+def test_fields_by_keyword_stay_so() -> None:
+    source = "@dataclass(frozen=True, kw_only=True)\nclass Named:\n    one: int\n    two: int = 2\n"
+
+    assert "def __init__(self, *, one: int, two: int = 2) -> None:" in with_written_inits(source)

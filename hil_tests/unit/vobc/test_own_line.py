@@ -10,7 +10,7 @@ import pytest
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
-from metro_hil.cli import vobc
+from metro_hil.cli import vobc_run as vobc
 from metro_hil.supervision.demo_ca import main as demo_ca
 from plant_emulator.cli import command as plant
 from plant_emulator.cli.options import parser as plant_parser

@@ -23,8 +23,22 @@ EPOCH_NS = 1_700_000_000_000_000_000
 BUS = ["--bus", "embedded:nowhere"]
 
 
-def test_the_verb_may_be_left_out() -> None:
-    assert vars(parser().parse_args(BUS)) == vars(parser().parse_args(["run", *BUS]))
+def test_the_old_name_works_with_a_notice(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--bus", "nosuch"]) == EXIT_ENVIRONMENT
+
+    notice, error = capsys.readouterr().err.splitlines()
+    assert "`python -m vobc run` is now `vobc device`" in notice
+    assert "nosuch" in error
+
+
+@pytest.mark.parametrize("words", [["device"], []])
+def test_the_name_of_the_program_may_be_left_out(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, "--bus", "nosuch"]) == EXIT_ENVIRONMENT
+
+    (error,) = capsys.readouterr().err.splitlines()
+    assert "nosuch" in error
 
 
 def test_without_arguments_the_train_stands_at_the_first_station_and_runs_to_the_last() -> None:

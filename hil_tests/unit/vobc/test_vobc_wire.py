@@ -45,7 +45,7 @@ from vobc.vocabulary import (
     Source,
 )
 from vobc.wire import (
-    HEARD_IDS,
+    RECEIVED_IDS,
     SOURCE_IDS,
     SOURCE_KINDS,
     TACHO_SAMPLES_MAX,
@@ -173,8 +173,8 @@ def test_a_delayed_tacho_frame_is_as_old_as_its_sample() -> None:
     inbox, encoder = Inbox(link()), Encoder()
     for number, late_ms in enumerate((0, 0, 60, 40)):
         sampled_ms = 20 * number
-        heard_ns = (sampled_ms + late_ms) * MS
-        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), heard_ns))
+        received_at_ns = (sampled_ms + late_ms) * MS
+        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), received_at_ns))
 
     image = inbox.image(100 * MS, dt_s=0.05, overruns=0)
 
@@ -187,8 +187,8 @@ def test_a_tacho_frame_that_is_too_old_is_counted_and_prevents_no_timeout() -> N
     inbox, encoder = Inbox(link()), Encoder()
     for number, late_ms in enumerate((0, 0, 0, 110)):
         sampled_ms = 20 * number
-        heard_ns = (sampled_ms + late_ms) * MS
-        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), heard_ns))
+        received_at_ns = (sampled_ms + late_ms) * MS
+        inbox.take_frames(frames(encoder, tacho(number, sampled_ms), received_at_ns))
 
     image = inbox.image(180 * MS, dt_s=0.05, overruns=0)
 
@@ -294,7 +294,9 @@ def test_orders_become_orders_and_age_from_the_status_that_they_answer() -> None
     assert radio.orders is not None
     assert radio.orders.hold
     assert radio.orders.restrictions == (Restriction(10.0, 20.0, 8.25),)
-    assert radio.orders_age_s(300 * MS) == pytest.approx(0.2)
+    assert radio.received_orders is not None
+    assert radio.received_orders.value is radio.orders
+    assert radio.received_orders.age_s(300 * MS) == pytest.approx(0.2)
     assert radio.refused == 1
 
 
@@ -392,7 +394,7 @@ def test_the_readers_clock_gives_the_age_of_a_delayed_telegram(
     assert reading.age_s == pytest.approx(0.030 + 0.002 + 0.100, abs=0.001)
     evidence = inbox.evidence(Source.TAG)
     assert evidence is not None
-    assert evidence.heard_ns == pytest.approx(1200 * MS, abs=MS)
+    assert evidence.received_at_ns == pytest.approx(1200 * MS, abs=MS)
 
 
 def test_a_restarted_reader_has_another_clock() -> None:
@@ -541,8 +543,10 @@ def test_the_age_of_an_authority_counts_from_the_report_that_it_answers() -> Non
 
     assert radio.authority is not None
     assert radio.authority.end_m == 900.0
-    assert radio.authority_age_s(300 * MS) == pytest.approx(0.2)
-    assert radio.authority_age_s(800 * MS) == pytest.approx(0.7)
+    assert radio.received_authority is not None
+    assert radio.received_authority.value is radio.authority
+    assert radio.received_authority.age_s(300 * MS) == pytest.approx(0.2)
+    assert radio.received_authority.age_s(800 * MS) == pytest.approx(0.7)
 
 
 @pytest.mark.parametrize(
@@ -710,4 +714,4 @@ def test_the_controller_does_not_listen_to_itself() -> None:
         for can_id, _ in encoder.encode(frame)
     }
 
-    assert not own & HEARD_IDS
+    assert not own & RECEIVED_IDS

@@ -1,4 +1,4 @@
-"""How each format begins, so that a file is told before the reader of its format is loaded."""
+"""How each format begins, so that only the reader of the recognised format is loaded."""
 
 import re
 from typing import Final

@@ -54,7 +54,7 @@ class Reassembler:
         self._seen = 0
 
     def feed(self, frames: Frames) -> list[Messages]:
-        """Of the next block; those that are still open wait for the next one."""
+        """Return the messages of the next block; open ones wait for the block after it."""
         first, self._seen = self._seen, self._seen + len(frames)
         return list(self._taken(frames, first, last=False))
 
@@ -146,7 +146,7 @@ class _Segmented:
         raise NotImplementedError
 
     def aborted(self, message: Ints, count: int) -> Bools:
-        """Which messages somebody gave up."""
+        """Which messages one side gave up."""
         del message
         return np.zeros(count, np.bool_)
 

@@ -17,7 +17,7 @@ from metro_hil.model.run_folder import RunFolderError
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_USAGE
 
 VERBS: Final = (
-    *("check", "run", "resume", "list", "show", "rerun"),
+    *("init", "check", "run", "resume", "list", "show", "rerun"),
     *(
         "compare",
         "report",

@@ -39,6 +39,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument(
         "--write", action="store_true", help="keep the figures, for the pages (`make docs`)"
     )
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.set_defaults(run=run)
 
 
@@ -61,14 +62,47 @@ def run(options: argparse.Namespace) -> int:
         for name in sorted({each.scenario for each in stale}):
             found = taken_over(found, _measured(name))
         stale = []
-    text = results_json(_titled(found))
+    found = _titled(found)
     if options.write or options.measure:
         path = kept()
-        write_whole(path, text)
+        write_whole(path, results_json(found))
         print(f"figures: {path}", file=sys.stderr)
+    elif options.json:
+        print(results_json(found), end="")
     elif not options.check:
-        print(text, end="")
+        _print(found)
     return EXIT_FAILED if stale else EXIT_OK
+
+
+def _print(found: "Results") -> None:
+    """One table for each law, one row for each scenario."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False, markup=False)
+    columns = ("scenario", "stops", "missed", "mean |cm|", "worst cm", "in 10 cm %", "run s")
+    for law, scenarios in found.items():
+        table = Table(title=law, title_justify="left", title_style="bold", box=None)
+        for number, column in enumerate(columns):
+            table.add_column(column, justify="right" if number else "left", overflow="fold")
+        for name, each in scenarios.items():
+            figures = each.figures
+            table.add_row(
+                name,
+                str(figures.stops),
+                str(figures.missed),
+                _scaled(figures.mean_m, 100.0, 2),
+                _scaled(figures.worst_m, 100.0, 2),
+                _scaled(figures.within_ratio, 100.0, 1),
+                _scaled(figures.run_s, 1.0, 1),
+            )
+        console.print(table)
+        console.print()
+    console.print("`hil laws --json` has all figures, with their confidence intervals", style="dim")
+
+
+def _scaled(value: float | None, factor: float, digits: int) -> str:
+    return "-" if value is None else f"{factor * value:.{digits}f}"
 
 
 def kept() -> Path:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from firmware_py.settings import nearest
 from metro_hil.cli.hil.working import PROCESSES_MAX, number
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
@@ -58,6 +59,12 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument(
         "--bytes", action="store_true", help="encode messages with the real codec in every seed"
     )
+    parser.add_argument(
+        "--profile",
+        metavar="NAME",
+        help="features of all seeds: even, varied, ordered, choosy, sidings, by-hand, disturbed or "
+        "dense, each with those before it; default: by the number of the seed",
+    )
     parser.add_argument("--trace", action="store_true", help="print every event")
     parser.add_argument(
         "--workers",
@@ -83,11 +90,13 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError("--trace prints one event log: it needs one worker")
     if options.timers and options.protocol == "paper":
         raise UsageError("--timers: the paper's rules have no timers")
+    _check_profile(options)
     job = SeedJob(
         protocol=options.protocol,
         phases=Phases(trouble_s=60.0 * options.minutes),
         bytes_always=options.bytes,
         told=options.trace,
+        profile=options.profile,
     )
     journal = _journal(options)
     total = Total()
@@ -95,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
     for result in journal.results if journal else ():
         known.add(result.seed)
         total.add(result)
-    todo = (seed for seed in _wanted(options, total) if seed not in known)
+    todo = (seed for seed in _wanted(options, total, job) if seed not in known)
     interrupted = False
     try:
         _run(todo, job, options, total, journal)
@@ -152,15 +161,28 @@ def _journal(options: argparse.Namespace) -> "SeedJournal | None":
         raise UsageError(f"--journal {error}") from error
 
 
-def _wanted(options: argparse.Namespace, total: "Total") -> Iterator[int]:
+def _check_profile(options: argparse.Namespace) -> None:
+    """Raises UsageError."""
+    from metro_hil.simulation.generate import PROFILES
+
+    if options.profile is None:
+        return
+    if options.profile not in PROFILES:
+        hint = nearest(options.profile, list(PROFILES), "profile")
+        raise UsageError(f"--profile {options.profile}: unknown; {hint}")
+    if options.protocol == "paper":
+        raise UsageError("--profile: the paper's rules have none of them")
+    if options.journal is not None:
+        raise UsageError("--profile: not with --journal, which tells seeds apart by their number")
+
+
+def _wanted(options: argparse.Namespace, total: "Total", job: "SeedJob") -> Iterator[int]:
     every = _in_turn(options, total)
     if options.timers is None:
         return every
-    from metro_hil.simulation.generate import draw
-
-    if options.seed is not None and draw(options.seed).timers != options.timers:
+    if options.seed is not None and job.sampled(options.seed).timers != options.timers:
         raise UsageError(f"--timers {options.timers}: seed {options.seed} uses the other timers")
-    return (seed for seed in every if draw(seed).timers == options.timers)
+    return (seed for seed in every if job.sampled(seed).timers == options.timers)
 
 
 def _in_turn(options: argparse.Namespace, total: "Total") -> Iterator[int]:

@@ -141,7 +141,7 @@ class LineEvents:
 
     # Inputs.
 
-    def hears(self, messages: Iterable[RadioMessage]) -> None:
+    def on_message(self, messages: Iterable[RadioMessage]) -> None:
         for message in messages:
             if message.key.startswith(self._rails):
                 number = message.key.removeprefix(self._rails)

@@ -13,7 +13,7 @@ from firmware_py.buses import open_can
 from firmware_py.buses.hub_control import start_hub
 from firmware_py.clock.clock import WallClock
 from metro_hil.line.exercise.plan import PlannedRun
-from metro_hil.line.exercise.taps import HEARD_IDS, ProtectionTap
+from metro_hil.line.exercise.taps import RECEIVED_IDS, ProtectionTap
 from metro_hil.line.network.carrier import PacketCarrier
 from metro_hil.line.network.isolated_process import words_in
 from metro_hil.line.network.options import OwnNetworks
@@ -97,7 +97,7 @@ class LineProcesses:
     def tap(self, train: int) -> ProtectionTap:
         """Open a tap on a train's bus. Raises BusError."""
         port = open_can(
-            f"embedded:{_bus(train)}", clock=WallClock(), node="TAP", accept_ids=HEARD_IDS
+            f"embedded:{_bus(train)}", clock=WallClock(), node="TAP", accept_ids=RECEIVED_IDS
         )
         self._stack.callback(port.close)
         return ProtectionTap(train, port)

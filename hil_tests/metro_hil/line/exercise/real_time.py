@@ -174,9 +174,9 @@ class RealLine:
 
     def _receive(self, port: RadioPort, taps: Sequence[ProtectionTap], now_ns: int) -> None:
         heard = port.receive(now_ns)
-        self.record.hears(heard)
-        self.story.hears(heard)
-        for said in itertools.chain.from_iterable([tap.hears(now_ns) for tap in taps]):
+        self.record.on_message(heard)
+        self.story.on_message(heard)
+        for said in itertools.chain.from_iterable([tap.on_message(now_ns) for tap in taps]):
             self.story.tells(said.train, said.supervision, said.cause, said.at_ns)
         self.dropped = port.counters.dropped_in
 

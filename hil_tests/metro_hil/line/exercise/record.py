@@ -31,7 +31,7 @@ class LineRunFiles:
         """Number of lines that the disk did not take."""
         return self._log.lost_lines + self._story.lost_lines
 
-    def hears(self, messages: Iterable[RadioMessage]) -> None:
+    def on_message(self, messages: Iterable[RadioMessage]) -> None:
         for each in messages:
             self._zero_ns = each.stamp_ns if self._zero_ns is None else self._zero_ns
             self._log.message(each.stamp_ns, SerialDirection.RX, each.key, each.payload)

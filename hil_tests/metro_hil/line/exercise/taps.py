@@ -8,7 +8,7 @@ from can_dbc.vobc import Supervision, VobcMode, VobcStatus
 from firmware_py.ports import CanFrame, CanPort
 
 SEEN: Final = (VobcStatus, VobcMode)
-HEARD_IDS: Final = Decoder(SEEN).ids
+RECEIVED_IDS: Final = Decoder(SEEN).ids
 
 
 class ProtectionOutput(NamedTuple):
@@ -34,7 +34,7 @@ class ProtectionTap:
         """Frames for which the inbox had no room."""
         return self._port.counters.dropped_in
 
-    def hears(self, now_ns: int) -> Iterator[ProtectionOutput]:
+    def on_message(self, now_ns: int) -> Iterator[ProtectionOutput]:
         yield from self._said(self._port.receive(now_ns))
 
     def _said(self, frames: Iterable[CanFrame]) -> Iterator[ProtectionOutput]:

@@ -67,8 +67,8 @@ class VirtualLine:
     def _observe(self) -> None:
         now_ns = self.bench.clock.now_ns()
         heard = self._tap.receive(now_ns)
-        self.record.hears(heard)
-        self.story.hears(heard)
+        self.record.on_message(heard)
+        self.story.on_message(heard)
         self.dropped = self._tap.counters.dropped_in
         for number, train in self.bench.trains.items():
             world, output = train.plant.world, train.vobc.output

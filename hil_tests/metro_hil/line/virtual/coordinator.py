@@ -103,7 +103,7 @@ class _LocalTrains:
 
     def _take_answers(self) -> None:
         for seat, answer in zip(self._seats, self._waiting.pop(0), strict=True):
-            seat.hears(answer)
+            seat.on_message(answer)
 
 
 class _RemoteTrains:

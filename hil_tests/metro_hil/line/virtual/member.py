@@ -122,8 +122,8 @@ class VirtualTrain:
         self._emergency = emergency
         return self.member.says(end_ns)
 
-    def hears(self, answer: CouplingAnswer) -> None:
-        self.member.hears(answer)
+    def on_message(self, answer: CouplingAnswer) -> None:
+        self.member.on_message(answer)
 
     def close(self) -> VirtualTrainReport:
         """Close the logs and return the results."""

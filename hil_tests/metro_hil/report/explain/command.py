@@ -16,7 +16,13 @@ from metro_hil.report.explain.bus_log import located
 from metro_hil.report.explain.choose import chosen, kinds_of
 from metro_hil.report.explain.event_log import KINDS, RunEventsError, read_story
 from metro_hil.report.explain.known import known_at
-from metro_hil.report.explain.show import document, known_document, show_known, show_story
+from metro_hil.report.explain.show import (
+    document,
+    known_document,
+    show_answer,
+    show_known,
+    show_story,
+)
 
 DESCRIPTION = "Tell what the controller of a run decided, why, and from which frames."
 
@@ -39,6 +45,12 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--only", default="", metavar="KIND,...", help="tell these kinds only")
     top.add_argument(
         "--at", dest="at_s", type=float, metavar="SECONDS", help="what it knew at that instant"
+    )
+    top.add_argument(
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="all chosen events, each with the frames it was decided from",
     )
     top.add_argument("--json", action="store_true", help="one JSON object on standard output")
     return top
@@ -65,9 +77,13 @@ def _explain(options: argparse.Namespace) -> int:
         else:
             show_known(console, story, known, options.at_s)
         return EXIT_OK
+    everything = options.from_s is None and options.to_s is None and not only
+    if everything and not options.verbose and not options.json:
+        show_answer(console, story)
+        return EXIT_OK
     events = chosen(story.events, from_s=options.from_s, to_s=options.to_s, only=only)
     if options.json:
         print(json.dumps(document(story, events), ensure_ascii=False))
     else:
-        show_story(console, story, events)
+        show_story(console, story, events, frames=options.verbose)
     return EXIT_OK

@@ -4,16 +4,16 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final
 
-from rich.console import Console
+from rich.console import Console, OverflowMethod
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from metro_hil.report.explain.answer import ARRIVED, answer, most_telling
 from metro_hil.report.explain.event_log import LoggedEvent, LoggedSource, RunEvents, RunHead
 from metro_hil.report.explain.known import ControllerKnowledge
 from metro_hil.report.explain.meaning import source_words
 
-ARRIVED: Final = "arrived"
 STYLES: Final = {
     "EMERGENCY_APPLIED": "bold red",
     "EMERGENCY_RELEASED": "green",
@@ -32,17 +32,53 @@ STYLES: Final = {
     "FRAME_REJECTED": "yellow",
     "RADIO_REFUSED": "yellow",
 }
+RESTARTED: Final = "the controller was started again; its time starts at 0"
 BEFORE_SHOWN: Final = 5
 """Number of events shown before the time of `--at`."""
 
 
-def show_story(console: Console, story: RunEvents, events: Sequence[LoggedEvent]) -> None:
-    """Print the head, then the chosen events in order, each with its inputs."""
+def show_answer(console: Console, story: RunEvents) -> None:
+    """Print the headline, the run, and the events that matter most, one line each."""
+    style = STYLES["EMERGENCY_APPLIED"] if _has_emergency(story) else "bold"
+    console.print(Text(answer(story), style), soft_wrap=True)
+    head = story.head
+    way = " → ".join(name for name in head.stations if name)
+    run = ", ".join(filter(None, (head.name, f"{head.line}: {way}" if way else "", _ended(story))))
+    console.print(Text(f"{run}\n", "dim"), soft_wrap=True)
+    shown = most_telling(story.events)
+    # A terminal shows as much as fits on its line; a pipe gets the whole line.
+    overflow: OverflowMethod = "ellipsis" if console.is_terminal else "ignore"
+    controller = 0
+    for event in shown:
+        if event.controller != controller:
+            controller = event.controller
+            console.print(Text(f"{'':13}{RESTARTED}", "bold"))
+        line = Text(f"{event.t_s:>9.3f} s  ")
+        line.append(f"{_kind_words(event.kind):<20}", STYLES.get(event.kind, "cyan"))
+        line.append(f"  {event.words}")
+        console.print(line, no_wrap=True, overflow=overflow, crop=console.is_terminal)
+    words = f"{len(shown)} of {len(story.events)} events; -v shows all of them with their frames"
+    console.print(Text(f"\n{words}", "dim"))
+    _show_torn_lines(console, story)
+
+
+def _has_emergency(story: RunEvents) -> bool:
+    return any(event.kind == "EMERGENCY_APPLIED" for event in story.events)
+
+
+def show_story(
+    console: Console, story: RunEvents, events: Sequence[LoggedEvent], *, frames: bool
+) -> None:
+    """Print the head, then the chosen events in order.
+
+    Args:
+        frames: whether the frames and messages that led to each event follow it.
+    """
     _show_head(console, story)
     if not events:
         console.print("no event is of that kind and time", style="yellow")
         return
-    _show_events(console, events)
+    _show_events(console, events, frames=frames)
 
 
 def _show_head(console: Console, story: RunEvents) -> None:
@@ -51,20 +87,27 @@ def _show_head(console: Console, story: RunEvents) -> None:
     way = " → ".join(name for name in head.stations if name)
     if head.line or way:
         console.print(f"{head.line}: {way}", markup=False, highlight=False)
-    last_s = events[-1].t_s if events else 0.0
-    ended = head.ended or "did not come to its end"
-    console.print(f"{ended}; last event at {last_s:.2f} s", markup=False, highlight=False)
+    console.print(_ended(story), markup=False, highlight=False)
     counts = Counter(event.kind for event in events)
     told = ", ".join(f"{count} {_kind_words(kind)}" for kind, count in sorted(counts.items()))
     words = f"{len(events)} events: {told}" if events else "no events"
     console.print(words, style="dim", markup=False, highlight=False)
-    if story.torn_lines:
-        words = f"{story.torn_lines} torn lines of {story.folder.events_log} left out"
-        console.print(words, style="yellow", markup=False, highlight=False, soft_wrap=True)
+    _show_torn_lines(console, story)
     console.print()
 
 
-def _show_events(console: Console, events: Sequence[LoggedEvent]) -> None:
+def _ended(story: RunEvents) -> str:
+    last_s = story.events[-1].t_s if story.events else 0.0
+    return f"{story.head.ended or 'did not come to its end'}; last event at {last_s:.2f} s"
+
+
+def _show_torn_lines(console: Console, story: RunEvents) -> None:
+    if story.torn_lines:
+        words = f"{story.torn_lines} torn lines of {story.folder.events_log} left out"
+        console.print(words, style="yellow", markup=False, highlight=False, soft_wrap=True)
+
+
+def _show_events(console: Console, events: Sequence[LoggedEvent], *, frames: bool = True) -> None:
     table = Table.grid(padding=(0, 2))
     table.add_column(justify="right", no_wrap=True)
     table.add_column(no_wrap=True)
@@ -73,14 +116,12 @@ def _show_events(console: Console, events: Sequence[LoggedEvent]) -> None:
     for event in events:
         if event.controller != controller:
             controller = event.controller
-            again = "the controller restarted; its time begins at zero again"
-            table.add_row("", "", Text(again, "bold"))
+            table.add_row("", "", Text(RESTARTED, "bold"))
         kind = Text(_kind_words(event.kind), STYLES.get(event.kind, "cyan"))
         table.add_row(f"{event.t_s:.3f} s", kind, Text(event.words))
-        for source in event.sources:
-            if source.number is None:
-                continue
-            table.add_row("", "", _source_text(event, source))
+        for source in event.sources if frames else ():
+            if source.number is not None:
+                table.add_row("", "", _source_text(event, source))
     console.print(table)
 
 
@@ -122,6 +163,7 @@ def document(story: RunEvents, events: Sequence[LoggedEvent]) -> dict[str, Any]:
     return {
         "folder": str(story.folder.path),
         **_head_table(story.head),
+        "answer": answer(story),
         "torn_lines": story.torn_lines,
         "events": [_event_table(event) for event in events],
     }

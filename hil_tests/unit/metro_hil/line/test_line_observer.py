@@ -206,7 +206,7 @@ def test_one_train_whose_places_are_old_makes_the_run_invalid(tmp_path: Path) ->
 
 def test_an_observer_that_judges_too_slowly_makes_the_run_invalid(tmp_path: Path) -> None:
     run = line(tmp_path)
-    hears = run.record.hears
+    hears = run.record.on_message
 
     def slow(messages: Sequence[RadioMessage]) -> None:
         clock: Any = run._clock
@@ -214,7 +214,7 @@ def test_an_observer_that_judges_too_slowly_makes_the_run_invalid(tmp_path: Path
         if clock.ns // S == START_MS // 1000 + 2:
             clock.ns += S
 
-    run.record.hears = slow  # type: ignore[assignment, method-assign]
+    run.record.on_message = slow  # type: ignore[assignment, method-assign]
 
     assert "the observer lagged" in watched(run, Air(constant(0)))[0]
 
@@ -238,14 +238,14 @@ def test_an_early_emergency_brake_is_judged_only_with_recent_messages(
     air.withheld = {"AreaAuthority", "TrainReport"}
     run._beginning = lambda now_ns: now_ns if now_ns > (START_MS + 2000) * MS else None  # type: ignore[method-assign]
 
-    said = watched(run, air, SimpleNamespace(hears=hears, dropped=0))
+    said = watched(run, air, SimpleNamespace(on_message=hears, dropped=0))
 
     assert len(run.story.train(2).emergencies) == 1
     assert (said == []) is valid
 
 
 def test_lost_messages_make_the_run_invalid(tmp_path: Path) -> None:
-    air, tap = Air(constant(0)), SimpleNamespace(hears=lambda now_ns: (), dropped=2)
+    air, tap = Air(constant(0)), SimpleNamespace(on_message=lambda now_ns: (), dropped=2)
     air.counters.dropped_in = 3
 
     said = watched(line(tmp_path), air, tap)
@@ -270,7 +270,7 @@ def test_an_ordered_takeover_must_be_observed(
 def test_a_master_without_another_train_in_its_area_has_no_successor() -> None:
     told = Told()
     told.story.stands(1, Place(3080.0, 3000.0, 16))
-    told.hears(replace(BEAT, area=1, source=2), 100)
+    told.on_message(replace(BEAT, area=1, source=2), 100)
 
     told.story.orders_takeover(1, 2)
     assert told.story.unseen_takeovers() == []
@@ -313,7 +313,7 @@ def test_a_train_that_moved_had_an_authority_even_if_none_was_received() -> None
 
 def test_a_message_from_the_future_does_not_hide_a_lag() -> None:
     told = Told()
-    told.hears(replace(BEAT, stamp_ns=900 * S), 100)
+    told.on_message(replace(BEAT, stamp_ns=900 * S), 100)
     observer = Observer(told.story, 0)
 
     observer.looks(100 * MS + 500 * MS)

@@ -19,7 +19,7 @@ def test_the_event_log_counts_from_the_first_message_of_the_radio_log(tmp_path: 
     record = LineRunFiles(tmp_path, lambda at_s, words: said.append((at_s, words)))
     record.tell(4_000_000 * MS, "nothing was heard yet")
     for at_ms in (5_000_000, 5_000_700):
-        record.hears([RadioMessage(at_ms * MS, "m/loop/w/9/hb/1/all", b"12")])
+        record.on_message([RadioMessage(at_ms * MS, "m/loop/w/9/hb/1/all", b"12")])
     record.tell(5_001_500 * MS, "something happens")
     record.close()
 
@@ -33,7 +33,7 @@ def test_the_event_log_counts_from_the_first_message_of_the_radio_log(tmp_path: 
 
 def test_results_use_the_seconds_of_the_event_log() -> None:
     told = Told()
-    told.hears(GIVEN, 5050)
+    told.on_message(GIVEN, 5050)
     told.story.tells(2, Supervision.EMERGENCY, Cause.OVERSPEED, 5500 * MS)
 
     results = json.loads(

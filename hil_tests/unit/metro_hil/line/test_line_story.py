@@ -34,14 +34,14 @@ class Told:
         self.story.stands(1, Place(1080.0, 1000.0, 16))
         self.story.stands(2, Place(180.0, 100.0, 16))
 
-    def hears(self, message: T2tMessage, at_ms: int) -> None:
-        self.story.hears([RadioMessage(at_ms * MS, key_of("loop", message), pack(message))])
+    def on_message(self, message: T2tMessage, at_ms: int) -> None:
+        self.story.on_message([RadioMessage(at_ms * MS, key_of("loop", message), pack(message))])
 
 
 def test_the_gap_reaches_from_an_authority_to_the_true_rear_ahead() -> None:
     told = Told()
-    told.hears(BEAT, 0)
-    told.hears(GIVEN, 50)
+    told.on_message(BEAT, 0)
+    told.on_message(GIVEN, 50)
 
     told.story.stands(1, Place(1080.5, 1000.5, 16))
 
@@ -57,7 +57,7 @@ def test_a_delayed_position_does_not_judge_a_later_authority() -> None:
     """The train ahead had moved on by 10 m in 500 ms when the authority was sent."""
     told = Told()
     told.story.stands(1, Place(1080.0, 1000.0, 16, 100 * MS))
-    told.hears(replace(GIVEN, end_m=1000.5, stamp_ns=350 * MS), 360)
+    told.on_message(replace(GIVEN, end_m=1000.5, stamp_ns=350 * MS), 360)
 
     for late_ms, rear_m in ((200, 1002.0), (300, 1004.0)):
         told.story.stands(1, Place(rear_m + 80.0, rear_m, 16, late_ms * MS))
@@ -77,7 +77,7 @@ def test_late_positions_are_compared_with_earlier_authorities() -> None:
     told = Told()
     for n in range(12):
         end_m = 990.0 if n != 3 else 1002.0
-        told.hears(replace(GIVEN, end_m=end_m, sequence=3 + n, stamp_ns=n * 100 * MS), n * 100)
+        told.on_message(replace(GIVEN, end_m=end_m, sequence=3 + n, stamp_ns=n * 100 * MS), n * 100)
         told.story.stands(1, Place(1080.0, 1000.0, 16, max(0, n - 4) * 100 * MS))
 
     assert told.story.train(2).least_gap_m == -2.0
@@ -85,10 +85,10 @@ def test_late_positions_are_compared_with_earlier_authorities() -> None:
 
 def test_a_masters_own_authority_counts_from_its_report() -> None:
     told = Told()
-    told.hears(replace(BEAT, source=2), 0)
+    told.on_message(replace(BEAT, source=2), 0)
     held = replace(REPORT, source=2, stamp_ns=350 * MS, front_min_m=180.0, front_max_m=181.0)
     held = replace(held, easy_m=181.0, latent_m=1000.5, held_term=7, held_end_m=1000.5, area=1)
-    told.hears(held, 360)
+    told.on_message(held, 360)
     told.story.stands(1, Place(1084.0, 1004.0, 16, 300 * MS))
     assert told.story.train(2).least_gap_m == float("inf")
 
@@ -99,11 +99,11 @@ def test_a_masters_own_authority_counts_from_its_report() -> None:
 def test_an_authority_reaches_into_the_next_area_only_with_that_areas_authority() -> None:
     told = Told()
     told.story.stands(1, Place(3080.0, 3000.0, 16))
-    told.hears(replace(GIVEN, end_m=2800.0), 50)
+    told.on_message(replace(GIVEN, end_m=2800.0), 50)
     told.story.stands(1, Place(3080.5, 3000.5, 16))
     assert told.story.train(2).least_gap_m == 200.5
 
-    told.hears(replace(GIVEN, area=2, end_m=2950.0, rear_m=0.0), 60)
+    told.on_message(replace(GIVEN, area=2, end_m=2950.0, rear_m=0.0), 60)
     told.story.stands(1, Place(3081.0, 3001.0, 16))
 
     assert told.story.train(2).least_gap_m == 51.0
@@ -111,12 +111,12 @@ def test_an_authority_reaches_into_the_next_area_only_with_that_areas_authority(
 
 def test_a_new_term_is_reported_with_the_silence_before_it_and_the_time_to_serve_all() -> None:
     told = Told()
-    told.hears(BEAT, 0)
-    told.hears(GIVEN, 50)
-    told.hears(replace(BEAT, stamp_ns=60 * MS, sequence=3), 60)
+    told.on_message(BEAT, 0)
+    told.on_message(GIVEN, 50)
+    told.on_message(replace(BEAT, stamp_ns=60 * MS, sequence=3), 60)
 
-    told.hears(replace(BEAT, source=3, term=9), 360)
-    told.hears(replace(GIVEN, source=3, term=9, echo_ns=380 * MS), 400)
+    told.on_message(replace(BEAT, source=3, term=9), 360)
+    told.on_message(replace(GIVEN, source=3, term=9, echo_ns=380 * MS), 400)
 
     assert told.said == [
         "area 1: train 1 commands, term 7",
@@ -135,7 +135,7 @@ def test_every_emergency_brake_is_reported_and_the_verdict_counts_unexplained_on
         told.story.tells(train, Supervision.EMERGENCY, cause, (at_ms + 5) * MS)
 
     brakes(Cause.BRAKE_UNIT, 10)
-    told.hears(GIVEN, 50)
+    told.on_message(GIVEN, 50)
     brakes(Cause.OVERSPEED, 60)
     brakes(Cause.AUTHORITY_OLD, 2000)
     told.story.excused.add("authority old")
@@ -157,7 +157,7 @@ def test_supervision_states_are_taken_from_the_bus_and_not_from_the_radio() -> N
     """The radio repeats it late once radios work again."""
     told = Told()
     late = replace(STATUS, train=2, supervision=Supervision.EMERGENCY, cause=Cause.BUTTON)
-    told.story.hears([RadioMessage(50 * MS, keys.status("loop", 2), pack(late))])
+    told.story.on_message([RadioMessage(50 * MS, keys.status("loop", 2), pack(late))])
 
     assert told.said == []
     assert told.story.refused == 0
@@ -183,7 +183,9 @@ def test_a_stop_is_reported_with_its_distance_and_a_passage_is_not() -> None:
 
 def test_the_speed_follows_the_true_positions_even_with_a_silent_controller() -> None:
     told = Told()
-    told.hears(replace(REPORT, source=2, speed_mps=12.4, front_min_m=180.0, front_max_m=181.0), 0)
+    told.on_message(
+        replace(REPORT, source=2, speed_mps=12.4, front_min_m=180.0, front_max_m=181.0), 0
+    )
     told.story.stands(2, Place(180.5, 100.5, 16, 100 * MS))
 
     told.story.stands(2, Place(181.5, 101.5, 16, 300 * MS))
@@ -195,7 +197,7 @@ def test_the_speed_follows_the_true_positions_even_with_a_silent_controller() ->
 
 def test_a_message_under_a_foreign_key_is_ignored() -> None:
     told = Told()
-    told.story.hears([RadioMessage(0, key_of("loop", replace(BEAT, source=4)), pack(BEAT))])
+    told.story.on_message([RadioMessage(0, key_of("loop", replace(BEAT, source=4)), pack(BEAT))])
 
     assert told.said == []
     assert told.story.refused == 1
@@ -206,7 +208,9 @@ def test_a_message_under_a_foreign_key_is_ignored() -> None:
 )
 def test_an_invalid_position_does_not_end_a_run(train: str, payload: bytes) -> None:
     told = Told()
-    told.story.hears([RadioMessage(0, subscription("loop").removesuffix("*") + train, payload)])
+    told.story.on_message(
+        [RadioMessage(0, subscription("loop").removesuffix("*") + train, payload)]
+    )
 
     assert set(told.story.trains) == {1, 2}
     assert told.story.refused == 1

@@ -14,7 +14,7 @@ from can_dbc.vobc import (
     Withheld,
 )
 from firmware_py.buses.inproc import InprocBus
-from metro_hil.line.exercise.taps import HEARD_IDS, ProtectionOutput, ProtectionTap
+from metro_hil.line.exercise.taps import RECEIVED_IDS, ProtectionOutput, ProtectionTap
 
 MS = 1_000_000
 
@@ -39,13 +39,13 @@ class Heard:
         self.bus = InprocBus("train2", 250_000, None)
         self._controller = self.bus.port("VOBC", frozenset())
         self._encoder = Encoder()
-        self.tap = ProtectionTap(2, self.bus.port("TAP", HEARD_IDS))
+        self.tap = ProtectionTap(2, self.bus.port("TAP", RECEIVED_IDS))
 
     def says(self, at_ms: int, *frames: Frame) -> list[tuple[int, Supervision, int]]:
         for frame in frames:
             for can_id, payload in self._encoder.encode(frame):
                 self._controller.send(at_ms * MS, can_id, payload)
-        return [each[1:] for each in self.tap.hears((at_ms + 5) * MS)]
+        return [each[1:] for each in self.tap.on_message((at_ms + 5) * MS)]
 
 
 def test_an_emergency_is_reported_with_its_cause_and_other_states_at_once() -> None:
@@ -65,7 +65,7 @@ def test_a_state_is_reported_with_its_instant_on_the_bus() -> None:
     for can_id, payload in Encoder().encode(status(Supervision.SERVICE)):
         heard.bus.port("X", frozenset()).send(20 * MS, can_id, payload)
 
-    (said,) = heard.tap.hears(500 * MS)
+    (said,) = heard.tap.on_message(500 * MS)
 
     assert isinstance(said, ProtectionOutput)
     assert 20 * MS < said.at_ns < 22 * MS

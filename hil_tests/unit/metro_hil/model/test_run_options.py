@@ -95,7 +95,7 @@ def test_timers_and_arbiters_of_the_line_follow_the_options() -> None:
     options = parse(["run", "--train", "T3", "--line-timers", "B", "--arbiters", "3"])
 
     words = [*line_arguments(options), *controller_line_arguments(options)]
-    told = vobc_parser().parse_args(["run", *words])
+    told = vobc_parser().parse_args(words)
     assert (told.train, told.line_timers, told.arbiters) == (3, "B", 3)
     plant_parser().parse_args(["run", *line_arguments(options)])
 

@@ -15,7 +15,7 @@ from metro_hil.proof.genuine import Genuine, ride
 from metro_hil.proof.judge import LAG_NS, NOTHING, Shadow, broken_rules, differences, permits
 from vobc.config import load_config
 from vobc.vocabulary import SAFE_OUTPUT
-from vobc.wire.inbox import HEARD_KINDS
+from vobc.wire.inbox import RECEIVED_KINDS
 
 NOISE_FRAMES = 18_000
 OTHER_FRAMES = 1_000
@@ -51,7 +51,7 @@ def test_twenty_thousand_frames_cause_no_permissive_output(
 
 
 def test_a_decoder_refuses_noise_but_not_forged_frames(genuine: Genuine) -> None:
-    decoder, drawing = Decoder(HEARD_KINDS), attacker(genuine)
+    decoder, drawing = Decoder(RECEIVED_KINDS), attacker(genuine)
 
     noise = [
         decoder.decode(f.can_id, f.data, 1)
@@ -59,7 +59,7 @@ def test_a_decoder_refuses_noise_but_not_forged_frames(genuine: Genuine) -> None
         if not (f.extended or f.remote)
     ]
     forged = [
-        Decoder(HEARD_KINDS).decode(frame.can_id, frame.data, 1)
+        Decoder(RECEIVED_KINDS).decode(frame.can_id, frame.data, 1)
         for seed in range(20)
         for frame in attacker(genuine, seed).forged(20, 1)
     ]

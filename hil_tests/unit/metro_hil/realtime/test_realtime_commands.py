@@ -48,7 +48,7 @@ def value_of(words: tuple[str, ...] | list[str], option: str) -> str:
 def test_the_shipped_controller_gets_all_its_wires_and_the_position_of_the_train() -> None:
     words = start_of(ControllerSpec()).words(0)
 
-    assert words[:4] == (sys.executable, "-m", "vobc", "run")
+    assert words[:4] == (sys.executable, "-m", "vobc", "--bus")
     assert value_of(words, "--bus") == "embedded:h1-0a"
     assert value_of(words, "--tags") == "/run/a b/tags"
     assert value_of(words, "--from") == "II"

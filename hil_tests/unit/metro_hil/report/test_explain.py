@@ -1,6 +1,7 @@
 """`vobc explain` on handmade run folders: its output, its omissions and its refusals."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,9 @@ from can_dbc.codec import Encoder
 from firmware_py.tag_reader.telegram import TagTelegram, encode
 from firmware_py.trackdb import TagKind
 from metro_hil.cli.vobc import main
+from metro_hil.report.explain.answer import OUTCOMES, WEIGHTS, answer
 from metro_hil.report.explain.choose import chosen, kinds_of
-from metro_hil.report.explain.event_log import LoggedSource, RunEventsError, read_story
+from metro_hil.report.explain.event_log import KINDS, LoggedSource, RunEventsError, read_story
 from metro_hil.report.explain.known import cycle_at, heard_until
 from metro_hil.report.explain.meaning import source_words
 from zenoh_config.codec import pack
@@ -85,7 +87,7 @@ def test_the_event_log_has_a_head_and_every_event(folder: Path) -> None:
 def test_each_event_is_shown_with_the_values_of_its_frame(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["explain", str(folder)]) == 0
+    assert main(["explain", str(folder), "-v"]) == 0
 
     text = " ".join(capsys.readouterr().out.split())
     assert "florence: II → III → IV" in text
@@ -93,6 +95,65 @@ def test_each_event_is_shown_with_the_values_of_its_frame(
     assert "from 187 DESK, 40 ms old: lever_percent 0 %, mode AUTO" in text
     assert "emergency_released FALSE" in text
     assert text.index("event 1") < text.index("emergency brake: button") < text.index("event 3")
+
+
+def test_the_answer_comes_first_and_names_the_emergency(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    quiet = [event(number, 0.1 * number, "TAG_ACCEPTED") for number in range(1, 30)]
+    button = {**BUTTON, "number": 30}
+    write(folder, [*quiet, button, event(31, 9.0, "EMERGENCY_RELEASED")])
+
+    assert main(["explain", str(folder)]) == 0
+
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "The emergency brake came at 4.000 s: button"
+    assert lines[1].startswith("run1, florence: II → III → IV, arrived")
+    told = [line for line in lines if re.match(r" +\d+\.\d{3} s ", line)]
+    assert len(told) == 10
+    assert "emergency applied" in told[-2]
+    assert "emergency released" in told[-1]
+    assert "from" not in "".join(told)
+    assert lines[-1] == "10 of 31 events; -v shows all of them with their frames"
+
+
+@pytest.mark.parametrize(
+    ("ended", "events", "said"),
+    [
+        ("arrived", [event(1, 1.0)], "The train arrived."),
+        ("arrived", [event(1, 1.0, "SERVICE_BRAKE")], "The train arrived."),
+        ("over", [event(1, 1.0, "SERVICE_BRAKE", words="brakes: speed")],
+         "ATP applied the service brake at 1.000 s: speed"),
+        ("over", [event(1, 1.0, "LOCALISATION_LOST", words="lost"),
+                  event(2, 2.0, "LOCALISATION_LOST", words="lost")],
+         "The train lost its position 2 times, first at 1.000 s: lost"),
+        ("over", [event(1, 1.0, "DEPARTURE_INHIBITED", words="doors")],
+         "The train may not depart since 1.000 s: doors"),
+        ("over", [event(1, 1.0, "DEPARTURE_INHIBITED"), event(2, 2.0, "DEPARTURE_PERMITTED")],
+         "Neither the emergency brake nor a loss of position occurred."),
+        ("", [], "Neither the emergency brake nor a loss of position occurred."),
+    ],
+)  # fmt: skip
+def test_the_headline_is_the_gravest_thing_that_happened(
+    folder: Path, ended: str, events: list[dict[str, Any]], said: str
+) -> None:
+    write(folder, events)
+    (folder / "results.json").write_text(json.dumps({"exit_reason": ended}), encoding="utf-8")
+
+    assert answer(read_story(folder)).startswith(said)
+
+
+def test_the_weights_name_kinds_of_events() -> None:
+    assert set(WEIGHTS) | {kind for kind, _ in OUTCOMES} <= set(KINDS)
+
+
+def test_a_chosen_part_has_frames_only_when_asked(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["explain", str(folder), "--from", "4"]) == 0
+    assert "187 DESK" not in capsys.readouterr().out
+    assert main(["explain", str(folder), "--from", "4", "-v"]) == 0
+    assert "187 DESK" in capsys.readouterr().out
 
 
 def test_json_holds_the_same_with_the_frame_bytes(

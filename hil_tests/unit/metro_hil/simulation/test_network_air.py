@@ -57,7 +57,7 @@ class Line:
         self._said(train, (), request)
         return request
 
-    def hears(self, arbiter: int, *requests: LeaseRequest) -> None:
+    def on_message(self, arbiter: int, *requests: LeaseRequest) -> None:
         """Deliver requests to an arbiter and its answer to the sender of the last one."""
         request = requests[-1]
         self._sequence += 1
@@ -79,7 +79,7 @@ class Line:
         The holder receives reports, prepares the switch, and receives those of its successor and
         the others. It proposes other rosters, which no arbiter commits, and commits the switch.
         """
-        self.hears_reports(*before)
+        self.on_reports(*before)
         head = HOLDER, SUCCESSOR, AREA, 1, 1, 1, self.now_ns
         trains = (HOLDER, SUCCESSOR, THIRD)
         roster = tuple([RosterEntry(train, 0.0, True, 1) for train in trains])
@@ -97,7 +97,7 @@ class Line:
         ]
         self._said(HOLDER, (), *commits, SwitchStep(*head, SwitchKind.COMMIT, NONCE, SUCCESSOR))
 
-    def hears_reports(self, *reports: TrainReport) -> None:
+    def on_reports(self, *reports: TrainReport) -> None:
         """Deliver reports to the holder."""
         self._said(HOLDER, reports)
 
@@ -112,40 +112,40 @@ def line() -> Line:
     line = Line()
     acquired = line.ask(HOLDER, 1, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, acquired)
+        line.on_message(arbiter, acquired)
     return line
 
 
 def test_no_train_gets_the_running_lease_of_another(line: Line) -> None:
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
-    line.hears(ARBITERS[0], asked)
+    line.on_message(ARBITERS[0], asked)
 
     with pytest.raises(ViolationError, match=r"^19: train 3 gets the lease of area 2, and that of"):
-        line.hears(ARBITERS[2], asked)
+        line.on_message(ARBITERS[2], asked)
 
 
 def test_another_train_gets_an_expired_lease(line: Line) -> None:
     line.now_ns += 500 * NS_PER_MS
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS:
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
     assert line.air.looked["19 lease"] == 2
 
 
 def test_the_named_successor_gets_the_running_lease(line: Line) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, named)
+        line.on_message(arbiter, named)
 
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
     assert line.air.looked["19 lease"] == 2
 
     # Late answers give no lease to the holder's next incarnation (simulation seed 314860).
     line.air.booted(HOLDER)
     for arbiter in ARBITERS[::-1]:
-        line.hears(arbiter, named)
+        line.on_message(arbiter, named)
     assert line.air.looked["19 lease"] == 2
 
 
@@ -154,12 +154,12 @@ def test_the_holders_withdrawal_counts_only_at_arbiters_that_received_it(line: L
     request they received (simulation seed 24471)."""
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, named)
+        line.on_message(arbiter, named)
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     line.ask(HOLDER, 1, LeaseKind.RENEW)
 
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
 
 
 @pytest.mark.parametrize("together", [True, False])
@@ -168,44 +168,44 @@ def test_an_arbiter_that_received_the_withdrawal_admits_no_successor(
 ) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, named)
+        line.on_message(arbiter, named)
     back = line.ask(HOLDER, 1, LeaseKind.RENEW)
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
-    line.hears(ARBITERS[0], asked)
+    line.on_message(ARBITERS[0], asked)
 
     if not together:
-        line.hears(ARBITERS[1], back)
+        line.on_message(ARBITERS[1], back)
 
     with pytest.raises(ViolationError, match=r"^19: "):
-        line.hears(ARBITERS[1], *((back, asked) if together else (asked,)))
+        line.on_message(ARBITERS[1], *((back, asked) if together else (asked,)))
 
 
 def test_a_late_old_request_names_no_successor(line: Line) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
     back = line.ask(HOLDER, 1, LeaseKind.RENEW)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, back)
+        line.on_message(arbiter, back)
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
-    line.hears(ARBITERS[0], named, asked)
+    line.on_message(ARBITERS[0], named, asked)
 
     with pytest.raises(ViolationError, match=r"^19: "):
-        line.hears(ARBITERS[1], named, asked)
+        line.on_message(ARBITERS[1], named, asked)
 
 
 def test_an_arbiter_without_a_part_in_the_running_lease_needs_no_successor(line: Line) -> None:
     named = line.ask(HOLDER, 1, LeaseKind.RENEW, SUCCESSOR)
-    line.hears(ARBITERS[0], named)
+    line.on_message(ARBITERS[0], named)
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
 
     for arbiter in (ARBITERS[0], ARBITERS[2]):
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
 
 
 def test_leases_are_not_compared_after_a_clock_step(line: Line) -> None:
     line.air.clocks_sound = False
     asked = line.ask(SUCCESSOR, 2, LeaseKind.ACQUIRE)
     for arbiter in ARBITERS[:2]:
-        line.hears(arbiter, asked)
+        line.on_message(arbiter, asked)
 
 
 def ready(train: int, nonce: int, rear_m: float = 100.0, *, localised: bool = True) -> TrainReport:
@@ -273,7 +273,7 @@ def test_a_newer_report_counts(line: Line) -> None:
 
 def test_a_restarted_master_accepts_all_reports_again(line: Line) -> None:
     before = replace(ready(THIRD, 0), sequence=7)
-    line.hears_reports(before)
+    line.on_reports(before)
     line.air.booted(HOLDER)
 
     with pytest.raises(ViolationError, match=r"^26: .* train 4 is ready for 0"):

@@ -3,20 +3,24 @@
 import itertools
 import random
 from collections import Counter
+from dataclasses import asdict
 
 import pytest
 
 from metro_hil.simulation.generate import (
-    CHOOSY_FROM,
-    DENSE_FROM,
-    EVEN_BELOW,
-    SIDINGS_FROM,
+    DEFAULT_PROFILES,
+    PROFILES,
     Draw,
+    default_profile,
     draw,
 )
 from metro_hil.simulation.railway_events import some_of
 
-ANY = [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 300)]
+FIRST = {name: seed for seed, name in DEFAULT_PROFILES}
+"""First seed of each profile."""
+VARIED_FROM, DENSE_FROM = FIRST["varied"], FIRST["dense"]
+SIDINGS_FROM, CHOOSY_FROM = FIRST["sidings"], FIRST["choosy"]
+ANY = [draw(seed) for seed in range(VARIED_FROM, VARIED_FROM + 300)]
 DENSE = [draw(seed) for seed in range(DENSE_FROM, DENSE_FROM + 300)]
 
 
@@ -25,10 +29,10 @@ def _even(drawn: Draw) -> bool:
 
 
 def test_the_same_seed_gives_the_same_line() -> None:
-    assert [draw(seed) for seed in range(EVEN_BELOW, EVEN_BELOW + 20)] == ANY[:20]
+    assert [draw(seed) for seed in range(VARIED_FROM, VARIED_FROM + 20)] == ANY[:20]
 
 
-@pytest.mark.parametrize("seed", [1, 42, 3794, EVEN_BELOW - 1])
+@pytest.mark.parametrize("seed", [1, 42, 3794, VARIED_FROM - 1])
 def test_below_the_limit_areas_have_one_length(seed: int) -> None:
     drawn = draw(seed)
     assert drawn.cast.line.areas[0].end_m == 2000.0
@@ -106,3 +110,30 @@ def test_a_selective_seed_chooses_a_subset_of_events() -> None:
     assert {len(each) for each in chosen} == {1, 2, 3}
     assert {name for each in chosen for name in each} == {"a", "b", "c"}
     assert {times for each in chosen for times in each.values()} == {1, 2, 4, 8}
+
+
+def test_each_profile_has_the_features_of_the_one_before_it_and_one_more() -> None:
+    assert [name for _, name in DEFAULT_PROFILES] == list(PROFILES)
+    features = [
+        {key for key, value in asdict(profile).items() if value is True}
+        for profile in PROFILES.values()
+    ]
+
+    assert features[0] == {"even"}
+    assert features[1] == set()
+    for before, after in itertools.pairwise(features[1:]):
+        assert before < after
+        assert len(after - before) == 1
+
+
+@pytest.mark.parametrize(("first", "name"), DEFAULT_PROFILES)
+def test_a_seed_has_the_profile_of_its_range(first: int, name: str) -> None:
+    assert default_profile(first).name == name
+    assert first == 0 or default_profile(first - 1).name != name
+
+
+def test_a_named_profile_takes_the_place_of_that_of_the_seed() -> None:
+    assert draw(1, PROFILES["dense"]) != draw(1)
+    assert draw(1, PROFILES["dense"]).choosy
+    assert draw(DENSE_FROM, PROFILES["dense"]) == draw(DENSE_FROM)
+    assert not draw(DENSE_FROM, PROFILES["varied"]).choosy

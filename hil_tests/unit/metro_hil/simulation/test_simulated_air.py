@@ -54,7 +54,7 @@ class Line:
         authority = AreaAuthority(*head, 1, self.now_ns, 100.0, 0.0, 0, 1, ())
         self._stepped(train, [], [QueuedMessage((train,), authority)])
 
-    def hears_authority(self, train: int, term: int, sequence: int, echo_ns: int) -> None:
+    def on_authority(self, train: int, term: int, sequence: int, echo_ns: int) -> None:
         head = (2, train, train, term, 1, sequence, self.now_ns)
         authority = AreaAuthority(*head, 1, echo_ns, 100.0, 0.0, 0, 1, ())
         self._stepped(train, [authority], [])
@@ -92,12 +92,12 @@ def test_a_late_second_copy_does_not_affect_the_accepted_first_one() -> None:
     """In seed 2314 the message was doubled and delayed by more than a second."""
     line = Line()
     line.now_ns = 5000 * MS
-    line.hears_authority(1, 6, 1, echo_ns=4000 * MS)
+    line.on_authority(1, 6, 1, echo_ns=4000 * MS)
     line.holds(1, 6, 1)
     line.now_ns += 1
-    line.hears_authority(1, 6, 1, echo_ns=4000 * MS)
+    line.on_authority(1, 6, 1, echo_ns=4000 * MS)
     line.holds(1, 6, 1)
 
-    line.hears_authority(1, 6, 2, echo_ns=4000 * MS)
+    line.on_authority(1, 6, 2, echo_ns=4000 * MS)
     with pytest.raises(ViolationError, match="late on arrival"):
         line.holds(1, 6, 2)

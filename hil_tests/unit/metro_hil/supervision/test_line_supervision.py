@@ -71,7 +71,7 @@ REPORT = TrainReport(
 def view(*messages: T2tMessage, at_ms: int = 0) -> LineView:
     shown = LineView(LOOP)
     for message in messages:
-        shown.hears([said(message)], at_ms * MS)
+        shown.on_message([said(message)], at_ms * MS)
     return shown
 
 
@@ -110,7 +110,7 @@ def test_it_shows_the_former_master_and_the_silence_of_a_master() -> None:
 def test_for_a_silent_train_only_silence_and_last_position_are_shown() -> None:
     shown = view(REPORT)
     status = dataclasses.replace(STATUS, train=REPORT.source)
-    shown.hears([RadioMessage(0, keys.status("loop", REPORT.source), pack(status))], 0)
+    shown.on_message([RadioMessage(0, keys.status("loop", REPORT.source), pack(status))], 0)
 
     fresh, silent = (shown.words(at_ms * MS)[-1] for at_ms in (1000, 8000))
 
@@ -153,7 +153,9 @@ def test_damaged_messages_and_those_under_a_wrong_key_are_not_shown() -> None:
     shown = LineView(LOOP)
     wrong = dataclasses.replace(BEAT, area=2)
 
-    shown.hears([said(BEAT)._replace(payload=pack(wrong)), said(BEAT)._replace(payload=b"x")], 0)
+    shown.on_message(
+        [said(BEAT)._replace(payload=pack(wrong)), said(BEAT)._replace(payload=b"x")], 0
+    )
 
     assert shown.commands == {}
 

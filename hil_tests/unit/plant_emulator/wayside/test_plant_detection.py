@@ -22,7 +22,7 @@ def encoded_position(train: int, front_m: float, *, axles: int = 16) -> RadioMes
 def test_every_axle_of_every_train_is_counted_where_it_is() -> None:
     detection = Detection(LOOP)
 
-    detection.hears([encoded_position(1, 1000.0), encoded_position(2, 560.0)])
+    detection.on_message([encoded_position(1, 1000.0), encoded_position(2, 560.0)])
 
     counted = detection.axles()
     assert sum(counted.values()) == 32
@@ -37,17 +37,17 @@ def test_a_train_over_a_joint_has_axles_on_both_sides_of_it() -> None:
     detection = Detection(LOOP)
     joint_m = LOOP.sections[8].end_m
 
-    detection.hears([encoded_position(1, joint_m + 35.0)])
+    detection.on_message([encoded_position(1, joint_m + 35.0)])
 
     assert detection.axles() == {9: 8, 10: 8}
 
 
 def test_a_train_without_further_reports_stays_where_it_was() -> None:
     detection = Detection(LOOP)
-    detection.hears([encoded_position(1, 1000.0)])
+    detection.on_message([encoded_position(1, 1000.0)])
     before = detection.axles()
 
-    detection.hears([])
+    detection.on_message([])
 
     assert detection.axles() == before
 
@@ -60,7 +60,7 @@ def test_an_object_is_occupied_while_any_part_of_a_train_is_in_it(
 ) -> None:
     detection = Detection(LOOP)
 
-    detection.hears([encoded_position(1, front_m)])
+    detection.on_message([encoded_position(1, front_m)])
 
     assert (1 in detection.occupied()) is there
 
@@ -75,21 +75,21 @@ def test_invalid_positions_are_ignored_and_other_messages_are_returned() -> None
         RadioMessage(0, key, struct.pack(">ddH", 1.0, 2.0, 16)),
     ]
 
-    assert detection.hears([other, *wrong]) == [other]
+    assert detection.on_message([other, *wrong]) == [other]
     assert detection.places == {}
 
 
 def test_a_flood_of_trains_is_bounded() -> None:
     detection = Detection(LOOP)
 
-    detection.hears([encoded_position(n, 1000.0) for n in range(1, TRAINS_MAX + 100)])
+    detection.on_message([encoded_position(n, 1000.0) for n in range(1, TRAINS_MAX + 100)])
 
     assert len(detection.places) == TRAINS_MAX
 
 
 def test_a_line_that_is_not_divided_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["wayside", "--line", "hefei"]) == 2
-    assert vobc(["run", "--line", "hefei", "--line-radio", "tcp/127.0.0.1:1"]) == 2
+    assert vobc(["--line", "hefei", "--line-radio", "tcp/127.0.0.1:1"]) == 2
 
     told_by = capsys.readouterr().err.splitlines()
     assert len(told_by) == 2

@@ -34,7 +34,7 @@ def encoded_position(train: int, rear_m: float, front_m: float, *, axles: int = 
 
 def detection(*messages: RadioMessage) -> Detection:
     detecting = Detection(LINE)
-    assert detecting.hears(messages) == []
+    assert detecting.on_message(messages) == []
     return detecting
 
 
@@ -169,7 +169,7 @@ def test_only_the_present_positions_of_trains_count(
     newest: dict[int, RadioMessage] = {}
     for train, rear_m, long_m in moves:
         newest[train] = encoded_position(train, rear_m, rear_m + long_m)
-        detecting.hears([newest[train]])
+        detecting.on_message([newest[train]])
 
         assert detecting.axles() == detection(*newest.values()).axles()
 
@@ -177,7 +177,7 @@ def test_only_the_present_positions_of_trains_count(
 def test_a_train_that_repeats_its_position_is_counted_once() -> None:
     detecting = detection(encoded_position(1, 10.0, 40.0, axles=3))
     again = Place(40.0, 10.0, 3, 50)
-    detecting.hears([RadioMessage(0, key_of("Line 9", 1), packed(again))])
+    detecting.on_message([RadioMessage(0, key_of("Line 9", 1), packed(again))])
 
     assert detecting.axles() == {1: 3}
     assert detecting.places == {"m/line-9/x/1": again}
@@ -185,7 +185,7 @@ def test_a_train_that_repeats_its_position_is_counted_once() -> None:
 
 def test_a_line_without_axle_counters_counts_no_axles() -> None:
     detecting = Detection(AreaMap("Line 9", (Area(1, 0.0, 400.0),)))
-    detecting.hears([encoded_position(1, 10.0, 40.0)])
+    detecting.on_message([encoded_position(1, 10.0, 40.0)])
 
     assert detecting.axles() == {}
 
@@ -220,7 +220,7 @@ def test_other_messages_are_returned_in_order() -> None:
     ]
     detecting = Detection(LINE)
 
-    assert detecting.hears([others[0], encoded_position(1, 10.0, 40.0), *others[1:]]) == others
+    assert detecting.on_message([others[0], encoded_position(1, 10.0, 40.0), *others[1:]]) == others
     assert detecting.places == {"m/line-9/x/1": Place(40.0, 10.0, 16)}
 
 
@@ -228,5 +228,5 @@ def test_at_most_512_trains_are_tracked() -> None:
     flood = detection(*[encoded_position(n, 10.0, 40.0) for n in range(1, 600)])
     assert list(flood.places) == [f"m/line-9/x/{n}" for n in range(1, 513)]
 
-    flood.hears([encoded_position(7, 310.0, 340.0)])
+    flood.on_message([encoded_position(7, 310.0, 340.0)])
     assert flood.places["m/line-9/x/7"] == Place(340.0, 310.0, 16)

@@ -291,7 +291,7 @@ def test_the_command_line_chooses_the_stage(stage: str) -> None:
     config = config_of(parse(["run", "--lockstep", "--output", stage]))
 
     assert config.ato.output.stage == stage
-    assert parser().parse_args(["run", "--output", stage]).output == stage
+    assert parser().parse_args(["--output", stage]).output == stage
 
 
 def test_without_the_option_the_parameters_choose(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,12 +1,9 @@
 """Inputs that a controller receives in one cycle; tests change single fields of them."""
 
 from can_dbc.cab import CabMode, Desk
-from vobc.vocabulary import NEVER_S, CycleInput, Orders
+from vobc.vocabulary import CycleInput, Orders
 
-SILENCE = CycleInput(
-    0, 0.05, 0, None, NEVER_S, (), None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-    None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, (), None, NEVER_S,
-)  # fmt: skip
+SILENCE = CycleInput(now_ns=0, dt_s=0.05)
 """A cycle of 50 ms before any frame has arrived."""
 DESK = Desk(CabMode.AUTO, 0.0, True, True, False, False, False, False)
 """A driver's desk in automatic mode with no button pressed."""

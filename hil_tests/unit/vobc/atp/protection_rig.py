@@ -32,11 +32,26 @@ UNLOCKED = DoorStatus(False, DoorState.LOCKED, DoorState.UNKNOWN, True)
 FREE_BRAKE = BrakeStatus(0.0, 0.0, False, False, True, True)
 CUT = TractionStatus(0.0, 1.0, True, True)
 WELL = CycleInput(
-    0, CYCLE_S, 0, None, 0.0, (), None, NEVER_S, None, NEVER_S, CUT, 0.0,
-    FREE_BRAKE, 0.0, LOCKED, 0.0, DESK, 0.0, TagReaderHealth(True, 0, 0.0), 0.0, None, NEVER_S,
-    None, NEVER_S, (), Authority(BETWEEN_M + 1200.0, 1, 1), 0.2, TrainAlarms(True, True), 0.0,
-    None, NEVER_S, ORDERS, 0.2,
-)  # fmt: skip
+    now_ns=0,
+    dt_s=CYCLE_S,
+    tacho_age_s=0.0,
+    traction=CUT,
+    traction_age_s=0.0,
+    brake=FREE_BRAKE,
+    brake_age_s=0.0,
+    doors=LOCKED,
+    doors_age_s=0.0,
+    desk=DESK,
+    desk_age_s=0.0,
+    tag_reader=TagReaderHealth(True, 0, 0.0),
+    tag_reader_age_s=0.0,
+    authority=Authority(BETWEEN_M + 1200.0, 1, 1),
+    authority_age_s=0.2,
+    alarms=TrainAlarms(True, True),
+    alarms_age_s=0.0,
+    orders=ORDERS,
+    orders_age_s=0.2,
+)
 
 
 class Train:

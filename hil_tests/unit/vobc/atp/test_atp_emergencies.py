@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_dbc.vobc import Cause, Missing, OperatingMode, Supervision
-from hil_tests.unit.vobc.atp.seen_rig import CEILING, CONFIG, MOVING, RUNNING, STANDING
+from hil_tests.unit.vobc.atp.guard_inputs_rig import CEILING, CONFIG, MOVING, RUNNING, STANDING
 from vobc.atp.emergencies import (
     LOOKED_AT,
     RULE_OF,
@@ -21,7 +21,7 @@ from vobc.atp.emergencies import (
     latched_after,
     released,
 )
-from vobc.atp.seen import GuardInputs
+from vobc.atp.guard_inputs import GuardInputs
 from vobc.vocabulary import Interval
 
 HELD = (Supervision.NO_AUTHORITY, Supervision.EMERGENCY)

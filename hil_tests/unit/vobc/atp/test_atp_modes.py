@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode
+from vobc.atp.guard_inputs import GuardInputs
 from vobc.atp.modes import NEEDED, SUPERVISED, TRANSITIONS, UNHEEDED, next_mode
-from vobc.atp.seen import GuardInputs
 from vobc.config import load_config
 from vobc.vocabulary import Ceiling, Interval
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from can_dbc.vobc import Cause, OperatingMode, Supervision
-from hil_tests.unit.vobc.atp.seen_rig import CEILING, CONFIG, MOVING, RUNNING, STANDING
+from hil_tests.unit.vobc.atp.guard_inputs_rig import CEILING, CONFIG, MOVING, RUNNING, STANDING
 from vobc.atp.modes import NEEDED
 from vobc.atp.supervision import TRANSITIONS, next_state
 from vobc.vocabulary import Ceiling, Interval

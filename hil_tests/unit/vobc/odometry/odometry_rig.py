@@ -268,9 +268,17 @@ class Rig:
         tag_gap = self.telegram_lost and bool(tags or self.step_number % HEALTH_STEPS == 0)
         self.telegram_lost = self.telegram_lost and not tag_gap
         return CycleInput(
-            now_ns, 0.05, 0, *tacho, samples, *radar, *imu,
-            None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S, None, NEVER_S,
-            None, NEVER_S, None, NEVER_S, tags, None, NEVER_S,
-            cold=self.cold, cold_age_s=0.1 if self.cold else NEVER_S,
+            now_ns=now_ns,
+            dt_s=0.05,
+            tacho=tacho[0],
+            tacho_age_s=tacho[1],
+            tacho_samples=samples,
+            doppler=radar[0],
+            doppler_age_s=radar[1],
+            imu=imu[0],
+            imu_age_s=imu[1],
+            tags=tags,
+            cold=self.cold,
+            cold_age_s=0.1 if self.cold else NEVER_S,
             tag_gap=tag_gap,
-        )  # fmt: skip
+        )

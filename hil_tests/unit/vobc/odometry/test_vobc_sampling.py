@@ -40,10 +40,10 @@ def test_the_time_error_is_at_most_the_fastest_delay_plus_the_drift(
 ) -> None:
     """The first frame is as fast as any, so it places later ones however late they arrive."""
     sampled_ns = [start_ns + PERIOD_NS * number for number in range(len(late_ns))]
-    heard_ns = in_order(sampled_ns, [0, *late_ns[1:]])
+    received_at_ns = in_order(sampled_ns, [0, *late_ns[1:]])
     clock = SampleClock()
 
-    for number, (at_ns, hear_ns) in enumerate(zip(sampled_ns, heard_ns, strict=True)):
+    for number, (at_ns, hear_ns) in enumerate(zip(sampled_ns, received_at_ns, strict=True)):
         since_ns = at_ns - start_ns
         stamp_ms = int(since_ns * (1.0 + drift)) // MS % 256
         found_ns = clock.sampled_ns(hear_ns, number % 256, stamp_ms)
@@ -91,12 +91,12 @@ def test_a_restarted_sensor_is_timed_from_its_first_sample(new_ms: int) -> None:
     for number in range(5):
         clock.sampled_ns(number * PERIOD_NS, number, 20 * number)
     for number in range(5, 10):
-        heard_ns = number * PERIOD_NS
+        received_at_ns = number * PERIOD_NS
 
-        found_ns = clock.sampled_ns(heard_ns, number - 5, (new_ms + 20 * number) % 256)
+        found_ns = clock.sampled_ns(received_at_ns, number - 5, (new_ms + 20 * number) % 256)
 
         assert found_ns is not None
-        assert heard_ns - PERIOD_NS <= found_ns <= heard_ns
+        assert received_at_ns - PERIOD_NS <= found_ns <= received_at_ns
 
 
 def test_a_faster_frame_corrects_the_clock_offset() -> None:
@@ -119,12 +119,12 @@ def test_the_counter_gives_the_age_of_queued_frames(waited: int, first: int) -> 
     free_ns = waited * PERIOD_NS
 
     for number in range(1, waited + 1):
-        heard_ns = free_ns + number * MS // 5
-        found_ns = clock.sampled_ns(heard_ns, (first + number) % 256, 20 * number % 256)
+        received_at_ns = free_ns + number * MS // 5
+        found_ns = clock.sampled_ns(received_at_ns, (first + number) % 256, 20 * number % 256)
 
         sampled_ns = number * PERIOD_NS
         if found_ns is None:
-            assert heard_ns - sampled_ns > 0.9 * LATE_NS
+            assert received_at_ns - sampled_ns > 0.9 * LATE_NS
         else:
             assert abs(found_ns - sampled_ns) <= 2 * DRIFT_RATIO * free_ns + MS
     assert found_ns is not None
@@ -306,11 +306,13 @@ def test_a_delayed_telegram_counts_from_its_sending(
     for step_ns, _ in steps_ns:
         at_ns += step_ns
         sent_ns.append(at_ns)
-    heard_ns = in_order(sent_ns, [0, *[late_ns for _, late_ns in steps_ns]])
-    assume(all(h - s < READER_LATE_NS - 2 * MS for s, h in zip(sent_ns, heard_ns, strict=True)))
+    received_at_ns = in_order(sent_ns, [0, *[late_ns for _, late_ns in steps_ns]])
+    assume(
+        all(h - s < READER_LATE_NS - 2 * MS for s, h in zip(sent_ns, received_at_ns, strict=True))
+    )
     clock = ReaderClock(READER_PERIOD_MS)
 
-    for send_ns, hear_ns in zip(sent_ns, heard_ns, strict=True):
+    for send_ns, hear_ns in zip(sent_ns, received_at_ns, strict=True):
         sent_ms = (starts_ms + send_ns / MS * (1.0 + drift)) % READER_PERIOD_MS
         late_ns = clock.late_ns(hear_ns, sent_ms)
 
@@ -343,13 +345,13 @@ def test_lateness_up_to_the_limit_counts_and_beyond_it_the_clock_restarts(
     """The reader's clock gives both telegrams the same stamp; the test allows for its drift."""
     clock = ReaderClock(READER_PERIOD_MS)
     clock.late_ns(0, 7.0)
-    heard_ns = late_ns
-    while heard_ns - int(DRIFT_RATIO * heard_ns) < late_ns:
-        heard_ns += 1
+    received_at_ns = late_ns
+    while received_at_ns - int(DRIFT_RATIO * received_at_ns) < late_ns:
+        received_at_ns += 1
 
-    assert clock.late_ns(heard_ns, 7.0) == said_ns
+    assert clock.late_ns(received_at_ns, 7.0) == said_ns
     # After a restart that telegram becomes the reference for the next one.
-    assert clock.late_ns(heard_ns + 300 * MS, 307.0) == pytest.approx(again_ns, abs=0.1 * MS)
+    assert clock.late_ns(received_at_ns + 300 * MS, 307.0) == pytest.approx(again_ns, abs=0.1 * MS)
 
 
 @pytest.mark.parametrize("early_ms", [1.0, 999.0, 5000.0, READER_PERIOD_MS - 20.0])

@@ -61,7 +61,7 @@ class Chair:
         for arbiter in ARBITERS[:2]:
             head = (arbiter, OWN, area, TERM, 1, 1, 0)
             answer = LeaseAnswer(*head, True, request.nonce, 0, OWN, 0, 4, 1, tuple(roster))
-            self.lease.hears(answer, 0)
+            self.lease.on_message(answer, 0)
         self.lease.until_ns = 10**15
         self.now_ns = now_ms * MS
         self.sequence = 0
@@ -85,13 +85,13 @@ class Chair:
         self.sequence += 1
         return (source, OWN, self.area, term, 1, self.sequence, 0)
 
-    def hears(self, message: T2tMessage) -> None:
-        self.master.hears(message, self.now_ns)
+    def on_message(self, message: T2tMessage) -> None:
+        self.master.on_message(message, self.now_ns)
 
     def keeps(self, version: int | None = None, *, term: int = TERM, arbiters: int = 2) -> None:
         asked = self.master.roster.version if version is None else version
         for arbiter in ARBITERS[:arbiters]:
-            self.hears(RosterAck(*self.head(arbiter, term=term), asked))
+            self.on_message(RosterAck(*self.head(arbiter, term=term), asked))
 
     def reports(self, train: int, front_m: float, **told: Any) -> TrainReport:
         self.sequence += 1
@@ -125,15 +125,15 @@ class Chair:
             "echo_ns": self.now_ns or -1,
         }
         report = TrainReport(**{**fields, **told})
-        self.hears(report)
+        self.on_message(report)
         return report
 
     def orders(self, kind: OrderKind, train: int) -> None:
-        self.hears(LineOrder(*self.head(65_100, term=0), kind, train))
+        self.on_message(LineOrder(*self.head(65_100, term=0), kind, train))
 
     def removes(self, train: int, *, echo_ms: int | None = None, term: int = TERM) -> None:
         echo_ns = self.now_ns if echo_ms is None else echo_ms * MS
-        self.hears(Removal(*self.head(65_100, term=term), echo_ns, train))
+        self.on_message(Removal(*self.head(65_100, term=term), echo_ns, train))
 
     def track(self, *, seen_ms: int | None = None, term: int = TERM, **told: Any) -> None:
         """Report the track status: all sections are clear except those with a number in `axles`."""
@@ -143,7 +143,7 @@ class Chair:
         ]
         echo_ns = self.now_ns if seen_ms is None else seen_ms * MS
         head = (0, OWN, self.area, term, 1, self.sequence, 0)
-        self.hears(
+        self.on_message(
             TrackStatus(
                 *head, echo_ns, tuple(states), told.get("restrictions", ()), told.get("closed", ())
             )

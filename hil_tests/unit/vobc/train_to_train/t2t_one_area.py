@@ -58,10 +58,10 @@ class OneArea:
         record = self.known.records[train]
         former = report_at(record.rear_m, train=train)
         former = dataclasses.replace(former, echo_ns=echo_ns, localised=localised)
-        record.hears(former, NOW_NS - age_ns, term=5, jog_m=5.0)
+        record.on_message(former, NOW_NS - age_ns, term=5, jog_m=5.0)
 
-    def hears(self, report: TrainReport, *, age_ns: int = 0) -> None:
-        self.newborns.hears(report, NOW_NS - age_ns)
+    def on_message(self, report: TrainReport, *, age_ns: int = 0) -> None:
+        self.newborns.on_message(report, NOW_NS - age_ns)
 
     def settles(self) -> tuple[Order, list[tuple[TrainReport, int]]]:
         return self.newborns.settle(self.order, self._scene_of, self.known, NOW_NS)

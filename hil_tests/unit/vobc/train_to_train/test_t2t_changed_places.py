@@ -22,8 +22,8 @@ def two_restarted(*others: tuple[int, float], told_m: float) -> OneArea:
     """An area with two restarted trains: train 6, and train 1, which now reports a place before
     it."""
     area = OneArea(*TWO, *others)
-    area.hears(restarted(told_m, train=6))
-    area.hears(BEYOND)
+    area.on_message(restarted(told_m, train=6))
+    area.on_message(BEYOND)
     area.reserved_m = {6: told_m + 84.0}
     return area
 
@@ -90,8 +90,8 @@ def test_trains_that_changed_places_wait_while_a_train_behind_is_silent() -> Non
 
 def test_trains_that_changed_places_wait_while_a_train_between_is_silent() -> None:
     area = OneArea((6, 700.0), (7, 600.0), (1, 500.0))
-    area.hears(restarted(700.0, train=6))
-    area.hears(BEYOND)
+    area.on_message(restarted(700.0, train=6))
+    area.on_message(BEYOND)
     area.reserved_m = {6: 784.0, 7: 690.0}
 
     assert area.settles() == (area.order, [])
@@ -103,8 +103,8 @@ def test_no_train_passed_one_that_came_back_elsewhere(told_m: float) -> None:
     roster."""
     area = OneArea((6, 700.0), (1, 650.0), counted=(Counted(0.0, 3000.0, True, 32),))
     area.unregistered = (StandingTrain(told_m, told_m + 84.0, 16),)
-    area.hears(restarted(told_m, train=6, standstill=False))
-    area.hears(BEYOND)
+    area.on_message(restarted(told_m, train=6, standstill=False))
+    area.on_message(BEYOND)
     area.reserved_m = {6: told_m + 84.0}
 
     order, _ = area.settles()
@@ -114,8 +114,8 @@ def test_no_train_passed_one_that_came_back_elsewhere(told_m: float) -> None:
 
 def test_a_train_need_not_wait_for_one_behind_it_that_came_back_farther_back() -> None:
     area = OneArea((1, 900.0), (2, 700.0))
-    area.hears(restarted(900.0))
-    area.hears(restarted(200.0, train=2))
+    area.on_message(restarted(900.0))
+    area.on_message(restarted(200.0, train=2))
 
     order, _ = area.settles()
 

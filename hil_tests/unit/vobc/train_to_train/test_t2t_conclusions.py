@@ -36,12 +36,12 @@ def report(
     )
 
 
-def conclusions(*told: TrainReport, heard_ns: int = NOW_NS) -> Conclusions:
+def conclusions(*told: TrainReport, received_at_ns: int = NOW_NS) -> Conclusions:
     """The conclusions of the master of term 5 from these reports."""
     known = Conclusions(TERM, TrainTable(), T2tConfig(), MasterGuards())
     for each in told:
         record = known.table.of(each.source, rear_m=each.rear_min_m, now_ns=0)
-        record.hears(each, heard_ns, term=TERM, jog_m=5.0)
+        record.on_message(each, received_at_ns, term=TERM, jog_m=5.0)
     return known
 
 
@@ -221,13 +221,13 @@ def test_a_master_is_deaf_if_all_of_several_others_are_silent_for_320_ms(
 ) -> None:
     known = conclusions(*[report(train, 400.0) for train in range(1, 1 + len(ages_ms))])
     for train, age_ms in enumerate(ages_ms, start=1):
-        known.records[train].heard_ns = NOW_NS - age_ms * 1_000_000
+        known.records[train].received_at_ns = NOW_NS - age_ms * 1_000_000
 
     assert known.all_silent(OWN, NOW_NS) is silent
 
 
 def test_the_last_nanosecond_before_320_ms_is_not_silence_yet() -> None:
-    known = conclusions(report(1, 900.0), report(2, 500.0), heard_ns=NOW_NS)
+    known = conclusions(report(1, 900.0), report(2, 500.0), received_at_ns=NOW_NS)
 
     assert known.all_silent(OWN, NOW_NS + 320_000_000) is True
     assert known.all_silent(OWN, NOW_NS + 319_999_999) is False
@@ -235,7 +235,7 @@ def test_the_last_nanosecond_before_320_ms_is_not_silence_yet() -> None:
 
 def test_a_masters_own_messages_do_not_count_as_received() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0), report(OWN, 100.0))
-    known.records[1].heard_ns = known.records[2].heard_ns = 0
+    known.records[1].received_at_ns = known.records[2].received_at_ns = 0
 
     assert known.all_silent(OWN, NOW_NS)
     assert not known.all_silent(1, NOW_NS)
@@ -244,12 +244,12 @@ def test_a_masters_own_messages_do_not_count_as_received() -> None:
 
 
 def test_a_train_that_never_reported_counts_neither_as_silent_nor_as_received() -> None:
-    known = conclusions(report(1, 900.0), heard_ns=0)
+    known = conclusions(report(1, 900.0), received_at_ns=0)
     known.records[2] = TrainRecord(2, 500.0, 0, boot=1)
 
     assert not known.all_silent(OWN, NOW_NS)
 
-    known = conclusions(report(1, 900.0), report(3, 300.0), heard_ns=0)
+    known = conclusions(report(1, 900.0), report(3, 300.0), received_at_ns=0)
     known.records[2] = TrainRecord(2, 500.0, NOW_NS, boot=1)
 
     assert known.all_silent(OWN, NOW_NS)
@@ -292,7 +292,7 @@ def test_a_restarted_train_is_bounded_by_its_former_place_and_bounds_no_train_be
     (simulation seed 66510)."""
     known = conclusions(report(2, 500.0, held_end_m=650.0), report(3, 300.0, term=4))
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
-    known.hears_newborn(replace(report(1, rear_m, boot=2), latent_m=980.0))
+    known.on_restarted_report(replace(report(1, rear_m, boot=2), latent_m=980.0))
 
     assert known.reserved_m(order_of(1, 2, 3)) == {1: own_m, 2: 650.0, 3: 650.0}
     assert known.reserved_m(order_of(1, 3)) == {1: own_m, 3: 1e6}
@@ -302,13 +302,13 @@ def test_a_restarted_train_without_position_bounds_nothing() -> None:
     known = conclusions()
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
     lost = replace(report(1, 900.0, boot=2), latent_m=990.0, localised=False)
-    known.hears_newborn(lost)
+    known.on_restarted_report(lost)
 
     assert known.reserved_m(order_of(1)) == {1: 1e6}
 
-    known.hears_newborn(report(1, 900.0, boot=2))
+    known.on_restarted_report(report(1, 900.0, boot=2))
     assert known.reserved_m(order_of(1)) == {1: 980.0}
-    known.hears_newborn(lost)
+    known.on_restarted_report(lost)
     assert known.reserved_m(order_of(1)) == {1: 990.0}
 
 
@@ -316,10 +316,10 @@ def test_the_rear_of_a_restarted_train_includes_its_position_uncertainty() -> No
     known = conclusions()
     known.add(RosterEntry(1, 900.0, True, 1), NOW_NS)
     sure = report(1, 890.0, boot=2)
-    known.hears_newborn(replace(sure, front_max_m=sure.front_min_m + 2.9))
+    known.on_restarted_report(replace(sure, front_max_m=sure.front_min_m + 2.9))
     assert known.reserved_m(order_of(1)) == {1: 1e6}
 
-    known.hears_newborn(replace(sure, front_max_m=sure.front_min_m + 3.0))
+    known.on_restarted_report(replace(sure, front_max_m=sure.front_min_m + 3.0))
     assert known.reserved_m(order_of(1)) == {1: 970.0}
 
 
@@ -359,11 +359,11 @@ def test_no_train_can_come_farther_than_is_reserved_for_it(
         if life.word in ("promised", "former term"):
             term = TERM if life.word == "promised" else TERM - 1
             record = known.records[train]
-            record.hears(replace(told, term=term), NOW_NS, term=TERM, jog_m=5.0)
+            record.on_message(replace(told, term=term), NOW_NS, term=TERM, jog_m=5.0)
         elif life.word != "nothing":
             at_m = rear_m if life.word == "anew" else back_m
             may_m[train] = at_m + 80.0
-            known.hears_newborn(replace(report(train, at_m, boot=2), latent_m=may_m[train]))
+            known.on_restarted_report(replace(report(train, at_m, boot=2), latent_m=may_m[train]))
         ahead_m = rear_m
     order = order_of(*may_m)
 

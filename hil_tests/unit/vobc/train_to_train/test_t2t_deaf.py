@@ -24,7 +24,7 @@ def held(at_ms: int = 1000) -> Lease:
 
 def answered(lease: Lease, request: ArbiterRequest, at_ms: int) -> None:
     head = (65_001, 5, 1, lease.term, 1, request.nonce, 0)
-    lease.hears(LeaseAnswer(*head, True, request.nonce, 0, 5, 0, 0, 0, ()), at_ms * MS)
+    lease.on_message(LeaseAnswer(*head, True, request.nonce, 0, 5, 0, 0, 0, ()), at_ms * MS)
 
 
 def test_a_holder_that_gets_answers_as_usual_asks_for_whole_leases() -> None:

@@ -62,7 +62,7 @@ class Puppet:
 
     due_ns: int = 10**18
     has_others: bool = True
-    hears_nobody: bool = False
+    receives_nothing: bool = False
     standby: int = NOBODY
     says: list[T2tMessage] = field(default_factory=list)
     names: list[int] = field(default_factory=list)
@@ -79,11 +79,11 @@ class Puppet:
     def next_due_ns(self) -> int:
         return self.due_ns
 
-    def hears(self, message: T2tMessage, now_ns: int) -> None:
+    def on_message(self, message: T2tMessage, now_ns: int) -> None:
         self.heard.append(message)
 
-    def hears_no_train(self, now_ns: int) -> bool:
-        return self.hears_nobody
+    def receives_from_no_train(self, now_ns: int) -> bool:
+        return self.receives_nothing
 
     def step(self, now_ns: int, *, away: bool) -> list[T2tMessage]:
         self.away.append(away)
@@ -142,7 +142,7 @@ class Scene:
         self, at_ms: float, term: int = 4, *, source: int = OTHER, standby: int = NOBODY
     ) -> None:
         head = self.head(source, term, BROADCAST)
-        assert self.desk.hears(Heartbeat(*head, Phase.ISSUING, standby, 1), ns(at_ms)) == []
+        assert self.desk.on_message(Heartbeat(*head, Phase.ISSUING, standby, 1), ns(at_ms)) == []
 
     def authority(
         self,
@@ -162,7 +162,7 @@ class Scene:
         wait_ns, roster = told.get("wait_ns", 0), told.get("roster", ())
         head = self.head(source, term)
         answer = LeaseAnswer(*head, granted, nonce, 0, OWN, wait_ns, 0, 1, roster)
-        assert self.desk.hears(answer, ns(at_ms)) == []
+        assert self.desk.on_message(answer, ns(at_ms)) == []
 
     def switch(
         self,
@@ -175,7 +175,7 @@ class Scene:
         source: int = OTHER,
     ) -> list[T2tMessage]:
         step = SwitchStep(*self.head(source, term), kind, nonce, successor)
-        return self.desk.hears(step, ns(at_ms))
+        return self.desk.on_message(step, ns(at_ms))
 
     def report(
         self, at_ms: float, train: int = 1, *, term: int = 4, localised: bool = True
@@ -202,16 +202,16 @@ class Scene:
             ready_nonce=0,
             echo_ns=0,
         )
-        assert self.desk.hears(message, ns(at_ms)) == []
+        assert self.desk.on_message(message, ns(at_ms)) == []
         return message
 
     def sync(self, at_ms: float, *entries: SyncEntry, term: int = 4) -> list[T2tMessage]:
         source = OTHER if term == 4 else LATER
         sync = StandbySync(*self.head(source, term), 1, entries)
-        return self.desk.hears(sync, ns(at_ms))
+        return self.desk.on_message(sync, ns(at_ms))
 
     def acks(self, at_ms: float, term: int = 1, version: int = 1) -> None:
-        self.desk.hears(RosterAck(*self.head(ARBITER, term), version), ns(at_ms))
+        self.desk.on_message(RosterAck(*self.head(ARBITER, term), version), ns(at_ms))
 
     def plays(self, puppet: Puppet) -> Puppet:
         puppet.desk = self.desk
@@ -304,7 +304,7 @@ def test_a_member_applies_after_the_silence_and_60_ms_for_each_rank(
 ) -> None:
     scene = Scene()
     scene.step(0)
-    scene.desk.hears(scene.authority(0, rank=rank), ns(0))
+    scene.desk.on_message(scene.authority(0, rank=rank), ns(0))
     scene.step(0)
     assert scene.role() is Role.MEMBER
 
@@ -316,7 +316,7 @@ def test_a_member_applies_after_the_silence_and_60_ms_for_each_rank(
 
 def test_the_standby_applies_after_the_silence_whatever_its_rank() -> None:
     scene = standby()
-    scene.desk.hears(scene.authority(0, rank=3), ns(0))
+    scene.desk.on_message(scene.authority(0, rank=3), ns(0))
 
     scene.step(160, early_ns=1)
     assert scene.role() is Role.STANDBY
@@ -338,7 +338,7 @@ def test_every_heartbeat_restarts_the_wait() -> None:
 def test_a_member_whose_authority_expired_is_an_applicant_again() -> None:
     scene = Scene()
     scene.step(0)
-    scene.desk.hears(scene.authority(0), ns(0))
+    scene.desk.on_message(scene.authority(0), ns(0))
     scene.beats(950)
     scene.step(1000)
     assert scene.role() is Role.MEMBER

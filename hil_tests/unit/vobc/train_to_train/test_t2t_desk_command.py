@@ -150,7 +150,7 @@ def test_its_master_receives_messages_of_members_objects_and_successors() -> Non
 def test_its_master_ignores_messages_of_masters_and_arbiters_to_trains() -> None:
     scene, puppet = played()
     scene.beats(415)
-    scene.desk.hears(scene.authority(415), ns(415))
+    scene.desk.on_message(scene.authority(415), ns(415))
     scene.grants(415, 1, nonce=9)
     scene.sync(415)
     scene.switch(415, SwitchKind.PREPARE)
@@ -434,7 +434,7 @@ def test_a_master_resigns_before_its_lease_expires_by_the_sending_margin() -> No
 
 
 @pytest.mark.parametrize(
-    ("standby", "hears_nobody", "early_ns", "deaf"),
+    ("standby", "receives_nothing", "early_ns", "deaf"),
     [
         (2, False, 1, False),
         (2, False, 0, True),
@@ -444,10 +444,10 @@ def test_a_master_resigns_before_its_lease_expires_by_the_sending_margin() -> No
     ],
 )
 def test_a_master_is_deaf_after_160_ms_without_messages_or_without_trains(
-    standby: int, early_ns: int, *, hears_nobody: bool, deaf: bool
+    standby: int, early_ns: int, *, receives_nothing: bool, deaf: bool
 ) -> None:
     """A standby must wait to take its place."""
-    scene, _ = played(standby=standby, hears_nobody=hears_nobody)
+    scene, _ = played(standby=standby, receives_nothing=receives_nothing)
 
     scene.step(410 + 160, early_ns=early_ns)
 
@@ -484,7 +484,7 @@ def test_a_deaf_master_does_not_apply_for_two_leases() -> None:
 
 def test_a_master_that_was_not_deaf_only_waits_for_its_turn() -> None:
     """The wait counts from the time at which it commanded itself."""
-    scene, _ = played(standby=2, hears_nobody=True)
+    scene, _ = played(standby=2, receives_nothing=True)
     scene.step(570, early_ns=1)
     assert scene.role() is Role.APPLICANT
 

@@ -46,7 +46,7 @@ def test_refused_authorities_are_reported_with_the_reason() -> None:
     first, second = scene.authority(0), scene.authority(0)
 
     for heard in (second, first):
-        assert scene.desk.hears(heard, ns(10)) == []
+        assert scene.desk.on_message(heard, ns(10)) == []
 
     assert scene.desk.refused == ["repeated or out of order"]
     assert scene.desk.member.held is second
@@ -56,7 +56,7 @@ def test_a_sync_is_acknowledged_to_the_master_by_its_number() -> None:
     scene = standby()
     sync = StandbySync(OTHER, OWN, AREA, 4, 1, 212, 77, 1, ())
 
-    (ack,) = scene.desk.hears(sync, ns(10))
+    (ack,) = scene.desk.on_message(sync, ns(10))
 
     assert ack == SyncAck(OWN, OTHER, AREA, 4, BOOT, 3, ns(10), 212)
 
@@ -112,7 +112,7 @@ def test_a_sync_before_the_heartbeat_that_names_the_standby_counts_too() -> None
 
 def test_a_train_that_is_no_longer_standby_discards_its_records() -> None:
     scene = standby()
-    scene.desk.hears(scene.authority(0, rank=0), ns(0))
+    scene.desk.on_message(scene.authority(0, rank=0), ns(0))
     scene.sync(0, SyncEntry(1, 1500.0, 1700.0, 1))
     scene.beats(10, standby=2)
     scene.step(10)
@@ -334,7 +334,7 @@ def test_a_members_report_holds_its_authority() -> None:
     scene = Scene()
     scene.step(0)
     held = scene.authority(0)
-    scene.desk.hears(held, ns(100))
+    scene.desk.on_message(held, ns(100))
 
     (report,) = reports(scene.step(100))
 

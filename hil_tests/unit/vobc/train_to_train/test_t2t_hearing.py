@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import pytest
 
+from vobc.train_to_train.area_participant import ROUTES as PARTICIPANT_ROUTES
+from vobc.train_to_train.master import ROUTES as MASTER_ROUTES
 from vobc.train_to_train.message_heads import MessageHead, MessageHeads
-from vobc.train_to_train.reception import Reception
+from vobc.train_to_train.reception import SENDERS, Reception
 from zenoh_config.messages import RefusedReason
 from zenoh_config.t2t import (
     BROADCAST,
@@ -34,6 +36,8 @@ from zenoh_config.t2t import (
     TrackStatus,
     TrainReport,
 )
+from zenoh_config.t2t_supervision import Decree, LineState, RemovalAnswer
+from zenoh_config.t2t_types import T2T_TYPES
 
 OWN = 5
 OWN_BOOT = 3
@@ -317,3 +321,13 @@ def test_a_train_numbers_all_its_messages_from_1() -> None:
     )
     assert second == (5, BROADCAST, 2, 6, 3, 2, 80)
     assert speaker.sequence == 2
+
+
+def test_every_message_has_its_senders_unless_it_never_goes_to_a_train() -> None:
+    not_to_trains = {LeaseRequest, RosterCommit, Decree, RemovalAnswer, LineState}
+
+    assert set(SENDERS) == set(T2T_TYPES) - not_to_trains
+
+
+def test_every_route_is_for_a_message_that_a_train_may_receive() -> None:
+    assert set(MASTER_ROUTES) | set(PARTICIPANT_ROUTES) <= set(SENDERS)

@@ -81,7 +81,7 @@ def located(ahead: TrainReport, *, age_ns: int = 0, lost: bool = False) -> bool:
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     record = known.table.of(ahead.source, rear_m=ahead.rear_min_m, now_ns=0)
     for each in told:
-        record.hears(each, NOW_NS, term=TERM, jog_m=5.0)
+        record.on_message(each, NOW_NS, term=TERM, jog_m=5.0)
     return known.is_placed(record, NOW_NS + age_ns)
 
 
@@ -98,7 +98,7 @@ def test_a_lost_train_is_located_again_as_soon_as_it_reports_its_position() -> N
     known = conclusions(report(2, 290.0), replace(report(2, 290.0), localised=False))
     assert not known.is_placed(known.records[2], NOW_NS)
 
-    known.records[2].hears(report(2, 291.0), NOW_NS, term=TERM, jog_m=5.0)
+    known.records[2].on_message(report(2, 291.0), NOW_NS, term=TERM, jog_m=5.0)
 
     assert known.is_placed(known.records[2], NOW_NS)
 
@@ -205,8 +205,8 @@ def test_a_train_that_reported_before_the_count_was_not_in_a_section_that_it_had
     (simulation seed 239837)."""
     known = conclusions(report(1, 0.0, held_end_m=100.0))
     ahead = known.table.of(2, rear_m=rear_m, now_ns=0)
-    for heard_ns in (NOW_NS - before_ms * 1_000_000, NOW_NS):
-        ahead.hears(report(2, rear_m), heard_ns, term=TERM, jog_m=5.0)
+    for received_at_ns in (NOW_NS - before_ms * 1_000_000, NOW_NS):
+        ahead.on_message(report(2, rear_m), received_at_ns, term=TERM, jog_m=5.0)
     view = track(*THIRD_OCCUPIED, seen_ns=NOW_NS - 50_000_000)
 
     assert known.hidden_before(100.0, ahead, view, (5000.0, None)) == (HIDDEN if hides else [])

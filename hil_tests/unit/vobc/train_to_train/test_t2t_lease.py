@@ -67,7 +67,7 @@ def held(config: T2tConfig = ONE, *, at_ms: int = 1000) -> tuple[Lease, ArbiterR
     lease = lease_of(config)
     request = asked(lease, at_ms)
     for arbiter in config.arbiters[: config.majority]:
-        lease.hears(grant(request, arbiter), at_ms * MS)
+        lease.on_message(grant(request, arbiter), at_ms * MS)
     assert lease.state is LeaseState.HELD
     return lease, request
 
@@ -103,7 +103,7 @@ def test_an_application_asks_for_a_whole_lease_under_an_unused_term() -> None:
     lease = lease_of()
 
     first = lease.ask(1000 * MS, seen_term=3, tried_term=5)
-    lease.hears(refusal(first, term=8), 1010 * MS)
+    lease.on_message(refusal(first, term=8), 1010 * MS)
     second = lease.ask(1200 * MS, seen_term=3, tried_term=6)
 
     assert first == ArbiterRequest(LeaseKind.ACQUIRE, term=6, nonce=1, successor=0, less_ns=0)
@@ -128,8 +128,8 @@ def test_late_answers_do_not_revive_a_returned_lease() -> None:
     late = lease.renew(1075 * MS)
 
     given = lease.give_back(1080 * MS)
-    lease.hears(grant(late), 1085 * MS)
-    lease.hears(grant(request), 1085 * MS)
+    lease.on_message(grant(late), 1085 * MS)
+    lease.on_message(grant(request), 1085 * MS)
 
     assert given == ArbiterRequest(LeaseKind.RELEASE, request.term, 3, successor=0, less_ns=0)
     assert lease.state is LeaseState.NONE
@@ -142,7 +142,7 @@ def test_no_answer_to_a_returned_lease_counts() -> None:
     lease, _ = held()
     given = lease.give_back(1080 * MS)
 
-    lease.hears(refusal(given, term=1, wait_ms=500), 1085 * MS)
+    lease.on_message(refusal(given, term=1, wait_ms=500), 1085 * MS)
 
     assert lease.wait_until_ns == 0
 
@@ -150,10 +150,10 @@ def test_no_answer_to_a_returned_lease_counts() -> None:
 def test_a_new_application_discards_the_state_of_the_last_attempt() -> None:
     lease = lease_of()
     first = asked(lease)
-    lease.hears(grant(first, kept=Kept(3, 4, YOUNG)), 1005 * MS)
+    lease.on_message(grant(first, kept=Kept(3, 4, YOUNG)), 1005 * MS)
     lease.successor = 7
     renewal = lease.renew(1010 * MS)
-    lease.hears(refusal(renewal, term=first.term + 1, wait_ms=200), 1015 * MS)
+    lease.on_message(refusal(renewal, term=first.term + 1, wait_ms=200), 1015 * MS)
     assert lease.beaten
     assert lease.wait_until_ns == 1215 * MS
     assert lease.adopted.version == 4
@@ -176,10 +176,10 @@ def test_two_of_three_grants_make_a_lease_that_counts_from_the_request() -> None
     lease = lease_of(THREE)
     request = asked(lease)
 
-    lease.hears(grant(request, A), 1010 * MS)
-    lease.hears(grant(request, A), 1011 * MS)
+    lease.on_message(grant(request, A), 1010 * MS)
+    lease.on_message(grant(request, A), 1011 * MS)
     assert lease.until_ns == 0  # Two grants of one arbiter count as one.
-    lease.hears(grant(request, C), 1050 * MS)
+    lease.on_message(grant(request, C), 1050 * MS)
 
     assert lease.state is LeaseState.HELD
     assert lease.until_ns == 1000 * MS + LEASE_NS
@@ -190,8 +190,8 @@ def test_votes_for_two_requests_are_not_added_up() -> None:
     first = asked(lease)
     second = lease.renew(1010 * MS)
 
-    lease.hears(grant(first, A), 1020 * MS)
-    lease.hears(grant(second, B), 1020 * MS)
+    lease.on_message(grant(first, A), 1020 * MS)
+    lease.on_message(grant(second, B), 1020 * MS)
 
     assert lease.state is LeaseState.ASKED
 
@@ -201,8 +201,8 @@ def test_answers_of_unknown_arbiters_do_not_count(arbiter: int) -> None:
     lease = lease_of(ONE)
     request = asked(lease)
 
-    lease.hears(grant(request, arbiter), 1010 * MS)
-    lease.hears(refusal(request, arbiter, term=30, wait_ms=50), 1010 * MS)
+    lease.on_message(grant(request, arbiter), 1010 * MS)
+    lease.on_message(refusal(request, arbiter, term=30, wait_ms=50), 1010 * MS)
 
     assert lease.state is LeaseState.ASKED
     assert not lease.lost(1010 * MS)
@@ -220,7 +220,7 @@ def test_a_grant_for_another_term_or_another_request_does_not_count_as_a_vote(
     second = lease.ask(1200 * MS, seen_term=0, tried_term=first.term)
     assert (second.term, second.nonce) == (2, 2)
 
-    lease.hears(
+    lease.on_message(
         grant(second, term=term, nonce=nonce, echo_ns=1200 * MS, kept=Kept(1, 1, OLD)), 1210 * MS
     )
 
@@ -235,20 +235,20 @@ def test_answers_to_requests_older_than_the_last_eight_do_not_count() -> None:
     renewals = [lease.renew((1000 + n) * MS) for n in range(1, 10)]
 
     for late in (first, renewals[0]):
-        lease.hears(grant(late, echo_ns=5000 * MS), 1020 * MS)
+        lease.on_message(grant(late, echo_ns=5000 * MS), 1020 * MS)
         assert lease.until_ns == 1000 * MS + LEASE_NS
-    lease.hears(grant(renewals[1]), 1020 * MS)
+    lease.on_message(grant(renewals[1]), 1020 * MS)
     assert lease.until_ns == 1002 * MS + LEASE_NS
 
 
 def test_a_late_grant_of_an_older_request_shortens_nothing() -> None:
     lease, first = held(THREE)
     renewal = lease.renew(1075 * MS)
-    lease.hears(grant(renewal, A), 1080 * MS)
-    lease.hears(grant(renewal, B), 1080 * MS)
+    lease.on_message(grant(renewal, A), 1080 * MS)
+    lease.on_message(grant(renewal, B), 1080 * MS)
     assert lease.until_ns == 1075 * MS + LEASE_NS
 
-    lease.hears(grant(first, C), 1090 * MS)
+    lease.on_message(grant(first, C), 1090 * MS)
 
     assert lease.until_ns == 1075 * MS + LEASE_NS
 
@@ -280,7 +280,7 @@ def test_a_lease_ends_with_the_newest_request_that_a_majority_granted(
         if back >= min(len(requests), 8):
             continue
         sent_ms, request = requests[-1 - back]
-        lease.hears(grant(request, arbiter), now_ms * MS)
+        lease.on_message(grant(request, arbiter), now_ms * MS)
         voters.setdefault(request.nonce, set()).add(arbiter)
         if len(voters[request.nonce]) >= 3:
             until_ns = max(until_ns, sent_ms * MS + LEASE_NS - request.less_ns)
@@ -311,8 +311,8 @@ def test_a_candidate_adopts_the_newest_roster_by_term_and_then_by_version(
     lease = lease_of(THREE)
     request = asked(lease)
 
-    lease.hears(grant(request, A, kept=first), 1010 * MS)
-    lease.hears(grant(request, B, kept=second), 1010 * MS)
+    lease.on_message(grant(request, A, kept=first), 1010 * MS)
+    lease.on_message(grant(request, B, kept=second), 1010 * MS)
 
     assert lease.state is LeaseState.HELD
     assert lease.adopted == adopted
@@ -322,11 +322,11 @@ def test_a_lease_holder_adopts_no_other_roster() -> None:
     """From then on its own roster is the newest, whatever a slow arbiter still reports."""
     lease = lease_of(THREE)
     request = asked(lease)
-    lease.hears(grant(request, A, kept=Kept(3, 4, OLD)), 1010 * MS)
-    lease.hears(grant(request, B, kept=Kept(3, 4, OLD)), 1010 * MS)
+    lease.on_message(grant(request, A, kept=Kept(3, 4, OLD)), 1010 * MS)
+    lease.on_message(grant(request, B, kept=Kept(3, 4, OLD)), 1010 * MS)
 
-    lease.hears(grant(request, C, kept=Kept(3, 5, YOUNG)), 1020 * MS)
-    lease.hears(grant(request, C, kept=Kept(2, 1, YOUNG)), 1020 * MS)
+    lease.on_message(grant(request, C, kept=Kept(3, 5, YOUNG)), 1020 * MS)
+    lease.on_message(grant(request, C, kept=Kept(2, 1, YOUNG)), 1020 * MS)
 
     assert lease.adopted == (3, 4, OLD)
 
@@ -338,11 +338,11 @@ def test_the_longest_wait_of_all_refusals_counts() -> None:
     lease = lease_of(FIVE)
     request = asked(lease)
 
-    lease.hears(refusal(request, A, wait_ms=40), 1010 * MS)
+    lease.on_message(refusal(request, A, wait_ms=40), 1010 * MS)
     assert lease.wait_until_ns == 1050 * MS
-    lease.hears(refusal(request, B, wait_ms=10), 1011 * MS)
+    lease.on_message(refusal(request, B, wait_ms=10), 1011 * MS)
     assert lease.wait_until_ns == 1050 * MS
-    lease.hears(refusal(request, C, wait_ms=90), 1012 * MS)
+    lease.on_message(refusal(request, C, wait_ms=90), 1012 * MS)
     assert lease.wait_until_ns == 1102 * MS
 
 
@@ -351,12 +351,12 @@ def test_only_the_term_of_a_refusal_of_another_attempt_counts() -> None:
     first = asked(lease)
     lease.ask(1200 * MS, seen_term=0, tried_term=first.term)
 
-    lease.hears(refusal(first, term=30, wait_ms=500), 1210 * MS)
+    lease.on_message(refusal(first, term=30, wait_ms=500), 1210 * MS)
 
     assert lease.refused_term == 30
     assert lease.wait_until_ns == 0
     assert not lease.lost(1210 * MS)
-    lease.hears(refusal(first, term=20), 1220 * MS)
+    lease.on_message(refusal(first, term=20), 1220 * MS)
     assert lease.refused_term == 30
 
 
@@ -381,7 +381,7 @@ def test_a_candidacy_is_lost_as_soon_as_no_majority_is_left(
     request = asked(lease)
 
     for arbiter in refused_by:
-        lease.hears(refusal(request, arbiter), 1005 * MS)
+        lease.on_message(refusal(request, arbiter), 1005 * MS)
 
     assert lease.lost(1005 * MS) is lost
 
@@ -398,8 +398,8 @@ def test_a_candidacy_without_a_majority_is_lost_after_100_ms(after_ns: int, *, l
 def test_a_holder_or_former_holder_cannot_lose_a_candidacy() -> None:
     lease, _ = held(THREE)
     renewal = lease.renew(1075 * MS)
-    lease.hears(refusal(renewal, A), 1080 * MS)
-    lease.hears(refusal(renewal, B), 1080 * MS)
+    lease.on_message(refusal(renewal, A), 1080 * MS)
+    lease.on_message(refusal(renewal, B), 1080 * MS)
     assert not lease.lost(5000 * MS)
 
     lease.give_back(5000 * MS)
@@ -414,7 +414,7 @@ def test_a_holder_is_beaten_when_a_higher_term_is_acknowledged(term: int, *, bea
     assert request.term == 1
     renewal = lease.renew(1075 * MS)
 
-    lease.hears(refusal(renewal, term=term), 1080 * MS)
+    lease.on_message(refusal(renewal, term=term), 1080 * MS)
 
     assert lease.beaten is beaten
     assert lease.state is LeaseState.HELD
@@ -423,9 +423,9 @@ def test_a_holder_is_beaten_when_a_higher_term_is_acknowledged(term: int, *, bea
 def test_a_beaten_holder_stays_beaten() -> None:
     lease, _ = held(THREE)
     renewal = lease.renew(1075 * MS)
-    lease.hears(refusal(renewal, A, term=2), 1080 * MS)
+    lease.on_message(refusal(renewal, A, term=2), 1080 * MS)
 
-    lease.hears(refusal(renewal, B, term=1), 1081 * MS)
+    lease.on_message(refusal(renewal, B, term=1), 1081 * MS)
 
     assert lease.beaten
 
@@ -434,7 +434,7 @@ def test_a_candidate_is_not_beaten_before_it_holds_anything() -> None:
     lease = lease_of(THREE)
     request = asked(lease)
 
-    lease.hears(refusal(request, A, term=30), 1010 * MS)
+    lease.on_message(refusal(request, A, term=30), 1010 * MS)
 
     assert not lease.beaten
 
@@ -484,12 +484,12 @@ def test_a_renewal_asks_for_as_much_less_as_the_last_answer_is_overdue(
     """The usual wait is 75 ms between renewals, 10 ms of margin, and the time of the last
     answer."""
     lease = lease_of()
-    lease.hears(grant(asked(lease)), answered_ms * MS)
+    lease.on_message(grant(asked(lease)), answered_ms * MS)
 
     renewal = lease.renew(at_ms * MS)
 
     assert renewal.less_ns == less_ms * MS
-    lease.hears(grant(renewal), at_ms * MS)
+    lease.on_message(grant(renewal), at_ms * MS)
     assert lease.until_ns == max(1000 * MS + LEASE_NS, at_ms * MS + LEASE_NS - less_ms * MS)
 
 
@@ -502,9 +502,9 @@ def test_a_request_is_never_shortened_below_zero() -> None:
 def test_the_answer_time_is_that_of_the_majority_and_not_of_the_slowest() -> None:
     lease = lease_of(THREE)
     request = asked(lease)
-    lease.hears(grant(request, A), 1005 * MS)
-    lease.hears(grant(request, B), 1010 * MS)
-    lease.hears(grant(request, C), 1060 * MS)
+    lease.on_message(grant(request, A), 1005 * MS)
+    lease.on_message(grant(request, B), 1010 * MS)
+    lease.on_message(grant(request, C), 1060 * MS)
 
     # 75 ms and 10 ms, and the 10 ms that the majority took.
     assert lease.renew(1100 * MS).less_ns == 5 * MS
@@ -513,10 +513,10 @@ def test_the_answer_time_is_that_of_the_majority_and_not_of_the_slowest() -> Non
 def test_a_late_answer_to_an_older_request_does_not_change_the_answer_time() -> None:
     lease, first = held(THREE)
     renewal = lease.renew(1075 * MS)
-    lease.hears(grant(renewal, A), 1080 * MS)
-    lease.hears(grant(renewal, B), 1080 * MS)
+    lease.on_message(grant(renewal, A), 1080 * MS)
+    lease.on_message(grant(renewal, B), 1080 * MS)
 
-    lease.hears(grant(first, C), 1155 * MS)
+    lease.on_message(grant(first, C), 1155 * MS)
 
     assert lease.renew(1166 * MS).less_ns == 1 * MS
 
@@ -525,7 +525,7 @@ def test_a_request_at_clock_zero_is_confirmed_like_any_other() -> None:
     lease = lease_of()
     request = lease.ask(1, seen_term=0, tried_term=0)
 
-    lease.hears(grant(request), 20 * MS + 1)
+    lease.on_message(grant(request), 20 * MS + 1)
 
     assert lease.renew(105 * MS + 1).less_ns == 0
     assert lease.renew(106 * MS + 1).less_ns == 1 * MS
@@ -548,8 +548,8 @@ def test_without_the_attempt_guard_an_unrequested_answer_counts_from_its_echo() 
     lease = lease_of(THREE, without(LeaseGuards(), "answers_this_attempt"))
     request = asked(lease)
 
-    lease.hears(grant(request, A, nonce=77, echo_ns=2000 * MS), 2005 * MS)
-    lease.hears(grant(request, B, nonce=77, echo_ns=3000 * MS), 2005 * MS)
+    lease.on_message(grant(request, A, nonce=77, echo_ns=2000 * MS), 2005 * MS)
+    lease.on_message(grant(request, B, nonce=77, echo_ns=3000 * MS), 2005 * MS)
 
     assert lease.state is LeaseState.HELD
     assert lease.until_ns == 2000 * MS + LEASE_NS

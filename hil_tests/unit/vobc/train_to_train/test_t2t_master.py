@@ -54,7 +54,7 @@ class TestBefore:
         assert chair.master.next_due_ns() == 0
         chair.reports(1, 900.0)
         head = (0, BROADCAST, 1, TERM, 1, 1, 0)
-        chair.hears(ObjectStatus(*head, site.number, ObjectState.FREE, 0, 0, False))
+        chair.on_message(ObjectStatus(*head, site.number, ObjectState.FREE, 0, 0, False))
         assert of(ObjectClaim, chair.step(0)) == []
         chair.keeps()
         assert len(of(ObjectClaim, chair.step(0))) == 1
@@ -83,7 +83,7 @@ class TestBefore:
     def test_an_arbiter_of_another_line_does_not_count(self) -> None:
         chair = Chair(kept=False)
         for arbiter in (65_001, 65_004, 65_005):
-            chair.hears(RosterAck(*chair.head(arbiter), 1))
+            chair.on_message(RosterAck(*chair.head(arbiter), 1))
         assert [each.phase for each in of(Heartbeat, chair.step())] == [Phase.FENCING]
 
     def test_nothing_is_sent_when_the_lease_ends_before_the_message_leaves(self) -> None:
@@ -350,7 +350,7 @@ class TestAuthority:
         chair.reports(1, 900.0)
         first = authorities(chair.step(0))[1]
         record = chair.master._known.records[1]
-        assert record.sent == [(first.sequence, 2000.0, record.heard_ns + 2000 * MS)]
+        assert record.sent == [(first.sequence, 2000.0, record.received_at_ns + 2000 * MS)]
         assert record.granted_m == 2000.0
         chair.reports(1, 900.0, held_term=TERM, held_sequence=first.sequence, latent_m=950.0)
         assert record.granted_m == 950.0
@@ -376,7 +376,7 @@ class TestAuthority:
         site = ObjectSite(3, ObjectKind.CROSSING, 1500.0, 1520.0)
         chair = Chair((entry(1, 900.0),), sections=True, objects=(site,))
         head = (0, BROADCAST, 1, TERM, 1, 1, 0)
-        chair.hears(ObjectStatus(*head, site.number, ObjectState.LOCKED, 0, 0, False))
+        chair.on_message(ObjectStatus(*head, site.number, ObjectState.LOCKED, 0, 0, False))
         chair.track(axles={2: 16}, closed=(SpeedRestriction(*shut_m, 0.0),))
         chair.reports(1, 900.0, latent_m=1900.0)
 
@@ -408,7 +408,7 @@ class TestRoster:
     def test_a_newcomer_is_proposed_announced_and_committed_at_once(self) -> None:
         chair = Chair()
         chair.reports(1, 950.0)
-        told, heard_ns = chair.reports(3, 200.0), chair.now_ns
+        told, received_at_ns = chair.reports(3, 200.0), chair.now_ns
 
         said = chair.step(20)
 
@@ -425,7 +425,7 @@ class TestRoster:
         assert [each.roster_version for each in of(Heartbeat, said)] == [2]
         assert 3 not in authorities(said)
         assert chair.master._known.records[3].report is told
-        assert chair.master._known.records[3].heard_ns == heard_ns
+        assert chair.master._known.records[3].received_at_ns == received_at_ns
         chair.keeps()
         chair.reports(3, 200.0)
         assert 3 in authorities(chair.step())

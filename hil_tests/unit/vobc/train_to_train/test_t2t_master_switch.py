@@ -146,7 +146,7 @@ class TestObjects:
         self, chair: Chair, state: ObjectState, term: int, nonce: int, *, wanted: bool = False
     ) -> None:
         head = (0, BROADCAST, 1, term, 1, 1, 0)
-        chair.hears(ObjectStatus(*head, CROSSING.number, state, term, nonce, wanted))
+        chair.on_message(ObjectStatus(*head, CROSSING.number, state, term, nonce, wanted))
 
     def test_an_object_is_claimed_for_an_approaching_train_and_passed_once_confirmed(
         self,
@@ -233,11 +233,11 @@ class TestSuccession:
         ]
         chair.reports(1, 900.0, ready_nonce=1)
         chair.reports(2, 500.0, ready_nonce=1)
-        chair.hears(SwitchStep(*self.ready(chair, TERM - 1), SwitchKind.READY, 1, 1))
-        chair.hears(SwitchStep(*self.ready(chair, TERM), SwitchKind.PREPARE, 1, 1))
+        chair.on_message(SwitchStep(*self.ready(chair, TERM - 1), SwitchKind.READY, 1, 1))
+        chair.on_message(SwitchStep(*self.ready(chair, TERM), SwitchKind.PREPARE, 1, 1))
         chair.step(50)
         assert chair.lease.successor == 0
-        chair.hears(SwitchStep(*self.ready(chair, TERM), SwitchKind.READY, 1, 1))
+        chair.on_message(SwitchStep(*self.ready(chair, TERM), SwitchKind.READY, 1, 1))
         chair.reports(1, 900.0, ready_nonce=1)
         chair.reports(2, 500.0, ready_nonce=1)
         said = chair.step()
@@ -268,7 +268,7 @@ class TestSuccession:
         chair.step(0)
         chair.reports(1, 900.0, ready_nonce=int(own_first))
         chair.reports(OWN, 500.0, ready_nonce=0)
-        chair.hears(SwitchStep(*self.ready(chair, TERM), SwitchKind.READY, 1, 1))
+        chair.on_message(SwitchStep(*self.ready(chair, TERM), SwitchKind.READY, 1, 1))
         chair.step()
         state = chair.master.succession.switch.state
         assert state is (SwitchState.COMMITTED if own_first else SwitchState.PREPARING)
@@ -279,7 +279,7 @@ class TestSuccession:
         chair.reports(2, 500.0, ready_nonce=0)
         chair.now_ns += age_ms * MS
         chair.reports(1, 900.0, ready_nonce=1)
-        chair.hears(SwitchStep(*self.ready(chair, TERM), SwitchKind.READY, 1, 1))
+        chair.on_message(SwitchStep(*self.ready(chair, TERM), SwitchKind.READY, 1, 1))
         chair.step(0)
         assert chair.master.succession.switch.state.value == state
 
@@ -289,7 +289,7 @@ class TestSuccession:
         chair.reports(2, 500.0, boot=2, localised=False, ready_nonce=0)
         chair.master._known.records[2].ready_nonce = None
         chair.reports(1, 900.0, ready_nonce=1)
-        chair.hears(SwitchStep(*self.ready(chair, TERM), SwitchKind.READY, 1, 1))
+        chair.on_message(SwitchStep(*self.ready(chair, TERM), SwitchKind.READY, 1, 1))
         chair.step()
         assert chair.master.succession.switch.state is SwitchState.PREPARING
 
@@ -317,10 +317,10 @@ class TestDeaf:
         chair = Chair()
         chair.reports(1, 900.0)
         chair.reports(2, 500.0)
-        assert chair.master.hears_no_train(silence_ms * MS) is deaf
+        assert chair.master.receives_from_no_train(silence_ms * MS) is deaf
 
     def test_its_own_messages_do_not_count_as_received(self) -> None:
         chair = Chair((entry(1, 900.0), entry(OWN, 500.0)))
         chair.reports(1, 900.0)
         chair.reports(OWN, 500.0)
-        assert not chair.master.hears_no_train(9000 * MS)
+        assert not chair.master.receives_from_no_train(9000 * MS)

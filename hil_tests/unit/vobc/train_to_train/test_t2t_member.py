@@ -62,10 +62,10 @@ def test_it_echoes_the_newest_heartbeat_of_the_term_that_it_obeys() -> None:
     obeys = member()
     assert obeys.beat_ns == 0
 
-    obeys.hears_heartbeat(heartbeat(stamp_ns=70), 1)
+    obeys.on_heartbeat(heartbeat(stamp_ns=70), 1)
     assert obeys.beat_ns == 70
-    obeys.hears_heartbeat(heartbeat(term=3, stamp_ns=90), 2)
-    obeys.hears_heartbeat(heartbeat(source=RIVAL, stamp_ns=95), 3)
+    obeys.on_heartbeat(heartbeat(term=3, stamp_ns=90), 2)
+    obeys.on_heartbeat(heartbeat(source=RIVAL, stamp_ns=95), 3)
     assert obeys.beat_ns == 70
     assert obeys.takes(authority(), 4) == ""
     assert obeys.beat_ns == 70
@@ -74,12 +74,12 @@ def test_it_echoes_the_newest_heartbeat_of_the_term_that_it_obeys() -> None:
 @pytest.mark.parametrize("first", [heartbeat(term=5, source=RIVAL, stamp_ns=8), None])
 def test_for_a_new_term_it_echoes_no_heartbeat_of_another_master(first: Heartbeat | None) -> None:
     obeys = member()
-    obeys.hears_heartbeat(heartbeat(stamp_ns=70), 1)
+    obeys.on_heartbeat(heartbeat(stamp_ns=70), 1)
     if first is None:
         assert obeys.takes(authority(term=5, source=RIVAL), 2) == ""
         assert obeys.beat_ns == 0
     else:
-        obeys.hears_heartbeat(first, 2)
+        obeys.on_heartbeat(first, 2)
         assert obeys.beat_ns == 8
 
 
@@ -147,9 +147,9 @@ def test_an_acknowledgement_stays_pending_until_it_is_sent() -> None:
 def test_a_heartbeat_proves_that_the_master_lives_and_names_the_standby() -> None:
     each = member()
 
-    assert each.hears_heartbeat(heartbeat(standby=7), 50 * MS) is True
+    assert each.on_heartbeat(heartbeat(standby=7), 50 * MS) is True
     assert (each.master_heard_ns, each.standby) == (50 * MS, 7)
-    assert each.hears_heartbeat(heartbeat(standby=0), 60 * MS) is True
+    assert each.on_heartbeat(heartbeat(standby=0), 60 * MS) is True
     assert (each.master_heard_ns, each.standby) == (60 * MS, 0)
 
 
@@ -157,7 +157,7 @@ def test_a_heartbeat_proves_that_the_master_lives_and_names_the_standby() -> Non
 def test_a_heartbeat_of_an_earlier_term_or_a_foreign_sender_is_ignored(false: Heartbeat) -> None:
     each = member()
 
-    assert each.hears_heartbeat(false, 50 * MS) is False
+    assert each.on_heartbeat(false, 50 * MS) is False
 
     assert (each.master_heard_ns, each.standby) == (0, 0)
 

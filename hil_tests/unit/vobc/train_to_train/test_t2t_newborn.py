@@ -135,9 +135,9 @@ OCCUPIED = (Counted(0.0, 3000.0, True, 32),)
 
 def test_the_report_of_a_restarted_train_is_kept_until_it_is_discarded() -> None:
     area = OneArea()
-    area.hears(restarted(900.0))
-    area.hears(restarted(901.0), age_ns=-3)
-    area.hears(restarted(500.0, train=2))
+    area.on_message(restarted(900.0))
+    area.on_message(restarted(901.0), age_ns=-3)
+    area.on_message(restarted(500.0, train=2))
 
     assert area.newborns.told() == [
         (restarted(901.0), NOW_NS + 3),
@@ -151,8 +151,8 @@ def test_the_report_of_a_restarted_train_is_kept_until_it_is_discarded() -> None
 
 def test_readiness_for_a_switch_counts_for_half_the_life_of_an_authority() -> None:
     area = OneArea()
-    area.hears(restarted(900.0), age_ns=500_000_000)
-    area.hears(restarted(500.0, train=2), age_ns=500_000_001)
+    area.on_message(restarted(900.0), age_ns=500_000_000)
+    area.on_message(restarted(500.0, train=2), age_ns=500_000_001)
 
     assert area.newborns.ready(area.known, NOW_NS) == [(1, 41)]
 
@@ -161,7 +161,7 @@ def test_a_train_restarted_in_place_is_renewed_there_without_an_authority() -> N
     area = OneArea((6, 1500.0), RESTARTED, (2, 400.0))
     area.receives_former_report(1, age_ns=0)
     area.known.records[1].issued(7, 1400.0, life_ns=0)
-    area.hears(restarted(898.0), age_ns=20)
+    area.on_message(restarted(898.0), age_ns=20)
 
     order, gone = area.settles()
 
@@ -169,7 +169,7 @@ def test_a_train_restarted_in_place_is_renewed_there_without_an_authority() -> N
     assert gone == []
     assert area.newborns.told() == []
     record = area.known.records[1]
-    assert (record.boot, record.rear_m, record.heard_ns) == (2, 898.0, NOW_NS - 20)
+    assert (record.boot, record.rear_m, record.received_at_ns) == (2, 898.0, NOW_NS - 20)
     assert record.sent == []
 
 
@@ -183,7 +183,7 @@ def test_only_a_train_with_a_recent_position_can_have_been_passed(
     """The train's rear is at most at 704 m and may come 20 m farther in half a second."""
     area = OneArea((6, 700.0), (1, 500.0))
     area.receives_former_report(6, age_ns=0, echo_ns=NOW_NS - age_ns)
-    area.hears(BEYOND)
+    area.on_message(BEYOND)
 
     order, _ = area.settles()
 
@@ -195,7 +195,7 @@ def test_only_a_train_with_a_recent_position_can_have_been_passed(
 def test_the_possible_movement_of_a_passed_train_is_included(rear_m: float, *, gone: bool) -> None:
     area = OneArea((6, 700.0), (1, 500.0))
     area.receives_former_report(6, age_ns=0, echo_ns=NOW_NS - 500_000_000)
-    area.hears(restarted(rear_m))
+    area.on_message(restarted(rear_m))
 
     order, _ = area.settles()
 
@@ -210,7 +210,7 @@ def test_a_lost_train_or_one_known_only_from_the_roster_may_have_moved_on(
     if not kept_only:
         area.receives_former_report(6, age_ns=0, echo_ns=NOW_NS)
         area.receives_former_report(6, age_ns=0, echo_ns=NOW_NS, localised=False)
-    area.hears(BEYOND)
+    area.on_message(BEYOND)
 
     assert area.settles() == (area.order, [])
 
@@ -219,7 +219,7 @@ def test_a_lost_train_or_one_known_only_from_the_roster_may_have_moved_on(
 def test_an_old_report_of_a_restarted_train_settles_nothing(age_ns: int, *, renewed: bool) -> None:
     """This holds however late the report arrived."""
     area = OneArea(RESTARTED)
-    area.hears(dataclasses.replace(restarted(900.0), echo_ns=NOW_NS - age_ns))
+    area.on_message(dataclasses.replace(restarted(900.0), echo_ns=NOW_NS - age_ns))
 
     order, gone = area.settles()
 
@@ -229,7 +229,7 @@ def test_an_old_report_of_a_restarted_train_settles_nothing(age_ns: int, *, rene
 
 def test_a_lost_or_silent_restarted_train_keeps_its_roster_entry_unchanged() -> None:
     area = OneArea((6, 1500.0), RESTARTED)
-    area.hears(restarted(900.0, localised=False))
+    area.on_message(restarted(900.0, localised=False))
 
     assert area.settles() == (area.order, [])
     assert area.newborns.told() == [(restarted(900.0, localised=False), NOW_NS)]
@@ -238,7 +238,7 @@ def test_a_lost_or_silent_restarted_train_keeps_its_roster_entry_unchanged() -> 
 
 def test_a_restarted_train_that_may_have_been_away_keeps_its_entry_without_authority() -> None:
     area = OneArea(RESTARTED, counted=OCCUPIED)
-    area.hears(restarted(100.0))
+    area.on_message(restarted(100.0))
 
     assert area.settles() == (area.order, [])
     assert area.newborns.told() == [(restarted(100.0), NOW_NS)]
@@ -252,7 +252,7 @@ jog."""
 
 def test_a_restarted_train_that_left_is_removed_and_applies_like_an_unregistered_one() -> None:
     area = OneArea((6, 1500.0), RESTARTED, (2, 400.0), counted=CLEAR)
-    area.hears(restarted(100.0), age_ns=20)
+    area.on_message(restarted(100.0), age_ns=20)
 
     order, gone = area.settles()
 
@@ -275,7 +275,7 @@ def test_a_report_farther_back_does_not_count_while_axles_may_be_at_the_former_p
     counted: tuple[Counted, ...],
 ) -> None:
     area = OneArea(RESTARTED, counted=counted)
-    area.hears(restarted(100.0))
+    area.on_message(restarted(100.0))
 
     assert area.settles() == (area.order, [])
 
@@ -285,7 +285,7 @@ def test_without_axle_counters_a_report_farther_back_is_sufficient(
     before: Area | None,
 ) -> None:
     area = OneArea(RESTARTED, before=before, start_m=0.0 if before is None else 1000.0)
-    area.hears(restarted(100.0))
+    area.on_message(restarted(100.0))
 
     assert area.settles() == ((), [(restarted(100.0), NOW_NS)])
 
@@ -304,7 +304,7 @@ def test_a_departure_is_proven_when_all_axles_belong_to_the_train_waiting_behind
     trains = [RESTARTED, (2, 700.0)] if ahead_m is None else [(6, ahead_m), RESTARTED, (2, 700.0)]
     area = OneArea(*trains, counted=(*there, beyond))
     area.at_rest = (StandingTrain(700.0, 784.0, 16), StandingTrain(100.0, 184.0, 16))
-    area.hears(restarted(100.0, standstill=False))
+    area.on_message(restarted(100.0, standstill=False))
 
     _, gone = area.settles()
 
@@ -313,7 +313,7 @@ def test_a_departure_is_proven_when_all_axles_belong_to_the_train_waiting_behind
 
 def test_a_departure_is_proven_even_with_a_committed_train_close_ahead() -> None:
     area = OneArea((6, 902.0), RESTARTED, counted=CLEAR)
-    area.hears(restarted(100.0))
+    area.on_message(restarted(100.0))
 
     assert area.settles() == (area.order[:1], [(restarted(100.0), NOW_NS)])
 
@@ -324,14 +324,14 @@ def test_a_new_place_is_proven_even_beside_an_unregistered_train(axles: int, *, 
     beside = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
     area = OneArea(RESTARTED, counted=(*beside, Counted(800.0, 3000.0, True, 16)))
     area.unregistered = (StandingTrain(300.0, 384.0, 16),)
-    area.hears(restarted(100.0))
+    area.on_message(restarted(100.0))
 
     assert [report for report, _ in area.settles()[1]] == ([restarted(100.0)] if gone else [])
 
 
 def test_the_report_of_a_restarted_train_that_fell_silent_is_discarded() -> None:
     area = OneArea((6, 1500.0), RESTARTED)
-    area.hears(restarted(900.0), age_ns=500_000_001)
+    area.on_message(restarted(900.0), age_ns=500_000_001)
 
     assert area.settles() == (area.order, [])
     assert area.newborns.told() == []
@@ -344,7 +344,7 @@ def test_a_departure_is_proven_when_all_axles_belong_to_a_waiting_unregistered_t
     """The two trains waited for each other (simulation seed 130561)."""
     area = OneArea(RESTARTED, counted=(Counted(800.0, 3000.0, True, axles),))
     area.unregistered = (StandingTrain(1200.0, 1280.0, 16),)
-    area.hears(restarted(100.0))
+    area.on_message(restarted(100.0))
 
     assert area.settles() == (((), [(restarted(100.0), NOW_NS)]) if left else (area.order, []))
 
@@ -352,7 +352,7 @@ def test_a_departure_is_proven_when_all_axles_belong_to_a_waiting_unregistered_t
 def test_no_departure_is_proven_while_axles_ahead_may_be_the_train() -> None:
     counted = (Counted(0.0, 2000.0, False, 0), Counted(2000.0, 3000.0, True, 16))
     area = OneArea(RESTARTED, counted=counted)
-    area.hears(restarted(100.0, standstill=False))
+    area.on_message(restarted(100.0, standstill=False))
 
     assert area.settles() == (area.order, [])
 
@@ -360,7 +360,7 @@ def test_no_departure_is_proven_while_axles_ahead_may_be_the_train() -> None:
 def test_the_foremost_axle_is_searched_however_close_the_train_ahead_was() -> None:
     counted = (Counted(0.0, 903.0, False, 0), Counted(903.0, 3000.0, True, 16))
     area = OneArea((6, 902.0), RESTARTED, counted=counted)
-    area.hears(restarted(100.0, standstill=False))
+    area.on_message(restarted(100.0, standstill=False))
 
     assert area.settles() == (area.order, [])
 
@@ -374,7 +374,7 @@ def test_a_departure_is_proven_by_its_own_axles_at_the_reported_place(
     """This holds although another vehicle stands where the train was."""
     counted = (Counted(0.0, 500.0, True, axles), Counted(500.0, 800.0, False, 0))
     area = OneArea(RESTARTED, counted=(*counted, Counted(800.0, 3000.0, True, 16)))
-    area.hears(restarted(100.0, standstill=standstill))
+    area.on_message(restarted(100.0, standstill=standstill))
 
     _, gone = area.settles()
 
@@ -390,7 +390,7 @@ def test_a_train_restarted_within_ten_seconds_cannot_have_left_the_line(
     """So it does not matter that trains behind have not reported yet."""
     area = OneArea(RESTARTED, (2, 400.0))
     area.receives_former_report(1, age_ns=age_ns)
-    area.hears(restarted(900.0))
+    area.on_message(restarted(900.0))
 
     order, _ = area.settles()
 
@@ -402,15 +402,15 @@ def test_a_report_of_the_former_incarnation_may_be_old(echo_ns: int) -> None:
     """The echoed heartbeat dates the report; without one its age is unknown."""
     area = OneArea(RESTARTED, (2, 400.0))
     area.receives_former_report(1, age_ns=0, echo_ns=echo_ns)
-    area.hears(restarted(900.0))
+    area.on_message(restarted(900.0))
 
     assert area.settles() == (area.order, [])
 
 
 def test_an_incarnation_that_never_reported_to_this_master_is_not_recent() -> None:
     area = OneArea(RESTARTED, (2, 400.0))
-    area.known.records[1].heard_ns = NOW_NS
-    area.hears(restarted(900.0))
+    area.known.records[1].received_at_ns = NOW_NS
+    area.on_message(restarted(900.0))
 
     assert area.settles() == (area.order, [])
 
@@ -421,8 +421,8 @@ def settled(behind: TrainReport, *, kept_m: float = 400.0) -> list[int]:
     The train behind cannot be renewed itself, because it follows one that is not on the roster.
     """
     area = OneArea((1, 1900.0), (2, kept_m), before=AREA_4, start_m=1000.0, counted=OCCUPIED)
-    area.hears(restarted(1900.0))
-    area.hears(dataclasses.replace(behind, comes_from=4, behind=3))
+    area.on_message(restarted(1900.0))
+    area.on_message(dataclasses.replace(behind, comes_from=4, behind=3))
     return [entry.boot for entry in area.settles()[0]]
 
 
@@ -438,7 +438,7 @@ def test_restarted_trains_in_a_row_do_not_wait_for_each_other() -> None:
 def test_a_train_behind_in_its_committed_incarnation_counts_as_known() -> None:
     area = OneArea(RESTARTED, (2, 400.0))
     area.receives_former_report(2, age_ns=20_000_000_000)
-    area.hears(restarted(900.0))
+    area.on_message(restarted(900.0))
 
     order, _ = area.settles()
 
@@ -467,7 +467,7 @@ def test_a_train_is_in_place_only_ahead_of_all_restarted_trains_behind_it() -> N
 
 def test_silent_trains_ahead_do_not_matter_for_a_restart() -> None:
     area = OneArea((7, 2000.0), (6, 1500.0), RESTARTED)
-    area.hears(restarted(900.0))
+    area.on_message(restarted(900.0))
 
     order, _ = area.settles()
 
@@ -477,17 +477,17 @@ def test_silent_trains_ahead_do_not_matter_for_a_restart() -> None:
 def test_the_foremost_train_waits_for_a_report_of_the_next_one_behind_it() -> None:
     area = OneArea(RESTARTED, (2, 700.0), (3, 400.0))
     area.receives_former_report(3, age_ns=0)
-    area.hears(restarted(900.0))
+    area.on_message(restarted(900.0))
 
     assert area.settles() == (area.order, [])
 
 
 def test_several_restarted_trains_are_settled_at_once() -> None:
     area = OneArea((6, 1500.0), RESTARTED, (2, 400.0), (3, 200.0), counted=OCCUPIED)
-    area.hears(restarted(100.0, train=6))
-    area.hears(restarted(900.0))
-    area.hears(restarted(380.0, train=2))
-    area.hears(restarted(200.0, train=3))
+    area.on_message(restarted(100.0, train=6))
+    area.on_message(restarted(900.0))
+    area.on_message(restarted(380.0, train=2))
+    area.on_message(restarted(200.0, train=3))
     for train in (1, 2, 3):
         area.receives_former_report(train, age_ns=0)
 
@@ -512,7 +512,7 @@ def test_a_restarted_train_stays_sieved_if_recent_or_proven_again(
 ) -> None:
     area = OneArea(RESTARTED, counted=(Counted(0.0, 3000.0, True, axles),), sieved=was)
     area.receives_former_report(1, age_ns=age_ns)
-    area.hears(restarted(900.0))
+    area.on_message(restarted(900.0))
 
     order, _ = area.settles()
 
@@ -531,7 +531,7 @@ def test_before_the_border_a_train_is_renewed_only_in_line(
 ) -> None:
     area = OneArea((7, 2000.0), (6, 1500.0), RESTARTED, (2, 400.0), before=AREA_4, start_m=1000.0)
     area.receives_former_report(1, age_ns=0)
-    area.hears(restarted(900.0, comes_from=comes_from, behind=behind))
+    area.on_message(restarted(900.0, comes_from=comes_from, behind=behind))
 
     order, gone = area.settles()
 
@@ -544,7 +544,7 @@ def test_before_the_border_a_train_is_renewed_only_in_line(
 def test_before_the_border_the_foremost_train_has_none_ahead(behind: int, *, renewed: bool) -> None:
     area = OneArea(RESTARTED, (2, 400.0), before=AREA_4, start_m=1000.0)
     area.receives_former_report(1, age_ns=0)
-    area.hears(restarted(900.0, comes_from=4, behind=behind))
+    area.on_message(restarted(900.0, comes_from=4, behind=behind))
 
     order, _ = area.settles()
 
@@ -565,7 +565,7 @@ def test_a_train_in_the_area_needs_an_axle_count_instead_of_a_line(
 ) -> None:
     comes_from = 4 if sieved else 0
     area = OneArea(RESTARTED, before=before, start_m=1000.0, counted=OCCUPIED)
-    area.hears(restarted(rear_m, comes_from=comes_from))
+    area.on_message(restarted(rear_m, comes_from=comes_from))
 
     order, _ = area.settles()
 
@@ -577,7 +577,7 @@ def test_axles_before_the_border_do_not_prove_a_departure() -> None:
     counted = (Counted(0.0, 500.0, True, 16), Counted(500.0, 800.0, False, 0))
     stays = (*counted, Counted(800.0, 3000.0, True, 16))
     area = OneArea(RESTARTED, before=AREA_4, start_m=1000.0, counted=stays)
-    area.hears(restarted(100.0, comes_from=4))
+    area.on_message(restarted(100.0, comes_from=4))
 
     assert area.settles() == (area.order, [])
 
@@ -595,7 +595,7 @@ def test_the_areas_own_count_proves_a_departure_from_before_the_border(
     """
     counted = (Counted(first_m, 1100.0, False, 0), Counted(1100.0, 3000.0, bool(axles), axles))
     area = OneArea((1, 600.0), before=AREA_4, start_m=1000.0, counted=counted)
-    area.hears(restarted(100.0, comes_from=4))
+    area.on_message(restarted(100.0, comes_from=4))
 
     assert area.settles() == (
         ((), [(restarted(100.0, comes_from=4), NOW_NS)]) if left else (area.order, [])
@@ -604,7 +604,7 @@ def test_the_areas_own_count_proves_a_departure_from_before_the_border(
 
 def test_a_departed_train_is_removed_without_standing_in_line() -> None:
     area = OneArea(RESTARTED, before=AREA_4, start_m=1000.0, counted=CLEAR)
-    area.hears(restarted(100.0, comes_from=0, behind=8))
+    area.on_message(restarted(100.0, comes_from=0, behind=8))
 
     order, gone = area.settles()
 
@@ -614,16 +614,16 @@ def test_a_departed_train_is_removed_without_standing_in_line() -> None:
 def test_a_master_grants_nothing_for_an_entry_of_another_incarnation_until_renewed() -> None:
     command = Command(roster=tuple([entry._replace(boot=7) for entry in ROSTER]))
     command.step()
-    command.hears(1, 900.0)
-    command.hears(2, 500.0)
+    command.on_message(1, 900.0)
+    command.on_message(2, 500.0)
 
     assert command.step(acks=False) == {}
 
     # Both stand where they were and all report. The entries are renewed, committed, and then used.
     issued: dict[int, AreaAuthority] = {}
     for _ in range(5):
-        command.hears(1, 900.0)
-        command.hears(2, 500.0)
+        command.on_message(1, 900.0)
+        command.on_message(2, 500.0)
         issued |= command.step()
     assert set(issued) == {1, 2}
     assert [entry.boot for entry in command.master.roster.proposed] == [1, 1]
@@ -692,8 +692,8 @@ def test_a_train_that_follows_a_removed_one_keeps_its_entry_without_authority() 
     trains = ((7, 2000.0), (5, 1500.0), (1, 800.0))
     area = OneArea(*trains, before=AREA_4, start_m=1000.0, counted=counted)
     area.receives_former_report(1, age_ns=0)
-    area.hears(restarted(900.0, train=5, comes_from=4))
-    area.hears(restarted(800.0, comes_from=4, behind=5))
+    area.on_message(restarted(900.0, train=5, comes_from=4))
+    area.on_message(restarted(800.0, comes_from=4, behind=5))
 
     order, gone = area.settles()
 
@@ -743,6 +743,6 @@ def test_the_bound_of_a_restarted_train(told: dict[str, int], bound_m: float) ->
 def test_a_committed_entry_does_not_apply_to_a_later_incarnation() -> None:
     chair = Chair((entry(2, 1249.0, boot=2),))
     told = chair.reports(2, 1940.0, boot=3, term=TERM - 1)
-    chair.master._known.hears_newborn(dataclasses.replace(told, boot=2, term=TERM))
+    chair.master._known.on_restarted_report(dataclasses.replace(told, boot=2, term=TERM))
 
     assert chair.master._known.reserved_m(chair.master.roster.proposed) == {2: 1.0e6}

@@ -31,7 +31,7 @@ class Crossing:
         self.object = LineObject(TIMERS_A, SITE, 1, memory=self.memory, start_ns=0)
         self.now_ns = 0
 
-    def hears(
+    def on_message(
         self, *messages: ObjectClaim | Heartbeat, wanted: bool = False, occupied: bool = False
     ) -> ObjectStatus | None:
         self.now_ns += 1
@@ -56,7 +56,7 @@ LOCK, OPEN = ClaimKind.CLAIM, ClaimKind.RELEASE
 def test_an_object_locks_for_a_claim_and_reports_which() -> None:
     crossing = Crossing()
 
-    status = crossing.hears(claim(1, 4, LOCK, 9))
+    status = crossing.on_message(claim(1, 4, LOCK, 9))
 
     assert status is not None
     assert (status.state, status.claim_term, status.nonce) == (ObjectState.LOCKED, 4, 9)
@@ -74,9 +74,9 @@ def test_an_object_locks_for_a_claim_and_reports_which() -> None:
 )
 def test_a_release_that_is_late_old_or_not_the_masters_opens_nothing(late: ObjectClaim) -> None:
     crossing = Crossing()
-    crossing.hears(claim(1, 4, LOCK, 9))
+    crossing.on_message(claim(1, 4, LOCK, 9))
 
-    crossing.hears(late)
+    crossing.on_message(late)
 
     assert crossing.state is ObjectState.LOCKED
     assert crossing.object.refused == 1
@@ -84,21 +84,21 @@ def test_a_release_that_is_late_old_or_not_the_masters_opens_nothing(late: Objec
 
 def test_a_heartbeat_alone_fences_an_object_off_from_the_former_master() -> None:
     crossing = Crossing()
-    crossing.hears(claim(1, 4, LOCK, 9))
+    crossing.on_message(claim(1, 4, LOCK, 9))
 
-    crossing.hears(Heartbeat(2, BROADCAST, 1, 5, 1, 1, 0, Phase.FENCING, 0, 1))
-    crossing.hears(claim(1, 4, OPEN, 10))
+    crossing.on_message(Heartbeat(2, BROADCAST, 1, 5, 1, 1, 0, Phase.FENCING, 0, 1))
+    crossing.on_message(claim(1, 4, OPEN, 10))
 
     assert crossing.state is ObjectState.LOCKED
 
 
 def test_an_object_never_moves_under_a_train() -> None:
     crossing = Crossing()
-    crossing.hears(claim(1, 4, LOCK, 9))
+    crossing.on_message(claim(1, 4, LOCK, 9))
 
-    crossing.hears(claim(1, 4, OPEN, 10), occupied=True)
+    crossing.on_message(claim(1, 4, OPEN, 10), occupied=True)
     assert crossing.state is ObjectState.LOCKED
-    crossing.hears(claim(1, 4, OPEN, 11))
+    crossing.on_message(claim(1, 4, OPEN, 11))
 
     assert crossing.state is ObjectState.FREE
 
@@ -106,16 +106,16 @@ def test_an_object_never_moves_under_a_train() -> None:
 def test_an_object_with_a_pending_release_is_not_locked_again() -> None:
     crossing = Crossing()
 
-    crossing.hears(claim(1, 4, LOCK, 9), wanted=True)
+    crossing.on_message(claim(1, 4, LOCK, 9), wanted=True)
 
     assert crossing.state is ObjectState.FREE
 
 
 def test_an_object_remembers_its_state_over_a_restart_and_fails_safe_without_memory() -> None:
     crossing = Crossing()
-    crossing.hears(claim(1, 4, LOCK, 9))
+    crossing.on_message(claim(1, 4, LOCK, 9))
     again = Crossing(crossing.memory)
-    again.hears(claim(2, 3, OPEN, 99))
+    again.on_message(claim(2, 3, OPEN, 99))
     assert again.state is ObjectState.LOCKED
 
     lost = LineObject(TIMERS_A, SITE, 1, memory=None, start_ns=0)
@@ -139,7 +139,7 @@ class TestMasterOfObjects:
     def fresh(self, *heard: ObjectStatus) -> TrackObjects:
         objects = self.objects()
         for each in heard:
-            objects.hears(each)
+            objects.on_message(each)
         return objects
 
     def plan(self, objects: TrackObjects, *reaches: Reach, needed: bool = True) -> list[ClaimKind]:
@@ -154,39 +154,39 @@ class TestMasterOfObjects:
 
     def test_a_lock_of_an_earlier_claim_does_not_confirm_this_one(self) -> None:
         objects = self.objects()
-        objects.hears(status(ObjectState.LOCKED, 4, 1))
+        objects.on_message(status(ObjectState.LOCKED, 4, 1))
 
         assert self.plan(objects, far()) == [LOCK]
         assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
 
     def test_a_confirmed_lock_permits_passing_until_a_release_is_requested(self) -> None:
         objects = self.objects()
-        objects.hears(status(ObjectState.LOCKED, 4, 1))
+        objects.on_message(status(ObjectState.LOCKED, 4, 1))
         self.plan(objects, far())
-        objects.hears(status(ObjectState.LOCKED, 5, 1))
+        objects.on_message(status(ObjectState.LOCKED, 5, 1))
         assert self.plan(objects, far()) == []
         assert objects.stretches() == []
 
-        objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
+        objects.on_message(status(ObjectState.LOCKED, 5, 1, wanted=True))
         assert [each.bar for each in objects.stretches()] == [Bar.CLOSING]
 
     def test_it_is_released_only_when_no_train_can_reach_it_and_is_barred_at_once(self) -> None:
         objects = self.objects()
-        objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
+        objects.on_message(status(ObjectState.LOCKED, 5, 1, wanted=True))
         self.plan(objects, far(600.0))
         assert self.plan(objects, far(600.0)) == []
 
         assert self.plan(objects, far(), far(900.0, rear_m=530.0)) == [OPEN]
         assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
-        objects.hears(status(ObjectState.FREE, 5, 2, wanted=True))
+        objects.on_message(status(ObjectState.FREE, 5, 2, wanted=True))
         assert [each.bar for each in objects.stretches()] == [Bar.SHUT]
 
     def test_after_a_release_the_lock_before_it_confirms_nothing(self) -> None:
         objects = self.objects()
-        objects.hears(status(ObjectState.LOCKED, 5, 1, wanted=True))
+        objects.on_message(status(ObjectState.LOCKED, 5, 1, wanted=True))
         self.plan(objects, far(600.0))
         self.plan(objects, far())
-        objects.hears(status(ObjectState.LOCKED, 5, 1))
+        objects.on_message(status(ObjectState.LOCKED, 5, 1))
 
         assert [each.bar for each in objects.stretches()] == [Bar.UNSURE]
         assert self.plan(objects, far()) == [LOCK]
@@ -198,7 +198,7 @@ class TestMasterOfObjects:
         objects = self.fresh(status(ObjectState.FREE, 0, 0))
         said = []
         for wanted in (False, False, True, True, False, False):
-            objects.hears(status(ObjectState.LOCKED, 0, 0, wanted=wanted))
+            objects.on_message(status(ObjectState.LOCKED, 0, 0, wanted=wanted))
             said += objects.plan(needed=lambda _: True, reaches=lambda _: [far()])
 
         numbers = [(LOCK, 1), (LOCK, 1), (OPEN, 2), (OPEN, 2), (LOCK, 3), (LOCK, 3)]
@@ -213,7 +213,7 @@ class TestMasterOfObjects:
         objects = self.fresh(status(ObjectState.FREE, 4, 1))
         self.plan(objects)
 
-        objects.hears(status(ObjectState.LOCKED, term, nonce))
+        objects.on_message(status(ObjectState.LOCKED, term, nonce))
 
         assert self.plan(objects) == said
 
@@ -232,7 +232,7 @@ class TestMasterOfObjects:
     def test_a_release_is_not_withdrawn_without_a_train(self) -> None:
         objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
         assert self.plan(objects, far()) == [OPEN]
-        objects.hears(status(ObjectState.LOCKED, 0, 0))
+        objects.on_message(status(ObjectState.LOCKED, 0, 0))
 
         assert self.plan(objects, needed=False) == []
         assert self.plan(objects, needed=True) == [LOCK]
@@ -281,13 +281,13 @@ class TestMasterOfObjects:
         objects = self.fresh(status(ObjectState.LOCKED, 0, 0, wanted=True))
         self.plan(objects)
 
-        objects.hears(status(ObjectState.LOCKED, 5, 1))
+        objects.on_message(status(ObjectState.LOCKED, 5, 1))
 
         assert self.bars(objects) == [Bar.UNSURE]
 
     def test_objects_of_other_areas_are_ignored(self) -> None:
         objects = TrackObjects(5, (), MasterGuards())
-        objects.hears(status(ObjectState.LOCKED, 5, 1))
+        objects.on_message(status(ObjectState.LOCKED, 5, 1))
 
         assert objects.statuses == {}
         assert objects.stretches() == []
@@ -296,22 +296,22 @@ class TestMasterOfObjects:
         other = ObjectSite(4, ObjectKind.SWITCH, 700.0, 710.0)
         objects = TrackObjects(5, (SITE, other), MasterGuards())
         silent = ObjectSite(9, ObjectKind.SWITCH, 800.0, 810.0)
-        objects.hears(status(ObjectState.FREE, 0, 0))
-        objects.hears(replace(status(ObjectState.FREE, 0, 0), number=other.number))
-        objects.hears(replace(status(ObjectState.FREE, 0, 0), number=silent.number))
+        objects.on_message(status(ObjectState.FREE, 0, 0))
+        objects.on_message(replace(status(ObjectState.FREE, 0, 0), number=other.number))
+        objects.on_message(replace(status(ObjectState.FREE, 0, 0), number=silent.number))
 
         said = objects.plan(needed=lambda _: True, reaches=lambda _: [])
 
         assert said == [(SITE, Claim(LOCK, 1)), (other, Claim(LOCK, 2))]
         assert set(objects.statuses) == {3, 4}
-        objects.hears(replace(status(ObjectState.LOCKED, 5, 2), number=other.number))
+        objects.on_message(replace(status(ObjectState.LOCKED, 5, 2), number=other.number))
         assert objects.stretches() == [BarredTrack(500.0, 520.0, Bar.SHUT)]
 
     def test_without_the_object_guard_even_an_unreported_object_bars_nothing(self) -> None:
         objects = TrackObjects(5, (SITE,), without(MasterGuards(), "object_confirmed"))
         assert objects.stretches() == []
 
-        objects.hears(status(ObjectState.FREE, 0, 0, wanted=True))
+        objects.on_message(status(ObjectState.FREE, 0, 0, wanted=True))
         assert self.bars(objects) == [Bar.CLOSING]
 
 

@@ -34,7 +34,7 @@ def report(rear_m: float, protected_m: float, *, boot: int = 2) -> TrainReport:
 def heard(*reports: TrainReport) -> TrainRecord:
     record = TrainRecord(9, 0.0, 0, boot=2)
     for each in reports:
-        record.hears(each, 0, term=7, jog_m=JOG_M)
+        record.on_message(each, 0, term=7, jog_m=JOG_M)
     return record
 
 
@@ -59,16 +59,16 @@ def test_what_the_next_train_gains_this_train_loses_for_its_jog_back() -> None:
     ends_m = {}
     for ahead_m in (0.0, 3.0, 5.0, 50.0):
         command = Command()
-        command.hears(2, 500.0)
-        command.hears(1, 900.0)
+        command.on_message(2, 500.0)
+        command.on_message(1, 900.0)
         command.step()
         record = command.master._known.records[1]
         assert record.report is not None
         moving = dataclasses.replace(
             record.report, protected_m=820.0 + ahead_m, sequence=50, standstill=False
         )
-        command.master.hears(moving, command.now_ns)
-        command.hears(2, 500.0)
+        command.master.on_message(moving, command.now_ns)
+        command.on_message(2, 500.0)
         issued = command.step()
         ends_m[ahead_m] = issued[2].end_m, issued[1].rear_m
 

@@ -27,28 +27,28 @@ class HandOver(Command):
 
     def __init__(self) -> None:
         super().__init__()
-        self.hears(SUCCESSOR, 900.0)
-        self.hears(OTHER, 500.0)
+        self.on_message(SUCCESSOR, 900.0)
+        self.on_message(OTHER, 500.0)
         self.step()
-        self.hears(SUCCESSOR, 900.0)
+        self.on_message(SUCCESSOR, 900.0)
         self.step()
         head = (65_100, 7, 1, 0, 1, 1, 0)
-        self.master.hears(LineOrder(*head, OrderKind.SWITCH_MASTER, SUCCESSOR), self.now_ns)
+        self.master.on_message(LineOrder(*head, OrderKind.SWITCH_MASTER, SUCCESSOR), self.now_ns)
 
     def says(self, source: int, *, ready_nonce: int, localised: bool = True) -> None:
         """A report with a constant position."""
         heard: list[TrainReport] = []
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(self.master, "hears", lambda report, now_ns: heard.append(report))
-            self.hears(source, 900.0 if source == SUCCESSOR else 500.0)
+            patch.setattr(self.master, "on_message", lambda report, now_ns: heard.append(report))
+            self.on_message(source, 900.0 if source == SUCCESSOR else 500.0)
         report = dataclasses.replace(heard[0], localised=localised, ready_nonce=ready_nonce)
-        self.master.hears(report, self.now_ns)
+        self.master.on_message(report, self.now_ns)
 
     def successor_is_ready(self) -> None:
         nonce = self.master.succession.switch.nonce
         self.says(SUCCESSOR, ready_nonce=nonce)
         step = SwitchStep(SUCCESSOR, 7, 1, 1, 1, 99, 0, SwitchKind.READY, nonce, SUCCESSOR)
-        self.master.hears(step, self.now_ns)
+        self.master.on_message(step, self.now_ns)
 
     @property
     def state(self) -> SwitchState:

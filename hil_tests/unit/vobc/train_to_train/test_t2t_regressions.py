@@ -159,7 +159,7 @@ class TestCandidate:
         first = lease.ask(0, seen_term=4, tried_term=0)
         again = lease.ask(200 * MS, seen_term=4, tried_term=first.term)
         refused = self.answer(lease, 65_001, again.nonce, granted=False, term=30)
-        lease.hears(refused, 210 * MS)
+        lease.on_message(refused, 210 * MS)
         last = lease.ask(400 * MS, seen_term=4, tried_term=again.term)
 
         assert (first.term, again.term, last.term) == (5, 6, 31)
@@ -178,11 +178,11 @@ class TestCandidate:
         lease = self.lease()
         request = lease.ask(0, seen_term=0, tried_term=0)
 
-        lease.hears(self.answer(lease, 65_001, request.nonce), 5 * MS)
-        lease.hears(self.answer(lease, 65_001, request.nonce), 6 * MS)
-        lease.hears(self.answer(lease, 65_009, request.nonce), 6 * MS)
+        lease.on_message(self.answer(lease, 65_001, request.nonce), 5 * MS)
+        lease.on_message(self.answer(lease, 65_001, request.nonce), 6 * MS)
+        lease.on_message(self.answer(lease, 65_009, request.nonce), 6 * MS)
         assert lease.state is LeaseState.ASKED
-        lease.hears(self.answer(lease, 65_003, request.nonce), 7 * MS)
+        lease.on_message(self.answer(lease, 65_003, request.nonce), 7 * MS)
 
         assert lease.state is LeaseState.HELD
 
@@ -192,7 +192,7 @@ class TestCandidate:
         old = self.answer(lease, 65_001, first.nonce)
         lease.ask(200 * MS, seen_term=0, tried_term=first.term)
 
-        lease.hears(old, 210 * MS)
+        lease.on_message(old, 210 * MS)
 
         assert lease.state is LeaseState.ASKED
 
@@ -200,7 +200,7 @@ class TestCandidate:
         config = T2tConfig()
         lease = self.lease(config)
         request = lease.ask(1000 * MS, seen_term=0, tried_term=0)
-        lease.hears(self.answer(lease, 65_001, request.nonce), 1200 * MS)
+        lease.on_message(self.answer(lease, 65_001, request.nonce), 1200 * MS)
         end_ns = 1000 * MS + config.timers.holder_lease_ns - config.timers.margin_ms * MS
 
         assert lease.runs(end_ns - 1)
@@ -228,7 +228,7 @@ class Command:
         lease = Lease(T2tConfig(), LeaseGuards())
         request = lease.ask(0, seen_term=0, tried_term=0)
         head = (65_001, 7, 1, 1, 1, 1, 0)
-        lease.hears(LeaseAnswer(*head, True, request.nonce, 0, 7, 0, 0, 1, roster), 0)
+        lease.on_message(LeaseAnswer(*head, True, request.nonce, 0, 7, 0, 0, 1, roster), 0)
         lease.until_ns = 10**15
         self.now_ns = 0
         self.sequence = 0
@@ -243,10 +243,10 @@ class Command:
             now_ns=0,
         )
 
-    def hears(self, train: int, front_m: float, **told: float) -> None:
+    def on_message(self, train: int, front_m: float, **told: float) -> None:
         self.sequence += 1
         latent_m = told.get("latent_m", front_m)
-        self.master.hears(
+        self.master.on_message(
             TrainReport(
                 source=train,
                 destination=BROADCAST,
@@ -290,7 +290,7 @@ class Command:
                 issued[message.destination] = message
             elif isinstance(message, RosterCommit) and acks:
                 head = (65_001, 7, 1, 1, 1, message.sequence, 0)
-                self.master.hears(RosterAck(*head, message.version), self.now_ns)
+                self.master.on_message(RosterAck(*head, message.version), self.now_ns)
         return issued
 
     def order(self) -> list[int]:
@@ -300,8 +300,8 @@ class Command:
 def test_stale_positions_do_not_change_the_order_of_trains() -> None:
     """A delayed report of the leader places it behind its follower."""
     command = Command()
-    command.hears(2, 850.0)
-    command.hears(1, 830.0)
+    command.on_message(2, 850.0)
+    command.on_message(1, 830.0)
 
     issued = command.step() | command.step()
 
@@ -311,19 +311,19 @@ def test_stale_positions_do_not_change_the_order_of_trains() -> None:
 
 def test_no_authority_is_issued_before_the_roster_is_committed_under_the_new_term() -> None:
     command = Command()
-    command.hears(1, 900.0)
+    command.on_message(1, 900.0)
     assert command.step(acks=False) == {}
     assert command.step(acks=True) == {}
 
-    command.hears(1, 900.0)
+    command.on_message(1, 900.0)
 
     assert command.step()[1].end_m == 2000.0
 
 
 def test_a_train_that_has_not_acknowledged_gets_no_authority_and_stays_an_obstacle() -> None:
     command = Command()
-    command.hears(1, 900.0, term=0)
-    command.hears(2, 500.0)
+    command.on_message(1, 900.0, term=0)
+    command.on_message(2, 500.0)
 
     issued = command.step() | command.step()
 
@@ -335,7 +335,7 @@ def test_a_followers_authority_proves_how_far_a_silent_leader_had_come() -> None
     """Otherwise every takeover would take back the authorities behind a failed master."""
     command = Command()
     command.now_ns = MS
-    command.hears(2, 500.0, latent_m=1100.0)
+    command.on_message(2, 500.0, latent_m=1100.0)
 
     issued = command.step() | command.step()
 
@@ -344,8 +344,8 @@ def test_a_followers_authority_proves_how_far_a_silent_leader_had_come() -> None
 
 def test_a_train_that_left_is_removed_and_delays_no_other() -> None:
     command = Command()
-    command.hears(1, 2087.0)
-    command.hears(2, 500.0)
+    command.on_message(1, 2087.0)
+    command.on_message(2, 500.0)
     command.step()
     command.step()
 
@@ -357,8 +357,8 @@ def test_a_train_that_left_is_removed_and_delays_no_other() -> None:
 
 def test_a_train_over_the_border_by_less_than_it_may_roll_back_stays_on_the_roster() -> None:
     command = Command()
-    command.hears(1, 2086.9)
-    command.hears(2, 500.0)
+    command.on_message(1, 2086.9)
+    command.on_message(2, 500.0)
     command.step()
 
     assert command.step()[2].end_m == pytest.approx(1999.9)
@@ -371,12 +371,12 @@ def test_trains_cross_the_border_in_line() -> None:
     command = lease_area_two
     command.master = _second_area(command)
     command.step()
-    command.hears(4, 1500.0, comes_from=1, behind=3)
+    command.on_message(4, 1500.0, comes_from=1, behind=3)
     command.step()
     assert command.order() == [1]
 
-    command.hears(3, 1800.0, comes_from=1)
-    command.hears(4, 1500.0, comes_from=1, behind=3)
+    command.on_message(3, 1800.0, comes_from=1)
+    command.on_message(4, 1500.0, comes_from=1, behind=3)
     command.step()
 
     assert command.order() == [1, 3, 4]
@@ -387,7 +387,7 @@ def test_who_comes_over_the_border_without_authority_there_waits() -> None:
     command.master = _second_area(command)
     command.step()
 
-    command.hears(3, 1800.0)
+    command.on_message(3, 1800.0)
     command.step()
 
     assert command.order() == [1]
@@ -409,13 +409,13 @@ def _second_area(command: Command) -> Master:
 def test_a_newcomer_gets_no_authority_before_its_entry_is_committed() -> None:
     command = Command(roster=(RosterEntry(1, 820.0, True, 1),))
     command.step()
-    command.hears(1, 900.0)
-    command.hears(3, 500.0)
+    command.on_message(1, 900.0)
+    command.on_message(3, 500.0)
 
     assert list(command.step(acks=False)) == [1]
-    command.hears(3, 500.0)
+    command.on_message(3, 500.0)
     assert list(command.step(acks=True)) == [1]
-    command.hears(3, 500.0)
+    command.on_message(3, 500.0)
 
     assert 3 in command.step()
 
@@ -423,12 +423,12 @@ def test_a_newcomer_gets_no_authority_before_its_entry_is_committed() -> None:
 def test_no_train_is_admitted_within_the_authority_of_another() -> None:
     command = Command()
     command.step()
-    command.hears(1, 900.0)
-    command.hears(2, 500.0)
+    command.on_message(1, 900.0)
+    command.on_message(2, 500.0)
     command.step()
-    command.hears(2, 500.0)
+    command.on_message(2, 500.0)
 
-    command.hears(3, 700.0)  # Train 3 starts where train 2 may go by an outstanding authority.
+    command.on_message(3, 700.0)  # Train 3 starts where train 2 may go by an outstanding authority.
     command.step()
 
     assert command.order() == [1, 2]
@@ -437,16 +437,16 @@ def test_no_train_is_admitted_within_the_authority_of_another() -> None:
 def test_an_outstanding_authority_counts_until_a_newer_one_is_acknowledged() -> None:
     command = Command()
     command.step()
-    command.hears(1, 900.0)
-    command.hears(2, 500.0)
+    command.on_message(1, 900.0)
+    command.on_message(2, 500.0)
     (sent,) = [each for to, each in command.step().items() if to == 2]
     record = command.master._known.records[2]
 
-    command.hears(2, 510.0)
+    command.on_message(2, 510.0)
     assert record.granted_m == sent.end_m
-    command.hears(2, 520.0, held_term=1, held_sequence=sent.sequence - 1)
+    command.on_message(2, 520.0, held_term=1, held_sequence=sent.sequence - 1)
     assert record.granted_m == sent.end_m
-    command.hears(2, 530.0, held_term=1, held_sequence=sent.sequence)
+    command.on_message(2, 530.0, held_term=1, held_sequence=sent.sequence)
 
     assert record.granted_m == 530.0
 
@@ -454,7 +454,7 @@ def test_an_outstanding_authority_counts_until_a_newer_one_is_acknowledged() -> 
 def test_a_report_that_is_too_old_to_be_answered_is_not_answered() -> None:
     command = Command()
     command.step()
-    command.hears(1, 900.0)
+    command.on_message(1, 900.0)
     assert 1 in command.step()
 
     assert command.step(500) == {}
@@ -480,8 +480,8 @@ def test_a_train_that_left_the_area_accounts_for_its_axles_while_it_reports() ->
     (simulation seed 2113)."""
     command = Command()
     command.step()
-    command.hears(3, 2100.0)
-    command.hears(1, 1990.0)
+    command.on_message(3, 2100.0)
+    command.on_message(1, 1990.0)
     newcomer = command.master._known.records[1].report
     assert newcomer is not None
 

@@ -280,7 +280,7 @@ def test_three_seconds_are_three_seconds() -> None:
         chair = scene(silent_ms=4000)
         chair.track(axles={2: 16})
         echo_ns = chair.now_ns - 3_000_000_000 - late_ns
-        chair.hears(Removal(*chair.head(65_100), echo_ns, GONE))
+        chair.on_message(Removal(*chair.head(65_100), echo_ns, GONE))
         wanted = RemovalState.TOO_OLD if late_ns else RemovalState.COMMITTING
         assert answers(chair.step(0)) == {GONE: wanted}
 

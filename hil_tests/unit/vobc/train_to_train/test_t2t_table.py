@@ -30,7 +30,7 @@ def record(*, boot: int = 2, rear_m: float = 0.0) -> TrainRecord:
 
 def heard(told: TrainRecord, *reports: TrainReport, now_ns: int = 0) -> TrainRecord:
     for each in reports:
-        told.hears(each, now_ns, term=TERM, jog_m=5.0)
+        told.on_message(each, now_ns, term=TERM, jog_m=5.0)
     return told
 
 
@@ -40,7 +40,7 @@ def test_for_a_train_known_only_by_its_rear_the_worst_is_assumed() -> None:
     assert fresh == TrainRecord(
         train=4,
         rear_m=120.0,
-        heard_ns=33,
+        received_at_ns=33,
         boot=0,
         report=None,
         term=0,
@@ -68,7 +68,12 @@ def test_a_report_without_position_updates_term_and_reserve_only() -> None:
     after = heard(record(), placed_at, lost, now_ns=55)
 
     assert (after.rear_m, after.report, after.boot) == (100.0, placed_at, 2)
-    assert (after.heard_ns, after.term, after.ready_nonce, after.latent_m) == (55, 9, 12, 400.0)
+    assert (after.received_at_ns, after.term, after.ready_nonce, after.latent_m) == (
+        55,
+        9,
+        12,
+        400.0,
+    )
 
 
 @pytest.mark.parametrize(
@@ -360,8 +365,8 @@ def ack(arbiter: int, *, term: int = TERM, version: int = 1) -> RosterAck:
 
 def kept_by_two(*adopted: RosterEntry) -> Roster:
     order = roster(*adopted)
-    order.hears(ack(65_001))
-    order.hears(ack(65_002))
+    order.on_message(ack(65_001))
+    order.on_message(ack(65_002))
     return order
 
 
@@ -379,11 +384,11 @@ def test_an_adopted_roster_is_version_1_of_the_new_term_and_must_be_committed_ag
 def test_a_roster_is_committed_once_two_of_three_arbiters_acknowledge() -> None:
     order = roster(THREE, ONE)
 
-    order.hears(ack(65_003))
-    order.hears(ack(65_003))
+    order.on_message(ack(65_003))
+    order.on_message(ack(65_003))
     assert (order.kept, order.missing(ARBITERS)) == (None, [65_001, 65_002])
 
-    order.hears(ack(65_001))
+    order.on_message(ack(65_001))
     assert (order.kept, order.missing(ARBITERS)) == ((THREE, ONE), [65_002])
     assert order.pending is False
     assert order.may_be_commanded() == {1, 3}
@@ -394,7 +399,7 @@ def test_an_acknowledgement_of_another_roster_commits_nothing(term: int, version
     order = roster(ONE)
 
     for arbiter in ARBITERS:
-        order.hears(ack(arbiter, term=term, version=version))
+        order.on_message(ack(arbiter, term=term, version=version))
 
     assert order.kept is None
     assert order.missing(ARBITERS) == list(ARBITERS)
@@ -409,10 +414,10 @@ def test_a_changed_order_is_the_next_version_and_the_former_holds_until_committe
     assert order.pending is True
     assert order.missing(ARBITERS) == list(ARBITERS)
     assert order.may_be_commanded() == {1}
-    order.hears(ack(65_001, version=1))
-    order.hears(ack(65_001, version=2))
+    order.on_message(ack(65_001, version=1))
+    order.on_message(ack(65_001, version=2))
     assert order.pending is True
-    order.hears(ack(65_002, version=2))
+    order.on_message(ack(65_002, version=2))
     assert (order.kept, order.pending) == ((TWO, ONE), False)
     assert order.may_be_commanded() == {1, 2}
     order.propose([TWO])

@@ -5,7 +5,7 @@ import math
 from dataclasses import MISSING, astuple, fields
 
 from can_dbc.vobc import Cause, Inhibit, OperatingMode, Withheld
-from vobc.atp.seen import NOWHERE, GuardInputs
+from vobc.atp.guard_inputs import NOWHERE, GuardInputs
 from vobc.atp.verdict import ProtectionVerdict
 from vobc.config import load_config
 from vobc.vocabulary import Interval

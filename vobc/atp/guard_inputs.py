@@ -1,4 +1,4 @@
-"""Inputs of the guards in protection's tables. They are refilled in each cycle."""
+"""Inputs of the guards in protection's tables. Each cycle makes them once, frozen."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ NOWHERE: Final = Ceiling(0.0, 0.0, 0.0, 0.0, 0.0)
 STILL: Final = Interval(0.0, 0.0, 0.0)
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class GuardInputs:
     """All inputs of the guards. With a NaN input a guard decides for the brake."""
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from can_dbc.vobc import OperatingMode, Supervision
-from vobc.atp.seen import GuardInputs
+from vobc.atp.guard_inputs import GuardInputs
 from vobc.config import load_config
 from vobc.vocabulary import Ceiling, Interval
 

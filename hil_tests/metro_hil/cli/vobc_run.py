@@ -1,0 +1,180 @@
+"""`vobc run`: parses, runs in real time or in lockstep, reports."""
+
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from canlog.run_names import mark_latest
+from firmware_py.buses import BusError
+from firmware_py.clock.clock import WallClock
+from firmware_py.output import working
+from firmware_py.radio.credentials import load_credentials
+from firmware_py.settings import SettingsError
+from firmware_py.storage.recorder import loss_text
+from firmware_py.storage.whole_file import write_whole
+from firmware_py.trackdb import LineMap
+from metro_hil.cli.realtime_run import RealtimeRun
+from metro_hil.metrics.comfort import comfort_of, inertia_of
+from metro_hil.metrics.results import RunResults, sha256_of
+from metro_hil.metrics.run import (
+    measure_cycles,
+    measure_ride,
+    measure_stops,
+    supervision_events,
+)
+from metro_hil.model.end_condition import INTERRUPTED, Ending
+from metro_hil.model.log_columns import RunLogError, read_columns
+from metro_hil.model.mission import Journey, check_reference, plan_journey
+from metro_hil.model.run_folder import (
+    RunFolder,
+    RunFolderError,
+    discard_unused,
+    make_run_folder,
+    write_config,
+)
+from metro_hil.model.run_options import (
+    EXIT_ENVIRONMENT,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    EXIT_USAGE,
+    RunOptions,
+    parse,
+)
+from metro_hil.model.subprocesses import ChildError
+from metro_hil.report.table import print_results
+from metro_hil.run.lockstep import config_of, run_lockstep, scenario_of
+from vobc.cli.line import reachable_areas
+from zenoh_config.secured import train_name
+
+
+def main(argv: Sequence[str]) -> int:
+    """Drive one run. `argv` begins with the word `run`."""
+    options = parse(argv)
+    console = Console(stderr=options.json)
+    try:
+        with working():
+            code = _run(options, console)
+    except (SettingsError, RunFolderError) as error:
+        return _complain(error, EXIT_USAGE)
+    except (BusError, ChildError, RunLogError) as error:
+        return _complain(error, EXIT_ENVIRONMENT)
+    if code == EXIT_INTERRUPTED:
+        _complain("interrupted; these are the results until then", code)
+    return code
+
+
+def _complain(error: Exception | str, code: int) -> int:
+    print(f"vobc: {error}", file=sys.stderr)
+    return code
+
+
+def _run(options: RunOptions, console: Console) -> int:
+    if options.trains is not None:
+        # The network of several trains may need a compiler, so it is imported only here.
+        from metro_hil.line.virtual import command as line_run
+
+        return line_run.run(options, console)
+    journey, scenario, config = plan_journey(options), scenario_of(options), config_of(options)
+    if options.lockstep:
+        check_reference(config, scenario.train)
+    clock = WallClock()
+    _check_line(options, journey.line, clock.epoch_ns())
+    words = f"{journey.line.name}_{journey.start.name}-{journey.end.name}"
+    folder = make_run_folder(options.out, clock.epoch_ns(), words)
+    tables = {"options": options, "line": journey.line, "train": scenario.train, "vobc": config}
+    write_config(folder, tables, clock.epoch_ns())
+    mark_latest(folder.path)
+    if options.lockstep:
+        ending = run_lockstep(options, journey, folder)
+    else:
+        try:
+            ending = RealtimeRun(
+                options,
+                journey,
+                folder,
+                console,
+                check_train=lambda: check_reference(config, scenario.train),
+            ).run()
+        except (BusError, SettingsError):
+            discard_unused(folder)
+            raise
+    results = make_results(folder, journey, ending, inertia_of(scenario.train))
+    try:
+        report(folder, journey, results, ending, console)
+    finally:
+        if options.json:
+            print(results.to_json())
+    if ending.lost_log_lines:
+        lost = loss_text(ending.lost_log_lines)
+        return _complain(f"{folder.path}: {lost}", EXIT_ENVIRONMENT)
+    return _exit_code(ending)
+
+
+def _check_line(options: RunOptions, line: LineMap, epoch_ns: int) -> None:
+    """Check what a train that commands itself needs to join others. Raises SettingsError."""
+    if options.train is None:
+        return
+    reachable_areas(options.line, line)
+    if options.secure is None:
+        return
+    try:
+        load_credentials(options.secure, train_name(options.train), epoch_ns)
+    except SettingsError as error:
+        raise SettingsError(f"--secure {options.secure}: {error}") from error
+
+
+def _exit_code(ending: Ending) -> int:
+    if ending.exit_reason == INTERRUPTED:
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if ending.failed else EXIT_OK
+
+
+def make_results(
+    folder: RunFolder, journey: Journey, ending: Ending, inertia_kg: float
+) -> RunResults:
+    """Measure a run from its logs; measures that a short run did not reach are left out.
+
+    Args:
+        inertia_kg: mass of the emulated train with rotating parts; used only if that train ran.
+    """
+    truth = read_columns(folder.truth_log) if ending.truth_known else None
+    cycles = read_columns(folder.cycle_log) if folder.cycle_log.exists() else None
+    motion = truth or cycles
+    return RunResults(
+        exit_reason=ending.exit_reason,
+        stops=measure_stops(motion, journey.stops) if motion else (),
+        ride=measure_ride(motion) if motion else None,
+        comfort=comfort_of(truth, cycles, inertia_kg=inertia_kg if truth else None),
+        cycles=measure_cycles(cycles) if cycles else None,
+        events=supervision_events(cycles) if cycles else (),
+        frames=ending.frames,
+        bus_load_ratio=ending.bus_load_ratio,
+        frame_log_sha256=sha256_of(folder.bus_log),
+        real_time_factor=ending.real_time_factor,
+        rejected_frames=ending.rejected_frames,
+        truth_known=ending.truth_known,
+        dropped_frames=ending.dropped_frames,
+        lost_log_lines=ending.lost_log_lines,
+        steal_s=ending.steal_s,
+        realtime=ending.realtime,
+    )
+
+
+def report(
+    folder: RunFolder, journey: Journey, results: RunResults, ending: Ending, console: Console
+) -> None:
+    """Print the table, draw the plot, write the results file."""
+    print_results(console, results)
+    write_whole(folder.results, results.to_json() + "\n")
+    if results.cycles and results.cycles.cycles > 1:
+        from metro_hil.report.plot import draw_run
+
+        truth = read_columns(folder.truth_log) if ending.truth_known else None
+        title = f"{journey.line.name}: {journey.start.name} to {journey.end.name}"
+        cycles = read_columns(folder.cycle_log)
+        drawn = draw_run(folder.plot, title, journey.line, cycles, truth, results.stops)
+        words = str(folder.plot) if drawn else "none, the train's place was never known"
+        console.print(f"plot: {words}", highlight=False, soft_wrap=True)
+    console.print(f"run folder: {folder.path}", highlight=False, soft_wrap=True)
