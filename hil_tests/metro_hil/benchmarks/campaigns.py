@@ -22,7 +22,7 @@ MS_PER_S = 1e3
 OVERHEAD_CASES = 200
 STARTS = 3
 """Number of runs of a campaign of two cases, of which the fastest counts. On a busy machine the
-start varies by more than the cost of a case beyond its run."""
+start-up time varies by more than the overhead of a case."""
 OVERHEAD_BAR_MS = 20.0
 SPEED_UP_BAR_RATIO = 1.8
 TABLES_BAR_S = 60.0

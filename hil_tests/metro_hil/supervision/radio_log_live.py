@@ -20,7 +20,7 @@ PATIENCE_S: Final = 2.0
 
 
 class LiveLine:
-    """The messages from now on."""
+    """Yields the messages that the radio carries from now on."""
 
     def __init__(self, line: str, endpoint: str, secure: Path | None, key: bytes) -> None:
         self._line, self._endpoint, self._secure, self._key = line, endpoint, secure, key

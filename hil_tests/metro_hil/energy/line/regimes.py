@@ -1,4 +1,4 @@
-"""Runs of hold and coast: hold speed and coasting point for a running time."""
+"""Finds the hold speeds and coasting points with which a train keeps a running time."""
 
 from dataclasses import dataclass, replace
 from typing import Final

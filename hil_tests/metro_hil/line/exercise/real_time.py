@@ -188,7 +188,7 @@ class RealLine:
         self._emergencies = emergencies
 
     def _observe(self, now_ns: int) -> None:
-        """Judge the run; no message is due while the wayside is away, which carries all of them."""
+        """Judge the run. The wayside carries all messages, so none is expected while it is away."""
         if WAYSIDE in self._absent:
             self._observer.expects_from(now_ns)
         elif self._back_ns is not None:
