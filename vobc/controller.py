@@ -37,7 +37,7 @@ SUPPLY_AGE_MAX_S: Final = 0.5
 class Operation(Protocol):
     """Any component that drives the train within the limits of protection."""
 
-    def step(self, seen: AtoInput) -> AtoDemand: ...
+    def step(self, inputs: AtoInput) -> AtoDemand: ...
 
 
 class Controller:
@@ -83,22 +83,22 @@ class Controller:
         """State to keep over a power cycle. It is meant for a standing train."""
         return self._odometry.record()
 
-    def step(self, seen: CycleInput) -> CycleOutput:
+    def step(self, inputs: CycleInput) -> CycleOutput:
         """Decide once. Missing, stale or non-finite inputs lead to the restrictive result."""
-        motion = self._odometry.step(seen)
-        self._weigh(seen, motion)
+        motion = self._odometry.step(inputs)
+        self._weigh(inputs, motion)
         verdict = self._protection.step(
-            seen,
+            inputs,
             motion,
             odometer_usable=self._odometry.usable,
             not_finite=self._not_finite,
             stopping_at_m=self._stopping_at_m,
         )
         self.verdict = verdict
-        demand = self._demand(seen, motion, verdict)
+        demand = self._demand(inputs, motion, verdict)
         self._stopping_at_m = demand.stopping_at_m
         output = arbitrate(
-            verdict, demand, motion, seen.desk, train=self._train, load_kg=self._weighed_kg
+            verdict, demand, motion, inputs.desk, train=self._train, load_kg=self._weighed_kg
         )
         self._not_finite = output.motion is None and motion is not None
         return self._with_currents(output)
@@ -117,16 +117,16 @@ class Controller:
         return replace(output, currents=currents)
 
     def _demand(
-        self, seen: CycleInput, motion: Motion | None, verdict: ProtectionVerdict
+        self, inputs: CycleInput, motion: Motion | None, verdict: ProtectionVerdict
     ) -> AtoDemand:
         """Demand of the driver or of operation.
 
         Operation runs in every cycle, so that it can take over smoothly.
         """
-        desk = seen.desk
+        desk = inputs.desk
         if motion is None or verdict.ceiling is None or desk is None:
             return BRAKED_DEMAND
-        automatic = self._operation.step(self._ato_input(seen, motion, verdict))
+        automatic = self._operation.step(self._ato_input(inputs, motion, verdict))
         if desk.mode is not CabMode.MANUAL:
             self._manual_mps2 = 0.0
             return automatic if desk.mode is CabMode.AUTO else BRAKED_DEMAND
@@ -136,18 +136,25 @@ class Controller:
             motion.standing,
             train=self._train,
             # A stepped clock causes no jerk: the change is limited to that of one cycle.
-            jerk_mps=self._config.manual_jerk_mps3 * min(seen.dt_s, self._cycle_s),
+            jerk_mps=self._config.manual_jerk_mps3 * min(inputs.dt_s, self._cycle_s),
         )
         self._manual_mps2 = manual.accel_mps2
         return manual
 
-    def _ato_input(self, seen: CycleInput, motion: Motion, verdict: ProtectionVerdict) -> AtoInput:
+    def _ato_input(
+        self, inputs: CycleInput, motion: Motion, verdict: ProtectionVerdict
+    ) -> AtoInput:
         assert verdict.ceiling is not None
         front_m = motion.front_m.best
-        authority, brake, doors, traction = seen.authority, seen.brake, seen.doors, seen.traction
+        authority, brake, doors, traction = (
+            inputs.authority,
+            inputs.brake,
+            inputs.doors,
+            inputs.traction,
+        )
         enabled = (
-            seen.desk is not None
-            and seen.desk.mode is CabMode.AUTO
+            inputs.desk is not None
+            and inputs.desk.mode is CabMode.AUTO
             and verdict.supervision in ATO_STATES
             and (verdict.creep or not int(verdict.missing) & ~NOT_FOR_DRIVING)
         )
@@ -156,8 +163,8 @@ class Controller:
             motion.speed_mps.best, train=self._train, load_kg=self._weighed_kg
         )
         return AtoInput(
-            now_ns=seen.now_ns,
-            dt_s=seen.dt_s,
+            now_ns=inputs.now_ns,
+            dt_s=inputs.dt_s,
             enabled=enabled,
             front_m=front_m,
             speed_mps=motion.speed_mps.best,
@@ -177,7 +184,9 @@ class Controller:
             door_enabled=verdict.doors.left or verdict.doors.right,
             holding_applied=brake is not None and brake.holding_applied,
             departure_permitted=not verdict.departure_inhibits,
-            skip_next=seen.orders is not None and seen.orders.skip_next and not verdict.stop_next,
+            skip_next=inputs.orders is not None
+            and inputs.orders.skip_next
+            and not verdict.stop_next,
             stop_next=verdict.stop_next,
             stop_now=verdict.stop_now,
             keep_doors_open=verdict.keep_doors_open,
@@ -188,19 +197,19 @@ class Controller:
             kept_at_platform=bool(int(verdict.departure_inhibits) & KEPT),
             ahead_m=motion.front_m.high - front_m,
             slips=motion.slip,
-            line_voltage_v=_line_voltage_v(seen),
+            line_voltage_v=_line_voltage_v(inputs),
         )
 
-    def _weigh(self, seen: CycleInput, motion: Motion | None) -> None:
+    def _weigh(self, inputs: CycleInput, motion: Motion | None) -> None:
         """Update the load. Passengers board only a standing train, so a load reported on the way is
         ignored.
 
         Until the first report the train counts as full.
         """
         standing = motion is None or motion.standing
-        if seen.load is not None and (standing or not self._weighed):
+        if inputs.load is not None and (standing or not self._weighed):
             self._weighed = True
-            self._weighed_kg = seen.load.load_kg
+            self._weighed_kg = inputs.load.load_kg
 
     def _platform_side_open(self, doors: DoorStatus | None, front_m: float) -> bool:
         if doors is None:
@@ -210,8 +219,8 @@ class Controller:
         return state is DoorState.OPEN
 
 
-def _line_voltage_v(seen: CycleInput) -> float | None:
-    supply = seen.supply
-    if supply is None or not supply.breaker_closed or seen.supply_age_s > SUPPLY_AGE_MAX_S:
+def _line_voltage_v(inputs: CycleInput) -> float | None:
+    supply = inputs.supply
+    if supply is None or not supply.breaker_closed or inputs.supply_age_s > SUPPLY_AGE_MAX_S:
         return None
     return supply.line_voltage_v

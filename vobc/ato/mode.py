@@ -47,113 +47,113 @@ class PhaseGuardInputs:
 Guard = Callable[[PhaseGuardInputs], bool]
 
 
-def disabled(seen: PhaseGuardInputs) -> bool:
-    return not seen.enabled
+def disabled(inputs: PhaseGuardInputs) -> bool:
+    return not inputs.enabled
 
 
-def creeps_in_motion(seen: PhaseGuardInputs) -> bool:
-    return seen.enabled and seen.under_way and seen.creep
+def creeps_in_motion(inputs: PhaseGuardInputs) -> bool:
+    return inputs.enabled and inputs.under_way and inputs.creep
 
 
-def enabled_at_rest(seen: PhaseGuardInputs) -> bool:
-    return seen.enabled and seen.resting
+def enabled_at_rest(inputs: PhaseGuardInputs) -> bool:
+    return inputs.enabled and inputs.resting
 
 
-def enabled_in_motion(seen: PhaseGuardInputs) -> bool:
-    return seen.enabled and seen.under_way
+def enabled_in_motion(inputs: PhaseGuardInputs) -> bool:
+    return inputs.enabled and inputs.under_way
 
 
-def work_waits(seen: PhaseGuardInputs) -> bool:
-    return seen.resting and seen.at_stop and not seen.served
+def work_waits(inputs: PhaseGuardInputs) -> bool:
+    return inputs.resting and inputs.at_stop and not inputs.served
 
 
-def ready_to_depart(seen: PhaseGuardInputs) -> bool:
-    return seen.doors_locked and seen.departure_permitted and seen.may_go and seen.released
+def ready_to_depart(inputs: PhaseGuardInputs) -> bool:
+    return inputs.doors_locked and inputs.departure_permitted and inputs.may_go and inputs.released
 
 
-def ready_to_creep(seen: PhaseGuardInputs) -> bool:
-    return seen.creep and ready_to_depart(seen)
+def ready_to_creep(inputs: PhaseGuardInputs) -> bool:
+    return inputs.creep and ready_to_depart(inputs)
 
 
-def ready_to_jog(seen: PhaseGuardInputs) -> bool:
-    return seen.may_jog and seen.doors_locked and seen.released
+def ready_to_jog(inputs: PhaseGuardInputs) -> bool:
+    return inputs.may_jog and inputs.doors_locked and inputs.released
 
 
-def jog_over_at_stop(seen: PhaseGuardInputs) -> bool:
-    return seen.jog_over and seen.at_stop
+def jog_over_at_stop(inputs: PhaseGuardInputs) -> bool:
+    return inputs.jog_over and inputs.at_stop
 
 
-def jog_over(seen: PhaseGuardInputs) -> bool:
-    return seen.jog_over
+def jog_over(inputs: PhaseGuardInputs) -> bool:
+    return inputs.jog_over
 
 
-def creeps_no_more(seen: PhaseGuardInputs) -> bool:
-    return not seen.creep and seen.under_way
+def creeps_no_more(inputs: PhaseGuardInputs) -> bool:
+    return not inputs.creep and inputs.under_way
 
 
-def creep_rests(seen: PhaseGuardInputs) -> bool:
+def creep_rests(inputs: PhaseGuardInputs) -> bool:
     """The train is at rest, and the creep order has ended or the ceiling fell to 0."""
-    return seen.resting and not (seen.creep and seen.may_go)
+    return inputs.resting and not (inputs.creep and inputs.may_go)
 
 
-def help_waits(seen: PhaseGuardInputs) -> bool:
-    return seen.resting and seen.keep_doors_open and seen.doors_enabled
+def help_waits(inputs: PhaseGuardInputs) -> bool:
+    return inputs.resting and inputs.keep_doors_open and inputs.doors_enabled
 
 
-def doors_not_locked(seen: PhaseGuardInputs) -> bool:
-    return not seen.doors_locked
+def doors_not_locked(inputs: PhaseGuardInputs) -> bool:
+    return not inputs.doors_locked
 
 
-def departure_forbidden(seen: PhaseGuardInputs) -> bool:
-    return not seen.departure_permitted and not seen.under_way
+def departure_forbidden(inputs: PhaseGuardInputs) -> bool:
+    return not inputs.departure_permitted and not inputs.under_way
 
 
-def nowhere_to_go(seen: PhaseGuardInputs) -> bool:
-    return not seen.may_go and not seen.under_way
+def nowhere_to_go(inputs: PhaseGuardInputs) -> bool:
+    return not inputs.may_go and not inputs.under_way
 
 
-def under_way(seen: PhaseGuardInputs) -> bool:
-    return seen.under_way
+def under_way(inputs: PhaseGuardInputs) -> bool:
+    return inputs.under_way
 
 
-def rests_at_stop(seen: PhaseGuardInputs) -> bool:
-    return seen.resting and seen.at_stop
+def rests_at_stop(inputs: PhaseGuardInputs) -> bool:
+    return inputs.resting and inputs.at_stop
 
 
-def rests_elsewhere(seen: PhaseGuardInputs) -> bool:
-    return seen.resting and not seen.at_stop
+def rests_elsewhere(inputs: PhaseGuardInputs) -> bool:
+    return inputs.resting and not inputs.at_stop
 
 
-def brakes_in_stopping_zone(seen: PhaseGuardInputs) -> bool:
-    return seen.braking and seen.in_stopping_zone
+def brakes_in_stopping_zone(inputs: PhaseGuardInputs) -> bool:
+    return inputs.braking and inputs.in_stopping_zone
 
 
-def brakes(seen: PhaseGuardInputs) -> bool:
-    return seen.braking
+def brakes(inputs: PhaseGuardInputs) -> bool:
+    return inputs.braking
 
 
-def brakes_no_more(seen: PhaseGuardInputs) -> bool:
-    return not seen.braking and not seen.resting
+def brakes_no_more(inputs: PhaseGuardInputs) -> bool:
+    return not inputs.braking and not inputs.resting
 
 
-def nothing_to_do(seen: PhaseGuardInputs) -> bool:
-    return seen.served
+def nothing_to_do(inputs: PhaseGuardInputs) -> bool:
+    return inputs.served
 
 
-def stop_given_up(seen: PhaseGuardInputs) -> bool:
-    return not seen.at_stop
+def stop_given_up(inputs: PhaseGuardInputs) -> bool:
+    return not inputs.at_stop
 
 
-def doors_may_open(seen: PhaseGuardInputs) -> bool:
-    return seen.has_door_work and seen.doors_enabled
+def doors_may_open(inputs: PhaseGuardInputs) -> bool:
+    return inputs.has_door_work and inputs.doors_enabled
 
 
-def dwell_done(seen: PhaseGuardInputs) -> bool:
-    return seen.dwell_over and seen.may_go and not seen.stays and not seen.keep_doors_open
+def dwell_done(inputs: PhaseGuardInputs) -> bool:
+    return inputs.dwell_over and inputs.may_go and not inputs.stays and not inputs.keep_doors_open
 
 
-def locked(seen: PhaseGuardInputs) -> bool:
-    return seen.doors_locked
+def locked(inputs: PhaseGuardInputs) -> bool:
+    return inputs.doors_locked
 
 
 _REST: Final = (
@@ -240,9 +240,9 @@ SETTING_OFF: Final = frozenset({AtoPhase.DEPARTING, AtoPhase.JOGGING, AtoPhase.C
 """Phases that may begin against the holding brake."""
 
 
-def next_phase(phase: AtoPhase, seen: PhaseGuardInputs) -> AtoPhase:
+def next_phase(phase: AtoPhase, inputs: PhaseGuardInputs) -> AtoPhase:
     """Follow the first guard that holds. If none holds, the phase stays."""
     for guard, target in TRANSITIONS[phase]:
-        if guard(seen):
+        if guard(inputs):
             return target
     return phase

@@ -86,7 +86,7 @@ class StopPlan:
         """An order to stop and stay at the next station was given for this one and still holds."""
         return self._stay_heard and self._stay_at is self.next_stop
 
-    def listen(self, seen: AtoInput, *, working: bool) -> None:
+    def listen(self, inputs: AtoInput, *, working: bool) -> None:
         """Process the orders of the centre.
 
         An order counts once, for the station that is next when it arrives. For another station it
@@ -95,44 +95,44 @@ class StopPlan:
         Args:
             working: the train stands at the present stop and its doors are or were open.
         """
-        self._listen_for_skip(seen, working=working)
-        self._listen_for_stay(seen, working=working)
+        self._listen_for_skip(inputs, working=working)
+        self._listen_for_stay(inputs, working=working)
 
-    def _listen_for_skip(self, seen: AtoInput, *, working: bool) -> None:
-        if seen.skip_next and not self._skip_heard:
+    def _listen_for_skip(self, inputs: AtoInput, *, working: bool) -> None:
+        if inputs.skip_next and not self._skip_heard:
             goal = self.goal(working=working)
             # A train always stops at the end of its mission.
             if goal is not None and goal is not self._stops[-1]:
                 self._skipped = goal
                 if goal is self.next_stop:
                     self._index = self._after()
-        elif not seen.skip_next and self._skipped is not None:
-            self._stop_there_after_all(self._skipped, seen)
-        self._skip_heard = seen.skip_next
+        elif not inputs.skip_next and self._skipped is not None:
+            self._stop_there_after_all(self._skipped, inputs)
+        self._skip_heard = inputs.skip_next
 
-    def _stop_there_after_all(self, skipped: Station, seen: AtoInput) -> None:
+    def _stop_there_after_all(self, skipped: Station, inputs: AtoInput) -> None:
         if self._index > 0 and self._stops[self._index - 1] is skipped and not self.served:
-            if not _can_stop(skipped, seen):
+            if not _can_stop(skipped, inputs):
                 return
             self._index -= 1
         self._skipped = None
 
-    def _listen_for_stay(self, seen: AtoInput, *, working: bool) -> None:
-        if seen.stop_next and not self._stay_heard:
-            self._stay_at = self._next_station(seen, working=working)
+    def _listen_for_stay(self, inputs: AtoInput, *, working: bool) -> None:
+        if inputs.stop_next and not self._stay_heard:
+            self._stay_at = self._next_station(inputs, working=working)
             if self._stay_at is not None and self._stay_at not in self._stops:
                 index = self._index + 1 if working or self.served else self._index
                 self._stops = (*self._stops[:index], self._stay_at, *self._stops[index:])
-        self._stay_heard = seen.stop_next
+        self._stay_heard = inputs.stop_next
 
-    def _next_station(self, seen: AtoInput, *, working: bool) -> Station | None:
+    def _next_station(self, inputs: AtoInput, *, working: bool) -> Station | None:
         """The first station of plan or line at which the train can still stop."""
         goal = self.goal(working=working)
         here = self.next_stop if working or self.served else None
         for station in self._line.stations:
             if goal is not None and station.stop_m >= goal.stop_m:
                 break
-            if _can_stop(station, seen) and (here is None or station.stop_m > here.stop_m):
+            if _can_stop(station, inputs) and (here is None or station.stop_m > here.stop_m):
                 return station
         return goal
 
@@ -143,7 +143,7 @@ class StopPlan:
         return index
 
 
-def _can_stop(station: Station, seen: AtoInput) -> bool:
-    speed_mps = max(0.0, seen.speed_mps)
+def _can_stop(station: Station, inputs: AtoInput) -> bool:
+    speed_mps = max(0.0, inputs.speed_mps)
     needed_m = speed_mps * (STOPPING_DELAY_S + speed_mps / (2.0 * STOPPING_DECEL_MPS2))
-    return station.stop_m - seen.front_m > needed_m + STOPPING_ROOM_M
+    return station.stop_m - inputs.front_m > needed_m + STOPPING_ROOM_M

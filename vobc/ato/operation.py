@@ -101,33 +101,33 @@ class Ato:
         """The active control law. None: before the first step."""
         return self._strategy
 
-    def step(self, seen: AtoInput) -> AtoDemand:
+    def step(self, inputs: AtoInput) -> AtoDemand:
         """One cycle. `dt_s` of the first one is the nominal period."""
-        strategy = self._strategy or self._begin(seen)
-        cycles = max(1, round(seen.dt_s / self._dt_s))
-        strategy.observe(seen, cycles)
-        self._receding.step(seen.authority_end_m, speed_mps=seen.speed_mps, dt_s=seen.dt_s)
+        strategy = self._strategy or self._begin(inputs)
+        cycles = max(1, round(inputs.dt_s / self._dt_s))
+        strategy.observe(inputs, cycles)
+        self._receding.step(inputs.authority_end_m, speed_mps=inputs.speed_mps, dt_s=inputs.dt_s)
         before = self.phase
-        self._look(seen)
+        self._look(inputs)
         self.phase = next_phase(before, self._seen)
         if self.phase is not before:
-            self._enter(before, seen)
-        drive = self._drive(seen, strategy)
-        self._decide_hold(seen, drive)
-        accel_mps2 = self._stage.step(self._shape(seen, drive), seen.dt_s)
+            self._enter(before, inputs)
+        drive = self._drive(inputs, strategy)
+        self._decide_hold(inputs, drive)
+        accel_mps2 = self._stage.step(self._shape(inputs, drive), inputs.dt_s)
         self._sent_mps2 = accel_mps2
         reverse = self.phase is AtoPhase.JOGGING and self._reverse
         # In reverse, traction acts against the direction that the strategy takes as forwards.
         strategy.issued(-accel_mps2 if reverse and accel_mps2 > 0.0 else accel_mps2)
-        braked = accel_mps2 < 0.0 or seen.protection_brakes
-        self._released_s = 0.0 if braked else self._released_s + seen.dt_s
-        return self._demand(seen, accel_mps2, drive)
+        braked = accel_mps2 < 0.0 or inputs.protection_brakes
+        self._released_s = 0.0 if braked else self._released_s + inputs.dt_s
+        return self._demand(inputs, accel_mps2, drive)
 
-    def _drive(self, seen: AtoInput, strategy: Strategy) -> Drive:
+    def _drive(self, inputs: AtoInput, strategy: Strategy) -> Drive:
         """Demand of the present phase, before comfort limits."""
         if self.phase not in DRIVING and self.phase not in SETTING_OFF:
-            return self._stand_or_brake(seen)
-        overruled = seen.stop_now or seen.protection_brakes
+            return self._stand_or_brake(inputs)
+        overruled = inputs.stop_now or inputs.protection_brakes
         if overruled:
             self._overruled = True
             self._seen.braking = True
@@ -136,88 +136,88 @@ class Ato:
             # Another brake command has changed the motion, so the strategy restarts from the
             # present state.
             self._overruled = False
-            strategy.set_off(seen, self._sent_mps2)
-            self._slow.begin(seen.speed_mps)
+            strategy.set_off(inputs, self._sent_mps2)
+            self._slow.begin(inputs.speed_mps)
         if self.phase is AtoPhase.JOGGING:
-            return self._jog(seen)
+            return self._jog(inputs)
         if self.phase is AtoPhase.CREEPING:
-            return self._slow.creep(seen)
-        drive = strategy.drive(seen, self._target(seen))
+            return self._slow.creep(inputs)
+        drive = strategy.drive(inputs, self._target(inputs))
         self._seen.braking = drive.braking
         return drive
 
-    def _jog(self, seen: AtoInput) -> Drive:
+    def _jog(self, inputs: AtoInput) -> Drive:
         stop = self.next_stop
         late = not self._jog_moved and self._jog_s > JOG_PATIENCE_S
-        if stop is None or late or not seen.jog_permitted:
+        if stop is None or late or not inputs.jog_permitted:
             self._slow.end()
-        to_stop_m = 0.0 if stop is None else stop.stop_m - seen.front_m
+        to_stop_m = 0.0 if stop is None else stop.stop_m - inputs.front_m
         distance_m = -to_stop_m if self._reverse else to_stop_m
-        return self._slow.jog(seen, distance_m + self._jog_past_m, reverse=self._reverse)
+        return self._slow.jog(inputs, distance_m + self._jog_past_m, reverse=self._reverse)
 
-    def _begin(self, seen: AtoInput) -> Strategy:
-        self._dt_s = seen.dt_s
-        self._strategy = make_strategy(self._config, self._line, seen.dt_s)
+    def _begin(self, inputs: AtoInput) -> Strategy:
+        self._dt_s = inputs.dt_s
+        self._strategy = make_strategy(self._config, self._line, inputs.dt_s)
         return self._strategy
 
-    def _demand(self, seen: AtoInput, accel_mps2: float, drive: Drive) -> AtoDemand:
+    def _demand(self, inputs: AtoInput, accel_mps2: float, drive: Drive) -> AtoDemand:
         stop = self.next_stop
         return AtoDemand(
             accel_mps2=accel_mps2,
             hold=self._hold,
-            open_doors=(self._doors_wanted or seen.keep_doors_open) and seen.door_enabled,
+            open_doors=(self._doors_wanted or inputs.keep_doors_open) and inputs.door_enabled,
             phase=self.phase,
             target_mps=drive.reference_mps,
-            distance_to_stop_m=math.inf if stop is None else stop.stop_m - seen.front_m,
+            distance_to_stop_m=math.inf if stop is None else stop.stop_m - inputs.front_m,
             reverse=self._reverse and self.phase is AtoPhase.JOGGING,
             calls_for_help=self._calls_for_help(),
-            stopping_at_m=None if stop is None or seen.creep else stop.stop_m,
+            stopping_at_m=None if stop is None or inputs.creep else stop.stop_m,
         )
 
     # Inputs of the guards.
 
-    def _look(self, seen: AtoInput) -> None:
+    def _look(self, inputs: AtoInput) -> None:
         work, situation, plan = self._config.station, self._seen, self._plan
-        situation.enabled = seen.enabled
-        self._held_s = self._held_s + seen.dt_s if seen.holding_applied and self._hold else 0.0
-        situation.resting = seen.standstill and self._held_s >= work.settle_s
-        situation.under_way = seen.speed_mps > (
+        situation.enabled = inputs.enabled
+        self._held_s = self._held_s + inputs.dt_s if inputs.holding_applied and self._hold else 0.0
+        situation.resting = inputs.standstill and self._held_s >= work.settle_s
+        situation.under_way = inputs.speed_mps > (
             MOVING_MPS if self.phase is AtoPhase.OFF else UNDER_WAY_MPS
         )
-        plan.listen(seen, working=self._working())
-        self._leave_what_is_out_of_reach(seen)
+        plan.listen(inputs, working=self._working())
+        self._leave_what_is_out_of_reach(inputs)
         stop = self.next_stop
-        to_stop_m = math.inf if stop is None else stop.stop_m - seen.front_m
-        situation.creep = seen.creep
+        to_stop_m = math.inf if stop is None else stop.stop_m - inputs.front_m
+        situation.creep = inputs.creep
         situation.in_stopping_zone = to_stop_m <= work.stopping_zone_m
-        situation.at_stop = abs(to_stop_m) <= work.window_m and not seen.creep
+        situation.at_stop = abs(to_stop_m) <= work.window_m and not inputs.creep
         situation.released = self._released_s >= work.release_s
-        situation.doors_locked = seen.doors_locked
-        situation.doors_enabled = seen.door_enabled and seen.holding_applied
-        situation.departure_permitted = seen.departure_permitted
-        situation.keep_doors_open = seen.keep_doors_open
+        situation.doors_locked = inputs.doors_locked
+        situation.doors_enabled = inputs.door_enabled and inputs.holding_applied
+        situation.departure_permitted = inputs.departure_permitted
+        situation.keep_doors_open = inputs.keep_doors_open
         situation.has_door_work = stop is not None and stop.dwell_s > 0.0
         if self.phase is AtoPhase.STOPPED and not situation.has_door_work:
             plan.served = plan.goal(working=True) is not None
         elif self.phase is AtoPhase.DOORS_OPEN:
-            self._dwell(seen)
+            self._dwell(inputs)
         situation.served = plan.served
         situation.dwell_over = stop is not None and (
             self._dwelt_s >= stop.dwell_s or not situation.at_stop
         )
-        situation.stays = seen.kept_at_platform or plan.stays_at_present_stop()
-        situation.may_go = self._may_go(seen)
-        self._waits_s = self._waits_s + seen.dt_s if self._waits(seen, to_stop_m) else 0.0
-        situation.may_jog = self._may_jog(seen, to_stop_m)
-        self._watch_jog(seen)
+        situation.stays = inputs.kept_at_platform or plan.stays_at_present_stop()
+        situation.may_go = self._may_go(inputs)
+        self._waits_s = self._waits_s + inputs.dt_s if self._waits(inputs, to_stop_m) else 0.0
+        situation.may_jog = self._may_jog(inputs, to_stop_m)
+        self._watch_jog(inputs)
 
-    def _waits(self, seen: AtoInput, to_stop_m: float) -> bool:
+    def _waits(self, inputs: AtoInput, to_stop_m: float) -> bool:
         """The train stands at its stop, missed it within reach of a jog, or does not get going."""
-        if self.phase is AtoPhase.STOPPED or (self.phase in DRIVING and seen.standstill):
+        if self.phase is AtoPhase.STOPPED or (self.phase in DRIVING and inputs.standstill):
             return True
-        held = self.phase is AtoPhase.HOLDING and not self._plan.served and not seen.creep
+        held = self.phase is AtoPhase.HOLDING and not self._plan.served and not inputs.creep
         within_reach = abs(to_stop_m) <= self._config.station.jog_reach_m
-        return held and within_reach and seen.authority_end_m >= seen.front_m + to_stop_m
+        return held and within_reach and inputs.authority_end_m >= inputs.front_m + to_stop_m
 
     def _working(self) -> bool:
         """Doors at the present stop are open or about to open."""
@@ -225,56 +225,56 @@ class Ato:
             self.phase in (AtoPhase.DOORS_OPEN, AtoPhase.DOORS_CLOSING) and self._seen.at_stop
         )
 
-    def _leave_what_is_out_of_reach(self, seen: AtoInput) -> None:
+    def _leave_what_is_out_of_reach(self, inputs: AtoInput) -> None:
         """Skip a stop that is too far behind a standing train. The train does not reverse
         that far.
         """
         stop, plan = self.next_stop, self._plan
-        if stop is None or plan.served or seen.creep:
+        if stop is None or plan.served or inputs.creep:
             return
-        if not (self._seen.resting and seen.enabled and seen.departure_permitted):
+        if not (self._seen.resting and inputs.enabled and inputs.departure_permitted):
             return
-        if seen.front_m - stop.stop_m > self._config.station.jog_reach_m and plan.give_up():
+        if inputs.front_m - stop.stop_m > self._config.station.jog_reach_m and plan.give_up():
             self._jogs = 0
 
-    def _dwell(self, seen: AtoInput) -> None:
-        self._asked_open_s += seen.dt_s
-        if seen.doors_open or self._asked_open_s > self._config.station.doors_patience_s:
-            self._dwelt_s += seen.dt_s
+    def _dwell(self, inputs: AtoInput) -> None:
+        self._asked_open_s += inputs.dt_s
+        if inputs.doors_open or self._asked_open_s > self._config.station.doors_patience_s:
+            self._dwelt_s += inputs.dt_s
 
-    def _may_go(self, seen: AtoInput) -> bool:
+    def _may_go(self, inputs: AtoInput) -> bool:
         """Whether the next movement may begin: on sight, or to the next stop if that is beyond a
         jog.
         """
         work = self._config.station
-        if seen.stop_now or seen.ceiling_mps < LEAST_CEILING_MPS:
+        if inputs.stop_now or inputs.ceiling_mps < LEAST_CEILING_MPS:
             return False
-        if seen.creep:
+        if inputs.creep:
             return True
         goal = self._plan.goal(working=self.phase is AtoPhase.DOORS_OPEN and self._seen.at_stop)
-        if goal is None or goal.stop_m - seen.front_m <= work.jog_reach_m:
+        if goal is None or goal.stop_m - inputs.front_m <= work.jog_reach_m:
             return False
-        room_m = self._reach(goal.stop_m, seen).at_m - seen.front_m
+        room_m = self._reach(goal.stop_m, inputs).at_m - inputs.front_m
         return room_m >= work.least_run_m
 
-    def _may_jog(self, seen: AtoInput, to_stop_m: float) -> bool:
+    def _may_jog(self, inputs: AtoInput, to_stop_m: float) -> bool:
         work = self._config.station
-        if self._plan.served or seen.creep or seen.stop_now or not seen.jog_permitted:
+        if self._plan.served or inputs.creep or inputs.stop_now or not inputs.jog_permitted:
             return False
         if self._jogs >= work.jog_attempts or not self._seen.resting:
             return False
         if to_stop_m < -FINEST_JOG_BACK_M:
             back_m = -to_stop_m + JOG_BACK_PAST_M + JOG_SPREAD_M
-            return -to_stop_m <= work.jog_reach_m and back_m <= seen.jog_back_m
-        reachable = seen.authority_end_m >= seen.front_m + max(0.0, to_stop_m)
+            return -to_stop_m <= work.jog_reach_m and back_m <= inputs.jog_back_m
+        reachable = inputs.authority_end_m >= inputs.front_m + max(0.0, to_stop_m)
         return to_stop_m <= work.jog_reach_m and reachable
 
-    def _watch_jog(self, seen: AtoInput) -> None:
+    def _watch_jog(self, inputs: AtoInput) -> None:
         if self.phase is not AtoPhase.JOGGING:
             self._seen.jog_over = False
             return
-        self._jog_s += seen.dt_s
-        self._jog_moved = self._jog_moved or abs(seen.speed_mps) > JOG_MOVED_MPS
+        self._jog_s += inputs.dt_s
+        self._jog_moved = self._jog_moved or abs(inputs.speed_mps) > JOG_MOVED_MPS
         ended = self._jog_moved or self._jog_s > JOG_PATIENCE_S
         self._seen.jog_over = self._seen.resting and ended
 
@@ -285,12 +285,12 @@ class Ato:
         used_up = self._jogs >= self._config.station.jog_attempts > 0
         return used_up and seen.resting and not seen.at_stop and self.phase is not AtoPhase.JOGGING
 
-    def _target(self, seen: AtoInput) -> Target:
+    def _target(self, inputs: AtoInput) -> Target:
         stop = self.next_stop
         stop_m = self._line.end_m if stop is None else stop.stop_m
-        return self._reach(stop_m, seen)
+        return self._reach(stop_m, inputs)
 
-    def _reach(self, stop_m: float, seen: AtoInput) -> Target:
+    def _reach(self, stop_m: float, inputs: AtoInput) -> Target:
         """Target of the movement: the stop, or a point before the end of authority.
 
         The stop is the target if the authority will cover it. Otherwise the foremost front keeps a
@@ -300,7 +300,7 @@ class Ato:
         end_m = self._receding.at_least_m
         if end_m >= stop_m:
             return Target(stop_m, True, self._due_ns())
-        ahead_m = math.ceil(AHEAD_GROWS_RATIO * seen.ahead_m / AHEAD_STEP_M) * AHEAD_STEP_M
+        ahead_m = math.ceil(AHEAD_GROWS_RATIO * inputs.ahead_m / AHEAD_STEP_M) * AHEAD_STEP_M
         return Target(end_m - self._config.authority.margin_m - ahead_m, False)
 
     def _due_ns(self) -> int | None:
@@ -313,7 +313,7 @@ class Ato:
 
     # Actions on a change of phase.
 
-    def _enter(self, before: AtoPhase, seen: AtoInput) -> None:
+    def _enter(self, before: AtoPhase, inputs: AtoInput) -> None:
         assert self._strategy is not None
         phase = self.phase
         if phase is AtoPhase.DEPARTING:
@@ -321,19 +321,19 @@ class Ato:
                 self._dwelt_s, self._jogs = 0.0, 0
             # A timetable covers the run from station to station. A train that halts in between
             # keeps its delay.
-            if self._plan.served or self._plan.at_station(seen.front_m):
-                self._left = seen.now_ns, seen.front_m
+            if self._plan.served or self._plan.at_station(inputs.front_m):
+                self._left = inputs.now_ns, inputs.front_m
             self._plan.depart()
-            self._strategy.set_off(seen, self._sent_mps2)
+            self._strategy.set_off(inputs, self._sent_mps2)
         elif phase is AtoPhase.RUNNING and before in (AtoPhase.OFF, AtoPhase.CREEPING):
             self._left = None
             self._hold = False
-            self._strategy.set_off(seen, self._sent_mps2)
+            self._strategy.set_off(inputs, self._sent_mps2)
         elif phase is AtoPhase.JOGGING:
             self._jogs += 1
             self._jog_s, self._jog_moved = 0.0, False
             stop = self.next_stop
-            past_m = 0.0 if stop is None else seen.front_m - stop.stop_m
+            past_m = 0.0 if stop is None else inputs.front_m - stop.stop_m
             self._reverse = past_m > FINEST_JOG_BACK_M
             beyond_m = JOG_BACK_PAST_M if self._reverse else JOG_PAST_M + max(0.0, past_m)
             spare_m = self._config.station.jog_reach_m - JOG_SPREAD_M - abs(past_m)
@@ -341,7 +341,7 @@ class Ato:
             self._slow.begin(0.0)
         elif phase is AtoPhase.CREEPING:
             self._hold = self._hold and before is not AtoPhase.OFF
-            self._slow.begin(seen.speed_mps)
+            self._slow.begin(inputs.speed_mps)
         elif phase is AtoPhase.DOORS_OPEN:
             self._doors_wanted = True
             self._asked_open_s = 0.0
@@ -353,24 +353,24 @@ class Ato:
 
     # Outputs.
 
-    def _stand_or_brake(self, seen: AtoInput) -> Drive:
+    def _stand_or_brake(self, inputs: AtoInput) -> Drive:
         """Demand outside the driving phases: hold at standstill, otherwise brake to a stop."""
         assert self._strategy is not None
         if not self._hold:
             return Drive(-DISABLED_DECEL_MPS2, 0.0, False)
-        if seen.standstill:
+        if inputs.standstill:
             self._strategy.rest()
-        held = seen.holding_applied and seen.standstill
+        held = inputs.holding_applied and inputs.standstill
         return Drive(0.0 if held else -self._config.station.hold_decel_mps2, 0.0, False)
 
-    def _decide_hold(self, seen: AtoInput, drive: Drive) -> None:
+    def _decide_hold(self, inputs: AtoInput, drive: Drive) -> None:
         """The holding brake is applied as the train comes to rest and stays applied until
         departure.
         """
         assert self._strategy is not None
-        uphill_mps2 = max(0.0, gradient.decel_on_mps2(self._config, seen.gradient_permille))
+        uphill_mps2 = max(0.0, gradient.decel_on_mps2(self._config, inputs.gradient_permille))
         if self.phase is AtoPhase.JOGGING and self._reverse:
-            uphill_mps2 = max(0.0, -gradient.decel_on_mps2(self._config, seen.gradient_permille))
+            uphill_mps2 = max(0.0, -gradient.decel_on_mps2(self._config, inputs.gradient_permille))
         if self.phase is AtoPhase.DEPARTING or (self.phase in SETTING_OFF and not drive.braking):
             needed_mps2 = uphill_mps2 + HOLD_HELP_MPS2 if uphill_mps2 > LEVEL_MPS2 else 0.0
             self._hold = self._hold and self._sent_mps2 < needed_mps2
@@ -378,29 +378,29 @@ class Ato:
         work = self._config.station
         speed_mps = self._strategy.speed_mps
         if self.phase in (AtoPhase.JOGGING, AtoPhase.CREEPING):
-            speed_mps = abs(seen.speed_mps)
+            speed_mps = abs(inputs.speed_mps)
         slow = speed_mps <= work.hold_speed_mps + uphill_mps2 * work.hold_lead_s
         if slow and drive.accel_mps2 <= 0.0:
             self._hold = True
 
-    def _shape(self, seen: AtoInput, drive: Drive) -> float:
+    def _shape(self, inputs: AtoInput, drive: Drive) -> float:
         wanted_mps2 = drive.accel_mps2
         drives = (self.phase in DRIVING or self.phase in SETTING_OFF) and not self._hold
         sets_off = self.phase in SETTING_OFF and wanted_mps2 >= 0.0
         if self._hold and not (sets_off or self.phase is AtoPhase.DEPARTING):
             wanted_mps2 = min(wanted_mps2, 0.0)
-            if not (seen.holding_applied and seen.standstill):
+            if not (inputs.holding_applied and inputs.standstill):
                 wanted_mps2 = -self._config.station.hold_decel_mps2
         # A traction notch that dwells would delay the start of braking.
         coming_off = drive.braking and self._sent_mps2 >= 0.0
         firm = not drives or self._overruled or coming_off
         # A missed cycle and a stepped clock look alike. The change is limited to that of one cycle.
-        dt_s = min(seen.dt_s, self._dt_s)
+        dt_s = min(inputs.dt_s, self._dt_s)
         picked_mps2 = self._stage.pick(wanted_mps2, dt_s, firm=firm)
         # A larger demand would become effective later without jerk limit, as soon as the motors can
         # give it.
-        accel_mps2 = self._shaper.step(min(picked_mps2, seen.traction_mps2), dt_s)
+        accel_mps2 = self._shaper.step(min(picked_mps2, inputs.traction_mps2), dt_s)
         unready = self._hold and self.phase not in DRIVING | SETTING_OFF
-        if accel_mps2 > 0.0 and (unready or (not seen.doors_locked and not self._seen.under_way)):
+        if accel_mps2 > 0.0 and (unready or (not inputs.doors_locked and not self._seen.under_way)):
             accel_mps2 = self._shaper.drop_traction()
         return accel_mps2

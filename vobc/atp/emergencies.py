@@ -31,130 +31,133 @@ class Reset(enum.IntFlag):
 # Speed.
 
 
-def over_emergency(seen: GuardInputs) -> bool:
+def over_emergency(inputs: GuardInputs) -> bool:
     """A bound of the speed reaches the limit. A standing train never exceeds it.
 
     Under full supervision the second computation may find it first. Either of the two is enough.
     """
-    return not seen.standing and (
-        not surely_slower(seen, seen.ceiling.emergency_mps)
-        or (seen.mode in SUPERVISED and seen.energy_exceeded)
+    return not inputs.standing and (
+        not surely_slower(inputs, inputs.ceiling.emergency_mps)
+        or (inputs.mode in SUPERVISED and inputs.energy_exceeded)
     )
 
 
-def surely_slower(seen: GuardInputs, limit_mps: float) -> bool:
+def surely_slower(inputs: GuardInputs, limit_mps: float) -> bool:
     """Both bounds of the speed, forwards and backwards, are below the limit. NaN is not."""
-    return -limit_mps < seen.speed_mps.low and seen.speed_mps.high < limit_mps
+    return -limit_mps < inputs.speed_mps.low and inputs.speed_mps.high < limit_mps
 
 
-def past_authority(seen: GuardInputs) -> bool:
+def past_authority(inputs: GuardInputs) -> bool:
     return (
-        not seen.standing
-        and seen.mode in SUPERVISED
-        and not seen.ceiling.distance_to_authority_m >= 0.0
+        not inputs.standing
+        and inputs.mode in SUPERVISED
+        and not inputs.ceiling.distance_to_authority_m >= 0.0
     )
 
 
-def authority_too_old(seen: GuardInputs) -> bool:
+def authority_too_old(inputs: GuardInputs) -> bool:
     return (
-        not seen.standing
-        and seen.mode in SUPERVISED
-        and not seen.authority_age_s < seen.limits.authority_age_max_s
+        not inputs.standing
+        and inputs.mode in SUPERVISED
+        and not inputs.authority_age_s < inputs.limits.authority_age_max_s
     )
 
 
 # Place and direction.
 
 
-def rolled_back(seen: GuardInputs) -> bool:
-    return not seen.rollback_m < seen.limits.rollback_m
+def rolled_back(inputs: GuardInputs) -> bool:
+    return not inputs.rollback_m < inputs.limits.rollback_m
 
 
-def backed_too_far(seen: GuardInputs) -> bool:
+def backed_too_far(inputs: GuardInputs) -> bool:
     """The train is farther back than the place that protects the rear during a jog."""
-    return not seen.behind_jog_m < seen.limits.rollback_m
+    return not inputs.behind_jog_m < inputs.limits.rollback_m
 
 
-def jog_exceeded(seen: GuardInputs) -> bool:
-    return seen.station_cause is Cause.JOG_EXCEEDED or not seen.jog_movement_m < seen.limits.jog_m
+def jog_exceeded(inputs: GuardInputs) -> bool:
+    return (
+        inputs.station_cause is Cause.JOG_EXCEEDED
+        or not inputs.jog_movement_m < inputs.limits.jog_m
+    )
 
 
-def moved_while_held(seen: GuardInputs) -> bool:
-    return seen.mode is not OperatingMode.ASLEEP and _moved(seen)
+def moved_while_held(inputs: GuardInputs) -> bool:
+    return inputs.mode is not OperatingMode.ASLEEP and _moved(inputs)
 
 
-def moved_while_asleep(seen: GuardInputs) -> bool:
-    return seen.mode is OperatingMode.ASLEEP and _moved(seen)
+def moved_while_asleep(inputs: GuardInputs) -> bool:
+    return inputs.mode is OperatingMode.ASLEEP and _moved(inputs)
 
 
-def _moved(seen: GuardInputs) -> bool:
-    return not seen.held_movement_m < seen.limits.held_movement_m
+def _moved(inputs: GuardInputs) -> bool:
+    return not inputs.held_movement_m < inputs.limits.held_movement_m
 
 
 # Inputs and the controller itself.
 
 
-def vital_lost(seen: GuardInputs) -> bool:
+def vital_lost(inputs: GuardInputs) -> bool:
     """A vital input is silent.
 
     A unit that reports not ready still answers, and the train may coast.
     """
-    return not seen.standing and bool(seen.silent & VITAL_IN_MOTION)
+    return not inputs.standing and bool(inputs.silent & VITAL_IN_MOTION)
 
 
-def localisation_lost(seen: GuardInputs) -> bool:
-    return not seen.standing and seen.mode in SUPERVISED and bool(seen.missing & LOCALISATION)
+def localisation_lost(inputs: GuardInputs) -> bool:
+    return not inputs.standing and inputs.mode in SUPERVISED and bool(inputs.missing & LOCALISATION)
 
 
-def brake_unit_braked(seen: GuardInputs) -> bool:
-    return not seen.standing and seen.brake_unit_braked
+def brake_unit_braked(inputs: GuardInputs) -> bool:
+    return not inputs.standing and inputs.brake_unit_braked
 
 
-def overrun(seen: GuardInputs) -> bool:
-    return not seen.standing and seen.overruns > seen.limits.overruns_max
+def overrun(inputs: GuardInputs) -> bool:
+    return not inputs.standing and inputs.overruns > inputs.limits.overruns_max
 
 
-def not_finite(seen: GuardInputs) -> bool:
-    return seen.not_finite
+def not_finite(inputs: GuardInputs) -> bool:
+    return inputs.not_finite
 
 
-def clock_stepped(seen: GuardInputs) -> bool:
-    return seen.clock_stepped
+def clock_stepped(inputs: GuardInputs) -> bool:
+    return inputs.clock_stepped
 
 
-def replicas_disagree(seen: GuardInputs) -> bool:
-    return seen.replicas_disagree
+def replicas_disagree(inputs: GuardInputs) -> bool:
+    return inputs.replicas_disagree
 
 
 # People, centre, stations.
 
 
-def button(seen: GuardInputs) -> bool:
-    return seen.button_pressed
+def button(inputs: GuardInputs) -> bool:
+    return inputs.button_pressed
 
 
-def ordered_by_centre(seen: GuardInputs) -> bool:
-    return seen.ordered_to_stop
+def ordered_by_centre(inputs: GuardInputs) -> bool:
+    return inputs.ordered_to_stop
 
 
-def obstacle(seen: GuardInputs) -> bool:
-    return seen.station_cause is Cause.OBSTACLE
+def obstacle(inputs: GuardInputs) -> bool:
+    return inputs.station_cause is Cause.OBSTACLE
 
 
-def door_unlocked(seen: GuardInputs) -> bool:
-    return seen.station_cause is Cause.DOOR_UNLOCKED
+def door_unlocked(inputs: GuardInputs) -> bool:
+    return inputs.station_cause is Cause.DOOR_UNLOCKED
 
 
-def passenger_alarm(seen: GuardInputs) -> bool:
-    return seen.station_cause is Cause.PASSENGER_ALARM
+def passenger_alarm(inputs: GuardInputs) -> bool:
+    return inputs.station_cause is Cause.PASSENGER_ALARM
 
 
-def overshot(seen: GuardInputs) -> bool:
-    return seen.station_cause is Cause.OVERSHOT
+def overshot(inputs: GuardInputs) -> bool:
+    return inputs.station_cause is Cause.OVERSHOT
 
 
-def overshot_little(seen: GuardInputs) -> bool:
-    return seen.overshot_little
+def overshot_little(inputs: GuardInputs) -> bool:
+    return inputs.overshot_little
 
 
 def never(_seen: GuardInputs) -> bool:
@@ -306,24 +309,24 @@ LOOKED_AT: Final = {
 """Rules checked in each state. A train under the emergency brake counts as held."""
 
 
-def latched_after(state: Supervision, seen: GuardInputs) -> tuple[Cause, ...]:
+def latched_after(state: Supervision, inputs: GuardInputs) -> tuple[Cause, ...]:
     """Causes that keep the emergency brake on: earlier ones not yet released, and new ones.
 
     Each cause is released by the source that its rule names. The brake is released when no cause is
     left.
     """
-    kept = [cause for cause in seen.latched if not released(RULE_OF[cause], seen)]
+    kept = [cause for cause in inputs.latched if not released(RULE_OF[cause], inputs)]
     for rule in LOOKED_AT[state]:
-        if rule.comes(seen) and rule.cause not in kept:
+        if rule.comes(inputs) and rule.cause not in kept:
             kept.append(rule.cause)
     return tuple(kept)
 
 
-def released(rule: EmergencyRule, seen: GuardInputs) -> bool:
+def released(rule: EmergencyRule, inputs: GuardInputs) -> bool:
     """The train stands, the cause is gone, and a permitted source has just reset it."""
-    if not seen.at_rest or (rule.when is When.ALWAYS and rule.comes(seen)):
+    if not inputs.at_rest or (rule.when is When.ALWAYS and rule.comes(inputs)):
         return False
-    return bool(seen.resets & rule.reset_by) or rule.by_itself(seen)
+    return bool(inputs.resets & rule.reset_by) or rule.by_itself(inputs)
 
 
 def in_cause_words(cause: Cause) -> str:

@@ -41,40 +41,40 @@ WORDS: Final = {
 }
 
 
-def silent(seen: CycleInput, config: AtpConfig, *, odometer_usable: bool) -> int:
+def silent(inputs: CycleInput, config: AtpConfig, *, odometer_usable: bool) -> int:
     """Flags of `Missing` for silent nodes and for an expired authority.
 
     An implausible odometer counts as silent, and a NaN age as too old.
     """
     timeouts = config.timeouts
     gone = 0
-    if not seen.brake_age_s <= timeouts.brake_s:
+    if not inputs.brake_age_s <= timeouts.brake_s:
         gone |= BRAKE
-    if not seen.traction_age_s <= timeouts.traction_s:
+    if not inputs.traction_age_s <= timeouts.traction_s:
         gone |= TRACTION
-    if not seen.tacho_age_s <= timeouts.tacho_s or not odometer_usable:
+    if not inputs.tacho_age_s <= timeouts.tacho_s or not odometer_usable:
         gone |= ODOMETER
-    if not seen.doors_age_s <= timeouts.doors_s:
+    if not inputs.doors_age_s <= timeouts.doors_s:
         gone |= DOORS
-    if not seen.desk_age_s <= timeouts.desk_s:
+    if not inputs.desk_age_s <= timeouts.desk_s:
         gone |= DESK
-    if not seen.tag_reader_age_s <= timeouts.tag_reader_s:
+    if not inputs.tag_reader_age_s <= timeouts.tag_reader_s:
         gone |= TAG_READER
-    if not seen.alarms_age_s <= timeouts.alarms_s:
+    if not inputs.alarms_age_s <= timeouts.alarms_s:
         gone |= ALARMS
-    if seen.authority is None or not seen.authority_age_s <= config.authority_age_max_s:
+    if inputs.authority is None or not inputs.authority_age_s <= config.authority_age_max_s:
         gone |= AUTHORITY
     return gone
 
 
-def unready(seen: CycleInput, motion: Motion | None) -> int:
+def unready(inputs: CycleInput, motion: Motion | None) -> int:
     """Flags of `Missing` for nodes that report that they are not ready."""
     bad = 0
-    if seen.brake is None or not seen.brake.ready:
+    if inputs.brake is None or not inputs.brake.ready:
         bad |= BRAKE
-    if seen.traction is None or not seen.traction.ready:
+    if inputs.traction is None or not inputs.traction.ready:
         bad |= TRACTION
-    if seen.tag_reader is None or not seen.tag_reader.antenna_ok:
+    if inputs.tag_reader is None or not inputs.tag_reader.antenna_ok:
         bad |= TAG_READER
     if motion is None or not motion.localised:
         bad |= LOCALISATION

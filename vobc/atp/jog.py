@@ -62,38 +62,38 @@ class JogFacts:
 Guard = Callable[[JogFacts], bool]
 
 
-def out_of_reach(seen: JogFacts) -> bool:
-    return abs(seen.best_m) > seen.limits.jog_m
+def out_of_reach(inputs: JogFacts) -> bool:
+    return abs(inputs.best_m) > inputs.limits.jog_m
 
 
-def stands_aligned(seen: JogFacts) -> bool:
-    return seen.standstill and seen.aligned
+def stands_aligned(inputs: JogFacts) -> bool:
+    return inputs.standstill and inputs.aligned
 
 
-def stands_off(seen: JogFacts) -> bool:
+def stands_off(inputs: JogFacts) -> bool:
     """The train stands within reach of a jog that would help.
 
     A jog helps if the interval would fit the window. It also helps if the stop's tag is still
     ahead, as that narrows the interval, or if the front is beyond the window.
     """
-    if not seen.standstill or seen.aligned or out_of_reach(seen):
+    if not inputs.standstill or inputs.aligned or out_of_reach(inputs):
         return False
-    window_m = seen.limits.door_window_m
-    fits = seen.half_width_m + FINEST_M <= window_m
-    return fits or seen.best_m <= TAG_AHEAD_M or seen.best_m > window_m
+    window_m = inputs.limits.door_window_m
+    fits = inputs.half_width_m + FINEST_M <= window_m
+    return fits or inputs.best_m <= TAG_AHEAD_M or inputs.best_m > window_m
 
 
-def stands_off_for_the_last_time(seen: JogFacts) -> bool:
-    return stands_off(seen) and seen.attempts >= seen.limits.jog_attempts
+def stands_off_for_the_last_time(inputs: JogFacts) -> bool:
+    return stands_off(inputs) and inputs.attempts >= inputs.limits.jog_attempts
 
 
-def stands_wide(seen: JogFacts) -> bool:
+def stands_wide(inputs: JogFacts) -> bool:
     """The train stands where another jog would not help."""
-    return seen.standstill and not stands_off(seen)
+    return inputs.standstill and not stands_off(inputs)
 
 
-def moves(seen: JogFacts) -> bool:
-    return abs(seen.moved_m) > MOVED_M
+def moves(inputs: JogFacts) -> bool:
+    return abs(inputs.moved_m) > MOVED_M
 
 
 TRANSITIONS: Final[Mapping[JogState, tuple[tuple[Guard, JogState], ...]]] = {
@@ -120,52 +120,52 @@ TRANSITIONS: Final[Mapping[JogState, tuple[tuple[Guard, JogState], ...]]] = {
 }
 
 
-def next_state(state: JogState, seen: JogFacts) -> JogState:
+def next_state(state: JogState, inputs: JogFacts) -> JogState:
     """Follow the first guard that holds. If none holds, the state stays."""
     for guard, target in TRANSITIONS[state]:
-        if guard(seen):
+        if guard(inputs):
             return target
     return state
 
 
-def exceeded(state: JogState, seen: JogFacts) -> bool:
+def exceeded(state: JogState, inputs: JogFacts) -> bool:
     """A jog too fast, too far, or without rear protection, or one more than permitted."""
     if state is JogState.USED_UP:
-        return moves(seen)
+        return moves(inputs)
     if state is not JogState.UNDER_WAY:
         return False
-    limits = seen.limits
+    limits = inputs.limits
     return (
-        seen.speed_high_mps > limits.jog_mps
-        or seen.most_moved_m > limits.jog_m
-        or (seen.moved_m < -MOVED_M and seen.back_room_m < 0.0)
+        inputs.speed_high_mps > limits.jog_mps
+        or inputs.most_moved_m > limits.jog_m
+        or (inputs.moved_m < -MOVED_M and inputs.back_room_m < 0.0)
     )
 
 
-def overshot(state: JogState, seen: JogFacts, *, began_m: float, standing: bool) -> bool:
+def overshot(state: JogState, inputs: JogFacts, *, began_m: float, standing: bool) -> bool:
     """The front is certainly past the stopping point by too much, and the train still moves.
 
     Args:
         began_m: `best_m` where the present jog began. A jog back begins beyond the limit.
     """
-    if standing or seen.low_m <= seen.limits.overshoot_m:
+    if standing or inputs.low_m <= inputs.limits.overshoot_m:
         return False
-    return state is JogState.NONE or began_m <= seen.limits.overshoot_m
+    return state is JogState.NONE or began_m <= inputs.limits.overshoot_m
 
 
-def mends_itself(seen: JogFacts) -> bool:
+def mends_itself(inputs: JogFacts) -> bool:
     """A jog back can correct the overshoot. The whole interval must be within its reach."""
-    return seen.low_m > 0.0 and seen.high_m <= seen.limits.overshoot_mended_m
+    return inputs.low_m > 0.0 and inputs.high_m <= inputs.limits.overshoot_mended_m
 
 
-def back_m(seen: JogFacts) -> float:
+def back_m(inputs: JogFacts) -> float:
     """Distance that the train may still go back: to its stopping point, if its rear is
     protected.
     """
-    wanted_m = seen.best_m + seen.limits.door_window_m
-    if seen.best_m <= 0.0:
+    wanted_m = inputs.best_m + inputs.limits.door_window_m
+    if inputs.best_m <= 0.0:
         return 0.0
-    return max(0.0, min(wanted_m, seen.back_room_m))
+    return max(0.0, min(wanted_m, inputs.back_room_m))
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,26 +203,26 @@ class JogGuard:
             self.state = JogState.NONE
         return stop_m is not None
 
-    def step(self, seen: JogFacts, *, standing: bool) -> JogVerdict:
+    def step(self, inputs: JogFacts, *, standing: bool) -> JogVerdict:
         before = self.state
-        self.state = next_state(before, seen)
+        self.state = next_state(before, inputs)
         if self.state is JogState.UNDER_WAY and before is not JogState.UNDER_WAY:
             self.attempts += 1
         if self.state in (JogState.NONE, JogState.READY):
-            self._began_m = seen.best_m
+            self._began_m = inputs.best_m
         emergency = Cause.NONE
-        if overshot(self.state, seen, began_m=self._began_m, standing=standing):
+        if overshot(self.state, inputs, began_m=self._began_m, standing=standing):
             emergency = Cause.OVERSHOT
-        elif exceeded(self.state, seen):
+        elif exceeded(self.state, inputs):
             emergency = Cause.JOG_EXCEEDED
         at_work = self.state in (JogState.READY, JogState.UNDER_WAY)
-        room_m = back_m(seen)
+        room_m = back_m(inputs)
         return JogVerdict(
-            permitted=at_work and (self._began_m <= TAG_AHEAD_M or room_m >= seen.best_m),
+            permitted=at_work and (self._began_m <= TAG_AHEAD_M or room_m >= inputs.best_m),
             back_m=room_m if at_work else 0.0,
             attempts=self.attempts,
             emergency=emergency,
-            self_release=mends_itself(seen),
+            self_release=mends_itself(inputs),
             used_up=self.state is JogState.USED_UP,
-            out_of_reach=seen.standstill and seen.best_m > seen.limits.jog_m,
+            out_of_reach=inputs.standstill and inputs.best_m > inputs.limits.jog_m,
         )

@@ -48,72 +48,72 @@ UNHEEDED: Final[Mapping[OperatingMode, Inhibit]] = {
 """Departure inhibits that do not prevent movement in this mode."""
 
 
-def told_to_sleep(seen: GuardInputs) -> bool:
-    return seen.sleep_ordered and seen.at_rest
+def told_to_sleep(inputs: GuardInputs) -> bool:
+    return inputs.sleep_ordered and inputs.at_rest
 
 
-def woken(seen: GuardInputs) -> bool:
-    return not seen.sleep_ordered
+def woken(inputs: GuardInputs) -> bool:
+    return not inputs.sleep_ordered
 
 
-def emergency_at_rest(seen: GuardInputs) -> bool:
+def emergency_at_rest(inputs: GuardInputs) -> bool:
     """After an emergency the earlier permission must be requested again."""
-    return seen.standing and bool(seen.latched)
+    return inputs.standing and bool(inputs.latched)
 
 
-def ready_at_standstill(seen: GuardInputs) -> bool:
+def ready_at_standstill(inputs: GuardInputs) -> bool:
     """No movement begins on an authority that is about to expire."""
-    return _may_begin(seen, OperatingMode.AUTHORISED) and authority_is_fresh(seen)
+    return _may_begin(inputs, OperatingMode.AUTHORISED) and authority_is_fresh(inputs)
 
 
-def creep_ordered(seen: GuardInputs) -> bool:
-    return seen.creep_ordered and _may_begin(seen, OperatingMode.CREEP)
+def creep_ordered(inputs: GuardInputs) -> bool:
+    return inputs.creep_ordered and _may_begin(inputs, OperatingMode.CREEP)
 
 
-def sight_asked(seen: GuardInputs) -> bool:
-    return seen.sight_asked and _may_begin(seen, OperatingMode.RESTRICTED)
+def sight_asked(inputs: GuardInputs) -> bool:
+    return inputs.sight_asked and _may_begin(inputs, OperatingMode.RESTRICTED)
 
 
-def _may_begin(seen: GuardInputs, mode: OperatingMode) -> bool:
-    return seen.at_rest and not seen.latched and not seen.missing & NEEDED[mode]
+def _may_begin(inputs: GuardInputs, mode: OperatingMode) -> bool:
+    return inputs.at_rest and not inputs.latched and not inputs.missing & NEEDED[mode]
 
 
-def authority_is_fresh(seen: GuardInputs) -> bool:
+def authority_is_fresh(inputs: GuardInputs) -> bool:
     """The authority is young enough to need no service brake."""
-    limits = seen.limits
-    return seen.authority_age_s < limits.authority_service_ratio * limits.authority_age_max_s
+    limits = inputs.limits
+    return inputs.authority_age_s < limits.authority_service_ratio * limits.authority_age_max_s
 
 
-def place_and_authority_found(seen: GuardInputs) -> bool:
+def place_and_authority_found(inputs: GuardInputs) -> bool:
     """Full supervision takes over a train only if its speed is well below the ceiling."""
-    quick_mps = seen.speed_mps.high + seen.limits.takeover_margin_mps
+    quick_mps = inputs.speed_mps.high + inputs.limits.takeover_margin_mps
     return (
-        not seen.latched
-        and not seen.missing & NEEDED[OperatingMode.AUTHORISED]
-        and authority_is_fresh(seen)
-        and (seen.standing or quick_mps <= seen.full_mps)
+        not inputs.latched
+        and not inputs.missing & NEEDED[OperatingMode.AUTHORISED]
+        and authority_is_fresh(inputs)
+        and (inputs.standing or quick_mps <= inputs.full_mps)
     )
 
 
-def lacks_at_rest(seen: GuardInputs) -> bool:
+def lacks_at_rest(inputs: GuardInputs) -> bool:
     """The quick sign of standstill is enough to hold a train. Releasing it needs the proof."""
-    return seen.standing and bool(seen.missing & NEEDED[seen.mode])
+    return inputs.standing and bool(inputs.missing & NEEDED[inputs.mode])
 
 
-def person_gone_at_rest(seen: GuardInputs) -> bool:
-    return seen.standing and not seen.person_at_desk
+def person_gone_at_rest(inputs: GuardInputs) -> bool:
+    return inputs.standing and not inputs.person_at_desk
 
 
-def creep_over_at_rest(seen: GuardInputs) -> bool:
-    return seen.standing and not seen.creep_ordered
+def creep_over_at_rest(inputs: GuardInputs) -> bool:
+    return inputs.standing and not inputs.creep_ordered
 
 
-def jog_granted(seen: GuardInputs) -> bool:
-    return seen.standing and seen.jog_granted
+def jog_granted(inputs: GuardInputs) -> bool:
+    return inputs.standing and inputs.jog_granted
 
 
-def jog_over_at_rest(seen: GuardInputs) -> bool:
-    return seen.standing and not seen.jog_granted
+def jog_over_at_rest(inputs: GuardInputs) -> bool:
+    return inputs.standing and not inputs.jog_granted
 
 
 _ENDS: Final = (
@@ -153,9 +153,9 @@ TRANSITIONS: Final[Mapping[OperatingMode, tuple[tuple[Guard, OperatingMode], ...
 """A moving train can only change to full supervision."""
 
 
-def next_mode(mode: OperatingMode, seen: GuardInputs) -> OperatingMode:
+def next_mode(mode: OperatingMode, inputs: GuardInputs) -> OperatingMode:
     """Follow the first guard that holds. If none holds, the mode stays."""
     for guard, target in TRANSITIONS[mode]:
-        if guard(seen):
+        if guard(inputs):
             return target
     return mode

@@ -305,12 +305,12 @@ class Protection:
         )
 
     def _verdict(
-        self, image: CycleInput, motion: Motion, station: StationVerdict, seen: GuardInputs
+        self, image: CycleInput, motion: Motion, station: StationVerdict, inputs: GuardInputs
     ) -> ProtectionVerdict:
-        state, mode, ceiling = self._state, self._mode, seen.ceiling
+        state, mode, ceiling = self._state, self._mode, inputs.ceiling
         may_move = state in MOVING_STATES
         doors = image.doors
-        locked = doors is not None and doors.closed_and_locked and not seen.silent & DOORS
+        locked = doors is not None and doors.closed_and_locked and not inputs.silent & DOORS
         inhibits = self._inhibits(station)
         # Station inhibits last until the train has moved some distance. A single pulse does not end
         # them.
@@ -320,8 +320,8 @@ class Protection:
         asleep = mode is OperatingMode.ASLEEP
         return ProtectionVerdict(
             supervision=state,
-            cause=self._words(seen),
-            missing=FLAGS[seen.missing],
+            cause=self._words(inputs),
+            missing=FLAGS[inputs.missing],
             ceiling=ceiling,
             doors_locked=locked,
             emergency_released=may_move,
@@ -344,10 +344,10 @@ class Protection:
             jog_back_m=back_m,
             jog_attempts=station.jog_attempts,
             stop_now=station.stop_now,
-            stop_next=station.stop_next or bool(seen.missing & ALARMS),
+            stop_next=station.stop_next or bool(inputs.missing & ALARMS),
             keep_doors_open=station.keep_doors_open and not asleep,
             creep=mode is OperatingMode.CREEP,
-            replicas_agree=not seen.replicas_disagree,
+            replicas_agree=not inputs.replicas_disagree,
             alarm_raised=station.alarm_raised,
             door_bypass=self._bypass,
         )
@@ -361,33 +361,33 @@ class Protection:
     def _cause(self) -> Cause:
         return self._latched[0] if self._latched else Cause.NONE
 
-    def _words(self, seen: GuardInputs) -> str:
+    def _words(self, inputs: GuardInputs) -> str:
         state = self._state
-        if seen.latched:
-            return in_cause_words(seen.latched[0])
+        if inputs.latched:
+            return in_cause_words(inputs.latched[0])
         if state is Supervision.NO_AUTHORITY:
-            return _waiting(seen)
+            return _waiting(inputs)
         if state is Supervision.SERVICE:
-            return _why_service(seen)
+            return _why_service(inputs)
         return "speed over the warning limit" if state is Supervision.WARNING else ""
 
 
-def _waiting(seen: GuardInputs) -> str:
-    if seen.mode is OperatingMode.ASLEEP:
+def _waiting(inputs: GuardInputs) -> str:
+    if inputs.mode is OperatingMode.ASLEEP:
         return "asleep"
-    lacking = seen.missing & NEEDED[OperatingMode.AUTHORISED]
+    lacking = inputs.missing & NEEDED[OperatingMode.AUTHORISED]
     if lacking:
         return f"waits for {in_words(FLAGS[lacking])}"
-    if not authority_is_fresh(seen):
+    if not authority_is_fresh(inputs):
         return "waits for a fresh movement authority"
     return "waits until standstill is proven"
 
 
-def _why_service(seen: GuardInputs) -> str:
-    if authority_ages(seen):
+def _why_service(inputs: GuardInputs) -> str:
+    if authority_ages(inputs):
         return "movement authority is getting old"
-    if permission_gone(seen):
+    if permission_gone(inputs):
         return "driving on sight is no longer permitted"
-    if stops_not(seen):
+    if stops_not(inputs):
         return "operation does not stop as asked"
     return "speed over the service brake limit"

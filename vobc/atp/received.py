@@ -30,12 +30,12 @@ class StationInputs:
     """A fresh message reports that the deflector was not touched."""
 
 
-def listen(seen: CycleInput, config: AtpConfig, gone: int) -> StationInputs:
+def listen(inputs: CycleInput, config: AtpConfig, gone: int) -> StationInputs:
     """Read the inputs. `gone` lists silent nodes as flags of `Missing`."""
-    orders = seen.orders if seen.orders_age_s <= config.orders_age_max_s else None
-    desk = None if gone & DESK else seen.desk
-    doors = None if gone & DOORS else seen.doors
-    alarms = seen.alarms if seen.alarms_age_s <= config.timeouts.alarms_s else None
+    orders = inputs.orders if inputs.orders_age_s <= config.orders_age_max_s else None
+    desk = None if gone & DESK else inputs.desk
+    doors = None if gone & DOORS else inputs.doors
+    alarms = inputs.alarms if inputs.alarms_age_s <= config.timeouts.alarms_s else None
     return StationInputs(
         centre=orders is not None,
         doors_left=orders is not None and orders.doors_left,

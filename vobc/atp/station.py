@@ -94,7 +94,7 @@ class StationGuard:
 
     def step(
         self,
-        seen: CycleInput,
+        inputs: CycleInput,
         motion: Motion,
         *,
         gone: int,
@@ -111,14 +111,14 @@ class StationGuard:
             stopping_at_m: the stopping point of operation in the cycle before. None: no stop. Only
                 jogs and overshoots depend on it, so a wrong one costs a stop, never safety.
         """
-        heard = listen(seen, self._config, gone)
+        heard = listen(inputs, self._config, gone)
         place = self._place(motion)
         moved_m = self._moved_m(motion, place)
         moving = not motion.standing and abs(moved_m) > MOVED_M
         answers = self._answers(heard, place, motion, moving=moving)
         inhibiting = Inhibit.NONE
         if not moving:
-            authority_ahead = _authority_ahead(seen, motion, gone)
+            authority_ahead = _authority_ahead(inputs, motion, gone)
             inhibiting = inhibits(
                 _departure_terms(
                     heard,
@@ -128,7 +128,7 @@ class StationGuard:
                     emergency=emergency,
                 )
             )
-        jog = self._jog(seen, motion, gone, moved_m, stopping_at_m)
+        jog = self._jog(inputs, motion, gone, moved_m, stopping_at_m)
         found = _Found(
             heard=heard,
             place=place,
@@ -136,7 +136,7 @@ class StationGuard:
             answers=answers,
             alarm=self._passenger_alarm or self._fire,
             inhibiting=inhibiting,
-            reasons=withheld(_door_terms(seen, motion, gone, place, heard, emergency=emergency)),
+            reasons=withheld(_door_terms(inputs, motion, gone, place, heard, emergency=emergency)),
             jog=jog,
             jog_free=may_move and not emergency and not int(inhibiting) & _AGAINST_JOG,
         )
@@ -192,7 +192,7 @@ class StationGuard:
 
     def _jog(
         self,
-        seen: CycleInput,
+        inputs: CycleInput,
         motion: Motion,
         gone: int,
         moved_m: float,
@@ -201,7 +201,7 @@ class StationGuard:
         if not self._jogs.heads_for(stop_m if motion.localised else None):
             return NO_JOG
         assert stop_m is not None
-        front_m, authority = motion.front_m, None if gone & AUTHORITY else seen.authority
+        front_m, authority = motion.front_m, None if gone & AUTHORITY else inputs.authority
         back_room_m = -math.inf
         if authority is not None and authority.rear_m is not None:
             back_room_m = front_m.low - self._length_m - authority.rear_m
@@ -261,8 +261,8 @@ def _rests(motion: Motion) -> bool:
     return motion.standstill and motion.standing
 
 
-def _authority_ahead(seen: CycleInput, motion: Motion, gone: int) -> bool:
-    authority = None if gone & AUTHORITY else seen.authority
+def _authority_ahead(inputs: CycleInput, motion: Motion, gone: int) -> bool:
+    authority = None if gone & AUTHORITY else inputs.authority
     return authority is not None and authority.end_m > motion.front_m.high
 
 
@@ -292,7 +292,7 @@ def _departure_terms(
 
 
 def _door_terms(
-    seen: CycleInput,
+    inputs: CycleInput,
     motion: Motion,
     gone: int,
     place: PlatformPlace,
@@ -300,7 +300,7 @@ def _door_terms(
     *,
     emergency: bool,
 ) -> DoorTerms:
-    station, brake, traction = place.station, seen.brake, seen.traction
+    station, brake, traction = place.station, inputs.brake, inputs.traction
     side = None if station is None else station.side
     return DoorTerms(
         standstill=motion.standstill and not gone & ODOMETER,

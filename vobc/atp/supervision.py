@@ -11,64 +11,69 @@ from vobc.atp.modes import NEEDED, SUPERVISED, authority_is_fresh
 Guard = Callable[[GuardInputs], bool]
 
 
-def emergency(seen: GuardInputs) -> bool:
+def emergency(inputs: GuardInputs) -> bool:
     """At least one cause of `vobc.atp.emergencies` is present or not released yet."""
-    return bool(seen.latched)
+    return bool(inputs.latched)
 
 
-def emergency_released(seen: GuardInputs) -> bool:
-    return not seen.latched
+def emergency_released(inputs: GuardInputs) -> bool:
+    return not inputs.latched
 
 
-def movement_permitted(seen: GuardInputs) -> bool:
-    return seen.mode in NEEDED
+def movement_permitted(inputs: GuardInputs) -> bool:
+    return inputs.mode in NEEDED
 
 
-def movement_over(seen: GuardInputs) -> bool:
-    return seen.mode not in NEEDED
+def movement_over(inputs: GuardInputs) -> bool:
+    return inputs.mode not in NEEDED
 
 
-def over_warning(seen: GuardInputs) -> bool:
+def over_warning(inputs: GuardInputs) -> bool:
     """The best estimate reaches the warning limit.
 
     A warning by uncertainty alone would soon be ignored.
     """
-    return not seen.standing and not abs(seen.speed_mps.best) < seen.ceiling.warning_mps
+    return not inputs.standing and not abs(inputs.speed_mps.best) < inputs.ceiling.warning_mps
 
 
-def service_needed(seen: GuardInputs) -> bool:
+def service_needed(inputs: GuardInputs) -> bool:
     """The service brake is needed.
 
     Reasons: speed over the limit, an ageing authority, no permission for driving on sight, or a
     requested stop that does not happen.
     """
-    return over_service(seen) or authority_ages(seen) or permission_gone(seen) or stops_not(seen)
+    return (
+        over_service(inputs)
+        or authority_ages(inputs)
+        or permission_gone(inputs)
+        or stops_not(inputs)
+    )
 
 
-def over_service(seen: GuardInputs) -> bool:
-    return not seen.standing and not surely_slower(seen, seen.ceiling.service_mps)
+def over_service(inputs: GuardInputs) -> bool:
+    return not inputs.standing and not surely_slower(inputs, inputs.ceiling.service_mps)
 
 
-def authority_ages(seen: GuardInputs) -> bool:
-    return seen.mode in SUPERVISED and not authority_is_fresh(seen)
+def authority_ages(inputs: GuardInputs) -> bool:
+    return inputs.mode in SUPERVISED and not authority_is_fresh(inputs)
 
 
-def permission_gone(seen: GuardInputs) -> bool:
+def permission_gone(inputs: GuardInputs) -> bool:
     """The permission for a movement on sight has ended."""
-    if seen.mode is OperatingMode.RESTRICTED:
-        return not seen.person_at_desk
-    return seen.mode is OperatingMode.CREEP and not seen.creep_ordered
+    if inputs.mode is OperatingMode.RESTRICTED:
+        return not inputs.person_at_desk
+    return inputs.mode is OperatingMode.CREEP and not inputs.creep_ordered
 
 
-def stops_not(seen: GuardInputs) -> bool:
+def stops_not(inputs: GuardInputs) -> bool:
     """Operation does not stop although requested."""
-    return not seen.standing and not abs(seen.speed_mps.best) <= seen.stop_by_mps
+    return not inputs.standing and not abs(inputs.speed_mps.best) <= inputs.stop_by_mps
 
 
-def under_ceiling(seen: GuardInputs) -> bool:
+def under_ceiling(inputs: GuardInputs) -> bool:
     """No limit is exceeded any more, and nothing else requires the brake."""
-    under = seen.standing or abs(seen.speed_mps.best) < seen.ceiling.permitted_mps
-    return under and not service_needed(seen)
+    under = inputs.standing or abs(inputs.speed_mps.best) < inputs.ceiling.permitted_mps
+    return under and not service_needed(inputs)
 
 
 TRANSITIONS: Final[Mapping[Supervision, tuple[tuple[Guard, Supervision], ...]]] = {
@@ -99,9 +104,9 @@ TRANSITIONS: Final[Mapping[Supervision, tuple[tuple[Guard, Supervision], ...]]] 
 train. The held state is also the state at start, where nothing is latched."""
 
 
-def next_state(state: Supervision, seen: GuardInputs) -> Supervision:
+def next_state(state: Supervision, inputs: GuardInputs) -> Supervision:
     """Follow the first guard that holds. If none holds, the state stays."""
     for guard, target in TRANSITIONS[state]:
-        if guard(seen):
+        if guard(inputs):
             return target
     return state

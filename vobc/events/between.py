@@ -49,9 +49,9 @@ WITHHELD_SOURCES: Final[Mapping[enum.IntFlag, Source]] = {
 
 def events_between(
     before: CycleOutput | None,
-    seen: CycleInput,
+    inputs: CycleInput,
     output: CycleOutput,
-    seen_before: CycleInput | None = None,
+    inputs_before: CycleInput | None = None,
 ) -> Sequence[Event]:
     """All events of the step from `before` to `output`, the most important first.
 
@@ -59,8 +59,8 @@ def events_between(
 
     Args:
         before: output of the cycle before. None: this is the first cycle.
-        seen: inputs of `output`.
-        seen_before: inputs of `before`. None: changes of received messages are not reported.
+        inputs: inputs of `output`.
+        inputs_before: inputs of `before`. None: changes of received messages are not reported.
     """
     if before is None:
         return tuple(_first(output))
@@ -71,13 +71,13 @@ def events_between(
         output.supervision is not before.supervision
         or output.emergency_cause is not before.emergency_cause
     ):
-        found.extend(_supervision(before, seen, output, seen_before))
+        found.extend(_supervision(before, inputs, output, inputs_before))
     if output.mode is not before.mode or output.jog_attempts != before.jog_attempts:
         found.extend(_mode(before, output))
     if output.missing is not before.missing:
-        found.extend(inputs_changed(before, seen, output))
-    if seen.overruns:
-        found.append(_overrun(seen))
+        found.extend(inputs_changed(before, inputs, output))
+    if inputs.overruns:
+        found.append(_overrun(inputs))
     if output.motion is not None:
         found.extend(motion_changed(before.motion, output.motion))
     if (
@@ -93,20 +93,20 @@ def events_between(
         or output.door_bypass is not before.door_bypass
         or output.replicas_agree is not before.replicas_agree
     ):
-        found.extend(_alarms(before, seen, output))
-    if seen_before is not None:
-        _extend_by_messages(found, seen_before, seen)
+        found.extend(_alarms(before, inputs, output))
+    if inputs_before is not None:
+        _extend_by_messages(found, inputs_before, inputs)
     return found or NOTHING
 
 
-def _extend_by_messages(found: list[Event], before: CycleInput, seen: CycleInput) -> None:
+def _extend_by_messages(found: list[Event], before: CycleInput, inputs: CycleInput) -> None:
     """Add the events of received messages that changed."""
     if before.brake is None or before.traction is None:
-        found.extend(units_not_ready(before, seen))
-    if seen.authority is not before.authority:
-        found.extend(authority_changed(before.authority, seen.authority))
-    if seen.orders is not before.orders:
-        found.extend(orders_changed(before.orders, seen.orders))
+        found.extend(units_not_ready(before, inputs))
+    if inputs.authority is not before.authority:
+        found.extend(authority_changed(before.authority, inputs.authority))
+    if inputs.orders is not before.orders:
+        found.extend(orders_changed(before.orders, inputs.orders))
 
 
 def _first(output: CycleOutput) -> Iterator[Event]:
@@ -120,27 +120,27 @@ def _first(output: CycleOutput) -> Iterator[Event]:
 
 
 def _supervision(
-    before: CycleOutput, seen: CycleInput, output: CycleOutput, seen_before: CycleInput | None
+    before: CycleOutput, inputs: CycleInput, output: CycleOutput, inputs_before: CycleInput | None
 ) -> Iterator[Event]:
     state = output.supervision
     if state is Supervision.EMERGENCY:
-        yield emergency_applied(before, seen, output)
+        yield emergency_applied(before, inputs, output)
     elif before.supervision is Supervision.EMERGENCY:
-        yield emergency_released(before, seen, output, seen_before)
+        yield emergency_released(before, inputs, output, inputs_before)
     elif state is Supervision.SERVICE and before.supervision is not state:
-        yield _service_brake(seen, output)
+        yield _service_brake(inputs, output)
     elif state is not before.supervision:
         yield _state(before, output)
 
 
-def _service_brake(seen: CycleInput, output: CycleOutput) -> Event:
+def _service_brake(inputs: CycleInput, output: CycleOutput) -> Event:
     ceiling, motion = output.ceiling, output.motion
     words = f"protection brakes with the service brake: {output.cause or 'speed too high'}"
     if ceiling is not None and motion is not None:
         words += (
             f"; speed at most {motion.speed_mps.high:.2f} m/s, service limit"
             f" {ceiling.service_mps:.2f} m/s, {ceiling.distance_to_authority_m:.1f} m before the"
-            f" end of authority, which is {seen.authority_age_s:.2f} s old"
+            f" end of authority, which is {inputs.authority_age_s:.2f} s old"
         )
     return Event(EventKind.SERVICE_BRAKE, words, (Source.TACHO, Source.AUTHORITY))
 
@@ -193,10 +193,12 @@ def _why_over(output: CycleOutput) -> str:
     return f" for lack of {flag_words(output.missing)}" if output.missing else ""
 
 
-def _overrun(seen: CycleInput) -> Event:
-    cycles = "1 control cycle was" if seen.overruns == 1 else f"{seen.overruns} control cycles were"
-    words = f"{cycles} missed: {seen.dt_s:.3f} s since the last one"
-    return Event(EventKind.OVERRUN, words, (Source.CLOCK,), seen.overruns)
+def _overrun(inputs: CycleInput) -> Event:
+    cycles = (
+        "1 control cycle was" if inputs.overruns == 1 else f"{inputs.overruns} control cycles were"
+    )
+    words = f"{cycles} missed: {inputs.dt_s:.3f} s since the last one"
+    return Event(EventKind.OVERRUN, words, (Source.CLOCK,), inputs.overruns)
 
 
 def _stands(output: CycleOutput) -> bool:
@@ -257,12 +259,12 @@ def _sources_of(flags: enum.IntFlag, table: Mapping[enum.IntFlag, Source]) -> tu
     return tuple(dict.fromkeys(source for flag, source in table.items() if flag & flags))
 
 
-def _alarms(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterator[Event]:
+def _alarms(before: CycleOutput, inputs: CycleInput, output: CycleOutput) -> Iterator[Event]:
     if before.replicas_agree and not output.replicas_agree:
         words = "the two computations of protection disagree"
         yield Event(EventKind.REPLICAS_DISAGREE, words + place_words(output), (Source.TACHO,))
     if output.alarm_raised and not before.alarm_raised:
-        reasons, sources = _alarm_reasons(seen)
+        reasons, sources = _alarm_reasons(inputs)
         words = f"the train needs help: {reasons or 'it cannot correct its stop by itself'}"
         yield Event(EventKind.ALARM_RAISED, words + place_words(output), sources)
     elif before.alarm_raised and not output.alarm_raised:
@@ -275,13 +277,13 @@ def _alarms(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Itera
         yield Event(EventKind.DOOR_BYPASS, words, (Source.DESK, Source.DOORS))
 
 
-def _alarm_reasons(seen: CycleInput) -> tuple[str, tuple[Source, ...]]:
+def _alarm_reasons(inputs: CycleInput) -> tuple[str, tuple[Source, ...]]:
     found: list[tuple[str, Source]] = []
-    if seen.desk is not None and not seen.desk.no_passenger_alarm:
+    if inputs.desk is not None and not inputs.desk.no_passenger_alarm:
         found.append(("passenger alarm", Source.DESK))
-    if seen.alarms is not None and not seen.alarms.no_fire:
+    if inputs.alarms is not None and not inputs.alarms.no_fire:
         found.append(("fire", Source.ALARMS))
-    if seen.alarms is not None and not seen.alarms.no_obstacle:
+    if inputs.alarms is not None and not inputs.alarms.no_obstacle:
         found.append(("obstacle", Source.ALARMS))
     sources = dict.fromkeys(source for _, source in found)
     return ", ".join(words for words, _ in found), tuple(sources)

@@ -37,13 +37,13 @@ CAUSE_SOURCES: Final[Mapping[Cause, tuple[Source, ...]]] = {
 """Inputs that each cause is decided from, the most important one first."""
 
 
-def emergency_applied(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Event:
+def emergency_applied(before: CycleOutput, inputs: CycleInput, output: CycleOutput) -> Event:
     """The emergency brake is applied, or stays applied for another cause."""
     cause = output.emergency_cause
     again = before.supervision is output.supervision
     words = "emergency brake stays on, now for another cause" if again else "emergency brake"
     tell = TELLERS.get(cause)
-    reason = (tell(seen, output) if tell is not None else "") or _own_words(output)
+    reason = (tell(inputs, output) if tell is not None else "") or _own_words(output)
     return Event(
         EventKind.EMERGENCY_APPLIED,
         f"{words}: {reason}{place_words(output)}",
@@ -53,11 +53,11 @@ def emergency_applied(before: CycleOutput, seen: CycleInput, output: CycleOutput
 
 
 def emergency_released(
-    before: CycleOutput, seen: CycleInput, output: CycleOutput, seen_before: CycleInput | None
+    before: CycleOutput, inputs: CycleInput, output: CycleOutput, inputs_before: CycleInput | None
 ) -> Event:
     """Release of the emergency brake by the source of the reset in this cycle, or by itself."""
-    desk, orders = seen.desk, seen.orders
-    told_before = None if seen_before is None else seen_before.orders
+    desk, orders = inputs.desk, inputs.orders
+    told_before = None if inputs_before is None else inputs_before.orders
     by, sources = "by itself at standstill", (Source.TACHO,)
     if desk is not None and desk.reset_requested:
         by, sources = "by a reset at the desk", (Source.DESK,)
@@ -88,18 +88,18 @@ def _overspeed(_: CycleInput, output: CycleOutput) -> str:
     )
 
 
-def _authority_old(seen: CycleInput, _: CycleOutput) -> str:
-    authority = seen.authority
+def _authority_old(inputs: CycleInput, _: CycleOutput) -> str:
+    authority = inputs.authority
     if authority is None:
         return "there is no movement authority"
     return (
         f"the movement authority to {authority.end_m:.1f} m (term {authority.term}, sequence"
-        f" {authority.sequence}) is {seen.authority_age_s:.2f} s old"
+        f" {authority.sequence}) is {inputs.authority_age_s:.2f} s old"
     )
 
 
-def _past_authority(seen: CycleInput, output: CycleOutput) -> str:
-    authority, motion = seen.authority, output.motion
+def _past_authority(inputs: CycleInput, output: CycleOutput) -> str:
+    authority, motion = inputs.authority, output.motion
     if authority is None or motion is None:
         return ""
     return (
@@ -108,10 +108,10 @@ def _past_authority(seen: CycleInput, output: CycleOutput) -> str:
     )
 
 
-def _input_lost(seen: CycleInput, output: CycleOutput) -> str:
+def _input_lost(inputs: CycleInput, output: CycleOutput) -> str:
     ages = (
-        f"brake {seen.brake_age_s:.2f} s, traction {seen.traction_age_s:.2f} s, tacho"
-        f" {seen.tacho_age_s:.2f} s, desk {seen.desk_age_s:.2f} s"
+        f"brake {inputs.brake_age_s:.2f} s, traction {inputs.traction_age_s:.2f} s, tacho"
+        f" {inputs.tacho_age_s:.2f} s, desk {inputs.desk_age_s:.2f} s"
     )
     return f"lost while moving: {flag_words(output.missing)}; last received: {ages} ago"
 
@@ -121,16 +121,16 @@ def _localisation_lost(_: CycleInput, output: CycleOutput) -> str:
     return f"{_own_words(output)}{': ' if cause else ''}{cause}"
 
 
-def _overrun(seen: CycleInput, _: CycleOutput) -> str:
-    return f"{seen.overruns} control cycles missed in a row, {seen.dt_s:.3f} s without control"
+def _overrun(inputs: CycleInput, _: CycleOutput) -> str:
+    return f"{inputs.overruns} control cycles missed in a row, {inputs.dt_s:.3f} s without control"
 
 
-def _clock_stepped(seen: CycleInput, _: CycleOutput) -> str:
-    return f"the clock stepped: {seen.dt_s:.3f} s since the cycle before"
+def _clock_stepped(inputs: CycleInput, _: CycleOutput) -> str:
+    return f"the clock stepped: {inputs.dt_s:.3f} s since the cycle before"
 
 
-def _brake_unit(seen: CycleInput, output: CycleOutput) -> str:
-    brake = seen.brake
+def _brake_unit(inputs: CycleInput, output: CycleOutput) -> str:
+    brake = inputs.brake
     pressed = "" if brake is None else f", {brake.applied_decel_mps2:.2f} m/s² applied"
     return f"{_own_words(output)}{pressed}"
 

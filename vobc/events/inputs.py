@@ -26,25 +26,25 @@ UNITS: Final = {Missing.BRAKE: "brake", Missing.TRACTION: "traction"}
 """Units that report whether they are ready, with the field of their status."""
 
 
-def inputs_changed(before: CycleOutput, seen: CycleInput, output: CycleOutput) -> Iterator[Event]:
+def inputs_changed(before: CycleOutput, inputs: CycleInput, output: CycleOutput) -> Iterator[Event]:
     changed = output.missing ^ before.missing
     for flag, words, source, age in INPUTS:
         if not changed & flag:
             continue
         if output.missing & flag:
-            told = f"{words} lost: {_age_words(getattr(seen, age))}"
-            if flag in UNITS and _is_unready(getattr(seen, UNITS[flag])):
+            told = f"{words} lost: {_age_words(getattr(inputs, age))}"
+            if flag in UNITS and _is_unready(getattr(inputs, UNITS[flag])):
                 told = f"{words} reports that it is not ready"
             yield Event(EventKind.INPUT_LOST, told, (source,), int(flag))
         else:
             yield Event(EventKind.INPUT_BACK, f"{words} is available", (source,), int(flag))
 
 
-def units_not_ready(before: CycleInput, seen: CycleInput) -> Iterator[Event]:
+def units_not_ready(before: CycleInput, inputs: CycleInput) -> Iterator[Event]:
     """Units whose first message reports that they are not ready."""
     for flag, words, source, _ in INPUTS:
         name = UNITS.get(flag)
-        if name and getattr(before, name) is None and _is_unready(getattr(seen, name)):
+        if name and getattr(before, name) is None and _is_unready(getattr(inputs, name)):
             yield Event(
                 EventKind.INPUT_LOST, f"{words} reports that it is not ready", (source,), int(flag)
             )

@@ -15,14 +15,14 @@ AHEAD_M: Final = 50.0
 PERMILLE: Final = 0.001
 
 
-def believable_mps(seen: CycleInput, config: OdometryConfig) -> float | None:
+def believable_mps(inputs: CycleInput, config: OdometryConfig) -> float | None:
     """Speed of the Doppler radar. None: the reading is missing, old or of low quality."""
-    radar = seen.doppler
+    radar = inputs.doppler
     if (
         radar is None
         or not radar.healthy
         or radar.quality_percent < config.doppler_quality_percent
-        or seen.doppler_age_s > config.doppler_age_s
+        or inputs.doppler_age_s > config.doppler_age_s
     ):
         return None
     return radar.speed_mps

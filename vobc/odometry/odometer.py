@@ -138,12 +138,12 @@ class Odometry:
         proof = PlaceProof.REMEMBERED if known else PlaceProof.UNKNOWN
         return OdometryRecord(where.at_m, half_m, where.m_per_pulse, proof)
 
-    def step(self, seen: CycleInput) -> Motion | None:
-        """Motion at `seen.now_ns`. None: the samples do not cover `learn_s` yet."""
+    def step(self, inputs: CycleInput) -> Motion | None:
+        """Motion at `inputs.now_ns`. None: the samples do not cover `learn_s` yet."""
         if not self._time.begun:
-            self._time.expect(seen.dt_s)
-        now_s = self._time.tell(seen.now_ns)
-        samples = seen.tacho_samples
+            self._time.expect(inputs.dt_s)
+        now_s = self._time.tell(inputs.now_ns)
+        samples = inputs.tacho_samples
         last = len(samples) - 1
         self._axles_differ = False
         for index, sample in enumerate(samples):
@@ -152,17 +152,19 @@ class Odometry:
         if not self._track.begun:
             return None
         wheels = self._wheel_speed(now_s)
-        self._follow_ground(seen, now_s, wheels)
+        self._follow_ground(inputs, now_s, wheels)
         self._watch_slip(now_s, wheels)
-        if self._refer.waiting and seen.cold is not None:
-            moved_m = self._refer.check_cold(seen.cold, self._where.pulses)
+        if self._refer.waiting and inputs.cold is not None:
+            moved_m = self._refer.check_cold(inputs.cold, self._where.pulses)
             if moved_m is not None:
                 self._where.widen(moved_m)
         way = Travelled(self._where.pulses, self._over_m, self._over_blur_m)
-        self._refer.follow(way, self._where.scale.declared_m[0], gap=seen.tag_gap, slip=self._slip)
+        self._refer.follow(
+            way, self._where.scale.declared_m[0], gap=inputs.tag_gap, slip=self._slip
+        )
         accepted: tuple[int, ...] = ()
         refused: tuple[RefusedTag, ...] = ()
-        for tag in seen.tags:
+        for tag in inputs.tags:
             is_accepted, refusal = self._offer(tag)
             if is_accepted:
                 accepted = (*accepted, tag.tag_id)
@@ -170,7 +172,7 @@ class Odometry:
                 refused = (*refused, refusal)
                 self._rejected += 1
         speed = self._speed(wheels)
-        standstill = self._standstill(now_s, seen.tacho_age_s)
+        standstill = self._standstill(now_s, inputs.tacho_age_s)
         motion = self._motion(now_s, speed, accepted, refused, standstill=standstill)
         return motion if self._track.heard_s >= self._config.learn_s else None
 
@@ -231,23 +233,23 @@ class Odometry:
             return Interval(low, 0.0, high)
         return Interval(low, track.limited_rate_pulses_per_s(now_s) * where.m_per_pulse, high)
 
-    def _follow_ground(self, seen: CycleInput, now_s: float, wheels: Interval) -> None:
+    def _follow_ground(self, inputs: CycleInput, now_s: float, wheels: Interval) -> None:
         """Update speed and distance over ground since the cycle before."""
         config, where, ground = self._config, self._where, self._ground
         dt_s, steady = self._time.dt_s, self._time.steady
-        radar_mps = believable_mps(seen, config)
+        radar_mps = believable_mps(inputs, config)
         if not ground.begun and not self._begin_ground(radar_mps, now_s, wheels):
             return
         self._gradients.look(
             min(where.low_m, where.ground_low_m), max(where.high_m, where.ground_high_m)
         )
         # After a gap between cycles the accelerometer shows only the end of the gap.
-        imu = seen.imu if steady and seen.imu_age_s <= config.imu_age_s else None
+        imu = inputs.imu if steady and inputs.imu_age_s <= config.imu_age_s else None
         felt_mps2 = imu.accel_mps2 if imu is not None and imu.healthy else None
         ground.feel(felt_mps2, self._gradients)
-        ground.step(dt_s, radar_mps, seen.doppler_age_s, wheels.low, wheels.high)
+        ground.step(dt_s, radar_mps, inputs.doppler_age_s, wheels.low, wheels.high)
         least_m, most_m = ground.moved_low_m, ground.moved_high_m
-        if self._wheels_bear_witness(seen, wheels):
+        if self._wheels_bear_witness(inputs, wheels):
             least_m, most_m = self._by_gripping_wheels(least_m, most_m, wheels)
         if not steady:
             least_m, most_m = min(0.0, least_m), max(0.0, most_m)
@@ -271,7 +273,7 @@ class Odometry:
         ground.begin(wheels.low, wheels.high)
         return True
 
-    def _wheels_bear_witness(self, seen: CycleInput, wheels: Interval) -> bool:
+    def _wheels_bear_witness(self, inputs: CycleInput, wheels: Interval) -> bool:
         """Whether the wheels tell the speed over ground, which no radar sees now.
 
         Wheels that may be slipping say nothing about the ground.
@@ -279,8 +281,8 @@ class Odometry:
         gripping = not self._slip and not self._axles_differ
         if not gripping or self._ground.seen or not self._wheels_agree(wheels):
             return False
-        fresh = seen.tacho_age_s <= self._config.silence_s and self._usable
-        return fresh and not self._sets_off(seen)
+        fresh = inputs.tacho_age_s <= self._config.silence_s and self._usable
+        return fresh and not self._sets_off(inputs)
 
     def _by_gripping_wheels(
         self, least_m: float, most_m: float, wheels: Interval
@@ -304,7 +306,7 @@ class Odometry:
             )
         return least_m, most_m
 
-    def _sets_off(self, seen: CycleInput) -> bool:
+    def _sets_off(self, inputs: CycleInput) -> bool:
         """No wheel turns, but the holding brake is not proven and the accelerometer shows motion.
 
         Couplers stretch, so the first car moves before the axle of the second one turns. Other
@@ -312,7 +314,7 @@ class Odometry:
         """
         if self._track.still_s < self._config.standing_s or self._ground.may_rest:
             return False
-        brake, heard = seen.brake, seen.brake_age_s <= self._config.silence_s
+        brake, heard = inputs.brake, inputs.brake_age_s <= self._config.silence_s
         return brake is None or not (heard and brake.holding_applied)
 
     def _wheels_agree(self, wheels: Interval) -> bool:

@@ -68,14 +68,14 @@ class Latency(NamedTuple):
     front_max_m: float
 
 
-def latent_authority_m(seen: Latency) -> float:
+def latent_authority_m(inputs: Latency) -> float:
     """Farthest place that the front may still reach.
 
     A shorter authority binds at once, but the train still needs its braking distance.
     """
-    still_m = min(seen.before_m, seen.reach_m)
-    held_m = seen.front_max_m if seen.held_end_m is None else seen.held_end_m
-    return max(max(held_m, still_m), seen.front_max_m)
+    still_m = min(inputs.before_m, inputs.reach_m)
+    held_m = inputs.front_max_m if inputs.held_end_m is None else inputs.held_end_m
+    return max(max(held_m, still_m), inputs.front_max_m)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -299,8 +299,8 @@ class Vanished(NamedTuple):
     """Reporting trains at standstill account for all axles where the train may be."""
 
 
-def vanished(seen: Vanished) -> bool:
-    return seen.silent and seen.explained
+def vanished(inputs: Vanished) -> bool:
+    return inputs.silent and inputs.explained
 
 
 def sieved(shown: bool) -> bool:

@@ -156,14 +156,14 @@ class RadioLink:
             ),
         )
 
-    def status(self, now_ns: int, output: CycleOutput, seen: CycleInput | None) -> bytes:
+    def status(self, now_ns: int, output: CycleOutput, inputs: CycleInput | None) -> bytes:
         """Status message for centre and platforms, whether localised or not."""
         self._statuses += 1
         motion = output.motion
         localised = motion is not None and motion.localised
-        desk = None if seen is None else seen.desk
-        doors = None if seen is None else seen.doors
-        alarms = None if seen is None else seen.alarms
+        desk = None if inputs is None else inputs.desk
+        doors = None if inputs is None else inputs.doors
+        alarms = None if inputs is None else inputs.alarms
         return pack(
             TrainStatus(
                 train=self._train,

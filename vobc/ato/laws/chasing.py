@@ -99,19 +99,19 @@ class Chasing:
         """The present notch as a demand. The demand reaches it at the jerk limit."""
         self.speed_mps = 0.0
 
-    def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
-        self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
+    def observe(self, inputs: vocabulary.AtoInput, cycles: int) -> None:
+        self._gravity_mps2 = gradient.decel_on_mps2(self._config, inputs.gradient_permille)
         for _ in range(cycles):
             self._brake.push(max(0.0, -self._demand_mps2))
             self._traction.push(max(0.0, self._demand_mps2))
-            self._move(seen.speed_mps)
+            self._move(inputs.speed_mps)
         dt_s = self._dt_s * cycles
         self._since_s += dt_s
         self._joining_s = max(0.0, self._joining_s - dt_s)
         self._front.step(
-            seen.front_m, moved_m=self.speed_mps * dt_s, at_tag=bool(seen.accepted_tag_ids)
+            inputs.front_m, moved_m=self.speed_mps * dt_s, at_tag=bool(inputs.accepted_tag_ids)
         )
-        self._ceiling.step(seen.ceiling_mps, dt_s)
+        self._ceiling.step(inputs.ceiling_mps, dt_s)
 
     def _move(self, measured_mps: float) -> None:
         """One cycle under the demands that act by now, corrected towards the measurement."""
@@ -126,7 +126,7 @@ class Chasing:
     def rest(self) -> None:
         self.speed_mps = 0.0
 
-    def set_off(self, seen: vocabulary.AtoInput, demand_mps2: float) -> None:
+    def set_off(self, inputs: vocabulary.AtoInput, demand_mps2: float) -> None:
         self.state = ChasingState.BRAKE if demand_mps2 < 0.0 else ChasingState.COAST
         self._stopping = False
         self._slowing_to = -1
@@ -138,7 +138,7 @@ class Chasing:
     def issued(self, demand_mps2: float) -> None:
         self._demand_mps2 = demand_mps2
 
-    def drive(self, seen: vocabulary.AtoInput, target: Target) -> Drive:
+    def drive(self, inputs: vocabulary.AtoInput, target: Target) -> Drive:
         self._plan(target)
         ahead = self._ahead()
         stop = self._aim(self._curve, ahead, target.at_m, to_stop=target.at_station)
@@ -150,11 +150,11 @@ class Chasing:
         if self.state is ChasingState.BRAKE:
             if before is not ChasingState.BRAKE:
                 self._begin_braking(aim, ahead)
-            self._brake_on(seen, ahead, target, aim)
+            self._brake_on(inputs, ahead, target, aim)
         elif self.state is ChasingState.COAST:
             self._take(0.0)
         else:
-            self._pull(seen, free)
+            self._pull(inputs, free)
         reference_mps = self._reference_mps(target.at_m, slowing, free, ahead)
         return Drive(self.notch_mps2, reference_mps, self._stopping)
 
@@ -337,7 +337,7 @@ class Chasing:
         self._joining_s = JOIN_MAX_S
 
     def _brake_on(
-        self, seen: vocabulary.AtoInput, ahead: PredictedState, target: Target, aim: NotchTarget
+        self, inputs: vocabulary.AtoInput, ahead: PredictedState, target: Target, aim: NotchTarget
     ) -> None:
         scheme = self._config.chasing
         if self._joining_s > 0.0 and aim.error_mps < -scheme.quiet_band_mps:
@@ -348,7 +348,7 @@ class Chasing:
             notch_mps2 = self._ending.notch_mps2(
                 ahead,
                 target.at_m - ahead.front_m,
-                measured_mps=seen.speed_mps,
+                measured_mps=inputs.speed_mps,
                 now_mps2=self.notch_mps2,
                 rested=rested,
             )
@@ -374,13 +374,13 @@ class Chasing:
         scheme, now_mps2 = self._config.chasing, self.notch_mps2
         return notch_choice.picked(scheme, aim, now_mps2, levels_mps2, resistance_mps2)
 
-    def _pull(self, seen: vocabulary.AtoInput, free: NotchTarget) -> None:
+    def _pull(self, inputs: vocabulary.AtoInput, free: NotchTarget) -> None:
         """Traction and cruising: the same rule towards a constant speed, without the brake."""
         config = self._config
         if self._since_s < config.chasing.dwell_s:
             return
         available_mps2 = min(
-            config.limits.accel_mps2, config.traction.rated_accel_mps2 * seen.traction_ratio
+            config.limits.accel_mps2, config.traction.rated_accel_mps2 * inputs.traction_ratio
         )
         levels_mps2 = [
             level_mps2

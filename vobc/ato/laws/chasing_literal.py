@@ -28,7 +28,7 @@ class ChasingLiteral(Chasing):
         super().__init__(replace(config, chasing=bare), line, dt_s)
 
     def _brake_on(
-        self, seen: vocabulary.AtoInput, ahead: PredictedState, target: Target, aim: NotchTarget
+        self, inputs: vocabulary.AtoInput, ahead: PredictedState, target: Target, aim: NotchTarget
     ) -> None:
         self._take(self._chosen_brake_mps2(ahead, aim))
 

@@ -37,32 +37,32 @@ class Chase:
 Guard = Callable[[Chase], bool]
 
 
-def near_curve(seen: Chase) -> bool:
-    return seen.near_curve
+def near_curve(inputs: Chase) -> bool:
+    return inputs.near_curve
 
 
-def must_brake(seen: Chase) -> bool:
-    return seen.on_curve or seen.too_fast
+def must_brake(inputs: Chase) -> bool:
+    return inputs.on_curve or inputs.too_fast
 
 
-def runs_free(seen: Chase) -> bool:
-    return not seen.near_curve
+def runs_free(inputs: Chase) -> bool:
+    return not inputs.near_curve
 
 
-def runs_free_and_slow(seen: Chase) -> bool:
-    return not seen.near_curve and seen.too_slow
+def runs_free_and_slow(inputs: Chase) -> bool:
+    return not inputs.near_curve and inputs.too_slow
 
 
-def at_target(seen: Chase) -> bool:
-    return seen.at_target
+def at_target(inputs: Chase) -> bool:
+    return inputs.at_target
 
 
-def too_slow(seen: Chase) -> bool:
-    return seen.too_slow
+def too_slow(inputs: Chase) -> bool:
+    return inputs.too_slow
 
 
-def braked_enough(seen: Chase) -> bool:
-    return seen.braked and not seen.on_curve
+def braked_enough(inputs: Chase) -> bool:
+    return inputs.braked and not inputs.on_curve
 
 
 TRANSITIONS: Final[Mapping[ChasingState, tuple[tuple[Guard, ChasingState], ...]]] = {
@@ -86,9 +86,9 @@ TRANSITIONS: Final[Mapping[ChasingState, tuple[tuple[Guard, ChasingState], ...]]
 }
 
 
-def next_state(state: ChasingState, seen: Chase) -> ChasingState:
+def next_state(state: ChasingState, inputs: Chase) -> ChasingState:
     """Follow the first guard that holds. If none holds, the state stays."""
     for guard, target in TRANSITIONS[state]:
-        if guard(seen):
+        if guard(inputs):
             return target
     return state

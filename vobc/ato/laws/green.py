@@ -16,21 +16,21 @@ from vobc.vocabulary import AtoInput
 class GreenRun(TimedRun):
     __slots__ = ()
 
-    def _timing_mps(self, seen: AtoInput, target: Target) -> float:
+    def _timing_mps(self, inputs: AtoInput, target: Target) -> float:
         if not self._config.green.literal_time or target.due_ns is None:
-            return super()._timing_mps(seen, target)
-        left_s = (target.due_ns - seen.now_ns) / NS_PER_S
+            return super()._timing_mps(inputs, target)
+        left_s = (target.due_ns - inputs.now_ns) / NS_PER_S
         return green_speeds.literal_timing_speed_mps(
-            target.at_m - seen.front_m, left_s, self._config.timing.decel_mps2
+            target.at_m - inputs.front_m, left_s, self._config.timing.decel_mps2
         )
 
-    def _combined_mps(self, seen: AtoInput, top_mps: float, timing_mps: float) -> float:
+    def _combined_mps(self, inputs: AtoInput, top_mps: float, timing_mps: float) -> float:
         """Target speed by equation (12)."""
         settings = self._config.green
-        voltage_v = settings.constant_v or seen.line_voltage_v
+        voltage_v = settings.constant_v or inputs.line_voltage_v
         if voltage_v is None or self.state is not TimingState.AUTOMATIC or math.isinf(timing_mps):
             return min(top_mps, timing_mps)
-        energy_mps = self._energy_mps(seen, voltage_v)
+        energy_mps = self._energy_mps(inputs, voltage_v)
         if settings.literal_target and (timing_mps >= top_mps or energy_mps >= top_mps):
             return top_mps
         return green_speeds.target_speed_mps(
@@ -41,7 +41,7 @@ class GreenRun(TimedRun):
             beta_ratio=settings.beta_ratio,
         )
 
-    def _energy_mps(self, seen: AtoInput, voltage_v: float) -> float:
+    def _energy_mps(self, inputs: AtoInput, voltage_v: float) -> float:
         settings = self._config.green
         current_a = green_speeds.arm_current_a(
             voltage_v,
@@ -54,7 +54,7 @@ class GreenRun(TimedRun):
         rotating_ratio = self._config.rotating_mass_percent / 100.0
         return green_speeds.energy_speed_mps(
             max(0.0, self.speed_mps),
-            settings.tare_kg * (1.0 + rotating_ratio) + seen.load_kg,
+            settings.tare_kg * (1.0 + rotating_ratio) + inputs.load_kg,
             voltage_v,
             current_a,
             standard_w=settings.standard_v * settings.standard_a,

@@ -38,7 +38,7 @@ class Strategy(Protocol):
     def speed_mps(self) -> float:
         """Estimated speed."""
 
-    def observe(self, seen: AtoInput, cycles: int) -> None:
+    def observe(self, inputs: AtoInput, cycles: int) -> None:
         """Process the inputs.
 
         This is the first call of every cycle, driving or not. `cycles` includes missed ones.
@@ -47,10 +47,10 @@ class Strategy(Protocol):
     def rest(self) -> None:
         """The train stands and is held: reset the motion."""
 
-    def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
+    def set_off(self, inputs: AtoInput, demand_mps2: float) -> None:
         """Driving begins, from standstill or on taking over a moving train."""
 
-    def drive(self, seen: AtoInput, target: Target) -> Drive:
+    def drive(self, inputs: AtoInput, target: Target) -> Drive:
         """Demand of this cycle."""
 
     def issued(self, demand_mps2: float) -> None:

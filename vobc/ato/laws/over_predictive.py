@@ -21,14 +21,14 @@ class OverPredictive:
     def speed_mps(self) -> float:
         return self._drives.speed_mps
 
-    def observe(self, seen: AtoInput, cycles: int) -> None:
-        self._drives.observe(seen, cycles)
+    def observe(self, inputs: AtoInput, cycles: int) -> None:
+        self._drives.observe(inputs, cycles)
 
     def rest(self) -> None:
         self._drives.rest()
 
-    def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
-        self._drives.set_off(seen, demand_mps2)
+    def set_off(self, inputs: AtoInput, demand_mps2: float) -> None:
+        self._drives.set_off(inputs, demand_mps2)
 
     def issued(self, demand_mps2: float) -> None:
         self._demand_mps2 = demand_mps2

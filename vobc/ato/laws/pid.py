@@ -134,28 +134,28 @@ class PidPredicted:
         """Dead time identified in the present application, or the expected one before."""
         return self._model.dead_time_s
 
-    def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
-        self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
+    def observe(self, inputs: vocabulary.AtoInput, cycles: int) -> None:
+        self._gravity_mps2 = gradient.decel_on_mps2(self._config, inputs.gradient_permille)
         self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
-        self._model.step(seen.speed_mps, self._gravity_mps2, cycles)
-        if not seen.enabled:
+        self._model.step(inputs.speed_mps, self._gravity_mps2, cycles)
+        if not inputs.enabled:
             # Another source brakes, so the speed says nothing about this law's demands.
-            self._model.meet(seen.speed_mps)
+            self._model.meet(inputs.speed_mps)
         self.speed_mps = self._model.speed_mps
         dt_s = self._dt_s * cycles
         self._front.step(
-            seen.front_m, moved_m=self.speed_mps * dt_s, at_tag=bool(seen.accepted_tag_ids)
+            inputs.front_m, moved_m=self.speed_mps * dt_s, at_tag=bool(inputs.accepted_tag_ids)
         )
-        self._ceiling.step(seen.ceiling_mps, dt_s)
-        for tag_id in seen.accepted_tag_ids:
+        self._ceiling.step(inputs.ceiling_mps, dt_s)
+        for tag_id in inputs.accepted_tag_ids:
             self._t3_met = self._t3_met or tag_id in self._t3_places_m
 
     def rest(self) -> None:
         self._model.rest()
         self.speed_mps = 0.0
 
-    def set_off(self, seen: vocabulary.AtoInput, demand_mps2: float) -> None:
-        self._model.meet(seen.speed_mps)
+    def set_off(self, inputs: vocabulary.AtoInput, demand_mps2: float) -> None:
+        self._model.meet(inputs.speed_mps)
         self._pid.reset()
         self._gains, self._contribution_mps2 = None, 0.0
         self._fall, self._position, self._t3_met = None, None, False
@@ -164,14 +164,14 @@ class PidPredicted:
     def issued(self, demand_mps2: float) -> None:
         self._model.issue(demand_mps2)
 
-    def drive(self, seen: vocabulary.AtoInput, target: Target) -> Drive:
+    def drive(self, inputs: vocabulary.AtoInput, target: Target) -> Drive:
         front_m = self._front.front_m
         self._plan(front_m, target)
         ahead = self._model.ahead_of_brake(front_m, self._gravity_mps2)
         run = self._run_reference(front_m)
         fall = self._choose_fall(front_m, ahead, run.speed_mps)
         if fall is None:
-            return self._follow_run(seen, run)
+            return self._follow_run(inputs, run)
         return self._follow_fall(fall, ahead)
 
     # Planning.
@@ -350,10 +350,10 @@ class PidPredicted:
 
     # Accelerating and running: traction, and sometimes a light brake.
 
-    def _follow_run(self, seen: vocabulary.AtoInput, point: ReferencePoint) -> Drive:
+    def _follow_run(self, inputs: vocabulary.AtoInput, point: ReferencePoint) -> Drive:
         config = self._config
         limit_mps2 = config.limits.accel_mps2
-        available_mps2 = config.traction.rated_accel_mps2 * seen.traction_ratio
+        available_mps2 = config.traction.rated_accel_mps2 * inputs.traction_ratio
         predicted_mps = self._model.ahead_of_traction_mps(self._gravity_mps2)
         forward_mps2 = min(point.accel_mps2, max(0.0, available_mps2))
         forward_mps2 += config.traction.lag_s * point.jerk_mps3

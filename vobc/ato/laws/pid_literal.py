@@ -46,14 +46,14 @@ class PidLiteral:
         self._demand_mps2 = 0.0
         self.speed_mps = 0.0
 
-    def observe(self, seen: AtoInput, cycles: int) -> None:
-        self.speed_mps = seen.speed_mps
+    def observe(self, inputs: AtoInput, cycles: int) -> None:
+        self.speed_mps = inputs.speed_mps
 
     def rest(self) -> None:
         self.speed_mps = 0.0
 
-    def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
-        self._governor.restart(max(0.0, seen.speed_mps), demand_mps2)
+    def set_off(self, inputs: AtoInput, demand_mps2: float) -> None:
+        self._governor.restart(max(0.0, inputs.speed_mps), demand_mps2)
         self._pid.reset()
         self._gains = None
         self._since_t3_s = 0.0
@@ -61,12 +61,12 @@ class PidLiteral:
     def issued(self, demand_mps2: float) -> None:
         self._demand_mps2 = demand_mps2
 
-    def drive(self, seen: AtoInput, target: Target) -> Drive:
-        distance_m = target.at_m - seen.front_m
+    def drive(self, inputs: AtoInput, target: Target) -> Drive:
+        distance_m = target.at_m - inputs.front_m
         if distance_m <= self._config.pid_literal.t3_m:
-            return self._follow_position(seen, distance_m)
+            return self._follow_position(inputs, distance_m)
         stop_mps, stop_mps2 = self._stop_reference(distance_m)
-        limit_mps, limit_mps2 = self._signal_reference(seen)
+        limit_mps, limit_mps2 = self._signal_reference(inputs)
         self._governor.step(
             limit_mps, rise_mps2=self._accel_max_mps2, fall_mps2=self._accel_max_mps2
         )
@@ -77,7 +77,7 @@ class PidLiteral:
         if braking:
             reference_mps, reference_mps2 = stop_mps, stop_mps2
         gains = self._gains_for(reference_mps2, in_zone=distance_m <= self._config.pid_literal.t1_m)
-        accel_mps2 = self._control(gains, reference_mps - seen.speed_mps, reference_mps2)
+        accel_mps2 = self._control(gains, reference_mps - inputs.speed_mps, reference_mps2)
         return Drive(accel_mps2, reference_mps, braking)
 
     def _stop_reference(self, distance_m: float) -> tuple[float, float]:
@@ -93,15 +93,17 @@ class PidLiteral:
         squared = t1_mps**2 + 2.0 * scheme.decel_mps2 * (distance_m - scheme.t1_m)
         return squared**0.5, -scheme.decel_mps2
 
-    def _signal_reference(self, seen: AtoInput) -> tuple[float, float]:
+    def _signal_reference(self, inputs: AtoInput) -> tuple[float, float]:
         """The lowest of ceiling, limits under the train and the next lower limit ahead."""
         margin_mps = self._config.speed.margin_mps
-        limit_mps = min(self._limits.under_train_mps(seen.front_m), seen.ceiling_mps) - margin_mps
-        lowering = self._limits.lowering(self._limits.next_lowering(seen.front_m))
+        limit_mps = (
+            min(self._limits.under_train_mps(inputs.front_m), inputs.ceiling_mps) - margin_mps
+        )
+        lowering = self._limits.lowering(self._limits.next_lowering(inputs.front_m))
         if lowering is None:
             return max(0.0, limit_mps), 0.0
         curve = lowering.curve
-        room_m = max(0.0, lowering.at_m - seen.front_m)
+        room_m = max(0.0, lowering.at_m - inputs.front_m)
         squared = curve.end_mps**2 + 2.0 * curve.steady_decel_mps2 * room_m
         if squared < limit_mps**2:
             return squared**0.5, -curve.steady_decel_mps2
@@ -115,7 +117,7 @@ class PidLiteral:
             return scheme.rising
         return scheme.constant
 
-    def _follow_position(self, seen: AtoInput, distance_m: float) -> Drive:
+    def _follow_position(self, inputs: AtoInput, distance_m: float) -> Drive:
         """From T3 on: x_ref = v2 * t - a3 * t**2 / 2, which ends at rest at the stop."""
         scheme = self._config.pid_literal
         creep_mps = scheme.creep_speed_mps

@@ -69,31 +69,31 @@ class PowerLimitedRun(OverPredictive):
         super().rest()
         self.stage = RunStage.FREE
 
-    def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
-        super().set_off(seen, demand_mps2)
+    def set_off(self, inputs: AtoInput, demand_mps2: float) -> None:
+        super().set_off(inputs, demand_mps2)
         self._target = None
         self.stage = RunStage.FREE
 
-    def drive(self, seen: AtoInput, target: Target) -> Drive:
+    def drive(self, inputs: AtoInput, target: Target) -> Drive:
         if target != self._target:
-            self._begin(seen, target)
-        free = self._drives.drive(seen, target)
+            self._begin(inputs, target)
+        free = self._drives.drive(inputs, target)
         if self.plan is None or free.braking:
             self.stage = RunStage.FREE if self.plan is None or free.braking else self.stage
             return free
-        self._advance(seen, target)
+        self._advance(inputs, target)
         if self.stage is RunStage.COASTING:
             # Slowing for a limit or the ceiling has priority.
             slows = free.accel_mps2 < -HOLDING_MPS2
             return Drive(free.accel_mps2 if slows else 0.0, free.reference_mps, False)
         if self.stage is RunStage.BRAKING:
-            demand_mps2 = min(free.accel_mps2, -self._limited_mps2(seen, target))
-            onset_mps2 = self._config.braking.onset_jerk_mps3 * seen.dt_s
+            demand_mps2 = min(free.accel_mps2, -self._limited_mps2(inputs, target))
+            onset_mps2 = self._config.braking.onset_jerk_mps3 * inputs.dt_s
             demand_mps2 = max(demand_mps2, self._demand_mps2 - onset_mps2)
             return Drive(demand_mps2, self.speed_mps, False)
         return free
 
-    def _begin(self, seen: AtoInput, target: Target) -> None:
+    def _begin(self, inputs: AtoInput, target: Target) -> None:
         """Plan from here for a new target or arrival time."""
         self._target = target
         self.plan = None
@@ -103,18 +103,18 @@ class PowerLimitedRun(OverPredictive):
         if target.due_ns is None or not target.at_station:
             return
         curve = self._drives.curve_to(target)
-        planner = PowerPlanner(self._config, self._line, target.at_m, curve, load_kg=seen.load_kg)
-        left_s = (target.due_ns - seen.now_ns) / NS_PER_S
-        top_mps = self._top_mps(seen.front_m, target.at_m)
+        planner = PowerPlanner(self._config, self._line, target.at_m, curve, load_kg=inputs.load_kg)
+        left_s = (target.due_ns - inputs.now_ns) / NS_PER_S
+        top_mps = self._top_mps(inputs.front_m, target.at_m)
         self._planner = planner
-        plan = planner.plan(seen.front_m, max(0.0, self.speed_mps), left_s, top_mps)
+        plan = planner.plan(inputs.front_m, max(0.0, self.speed_mps), left_s, top_mps)
         if plan.time_s > left_s + LATE_S:
             # No curve takes so little time, so the train runs as fast as the line permits.
             return
         self.plan = plan
         self._drives.most_mps = self.plan.notch_off_mps
         self._brake = planner.brake(self._planned_w)
-        self._look_again_ns = seen.now_ns
+        self._look_again_ns = inputs.now_ns
         self.stage = RunStage.GAINING
 
     @property
@@ -130,7 +130,7 @@ class PowerLimitedRun(OverPredictive):
                 high_mps = max(high_mps, section.limit_mps)
         return high_mps - self._config.speed.margin_mps
 
-    def _advance(self, seen: AtoInput, target: Target) -> None:
+    def _advance(self, inputs: AtoInput, target: Target) -> None:
         """Advance by at most one stage. Ending traction at the jerk limit still gains some
         speed.
         """
@@ -140,24 +140,26 @@ class PowerLimitedRun(OverPredictive):
         after_mps = speed_mps + pulls_mps2**2 / (2.0 * self._config.limits.jerk_mps3)
         if self.stage is RunStage.GAINING and after_mps >= self.plan.notch_off_mps - NEAR_MPS:
             self.stage = RunStage.COASTING
-        if self.stage is RunStage.COASTING and seen.now_ns >= self._look_again_ns:
-            self._look_again_ns = seen.now_ns + round(self._config.power_limited.look_s * NS_PER_S)
-            self._look_again(seen, target)
+        if self.stage is RunStage.COASTING and inputs.now_ns >= self._look_again_ns:
+            self._look_again_ns = inputs.now_ns + round(
+                self._config.power_limited.look_s * NS_PER_S
+            )
+            self._look_again(inputs, target)
         if self.stage in (RunStage.GAINING, RunStage.COASTING):
             assert self._brake is not None
             delay_s = self._drives.brake_dead_time_s
-            reach_m = target.at_m - seen.front_m - speed_mps * delay_s
+            reach_m = target.at_m - inputs.front_m - speed_mps * delay_s
             if not self._late and reach_m <= self._brake.from_speed(speed_mps).way_m:
                 self.stage = RunStage.BRAKING
 
-    def _look_again(self, seen: AtoInput, target: Target) -> None:
+    def _look_again(self, inputs: AtoInput, target: Target) -> None:
         """Update the power limit for the remaining time. It is fixed once the train brakes."""
         assert self._planner is not None
         assert self.plan is not None
         assert target.due_ns is not None
-        left_s = (target.due_ns - seen.now_ns) / NS_PER_S
-        power_w = self._planner.limit_w(seen.front_m, self.speed_mps, left_s)
-        late_s = self._planner.coasted_s(seen.front_m, self.speed_mps, power_w) - left_s
+        left_s = (target.due_ns - inputs.now_ns) / NS_PER_S
+        power_w = self._planner.limit_w(inputs.front_m, self.speed_mps, left_s)
+        late_s = self._planner.coasted_s(inputs.front_m, self.speed_mps, power_w) - left_s
         self._late = late_s > LATE_S
         if late_s > VERY_LATE_S:
             self.plan, self.stage = None, RunStage.FREE
@@ -166,14 +168,14 @@ class PowerLimitedRun(OverPredictive):
         self.plan = self.plan._replace(power_w=power_w)
         self._brake = self._planner.brake(self._planned_w)
 
-    def _limited_mps2(self, seen: AtoInput, target: Target) -> float:
+    def _limited_mps2(self, inputs: AtoInput, target: Target) -> float:
         """Brake effort: at most the power limit, less if the train would stop short."""
         assert self._brake is not None
         assert self._planner is not None
         assert self.plan is not None
         speed_mps = max(LEAST_SPEED_MPS, self.speed_mps)
         braked = self._brake.from_speed(speed_mps)
-        spare_m = target.at_m - seen.front_m - braked.way_m
+        spare_m = target.at_m - inputs.front_m - braked.way_m
         room_m = speed_mps * max(1.0, braked.time_s)
         share_ratio = 1.0 - CORRECTION_RATIO * spare_m / room_m
         asked_mps2 = share_ratio * self._planned_w / (self._planner.mass_kg * speed_mps)

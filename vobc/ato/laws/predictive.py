@@ -117,40 +117,40 @@ class Predictive:
         """Dead time identified in the present application, or the expected one before."""
         return self._model.dead_time_s
 
-    def observe(self, seen: vocabulary.AtoInput, cycles: int) -> None:
-        self._gravity_mps2 = gradient.decel_on_mps2(self._config, seen.gradient_permille)
+    def observe(self, inputs: vocabulary.AtoInput, cycles: int) -> None:
+        self._gravity_mps2 = gradient.decel_on_mps2(self._config, inputs.gradient_permille)
         self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
         # If another source brakes, or the rail does not support the demand, the speed says nothing
         # about this law's demands. A slip under another source's brake says little about the rail.
         self._released_s += self._dt_s * cycles
-        if seen.protection_brakes and seen.speed_mps > SLOW_MPS:
+        if inputs.protection_brakes and inputs.speed_mps > SLOW_MPS:
             self._released_s = 0.0
-        released = not seen.protection_brakes and self._released_s >= self._release_s
-        ours = seen.enabled and released
-        slips = self._rail.observe(seen.now_ns, seen.speed_mps, slips=seen.slips and ours)
-        self._model.step(seen.speed_mps, self._gravity_mps2, cycles, ours=ours and not slips)
+        released = not inputs.protection_brakes and self._released_s >= self._release_s
+        ours = inputs.enabled and released
+        slips = self._rail.observe(inputs.now_ns, inputs.speed_mps, slips=inputs.slips and ours)
+        self._model.step(inputs.speed_mps, self._gravity_mps2, cycles, ours=ours and not slips)
         before_mps, self.speed_mps = self.speed_mps, self._model.speed_mps
         dt_s = self._dt_s * cycles
         moved_m = (before_mps + self.speed_mps) / 2.0 * dt_s
-        self._front.step(seen.front_m, moved_m=moved_m, at_tag=bool(seen.accepted_tag_ids))
-        self._ceiling.step(seen.ceiling_mps, dt_s)
+        self._front.step(inputs.front_m, moved_m=moved_m, at_tag=bool(inputs.accepted_tag_ids))
+        self._ceiling.step(inputs.ceiling_mps, dt_s)
 
     def rest(self) -> None:
         self._model.rest()
         self.speed_mps = 0.0
 
-    def set_off(self, seen: vocabulary.AtoInput, demand_mps2: float) -> None:
+    def set_off(self, inputs: vocabulary.AtoInput, demand_mps2: float) -> None:
         self._braking = False
         self._slowing_to = -1
         self._planned_for = None
-        self._model.meet(seen.speed_mps)
+        self._model.meet(inputs.speed_mps)
         self._resume_cruise(demand_mps2)
 
     def issued(self, demand_mps2: float) -> None:
         self._demand_mps2 = demand_mps2
         self._model.issue(demand_mps2)
 
-    def drive(self, seen: vocabulary.AtoInput, target: Target) -> Drive:
+    def drive(self, inputs: vocabulary.AtoInput, target: Target) -> Drive:
         target_m = target.at_m
         if not self._braking and self._slowing_to < 0:
             self._manner = self._rail.manner
@@ -166,7 +166,7 @@ class Predictive:
             top_mps = min(limit_mps, ceiling_mps) - margin_mps
             self._wanted_mps2 = None
             target_mps = max(0.0, min(top_mps, self._peak_mps, self.most_mps))
-            return self._kept_on(self._cruise(seen, target_mps), ahead, target_m)
+            return self._kept_on(self._cruise(inputs, target_mps), ahead, target_m)
         decel_mps2 = self._braking_decel_mps2(ahead, target_m, slowing)
         over_mps = ahead.speed_mps - ceiling_mps
         if over_mps > 0.0:
@@ -174,7 +174,7 @@ class Predictive:
         demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead)
         # The ramp starts from the demand last sent, so that the brake comes on as gently as
         # planned.
-        onset_mps2 = self._config.braking.onset_jerk_mps3 * seen.dt_s
+        onset_mps2 = self._config.braking.onset_jerk_mps3 * inputs.dt_s
         demand_mps2 = max(demand_mps2, self._onset_from_mps2() - onset_mps2)
         self._wanted_mps2 = demand_mps2
         reference_mps = self._reference_mps(self._front.front_m, target_m, slowing)
@@ -357,10 +357,10 @@ class Predictive:
         self._governor.restart(max(0.0, self._model.speed_mps), accel_mps2)
         self._pid.reset()
 
-    def _cruise(self, seen: vocabulary.AtoInput, target_mps: float) -> Drive:
+    def _cruise(self, inputs: vocabulary.AtoInput, target_mps: float) -> Drive:
         config, governor = self._config, self._governor
         limit_mps2 = config.limits.accel_mps2
-        available_mps2 = config.traction.rated_accel_mps2 * seen.traction_ratio
+        available_mps2 = config.traction.rated_accel_mps2 * inputs.traction_ratio
         # The limit leaves room for resistance, so that the demand can follow the reference.
         uphill_mps2 = max(0.0, self._gravity_mps2 - self._model.disturbance_mps2)
         rise_mps2 = max(0.0, min(self._manner.accel_mps2, available_mps2) - uphill_mps2)

@@ -53,30 +53,30 @@ class SlowDrive:
     def end(self) -> None:
         self.ending = True
 
-    def jog(self, seen: AtoInput, distance_m: float, *, reverse: bool) -> Drive:
+    def jog(self, inputs: AtoInput, distance_m: float, *, reverse: bool) -> Drive:
         """Move to a point `distance_m` away along the movement."""
-        speed_mps = -seen.speed_mps if reverse else seen.speed_mps
+        speed_mps = -inputs.speed_mps if reverse else inputs.speed_mps
         if distance_m <= self._stopping_m(max(0.0, speed_mps)):
             self.ending = True
         if self.ending:
             return Drive(-STOP_DECEL_MPS2, 0.0, True)
         target_mps = min(JOG_MPS, LAST_MPS + SPEED_PER_M * distance_m)
-        self._approach(target_mps, seen.dt_s, rise_mps2=JOG_ACCEL_MPS2, fall_mps2=JOG_ACCEL_MPS2)
-        demand_mps2 = self._control(seen, speed_mps, reverse=reverse)
+        self._approach(target_mps, inputs.dt_s, rise_mps2=JOG_ACCEL_MPS2, fall_mps2=JOG_ACCEL_MPS2)
+        demand_mps2 = self._control(inputs, speed_mps, reverse=reverse)
         if demand_mps2 < 0.0 and speed_mps <= self._reference_mps + OVER_MPS:
             demand_mps2 = 0.0
         return Drive(demand_mps2, self._reference_mps, False)
 
-    def creep(self, seen: AtoInput) -> Drive:
+    def creep(self, inputs: AtoInput) -> Drive:
         """Move below the ceiling without a known place. Come to rest where nothing is permitted."""
-        target_mps = max(0.0, seen.ceiling_mps - self._config.speed.margin_mps)
+        target_mps = max(0.0, inputs.ceiling_mps - self._config.speed.margin_mps)
         self._approach(
-            target_mps, seen.dt_s, rise_mps2=CREEP_ACCEL_MPS2, fall_mps2=CREEP_DECEL_MPS2
+            target_mps, inputs.dt_s, rise_mps2=CREEP_ACCEL_MPS2, fall_mps2=CREEP_DECEL_MPS2
         )
         self.ending = target_mps < LEAST_CREEP_MPS
         if self.ending:
             return Drive(-CREEP_DECEL_MPS2, self._reference_mps, True)
-        demand_mps2 = self._control(seen, seen.speed_mps, reverse=False)
+        demand_mps2 = self._control(inputs, inputs.speed_mps, reverse=False)
         return Drive(demand_mps2, self._reference_mps, False)
 
     def _stopping_m(self, speed_mps: float) -> float:
@@ -92,15 +92,15 @@ class SlowDrive:
         high_mps = self._reference_mps + rise_mps2 * dt_s
         self._reference_mps = min(high_mps, max(low_mps, target_mps))
 
-    def _control(self, seen: AtoInput, speed_mps: float, *, reverse: bool) -> float:
+    def _control(self, inputs: AtoInput, speed_mps: float, *, reverse: bool) -> float:
         config = self._config
-        uphill_mps2 = gradient.decel_on_mps2(config, seen.gradient_permille)
+        uphill_mps2 = gradient.decel_on_mps2(config, inputs.gradient_permille)
         ahead_mps2 = (-uphill_mps2 if reverse else uphill_mps2) + ROLLING_MPS2
         limit_mps2 = config.limits.accel_mps2
         return ahead_mps2 + self._pid.step(
             config.speed.rising,
             self._reference_mps - speed_mps,
-            seen.dt_s,
+            inputs.dt_s,
             low_mps2=-limit_mps2 - ahead_mps2,
             high_mps2=limit_mps2 - ahead_mps2,
         )

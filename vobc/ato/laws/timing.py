@@ -108,35 +108,35 @@ class TimedRun(OverPredictive):
         super().rest()
         self.state = TimingState.STATIONARY
 
-    def set_off(self, seen: AtoInput, demand_mps2: float) -> None:
-        super().set_off(seen, demand_mps2)
+    def set_off(self, inputs: AtoInput, demand_mps2: float) -> None:
+        super().set_off(inputs, demand_mps2)
         self._target = None
         self._braking = False
 
-    def drive(self, seen: AtoInput, target: Target) -> Drive:
-        self.state = next_state(self.state, self._guards(seen, target))
-        self._drives.most_mps = self._target_mps(seen, target)
-        drive = self._drives.drive(seen, target)
+    def drive(self, inputs: AtoInput, target: Target) -> Drive:
+        self.state = next_state(self.state, self._guards(inputs, target))
+        self._drives.most_mps = self._target_mps(inputs, target)
+        drive = self._drives.drive(inputs, target)
         self._braking = drive.braking
         return drive
 
-    def _guards(self, seen: AtoInput, target: Target) -> dict[TimingGuard, bool]:
+    def _guards(self, inputs: AtoInput, target: Target) -> dict[TimingGuard, bool]:
         settings, speed_mps = self._config.timing, self.speed_mps
-        to_stop_m = target.at_m - seen.front_m
+        to_stop_m = target.at_m - inputs.front_m
         braking_m = speed_mps * speed_mps / (2.0 * settings.decel_mps2)
         parking_m = max(settings.parking_m, braking_m + settings.parking_spare_m)
         return {
-            TimingGuard.MOVES: not seen.holding_applied or speed_mps > 0.0,
+            TimingGuard.MOVES: not inputs.holding_applied or speed_mps > 0.0,
             TimingGuard.FAST: speed_mps > settings.start_up_mps,
             TimingGuard.NEAR: to_stop_m < parking_m or self._braking,
-            TimingGuard.STANDS: seen.standstill and seen.holding_applied,
+            TimingGuard.STANDS: inputs.standstill and inputs.holding_applied,
             TimingGuard.SLOW: speed_mps < settings.slowed_mps,
             TimingGuard.FAR: to_stop_m > parking_m + AGAIN_FAR_M and not self._braking,
         }
 
     # Target speeds.
 
-    def _target_mps(self, seen: AtoInput, target: Target) -> float:
+    def _target_mps(self, inputs: AtoInput, target: Target) -> float:
         """Equation (12) with alpha = 1: V_time where it is below V_top.
 
         Parking follows its own curve below the previous target speed.
@@ -144,53 +144,53 @@ class TimedRun(OverPredictive):
         if self.state is TimingState.PARKING:
             return self._time_mps
         if target != self._target:
-            self._plan(seen, target)
-        top_mps = self._top_mps(seen)
-        if self.state is TimingState.AUTOMATIC and seen.now_ns >= self._look_again_ns:
-            self._look_again_ns = seen.now_ns + round(self._config.timing.look_s * NS_PER_S)
-            self._time_mps = self._timing_mps(seen, target)
-        return self._combined_mps(seen, top_mps, self._time_mps)
+            self._plan(inputs, target)
+        top_mps = self._top_mps(inputs)
+        if self.state is TimingState.AUTOMATIC and inputs.now_ns >= self._look_again_ns:
+            self._look_again_ns = inputs.now_ns + round(self._config.timing.look_s * NS_PER_S)
+            self._time_mps = self._timing_mps(inputs, target)
+        return self._combined_mps(inputs, top_mps, self._time_mps)
 
-    def _combined_mps(self, seen: AtoInput, top_mps: float, timing_mps: float) -> float:
+    def _combined_mps(self, inputs: AtoInput, top_mps: float, timing_mps: float) -> float:
         return min(top_mps, timing_mps)
 
-    def _plan(self, seen: AtoInput, target: Target) -> None:
+    def _plan(self, inputs: AtoInput, target: Target) -> None:
         self._target = target
         self._look_again_ns = 0
         self._time_mps = math.inf
         curve = self._drives.curve_to(target)
-        self._running = RunningTime(self._config, self._line, seen.front_m, target.at_m, curve)
+        self._running = RunningTime(self._config, self._line, inputs.front_m, target.at_m, curve)
 
-    def _timing_mps(self, seen: AtoInput, target: Target) -> float:
+    def _timing_mps(self, inputs: AtoInput, target: Target) -> float:
         """V_time. It is infinite without a timetable."""
         if target.due_ns is None or self._running is None:
             return math.inf
-        left_s = (target.due_ns - seen.now_ns) / NS_PER_S
-        high_mps = self._line.limit_mps(seen.front_m)
+        left_s = (target.due_ns - inputs.now_ns) / NS_PER_S
+        high_mps = self._line.limit_mps(inputs.front_m)
         for section in self._line.speed_sections:
-            if section.start_m < target.at_m and section.end_m > seen.front_m:
+            if section.start_m < target.at_m and section.end_m > inputs.front_m:
                 high_mps = max(high_mps, section.limit_mps)
         return self._running.speed_for_mps(
-            seen.front_m,
+            inputs.front_m,
             self.speed_mps,
             left_s,
             low_mps=self._config.timing.least_mps,
             high_mps=high_mps,
         )
 
-    def _top_mps(self, seen: AtoInput) -> float:
+    def _top_mps(self, inputs: AtoInput) -> float:
         """V_top towards every lower limit ahead, by the train's present demand."""
         pulls = self._demand_mps2 > 0.0
         reaction = SERVICE_FROM_TRACTION if pulls else SERVICE_FROM_COAST_OR_BRAKE
         top_mps = math.inf
-        index = self._limits.next_lowering(seen.front_m)
-        far_m = seen.front_m + self._far_m
+        index = self._limits.next_lowering(inputs.front_m)
+        far_m = inputs.front_m + self._far_m
         while (lowering := self._limits.lowering(index)) is not None and lowering.at_m < far_m:
             index += 1
             end_mps = lowering.curve.end_mps
             to_limit_mps = v_top_mps(
-                lowering.at_m - seen.front_m,
-                decel_mps2=self._decel_mps2(seen.front_m, lowering.at_m),
+                lowering.at_m - inputs.front_m,
+                decel_mps2=self._decel_mps2(inputs.front_m, lowering.at_m),
                 accel_mps2=self._demand_mps2,
                 reaction=reaction,
                 target_mps=end_mps,
