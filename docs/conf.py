@@ -10,7 +10,7 @@ from firmware_py import __version__
 from metro_tools.site import SCRIPT
 
 project = "Metro VOBC bench"
-copyright = "Apache-2.0"
+html_show_copyright = False
 version = release = __version__
 extensions = ["myst_parser"]
 html_theme = "furo"
