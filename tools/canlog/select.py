@@ -4,18 +4,15 @@ import fnmatch
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
 from canlog.damage import STANDARD_MAX, LogError
-from canlog.database import Bus
+from canlog.database import Bus, MessageSpec
 from canlog.frames import KEY_EXTENDED, TX, Bools, Frames, Ints
-from canlog.table import Groups, taken
+from canlog.table import Groups, Table, taken
 from canlog.verdict_codes import UNCONFIRMED
-
-if TYPE_CHECKING:
-    from canlog.where import Where
 
 NS_PER_S: Final = 1_000_000_000
 IDENTIFIER: Final = re.compile("[0-9a-f]+x?")
@@ -58,6 +55,16 @@ class DataPattern:
         return found
 
 
+class Condition(Protocol):
+    """Something that signals of a frame fulfil or not."""
+
+    def covers(self, spec: MessageSpec) -> bool:
+        """Whether frames of this message can fulfil it at all."""
+
+    def holds(self, table: Table) -> Bools:
+        """(n,) which frames fulfil it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Selection:
     """What was asked for; what is empty or None chooses nothing away."""
@@ -67,7 +74,7 @@ class Selection:
     keys: tuple[KeyRange, ...] = ()
     nodes: tuple[str, ...] = ()
     """Senders."""
-    where: "Where | None" = None
+    where: Condition | None = None
     spans_ns: tuple[tuple[int, int], ...] | None = None
     """Stamps, first and last."""
     rate_hz: float | None = None

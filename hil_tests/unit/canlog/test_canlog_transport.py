@@ -12,7 +12,7 @@ from canlog import Frames
 from canlog.command import main
 from canlog.frames import EXTENDED, FD, KEY_EXTENDED
 from canlog.rows import from_rows
-from canlog.transport.messages import Kind, Messages, Status
+from canlog.transport.messages import Messages, TransportKind, TransportStatus
 from canlog.transport.names import fault_text, uds_text
 from canlog.transport.reassembly import Reassembler, TransportOptions
 
@@ -109,7 +109,7 @@ def told(parts: Sequence[Messages]) -> list[tuple[int, int, str, bytes]]:
             (
                 int(part.key[at]) & ~KEY_EXTENDED,
                 int(part.group[at]),
-                Status(int(part.status[at])).name,
+                TransportStatus(int(part.status[at])).name,
                 part.payload(at),
             ),
         )
@@ -134,7 +134,7 @@ def test_broadcasts_of_several_sources_are_put_together(
 
     wanted = [(0x18EC_FF00 | at, 0xFECA + at, "WHOLE", each) for at, each in enumerate(data)]
     assert sorted(told(parts)) == sorted(wanted)
-    assert {int(kind) for part in parts for kind in part.kind} == {Kind.BROADCAST}
+    assert {int(kind) for part in parts for kind in part.kind} == {TransportKind.BROADCAST}
 
 
 @given(

@@ -352,12 +352,12 @@ def _stamps_ns(field: Field | None, records: Any, damages: Damages, name: str) -
         damages.add("no stamps", "frame", None, f"{name}: its group has no clock; all are at 0")
         return np.zeros(len(records), np.int64)
     raw = numbers_of(records, field)
-    step_ns = field.scale * NS_PER_S
+    step_ns = field.step_s * NS_PER_S
     whole = raw.dtype.kind != "f" and abs(step_ns - round(step_ns)) < 1e-6 and round(step_ns) > 0
     if whole and (not len(raw) or int(raw.max()) < EXACT_NS // round(step_ns)):
-        exact: Ints = raw.astype(np.int64) * round(step_ns) + round(field.offset * NS_PER_S)
+        exact: Ints = raw.astype(np.int64) * round(step_ns) + round(field.zero_s * NS_PER_S)
         return exact
-    at_ns = np.rint((raw * field.scale + field.offset) * NS_PER_S)
+    at_ns = np.rint((raw * field.step_s + field.zero_s) * NS_PER_S)
     if not (np.abs(at_ns) < EXACT_NS).all():
         damages.add("impossible stamp", "frame", None, f"{name}: no number; taken as the start")
         at_ns = np.where(np.abs(at_ns) < EXACT_NS, at_ns, 0.0)

@@ -27,7 +27,7 @@ WORD_BITS: Final = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class Mf4Block:
     """A block without its data: where it lies, what it links to."""
 
     at: int
@@ -50,8 +50,9 @@ class Field:
     bit: int
     byte: int
     bits: int
-    scale: float
-    offset: float
+    step_s: float
+    """Of a clock: seconds for each count, and those at a count of 0."""
+    zero_s: float
     data_link: int
     """Of a VARIABLE one: the block with its values."""
 
@@ -116,7 +117,7 @@ class Mf4File:
             groups = tuple(self._group(each) for each in self._chain(block.links[1], b"##CG"))
             yield DataGroup(id_bytes, block.links[2], groups)
 
-    def block(self, at: int, *kinds: bytes) -> Block | None:
+    def block(self, at: int, *kinds: bytes) -> Mf4Block | None:
         """The block that a link leads to; None for one that is not there or of another kind."""
         if at == 0 and HEADER_AT:
             return None
@@ -132,9 +133,9 @@ class Mf4File:
             self._damages.add("broken block", "byte", at, f"{count} links")
             return None
         links = struct.unpack(f"<{count}Q", self.data[at + HEAD_BYTES : links_end])
-        return Block(at, kind, size, links)
+        return Mf4Block(at, kind, size, links)
 
-    def _chain(self, at: int, kind: bytes) -> Iterator[Block]:
+    def _chain(self, at: int, kind: bytes) -> Iterator[Mf4Block]:
         """Blocks that each link to the next one first."""
         seen: set[int] = set()
         while at and at not in seen and len(seen) < BLOCKS_MAX:
@@ -145,7 +146,7 @@ class Mf4File:
             yield block
             at = block.links[0]
 
-    def _group(self, block: Block) -> Group:
+    def _group(self, block: Mf4Block) -> Group:
         body = self.data[block.body : block.body + 32].ljust(32, b"\0")
         record_id, count, flags, size, unused = struct.unpack("<QQH6xII", body)
         fields: dict[str, Field] = {}
@@ -216,14 +217,14 @@ class Mf4File:
             following = block.links[0] if block.links else 0
             block = self.block(following, b"##DL") if following else None
 
-    def _plain(self, block: Block) -> Iterator[bytes]:
+    def _plain(self, block: Mf4Block) -> Iterator[bytes]:
         end = block.at + block.size
         if end > self.size or (self._length_open and block.size <= HEAD_BYTES):
             end = self.size
         for at in range(block.body, end, PIECE_BYTES):
             yield self.data[at : min(at + PIECE_BYTES, end)]
 
-    def _unpacked(self, block: Block) -> bytes | bytearray:
+    def _unpacked(self, block: Mf4Block) -> bytes | bytearray:
         head = self.data[block.body : block.body + 24].ljust(24, b"\0")
         method, columns, size, packed_size = struct.unpack("<2xBxIQQ", head)
         first = block.body + 24

@@ -7,7 +7,7 @@ from typing import Any
 from canlog.frames import Bytes, Ints
 
 
-class Kind(enum.IntEnum):
+class TransportKind(enum.IntEnum):
     """How a message was sent."""
 
     BROADCAST = 0
@@ -20,7 +20,7 @@ class Kind(enum.IntEnum):
     """ISO-TP: a first frame and consecutive ones."""
 
 
-class Status(enum.IntEnum):
+class TransportStatus(enum.IntEnum):
     """Whether a message is whole."""
 
     WHOLE = 0
@@ -49,9 +49,9 @@ class Messages:
     channel: Bytes
     """(n,) index into `channels`."""
     kind: Bytes
-    """(n,) as in Kind."""
+    """(n,) as in TransportKind."""
     status: Bytes
-    """(n,) as in Status. What is not WHOLE has no data."""
+    """(n,) as in TransportStatus. What is not WHOLE has no data."""
     data: Bytes
     """The data of all, one behind the other."""
     data_ends: Ints

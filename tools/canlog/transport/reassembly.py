@@ -1,5 +1,6 @@
 """J1939 transport and ISO-TP put together block by block, with the frames that are still open."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
@@ -7,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from canlog.frames import Bools, Bytes, Frames, Ints, concat, empty
-from canlog.transport.messages import Kind, Messages, Status
+from canlog.transport.messages import Messages, TransportKind, TransportStatus
 
 NS_PER_MS: Final = 1_000_000
 FIRST_GAP_NS: Final = 1250 * NS_PER_MS
@@ -107,7 +108,7 @@ def is_j1939_transport(frames: Frames) -> Bools:
     return found
 
 
-class _Segmented:
+class _Segmented(ABC):
     """Frames of one protocol, sorted by session: starts, each followed by its segments."""
 
     gap_ns: int
@@ -117,33 +118,33 @@ class _Segmented:
         self.frames, self.numbers = frames[self.order], numbers[self.order]
         self.session = session[self.order]
 
+    @abstractmethod
     def starts(self) -> Bools:
         """(n,) frames that begin a message."""
-        raise NotImplementedError
 
+    @abstractmethod
     def part(self) -> tuple[Ints, Ints]:
         """(n,) where the data of each frame begin and end in it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def totals(self, starts: Ints) -> Ints:
         """Bytes that each start announces."""
-        raise NotImplementedError
 
+    @abstractmethod
     def sequence(self) -> Ints:
         """(n,) number of each segment, BAD of a frame that is none."""
-        raise NotImplementedError
 
+    @abstractmethod
     def expected(self, position: Ints) -> Ints:
         """The number of the segment at a position, from 1."""
-        raise NotImplementedError
 
+    @abstractmethod
     def columns(self, starts: Ints) -> tuple[Any, Ints, Bytes]:
         """Key, group and kind of messages by their starts."""
-        raise NotImplementedError
 
+    @abstractmethod
     def limit_ns(self, starts: Ints) -> Ints:
         """Longest wait for the next frame of each message."""
-        raise NotImplementedError
 
     def aborted(self, message: Ints, count: int) -> Bools:
         """Which messages one side gave up."""
@@ -177,22 +178,23 @@ class _Segmented:
         gaps = np.diff(stamps, prepend=stamps[:1])
         late = (position > 0) & (gaps > self.limit_ns(starts)[owned])
         status = np.zeros(count, np.uint8)
-        status[got < totals] = Status.UNFINISHED
-        status[np.unique(owned[late])] = Status.TIMEOUT
-        status[np.unique(owned[wrong])] = Status.WRONG_SEQUENCE
-        status[self.aborted(message, count) & (got < totals)] = Status.ABORTED
+        status[got < totals] = TransportStatus.UNFINISHED
+        status[np.unique(owned[late])] = TransportStatus.TIMEOUT
+        status[np.unique(owned[wrong])] = TransportStatus.WRONG_SEQUENCE
+        status[self.aborted(message, count) & (got < totals)] = TransportStatus.ABORTED
         self.mend(status, used, owned, totals)
         open_ = np.zeros(count, np.bool_)
         if not last and count:
             final = np.ones(count, np.bool_)
             final[:-1] = self.session[starts[1:]] != self.session[starts[:-1]]
-            open_ = final & (status == Status.UNFINISHED)
+            open_ = final & (status == TransportStatus.UNFINISHED)
         left = np.zeros(len(self.frames), np.bool_)
         left[used[open_[owned]]] = True
         unsorted = np.zeros(len(self.frames), np.bool_)
         unsorted[self.order] = left
         return self._columns(starts, used, owned, totals, status, ~open_, low, sizes), unsorted
 
+    @abstractmethod
     def mend(self, status: Bytes, used: Ints, owned: Ints, totals: Ints) -> None:
         """Messages whose segments are out of turn but may be whole all the same, in place."""
 
@@ -216,13 +218,13 @@ class _Segmented:
         used, owned = used[rows_kept], owned[rows_kept]
         counts = np.bincount(owned, minlength=len(starts))[chosen]
         row_ends = np.cumsum(counts)
-        whole = status[owned] == Status.WHOLE
+        whole = status[owned] == TransportStatus.WHOLE
         width = self.frames.data.shape[1]
         rows, column = used[whole], np.arange(width)
         spans = (column >= low[rows][:, None]) & (column < (low + sizes)[rows][:, None])
         flat = self.frames.data[rows][spans]
         # The last segment may be filled up behind the last byte.
-        lengths = np.where(status == Status.WHOLE, totals, 0)[chosen]
+        lengths = np.where(status == TransportStatus.WHOLE, totals, 0)[chosen]
         held = np.bincount(owned[whole], sizes[rows], len(starts)).astype(np.int64)[chosen]
         offset = np.arange(len(flat)) - np.repeat(np.cumsum(held) - held, held)
         flat = flat[offset < np.repeat(lengths, held)]
@@ -295,19 +297,21 @@ class _J1939(_Segmented):
     def mend(self, status: Bytes, used: Ints, owned: Ints, totals: Ints) -> None:
         """Packets that were asked for again: each is taken by its number."""
         del totals
-        for at in np.flatnonzero(status == Status.WRONG_SEQUENCE).tolist():
+        for at in np.flatnonzero(status == TransportStatus.WRONG_SEQUENCE).tolist():
             rows = self.segments(used, owned, at)
             packets = self.frames.data[rows[1:], 0].astype(np.int64)
             wanted = int(self.frames.data[rows[0], 3])
             if len(packets) == wanted and (np.sort(packets) == np.arange(1, wanted + 1)).all():
                 order = rows[1:][np.argsort(packets, kind="stable")]
                 self.frames.data[rows[1:]] = self.frames.data[order]
-                status[at] = Status.WHOLE
+                status[at] = TransportStatus.WHOLE
 
     def columns(self, starts: Ints) -> tuple[Any, Ints, Bytes]:
         data = self.frames.data[starts].astype(np.int64)
         group = data[:, 5] | data[:, 6] << 8 | data[:, 7] << 16
-        kind = np.where(self._control[starts] == BAM, Kind.BROADCAST, Kind.CONNECTION)
+        kind = np.where(
+            self._control[starts] == BAM, TransportKind.BROADCAST, TransportKind.CONNECTION
+        )
         return self.frames.key[starts], group, kind.astype(np.uint8)
 
 
@@ -365,6 +369,9 @@ class _IsoTp(_Segmented):
     def limit_ns(self, starts: Ints) -> Ints:
         return np.full(len(starts), ISOTP_GAP_NS)
 
+    def mend(self, status: Bytes, used: Ints, owned: Ints, totals: Ints) -> None:
+        """Nothing: a receiver of ISO-TP drops a message whose segments are out of turn."""
+
     def columns(self, starts: Ints) -> tuple[Any, Ints, Bytes]:
-        kind = np.where(self._type[starts] == SINGLE, Kind.SINGLE, Kind.SEGMENTED)
+        kind = np.where(self._type[starts] == SINGLE, TransportKind.SINGLE, TransportKind.SEGMENTED)
         return self.frames.key[starts], np.full(len(starts), -1), kind.astype(np.uint8)

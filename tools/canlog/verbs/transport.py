@@ -14,7 +14,7 @@ from canlog.lines import NS_PER_S, value_texts
 from canlog.read import stream
 from canlog.select import parse_key
 from canlog.table import table_of
-from canlog.transport.messages import Kind, Messages, Status
+from canlog.transport.messages import Messages, TransportKind, TransportStatus
 from canlog.transport.names import FAULTS, fault_text, uds_text
 from canlog.transport.reassembly import Reassembler, TransportOptions
 from canlog.verbs.common import add_log, bus_asked, count, read_options
@@ -80,13 +80,13 @@ def _of_parts(parts: list[Messages], start_ns: int, bus: Bus) -> Iterator[Row]:
 
 def _row(part: Messages, at: int, start_ns: int, bus: Bus) -> Row:
     key, group = int(part.key[at]), int(part.group[at])
-    status, data = Status(int(part.status[at])), part.payload(at)
+    status, data = TransportStatus(int(part.status[at])), part.payload(at)
     channel = part.channels[int(part.channel[at])]
     told: Row = {
         "at_s": (int(part.at_ns[at]) - start_ns) / NS_PER_S,
         "channel": channel,
         "id": f"{key & ~KEY_EXTENDED:08X}" if key & KEY_EXTENDED else f"{key:03X}",
-        "kind": Kind(int(part.kind[at])).name.lower(),
+        "kind": TransportKind(int(part.kind[at])).name.lower(),
         "pgn": None if group < 0 else group,
         "source": key & 0xFF if key & KEY_EXTENDED else None,
         "destination": key >> 8 & 0xFF if key & KEY_EXTENDED else None,
@@ -95,7 +95,7 @@ def _row(part: Messages, at: int, start_ns: int, bus: Bus) -> Row:
         "data": data.hex().upper(),
         "frames": [row + 1 for row in part.frames(at)],
     }
-    if status != Status.WHOLE:
+    if status != TransportStatus.WHOLE:
         told["text"] = ""
     elif group < 0:
         told["text"] = uds_text(data)
