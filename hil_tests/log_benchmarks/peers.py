@@ -9,17 +9,21 @@ import asammdf
 import can
 import hilspy
 
+READERS: dict[str, Callable[..., Any]] = {
+    ".log": can.CanutilsLogReader,
+    ".blf": can.BLFReader,
+    ".asc": can.ASCReader,
+    ".trc": can.TRCReader,
+    ".mf4": can.MF4Reader,
+}
+HILSPY_FORMS = ("candump", "blf", "asc")
+
 
 def python_can_and_cantools(path: Path, database: Any, most: int) -> int:
     """Read only the first frames, because each one takes the same work. The DBC file is loaded
     before."""
-    readers: dict[str, Callable[..., Any]] = {
-        ".log": can.CanutilsLogReader,
-        ".blf": can.BLFReader,
-        ".mf4": can.MF4Reader,
-    }
     frames = 0
-    for message in readers[path.suffix](str(path)):
+    for message in READERS[path.suffix](str(path)):
         database.decode_message(message.arbitration_id, message.data, decode_choices=False)
         frames += 1
         if frames == most:

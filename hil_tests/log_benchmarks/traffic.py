@@ -8,6 +8,7 @@ import numpy as np
 from canlog.damage import Damages
 from canlog.formats.registry import named
 from canlog.frames import EXTENDED, Frames
+from canlog.rows import from_rows
 
 SIGNALS = (8, 8, 7, 7, 7, 7, 6, 6, 6, 6, 6, 5)
 """Number of signals in each message, 79 in all."""
@@ -78,3 +79,39 @@ def write_logs(folder: Path, count: int, forms: tuple[str, ...]) -> dict[str, Pa
             paths[form], [made[at : at + 200_000] for at in range(0, count, 200_000)], Damages()
         )
     return paths
+
+
+def transport_frames(messages: int) -> Frames:
+    """This many messages, a broadcast of J1939 and one of ISO-TP in turns, each of 40 bytes."""
+    rows: list[tuple[int, int, int, str, bytes]] = []
+    for at in range(messages):
+        data = bytes([at % 256] * 40)
+        parts = [data[first : first + 7] for first in range(0, 40, 7)]
+        if at % 2:
+            told = bytes([32, 40, 0, 6, 255, 0xCA, 0xFE, 0])
+            sent = [(0x18ECFF00 | at % 250, told)]
+            sent += [
+                (0x18EBFF00 | at % 250, bytes([number]) + part.ljust(7, b"\xff"))
+                for number, part in enumerate(parts, 1)
+            ]
+            flags = EXTENDED
+        else:
+            sent = [(0x7E0, bytes([0x10, 40]) + data[:6])]
+            sent += [
+                (0x7E0, bytes([0x20 | number]) + data[first : first + 7].ljust(7, b"\0"))
+                for number, first in enumerate(range(6, 40, 7), 1)
+            ]
+            flags = 0
+        rows += [(len(rows) * FRAME_NS, key, flags, "can1", part) for key, part in sent]
+    return from_rows(rows)
+
+
+def many_messages(count: int) -> str:
+    """A DBC file of this many messages, with a value table in each."""
+    lines = ['VERSION ""', "BU_: A B"]
+    for at in range(count):
+        lines.append(f"BO_ {at} MANY_{at:03d}: 8 A")
+        lines += [f' SG_ s_{at:03d}_{n} : {8 * n}|8@1+ (1,0) [0|255] "u" B' for n in range(8)]
+    for at in range(count):
+        lines.append(f'VAL_ {at} s_{at:03d}_0 0 "OFF" 1 "ON" 2 "FAULT" 3 "SNA" ;')
+    return "\n".join(lines) + "\n"

@@ -560,7 +560,7 @@ static uint64_t u64(const uint8_t *p)
 
 /* What the objects of a BLF file are taken into; the same in kernel.py. */
 typedef struct {
-    int64_t start_ns, most, rows;
+    int64_t start_ns, most, rows, skipped;
     int64_t *at_ns;
     uint64_t *data;
     uint32_t *identifier;
@@ -572,8 +572,12 @@ typedef struct {
 static int take_object(const uint8_t *p, int64_t object, Taken *out)
 {
     uint32_t kind = u32(p + 12);
-    if (kind != 1 && kind != 86)
-        return kind != 2 && kind != 73 && kind != 100 && kind != 101 && kind != 104;
+    if (kind != 1 && kind != 86) {
+        if (kind == 2 || kind == 73 || kind == 100 || kind == 101 || kind == 104)
+            return 0;
+        out->skipped++;
+        return 1;
+    }
     if (p[4] != 32 || p[5] || object < 48 || out->rows == out->most)
         return 0;
     uint64_t stamp = u64(p + 24);
@@ -627,7 +631,7 @@ static int64_t take_objects(const uint8_t *text, int64_t size, int64_t at, int64
 int64_t canlog_blf(const uint8_t *rest, int64_t rest_size, const uint8_t *text, int64_t size,
                    Taken *out)
 {
-    int64_t before = out->rows, at = 0;
+    int64_t before = out->rows, skipped = out->skipped, at = 0;
     if (rest_size) {
         /* The object that begins in the rest, and what of the container may belong to it. */
         uint8_t border[BORDER_BYTES];
@@ -640,6 +644,7 @@ int64_t canlog_blf(const uint8_t *rest, int64_t rest_size, const uint8_t *text, 
             int64_t next = take_objects(border, rest_size + more, at, 1, out);
             if (next <= at) {
                 out->rows = before;
+                out->skipped = skipped;
                 return -1;
             }
             at = next;
@@ -647,8 +652,10 @@ int64_t canlog_blf(const uint8_t *rest, int64_t rest_size, const uint8_t *text, 
         at -= rest_size;
     }
     at = take_objects(text, size, at, -1, out);
-    if (at < 0)
+    if (at < 0) {
         out->rows = before;
+        out->skipped = skipped;
+    }
     return at > size ? size : at;
 }
 

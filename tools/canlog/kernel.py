@@ -209,7 +209,7 @@ class _Taken(ctypes.Structure):
     """As in kernel.c."""
 
     _fields_ = (
-        *[(name, ctypes.c_int64) for name in ("start_ns", "most", "rows")],
+        *[(name, ctypes.c_int64) for name in ("start_ns", "most", "rows", "skipped")],
         *[(name, ctypes.c_void_p) for name in ("at_ns", "data", "identifier")],
         *[(name, ctypes.c_void_p) for name in ("channel", "flags", "length")],
     )
@@ -236,8 +236,13 @@ class BlfTaker:
             most, (np.int64, np.uint64, np.uint32, np.uint16, np.uint8, np.uint8)
         )
         places = (column.ctypes.data for column in self._columns)
-        self._state = _Taken(start_ns, most, 0, *places)
+        self._state = _Taken(start_ns, most, 0, 0, *places)
         self._where = ctypes.byref(self._state)
+
+    @property
+    def skipped(self) -> int:
+        """Objects that are no frames of a CAN bus."""
+        return int(self._state.skipped)
 
     @property
     def room(self) -> int:

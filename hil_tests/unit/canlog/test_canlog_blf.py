@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canlog import Frames, ReadOptions, read
-from canlog.frames import BRS, ERROR, EXTENDED, FD, REMOTE, TX
+from canlog import Frames, ReadOptions, read, stream
+from canlog.frames import BRS, ERROR, EXTENDED, FD, REMOTE, TX, concat
 
 HEAD = b"LOGG" + struct.pack("<L", 144) + bytes(136)
 FRAME_OBJECTS = (1, 2, 73, 86, 100, 101, 104)
@@ -147,10 +147,13 @@ def test_objects_of_any_mixture_are_read(
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.blf"
         path.write_bytes(HEAD + content if bare else contained(content, sizes))
-        log = read(path, options=ReadOptions(compiled=compiled))
+        source = stream(path, ReadOptions(compiled=compiled))
+        frames = concat(list(source))
 
-    assert told(log.frames) == [wanted(each) for each in made if each.kind]
-    assert log.warnings == ()
+    assert told(frames) == [wanted(each) for each in made if each.kind]
+    assert source.warnings == ()
+    foreign = sum(not each.kind for each in made)
+    assert source.skipped == ({"object of no CAN frame": foreign} if foreign else {})
 
 
 @pytest.mark.parametrize("compiled", [True, False])

@@ -26,6 +26,8 @@ JOINED_BYTES: Final = 1 << 21
 """So much content is taken apart in one go."""
 TAKEN_BYTES: Final = 1 << 23
 """So much content becomes one block of frames."""
+FOREIGN: Final = "object of no CAN frame"
+"""What is skipped: objects of other buses, of statistics, of the program that logs."""
 NS_PER_S: Final = 1_000_000_000
 CHANNELS_MAX: Final = 256
 
@@ -218,6 +220,8 @@ class _Reader:
     def _taken(self) -> Iterator[Frames]:
         """What the kernel has taken so far."""
         found = self._taker.frames() if self._taker is not None else None
+        if self._taker is not None and self._taker.skipped:
+            self._damages.skip(FOREIGN, self._taker.skipped)
         self._taker = None
         if found is not None:
             made, channel = found
@@ -262,7 +266,9 @@ def _take(
     objects = find(buffer)
     for spot, words in objects.damage:
         damages.add("corrupt object", "byte", joined.place(spot), words)
-    parts, cut = columns(buffer, objects)
+    parts, cut, foreign = columns(buffer, objects)
+    if foreign:
+        damages.skip(FOREIGN, foreign)
     if len(cut):
         words = "a CAN object with a header or size that none has"
         damages.add("corrupt object", "byte", joined.place(int(cut[0])), words, len(cut))

@@ -178,14 +178,15 @@ class BlfColumns:
     data: Bytes
 
 
-def columns(buffer: bytes, objects: BlfObjects) -> tuple[list[BlfColumns], Any]:
-    """The frames among objects, and the places of objects too short or strange to be frames.
+def columns(buffer: bytes, objects: BlfObjects) -> tuple[list[BlfColumns], Any, int]:
+    """The frames among objects, the places of those too short or strange to be frames, and a count.
 
-    Objects of other kinds, such as those of other buses, are neither.
+    The count is that of objects of other kinds, such as those of other buses.
     """
     text = np.frombuffer(buffer, np.uint8)
     found: list[BlfColumns] = []
     known = np.isin(objects.kind, list(_TAKERS))
+    foreign = int((~known & (objects.kind != CONTAINER)).sum())
     for kind in np.unique(objects.kind).tolist():
         take = _TAKERS.get(kind)
         for head in HEADS if take else ():
@@ -201,7 +202,7 @@ def columns(buffer: bytes, objects: BlfObjects) -> tuple[list[BlfColumns], Any]:
                 told = _gather(text, places, layout.itemsize).view(layout)[:, 0]
                 found.append(take(rows, told, text, places + layout.itemsize, objects.size[rows]))
                 known[rows] = False
-    return found, objects.at[known]
+    return found, objects.at[known], foreign
 
 
 def _slack(kind: int) -> int:
