@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canlog import Frames, ReadOptions, read, stream
+from canlog.command import main
 from canlog.damage import Damages
 from canlog.drawn import drawn_frames
 from canlog.formats.dates import instant_ns
@@ -114,7 +115,9 @@ def test_asc_frames_of_every_kind(tmp_path: Path, line: str, flags: int, data: i
     assert {each.kind for each in log.warnings} == {"local time"}
 
 
-def test_lines_of_other_buses_and_of_the_program_are_no_damage(tmp_path: Path) -> None:
+def test_lines_of_other_buses_and_of_the_program_are_no_damage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     lines = (
         "// version 9.0.0\n"
         "   0.015991 CAN 1 Status:chip status error passive - TxErr: 132 RxErr: 0\n"
@@ -136,6 +139,8 @@ def test_lines_of_other_buses_and_of_the_program_are_no_damage(tmp_path: Path) -
     assert frames.at_ns.tolist() == [start_ns - 500_000_000]
     assert {each.kind for each in source.warnings} == {"local time"}
     assert source.skipped == {"line that is no frame": 8}
+    assert main(["stats", str(source.path), "--no-dbc"]) == 0
+    assert "skipped: 8 x line that is no frame" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -328,7 +333,7 @@ LONE = [
     extra=st.lists(st.sampled_from(LONE), max_size=3),
     form=st.sampled_from(["asc", "trc"]),
 )
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_the_kernel_and_the_strict_parser_read_the_same_text(
     seed: int, places: list[tuple[int, str]], extra: list[str], form: str
 ) -> None:

@@ -13,8 +13,7 @@ from xml.sax.saxutils import quoteattr
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from canlog.damage import Damage
-from canlog.read import stream
+from canlog.read import Stream, stream
 from canlog.rules import Broken, FailRule, Judged, broken, parse_rule, untold
 from canlog.stats import Statistics, gather
 from canlog.stats_rows import (
@@ -71,7 +70,7 @@ def run(given: argparse.Namespace) -> int:
     rows = message_rows(found), bus_rows(found)
     judged = Judged(*rows, damaged, absent_count(found), absent_rows(found))
     held = HeldRules(rules, broken(rules, judged), untold(rules, judged))
-    _print(given, found, judged, source.warnings, held)
+    _print(given, found, judged, source, held)
     return EXIT_BROKEN if held.breaches or held.untold else EXIT_OK
 
 
@@ -88,14 +87,16 @@ def _print(
     given: argparse.Namespace,
     found: Statistics,
     judged: Judged,
-    warnings: Sequence[Damage],
+    source: Stream,
     held: HeldRules,
 ) -> None:
+    warnings = source.warnings
     if given.form == "json":
         told: dict[str, Any] = {"log": str(given.log), "buses": judged.buses}
         told |= {"messages": judged.messages, "signals": signal_rows(found)}
         told |= {"absent": absent(found), "not_judged": unjudged(found)}
         told["warnings"] = [str(each) for each in warnings]
+        told["skipped"] = dict(source.skipped)
         told["broken"] = [str(each) for each in held.breaches]
         told["nothing_to_judge"] = dict(held.untold)
         print(json.dumps(told, indent=2))
@@ -107,6 +108,8 @@ def _print(
         _print_text(found, judged, with_signals=given.signals)
         for line in (*(f"warning: {each}" for each in warnings), *map(str, held.breaches)):
             print(line)
+        for kind, number in source.skipped.items():
+            print(f"skipped: {number} x {kind}")
     for rule, why in held.untold.items():
         print(f"canlog: --fail-on {rule!r}: {why}, which is not a pass", file=sys.stderr)
     if given.form != "text":
