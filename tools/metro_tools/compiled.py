@@ -124,6 +124,7 @@ SIMULATOR: Final = (
 """Modules in which `hil simulate` spends its time."""
 LEFT_OUT: Final = (
     *("/__init__.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
+    "vocabulary/received.py",
     *(f"zenoh_config/{name}.py" for name in ("bodies", "t2t_types")),
     *(
         f"simulation/{name}.py"

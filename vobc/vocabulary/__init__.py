@@ -2,14 +2,12 @@
 
 from vobc.vocabulary.inputs import (
     NEVER_S,
-    S_PER_NS,
     Authority,
     CycleInput,
     Mission,
     OdometryRecord,
     Orders,
     PlaceProof,
-    Received,
     Restriction,
     TachoSample,
     TagReading,
@@ -27,6 +25,7 @@ from vobc.vocabulary.output import (
     Event,
     Source,
 )
+from vobc.vocabulary.received import S_PER_NS, Received
 
 __all__ = [
     "AtoDemand",

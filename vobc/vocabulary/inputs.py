@@ -3,7 +3,7 @@
 import enum
 import math
 from dataclasses import dataclass
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeStatus
@@ -15,10 +15,8 @@ from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from firmware_py.trackdb import Station
+from vobc.vocabulary.received import Received
 
-T = TypeVar("T")
-
-S_PER_NS: Final = 1e-9
 NEVER_S: Final = math.inf
 """Age of an input that was never received."""
 
@@ -160,19 +158,6 @@ class Orders:
     doors_right: bool
     platform_doors_locked: bool
     restrictions: tuple[Restriction, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Received(Generic[T]):
-    """The newest value of one source, together with the instant that its age counts from."""
-
-    value: T
-    received_at_ns: int
-    """By the train's own clock. A sample of the odometer counts from its sensor's stamp, a radio
-    message from the report that it answers, everything else from its last bit."""
-
-    def age_s(self, now_ns: int) -> float:
-        return (now_ns - self.received_at_ns) * S_PER_NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
