@@ -10,6 +10,7 @@ from typing import Final
 import firmware_py
 from metro_hil.external_controller.link import ControllerProgram, ControllerStartError
 from metro_hil.model.case import ControllerSpec
+from metro_hil.model.subprocesses import with_own_python
 
 CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
 """Folders of a checkout that hold packages."""
@@ -28,7 +29,8 @@ def program_of(
     if controller.kind == "checkout":
         return _ours(Path(controller.path))
     if controller.kind == "command":
-        return ControllerProgram(_command(controller.command, words or {}), dict(os.environ))
+        command = _command(controller.command, words or {})
+        return ControllerProgram(command, with_own_python(os.environ))
     raise ControllerStartError(
         f"controller.kind: {controller.kind!r}: shipped, checkout or command is needed"
     )

@@ -16,6 +16,16 @@ class ChildError(Exception):
     """A child process ended by itself; the text holds the last lines of its output."""
 
 
+def with_own_python(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment in which `python` is the Python of the bench.
+
+    So a controller in Python finds the packages of the bench, whether or not the user activated
+    the virtual environment.
+    """
+    folder = str(Path(sys.executable).parent)
+    return {**environment, "PATH": os.pathsep.join([folder, environment.get("PATH", os.defpath)])}
+
+
 class Process:
     """One process, first of its own process group, with a log of its output."""
 

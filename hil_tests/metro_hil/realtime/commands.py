@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from metro_hil.model.case import Case, ControllerSpec
+from metro_hil.model.subprocesses import with_own_python
 from metro_hil.realtime.wires import Blocked, RealtimeWires
 
 CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
@@ -84,7 +85,7 @@ def controller_start(
                 f"{places.stops}, into it or leave `stops` out"
             )
         words = fill_in(controller.command, places)
-        return ControllerStart(words, words, environment)
+        return ControllerStart(words, words, with_own_python(environment))
     if controller.kind == "checkout":
         environment = {**environment, "PYTHONPATH": _search_path(controller.path)}
     elif controller.kind != "shipped":
