@@ -38,7 +38,7 @@ PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.
 .PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity clean distclean
 
 help: ## show this list
-	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
+	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
 		printf '  make %-13s %s\n' "$$name" "$$text"; done
 
 setup: $(READY_TO_TEST) ## create .venv with all dependencies for development
