@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         say("`python -m vobc run` is now `vobc device`; the old name works for one more release")
     if words[:1] in (["run"], ["device"]):
         del words[0]
-    options = parser().parse_args(words)
+    options = parser(is_command=argv is None).parse_args(words)
     try:
         return _run(options, plan(options, WallClock().epoch_ns()))
     except SettingsError as error:

@@ -37,10 +37,16 @@ usage or configuration; 3 bus, rights or a folder missing; 130 ended by Ctrl-C
 """
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line."""
+def parser(*, is_command: bool = False) -> argparse.ArgumentParser:
+    """The command line of `vobc device`.
+
+    Args:
+        is_command: whether it is that of `python -m vobc`, which also has `--version` and
+            `--completion`.
+    """
     top = CommandParser(
-        prog="vobc device",
+        prog="python -m vobc" if is_command else "vobc device",
+        is_command=is_command,
         description=DESCRIPTION,
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -32,7 +32,7 @@ STYLES: Final = {
     "FRAME_REJECTED": "yellow",
     "RADIO_REFUSED": "yellow",
 }
-RESTARTED: Final = "the controller was started again; its time starts at 0"
+RESTARTED: Final = "the controller restarted; its time begins at zero again"
 BEFORE_SHOWN: Final = 5
 """Number of events shown before the time of `--at`."""
 
