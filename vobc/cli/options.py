@@ -38,12 +38,7 @@ usage or configuration; 3 bus, rights or a folder missing; 130 ended by Ctrl-C
 
 
 def parser(*, is_command: bool = False) -> argparse.ArgumentParser:
-    """The command line of `vobc device`.
-
-    Args:
-        is_command: whether it is that of `python -m vobc`, which also has `--version` and
-            `--completion`.
-    """
+    """The command line of `vobc device`, or of `python -m vobc`, which is a command of its own."""
     top = CommandParser(
         prog="python -m vobc" if is_command else "vobc device",
         is_command=is_command,

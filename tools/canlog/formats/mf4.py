@@ -1,6 +1,6 @@
 """ASAM MDF 4 bus logging: groups of CAN frames, finished or not, up to a torn end."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -142,7 +142,6 @@ class _Reader:
                 stop = len(content)
             rest = content[stop:]
             text = np.frombuffer(content, np.uint8)
-            blocks = []
             for number, group in by_id.items():
                 mine = places[numbers == number]
                 done[number] += len(mine)
@@ -151,13 +150,7 @@ class _Reader:
                 elif number in self._kinds and len(mine):
                     records = np.lib.stride_tricks.sliding_window_view(text, group.size)[mine]
                     waiting[number] = np.concatenate([waiting.get(number, records[:0]), records])
-            for number, records in waiting.items():
-                group = by_id[number]
-                found = values.get(_variable_link(group))
-                ready = found.ready(_offsets(group, records)) if found else len(records)
-                if ready:
-                    blocks.append(self._frames(group, records[:ready], found))
-                waiting[number] = records[ready:]
+            blocks = self._ready_blocks(by_id, waiting, values)
             if blocks:
                 joined = concat(blocks)
                 yield joined[np.argsort(joined.at_ns, kind="stable")]
@@ -170,6 +163,20 @@ class _Reader:
         if not self._file.cycles_open and not rest:
             for number in self._kinds:
                 self._tell_missing(by_id[number], done[number], 0)
+
+    def _ready_blocks(
+        self, by_id: Mapping[int, Group], waiting: dict[int, Any], values: "Mapping[int, _Values]"
+    ) -> list[Frames]:
+        """Take the records out of `waiting` whose data of variable length have been read."""
+        blocks = []
+        for number, records in waiting.items():
+            group = by_id[number]
+            found = values.get(_variable_link(group))
+            ready = found.ready(_offsets(group, records)) if found else len(records)
+            if ready:
+                blocks.append(self._frames(group, records[:ready], found))
+            waiting[number] = records[ready:]
+        return blocks
 
     def _frames(self, group: Group, records: Any, values: "_Values | None") -> Frames:
         name = _kind(group)
