@@ -184,7 +184,7 @@ class RealtimeRun:
 
     def _plant_arguments(self, spec: str, radio: str) -> list[str]:
         options, journey = self._options, self._journey
-        arguments = ["--bus", spec, "--line", options.line, "--consist", options.consist]
+        arguments = ["run", "--bus", spec, "--line", options.line, "--consist", options.consist]
         arguments += ["--seed", str(options.seed), "--from", journey.start.name]
         arguments += ["--to", journey.end.name, "--radio", radio, "--out", str(self._folder.path)]
         arguments += line_arguments(options)
