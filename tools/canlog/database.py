@@ -93,6 +93,10 @@ def _loaded(path: Path) -> Bus:
 
 
 def _by_cantools(path: Path) -> Bus:
+    # Keeps python-can and all that it finds out of the program.
+    from can_dbc.lean_cantools import put_off_tester
+
+    put_off_tester()
     from cantools.database import load_file
     from cantools.database.can import Database
 
