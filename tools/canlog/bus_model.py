@@ -126,7 +126,7 @@ class Bus:
     warnings: tuple[str, ...] = ()
     """Flaws of the files, each with its file and lines."""
     by_channel: "Mapping[str, Bus]" = field(default_factory=dict)
-    """Of channels that have files of their own."""
+    """Of channels that have files of their own; that of all others is named with nothing."""
 
     @cached_property
     def by_group(self) -> Mapping[int, MessageSpec]:
@@ -137,7 +137,9 @@ class Bus:
 
     def on(self, channel: str) -> "Bus":
         """What the files know of a channel."""
-        return self.by_channel.get(channel, self) if self.by_channel else self
+        if not self.by_channel:
+            return self
+        return self.by_channel.get(channel) or self.by_channel.get("", self)
 
     def spec_at(self, key: int) -> MessageSpec | None:
         """The message with a key, or with its parameter group number in J1939."""

@@ -49,7 +49,10 @@ def load_bus(dbc: "Path | str | Sequence[Path | str] | Bus | None" = None) -> Bu
         (apart.setdefault(channel, []) if channel else common).append(found)
     everything = [*common, *(bus for buses in apart.values() for bus in buses)]
     joined = _joined(everything)
+    if not apart:
+        return joined
     by_channel = {name: _joined([*common, *buses]) for name, buses in apart.items()}
+    by_channel[""] = _joined(common) if common else no_bus()
     return replace(joined, by_channel=by_channel)
 
 

@@ -64,6 +64,14 @@ def test_each_channel_is_decoded_with_its_own_file(log: Path) -> None:
     assert found.unknown == ()
 
 
+def test_a_file_of_one_channel_decodes_no_other(log: Path) -> None:
+    found = read(log, dbc=f"can0={log.parent / 'body.dbc'}")
+
+    assert list(found.messages) == ["Speed"]
+    assert found.table("Speed").rows.tolist() == list(range(0, 40, 2))
+    assert len(found.unknown) == 2
+
+
 def test_show_decodes_by_channel_and_shows_one_alone(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,6 +141,8 @@ def test_plots_and_the_page_name_the_channel(log: Path) -> None:
     assert trace_of(found, "can0:Speed.V").values.tolist() == list(range(20))
     with pytest.raises(LogError, match=r"can0:Speed\.V"):
         find_names(found, "V")
+    with pytest.raises(LogError, match=r"name one of can0:Speed\.V, can1:Speed\.V"):
+        find_names(found, "Speed.V")
     page = page_data(found, "x", ["can1:Speed.V"], with_frames=True)
     names = [message["name"] for message in page.head["messages"]]
     assert sorted(names) == ["200", "can0:Speed", "can1:Speed"]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from canlog.damage import LogError
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Ints
-from canlog.read import Log
+from canlog.read import CHANNEL_SIGN, Log
 from canlog.run import NS_PER_S, RunFiles
 
 Floats = npt.NDArray[np.float64]
@@ -110,6 +110,9 @@ def find_names(log: Log, asked: str) -> list[str]:
         return by_signal
     if by_signal:
         raise LogError(f"{asked}: several messages have it; name one of {', '.join(by_signal)}")
+    spread = [name for name in known if name.partition(CHANNEL_SIGN)[2] == asked]
+    if spread:
+        raise LogError(f"{asked}: several channels have it; name one of {', '.join(spread)}")
     _complain(log, asked, known)
     return []
 
