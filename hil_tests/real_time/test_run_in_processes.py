@@ -203,7 +203,7 @@ def test_a_hanging_controller_gives_a_verdict_and_the_train_brakes(
     going = start(place, *HOP, "--json", "--out", str(out))
     wait_for_cycles(out, 80)
     (controller,) = (
-        pid for pid in processes_naming(str(out)) if b"\0vobc\0run" in command_line(pid)
+        pid for pid in processes_naming(str(out)) if b"\0vobc\0--bus" in command_line(pid)
     )
 
     os.kill(controller, signal.SIGSTOP)
