@@ -94,8 +94,8 @@ def test_a_shipped_line_without_a_division_is_reported_as_such() -> None:
         load_areas("changping")
 
     assert str(found.value) == (
-        "line changping is not divided into areas; divided ones that ship: florence, loop; one of "
-        "your own is a file TRACK.toml with TRACK.areas.toml beside it"
+        "line changping is not divided into areas; divided ones that ship: florence, loop; to "
+        "divide your own line, write a file TRACK.toml with TRACK.areas.toml beside it"
     )
 
 
