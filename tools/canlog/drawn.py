@@ -28,8 +28,14 @@ class DrawnDbc:
     length: int
     frame_id: int
     extended: bool
-    multiplexed: bool = False
+    kind: str = "plain"
+    """Multiplexing: plain has none; basic or extended."""
     names: list[str] = field(default_factory=list)
+
+    @property
+    def told(self) -> int:
+        """Identifier as the DBC file writes it: bit 31 marks one of 29 bits."""
+        return self.frame_id | 1 << 31 if self.extended else self.frame_id
 
 
 def drawn_dbc(seed: int) -> DrawnDbc:
@@ -42,45 +48,65 @@ def drawn_dbc(seed: int) -> DrawnDbc:
     kind = draw.choice(["plain", "plain", "basic", "extended"])
     lines: list[str] = []
     tail: list[str] = []
-    told = frame_id | 1 << 31 if extended else frame_id
-    made = DrawnDbc("", length, frame_id, extended, kind != "plain")
+    made = DrawnDbc("", length, frame_id, extended, kind)
     marks = [""] * draw.randrange(1, 6)
     if kind != "plain":
         marks = ["M", *[f"m{draw.randrange(4)}" for _ in range(draw.randrange(1, 5))], *marks]
     if kind == "extended":
         marks = ["M", "m1M", "m0", "m2", "", ""]
     for number, mark in enumerate(marks):
-        size = draw.randrange(1, 5) if "M" in mark else _size(draw)
-        little = draw.random() < 0.5
-        place = _place(draw, free, size, little=little, total=8 * length)
-        if place is None:
-            if "M" in mark:
-                return drawn_dbc(seed + 7919)
-            continue
-        start, used = place
-        free -= used
-        name = f"s{number}"
-        made.names.append(name)
-        plain = "M" in mark
-        sign = "+" if plain or draw.random() < 0.5 else "-"
-        scale, offset = ("1", "0") if plain else (draw.choice(SCALES), draw.choice(OFFSETS))
-        floating = size in (32, 64) and not plain and draw.random() < 0.5
-        order = 1 if little else 0
-        shown = f" {mark}" if mark else ""
-        lines.append(
-            f' SG_ {name}{shown} : {start}|{size}@{order}{sign} ({scale},{offset}) [0|0] "u" B'
-        )
-        if floating:
-            tail.append(f"SIG_VALTYPE_ {told} {name} : {1 if size == 32 else 2};")
-        if kind == "extended" and mark:
-            tail += _extended_values(told, name, mark)
-        if not floating and not plain and draw.random() < 0.3:
-            tail.append(f'VAL_ {told} {name} 0 "NONE" 1 "ONE" ;')
+        placed = _signal(draw, made, free, number, mark, lines, tail)
+        if not placed and "M" in mark:
+            return drawn_dbc(seed + 7919)
     if not lines:
         return drawn_dbc(seed + 7919)
-    head = ['VERSION ""', "NS_ :", "BS_:", "BU_: A B", "", f"BO_ {told} M: {length} A"]
+    head = ['VERSION ""', "NS_ :", "BS_:", "BU_: A B", "", f"BO_ {made.told} M: {length} A"]
     made.text = "\n".join([*head, *lines, "", *tail, ""])
     return made
+
+
+def _signal(
+    draw: random.Random,
+    made: DrawnDbc,
+    free: set[int],
+    number: int,
+    mark: str,
+    lines: list[str],
+    tail: list[str],
+) -> bool:
+    """Add one signal to the message, or nothing if it finds no room.
+
+    Args:
+        free: bits that no signal has; the signal takes its bits out.
+        mark: of the multiplexer: M, m1, m1M or nothing.
+        lines: receives the signal.
+        tail: receives its value type, its multiplexer values and its names.
+    """
+    plain = "M" in mark
+    size = draw.randrange(1, 5) if plain else _size(draw)
+    little = draw.random() < 0.5
+    place = _place(draw, free, size, little=little, total=8 * made.length)
+    if place is None:
+        return False
+    start, used = place
+    free -= used
+    name = f"s{number}"
+    made.names.append(name)
+    sign = "+" if plain or draw.random() < 0.5 else "-"
+    scale, offset = ("1", "0") if plain else (draw.choice(SCALES), draw.choice(OFFSETS))
+    floating = size in (32, 64) and not plain and draw.random() < 0.5
+    order = 1 if little else 0
+    shown = f" {mark}" if mark else ""
+    lines.append(
+        f' SG_ {name}{shown} : {start}|{size}@{order}{sign} ({scale},{offset}) [0|0] "u" B'
+    )
+    if floating:
+        tail.append(f"SIG_VALTYPE_ {made.told} {name} : {1 if size == 32 else 2};")
+    if made.kind == "extended" and mark:
+        tail += _extended_values(made.told, name, mark)
+    if not floating and not plain and draw.random() < 0.3:
+        tail.append(f'VAL_ {made.told} {name} 0 "NONE" 1 "ONE" ;')
+    return True
 
 
 def _size(draw: random.Random) -> int:

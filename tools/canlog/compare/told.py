@@ -71,6 +71,10 @@ def _message_lines(each: MessageDifference) -> Iterator[str]:
         yield f"  and {len(each.signals) - SIGNALS_SHOWN} more signals"
 
 
+Around = tuple[float, str, bool]
+"""Seconds, text, and whether it is the frame looked for."""
+
+
 def _first_lines(found: LogDifference, a: Log, b: Log, context: int) -> Iterator[str]:
     assert found.first is not None
     message, signal = found.first
@@ -85,12 +89,24 @@ def _first_lines(found: LogDifference, a: Log, b: Log, context: int) -> Iterator
         )
     ]
     for left, right in zip(*sides, strict=True):
-        mark = ">" if (left is not None and left[2]) or (right is not None and right[2]) else " "
-        at_s = f"{left[0]:14.6f}" if left is not None else " " * 14
-        apart = "" if left is None or right is None or left[1] == right[1] else "  *"
-        here = left[1] if left is not None else ""
-        there = right[1] if right is not None else ""
-        yield f"{mark} {at_s}  {here:{NAME_WIDTH}}  {there}{apart}".rstrip()
+        yield _frame_line(left, right)
+    yield from _signal_lines(found, a, b)
+
+
+def _frame_line(left: Around | None, right: Around | None) -> str:
+    """One frame of each log side by side; `*` marks a difference, `>` the first one."""
+    mark = ">" if (left is not None and left[2]) or (right is not None and right[2]) else " "
+    at_s = f"{left[0]:14.6f}" if left is not None else " " * 14
+    apart = "" if left is None or right is None or left[1] == right[1] else "  *"
+    here = left[1] if left is not None else ""
+    there = right[1] if right is not None else ""
+    return f"{mark} {at_s}  {here:{NAME_WIDTH}}  {there}{apart}".rstrip()
+
+
+def _signal_lines(found: LogDifference, a: Log, b: Log) -> Iterator[str]:
+    """The values of all signals in the first frames that differ."""
+    assert found.first is not None
+    message, signal = found.first
     spec = a.bus.on(message.channel_a).spec_at(message.key)
     if spec is None or signal.signal == BYTES:
         return
@@ -105,9 +121,6 @@ def _first_lines(found: LogDifference, a: Log, b: Log, context: int) -> Iterator
         texts = [value_text(t, each, p) for t, p in zip(tables, places, strict=True)]
         mark = "*" if texts[0] != texts[1] else " "
         yield f"  {mark} {each.name:32} {texts[0]:{VALUE_WIDTH}} {texts[1]}"
-
-
-Around = tuple[float, str, bool]
 
 
 def around(log: Log, row: int, zero_ns: int, context: int) -> list[Around | None]:
