@@ -1,4 +1,4 @@
-"""Frame-level inspection of CAN logs: `read` gives numpy columns with exact time and verdicts."""
+"""Frame-level inspection of CAN logs: `read` gives numpy columns with exact times and verdicts."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """The codec is loaded when it is first asked for: it takes longer than everything else."""
+    """Import the codec on first use: it takes longer to load than everything else."""
     if name not in ("Verdicts", "judge"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from canlog import verdict

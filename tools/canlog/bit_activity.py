@@ -1,4 +1,4 @@
-"""Which bits of an unknown bus ever change, how often, and how much each byte tells."""
+"""Bit activity on an unknown bus: which bits change, how often, and the entropy of each byte."""
 
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -13,7 +13,7 @@ BYTE_VALUES: Final = 256
 
 @dataclass(slots=True)
 class Activity:
-    """Of one identifier on one channel, over blocks of a log."""
+    """Bit activity of one identifier on one channel, counted over the blocks of a log."""
 
     key: int
     channel: str
@@ -21,13 +21,15 @@ class Activity:
     width: int = 0
     """Data bytes of the longest frame."""
     flips: Any = field(default_factory=lambda: np.zeros((0, 8), np.int64))
-    """(width, 8): how often each bit was another one than in the frame before, highest first."""
+    """(width, 8): how often each bit differs from the frame before, highest bit first."""
     values: Any = field(default_factory=lambda: np.zeros((0, BYTE_VALUES), np.int64))
-    """(width, 256): how often each byte had each value."""
+    """(width, 256): how often each byte has each value."""
     _last: Any = None
 
     def feed(self, data: Any, lengths: Any) -> None:
-        """The next frames: (n, w) bytes, of which the first `lengths` (n,) count."""
+        """Count the next frames: (n, w) bytes; only the first `lengths` (n,) bytes of each row
+        count.
+        """
         width = int(lengths.max(initial=0))
         self._widen(width)
         self.frames += len(data)
@@ -40,7 +42,7 @@ class Activity:
             known = min(len(self._last), data.shape[1])
             before[0, :known] = self._last[:known]
             data = np.concatenate([before, data])
-        # A byte that a frame lacks counts as zeros.
+        # A byte that a frame lacks counts as zero.
         wide = min(self.width, data.shape[1])
         changed = data[1:, :wide] ^ data[:-1, :wide]
         if len(changed):
@@ -56,12 +58,12 @@ class Activity:
 
     @property
     def flip_ratio(self) -> Any:
-        """(width, 8): changes for each step from one frame to the next."""
+        """(width, 8): changes per step from one frame to the next."""
         return self.flips / max(self.frames - 1, 1)
 
     @property
     def entropy_bits(self) -> Any:
-        """(width,): Shannon entropy of the values of each byte, 0 for a constant, at most 8."""
+        """(width,): Shannon entropy of the values of each byte: 0 for a constant, at most 8."""
         totals = self.values.sum(axis=1, keepdims=True)
         share = self.values / np.maximum(totals, 1)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -71,7 +73,7 @@ class Activity:
 
 
 class ActivityView:
-    """Feed it blocks of frames."""
+    """Bit activity by identifier and channel; `feed` takes the frames block by block."""
 
     def __init__(self) -> None:
         self.found: dict[tuple[int, str], Activity] = {}

@@ -1,8 +1,8 @@
-"""How long frames occupy the bus, in bits, stuff bits included: exact, for whole columns at once.
+"""Exact bus time of frames in bits, stuff bits included, computed for whole columns.
 
-ISO 11898-1: after five equal bits the sender inserts one of opposite value. In a classic frame that
-goes on to the end of the CRC, so the number depends on the CRC, too. In an FD frame it ends with
-the data; stuff count and CRC then have fixed stuff bits at fixed places.
+ISO 11898-1: after five equal bits the sender inserts one of opposite value. In a classic frame bit
+stuffing ends with the CRC, so the number of stuff bits depends on the CRC, too. In an FD frame it
+ends with the data; the stuff count and the CRC then have fixed stuff bits at fixed places.
 """
 
 import functools
@@ -30,16 +30,20 @@ CRC_BITS: Final = 15
 CRC_MASK: Final = 0x7FFF
 CRC_POLYNOMIAL: Final = 0x4599
 ERROR_FRAME_BITS: Final = 6 + 8 + INTERMISSION_BITS
-"""The least that an error frame takes: flag, delimiter, intermission."""
+"""Minimum length of an error frame: flag, delimiter and intermission."""
 FD_CRC_BITS: Final = {17: 4 + 17 + 6, 21: 4 + 21 + 7}
-"""Stuff count, CRC and their fixed stuff bits, by the CRC's length."""
+"""Bits of the stuff count, the CRC and their fixed stuff bits, by the length of the CRC."""
 FD_SHORT_MAX: Final = 16
-"""Longest data with the CRC of 17 bits."""
+"""Longest data, in bytes, that an FD frame protects with the CRC of 17 bits."""
 
 
 @functools.cache
 def _stuff_table(width: int) -> Any:
-    """Entry `state << width | word`: stuff bits << 3 | state, which is value * 4 + run - 1."""
+    """Stuffing table for `width` bits at once.
+
+    The index is `state << width | word`. An entry is `stuff bits << 3 | next state`; a state is
+    `value * 4 + run - 1`.
+    """
     state = np.repeat(np.arange(8), 1 << width)
     word = np.tile(np.arange(1 << width), 8)
     count = np.zeros_like(state)
@@ -50,7 +54,7 @@ def _stuff_table(width: int) -> Any:
 
 
 def _stuff(state: Any, bit: Any) -> tuple[Any, Any]:
-    """State after one bit, and 1 where a stuff bit follows it."""
+    """Return the state after one bit, and 1 where a stuff bit follows it."""
     run = np.where(state >> 2 == bit, (state & 3) + 2, 1)
     full = run == 5
     return np.where(full, (1 - bit) << 2, bit << 2 | run - 1), full.astype(np.int64)
@@ -58,7 +62,7 @@ def _stuff(state: Any, bit: Any) -> tuple[Any, Any]:
 
 @functools.cache
 def _crc_table(width: int) -> Any:
-    """CRC-15 of the words of so many bits."""
+    """CRC-15 of every word of `width` bits."""
     word = np.arange(1 << width)
     crc = np.zeros(1 << width, np.int64)
     for place in reversed(range(width)):
@@ -73,10 +77,13 @@ def _crc_step(crc: Any, bit: Any) -> Any:
 
 @functools.cache
 def _head(identifier: int, flags: int, length: int) -> tuple[int, int, int, int]:
-    """Of what precedes the data: nominal and fast bits, stuffed; stuffing state; CRC so far."""
+    """Return the bits before the data at the nominal and the fast rate, stuffing state, and CRC.
+
+    Both counts include stuff bits.
+    """
     nominal, fast = _head_bits(identifier, flags, length)
     state, crc = np.int64(0), np.int64(0)
-    # The start of frame is the first bit of the first run; the state already holds it.
+    # The start of frame is the first bit of the first run; the initial state already holds it.
     bits = [1, 0]
     for part, values in enumerate((nominal, fast)):
         for bit in values:
@@ -87,7 +94,7 @@ def _head(identifier: int, flags: int, length: int) -> tuple[int, int, int, int]
 
 
 def _head_bits(identifier: int, flags: int, length: int) -> tuple[list[int], list[int]]:
-    """Without the start of frame: up to the bit that switches the rate, and after it."""
+    """Return the bits between start of frame and data, before and after the switch of the rate."""
     code = _places(FD_LENGTHS.index(length) if length in FD_LENGTHS else length, 4)
     extended, remote = bool(flags & EXTENDED), int(bool(flags & REMOTE))
     start = _places(identifier >> 18, 11) if extended else _places(identifier, 11)
@@ -96,7 +103,8 @@ def _head_bits(identifier: int, flags: int, length: int) -> tuple[list[int], lis
     if not flags & FD:
         reserved = [remote, 0, 0]
         return [*start, *reserved, *code], []
-    # Remote request substitute; identifier extension of 11 bits only; FD format, reserved bit.
+    # 29 bits: substitute remote request, FD format, reserved bit. 11 bits: the same after the bit
+    # for the identifier extension.
     start += [0, 1, 0] if extended else [0, 0, 1, 0]
     switch, indicator = int(bool(flags & BRS)), int(bool(flags & ESI))
     return [*start, switch], [indicator, *code]
@@ -107,7 +115,8 @@ def _places(value: int, width: int) -> list[int]:
 
 
 def equal_frame_bits(identifier: int, flags: int, length: int, data: Bytes) -> tuple[Any, Any]:
-    """(n,) bits at the nominal and at the fast rate, of frames that differ in their data only.
+    """Return (n,) bits at the nominal and at the fast rate of frames that differ only in their
+    data.
 
     Args:
         data: (n, >= length).
@@ -127,13 +136,16 @@ def equal_frame_bits(identifier: int, flags: int, length: int, data: Bytes) -> t
     checked = FD_CRC_BITS[17 if length <= FD_SHORT_MAX else 21]
     rest = stuffed.astype(np.int64) + fast + 8 * size + checked
     if flags & BRS:
-        # The CRC delimiter is still at the fast rate.
+        # The CRC delimiter is still sent at the fast rate.
         return np.full(len(data), nominal + TRAILER_BITS - 1, np.int64), rest + 1
     return rest + nominal + TRAILER_BITS, np.zeros(len(data), np.int64)
 
 
 def _data_part(data: Bytes, state: int, crc: int, *, with_crc: bool) -> tuple[Any, Any, Any]:
-    """Stuff bits of the data, the state behind them, and the CRC; two bytes at a time."""
+    """Return stuff bits of the data, the stuffing state after it, and the CRC.
+
+    It takes two bytes at a time.
+    """
     n, size = data.shape
     stuffed = np.zeros(n, np.uint16)
     states = np.full(n, state, np.uint8)
@@ -163,7 +175,7 @@ def _next_crc(crc: Any, word: Any, width: int) -> Any:
 
 
 def frame_bits(frames: Frames) -> tuple[Any, Any]:
-    """(n,) bits of every frame at the nominal and at the fast rate, intermission included."""
+    """Return (n,) bits of every frame at the nominal and at the fast rate, with intermission."""
     nominal, fast = np.zeros(len(frames), np.int64), np.zeros(len(frames), np.int64)
     kind = (
         frames.identifier.astype(np.uint64) << np.uint64(16)

@@ -1,4 +1,4 @@
-"""What a bus carries, as plain values: messages by key, signals, nodes, periods."""
+"""The contents of a bus as plain values: messages by key, signals, nodes, periods."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,13 +10,13 @@ from canlog.frames import KEY_EXTENDED
 
 DEFAULT_BAUDRATE: Final = 500_000
 TIMEOUT_PERIODS: Final = 3
-"""A message is stale after this many periods where the file has no TimeoutMs."""
+"""Periods after which a message is stale if the file gives no TimeoutMs."""
 PDU2_FORMAT: Final = 240
-"""From this PDU format on messages of J1939 go to all."""
+"""PDU format of J1939 from which on a message is a broadcast."""
 STATE_BITS_MAX: Final = 8
-"""A longer signal with only two named values is a number."""
+"""Maximum length of a state; a longer signal with only two named values is a number."""
 PROTECTION: Final = ("E2ECounterSignal", "E2ECrcSignal", "E2EProfile", "E2EDataId", "Protection")
-"""Attributes of messages that say how counters and CRCs are made."""
+"""Message attributes that declare alive counters and CRCs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class SignalSpec:
 
     name: str
     start: int
-    """As in the DBC file: the lowest bit, or the highest one of a Motorola signal."""
+    """Start bit as in the DBC file: the lowest bit, or the highest one of a Motorola signal."""
     length: int
     big_endian: bool
     signed: bool
@@ -36,27 +36,28 @@ class SignalSpec:
     maximum: float | None
     unit: str
     choices: Mapping[int, str]
-    """Raw value to its name."""
+    """Names by raw value."""
     comment: str
     receivers: tuple[str, ...]
     is_multiplexer: bool
     multiplexer: str | None
-    """The signal that decides whether this one is there."""
+    """The signal that decides whether this one is present."""
     multiplexer_ids: tuple[int, ...]
-    """Raw values of it with which this one is there."""
+    """Raw values of `multiplexer` for which this signal is present."""
     others: "tuple[SignalSpec, ...]" = ()
-    """The same name with other bits, in other pages of the multiplexer."""
+    """Signals of the same name at other bits, in other pages of the multiplexer."""
 
     @property
     def lsb(self) -> float:
-        """One step of the raw value; that of a float signal is 0."""
+        """Physical value of one step of the raw value; 0 for a float signal."""
         return 0.0 if self.is_float else abs(self.scale)
 
     @property
     def is_state(self) -> bool:
         """Whether its named values are states, and not marks such as "not available" of a number.
 
-        A number has a unit or a factor, or names only values in the upper half of its range.
+        A number has a unit or a factor, or has names only for values in the upper half of its
+        range.
         """
         if not self.choices or self.is_float:
             return False
@@ -76,22 +77,22 @@ class MessageSpec:
 
     name: str
     key: int
-    """Identifier, with KEY_EXTENDED where it has 29 bits."""
+    """Identifier, with KEY_EXTENDED set if it has 29 bits."""
     length: int
     senders: tuple[str, ...]
     period_ms: int
-    """0 where the file gives none."""
+    """Cycle time; 0 if the file gives none."""
     timeout_ms: int
-    """Older than this it is stale; 0 for never."""
+    """Age at which a received message is stale; 0 for never."""
     is_fd: bool
     comment: str
     signals: tuple[SignalSpec, ...]
     attributes: Mapping[str, Any] = field(default_factory=dict)
-    """Those of the DBC file that tell how the message is protected, by name."""
+    """DBC attributes, by name, that declare how the message is protected."""
     optional: bool = False
-    """The bus may never carry it, though it is cyclic: it is sent only if something is active."""
+    """Whether a cyclic message may be absent: it is sent only while something is active."""
     is_j1939: bool = False
-    """Told by its parameter group number: priority and source address may be any."""
+    """Whether the parameter group number identifies it: priority and source address may be any."""
 
     @property
     def identifier(self) -> int:
@@ -102,7 +103,7 @@ class MessageSpec:
         return bool(self.key & KEY_EXTENDED)
 
     def signal(self, name: str) -> SignalSpec:
-        """Raises LogError."""
+        """Return the signal of a name. Raises LogError if there is none."""
         for each in self.signals:
             if each.name == name:
                 return each
@@ -112,44 +113,44 @@ class MessageSpec:
 
 @dataclass(frozen=True)
 class Bus:
-    """All messages that DBC files know."""
+    """All messages that the given DBC files define."""
 
     name: str
-    """Of the files."""
+    """File names."""
     messages: Mapping[str, MessageSpec]
     by_key: Mapping[int, MessageSpec]
     nodes: Mapping[str, str] = field(default_factory=dict)
-    """Name and comment."""
+    """Comments by name of the node."""
     baudrate: int = DEFAULT_BAUDRATE
     data_baudrate: int = 0
-    """Of the fast part of CAN FD frames; 0 where the files tell none."""
+    """Bit rate of the fast part of CAN FD frames; 0 if the files give none."""
     warnings: tuple[str, ...] = ()
     """Flaws of the files, each with its file and lines."""
     by_channel: "Mapping[str, Bus]" = field(default_factory=dict)
-    """Of channels that have files of their own; that of all others is named with nothing."""
+    """Bus models by channel, of channels with files of their own; "" is the model of all others."""
 
     @cached_property
     def by_group(self) -> Mapping[int, MessageSpec]:
-        """Messages of J1939 by their parameter group number."""
+        """J1939 messages by their parameter group number."""
         return {
             group_number(spec.identifier): spec for spec in self.by_key.values() if spec.is_j1939
         }
 
     def on(self, channel: str) -> "Bus":
-        """What the files know of a channel."""
+        """Return the bus that the files define for a channel."""
         if not self.by_channel:
             return self
         return self.by_channel.get(channel) or self.by_channel.get("", self)
 
     def spec_at(self, key: int) -> MessageSpec | None:
-        """The message with a key, or with its parameter group number in J1939."""
+        """Return the message with a key or, in J1939, with its parameter group number."""
         found = self.by_key.get(key)
         if found is None and key & KEY_EXTENDED and self.by_group:
             found = self.by_group.get(group_number(key & ~KEY_EXTENDED))
         return found
 
     def message(self, name: str) -> MessageSpec:
-        """Raises LogError with what is near."""
+        """Return the message of a name. Raises LogError that suggests a similar name."""
         import difflib
 
         found = self.messages.get(name)
@@ -160,7 +161,7 @@ class Bus:
         return found
 
     def name_of(self, key: int) -> str:
-        """Name of a message, or its identifier in hexadecimal."""
+        """Name of a message, or its identifier in hexadecimal if it is unknown."""
         found = self.spec_at(key)
         if found is not None:
             return found.name
@@ -168,9 +169,9 @@ class Bus:
 
 
 def group_number(identifier: int) -> int:
-    """The parameter group number (PGN) in a 29-bit identifier of J1939.
+    """Return the parameter group number (PGN) of a 29-bit identifier of J1939.
 
-    Below PDU format 240 the byte behind it is the destination and no part of the number.
+    Below PDU format 240 the next byte is the destination and not part of the number.
     """
     number = identifier >> 8 & 0x3FFFF
     return number if number >> 8 & 0xFF >= PDU2_FORMAT else number & 0x3FF00

@@ -1,4 +1,4 @@
-"""The console script `canlog`: a table of subcommands, each a module of its own."""
+"""The console script `canlog`: a table of subcommands, each in a module of its own."""
 
 import argparse
 import importlib
@@ -15,7 +15,7 @@ from firmware_py.output import EXIT_ENVIRONMENT
 from firmware_py.program import Program
 
 EXIT_FOUND: Final = 1
-"""What was asked to be absent or equal is not."""
+"""Exit code when something was found that should be absent, or two things differ."""
 EXIT_USAGE: Final = 2
 
 VERBS: Final = {
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """Only the module of the verb that is asked for is loaded, unless it is help that is."""
+    """Build the parser; it loads only the module of the given verb, or all modules for help."""
     top = CommandParser(
         prog="canlog", is_command=True, description="Inspect CAN logs frame by frame."
     )
@@ -71,9 +71,9 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def options_first(parser: argparse.ArgumentParser, words: Sequence[str]) -> list[str]:
-    """The words of a subcommand with its options, and their values, before everything else.
+    """Move the options of a subcommand and their values before all other words.
 
-    argparse takes a list of words, such as the signals of `plot`, in one piece only.
+    argparse accepts a list of positional words, such as the signals of `plot`, only in one piece.
     """
     verbs = next(
         (each for each in parser._actions if isinstance(each, argparse._SubParsersAction)), None
@@ -97,7 +97,7 @@ def options_first(parser: argparse.ArgumentParser, words: Sequence[str]) -> list
 
 
 def _choose_runs(options: argparse.Namespace) -> None:
-    """Replace names of runs by their folders, and a log that was not named by the last run."""
+    """Replace run names by their folders, and use the last run if no log is given."""
     if getattr(options, "follow", None) is not None:
         return
     for name in ("log", "a", "b"):

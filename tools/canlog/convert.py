@@ -1,4 +1,4 @@
-"""From one format to another, block by block; what the other cannot hold is listed."""
+"""Converts a log block by block; it lists what the target format cannot hold."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,25 +20,25 @@ def convert(
     bus: Bus | None = None,
     overwrite: bool = False,
 ) -> tuple[tuple[Damage, ...], tuple[Damage, ...]]:
-    """What was damaged in the source, and what the target cannot hold.
+    """Return the damage in the source, and the losses in the target.
 
     Args:
-        form: name of the target's format; None goes by its name.
-        bus: whose signals an MCAP file gets beside the frames.
+        form: name of the target's format; None derives it from the suffix of `target`.
+        bus: bus whose signals an MCAP file gets beside the frames.
 
     Raises:
-        LogError: when the source cannot be read or the target not be written.
+        LogError: when the source cannot be read or the target cannot be written.
     """
     found = named(form) if form else by_suffix(target)
     if found is None:
         known = ", ".join(each.name for each in FORMATS if each.writes)
-        raise LogError(f"{target}: its name tells no format; --to takes {known}")
+        raise LogError(f"{target}: its suffix names no known format; --to takes {known}")
     write = found.write
     blocks = stream(source, replace(options or ReadOptions(), refuse_empty=True))
     if target.exists() and not overwrite:
-        raise LogError(f"{target}: is there already; --force replaces it")
+        raise LogError(f"{target}: already exists; --force replaces it")
     losses = Damages()
-    # A source without a frame raises here, before the target is opened.
+    # A source without frames raises here, before the target is opened.
     frames = iter(blocks)
     content = chained(next(block for block in frames if len(block)), frames)
     with whole_file(target) as part:

@@ -1,4 +1,4 @@
-"""What a reader could not take as it stood: counted, and located by line or byte."""
+"""Damage in a log: what a reader could not use, counted and located by line or byte."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -10,7 +10,7 @@ from canlog.frames import ERROR, EXTENDED, Frames
 STANDARD_MAX: Final = 0x7FF
 EXTENDED_MAX: Final = 0x1FFF_FFFF
 PLACES_MAX: Final = 20
-"""So many places of one kind of damage are remembered; all are counted."""
+"""Places remembered per kind of damage; the count covers all of them."""
 SHOWN_MAX: Final = 60
 
 
@@ -20,17 +20,17 @@ class LogError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """One kind of trouble in one log."""
+    """All damage of one kind in one log."""
 
     kind: str
-    """Such as `junk line` or `corrupt container`."""
+    """Kind of damage, such as `junk line` or `corrupt container`."""
     count: int
     unit: str
-    """What `places` count: line (the first is 1), byte (the first is 0) or frame."""
+    """What `places` count: lines from 1, bytes from 0, or frames."""
     places: tuple[int, ...]
-    """Of the first PLACES_MAX."""
+    """Places of the first PLACES_MAX cases."""
     detail: str
-    """Of the first one."""
+    """Description of the first case."""
 
     def __str__(self) -> str:
         shown = ", ".join(str(place) for place in self.places[:3])
@@ -47,13 +47,17 @@ class Damages:
         self._places: dict[str, list[int]] = {}
         self._firsts: dict[str, tuple[str, str]] = {}
         self.skipped: dict[str, int] = {}
-        """Counts of what the format knows beside CAN frames; none of it is damage."""
+        """Counts of what a format contains besides CAN frames; this is not damage."""
 
     def skip(self, kind: str, count: int = 1) -> None:
         self.skipped[kind] = self.skipped.get(kind, 0) + count
 
     def add(self, kind: str, unit: str, place: int | None, detail: str, count: int = 1) -> None:
-        """`place` of the first of `count`; None where there is none, as with what a log lacks."""
+        """Count damage.
+
+        Args:
+            place: place of the first of `count` cases; None without one, as for a missing date.
+        """
         self._counts[kind] = self._counts.get(kind, 0) + count
         self._firsts.setdefault(kind, (unit, detail))
         places = self._places.setdefault(kind, [])
@@ -70,9 +74,9 @@ class Damages:
 
 
 def possible(frames: Frames, damages: Damages, place: int | None = None) -> Frames:
-    """The frames with identifiers that a bus can carry; the others are counted.
+    """Return the frames whose identifiers a bus can carry, and count the others as damage.
 
-    An identifier of more than 11 bits without the mark of 29 bits is taken as one of 29 bits.
+    An identifier of more than 11 bits that is not marked as extended is taken as a 29-bit one.
     """
     unmarked = (frames.flags & np.uint8(EXTENDED | ERROR)) == 0
     unmarked &= frames.identifier > STANDARD_MAX
@@ -91,7 +95,7 @@ def possible(frames: Frames, damages: Damages, place: int | None = None) -> Fram
 
 
 def shown(raw: bytes | str) -> str:
-    """The beginning of a bad line for a person to read."""
+    """Return the beginning of a bad line as text for people."""
     text = raw.decode("ascii", "backslashreplace") if isinstance(raw, bytes) else raw
     text = text.rstrip("\r\n")
     return repr(text if len(text) <= SHOWN_MAX else text[: SHOWN_MAX - 3] + "...")

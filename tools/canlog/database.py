@@ -1,4 +1,4 @@
-"""Files that tell what a bus carries: DBC by our own reader, KCD, SYM and ARXML by cantools."""
+"""Reads files that describe a bus: DBC with our own reader, KCD, SYM and ARXML with cantools."""
 
 import functools
 from collections.abc import Iterable, Sequence
@@ -22,19 +22,19 @@ from canlog.frames import KEY_EXTENDED
 __all__ = ["Bus", "MessageSpec", "SignalSpec", "load_bus", "own_bus", "parse_bus"]
 
 OWN_NAME: Final = "can_dbc"
-"""Name of the bus of this project."""
+"""Package that holds the DBC files of this project, and name of their bus."""
 LAST: Final = "diagnostics.dbc"
-"""The file of this project whose attributes and nodes count for all."""
+"""The project's DBC file whose attributes and nodes apply to all of its files."""
 BY_CANTOOLS: Final = (".kcd", ".sym", ".arxml")
 
 
 def load_bus(dbc: "Path | str | Sequence[Path | str] | Bus | None" = None) -> Bus:
-    """The bus of one or several files; without any, that of this project.
+    """Return the bus of one or several files, or of this project if none is given.
 
-    `can0=body.dbc` is a file for one channel only. Flaws of a DBC file are in `warnings`.
+    `can0=body.dbc` names a file for one channel only. `warnings` lists the flaws of DBC files.
 
     Raises:
-        LogError: names the file that cannot be read or is none.
+        LogError: names the file that cannot be read or is not usable.
     """
     if isinstance(dbc, Bus):
         return dbc
@@ -57,7 +57,7 @@ def load_bus(dbc: "Path | str | Sequence[Path | str] | Bus | None" = None) -> Bu
 
 
 def parse_bus(text: str, name: str = "DBC") -> Bus:
-    """The bus of the text of a DBC file. Raises LogError."""
+    """Return the bus that the text of a DBC file describes. Raises LogError."""
     found = bus_of_text(text, name)
     if found is None:
         raise LogError(f"{name}: not a usable DBC file: it has no statement of one")
@@ -66,7 +66,7 @@ def parse_bus(text: str, name: str = "DBC") -> Bus:
 
 @functools.cache
 def own_bus() -> Bus:
-    """The bus of this project."""
+    """Return the bus of this project."""
     entries = {each.name: each for each in resources.files(OWN_NAME).iterdir()}
     names = sorted(name for name in entries if name.endswith(".dbc") and name != LAST)
     files = [parse_bus(entries[name].read_text("ascii"), name) for name in [*names, LAST]]
@@ -74,7 +74,7 @@ def own_bus() -> Bus:
 
 
 def no_bus() -> Bus:
-    """A bus that knows no message."""
+    """Return a bus that defines no message."""
     return Bus("no DBC file", {}, {})
 
 
@@ -96,7 +96,7 @@ def _loaded(path: Path) -> Bus:
 
 
 def _by_cantools(path: Path) -> Bus:
-    # Keeps python-can and all that it finds out of the program.
+    # Keep python-can, which cantools imports for its tester, out of the program.
     from can_dbc.lean_cantools import put_off_tester
 
     put_off_tester()
@@ -106,7 +106,8 @@ def _by_cantools(path: Path) -> Bus:
     try:
         database = load_file(str(path), strict=False)
     except Exception as error:
-        # Its parsers' errors share no base class; whatever they say is about this file.
+        # The parsers of cantools have no common base class for errors; each error concerns this
+        # file.
         raise LogError(f"{path}: not usable: {error}") from error
     if not isinstance(database, Database):
         raise LogError(f"{path}: describes no CAN bus")
@@ -114,7 +115,7 @@ def _by_cantools(path: Path) -> Bus:
 
 
 def _joined(buses: Sequence[Bus]) -> Bus:
-    """All messages; of those with one identifier the last one counts, which is said."""
+    """Join the messages of several buses; the last one with an identifier wins, with a warning."""
     if len(buses) == 1:
         return buses[0]
     by_key: dict[int, MessageSpec] = {}
@@ -144,7 +145,7 @@ def _by_name(specs: Iterable[MessageSpec]) -> dict[str, MessageSpec]:
 
 
 def bus_of(database: Any, name: str) -> Bus:
-    """Of what cantools has parsed."""
+    """Convert a database that cantools has parsed."""
     definitions = database.dbc.attribute_definitions if database.dbc is not None else {}
     defaults = {
         name: definitions[name].default_value
@@ -184,13 +185,16 @@ def _message(message: Any, defaults: dict[str, Any]) -> MessageSpec:
         comment=str(message.comment or ""),
         signals=tuple(_signal(each) for each in message.signals),
         attributes={**defaults, **protection},
-        optional=_may_stay_away(message, attributes),
+        optional=_may_be_absent(message, attributes),
         is_j1939=message.protocol == "j1939",
     )
 
 
-def _may_stay_away(message: Any, attributes: Any) -> bool:
-    """By GenMsgSendType, ifActive or cyclicIfActive, or by this project's attribute Optional."""
+def _may_be_absent(message: Any, attributes: Any) -> bool:
+    """Whether the message may be absent although it is cyclic.
+
+    GenMsgSendType ifActive or cyclicIfActive says so, or this project's attribute Optional.
+    """
     optional = attributes.get("Optional")
     if_active = "ifactive" in str(message.send_type or "").lower()
     return if_active or (optional is not None and optional.value in (1, "yes"))

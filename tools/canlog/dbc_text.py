@@ -1,4 +1,4 @@
-"""Reads DBC files as they are in the world: a flaw becomes a warning, and the rest is used."""
+"""Reads DBC files as they occur in practice: a flaw becomes a warning, and the rest is used."""
 
 import bisect
 import re
@@ -19,20 +19,20 @@ from canlog.frames import KEY_EXTENDED
 
 NO_NODE: Final = "Vector__XXX"
 ORPHANS: Final = "VECTOR__INDEPENDENT_SIG_MSG"
-"""Not a message: the signals that belong to none."""
+"""Pseudo-message of a DBC file for the signals that belong to no message."""
 J1939_FORMAT: Final = "J1939PG"
 FRAME_FORMATS: Final = (
     *("StandardCAN", "ExtendedCAN", "reserved", J1939_FORMAT),
     *("reserved",) * 10,
     *("StandardCAN_FD", "ExtendedCAN_FD"),
 )
-"""What VFrameFormat counts where the file defines it as a number."""
+"""Names for the values of VFrameFormat in a file that defines it as a number."""
 FLOAT_BITS: Final = {1: 32, 2: 64}
-"""SIG_VALTYPE_ to the length of the signal."""
+"""Length of a float signal by its SIG_VALTYPE_."""
 PAGES_MAX: Final = 1 << 16
-"""Selector values that one signal may have."""
+"""Maximum number of multiplexer values of one signal."""
 SIGNAL_BITS_MAX: Final = 8 * 1785
-"""The longest message of J1939 transport has 1,785 bytes."""
+"""Maximum length of a signal: the longest J1939 transport message has 1,785 bytes."""
 
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _STRING: Final = r'"((?:\\"|[^"])*)"'
@@ -88,7 +88,7 @@ SHAPES: Final[Mapping[str, re.Pattern[str]]] = {
     "BO_TX_BU_": re.compile(r"BO_TX_BU_\s+(?P<id>\d+)\s*:\s*(?P<names>[^;]*);"),
 }
 ENDED: Final = frozenset({"VAL_", "CM_"})
-"""Statements that are read without the semicolon that should end them, too."""
+"""Statements that are also read if the closing semicolon is missing."""
 IGNORED: Final = frozenset(
     {
         *("BA_DEF_REL_", "BA_REL_", "BA_DEF_DEF_REL_", "BA_DEF_SGTYPE_", "BA_SGTYPE_", "CAT_DEF_"),
@@ -96,12 +96,12 @@ IGNORED: Final = frozenset(
         *("SGTYPE_VAL_", "SIG_TYPE_REF_", "SIGTYPE_VALTYPE_"),
     }
 )
-"""Statements that say nothing of frames."""
+"""Statements that do not describe frames."""
 
 
 @dataclass(slots=True)
 class _Signal:
-    """One SG_ line, and what later statements say of it."""
+    """One SG_ line, and what later statements add to it."""
 
     found: re.Match[str]
     choices: dict[int, str] = field(default_factory=dict)
@@ -117,14 +117,17 @@ class _Signal:
 
     @property
     def mux(self) -> str:
-        """M of a selector, m and a page of what it selects; a bare m is meant as M."""
+        """Multiplexer mark: M for a selector, m and a page number for what it selects.
+
+        A bare m is taken as M.
+        """
         told = self.found["mux"] or ""
         return "M" if told == "m" else told
 
 
 @dataclass(slots=True)
 class _Message:
-    """One BO_ line with its signals, and what later statements say of it."""
+    """One BO_ line with its signals, and what later statements add to it."""
 
     found: re.Match[str]
     key: int
@@ -138,7 +141,7 @@ class _Message:
 
 
 def dbc_text(raw: bytes) -> str:
-    """UTF-8 where a file is that, else Windows-1252, as the format was defined."""
+    """Decode as UTF-8 if that is valid, or else as Windows-1252, as the format defines."""
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -146,10 +149,11 @@ def dbc_text(raw: bytes) -> str:
 
 
 def bus_of_text(text: str, name: str, damages: Damages | None = None) -> Bus | None:
-    """The bus of the text of a DBC file; None for a text without a single statement of one.
+    """Return the bus that the text of a DBC file describes; None for a text without a DBC
+    statement.
 
     Args:
-        damages: gets every flaw with its line; what can be used is used all the same.
+        damages: receives every flaw with its line; all else is used.
     """
     reader = _Reader(text, Damages() if damages is None else damages)
     reader.read()
@@ -165,14 +169,14 @@ class _Reader:
         self.statements = 0
         self._messages: list[_Message] = []
         self._by_id: dict[str, _Message] = {}
-        """The last message with each identifier, as it is written."""
+        """The last message with each identifier, by the identifier as written."""
         self._open: _Message | None = None
-        """The message that signals belong to."""
+        """The message to which the following signals belong."""
         self._nodes: dict[str, str] = {}
         self._long_nodes: dict[str, str] = {}
         self._tables: dict[str, dict[int, str]] = {}
         self._defined: dict[str, Sequence[str]] = {}
-        """Names of the values of an attribute, by its name; none for one that is no ENUM."""
+        """Names of the values of each ENUM attribute, by its name; empty for other attributes."""
         self._defaults: dict[str, Any] = {}
         self._attributes: dict[str, Any] = {}
         self._orphans: set[str] = set()
@@ -200,7 +204,7 @@ class _Reader:
         self._damages.add(kind, "line", self._line(at), words)
 
     def read(self) -> None:
-        """All statements, one after the other; what is none costs its line only."""
+        """Read all statements in order; text that is no statement costs only its own line."""
         text, at = self._text, 0
         while True:
             skipped = SKIPPED.match(text, at)
@@ -210,7 +214,7 @@ class _Reader:
             at = self._statement(at)
 
     def _statement(self, at: int) -> int:
-        """Where the statement that begins here ends."""
+        """Read the statement that begins here, and return where it ends."""
         text = self._text
         word = KEYWORD.match(text, at)
         name = word[0] if word is not None else ""
@@ -233,7 +237,7 @@ class _Reader:
         line = LINE.match(text, at)
         assert line is not None
         if name == "BO_":
-            # Signals that follow belong to it and to no other message.
+            # The signals that follow belong to this message and to no other.
             self._open = None
         self._flaw("unreadable statement", at, shown(line[0].strip()))
         return line.end()
@@ -292,7 +296,7 @@ class _Reader:
 
     def _take_values(self, found: re.Match[str]) -> None:
         if found["id"] is None:
-            # Of an environment variable.
+            # The values belong to an environment variable.
             return
         choices = _pairs(found["pairs"])
         if found["table"]:
@@ -355,7 +359,7 @@ class _Reader:
             message.more_senders += found["names"].replace(",", " ").split()
 
     def bus(self, name: str) -> Bus:
-        """What was read."""
+        """Build the bus from all statements."""
         specs: dict[str, MessageSpec] = {}
         by_key: dict[int, MessageSpec] = {}
         for message in self._messages:
@@ -380,7 +384,10 @@ class _Reader:
         )
 
     def _attribute(self, message: _Message, name: str) -> Any:
-        """Of a message, or its default; an ENUM by the name of its value. None without any."""
+        """Return an attribute of a message, or its default, or None.
+
+        An ENUM value is returned by its name.
+        """
         if name in message.attributes:
             value, names = message.attributes[name], self._defined.get(name, ())
             if names and isinstance(value, int):
@@ -430,7 +437,7 @@ class _Reader:
             return 8
 
     def _signals(self, message: _Message) -> tuple[SignalSpec, ...]:
-        """Sorted by their first bit. Signals of one name in several pages become one."""
+        """Sort the signals by first bit. Signals of one name in several pages become one."""
         selectors = [each for each in message.signals if each.mux.endswith("M")]
         root = next((each for each in selectors if each.mux == "M"), None)
         if root is None and len(selectors) == 1:
@@ -456,7 +463,7 @@ class _Reader:
     def _selector(
         self, message: _Message, signal: _Signal, root: _Signal | None, count: int
     ) -> tuple[str, list[int]] | None:
-        """What decides whether a signal is there: a signal, and its values."""
+        """Return what decides whether a signal is present: the selector's name and its values."""
         digits = signal.mux.strip("mM")
         own = [int(digits)] if digits else []
         if signal.selector is not None:
@@ -516,7 +523,7 @@ class _Reader:
 
 
 def first_bit(signal: SignalSpec) -> int:
-    """Where a signal begins, counted so that Motorola signals are in the order of their bytes."""
+    """First bit of a signal, counted so that Motorola signals sort by their bytes."""
     if signal.big_endian:
         return 8 * (signal.start // 8) + 7 - signal.start % 8
     return signal.start
@@ -538,7 +545,7 @@ def _value(text: str) -> Any:
 
 
 def _whole(value: Any) -> int:
-    """A number of an attribute; 0 of anything else."""
+    """Return an attribute's value as an integer; 0 if it is not a number."""
     try:
         return int(float(value or 0))
     except (ValueError, OverflowError):

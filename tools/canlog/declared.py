@@ -1,7 +1,8 @@
-"""Counters and CRCs that a DBC file declares by attributes, checked for whole columns of frames.
+"""Checks alive counters and CRCs that a DBC file declares by attributes, for whole columns of
+frames.
 
-Message attributes: `E2ECounterSignal` and `E2ECrcSignal` name the signals, `E2EProfile` tells how
-they are made, `E2EDataId` what goes into the CRC before the data.
+Message attributes: `E2ECounterSignal` and `E2ECrcSignal` name the signals, `E2EProfile` names the
+profile, `E2EDataId` is the data identifier that the CRC covers before the data.
 """
 
 from collections.abc import Mapping
@@ -16,7 +17,7 @@ from canlog.plan import DecodingPlan, Payloads
 
 COUNTER, CRC, PROFILE, DATA_ID = "E2ECounterSignal", "E2ECrcSignal", "E2EProfile", "E2EDataId"
 P01_COUNTS: Final = 15
-"""AUTOSAR E2E profile 1: the counter runs from 0 to 14; 15 is no value of it."""
+"""AUTOSAR E2E profile 1: the counter runs from 0 to 14, and 15 is invalid."""
 P01_NAMES: Final = ("P01", "AUTOSAR_P01", "PROFILE_01", "PROFILE01", "E2E_P01")
 _POLYNOMIAL: Final = 0x1D
 
@@ -34,11 +35,11 @@ _CRC_8: Final = _crc_table()
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """What can be checked of one message, and why the rest cannot."""
+    """The declared checks of one message, and why the others are impossible."""
 
     counter: SignalSpec | None = None
     counts: int = 0
-    """Values of the counter: it goes on with 0 behind the last of them."""
+    """Number of counter values; after the last one the counter continues at 0."""
     crc: SignalSpec | None = None
     data_id: int = 0
     why_no_counter: str = ""
@@ -46,7 +47,7 @@ class Declared:
 
 
 def declared_of(spec: MessageSpec) -> Declared:
-    """By the attributes of a message."""
+    """Return the checks that the attributes of a message declare."""
     told = spec.attributes
     counter, no_counter = _signal(spec, COUNTER)
     crc, no_crc = _signal(spec, CRC)
@@ -84,15 +85,15 @@ def _signal(spec: MessageSpec, attribute: str) -> tuple[SignalSpec | None, str]:
 
 
 def _first_bit(spec: SignalSpec) -> int:
-    """Of a byte: where it begins, counted from the low end."""
+    """Lowest bit of a byte-sized signal, counted from the low end."""
     return spec.start - 7 if spec.big_endian else spec.start
 
 
 def p01_crc(payloads: Payloads, length: int, crc_byte: int, data_id: int) -> Any:
-    """(n,) CRC of AUTOSAR E2E profile 1 with both bytes of the data identifier.
+    """(n,): CRC of AUTOSAR E2E profile 1 with both bytes of the data identifier.
 
-    CRC-8 with polynomial 0x1D from 0 on, over the identifier, low byte first, and the data
-    without the CRC itself (PRS_E2EProtocol, profile 1).
+    It is a CRC-8 with polynomial 0x1D and start value 0 over the identifier, low byte first, and
+    the data without the CRC byte (PRS_E2EProtocol, profile 1).
     """
     start = int(_CRC_8[_CRC_8[data_id & 0xFF] ^ (data_id >> 8 & 0xFF)])
     crc = np.full(len(payloads), start, np.uint8)
@@ -109,17 +110,17 @@ class Follower:
         self.declared = declared_of(spec)
         self._spec, self._plan = spec, plan
         self._last: tuple[int, int] | None = None
-        """Value of the counter, and when it was heard."""
+        """Last value of the counter, and when it was received."""
         self.crc_errors = self.counter_errors = self.lost = 0
 
     @property
     def why_not(self) -> Mapping[str, str]:
-        """What cannot be checked, and why."""
+        """The checks that are impossible, and why."""
         told = {"counter": self.declared.why_no_counter, "CRC": self.declared.why_no_crc}
         return {what: why for what, why in told.items() if why}
 
     def feed(self, payloads: Payloads, at_ns: Ints) -> None:
-        """The next frames. Those that are too short say nothing."""
+        """Check the next frames. Frames that are too short are left out."""
         good = payloads.length >= self._spec.length
         crc = self.declared.crc
         if crc is not None:
@@ -135,7 +136,7 @@ class Follower:
             self._count(raw, at_ns[good])
 
     def _count(self, raw: Any, at_ns: Ints) -> None:
-        """A repeated value, one that went back and one that is none are errors."""
+        """Count errors: a repeated value, a step backwards, or an invalid value."""
         counts = self.declared.counts
         none = raw >= counts
         self.counter_errors += int(none.sum())
@@ -147,7 +148,7 @@ class Follower:
         self._last = int(raw[-1]), int(at_ns[-1])
         step = np.diff(raw) % counts
         if self._spec.timeout_ms:
-            # After a silence nobody knows how often the counter went round.
+            # After a timeout the number of counter wraps is unknown.
             step = step[np.diff(at_ns) <= self._spec.timeout_ms * 1_000_000]
         wrong = (step == 0) | (step > counts // 2)
         self.counter_errors += int(wrong.sum())

@@ -1,4 +1,4 @@
-"""DBC files and logs drawn from a seed, with everything in them that there can be: for tests."""
+"""Test tool: generates DBC files and logs from a seed that use every feature of the formats."""
 
 import random
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ OFFSETS = ("0", "0", "0", "-40", "100", "0.5", "1e6")
 
 @dataclass
 class DrawnDbc:
-    """Text of a DBC file with one message called M."""
+    """A generated DBC file with one message called M."""
 
     text: str
     length: int
@@ -39,7 +39,7 @@ class DrawnDbc:
 
 
 def drawn_dbc(seed: int) -> DrawnDbc:
-    """A message with signals of every kind that do not overlap."""
+    """Generate a message with non-overlapping signals of every kind."""
     draw = random.Random(seed)
     length = draw.choice([1, 2, 5, 7, 8, 8, 8, 8, *FD_LENGTHS[9:]])
     extended = draw.random() < 0.4
@@ -114,7 +114,9 @@ def _size(draw: random.Random) -> int:
 
 
 def _extended_values(told: int, name: str, mark: str) -> list[str]:
-    """The tree: s0 chooses s1 with 1 or 3 and the next ones with 0 and 2; s1 chooses one itself."""
+    """Build the multiplexer tree: s0 selects s1 with 1 or 3, and others with 0 and 2; s1 selects
+    one.
+    """
     if mark == "m1M":
         return [f"SG_MUL_VAL_ {told} {name} s0 1-1, 3-3;"]
     if mark == "m0":
@@ -127,7 +129,9 @@ def _extended_values(told: int, name: str, mark: str) -> list[str]:
 def _place(
     draw: random.Random, free: set[int], size: int, *, little: bool, total: int
 ) -> tuple[int, set[int]] | None:
-    """Start bit as the DBC has it, and the bits, 8 * byte + place from the low end, it takes."""
+    """Return the start bit as in the DBC file, and the used bits as 8 * byte + bit from the low
+    end.
+    """
     for _ in range(30):
         start = draw.randrange(total)
         used = bits_of(start, size, little=little)
@@ -137,12 +141,12 @@ def _place(
 
 
 def bits_of(start: int, size: int, *, little: bool) -> set[int]:
-    """Every bit of a signal, walked one by one as the DBC format describes it."""
+    """Return every bit of a signal, found one by one as the DBC format describes."""
     return set(bit_order(start, size, little=little))
 
 
 def bit_order(start: int, size: int, *, little: bool) -> list[int]:
-    """From the lowest bit of an Intel signal on, from the highest one of a Motorola signal."""
+    """Return the bits of a signal, from the lowest one (Intel) or the highest one (Motorola)."""
     bits, at = [], start
     for _ in range(size):
         bits.append(at)
@@ -154,7 +158,7 @@ def bit_order(start: int, size: int, *, little: bool) -> list[int]:
 
 
 def drawn_frames(seed: int, count: int, *, fine: bool = False, classic: bool = False) -> Frames:
-    """Frames of every kind on two channels, in the order of their stamps."""
+    """Generate frames of every kind on two channels, in order of their stamps."""
     draw = random.Random(seed)
     rows, at_ns = Rows(), 1_700_000_000_123_000_000
     for _ in range(count):

@@ -1,4 +1,4 @@
-"""CAN frames as columns: what every reader makes and everything else works on."""
+"""CAN frames as columns: every reader produces them, and all else works on them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 EXTENDED: Final = 1
-"""29-bit identifier."""
+"""Flag of a 29-bit identifier."""
 REMOTE: Final = 2
-"""Asks for data; `length` is that of the data asked for."""
+"""Flag of a remote frame; `length` is that of the requested data."""
 ERROR: Final = 4
-"""An error frame; `identifier` holds the error class bits of SocketCAN where the format has any."""
+"""Flag of an error frame; `identifier` holds SocketCAN's error classes if the format has them."""
 FD: Final = 8
 BRS: Final = 16
 ESI: Final = 32
 TX: Final = 64
-"""Sent by whoever logged it."""
+"""Flag of a frame that the logging node itself sent."""
 NOT_DATA: Final = REMOTE | ERROR
 CLASSIC_BYTES: Final = 8
 FD_BYTES: Final = 64
@@ -34,28 +34,28 @@ Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frames:
-    """`n` frames in the order of the log, which need not be that of their stamps."""
+    """`n` frames in log order, which may differ from the order of their stamps."""
 
     at_ns: Ints
-    """(n,) int64. Nanoseconds since 1970, or since the start of a log that does not tell."""
+    """(n,) int64. Nanoseconds since 1970, or since the start of a log without a date."""
     identifier: Words
-    """(n,) uint32, without any flag."""
+    """(n,) uint32, without flags."""
     flags: Bytes
     """(n,) uint8: EXTENDED, REMOTE, ERROR, FD, BRS, ESI, TX."""
     channel: Bytes
     """(n,) uint8, index into `channels`."""
     length: Bytes
-    """(n,) uint8, data bytes; of a remote frame those that it asks for."""
+    """(n,) uint8, data bytes; for a remote frame, the requested number."""
     data: Bytes
-    """(n, 8) or, once a frame is longer, (n, 64) uint8, zeros behind the last byte."""
+    """(n, 8) uint8, or (n, 64) if any frame is longer; zeros after the last byte."""
     channels: tuple[str, ...] = ()
-    """Names. A later block of the same log may have more, never others."""
+    """Channel names. A later block of the same log may add names, but never changes them."""
 
     def __len__(self) -> int:
         return len(self.at_ns)
 
     def __getitem__(self, rows: "slice | Ints | Bools") -> "Frames":
-        """The frames of a slice, of indices or of a mask; a slice copies nothing."""
+        """Select frames by a slice, indices or a mask; a slice copies nothing."""
         return Frames(
             self.at_ns[rows],
             self.identifier[rows],
@@ -68,18 +68,18 @@ class Frames:
 
     @property
     def key(self) -> Words:
-        """(n,) uint32: identifier, with KEY_EXTENDED for 29 bits; it tells messages apart."""
+        """(n,) uint32: identifier with KEY_EXTENDED for 29 bits, which identifies a message."""
         extended = (self.flags & np.uint8(EXTENDED)).astype(np.uint32)
         return self.identifier | extended << np.uint32(31)
 
     @property
     def is_data(self) -> Bools:
-        """(n,) neither remote nor error frame."""
+        """(n,) whether a frame is neither a remote nor an error frame."""
         is_data: Bools = (self.flags & np.uint8(NOT_DATA)) == 0
         return is_data
 
     def payload(self, row: int) -> bytes:
-        """The data bytes of one frame; none for a remote frame."""
+        """Return the data bytes of one frame; empty for a remote frame."""
         if int(self.flags[row]) & REMOTE:
             return b""
         return self.data[row, : int(self.length[row])].tobytes()
@@ -90,7 +90,7 @@ def empty(channels: tuple[str, ...] = ()) -> Frames:
 
 
 def blank(n: int, *, width: int = CLASSIC_BYTES, channels: tuple[str, ...] = ()) -> Frames:
-    """`n` frames of zeros to be filled."""
+    """Return `n` frames of zeros to fill in."""
     return Frames(
         np.zeros(n, np.int64),
         np.zeros(n, np.uint32),
@@ -103,7 +103,7 @@ def blank(n: int, *, width: int = CLASSIC_BYTES, channels: tuple[str, ...] = ())
 
 
 def concat(blocks: Sequence[Frames]) -> Frames:
-    """All blocks one after the other. Channels are matched by name."""
+    """Concatenate blocks. Channels are matched by name."""
     blocks = [block for block in blocks if len(block)] or list(blocks[-1:])
     if not blocks:
         return empty()
@@ -123,7 +123,7 @@ def concat(blocks: Sequence[Frames]) -> Frames:
 
 
 def widened(data: Bytes, width: int) -> Bytes:
-    """The same bytes with zeros up to `width` columns."""
+    """Return the same bytes padded with zeros to `width` columns."""
     if data.shape[1] == width:
         return data
     wide = np.zeros((len(data), width), np.uint8)
@@ -132,7 +132,7 @@ def widened(data: Bytes, width: int) -> Bytes:
 
 
 def renumbered(block: Frames, channels: list[str]) -> Bytes:
-    """(n,) the channel of each frame as an index into other names, which hold all of its own."""
+    """(n,): the channel of each frame as an index into `channels`, which holds all its names."""
     if list(block.channels) == channels[: len(block.channels)]:
         return block.channel
     numbers = np.array([channels.index(name) for name in block.channels] or [0], np.uint8)

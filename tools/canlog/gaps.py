@@ -1,4 +1,4 @@
-"""Gaps between the frames of one message, gathered block by block in bounded memory."""
+"""Statistics of the gaps between frames of one message, gathered in bounded memory."""
 
 from typing import Any, Final
 
@@ -7,42 +7,45 @@ import numpy as np
 from canlog.frames import Ints
 
 EXACT_BITS: Final = 12
-"""Distances from the period below 4096 us have a bucket each; longer ones share buckets at most
-1/2048 of them wide."""
+"""Resolution of the histogram.
+
+Distances from the period below 4096 us have a bucket each; longer ones share buckets at most 1/2048
+of their value wide.
+"""
 HALF: Final = 1 << EXACT_BITS - 1
 VALUE_BITS: Final = 40
 BUCKETS: Final = HALF * (VALUE_BITS - EXACT_BITS + 2)
 NS_PER_US: Final = 1000
 LATE_FACTOR: Final = 1.5
-"""A gap of more than so many periods misses frames."""
+"""Number of periods above which a gap has missing frames."""
 EARLY_FACTOR: Final = 0.5
-"""A frame that comes after less than this of its period is one too many."""
+"""Share of a period below which a frame is one too many."""
 MIDDLE_PERCENT: Final = (16, 84)
-"""Half of what lies between is the standard deviation of a normal distribution."""
+"""Percentiles whose half distance is the standard deviation of a normal distribution."""
 
 
 class Gaps:
     """Cycle times of one message on one channel."""
 
     def __init__(self, period_ns: int, timeout_ns: int) -> None:
-        """0 where the DBC file tells no period, or no timeout."""
+        """Start without frames; a period or timeout of 0 means that the DBC file gives none."""
         self.period_ns, self.timeout_ns = period_ns, timeout_ns
         self.count = 0
-        """Gaps; one less than frames."""
+        """Number of gaps: one less than frames."""
         self.least_ns, self.most_ns, self.most_at_ns = 0, 0, 0
         self.missing = self.extra = self.late = self.backwards = self.stale = 0
         self.stale_ns = 0
         self.first_ns: int | None = None
         self.last_ns = 0
         self.newest_ns = 0
-        """Greatest stamp."""
+        """Greatest stamp so far."""
         self._sum_ns = 0
         self._below: Any = np.zeros(BUCKETS, np.int64)
-        """Gaps shorter than the period, by how much; without a period there are none."""
+        """Histogram of gaps shorter than the period, by the difference; empty without a period."""
         self._above: Any = np.zeros(BUCKETS, np.int64)
 
     def feed(self, at_ns: Ints) -> None:
-        """The stamps of the next frames."""
+        """Add the stamps of the next frames."""
         if not len(at_ns):
             return
         newest_ns = int(at_ns.max())
@@ -65,9 +68,9 @@ class Gaps:
         self._count(gaps, at_ns)
 
     def finish(self, end_ns: int) -> None:
-        """The log ends at `end_ns`: a message that is stale by then is missing from its last frame.
+        """End the log: a message that is stale at `end_ns` has been missing since its last frame.
 
-        That gap has no second frame, so neither the mean nor a percentile counts it.
+        This gap has no second frame, so neither the mean nor a percentile counts it.
         """
         silent_ns = end_ns - self.newest_ns
         if self.first_ns is None or not self.timeout_ns or silent_ns <= self.timeout_ns:
@@ -110,16 +113,16 @@ class Gaps:
     def jitter_ns(self) -> int:
         """Half the width of the middle 68 % of the gaps.
 
-        That is the standard deviation of gaps with a normal distribution; a start, a stop or a few
-        missing frames do not count in it: they are told as extremes, missing and extra.
+        For normally distributed gaps this is the standard deviation. A start, a stop or a few
+        missing frames do not affect it; they count as extremes, missing and extra.
         """
         low_us, high_us = (self.percentile_us(percent) for percent in MIDDLE_PERCENT)
         return (high_us - low_us) * NS_PER_US // 2
 
     def percentile_us(self, percent: float) -> int:
-        """What so many percent of the gaps do not exceed.
+        """Upper bound for the given percentage of the gaps.
 
-        At most 1 us and 1/2048 of its distance from the period too high.
+        It is too high by at most 1 us and 1/2048 of its distance from the period.
         """
         wanted = int(np.ceil(self.count * percent / 100.0))
         if not wanted:
@@ -134,7 +137,7 @@ class Gaps:
 
 
 def _bucket(value: Ints) -> Any:
-    """As `firmware_py.histogram`: the leading bits and where they stand."""
+    """Bucket of a value, as in `firmware_py.histogram`: its leading bits and their position."""
     exponent = np.frexp(value.astype(np.float64))[1]
     shift = np.maximum(exponent - EXACT_BITS, 0)
     return np.minimum(shift * HALF + (value >> shift), BUCKETS - 1)

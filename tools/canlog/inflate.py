@@ -1,4 +1,4 @@
-"""zlib undone with the fastest library that is installed: libdeflate, isal, or the standard one."""
+"""Inflates zlib data with the fastest installed library: libdeflate, isal, or the standard one."""
 
 import zlib
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from typing import Any, Final
 
 Content = bytes | bytearray
 INFLATED_MAX: Final = 1 << 28
-"""A block that claims to hold more is broken."""
+"""Maximum content of a block; a block that claims more is broken."""
 
 
 def _libdeflate() -> Callable[[Any, int], Content] | None:
@@ -17,7 +17,7 @@ def _libdeflate() -> Callable[[Any, int], Content] | None:
     undo = deflate.zlib_decompress
 
     def inflate(data: Any, size: int) -> Content:
-        # The library wants the size; it raises when that is wrong.
+        # The library needs the size, and raises if it is wrong.
         found: Content = undo(data, size) if size else b""
         return found
 
@@ -48,7 +48,10 @@ MAKERS: Final = {"libdeflate": _libdeflate, "isal": _isal, "zlib": _standard}
 
 
 def fastest(name: str | None = None) -> Callable[[Any, int], Content]:
-    """The inflater of that name, else the fastest one that is there: data and size to content."""
+    """Return the inflater of that name, or else the fastest one installed.
+
+    It takes the data and the size of the content.
+    """
     for each in [name] if name else MAKERS:
         found = MAKERS[each]()
         if found is not None:
@@ -57,10 +60,10 @@ def fastest(name: str | None = None) -> Callable[[Any, int], Content]:
 
 
 def rescued(data: Any) -> tuple[bytes, str]:
-    """What a block gives that cannot be inflated as a whole, and what is wrong with it.
+    """Return the usable part of a block that cannot be inflated completely, and its fault.
 
-    Of one that is torn everything before the end. Of one that is broken nothing: what comes before
-    the spot where that is noticed may be made up already.
+    A torn block gives everything before its end. A corrupt block gives nothing, because content
+    before the detected fault may already be wrong.
     """
     undo = zlib.decompressobj()
     try:

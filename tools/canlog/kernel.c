@@ -1,4 +1,5 @@
-/* What numpy does slowly: candump text and BLF objects to columns in one pass. See kernel.py. */
+/* Compiled replacement for slow numpy code: parses text logs and BLF objects into columns in one
+   pass. See kernel.py. */
 
 #include <stdint.h>
 #include <string.h>
@@ -29,7 +30,7 @@ static void prepare(void)
         hex_of['a' + digit - 10] = hex_of['A' + digit - 10] = (uint8_t)digit;
 }
 
-/* The number of so many decimal digits, -1 when one of them is none. */
+/* The number of `count` decimal digits, -1 if one of them is no digit. */
 static int64_t decimal(const uint8_t *text, int count)
 {
     int64_t value = 0;
@@ -48,7 +49,7 @@ typedef struct {
     int32_t count, last;
 } Names;
 
-/* Index of a name that may be new, -1 when there is no room for it. */
+/* Index of a name, which is added if it is new; -1 if there is no room for it. */
 static int name_index(Names *known, const uint8_t *name, int64_t size)
 {
     if (size >= NAME_BYTES)
@@ -72,7 +73,7 @@ static int fd_length(int64_t length)
         || length == 32 || length == 48 || length == 64;
 }
 
-/* Hexadecimal pairs to bytes; 0 when a digit is none. */
+/* Converts hexadecimal pairs to bytes; 0 if a character is no digit. */
 static int pairs(const uint8_t *text, int64_t count, uint8_t *out)
 {
     unsigned bad = 0;
@@ -89,7 +90,7 @@ typedef struct {
     int64_t value_ns;
 } Second;
 
-/* One line without its end into row `row`; 0 when only the strict parser can tell. */
+/* Parses one line without its end into row `row`; 0 if it needs the strict parser. */
 static int line_to_row(const uint8_t *p, const uint8_t *end, Columns *out, int64_t row,
                        Names *names, Second *second)
 {
@@ -175,9 +176,9 @@ static int line_to_row(const uint8_t *p, const uint8_t *end, Columns *out, int64
     return 1;
 }
 
-/* Number of rows: one for each line that is not empty; -1 when there are more than `most`. `odd`
-   gets row, start, end and number of the line of each row that is left to the strict parser, `told`
-   their number and that of all lines; data has to be zero before. */
+/* Returns the number of rows, one for each line that is not empty, or -1 if there are more than
+   `most`. `odd` receives row, start, end and line number of each row that needs the strict parser.
+   `told` receives the number of such rows and of all lines. `data` must be zero before the call. */
 int64_t canlog_candump(const uint8_t *text, int64_t size, int64_t width, int64_t most, int64_t *at_ns,
                        uint32_t *identifier, uint8_t *flags, uint8_t *channel, uint8_t *length,
                        uint8_t *data, char *name_texts, int32_t *name_sizes, int32_t *name_count,
@@ -221,7 +222,7 @@ static void skip_blanks(Cursor *at)
         at->p++;
 }
 
-/* Bytes up to the next blank or the end; `text` gets where they begin. */
+/* Returns the number of bytes up to the next blank or the end; `text` receives their start. */
 static int64_t token(Cursor *at, const uint8_t **text)
 {
     skip_blanks(at);
@@ -231,7 +232,7 @@ static int64_t token(Cursor *at, const uint8_t **text)
     return at->p - *text;
 }
 
-/* A decimal number of units of 10^digits nanoseconds, such as seconds with 9; -1 when it is none. */
+/* A decimal number of units of 10^digits nanoseconds, for instance seconds with 9; -1 if malformed. */
 static int64_t instant(const uint8_t *text, int64_t size, int digits)
 {
     int64_t value = 0, at = 0;
@@ -255,7 +256,7 @@ static int64_t instant(const uint8_t *text, int64_t size, int digits)
     return value;
 }
 
-/* A hexadecimal number of at most 8 digits, -1 when it is none. */
+/* A hexadecimal number of at most 8 digits, -1 if malformed. */
 static int64_t hexadecimal(const uint8_t *text, int64_t size)
 {
     uint32_t value = 0;
@@ -269,13 +270,13 @@ static int64_t hexadecimal(const uint8_t *text, int64_t size)
     return bad & NOT_HEX ? -1 : (int64_t)value;
 }
 
-/* The number of one to three decimal digits, -1 when it is none. */
+/* The number of one to three decimal digits, -1 if malformed. */
 static int64_t small(const uint8_t *text, int64_t size)
 {
     return size >= 1 && size <= 3 ? decimal(text, (int)size) : -1;
 }
 
-/* `can` and the digits of a channel. */
+/* Index of the channel called `can` and these digits. */
 static int channel_index(Names *names, const uint8_t *digits, int64_t size)
 {
     uint8_t name[8] = "can";
@@ -285,7 +286,7 @@ static int channel_index(Names *names, const uint8_t *digits, int64_t size)
     return name_index(names, name, size + 3);
 }
 
-/* So many bytes, each of two hexadecimal digits. */
+/* Parses `count` bytes of two hexadecimal digits each. */
 static int spaced_bytes(Cursor *at, int64_t count, uint8_t *out)
 {
     unsigned bad = 0;
@@ -316,7 +317,7 @@ static int put(Columns *out, int64_t row, int64_t at_ns, int64_t identifier, uns
     return 1;
 }
 
-/* TX or 0 of a direction, -1 of any other word. */
+/* TX or 0 for a direction, -1 for any other word. */
 static int direction(const uint8_t *text, int64_t size)
 {
     if (size != 2 || text[1] != 'x')
@@ -324,7 +325,7 @@ static int direction(const uint8_t *text, int64_t size)
     return text[0] == 'T' ? TX : text[0] == 'R' ? 0 : -1;
 }
 
-/* An identifier of ASC, hexadecimal, with a trailing x for 29 bits; -1 when it is none. */
+/* A hexadecimal ASC identifier, with a trailing x for 29 bits; -1 if malformed. */
 static int64_t asc_identifier(const uint8_t *text, int64_t size, unsigned *flags)
 {
     if (size > 1 && text[size - 1] == 'x') {
@@ -344,8 +345,8 @@ static int is_name(const uint8_t *text, int64_t size)
     return !bad;
 }
 
-/* Behind `CANFD`: channel, direction, identifier, perhaps a name, BRS, ESI, code, length, data, and
-   of the numbers behind them the third, whose bits tell what kind of frame it was. */
+/* Parses the part after `CANFD`: channel, direction, identifier, an optional name, BRS, ESI, code,
+   length and data. The third number after the data has the bits that identify the kind of frame. */
 static int asc_fast(Cursor at, int64_t at_ns, Columns *out, int64_t row, Names *names)
 {
     const uint8_t *text;
@@ -392,7 +393,7 @@ static int asc_fast(Cursor at, int64_t at_ns, Columns *out, int64_t row, Names *
     return put(out, row, at_ns, identifier, flags, channel, length, bytes);
 }
 
-/* A frame of ASC with hexadecimal numbers; 0 when only the strict parser can tell. */
+/* Parses an ASC frame with hexadecimal numbers; 0 if it needs the strict parser. */
 static int asc_line(Cursor at, Columns *out, int64_t row, Names *names, const char *columns)
 {
     const uint8_t *text;
@@ -434,8 +435,8 @@ static int64_t length_of_code(int64_t code)
     return code < 0 || code > 15 ? -1 : lengths[code];
 }
 
-/* A data frame of TRC whose columns are called as in its head; 0 when only the strict parser can
-   tell. Lower case v before them says that the length is that of version 1: at most 8. */
+/* Parses a TRC data frame with the columns named in its head; 0 if it needs the strict parser. A
+   lower-case v before them marks version 1, whose length is at most 8. */
 static int trc_line(Cursor at, Columns *out, int64_t row, Names *names, const char *columns)
 {
     const uint8_t *text, *digits = (const uint8_t *)"1";
@@ -512,7 +513,7 @@ static int trc_line(Cursor at, Columns *out, int64_t row, Names *names, const ch
     return put(out, row, at_ns, identifier, flags, channel, length, bytes);
 }
 
-/* The same as canlog_candump for ASC, or with `columns` for TRC; stamps count from the start. */
+/* Same as canlog_candump for ASC, or with `columns` for TRC; stamps count from the start. */
 int64_t canlog_text(const uint8_t *text, int64_t size, const char *columns, int64_t width,
                     int64_t most, int64_t *at_ns, uint32_t *identifier, uint8_t *flags,
                     uint8_t *channel, uint8_t *length, uint8_t *data, char *name_texts,
@@ -558,7 +559,7 @@ static uint64_t u64(const uint8_t *p)
     return (uint64_t)u32(p) | (uint64_t)u32(p + 4) << 32;
 }
 
-/* What the objects of a BLF file are taken into; the same in kernel.py. */
+/* Receives the frames of BLF objects; kernel.py has the same structure. */
 typedef struct {
     int64_t start_ns, most, rows, skipped;
     int64_t *at_ns;
@@ -568,7 +569,7 @@ typedef struct {
     uint8_t *flags, *length;
 } Taken;
 
-/* One object that is whole, `p` at its signature; 0 where only the general reader can tell. */
+/* Takes one complete object with `p` at its signature; 0 if it needs the general reader. */
 static int take_object(const uint8_t *p, int64_t object, Taken *out)
 {
     uint32_t kind = u32(p + 12);
@@ -600,8 +601,8 @@ static int take_object(const uint8_t *p, int64_t object, Taken *out)
     return 1;
 }
 
-/* Objects from `at` on, at most `limit` of them: where the first one begins that is not whole, -1
-   where only the general reader can tell. */
+/* Takes at most `limit` objects from `at` on. Returns where the first incomplete object begins, or
+   -1 if an object needs the general reader. */
 static int64_t take_objects(const uint8_t *text, int64_t size, int64_t at, int64_t limit, Taken *out)
 {
     for (; limit && size - at >= 16; limit--) {
@@ -625,15 +626,16 @@ static int64_t take_objects(const uint8_t *text, int64_t size, int64_t at, int64
 
 #define BORDER_BYTES 512
 
-/* Classic data frames of the objects of a container, as long as it holds nothing else that is a
-   frame and nothing damaged: where the first object begins that is not whole, or -1, with nothing
-   taken, where only the general reader can tell. `rest` is what the containers before it left. */
+/* Takes the classic data frames of a container that holds no other frames and no damage. Returns
+   where the first incomplete object begins. If the container needs the general reader, it takes
+   nothing and returns -1. `rest` is what the containers before left over. */
 int64_t canlog_blf(const uint8_t *rest, int64_t rest_size, const uint8_t *text, int64_t size,
                    Taken *out)
 {
     int64_t before = out->rows, skipped = out->skipped, at = 0;
     if (rest_size) {
-        /* The object that begins in the rest, and what of the container may belong to it. */
+        /* The object that begins in the rest, and the start of the container, which may complete
+           it. */
         uint8_t border[BORDER_BYTES];
         if (rest_size > BORDER_BYTES / 2)
             return -1;
@@ -659,9 +661,9 @@ int64_t canlog_blf(const uint8_t *rest, int64_t rest_size, const uint8_t *text, 
     return at > size ? size : at;
 }
 
-/* Walks records that each begin with the byte of their group: their number. `sizes` has bytes for
-   each group, -1 where each record tells its own in four bytes, -2 of no group. `stop` gets where
-   the first record begins that is not whole, -1 behind one of no group. */
+/* Walks records that each begin with one byte: the number of their group. `sizes` has the record
+   size of each group, -1 if each record gives its own in four bytes, or -2 for an unknown number.
+   `stop` receives where the first incomplete record begins, or -1 after a record of no group. */
 int64_t canlog_records(const uint8_t *text, int64_t size, const int64_t *sizes, int64_t *places,
                        uint8_t *numbers, int64_t *stop)
 {
@@ -687,8 +689,8 @@ int64_t canlog_records(const uint8_t *text, int64_t size, const int64_t *sizes, 
     return rows;
 }
 
-/* One signal of a column of words: bits `down` to `down + length`, then raw * scale + offset, in
-   integers modulo 2**64, or in doubles as two roundings. */
+/* Decodes one signal of a column of words: bits `down` to `down + length`, then raw * scale +
+   offset. It computes in integers modulo 2**64, or in doubles with two roundings. */
 void canlog_integers(const uint64_t *words, int64_t count, int down, int length, int is_signed,
                      uint64_t scale, uint64_t offset, uint64_t *out)
 {
@@ -719,10 +721,11 @@ void canlog_doubles(const uint64_t *words, int64_t count, int down, int length, 
 #define GROUPS_MAX 0xFFFF
 #define SLOTS (1 << 17) /* more than twice the groups */
 
-/* Numbers the channels and keys of data frames (channel above 32 bits of identifier, whose bit 31 is
-   set for an extended one) as they first come: their number, `known` of them from calls before, -1
-   when there are more than GROUPS_MAX - 1. `group` gets the number of each frame, GROUPS_MAX of those
-   that are no data; `keys` and `counts` have GROUPS_MAX places, `slots` begins as SLOTS zeros. */
+/* Numbers the pairs of channel and key of data frames in the order of their first frame. The
+   channel stands above the 32 bits of the key, whose bit 31 marks an extended identifier. Returns
+   how many there are, including `known` from earlier calls, or -1 for more than GROUPS_MAX - 1.
+   `group` receives the number of each frame, GROUPS_MAX for frames without data. `keys` and
+   `counts` have GROUPS_MAX places; `slots` begins as SLOTS zeros. */
 int64_t canlog_number(const uint32_t *identifier, const uint8_t *flags, const uint8_t *channel,
                       int64_t count, uint16_t *group, int64_t known, uint64_t *keys,
                       int64_t *counts, uint16_t *slots)
@@ -750,8 +753,8 @@ int64_t canlog_number(const uint32_t *identifier, const uint8_t *flags, const ui
     return known;
 }
 
-/* A counting sort of frames by group, carrying their columns along. `at` has the place of the next
-   frame of each group; frames of group GROUPS_MAX are left out. */
+/* Sorts frames by group with a counting sort, and moves their columns along. `at` has the place of
+   the next frame of each group; frames of group GROUPS_MAX are left out. */
 void canlog_group(const uint16_t *group, int64_t count, int64_t *at, const int64_t *at_ns,
                   const uint64_t *words, const uint8_t *lengths, int64_t *out_ns,
                   uint64_t *out_words, uint8_t *out_lengths)
@@ -766,7 +769,7 @@ void canlog_group(const uint16_t *group, int64_t count, int64_t *at, const int64
     }
 }
 
-/* Which frames those are, `first` being the number of the first one. */
+/* Writes the row numbers of the frames in sorted order; `first` is the number of the first row. */
 void canlog_order(const uint16_t *group, int64_t count, int64_t first, int64_t *at, int64_t *order)
 {
     for (int64_t row = 0; row < count; row++)

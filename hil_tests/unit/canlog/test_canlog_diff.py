@@ -122,7 +122,7 @@ def test_a_signal_that_one_frame_does_not_carry_differs() -> None:
     found = {each.signal: each for each in compare(*both(logs), Allowed()).messages[0].signals}
 
     assert set(found) == {"which", "first", "second"}
-    assert (found["first"].value_a, found["first"].value_b) == ("5", "not there")
+    assert (found["first"].value_a, found["first"].value_b) == ("5", "not present")
 
 
 def test_tolerances_of_a_signal_go_before_steps() -> None:

@@ -485,9 +485,9 @@ def test_converting_keeps_everything_and_says_what_not(tmp_path: Path) -> None:
 
     assert damaged == ()
     assert {each.kind for each in lost} == {"nanoseconds", "error detail"}
-    with pytest.raises(LogError, match="is there already"):
+    with pytest.raises(LogError, match="already exists"):
         convert(source, tmp_path / "y.trc")
-    with pytest.raises(LogError, match="its name tells no format"):
+    with pytest.raises(LogError, match="its suffix names no known format"):
         convert(source, tmp_path / "y.xyz")
 
 

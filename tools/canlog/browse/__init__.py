@@ -1,1 +1,1 @@
-"""`canlog browse`: a log or a live bus on a terminal, for people with nothing but ssh."""
+"""`canlog browse`: shows a log or a live bus in a terminal, for instance over ssh."""

@@ -1,4 +1,4 @@
-"""Frames by message, of a log or of a bus that goes on, so that any instant can be looked at."""
+"""Frames by message, of a log or a live bus, for looking at any instant."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from canlog.table import CHANNEL_SHIFT, KEY_MASK, Table
 from canlog.views.packed import ordered
 
 KEPT_MAX: Final = 1 << 16
-"""Frames of one message that are kept of a live bus; the older half of more is dropped."""
+"""Frames kept per message of a live bus; when it is full, the older half is dropped."""
 RATE_NS: Final = 1_000_000_000
-"""Rates are counted over so long."""
+"""Period over which a frame rate is counted."""
 ERRORS: Final = -1
 """Key of the lane of error frames."""
 
@@ -29,7 +29,7 @@ class Lane:
         self.name = name
         self.spec = spec
         self.dropped = 0
-        """Older frames that are not kept any more."""
+        """Number of older frames that were dropped."""
         self._n = 0
         self._at_ns: Ints = np.zeros(64, np.int64)
         self._length: Bytes = np.zeros(64, np.uint8)
@@ -39,7 +39,7 @@ class Lane:
     def whole(
         cls, key: int, name: str, spec: MessageSpec | None, at_ns: Ints, length: Bytes, data: Bytes
     ) -> "Lane":
-        """Of columns that are complete and in order."""
+        """Return a lane made of columns that are complete and in order of time."""
         lane = cls(key, name, spec)
         lane._at_ns, lane._length, lane._data, lane._n = at_ns, length, data, len(at_ns)
         return lane
@@ -52,7 +52,7 @@ class Lane:
         return self._at_ns[: self._n]
 
     def add(self, at_ns: int, data: bytes) -> None:
-        """The next frame of a live bus."""
+        """Append the next frame of a live bus."""
         if len(data) > self._data.shape[1]:
             wide = np.zeros((len(self._data), FD_BYTES), np.uint8)
             wide[:, : self._data.shape[1]] = self._data
@@ -77,14 +77,14 @@ class Lane:
         self.dropped += first
 
     def row_at(self, at_ns: int) -> int:
-        """Index of the last frame at or before an instant; -1 before the first."""
+        """Index of the last frame at or before an instant; -1 before the first frame."""
         return int(np.searchsorted(self.at_ns, at_ns, "right")) - 1
 
     def payload(self, row: int) -> bytes:
         return self._data[row, : int(self._length[row])].tobytes()
 
     def changed(self, row: int) -> tuple[bool, ...]:
-        """Of each byte, whether it differs from that of the frame before."""
+        """For each byte, whether it differs from the same byte of the frame before."""
         mine = self.payload(row)
         if row == 0:
             return (False,) * len(mine)
@@ -92,7 +92,7 @@ class Lane:
         return tuple(at >= len(before) or byte != before[at] for at, byte in enumerate(mine))
 
     def rate_hz(self, at_ns: int) -> float:
-        """Frames a second, over the second before an instant or as much of it as there is."""
+        """Frames per second over the last second before an instant, or over what there is of it."""
         row = self.row_at(at_ns)
         first = int(np.searchsorted(self.at_ns, at_ns - RATE_NS, "right"))
         count = row + 1 - first
@@ -102,7 +102,9 @@ class Lane:
         return (count - 1) * 1e9 / span_ns if span_ns else float(count)
 
     def table(self, first: int, stop: int) -> Table | None:
-        """Rows from `first` up to, not including, `stop`, decoded; None for an unknown message."""
+        """Return the decoded rows from `first` up to, but not including, `stop`; None for an
+        unknown message.
+        """
         if self.spec is None:
             return None
         rows = slice(max(0, first), max(0, stop))
@@ -113,11 +115,11 @@ class Lane:
 
 @dataclass(slots=True)
 class Lanes:
-    """All messages of a log or bus."""
+    """All messages of a log or live bus."""
 
     bus: Bus
     lanes: dict[int, Lane]
-    """By key, above which stands the number of the channel."""
+    """Lanes by message key; the channel number stands in the bits above the key."""
     start_ns: int = 0
     end_ns: int = 0
 
@@ -125,7 +127,7 @@ class Lanes:
         return [self.lanes[key] for key in sorted(self.lanes)]
 
     def feed(self, frames: Iterable[tuple[int, int, int, bytes]]) -> int:
-        """Frames of a live bus: (at_ns, key, flags, data) each. Returns how many."""
+        """Add frames of a live bus, each (at_ns, key, flags, data), and return their number."""
         count = 0
         for at_ns, key, flags, data in frames:
             lane_key = ERRORS if flags & ERROR else key
@@ -141,7 +143,7 @@ class Lanes:
 
 
 def _lane(bus: Bus, key: int, channel: str) -> Lane:
-    """The name has the channel before it where there is one."""
+    """Return an empty lane; its name starts with the channel if there is one."""
     if key == ERRORS:
         return Lane(key, "error frames", None)
     bus, plain = bus.on(channel), key & KEY_MASK
@@ -150,7 +152,10 @@ def _lane(bus: Bus, key: int, channel: str) -> Lane:
 
 
 def lanes_of(frames: Frames, bus: Bus) -> Lanes:
-    """Of a whole log. Requests carry no data and make no lane; all error frames share one."""
+    """Return the lanes of a whole log.
+
+    Remote frames carry no data and make no lane. All error frames share one lane.
+    """
     in_order = ordered(frames)
     rows_of: dict[tuple[int, str], list[Ints]] = {}
     for group in in_order.groups:

@@ -1,4 +1,4 @@
-"""The terminal browser's screen as lines of styled text that fit a terminal."""
+"""Builds the screen of the terminal browser as lines of styled text that fit the terminal."""
 
 import enum
 from collections.abc import Iterator, Sequence
@@ -29,9 +29,9 @@ VALUE_WIDTH: Final = 20
 PLOT_LABEL: Final = 11
 SPARK_MIN: Final = 8
 TALLEST_RATIO: Final = 0.45
-"""Share of the screen that signals may take, and more where the list leaves it free."""
+"""Share of the screen height that signals may take; they take more if the message list is short."""
 FRAME_LINES: Final = 5
-"""Head, headings, event and keys."""
+"""Lines for head, headings, event and keys."""
 
 
 class ScreenStyle(enum.Enum):
@@ -51,7 +51,7 @@ Line = list[Segment]
 
 
 def screen(state: BrowserState, width: int, height: int, *, ascii_only: bool = False) -> list[Line]:
-    """`height` lines at most, each of `width` characters at most."""
+    """Return at most `height` lines of at most `width` characters."""
     if width < WIDTH_MIN or height < HEIGHT_MIN:
         return [
             [
@@ -63,7 +63,11 @@ def screen(state: BrowserState, width: int, height: int, *, ascii_only: bool = F
         ]
     if state.help:
         body = _help(width)
-        lines = [_head(state, width), *body[: height - 2], [(ScreenStyle.DIM, "any key goes back")]]
+        lines = [
+            _head(state, width),
+            *body[: height - 2],
+            [(ScreenStyle.DIM, "press any key to go back")],
+        ]
     else:
         signals = _plot(state, width, height, ascii_only) if state.plot else []
         signals = signals or _signals(state, width, height, ascii_only)
@@ -91,7 +95,7 @@ def _head(state: BrowserState, width: int) -> Line:
 
 
 def _messages(state: BrowserState, room: int) -> Iterator[Line]:
-    """A heading and the part of the list around the selected message."""
+    """Yield a heading and the part of the list around the selected message."""
     lanes = shown(state)
     yield [
         (
@@ -138,7 +142,7 @@ def _age(ns: int) -> str:
 
 
 def _signals(state: BrowserState, width: int, height: int, ascii_only: bool) -> list[Line]:
-    """Values of the selected message with a small plot of each."""
+    """Return the signal values of the selected message, each with a small plot."""
     lane = state.lane
     if lane is None or lane.spec is None:
         return [[(ScreenStyle.DIM, "-" * width)]]
@@ -161,7 +165,9 @@ def _signals(state: BrowserState, width: int, height: int, ascii_only: bool) -> 
 
 
 def _window(state: BrowserState, lane: Lane) -> Table | None:
-    """Frames of the window up to now, and the one before it, which still holds."""
+    """Decode the frames of the plot window up to now, and the one before it, whose values still
+    hold.
+    """
     stop = lane.row_at(state.at_ns) + 1
     first = lane.row_at(state.at_ns - state.window_ns)
     return lane.table(first, stop)
@@ -197,11 +203,11 @@ def _spans(state: BrowserState, table: Table, signal: SignalSpec, count: int) ->
 
 
 def now_text(table: Table, signal: SignalSpec) -> str:
-    """The value of the last frame, with the unit."""
+    """Return the value of the last frame as text with its unit."""
     if not len(table):
         return "not yet"
     if not table.valid(signal.name)[-1]:
-        return "not there"
+        return "not present"
     raw = int(table.raw(signal.name)[-1])
     named = signal.choices.get(raw) or flags_text(
         {float(each): name for each, name in signal.choices.items()}, raw
@@ -214,7 +220,7 @@ def now_text(table: Table, signal: SignalSpec) -> str:
 
 
 def _plot(state: BrowserState, width: int, height: int, ascii_only: bool) -> list[Line]:
-    """The chosen signal, large; empty for a message without signals."""
+    """Return a large plot of the selected signal; empty for a message without signals."""
     lane = state.lane
     table = _window(state, lane) if lane is not None else None
     if lane is None or lane.spec is None or table is None or not lane.spec.signals:
@@ -235,7 +241,7 @@ def _plot(state: BrowserState, width: int, height: int, ascii_only: bool) -> lis
 
 
 def _event(state: BrowserState) -> Line:
-    """The last event until now."""
+    """Return the note, or else the last event before the shown instant."""
     if state.note:
         return [(ScreenStyle.BOLD, f" {state.note}")]
     past = [each for each in state.happenings if each.at_ns <= state.at_ns]

@@ -1,4 +1,4 @@
-"""Small plots of characters: one line of blocks, or a field of dots."""
+"""Small plots made of characters: one line of blocks, or a field of dots."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -20,7 +20,7 @@ Span = tuple[float, float]
 
 
 def spans(at_ns: Ints, values: Floats, start_ns: int, end_ns: int, count: int) -> list[Span | None]:
-    """Least and greatest of each of `count` equal pieces of time; None for one without samples."""
+    """Minimum and maximum in each of `count` equal intervals of time; None without samples."""
     cuts = start_ns + ((end_ns - start_ns) * np.arange(count + 1)) // count
     edges = np.searchsorted(at_ns, cuts, "right")
     found: list[Span | None] = []
@@ -32,7 +32,7 @@ def spans(at_ns: Ints, values: Floats, start_ns: int, end_ns: int, count: int) -
 
 
 def held(found: Sequence[Span | None]) -> list[Span | None]:
-    """Pieces without samples take the value of those before: a signal holds."""
+    """Fill intervals without samples with the previous value: a signal holds its value."""
     kept: list[Span | None] = []
     last: Span | None = None
     for each in found:
@@ -42,7 +42,10 @@ def held(found: Sequence[Span | None]) -> list[Span | None]:
 
 
 def line(found: Sequence[Span | None], *, ascii_only: bool = False) -> str:
-    """One character for each piece; of least and greatest the one that differs more from before."""
+    """Return one character per interval.
+
+    It shows the minimum or the maximum, whichever differs more from the character before.
+    """
     blocks = ASCII_BLOCKS if ascii_only else BLOCKS
     low, high = limits(found)
     text, before = "", (low + high) / 2
@@ -57,7 +60,7 @@ def line(found: Sequence[Span | None], *, ascii_only: bool = False) -> str:
 
 
 def limits(found: Sequence[Span | None]) -> Span:
-    """Least and greatest of all; apart from each other even where nothing moves."""
+    """Minimum and maximum of all intervals; kept apart when the signal is constant."""
     there = [each for each in found if each is not None]
     if not there:
         return 0.0, 1.0
@@ -66,9 +69,9 @@ def limits(found: Sequence[Span | None]) -> Span:
 
 
 def field(found: Sequence[Span | None], height: int, *, ascii_only: bool = False) -> list[str]:
-    """`height` lines that show every piece from its least to its greatest, joined to the next.
+    """Return `height` lines that draw each interval from minimum to maximum, joined to the next.
 
-    Two pieces make one character of dots; of plain characters one makes one.
+    A braille character shows two intervals, a plain character one.
     """
     rows = height if ascii_only else height * ROWS
     low, high = limits(found)
@@ -84,7 +87,7 @@ def field(found: Sequence[Span | None], height: int, *, ascii_only: bool = False
         )
         reach = (top, bottom)
         if before is not None:
-            # Up to the nearer end of the piece before, so that a step is a line.
+            # Extend to the nearer end of the previous interval, so that a step becomes a line.
             top, bottom = min(top, before[1]), max(bottom, before[0])
         dots[top : bottom + 1, column] = True
         before = reach

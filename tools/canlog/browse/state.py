@@ -1,4 +1,4 @@
-"""What the terminal browser shows now, and what each key makes of it."""
+"""State of the terminal browser, and the effect of each key on it."""
 
 import enum
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ class Focus(enum.Enum):
 
 
 class ListOrder(enum.Enum):
-    """Of the message list."""
+    """Order of the message list."""
 
     IDENTIFIER = "id"
     NAME = "name"
@@ -31,30 +31,30 @@ class ListOrder(enum.Enum):
 
 @dataclass(slots=True)
 class BrowserState:
-    """Everything that keys change."""
+    """Everything that keys can change."""
 
     title: str
     lanes: Lanes
     zero_ns: int
     at_ns: int
-    """Shown is what was known at this instant."""
+    """The screen shows the bus as it was known at this instant."""
     live: bool = False
     happenings: Sequence[Happening] = ()
     running: bool = False
-    """A log is played; of a live bus the present is shown."""
+    """Whether a log plays, or whether a live bus is followed."""
     speed: int = SPEEDS.index(1.0)
     window: int = WINDOWS_S.index(10.0)
-    """Length of the small plots."""
+    """Index into WINDOWS_S: time span of the small plots."""
     selected: int | None = None
-    """Key of a message."""
+    """Key of the selected message."""
     signal: int = 0
-    """Which signal of it."""
+    """Index of the selected signal in that message."""
     focus: Focus = Focus.MESSAGES
     order: ListOrder = ListOrder.IDENTIFIER
     search: str = ""
     typing: bool = False
     plot: bool = False
-    """A large plot of the signal."""
+    """Whether a large plot of the signal is shown."""
     help: bool = False
     bookmarks: list[int] = field(default_factory=list)
     note: str = ""
@@ -66,7 +66,7 @@ class BrowserState:
 
     @property
     def lane(self) -> Lane | None:
-        """The message that is selected."""
+        """The selected message."""
         return self.lanes.lanes.get(self.selected) if self.selected is not None else None
 
     def seconds(self, at_ns: int) -> float:
@@ -79,7 +79,7 @@ class BrowserState:
 
 
 def shown(state: BrowserState) -> list[Lane]:
-    """The message list: what the search lets through, in order."""
+    """Return the messages that match the search, in the chosen order."""
     words = state.search.lower().split()
     found = [lane for lane in state.lanes.sorted() if all(_has(lane, word) for word in words)]
     at_ns = state.at_ns
@@ -93,7 +93,7 @@ def shown(state: BrowserState) -> list[Lane]:
 
 
 def _has(lane: Lane, word: str) -> bool:
-    """In the name, the identifier, or the name of a signal."""
+    """Whether the word is in the name, is the identifier, or is in the name of a signal."""
     if word in lane.name.lower() or word.removeprefix("0x") == id_text(lane.key).lower():
         return True
     return lane.spec is not None and any(word in each.name.lower() for each in lane.spec.signals)
@@ -111,7 +111,7 @@ def id_text(key: int) -> str:
 
 
 def advance(state: BrowserState, elapsed_ns: int) -> None:
-    """Time has passed: a log plays on, a live bus shows the present."""
+    """Let time pass: a log plays on, and a live bus shows the present."""
     if not state.running:
         return
     if state.live:
@@ -123,7 +123,7 @@ def advance(state: BrowserState, elapsed_ns: int) -> None:
 
 
 def press(state: BrowserState, key: str) -> None:
-    """One key, by its name: a character, or up, down, enter, escape, ..."""
+    """Apply one key by its name: a character, or `up`, `down`, `enter`, `escape` and so on."""
     state.note = ""
     if state.typing:
         _type(state, key)
@@ -166,7 +166,7 @@ def _move(by: int) -> Callable[[BrowserState], None]:
 
 
 def _step(by: int) -> Callable[[BrowserState], None]:
-    """To the frame of the selected message before or after."""
+    """Go to the next or the previous frame of the selected message."""
 
     def step(state: BrowserState) -> None:
         lane = state.lane
@@ -280,4 +280,4 @@ ACTIONS: Final[Mapping[str, tuple[str, Callable[[BrowserState], None]]]] = {
     "?": ("this list", _set("help", True)),
     "q": ("end", _set("done", True)),
 }
-"""Key to what it does, in words and in deed."""
+"""Help text and action of each key."""

@@ -1,4 +1,4 @@
-"""A terminal in raw mode: keys by name without waiting for Enter, and only changed lines drawn."""
+"""A terminal in raw mode: reads keys without waiting for Enter, redraws only changed lines."""
 
 import contextlib
 import os
@@ -46,7 +46,7 @@ BYTES_MAX: Final = 4096
 
 
 class RawTerminal:
-    """Gives the terminal back as it was, however it is left."""
+    """A terminal in raw mode that restores the previous state on every way out."""
 
     def __init__(self, *, colour: bool = True) -> None:
         self._in, self._out = sys.stdin.fileno(), sys.stdout.fileno()
@@ -72,12 +72,12 @@ class RawTerminal:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Columns and lines, as they are now."""
+        """Columns and lines of the terminal now."""
         found = os.get_terminal_size(self._out)
         return found.columns, found.lines
 
     def keys(self, wait_s: float) -> list[str] | None:
-        """What was pressed, after at most so long; None when nobody is there any more."""
+        """Return the keys pressed within `wait_s`; None when the terminal is closed."""
         ready, _, _ = select.select([self._in], [], [], wait_s)
         if not ready:
             return []
@@ -88,7 +88,7 @@ class RawTerminal:
         return list(key_names(raw.decode("utf-8", "ignore"))) if raw else None
 
     def show(self, lines: Sequence[Line]) -> None:
-        """Write the lines that are not on the screen yet."""
+        """Write only the lines that differ from what the screen shows."""
         if self.size != self._size:
             self._size, self._drawn = self.size, []
             self._write("\x1b[2J")
@@ -110,7 +110,7 @@ class RawTerminal:
 
 
 def styled(line: Line, *, colour: bool) -> str:
-    """With the codes of a terminal; without colour only what is bold, dim or turned round."""
+    """Return the line with terminal codes; without colour only bold, dim and inverse remain."""
     text = ""
     for style, words in line:
         codes = style.value if colour else _plain(style)
@@ -129,7 +129,7 @@ def _plain(style: ScreenStyle) -> str:
 
 
 def key_names(text: str) -> Iterator[str]:
-    """Names of keys from what a terminal sends; unknown escapes are nobody's key."""
+    """Yield the names of the keys that a terminal sends; unknown escape sequences are dropped."""
     at = 0
     while at < len(text):
         sign = text[at]

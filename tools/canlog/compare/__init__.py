@@ -1,1 +1,1 @@
-"""`canlog diff`: what differs between two logs, or between two DBC files."""
+"""`canlog diff`: finds the differences between two logs or two DBC files."""

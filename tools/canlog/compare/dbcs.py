@@ -1,4 +1,4 @@
-"""Two DBC files compared: messages, signals, layout, scale, names of values, periods, nodes."""
+"""Compares two DBC files: messages, signals, layout, scale, value names, periods, nodes."""
 
 import enum
 from collections.abc import Iterator, Mapping
@@ -9,20 +9,20 @@ from canlog.database import Bus, MessageSpec, SignalSpec
 
 
 class Weight(enum.Enum):
-    """What a change means for somebody who decodes with the other file."""
+    """What a change means for a person who decodes with the other file."""
 
     WIRE = "wire"
-    """The same bits mean something else."""
+    """The same bits have another meaning."""
     TIMING = "timing"
-    """When messages come, or how long they hold."""
+    """Messages have another period or timeout."""
     MEANING = "meaning"
-    """Names, units, ranges, receivers: what people and programs make of the values."""
+    """Names, units, ranges or receivers differ: what people and programs make of the values."""
     COMMENT = "comment"
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One difference. None: that file has nothing of the kind."""
+    """One difference; the value of a file that lacks the item is None."""
 
     where: str
     """MESSAGE, MESSAGE.signal, or the whole file."""
@@ -60,7 +60,7 @@ SIGNAL_PARTS: Final[tuple[tuple[str, str, Weight], ...]] = (
 
 
 def compare_buses(a: Bus, b: Bus, *, comments: bool = False) -> tuple[Change, ...]:
-    """All differences, by message. A message is the same one if its name is, or else its key."""
+    """Return all differences, by message. Messages match by name, or else by key."""
     found = [*_file(a, b)]
     renamed = _renamed(a, b)
     for name, spec in a.messages.items():
@@ -91,7 +91,7 @@ def _file(a: Bus, b: Bus) -> Iterator[Change]:
 
 
 def _renamed(a: Bus, b: Bus) -> dict[str, str]:
-    """Messages whose name is in one file only, and whose key carries another such name."""
+    """Return messages that the other file has under the same key but another name."""
     return {
         name: b.by_key[spec.key].name
         for name, spec in a.messages.items()

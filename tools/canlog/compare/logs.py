@@ -1,4 +1,4 @@
-"""Two logs compared message by message and signal by signal; decides, and prints nothing."""
+"""Compares two logs message by message and signal by signal; it prints nothing."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,24 +19,27 @@ START: Final = "start"
 ABSOLUTE: Final = "absolute"
 ONE_LSB: Final = 1
 BYTES: Final = "data"
-"""Called so where there is no signal: the payload of an unknown message, or its length."""
+"""Stands for a signal name in a difference of raw data: an unknown message, or its length."""
 
 
 @dataclass(frozen=True, slots=True)
 class Allowed:
-    """What may differ."""
+    """Differences that are allowed."""
 
     lsb: int = ONE_LSB
-    """Steps of the raw value; of a float signal steps of its last place. Names, flags and
-    multiplexers have to be equal."""
+    """Allowed steps of the raw value, or of the last binary place of a float signal.
+
+    Names, flags and multiplexers have to be equal.
+    """
     physical: Mapping[str, float] = field(default_factory=dict)
-    """By signal, or MESSAGE.signal, or a pattern of these: in its unit, instead of `lsb`."""
+    """Tolerance in the signal's unit that replaces `lsb`, by signal, MESSAGE.signal or a pattern.
+    """
     ignored: tuple[str, ...] = ()
-    """Patterns of messages or MESSAGE.signal."""
+    """Patterns of messages or MESSAGE.signal to leave out."""
     trailer: bool = False
-    """Compare alive counters and CRCs, too."""
+    """Whether to compare alive counters and CRCs, too."""
     timing_ms: float | None = None
-    """Pairs may lie so far apart; None: anything that makes them pairs."""
+    """Maximum distance in time of the frames of a pair; None accepts every pair."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,16 +49,16 @@ class SignalDifference:
     signal: str
     unit: str
     frames: int
-    """Pairs in which it differs."""
+    """Number of pairs in which it differs."""
     first_a: int
-    """Row of the first in the table of A."""
+    """Row of the first difference in the table of A."""
     first_b: int
     at_ns: int
-    """Instant of that in A, since its zero."""
+    """Time of the first difference in A, since A's zero."""
     value_a: str
     value_b: str
     most: float | None
-    """Greatest difference, in the unit; None where values are no numbers."""
+    """Greatest difference in the signal's unit; None if the values are not numbers."""
     allowed: float
 
 
@@ -73,11 +76,11 @@ class MessageDifference:
     only_a: int
     only_b: int
     first_only_ns: int | None
-    """Since the zero: the first frame that only one of both has."""
+    """Time since zero of the first frame that only one log has."""
     apart_ms: float
-    """Greatest distance of the two frames of a pair."""
+    """Greatest distance in time of the two frames of a pair."""
     late_pairs: int
-    """Pairs further apart than is allowed."""
+    """Number of pairs further apart than allowed."""
     first_late_ns: int | None
     signals: tuple[SignalDifference, ...]
 
@@ -93,7 +96,7 @@ class LogDifference:
     zero_a_ns: int
     zero_b_ns: int
     messages: tuple[MessageDifference, ...]
-    """Of both logs, by key."""
+    """Messages of both logs, by key."""
 
     @property
     def differs(self) -> bool:
@@ -107,7 +110,9 @@ class LogDifference:
 
 
 def compare(a: Log, b: Log, allowed: Allowed, align: str = START) -> LogDifference:
-    """Raises LogError for an alignment, tolerance or pattern that names nothing."""
+    """Compare two logs. Raises LogError for an alignment, tolerance or pattern that matches
+    nothing.
+    """
     _check(allowed, a)
     zero_a, zero_b = zero_of(a, align), zero_of(b, align)
     found = [
@@ -129,7 +134,9 @@ class _Place:
 
 
 def _places(a: Log, b: Log) -> list[_Place]:
-    """All of both logs, by key. Channels go by name, or by their order where names differ."""
+    """Return the keys and channels of both logs. Channels match by name, or by order if names
+    differ.
+    """
     names_a, names_b = (sorted({on for _, on in log.groups.places}) for log in (a, b))
     other = {name: name for name in (*names_a, *names_b)}
     if names_a != names_b and len(names_a) == len(names_b):
@@ -146,7 +153,7 @@ def _places(a: Log, b: Log) -> list[_Place]:
 
 
 def zero_of(log: Log, align: str) -> int:
-    """The stamp that is called zero. Raises LogError for a message that the log lacks."""
+    """Return the stamp that counts as zero. Raises LogError for a message that the log lacks."""
     if align == ABSOLUTE:
         return 0
     if align == START:
@@ -209,7 +216,7 @@ def _message(
 def place_tables(
     a: Log, b: Log, spec: MessageSpec, key: int, channels: tuple[str, str]
 ) -> tuple[Table, Table]:
-    """The frames of both logs with one key, each on its channel."""
+    """Decode the frames of both logs that have one key, each on its channel."""
     return a.groups.table(spec, channels[0], (key,)), b.groups.table(spec, channels[1], (key,))
 
 
@@ -227,7 +234,7 @@ def _late(apart_ns: Ints, allowed: Allowed) -> Ints:
 def _bytes(
     a: Log, b: Log, rows_a: Ints, rows_b: Ints, spec: MessageSpec | None, at_ns: Ints
 ) -> Iterator[SignalDifference]:
-    """Payloads of an unknown message, and lengths of a known one."""
+    """Compare the payloads of an unknown message, and the lengths of a known one."""
     unequal = a.frames.length[rows_a] != b.frames.length[rows_b]
     if spec is None:
         width = max(a.frames.data.shape[1], b.frames.data.shape[1])
@@ -263,7 +270,7 @@ def _signals(
     a_ns: Ints,
     allowed: Allowed,
 ) -> Iterator[SignalDifference]:
-    # Tables are in the order of their log, pairs in that of time.
+    # Tables are in log order, pairs in order of time.
     places = [
         np.searchsorted(table.rows, mine[chosen])
         for table, mine, chosen in zip(tables, rows, (pairs.a, pairs.b), strict=True)
@@ -295,12 +302,12 @@ def _signals(
 
 
 def is_exact(signal: SignalSpec) -> bool:
-    """Names, flags and multiplexers: one more or less is something else."""
+    """Whether the signal must be equal: names, flags and multiplexers have no near values."""
     return bool(signal.choices) or signal.is_multiplexer or signal.length == 1
 
 
 def tolerance(signal: SignalSpec, full: str, allowed: Allowed) -> float:
-    """In the unit of the signal; of a float signal without one of its own, 0."""
+    """Return the tolerance in the signal's unit; 0 for a float signal without one of its own."""
     for pattern, limit in allowed.physical.items():
         if fnmatchcase(full, pattern) or fnmatchcase(signal.name, pattern):
             return limit
@@ -315,7 +322,7 @@ def _unequal(
     full: str,
     allowed: Allowed,
 ) -> tuple[Bools, Any]:
-    """(k,) which pairs differ, and by how much in the unit; None where values are names."""
+    """Return (k,) which pairs differ, and by how much in the unit; None for named values."""
     valid = [t.valid(signal.name)[p] for t, p in zip(tables, places, strict=True)]
     values = [t[signal.name][p] for t, p in zip(tables, places, strict=True)]
     both, one = valid[0] & valid[1], valid[0] != valid[1]
@@ -323,7 +330,8 @@ def _unequal(
         apart, over = _float_unequal(signal, values, limit, allowed)
     else:
         raws = [t.raw(signal.name)[p] for t, p in zip(tables, places, strict=True)]
-        # Of unsigned numbers the lesser is taken off the greater; signed ones leave 64 bits never.
+        # Subtract the smaller from the larger number, so that unsigned values never wrap; the
+        # difference of signed values fits 64 bits as unsigned.
         steps = np.where(raws[0] > raws[1], raws[0] - raws[1], raws[1] - raws[0])
         steps = steps.view(np.uint64) if steps.dtype == np.int64 else steps
         apart = steps.astype(np.float64) * abs(signal.scale)
@@ -346,9 +354,9 @@ def _float_unequal(
 
 
 def value_text(table: Table, signal: SignalSpec, place: int) -> str:
-    """A value as a person reads it."""
+    """Return a value as text for people."""
     if not table.valid(signal.name)[place]:
-        return "not there"
+        return "not present"
     raw = int(table.raw(signal.name)[place])
     by_number = {float(each): name for each, name in signal.choices.items()}
     named = signal.choices.get(raw) or flags_text(by_number, raw) or None

@@ -1,4 +1,4 @@
-"""Which frame of one log is which of another: by the nearest instant, each at most once."""
+"""Pairs the frames of two logs by the nearest instant, each frame at most once."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,14 +10,14 @@ from canlog.frames import Ints
 
 NS_PER_MS: Final = 1_000_000
 REACH_RATIO: Final = 0.5
-"""Frames further apart than this share of a period are different frames."""
+"""Share of a period by which the frames of a pair may be apart."""
 REACH_NS: Final = 500 * NS_PER_MS
-"""The same for messages whose period nobody knows."""
+"""Maximum distance of the frames of a pair if the period is unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """Rows of two tables."""
+    """Rows of two tables that belong together, and the rows without a partner."""
 
     a: Ints
     """(k,) rising."""
@@ -28,9 +28,9 @@ class Pairs:
 
 
 def reach_ns(spec: MessageSpec | None, a_ns: Ints, b_ns: Ints) -> int:
-    """How far the two frames of a pair may lie apart: half a period.
+    """Return the maximum distance in time of the two frames of a pair: half a period.
 
-    The period is that of the DBC file, else the median gap of the log with more frames.
+    The period is that of the DBC file, or else the median gap of the log with more frames.
     """
     if spec is not None and spec.period_ms:
         return round(REACH_RATIO * spec.period_ms * NS_PER_MS)
@@ -41,16 +41,16 @@ def reach_ns(spec: MessageSpec | None, a_ns: Ints, b_ns: Ints) -> int:
 
 
 def pair(a_ns: Ints, b_ns: Ints, reach: int) -> Pairs:
-    """Frames that are nearest to each other, and not further apart than `reach`.
+    """Pair frames that are nearest to each other and at most `reach` apart.
 
     Args:
-        a_ns, b_ns: instants, rising or equal, on one common time.
+        a_ns, b_ns: instants, rising or equal, with a common zero.
     """
     if not len(a_ns) or not len(b_ns):
         none = np.empty(0, np.int64)
         return Pairs(none, none, np.arange(len(a_ns)), np.arange(len(b_ns)))
     if len(a_ns) == len(b_ns) and bool((np.abs(a_ns - b_ns) <= reach).all()):
-        # Frame by frame, also where several carry one stamp.
+        # Pair frame by frame, even if several frames share a stamp.
         every = np.arange(len(a_ns))
         return Pairs(every, every, every[:0], every[:0])
     of_a, of_b = _nearest(a_ns, b_ns), _nearest(b_ns, a_ns)
@@ -66,10 +66,11 @@ def pair(a_ns: Ints, b_ns: Ints, reach: int) -> Pairs:
 
 
 def _nearest(from_ns: Ints, to_ns: Ints) -> Ints:
-    """(n,) for each instant the index of the nearest of the others, the earlier of two."""
+    """(n,): for each instant the index of the nearest one in `to_ns`, the earlier of two."""
     after = np.clip(np.searchsorted(to_ns, from_ns), 0, len(to_ns) - 1)
     before = np.maximum(after - 1, 0)
     nearer = np.abs(from_ns - to_ns[before]) <= np.abs(to_ns[after] - from_ns)
     found: Ints = np.where(nearer, before, after)
-    # Of frames with one stamp the first stands for all, or none would be anybody's nearest.
+    # The first of several frames with one stamp stands for all; otherwise none would be a nearest
+    # one.
     return np.searchsorted(to_ns, to_ns[found], "left").astype(np.int64)

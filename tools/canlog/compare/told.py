@@ -1,4 +1,4 @@
-"""Differences as text for people and as JSON for programs."""
+"""Renders differences as text for people and as JSON for programs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -21,11 +21,11 @@ from canlog.run import NS_PER_S
 NAME_WIDTH: Final = 44
 VALUE_WIDTH: Final = 20
 SIGNALS_SHOWN: Final = 12
-"""Signals listed of one message; the rest are counted."""
+"""Maximum number of signals listed per message; the others are only counted."""
 
 
 def difference_lines(found: LogDifference, a: Log, b: Log, context: int) -> Iterator[str]:
-    """A table of what differs, then the first divergence with the frames around it."""
+    """Yield a table of the differences, then the first divergence with the frames around it."""
     if not found.differs:
         pairs = sum(each.pairs for each in found.messages)
         yield f"no difference in {pairs} pairs of frames of {len(found.messages)} messages"
@@ -124,9 +124,10 @@ def _signal_lines(found: LogDifference, a: Log, b: Log) -> Iterator[str]:
 
 
 def around(log: Log, row: int, zero_ns: int, context: int) -> list[Around | None]:
-    """`context` frames before and after a row in order of time: seconds, text, whether it is it.
+    """Return `context` frames before and after a row in order of time.
 
-    None fills up where the log begins or ends.
+    Each is a tuple of seconds, text, and whether it is the row itself. None fills up before the
+    start and after the end of the log.
     """
     frames = log.frames
     if bool((np.diff(frames.at_ns) >= 0).all()):
@@ -148,7 +149,7 @@ def around(log: Log, row: int, zero_ns: int, context: int) -> list[Around | None
 
 
 def difference_json(found: LogDifference, a: Log, b: Log, context: int) -> dict[str, Any]:
-    """With the first divergence and the frames around it in both logs."""
+    """Return the comparison as JSON, with the frames of both logs around the first divergence."""
     first = found.first
     told: dict[str, Any] = {
         "a": str(a.path),
@@ -173,7 +174,7 @@ def _around_json(log: Log, row: int, zero_ns: int, context: int) -> list[dict[st
 
 
 def change_lines(changes: Sequence[Change]) -> Iterator[str]:
-    """What changed from the DBC file A to B, message by message."""
+    """Yield the changes from DBC file A to B, message by message."""
     if not changes:
         yield "no difference"
         return
@@ -203,7 +204,7 @@ def changes_json(changes: Sequence[Change]) -> list[dict[str, Any]]:
 
 
 def parse_tolerances(words: Sequence[str]) -> dict[str, float]:
-    """Of NAME=VALUE each. Raises LogError."""
+    """Parse words of the form NAME=VALUE. Raises LogError."""
     found = {}
     for word in words:
         name, sign, text = word.partition("=")

@@ -1,1 +1,1 @@
-"""One module for each format of a log: how it is read and how it is written."""
+"""Readers and writers of log formats, one module each."""

@@ -1,4 +1,4 @@
-"""Vector's ASC: text with hexadecimal or decimal numbers, absolute or relative stamps, CAN FD."""
+"""Vector ASC: text with hexadecimal or decimal numbers, absolute or relative stamps, CAN FD."""
 
 import re
 from collections.abc import Iterator
@@ -65,17 +65,17 @@ KNOWN: Final = re.compile(
 BROKEN: Final = re.compile(
     r"CANFD\b|\d{1,3}\s+\S+\s+(?:Rx|Tx|TxRq)\b|\d{1,3}\s+[0-9A-Fa-f]+x?(?:\s|$)", re.IGNORECASE
 )
-"""Events that begin as CAN frames do. If they are none, they are damage."""
+"""Events that begin like CAN frames; one that cannot be parsed is damage."""
 OTHER_EVENT: Final = re.compile(r"[^\W\d]|\d{1,3}\s+[^\W\d]|//|::")
-"""Events of other buses and of the program begin with a word, or a channel and a word."""
+"""Events of other buses or of the program: they begin with a word, or a channel and a word."""
 WHOLE: Final = re.compile(r"(?!.*CANFD).*\s(?:d\s+0|[0-9A-Fa-f]{2})", re.ASCII)
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames of an ASC file; channel 1 is called `can1`.
+    """Yield the frames of an ASC file; channel 1 is called `can1`.
 
-    Stamps count from the date in the head, which is local time without a zone: it is taken for UTC,
-    which is said in the damage, unless `options.utc_offset_s` says where it was written.
+    Stamps count from the date in the head, which is local time without a zone. It is taken as UTC
+    and reported as damage, unless `options.utc_offset_s` gives the zone.
     """
     taker = _Taker(options, damages)
     fast = taker.fast if options.compiled else None
@@ -97,7 +97,7 @@ class _Taker:
         self._last_ns = 0
         self._usual = True
         self.dated = False
-        """Whether a line told the date, readable or not."""
+        """Whether a line gave the date, readable or not."""
 
     def take(self, line: str, rows: Rows) -> str | None:
         event = EVENT.fullmatch(line)
@@ -112,11 +112,11 @@ class _Taker:
 
     @property
     def start_ns(self) -> int:
-        """What stamps count from."""
+        """The instant that stamps count from."""
         return self._start_ns
 
     def fast(self, text: bytes, channels: list[str]) -> LineBlock | None:
-        """A block by the kernel, which knows hexadecimal numbers and absolute stamps only."""
+        """Parse a block with the kernel, which reads only hexadecimal and absolute stamps."""
         told = text.lower() if b"base" in text or b"Base" in text else b""
         if UNUSUAL.search(told):
             self._usual = False
@@ -126,7 +126,7 @@ class _Taker:
         return kernel.parse_text(text, channels, width, b"")
 
     def is_whole(self, line: str) -> bool:
-        """A classic data frame whose last byte has both digits."""
+        """Whether the line is a complete classic data frame: its last byte has both digits."""
         return self._base == 16 and WHOLE.fullmatch(line) is not None
 
     def _head(self, line: str) -> str | None:
@@ -141,7 +141,7 @@ class _Taker:
         return None if KNOWN.match(line) else JUNK
 
     def _date(self, date: re.Match[str]) -> str | None:
-        """Stamps behind it count from this date."""
+        """Read the date that the following stamps count from."""
         self._last_ns = 0
         if date["kind"].lower() != "date" and not date["text"].strip():
             return None
@@ -206,12 +206,12 @@ class _Taker:
         identifier, flags = known
         channel, length = f"can{match['channel']}", int(match["length"])
         texts = match["rest"].split()
-        # Behind the data stand duration, bits, flags and CRC; the flags tell classic frames.
+        # After the data come duration, bits, flags and CRC; the flags identify classic frames.
         data, tail = hex_bytes(texts[:length], self._base), texts[length:]
         if data is None or len(data) != length or length not in FD_LENGTHS:
             return JUNK
         bits = _flags_of(tail)
-        # Some writers leave the flags empty; what only CAN FD has tells, too.
+        # Some writers leave the flags empty; then a long frame, BRS or ESI identifies CAN FD.
         fd = bits is None or bool(bits & 0x1000) or length > 8
         fd = fd or (bits == 0 and "1" in (match["brs"], match["esi"]))
         if fd:
@@ -226,7 +226,7 @@ class _Taker:
 
 
 def _flags_of(tail: list[str]) -> int | None:
-    """The third number behind the data; None where the line ends before it."""
+    """The third number after the data; None if the line ends before it."""
     if len(tail) < 3:
         return None
     try:

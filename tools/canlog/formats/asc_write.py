@@ -1,4 +1,4 @@
-"""Writes ASC with hexadecimal numbers and absolute stamps, as CANalyzer and python-can read it."""
+"""Writes ASC with hexadecimal numbers and absolute stamps, readable by CANalyzer and python-can."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -22,7 +22,7 @@ CODES: Final = {length: code for code, length in enumerate(FD_LENGTHS)}
 
 
 def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
-    """All frames, stamped since the whole millisecond of the first one, whose date is UTC."""
+    """Write all frames, stamped relative to the first one's whole millisecond; its date is UTC."""
     numbers = Numbers(losses)
     start_ns: int | None = None
     done = 0
@@ -33,7 +33,7 @@ def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
             if start_ns is None:
                 start_ns = first_ns_of(frames)
                 out.write(_head(start_ns).encode())
-            _tell_losses(frames, start_ns, losses, done)
+            _report_losses(frames, start_ns, losses, done)
             out.write("".join(_lines(frames, start_ns, numbers.of(frames).tolist())).encode())
             done += len(frames)
         if start_ns is None:
@@ -41,11 +41,11 @@ def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
         out.write(b"End TriggerBlock\n")
 
 
-def _tell_losses(frames: Frames, start_ns: int, losses: Damages, done: int) -> None:
+def _report_losses(frames: Frames, start_ns: int, losses: Damages, done: int) -> None:
     lost(losses, frames.at_ns < start_ns, "stamp", "before the start; stamped with it", done)
     error = (frames.flags & ERROR) != 0
     detail = error & ((frames.identifier != 0) | (frames.length != 0))
-    lost(losses, detail, "error detail", "class and data of error frames are not told", done)
+    lost(losses, detail, "error detail", "class and data of error frames are not kept", done)
 
 
 def _head(start_ns: int) -> str:
@@ -57,7 +57,7 @@ def _head(start_ns: int) -> str:
 
 
 def date_text(at_ns: int) -> str:
-    """As `Sat Nov 21 17:16:09.123 2026`, in UTC, which has to be a whole millisecond."""
+    """Return a UTC date such as `Sat Nov 21 17:16:09.123 2026` of whole milliseconds."""
     days, rest_ns = divmod(at_ns, 86_400 * NS_PER_S)
     year, month, day = (int(part) for part in str(np.datetime64(days, "D")).split("-"))
     second, ms = divmod(rest_ns // 1_000_000, 1000)

@@ -1,4 +1,4 @@
-"""Vector's BLF: zlib containers of objects, read container by container with numpy."""
+"""Vector BLF: zlib containers of objects, read container by container with numpy."""
 
 from bisect import bisect_right
 from collections.abc import Iterator
@@ -21,25 +21,25 @@ __all__ = ["read", "write"]
 
 FILE_HEAD: Final = 144
 START_AT: Final = 40
-"""Of the instant of the start in the head of the file: eight 16-bit numbers."""
+"""Offset of the start time in the file head: eight 16-bit numbers."""
 JOINED_BYTES: Final = 1 << 21
-"""So much content is taken apart in one go."""
+"""Minimum content, in bytes, that numpy parses at once."""
 TAKEN_BYTES: Final = 1 << 23
-"""So much content becomes one block of frames."""
+"""Content, in bytes, that makes one block of frames."""
 FOREIGN: Final = "object of no CAN frame"
-"""What is skipped: objects of other buses, of statistics, of the program that logs."""
+"""Skipped objects: those of other buses, statistics, or the logging program."""
 NS_PER_S: Final = 1_000_000_000
 CHANNELS_MAX: Final = 256
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames of a BLF file; channel 1 is called `can1`.
+    """Yield the frames of a BLF file; channel 1 is called `can1`.
 
-    The start of the log is taken for UTC, as python-can writes it; `options.utc_offset_s` says
-    otherwise. A container that is broken or torn gives what can be inflated of it and is counted.
+    The start of the log is taken as UTC, as python-can writes it, unless `options.utc_offset_s`
+    gives the zone. A corrupt or torn container is counted; its readable part is used.
 
     Raises:
-        LogError: for a file that cannot be read or does not begin as a BLF file does.
+        LogError: for a file that cannot be read or does not begin like a BLF file.
     """
     with opened(path, damages) as file:
         if file.size < FILE_HEAD or file.data[:4] != b"LOGG":
@@ -66,11 +66,11 @@ def _start_ns(data: Any) -> int:
 
 
 Content = tuple[bytes | bytearray, int, bool]
-"""Bytes, where in the file they come from, and whether they go on where the last ones ended."""
+"""Bytes, their place in the file, and whether they continue the content before without a gap."""
 
 
 def _contents(data: Any, first: int, damages: Damages, options: ReadOptions) -> Iterator[Content]:
-    """What the containers hold, one after the other; objects outside of any as they stand."""
+    """Yield the contents of the containers in order, and objects outside containers unchanged."""
     inflate = fastest(options.inflater)
     at, end, whole = first, len(data), True
     while end - at >= BASE.itemsize:
@@ -103,14 +103,14 @@ def _contents(data: Any, first: int, damages: Damages, options: ReadOptions) -> 
         else:
             yield data[at:stop], at, whole
             whole = not torn
-        # Up to four bytes may fill it up, which are stepped over above.
+        # Up to four fill bytes may follow; the search for the signature skips them.
         at = stop
     if 0 < end - at < BASE.itemsize and data[at:end].strip(b"\0"):
         damages.add("torn file", "byte", at, "it ends inside a block's head")
 
 
 def _container_after(data: Any, at: int) -> int:
-    """The next container behind a block that claims to reach beyond the end of the file."""
+    """Find the next container after a block that claims to extend beyond the end of the file."""
     found = at
     while (found := data.find(SIGNATURE, found + 4)) >= 0:
         if int.from_bytes(data[found + 12 : found + 16], "little") == CONTAINER:
@@ -119,7 +119,7 @@ def _container_after(data: Any, at: int) -> int:
 
 
 def _content(block: bytes, inflate: Any) -> tuple[bytes | bytearray, str]:
-    """Of a container, and what is wrong with it."""
+    """Return the content of a container, and its fault."""
     if len(block) < 16:
         return b"", "it ends inside its head"
     method, size = int.from_bytes(block[:2], "little"), int.from_bytes(block[8:12], "little")
@@ -133,14 +133,14 @@ def _content(block: bytes, inflate: Any) -> tuple[bytes | bytearray, str]:
     try:
         content: bytes | bytearray = inflate(packed, size)
     except Exception:
-        # Each library has an error of its own; what is wrong is found out by the standard one.
+        # Each library raises its own error; the standard library finds out what is wrong.
         content, fault = rescued(packed)
         return content, fault or f"{len(content)} bytes where it says {size}"
     return content, "" if len(content) == size else f"{len(content)} bytes where it says {size}"
 
 
 class _Joined:
-    """Content that is taken apart in one go, and where in the file each part of it comes from."""
+    """Content that is parsed in one go, and the place of each part of it in the file."""
 
     def __init__(self) -> None:
         self._parts: list[bytes | bytearray] = []
@@ -160,21 +160,21 @@ class _Joined:
         return b"".join(self._parts)
 
     def place(self, spot: int) -> int:
-        """Of the container that holds a byte of the buffer."""
+        """Place in the file of the container that holds a byte of the buffer."""
         return self._places[max(bisect_right(self._begins, spot) - 1, 0)] if self._places else 0
 
     def left(self, rest: bytes) -> "_Joined":
-        """With what waits for the next container."""
+        """Return the unparsed rest, which waits for the next container."""
         found = _Joined()
         found.add(rest, self.place(self.size - len(rest)))
         return found
 
 
 class _Reader:
-    """Objects of container after container; they reach from one into the next.
+    """Reads objects container by container; an object may extend from one into the next.
 
-    The kernel takes classic data frames as they come. Everything else is gathered until it is
-    worth the while and taken by numpy.
+    The kernel takes classic data frames as they come. All other content is gathered to a size that
+    is worth parsing with numpy.
     """
 
     def __init__(self, start_ns: int, damages: Damages, *, compiled: bool) -> None:
@@ -185,13 +185,13 @@ class _Reader:
         self._joined = _Joined()
         self._taker: kernel.BlfTaker | None = None
         self._rest = b""
-        """What the kernel left, and is in `_joined`, too."""
+        """Bytes that the kernel left; `_joined` holds them, too."""
 
     def frames(self, contents: Iterator[Content]) -> Iterator[Frames]:
         for content, place, whole in contents:
             if not whole:
                 yield from self.broken()
-                # The first object may have begun in what is lost.
+                # The first object may have begun in the lost part.
                 content = content[max(content.find(SIGNATURE), 0) :]
             if self._compiled and self._joined.size == len(self._rest):
                 if self._taker is not None and self._taker.room < len(content):
@@ -205,7 +205,7 @@ class _Reader:
         yield from self.end()
 
     def _take(self, content: bytes | bytearray, place: int) -> bool:
-        """Whether the kernel could take a container."""
+        """Let the kernel parse a container, and return whether it could."""
         if self._taker is None:
             most = max(TAKEN_BYTES, len(content)) // kernel.BLF_OBJECT_BYTES + 2
             self._taker = kernel.BlfTaker(self._start_ns, most)
@@ -218,7 +218,7 @@ class _Reader:
         return True
 
     def _taken(self) -> Iterator[Frames]:
-        """What the kernel has taken so far."""
+        """Yield what the kernel has parsed so far."""
         found = self._taker.frames() if self._taker is not None else None
         if self._taker is not None and self._taker.skipped:
             self._damages.skip(FOREIGN, self._taker.skipped)
@@ -240,7 +240,7 @@ class _Reader:
             yield made
 
     def broken(self) -> Iterator[Frames]:
-        """What came before a spot where something is missing."""
+        """Yield the frames before a gap in the file."""
         yield from self._taken()
         if self._joined.size:
             yield from self._take_joined()
@@ -261,7 +261,7 @@ class _Reader:
 def _take(
     joined: _Joined, start_ns: int, names: list[str], damages: Damages
 ) -> tuple[bytes, Frames | None]:
-    """What is left of the buffer, and the frames in it."""
+    """Return the rest of the buffer, and the frames before it."""
     buffer = joined.buffer
     objects = find(buffer)
     for spot, words in objects.damage:
@@ -302,7 +302,7 @@ def _take(
 
 
 def _channels(numbers: Any, names: list[str], damages: Damages) -> Any:
-    """Index of each channel; new ones get a name."""
+    """Return the index of each channel; new channels get a name."""
     numbers = numbers.astype(np.uint16, copy=False)
     least, most = int(numbers.min(initial=0xFFFF)), int(numbers.max(initial=0))
     if least >= most:
@@ -319,7 +319,7 @@ def _index(number: int, names: list[str], damages: Damages) -> int:
     name = f"can{number}"
     if name not in names:
         if len(names) == CHANNELS_MAX:
-            words = f"channel {number} is told as {names[-1]}"
+            words = f"channel {number} is reported as {names[-1]}"
             damages.add("too many channels", "byte", None, words)
             return CHANNELS_MAX - 1
         names.append(name)

@@ -1,4 +1,4 @@
-"""The objects of a BLF file, found and turned into columns, one kind at a time."""
+"""Finds the objects of a BLF file and turns them into columns, one kind at a time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ BASE: Final = np.dtype(
     [("signature", "S4"), ("head", "<u2"), ("version", "<u2"), ("size", "<u4"), ("kind", "<u4")]
 )
 STAMPS: Final = [("unit", "<u4"), ("client", "<u2"), ("revision", "<u2"), ("stamp", "<u8")]
-"""Of both versions of the header; the second has eight more bytes behind."""
+"""Header fields that both versions share; version 2 has eight more bytes after them."""
 HEADS: Final = (32, 40)
-"""Bytes of a header of either version, the base included."""
+"""Size in bytes of each version of the header, base included."""
 CAN_MESSAGE, CAN_ERROR, CONTAINER, CAN_ERROR_EXT = 1, 2, 10, 73
 CAN_MESSAGE2, CAN_FD, CAN_FD_64, CAN_FD_ERROR_64 = 86, 100, 101, 104
 EXTENDED_BIT: Final = 0x8000_0000
@@ -79,13 +79,13 @@ class BlfObjects:
     head: Any
     version: Any
     consumed: int
-    """So many bytes are done with; the rest waits for the next container."""
+    """Bytes that are done; the rest waits for the next container."""
     damage: tuple[tuple[int, str], ...]
-    """Place and words for each spot where no object stands."""
+    """Place and description of each spot where no object begins."""
 
 
 def find(buffer: bytes, start: int = 0) -> BlfObjects:
-    """Walk from object to object; runs of objects of one size are taken in one step."""
+    """Walk from object to object; a run of objects of one size is one step."""
     text = np.frombuffer(buffer, np.uint8)
     parts: list[Any] = []
     damage: list[tuple[int, str]] = []
@@ -98,7 +98,7 @@ def find(buffer: bytes, start: int = 0) -> BlfObjects:
             following = buffer.find(SIGNATURE, at)
             damage.append((at, "no object stands here"))
             if following < 0:
-                # The signature may be cut in two by the end of the container.
+                # The end of the container may cut the signature in two.
                 at = end - 3
                 break
             at = following
@@ -139,9 +139,9 @@ def _is_object(buffer: bytes, at: int) -> bool:
 
 
 def _run(text: Bytes, at: int, size: int, stride: int) -> tuple[Any, int]:
-    """Places of the objects of this size, `stride` apart, and where the last of them ends.
+    """Return the places of the objects of this size, `stride` apart, and the end of the last one.
 
-    Writers fill up to four bytes, by a rule of their own, or not at all; the next signature tells.
+    Writers add up to four fill bytes, or none; the next signature shows how many.
     """
     count = (len(text) - at - size) // stride + 1
     if count < 2:
@@ -154,7 +154,7 @@ def _run(text: Bytes, at: int, size: int, stride: int) -> tuple[Any, int]:
 
 
 def _gather(text: Bytes, places: Any, width: int) -> Bytes:
-    """(n, width) bytes from each place on; without a copy where they are evenly apart."""
+    """(n, width) bytes from each place on; evenly spaced places are gathered faster."""
     stride = int(places[1] - places[0]) if len(places) > 1 else width
     if len(places) > 1 and stride >= width and (np.diff(places) == stride).all():
         rows = np.lib.stride_tricks.as_strided(
@@ -167,7 +167,7 @@ def _gather(text: Bytes, places: Any, width: int) -> Bytes:
 
 @dataclass(frozen=True, slots=True)
 class BlfColumns:
-    """Frames of one kind of object; `row` is the place of each among all objects."""
+    """Frames of one kind of object as columns; `row` is each frame's index among all objects."""
 
     row: Any
     stamp_ns: Any
@@ -179,9 +179,9 @@ class BlfColumns:
 
 
 def columns(buffer: bytes, objects: BlfObjects) -> tuple[list[BlfColumns], Any, int]:
-    """The frames among objects, the places of those too short or strange to be frames, and a count.
+    """Return the frames, the places of malformed CAN objects, and the number of other objects.
 
-    The count is that of objects of other kinds, such as those of other buses.
+    Other objects are, for instance, those of other buses.
     """
     text = np.frombuffer(buffer, np.uint8)
     found: list[BlfColumns] = []
@@ -206,12 +206,12 @@ def columns(buffer: bytes, objects: BlfObjects) -> tuple[list[BlfColumns], Any, 
 
 
 def _slack(kind: int) -> int:
-    """Objects of CAN FD may end with their data."""
+    """Bytes that may be missing at the end of an object: CAN FD may end with its data."""
     return FD_BYTES if kind == CAN_FD else 0
 
 
 def _stamps(told: Any) -> Any:
-    """(n,) int64 nanoseconds since the start of the log, -1 for what is no stamp."""
+    """(n,) int64 nanoseconds since the start of the log, -1 for an invalid stamp."""
     stamp = told["stamp"]
     coarse = told["unit"] == TEN_US
     limit = np.where(coarse, STAMP_MAX // 10_000, STAMP_MAX).astype(np.uint64)
@@ -227,7 +227,7 @@ def _identifier(told: Any) -> tuple[Any, Any]:
 
 
 def _words(data: Any, length: Any) -> Bytes:
-    """(n, 8): only the first `length` bytes; what stands behind them means nothing."""
+    """(n, 8): the first `length` bytes; bytes after them have no meaning and become 0."""
     cut = np.ascontiguousarray(data) & _MASKS[length]
     rows: Bytes = cut.astype("<u8").view(np.uint8).reshape(-1, 8)
     return rows
@@ -300,7 +300,7 @@ def _fd_error_64(rows: Any, told: Any, text: Bytes, ends: Any, sizes: Any) -> Bl
 
 
 def _behind(told: Any, text: Bytes, ends: Any, sizes: Any, length: Any) -> Bytes:
-    """(n, 64): `length` bytes from `ends` on, as far as the object and not its extension goes."""
+    """(n, 64): `length` bytes from `ends` on, up to the end of the object without its extension."""
     limit = np.where(told["ext"] != 0, np.minimum(told["ext"], sizes), sizes).astype(np.int64)
     there = np.clip(limit - BASE.itemsize - told.dtype.itemsize, 0, FD_BYTES)
     shown = np.minimum(length, there)

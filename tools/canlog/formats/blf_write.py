@@ -45,7 +45,7 @@ _CODES: Final = np.array(
 
 
 class _File:
-    """Containers into a file, and the head that tells of them."""
+    """Writes containers to a file, and finally the head that describes them."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -93,9 +93,9 @@ class _File:
 
 
 def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
-    """All frames, stamped in nanoseconds since the whole millisecond of the first one.
+    """Write all frames, stamped in nanoseconds since the whole millisecond of the first one.
 
-    A frame before the first one is stamped with the start and counted.
+    A frame earlier than the first one gets the stamp of the start and is counted as a loss.
     """
     numbers = Numbers(losses)
     start_ns: int | None = None
@@ -118,7 +118,7 @@ def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
 
 
 def _write_block(file: _File, frames: Frames, past_ns: Any, channel: Any) -> None:
-    """Runs of one kind of object at a time, so that the order stays."""
+    """Write runs of objects of one kind, so that the order stays."""
     kind = np.where((frames.flags & FD) != 0, CAN_FD, CAN_MESSAGE)
     kind = np.where((frames.flags & ERROR) != 0, CAN_ERROR_EXT, kind)
     cuts = [0, *(np.flatnonzero(np.diff(kind)) + 1).tolist(), len(frames)]
@@ -129,7 +129,7 @@ def _write_block(file: _File, frames: Frames, past_ns: Any, channel: Any) -> Non
 
 
 def _packed(kind: int, frames: Frames, past_ns: Any, channel: Any) -> bytes:
-    """Objects of one kind as bytes."""
+    """Return objects of one kind as bytes."""
     layout = np.dtype([*BASE.descr, *STAMPS, *LAYOUTS[kind]])
     told = np.zeros(len(frames), layout)
     told["signature"], told["head"], told["version"] = b"LOBJ", 32, 1

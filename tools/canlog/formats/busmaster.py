@@ -1,4 +1,4 @@
-"""Log files of BusMaster (`.log`): hexadecimal or decimal, three ways to count time."""
+"""BusMaster logs (`.log`): hexadecimal or decimal, with three time modes."""
 
 import re
 from collections.abc import Iterator
@@ -30,10 +30,10 @@ ERRORS: Final = re.compile(
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames; channel 1 is called `can1`.
+    """Yield the frames; channel 1 is called `can1`.
 
-    In system mode a stamp is the time of the day, in absolute mode it counts from the start of the
-    log, in relative mode from the frame before. All are local time, taken for UTC.
+    In system mode a stamp is the time of day; in absolute mode it counts from the start of the log;
+    in relative mode it counts from the frame before. All are local time and taken as UTC.
     """
     yield from read_lines(path, options, damages, _Taker(options, damages).take)
 

@@ -1,4 +1,6 @@
-"""candump logs of can-utils, plain or compressed: `-l` and `-L` fast, what it prints strictly."""
+"""candump logs of can-utils, plain or compressed: fast for `-l` and `-L`, strict for printed
+output.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,11 +36,11 @@ __all__ = ["read", "write"]
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames of a candump log in the order of its lines.
+    """Yield the frames of a candump log in the order of its lines.
 
-    Lines that are no frame and a last line without an end are counted. Stamps of `candump -t z` and
-    `-t d` become nanoseconds since the start of the log; of `-t A`, which tells no time zone, since
-    1970 as if it were UTC.
+    Lines without a frame and an unfinished last line are counted. Stamps of `candump -t z` and `-t
+    d` become nanoseconds since the start of the log. Stamps of `-t A`, which have no time zone,
+    count since 1970 as if they were UTC.
     """
     channels: list[str] = []
     stamps = _Stamps(options, damages)
@@ -71,7 +73,7 @@ def _with_odd(
     stamps: "_Stamps",
     damages: Damages,
 ) -> Frames:
-    """The frames of a block, those of odd lines among them."""
+    """Return the frames of a block, including those of lines that only the strict parser reads."""
     frames = block.frames
     if not len(block.odd):
         return frames
@@ -83,7 +85,7 @@ def _with_odd(
         line = candump_line.parse(raw)
         if line is None or (line.channel not in channels and len(channels) == CHANNELS_MAX):
             keep[row] = False
-            _tell(raw, first_line + number, damages)
+            _report_other(raw, first_line + number, damages)
             continue
         if line.channel not in channels:
             channels.append(line.channel)
@@ -94,8 +96,8 @@ def _with_odd(
     return _renamed(frames, channels, keep)
 
 
-def _tell(raw: bytes, number: int, damages: Damages) -> None:
-    """Of a line that is no frame."""
+def _report_other(raw: bytes, number: int, damages: Damages) -> None:
+    """Report a line that is no frame: as damage, or as skipped."""
     raw = COLOUR.sub(b"", raw)
     dropped = DROPPED.fullmatch(raw)
     if dropped is not None:
@@ -128,7 +130,7 @@ def _renamed(frames: Frames, channels: list[str], keep: Bools) -> Frames:
 
 
 class _Stamps:
-    """Turns stamps that count from the start or from the frame before into one count."""
+    """Converts stamps relative to the start or to the frame before into one continuous count."""
 
     def __init__(self, options: ReadOptions, damages: Damages) -> None:
         self._delta: bool | None = options.stamps == DELTA if options.stamps else None
@@ -144,7 +146,9 @@ class _Stamps:
             )
 
     def settle(self, at_ns: Ints, since: Bools) -> None:
-        """In place: `-t d` where stamps run backwards, which those of `-t z` never do."""
+        """Convert in place: stamps are those of `-t d` if they run backwards, which `-t z` never
+        does.
+        """
         rows = np.flatnonzero(since)
         if not len(rows):
             return

@@ -1,4 +1,4 @@
-"""Candump lines taken apart with numpy: all lines of one shape at once, odd ones left over."""
+"""Parses candump lines with numpy: all lines of one shape at once; other lines are left over."""
 
 import re
 from itertools import pairwise
@@ -24,7 +24,7 @@ from canlog.frames import (
 from canlog.line_block import LineBlock
 
 SHAPES_MAX: Final = 40
-"""Lines of one length may have so many shapes, such as names of channels; the rest are odd."""
+"""Maximum number of shapes, such as channel names, of lines of one length; more are left as odd."""
 NEWLINE: Final = 10
 RETURN: Final = 13
 _SHAPE: Final = re.compile(
@@ -42,7 +42,7 @@ for _digit in range(16):
 
 
 def line_spans(text: Bytes) -> tuple[Any, Any, Any, int]:
-    """Start, end without the line's end, number of each line that is not empty; number of all."""
+    """Return start, end and number of each line that is not empty, and the number of all lines."""
     breaks = np.flatnonzero(text == NEWLINE)
     if not len(text) or text[-1] != NEWLINE:
         breaks = np.append(breaks, len(text))
@@ -57,9 +57,9 @@ def line_spans(text: Bytes) -> tuple[Any, Any, Any, int]:
 
 
 def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -> LineBlock:
-    """Take a block of whole lines apart; new names are added to `channels`.
+    """Parse a block of whole lines; new names are added to `channels`.
 
-    Raises nothing: whatever has not exactly the shape of a logged data frame is in `odd`.
+    It never raises: a line that does not have exactly the shape of a logged data frame is in `odd`.
     """
     text = np.frombuffer(block, np.uint8)
     starts, ends, lines, count = line_spans(text)
@@ -85,7 +85,7 @@ def parse_block(block: bytes, channels: list[str], width: int = CLASSIC_BYTES) -
 
 
 def _parse_equal(text: Bytes, rows: Any, made: Frames, odd: Any, channels: list[str]) -> None:
-    """Lines of equal length, shape after shape."""
+    """Parse lines of equal length, shape by shape."""
     left = np.arange(len(rows))
     for _ in range(SHAPES_MAX):
         if not len(left):
@@ -98,14 +98,14 @@ def _parse_equal(text: Bytes, rows: Any, made: Frames, odd: Any, channels: list[
         alike = np.flatnonzero(_alike(text[left], shape))
         good = _fill(text[left[alike]], shape, rows[left[alike]], made, channels)
         odd[rows[left[alike[good]]]] = False
-        # What only looked alike may have another shape; the sample has been looked at either way.
+        # Lines that only looked alike may have another shape; the sample is done either way.
         done = np.zeros(len(left), np.bool_)
         done[alike[good]] = done[0] = True
         left = left[~done]
 
 
 def _alike(text: Bytes, shape: re.Match[bytes]) -> Any:
-    """Lines with the same characters wherever the shape has no digits."""
+    """Select lines with the same characters at all places where the shape has no digits."""
     sample = np.frombuffer(shape[0], np.uint8)
     fixed = np.ones(len(sample), np.bool_)
     for name in ("seconds", "fraction", "id", "data", "fd", "fd_data"):
@@ -117,7 +117,7 @@ def _alike(text: Bytes, shape: re.Match[bytes]) -> Any:
 
 
 def _fill(text: Bytes, shape: re.Match[bytes], rows: Any, made: Frames, channels: list[str]) -> Any:
-    """Write the frames of lines of one shape; which of them are frames indeed."""
+    """Write the frames of lines of one shape, and return which lines are frames."""
     seconds, good = _number(text[:, slice(*shape.span("seconds"))])
     fraction, digits = _number(text[:, slice(*shape.span("fraction"))])
     good &= digits & (seconds <= SECONDS_MAX - 1)
@@ -154,7 +154,7 @@ def _fill(text: Bytes, shape: re.Match[bytes], rows: Any, made: Frames, channels
 
 
 def _number(text: Bytes) -> tuple[Any, Any]:
-    """Decimal digits to int64, and whether they are digits."""
+    """Return the numbers as int64, and whether all characters are digits."""
     digits = text - np.uint8(ord("0"))
     value = np.zeros(len(text), np.int64)
     for column in digits.T:
@@ -183,7 +183,7 @@ def _payload(text: Bytes) -> tuple[Bytes, Any]:
 
 
 def wide_enough(block: bytes, width: int) -> int:
-    """Width that the data of a block need: 64 once a line can be that of an FD frame."""
+    """Width that the data of a block needs: 64 if any line may be an FD frame."""
     if width == FD_BYTES or b"##" in block:
         return FD_BYTES
     return FD_BYTES if _SHOWN_FD.search(block) else width

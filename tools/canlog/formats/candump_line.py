@@ -1,4 +1,4 @@
-"""One line of any candump output, strictly: what is not exactly such a line is none."""
+"""Parses one line of any candump output strictly: it accepts only an exact match."""
 
 import re
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from canlog.frames import BRS, ERROR, ESI, EXTENDED, FD, FD_LENGTHS, REMOTE, TX
 
 NS_PER_S: Final = 1_000_000_000
 ERROR_FLAG: Final = 0x2000_0000
-"""Of SocketCAN: the identifier of an error frame."""
+"""SocketCAN's flag in an identifier that marks an error frame."""
 ERROR_MASK: Final = EXTENDED_MAX
-"""The classes of an error."""
+"""Mask for the error classes in the identifier of an error frame."""
 SECONDS_MAX: Final = 9_223_372_035
-"""Later instants do not fit into 64 bits of nanoseconds."""
+"""Last second for which 64 bits hold the nanoseconds."""
 ABSOLUTE, SINCE, LOCAL, NONE = "absolute", "since", "local", "none"
-"""What a stamp counts from: 1970; the start or the frame before; 1970 in local time; nothing."""
+"""Origin of a stamp: 1970; the start or the frame before; 1970 in local time; none."""
 SINCE_DIGITS_MAX: Final = 8
-"""candump prints seconds since something with three digits, those since 1970 with ten."""
+"""Maximum digits of a relative stamp: candump prints three for those, ten since 1970."""
 
 _ID: Final = rb"(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})"
 LOGGED: Final = re.compile(
@@ -33,21 +33,21 @@ SHOWN: Final = re.compile(
     rb"(?:  (?P<way>RX|TX) (?P<brs>[B-]) (?P<esi>[E-]))? +" + _ID + rb" +"
     rb"(?:\[(?P<length>\d{1,2})\]|\{(?P<code>[9A-F])\}) *(?P<rest>.*)"
 )
-"""`-8` shows data length codes above 8 of classic frames in braces."""
+"""A printed line; `-8` shows data length codes above 8 of classic frames in braces."""
 BYTES: Final = re.compile(rb"(?P<data>(?:(?:[01]{8}|[0-9A-Fa-f]{2})(?:[ `]+|$)){0,64})(?P<tail>.*)")
-"""Hexadecimal, or binary with `-i`; `-S` shows the last byte first, with grave accents between."""
+"""Data bytes: hexadecimal, or binary with `-i`; `-S` prints the last byte first, with backticks."""
 COLOUR: Final = re.compile(rb"\x1b\[[0-9;]*m")
 DROPPED: Final = re.compile(rb"DROPCOUNT: dropped (\d+) CAN frames?.*")
 BESIDE: Final = re.compile(
     rb"[\t ]+[a-z][^#\[]*|(?:Disabled|Enabled|Warning|New|using|interface)\b[^#]*", re.IGNORECASE
 )
-"""What `-e` says of an error frame in a line of its own, and what candump says of itself."""
+"""Lines besides frames: the error details that `-e` adds, and candump's own notes."""
 EXTRA_LONG: Final = re.compile(
     rb"\(\d+\.\d+\) \S+ [0-9A-Fa-f]+#[0-9A-Fa-f]{2}:[0-9A-Fa-f]{2}:[0-9A-Fa-f]+#[0-9A-Fa-f]*"
     rb"(?: [RT])?"
     rb"| *(?:\([^)]*\))? +\S+ .*\[\d{4,5}\] .*"
 )
-"""CAN XL frames, in a log and as printed."""
+"""CAN XL frames, as logged and as printed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class CandumpLine:
 
     at_ns: int
     since: str
-    """ABSOLUTE, SINCE, LOCAL or NONE."""
+    """Origin of the stamp: ABSOLUTE, SINCE, LOCAL or NONE."""
     identifier: int
     flags: int
     channel: str
@@ -65,7 +65,9 @@ class CandumpLine:
 
 
 def parse(line: bytes) -> CandumpLine | None:
-    """Of a line without its end; None for a line that candump cannot have written whole."""
+    """Parse a line without its line end; None for a line that candump cannot have written
+    completely.
+    """
     if b"\x1b" in line:
         line = COLOUR.sub(b"", line)
     match = LOGGED.fullmatch(line)
@@ -144,7 +146,7 @@ def _bytes(text: bytes) -> bytes:
 
 
 def _is_comment(tail: bytes, is_error: bool) -> bool:
-    """Nothing, the data as characters (`-a`), or what is said of an error frame."""
+    """Whether the tail is empty, the data as characters (`-a`), or the text of an error frame."""
     if is_error:
         return tail.startswith(b"ERRORFRAME")
     return not tail or (len(tail) >= 2 and tail[:1] in b"'`" and tail[-1:] == tail[:1])

@@ -1,4 +1,4 @@
-"""Writes candump logs as `candump -l` does, with nine digits where six are too few."""
+"""Writes candump logs like `candump -l`, with nine digits where microseconds are too coarse."""
 
 import gzip
 from collections.abc import Iterable, Iterator
@@ -19,11 +19,11 @@ CLASSIC_MAX: Final = 8
 
 
 def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
-    """All frames, in files ending in `.gz` or `.zst` compressed."""
+    """Write all frames; a name ending in `.gz` or `.zst` compresses the file."""
     done = 0
     with text_file(path) as out:
         for frames in blocks:
-            lost(losses, (frames.flags & TX) != 0, "direction", "Tx is not told", done)
+            lost(losses, (frames.flags & TX) != 0, "direction", "Tx is not kept", done)
             early = frames.at_ns < 0
             lost(losses, early, "stamp", "before 1970; left out", done)
             blank = np.array([" " in name or not name for name in frames.channels], np.bool_)
@@ -69,9 +69,9 @@ def _unusual(identifier: int, flags: int, length: int, data: str) -> str:
 
 @contextmanager
 def text_file(path: Path) -> Iterator[Any]:
-    """A file for bytes, compressed as its name says."""
+    """Open a file for bytes, compressed as its suffix says."""
     if path.suffix == ".gz":
-        # Without name and time the same log gives the same bytes.
+        # Without name and time in the head, the same log gives the same bytes.
         with path.open("wb") as raw, gzip.GzipFile("", "wb", 6, raw, mtime=0) as out:
             yield out
     elif path.suffix == ".zst":

@@ -1,4 +1,4 @@
-"""Dates in the heads of text logs, in the languages that logging programs write them in."""
+"""Reads dates in the heads of text logs, in the languages of logging programs."""
 
 import re
 from typing import Final
@@ -14,7 +14,7 @@ EAST_ASIAN_MONTH: Final = re.compile(r"(\d{1,2})\s?[月월]")
 BEFORE_NOON: Final = ("am", "a.m.", "上午", "午前", "오전", "vorm.")
 AFTER_NOON: Final = ("pm", "p.m.", "下午", "午後", "오후", "nachm.")
 LEGACY: Final = ("gb18030", "cp932", "cp949", "big5")
-"""Encodings of East Asian programs; the first one in which a date can be read is taken."""
+"""Encodings of East Asian programs; the first one that gives a readable date wins."""
 MONTHS: Final = {
     name: number
     for number, names in enumerate(
@@ -39,10 +39,10 @@ MONTHS: Final = {
 
 
 def instant_ns(text: str) -> int | None:
-    """Nanoseconds since 1970 of a date with a time of day, in any usual order and language.
+    """Return nanoseconds since 1970 of a date with a time of day, in any usual order and language.
 
-    An hour above 12, or of 0, is of 24 whatever half of the day stands beside it. None for a text
-    that is no date or whose day and month cannot be told apart.
+    An hour of 0 or above 12 is on the 24-hour clock, even beside AM or PM. It returns None for a
+    text without a date, or if day and month are ambiguous.
     """
     for each in (text, *_decoded(text)):
         found = _instant_ns(each)
@@ -52,7 +52,7 @@ def instant_ns(text: str) -> int | None:
 
 
 def _decoded(text: str) -> list[str]:
-    """The same bytes in other encodings, if the text was read as Latin-1."""
+    """Decode the same bytes in other encodings, if the text was read as Latin-1."""
     try:
         raw = text.encode("latin-1")
     except UnicodeEncodeError:
@@ -79,7 +79,7 @@ def _instant_ns(text: str) -> int | None:
 
 
 def _day(rest: str, words: list[str]) -> tuple[int, int, int] | None:
-    """Year, month, day."""
+    """Return year, month and day."""
     if (found := YEAR_FIRST.search(rest)) is not None:
         return int(found[1]), int(found[2]), int(found[3])
     if (found := DAY_FIRST.search(rest)) is not None:
@@ -94,11 +94,11 @@ def _day(rest: str, words: list[str]) -> tuple[int, int, int] | None:
 
 
 def _month(rest: str, words: list[str]) -> tuple[int | None, str]:
-    """The month, and the text without it where it is written as a number."""
+    """Return the month, and the text without it if it was a number."""
     found = EAST_ASIAN_MONTH.search(rest)
     if found is not None:
         return int(found[1]), rest.replace(found[0], " ", 1)
-    # "mar." is Tuesday in French and stands before the month, so the last name counts.
+    # French "mar." is Tuesday and stands before the month, so the last name counts.
     for word in reversed(words):
         name = word.rstrip(".")
         for length in (4, 3):

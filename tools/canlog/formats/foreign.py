@@ -1,4 +1,4 @@
-"""What a file looks like that is no CAN log, for the message that refuses it."""
+"""Guesses what a file is that is not a CAN log, for the message that refuses it."""
 
 import re
 from typing import Final
@@ -39,7 +39,7 @@ COLUMNS_SHOWN: Final = 60
 
 
 def looks_like(head: bytes) -> str:
-    """Of the first bytes of a file."""
+    """Describe a file by its first bytes."""
     if not head:
         return "an empty file"
     head = head.removeprefix(b"\xef\xbb\xbf")

@@ -1,4 +1,4 @@
-"""CSV of GVRET and SavvyCAN: a frame a line, stamped in microseconds."""
+"""CSV of GVRET and SavvyCAN: one frame per line, stamped in microseconds."""
 
 import re
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from canlog.rows import Rows
 
 NS_PER_US: Final = 1000
 DATED_US: Final = 10**15
-"""Stamps below count from the start of the device, and not from 1970."""
+"""Least stamp that counts from 1970; smaller ones count from the start of the device."""
 LINE: Final = re.compile(
     r"(?P<us>-?\d{1,16}),(?P<id>[0-9A-Fa-f]{1,8}),(?P<wide>true|false|0|1),(?:(?P<way>[RT]x),)?"
     r"(?P<bus>\d{1,3}),(?P<length>\d{1,2})(?P<data>(?:,[0-9A-Fa-f]{0,2})*)",
@@ -23,7 +23,7 @@ CLASSIC_COLUMNS: Final = 8
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames; bus 0 is called `can0`."""
+    """Yield the frames; bus 0 is called `can0`."""
     taker = _Taker(damages)
     yield from read_lines(path, options, damages, taker.take)
 

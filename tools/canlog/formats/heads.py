@@ -1,4 +1,4 @@
-"""How each format begins, so that only the reader of the recognised format is loaded."""
+"""First bytes of each format, so that canlog loads only the reader of the recognised format."""
 
 import re
 from typing import Final
@@ -10,11 +10,11 @@ PCAP_MAGICS: Final = (
     b"\xa1\xb2\x3c\x4d",
     b"\x4d\x3c\xb2\xa1",
 )
-"""Of stamps in micro- and nanoseconds, in either order of bytes."""
+"""Magic numbers for stamps in micro- or nanoseconds, in either byte order."""
 PCAPNG_SECTION: Final = b"\n\r\r\n"
 KVASER: Final = re.compile(rb"\s*Chn\s+Identifier\s+Flg", re.IGNORECASE)
 KVASER_LINES: Final = 40
-"""Settings may stand before the head of the columns."""
+"""Number of lines searched for the column head; settings may stand before it."""
 
 
 def is_pcap(head: bytes) -> bool:

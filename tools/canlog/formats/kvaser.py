@@ -1,4 +1,4 @@
-"""Text logs of Kvaser's CANKing: columns of channel, identifier, flags, data and time."""
+"""Kvaser CANKing text logs: columns of channel, identifier, flags, data and time."""
 
 import re
 from collections.abc import Iterator
@@ -25,13 +25,13 @@ ENDED: Final = ("Logging stopped", "Log ", "=", "Time", "Settings", "Kvaser", "T
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames; channel 0 is called `can0`. Stamps count from the start of the log."""
+    """Yield the frames; channel 0 is called `can0`. Stamps count from the start of the log."""
     damages.add(NO_DATE, "line", None, "the format has none; stamps count from the start")
     yield from read_lines(path, options, damages, _Taker().take)
 
 
 class _Taker:
-    """Numbers are hexadecimal unless an identifier or a byte needs three decimal digits."""
+    """Parses lines; numbers are hexadecimal unless a data byte has three digits."""
 
     def take(self, line: str, rows: Rows) -> str | None:
         if KVASER.match(line.encode("ascii", "replace")) or line.startswith(ENDED):

@@ -1,4 +1,4 @@
-"""MCAP for Foxglove: raw frames on `/can/CHANNEL`, decoded messages on a topic of their own."""
+"""MCAP for Foxglove: raw frames on `/can/CHANNEL`, each decoded message on its own topic."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -38,7 +38,7 @@ def _library() -> Any:
 
 
 def write(path: Path, blocks: Iterable[Frames], losses: Damages, bus: Bus | None = None) -> None:
-    """All frames, and their signals in physical values as JSON for whoever draws them."""
+    """Write all frames, and their signals as JSON with physical values for plotting tools."""
     module = _library()
     bus = bus or load_bus()
     with path.open("wb") as raw:
@@ -55,7 +55,7 @@ def write(path: Path, blocks: Iterable[Frames], losses: Damages, bus: Bus | None
 
 
 class _Topics:
-    """Registers topics when they are first written to."""
+    """Registers each topic at its first message."""
 
     def __init__(self, out: Any) -> None:
         self._out = out
@@ -127,7 +127,7 @@ def _contents(table: Table) -> list[dict[str, Any]]:
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The raw frames of a file that `write` has written, in its order.
+    """Yield the raw frames of a file that `write` has written, in its order.
 
     Raises:
         LogError: for a file that cannot be read.
@@ -148,7 +148,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:
-        # The library raises whatever its parsing meets; what came before is whole.
+        # The library raises any error of its parsing; the frames before it are complete.
         damages.add("torn file", "frame", len(rows) + 1, repr(error))
     if len(rows):
         yield rows.take()

@@ -1,4 +1,4 @@
-"""ASAM MDF 4 bus logging: groups of CAN frames, finished or not, up to a torn end."""
+"""ASAM MDF 4 bus logging: groups of CAN frames, in finished, unfinished or torn files."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -37,17 +37,17 @@ KINDS: Final = {"CAN_DataFrame": 0, "CAN_ErrorFrame": ERROR, "CAN_RemoteFrame": 
 NS_PER_S: Final = 1_000_000_000
 EXACT_NS: Final = 1 << 62
 GATHERED: Final = 1 << 16
-"""Records that are taken together at most."""
+"""Maximum number of records that are taken together."""
 LENGTH_BYTES: Final = 4
-"""Of a value of variable length, before it."""
+"""Size of the length field before a value of variable length."""
 _LENGTHS: Final = np.array(FD_LENGTHS, np.uint8)
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames of all groups of CAN frames, merged by their stamps; bus 1 is called `can1`.
+    """Yield the frames of all CAN groups, merged by their stamps; bus 1 is called `can1`.
 
-    Stamps of the format are often seconds since the start as float64: exact to a nanosecond for
-    logs of up to 50 days. A file that ends inside its records gives the whole ones.
+    Stamps are often float64 seconds since the start: exact to a nanosecond for logs of up to 50
+    days. A file that ends inside a record gives all complete records.
 
     Raises:
         LogError: for a file that is no MDF 4 file.
@@ -62,7 +62,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
 
 
 class _Reader:
-    """One data group: its records, and the frames in them."""
+    """Reads the records of one data group, and the frames in them."""
 
     def __init__(
         self, file: Mf4File, data: DataGroup, options: ReadOptions, damages: Damages
@@ -84,7 +84,7 @@ class _Reader:
             yield from self._unsorted()
 
     def _sorted(self, group: Group) -> Iterator[Frames]:
-        """Records of one shape, one behind the other."""
+        """Yield the frames of records of one layout that follow each other."""
         if not group.size:
             return
         done, limit = 0, None if self._file.cycles_open else group.count
@@ -103,10 +103,10 @@ class _Reader:
                 yield self._frames(group, records.reshape(count, group.size), values)
             done += count
             rest = bytes(content[count * group.size :])
-        self._tell_missing(group, done, len(rest) if limit is None else 0)
+        self._report_missing(group, done, len(rest) if limit is None else 0)
 
-    def _tell_missing(self, group: Group, done: int, rest: int) -> None:
-        """What a torn file lacks."""
+    def _report_missing(self, group: Group, done: int, rest: int) -> None:
+        """Report the records that a torn file lacks."""
         if not self._file.cycles_open and done < group.count:
             words = f"{done} of {group.count} records of {_name(group)} are there"
             self._damages.add("torn file", "frame", done + 1, words, group.count - done)
@@ -115,7 +115,7 @@ class _Reader:
             self._damages.add("torn file", "frame", done + 1, words)
 
     def _values_of(self, group: Group) -> "_Values | None":
-        """Data of variable length that lie in a block of their own."""
+        """Return the data of variable length if they lie in a block of their own."""
         name = _kind(group) or ""
         field = group.fields.get(f"{name}.DataBytes")
         if field is None or field.kind != VARIABLE:
@@ -125,7 +125,7 @@ class _Reader:
         return values
 
     def _unsorted(self) -> Iterator[Frames]:
-        """Records of several shapes, each with the number of its group before it."""
+        """Yield the frames of records of several layouts, each preceded by its group number."""
         by_id = {group.record_id: group for group in self._data.groups}
         values = {group.at: _Values() for group in self._data.groups if group.is_variable}
         done = dict.fromkeys(by_id, 0)
@@ -137,7 +137,7 @@ class _Reader:
             stop, places, numbers = _walk(content, self._data.id_bytes, by_id)
             broken = stop < 0
             if broken:
-                words = "of no group of the file; what comes behind it is lost"
+                words = "of no group of the file; the records after it are lost"
                 self._damages.add("broken record", "frame", sum(done.values()) + len(places), words)
                 stop = len(content)
             rest = content[stop:]
@@ -162,12 +162,12 @@ class _Reader:
             self._damages.add("torn file", "frame", sum(done.values()) + 1, words, max(lost, 1))
         if not self._file.cycles_open and not rest:
             for number in self._kinds:
-                self._tell_missing(by_id[number], done[number], 0)
+                self._report_missing(by_id[number], done[number], 0)
 
     def _ready_blocks(
         self, by_id: Mapping[int, Group], waiting: dict[int, Any], values: "Mapping[int, _Values]"
     ) -> list[Frames]:
-        """Take the records out of `waiting` whose data of variable length have been read."""
+        """Take the records out of `waiting` whose data of variable length has been read."""
         blocks = []
         for number, records in waiting.items():
             group = by_id[number]
@@ -192,12 +192,12 @@ def _kind(group: Group) -> str | None:
 
 
 def _name(group: Group) -> str:
-    """What a group is called by its first channel that is no clock."""
+    """Name of a group: that of its first channel that is not a clock."""
     return next((name.partition(".")[0] for name in group.fields if name), "group without channels")
 
 
 def _gathered(pieces: Iterable[bytes | bytearray], least: int) -> Iterator[bytes | bytearray]:
-    """Pieces put together until they hold this many bytes."""
+    """Join pieces until they hold at least this many bytes."""
     parts: list[bytes | bytearray] = []
     size = 0
     for piece in pieces:
@@ -211,9 +211,10 @@ def _gathered(pieces: Iterable[bytes | bytearray], least: int) -> Iterator[bytes
 
 
 def _walk(content: bytes, id_bytes: int, groups: dict[int, Group]) -> tuple[int, Any, Any]:
-    """Where the first record begins that is not whole, or -1 behind a record of no group.
+    """Find the records in a piece of content.
 
-    And of each record where it begins behind its number, and that number.
+    It returns where the first incomplete record begins, or -1 after a record of an unknown group.
+    It also returns the place of each record after its group number, and that number.
     """
     sizes = {number: -1 if each.is_variable else each.size for number, each in groups.items()}
     found = kernel.records(content, id_bytes, sizes)
@@ -240,18 +241,18 @@ def _walk(content: bytes, id_bytes: int, groups: dict[int, Group]) -> tuple[int,
 
 
 class _Values:
-    """Values of variable length, found by where they lie in a stream of lengths and bytes."""
+    """Values of variable length, addressed by their offset in a stream of lengths and bytes."""
 
     def __init__(self) -> None:
         self._text = np.zeros(0, np.uint8)
         self._begin = 0
-        """Of the text in the stream: what comes before has been used."""
+        """Offset of `_text` in the stream; the values before it have been used."""
 
     def add_content(self, content: bytes) -> None:
         self._text = np.concatenate([self._text, np.frombuffer(content, np.uint8)])
 
     def add_records(self, text: Bytes, places: Ints) -> None:
-        """Length and bytes of records that lie at places of a text."""
+        """Append length and bytes of the records at these places of a text."""
         if not len(places):
             return
         padded = np.concatenate([text, np.zeros(LENGTH_BYTES, np.uint8)])
@@ -262,12 +263,12 @@ class _Values:
         self._text = np.concatenate([self._text, text[index]])
 
     def ready(self, offsets: Any) -> int:
-        """How many of these values, from the first one on, are there."""
+        """Return how many of these values, from the first on, have been read."""
         there = offsets.astype(np.int64) < self._begin + len(self._text)
         return len(there) if there.all() else int(there.argmin())
 
     def take(self, offsets: Any) -> tuple[Bytes, Any]:
-        """(n, 8) or (n, 64) bytes, and how many of them each value has."""
+        """Return (n, 8) or (n, 64) bytes, and the length of each value."""
         at = offsets.astype(np.int64) - self._begin
         at = np.clip(at, 0, len(self._text))
         padded = np.concatenate([self._text, np.zeros(LENGTH_BYTES + FD_BYTES, np.uint8)])
@@ -276,7 +277,7 @@ class _Values:
         width = CLASSIC_BYTES if int(sizes.max(initial=0)) <= CLASSIC_BYTES else FD_BYTES
         data = np.lib.stride_tricks.sliding_window_view(padded, width)[at + LENGTH_BYTES].copy()
         if len(at):
-            # Values are used in their order; those before the last one are not needed again.
+            # Values are used in order, so those before the last one are not needed again.
             cut = int(at.max())
             self._text, self._begin = self._text[cut:], self._begin + cut
         return data, sizes.astype(np.uint8)
@@ -336,7 +337,7 @@ def _frames(
 
 
 def _data(group: Group, name: str, records: Any, values: _Values | None) -> tuple[Bytes, Any]:
-    """(n, 8) or (n, 64), and the lengths of values that have their own."""
+    """Return (n, 8) or (n, 64) data, and the lengths of values that have their own."""
     found = group.fields.get(f"{name}.DataBytes")
     if found is None:
         return np.zeros((len(records), CLASSIC_BYTES), np.uint8), None
@@ -354,7 +355,7 @@ def _data_none(records: Any) -> tuple[Bytes, Any]:
 
 
 def _stamps_ns(field: Field | None, records: Any, damages: Damages, name: str) -> Ints:
-    """(n,) nanoseconds since the start."""
+    """(n,) nanoseconds since the start of the log."""
     if field is None:
         damages.add("no stamps", "frame", None, f"{name}: its group has no clock; all are at 0")
         return np.zeros(len(records), np.int64)
@@ -373,7 +374,7 @@ def _stamps_ns(field: Field | None, records: Any, damages: Damages, name: str) -
 
 
 def merged(sources: Iterable[Iterator[Frames]]) -> Iterator[Frames]:
-    """Blocks of several sources that are each in order, in the order of their stamps."""
+    """Merge blocks of several sources, each in order, by their stamps."""
     waiting: list[tuple[Frames, Iterator[Frames]]] = []
     for source in sources:
         first = next(source, None)
@@ -385,7 +386,7 @@ def merged(sources: Iterable[Iterator[Frames]]) -> Iterator[Frames]:
             yield block
             yield from source
             return
-        # Up to the earliest end of a block everything that comes before it is at hand.
+        # Up to the earliest end of a block, all frames are available.
         limit_ns = min(int(block.at_ns[-1]) for block, _ in waiting)
         taken: list[Frames] = []
         left: list[tuple[Frames, Iterator[Frames]]] = []

@@ -1,4 +1,4 @@
-"""The blocks of an MDF 4 file: its groups of records, where their fields lie, and their bytes."""
+"""Reads the block structure of an MDF 4 file: record groups, their fields and their bytes."""
 
 import struct
 from collections.abc import Iterator
@@ -14,11 +14,11 @@ HEADER_AT: Final = 64
 HEAD_BYTES: Final = 24
 LINKS_MAX: Final = 1 << 16
 BLOCKS_MAX: Final = 1 << 20
-"""A chain of more blocks runs in a circle."""
+"""Maximum length of a chain of blocks; a longer one must be a cycle."""
 PIECE_BYTES: Final = 1 << 22
 UNFINISHED: Final = b"UnFinMF"
 CYCLES_OPEN, LENGTH_OPEN = 0x1, 0x4
-"""Flags of an unfinished file: what its writer would still have filled in."""
+"""Flags of an unfinished file: what its writer had not yet filled in."""
 VLSD_GROUP: Final = 0x1
 FIXED, VARIABLE, MASTER, VIRTUAL_MASTER = 0, 1, 2, 3
 LINEAR: Final = 1
@@ -28,7 +28,7 @@ WORD_BITS: Final = 64
 
 @dataclass(frozen=True, slots=True)
 class Mf4Block:
-    """A block without its data: where it lies, what it links to."""
+    """A block without its data: its place and its links."""
 
     at: int
     kind: bytes
@@ -42,32 +42,32 @@ class Mf4Block:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Where one channel lies in the record of its group."""
+    """Position of one channel in the record of its group."""
 
     kind: int
-    """FIXED, VARIABLE, MASTER or VIRTUAL_MASTER, as the format numbers them."""
+    """FIXED, VARIABLE, MASTER or VIRTUAL_MASTER, with the numbers of the format."""
     data_type: int
     bit: int
     byte: int
     bits: int
     step_s: float
-    """Of a clock: seconds for each count, and those at a count of 0."""
+    """For a clock: seconds per count."""
     zero_s: float
     data_link: int
-    """Of a VARIABLE one: the block with its values."""
+    """For a VARIABLE field: link to the block with its values."""
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Records of one shape."""
+    """Records of one layout."""
 
     at: int
     record_id: int
     count: int
-    """As the file says; it may be wrong in an unfinished one."""
+    """Number of records that the file claims; it may be wrong in an unfinished file."""
     flags: int
     size: int
-    """Bytes of a record, behind its number."""
+    """Bytes of a record after its group number."""
     fields: dict[str, Field]
 
     @property
@@ -77,7 +77,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class DataGroup:
-    """Groups whose records lie in the same bytes."""
+    """Groups that share one stream of records."""
 
     id_bytes: int
     data_link: int
@@ -85,10 +85,10 @@ class DataGroup:
 
 
 class Mf4File:
-    """An open file. Links that lead nowhere end a chain and are counted."""
+    """An open file. Broken links end a chain and are counted as damage."""
 
     def __init__(self, data: Any, size: int, damages: Damages, inflate: Any) -> None:
-        """Raises LogError for what is no MDF 4 file."""
+        """Raises LogError for data that is no MDF 4 file."""
         self.data, self.size = data, size
         self._damages, self._inflate = damages, inflate
         if size < HEADER_AT + HEAD_BYTES:
@@ -104,7 +104,7 @@ class Mf4File:
 
     @property
     def start_ns(self) -> int:
-        """The start of the measurement, in UTC where the file knows its time zone."""
+        """Start of the measurement, in UTC if the file knows its time zone."""
         start_ns: int = struct.unpack("<Q", self.data[self._header.body : self._header.body + 8])[0]
         return start_ns if start_ns < 1 << 63 else 0
 
@@ -118,11 +118,11 @@ class Mf4File:
             yield DataGroup(id_bytes, block.links[2], groups)
 
     def block(self, at: int, *kinds: bytes) -> Mf4Block | None:
-        """The block that a link leads to; None for one that is not there or of another kind."""
+        """Return the block that a link leads to; None if it is missing or of another kind."""
         if at == 0 and HEADER_AT:
             return None
         if at < HEADER_AT or at + HEAD_BYTES > self.size:
-            self._damages.add("broken link", "byte", at, "it leads behind the end of the file")
+            self._damages.add("broken link", "byte", at, "it leads beyond the end of the file")
             return None
         kind, size, count = struct.unpack("<4s4xQQ", self.data[at : at + HEAD_BYTES])
         if kind not in kinds:
@@ -136,7 +136,7 @@ class Mf4File:
         return Mf4Block(at, kind, size, links)
 
     def _chain(self, at: int, kind: bytes) -> Iterator[Mf4Block]:
-        """Blocks that each link to the next one first."""
+        """Yield a chain of blocks in which the first link of each leads to the next."""
         seen: set[int] = set()
         while at and at not in seen and len(seen) < BLOCKS_MAX:
             seen.add(at)
@@ -155,7 +155,7 @@ class Mf4File:
         return Group(block.at, record_id, count, flags, size + unused, fields)
 
     def _add_fields(self, at: int, fields: dict[str, Field], depth: int = 0) -> None:
-        """Channels by their names, those that channels are made of among them."""
+        """Add channels by name, including the parts of composed channels."""
         for block in self._chain(at, b"##CN"):
             body = self.data[block.body : block.body + 24].ljust(24, b"\0")
             kind, _sync, data_type, bit, byte, bits = struct.unpack("<BBBBII12x", body)
@@ -172,7 +172,7 @@ class Mf4File:
                 self._add_fields(composed, fields, depth + 1)
 
     def _conversion(self, at: int) -> tuple[float, float]:
-        """Factor and offset of a linear conversion; 1 and 0 of any other."""
+        """Return factor and offset of a linear conversion; 1 and 0 for any other."""
         block = self.block(at, b"##CC") if at else None
         if block is None:
             return 1.0, 0.0
@@ -191,7 +191,7 @@ class Mf4File:
         return raw.split(b"\0")[0].decode("utf-8", "replace")
 
     def content(self, at: int) -> Iterator[bytes | bytearray]:
-        """The bytes behind a data link, in pieces, as far as they are there."""
+        """Yield the bytes behind a data link in pieces, up to the first missing one."""
         block = self.block(at, b"##DT", b"##DZ", b"##DL", b"##HL", b"##SD") if at else None
         seen: set[int] = set()
         while block is not None and block.at not in seen:
@@ -208,7 +208,7 @@ class Mf4File:
             for link in block.links[1:]:
                 piece = self.block(link, b"##DT", b"##DZ", b"##SD") if link else None
                 if piece is None:
-                    # Records behind a gap would be read from a wrong place.
+                    # Records after a gap would be read from a wrong place.
                     return
                 if piece.kind == b"##DZ":
                     yield self._unpacked(piece)
@@ -244,21 +244,23 @@ class Mf4File:
         try:
             content: bytes | bytearray = self._inflate(packed, size)
         except Exception:
-            # Each library has an error of its own; the standard one finds out what is wrong.
+            # Each library raises its own error; the standard library finds out what is wrong.
             content, fault = rescued(packed)
             return content, fault or f"{len(content)} bytes where it says {size}"
         return content, "" if len(content) == size else f"{len(content)} bytes where it says {size}"
 
 
 def _untransposed(content: bytes | bytearray, columns: int) -> bytes:
-    """Undo the order in which all first bytes of records come before all second ones."""
+    """Undo the transposition in which the first bytes of all records come first, then the second
+    ones.
+    """
     rows = len(content) // columns
     whole = np.frombuffer(content, np.uint8, rows * columns).reshape(columns, rows)
     return whole.T.tobytes() + bytes(content[rows * columns :])
 
 
 def numbers_of(records: Any, field: Field) -> Any:
-    """(n,) an unsigned or float channel of (n, size) records, without its conversion."""
+    """(n,): an unsigned or float channel of (n, size) records, without its conversion."""
     first, size = field.byte, (field.bit + field.bits + 7) // 8
     if field.bits == 0 or first + size > records.shape[1] or size > 9:
         return np.zeros(len(records), np.uint64)

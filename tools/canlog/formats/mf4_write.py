@@ -1,4 +1,4 @@
-"""Writes MDF 4 bus logging: a group each for data, error and remote frames, by asammdf."""
+"""Writes MDF 4 bus logging with asammdf: one group each for data, error and remote frames."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -28,7 +28,7 @@ from canlog.writing import Numbers, lost
 
 NS_PER_S: Final = 1_000_000_000
 EXACT_NS: Final = 1 << 52
-"""A float64 of seconds gives every nanosecond back up to here."""
+"""Time up to which a float64 of seconds holds every nanosecond exactly."""
 SOURCE_BUS, BUS_TYPE_CAN = 2, 2
 BUS_EVENT: Final = 0x2 | 0x4
 _CODES: Final = np.array([min(c for c, n in enumerate(FD_LENGTHS) if n >= k) for k in range(65)])
@@ -38,10 +38,10 @@ GROUPS: Final = (("CAN_DataFrame", 0), ("CAN_ErrorFrame", ERROR), ("CAN_RemoteFr
 
 
 def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
-    """All frames, a block at a time.
+    """Write all frames, block by block.
 
-    Stamps of a group must not run backwards, so frames are sorted over the length of a block. One
-    that comes even later begins another group, which readers merge by the stamps again.
+    Stamps of a group must not run backwards, so frames are sorted over the length of a block. An
+    even later frame begins another group; readers merge the groups by their stamps.
     """
     try:
         from asammdf import MDF
@@ -53,14 +53,14 @@ def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
         for frames in in_order(blocks, losses):
             if out is None:
                 out = _Writer(file, first_ns_of(frames), losses)
-                # Whole milliseconds: what the head of the format is made from has no more.
+                # Whole milliseconds: asammdf stores the start time no finer.
                 file.header.abs_time = out.start_ns
             out.add(frames)
         file.save(str(path), overwrite=True, compression=1)
 
 
 def in_order(blocks: Iterable[Frames], losses: Damages) -> Iterator[Frames]:
-    """The frames sorted by their stamps, as far as those of two blocks tell."""
+    """Yield the frames sorted by their stamps, over the length of two blocks."""
     waiting, last_ns, sorted_ = empty(), 0, True
     for block in blocks:
         if not len(block):
@@ -80,7 +80,7 @@ def in_order(blocks: Iterable[Frames], losses: Damages) -> Iterator[Frames]:
 
 
 class _Writer:
-    """Puts blocks into groups of an open file: of each kind of frame, of short and of long data."""
+    """Writes blocks into groups of an open file, by kind of frame and by short or long data."""
 
     def __init__(self, file: Any, start_ns: int, losses: Damages) -> None:
         from asammdf.blocks.source_utils import Source
@@ -92,7 +92,7 @@ class _Writer:
             name="CAN", path="CAN", comment="", source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN
         )
         self._groups: dict[tuple[str, bool], tuple[int, int]] = {}
-        """By name and whether data is long: index in the file, and the last stamp."""
+        """Index in the file and last stamp of each group, by name and whether its data is long."""
 
     def add(self, frames: Frames) -> None:
         past_ns = frames.at_ns - self.start_ns
@@ -100,7 +100,7 @@ class _Writer:
             self._losses,
             np.abs(past_ns) >= EXACT_NS,
             "nanoseconds",
-            "so long a log rounds its stamps",
+            "a log of this length has rounded stamps",
         )
         channel = self._numbers.of(frames)
         for name, flag in GROUPS:
@@ -123,7 +123,7 @@ class _Writer:
                 common_timebase=True,
             )
             index = len(self._file.groups) - 1
-            # A group of frames is told from one of signals by this flag of its head.
+            # This flag in the head marks a group of frames rather than of signals.
             head: Any = self._file.groups[index].channel_group
             head.flags |= BUS_EVENT
         self._groups[place] = index, int(past_ns[-1])

@@ -1,4 +1,4 @@
-"""Text logs of Microchip's CAN BUS Analyzer: fields parted by semicolons, milliseconds."""
+"""Microchip CAN BUS Analyzer text logs: fields separated by semicolons, stamps in milliseconds."""
 
 import re
 from collections.abc import Iterator
@@ -25,12 +25,12 @@ LINE: Final = re.compile(
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames, all on channel `can0`; stamps count from the start in the head, local time."""
+    """Yield the frames, all on channel `can0`; stamps count from the local time in the head."""
     yield from read_lines(path, options, damages, _Taker(options, damages).take)
 
 
 class _Taker:
-    """Follows the comment at the head, which two lines of slashes enclose."""
+    """Parses lines, and the comment at the head between two lines of slashes."""
 
     def __init__(self, options: ReadOptions, damages: Damages) -> None:
         self._options, self._damages = options, damages
@@ -52,7 +52,7 @@ class _Taker:
     def _start(self, found: re.Match[str]) -> None:
         first, second, year, hour, minute, past = (int(each) for each in found.groups()[:6])
         half = (found[7] or "").upper()
-        # American programs say the half of the day and put the month first.
+        # American programs write AM or PM and put the month first.
         day, month = (second, first) if half or second > 12 else (first, second)
         if half:
             hour = hour % 12 + 12 * (half == "PM")

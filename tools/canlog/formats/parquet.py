@@ -1,4 +1,4 @@
-"""Frames as a Parquet table: exact, small, and readable by pandas, polars and DuckDB."""
+"""Frames as a Parquet table: exact, small, and readable with pandas, polars and DuckDB."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ COLUMNS: Final = ("at_ns", "channel", "identifier", "flags", "length", "data")
 
 
 def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
-    """All of every frame: nothing is lost."""
+    """Write every frame without loss."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -57,10 +57,10 @@ def _table(frames: Frames, schema: Any) -> Any:
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames of a table that `write` has written, group by group.
+    """Yield the frames of a table that `write` has written, row group by row group.
 
     Raises:
-        LogError: for a file that is no Parquet file or holds something else.
+        LogError: for a file that is no Parquet file or holds other content.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -70,7 +70,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
             metadata = file.schema_arrow.metadata or {}
             names = set(file.schema_arrow.names)
             if metadata.get(b"kind") != KIND or not names >= set(COLUMNS):
-                raise LogError(f"{path}: a Parquet table, but none of frames")
+                raise LogError(f"{path}: a Parquet table, but not one of frames")
             yield from _blocks(file, options, damages)
     except (pa.ArrowException, OSError) as error:
         raise LogError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error
@@ -116,7 +116,7 @@ def _frames(batch: Any, known: list[str]) -> Frames:
 
 
 def _data(column: Any) -> Bytes:
-    """(n, 8) or (n, 64) of a binary column."""
+    """Return (n, 8) or (n, 64) bytes of a binary column."""
     if column.null_count:
         raise ValueError("frames without data")
     offsets = np.frombuffer(column.buffers()[1], np.int32)[

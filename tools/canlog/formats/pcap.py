@@ -1,4 +1,4 @@
-"""pcap and pcapng captures of SocketCAN interfaces, as tcpdump and Wireshark write them."""
+"""pcap and pcapng captures of SocketCAN interfaces, as written by tcpdump and Wireshark."""
 
 import struct
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ MICROSECONDS, NANOSECONDS = 0xA1B2C3D4, 0xA1B23C4D
 SECTION, INTERFACE, OLD_PACKET, SIMPLE, ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 ORDER_MARK: Final = 0x1A2B3C4D
 SOCKETCAN, COOKED, COOKED_2 = 227, 113, 276
-"""Link types: bare frames, and frames behind the head of a cooked capture of either version."""
+"""Link types: bare frames, and frames after the head of a cooked capture of version 1 or 2."""
 CAN_PROTOCOLS: Final = (0x000C, 0x000D)
 CAN_XL: Final = 0x000E
 OUTGOING: Final = 4
@@ -38,7 +38,7 @@ EFF, RTR, ERR = 0x8000_0000, 0x4000_0000, 0x2000_0000
 FD_BRS, FD_ESI, FD_FDF = 1, 2, 4
 FRAME_HEAD: Final = 8
 FD_FRAME: Final = 72
-"""A whole `canfd_frame`: what is captured so is CAN FD whatever its flags say."""
+"""Size of a complete `canfd_frame`: a capture of this size is CAN FD, whatever its flags say."""
 NAME_OPTION, FLAGS_OPTION, RESOLUTION_OPTION, OFFSET_OPTION = 2, 2, 9, 14
 NS_PER_S: Final = 1_000_000_000
 CHANNELS_MAX: Final = 256
@@ -49,18 +49,18 @@ Order = Literal["little", "big"]
 
 @dataclass(frozen=True, slots=True)
 class _Interface:
-    """Where packets come from."""
+    """A capture interface, the source of packets."""
 
     link: int
     name: str
     per_second: int
-    """Ticks of its stamps."""
+    """Ticks per second of its stamps."""
     offset_s: int
 
 
 @dataclass(frozen=True, slots=True)
 class _Packet:
-    """Where a packet lies, and when it came."""
+    """Place and stamp of one packet."""
 
     at: int
     size: int
@@ -70,12 +70,12 @@ class _Packet:
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The CAN frames of a capture. Packets of other networks are skipped.
+    """Yield the CAN frames of a capture, and skip packets of other networks.
 
-    An interface of pcapng goes by its name; the only one of pcap is called `can0`.
+    An interface of pcapng keeps its name; the only interface of pcap is called `can0`.
 
     Raises:
-        LogError: for a file that begins as neither.
+        LogError: for a file that is neither pcap nor pcapng.
     """
     with opened(path, damages) as file:
         capture = _Capture(file.data, file.size, damages)
@@ -95,7 +95,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
 
 
 class _Capture:
-    """Packet after packet of one file."""
+    """Walks the packets of one file."""
 
     def __init__(self, data: Any, size: int, damages: Damages) -> None:
         self._data, self._size, self._damages = data, size, damages
@@ -104,7 +104,7 @@ class _Capture:
         return int.from_bytes(self._data[at : at + size], order)
 
     def records(self) -> Iterator[_Packet]:
-        """Of a pcap file."""
+        """Yield the packets of a pcap file."""
         order: Order = "little"
         if self._number(0, 4, order) not in (MICROSECONDS, NANOSECONDS):
             order = "big"
@@ -127,7 +127,7 @@ class _Capture:
             self._damages.add("torn file", "byte", at, "it ends inside the head of a packet")
 
     def blocks(self) -> Iterator[_Packet]:
-        """Of a pcapng file; each section has an order of bytes and interfaces of its own."""
+        """Yield the packets of a pcapng file; a section has its own byte order and interfaces."""
         order: Order = "little"
         interfaces: list[_Interface] = []
         at = 0
@@ -198,7 +198,7 @@ class _Capture:
 
 
 class _Taken:
-    """Frames of packets, gathered until they make a block."""
+    """Gathers frames of packets until they make a block."""
 
     def __init__(self, data: Any, damages: Damages) -> None:
         self._data, self._damages = data, damages
@@ -254,7 +254,7 @@ class _Taken:
         self._channel.append(self._names.index(name))
 
     def frames(self) -> Frames:
-        """All since the last time."""
+        """Return all frames added since the last call."""
         raw = np.frombuffer(b"".join(self._heads), np.uint8).reshape(-1, FD_FRAME)
         wide = np.ascontiguousarray(raw[:, :4]).view(">u4")[:, 0].astype(np.uint32)
         flags = np.array(self._flags, np.uint8)

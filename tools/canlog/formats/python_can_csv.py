@@ -1,4 +1,4 @@
-"""CSV as python-can's CSVWriter writes it."""
+"""CSV in the format of python-can's CSVWriter."""
 
 import base64
 import binascii
@@ -19,11 +19,11 @@ LINE: Final = re.compile(
     re.ASCII,
 )
 CHANNEL: Final = "can0"
-"""The format names none."""
+"""Channel of all frames; the format does not name one."""
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames, all on channel `can0`."""
+    """Yield the frames, all on channel `can0`."""
     yield from read_lines(path, options, damages, _take)
 
 
@@ -48,7 +48,7 @@ def _take(line: str, rows: Rows) -> str | None:
 def add_message(
     rows: Rows, at_ns: int | None, identifier: int, flags: int, length: int, data: bytes
 ) -> str | None:
-    """The frame of a message of python-can; JUNK where its numbers contradict each other."""
+    """Add the frame of a python-can message; return JUNK if its numbers contradict each other."""
     limit = 0x1FFF_FFFF if flags & (EXTENDED | ERROR) else 0x7FF
     if at_ns is None or identifier > limit or length not in FD_LENGTHS:
         return JUNK

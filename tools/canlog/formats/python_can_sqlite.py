@@ -1,4 +1,4 @@
-"""SQLite databases as python-can's SqliteWriter writes them."""
+"""SQLite databases in the format of python-can's SqliteWriter."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +14,7 @@ COLUMNS: Final = ("ts", "arbitration_id", "extended", "remote", "error", "dlc", 
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames of the table `messages`, all on channel `can0`.
+    """Yield the frames of the table `messages`, all on channel `can0`.
 
     Raises:
         LogError: for a database that cannot be read or has no such table.

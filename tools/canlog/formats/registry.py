@@ -1,4 +1,4 @@
-"""The formats: which file is which, and who reads and writes it."""
+"""The formats: how to recognise each, and which module reads and writes it."""
 
 import importlib
 from collections.abc import Callable, Iterable, Iterator
@@ -28,15 +28,15 @@ Write = Callable[..., Any]
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One format. Its module has `read`, and `write` where it can be written."""
+    """One format. Its module has `read`, and `write` if the format can be written."""
 
     name: str
     suffixes: tuple[str, ...]
     module: str
     told_by: Callable[[bytes], bool]
-    """Whether the first bytes of a file are those of the format."""
+    """Decides from the first bytes of a file whether it has this format."""
     writes: bool = True
-    """Whether it can be written."""
+    """Whether canlog can write the format."""
 
     @property
     def read(self) -> Read:
@@ -45,7 +45,7 @@ class Format:
 
     @property
     def write(self) -> Write:
-        """Raises LogError for a format that is only read."""
+        """Writer of the format. Raises LogError for a format that is only read."""
         if not self.writes:
             known = ", ".join(each.name for each in FORMATS if each.writes)
             raise LogError(f"{self.name} is only read; --to takes {known}")
@@ -65,7 +65,7 @@ def _trc(head: bytes) -> bool:
 
 
 def _candump(head: bytes) -> bool:
-    """Whether a line is a frame, as candump writes it into files or onto a terminal."""
+    """Whether a line is a frame as candump writes it to files or to a terminal."""
     return any(parse(line.rstrip(b"\r")) is not None for line in head.split(b"\n"))
 
 
@@ -89,7 +89,7 @@ COMPRESSED: Final = (".gz", ".zst")
 
 
 def named(name: str) -> Format:
-    """Raises LogError."""
+    """Return the format of a name. Raises LogError."""
     for each in FORMATS:
         if each.name == name:
             return each
@@ -97,7 +97,7 @@ def named(name: str) -> Format:
 
 
 def by_suffix(path: Path) -> Format | None:
-    """What a file of this name is, `.gz` and `.zst` apart."""
+    """Return the format for a file name, ignoring `.gz` and `.zst`."""
     suffixes = [suffix.lower() for suffix in path.suffixes]
     if suffixes and suffixes[-1] in COMPRESSED:
         suffixes.pop()
@@ -107,10 +107,10 @@ def by_suffix(path: Path) -> Format | None:
 
 
 def format_of(path: Path, name: str | None = None) -> Format:
-    """What a file is: as `name` says, else by its first bytes, else by its own name.
+    """Return the format of a file: by `name` if given, else by its first bytes, else by its suffix.
 
     Raises:
-        LogError: for a file that cannot be read, or of no format that is known.
+        LogError: for a file that cannot be read or has no known format.
     """
     if name is not None:
         return named(name)

@@ -1,4 +1,4 @@
-"""What readers of text formats share: whole lines in, blocks of frames out, the rest counted."""
+"""Shared by readers of text formats: whole lines become blocks of frames, others are counted."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -18,19 +18,19 @@ NS_PER_S: Final = 1_000_000_000
 JUNK: Final = "junk line"
 TORN: Final = "torn line"
 OTHER: Final = "line that is no frame"
-"""Something the format knows beside frames, such as a statistic; it is skipped, not damage."""
+"""Line besides frames that the format defines, such as a statistic; skipped, not damage."""
 NO_DATE: Final = "no date"
-"""The kind of damage of a log whose stamps cannot be told as dates."""
+"""Kind of damage of a log whose stamps are not dates."""
 UTF8_MARK: Final = b"\xef\xbb\xbf"
 
 Fast = Callable[[bytes, list[str]], LineBlock | None]
-"""Parses a block of whole lines as far as it can; None where it cannot at all."""
+"""Parses a block of whole lines as far as it can; None if it cannot parse it at all."""
 Take = Callable[[str, Rows], str | None]
-"""Adds the frame of a line; JUNK, OTHER, or None when all is well."""
+"""Adds the frame of a line; returns JUNK or OTHER for a line without one, None on success."""
 
 
 def decoded(text: bytes) -> str:
-    """UTF-8 where it is that, else Latin-1, which keeps every byte."""
+    """Decode as UTF-8 if that is valid, or else as Latin-1, which keeps every byte."""
     text = text.removeprefix(UTF8_MARK)
     try:
         return text.decode("utf-8")
@@ -47,13 +47,13 @@ def read_lines(
     fast: Fast | None = None,
     start: Callable[[], int] = lambda: 0,
 ) -> Iterator[Frames]:
-    """Blocks of the frames of a text log.
+    """Yield the frames of a text log in blocks.
 
     Args:
-        fast: takes what it can of a block first. Its stamps count from `start`, the instant that
-            lines before have told.
-        is_whole: whether a last line without its end is a whole frame all the same, by its own
-            count of data bytes; `take` has accepted it.
+        is_whole: whether an unfinished last line that `take` accepted still holds a complete
+            frame, by its own number of data bytes.
+        fast: parses what it can of a block first. Its stamps count from `start`.
+        start: instant that the lines before have set.
     """
     rows = Rows()
     for text, number in lines_blocks(path, damages):
@@ -65,7 +65,7 @@ def read_lines(
                 yield made[at : at + options.block_frames]
             text, number = text[text.rfind(b"\n") + 1 :], number + found.lines
         lines = decoded(text).split("\n")
-        # A file may end inside its last line, and the frame there may lack its last bytes.
+        # A file may end inside its last line, whose frame may lack its last bytes.
         torn = lines.pop().strip()
         for at, line in enumerate(lines):
             line = line.strip()
@@ -96,7 +96,7 @@ def _mixed(
     start: Callable[[], int],
     damages: Damages,
 ) -> Frames:
-    """The frames of a block, those of odd lines among them, in the order of the lines."""
+    """Return the frames of a block in line order, with those of lines that only `take` reads."""
     frames, keep, since, start_ns = block.frames, np.ones(len(block.frames), np.bool_), 0, start()
     odd = (block.odd, block.odd_starts, block.odd_ends, block.odd_lines)
     for row, first, last, line_at in zip(*(each.tolist() for each in odd), strict=True):
@@ -118,7 +118,7 @@ def _mixed(
 
 
 def _put(one: Frames, frames: Frames, row: int, start_ns: int) -> Frames:
-    """One frame into its row, whose stamp the start is still to be added to."""
+    """Put one frame into its row; the caller adds the start to its stamp later."""
     width = max(one.data.shape[1], frames.data.shape[1])
     frames = replace(frames, data=widened(frames.data, width))
     frames.at_ns[row] = int(one.at_ns[0]) - start_ns
@@ -129,14 +129,14 @@ def _put(one: Frames, frames: Frames, row: int, start_ns: int) -> Frames:
 
 
 def _both(rows: Rows, last: Rows) -> Iterator[Frames]:
-    """What was gathered, and the frame of the last line."""
+    """Yield the gathered frames, then the frame of the last line."""
     if len(rows):
         yield rows.take()
     yield last.take()
 
 
 def stamp_ns(text: str, digits: int = 9) -> int | None:
-    """A decimal number of seconds, or with 6 digits of milliseconds, as exact nanoseconds."""
+    """Parse seconds, or milliseconds with `digits` 6, into exact nanoseconds; None if malformed."""
     whole, _, fraction = text.partition(".")
     sign = -1 if whole.startswith("-") else 1
     if len(whole) > 12 or not text.isascii() or (fraction and not fraction.isdigit()):
@@ -149,7 +149,7 @@ def stamp_ns(text: str, digits: int = 9) -> int | None:
 
 
 def hex_bytes(texts: list[str], base: int = 16) -> bytes | None:
-    """Bytes written one by one; None when one of them is none."""
+    """Parse bytes written one by one; None if one of them is malformed."""
     try:
         return bytes([int(text, base) for text in texts])
     except ValueError:
@@ -157,7 +157,7 @@ def hex_bytes(texts: list[str], base: int = 16) -> bytes | None:
 
 
 def date_ns(year: int, month: int, day: int, clock: str) -> int | None:
-    """Nanoseconds since 1970 of a date and `hh:mm:ss.fraction`."""
+    """Return nanoseconds since 1970 of a date and `hh:mm:ss.fraction`; None if it is invalid."""
     try:
         at = np.datetime64(f"{year:04d}-{month:02d}-{day:02d}T{clock}", "ns")
     except ValueError:
@@ -166,13 +166,13 @@ def date_ns(year: int, month: int, day: int, clock: str) -> int | None:
 
 
 def first_ns_of(frames: Frames) -> int:
-    """The whole millisecond in which a log begins that is written with stamps since its start."""
+    """Whole millisecond of the first frame: start of a log that is written with relative stamps."""
     first_ns = int(frames.at_ns[0])
     return first_ns - first_ns % 1_000_000
 
 
 def hex_rows(frames: Frames, separator: str = "") -> list[str]:
-    """The data of each frame in hexadecimal, those of remote frames left out by whoever asks."""
+    """Return the data of each frame in hexadecimal; the caller leaves out data of remote frames."""
     width = frames.data.shape[1]
     whole = np.ascontiguousarray(frames.data).tobytes()
     text = (whole.hex(separator) if separator else whole.hex()).upper()

@@ -1,4 +1,4 @@
-"""PEAK's TRC, versions 1.0 to 1.3 and 2.0 to 2.1."""
+"""PEAK TRC, versions 1.0 to 1.3 and 2.0 to 2.1."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -42,26 +42,26 @@ from canlog.rows import Rows
 from canlog.writing import Numbers, lost
 
 DAYS_MAX: Final = 100_000
-"""Stamps of 64 bits reach a little further than this many days from 1970."""
+"""Maximum days since 1970 of a start time; 64 bits of nanoseconds reach a little further."""
 HEAD: Final = re.compile(rb"^;\$[^\n]*", re.MULTILINE)
 LONG: Final = re.compile(rb"\d+\)?[ \t]+[\d.]+[ \t]+(?:FD|FB|FE|BI)\b")
-"""A line of CAN FD, whose data may be long."""
+"""A CAN FD line, whose data may exceed 8 bytes."""
 ODD_MAX: Final = 1000
-"""Lines of a block that are looked at for one of CAN FD."""
+"""Maximum number of odd lines of a block that are searched for a CAN FD line."""
 HEAD_BYTES: Final = 1 << 14
-"""The head of a log is not longer."""
+"""Maximum size of the head of a log."""
 MS_DIGITS: Final = 6
-"""Milliseconds with so many digits are nanoseconds."""
+"""Digits after the point that milliseconds need for nanoseconds."""
 NS_PER_DAY: Final = 86_400 * NS_PER_S
 DAY_OF_1970: Final = 25_569
-"""Days from 30 December 1899."""
+"""Day number of 1970-01-01, counted from 30 December 1899."""
 COLUMNS_1: Final = {
     "1.0": ("N", "O", "I", "L"),
     "1.1": ("N", "O", "d", "I", "L"),
     "1.2": ("N", "O", "B", "d", "I", "L"),
     "1.3": ("N", "O", "B", "d", "I", "R", "L"),
 }
-"""Behind them stand the data."""
+"""Columns of version 1; the data follow them."""
 TYPES: Final = {
     "DT": 0,
     "RR": REMOTE,
@@ -75,15 +75,15 @@ OTHER_TYPES: Final = frozenset({"ST", "EC", "EV"})
 WHOLE: Final = re.compile(
     r"(?:\s[0-9A-Fa-f]{2}|\sRTR|\sRR\s.*\s\d|(?:-|Rx|Tx|[0-9A-Fa-f]{4,8})\s+0)$", re.ASCII
 )
-"""Lines whose end is the end of a frame: both digits of a byte, or a frame without data."""
+"""Line ends that complete a frame: both digits of a byte, or a frame without data."""
 NUMBER: Final = re.compile(r"\d+\)?", re.ASCII)
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
-    """The frames of a TRC file; bus 1, and that of versions without buses, is called `can1`.
+    """Yield the frames of a TRC file; bus 1, and a bus without a number, is called `can1`.
 
-    `$STARTTIME` is local time without a zone: it is taken for UTC, which is said in the damage,
-    unless `options.utc_offset_s` says where it was written.
+    `$STARTTIME` is local time without a zone. It is taken as UTC and reported as damage, unless
+    `options.utc_offset_s` gives the zone.
     """
     taker = _Taker(options, damages)
     fast = taker.fast if options.compiled else None
@@ -101,7 +101,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
 
 
 class _Taker:
-    """Follows the head of one file."""
+    """Parses lines; follows the version and the columns in the head."""
 
     def __init__(self, options: ReadOptions, damages: Damages) -> None:
         self._options, self._damages = options, damages
@@ -113,14 +113,14 @@ class _Taker:
 
     @property
     def start_ns(self) -> int:
-        """What stamps count from."""
+        """The instant that stamps count from."""
         return self._start_ns
 
     def fast(self, text: bytes, channels: list[str]) -> LineBlock | None:
-        """A block by the kernel, once the head has told the columns."""
+        """Parse a block with the kernel, once the head has named the columns."""
         version, columns = self._version, self._columns
         if b";$" in text:
-            # The lines of the head are taken one by one as well, behind this.
+            # The caller takes the lines of the head one by one later; this probe reads them ahead.
             probe = _Taker(self._options, Damages())
             for line in HEAD.findall(text[:HEAD_BYTES]):
                 probe.take(line.decode("latin-1").strip(), Rows())
@@ -165,7 +165,7 @@ class _Taker:
             columns = [each.strip() for each in value.split(",")]
             if not {"N", "O", "I"} <= set(columns) or not {"l", "L"} & set(columns):
                 return JUNK
-            # Data are the rest of the line, however many blanks they have.
+            # The data are the rest of the line, however many blanks it has.
             self._columns = tuple(each for each in columns if each != "D")
         elif name == "$STARTTIME":
             try:
@@ -185,7 +185,7 @@ class _Taker:
         return None
 
     def _first(self, told: dict[str, str], rows: Rows) -> str | None:
-        """A line of version 1."""
+        """Parse a line of version 1."""
         way = told.get("d", "Rx")
         if way.lower() in ("warng", "error"):
             return self._error(told, rows) if way.lower() == "error" else OTHER
@@ -205,7 +205,7 @@ class _Taker:
         return self._add(told, flags, length, data, rows)
 
     def _second(self, told: dict[str, str], rows: Rows) -> str | None:
-        """A line of version 2."""
+        """Parse a line of version 2."""
         kind = told.get("T", "DT")
         if kind not in TYPES:
             return OTHER if kind in OTHER_TYPES else JUNK
@@ -258,7 +258,7 @@ def _is_number(text: str) -> bool:
 
 
 def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
-    """All frames as version 2.1, whose stamps are microseconds."""
+    """Write all frames as version 2.1, with stamps in microseconds."""
     numbers = Numbers(losses, most=16)
     start_ns: int | None = None
     done = 0
@@ -273,7 +273,7 @@ def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
             lost(losses, past_ns % 1000 != 0, "nanoseconds", "stamps are cut to microseconds", done)
             lost(losses, past_ns < 0, "stamp", "before the start; stamped with it", done)
             error = (frames.flags & ERROR) != 0
-            lost(losses, error, "error detail", "class and data of error frames are not told", done)
+            lost(losses, error, "error detail", "class and data of error frames are not kept", done)
             channels = numbers.of(frames).tolist()
             out.write("".join(_lines(frames, np.maximum(past_ns, 0), channels, done)).encode())
             done += len(frames)
