@@ -1,7 +1,7 @@
-"""The compiled kernel for text and objects, where there is a C compiler; else numpy does the same.
+"""The compiled kernel for text and BLF objects; without a C compiler numpy does the same work.
 
-`kernel.c` is compiled once for each version of it into the user's cache, and tests hold both ways
-to the same columns. CANLOG_KERNEL=off leaves it out.
+Each version of `kernel.c` is compiled once into the user's cache. Tests compare the columns of both
+ways. CANLOG_KERNEL=off switches the kernel off.
 """
 
 import ctypes
@@ -25,17 +25,19 @@ from canlog.line_block import LineBlock
 from canlog.shelf import Room, in_memory
 
 FLAGS: Final = ("-O3", "-shared", "-fPIC", "-std=c11", "-ffp-contract=off")
-"""Without contraction a product and a sum round twice, as they do in Python."""
+"""Compiler flags. Without contraction, a product and a sum round twice, as in Python."""
 COMPILERS: Final = ("cc", "gcc", "clang")
 COMPILE_S: Final = 60
 NAME_BYTES: Final = 64
 WORD_BYTES: Final = 8
 NAMES_MAX: Final = 256
 USUAL_LINE: Final = 24
-"""Bytes; lines of frames have more, and room is made when others are shorter."""
+"""Assumed minimum bytes of a line with a frame; shorter lines cause a second pass with more
+rows.
+"""
 SWITCH: Final = "CANLOG_KERNEL"
 BLF_OBJECT_BYTES: Final = 48
-"""Of a classic frame, at the least."""
+"""Minimum size in bytes of a BLF object with a classic frame."""
 BYTE_MAX: Final = 0xFF
 NO_GROUP: Final = 0xFFFF
 SLOTS: Final = 1 << 17
@@ -43,7 +45,7 @@ SLOTS: Final = 1 << 17
 
 @functools.cache
 def library() -> Any:
-    """The loaded kernel, None where it cannot be had."""
+    """The loaded kernel; None if it is not available."""
     if os.environ.get(SWITCH, "") == "off" or not np.little_endian:
         return None
     source = (resources.files("canlog") / "kernel.c").read_bytes()
@@ -62,7 +64,9 @@ def library() -> Any:
 
 
 def _cache_folder() -> Path:
-    """Ours alone: what is loaded from it runs as we do."""
+    """Return a cache folder that only this user can write to: the program runs what it loads from
+    it.
+    """
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     folder = Path(base) / "canlog"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -73,7 +77,7 @@ def _cache_folder() -> Path:
 
 
 def _compile(compiler: str, source: bytes, path: Path) -> None:
-    """Into a name of its own first, so that two processes cannot see half a file."""
+    """Compile to a temporary name first, so that another process never sees half a file."""
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         text, made = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
         text.write_bytes(source)
@@ -117,14 +121,14 @@ def _declared(found: Any) -> Any:
 
 
 def parse_candump(text: bytes, channels: list[str], width: int) -> LineBlock | None:
-    """What `parse_block` gives; None when there is no kernel."""
+    """Parse candump lines like `parse_block`; None without a kernel."""
     return _parsed(text, channels, width, None)
 
 
 def parse_text(text: bytes, channels: list[str], width: int, columns: bytes) -> LineBlock | None:
-    """The same for ASC with hexadecimal numbers, or for TRC with these columns.
+    """Parse ASC with hexadecimal numbers, or TRC with these columns; None without a kernel.
 
-    Stamps of its frames count from the start of the log.
+    Stamps of the frames count from the start of the log.
     """
     return _parsed(text, channels, width, columns)
 
@@ -148,7 +152,7 @@ def _parsed(
             rows = kernel.canlog_candump(text, len(text), *given)
         else:
             rows = kernel.canlog_text(text, len(text), columns, *given)
-        # A line takes a byte and its end at the least.
+        # Each line takes at least one byte and its end.
         most = len(text) // 2 + 1
     for at in range(len(channels), known.value):
         name = bytes(names[at, : sizes[at]])
@@ -168,25 +172,26 @@ def _places(made: Frames) -> list[int]:
 
 
 def _names(channels: list[str]) -> tuple[Any, Any, Any]:
-    """The table of names that the kernel looks up and adds to."""
+    """Return the table of names that the kernel searches and extends."""
     names = np.zeros((NAMES_MAX, NAME_BYTES), np.uint8)
     sizes = np.zeros(NAMES_MAX, np.int32)
     for at, name in enumerate(channels):
-        # A name that was no ASCII was told with escapes, which no bytes of a log are equal to.
+        # A name that is not ASCII was decoded with escapes, so it never equals bytes of a log.
         raw = name.encode("ascii", "replace")
         names[at, : len(raw)], sizes[at] = np.frombuffer(raw, np.uint8), len(raw)
     return names, sizes, ctypes.c_int32(len(channels))
 
 
 def records(content: bytes, id_bytes: int, sizes: dict[int, int]) -> tuple[int, Any, Any] | None:
-    """Walk the records of several MDF groups; None without a kernel or for long numbers of groups.
+    """Walk the records of several MDF groups.
 
     Args:
-        sizes: bytes of the records of each group, -1 where each record tells its own.
+        sizes: bytes of the records of each group, -1 if each record gives its own.
 
     Returns:
-        Where the first record begins that is not whole, -1 behind one of an unknown group; the
-        places of the records behind their numbers; and those numbers.
+        Where the first incomplete record begins, -1 after one of an unknown group; the places
+        of the records after their group numbers; and those numbers. None without a kernel or
+        for group numbers of more than one byte.
     """
     kernel = library()
     if kernel is None or id_bytes != 1 or any(number > BYTE_MAX for number in sizes):
@@ -206,7 +211,7 @@ def records(content: bytes, id_bytes: int, sizes: dict[int, int]) -> tuple[int, 
 
 
 class _Taken(ctypes.Structure):
-    """As in kernel.c."""
+    """The structure of the same name in kernel.c."""
 
     _fields_ = (
         *[(name, ctypes.c_int64) for name in ("start_ns", "most", "rows", "skipped")],
@@ -216,7 +221,7 @@ class _Taken(ctypes.Structure):
 
 
 def _columns(most: int, kinds: Sequence[Any]) -> list[Any]:
-    """Columns to be filled, the widest first, in one piece: the system gives that faster."""
+    """Return empty columns, the widest first, in one allocation, which is faster."""
     room = np.empty(most * sum(np.dtype(kind).itemsize for kind in kinds), np.uint8)
     found, at = [], 0
     for kind in kinds:
@@ -227,10 +232,10 @@ def _columns(most: int, kinds: Sequence[Any]) -> list[Any]:
 
 
 class BlfTaker:
-    """Takes containers of classic data frames one after the other into columns."""
+    """Takes containers of classic data frames in order into columns."""
 
     def __init__(self, start_ns: int, most: int) -> None:
-        """Up to `most` frames. There has to be a kernel."""
+        """Make room for up to `most` frames. The kernel must be available."""
         self._take = library().canlog_blf
         self._columns = _columns(
             most, (np.int64, np.uint64, np.uint32, np.uint16, np.uint8, np.uint8)
@@ -241,22 +246,23 @@ class BlfTaker:
 
     @property
     def skipped(self) -> int:
-        """Objects that are no frames of a CAN bus."""
+        """Number of objects that are not CAN frames."""
         return int(self._state.skipped)
 
     @property
     def room(self) -> int:
-        """Bytes of content that surely fit."""
+        """Bytes of content that fit in any case."""
         return int(self._state.most - self._state.rows - 1) * BLF_OBJECT_BYTES
 
     def take(self, rest: bytes, content: bytes | bytearray) -> int:
-        """Where the first object of `content` begins that is not whole.
+        """Take the objects of a container.
 
-        -1, and nothing is taken, when there is more than whole classic data frames, or no room.
+        It returns where the first incomplete object of `content` begins. If the container holds
+        other frames or damage, or if there is no room, it takes nothing and returns -1.
 
         Args:
-            rest: the begin of an object that the last container ended in.
-            content: of the next one.
+            rest: the beginning of an object in which the container before ended.
+            content: content of the next container.
         """
         size = len(content)
         given: Any = content
@@ -265,7 +271,7 @@ class BlfTaker:
         return int(self._take(rest, len(rest), given, size, self._where))
 
     def frames(self) -> tuple[Frames, Any] | None:
-        """What was taken, and the number of each frame's channel; None when that is nothing."""
+        """Return the taken frames and the channel number of each; None if there are none."""
         rows = int(self._state.rows)
         if not rows:
             return None
@@ -278,13 +284,13 @@ class BlfTaker:
 def scaled(
     words: Any, bits: tuple[int, int, bool], scale: float, offset: float, out: Any
 ) -> Any | None:
-    """(n,) raw * scale + offset of the signal with these bits; None when there is no kernel.
+    """Return (n,) raw * scale + offset of the signal with these bits; None without a kernel.
 
     Args:
         words: (n,) uint64.
-        bits: how many lie right of it, how many it has, whether it is signed.
-        out: (n,) to be filled: int64 or uint64 for whole scales and offsets whose results fit,
-            else float64.
+        bits: number of bits to the right of the signal, its length, and whether it is signed.
+        out: (n,) column to fill: int64 or uint64 for integer scales and offsets whose results
+            fit, else float64.
     """
     kernel = library()
     if kernel is None or not words.flags.c_contiguous:
@@ -299,22 +305,24 @@ def scaled(
 
 @dataclass(frozen=True, slots=True)
 class Numbered:
-    """Which frames of some blocks have which channel and key."""
+    """The number of the channel and key of each frame of some blocks."""
 
     groups: tuple[Any, ...]
-    """Of each block (n,) uint16: the place of the key, NO_GROUP of what is no data."""
+    """For each block (n,) uint16: index of the frame's key in `keys`, NO_GROUP for frames without
+    data.
+    """
     keys: Any
-    """(k,) uint64, as they first come: the index of the channel above 32 bits of key."""
+    """(k,) uint64, in order of first frames: the channel index above 32 bits of key."""
     counts: Any
-    """(k,) int64, frames of each."""
+    """(k,) int64: number of frames of each key."""
 
     @property
     def starts(self) -> Any:
-        """(k,) int64: where each key begins when the frames are sorted by this place."""
+        """(k,) int64: where each key begins when the frames are sorted by key."""
         return np.cumsum(self.counts) - self.counts
 
     def order(self, room: Room = in_memory) -> Any:
-        """(n,) int64: the rows of all blocks so sorted."""
+        """(n,) int64: the rows of all blocks sorted by key."""
         out = room(int(self.counts.sum()), np.int64)
         places, first = self.starts, 0
         for group in self.groups:
@@ -328,10 +336,10 @@ class Numbered:
 def numbered(
     blocks: Sequence[Frames], channels: Sequence[Any], room: Room = in_memory
 ) -> Numbered | None:
-    """None without a kernel, or when there are more keys than fit.
+    """Number the channels and keys of all frames; None without a kernel or with too many keys.
 
     Args:
-        channels: (n,) uint8 of each block.
+        channels: (n,) uint8 for each block.
     """
     kernel = library()
     if kernel is None:
@@ -357,7 +365,7 @@ def numbered(
 def grouped(
     told: Numbered, blocks: Sequence[Frames], room: Room = in_memory
 ) -> tuple[Any, ...] | None:
-    """Stamps, data words and lengths of the frames sorted by group; None for longer data."""
+    """Return stamps, data words and lengths of the frames sorted by key; None for longer data."""
     if any(block.data.shape[1] != WORD_BYTES for block in blocks):
         return None
     count = int(told.counts.sum())

@@ -2,8 +2,8 @@
 
 "Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised", Real-Time
 Systems 35, equations 3 to 9. A frame waits for at most one frame of lower priority that has begun,
-and for every frame of higher priority; every instance inside the busy period is looked at. The
-analysis needs but the longest time of each frame, so it holds for CAN FD as well.
+and for every frame of higher priority. The analysis checks every instance inside the busy period.
+It needs only the longest time of each frame, so it also holds for CAN FD.
 """
 
 from collections.abc import Sequence
@@ -16,31 +16,31 @@ NS_PER_S: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Cyclic:
-    """One message as the analysis sees it; a smaller place in the sequence is a higher priority."""
+    """One message of the analysis; messages are listed by falling priority."""
 
     name: str
     period_ns: int
     longest_ns: int
-    """On the bus, with as many stuff bits as can be."""
+    """Longest time on the bus, with the maximum number of stuff bits."""
     jitter_ns: int = 0
-    """By which queueing may vary."""
+    """Maximum variation of the queueing time."""
 
 
 def longest_bits(length: int, *, extended: bool) -> int:
-    """A classic frame with as many stuff bits as can be, and its intermission: equations 1, 2."""
+    """Maximum bits of a classic frame with stuff bits and intermission: equations 1 and 2."""
     return (80 if extended else 55) + 10 * length
 
 
 def longest_fd_bits(length: int, *, extended: bool, switched: bool) -> tuple[int, int]:
-    """Bits of a CAN FD frame at the nominal and at the fast rate, as many as can be.
+    """Maximum bits of a CAN FD frame at the nominal and at the fast rate.
 
-    Frame by ISO 11898-1: up to the end of the data a stuff bit may follow the first five bits and
-    then every fourth; stuff count and CRC have a fixed one before and after every fourth bit. Of
-    the stuff bits as many as can be are taken to be at the nominal rate, which is the slower one.
+    Frame by ISO 11898-1: up to the end of the data, a stuff bit may follow the first five bits and
+    then every fourth. Stuff count and CRC have a fixed one before and after every fourth bit. As
+    many stuff bits as possible count at the nominal rate, which is the slower one.
 
     Args:
-        length: data bytes, one of those that a frame can have.
-        switched: whether it goes over to the fast rate behind its BRS bit.
+        length: data bytes, one of the lengths that a frame can have.
+        switched: whether the frame switches to the fast rate after its BRS bit.
     """
     head = 36 if extended else 17
     rest = 5 + 8 * length
@@ -53,10 +53,10 @@ def longest_fd_bits(length: int, *, extended: bool, switched: bool) -> tuple[int
 
 
 def response_ns(messages: Sequence[Cyclic], bit_ns: int) -> dict[str, int | None]:
-    """From the event that queues a frame to its last bit, at worst; None where there is no bound.
+    """Worst time from the event that queues a frame to its last bit; None if it is unbounded.
 
     Args:
-        messages: of one bus, by falling priority.
+        messages: messages of one bus, by falling priority.
         bit_ns: duration of one bit.
     """
     return {
@@ -91,7 +91,7 @@ def _response(
 def _fixed_point(
     messages: Sequence[Cyclic], base_ns: int, start_ns: int, *, slack_ns: int
 ) -> int | None:
-    """Least time in which `base_ns` and everything that `messages` queue meanwhile is sent."""
+    """Least time in which `base_ns` and all that `messages` queue meanwhile is sent."""
     time_ns = start_ns
     for _ in range(ROUNDS_MAX):
         needed_ns = base_ns + sum(

@@ -1,4 +1,4 @@
-"""What a parser of blocks of lines hands over, however it works."""
+"""The result of a parser of blocks of lines."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,11 +12,11 @@ class LineBlock:
 
     frames: Frames
     odd: Any
-    """(k,) rows that only the strict parser can tell; their frames are zeros yet."""
+    """(k,) rows that need the strict parser; their frames are still zeros."""
     odd_starts: Any
-    """(k,) where the line of each odd row begins in the block, and where it ends."""
+    """(k,) offset of each odd row's line in the block."""
     odd_ends: Any
     odd_lines: Any
-    """(k,) number of the line of each odd row in the block, from 0."""
+    """(k,) line number of each odd row in the block, from 0."""
     lines: int
-    """Of the block."""
+    """Number of lines of the block."""

@@ -1,4 +1,4 @@
-"""Frames as lines for a person: instant, identifier, name, cycle, signals, verdict."""
+"""Renders frames as lines for people: instant, identifier, name, cycle, signals, verdict."""
 
 import math
 from collections.abc import Iterator
@@ -15,25 +15,25 @@ from canlog.verdict_codes import UNCONFIRMED
 NS_PER_S: Final = 1_000_000_000
 DIM, BOLD, RED, GREEN, CYAN, YELLOW = "2", "1", "31", "32", "36", "33"
 TRAILER: Final = ("alive_counter", "crc16")
-"""Signals that only say that a frame is whole; the verdict does, too."""
+"""Signals that only protect a frame; the verdict already covers them."""
 FIRST_LINES, LINES_AT_ONCE = 64, 1 << 14
-"""Frames that are decoded together: few at first, so that the first lines come at once."""
+"""Frames decoded together: few at first, so that the first lines appear at once."""
 DIGITS_MAX: Final = 9
 
 
 @dataclass(slots=True)
 class LineStyle:
-    """How lines look."""
+    """Options for the look of the lines."""
 
     colour: bool = False
     absolute: bool = False
-    """Date and time of day in UTC instead of seconds since the start."""
+    """Show date and time of day in UTC instead of seconds since the start."""
     raw: bool = False
-    """Data in hexadecimal beside the signals."""
+    """Show the data in hexadecimal beside the signals."""
     bits: bool = False
-    """The data bit by bit, changed ones marked."""
+    """Show the data bit by bit, with changed bits marked."""
     trailer: bool = False
-    """Counters and CRCs, too."""
+    """Show alive counters and CRCs, too."""
     start_ns: int = 0
     name_width: int = 12
 
@@ -43,7 +43,7 @@ class LineStyle:
 
 @dataclass(slots=True)
 class Writer:
-    """Makes lines of one block after the other."""
+    """Makes lines of blocks in order."""
 
     bus: Bus
     style: LineStyle
@@ -52,10 +52,12 @@ class Writer:
     def lines(
         self, frames: Frames, rows: Ints, code: Any = None, cycle: Any = None, sent: Any = None
     ) -> Iterator[str]:
-        """Of the rows of a block.
+        """Yield the lines of the rows of a block.
 
         Args:
-            code: (n,) verdicts of the block; cycle, sent: (n,) what a run tells of its frames.
+            code: (n,) verdicts of the block.
+            cycle: (n,) control cycle of each frame in a run.
+            sent: (n,) whether the controller sent it.
         """
         first, count = 0, FIRST_LINES
         while first < len(rows):
@@ -107,7 +109,7 @@ class Writer:
     def _verdict(self, frames: Frames, row: int, code: int) -> str:
         if code <= UNCONFIRMED:
             return "  (no other half)" if code == UNCONFIRMED else ""
-        # A log of another bus is shown without loading the codec.
+        # Showing a log of another bus does not load the codec.
         from canlog.verdict import REASONS, detail_of
 
         words = REASONS[code].name.lower().replace("_", " ")
@@ -116,7 +118,9 @@ class Writer:
         return self.style.paint(text, RED)
 
     def _signals(self, frames: Frames) -> list[str]:
-        """What each frame says; one message after the other, so that columns are decoded once."""
+        """Return the signals of each frame as text; decoded message by message, column by
+        column.
+        """
         texts = [""] * len(frames)
         for at in np.flatnonzero(~frames.is_data).tolist():
             flags, length = int(frames.flags[at]), int(frames.length[at])
@@ -175,7 +179,7 @@ class Writer:
 
 
 def value_texts(table: Table, signal: SignalSpec) -> list[str]:
-    """Value and unit of one signal, or the name that its value table has; empty where absent."""
+    """Return value and unit of a signal, or the name in its value table; empty if absent."""
     values, valid = table[signal.name].tolist(), table.valid(signal.name).tolist()
     labels = table.labels(signal.name) if signal.choices else [None] * len(values)
     digits = digits_of(signal)
@@ -193,7 +197,7 @@ def value_texts(table: Table, signal: SignalSpec) -> list[str]:
 
 
 def digits_of(signal: SignalSpec) -> int:
-    """Decimals that show every step of a signal; -1 for all that there are."""
+    """Return the decimals that show every step of a signal; -1 for all digits."""
     if signal.is_float:
         return -1
     for digits in range(DIGITS_MAX + 1):

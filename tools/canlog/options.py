@@ -1,4 +1,4 @@
-"""What a reader may be told."""
+"""Options of the readers."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -10,23 +10,23 @@ BLOCK_FRAMES: Final = 262_144
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """How a log is read; the defaults are right for whole files."""
+    """Options for reading a log; the defaults suit whole files."""
 
     format: str | None = None
-    """Name of the format where neither name nor content of the file tell."""
+    """Name of the format if neither suffix nor content identify it."""
     stamps: str | None = None
-    """Of a candump log with short stamps: DELTA or ZERO; None finds out."""
+    """Kind of short stamps of a candump log: DELTA or ZERO; None detects it."""
     utc_offset_s: int = 0
-    """East of Greenwich, of formats that tell local time without a zone."""
+    """Seconds east of Greenwich, for formats with local time without a zone."""
     block_frames: int = BLOCK_FRAMES
-    """About so many frames come at a time."""
+    """Approximate number of frames per block."""
     inflater: str | None = None
-    """libdeflate, isal or zlib; None takes the fastest that is installed."""
+    """libdeflate, isal or zlib; None takes the fastest one installed."""
     compiled: bool = True
-    """Use the compiled kernel where there is one."""
+    """Whether to use the compiled kernel if it is available."""
     on_disk: bool = False
-    """Keep large columns in files without a name, so that a log need not fit into memory."""
+    """Whether to keep large columns in unnamed files, for logs larger than memory."""
     channels: tuple[str, ...] = ()
-    """Only frames of these channels; all without any."""
+    """Read only frames of these channels; empty for all."""
     refuse_empty: bool = False
-    """A file without a frame raises LogError: nothing can be concluded from it."""
+    """Whether a file without frames raises LogError, because it is no evidence of anything."""

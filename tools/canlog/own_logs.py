@@ -1,4 +1,4 @@
-"""Which files a log is decoded with when none is named."""
+"""Chooses the DBC files for a log if the user names none."""
 
 import json
 import sys
@@ -17,15 +17,15 @@ from canlog.read import stream
 from firmware_py.storage.whole_file import write_whole
 
 OWN: Final = "own"
-"""Instead of a file: this project's bus."""
+"""Word in place of a file that stands for this project's bus."""
 MEMORY: Final = ".canlog.json"
-"""Beside logs: the files that they are decoded with."""
+"""File beside logs that lists the files to decode them with."""
 KNOWN_RATIO: Final = 0.5
-"""A log is of this project's bus if this share of its first frames has identifier and length."""
+"""Share of a log's first frames whose identifier and length must match this project's bus."""
 
 
 def own_or_none(paths: Sequence[Path], options: ReadOptions) -> Bus:
-    """This project's bus, or one without messages if any of the logs is of another bus."""
+    """Return this project's bus, or one without messages if any of the logs is of another bus."""
     bus = own_bus()
     for path in paths:
         if path.is_dir() or not path.is_file():
@@ -45,7 +45,7 @@ def _first_frames(path: Path, options: ReadOptions) -> Frames | None:
         source = stream(path, replace(options, refuse_empty=False))
         return next((block for block in source if len(block)), None)
     except LogError:
-        # The reader that comes next says what is wrong with it.
+        # The reader that comes next reports the error.
         return None
 
 
@@ -66,10 +66,10 @@ def _is_own(frames: Frames | None, bus: Bus) -> bool:
 
 
 def remembered(paths: Sequence[Path]) -> Bus | None:
-    """The bus of the files that the folder of a log names; None where it names none.
+    """Return the bus of the files that a log's folder remembers; None if it remembers none.
 
     Raises:
-        LogError: for a memory that cannot be used.
+        LogError: for a memory file that cannot be used.
     """
     for path in paths:
         memory = path.parent / MEMORY
@@ -93,7 +93,7 @@ def _beside(text: str, folder: Path) -> str:
 
 
 def remember(paths: Sequence[Path], files: Sequence[str]) -> None:
-    """Write the files into the folder of each log. Raises LogError."""
+    """Write the file names into the folder of each log. Raises LogError."""
     for path in paths:
         folder = path.parent
         told = []

@@ -1,4 +1,4 @@
-"""How a message is taken apart: one signal of a whole column of frames at once, exactly."""
+"""Decodes signals exactly, one signal for a whole column of frames at a time."""
 
 from dataclasses import dataclass
 from typing import Any, Final, Literal
@@ -13,7 +13,7 @@ from canlog.frames import Bools, Bytes
 WORD_BITS: Final = 64
 WORD_BYTES: Final = 8
 LOOKUP_BITS_MAX: Final = 16
-"""Widest multiplexer that is looked up instead of searched for."""
+"""Maximum length of a multiplexer that uses a lookup table; longer ones are searched."""
 _FLOATS: Final[dict[int, tuple[Any, Any]]] = {
     16: (np.uint16, np.float16),
     32: (np.uint32, np.float32),
@@ -25,10 +25,10 @@ Raws = npt.NDArray[np.uint64]
 
 
 class Payloads:
-    """The data of frames, and the words that signals are cut from, each made once."""
+    """The data of frames, and the words from which signals are extracted, each made once."""
 
     def __init__(self, data: Bytes, length: "Bytes | npt.NDArray[np.uint16]") -> None:
-        """`data` (n, 8), (n, 64) or, of messages of several frames, longer; `length` (n,)."""
+        """Hold `data` (n, 8), (n, 64) or longer for multi-frame messages, and `length` (n,)."""
         self.data = np.ascontiguousarray(data)
         self.length = length
         self.shortest = int(length.min()) if len(length) else WORD_BYTES
@@ -42,7 +42,9 @@ class Payloads:
         return int(self.data.shape[1])
 
     def word(self, first_byte: int, *, big_endian: bool) -> Raws:
-        """(n,) eight bytes from `first_byte` on as one number, zeros behind the end of the data."""
+        """(n,): eight bytes from `first_byte` on as one number, with zeros after the end of the
+        data.
+        """
         found = self._words.get((first_byte, big_endian))
         if found is None:
             found = self._words[first_byte, big_endian] = self._cut(first_byte, big_endian)
@@ -60,15 +62,17 @@ class Payloads:
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """Where the bits of one signal lie."""
+    """Position of the bits of one signal."""
 
     spec: SignalSpec
     needed: int
-    """Data bytes that a frame has to have for it."""
+    """Data bytes that a frame needs to carry the signal."""
     first_byte: int
-    """Of the word that it is cut from, if one word holds it, else that of its first bit."""
+    """First byte of the word that holds the signal, or of its first bit if one word is too
+    short.
+    """
     skipped: int
-    """Bits of that word before it: from the low end, or from the high end of a Motorola signal."""
+    """Bits before the signal in that word: from the low end, or the high end for Motorola."""
 
 
 def cut_of(spec: SignalSpec) -> Cut:
@@ -83,9 +87,9 @@ def cut_of(spec: SignalSpec) -> Cut:
 
 
 def raw_of(cut: Cut, payloads: Payloads) -> Raws:
-    """(n,) uint64: the bits of a signal as they stand, without sign.
+    """(n,) uint64: the bits of a signal without sign.
 
-    Of a signal of more than 64 bits (n,) Python integers.
+    For a signal of more than 64 bits, (n,) Python integers.
     """
     spec = cut.spec
     if spec.length > WORD_BITS:
@@ -105,7 +109,7 @@ def raw_of(cut: Cut, payloads: Payloads) -> Raws:
 
 
 def _long_raw(spec: SignalSpec, payloads: Payloads) -> Column:
-    """(n,) Python integers."""
+    """Return (n,) Python integers."""
     rows = payloads.data.tobytes()
     width, mask = payloads.width, (1 << spec.length) - 1
     order: Literal["big", "little"] = "big" if spec.big_endian else "little"
@@ -120,7 +124,7 @@ def _long_raw(spec: SignalSpec, payloads: Payloads) -> Column:
 
 
 def signed_raw(spec: SignalSpec, raw: Raws) -> Column:
-    """(n,) int64 for a signed signal, else as it is."""
+    """Return (n,) int64 for a signed signal, or `raw` unchanged."""
     if not spec.signed:
         return raw
     if spec.length > WORD_BITS:
@@ -132,11 +136,12 @@ def signed_raw(spec: SignalSpec, raw: Raws) -> Column:
 
 
 def physical_of(spec: SignalSpec, raw: Raws) -> Column:
-    """(n,) raw * scale + offset.
+    """Return (n,) raw * scale + offset.
 
-    An integer wherever scale and offset are integers: int64, or uint64 for what needs all 64 bits;
-    float64 only where the range of the signal leaves both. Everything else is float64, rounded as
-    Python rounds `raw * scale + offset` (products beyond 64 bits once more).
+    The result is an integer if scale and offset are integers: int64, or uint64 for values that need
+    all 64 bits. It is float64 if the range of the signal fits neither. All other results are
+    float64, rounded like Python's `raw * scale + offset`; products beyond 64 bits are rounded once
+    more.
     """
     if spec.is_float:
         return _float_physical(spec, raw)
@@ -157,14 +162,14 @@ def physical_of(spec: SignalSpec, raw: Raws) -> Column:
     scaled: Column = signed_raw(spec, raw).astype(np.float64)
     scaled *= spec.scale
     if spec.offset or spec.scale < 0:
-        # Adding nothing turns -0.0 into 0.0, as it does in Python.
+        # Adding 0 turns -0.0 into 0.0, as in Python.
         scaled += spec.offset
     return scaled
 
 
 def _float_physical(spec: SignalSpec, raw: Raws) -> Column:
     bits, kind = _FLOATS[spec.length]
-    # A signalling NaN is no fault of this program.
+    # A signalling NaN in the data is not an error of this program.
     with np.errstate(invalid="ignore", over="ignore"):
         value: Column = raw.astype(bits).view(kind).astype(np.float64)
         if spec.scale != 1 or spec.offset != 0:
@@ -173,7 +178,7 @@ def _float_physical(spec: SignalSpec, raw: Raws) -> Column:
 
 
 def raw_limits(spec: SignalSpec) -> tuple[int, int]:
-    """What the bits of an integer signal can hold."""
+    """Return the range of the raw values of an integer signal."""
     if spec.signed:
         return -(1 << spec.length - 1), (1 << spec.length - 1) - 1
     return 0, (1 << spec.length) - 1
@@ -189,7 +194,7 @@ def _integer_kind(spec: SignalSpec, offset: int) -> Any:
 
 
 def _compiled(cut: Cut, payloads: Payloads, room: Column) -> Column | None:
-    """What `physical_of` gives, by the kernel; None for what it does not do."""
+    """Compute `physical_of` with the kernel; None for a signal that the kernel does not support."""
     spec = cut.spec
     over = cut.skipped + spec.length - WORD_BITS
     if spec.is_float or over > 0 or spec.length > WORD_BITS:
@@ -207,7 +212,7 @@ def _compiled(cut: Cut, payloads: Payloads, room: Column) -> Column | None:
 
 
 class DecodingPlan:
-    """One message, ready to be decoded from columns."""
+    """Decodes one message from columns."""
 
     def __init__(self, spec: MessageSpec) -> None:
         self.spec = spec
@@ -217,20 +222,20 @@ class DecodingPlan:
             for signal in spec.signals
             if signal.others
         }
-        """Where a signal lies in other pages."""
+        """Positions of signals that are also in other pages of the multiplexer."""
 
     def raw(self, name: str, payloads: Payloads) -> Raws:
-        """(n,) bits of a signal."""
+        """Return (n,) bits of a signal."""
         raw = raw_of(self.cuts[name], payloads)
         for cut in self._others.get(name, ()):
             raw = np.where(self._carries(cut, payloads), raw_of(cut, payloads), raw)
         return raw
 
     def physical(self, name: str, payloads: Payloads, room: Column | None = None) -> Column:
-        """(n,) values; those of frames that do not carry the signal mean nothing.
+        """Return (n,) values; those of frames without the signal have no meaning.
 
         Args:
-            room: (n,) of eight bytes each, where the values may be put.
+            room: (n,) column of eight-byte items for the values.
         """
         cut = self.cuts[name]
         room = np.empty(len(payloads), np.uint64) if room is None else room
@@ -243,9 +248,9 @@ class DecodingPlan:
         return found
 
     def valid(self, name: str, payloads: Payloads) -> Bools | None:
-        """(n,) whether the frame is long enough and its multiplexers choose the signal.
+        """(n,) whether the frame is long enough and its multiplexers select the signal.
 
-        None when that holds for every frame.
+        None if that holds for every frame.
         """
         valid = self._valid(self.cuts[name], payloads)
         for cut in self._others.get(name, ()):
@@ -273,7 +278,7 @@ class DecodingPlan:
         return chosen
 
     def undefined(self, payloads: Payloads) -> Bools | None:
-        """(n,) frames with a multiplexer value that chooses no signal at all; None for none."""
+        """(n,) frames with a multiplexer value that selects no signal; None if there are none."""
         found: Bools | None = None
         for name, cut in self.cuts.items():
             if not cut.spec.is_multiplexer:

@@ -1,4 +1,4 @@
-"""Reads a log: as a whole with its messages as tables, or block by block with bounded memory."""
+"""Reads a log: whole, with its messages as tables, or block by block with bounded memory."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,13 +22,13 @@ from canlog.source import head_of
 from canlog.table import Groups, Table
 
 CHANNEL_SIGN: Final = ":"
-"""Stands between a channel and a message that is on several."""
+"""Separates the channel from a message that is on several channels."""
 Dbc = Path | str | Sequence[Path | str] | Bus | None
 
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """One message on one channel, and the keys that it comes with."""
+    """One message on one channel, and the keys of its frames."""
 
     spec: MessageSpec
     channel: str
@@ -47,18 +47,19 @@ class Log:
         run: RunFiles | None = None,
         room: Room = in_memory,
     ) -> None:
-        """Blocks of frames are put together when somebody asks for them as a whole.
+        """Keep the blocks of frames; they are joined when a caller needs all frames at once.
 
-        `room` gives what is sorted its place.
+        Args:
+            room: allocates the sorted columns.
         """
         self.room = room
         self.path = path
         self._blocks = (frames,) if isinstance(frames, Frames) else tuple(frames)
         self.bus = bus
         self.warnings = warnings
-        """What was damaged or could not be told for certain."""
+        """Damage, and what was uncertain."""
         self.run = run
-        """What else a run folder holds; None for a log by itself."""
+        """Other files of a run folder; None for a log alone."""
         self._tables: dict[str, Table] = {}
 
     def __len__(self) -> int:
@@ -66,7 +67,7 @@ class Log:
 
     @cached_property
     def frames(self) -> Frames:
-        """All of them as columns."""
+        """All frames as columns."""
         self._blocks = (concat(self._blocks),)
         return self._blocks[0]
 
@@ -76,17 +77,17 @@ class Log:
 
     @property
     def start_ns(self) -> int:
-        """The earliest stamp; 0 of a log without frames."""
+        """The earliest stamp; 0 for a log without frames."""
         return min((int(each.at_ns.min()) for each in self._blocks if len(each)), default=0)
 
     @property
     def end_ns(self) -> int:
-        """The latest stamp."""
+        """The latest stamp; 0 for a log without frames."""
         return max((int(each.at_ns.max()) for each in self._blocks if len(each)), default=0)
 
     @cached_property
     def _parts(self) -> dict[str, "_Part"]:
-        """Each message on each channel, by the name that it goes by in this log."""
+        """Each message on each channel, by its name in this log."""
         found: dict[str, dict[str, _Part]] = {}
         for key, channel in self.groups.places:
             spec = self.bus.on(channel).spec_at(key)
@@ -101,14 +102,14 @@ class Log:
 
     @property
     def messages(self) -> Mapping[str, MessageSpec]:
-        """Messages that the log has data frames of, by name, in order of keys.
+        """Messages of which the log has data frames, by name, in order of keys.
 
-        One that is on several channels is there once for each, as `can1:MESSAGE`.
+        A message on several channels is listed once for each, as `can1:MESSAGE`.
         """
         return {name: part.spec for name, part in self._parts.items()}
 
     def name_at(self, key: int, channel: str) -> str:
-        """What frames with this key on this channel are called in this log."""
+        """Return the name in this log of frames with a key on a channel."""
         spec = self.bus.on(channel).spec_at(key)
         name = spec.name if spec is not None else self.bus.name_of(key)
         spread = f"{channel}{CHANNEL_SIGN}{name}"
@@ -117,22 +118,22 @@ class Log:
         return spread if sum(key == each for each, _ in self.groups.places) > 1 else name
 
     def channel_of(self, name: str) -> str:
-        """The channel that a message of the log is on; empty for one that the log lacks."""
+        """Return the channel of a message; empty if the log lacks the message."""
         part = self._parts.get(name)
         return part.channel if part is not None else ""
 
     @property
     def unknown(self) -> tuple[int, ...]:
-        """Keys of data frames that no file knows."""
+        """Keys of data frames that no DBC file defines."""
         keys = (key for key, on in self.groups.places if self.bus.on(on).spec_at(key) is None)
         return tuple(dict.fromkeys(keys))
 
     def rows(self, key: int) -> Ints:
-        """Which frames have a key, rising."""
+        """Return the rows of the frames with a key, rising."""
         return self.groups.rows(key)
 
     def spec(self, name: str) -> MessageSpec:
-        """A message by its name, with its channel where several have it. Raises LogError."""
+        """Return a message by name, with its channel if several have it. Raises LogError."""
         part = self._parts.get(name)
         if part is not None:
             return part.spec
@@ -145,10 +146,10 @@ class Log:
         return self.bus.message(name)
 
     def table(self, name: str) -> Table:
-        """All data frames of a message; one of no rows for a message that the log lacks.
+        """Return all data frames of a message; no rows for a message that the log lacks.
 
         Raises:
-            LogError: when no file knows the message, or several channels have it.
+            LogError: if no file defines the message, or several channels have it.
         """
         found = self._tables.get(name)
         if found is None:
@@ -156,14 +157,14 @@ class Log:
         return found
 
     def fresh_table(self, name: str) -> Table:
-        """The same, and the log does not keep what is decoded of it."""
+        """Return a table like `table`, which the log does not keep in memory."""
         spec, part = self.spec(name), self._parts.get(name)
         if part is None:
             return self.groups.table(spec, "", ())
         return self.groups.table(spec, part.channel, part.keys)
 
     def signal(self, name: str) -> tuple[Ints, Column]:
-        """Instants and physical values of `MESSAGE.signal`, where a frame carries it.
+        """Return instants and physical values of `MESSAGE.signal` where a frame carries it.
 
         Raises:
             LogError: for a name that is not `MESSAGE.signal` of the DBC file.
@@ -179,10 +180,10 @@ class Log:
 
 
 class Stream:
-    """A log block by block. Iterate once; `warnings` is complete when that has ended."""
+    """A log read block by block. Iterate once; then `warnings` is complete."""
 
     def __init__(self, path: Path | str, options: ReadOptions | None = None) -> None:
-        """Raises LogError for what cannot be opened or is of no known format."""
+        """Raises LogError for a file that cannot be opened or has no known format."""
         self.path = bus_log_of(Path(path))
         self._options = options or ReadOptions()
         self._format = format_of(self.path, self._options.format)
@@ -198,11 +199,11 @@ class Stream:
 
     @property
     def skipped(self) -> dict[str, int]:
-        """Counts of what the format knows beside CAN frames, such as statistics."""
+        """Counts of what the format contains besides CAN frames, such as statistics."""
         return self.damages.skipped
 
     def __iter__(self) -> Iterator[Frames]:
-        """Raises LogError at the end of a file without a frame, if the options refuse that."""
+        """Raises LogError at the end of a file without frames, if the options refuse that."""
         held, wanted, seen = False, self._options.channels, dict[str, None]()
         for block in self._format.read(self.path, self._options, self.damages):
             seen |= dict.fromkeys(block.channels)
@@ -225,7 +226,7 @@ class Stream:
 
 
 def _on_channels(block: Frames, wanted: Sequence[str]) -> Frames:
-    """The frames of these channels, and no other channel's name."""
+    """Return the frames of these channels, with only these channel names."""
     kept = [name for name in block.channels if name in wanted]
     number = np.full(len(block.channels) or 1, len(kept), np.uint8)
     for at, name in enumerate(block.channels):
@@ -236,12 +237,12 @@ def _on_channels(block: Frames, wanted: Sequence[str]) -> Frames:
 
 
 def stream(path: Path | str, options: ReadOptions | None = None) -> Stream:
-    """The frames of a log of any size, a block at a time. Raises LogError."""
+    """Return the frames of a log of any size, block by block. Raises LogError."""
     return Stream(path, options)
 
 
 def read(path: Path | str, dbc: Dbc = None, options: ReadOptions | None = None) -> Log:
-    """A whole log, or that of a run folder, with the bus of `dbc` (default: this project's).
+    """Read a whole log, or that of a run folder, with the bus of `dbc` (default: this project's).
 
     Raises:
         LogError: names the file that cannot be read.

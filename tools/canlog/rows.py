@@ -1,4 +1,4 @@
-"""Frames one at a time, for formats that are read line by line."""
+"""Builds columns from single frames, for formats that are read line by line."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -11,7 +11,7 @@ CHANNELS_MAX: Final = 256
 
 
 class Rows:
-    """Gathers frames and makes a block of them; knows the channels of the blocks before."""
+    """Gathers frames into a block, and keeps the channel names of earlier blocks."""
 
     def __init__(self) -> None:
         self.channels: list[str] = []
@@ -31,7 +31,7 @@ class Rows:
     def add(
         self, at_ns: int, identifier: int, flags: int, channel: str, length: int, data: bytes
     ) -> bool:
-        """False when it cannot be kept: beyond the reach of 64 bits, or one channel too many."""
+        """Add a frame. False if it cannot be kept: a stamp beyond 64 bits, or too many channels."""
         if not -(1 << 63) <= at_ns < 1 << 63:
             return False
         if channel not in self.channels:
@@ -47,7 +47,7 @@ class Rows:
         return True
 
     def take(self) -> Frames:
-        """Everything since the last time."""
+        """Return all frames since the last call."""
         wide = max(map(len, self._data), default=0) > CLASSIC_BYTES
         width = FD_BYTES if wide else CLASSIC_BYTES
         joined = b"".join([each.ljust(width, b"\0") for each in self._data])
@@ -65,7 +65,7 @@ class Rows:
 
 
 def from_rows(rows: Iterable[tuple[int, int, int, str, bytes]]) -> Frames:
-    """Of (at_ns, identifier, flags, channel, data) each; the length is that of the data."""
+    """Make frames of (at_ns, identifier, flags, channel, data); the length is that of the data."""
     made = Rows()
     for at_ns, identifier, flags, channel, data in rows:
         made.add(at_ns, identifier, flags, channel, len(data), data)

@@ -1,4 +1,6 @@
-"""What a log must not show: `missing > 0`, `DOOR_*: crc_errors > 0`, `bus_load_ratio > 0.7`."""
+"""Rules that a log must not break: `missing > 0`, `DOOR_*: crc_errors > 0`, `bus_load_ratio >
+0.7`.
+"""
 
 import fnmatch
 from collections.abc import Sequence
@@ -10,22 +12,21 @@ from canlog.stats_rows import BUS_NUMBERS, MESSAGE_NUMBERS, Row
 from firmware_py.expression import Expression, ExpressionError, compile_expression
 
 LOG_NUMBERS = ("damaged", "absent")
-"""What a rule may say of the log itself: places that could not be read, cyclic messages of the DBC
-file that never came."""
+"""Numbers of the log itself for rules: unreadable places, and cyclic messages that never came."""
 
 
 @dataclass(frozen=True, slots=True)
 class FailRule:
-    """One `--fail-on`. It breaks for each message, or bus, of which the expression is true."""
+    """One `--fail-on`. Each message or bus for which the expression is true breaks the rule."""
 
     text: str
     only: str
-    """Pattern of the names of messages, or of channels."""
+    """Pattern of the names of messages or channels to judge."""
     expression: Expression
 
     @property
     def scope(self) -> str:
-        """message, bus or log."""
+        """What the rule judges: message, bus or log."""
         if self.expression.names & set(MESSAGE_NUMBERS):
             return "message"
         return "bus" if self.expression.names & set(BUS_NUMBERS) else "log"
@@ -33,7 +34,7 @@ class FailRule:
 
 @dataclass(frozen=True, slots=True)
 class Broken:
-    """A rule, who broke it, and the numbers that it was about."""
+    """One broken rule, who broke it, and the numbers in the rule."""
 
     rule: str
     who: str
@@ -45,7 +46,7 @@ class Broken:
 
 
 def parse_rule(text: str) -> FailRule:
-    """Raises LogError that says what a rule may be."""
+    """Parse a rule. Raises LogError that lists what a rule may name."""
     only, colon, expression = text.partition(":")
     if not colon:
         only, expression = "*", text
@@ -62,18 +63,18 @@ def parse_rule(text: str) -> FailRule:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What rules are held to: the rows of a log."""
+    """The rows of a log that rules judge."""
 
     messages: Sequence[Row]
     buses: Sequence[Row]
     damaged: int = 0
     absent: int | None = 0
-    """None where no DBC file names a message that has to come."""
+    """Number of absent messages; None if no DBC file requires a message."""
     never: Sequence[Row] = ()
-    """Of cyclic messages that never came; see `absent_rows`."""
+    """Rows of cyclic messages that never came; see `absent_rows`."""
 
     def rows(self, rule: FailRule) -> list[tuple[str, Row]]:
-        """Those that a rule speaks of, each with its name."""
+        """Return the rows that a rule applies to, each with its name."""
         whole = [{"channel": "log", "damaged": self.damaged, "absent": self.absent}]
         rows = {"message": [*self.messages, *self.never], "bus": self.buses, "log": whole}[
             rule.scope
@@ -83,7 +84,7 @@ class Judged:
 
 
 def broken(rules: Sequence[FailRule], judged: Judged) -> list[Broken]:
-    """Every breach, rule by rule."""
+    """Return every breach, rule by rule."""
     found = []
     for rule in rules:
         for who, row in judged.rows(rule):
@@ -94,7 +95,7 @@ def broken(rules: Sequence[FailRule], judged: Judged) -> list[Broken]:
 
 
 def untold(rules: Sequence[FailRule], judged: Judged) -> dict[str, str]:
-    """Rules that found nothing to judge, and why. They fail: no evidence is not a pass."""
+    """Return rules that had nothing to judge, and why. They fail: no evidence is not a pass."""
     found = {}
     for rule in rules:
         rows = judged.rows(rule)
@@ -106,9 +107,9 @@ def untold(rules: Sequence[FailRule], judged: Judged) -> dict[str, str]:
 
 
 def _judged(expression: Expression, row: Row) -> bool | None:
-    """Whether it is true; None where a number is not known, or a division by zero has no value."""
+    """Whether the expression is true; None if a number is unknown or divided by zero."""
     if any(row[name] is None for name in expression.names):
-        # Such as the latency of what is sent on occasion.
+        # For instance, the latency of a message without a period is unknown.
         return None
     try:
         return bool(expression(SimpleNamespace(**row)))

@@ -1,4 +1,4 @@
-"""What a run folder of this project tells beside its frames: control cycles, events, truth."""
+"""Reads the files of a run folder beside its frames: control cycles, events, ground truth."""
 
 import csv
 import json
@@ -27,31 +27,31 @@ Columns = dict[str, "npt.NDArray[Any]"]
 
 @dataclass(frozen=True, slots=True)
 class RunEvent:
-    """One line of events.jsonl."""
+    """One event: a line of events.jsonl."""
 
     at_ns: int
-    """As the stamps of the frames."""
+    """Instant on the time base of the frames' stamps."""
     t_s: float
-    """Since the start of the controller."""
+    """Seconds since the start of the controller."""
     kind: str
     words: str
 
 
 @dataclass(frozen=True, slots=True)
 class RunFiles:
-    """What a run folder holds beside its frame log. Missing files leave their part empty."""
+    """Files of a run folder besides its frame log. Missing files leave their part empty."""
 
     folder: Path
     start_ns: int
-    """Stamp in the frame log of the controller's start, from which its logs count."""
+    """Stamp of the controller's start in the frame log; the controller's logs count from it."""
     cycle_ns: Ints
-    """(c,) stamps at which control cycles began; the number of a cycle is its place here."""
+    """(c,) stamps at which control cycles began; the index is the number of the cycle."""
     cycle_of: Ints
-    """(n,) of each frame of the log: the cycle that it fed or came from, NO_CYCLE for none."""
+    """(n,) control cycle that each frame of the log fed or came from, NO_CYCLE for none."""
     sent: "npt.NDArray[np.bool_]"
-    """(n,) whether the controller sent it, so that it came from its cycle."""
+    """(n,) whether the controller sent the frame; then the frame came from its cycle."""
     exact: bool
-    """Each frame was found in the record of the controller's ports; else only stamps tell."""
+    """Whether frames were matched with the record of the controller's ports, not only by stamps."""
     cycles: Columns = field(default_factory=dict)
     """Columns of cycles.csv: float64 with NaN for empty fields, or text."""
     truth: Columns = field(default_factory=dict)
@@ -60,7 +60,7 @@ class RunFiles:
 
 
 def bus_log_of(path: Path) -> Path:
-    """The frame log of a run folder, or the path itself. Raises LogError."""
+    """Return the frame log of a run folder, or the path itself. Raises LogError."""
     if not path.is_dir():
         return path
     if (path / BUS_LOG).is_file():
@@ -74,7 +74,7 @@ def bus_log_of(path: Path) -> Path:
 
 
 def read_run(folder: Path, frames: Frames, bus: Bus, damages: Damages) -> RunFiles:
-    """All that a folder tells about the frames of its log."""
+    """Read all files of a run folder, and relate them to the frames of its log."""
     cycles = _columns(folder / CYCLES, damages)
     sent = _sent(frames, bus)
     ports = read_ports(folder / PORTS_LOG, damages)
@@ -102,25 +102,29 @@ def read_run(folder: Path, frames: Frames, bus: Bus, damages: Damages) -> RunFil
 
 
 def _sent(frames: Frames, bus: Bus) -> "npt.NDArray[np.bool_]":
-    """Frames of messages that only the controller sends."""
+    """(n,) whether a frame belongs to a message that only the controller sends."""
     keys = [spec.key for spec in bus.by_key.values() if spec.senders == (CONTROLLER,)]
     sent: npt.NDArray[np.bool_] = np.isin(frames.key, np.array(keys, np.uint32))
     return sent & frames.is_data
 
 
 def _start_ns(cycles: Columns, frames: Frames, sent: Any) -> int:
-    """Where the controller's zero lies: its first frame leaves right after its first cycle."""
+    """Estimate the stamp of the controller's zero: it sends its first frame right after cycle
+    one.
+    """
     first = np.flatnonzero(sent)
     began_s = cycles.get("t_s")
     if began_s is None or not len(began_s) or not len(first):
         return 0
     guess_ns = int(frames.at_ns[first[0]]) - round(float(began_s[0]) * NS_PER_S)
-    # In virtual time the log is stamped with the time since the start.
+    # In virtual time the log's stamps already count from the start.
     return 0 if abs(guess_ns) < NS_PER_S else guess_ns
 
 
 def _by_stamps(cycle_ns: Ints, at_ns: Ints, sent: Any) -> Ints:
-    """A frame feeds the next cycle and comes from the last one."""
+    """Match by stamps: a received frame feeds the next cycle, a sent one comes from the last
+    one.
+    """
     if not len(cycle_ns):
         return np.full(len(at_ns), NO_CYCLE, np.int64)
     fed = np.searchsorted(cycle_ns, at_ns, "left")
@@ -130,7 +134,7 @@ def _by_stamps(cycle_ns: Ints, at_ns: Ints, sent: Any) -> Ints:
 
 
 def _columns(path: Path, damages: Damages) -> Columns:
-    """Of a CSV file; rows that are torn are left out and counted."""
+    """Read the columns of a CSV file; torn rows are left out and counted."""
     if not path.is_file():
         return {}
     with path.open(newline="", encoding="utf-8", errors="replace") as lines:

@@ -1,4 +1,4 @@
-"""The runs below `runs/`: which one a word on the command line names, and which one is the last.
+"""Finds runs below `runs/`: by a word on the command line, or the last one.
 
 `runs/latest` is a symbolic link to the folder of the run that was started last. Each run replaces
 it in one step when it starts, so that parallel runs never leave a broken link.
@@ -35,7 +35,7 @@ def choose_run(word: Path | str | None, program: str, root: Path = ROOT) -> Path
 
 
 def mark_latest(run: Path, root: Path = ROOT) -> None:
-    """Let `runs/latest` point at a run that starts now, where there is a folder `runs`.
+    """Point `runs/latest` at a run that starts now, if the folder `runs` exists.
 
     A run must never fail because of this link, so a folder that cannot be written is ignored.
     """
@@ -51,7 +51,7 @@ def mark_latest(run: Path, root: Path = ROOT) -> None:
 
 
 def forget_removed(root: Path = ROOT) -> None:
-    """Let `runs/latest` point at the newest run that is left when its run was removed."""
+    """Point `runs/latest` at the newest remaining run if its run was removed."""
     link = root / LATEST
     if not link.is_symlink() or link.exists():
         return
@@ -63,7 +63,7 @@ def forget_removed(root: Path = ROOT) -> None:
 
 
 def run_folders(root: Path = ROOT) -> list[Path]:
-    """All folders of runs directly below `runs/`, the one that was started last at the end."""
+    """All run folders directly below `runs/`, the most recently started one last."""
     if not root.is_dir():
         return []
     found = [
@@ -75,7 +75,7 @@ def run_folders(root: Path = ROOT) -> list[Path]:
 
 
 def _started_ns(path: Path) -> int | None:
-    """When the first of the files that mark a run was written; None if none is there."""
+    """When the first existing mark file of a run was written; None if there is none."""
     for name in MARKS:
         with suppress(OSError):
             return (path / name).stat().st_mtime_ns

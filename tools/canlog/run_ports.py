@@ -1,4 +1,6 @@
-"""Which control cycle heard or said each frame, by the record of the controller's ports."""
+"""Finds the control cycle that received or sent each frame, from the record of the controller's
+ports.
+"""
 
 import json
 from dataclasses import dataclass
@@ -15,35 +17,35 @@ PORTS_LOG: Final = "ports.log"
 CYCLE_TASKS: Final = frozenset({"control", "grant"})
 NS_PER_MS: Final = 1_000_000
 HEARD_WITHIN_NS: Final = 5 * NS_PER_MS
-"""By so much the stamps of two listeners of one frame may differ."""
+"""Maximum difference between the stamps of two receivers of one frame."""
 SENT_WITHIN_NS: Final = 200 * NS_PER_MS
-"""So long a frame may wait for the bus."""
+"""Maximum time that a sent frame may wait for the bus."""
 TRIED_MAX: Final = 64
-"""Frames of one identifier that are looked at for one record."""
+"""Maximum number of frames of one identifier that are compared with one record."""
 OFFSET_SAMPLE: Final = 200
 
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """CAN records of ports.log as columns. Instants are those of the controller's clock."""
+    """CAN records of ports.log as columns. Instants are on the controller's clock."""
 
     start_ns: int
     begin_ns: Ints
-    """(c,) of control cycles."""
+    """(c,) begin of each control cycle."""
     at_ns: Ints
-    """(k,) stamp of what was heard; of what was sent, the begin of the cycle."""
+    """(k,) stamp of a received frame; for a sent frame, the begin of its cycle."""
     identifier: Any
     """(k,) uint32."""
     word: Any
-    """(k,) uint64: the data, zeros behind it."""
+    """(k,) uint64: the data, padded with zeros."""
     cycle: Ints
-    """(k,)."""
+    """(k,) number of the control cycle."""
     sent: Any
-    """(k,) bool."""
+    """(k,) bool: whether the controller sent the frame."""
 
 
 def read_ports(path: Path, damages: Damages) -> Ports | None:
-    """None without such a file; a torn line ends nothing but itself."""
+    """Read ports.log; None if there is none. A torn line is left out and counted."""
     if not path.is_file():
         return None
     start_ns, begins = 0, []
@@ -59,7 +61,7 @@ def read_ports(path: Path, damages: Damages) -> Ports | None:
                         begins.append(begin_ns)
                 elif words[0] == b"rx" and words[1] == b"can":
                     heard = int(words[2]), int(words[3], 16), _word(words[4])
-                    # A frame that another task hears feeds the next cycle.
+                    # A frame that another task receives feeds the next cycle.
                     rows.append((*heard, len(begins) - in_cycle, False))
                 elif words[0] == b"tx" and words[1] == b"can":
                     said = begin_ns, int(words[2], 16), _word(words[3])
@@ -94,10 +96,10 @@ def _word(text: bytes) -> int:
 
 
 def offset_ns_of(ports: Ports, frames: Frames) -> int:
-    """What to add to the controller's instants to get stamps of the log.
+    """Return the offset from the controller's instants to stamps of the log.
 
-    Every frame that was heard is compared with all of the same identifier and data; the distance
-    that most of them have in common, to a millisecond, is the one.
+    It compares every received frame with all frames of the same identifier and data. The result is
+    the most frequent distance, to a millisecond.
     """
     heard = np.flatnonzero(~ports.sent)[:OFFSET_SAMPLE]
     if not len(heard) or not len(frames):
@@ -116,12 +118,12 @@ def offset_ns_of(ports: Ports, frames: Frames) -> int:
     best = int(numbers[counts.argmax()])
     near = distances[np.abs(distances - best * NS_PER_MS) <= NS_PER_MS]
     offset_ns = int(np.median(near))
-    # Stamps of the log may be cut to microseconds; clocks that agree to that are the same clock.
+    # Stamps of the log may be cut to microseconds; clocks that agree within 2 us are the same.
     return 0 if abs(offset_ns) < 2_000 else offset_ns
 
 
 def match(ports: Ports, frames: Frames, offset_ns: int) -> Ints:
-    """(n,) cycle that each frame of the log fed or came from, -1 for those that did neither."""
+    """(n,) cycle that each frame of the log fed or came from, -1 for other frames."""
     cycle = np.full(len(frames), -1, np.int64)
     groups = Groups(frames)
     for identifier in np.unique(ports.identifier).tolist():

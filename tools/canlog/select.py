@@ -1,4 +1,4 @@
-"""Which frames of a log are shown: by name, identifier, node, value, instant, rate, change."""
+"""Selects frames of a log by name, identifier, node, value, instant, rate or change."""
 
 import fnmatch
 import re
@@ -17,20 +17,20 @@ from canlog.verdict_codes import UNCONFIRMED
 NS_PER_S: Final = 1_000_000_000
 IDENTIFIER: Final = re.compile("[0-9a-f]+x?")
 PATTERN: Final = re.compile(r"(?:[0-9a-f?.]{2})+")
-"""Data bytes in hexadecimal, any half of one as a point or question mark."""
+"""Data bytes in hexadecimal; a point or question mark stands for any digit."""
 RECEIVED, SENT = "rx", "tx"
 
 
 @dataclass(frozen=True, slots=True)
 class KeyRange:
-    """Identifiers from one to another, or those that agree with one in the bits of a mask."""
+    """A range of identifiers, or those that match one in the bits of a mask."""
 
     first: int
     last: int
     mask: int = 0xFFFF_FFFF
 
     def holds(self, key: Any) -> Bools:
-        """(n,) of keys, uint32."""
+        """(n,) whether each uint32 key is in the range."""
         masked = key & np.uint32(self.mask)
         found: Bools = (masked >= np.uint32(self.first)) & (masked <= np.uint32(self.last))
         return found
@@ -38,13 +38,13 @@ class KeyRange:
 
 @dataclass(frozen=True, slots=True)
 class DataPattern:
-    """What the first data bytes have to be, under a mask."""
+    """Required values of the first data bytes, under a mask."""
 
     wanted: bytes
     mask: bytes
 
     def holds(self, frames: Frames) -> Bools:
-        """(n,) frames that have the bytes and agree with them."""
+        """(n,) frames that are long enough and match the bytes."""
         size = len(self.wanted)
         found: Bools = (frames.length >= size) & frames.is_data
         if size > frames.data.shape[1]:
@@ -56,40 +56,43 @@ class DataPattern:
 
 
 class Condition(Protocol):
-    """Something that signals of a frame fulfil or not."""
+    """A condition on the signals of a frame."""
 
     def covers(self, spec: MessageSpec) -> bool:
-        """Whether frames of this message can fulfil it at all."""
+        """Whether frames of this message can fulfil the condition."""
 
     def holds(self, table: Table) -> Bools:
-        """(n,) which frames fulfil it."""
+        """(n,) which frames fulfil the condition."""
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What was asked for; what is empty or None chooses nothing away."""
+    """The requested frames; an empty or None criterion excludes nothing."""
 
     names: tuple[str, ...] = ()
-    """Patterns of the names of messages."""
+    """Patterns of message names."""
     keys: tuple[KeyRange, ...] = ()
     nodes: tuple[str, ...] = ()
-    """Senders."""
+    """Sending nodes."""
     where: Condition | None = None
     spans_ns: tuple[tuple[int, int], ...] | None = None
-    """Stamps, first and last."""
+    """First and last stamp of each span."""
     rate_hz: float | None = None
-    """At most so many frames a second of each message."""
+    """Maximum frames per second of each message."""
     rejected: bool = False
-    """Only what the codec refuses."""
+    """Only frames that the codec rejects."""
     direction: str = ""
-    """RECEIVED or SENT."""
+    """RECEIVED or SENT; empty for both."""
     data: DataPattern | None = None
     changed: bool = False
-    """Only frames with other data than the one of their message before."""
+    """Only frames whose data differs from the frame before of the same message."""
 
 
 def parse_key(text: str) -> int:
-    """`103` and `0x103` have 11 bits, eight digits or a trailing x have 29. Raises LogError."""
+    """Parse a key: `103` and `0x103` have 11 bits; eight digits or a trailing x mean 29 bits.
+
+    Raises LogError.
+    """
     digits = text.lower().removeprefix("0x")
     if not IDENTIFIER.fullmatch(digits):
         raise LogError(f"{text}: no identifier; write it in hexadecimal")
@@ -101,16 +104,16 @@ def parse_key(text: str) -> int:
 
 
 def parse_keys(text: str) -> KeyRange:
-    """`103`, `100-1FF`, or `100/7F0` for those that agree with 100 in the bits of 7F0.
+    """Parse `103`, `100-1FF`, or `100/7F0` for identifiers that match 100 in the bits of 7F0.
 
     Raises:
-        LogError: for what is none of them.
+        LogError: for any other text.
     """
     first, dash, last = text.partition("-")
     if dash and first:
         low, high = parse_key(first), parse_key(last)
         if low & KEY_EXTENDED != high & KEY_EXTENDED:
-            # The shorter end is meant as wide as the longer one.
+            # If either end has 29 bits, both have.
             low, high = low | KEY_EXTENDED, high | KEY_EXTENDED
         if low > high:
             raise LogError(f"--id {text}: {first} is above {last}")
@@ -127,7 +130,7 @@ def parse_keys(text: str) -> KeyRange:
 
 
 def parse_data(text: str) -> DataPattern:
-    """`0A..FF`: the first byte 0A, the third FF. Raises LogError."""
+    """Parse `0A..FF`: the first byte is 0A, the third FF. Raises LogError."""
     digits = text.lower().replace(" ", "")
     if not PATTERN.fullmatch(digits):
         raise LogError(f"--data {text}: write bytes in hexadecimal, with points for any, as 0A..FF")
@@ -139,14 +142,14 @@ def parse_data(text: str) -> DataPattern:
 
 @dataclass(slots=True)
 class Selector:
-    """Chooses frames of one block after the other."""
+    """Selects frames of blocks in order."""
 
     wanted: Selection
     bus: Bus
     _slots: dict[tuple[int, str], int] = field(default_factory=dict)
-    """By key and channel: the part of a second in which the last frame was shown."""
+    """By key and channel: the time slot in which the last frame was shown."""
     _before: dict[tuple[int, str], bytes] = field(default_factory=dict)
-    """By key and channel: the last data."""
+    """By key and channel: the data of the last frame."""
 
     def __post_init__(self) -> None:
         nodes = set(self.bus.nodes)
@@ -156,10 +159,12 @@ class Selector:
         names = [*self.bus.messages]
         for pattern in self.wanted.names:
             if not fnmatch.filter(names, pattern):
-                raise LogError(f"--message {pattern}: no message of {self.bus.name} is called so")
+                raise LogError(f"--message {pattern}: no message of {self.bus.name} matches")
 
     def rows(self, frames: Frames, groups: Groups, code: Any = None) -> Ints:
-        """Rising rows of the frames that are wanted. `code`: verdicts, where there are any."""
+        """Return the rows of the selected frames, rising. `code`: verdicts, if the bus is
+        judged.
+        """
         keep = self._by_message(frames, groups)
         if self.wanted.spans_ns is not None:
             inside = np.zeros(len(frames), np.bool_)
@@ -235,6 +240,6 @@ class Selector:
 
 
 def around(instants_ns: Sequence[int], within_s: float) -> tuple[tuple[int, int], ...]:
-    """Spans of so many seconds before and after."""
+    """Return spans of `within_s` seconds before and after each instant."""
     within_ns = round(within_s * NS_PER_S)
     return tuple((at_ns - within_ns, at_ns + within_ns) for at_ns in instants_ns)

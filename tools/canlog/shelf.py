@@ -1,7 +1,7 @@
-"""Columns in files without a name instead of memory, for logs that memory does not hold.
+"""Keeps columns in unnamed files instead of memory, for logs larger than memory.
 
-The system writes to disk what it has no memory for; the files go with the program. They lie where
-temporary files do: TMPDIR chooses another place.
+The operating system writes to disk what does not fit into memory, and removes the files when the
+program ends. They are in the folder for temporary files; TMPDIR chooses another one.
 """
 
 import tempfile
@@ -14,11 +14,11 @@ from canlog.damage import LogError
 from canlog.frames import CLASSIC_BYTES, Frames, Ints, empty, renumbered, widened
 
 Room = Callable[[int, Any], Any]
-"""A column of so many items of a kind, to be filled."""
+"""Allocates a column of the given number of items of a type."""
 ON_DISK_BYTES: Final = 1 << 24
-"""Smaller columns stay in memory."""
+"""Size from which a column is kept on disk."""
 PIECE: Final = 1 << 18
-"""Frames that are looked at in one go."""
+"""Frames that are processed at once."""
 
 
 def in_memory(count: int, kind: Any) -> Any:
@@ -26,7 +26,7 @@ def in_memory(count: int, kind: Any) -> Any:
 
 
 def on_disk(count: int, kind: Any) -> Any:
-    """Raises LogError when there is no room for it."""
+    """Allocate a column on disk if it is large. Raises LogError if there is no room."""
     size = count * np.dtype(kind).itemsize
     if size < ON_DISK_BYTES:
         return np.empty(count, kind)
@@ -44,7 +44,7 @@ def _full(error: OSError) -> LogError:
 
 
 def shelved(blocks: Iterable[Frames]) -> Frames:
-    """All blocks one after the other, as `concat` gives them, in files. Raises LogError."""
+    """Join all blocks like `concat`, but in files. Raises LogError."""
     try:
         writer = _Writer()
     except OSError as error:
@@ -58,13 +58,13 @@ def shelved(blocks: Iterable[Frames]) -> Frames:
 
 
 def in_pieces(frames: Frames) -> Iterator[tuple[int, Frames]]:
-    """The first row of each piece, and the piece."""
+    """Yield the frames in pieces, each with its first row."""
     for at in range(0, len(frames), PIECE):
         yield at, frames[at : at + PIECE]
 
 
 def rearranged(frames: Frames, order: Ints, room: Room) -> Frames:
-    """The frames in another order."""
+    """Return the frames in another order."""
 
     def taken(column: Any) -> Any:
         found = room(column.size, column.dtype).reshape(column.shape)

@@ -1,4 +1,4 @@
-"""Bytes of a log in bounded pieces, plain or compressed, up to a torn or broken end."""
+"""Reads the bytes of a log in bounded pieces, plain or compressed, up to a torn or corrupt end."""
 
 import mmap
 import tempfile
@@ -14,14 +14,16 @@ from canlog.damage import Damages, LogError
 PIECE_BYTES: Final = 1 << 22
 BITE_BYTES: Final = 1 << 14
 LINE_MAX: Final = 1 << 16
-"""A line longer than this is no line of any log; what it holds is dropped and counted."""
+"""Maximum length of a line; the content of a longer one is dropped and counted."""
 GZIP: Final = b"\x1f\x8b"
 ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _GZIP_WINDOW: Final = 31
 
 
 def head_of(path: Path, count: int = 4096) -> bytes:
-    """The first bytes, uncompressed; fewer when there are fewer. Raises LogError."""
+    """Return the first `count` uncompressed bytes, or fewer if the file is shorter. Raises
+    LogError.
+    """
     quiet = Damages()
     found = b""
     for piece in pieces(path, quiet, piece_bytes=count):
@@ -32,10 +34,10 @@ def head_of(path: Path, count: int = 4096) -> bytes:
 
 
 def pieces(path: Path, damages: Damages, piece_bytes: int = PIECE_BYTES) -> Iterator[bytes]:
-    """The content of a file, gzip and zstd undone, a few megabytes at a time.
+    """Yield the uncompressed content of a file, a few megabytes at a time.
 
     Raises:
-        LogError: when the file cannot be opened or read.
+        LogError: if the file cannot be opened or read.
     """
     try:
         with path.open("rb") as file:
@@ -54,19 +56,19 @@ def pieces(path: Path, damages: Damages, piece_bytes: int = PIECE_BYTES) -> Iter
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A whole file that is looked at where it stands."""
+    """A whole file mapped into memory."""
 
     data: Any
-    """As bytes: can be sliced and searched."""
+    """Content that can be sliced and searched like bytes."""
     size: int
 
 
 @contextmanager
 def opened(path: Path, damages: Damages) -> Iterator[Opened]:
-    """A file mapped into memory; one that is compressed is unpacked onto the disk first.
+    """Map a file into memory; a compressed one is first unpacked to disk.
 
     Raises:
-        LogError: when it cannot be read.
+        LogError: if the file cannot be read.
     """
     try:
         with path.open("rb") as file, ExitStack() as stack:
@@ -88,7 +90,7 @@ def opened(path: Path, damages: Damages) -> Iterator[Opened]:
 
 
 def _gunzipped(file: Any, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
-    """Member after member; behind the last whole byte of a torn or broken one nothing is read."""
+    """Yield the content member by member, up to the last whole byte of a torn or corrupt member."""
     read = file.read
     taken, waiting = 0, b""
     undo = zlib.decompressobj(_GZIP_WINDOW)
@@ -123,7 +125,7 @@ def _unzstd(path: Path, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
         while True:
             gathered = bytearray()
             try:
-                # In small bites: what a failing call has undone already is lost with it.
+                # Read in small bites: a failing call loses what it has already unpacked.
                 while len(gathered) < piece_bytes and (bite := stream.read(BITE_BYTES)):
                     gathered += bite
             except OSError as error:
@@ -138,7 +140,7 @@ def _unzstd(path: Path, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
 
 
 def text_blocks(path: Path, damages: Damages) -> Iterator[bytes]:
-    """Whole lines in blocks of some megabytes; only the last one may end without a line's end."""
+    """Yield blocks of whole lines of some megabytes; only the last line may lack its end."""
     rest, taken = b"", 0
     for piece in pieces(path, damages):
         cut = piece.rfind(b"\n") + 1
@@ -157,7 +159,7 @@ def text_blocks(path: Path, damages: Damages) -> Iterator[bytes]:
 
 
 def lines_blocks(path: Path, damages: Damages) -> Iterator[tuple[bytes, int]]:
-    """The same, each with the number of its first line, from 1."""
+    """Yield the same blocks, each with the number of its first line, from 1."""
     number = 1
     for block in text_blocks(path, damages):
         yield block, number

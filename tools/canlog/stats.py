@@ -1,4 +1,4 @@
-"""Statistics of a log, gathered block by block: of every message, of its signals, of the bus."""
+"""Statistics of a log, gathered block by block: of each message, its signals, and the bus."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -20,19 +20,19 @@ from canlog.verdict_codes import JUDGED_BUS, UNCONFIRMED
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 WINDOW_NS: Final = 100 * NS_PER_MS
-"""Of the highest load."""
+"""Window over which the peak bus load is measured: 100 ms."""
 
 
 @dataclass(slots=True)
 class SignalRange:
-    """What one signal was seen to be."""
+    """Observed range of one signal."""
 
     spec: SignalSpec
     least: Any = None
     most: Any = None
     seen: int = 0
     out_of_range: int = 0
-    """Frames outside minimum to maximum of the DBC file."""
+    """Number of frames with a value outside the minimum and maximum of the DBC file."""
 
     def feed(self, values: Any) -> None:
         if values.dtype.kind == "f":
@@ -46,7 +46,7 @@ class SignalRange:
         low, high = self.spec.minimum, self.spec.maximum
         if low is None or high is None or (low == 0 and high == 0):
             return
-        # A value on the end of the range may be rounded to a hair beyond it.
+        # Rounding may put a value at the end of the range slightly beyond it.
         slack = 1e-9 * max(abs(low), abs(high))
         if least < low - slack or most > high + slack:
             outside = (values < low - slack) | (values > high + slack)
@@ -55,7 +55,7 @@ class SignalRange:
 
 @dataclass(slots=True)
 class MessageStats:
-    """One message, or one unknown identifier, on one channel."""
+    """Statistics of one message, or one unknown identifier, on one channel."""
 
     channel: str
     key: int
@@ -65,28 +65,28 @@ class MessageStats:
     frames: int = 0
     bits: int = 0
     short: int = 0
-    """Frames that are too short for the message."""
+    """Number of frames that are too short for the message."""
     undefined: int = 0
-    """Frames with a multiplexer value that the DBC file does not know."""
+    """Number of frames with a multiplexer value that the DBC file does not define."""
     rejected: dict[Reason, int] = field(default_factory=dict)
     unconfirmed: int = 0
     lost: int = 0
-    """Frames that never came, by the alive counter."""
+    """Number of frames that never came, according to the alive counter."""
     signals: dict[str, SignalRange] = field(default_factory=dict)
     plan: DecodingPlan | None = None
     follower: Follower | None = None
-    """Of a bus that this project's codec does not judge."""
+    """Checks declared counters and CRCs on a bus that this project's codec does not judge."""
     fd_flags: int = 0
-    """FD where a frame was one, BRS where a frame switched to the fast rate."""
+    """FD if any frame was an FD frame, BRS if any switched to the fast rate."""
     slow_fd: bool = False
-    """Whether an FD frame did not."""
+    """Whether any FD frame stayed at the nominal rate."""
     longest: int = 0
     """Data bytes of the longest frame."""
 
 
 @dataclass(slots=True)
 class BusStats:
-    """One channel."""
+    """Statistics of one channel."""
 
     channel: str
     frames: int = 0
@@ -96,15 +96,15 @@ class BusStats:
     fd_frames: int = 0
     unknown_frames: int = 0
     backwards: int = 0
-    """Stamps before that of the frame before."""
+    """Number of stamps that are earlier than the one before."""
     first_ns: int | None = None
     last_ns: int = 0
     busy_ns: int = 0
-    """On the bus, stuff bits and intermissions included."""
+    """Time for which frames occupied the bus, stuff bits and intermissions included."""
     window: int = -1
     window_busy_ns: int = 0
     peak_busy_ns: int = 0
-    """In the fullest WINDOW_NS."""
+    """Busy time in the fullest WINDOW_NS."""
 
     @property
     def span_ns(self) -> int:
@@ -120,12 +120,15 @@ class BusStats:
 
 
 class Statistics:
-    """Feed it blocks of frames, then look at `messages` and `buses`."""
+    """Statistics of a log: feed it blocks of frames, then read `messages` and `buses`."""
 
     def __init__(self, bus: Bus, *, baudrate: int = 0, data_baudrate: int = 0) -> None:
-        """Args:
-        baudrate: bits per second; 0 takes that of the DBC file.
-        data_baudrate: of the fast part of FD frames; 0 takes that of the DBC file, else the same.
+        """Set the bit rates.
+
+        Args:
+            baudrate: bits per second; 0 takes that of the DBC file.
+            data_baudrate: bits per second of the fast part of FD frames; 0 takes that of the DBC
+                file, else `baudrate`.
         """
         self.bus = bus
         self.baudrate = baudrate or bus.baudrate
@@ -140,7 +143,7 @@ class Statistics:
         return self._judge is not None
 
     def feed(self, frames: Frames) -> None:
-        """The next block of the log."""
+        """Add the next block of the log."""
         if not len(frames):
             return
         groups = Groups(frames)
@@ -220,7 +223,9 @@ class Statistics:
             _feed_range(one.plan, name, seen, payloads)
 
     def _late(self) -> None:
-        """Halves of vital pairs of the last block: what was told of them then changes now."""
+        """Correct the verdicts of pair halves in earlier blocks, which the last block has
+        decided.
+        """
         for late in self._judge.late if self._judge is not None else ():
             one = self.messages[late.channel, late.can_id]
             one.unconfirmed -= 1
@@ -229,7 +234,9 @@ class Statistics:
                 one.rejected[reason] = one.rejected.get(reason, 0) + 1
 
     def finish(self) -> None:
-        """After the last block: what counters say was lost, and what had ended before the log."""
+        """Finish after the last block: count lost frames, and messages that ended before the
+        log.
+        """
         for (channel, key), one in self.messages.items():
             one.gaps.finish(self.buses[channel].last_ns)
             if self._judge is not None:
@@ -237,7 +244,7 @@ class Statistics:
 
 
 def gather(blocks: Iterable[Frames], bus: Bus, **rates: int) -> Statistics:
-    """The statistics of a whole log. `rates` are those of Statistics."""
+    """Gather the statistics of a whole log. `rates` are the bit rates of Statistics."""
     found = Statistics(bus, **rates)
     for block in blocks:
         found.feed(block)
@@ -269,7 +276,7 @@ def _feed_bus(one: BusStats, frames: Frames, busy_ns: Ints) -> None:
 
 
 def _feed_windows(one: BusStats, window: Ints, busy_ns: Ints) -> None:
-    """Load of each window; a window that goes on in the next block is kept."""
+    """Update the load of each window; the last window may continue in the next block."""
     cuts = np.flatnonzero(np.diff(window)) + 1
     starts = np.concatenate([[0], cuts])
     sums = np.add.reduceat(busy_ns, starts)
@@ -289,7 +296,7 @@ def _feed_range(plan: DecodingPlan, name: str, seen: SignalRange, payloads: Payl
     if spec.is_float or not len(raw):
         seen.feed(physical_of(spec, raw))
         return
-    # Scaling keeps or turns the order: the ends of the raw values are those of the physical ones.
+    # Scaling keeps or reverses the order, so the extremes of raw and physical values coincide.
     signed = signed_raw(spec, raw)
     ends = np.array([signed.min(), signed.max()]).view(np.uint64)
     values = physical_of(spec, ends)

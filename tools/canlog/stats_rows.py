@@ -1,4 +1,4 @@
-"""Statistics as rows of named numbers: what tables, JSON, CSV, JUnit and rules are made of."""
+"""Statistics as rows of named numbers, for tables, JSON, CSV, JUnit and rules."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -13,7 +13,7 @@ from canlog.stats import NS_PER_MS, NS_PER_S, BusStats, MessageStats, Statistics
 COUNTER: Final = (Reason.STUCK_COUNTER, Reason.JUMPED_COUNTER)
 TWIN: Final = (Reason.TWIN_MISMATCH, Reason.TWIN_TIMEOUT)
 LEAST_GAPS: Final = 3
-"""So many gaps tell a period that the DBC file does not."""
+"""Number of gaps needed to estimate a period that the DBC file does not give."""
 
 MESSAGE_NUMBERS: Final = (
     *("frames", "rate_hz", "load_ratio", "period_ms", "gap_ms_mean", "gap_ms_min", "gap_ms_max"),
@@ -22,18 +22,18 @@ MESSAGE_NUMBERS: Final = (
     *("invalid_values", "wrong_length", "unconfirmed", "short", "undefined", "out_of_range"),
     *("latency_ms", "known"),
 )
-"""What a rule may say of a message."""
+"""Numbers of a message that rules may name."""
 BUS_NUMBERS: Final = (
     *("bus_frames", "bus_load_ratio", "bus_load_ratio_max", "error_frames", "remote_frames"),
     *("fd_frames", "unknown_frames", "bus_backwards", "span_s"),
 )
-"""What a rule may say of a bus."""
+"""Numbers of a bus that rules may name."""
 
 Row = dict[str, Any]
 
 
 def message_rows(found: Statistics) -> list[Row]:
-    """One for each message and channel, by channel and key, with all of MESSAGE_NUMBERS."""
+    """Return one row per message and channel, by channel and key, with all of MESSAGE_NUMBERS."""
     latencies = {channel: latencies_ms(found, channel) for channel in found.buses}
     ordered = sorted(found.messages.values(), key=lambda one: (one.channel, one.key))
     return [
@@ -65,7 +65,7 @@ def _message_row(
 
 
 def _verdict_numbers(one: MessageStats, *, judged: bool) -> Mapping[str, Any]:
-    """None for what nothing tells how to judge; `unjudged` says why."""
+    """Return the numbers of the verdicts, None if they cannot be judged; `unjudged` says why."""
     if judged and one.spec is not None:
         refused = one.rejected
         return {
@@ -97,7 +97,7 @@ def _verdict_numbers(one: MessageStats, *, judged: bool) -> Mapping[str, Any]:
 
 
 def unjudged(found: Statistics) -> list[Row]:
-    """What could not be told of which message, and why; by channel, key and what."""
+    """List what could not be judged for each message, and why; by channel, key and item."""
     rows = []
     for one in sorted(found.messages.values(), key=lambda each: (each.channel, each.key)):
         why: dict[str, str] = {}
@@ -119,20 +119,20 @@ def unjudged(found: Statistics) -> list[Row]:
 
 
 def absent(found: Statistics) -> list[str]:
-    """Messages that the DBC file gives a cycle time and that no channel has a frame of.
+    """Return cyclic messages of the DBC file of which no channel has a frame.
 
-    One that is optional may stay away.
+    Optional messages do not count.
     """
     return [spec.name for spec in _absent(found)]
 
 
 def absent_count(found: Statistics) -> int | None:
-    """None where the DBC file names no message that has to come: then nothing can be absent."""
+    """Number of absent messages; None if the DBC file requires none, so that none can be absent."""
     return len(_absent(found)) if _due(found) else None
 
 
 def _due(found: Statistics) -> list[MessageSpec]:
-    """Messages that have to come."""
+    """Return the messages that must come: cyclic and not optional."""
     buses = (found.bus, *found.bus.by_channel.values())
     specs = {(spec.name, spec.key): spec for bus in buses for spec in bus.by_key.values()}
     return [spec for spec in specs.values() if spec.period_ms and not spec.optional]
@@ -144,7 +144,9 @@ def _absent(found: Statistics) -> list[MessageSpec]:
 
 
 def absent_rows(found: Statistics) -> list[Row]:
-    """A row for each message of `absent`: every frame is missing, and only that is known."""
+    """Return a row for each absent message: all its frames are missing, other numbers are
+    unknown.
+    """
     span_ns = max((bus.span_ns for bus in found.buses.values()), default=0)
     unknown: Row = dict.fromkeys(MESSAGE_NUMBERS)
     none = dict.fromkeys(("frames", "rate_hz", "load_ratio", "extra"), 0)
@@ -189,7 +191,7 @@ def _gap_numbers(gaps: Gaps) -> Mapping[str, Any]:
 
 
 def bus_rows(found: Statistics) -> list[Row]:
-    """One for each channel, with all of BUS_NUMBERS."""
+    """Return one row per channel, with all of BUS_NUMBERS."""
     return [
         {
             "channel": one.channel,
@@ -209,7 +211,7 @@ def bus_rows(found: Statistics) -> list[Row]:
 
 
 def signal_rows(found: Statistics) -> list[Row]:
-    """Range of each signal that was seen."""
+    """Return the range of each observed signal."""
     rows = []
     for one in sorted(found.messages.values(), key=lambda each: (each.channel, each.key)):
         for name, seen in one.signals.items():
@@ -233,8 +235,9 @@ def signal_rows(found: Statistics) -> list[Row]:
 def latencies_ms(found: Statistics, channel: str) -> dict[str, float | None]:
     """Worst-case latency of each message of a channel that is sent with a period.
 
-    The period is that of the DBC file, else the median gap. Others only block: they are left out as
-    if they were rare. A frame is as long as the DBC file has it, or longer if it was.
+    The period is that of the DBC file, or else the median gap. Messages without a period are left
+    out as if they were rare. A frame has the length in the DBC file, or the observed length if that
+    is greater.
     """
     bit_ns = NS_PER_S // found.baudrate
     known = sorted(
@@ -265,7 +268,7 @@ def _longest_ns(one: MessageStats, found: Statistics) -> int:
 
 
 def _priority(key: int) -> tuple[int, int, int]:
-    """As arbitration decides: the first eleven bits, then 11 bits before 29, then the rest."""
+    """Sort key of arbitration: the first eleven bits, then 11 bits before 29, then the rest."""
     if key & KEY_EXTENDED:
         wide = key & ~KEY_EXTENDED
         return wide >> 18, 1, wide & 0x3FFFF

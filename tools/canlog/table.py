@@ -1,4 +1,4 @@
-"""All frames of one message as columns of physical values, decoded when they are asked for."""
+"""All frames of one message as columns of physical values, decoded on demand."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
@@ -14,14 +14,14 @@ from canlog.plan import Column, DecodingPlan, Payloads, Raws, signed_raw
 from canlog.shelf import Room, in_memory
 
 SHORT: Final = 2048
-"""Keys below are identifiers of 11 bits, which are looked up."""
+"""Limit below which a key is an 11-bit identifier, which is looked up."""
 
 
 class Table:
     """`n` frames of one message. `table["speed_mps"]` is a column (n,) of physical values.
 
-    Integers stay integers. Where a frame does not carry a signal, because it is short or its
-    multiplexer chooses others, `valid` is false and the value is NaN, or 0 of an integer.
+    Integers stay integers. If a frame is too short for a signal, or its multiplexer selects others,
+    `valid` is false and the value is NaN, or 0 for an integer.
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class Table:
     ) -> None:
         self.spec: MessageSpec = plan.spec
         self.at_ns = at_ns
-        """(n,) int64."""
+        """(n,) int64 stamps."""
         self._rows = rows
         self.payloads = payloads
         self._plan = plan
@@ -42,12 +42,12 @@ class Table:
 
     @property
     def rows(self) -> Ints:
-        """(n,) which frames of the log these are."""
+        """(n,) indices of these frames in the log."""
         return self._rows()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The signals, in the order of their bits."""
+        """Names of the signals, in order of their bits."""
         return tuple(self._plan.cuts)
 
     @property
@@ -78,7 +78,9 @@ class Table:
         return found
 
     def _room(self, name: str) -> Column:
-        """Its share of one block for all columns: large blocks cost the system fewer pages."""
+        """Return a signal's share of one allocation for all columns, which costs fewer page
+        faults.
+        """
         if self._block is None:
             self._block = np.empty((len(self._plan.cuts), len(self)), np.uint64)
         room: Column = self._block[self.names.index(name)]
@@ -94,31 +96,33 @@ class Table:
         return found
 
     def raw(self, name: str) -> Column:
-        """(n,) the bits as a number, int64 for a signed signal and uint64 for the others."""
+        """(n,) raw value: int64 for a signed signal, uint64 for others."""
         spec = self.spec.signal(name)
         bits: Raws = self._plan.raw(name, self.payloads)
         return signed_raw(spec, bits)
 
     def labels(self, name: str) -> "list[str | None]":
-        """Names of a signal's value table, None where the table has none or the frame no signal."""
+        """Names from a signal's value table; None if the table has none or the frame lacks the
+        signal.
+        """
         choices = self.spec.signal(name).choices
         pairs = zip(self.raw(name).tolist(), self.valid(name).tolist(), strict=True)
         return [choices.get(raw) if valid else None for raw, valid in pairs]
 
     @property
     def undefined(self) -> Bools:
-        """(n,) frames with a multiplexer value that the DBC file does not know."""
+        """(n,) frames with a multiplexer value that the DBC file does not define."""
         found = self._plan.undefined(self.payloads)
         return np.zeros(len(self), np.bool_) if found is None else found
 
     def arrow(self, channel: str | None = None) -> Any:
-        """A pyarrow.Table: `at_ns`, then each signal, null where a frame has none.
+        """Return a pyarrow.Table: `at_ns`, then each signal, null if a frame lacks it.
 
-        Units, value tables and the message's name are in the metadata of fields and schema.
-        Integers of more than 64 bits become text.
+        Metadata of fields and schema hold units, value tables and the message's name. Integers of
+        more than 64 bits become text.
 
         Args:
-            channel: for a column of this name behind the stamps.
+            channel: adds a column with this name after the stamps.
         """
         import pyarrow as pa
 
@@ -139,14 +143,14 @@ class Table:
 
 
 def exported(column: Column) -> Any:
-    """A column as other programs can take it: long integers as hexadecimal text."""
+    """Return a column that other programs can read: long integers as hexadecimal text."""
     if column.dtype.kind != "O":
         return column
     return np.array([hex(value) for value in column.tolist()], str)
 
 
 def table_of(spec: MessageSpec, data: Sequence[bytes]) -> Table:
-    """Of frames by themselves, such as those that an event names: one row each, stamps 0."""
+    """Make a table of single frames, such as those that an event names; the stamps are 0."""
     longest = max((len(each) for each in data), default=0)
     width = CLASSIC_BYTES if longest <= CLASSIC_BYTES else max(longest, FD_BYTES)
     joined = b"".join(each.ljust(width, b"\0") for each in data)
@@ -163,16 +167,16 @@ def _nothing(column: Column) -> Any:
 
 
 Spans = dict[int, tuple[int, int]]
-"""Where the frames of a place lie: the index of the channel above 32 bits of key."""
+"""Range of the sorted frames for each place: the channel index above 32 bits of key."""
 CHANNEL_SHIFT: Final = 32
 KEY_MASK: Final = (1 << CHANNEL_SHIFT) - 1
 
 
 class Groups:
-    """Which frames belong to which message on which channel: sorted once for all of them."""
+    """Sorts frames once by message and channel."""
 
     def __init__(self, frames: Frames | Sequence[Frames], room: Room = in_memory) -> None:
-        """Of the blocks of one log, if there are several; `room` gives columns their place."""
+        """Sort the frames of one or several blocks of one log; `room` allocates the columns."""
         self._blocks = (frames,) if isinstance(frames, Frames) else tuple(frames)
         self._room = room
         names = list(dict.fromkeys(name for block in self._blocks for name in block.channels))
@@ -203,7 +207,7 @@ class Groups:
 
     @cached_property
     def keys(self) -> tuple[int, ...]:
-        """Of all data frames, sorted, whatever channel they are on."""
+        """Keys of all data frames, sorted, on any channel."""
         return tuple(sorted({place & KEY_MASK for place in self._spans}))
 
     @cached_property
@@ -223,7 +227,7 @@ class Groups:
         return tuple(place for place in places if place in self._spans)
 
     def _index(self, places: tuple[int, ...]) -> "slice | Ints":
-        """Where the frames of some places lie among the sorted ones, in the order of the log."""
+        """Return the positions of the frames of some places among the sorted ones, in log order."""
         if len(places) < 2:
             return slice(*self._spans[places[0]]) if places else slice(0, 0)
         found = self._chosen.get(places)
@@ -241,11 +245,11 @@ class Groups:
         return self._order
 
     def rows(self, *keys: int, channel: str | None = None) -> Ints:
-        """Indices of the data frames with one of these keys, rising; on any channel for None."""
+        """Indices of the data frames with one of these keys, rising; None means any channel."""
         return self._sorted_rows[self._index(self._places(keys, channel))]
 
     def count(self, *keys: int, channel: str | None = None) -> int:
-        """How many data frames have one of these keys."""
+        """Number of data frames with one of these keys."""
         spans = (self._spans[place] for place in self._places(keys, channel))
         return sum(stop - start for start, stop in spans)
 
@@ -258,7 +262,7 @@ class Groups:
         return stamps
 
     def payloads(self, *keys: int, channel: str | None = None) -> Payloads:
-        """Their data."""
+        """Data of the frames with one of these keys."""
         index = self._index(self._places(keys, channel))
         if self._columns is None:
             rows = self._sorted_rows[index]
@@ -269,11 +273,11 @@ class Groups:
     def table(
         self, spec: MessageSpec, channel: str | None = None, keys: Sequence[int] = ()
     ) -> Table:
-        """The frames of a message.
+        """Return the frames of a message.
 
         Args:
-            channel: only of this one.
-            keys: that the message comes with, if they are not just its own.
+            channel: take only this channel; None for all.
+            keys: keys of the message, if they are not only its own.
         """
         mine = tuple(keys) or (spec.key,)
         rows = partial(self.rows, *mine, channel=channel)
@@ -282,7 +286,7 @@ class Groups:
 
 
 def taken(frames: Frames, rows: Ints) -> Any:
-    """Rows of the data; as whole words where they are, which is many times faster."""
+    """Return rows of the data, copied as 64-bit words if possible, which is many times faster."""
     data = frames.data
     if data.shape[1] == 8 and data.flags.c_contiguous:
         return data.view(np.uint64)[:, 0][rows].view(np.uint8).reshape(-1, 8)
@@ -290,13 +294,13 @@ def taken(frames: Frames, rows: Ints) -> Any:
 
 
 def _spans(key: Any) -> Spans:
-    """Where each of these sorted keys lies."""
+    """Return the range of each of these sorted keys."""
     cuts = [0, *(np.flatnonzero(np.diff(key)) + 1).tolist(), len(key)]
     return {int(key[start]): (start, stop) for start, stop in pairwise(cuts) if stop > start}
 
 
 def _numbers(key: Any) -> Any:
-    """(n,) what sorts as the keys do: 16 bits where they can, which numpy sorts fastest."""
+    """(n,) numbers that sort like the keys: 16 bits if possible, which numpy sorts fastest."""
     if not len(key) or int(key.max()) < SHORT:
         return key.astype(np.uint16)
     short = key < np.uint64(SHORT)

@@ -1,7 +1,7 @@
-"""What the project's own codec says of every frame of a log, for whole columns at once.
+"""Verdicts of the project's own codec on every frame of a log, computed for whole columns.
 
-`can_dbc.codec.Decoder` judges frame by frame on board; here the same rules run over columns, so
-that a log of millions of frames is judged in seconds. Tests hold this to the codec.
+On board, `can_dbc.codec.Decoder` judges frame by frame. Here the same rules run over columns, so
+that a log of millions of frames is judged in seconds. Tests compare both.
 """
 
 from collections import Counter
@@ -26,7 +26,7 @@ _POLYNOMIAL: Final = 0x1021
 
 
 def _crc_table(bits: int) -> Any:
-    """CRC-16 of a number of `bits` bits shifted in after zeros."""
+    """CRC-16 of every number of `bits` bits, from the state 0."""
     value = np.arange(1 << bits, dtype=np.uint32) << np.uint32(16 - bits)
     for _ in range(bits):
         high = (value & 0x8000) != 0
@@ -41,7 +41,7 @@ _CRC_16: Final = _crc_table(16)
 
 
 def crc16(data: Bytes, start: int) -> Any:
-    """(n,) CRC-16 with polynomial 0x1021 over the rows of (n, k), from the state `start`."""
+    """(n,): CRC-16 with polynomial 0x1021 over the rows of (n, k), from the state `start`."""
     state = np.full(len(data), start, np.uint16)
     odd = data.shape[1] % 2
     if odd:
@@ -54,15 +54,15 @@ def crc16(data: Bytes, start: int) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Verdicts:
-    """What was said of the frames of one log."""
+    """Verdicts on the frames of one log."""
 
     code: Bytes
-    """(n,) NOT_JUDGED, ACCEPTED, UNCONFIRMED or the number in CODES of the reason."""
+    """(n,) NOT_JUDGED, ACCEPTED, UNCONFIRMED, or the number of the rejection's reason in CODES."""
     lost: dict[int, int]
-    """By identifier: frames that never came, by the gaps in alive counters."""
+    """By identifier: frames that never came, counted from gaps in alive counters."""
 
     def rejected(self) -> Any:
-        """(k,) rows that were refused."""
+        """(k,) rows of rejected frames."""
         return np.flatnonzero(self.code > UNCONFIRMED)
 
     def reason(self, row: int) -> Reason | None:
@@ -71,18 +71,18 @@ class Verdicts:
 
 @dataclass(slots=True)
 class _Pair:
-    """What waits for the second half: row, instant, payload and counter."""
+    """First half of a vital pair that waits for its twin: row, stamp, and payload with counter."""
 
     waiting: tuple[int, int, int] | None = None
     late: list[tuple[int, int]] = field(default_factory=list)
-    """Row and code of the one that waited since an earlier block."""
+    """Row and code of the half that waited since an earlier block."""
 
 
 class LateVerdict(NamedTuple):
-    """What became of a frame of an earlier block."""
+    """Final verdict on a frame of an earlier block."""
 
     row: int
-    """In the whole log."""
+    """Row in the whole log."""
     code: int
     channel: str
     can_id: int
@@ -90,17 +90,17 @@ class LateVerdict(NamedTuple):
 
 @dataclass(slots=True)
 class Judge:
-    """Judges a log block by block. Every channel has receivers of its own."""
+    """Judges a log block by block. Every channel has its own receivers."""
 
     lost: Counter[int] = field(default_factory=Counter)
     late: list[LateVerdict] = field(default_factory=list)
-    """Frames of earlier blocks that were UNCONFIRMED and that the last block has told about."""
+    """Frames of earlier blocks that were UNCONFIRMED and that the last block decided."""
     _fed: int = 0
     _alive: dict[tuple[str, int], AliveCounter] = field(default_factory=dict)
     _pairs: dict[tuple[str, int], _Pair] = field(default_factory=dict)
 
     def feed(self, frames: Frames, groups: Groups | None = None) -> Bytes:
-        """(n,) codes of the next frames; `late` has what became of earlier ones."""
+        """Return (n,) codes of the next frames; `late` has the verdicts on earlier ones."""
         self.late = []
         code = np.full(len(frames), CODES[Reason.UNKNOWN_ID], np.uint8)
         skipped = (frames.flags & np.uint8(NOT_DATA | EXTENDED)) != 0
@@ -132,9 +132,9 @@ class Judge:
         if bound.twin is None:
             _refuse_invalid(bound, frames, accepted, code)
             return
-        heard = _checked(bound.twin, frames, twins, code)
+        intact = _checked(bound.twin, frames, twins, code)
         pair = self._pairs.setdefault((channel, bound.message.frame_id), _Pair())
-        self._paired(bound, pair, frames, accepted, heard, code)
+        self._paired(bound, pair, frames, accepted, intact, code)
         self.late += [
             LateVerdict(row, told, channel, bound.message.frame_id)
             for row, told in pair.late
@@ -144,7 +144,9 @@ class Judge:
     def _counted(
         self, bound: Binding, channel: str, frames: Frames, rows: Ints, code: Bytes
     ) -> Ints:
-        """Those of `rows` that the alive counter lets through; the others are told why."""
+        """Return the rows that the alive counter accepts; the others get the code of their
+        reason.
+        """
         can_id = bound.message.frame_id
         alive = self._alive.get((channel, can_id))
         if alive is None:
@@ -165,7 +167,7 @@ class Judge:
         twins: Ints,
         code: Bytes,
     ) -> None:
-        """Match the halves of vital pairs, as they follow each other in the log."""
+        """Match the halves of vital pairs in log order."""
         counter_bits = 8 * (payload_bytes(bound.message) + 1)
         mask = np.uint64((1 << counter_bits) - 1)
         rows = np.concatenate([firsts, twins])
@@ -174,7 +176,8 @@ class Judge:
         rows, is_first = rows[order], is_first[order]
         word = _words(frames, rows) & mask
         at_ns = frames.at_ns[rows]
-        # Rows of this block count from `_fed` on, so that a half that waits from before has one.
+        # Row numbers of this block start at `_fed`, because a waiting half of an earlier block has
+        # one.
         rows = rows + self._fed
         if pair.waiting is not None:
             row, waited_ns, waited = pair.waiting
@@ -190,7 +193,7 @@ class Judge:
         pair.late = [(int(r), int(c)) for r, c in zip(rows[~mine], told[~mine], strict=True)]
 
     def _halves(self, bound: Binding, is_first: Any, word: Any, at_ns: Ints) -> Bytes:
-        """(n,) codes of believed first halves and intact twins in the order of the log."""
+        """(n,) codes of accepted first halves and intact twins, in log order."""
         told = np.full(len(word), UNCONFIRMED, np.uint8)
         before = np.concatenate([[False], is_first[:-1]])
         after = np.concatenate([is_first[1:], [False]])
@@ -212,10 +215,10 @@ class Judge:
 
 
 def follow(alive: AliveCounter, at_ns: Ints, counter: Bytes) -> list[tuple[int, Reason]]:
-    """Step an alive counter over intact frames; which are refused, and why.
+    """Step an alive counter over intact frames; return which are rejected, and why.
 
-    Runs that count on by one change nothing but its last value and instant, so only their ends and
-    what lies between them is told to it one by one.
+    A run that counts up by one only changes the last value and instant. Therefore the counter gets
+    only the ends of such runs, and the frames between them, one by one.
     """
     breaks = np.flatnonzero(np.diff(counter) != 1) + 1
     ends = [*breaks.tolist(), len(counter)]
@@ -237,14 +240,14 @@ def follow(alive: AliveCounter, at_ns: Ints, counter: Bytes) -> list[tuple[int, 
 
 
 def judge(frames: Frames, groups: Groups | None = None) -> Verdicts:
-    """The verdicts of a whole log on this project's bus."""
+    """Return the verdicts on a whole log of this project's bus."""
     one = Judge()
     code = one.feed(frames, groups)
     return Verdicts(code, {key: count for key, count in one.lost.items() if count})
 
 
 def detail_of(frames: Frames, row: int, code: int) -> str:
-    """Why a frame was refused, for a person to read."""
+    """Return why a frame was rejected, as text for people."""
     reason = REASONS.get(code)
     data, can_id = frames.payload(row), int(frames.identifier[row])
     for bound in _bindings():
@@ -278,7 +281,7 @@ def _words(frames: Frames, rows: Ints) -> Any:
 
 
 def _checked(message: Any, frames: Frames, rows: Ints, code: Bytes) -> Ints:
-    """Those of `rows` with the right length and CRC, which are ACCEPTED so far."""
+    """Return the rows with correct length and CRC, which become ACCEPTED for now."""
     right = frames.length[rows] == message.length
     if not right.all():
         code[rows[~right]] = CODES[Reason.WRONG_LENGTH]
@@ -299,7 +302,7 @@ def _refuse_invalid(bound: Binding, frames: Frames, rows: Ints, code: Bytes) -> 
 
 
 def _invalid(bound: Binding, word: Any) -> Any:
-    """(n,) whether a field has a value that its class does not know."""
+    """(n,) whether a field has a value that its type does not define."""
     found = np.zeros(len(word), np.bool_)
     for layout in bound.fields:
         bad = _bad_raws(layout, word)

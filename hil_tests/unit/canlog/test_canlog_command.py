@@ -310,7 +310,7 @@ def test_mistakes_are_told_in_a_line(log: Path, capsys: pytest.CaptureFixture[st
     live = ("show", str(log), "--follow", "socketcan:vcan0")
     assert "and --follow socketcan:vcan0 exclude each other" in error(capsys, *live)
     assert "--node TCX: the DBC file has" in error(capsys, "show", log, "--node", "TCX")
-    assert "no message of can_dbc is called so" in error(capsys, "show", log, "--message", "X")
+    assert "no message of can_dbc matches" in error(capsys, "show", log, "--message", "X")
     assert "unknown signal force; nearest" in error(capsys, "show", log, "--where", "force > 1")
     assert "direction has no value AUTO" in error(
         capsys, "show", log, "--where", "direction == AUTO"

@@ -1,1 +1,1 @@
-"""Messages that need several frames: J1939 transport and ISO-TP, whole columns at a time."""
+"""Multi-frame messages: J1939 transport and ISO-TP, decoded in whole columns."""

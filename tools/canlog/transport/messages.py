@@ -1,4 +1,4 @@
-"""Messages put together from frames, as columns, and what went wrong with the others."""
+"""Reassembled messages as columns, and what went wrong with the incomplete ones."""
 
 import enum
 from dataclasses import dataclass
@@ -8,56 +8,56 @@ from canlog.frames import Bytes, Ints
 
 
 class TransportKind(enum.IntEnum):
-    """How a message was sent."""
+    """Transport type of a message."""
 
     BROADCAST = 0
-    """J1939: announced to all (BAM)."""
+    """J1939: announced to all nodes (BAM)."""
     CONNECTION = 1
-    """J1939: to one node that asks for the packets (RTS and CTS)."""
+    """J1939: sent to one node that requests the packets (RTS and CTS)."""
     SINGLE = 2
-    """ISO-TP: in one frame."""
+    """ISO-TP: sent in one frame."""
     SEGMENTED = 3
-    """ISO-TP: a first frame and consecutive ones."""
+    """ISO-TP: sent as a first frame and consecutive frames."""
 
 
 class TransportStatus(enum.IntEnum):
-    """Whether a message is whole."""
+    """Whether a message is complete."""
 
     WHOLE = 0
     UNFINISHED = 1
     """The log ends, or another message begins, before the last frame."""
     WRONG_SEQUENCE = 2
-    """A frame is missing or out of turn."""
+    """A frame is missing or out of order."""
     TIMEOUT = 3
-    """The next frame came too late for the receiver."""
+    """The next frame exceeded the receiver's timeout."""
     ABORTED = 4
-    """J1939: one of both gave the connection up."""
+    """J1939: one side aborted the connection."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """`n` messages in the order of their last frames."""
+    """`n` messages in order of their last frames."""
 
     first_ns: Ints
-    """(n,) stamp of the first frame of each."""
+    """(n,) stamp of the first frame of each message."""
     at_ns: Ints
     """(n,) stamp of the last frame."""
     key: Any
-    """(n,) uint32: of the frames with the data, with KEY_EXTENDED for 29 bits."""
+    """(n,) uint32: key of the frames with the data, with KEY_EXTENDED for 29 bits."""
     group: Ints
-    """(n,) parameter group number of J1939; -1 in ISO-TP."""
+    """(n,) parameter group number for J1939; -1 for ISO-TP."""
     channel: Bytes
     """(n,) index into `channels`."""
     kind: Bytes
-    """(n,) as in TransportKind."""
+    """(n,) value of TransportKind."""
     status: Bytes
-    """(n,) as in TransportStatus. What is not WHOLE has no data."""
+    """(n,) value of TransportStatus. Only WHOLE messages have data."""
     data: Bytes
-    """The data of all, one behind the other."""
+    """The data of all messages, concatenated."""
     data_ends: Ints
-    """(n,) where those of each end."""
+    """(n,) where the data of each message ends."""
     rows: Ints
-    """Numbers of the frames in the log that they come from, one message behind the other."""
+    """Numbers of the frames in the log, message after message."""
     row_ends: Ints
     channels: tuple[str, ...]
 
@@ -65,12 +65,12 @@ class Messages:
         return len(self.at_ns)
 
     def payload(self, at: int) -> bytes:
-        """The data of one message; none of one that is not whole."""
+        """Return the data of one message; empty if it is incomplete."""
         first = int(self.data_ends[at - 1]) if at else 0
         return self.data[first : int(self.data_ends[at])].tobytes()
 
     def frames(self, at: int) -> list[int]:
-        """Which frames of the log, from 0, one message comes from."""
+        """Return the frame numbers in the log, from 0, of one message."""
         first = int(self.row_ends[at - 1]) if at else 0
         found: list[int] = self.rows[first : int(self.row_ends[at])].tolist()
         return found

@@ -1,9 +1,9 @@
-"""What messages of diagnosis say: services of UDS and OBD, fault codes of J1939."""
+"""Describes diagnostic messages: services of UDS and OBD, fault codes of J1939."""
 
 from typing import Final
 
 RESPONSE: Final = 0x40
-"""Added to a service by a positive response."""
+"""Offset that a positive response adds to the service."""
 NEGATIVE: Final = 0x7F
 SERVICES: Final = {
     0x01: "OBD CurrentData",
@@ -44,7 +44,7 @@ SERVICES: Final = {
     0x86: "ResponseOnEvent",
     0x87: "LinkControl",
 }
-"""ISO 14229-1 and SAE J1979."""
+"""Services of ISO 14229-1 and SAE J1979."""
 WITH_IDENTIFIER: Final = frozenset({0x22, 0x24, 0x2A, 0x2E, 0x2F})
 """Services that name a data identifier of two bytes."""
 WITH_SUBFUNCTION: Final = frozenset(
@@ -77,14 +77,14 @@ REFUSALS: Final = {
 }
 DM1, DM2 = 65226, 65227
 FAULTS: Final = {DM1: "DM1", DM2: "DM2"}
-"""Active and previously active trouble codes."""
+"""Messages with active and with previously active trouble codes."""
 LAMPS: Final = (("MIL", 6), ("RSL", 4), ("AWL", 2), ("PL", 0))
-"""Lamps of the first byte, each with its place."""
+"""Lamps of the first byte, each with its bit position."""
 FAULT_BYTES: Final = 4
 
 
 def uds_text(data: bytes) -> str:
-    """The service of a message, its data identifier or subfunction; empty for an unknown one."""
+    """Return the service of a message and its data identifier or subfunction; empty if unknown."""
     if not data:
         return ""
     if data[0] == NEGATIVE and len(data) >= 3:
@@ -105,7 +105,7 @@ def _detail(code: int, data: bytes) -> str:
 
 
 def fault_text(data: bytes) -> str:
-    """Lamps that are on and trouble codes of a DM1 or DM2 message (J1939-73)."""
+    """Return the lamps that are on and the trouble codes of a DM1 or DM2 message (J1939-73)."""
     if len(data) < 2:
         return "too short"
     lamps = [name for name, place in LAMPS if data[0] >> place & 3 == 1]

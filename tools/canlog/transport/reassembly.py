@@ -1,4 +1,4 @@
-"""J1939 transport and ISO-TP put together block by block, with the frames that are still open."""
+"""Reassembles J1939 transport and ISO-TP block by block; open messages wait for the next block."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -26,28 +26,28 @@ DIAGNOSTIC_FORMATS: Final = (0xDA, 0xDB)
 """PDU formats of normal fixed addressing: to one node, to all."""
 DIAGNOSTIC_IDS: Final = (0x700, 0x7FF)
 LENGTH_MAX: Final = 1 << 24
-"""A first frame that announces more is none."""
+"""Length from which a first frame is taken as invalid."""
 BAD: Final = -1
 
 
 @dataclass(frozen=True, slots=True)
 class TransportOptions:
-    """Which frames carry what."""
+    """Selects the frames of each protocol."""
 
     j1939: bool = True
     isotp: bool = True
     isotp_keys: tuple[int, ...] = ()
-    """Only these; without any, those that diagnosis usually has."""
+    """Keys that carry ISO-TP; empty for the usual diagnostic identifiers."""
     address_bytes: int = 0
-    """Of an extended address, before the ISO-TP of each frame."""
+    """Bytes of an extended address before the ISO-TP data of each frame."""
 
 
 _Way = tuple[str, Callable[[Frames], Bools], "Callable[[Frames, Ints], _Segmented]"]
-"""A protocol: its name, which frames are its own, and what puts them together."""
+"""A protocol: its name, the filter for its frames, and its reassembly."""
 
 
 class Reassembler:
-    """Feed it blocks of frames; it gives the messages that have ended."""
+    """Reassembles messages: feed it blocks of frames, and it returns completed messages."""
 
     def __init__(self, options: TransportOptions | None = None) -> None:
         self._options = options or TransportOptions()
@@ -60,7 +60,7 @@ class Reassembler:
         return list(self._taken(frames, first, last=False))
 
     def finish(self) -> list[Messages]:
-        """What had not ended at the end of the log."""
+        """Return the messages that are still open at the end of the log."""
         return list(self._taken(empty(), self._seen, last=True))
 
     def _taken(self, frames: Frames, first: int, *, last: bool) -> Iterator[Messages]:
@@ -124,39 +124,39 @@ class _Segmented(ABC):
 
     @abstractmethod
     def part(self) -> tuple[Ints, Ints]:
-        """(n,) where the data of each frame begin and end in it."""
+        """(n,) where the message data begins and ends in each frame."""
 
     @abstractmethod
     def totals(self, starts: Ints) -> Ints:
-        """Bytes that each start announces."""
+        """Return the number of bytes that each start announces."""
 
     @abstractmethod
     def sequence(self) -> Ints:
-        """(n,) number of each segment, BAD of a frame that is none."""
+        """(n,) number of each segment, BAD for other frames."""
 
     @abstractmethod
     def expected(self, position: Ints) -> Ints:
-        """The number of the segment at a position, from 1."""
+        """Return the number of the segment at a position, from 1."""
 
     @abstractmethod
     def columns(self, starts: Ints) -> tuple[Any, Ints, Bytes]:
-        """Key, group and kind of messages by their starts."""
+        """Return key, group and kind of messages by their starts."""
 
     @abstractmethod
     def limit_ns(self, starts: Ints) -> Ints:
-        """Longest wait for the next frame of each message."""
+        """Return the longest wait for the next frame of each message."""
 
     def aborted(self, message: Ints, count: int) -> Bools:
-        """Which messages one side gave up."""
+        """Return which messages one side aborted."""
         del message
         return np.zeros(count, np.bool_)
 
     def messages(self, *, last: bool) -> tuple[Messages, Bools]:
-        """All that have ended, and which of the frames given wait for more."""
+        """Return all completed messages, and which of the given frames wait for more."""
         is_start, sequence = self.starts(), self.sequence()
         starts = np.flatnonzero(is_start)
         message = np.cumsum(is_start) - 1
-        # Segments before the first start of their session belong to a message that is not there.
+        # Segments before the first start of their session belong to a message that the log lacks.
         known = message >= 0
         known[known] = self.session[starts[message[known]]] == self.session[known]
         mine = known & (is_start | (sequence != BAD))
@@ -165,7 +165,7 @@ class _Segmented(ABC):
         sizes = np.where(mine, np.maximum(high - low, 0), 0)
         totals = self.totals(starts)
         before = np.cumsum(sizes) - sizes
-        # Segments behind the last byte belong to no message.
+        # Segments after the last byte belong to no message.
         rows = np.flatnonzero(mine)
         past = before[rows] - before[starts[message[rows]]]
         mine[rows] = is_start[rows] | (past < totals[message[rows]])
@@ -196,10 +196,10 @@ class _Segmented(ABC):
 
     @abstractmethod
     def mend(self, status: Bytes, used: Ints, owned: Ints, totals: Ints) -> None:
-        """Messages whose segments are out of turn but may be whole all the same, in place."""
+        """Repair, in place, messages with segments out of order that may still be complete."""
 
     def segments(self, used: Ints, owned: Ints, at: int) -> Ints:
-        """The frames of one message in the order of their data."""
+        """Return the frames of one message in order of their data."""
         return used[np.searchsorted(owned, at) : np.searchsorted(owned, at, "right")]
 
     def _columns(
@@ -223,7 +223,7 @@ class _Segmented(ABC):
         rows, column = used[whole], np.arange(width)
         spans = (column >= low[rows][:, None]) & (column < (low + sizes)[rows][:, None])
         flat = self.frames.data[rows][spans]
-        # The last segment may be filled up behind the last byte.
+        # The last segment may have fill bytes after the last byte.
         lengths = np.where(status == TransportStatus.WHOLE, totals, 0)[chosen]
         held = np.bincount(owned[whole], sizes[rows], len(starts)).astype(np.int64)[chosen]
         offset = np.arange(len(flat)) - np.repeat(np.cumsum(held) - held, held)
@@ -247,18 +247,18 @@ class _Segmented(ABC):
 
 
 class _J1939(_Segmented):
-    """Transport protocol of J1939-21: sessions by channel, source and destination."""
+    """Transport protocol of J1939-21, with sessions by channel, source and destination."""
 
     def __init__(self, frames: Frames, numbers: Ints) -> None:
         identifier = frames.identifier
         is_data = (identifier >> np.uint32(16) & np.uint32(0xFF)) == TP_DT
         ends = identifier & np.uint32(0xFFFF)
-        # What the receiver says goes the other way.
+        # Frames of the receiver have source and destination swapped.
         said = np.where(is_data, 0, frames.data[:, 0])
         back = np.isin(said, (CTS, ACKNOWLEDGED))
         swapped = ends >> np.uint32(8) | (ends & np.uint32(0xFF)) << np.uint32(8)
         if (said == ABORT).any():
-            # Either side may give up: an abort goes with the session that is known.
+            # Either side may abort: an abort belongs to the session that has data.
             known = set((ends[is_data]).tolist())
             abort = said == ABORT
             back |= abort & ~np.isin(ends, list(known)) & np.isin(swapped, list(known))
@@ -295,7 +295,7 @@ class _J1939(_Segmented):
         return found
 
     def mend(self, status: Bytes, used: Ints, owned: Ints, totals: Ints) -> None:
-        """Packets that were asked for again: each is taken by its number."""
+        """Accept retransmitted packets: sort each message's packets by their numbers."""
         del totals
         for at in np.flatnonzero(status == TransportStatus.WRONG_SEQUENCE).tolist():
             rows = self.segments(used, owned, at)
@@ -316,7 +316,7 @@ class _J1939(_Segmented):
 
 
 class _IsoTp(_Segmented):
-    """ISO 15765-2: sessions by channel and identifier."""
+    """ISO 15765-2, with sessions by channel and identifier."""
 
     def __init__(self, frames: Frames, numbers: Ints, address_bytes: int) -> None:
         session = frames.key.astype(np.int64) | frames.channel.astype(np.int64) << 32
@@ -370,7 +370,7 @@ class _IsoTp(_Segmented):
         return np.full(len(starts), ISOTP_GAP_NS)
 
     def mend(self, status: Bytes, used: Ints, owned: Ints, totals: Ints) -> None:
-        """Nothing: a receiver of ISO-TP drops a message whose segments are out of turn."""
+        """Do nothing: an ISO-TP receiver drops a message whose segments are out of order."""
 
     def columns(self, starts: Ints) -> tuple[Any, Ints, Bytes]:
         kind = np.where(self._type[starts] == SINGLE, TransportKind.SINGLE, TransportKind.SEGMENTED)

@@ -1,4 +1,4 @@
-"""What the subcommands that draw are asked for: a log, a span of time, a file to write."""
+"""Options of the subcommands that draw: a log, a time span, an output file."""
 
 import argparse
 from dataclasses import replace
@@ -25,13 +25,13 @@ def read_asked(given: argparse.Namespace, *, on_disk: bool = False) -> Log:
 
 
 def name_asked(given: argparse.Namespace) -> str:
-    """What a picture of the log is headed with."""
+    """Return the title for a picture of the log."""
     path: Path = given.log
     return path.name or str(path.resolve())
 
 
 def span_asked(log: Log, given: argparse.Namespace) -> TimeSpan:
-    """Raises LogError for a span that is empty or outside of the log."""
+    """Return the requested span. Raises LogError if it is empty or outside of the log."""
     zero_ns = zero_of(log)
     start_ns, end_ns = log.start_ns, log.end_ns
     if given.from_s is not None:
@@ -45,7 +45,7 @@ def span_asked(log: Log, given: argparse.Namespace) -> TimeSpan:
 
 
 def output_path(text: str, suffixes: tuple[str, ...]) -> Path:
-    """Raises LogError for a file name of another kind, or in a folder that is not there."""
+    """Check an output path. Raises LogError for another suffix or a folder that does not exist."""
     path = Path(text)
     if path.suffix.lower() not in suffixes:
         raise LogError(f"-o {path}: must end in {' or '.join(suffixes)}")

@@ -1,4 +1,4 @@
-"""`canlog bits`: which bits of each identifier ever change, for a bus without a DBC file."""
+"""`canlog bits`: shows which bits of each identifier change, for a bus without a DBC file."""
 
 import argparse
 import json
@@ -15,12 +15,12 @@ from canlog.select import Selection, Selector, parse_keys
 from canlog.table import Groups
 from canlog.verbs.common import add_log, bus_asked, read_options
 
-SUMMARY: Final = "which bits of each identifier ever change, how often, and how much bytes tell"
+SUMMARY: Final = "which bits of each identifier change, how often, and the entropy of each byte"
 FORMS: Final = ("text", "json")
 SHADES: Final = ".:-=+*#%@"
-"""From a bit that never changes to one that changes in every frame."""
+"""Characters from a bit that never changes to one that changes in every frame."""
 HEAT: Final = ("2", "34", "34", "36", "36", "32", "33", "31", "1;31")
-"""The same as colours of a terminal."""
+"""Terminal colours for the same levels."""
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Raises LogError."""
+    """Print the bit activity of each identifier. Raises LogError."""
     bus, source = bus_asked(given), stream(given.log, read_options(given))
     wanted = Selection(keys=tuple(parse_keys(text) for text in given.id))
     selector, view = Selector(wanted, bus), ActivityView()
@@ -68,7 +68,7 @@ def _id_text(key: int) -> str:
 
 
 def lines_of(one: Activity, bus: Bus, *, colour: bool = False) -> Iterator[str]:
-    """A head, the bits of all bytes from the highest on, and the entropy of each byte."""
+    """Yield a head line, the bits of all bytes, highest first, and the entropy of each byte."""
     name = bus.on(one.channel).name_of(one.key)
     known = "" if name == _id_text(one.key) else f"  {name}"
     moving = int((one.flips > 0).sum())

@@ -1,4 +1,4 @@
-"""`canlog browse LOG` or `--follow BUS`: messages, signals and small plots on a terminal."""
+"""`canlog browse LOG` or `--follow BUS`: messages, signals and small plots in a terminal."""
 
 import argparse
 import os
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from canlog.browse.state import BrowserState
     from firmware_py.ports import CanPort
 
-SUMMARY: Final = "browse a log or a live bus on a terminal"
+SUMMARY: Final = "browse a log or a live bus in a terminal"
 WAIT_S: Final = 0.08
-"""Longest time between two pictures while something moves."""
+"""Longest time between two redraws while something changes."""
 IDLE_WAIT_S: Final = 0.5
 BEGIN_S: Final = 2
 
@@ -30,7 +30,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Until the user ends it; then says the bookmarks. Raises LogError."""
+    """Browse until the user quits, then print the bookmarks. Raises LogError."""
     if given.log is not None and given.follow is not None:
         raise LogError(f"{given.log} and --follow {given.follow} exclude each other")
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
@@ -65,7 +65,7 @@ def _recorded(given: argparse.Namespace) -> "BrowserState":
         name_asked(given), lanes, zero_ns, lanes.end_ns, happenings=happenings(log)
     )
     state.selected = min(lanes.lanes, default=None)
-    # Not at the very first frame, when nothing else has come yet.
+    # Do not start at the very first frame, before most messages have come.
     begin_ns = lanes.start_ns + BEGIN_S * NS_PER_S
     at_ns = begin_ns if given.at is None else zero_ns + round(given.at * NS_PER_S)
     state.go(at_ns)
@@ -99,7 +99,7 @@ def _browse(
         while not state.done:
             now_ns = clock.now_ns()
             if port is not None:
-                _hear(state, port, now_ns, clock.epoch_offset_ns)
+                _receive(state, port, now_ns, clock.epoch_offset_ns)
             advance(state, now_ns - last_ns)
             last_ns = now_ns
             terminal.show(screen(state, *terminal.size, ascii_only=ascii_only))
@@ -111,10 +111,10 @@ def _browse(
                 press(state, key)
 
 
-def _hear(state: "BrowserState", port: "CanPort", now_ns: int, offset_ns: int) -> None:
+def _receive(state: "BrowserState", port: "CanPort", now_ns: int, offset_ns: int) -> None:
     from canlog.frames import ERROR, KEY_EXTENDED
 
-    heard = port.receive(now_ns)
+    received = port.receive(now_ns)
     state.lanes.feed(
         (
             frame.stamp_ns + offset_ns,
@@ -122,7 +122,7 @@ def _hear(state: "BrowserState", port: "CanPort", now_ns: int, offset_ns: int) -
             ERROR * frame.error,
             frame.data,
         )
-        for frame in heard
+        for frame in received
         if not frame.remote
     )
     if state.selected is None:

@@ -12,14 +12,14 @@ from canlog.options import DELTA, ZERO, ReadOptions
 from canlog.own_logs import OWN, own_or_none, remember, remembered
 
 SECONDS_MAX: Final = 9.0e9
-"""Stamps of 64 bits reach so far."""
+"""Limit of stamps in 64 bits of nanoseconds."""
 DAY_S: Final = 86_400
 COUNT_MAX: Final = 10**12
-"""Beyond, nothing is counted in a log."""
+"""Largest count that an option accepts; no log has more of anything."""
 
 
 def seconds(text: str) -> float:
-    """Of an option. Raises ArgumentTypeError for what is no instant or duration of a log."""
+    """Parse seconds. Raises ArgumentTypeError for text that is no instant or duration of a log."""
     try:
         value = float(text)
     except ValueError:
@@ -30,7 +30,7 @@ def seconds(text: str) -> float:
 
 
 def count(text: str) -> int:
-    """Of an option; not negative. Raises ArgumentTypeError."""
+    """Parse a count of 0 or more. Raises ArgumentTypeError."""
     if not text.isascii() or not text.isdigit():
         raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 0 on")
     if int(text) > COUNT_MAX:
@@ -39,7 +39,7 @@ def count(text: str) -> int:
 
 
 def offset_s(text: str) -> int:
-    """East of Greenwich. Raises ArgumentTypeError for more than a day."""
+    """Parse seconds east of Greenwich. Raises ArgumentTypeError for a day or more."""
     try:
         value = int(text)
     except ValueError:
@@ -53,11 +53,11 @@ LOG_HELP: Final = "a log, the folder of a run or part of its name; default: the 
 
 
 def add_log(parser: argparse.ArgumentParser, *, required: bool = False) -> None:
-    """The log to read, how to read it, and the DBC files.
+    """Add the log to read, how to read it, and the DBC files.
 
     Args:
-        required: for a verb that writes beside the log or onto a bus: a forgotten word must not
-            make it take the last run.
+        required: for a verb that writes beside the log or to a bus: if the user forgets the
+            log, it must not take the last run.
     """
     if required:
         parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP.partition(";")[0])
@@ -95,9 +95,9 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def bus_asked(given: argparse.Namespace) -> Bus:
-    """What the files know; every flaw of them goes to standard error.
+    """Return the bus that the files define, and report their flaws on standard error.
 
-    Without files it is this project's bus, but for a log of another one, which is shown undecoded.
+    Without files it is this project's bus, or an empty one for a log of another bus.
 
     Raises:
         LogError: names the file that cannot be used.
@@ -117,7 +117,7 @@ def bus_asked(given: argparse.Namespace) -> Bus:
 
 
 def read_options(given: argparse.Namespace) -> ReadOptions:
-    """No verb takes a file without a frame."""
+    """Return the options for reading; every verb refuses a file without frames."""
     return ReadOptions(
         format=given.format,
         stamps=given.stamps,

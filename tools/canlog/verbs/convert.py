@@ -1,4 +1,4 @@
-"""`canlog convert`: a log in another format, and what that cannot hold."""
+"""`canlog convert`: writes a log in another format, and lists what that format cannot hold."""
 
 import argparse
 import sys
@@ -9,14 +9,14 @@ from canlog.convert import convert
 from canlog.formats.registry import FORMATS
 from canlog.verbs.common import add_log, bus_asked, read_options
 
-SUMMARY: Final = "write a log in another format; what that cannot hold is listed"
+SUMMARY: Final = "write a log in another format, and list what that format cannot hold"
 
 
 def options(parser: argparse.ArgumentParser) -> None:
     add_log(parser, required=True)
     parser.add_argument("target", type=Path, metavar="TARGET", help="such as log.blf, log.log.gz")
     parser.add_argument("--to", choices=[each.name for each in FORMATS if each.writes])
-    parser.add_argument("--force", action="store_true", help="replace a file that is there")
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
     parser.add_argument(
         "--strict", action="store_true", help="exit with 1 when anything is damaged or lost"
     )

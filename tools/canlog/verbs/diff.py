@@ -1,4 +1,4 @@
-"""`canlog diff A B`: what differs between two runs, signal by signal, or between two DBC files."""
+"""`canlog diff A B`: compares two runs signal by signal, or two DBC files."""
 
 import argparse
 import json
@@ -37,7 +37,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--trailer", action="store_true", help="compare counters and CRCs, too")
     parser.add_argument(
-        "--timing-ms", type=seconds, help="how far apart two frames of a pair may lie"
+        "--timing-ms", type=seconds, help="maximum distance of two frames of a pair"
     )
     parser.add_argument(
         "--align",
@@ -46,12 +46,14 @@ def options(parser: argparse.ArgumentParser) -> None:
         help="start (of the run or log), absolute, or a message whose first frame is zero",
     )
     parser.add_argument("--context", type=count, default=5, help="frames around; default: 5")
-    parser.add_argument("--comments", action="store_true", help="of DBC files, too")
+    parser.add_argument(
+        "--comments", action="store_true", help="compare comments of DBC files, too"
+    )
     parser.add_argument("--json", action="store_true")
 
 
 def run(given: argparse.Namespace) -> int:
-    """0 when nothing differs, 1 when something does. Raises LogError."""
+    """Return 0 if nothing differs, 1 if something does. Raises LogError."""
     kinds = {path.suffix.lower() == DBC for path in (given.a, given.b)}
     if len(kinds) > 1:
         raise LogError("diff: compare two logs or two DBC files, not one of each")

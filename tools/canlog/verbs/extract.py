@@ -1,4 +1,4 @@
-"""`canlog extract`: a table of physical values for each message, as Parquet, CSV or npz."""
+"""`canlog extract`: writes a table of physical values for each message, as Parquet, CSV or npz."""
 
 import argparse
 import sys
@@ -18,12 +18,12 @@ from canlog.table import Groups, Table, exported
 from canlog.verbs.common import add_log, bus_asked, read_options
 from firmware_py.storage.whole_file import whole_file
 
-SUMMARY: Final = "a table of physical values for each message, with exact time and units"
+SUMMARY: Final = "write a table of physical values for each message, with exact time and units"
 FORMS: Final = ("parquet", "csv", "npz", "arrow")
 WHOLE: Final = "npz"
-"""The one form that needs all rows at once."""
+"""The one format that needs all rows at once."""
 ROWS_TOGETHER: Final = 1 << 14
-"""Rows of one message that are written in one go."""
+"""Rows of one message that are written at once."""
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +34,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Raises LogError."""
+    """Extract the tables. Raises LogError."""
     bus, wanted = bus_asked(given), tuple(given.message or ())
     for name in wanted:
         _known(bus, name)
@@ -44,18 +44,19 @@ def run(given: argparse.Namespace) -> int:
         return 0
     source = stream(given.log, read_options(given))
     unknown: dict[int, int] = {}
-    # A message may turn out to be on several channels at the end, and is named only then.
+    # Only at the end is it known which messages are on several channels; the files get their names
+    # then.
     with tempfile.TemporaryDirectory(dir=given.out, prefix=".canlog-") as scratch:
         tables = _Tables(Path(scratch), given.form, bus, wanted)
         for frames in source:
             tables.feed(frames, unknown)
         tables.close(given.out)
-    _tell(bus, unknown, source.warnings)
+    _report(bus, unknown, source.warnings)
     return 0
 
 
 def _known(bus: Bus, name: str) -> MessageSpec:
-    """Raises LogError for a message that no file knows."""
+    """Return the message of a name. Raises LogError if no DBC file defines it."""
     channel, sign, plain = name.partition(CHANNEL_SIGN)
     if sign:
         return bus.on(channel).message(plain)
@@ -67,7 +68,7 @@ def _known(bus: Bus, name: str) -> MessageSpec:
 
 @dataclass(slots=True)
 class _Open:
-    """The file of one message on one channel, as far as it is written."""
+    """The file of one message on one channel while it is written."""
 
     path: Path
     writer: Any = None
@@ -77,14 +78,14 @@ class _Open:
 
 
 class _Tables:
-    """Writes the rows of each message behind each other, block by block."""
+    """Writes the rows of each message block by block."""
 
     def __init__(self, scratch: Path, form: str, bus: Bus, wanted: Sequence[str]) -> None:
         self._scratch, self._form, self._bus, self._wanted = scratch, form, bus, wanted
         self._open: dict[tuple[str, str], _Open] = {}
 
     def feed(self, frames: Frames, unknown: dict[int, int]) -> None:
-        """The next block; counts frames that no file knows by key."""
+        """Add the next block, and count by key the frames that no DBC file defines."""
         groups = Groups(frames)
         keys: dict[tuple[str, str], tuple[MessageSpec, list[int]]] = {}
         for key, channel in groups.places:
@@ -121,7 +122,9 @@ class _Tables:
         found.writer.write_table(table)
 
     def close(self, folder: Path) -> None:
-        """Name the files, and write those of messages that never came."""
+        """Move the files to their names, and write empty files for requested messages without
+        frames.
+        """
         spread = [name for name, _ in self._open]
         for name in self._wanted:
             if not any(name in (each, f"{on}{CHANNEL_SIGN}{each}") for each, on in self._open):
@@ -151,7 +154,7 @@ def _writer(path: Path, form: str, schema: Any) -> Any:
     return pyarrow.parquet.ParquetWriter(str(path), schema)
 
 
-def _tell(bus: Bus, unknown: dict[int, int], warnings: Sequence[Damage]) -> None:
+def _report(bus: Bus, unknown: dict[int, int], warnings: Sequence[Damage]) -> None:
     for key, count in sorted(unknown.items()):
         print(
             f"canlog: {count} frames {bus.name_of(key)} are in no DBC file",
@@ -164,7 +167,7 @@ def _tell(bus: Bus, unknown: dict[int, int], warnings: Sequence[Damage]) -> None
 def _extract_whole(given: argparse.Namespace, bus: Bus, wanted: Sequence[str]) -> None:
     log = read(given.log, bus, replace(read_options(given), on_disk=True))
     for name in _names(log, wanted):
-        # Not that of the log, which keeps what it has decoded.
+        # Unlike the log's own table, a fresh one is not kept in memory.
         table, channel = log.fresh_table(name), log.channel_of(name)
         path = given.out / f"{name.replace(CHANNEL_SIGN, '.')}.{WHOLE}"
         columns: dict[str, Any] = {"at_ns": table.at_ns, "channel": np.array(channel)}
@@ -174,11 +177,11 @@ def _extract_whole(given: argparse.Namespace, bus: Bus, wanted: Sequence[str]) -
         with whole_file(path) as part:
             np.savez_compressed(part, **columns)
         print(f"{path}: {len(table)} rows")
-    _tell(bus, {key: len(log.rows(key)) for key in log.unknown}, log.warnings)
+    _report(bus, {key: len(log.rows(key)) for key in log.unknown}, log.warnings)
 
 
 def _names(log: Log, wanted: Sequence[str]) -> list[str]:
-    """Messages of the log; of a name that several channels have, that of each channel."""
+    """Return names of messages in the log; a name on several channels gives one per channel."""
     if not wanted:
         return list(log.messages)
     found: list[str] = []

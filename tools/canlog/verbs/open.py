@@ -1,4 +1,4 @@
-"""`canlog open LOG`: the page of a log of any size, served to a browser on this machine."""
+"""`canlog open LOG`: serves the page of a log of any size to a browser on this machine."""
 
 import argparse
 import webbrowser
@@ -13,11 +13,11 @@ def options(parser: argparse.ArgumentParser) -> None:
     log_options(parser, span=False)
     parser.add_argument("signals", nargs="*", metavar="SIGNAL", help="panels, as in canlog plot")
     parser.add_argument("--port", type=int, default=0, help="default: a free one")
-    parser.add_argument("--no-browser", action="store_true", help="only say the address")
+    parser.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
 def run(given: argparse.Namespace) -> int:
-    """Serves until it is interrupted. Raises LogError."""
+    """Serve until the user interrupts. Raises LogError."""
     log = read_asked(given, on_disk=True)
     from canlog.views.answers import Answers
     from canlog.views.page_data import page_data

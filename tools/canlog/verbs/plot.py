@@ -21,18 +21,18 @@ def options(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         metavar="SIGNAL",
         help="MESSAGE.signal, a signal by itself, or a pattern; each makes a panel, names joined"
-        " by commas share one; default: what tells the most",
+        " by commas share one; default: the most telling signals",
     )
     parser.add_argument(
         "-o", "--out", default="canlog.png", help=".png or .svg; default: %(default)s"
     )
     parser.add_argument("--x", choices=("time", "distance"), default="time")
-    parser.add_argument("--distance", metavar="SIGNAL", help="the signal that tells the distance")
+    parser.add_argument("--distance", metavar="SIGNAL", help="the signal with the distance")
     parser.add_argument("--no-events", action="store_true", help="mark no events")
 
 
 def run(given: argparse.Namespace) -> int:
-    """Raises LogError."""
+    """Draw the picture. Raises LogError."""
     path = output_path(given.out, (".png", ".svg"))
     log = read_asked(given)
     span = span_asked(log, given)

@@ -1,4 +1,4 @@
-"""`canlog replay`: sends the frames of a log onto a bus again, at their own times."""
+"""`canlog replay`: sends the frames of a log to a bus again, at their original times."""
 
 import argparse
 import sys
@@ -16,7 +16,7 @@ from firmware_py.buses import BusError, is_virtual, open_can
 from firmware_py.clock.clock import Clock, WallClock
 from firmware_py.ports import CanPort
 
-SUMMARY: Final = "send the frames of a log onto a bus again, at their own times"
+SUMMARY: Final = "send the frames of a log to a bus again, at their original times"
 SPIN_S: Final = 200e-6
 
 
@@ -27,9 +27,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--message", action="append", default=[], metavar="PATTERN")
     parser.add_argument("--id", action="append", default=[], metavar="HEX")
     parser.add_argument("--node", action="append", default=[], metavar="SENDER")
-    parser.add_argument(
-        "--real", action="store_true", help="also onto a bus that a real train may hang on"
-    )
+    parser.add_argument("--real", action="store_true", help="allow a bus that a real train may use")
 
 
 def run(given: argparse.Namespace) -> int:
@@ -49,12 +47,12 @@ def run(given: argparse.Namespace) -> int:
             player.play(frames[rows])
     finally:
         port.close()
-        _tell(player, port, source.warnings)
+        _report(player, port, source.warnings)
     return 0
 
 
-def _tell(player: "Player", port: CanPort, warnings: Iterable[object]) -> None:
-    """What was sent, also of a replay that Ctrl-C ended."""
+def _report(player: "Player", port: CanPort, warnings: Iterable[object]) -> None:
+    """Report what was sent, also if Ctrl-C ended the replay."""
     for each in warnings:
         print(f"canlog: warning: {each}", file=sys.stderr)
     if player.unsent:
@@ -69,25 +67,25 @@ def _tell(player: "Player", port: CanPort, warnings: Iterable[object]) -> None:
 def _open(bus: str, clock: Clock, *, real: bool) -> CanPort:
     try:
         if not real and not is_virtual(bus):
-            raise LogError(f"--bus {bus}: a real train may hang on it; --real sends nevertheless")
+            raise LogError(f"--bus {bus}: a real train may use it; --real sends nevertheless")
         return open_can(bus, clock=clock, node="canlog", accept_ids=())
     except BusError as error:
         raise LogError(str(error)) from error
 
 
 class Player:
-    """Sends frames when they are due; instants of the log are moved to those of the clock."""
+    """Sends frames when they are due; stamps of the log are shifted to the clock."""
 
     def __init__(self, port: CanPort, clock: Clock, speed: float = 1.0) -> None:
         self._port, self._clock, self._speed = port, clock, speed
         self._shift: tuple[int, int] | None = None
-        """Instant of the first frame in the log, and on the clock."""
+        """Stamp of the first frame in the log, and its instant on the clock."""
         self.sent = self.unsent = 0
         self.late_ns_max = 0
-        """A frame is late when the one before it, or the machine, held it up."""
+        """Greatest lateness: the frame before it, or the machine, delayed a frame this long."""
 
     def play(self, frames: Frames) -> None:
-        """The next frames, whose stamps do not run backwards; one that does is sent at once."""
+        """Send the next frames; a frame whose stamp runs backwards is sent at once."""
         odd = (frames.flags & (NOT_DATA | EXTENDED | FD)).tolist()
         identifiers, stamps = frames.identifier.tolist(), frames.at_ns.tolist()
         for row, (at_ns, can_id) in enumerate(zip(stamps, identifiers, strict=True)):

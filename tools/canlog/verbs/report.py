@@ -1,4 +1,4 @@
-"""`canlog report LOG -o report.html`: the whole log as one page that opens without a network."""
+"""`canlog report LOG -o report.html`: the whole log as one page that needs no network."""
 
 import argparse
 from typing import Final
@@ -9,7 +9,7 @@ from firmware_py.storage.whole_file import write_whole
 
 SUMMARY: Final = "write one self-contained HTML page with plots, frames, events and statistics"
 FRAMES_MAX: Final = 8_000_000
-"""A page with more frames than this takes a browser too long to open."""
+"""Maximum frames of a page; a browser takes too long to open a larger one."""
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +20,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Raises LogError, too, for a log that `canlog open` has to serve."""
+    """Write the page. Raises LogError, also for a log so large that `canlog open` must serve it."""
     path = output_path(given.out, (".html", ".htm"))
     log = read_asked(given)
     if len(log) > FRAMES_MAX:

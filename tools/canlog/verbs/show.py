@@ -1,4 +1,4 @@
-"""`canlog show`: frame by frame, decoded, with control cycles and verdicts; of a log or a bus."""
+"""`canlog show`: prints a log or a live bus frame by frame, with control cycles and verdicts."""
 
 import argparse
 import os
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from canlog.where import Where
     from firmware_py.ports import CanFrame
 
-SUMMARY: Final = "frame by frame, decoded, with control cycles and reasons of rejection"
+SUMMARY: Final = "show frame by frame, decoded, with control cycles and reasons of rejection"
 POLL_NS: Final = 20_000_000
 NAME_WIDTH_MAX: Final = 24
 
@@ -64,12 +64,14 @@ def options(parser: argparse.ArgumentParser) -> None:
     choose.add_argument("--where", metavar="CONDITION", help="such as 'speed_mps > 10'")
     choose.add_argument("--from", dest="from_s", type=seconds, help="seconds since the start")
     choose.add_argument("--to", dest="to_s", type=seconds)
-    choose.add_argument("--around", metavar="EVENT", help="part of an event's kind or words")
+    choose.add_argument("--around", metavar="EVENT", help="part of an event's kind or text")
     choose.add_argument("--within", type=seconds, default=1.0, metavar="S", help="of --around")
     choose.add_argument("--rate", type=float, metavar="HZ", help="at most, of each message")
-    choose.add_argument("--rejected", action="store_true", help="only what the codec refuses")
-    choose.add_argument("--changed", action="store_true", help="only with other data than before")
-    choose.add_argument("--limit", type=count, metavar="N", help="at most so many lines")
+    choose.add_argument(
+        "--rejected", action="store_true", help="only frames that the codec rejects"
+    )
+    choose.add_argument("--changed", action="store_true", help="only frames whose data changed")
+    choose.add_argument("--limit", type=count, metavar="N", help="print at most N lines")
     look = parser.add_argument_group("how they look")
     look.add_argument("--absolute", action="store_true", help="date and time in UTC")
     look.add_argument("--raw", action="store_true", help="data in hexadecimal, too")
@@ -147,7 +149,7 @@ def _where(text: str | None, bus: Bus) -> "Where | None":
 
 
 def _judge_of(bus: Bus) -> "Judge | None":
-    """The codec of this project, for its own bus; other logs are shown without loading it."""
+    """Return this project's codec for its own bus; other logs are shown without loading it."""
     if bus.name != JUDGED_BUS:
         return None
     from canlog.verdict import Judge
@@ -171,7 +173,7 @@ def _instants_ns(given: argparse.Namespace, run_: RunFiles | None) -> list[int]:
 
 
 def _logged(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
-    """The lines of a log. A run folder is read whole, anything else block by block."""
+    """Yield the lines of a log. A run folder is read whole, any other log block by block."""
     judge = _judge_of(bus)
     if given.log.is_dir():
         log = read(given.log, bus, read_options(given))
@@ -196,7 +198,7 @@ def _logged(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
 
 
 def _followed(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
-    """The lines of a live bus, until somebody interrupts."""
+    """Yield the lines of a live bus until the user interrupts."""
     from firmware_py.buses import BusError, open_can
 
     clock = WallClock()
@@ -210,9 +212,9 @@ def _followed(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
     writer = Writer(bus, _style(given, bus, start_ns))
     try:
         while True:
-            heard = port.receive(clock.now_ns())
-            if heard:
-                frames = _block(heard, given.follow, clock.epoch_offset_ns)
+            received = port.receive(clock.now_ns())
+            if received:
+                frames = _block(received, given.follow, clock.epoch_offset_ns)
                 groups = Groups(frames)
                 code = judge.feed(frames, groups) if judge else None
                 yield from writer.lines(frames, selector.rows(frames, groups, code), code)
@@ -221,7 +223,7 @@ def _followed(given: argparse.Namespace, bus: Bus) -> Iterator[str]:
         port.close()
 
 
-def _block(heard: "Sequence[CanFrame]", bus: str, offset_ns: int) -> Frames:
+def _block(received: "Sequence[CanFrame]", bus: str, offset_ns: int) -> Frames:
     channel = bus.partition(":")[2]
     rows = [
         (
@@ -231,13 +233,13 @@ def _block(heard: "Sequence[CanFrame]", bus: str, offset_ns: int) -> Frames:
             channel,
             frame.data,
         )
-        for frame in heard
+        for frame in received
     ]
     return from_rows(rows)
 
 
 def _page(lines: Iterator[str]) -> None:
-    """Through $PAGER, or less."""
+    """Print the lines through $PAGER, or else less."""
     words = os.environ.get("PAGER", "less -RFX").split()
     if not words or shutil.which(words[0]) is None:
         for line in lines:

@@ -1,4 +1,4 @@
-"""`canlog stats`: what every message and the bus did, as tables, JSON, CSV or JUnit."""
+"""`canlog stats`: statistics of every message and of the bus, as tables, JSON, CSV or JUnit."""
 
 import argparse
 import csv
@@ -28,7 +28,7 @@ from canlog.stats_rows import (
 )
 from canlog.verbs.common import add_log, bus_asked, count, read_options
 
-SUMMARY: Final = "what every message and the bus did: cycle times, gaps, errors, load, latency"
+SUMMARY: Final = "statistics of messages and bus: cycle times, gaps, errors, load, latency"
 FORMATS: Final = ("text", "json", "csv", "junit")
 EXIT_OK: Final = 0
 EXIT_BROKEN: Final = 1
@@ -40,7 +40,7 @@ DETAILS: Final = (
     *("crc_errors", "counter_errors", "twin_errors", "invalid_values", "wrong_length"),
     *("short", "undefined", "out_of_range", "backwards"),
 )
-"""Said in a line of their own where there are any."""
+"""Numbers that are printed on their own line if they are not 0."""
 WIDE: Final = 200
 NAMES_SHOWN: Final = 8
 
@@ -53,12 +53,16 @@ def options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="RULE",
-        help="exit with 1 where it is true or finds nothing to judge, as in 'missing > 0', "
+        help="exit with 1 if it is true or finds nothing to judge, as in 'missing > 0', "
         "'DOOR_*: crc_errors > 0', 'bus_load_ratio_max > 0.7' or 'damaged > 0'",
     )
-    parser.add_argument("--signals", action="store_true", help="ranges of all signals, too")
+    parser.add_argument(
+        "--signals", action="store_true", help="show the ranges of all signals, too"
+    )
     parser.add_argument("--baudrate", type=count, default=0, help="bits/s; default: the DBC file's")
-    parser.add_argument("--data-baudrate", type=count, default=0, help="of the fast part of CAN FD")
+    parser.add_argument(
+        "--data-baudrate", type=count, default=0, help="bits/s of the fast part of CAN FD"
+    )
 
 
 def run(given: argparse.Namespace) -> int:
@@ -76,7 +80,7 @@ def run(given: argparse.Namespace) -> int:
 
 @dataclass(frozen=True, slots=True)
 class HeldRules:
-    """Rules, who broke them, and those that found nothing to judge, which fail too."""
+    """Rules, their breaches, and rules that had nothing to judge, which fail, too."""
 
     rules: Sequence[FailRule]
     breaches: Sequence[Broken]
@@ -118,7 +122,7 @@ def _print(
 
 
 def csv_text(rows: Sequence[Row]) -> str:
-    """Rows with a head, as RFC 4180 has it but for line ends."""
+    """Return rows with a head, in RFC 4180 format except for line ends."""
     out = io.StringIO()
     if rows:
         writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
@@ -128,7 +132,7 @@ def csv_text(rows: Sequence[Row]) -> str:
 
 
 def junit_text(log: str, held: HeldRules) -> str:
-    """A test suite with a case for each rule, for the reports of CI servers."""
+    """Return a test suite with a case for each rule, for CI servers."""
     failed = {each.rule for each in held.breaches} | set(held.untold)
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',

@@ -1,4 +1,4 @@
-"""`canlog transport`: messages that need several frames, each as a row of its own."""
+"""`canlog transport`: reassembles multi-frame messages and prints each as a row."""
 
 import argparse
 import csv
@@ -19,7 +19,7 @@ from canlog.transport.names import FAULTS, fault_text, uds_text
 from canlog.transport.reassembly import Reassembler, TransportOptions
 from canlog.verbs.common import add_log, bus_asked, count, read_options
 
-SUMMARY: Final = "messages of J1939 transport and ISO-TP put together, with UDS services named"
+SUMMARY: Final = "reassemble messages of J1939 transport and ISO-TP, and name UDS services"
 BYTES_SHOWN: Final = 24
 ROWS_SHOWN: Final = 6
 FORMS: Final = ("text", "csv", "json")
@@ -35,17 +35,17 @@ def options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="HEX",
-        help="carries ISO-TP; default: 700 to 7FF and 18DAxxxx, 18DBxxxx",
+        help="an identifier that carries ISO-TP; default: 700 to 7FF and 18DAxxxx, 18DBxxxx",
     )
     parser.add_argument(
-        "--extended-address", action="store_true", help="a byte of address stands before ISO-TP"
+        "--extended-address", action="store_true", help="an address byte precedes the ISO-TP data"
     )
-    parser.add_argument("--limit", type=count, metavar="N", help="at most so many rows")
+    parser.add_argument("--limit", type=count, metavar="N", help="print at most N rows")
     parser.add_argument("--as", dest="form", choices=FORMS, default="text")
 
 
 def run(given: argparse.Namespace) -> int:
-    """Raises LogError."""
+    """Print the messages. Raises LogError."""
     bus, source = bus_asked(given), stream(given.log, read_options(given))
     wanted = TransportOptions(
         j1939=given.protocol != "isotp",
@@ -63,7 +63,7 @@ def run(given: argparse.Namespace) -> int:
 
 
 def _rows(source: Any, bus: Bus, wanted: TransportOptions) -> Iterator[Row]:
-    """In the order of the last frames, block by block."""
+    """Yield the messages of each block in order of their last frames."""
     reassembler = Reassembler(wanted)
     start_ns: int | None = None
     for frames in source:
@@ -105,7 +105,7 @@ def _row(part: Messages, at: int, start_ns: int, bus: Bus) -> Row:
 
 
 def group_text(bus: Bus, group: int, data: bytes) -> str:
-    """What a message of J1939 says: fault codes, or signals of a DBC file."""
+    """Describe a J1939 message: its fault codes, or its signals in a DBC file."""
     if group in FAULTS:
         return f"{FAULTS[group]} {fault_text(data)}"
     spec = bus.by_group.get(group)

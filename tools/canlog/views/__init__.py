@@ -1,1 +1,1 @@
-"""Pictures of a log: traces of signals, plots, the page of `canlog report` and `canlog open`."""
+"""Views of a log: signal traces, plots, and the page of `canlog report` and `canlog open`."""

@@ -1,4 +1,4 @@
-"""What the page of `canlog open` asks its server for: windows of traces, values, rows of frames."""
+"""Answers the requests of the page of `canlog open`: trace windows, values, frame rows."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ Query = Mapping[str, str]
 
 
 class Answers:
-    """Answers one question after the other; the caller keeps them apart."""
+    """Answers one request at a time; the caller serialises them."""
 
     def __init__(self, log: Log, data: PageData) -> None:
         self._log = log
@@ -52,10 +52,10 @@ class Answers:
         }
 
     def answer(self, path: str, query: Query) -> tuple[str, bytes] | None:
-        """Media type and content; None for what is no question.
+        """Return media type and content; None for an unknown path.
 
         Raises:
-            LogError: for a question that makes no sense, with words for the user.
+            LogError: for an invalid request, with a text for the user.
         """
         question = self._questions.get(path)
         if question is None:
@@ -103,7 +103,7 @@ class Answers:
         return JSON, json.dumps({"count": count}).encode()
 
     def _at(self, query: Query) -> tuple[str, bytes]:
-        """The last row of a filter at or before an instant."""
+        """Return the last row of a filter at or before an instant."""
         rows, at_ns = self._selection(query["filter"]), int(query["t"]) + self._zero_ns
         stamps = self._data.log.frames.at_ns
         here = int(np.searchsorted(stamps, at_ns, "right"))

@@ -1,4 +1,4 @@
-"""Down-sampling that keeps extremes: of each column first, least, greatest and last sample."""
+"""Down-sampling that keeps extremes: the first, minimum, maximum and last sample of each column."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,20 +9,20 @@ from canlog.frames import Ints
 from canlog.views.traces import Floats, SignalTrace
 
 BLOCK: Final = 256
-"""Samples that one entry of the next level stands for."""
+"""Samples per entry of the next level."""
 RAW_PER_COLUMN: Final = 3
-"""Up to so many samples a column are given as they are."""
+"""Maximum samples per column that are returned unchanged."""
 AT_ONCE: Final = 1 << 20
-"""Up to so many samples are looked at one by one; more go by their blocks."""
+"""Maximum samples that are scanned one by one; for more, block extremes are used."""
 
 
 def kept(at_ns: Ints, values: Floats, *, start_ns: int, end_ns: int, columns: int) -> Ints:
-    """Indices, rising, of the samples that make the same picture as all of them.
+    """Return the rising indices of samples that draw the same picture as all samples.
 
-    Time from `start_ns` to `end_ns` is cut into `columns` equal pieces; of each the first, the
-    least, the greatest and the last sample are kept (M4 of Jugel et al., VLDB 2014), and the last
-    sample before and the first one after the span, so that lines leave the picture where they
-    should. NaN counts as neither least nor greatest.
+    The time from `start_ns` to `end_ns` is cut into `columns` equal pieces. Each keeps its first,
+    minimum, maximum and last sample (M4 of Jugel et al., VLDB 2014). The last sample before the
+    span and the first one after it are kept, too, so that lines continue beyond the picture. NaN
+    counts as neither minimum nor maximum.
 
     Args:
         at_ns: (n,) rising or equal.
@@ -51,23 +51,23 @@ def kept(at_ns: Ints, values: Floats, *, start_ns: int, end_ns: int, columns: in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewWindow:
-    """What a picture of a span needs, with the neighbours outside of it.
+    """Samples that draw a span, with the neighbours outside of it.
 
-    Either the samples themselves, or first, least, greatest and last of each column of pixels. A
-    value that is NaN breaks the picture: nothing came for longer than the signal holds.
+    They are either all samples, or the first, minimum, maximum and last one of each column of
+    pixels. A NaN value breaks the line: no frame came for longer than the signal holds.
     """
 
     is_raw: bool
     at_ns: Floats
-    """(k,) float64: exact up to 104 days from the zero that they count from."""
+    """(k,) float64: exact up to 104 days from the zero of the trace."""
     values: Floats
 
 
 class Pyramid:
-    """Least and greatest of blocks of samples, and of blocks of these."""
+    """Minimum and maximum of blocks of samples, of blocks of these, and so on."""
 
     def __init__(self, trace: SignalTrace, zero_ns: int) -> None:
-        """`zero_ns`: what instants are counted from in what `window` takes and gives."""
+        """Build the levels. Instants in `window` count from `zero_ns`."""
         self.at_ns = trace.at_ns - zero_ns
         self.values = trace.values
         self.gap_ns = trace.gap_ns
@@ -79,7 +79,7 @@ class Pyramid:
             self._levels.append((low, high))
 
     def window(self, start_ns: float, end_ns: float, columns: int) -> ViewWindow:
-        """Of the span, in `columns` equal columns."""
+        """Return the span in `columns` equal columns."""
         begin = int(np.searchsorted(self.at_ns, start_ns, "left"))
         end = int(np.searchsorted(self.at_ns, end_ns, "right"))
         first, stop = max(0, begin - 1), min(len(self.at_ns), end + 1)
@@ -90,7 +90,7 @@ class Pyramid:
         begins = begin + np.flatnonzero(np.append(True, column[1:] != column[:-1]))
         ends = np.append(begins[1:], end)
         low, high = self._extremes(begins, ends)
-        # Of each column: a break if nothing came for long, first, least, greatest, last.
+        # Each column has a break after a silence, then its first, minimum, maximum and last sample.
         at_ns = np.empty((len(begins), 5))
         values = np.empty((len(begins), 5))
         at_ns[:, 1:3] = self.at_ns[begins, None]
@@ -119,7 +119,7 @@ class Pyramid:
         return ViewWindow(True, at_ns, values)
 
     def _extremes(self, begins: Ints, ends: Ints) -> tuple[Floats, Floats]:
-        """Of the samples of each piece; the pieces follow each other without a gap."""
+        """Return minimum and maximum of each piece; the pieces follow each other without a gap."""
         first, stop = int(begins[0]), int(ends[-1])
         if stop - first <= AT_ONCE or not self._levels:
             inside = self.values[first:stop]

@@ -1,4 +1,4 @@
-"""What the page says of messages and buses: how to decode them, and how well they did."""
+"""Facts about messages and buses for the page: how to decode them, and their statistics."""
 
 from typing import Any, Final
 
@@ -15,11 +15,11 @@ from canlog.verdict_codes import JUDGED_BUS, UNCONFIRMED
 from canlog.views.packed import KeyGroup
 
 REFUSED_FROM: Final = UNCONFIRMED + 1
-"""Codes from this on are those of refused frames."""
+"""Lowest code of a rejected frame."""
 
 
 def statistics(log: Log) -> dict[str, Any]:
-    """The rows of `canlog stats`."""
+    """Return the rows of `canlog stats`."""
     found = gather((piece for _, piece in in_pieces(log.frames)), log.bus)
     return {
         "messages": message_rows(found),
@@ -30,7 +30,7 @@ def statistics(log: Log) -> dict[str, Any]:
 
 
 def verdict_codes(log: Log) -> Any:
-    """(n,) uint8: what the codec said of each frame; None for a bus that is not this project's."""
+    """(n,) uint8: the codec's verdict on each frame; None for another bus than this project's."""
     if log.bus.name != JUDGED_BUS:
         return None
     one, codes = Judge(), log.room(len(log), np.uint8)
@@ -42,12 +42,12 @@ def verdict_codes(log: Log) -> Any:
 
 
 def verdict_names() -> dict[str, str]:
-    """Code to why a frame was refused, for people."""
+    """Return the reason of rejection for each code, as text for people."""
     return {str(code): reason.name.lower().replace("_", " ") for code, reason in REASONS.items()}
 
 
 def message_head(group: KeyGroup, spec: MessageSpec | None, name: str) -> dict[str, Any]:
-    """What the page has to know of a message to decode and name it."""
+    """Return what the page needs to decode and name a message."""
     head: dict[str, Any] = {
         "id": group.key & ~KEY_EXTENDED,
         "extended": bool(group.key & KEY_EXTENDED),

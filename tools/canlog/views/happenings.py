@@ -1,4 +1,4 @@
-"""Events to be marked in pictures: of a run folder with their sources, else those on the bus."""
+"""Events to mark in pictures: those of a run folder with their sources, or those on the bus."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -31,12 +31,12 @@ UNUSUAL: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """One frame, telegram or message that an event was decided from."""
+    """One frame, telegram or message on which an event is based."""
 
     source: str
     identifier: int | None
     payload: str
-    """In hexadecimal."""
+    """Payload in hexadecimal."""
     heard_ns: int | None
 
 
@@ -51,12 +51,12 @@ class Happening:
 
     @property
     def weight(self) -> int:
-        """2 for what brakes the train, 1 for what is unusual, 0 for the rest."""
+        """2 for an event that brakes the train, 1 for an unusual one, 0 for others."""
         return 2 if self.kind in GRAVE else int(self.kind in UNUSUAL)
 
 
 def happenings(log: Log) -> tuple[Happening, ...]:
-    """In order of time. Without events.jsonl those that the controller told on the bus."""
+    """Return the events in order of time; without events.jsonl, those sent on the bus."""
     told = tuple(_told(log.run)) if log.run is not None else ()
     found = told or tuple(_heard(log))
     return tuple(sorted(found, key=lambda each: each.at_ns))
@@ -76,7 +76,7 @@ def _told(run: RunFiles) -> Iterator[Happening]:
                 tuple(_basis(run, each) for each in table.get("sources", ())),
             )
         except (ValueError, KeyError, TypeError, AttributeError):
-            # The last line of a run that was killed.
+            # The last line of a killed run may be torn.
             continue
 
 

@@ -1,4 +1,4 @@
-"""The frames of a log as one compressed block of bytes that a browser takes apart."""
+"""Packs the frames of a log into one compressed block of bytes for the browser."""
 
 import base64
 import zlib
@@ -13,24 +13,26 @@ from canlog.frames import ERROR, REMOTE, Frames, Ints
 from canlog.shelf import Room, in_memory, in_pieces, rearranged
 
 LEVEL: Final = 6
-"""Of deflate; more gives a few percent for twice the time."""
+"""Level of deflate; a higher one gives a few percent for twice the time."""
 NOT_DATA: Final = REMOTE | ERROR
 LONG_NS: Final = (1 << 32) - 1
-"""A step of time that does not fit in 32 bits is told apart from the others."""
+"""Marks a time step that does not fit into 32 bits; such steps are listed separately."""
 
 
 class PackedBytes:
-    """Named pieces of bytes, one behind the other."""
+    """Named columns of bytes in one block."""
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []
         self._size = 0
         self.index: dict[str, list[Any]] = {}
-        """Name to offset, number of items, and kind of item as the browser calls it."""
+        """Offset, number of items, and the browser's name of the type, by column name."""
 
     def add(self, name: str, column: "npt.NDArray[Any]") -> None:
-        """One column. Items of several bytes are laid apart, all first bytes first, which packs
-        smooth columns several times smaller.
+        """Add one column.
+
+        All first bytes of multi-byte items come first, then all second ones. This packs smooth
+        columns several times smaller.
         """
         kind = _KINDS[column.dtype.name]
         plain = np.ascontiguousarray(column)
@@ -45,7 +47,7 @@ class PackedBytes:
         self._size += len(raw)
 
     def deflated(self) -> bytes:
-        """Raw deflate, as DecompressionStream("deflate-raw") takes it."""
+        """Return raw deflate data, as DecompressionStream("deflate-raw") reads it."""
         packer = zlib.compressobj(LEVEL, zlib.DEFLATED, -15)
         return b"".join([*map(packer.compress, self._pieces), packer.flush()])
 
@@ -64,34 +66,36 @@ _KINDS: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyGroup:
-    """Frames of one key on one channel; remote and error frames make groups of their own."""
+    """Frames of one key on one channel; remote and error frames form separate groups."""
 
     key: int
     flags: int
-    """REMOTE or ERROR of all of them, or 0."""
+    """REMOTE or ERROR if the group's frames are of that kind, else 0."""
     channel: str
     rows: Ints
-    """Which frames, in order of time."""
+    """Indices of the frames, in order of time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ordered:
-    """Frames in order of time, and of which group each is."""
+    """Frames in order of time, and the group of each."""
 
     frames: Frames
     groups: tuple[KeyGroup, ...]
     group: "npt.NDArray[np.uint16]"
     """(n,) index into `groups`."""
     order: Ints | None
-    """(n,) the row of each frame in the log; None for the same."""
+    """(n,) row of each frame in the log; None if the order is that of the log."""
 
     def taken(self, column: "npt.NDArray[Any]") -> "npt.NDArray[Any]":
-        """A column of the log in the order of time."""
+        """Return a column of the log in order of time."""
         return column if self.order is None else column[self.order]
 
 
 def ordered(frames: Frames, room: Room = in_memory) -> Ordered:
-    """Frames of one stamp stay as they are in the log. `room` gives columns their place."""
+    """Sort frames by time; frames with equal stamps keep log order. `room` allocates the
+    columns.
+    """
     by_time = None
     if not _in_order(frames):
         by_time = np.argsort(frames.at_ns, kind="stable")
@@ -123,7 +127,7 @@ def _in_order(frames: Frames) -> bool:
 
 
 def _kind(frames: Frames) -> Any:
-    """(n,) uint64: key, whether it is a remote or an error frame, and channel."""
+    """(n,) uint64: key, kind (remote or error frame), and channel."""
     flags = (frames.flags & np.uint8(NOT_DATA)).astype(np.uint64)
     flags |= frames.channel.astype(np.uint64) << np.uint64(8)
     return frames.key.astype(np.uint64) | flags << np.uint64(32)
@@ -134,7 +138,7 @@ def _channel(frames: Frames, number: int) -> str:
 
 
 def _sorted_rows(numbers: Any, counts: Ints, room: Room) -> Ints:
-    """(n,) rows of the first group, of the second and so on, each rising."""
+    """(n,) rows of the first group, then of the second and so on, each rising."""
     if kernel.library() is None or len(counts) > kernel.NO_GROUP:
         found: Ints = np.argsort(numbers, kind="stable")
         return found
@@ -143,7 +147,7 @@ def _sorted_rows(numbers: Any, counts: Ints, room: Room) -> Ints:
 
 
 def add_frames(block: PackedBytes, log: Ordered, zero_ns: int) -> dict[str, Any]:
-    """Put all frames into the block; returns what the page has to know to read them."""
+    """Add all frames to the block, and return what the page needs to read them."""
     frames = log.frames
     steps = np.diff(frames.at_ns, prepend=frames.at_ns[:1])
     long = np.flatnonzero(steps >= LONG_NS)

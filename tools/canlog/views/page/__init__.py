@@ -1,1 +1,1 @@
-"""The page itself: markup, style and scripts, put together by `views.report` and `views.server`."""
+"""Markup, style and scripts of the page that `views.report` and `views.server` assemble."""

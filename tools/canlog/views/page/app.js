@@ -1,4 +1,4 @@
-// Starts the page: reads what it holds, lays out the panels, and listens to keys.
+// Starts the page: reads its data, lays out the panels, and handles keys.
 
 const KEYS = [
   ["← →", "cursor to the frame before or after; with Shift ten frames"], ["[ ]", "to the event before or after"],
@@ -62,7 +62,7 @@ function layPanels() {
 function changePanels(change) { view.panels = change(view.panels).filter(panel => panel.length); layPanels(); soon("panels"); }
 function removeSignal(number, name) { changePanels(all => all.map((panel, at) => at === number ? panel.filter(each => each !== name) : panel)); }
 
-// Lines share what room the panels leave, as far as they stay legible.
+// The line plots share the height that the state bands leave, within legible limits.
 function fitPanels() {
   const lines = panels.filter(panel => panel.lines.length).length || 1;
   const taken = panels.reduce((sum, panel) => sum + HEAD + BAND * panel.states.length + (panel.lines.length ? 0 : TOP), 0);
@@ -126,14 +126,14 @@ function showWarnings(head) {
 function complain(error) { $("warnings").hidden = false; $("warnings").textContent = `The server does not answer: ${error.message}`; }
 
 function localTheme() {
-  try { const kept = localStorage.getItem("canlog-theme"); if (kept) return kept; } catch { /* a page from a file may keep nothing */ }
+  try { const kept = localStorage.getItem("canlog-theme"); if (kept) return kept; } catch { /* pages opened from a file may have no storage */ }
   return matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 }
 function setTheme(theme) { document.documentElement.dataset.theme = theme; readColors(); }
 function toggleTheme() {
   const theme = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
   setTheme(theme);
-  try { localStorage.setItem("canlog-theme", theme); } catch { /* then not */ }
+  try { localStorage.setItem("canlog-theme", theme); } catch { /* the theme is not kept */ }
   tell("theme");
 }
 

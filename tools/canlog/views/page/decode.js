@@ -1,7 +1,7 @@
-// Bytes to columns, and columns of bytes to physical values of a signal.
+// Decodes packed bytes into columns, and columns into physical values of a signal.
 
 const ARRAYS = { u2: Uint16Array, u4: Uint32Array, f4: Float32Array, f8: Float64Array };
-const EXACT_BYTES = 6; // as many bytes as a double holds exactly, with room for a shift
+const EXACT_BYTES = 6; // bytes that a double holds exactly, with room for a shift
 
 async function inflate(text) {
   if (!text) return new Uint8Array(0);
@@ -20,7 +20,7 @@ async function inflateBytes(packed) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-// Columns by name; those of several bytes an item lie apart, all first bytes first.
+// Columns by name; multi-byte items are stored with all first bytes first.
 class Block {
   constructor(bytes, index) { this.bytes = bytes; this.index = index; }
   has(name) { return name in this.index; }
@@ -37,7 +37,7 @@ class Block {
   }
 }
 
-// Where the bits of a signal lie: first byte, how many bytes, bits to shift the number of these down by.
+// Position of a signal's bits: first byte, number of bytes, and the right shift of their number.
 function cutOf(signal) {
   const first = signal.start >> 3;
   const bit = signal.big ? 7 - (signal.start & 7) : signal.start & 7;
@@ -46,7 +46,7 @@ function cutOf(signal) {
   return { first, count, down, needed: first + count };
 }
 
-// Raw values of a column, as doubles: exact up to 53 bits.
+// Raw values of a column as doubles, exact up to 53 bits.
 function rawColumn(group, signal) {
   const cut = cutOf(signal), n = group.count, out = new Float64Array(n);
   if (cut.needed > group.bytes.length) return out;
@@ -67,7 +67,7 @@ function rawColumn(group, signal) {
   return out;
 }
 
-// The raw value of one frame, exact to the last of 64 bits. `byteAt` gives its bytes.
+// Raw value of one frame, exact for all 64 bits. `byteAt` returns its bytes.
 function rawExact(signal, byteAt) {
   const cut = cutOf(signal);
   let whole = 0n;
@@ -96,7 +96,7 @@ function physicalExact(signal, raw) {
   return Number(raw) * signal.scale + signal.offset;
 }
 
-// Physical values of a column; frames that do not carry the signal are told by `carried`.
+// Physical values of a column; `carried` says which frames carry the signal.
 function physicalColumn(group, signal) {
   if (signal.float || cutOf(signal).count > EXACT_BYTES) {
     const out = new Float64Array(group.count);
@@ -110,7 +110,8 @@ function physicalColumn(group, signal) {
   return out;
 }
 
-// Which frames carry a signal: long enough, and chosen by every multiplexer above. Null: all of them.
+// Mask of the frames that carry a signal: long enough, and selected by every multiplexer above.
+// Null: all frames.
 function carried(message, group, signal) {
   const needed = cutOf(signal).needed;
   let mask = null;
@@ -135,7 +136,7 @@ function carriedByFrame(message, signal, data) {
   return signal.muxIds.includes(Number(rawExact(parent, at => data[at]))) && carriedByFrame(message, parent, data);
 }
 
-// A value as text: name of the table, names of flags, else the digits that the scale has.
+// A value as text: its name in the value table, names of flags, or the digits that the scale needs.
 function valueText(signal, value, raw) {
   const named = raw === undefined ? signal.byValue.get(value) : signal.choices[raw];
   if (named !== undefined) return named;
@@ -146,7 +147,7 @@ function valueText(signal, value, raw) {
 
 function numberText(value, signal) {
   if (!Number.isFinite(value)) return String(value);
-  if (Math.abs(value) > Number.MAX_SAFE_INTEGER && !signal.float) return value.toPrecision(15); // more digits would be made up
+  if (Math.abs(value) > Number.MAX_SAFE_INTEGER && !signal.float) return value.toPrecision(15); // further digits are not exact
   const steps = [signal.scale ?? 0, signal.offset ?? 0];
   if (signal.float || signal.extra || steps.some(step => decimals(step) > 6)) return String(Number(value.toPrecision(7)));
   return value.toFixed(Math.max(...steps.map(decimals)));

@@ -1,4 +1,5 @@
-// Speed over distance: line limits, ceiling, emergency limit, speed, truth; and the authority at the cursor.
+// Speed over distance: line limits, ceiling, emergency limit, speed and truth, and the authority at
+// the cursor.
 
 const ROLES = {
   truth: { color: 3, width: 2.2, label: "true speed" },
@@ -86,7 +87,7 @@ class Journey {
     context.stroke(); context.setLineDash([]);
   }
 
-  // Samples that fall into one pixel are joined to the least and greatest of it.
+  // Samples within one pixel are left out.
   curve(context, curve, width, height) {
     context.strokeStyle = colors.lines[curve.color]; context.lineJoin = "round";
     for (const inside of [false, true]) {
@@ -160,7 +161,7 @@ class Journey {
     requestAnimationFrame(() => this.draw());
   }
 
-  // The instant at which the train was nearest to a point of the picture; of equally near ones that next to the cursor.
+  // The instant at which the train was nearest to a point of the picture.
   nearest({ x, y, width, height }) {
     const curve = this.own;
     let best = Infinity, found = null;

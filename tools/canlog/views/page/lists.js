@@ -1,9 +1,9 @@
-// Events and messages as tables.
+// Shows events and messages as tables.
 
 function eventList() {
   const box = document.getElementById("tab-events"), events = view.head.events;
   document.getElementById("events-count").textContent = grouped(events.length);
-  if (!events.length) { box.innerHTML = '<p class="nothing">This log tells of no events.</p>'; return; }
+  if (!events.length) { box.innerHTML = '<p class="nothing">This log has no events.</p>'; return; }
   const table = document.createElement("table");
   table.innerHTML = "<thead><tr><th class='n'>time, s</th><th>event</th><th>what and why</th><th>from</th></tr></thead>";
   const body = table.createTBody();
@@ -16,7 +16,7 @@ function eventList() {
     for (const basis of event.basis) {
       const link = document.createElement("a");
       link.className = "src"; link.textContent = basis.source;
-      link.title = `${basis.payload ? `${basis.payload.toUpperCase()}, ` : ""}${basis.t === null ? "never heard" : `heard ${spanText(event.t - basis.t)} before`}`;
+      link.title = `${basis.payload ? `${basis.payload.toUpperCase()}, ` : ""}${basis.t === null ? "never received" : `received ${spanText(event.t - basis.t)} before`}`;
       link.onclick = click => { click.stopPropagation(); if (basis.t !== null) { showTab("frames"); goTo(basis.t); } };
       row.cells[3].append(link);
     }
@@ -50,14 +50,15 @@ function announce(event) {
   announcing = setTimeout(showFacts, 6000);
 }
 
-// Columns of `canlog stats` that are shown: name of the number, heading, digits; bad from this on.
+// Columns of `canlog stats` that are shown: name of the number, heading, digits, and the least bad
+// value.
 const STATS = [
   ["channel", "bus"], ["id", "id"], ["message", "message"], ["frames", "frames", 0], ["rate_hz", "per second", 2], ["load_ratio", "load, %", 2],
   ["period_ms", "period, ms", 0], ["gap_ms_min", "least gap", 3], ["gap_ms_p50", "median", 3], ["gap_ms_p99", "99 %", 3], ["gap_ms_max", "greatest", 3],
   ["jitter_ms", "jitter", 3], ["missing", "missing", 0, 1], ["extra", "extra", 0], ["stale", "stale", 0, 1], ["lost", "lost", 0, 1], ["crc_errors", "CRC", 0, 1],
   ["counter_errors", "counter", 0, 1], ["twin_errors", "twin", 0], ["invalid_values", "invalid", 0, 1], ["out_of_range", "out of range", 0, 1], ["latency_ms", "worst latency", 3],
 ];
-const ALWAYS = 8; // so many columns are shown even if they say nothing
+const ALWAYS = 8; // number of columns that are shown even if they are empty
 
 function statsList() {
   const box = document.getElementById("tab-stats"), rows = [...view.head.stats.messages];
@@ -88,7 +89,7 @@ function statsList() {
   box.replaceChildren(buses_, table, ...remarks(view.head.stats));
 }
 
-// What never came, and what could not be judged, with why: alike remarks share a line.
+// Messages that never came, and what could not be judged and why; equal remarks share a line.
 function remarks(stats) {
   const lines = stats.absent.length ? [`Never seen: ${listed(stats.absent)}`] : [], alike = new Map();
   for (const { message, what, why } of stats.not_judged) {

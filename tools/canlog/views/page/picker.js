@@ -1,4 +1,4 @@
-// The list of all signals, searched while one types.
+// The list of all signals, filtered while the user types.
 
 let picked = 0;
 

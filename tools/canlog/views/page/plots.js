@@ -5,7 +5,7 @@ const LEFT_LEAST = 64, LEFT_MOST = 168;
 const LINE_LEAST = 72, LINE_MOST = 240;
 let LEFT = LEFT_LEAST;
 
-// The margin of all plots, wide enough for the names of bands: they are read as one column.
+// Sets the left margin of all plots, wide enough for the names of bands.
 function fitMargin(panels) {
   const context = document.createElement("canvas").getContext("2d");
   context.font = FONT;
@@ -64,7 +64,7 @@ class Panel {
     return box.bottom > frame.top && box.top < frame.bottom;
   }
 
-  // Fetches what the span needs, then draws; what comes late is drawn when it comes.
+  // Fetches what the span needs, then draws; late answers are drawn when they arrive.
   refresh() {
     if (!this.visible()) { this.stale = true; return; }
     this.stale = false;
@@ -101,7 +101,7 @@ class Panel {
     let low = Infinity, high = -Infinity;
     for (const signal of this.lines) {
       const { t, v } = this.windows.get(signal) ?? { t: [], v: [] };
-      // What is seen, and the neighbours whose lines come into the picture.
+      // Visible samples, and the neighbours whose lines reach into the picture.
       const stop = Math.min(t.length, upperBound(t, view.to) + 1);
       for (let i = Math.max(0, lowerBound(t, view.from) - 1); i < stop; i++)
         if (Number.isFinite(v[i])) { if (v[i] < low) low = v[i]; if (v[i] > high) high = v[i]; }
@@ -145,8 +145,8 @@ class Panel {
         if (Number.isFinite(got.v[i])) { context.beginPath(); context.arc(xOf(got.t[i], width), yOf(got.v[i]), 2.2, 0, 7); context.fill(); }
   }
 
-  // Where a column of pixels has many samples it is one bar from the least to the greatest, joined to the last one
-  // before: the same picture as a line through all, drawn many times faster.
+  // A pixel column with many samples is one bar from minimum to maximum, joined to the bar before.
+  // This draws the same picture as a line through all samples, many times faster.
   bars(context, got, width, yOf) {
     let column = null, top = 0, bottom = 0, last = NaN;
     context.lineWidth = 1.2;
@@ -174,7 +174,7 @@ class Panel {
       if (Number.isNaN(got.v[i])) { i++; continue; }
       let next = i + 1;
       while (next < got.t.length && got.v[next] === got.v[i]) next++;
-      // A state holds until the next sample, at most as long as the message may be silent.
+      // A state holds until the next sample, but at most until the message's timeout.
       const hold = signal.gap ? got.t[next - 1] + signal.gap : view.last;
       const end = next < got.t.length ? got.t[next] : Math.min(hold, view.last);
       const left = Math.max(LEFT, xOf(got.t[i], width)), right = Math.min(width - RIGHT, xOf(end, width));
@@ -205,7 +205,7 @@ function axisText(value, { step, digits }) {
   return Math.abs(value) >= 1e4 ? text.replace(/\B(?=(\d{3})+(?!\d))/g, "\u202f") : text.replace("-", "−");
 }
 
-// Events as thin lines.
+// Draws events as thin lines.
 function marks(context, width, height) {
   for (const event of view.head.events) {
     if (event.t < view.from || event.t > view.to) continue;

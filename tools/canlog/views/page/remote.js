@@ -1,4 +1,4 @@
-// The same as LocalSource, of a log that stays with its server: only what is shown is fetched.
+// Same interface as LocalSource, for a log that stays on its server: it fetches only what is shown.
 
 const TILE_ROWS = 200;
 
@@ -13,7 +13,7 @@ class RemoteSource {
     return answer;
   }
 
-  // Spans are asked for in even tiles with a margin, so that panning a little asks nothing anew.
+  // Requests cover aligned tiles with a margin, so that small pans need no new request.
   async window(signal, from, to, columns) {
     const step = 2 ** Math.ceil(Math.log2((to - from) / 4));
     const first = Math.floor(from / step - 1) * step, last = Math.ceil(to / step + 1) * step;

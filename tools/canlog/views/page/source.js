@@ -1,9 +1,9 @@
-// Where signals and frames come from: a log that is in the page as a whole, or a server that is asked.
+// Source of signals and frames: a log that is complete in the page, or a server.
 
 const REMOTE_FLAG = 2, ERROR_FLAG = 4, FD_FLAG = 8, TX_FLAG = 64, LONG = 0xffffffff;
 const NS = 1e9;
 
-// Messages with what the scripts want to look up, and all names that can be drawn.
+// Adds lookup tables to the messages, and lists all signals that can be drawn.
 function prepare(head) {
   head.messages.forEach((message, number) => {
     message.number = number;
@@ -45,7 +45,7 @@ class LocalSource {
     this.index();
   }
 
-  // Rows of each message, and the place of each row among those of its message.
+  // Rows of each message, and the index of each row among those of its message.
   index() {
     const counts = new Uint32Array(this.head.messages.length);
     this.rank = new Uint32Array(this.count);
@@ -85,7 +85,7 @@ class LocalSource {
   window(signal, from, to, columns) { return this.trace(signal).window(from, to, columns, signal.gap); }
   values(signals, t) { return signals.map(signal => this.trace(signal).valueAt(t)); }
 
-  // Rows that a filter lets through: null for all, else their numbers.
+  // Rows that pass a filter: null for all, else their numbers.
   select(text) {
     const terms = parseFilter(text, this.head);
     if (!terms.length) return { rows: null, count: this.count };
@@ -156,7 +156,7 @@ const COMPARISONS = {
   "=": (a, b) => a === b, "==": (a, b) => a === b, "!=": (a, b) => a !== b,
 };
 
-// Terms of a filter, all of which have to hold. Throws an Error with words for the user.
+// Terms of a filter, all of which must hold. Throws an Error with text for the user.
 function parseFilter(text, head) {
   return text.trim().split(/\s+/).filter(Boolean).map(word => {
     const not = word.startsWith("-") && word.length > 1, body = not ? word.slice(1) : word;

@@ -1,4 +1,5 @@
-// Pointer on plots: wheel zooms, Shift+wheel and drag pan, Shift+drag chooses a span, a click pins the cursor.
+// Pointer on plots: the wheel zooms, Shift+wheel and drag pan, Shift+drag selects a span, a click
+// pins the cursor.
 
 const CLICK_PX = 4;
 
@@ -41,7 +42,7 @@ function steer(canvas) {
   canvas.addEventListener("dblclick", wholeSpan);
 }
 
-// The span that is being chosen, over the canvas.
+// Shows the span that is being selected over the canvas.
 function choosing(canvas, from, to) {
   let band = document.getElementById("choosing");
   if (from === to) { band?.remove(); return; }
@@ -60,7 +61,7 @@ function choosing(canvas, from, to) {
 function steerOverview(canvas) {
   let grip = null;
   const timeAt = event => { const box = canvas.getBoundingClientRect(); return overview.t(event.clientX - box.left, box.width); };
-  const edge = event => { // near which end of the window, or inside of it
+  const edge = event => { // which end of the window is near, or whether the pointer is inside
     const box = canvas.getBoundingClientRect(), x = event.clientX - box.left;
     if (Math.abs(x - overview.x(view.from, box.width)) < 6) return "from";
     if (Math.abs(x - overview.x(view.to, box.width)) < 6) return "to";

@@ -1,4 +1,4 @@
-// The frame table: only the rows that are seen exist; it follows the cursor, and moves it.
+// The frame table: only visible rows exist; it follows the cursor, and moves it.
 
 const ROW = 22, LATE = 1.5;
 
@@ -36,7 +36,7 @@ class FrameTable {
     this.draw();
   }
 
-  // The row that is under the cursor, made visible.
+  // Shows the row under the cursor.
   async follow() {
     const t = view.cursor;
     if (t === null || !this.selection.count) { if (this.at >= 0) { this.at = -1; this.draw(); } return; }
@@ -118,7 +118,7 @@ class FrameTable {
     new ResizeObserver(() => this.scroll(this.first)).observe(this.box);
   }
 
-  // Moves the cursor by frames of the filter.
+  // Moves the cursor by frames that pass the filter.
   async step(by) {
     if (!this.selection.count) return;
     const now = this.at < 0 && view.cursor !== null ? await view.source.rowAt(this.selection, view.cursor) : this.at;

@@ -1,9 +1,9 @@
-// A trace: samples of one signal in order of time, and a pyramid of least and greatest values.
+// A trace: samples of one signal in order of time, and a pyramid of minimum and maximum values.
 
-const LEVEL = 64; // samples, or entries of the level below, that one entry stands for
-const RAW_PER_COLUMN = 3; // up to so many samples a pixel column are drawn one by one
+const LEVEL = 64; // samples, or entries of the level below, per entry
+const RAW_PER_COLUMN = 3; // maximum samples per pixel column that are drawn one by one
 
-// First index with at[index] >= wanted (or > wanted).
+// First index with at[index] >= wanted (lowerBound), or > wanted (upperBound).
 function lowerBound(at, wanted) {
   let low = 0, high = at.length;
   while (low < high) { const middle = (low + high) >> 1; if (at[middle] < wanted) low = middle + 1; else high = middle; }
@@ -36,7 +36,7 @@ class Trace {
     }
   }
 
-  // Least and greatest of samples [begin, end), into `into`; NaN counts as neither.
+  // Writes minimum and maximum of samples [begin, end) to `into`; NaN counts as neither.
   extremes(begin, end, into) {
     if (!this.levels) this.build();
     let low = Infinity, high = -Infinity, lows = this.v, highs = this.v;
@@ -53,9 +53,9 @@ class Trace {
     into[0] = low; into[1] = high;
   }
 
-  // What a picture of the span in `columns` columns needs: samples themselves when they are few, else per column
-  // first, least, greatest, last and their instants; always with the neighbours outside of the span.
-  // A silence of more than `gap` ns breaks the picture, told by a value that is none.
+  // Returns what draws the span in `columns` columns, with the neighbours outside of the span. Few
+  // samples are returned as they are; otherwise each column gets its first, minimum, maximum and
+  // last sample. A silence of more than `gap` ns breaks the line with a NaN value.
   window(from, to, columns, gap = 0) {
     const begin = lowerBound(this.t, from), end = upperBound(this.t, to);
     const low = Math.max(0, begin - 1), high = Math.min(this.t.length, end + 1);
@@ -72,7 +72,7 @@ class Trace {
       if (next === i) next = i + 1;
       this.extremes(i, next, pair);
       const first = this.t[i], last = this.t[next - 1];
-      // First, least, greatest, last: all inside of one pixel column, in an order that keeps time rising.
+      // First, minimum, maximum, last: all in one pixel column, in an order that keeps time rising.
       push(i);
       out.t.push(first, last, last); out.v.push(pair[0], pair[1], this.v[next - 1]);
       i = next;
@@ -99,7 +99,7 @@ class Trace {
 }
 
 function lowerBound2(at, wanted, low, high) {
-  // Spans are mostly even: look near first.
+  // Spans are mostly even, so the search starts near.
   let step = 1;
   while (low + step < high && at[low + step] < wanted) step *= 2;
   high = Math.min(high, low + step + 1);

@@ -1,11 +1,11 @@
-// What is shown now: span, cursor, panels; and who wants to know when that changes.
+// State of the page: span, cursor, panels, and the listeners for changes.
 
 const view = {
   head: null, source: null, signals: [], byFull: null,
   from: 0, to: 1, first: 0, last: 1, // ns since the zero of the log
   cursor: null, pinned: false, hover: null,
   panels: [], // arrays of full names
-  spans: [], // for going back
+  spans: [], // earlier spans, for Back
   listeners: { span: [], cursor: [], panels: [], theme: [] },
 };
 const SPAN_MIN = 20e3; // 20 µs: less than the shortest frame
@@ -35,7 +35,7 @@ function backSpan() { const span = view.spans.pop(); if (span) setSpan(span[0], 
 function zoom(factor, about) { setSpan(about - (about - view.from) * factor, about + (view.to - about) * factor, false); }
 function pan(ratio) { const by = (view.to - view.from) * ratio; setSpan(view.from + by, view.to + by, false); }
 
-// Moves the cursor; a pinned one stays where it is until it is pinned elsewhere or let go.
+// Moves the cursor; a pinned one stays until it is pinned elsewhere or released.
 function setCursor(t, pin = false) {
   if (t !== null) t = Math.min(Math.max(t, view.first), view.last);
   if (pin) { view.pinned = true; view.cursor = t; view.hover = null; }
@@ -45,7 +45,7 @@ function setCursor(t, pin = false) {
 }
 function unpin() { view.pinned = false; view.hover = null; soon("cursor"); }
 
-// Shows an instant: puts the cursor there and moves the span when it is outside.
+// Shows an instant: puts the cursor there, and moves the span if the instant is outside.
 function goTo(t) {
   if (t < view.from || t > view.to) { const half = (view.to - view.from) / 2; setSpan(t - half, t + half); }
   setCursor(t, true);
@@ -58,7 +58,7 @@ function spanText(ns) {
   if (s >= 1) return `${sign}${s.toFixed(3)} s`;
   return s >= 1e-3 ? `${sign}${(s * 1e3).toFixed(3)} ms` : `${sign}${(s * 1e6).toFixed(1)} µs`;
 }
-// An instant of a dated log to the nanosecond.
+// Date of an instant in a log with dates, to the nanosecond.
 function dateText(t) {
   if (!view.head.date) return "";
   const at = BigInt(view.head.zero) + BigInt(Math.round(t));
@@ -66,7 +66,7 @@ function dateText(t) {
   return `${date}.${String(at % 1000000000n).padStart(9, "0")} UTC`;
 }
 
-// The address keeps what is shown, so that it can be sent to somebody else.
+// Keeps what is shown in the address, so that the user can share it.
 let remembering = 0;
 function remember() {
   clearTimeout(remembering);
@@ -99,7 +99,7 @@ function readColors() {
   colors.weights = [colors.quiet, colors.warn, colors.bad];
 }
 
-// A canvas as sharp as the screen; returns its context with pixels of the page as units.
+// Returns the drawing context of a canvas as sharp as the screen, with page pixels as units.
 const FONT = "11.5px system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif";
 function sharp(canvas) {
   const box = canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
