@@ -32,7 +32,7 @@ COMPUTING: Final = frozenset(
         "test_verify",
     }
 )
-"""Of the tests with processes, those that do not wait for a real clock."""
+"""Test modules that start processes but do not wait for a real clock."""
 ON_ITS_OWN: Final = frozenset({"test_documents"})
 """Runs commands by the real clock for minutes, beside the other tests by the clock."""
 REALTIME: Final = "real_time"

@@ -46,7 +46,7 @@ import re, sys, time
 from pathlib import Path
 from canlog.command import main
 main(sys.argv[1:])
-# Of this program alone: what getrusage tells counts the process that it was forked from.
+# Peak memory of this program alone: getrusage also counts the process that forked it.
 most_kb = int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
 print(time.process_time(), most_kb / 1024, file=sys.stderr)
 """
@@ -121,7 +121,7 @@ def reading(folder: Path, count: int) -> list[tuple[str, float, str, bool | None
 
 
 def transport() -> list[tuple[str, float, str, bool | None]]:
-    """A log of nothing but J1939 transport and ISO-TP, put together block by block."""
+    """Measure a log that contains only J1939 transport and ISO-TP, reassembled block by block."""
     frames = traffic.transport_frames(TRANSPORT_MESSAGES)
 
     def work() -> int:
@@ -136,7 +136,7 @@ def transport() -> list[tuple[str, float, str, bool | None]]:
 
 
 def start_of(folder: Path) -> list[tuple[str, float, str, bool | None]]:
-    """`canlog show` of ten lines, in a process of its own: the best of a few."""
+    """Measure `canlog show` of ten lines in its own process, and take the best of a few runs."""
     dbc = folder / "many.dbc"
     dbc.write_text(traffic.many_messages(START_MESSAGES))
     words = ["show", str(folder / "bench.log"), "--dbc", str(dbc), "--limit", "10", "--no-pager"]
@@ -152,7 +152,7 @@ def start_of(folder: Path) -> list[tuple[str, float, str, bool | None]]:
 
 
 def statistics_of(folder: Path, count: int) -> list[tuple[str, float, str, bool | None]]:
-    """`canlog stats` in its own process on a log that is `STATS_TIMES` times as long."""
+    """Measure `canlog stats` in its own process on a log that is `STATS_TIMES` times as long."""
     path = folder / "long.log"
     made = traffic.frames(count)
     with path.open("wb") as out:

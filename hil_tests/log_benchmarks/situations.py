@@ -1,6 +1,6 @@
-"""Situations from public bug reports, and which tools get them right: `make bench-logs`.
+"""Situations from public bug reports, and which tools read them correctly: `make bench-logs`.
 
-Each tool reads in a process of its own, so that one that hangs or crashes is only wrong.
+Each tool reads in its own process, so that a tool that hangs or crashes only counts as wrong.
 `python -m hil_tests.log_benchmarks.situations` prints the table of docs/results/canlog_peers.md.
 """
 
@@ -34,7 +34,9 @@ class Situation:
     what: str
     files: Mapping[str, bytes]
     right: Answer
-    """Identifier and data of each frame; with a DBC file the values of all frames."""
+    """Correct answer: identifier and data of each frame, or the values of all frames with a DBC
+    file.
+    """
 
     @property
     def log(self) -> str:
@@ -46,7 +48,7 @@ class Situation:
 
 
 def blf(*objects: bytes) -> bytes:
-    """One stored container behind an empty head."""
+    """Return a BLF file with one stored container after an empty head."""
     content = b"".join(objects)
     out = b"LOGG" + struct.pack("<L", 144) + bytes(136)
     out += struct.pack("<4sHHIIH6xI4x", b"LOBJ", 16, 1, 32 + len(content), 10, 0, len(content))
@@ -204,7 +206,9 @@ TOOLS: Mapping[str, Callable[[Path, Path | None], Answer]] = {
 
 
 def is_right(answer: Answer, right: Answer) -> bool:
-    """Frames as they are; of values those that are asked for, and no other page's."""
+    """Compare frames exactly; compare only the requested values, and allow no value of another
+    page.
+    """
     if len(answer) != len(right):
         return False
     for got, wanted in zip(answer, right, strict=True):
@@ -220,7 +224,7 @@ def is_right(answer: Answer, right: Answer) -> bool:
 
 
 def tried(tool: str, situation: Situation) -> bool:
-    """In a process of its own."""
+    """Whether a tool answers a situation correctly, in its own process."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in situation.files.items():
             (Path(folder) / name).write_bytes(content)
@@ -235,7 +239,7 @@ def tried(tool: str, situation: Situation) -> bool:
 
 
 def table() -> list[tuple[Situation, dict[str, bool]]]:
-    """Which tool gets which situation right."""
+    """Return for each situation which tools answer correctly."""
     return [(each, {tool: tried(tool, each) for tool in TOOLS}) for each in SITUATIONS]
 
 

@@ -21,7 +21,7 @@ SEED = 1
 
 
 def dbc_text() -> str:
-    """A DBC file that is always the same, with signals side by side from the first bit on."""
+    """Return a DBC file, always the same, with adjacent signals from the first bit on."""
     draw = np.random.default_rng(SEED)
     lines = ['VERSION ""', "NS_ :", "BS_:", "BU_: A B", ""]
     for at, (count, length) in enumerate(zip(SIGNALS, LENGTHS, strict=True)):
@@ -47,7 +47,7 @@ def identifier(at: int) -> int:
 
 
 def frames(count: int) -> Frames:
-    """Frames about 250 µs apart with random data."""
+    """Return frames with random data, about 250 µs apart."""
     draw = np.random.default_rng(SEED)
     which = draw.integers(0, len(LENGTHS), count)
     lengths = np.array(LENGTHS, np.uint8)[which]
@@ -82,7 +82,7 @@ def write_logs(folder: Path, count: int, forms: tuple[str, ...]) -> dict[str, Pa
 
 
 def transport_frames(messages: int) -> Frames:
-    """This many messages, a broadcast of J1939 and one of ISO-TP in turns, each of 40 bytes."""
+    """Return this many messages of 40 bytes, J1939 broadcasts and ISO-TP in turn."""
     rows: list[tuple[int, int, int, str, bytes]] = []
     for at in range(messages):
         data = bytes([at % 256] * 40)

@@ -1,4 +1,4 @@
-"""Conditions over signals, such as `force_n > 1000 and direction == FORWARD`, for whole columns."""
+"""Conditions on signals, such as `force_n > 1000 and direction == FORWARD`, for whole columns."""
 
 import ast
 import operator
@@ -36,10 +36,12 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {
 
 
 class Where:
-    """One condition. It holds for frames of messages that have every signal that it names."""
+    """One condition. It applies to messages that have every signal in it."""
 
     def __init__(self, text: str, bus: Bus) -> None:
-        """Raises LogError for what is no condition, or names no signal of any one message."""
+        """Raises LogError for text that is no condition, or whose signals no message has
+        together.
+        """
         self.text = text
         specs = [
             spec for each in (bus, *bus.by_channel.values()) for spec in each.messages.values()
@@ -61,11 +63,11 @@ class Where:
         return self._names <= {each.name for each in spec.signals}
 
     def covers(self, spec: MessageSpec) -> bool:
-        """Whether this message can fulfil it at all."""
+        """Whether frames of this message can fulfil the condition."""
         return self._fits(spec)
 
     def holds(self, table: Table) -> Bools:
-        """(n,) for which frames it is true; never where a frame lacks one of the signals."""
+        """(n,) frames for which it is true; never a frame that lacks one of the signals."""
         with np.errstate(divide="ignore", invalid="ignore"):
             value = np.asarray(self._value(self._tree, table, ""))
         held = np.broadcast_to(value != 0, len(table)).copy()
@@ -103,7 +105,7 @@ class Where:
         return reduce(np.logical_and, [_COMPARISONS[type(op)](a, b) for op, a, b in steps])
 
     def _label(self, label: str, table: Table, beside: str) -> Any:
-        """The number that a value table calls so: that of the signal it is compared with."""
+        """Return the value that a label has in the value table of the compared signal."""
         for signal in table.spec.signals:
             if beside in ("", signal.name):
                 for raw, name in signal.choices.items():

@@ -1,4 +1,4 @@
-"""What writers share: names of channels, and a list of what a format cannot hold."""
+"""Shared by writers: channel numbers, and a list of what a format cannot hold."""
 
 import re
 from typing import Any, Final
@@ -9,23 +9,23 @@ from canlog.damage import Damages
 from canlog.frames import Frames
 
 NUMBERED: Final = re.compile(r"can([1-9]\d{0,2})")
-"""Channels of formats that number them; others are numbered in the order of their names."""
+"""Channel name that gives its own number; others are numbered in order of appearance."""
 FROM_ZERO: Final = re.compile(r"(v?can)0")
-"""The first channel of SocketCAN: with it `can1` is the second one, and so on."""
+"""The first SocketCAN channel; if it is present, `can1` is the second channel, and so on."""
 
 
 class Numbers:
-    """Numbers from 1 for the names of channels, the same for all blocks of a log."""
+    """Channel numbers from 1 for channel names, the same for all blocks of a log."""
 
     def __init__(self, losses: Damages, *, most: int = 255) -> None:
         self._losses = losses
         self._most = most
         self._numbers: dict[str, int] = {}
         self._shifted = ""
-        """What stands before the number of channels that count from 0."""
+        """Prefix of channel names that count from 0."""
 
     def of(self, frames: Frames) -> Any:
-        """(n,) uint8 number of each frame's channel."""
+        """(n,) uint8 channel number of each frame."""
         zero = next(
             (found for each in frames.channels if (found := FROM_ZERO.fullmatch(each))), None
         )
@@ -56,7 +56,9 @@ class Numbers:
 
 
 def lost(losses: Damages, rows: Any, kind: str, detail: str, first_row: int = 0) -> None:
-    """Count frames, given as a mask of a block, that lose something; the first one is 1."""
+    """Count frames of a block, given as a mask, that lose information; the first frame is
+    number 1.
+    """
     found = np.flatnonzero(rows)
     if len(found):
         losses.add(kind, "frame", first_row + int(found[0]) + 1, detail, len(found))

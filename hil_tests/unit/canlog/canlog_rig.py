@@ -1,4 +1,4 @@
-"""Logs and DBC files made up for tests of what is done with logs."""
+"""Logs and DBC files for the tests of canlog."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -50,7 +50,9 @@ SIG_VALTYPE_ 259 single : 1;
 SIG_VALTYPE_ 259 other : 1;
 SIG_VALTYPE_ 260 double : 2;
 """
-"""Both byte orders, signs, floats, 64 bits, multiplexing, names of values and of flags."""
+"""A DBC file with both byte orders, signs, floats, 64 bits, multiplexing, and named values and
+flags.
+"""
 EXTENDED_ID: Final = 0x80000501 & 0x1FFFFFFF
 KEYS: Final = ((256, 0), (257, 0), (258, 0), (259, 0), (260, 0), (EXTENDED_ID, 1), (262, 0))
 
@@ -60,7 +62,9 @@ def bus() -> Bus:
 
 
 def random_frames(count: int, seed: int = 1) -> Frames:
-    """Of all messages in turn, a frame a millisecond; some short, a few remote and error frames."""
+    """Return frames of all messages in turn, one per millisecond: some short, a few remote or
+    error.
+    """
     noise = np.random.default_rng(seed)
     rows, lengths = [], []
     for number in range(count):
@@ -79,13 +83,13 @@ def random_frames(count: int, seed: int = 1) -> Frames:
 
 
 def log_of(rows: Iterable[tuple[int, int, bytes]], of_bus: Bus | None = None) -> Log:
-    """A log of (at_ns, identifier, data) each."""
+    """Return a log of (at_ns, identifier, data) each."""
     frames = from_rows([(at_ns, key, 0, "can0", data) for at_ns, key, data in rows])
     return Log(Path("made_up.log"), frames, of_bus or bus())
 
 
 def write_candump(path: Path, frames: Frames) -> Path:
-    """As candump writes it, to the microsecond."""
+    """Write a log like candump, to the microsecond."""
     lines = []
     for row in range(len(frames)):
         seconds, micros = divmod(int(frames.at_ns[row]) // 1000, 1_000_000)

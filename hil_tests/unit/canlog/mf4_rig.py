@@ -1,4 +1,4 @@
-"""MDF 4 files built block by block, as loggers write them: packed bits, several groups, no end."""
+"""Builds MDF 4 files block by block like loggers: packed bits, several groups, unfinished files."""
 
 import struct
 from collections.abc import Sequence
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 FIXED, VARIABLE, MASTER = 0, 1, 2
 BYTES = 10
 CAN_FIELDS = (
-    # Name, kind, data type, bit, byte, bits; two bytes of stamp low, then packed as CANedge does.
+    # Name, kind, data type, bit, byte, bits. The stamp takes the low six bytes; the rest is packed
+    # like in CANedge files.
     ("Timestamp", MASTER, 0, 0, 0, 48),
     ("CAN_DataFrame", FIXED, BYTES, 0, 6, 120),
     ("CAN_DataFrame.BusChannel", FIXED, 0, 0, 6, 2),
@@ -21,7 +22,7 @@ CAN_FIELDS = (
 )
 LIN_FIELDS = (("Timestamp", MASTER, 0, 0, 0, 48), ("LIN_Frame.ID", FIXED, 0, 0, 6, 8))
 STEP_S = 1e-6
-"""Of the stamps: whole microseconds."""
+"""Step of the stamps: 1 us."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,7 @@ class MadeFrame:
 
 
 class _Blocks:
-    """A file that grows block by block; links are filled in as soon as they are known."""
+    """A file that grows block by block; links are filled in once they are known."""
 
     def __init__(self, magic: bytes, flags: int) -> None:
         head = magic.ljust(8) + b"4.11    " + b"rig".ljust(8) + struct.pack("<4xH30x", 411)
@@ -58,7 +59,7 @@ class _Blocks:
         return self.add(b"##TX", (), raw + bytes(-len(raw) % 8))
 
     def channels(self, fields: Sequence[tuple[str, int, int, int, int, int]], values: int) -> int:
-        """A chain of channels; the first one."""
+        """Add a chain of channels, and return the first one."""
         first, before = 0, 0
         for name, kind, data_type, bit, byte, bits in fields:
             conversion = 0
@@ -81,7 +82,7 @@ class _Blocks:
 
 
 def record(frame: MadeFrame, *, place: int | None = None) -> bytes:
-    """Without the number of its group; `place` of the data where that lies elsewhere."""
+    """Return a record without its group number; `place` locates data stored elsewhere."""
     codes = [*range(9), 12, 16, 20, 24, 32, 48, 64]
     code = min(at for at, size in enumerate(codes) if size >= len(frame.data))
     head = frame.at_us.to_bytes(6, "little")
@@ -93,7 +94,7 @@ def record(frame: MadeFrame, *, place: int | None = None) -> bytes:
 
 
 def sorted_file(frames: Sequence[MadeFrame], *, finished: bool = True, start_ns: int = 0) -> bytes:
-    """One group, its blocks first and its records last, as a logger writes them."""
+    """Return a file with one group, its blocks first and its records last, like a logger."""
     fields = (*CAN_FIELDS, ("CAN_DataFrame.DataBytes", FIXED, BYTES, 0, 12, 64))
     out = _Blocks(b"MDF     " if finished else b"UnFinMF ", 0 if finished else 5)
     header = out.add(b"##HD", (0,) * 6, struct.pack("<Qhh4B2d", start_ns, 0, 0, 0, 0, 0, 0, 0, 0))
@@ -108,7 +109,7 @@ def sorted_file(frames: Sequence[MadeFrame], *, finished: bool = True, start_ns:
 
 
 def unsorted_file(frames: Sequence[MadeFrame], *, start_ns: int = 0) -> bytes:
-    """Frames, their data of variable length, and LIN frames, in one block and not finished."""
+    """Return an unfinished file with CAN frames, their variable-length data, and LIN frames."""
     out = _Blocks(b"UnFinMF ", 5)
     header = out.add(b"##HD", (0,) * 6, struct.pack("<Qhh4B2d", start_ns, 0, 0, 0, 0, 0, 0, 0, 0))
     values = out.group(2, 0, 0, 0, 1)

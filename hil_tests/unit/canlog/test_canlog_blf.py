@@ -1,4 +1,4 @@
-"""BLF files of any mixture of objects, made with struct, give every frame and invent none."""
+"""BLF files with any mixture of objects, made with struct, give exactly their frames."""
 
 import struct
 import tempfile
@@ -21,7 +21,7 @@ CODES = [*range(9), 12, 16, 20, 24, 32, 48, 64]
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """One object, and what it says as a frame; `kind` 0 is an object of another bus."""
+    """One object and the frame it encodes; `kind` 0 is an object of another bus."""
 
     kind: int
     stamp_us: int
@@ -43,7 +43,7 @@ class Made:
 
 
 def body(made: Made) -> bytes:
-    """Of an object, behind its head, field by field as Vector's header files have them."""
+    """Return an object's body, field by field as in Vector's header files."""
     wide = made.identifier | made.extended << 31
     data, size = made.payload, len(made.payload)
     code = CODES.index(size)
@@ -68,7 +68,7 @@ def body(made: Made) -> bytes:
 
 
 def packed(made: Made) -> bytes:
-    """With its head, of either version, and nothing behind."""
+    """Return an object with a head of either version, without padding."""
     content = body(made)
     head = 40 if made.long_head else 32
     kind = made.kind or 11
@@ -78,13 +78,13 @@ def packed(made: Made) -> bytes:
 
 
 def filled(objects: Sequence[bytes], padding: str) -> bytes:
-    """The objects behind each other, filled up as different writers do."""
+    """Join objects with the padding of different writers."""
     signs = {"vector": 1, "four": -1, "none": 0}
     return b"".join(each + bytes(signs[padding] * len(each) % 4) for each in objects)
 
 
 def contained(content: bytes, sizes: Sequence[int]) -> bytes:
-    """Stored containers of these sizes and one more."""
+    """Return stored containers of these sizes, and one for the rest."""
     out, at = HEAD, 0
     for size in (*sizes, len(content)):
         part, at = content[at : at + size], at + size
@@ -142,7 +142,7 @@ OBJECTS = st.lists(
 def test_objects_of_any_mixture_are_read(
     made: list[Made], padding: str, sizes: list[int], *, compiled: bool, bare: bool
 ) -> None:
-    """In containers cut anywhere, or without containers at all."""
+    """Containers may be cut anywhere, or be missing."""
     content = filled([packed(each) for each in made], padding)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.blf"
@@ -158,7 +158,7 @@ def test_objects_of_any_mixture_are_read(
 
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_log_of_nothing_but_long_objects_is_read(tmp_path: Path, *, compiled: bool) -> None:
-    """As any bus that carries only CAN FD gives it."""
+    """A bus that carries only CAN FD gives such a log."""
     made = [
         Made(101, at, 1 + at // 2, 0x100 + at, False, False, bytes(range(size)), False)
         for at, size in enumerate((64, 48, 12))
@@ -207,7 +207,7 @@ def test_a_long_identifier_without_its_mark_is_kept_with_a_warning(tmp_path: Pat
 
 
 def test_remote_frames_of_both_kinds_of_long_objects(tmp_path: Path) -> None:
-    """Kind 101 marks them by bit 4 of its flags, kind 100 by bit 7."""
+    """Kind 101 marks remote frames by bit 4 of its flags, kind 100 by bit 7."""
     fixed = (1, 5, 0, 0, 0x123, 0, 0x10, 0, 0, 0, 0, 0, 0, 0, 0)
     newer = struct.pack("<BBBBIIIIIIIHBBI", *fixed)
     older = struct.pack("<HBBIIBBB5x64s", 1, 0x80, 5, 0x124, 0, 0, 0, 0, b"")
@@ -224,7 +224,7 @@ def test_remote_frames_of_both_kinds_of_long_objects(tmp_path: Path) -> None:
 
 
 def test_python_can_agrees_about_a_mixed_file(tmp_path: Path) -> None:
-    """It knows no kind 104 and takes no head of 40 bytes for what it is not."""
+    """The file avoids kind 104 and heads of 40 bytes, which python-can does not read."""
     made = [
         Made(kind, at, 1, 0x100 + at, bool(at % 2), False, bytes(range(8)), False)
         for at, kind in enumerate((1, 86, 100, 101) * 5)

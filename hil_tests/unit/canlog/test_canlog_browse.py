@@ -1,4 +1,4 @@
-"""The terminal browser without a terminal: what keys do, what the screen says, what is heard."""
+"""The terminal browser without a terminal: effects of keys, contents of the screen, live frames."""
 
 from typing import Final
 
@@ -20,7 +20,7 @@ SECOND: Final = 1_000 * MS
 
 
 def state_of(count: int = 5_000) -> BrowserState:
-    """At the end of a log of random frames, one a millisecond, with the first message chosen."""
+    """Return the state at the end of a log of random frames with the first message selected."""
     lanes = lanes_of(rig.random_frames(count), rig.bus())
     events = (Happening(SECOND, "EMERGENCY_APPLIED", "too fast"), Happening(2 * SECOND, "MODE", ""))
     state = BrowserState("log", lanes, 0, lanes.end_ns, happenings=events)
@@ -48,7 +48,7 @@ def test_the_list_tells_the_last_frame_its_age_and_its_rate() -> None:
     assert frames.payload(last).hex(" ").upper() in row
     assert str(np.count_nonzero(frames.at_ns[mine] <= 3 * SECOND)) in row.split()
     assert f"{(3 * SECOND - frames.at_ns[last]) / MS:.0f} ms" in row
-    # One of seven frames is of this message, a few of them are requests or errors.
+    # One of seven frames is of this message; a few of them are remote or error frames.
     assert 130 < float(row.split()[2 if row.startswith(" ") else 3]) < 144
 
 

@@ -1,4 +1,4 @@
-"""Every line that candump writes is read as it stands, and nothing else becomes a frame."""
+"""Every line that candump writes becomes the right frame, and no other line becomes one."""
 
 import gzip
 import random
@@ -24,7 +24,7 @@ Reads = Callable[..., Log]
 
 @pytest.fixture(params=[True, False], ids=["compiled", "numpy"])
 def reads(request: pytest.FixtureRequest, tmp_path: Path) -> Reads:
-    """Reads the text of a log in one way or the other."""
+    """Return a function that reads log text, with or without the kernel."""
 
     def reads(text: bytes | str, **options: object) -> Log:
         path = tmp_path / "x.log"
@@ -35,7 +35,7 @@ def reads(request: pytest.FixtureRequest, tmp_path: Path) -> Reads:
 
 
 def test_a_compiler_makes_the_kernel_here() -> None:
-    """The tests that are told to be compiled are: without this they would test numpy twice."""
+    """Without a compiler, the tests marked as compiled would test numpy twice."""
     assert kernel.library() is not None
 
 
@@ -242,7 +242,8 @@ def test_the_kernel_and_numpy_and_the_strict_parser_agree_on_any_lines(lines: li
         compiled = kernel.parse_candump(block, names[0], width)
         plain = parse_block(block, names[1], width)
         assert compiled is not None
-        # Each may leave other lines to the strict parser, and none may take what that refuses.
+        # Each may leave other lines to the strict parser, but none may accept a line that it
+        # rejects.
         left = set(compiled.odd.tolist()) | set(plain.odd.tolist())
         rows = [line.removesuffix(b"\r") for line in lines if line.removesuffix(b"\r")]
         assert len(compiled.frames) == len(plain.frames) == len(rows)

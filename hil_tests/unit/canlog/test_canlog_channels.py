@@ -1,4 +1,4 @@
-"""One identifier may mean two things on two buses: channels stay apart everywhere."""
+"""One identifier may have different meanings on two buses: all verbs keep channels apart."""
 
 import json
 from pathlib import Path
@@ -19,7 +19,7 @@ EITHER = HEAD + 'BO_ 512 Both: 1 A\n SG_ B : 0|8@1+ (1,0) [0|0] "" A\n'
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    """The same identifier on two channels, and one of a third file on both."""
+    """A log with one identifier on two channels, and a message of a third file on `can1`."""
     for name, text in (("body.dbc", BODY), ("drive.dbc", DRIVE), ("either.dbc", EITHER)):
         (tmp_path / name).write_text(text)
     lines = []
@@ -33,7 +33,7 @@ def log(tmp_path: Path) -> Path:
 
 
 def bound(log: Path) -> list[str]:
-    """Files for each channel, and one for all."""
+    """Return `--dbc` options with a file for each channel, and one for all."""
     folder = log.parent
     return [
         *("--dbc", f"can0={folder / 'body.dbc'}", "--dbc", f"can1={folder / 'drive.dbc'}"),
@@ -114,7 +114,7 @@ def test_statistics_are_of_each_channel(log: Path, capsys: pytest.CaptureFixture
 
 @pytest.mark.parametrize("form", ["blf", "asc", "trc", "mf4"])
 def test_can0_stays_the_first_channel(log: Path, form: str) -> None:
-    """In formats that number channels from 1; a log and its copy differ in nothing."""
+    """Formats that number channels from 1 keep can0 first, and the copy equals the log."""
     target = log.parent / f"y.{form}"
 
     assert main(["convert", str(log), str(target)]) == 0

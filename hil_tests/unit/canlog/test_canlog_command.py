@@ -1,4 +1,4 @@
-"""The command `canlog`: what it shows, counts, converts and sends, and what it says of mistakes."""
+"""The command `canlog`: its output, counts, conversions, replays, and error messages."""
 
 import json
 import xml.etree.ElementTree as ElementTree
@@ -25,7 +25,7 @@ MS = 1_000_000
 
 
 def traction_log(cycles: int = 20) -> Frames:
-    """Vital pairs each 50 ms with a force that rises; the sixth first half is damaged."""
+    """Return vital pairs every 50 ms with a rising force; the sixth first half is damaged."""
     encoder, rows = Encoder(), []
     for cycle in range(cycles):
         way = Direction.FORWARD if cycle % 2 else Direction.REVERSE
@@ -119,19 +119,19 @@ def test_show_is_coloured_only_where_it_is_wanted(
 
 
 def run_folder(folder: Path) -> Path:
-    """Two cycles of a controller that hears 183 and says 103 and 104."""
+    """Write a run of two cycles in which the controller receives 183 and sends 103 and 104."""
     frames = traction_log(2)
-    heard = [(at, 0x183, 0, "vcan0", bytes(7)) for at in (20 * MS, 40 * MS, 70 * MS)]
+    received = [(at, 0x183, 0, "vcan0", bytes(7)) for at in (20 * MS, 40 * MS, 70 * MS)]
     rows = [(int(frames.at_ns[i]) + 300_000, int(frames.identifier[i]), 0, "vcan0",
              frames.payload(i)) for i in range(len(frames))]  # fmt: skip
     folder.mkdir()
-    candump.write(folder / "bus.log", [from_rows(sorted([*heard, *rows]))], Damages())
+    candump.write(folder / "bus.log", [from_rows(sorted([*received, *rows]))], Damages())
     told = {"told": {"start_ns": 0}}
-    says = [f"tx can {row[1]:03X} {row[4].hex().upper()}\n" for row in rows]
-    hears = [f"rx can {row[0]} 183 {row[4].hex().upper()}\n" for row in heard]
+    sent = [f"tx can {row[1]:03X} {row[4].hex().upper()}\n" for row in rows]
+    taken = [f"rx can {row[0]} 183 {row[4].hex().upper()}\n" for row in received]
     (folder / "ports.log").write_text(
-        f"start {json.dumps(told)}\nrun control 0 0\n{''.join(says[:2])}"
-        f"run control 50000000 0\n{''.join(hears[:2])}{''.join(says[2:])}end 9\n"
+        f"start {json.dumps(told)}\nrun control 0 0\n{''.join(sent[:2])}"
+        f"run control 50000000 0\n{''.join(taken[:2])}{''.join(sent[2:])}end 9\n"
     )
     (folder / "cycles.csv").write_text("t_s,speed_mps\n0,1.5\n0.05,\n")
     (folder / "events.jsonl").write_text(
@@ -240,7 +240,7 @@ def test_extract_writes_a_table_for_each_message(
 
 
 class Paper:
-    """A port that writes down what is sent and when."""
+    """A port that records what is sent and when."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[int, int, bytes]] = []

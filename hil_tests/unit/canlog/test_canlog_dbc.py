@@ -1,4 +1,4 @@
-"""DBC files with flaws: each becomes a warning with its line, and the rest is used."""
+"""DBC files with flaws: each flaw becomes a warning with its line, and the rest is used."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ HEAD = 'VERSION ""\nBU_: A B\n'
 
 
 def values(dbc: str, message: str, data: str) -> dict[str, float | None]:
-    """What one frame says; None for a signal that it does not carry."""
+    """Decode one frame; None for a signal that it does not carry."""
     table = table_of(parse_bus(HEAD + dbc).message(message), [bytes.fromhex(data)])
     return {name: table[name].tolist()[0] if table.valid(name)[0] else None for name in table.names}
 
@@ -298,7 +298,7 @@ def test_values_are_those_of_cantools(
     *,
     pages: bool,
 ) -> None:
-    """Of signals of every place, order, sign, factor and table, in pages or not."""
+    """Signals have any position, byte order, sign, factor and value table, in pages or not."""
     lines, tables = [], []
     for at, (start, length, big, signed, scale, offset, choices) in enumerate(signals):
         lines.append(f"BO_ {256 + at} M{at}: 8 A")
@@ -318,7 +318,7 @@ def test_values_are_those_of_cantools(
     database = Database(strict=False)
     database.add_dbc_string(text)
     bus = parse_bus(text, "x")
-    # cantools refuses a frame of a page that no signal has.
+    # cantools rejects a frame whose page has no signal.
     data = bytes([data[0] | pages]) + data[1:]
 
     assert bus.by_key == bus_of(database, "x").by_key

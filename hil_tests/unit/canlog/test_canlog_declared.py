@@ -1,4 +1,4 @@
-"""Counters and CRCs that somebody else's DBC file declares, and what cannot be judged, with why."""
+"""Counters and CRCs that foreign DBC files declare, and the reasons why others cannot be judged."""
 
 import random
 from collections.abc import Sequence
@@ -69,7 +69,7 @@ def bus() -> Bus:
 
 
 def safe(counter: int, value: bytes = bytes(6), *, spoiled: int = 0) -> bytes:
-    """A frame of SAFE as its sender makes it, by a CRC of somebody else."""
+    """Return a frame of SAFE as its sender makes it, with the CRC of another library."""
     body = bytes([counter]) + value
     crc = Crc(8, 0x1D, initvalue=0)
     crc.process(DATA_ID.to_bytes(2, "little") + body)
@@ -83,7 +83,7 @@ def sent(frames: Sequence[bytes], identifier: int = 256) -> Frames:
 
 
 def test_the_crc_is_that_of_the_published_example() -> None:
-    """AUTOSAR PRS_E2EProtocol, profile 1: zeros, data identifier 0x123, both bytes of it."""
+    """AUTOSAR PRS_E2EProtocol, profile 1: zeros, and both bytes of data identifier 0x123."""
     data = np.zeros((2, 8), np.uint8)
     data[1, 1] = 1
     payloads = Payloads(data, np.full(2, 8, np.uint8))
@@ -115,9 +115,9 @@ def test_errors_of_declared_counters_and_crcs_are_counted(bus: Bus, block: int) 
 
     (row,) = message_rows(gather(blocks, bus))
 
-    # The first 1 has a wrong CRC and says nothing; the second one follows 0.
+    # The first frame with counter 1 has a wrong CRC and is ignored; the second one follows 0.
     assert row["crc_errors"] == 1
-    # 15 is no counter, and 4 after 6 went back.
+    # 15 is no valid counter value, and 4 after 6 runs backwards.
     assert row["counter_errors"] == 2
     assert row["lost"] == 2
     assert row["rejected"] == 3
@@ -188,7 +188,7 @@ def test_no_fd_frame_is_longer_than_the_longest(seed: int, extended: bool, switc
 
 
 def test_a_worst_frame_comes_within_the_bits_that_the_format_fixes() -> None:
-    """Four bits of each kind in turn, wherever they begin: a stuff bit goes with every four."""
+    """Runs of four equal bits at any offset: each run of four causes a stuff bit."""
     turns = [bytes([0b0001111000011110 >> turn & 0xFF]) for turn in range(8)]
     worst = [from_rows([(0, 0x0F0, FD | BRS, "c", turn * 64)]) for turn in turns]
     longest = longest_fd_bits(64, extended=False, switched=True)

@@ -1,4 +1,4 @@
-"""Text logs as different programs, languages and options write them."""
+"""Text logs in the dialects of different programs, languages and options."""
 
 import tempfile
 from pathlib import Path
@@ -17,7 +17,7 @@ from canlog.formats.registry import named
 from canlog.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, TX, concat
 
 DATES = [
-    # CANalyzer writes "am" behind hours of 24.
+    # CANalyzer writes "am" after hours of the 24-hour clock.
     ("Tue Jan 07 13:14:48.626 am 2020", "2020-01-07T13:14:48.626"),
     ("Tue Jan 07 01:14:48.626 pm 2020", "2020-01-07T13:14:48.626"),
     ("Thu Apr 28 12:00:01 am 2022", "2022-04-28T00:00:01"),
@@ -104,7 +104,7 @@ def test_logs_without_any_date_say_so(tmp_path: Path) -> None:
     ],
 )
 def test_asc_frames_of_every_kind(tmp_path: Path, line: str, flags: int, data: int) -> None:
-    """A fast frame shows by its flags, its length, or bits that no classic frame has."""
+    """A CAN FD frame is identified by its flags, its length, or bits that no classic frame has."""
     for size in (8, 12, 64):
         line = line.replace(f"{{{size}}}", " ".join(f"{at:02X}" for at in range(size)))
 
@@ -238,7 +238,7 @@ def test_an_asc_log_cut_anywhere_gives_a_beginning_of_its_frames(
 
 
 def candump(folder: Path, *lines: str) -> tuple[Frames, dict[str, int], list[str]]:
-    """Frames, what was skipped, and kinds of damage."""
+    """Return the frames, the skipped counts, and the kinds of damage."""
     path = folder / "x.log"
     path.write_text("".join(f"{line}\n" for line in lines))
     source = stream(path)
@@ -261,7 +261,9 @@ def candump(folder: Path, *lines: str) -> tuple[Frames, dict[str, int], list[str
     ],
 )
 def test_candump_prints_data_in_many_ways(tmp_path: Path, line: str, data: str) -> None:
-    """With `-i` binary, `-S` the last byte first, `-a` characters, `-8` codes, `-c` colours."""
+    """candump options: `-i` binary, `-S` last byte first, `-a` characters, `-8` codes, `-c`
+    colours.
+    """
     frames, skipped, kinds = candump(tmp_path, line)
 
     assert (frames.payload(0).hex().upper(), skipped, kinds) == (data, {}, [])
@@ -337,7 +339,7 @@ LONE = [
 def test_the_kernel_and_the_strict_parser_read_the_same_text(
     seed: int, places: list[tuple[int, str]], extra: list[str], form: str
 ) -> None:
-    """Frames and damage, whatever characters a log was hurt by."""
+    """Both give the same frames and damage, whichever characters of a log are corrupted."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"x.{form}"
         named(form).write(path, [drawn_frames(seed, 12, classic=seed % 2 == 0)], Damages())

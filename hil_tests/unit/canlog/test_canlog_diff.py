@@ -1,4 +1,4 @@
-"""What two logs or two DBC files differ in is found, and nothing else."""
+"""`canlog diff` finds all differences between two logs or two DBC files, and no other."""
 
 import json
 import struct
@@ -39,7 +39,7 @@ def test_a_pair_is_nearest_both_ways_and_no_frame_has_two(
     for alone in found.only_a.tolist():
         rivals = [abs(a[alone] - b[right]) for right in found.only_b.tolist()]
         near = min((abs(a[alone] - each) for each in b), default=reach + 1)
-        # Whoever has no partner has none in reach, or a nearer one took it.
+        # A frame without a partner has none within reach, or a nearer frame took it.
         assert near > reach or not rivals or min(rivals) >= near
 
 
@@ -64,7 +64,7 @@ def both(logs: list[Log]) -> tuple[Log, Log]:
 
 @pytest.mark.parametrize(("steps", "differing"), [(0, 0), (1, 0), (2, 1), (-1, 0), (-5, 1)])
 def test_one_step_of_the_raw_value_is_allowed(steps: int, differing: int) -> None:
-    """`motorola` lies in bytes 2 and 3, its last bit is the seventh of byte 3."""
+    """`motorola` is in bytes 2 and 3; its last bit is bit 6 of byte 3."""
     raws = [500, 500 + steps]
     logs = [
         log_of([(0, 256, bytes([0, 0, raw >> 2, raw << 6 & 0xFF, 0, 0, 0, 0]))]) for raw in raws
@@ -205,7 +205,7 @@ def test_each_change_of_a_dbc_file_is_told_and_only_that(
     found = compare_buses(a, b)
 
     assert (where, what) in {(each.where, each.what) for each in found}
-    # A period takes the timeout that follows from it along.
+    # A changed period also changes the default timeout.
     assert {each.what for each in found} <= {what, "timeout, ms"}
 
 

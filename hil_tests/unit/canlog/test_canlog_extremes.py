@@ -1,4 +1,4 @@
-"""Down-sampled pictures keep what a person would see in all samples."""
+"""Down-sampled pictures keep everything that is visible in all samples."""
 
 import numpy as np
 import numpy.typing as npt
@@ -67,7 +67,7 @@ def test_the_neighbours_outside_of_a_span_are_kept(
 def test_a_window_has_the_extremes_of_every_column(
     at_once: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Blocks of four, so that a short trace has several levels of them."""
+    """Blocks of four samples give a short trace several levels."""
     monkeypatch.setattr(extremes, "BLOCK", 4)
     monkeypatch.setattr(extremes, "AT_ONCE", at_once)
     noise = np.random.default_rng(5)
@@ -96,7 +96,7 @@ def test_a_window_has_the_extremes_of_every_column(
 
 
 def test_silence_breaks_the_picture_wherever_one_looks_from() -> None:
-    """Ten thousand samples a millisecond apart with one second missing in the middle."""
+    """Ten thousand samples are a millisecond apart, with one second missing in the middle."""
     at_ns = np.arange(10_000, dtype=np.int64) * 1_000_000
     at_ns[5_000:] += 1_000_000_000
     pyramid = Pyramid(SignalTrace("x", "", at_ns, np.ones(10_000), gap_ns=50_000_000), zero_ns=0)

@@ -1,4 +1,4 @@
-"""Logs go through every format and back, and other programs read what is written."""
+"""Logs survive a round trip through every format, and other programs read the written files."""
 
 import re
 import shutil
@@ -27,11 +27,11 @@ from canlog.rows import from_rows
 
 NAMES = [each.name for each in FORMATS if each.writes]
 TEXT_ERRORS = ("asc", "trc")
-"""What an error frame was is told by neither."""
+"""Formats that do not keep the details of error frames."""
 
 
 def write(folder: Path, form: str, frames: Frames) -> tuple[Path, list[str]]:
-    """In two blocks; the path, and what was lost."""
+    """Write two blocks; return the path and the kinds of loss."""
     path, losses = folder / f"x{named(form).suffixes[0]}", Damages()
     half = len(frames) // 2
     named(form).write(path, [frames[:half], frames[half:]], losses)
@@ -103,9 +103,9 @@ def test_nanoseconds_that_trc_cannot_hold_are_listed(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_python_can_reads_what_is_written(tmp_path: Path, form: str, reader: type) -> None:
     frames = drawn_frames(4, 300)
-    # Its readers take error frames of candump for data and drop those of TRC.
+    # python-can reads error frames of candump as data frames, and drops those of TRC.
     keep = (frames.flags & np.uint8(ERROR)) == 0
-    # In ASC it takes an empty frame of CAN FD for a remote one.
+    # In ASC, python-can reads an empty CAN FD frame as a remote frame.
     keep &= ((frames.flags & np.uint8(FD)) == 0) | (frames.length > 0)
     frames = frames[keep]
 
@@ -119,7 +119,7 @@ def test_python_can_reads_what_is_written(tmp_path: Path, form: str, reader: typ
         assert message.is_remote_frame == bool(frames.flags[at] & REMOTE)
         assert message.is_fd == bool(frames.flags[at] & FD)
         assert bytes(message.data) == frames.payload(at)
-        # Of CAN FD in TRC it tells the code instead of the length.
+        # For CAN FD in TRC, python-can returns the length code instead of the length.
         assert message.dlc == frames.length[at] or (form == "trc" and message.is_fd)
 
 
@@ -130,7 +130,7 @@ def test_python_can_reads_what_is_written(tmp_path: Path, form: str, reader: typ
 )  # fmt: skip
 def test_what_python_can_writes_is_read(tmp_path: Path, suffix: str, writer: type) -> None:
     frames = drawn_frames(5, 300)
-    # Its TRC writer tells neither CAN FD nor remote frames.
+    # python-can's TRC writer keeps neither CAN FD nor remote frames.
     left_out = ERROR | FD | REMOTE if suffix == "trc" else ERROR
     frames = frames[(frames.flags & np.uint8(left_out)) == 0]
     path = tmp_path / f"x.{suffix}"
@@ -160,7 +160,7 @@ def test_what_python_can_writes_is_read(tmp_path: Path, suffix: str, writer: typ
         frames.payload(at) for at in range(len(frames))
     ]
     ours, theirs = frames.at_ns - frames.at_ns[0], found.at_ns - found.at_ns[0]
-    assert int(np.abs(ours - theirs).max()) <= 1000  # they go through float seconds
+    assert int(np.abs(ours - theirs).max()) <= 1000  # python-can keeps stamps as float seconds
 
 
 def test_asammdf_reads_what_is_written(tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ def test_can_utils_reads_what_is_written(tmp_path: Path) -> None:
         )
         told = [line for line in done.stdout.splitlines() if " Rx " in line or "ErrorFrame" in line]
         assert len(told) == len(frames)
-    # As candump -l prints it, whether it is installed or not.
+    # The lines have the format of candump -l, even if log2asc is not installed.
     assert len(text.splitlines()) == len(frames)
     line = re.compile(
         r"\(\d{10}\.\d{6}\) can[12] ([0-9A-F]{3}|[0-9A-F]{8})#(R[1-8]?|([0-9A-F]{2}){0,8})"
@@ -208,7 +208,7 @@ def test_cantools_decodes_what_is_written(tmp_path: Path) -> None:
 
 
 def containers(path: Path) -> list[tuple[int, int]]:
-    """Offset and size of each container of a BLF file, by its own heads."""
+    """Return offset and size of each container of a BLF file, read from its heads."""
     data, found, at = path.read_bytes(), [], 144
     while at < len(data):
         size = int.from_bytes(data[at + 8 : at + 12], "little")
@@ -285,7 +285,9 @@ def test_all_ways_through_a_blf_give_the_same(
 
 
 def test_objects_of_every_kind_of_blf_are_read(tmp_path: Path) -> None:
-    """An object of CAN FD as newer Vector programs write it, uncompressed, and one in 10 us."""
+    """The file has a CAN FD object as newer Vector programs write it, uncompressed, and one in 10
+    us.
+    """
     head = bytearray(144)
     head[:4], head[4:8] = b"LOGG", (144).to_bytes(4, "little")
 
@@ -313,7 +315,9 @@ def test_objects_of_every_kind_of_blf_are_read(tmp_path: Path) -> None:
 
 
 def contained(head: bytes, objects: bytes, sizes: Sequence[int]) -> bytes:
-    """A BLF file with these objects, cut into stored containers of these sizes and one more."""
+    """Return a BLF file with these objects in stored containers of these sizes, and one for the
+    rest.
+    """
     out, at = head, 0
     for size in (*sizes, len(objects)):
         content, at = objects[at : at + size], at + size
@@ -331,7 +335,7 @@ def contained(head: bytes, objects: bytes, sizes: Sequence[int]) -> bytes:
 def test_the_kernel_and_numpy_take_the_same_wherever_containers_end(
     sizes: list[int], classic: bool, damage: list[tuple[int, int]]
 ) -> None:
-    """Frames, and where something is wrong; without damage also what was written."""
+    """Both give the same frames and damage; without damage, the frames are those written."""
     frames = drawn_frames(3, 120, classic=classic)
     with tempfile.TemporaryDirectory() as scratch:
         written = write(Path(scratch), "blf", frames)[0]

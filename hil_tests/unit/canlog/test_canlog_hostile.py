@@ -1,4 +1,4 @@
-"""Whatever is in a file, a reader ends, says what is wrong, and makes no frame up."""
+"""Whatever a file contains, each reader ends, reports the damage, and invents no frame."""
 
 import random
 from pathlib import Path
@@ -20,7 +20,7 @@ CHEAP = [each.name for each in FORMATS if each.writes and each.name != "mf4"]
 
 
 class Logs(dict[str, bytes]):
-    """By format; without their content in the story of a failure."""
+    """Logs by format; a failing test prints only the names."""
 
     def __repr__(self) -> str:
         return f"Logs({', '.join(self)})"
@@ -28,7 +28,7 @@ class Logs(dict[str, bytes]):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Logs:
-    """A good log in each format."""
+    """Return a good log in each format."""
     folder, frames = tmp_path_factory.mktemp("whole"), drawn_frames(21, 400)
     found = Logs()
     for each in FORMATS:
@@ -41,7 +41,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Logs:
 
 
 def attempt(folder: Path, form: str, data: bytes, *, compiled: bool = True) -> Log | None:
-    """A log, or None for a file that is refused with a message; anything else is a fault."""
+    """Return the log, or None if the reader refuses the file with a message; any other error
+    fails.
+    """
     path = folder / f"y{named(form).suffixes[0]}"
     path.write_bytes(data)
     try:
@@ -55,7 +57,7 @@ def attempt(folder: Path, form: str, data: bytes, *, compiled: bool = True) -> L
 
 
 def checked(log: Log) -> Log:
-    """A log that holds to what a log is."""
+    """Check the invariants of a log, and return it."""
     frames = log.frames
     assert frames.data.shape[1] in (8, 64)
     assert len(frames) == 0 or int(frames.length.max()) <= 64
@@ -69,7 +71,7 @@ def checked(log: Log) -> Log:
 
 
 def hurt(data: bytes, seed: int) -> bytes:
-    """Bytes changed, removed, doubled, or the end cut off."""
+    """Change, remove or duplicate bytes, or cut off the end."""
     draw, found = random.Random(seed), bytearray(data)
     for _ in range(draw.randrange(1, 6)):
         if not found:
@@ -124,7 +126,7 @@ def test_a_log_cut_off_anywhere_gives_a_beginning_of_its_frames(
     if short is not None and frames is not None:
         found, n = short.frames, len(short.frames)
         if form in ("asc", "trc") and found.at_ns.tolist() != frames.frames.at_ns[:n].tolist():
-            # The head itself is torn: the instant of the start is not known.
+            # The head itself is torn, so the start time is unknown.
             assert n == 0
         assert found.at_ns.tolist() == frames.frames.at_ns[:n].tolist()
         assert [found.payload(at) for at in range(n)] == [

@@ -1,4 +1,4 @@
-"""MF4 files of loggers: torn, unfinished, with groups of other buses, with bits packed."""
+"""MF4 files of loggers: torn, unfinished, with packed bits, or with groups of other buses."""
 
 import tempfile
 from pathlib import Path
@@ -32,7 +32,7 @@ FRAMES = st.lists(
 
 
 def many(count: int) -> list[MadeFrame]:
-    """One a millisecond, on two buses."""
+    """Return one frame per millisecond on two buses."""
     return [
         MadeFrame(at, 1 + at % 2, at % 0x800, at % 3 == 0, at % 5 == 0, fd=False,
                   data=bytes([at % 256] * (at % 9)))
@@ -78,7 +78,7 @@ def test_packed_bits_and_unfinished_files_are_read(frames: list[MadeFrame], fini
 def test_records_of_several_groups_are_told_apart(
     frames: list[MadeFrame], block: int, long: bool
 ) -> None:
-    """Frames whose data lie in a group of their own, and LIN frames among them."""
+    """The data of the frames is in a separate group, and LIN frames stand between them."""
     if long:
         frames = [
             MadeFrame(each.at_us, each.bus, each.identifier, each.extended, each.sent, fd=True,
@@ -99,7 +99,7 @@ def test_records_of_several_groups_are_told_apart(
 
 
 def test_asammdf_reads_the_files_of_this_test_the_same(tmp_path: Path) -> None:
-    """The files are made by this test, so another program has to agree that they are MDF 4."""
+    """This test makes the files itself, so another program must agree that they are MDF 4."""
     frames = many(50)
     path = tmp_path / "x.mf4"
     path.write_bytes(sorted_file(frames, start_ns=START_NS))
@@ -124,7 +124,7 @@ def test_a_torn_file_gives_every_whole_record_and_a_warning(
 
     whole = (200 * RECORD - cut) // RECORD
     assert told(log.frames) == wanted(frames[:whole])
-    # An unfinished file that ends behind a record does not tell that more were meant to come.
+    # An unfinished file that ends after a record does not show that more records are missing.
     is_noticed = finished or cut % RECORD != 0
     assert [each.kind for each in log.warnings] == (["torn file"] if is_noticed else [])
     if finished:

@@ -1,4 +1,4 @@
-"""Formats that are only read: captures, CSV, SQLite, and text of other programs."""
+"""Read-only formats: captures, CSV, SQLite, and text logs of other programs."""
 
 import struct
 import tempfile
@@ -22,7 +22,7 @@ START_US = 1_700_000_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A frame that every one of the formats can hold."""
+    """A frame that each of the formats can hold."""
 
     at_us: int
     identifier: int
@@ -31,7 +31,7 @@ class Made:
 
 
 def made(most: int, *, step_us: int = 1, first_us: int = START_US) -> st.SearchStrategy[list[Made]]:
-    """Lists of frames of up to this many bytes, whose stamps never run backwards."""
+    """Strategy for lists of frames of up to this many bytes, with rising or equal stamps."""
     one = st.tuples(st.integers(0, 10_000), st.integers(0, 0x7FF), st.booleans(),
                     st.binary(max_size=most))  # fmt: skip
 
@@ -62,14 +62,14 @@ def wanted(frames: Sequence[Made]) -> list[tuple[int, int, bool, bytes]]:
 
 
 def socketcan(frame: Made, *, flags: int = 0, size: int = 16) -> bytes:
-    """A `can_frame`, or `canfd_frame`, with its identifier in the order of networks."""
+    """Return a `can_frame` or `canfd_frame` with its identifier in network byte order."""
     wide = frame.identifier | (frame.extended << 31)
     head = struct.pack(">IBBBB", wide, len(frame.data), flags, 0, 0)
     return (head + frame.data).ljust(size, b"\0")
 
 
 def pcap(frames: Sequence[Made], order: str = "<", *, link: int = 227, fine: bool = False) -> bytes:
-    """As Wireshark's pages describe the format."""
+    """Return a capture in the format that Wireshark's pages describe."""
     magic = 0xA1B23C4D if fine else 0xA1B2C3D4
     out = struct.pack(f"{order}IHHiIII", magic, 2, 4, 0, 0, 65535, link)
     for each in frames:
@@ -92,7 +92,7 @@ def block(order: str, kind: int, body: bytes) -> bytes:
 
 
 def pcapng(frames: Sequence[Made], order: str = "<", names: Sequence[str] = ("can3",)) -> bytes:
-    """One section whose interfaces take turns, with a name and stamps of nanoseconds."""
+    """Return one section with alternating named interfaces and stamps in nanoseconds."""
     out = block(order, 0x0A0D0D0A, struct.pack(f"{order}IHHq", 0x1A2B3C4D, 1, 0, -1))
     for name in names:
         raw = name.encode()
@@ -120,7 +120,7 @@ def gvret(frames: Sequence[Made]) -> bytes:
 
 
 def busmaster(frames: Sequence[Made]) -> bytes:
-    """Decimal numbers, and stamps since the start."""
+    """Return a log with decimal numbers and stamps since the start."""
     out = (
         "***BUSMASTER Ver 3.2.2***\n***PROTOCOL CAN***\n***[START LOGGING SESSION]***\n"
         "***START DATE AND TIME 14:11:2023 22:13:20:000***\n***DEC***\n***ABSOLUTE MODE***\n"

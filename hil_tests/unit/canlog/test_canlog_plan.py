@@ -1,4 +1,4 @@
-"""Decoding whole columns gives what cantools gives frame by frame, and what the bits say."""
+"""Decoding of whole columns equals cantools' decoding of single frames, and the bits of the DBC."""
 
 import math
 import random
@@ -33,7 +33,7 @@ def payloads_of(drawn: DrawnDbc, seed: int, count: int) -> list[bytes]:
     draw = random.Random(seed)
     special = [b"\0" * drawn.length, b"\xff" * drawn.length]
     found = [*special, *(draw.randbytes(drawn.length) for _ in range(count))]
-    # Small first bytes choose multiplexed signals that are there.
+    # Small first bytes select multiplexed signals that exist.
     found += [bytes([draw.randrange(4)]) + draw.randbytes(drawn.length - 1) for _ in range(count)]
     return found + [data[: draw.randrange(drawn.length + 1)] for data in found[:count]]
 
@@ -67,7 +67,7 @@ def test_every_signal_is_what_cantools_decodes(seed: int) -> None:
             continue
         if len(data) == drawn.length:
             assert not undefined[at]
-        # A number that is no float and does not fit into 64 bits is told as the nearest float.
+        # An integer that does not fit into 64 bits becomes the nearest float.
         for name in drawn.names:
             if len(data) == drawn.length or drawn.kind == "plain":
                 assert bool(table.valid(name)[at]) == (name in wanted), name
@@ -82,7 +82,9 @@ def test_every_signal_is_what_cantools_decodes(seed: int) -> None:
 
 
 def nearest_float(table: Table, name: str, found: Any, wanted: Any) -> bool:
-    """Of a signal whose values do not all fit into 64 bits."""
+    """Whether a value is the nearest float, for a signal whose values do not all fit into 64
+    bits.
+    """
     signal = table.spec.signal(name)
     most = abs(signal.scale) * 2.0**signal.length + abs(signal.offset)
     return most >= 2.0**63 and math.isclose(found, wanted, rel_tol=1e-15)

@@ -1,4 +1,4 @@
-"""`canlog plot`: which signals are drawn, where they break, and that no peak is lost on the way."""
+"""`canlog plot`: which signals it draws, where lines break, and that it loses no peak."""
 
 from pathlib import Path
 from xml.etree import ElementTree
@@ -35,7 +35,7 @@ def log() -> Log:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A run folder as far as pictures need one: a train that runs at 10 m/s for 20 s."""
+    """Return a run folder with what pictures need: a train that runs at 10 m/s for 20 s."""
     frames = rig.log_of([(n * 100 * MS, 0x100, bytes(6)) for n in range(200)]).frames
     rig.write_candump(tmp_path / "bus.log", frames)
     rows = [f"{n / 20:.3f},{n / 2:.3f},10.0,locked\n" for n in range(401)]
@@ -96,12 +96,14 @@ def test_a_sum_of_flags_is_told_by_its_flags() -> None:
 
 
 def test_one_sample_of_a_million_is_to_be_seen(tmp_path: Path) -> None:
-    """A picture 1,400 pixels wide: the peak must colour pixels in the upper half of the panel."""
+    """In a picture 1,400 pixels wide, the peak must colour pixels in the upper half of the
+    panel.
+    """
     pictures = []
     for peak in (0.0, 5.0):
         values = np.tile([0.0, 1.0], 500_000)
         values[123_456] = peak
-        # The same scale for both.
+        # Give both pictures the same scale.
         values[[0, -1]] = 5.0
         trace = SignalTrace("x", "V", np.arange(1_000_000, dtype=np.int64) * MS, values)
         path = tmp_path / f"{peak}.png"
@@ -113,7 +115,7 @@ def test_one_sample_of_a_million_is_to_be_seen(tmp_path: Path) -> None:
 
     height, width = pictures[0].shape[:2]
     assert len(differing) > 20
-    # The picture spans a thousand seconds; what differs lies where the peak is, nowhere else.
+    # The picture spans a thousand seconds; only pixels at the peak may differ.
     assert np.ptp(differing[:, 1]) <= 6
     assert differing[:, 0].min() < height / 2
     assert differing[:, 1].min() < 0.2 * width

@@ -1,4 +1,4 @@
-"""Which run a word on the command line names, and what `runs/latest` points at."""
+"""How a word on the command line selects a run, and where `runs/latest` points."""
 
 import os
 from pathlib import Path
@@ -17,7 +17,7 @@ LATER = "2026-11-27T09-00-00_line_loop"
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """Three runs, started in the order of their names, and a folder of campaigns."""
+    """Return three runs, started in order of their names, beside a folder of campaigns."""
     for number, name in enumerate((HOP, LINE, LATER), start=1):
         folder = tmp_path / "runs" / name
         folder.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""Bits on the bus, latencies, gaps and rules: each held to a reckoning of another kind."""
+"""Frame bits, latencies, gaps and rules, each compared with an independent calculation."""
 
 import random
 import statistics
@@ -71,7 +71,9 @@ def test_a_remote_frame_has_the_length_code_and_no_data() -> None:
 
 
 def fd_bits_by_walking(identifier: int, flags: int, data: bytes) -> tuple[int, int]:
-    """Bit by bit as ISO 11898-1 draws the frame: nominal and fast, the start of frame on."""
+    """Count bits one by one as ISO 11898-1 draws the frame: nominal and fast, from start of frame
+    on.
+    """
 
     def places(value: int, width: int) -> list[int]:
         return [int(digit) for digit in f"{value:0{width}b}"]
@@ -117,7 +119,7 @@ def test_fd_frames_are_as_long_as_walking_them_says(seed: int) -> None:
 
 
 def test_the_published_example_has_its_published_latencies() -> None:
-    """Davis et al. 2007, section 4.1: the second instance of C is the one that comes too late."""
+    """Davis et al. 2007, section 4.1: the second instance of C misses its deadline."""
     messages = [
         Cyclic("A", 2_500_000, 1_000_000),
         Cyclic("B", 3_500_000, 1_000_000),
@@ -327,7 +329,7 @@ def test_error_remote_and_unknown_frames_are_counted_for_the_bus() -> None:
 
 
 def vital_log() -> Frames:
-    """Pairs of TRACTION_CMD; one CRC is wrong, one counter stands still, one twin never came."""
+    """Return pairs of TRACTION_CMD with one wrong CRC, one stuck counter and one missing twin."""
     from can_dbc.codec import Encoder
     from can_dbc.nodes import Direction
     from can_dbc.traction import TractionCommand
@@ -408,4 +410,4 @@ def test_every_reason_of_the_codec_has_a_number_in_a_row() -> None:
     numbers = {"crc_errors", "counter_errors", "twin_errors", "invalid_values", "wrong_length"}
 
     assert numbers | {"rejected"} <= set(row)
-    assert len(Reason) == 8  # unknown identifiers are told as such; two each are counter and twin
+    assert len(Reason) == 8  # one is for unknown identifiers, two are for counters, two for twins

@@ -1,4 +1,4 @@
-"""Logs of any size go through in a stream: nothing holds on to what it has done with."""
+"""Logs of any size are streamed: no writer keeps the blocks that it has written."""
 
 import tempfile
 import weakref
@@ -48,7 +48,7 @@ def test_no_writer_holds_more_than_a_few_blocks(tmp_path: Path, form: str) -> No
 
 
 def test_mf4_keeps_frames_that_come_far_too_late(tmp_path: Path) -> None:
-    """Two logs of the same minutes behind each other: sorting would need all of the first."""
+    """The log repeats the same minutes, so sorting would need all frames of the first part."""
     one = drawn_frames(5, 900, classic=True)
     blocks = [one[at : at + 100] for at in range(0, 900, 100)]
     losses = Damages()
@@ -65,7 +65,7 @@ def test_mf4_keeps_frames_that_come_far_too_late(tmp_path: Path) -> None:
 def test_columns_on_disk_are_those_in_memory(
     tmp_path: Path, classic: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Blocks of several widths and channels; all columns go to files, however small."""
+    """The blocks have several widths and channels; all columns go to files, however small."""
     monkeypatch.setattr(shelf, "ON_DISK_BYTES", 1)
     monkeypatch.setattr(shelf, "PIECE", 64)
     frames = drawn_frames(8, 700, classic=classic)

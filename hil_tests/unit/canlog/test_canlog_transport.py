@@ -1,4 +1,4 @@
-"""Messages of several frames are put together as their senders took them apart."""
+"""Multi-frame messages are reassembled to the data that their senders split."""
 
 import json
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 
 def broadcast(group: int, source: int, data: bytes) -> Sent:
-    """As J1939-21 writes it: an announcement, then packets of seven bytes."""
+    """Return the frames of a J1939-21 broadcast: an announcement, then packets of seven bytes."""
     packets = [data[at : at + 7].ljust(7, b"\xff") for at in range(0, len(data), 7)]
     told = bytes([32, *len(data).to_bytes(2, "little"), len(packets), 255])
     told += group.to_bytes(3, "little")
@@ -35,7 +35,9 @@ def broadcast(group: int, source: int, data: bytes) -> Sent:
 
 
 def connection(group: int, source: int, target: int, data: bytes) -> Sent:
-    """With the receiver's answers between: a clearance before the packets and an end behind."""
+    """Return the frames of a J1939 connection with the receiver's answers before and after the
+    data.
+    """
     packets = [data[at : at + 7].ljust(7, b"\xff") for at in range(0, len(data), 7)]
     size, back = len(data).to_bytes(2, "little"), 0x18EC_0000 | source << 8 | target
     named = group.to_bytes(3, "little")
@@ -49,7 +51,7 @@ def connection(group: int, source: int, target: int, data: bytes) -> Sent:
 
 
 def isotp(identifier: int, data: bytes, *, width: int = 8) -> Sent:
-    """As ISO 15765-2 writes it; longer frames are of CAN FD."""
+    """Return the frames of an ISO 15765-2 message; frames longer than 8 bytes are CAN FD."""
     flags = (EXTENDED if identifier > 0x7FF else 0) | (FD if width > 8 else 0)
     if len(data) <= 7:
         return [(identifier, flags, bytes([len(data)]) + data)]
@@ -69,12 +71,12 @@ def isotp(identifier: int, data: bytes, *, width: int = 8) -> Sent:
 
 
 def padded(data: bytes) -> bytes:
-    """Up to the next length that CAN FD has."""
+    """Pad the data to the next length that CAN FD allows."""
     return data.ljust(next(each for each in LENGTHS if each >= len(data)), b"\xcc")
 
 
 def interleaved(messages: Sequence[Sent], order: Sequence[int]) -> list[tuple[int, int, bytes]]:
-    """Frames of several messages, in turns."""
+    """Interleave the frames of several messages."""
     left = [list(each) for each in messages]
     found = []
     for at in order:
@@ -94,7 +96,7 @@ def framed(sent: Sequence[tuple[int, int, bytes]], step_ns: int = MS) -> Frames:
 
 
 def taken(frames: Frames, size: int, options: TransportOptions | None = None) -> list[Messages]:
-    """In blocks of this many frames."""
+    """Reassemble the frames in blocks of `size` frames."""
     reassembler, found = Reassembler(options), []
     for at in range(0, len(frames), size):
         found += reassembler.feed(frames[at : at + size])
@@ -102,7 +104,7 @@ def taken(frames: Frames, size: int, options: TransportOptions | None = None) ->
 
 
 def told(parts: Sequence[Messages]) -> list[tuple[int, int, str, bytes]]:
-    """Key, group, status and data of each message, by its first frame."""
+    """Return key, group, status and data of each message, in order of first frames."""
     rows = [
         (
             part.frames(at)[0],
@@ -214,7 +216,7 @@ def test_what_is_missing_is_said_and_gives_no_data(size: int) -> None:
 
 
 def test_a_frame_that_comes_too_late_ends_a_message() -> None:
-    """After a second in ISO-TP and three quarters of one in a broadcast."""
+    """The timeout is one second for ISO-TP, and 750 ms for a broadcast."""
     data = bytes(range(20))
 
     slow = taken(framed(isotp(0x7E8, data), 1001 * MS), 100)

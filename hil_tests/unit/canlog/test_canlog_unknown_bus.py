@@ -1,4 +1,4 @@
-"""A log of an unknown bus: filters, bit activity, and no values of a bus that it is not of."""
+"""A log of an unknown bus: filters, bit activity, and no values from another bus's DBC file."""
 
 import json
 import math
@@ -34,7 +34,7 @@ def log(tmp_path: Path) -> Path:
 
 
 def shown(capsys: pytest.CaptureFixture[str], log: Path, *words: str) -> list[str]:
-    """Identifiers of the lines."""
+    """Return the identifiers in the printed lines."""
     assert main(["show", str(log), "--no-pager", *words]) == 0
     return [line.split()[2] for line in capsys.readouterr().out.splitlines()]
 
@@ -76,7 +76,7 @@ def test_what_is_no_data_is_refused(text: str) -> None:
 def test_a_foreign_log_is_not_decoded_with_the_trains_own_files(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """256 is TIME_OF_DAY on this project's bus, and longer."""
+    """On this project's bus, 256 is TIME_OF_DAY, which is longer."""
     assert main(["show", str(log), "--no-pager"]) == 0
     said = capsys.readouterr()
     assert "TIME_OF_DAY" not in said.out

@@ -1,4 +1,4 @@
-"""The verdicts of whole logs agree frame by frame with the codec that judges on board."""
+"""The verdicts on whole logs agree frame by frame with the codec that judges on board."""
 
 import dataclasses
 import random
@@ -25,7 +25,7 @@ VITAL = {
 
 
 def traffic(seed: int, count: int, damaged_share: float) -> list[Row]:
-    """Frames as senders make them, with every fault that a bus can do to them."""
+    """Return frames as senders make them, with every fault that a bus can cause."""
     draw = random.Random(seed)
     encoder = Encoder()
     chosen = draw.sample(KINDS, 4)
@@ -65,7 +65,7 @@ def traffic(seed: int, count: int, damaged_share: float) -> list[Row]:
 
 
 def oracle(rows: list[Row]) -> tuple[list[int], Decoder]:
-    """The code of each frame by asking the codec for one after the other."""
+    """Return the code of each frame from the codec, one frame at a time."""
     decoder = Decoder(kinds())
     told = [NOT_JUDGED] * len(rows)
     waiting: dict[int, int] = {}
@@ -73,21 +73,21 @@ def oracle(rows: list[Row]) -> tuple[list[int], Decoder]:
     for at, (at_ns, can_id, flags, _channel, data) in enumerate(rows):
         if flags:
             continue
-        heard = decoder.decode(can_id, data, at_ns)
+        verdict = decoder.decode(can_id, data, at_ns)
         first = twins.get(can_id)
         if can_id in VITAL:
-            if isinstance(heard, Rejected) and heard.reason is not Reason.TWIN_TIMEOUT:
-                told[at] = CODES[heard.reason]
+            if isinstance(verdict, Rejected) and verdict.reason is not Reason.TWIN_TIMEOUT:
+                told[at] = CODES[verdict.reason]
                 continue
-            if isinstance(heard, Rejected):
-                told[waiting[can_id]] = CODES[heard.reason]
+            if isinstance(verdict, Rejected):
+                told[waiting[can_id]] = CODES[verdict.reason]
             told[at] = UNCONFIRMED
             waiting[can_id] = at
-        elif isinstance(heard, Rejected):
-            if first is not None and heard.can_id == first:
-                told[waiting[first]], told[at] = CODES[heard.reason], UNCONFIRMED
+        elif isinstance(verdict, Rejected):
+            if first is not None and verdict.can_id == first:
+                told[waiting[first]], told[at] = CODES[verdict.reason], UNCONFIRMED
             else:
-                told[at] = CODES[heard.reason]
+                told[at] = CODES[verdict.reason]
         else:
             told[at] = ACCEPTED
             if first is not None:
@@ -129,7 +129,7 @@ def test_all_reasons_turn_up_in_the_traffic_that_the_verdicts_are_tested_with() 
 
 
 def invalid_frames() -> Iterator[Row]:
-    """A frame of every unprotected kind, with all bits set."""
+    """Return a frame of every unprotected kind, with all bits set."""
     for kind in kinds():
         message = binding_of(kind).message
         if binding_of(kind).protection.value == 0:

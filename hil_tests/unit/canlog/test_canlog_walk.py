@@ -1,4 +1,4 @@
-"""Record by record: what a reader gives, skips and calls damaged is all that a file holds."""
+"""Each record of a file is either read, skipped or counted as damage."""
 
 import random
 import tempfile
@@ -38,7 +38,9 @@ KVASER_LINES = {
 
 
 def lines(head: str, shapes: dict[str, str]) -> Callable[[Sequence[str]], bytes]:
-    """A text log with a line for each record; what the format does not know becomes a frame."""
+    """Return a writer of text logs with a line per record; a kind without a line becomes a
+    frame.
+    """
 
     def made(records: Sequence[str]) -> bytes:
         body = [shapes.get(each, shapes[FRAME]).format(at=at) for at, each in enumerate(records)]
@@ -48,7 +50,7 @@ def lines(head: str, shapes: dict[str, str]) -> Callable[[Sequence[str]], bytes]
 
 
 def blf(records: Sequence[str]) -> bytes:
-    """Objects in one container; a broken one is too short for a frame."""
+    """Return objects in one container; a broken one is too short for a frame."""
     shapes = {
         FRAME: packed(Made(1, 5, 1, 0x123, False, False, b"\1\2", False)),
         FOREIGN: packed(Made(0, 5, 1, 0, False, False, bytes(9), False)),

@@ -1,4 +1,4 @@
-"""All that the page of a log has to be told, as JSON and one block of bytes."""
+"""Collects all data of the page of a log, as JSON and one block of bytes."""
 
 import json
 from collections.abc import Sequence
@@ -27,18 +27,19 @@ class PageData:
     log: Ordered
 
     def head_text(self) -> str:
-        """JSON that may stand in an HTML page."""
+        """Return JSON that is safe inside an HTML page."""
         return json.dumps(self.head, ensure_ascii=False, separators=(",", ":")).replace(
             "<", "\\u003c"
         )
 
 
 def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) -> PageData:
-    """Of a whole log.
+    """Collect the data of a whole log.
 
     Args:
-        words: what to draw first, as in `canlog plot`.
-        with_frames: put the frames in; without them the page asks a server for what it shows.
+        words: signals to draw first, as in `canlog plot`.
+        with_frames: include the frames; without them the page requests what it shows from a
+            server.
 
     Raises:
         LogError: for a word that names no signal.
@@ -82,8 +83,9 @@ def _message(log: Log, group: KeyGroup) -> dict[str, Any]:
 
 
 def frame_columns(log: Log) -> dict[str, Any]:
-    """What is known of each frame beside itself, in the order of the log: `verdict`, as a code,
-    and `cycle` of the controller, from 1 on and 0 for none.
+    """Return extra columns about each frame, in log order.
+
+    `verdict` is a code; `cycle` is the controller's cycle, counted from 1, with 0 for none.
     """
     found = {}
     codes = verdict_codes(log)
@@ -115,7 +117,7 @@ def _event(each: Happening, zero_ns: int) -> dict[str, Any]:
 def _extras(
     block: PackedBytes, log: Log, zero_ns: int, *, with_columns: bool
 ) -> list[dict[str, Any]]:
-    """Columns of a run folder: truth and control cycles."""
+    """Add the columns of a run folder: ground truth and control cycles."""
     found = []
     for name in trace_names(log):
         if name.partition(".")[0] in log.messages:

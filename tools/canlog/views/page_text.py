@@ -1,4 +1,4 @@
-"""The page of a log as one text: markup with its style, scripts and data in it."""
+"""Builds the page of a log as one text, with its style, scripts and data."""
 
 import html
 from importlib import resources
@@ -20,11 +20,11 @@ SCRIPTS: Final = (
     "picker.js",
     "app.js",
 )
-"""In the order in which they stand in the page; all in one scope of its own."""
+"""Scripts in the order in which they stand in the page; they share one scope."""
 
 
 def page_text(data: PageData) -> str:
-    """HTML that needs nothing else, except its server where the frames are not in it."""
+    """Return HTML that needs no other file, only its server if the frames are not included."""
     script = "\n".join(part(name) for name in SCRIPTS)
     parts = {
         "title": html.escape(str(data.head["title"])),

@@ -1,4 +1,4 @@
-"""Where the train was: way over time, and the curves of its speed-distance picture."""
+"""Position of the train over time, and the curves of the speed-distance picture."""
 
 import tomllib
 from collections.abc import Iterator
@@ -19,9 +19,9 @@ AHEAD: Final = (
     ("cycles.distance_to_authority_m", "cycles.front_high_m"),
     ("VOBC_TARGET.distance_to_authority_m", ON_BUS),
 )
-"""Distance to the end of authority, and the place that it is counted from."""
+"""Distance to the end of authority, and the position that it counts from."""
 FAR_M: Final = 5000.0
-"""An authority further ahead than this is as good as none."""
+"""Distance from which an authority is treated as unlimited."""
 CURVES: Final = (
     ("emergency", ("cycles.emergency_mps", "VOBC_MOTION.emergency_mps")),
     ("ceiling", ("cycles.permitted_mps", "VOBC_MOTION.ceiling_mps")),
@@ -29,12 +29,12 @@ CURVES: Final = (
     ("estimate", ("cycles.speed_mps", "VOBC_MOTION.speed_mps")),
     ("truth", ("truth.speed_mps",)),
 )
-"""Role, and the trace that plays it: the first that there is."""
+"""Role of each curve, and its possible traces; the first available one is taken."""
 RUN_CONFIG: Final = "run.toml"
 
 
 Pieces = tuple[tuple[float, float, float], ...]
-"""From, to, and what holds between them."""
+"""Each piece: from, to, and the value between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class DistanceCurve:
 
     role: str
     name: str
-    """Of the trace."""
+    """Name of the trace."""
     at_ns: Ints
     place_m: Floats
     speed_mps: Floats
@@ -57,29 +57,29 @@ class JourneyPicture:
     authority: SignalTrace | None
     """Chainage of the end of authority over time."""
     limits: Pieces = ()
-    """From, to, and the speed of the line between them, m, m, m/s."""
+    """From, to (m), and the line speed between them (m/s)."""
     stations: tuple[tuple[str, float], ...] = ()
-    """Name and stopping point, m."""
+    """Name and stopping point (m)."""
     gradients: Pieces = ()
-    """From, to, m, and permille, rising positive."""
+    """From, to (m), and gradient (permille, rising positive)."""
 
 
 def place_of(log: Log, name: str | None = None) -> SignalTrace:
-    """Way over time, the truest there is, or the trace of that name. Raises LogError."""
+    """Return the most accurate position over time, or the trace of that name. Raises LogError."""
     if name is not None:
         return trace_of(log, name)
     known = set(trace_names(log))
     for each in (TRUE_PLACE, OWN_PLACE, ON_BUS):
         if each in known:
             return trace_of(log, each)
-    raise LogError(f"{log.path}: tells no distance; --distance takes the signal that does")
+    raise LogError(f"{log.path}: has no distance; --distance names the signal that has it")
 
 
 def at_instants(place: SignalTrace, at_ns: Ints, *, hold: bool = False) -> Floats:
-    """(n,) the place at each instant, straight between its samples.
+    """(n,): the position at each instant, interpolated linearly.
 
     Args:
-        hold: outside of the samples the nearest one holds; else it is NaN there.
+        hold: outside of the samples the nearest one holds; otherwise the result is NaN there.
     """
     if not len(place):
         return np.full(len(at_ns), np.nan)
@@ -90,7 +90,7 @@ def at_instants(place: SignalTrace, at_ns: Ints, *, hold: bool = False) -> Float
 
 
 def journey_of(log: Log) -> JourneyPicture | None:
-    """None for a log that does not tell place and speed."""
+    """Return the speed-distance picture; None for a log without position and speed."""
     known = set(trace_names(log))
     curves = tuple(_curves(log, known))
     if not curves:
@@ -130,7 +130,7 @@ def _authority(log: Log, known: set[str]) -> SignalTrace | None:
 
 
 def _line(log: Log) -> tuple[Pieces, tuple[tuple[str, float], ...], Pieces]:
-    """Limits, stations and gradients of run.toml; nothing where there is none that can be read."""
+    """Return limits, stations and gradients of run.toml; all empty if it cannot be read."""
     if log.run is None:
         return (), (), ()
     try:

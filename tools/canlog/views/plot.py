@@ -1,4 +1,4 @@
-"""Panels of traces as PNG or SVG: `canlog plot`."""
+"""Draws panels of traces as PNG or SVG for `canlog plot`."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -50,10 +50,10 @@ LINE_IN: Final = 2.1
 STATE_IN: Final = 0.34
 MARGIN_IN: Final = 1.0
 LABEL_CHARS_IN: Final = 11.0
-"""So many characters of a state's name fit on an inch."""
+"""Characters of a state's name that fit on an inch."""
 MARKS_NAMED_MAX: Final = 24
 NAME_ROOM_RATIO: Final = 0.012
-"""Names of events nearer to each other than this share of the picture are left out."""
+"""Share of the picture's width; an event nearer than this to a named one gets no name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +65,14 @@ class Picture:
     span: TimeSpan
     happenings: Sequence[Happening] = ()
     place: SignalTrace | None = None
-    """Way over time, to draw over distance instead of time."""
+    """Position over time, for drawing over distance instead of time."""
 
 
 def draw(picture: Picture, path: Path) -> int:
-    """Write the file, PNG or SVG by its name, the same bytes for the same picture.
+    """Write the file, PNG or SVG by its suffix; equal pictures give equal bytes.
 
     Returns:
-        How many samples were drawn, all panels together.
+        The number of samples drawn in all panels.
     """
     rows = [row for panel in picture.panels for row in _rows(panel)]
     heights = [_height_in(row) for row in rows]
@@ -108,7 +108,7 @@ def draw(picture: Picture, path: Path) -> int:
 
 
 def _rows(panel: Sequence[SignalTrace]) -> Iterator[list[SignalTrace]]:
-    """The lines of a panel and, below them, its bands of states."""
+    """Yield the lines of a panel and, below them, its bands of states."""
     for is_state in (False, True):
         row = [trace for trace in panel if trace.is_state is is_state]
         if row:
@@ -146,7 +146,7 @@ def _lines(axes: Axes, traces: Sequence[SignalTrace], picture: Picture) -> int:
 
 
 def _sampled(trace: SignalTrace, picture: Picture) -> tuple[Floats, Floats, "np.ndarray[Any, Any]"]:
-    """x, values, and where a line is broken behind a sample."""
+    """Return x, values, and after which samples the line is broken."""
     span = picture.span
     rows = kept(
         trace.at_ns,
@@ -157,7 +157,8 @@ def _sampled(trace: SignalTrace, picture: Picture) -> tuple[Floats, Floats, "np.
     )
     at_ns, values = trace.at_ns[rows], trace.values[rows]
     if trace.gap_ns:
-        # Between samples that were left out nothing is known to be missing: look at neighbours.
+        # A gap between sampled rows is no evidence, so compare each row with its neighbour in the
+        # log.
         following = np.minimum(rows + 1, len(trace) - 1)
         gaps = (trace.at_ns[following] - at_ns) > trace.gap_ns
     else:
@@ -188,7 +189,7 @@ def _states(axes: Axes, traces: Sequence[SignalTrace], picture: Picture) -> int:
 def _band(
     axes: Axes, y: float, trace: SignalTrace, x: Floats, values: Floats, limits: tuple[float, float]
 ) -> None:
-    """A state holds until the next one; the last one to the end of the picture."""
+    """Draw a state until the next one, and the last one to the end of the picture."""
     low, high = limits
     starts = np.flatnonzero(np.append(True, values[1:] != values[:-1]))
     edges = np.clip(np.append(x[starts], high), low, high)
@@ -237,7 +238,7 @@ def _x_axis(axes: Axes, picture: Picture) -> None:
 
 
 def _marks(axes: Axes, picture: Picture, *, named: bool) -> None:
-    """A line for each event; its name where there is room, the grave ones first."""
+    """Draw a line for each event, and its name if there is room; grave events come first."""
     span = picture.span
     here = [each for each in picture.happenings if span.start_ns <= each.at_ns <= span.end_ns]
     low, high = _limits(picture)

@@ -1,4 +1,4 @@
-"""The filter of the frame table: words that all have to hold, as the page understands them."""
+"""The filter of the frame table: words that must all match, with the page's syntax."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -37,14 +37,14 @@ class Subject:
 
 
 Term = Callable[[Subject], "bool | Bools"]
-"""Whether all, none or which frames of a message pass."""
+"""Decides whether all, none, or which frames of a message pass."""
 
 
 def passing(log: Log, ordered: Ordered, subjects: Iterable[Subject], text: str) -> Any:
-    """Rising rows, in order of time, that pass; None for all.
+    """Return the rows, in order of time, that pass; None for all.
 
     Raises:
-        LogError: for a word that fits no message or signal of the log.
+        LogError: for a word that matches no message or signal of the log.
     """
     subjects = tuple(subjects)
     terms = [_term(log, subjects, word) for word in text.split()]
@@ -132,7 +132,7 @@ def _choices(subject: Subject, signal: str) -> Iterable[str]:
 
 
 def alike(pattern: str, name: str) -> bool:
-    """Part of a name, or a pattern for all of it; capitals make no difference."""
+    """Whether a text is part of a name, or a pattern for all of it; case is ignored."""
     if not any(sign in pattern for sign in "*?"):
         return pattern.lower() in name.lower()
     escaped = pattern.replace("[", "[[]")

@@ -1,4 +1,4 @@
-"""A small server on this machine alone that shows one log to a browser: `canlog open`."""
+"""A small server on this machine that shows one log in a browser, for `canlog open`."""
 
 import threading
 from http import HTTPStatus
@@ -15,7 +15,7 @@ POLICY: Final = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
     " connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""The page may ask this server and nobody else."""
+"""Content security policy: the page may request data from this server only."""
 
 
 class LogServer(ThreadingHTTPServer):
@@ -24,7 +24,7 @@ class LogServer(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, port: int, page: str, answers: Answers) -> None:
-        """`port` 0 takes a free one. Raises LogError when the port is taken or not allowed."""
+        """Listen on `port`, or a free one for 0. Raises LogError if it is taken or not allowed."""
         self.page = page.encode("utf-8")
         self.answers = answers
         self.turn = threading.Lock()
@@ -41,7 +41,7 @@ class LogServer(ThreadingHTTPServer):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What it may be called by: a page of another site reaches it by another name at most."""
+        """Accepted host names: a page of another site can only reach the server by another name."""
         return f"{LOOPBACK}:{self.server_port}", f"localhost:{self.server_port}"
 
 
@@ -51,7 +51,7 @@ class _Request(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         if self.headers.get("Host") not in self.server.names:
-            self._send(HTTPStatus.FORBIDDEN, "text/plain", b"this server has another name\n")
+            self._send(HTTPStatus.FORBIDDEN, "text/plain", b"unknown host name\n")
             return
         asked = urlsplit(self.path)
         if asked.path == "/":
@@ -65,7 +65,7 @@ class _Request(BaseHTTPRequestHandler):
             self._send(HTTPStatus.BAD_REQUEST, "text/plain; charset=utf-8", str(error).encode())
             return
         if found is None:
-            self._send(HTTPStatus.NOT_FOUND, "text/plain", b"there is nothing of that name\n")
+            self._send(HTTPStatus.NOT_FOUND, "text/plain", b"unknown path\n")
         else:
             self._send(HTTPStatus.OK, *found)
 
@@ -81,5 +81,5 @@ class _Request(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Nothing: the terminal belongs to the user."""
+        """Print nothing: the terminal belongs to the user."""
         del format, args

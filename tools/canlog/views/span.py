@@ -1,4 +1,4 @@
-"""A span of time of a log, and what its seconds are counted from."""
+"""A time span of a log, and the zero of its seconds."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,12 +9,12 @@ from canlog.read import Log
 from canlog.run import NS_PER_S
 
 EPOCH_FROM_NS: Final = 10 * 365 * 86400 * NS_PER_S
-"""A log that begins later than this after 1970 tells the date; others count from their start."""
+"""Stamp from which a log is dated; logs that begin earlier count from their start."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimeSpan:
-    """Instants of a log, and the one that is called zero."""
+    """Start and end of a span, and the instant that counts as zero."""
 
     zero_ns: int
     start_ns: int
@@ -25,14 +25,14 @@ class TimeSpan:
 
 
 def zero_of(log: Log) -> int:
-    """What seconds are counted from: the start of the run, else the first frame of a dated log."""
+    """Return the zero of seconds: the start of the run, or the first frame of a dated log."""
     if log.run is not None:
         return log.run.start_ns
     return log.start_ns if log.start_ns > EPOCH_FROM_NS else 0
 
 
 def date_text(at_ns: int) -> str:
-    """An instant as date and time in UTC, to the nanosecond; empty in a log without a date."""
+    """Return date and time in UTC to the nanosecond; empty in a log without a date."""
     if at_ns <= EPOCH_FROM_NS:
         return ""
     return str(np.datetime64(at_ns, "ns")).replace("T", " ") + " UTC"

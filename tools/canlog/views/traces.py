@@ -1,4 +1,4 @@
-"""Signals by name as traces to be drawn: instants, values, unit, names of values, gaps."""
+"""Signals by name as traces for drawing: instants, values, unit, value names, gaps."""
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,9 +32,9 @@ SUFFIX_UNITS: Final = {
     "permille": "‰",
     "ratio": "1",
 }
-"""Unit of a column of a run folder by the end of its name."""
+"""Unit of a column of a run folder, by the suffix of its name."""
 TRAILER: Final = frozenset({"alive_counter", "crc16", "crc8", "crc", "counter", "checksum"})
-"""Signals that prove a frame and say nothing of the train."""
+"""Signals that only protect a frame and carry no information about the train."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,21 +45,21 @@ class SignalTrace:
     """MESSAGE.signal, or truth.column or cycles.column of a run folder."""
     unit: str
     at_ns: Ints
-    """(n,) rising or equal."""
+    """(n,) stamps, rising or equal."""
     values: Floats
-    """(n,) without NaN, except where a float signal itself carries one."""
+    """(n,) NaN only where a float signal itself carries NaN."""
     choices: Mapping[float, str] = field(default_factory=dict)
-    """Names of physical values."""
+    """Names by physical value."""
     gap_ns: int = 0
-    """Two samples further apart than this are not joined; 0 joins all."""
+    """Samples further apart than this are not joined; 0 joins all."""
     is_state: bool = False
-    """Drawn as a band of named states instead of a line."""
+    """Whether to draw a band of named states instead of a line."""
 
     def __len__(self) -> int:
         return len(self.at_ns)
 
     def text_of(self, value: float) -> str:
-        """A value as a person reads it, with the unit."""
+        """Return a value as text for people, with its unit."""
         named = self.choices.get(value)
         if named is not None:
             return named
@@ -67,13 +67,13 @@ class SignalTrace:
         return joined or f"{value:.6g}{' ' + self.unit if self.unit not in ('', '1') else ''}"
 
     def value_at(self, at_ns: int) -> float | None:
-        """The last value at or before an instant; None before the first."""
+        """Return the last value at or before an instant; None before the first sample."""
         index = int(np.searchsorted(self.at_ns, at_ns, "right")) - 1
         return float(self.values[index]) if index >= 0 else None
 
 
 def flags_text(choices: Mapping[float, str], value: float) -> str:
-    """`A|B` for a sum of a table whose values are powers of two; empty for any other."""
+    """Return `A|B` for a sum of values of a table of powers of two; empty for any other value."""
     bits = [raw for raw in choices if raw > 0]
     if not bits or value <= 0 or not float(value).is_integer() or len(bits) < 2:
         return ""
@@ -83,18 +83,18 @@ def flags_text(choices: Mapping[float, str], value: float) -> str:
 
 
 def trace_names(log: Log) -> list[str]:
-    """All that can be drawn of a log: signals of its messages, then columns of its run folder."""
+    """Return all names that can be drawn: signals of messages, then columns of the run folder."""
     names = [f"{name}.{each.name}" for name, spec in log.messages.items() for each in spec.signals]
     return names + list(_run_names(log.run))
 
 
 def find_names(log: Log, asked: str) -> list[str]:
-    """The full names of what a user calls `asked`: full name, pattern, or a signal by itself.
+    """Return the full names for a full name, a pattern, or a signal name alone.
 
-    By itself a signal of the bus goes before a column of the run folder.
+    A signal of the bus has priority over a column of the run folder.
 
     Raises:
-        LogError: nothing of the log is called so, or several messages have a signal of the name.
+        LogError: if the log has no such name, or several messages have the signal.
     """
     known = trace_names(log)
     if asked in known:
@@ -131,7 +131,7 @@ def _complain(log: Log, asked: str, known: Sequence[str]) -> None:
 
 
 def panels_of(log: Log, words: Iterable[str]) -> list[list[SignalTrace]]:
-    """One panel for each word; names joined by commas share one. Raises LogError."""
+    """Return one panel per word; names joined by commas share one. Raises LogError."""
     panels = []
     for word in words:
         names = [name for part in word.split(",") for name in find_names(log, part.strip())]
@@ -140,7 +140,7 @@ def panels_of(log: Log, words: Iterable[str]) -> list[list[SignalTrace]]:
 
 
 def trace_of(log: Log, name: str) -> SignalTrace:
-    """By full name. Raises LogError."""
+    """Return the trace of a full name. Raises LogError."""
     group, _, column = name.partition(".")
     if log.run is not None and group in (TRUTH, CYCLES):
         return _run_trace(log.run, group, column)
@@ -164,7 +164,7 @@ def trace_of(log: Log, name: str) -> SignalTrace:
 
 
 def in_order(at_ns: Ints, values: Any) -> tuple[Ints, Any]:
-    """Sorted by time where the log is not; frames of one stamp stay in the order of the log."""
+    """Return both columns sorted by time; frames of equal stamp keep the order of the log."""
     if len(at_ns) < 2 or bool((at_ns[1:] >= at_ns[:-1]).all()):
         return at_ns, values
     order = np.argsort(at_ns, kind="stable")
@@ -172,12 +172,12 @@ def in_order(at_ns: Ints, values: Any) -> tuple[Ints, Any]:
 
 
 def physical_choices(signal: SignalSpec) -> dict[float, str]:
-    """The value table by physical value."""
+    """Return the value table by physical value."""
     return {raw * signal.scale + signal.offset: name for raw, name in signal.choices.items()}
 
 
 def gap_of(spec: MessageSpec, at_ns: Ints) -> int:
-    """How long a signal of the message holds: its timeout; 0 of one that comes when it likes."""
+    """Return how long a signal of the message holds: its timeout, or 0 if it has no period."""
     del at_ns
     return spec.timeout_ms * NS_PER_MS
 
@@ -203,7 +203,7 @@ def _run_trace(run: RunFiles, group: str, name: str) -> SignalTrace:
 
 
 def unit_of_column(name: str) -> str:
-    """By the end of a column's name; empty for one without a unit."""
+    """Return the unit from the suffix of a column's name; empty for a name without one."""
     return SUFFIX_UNITS.get(name.rpartition("_")[2], "") if "_" in name else ""
 
 
@@ -213,19 +213,19 @@ PREFERRED: Final = (
     ("BRAKE_CMD.service_decel_mps2", "BRAKE_STATUS.applied_decel_mps2"),
     ("VOBC_STATUS.supervision", "VOBC_STATUS.ato_phase", "VOBC_MODE.mode"),
 )
-"""What is drawn of a train of this project when nothing is asked for."""
+"""Panels for a train of this project if the user names no signals."""
 PANELS_MAX: Final = 4
 
 
 def default_words(log: Log) -> list[str]:
-    """What to draw when nothing is asked for: of a train as above, else what moves the most.
+    """Return the default panels: PREFERRED for a train, otherwise the signals that vary the most.
 
     Raises:
-        LogError: nothing of the log can be drawn.
+        LogError: if the log has nothing to draw.
     """
     names = trace_names(log)
     if not names:
-        hint = "; --dbc takes the file that knows its messages" if log.unknown else ""
+        hint = "; --dbc takes the file that defines its messages" if log.unknown else ""
         raise LogError(f"{log.path}: no message of {log.bus.name} is in it{hint}")
     there = [[name for name in panel if name in names] for panel in PREFERRED]
     chosen = [",".join(panel) for panel in there if panel]
@@ -235,7 +235,9 @@ def default_words(log: Log) -> list[str]:
 
 
 def _liveliest(log: Log) -> Iterator[tuple[int, str]]:
-    """Rank and name of signals that change, by how many values a glance at them shows."""
+    """Yield rank and name of varying signals, by the number of distinct values in a small
+    sample.
+    """
     for message, spec in log.messages.items():
         for signal in spec.signals:
             if signal.name.lower() in TRAILER:
