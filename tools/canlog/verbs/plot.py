@@ -21,7 +21,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         metavar="SIGNAL",
         help="MESSAGE.signal, a signal by itself, or a pattern; each makes a panel, names joined"
-        " by commas share one; default: the most telling signals",
+        " by commas share one; default: the most informative signals",
     )
     parser.add_argument(
         "-o", "--out", default="canlog.png", help=".png or .svg; default: %(default)s"
