@@ -27,7 +27,7 @@ HEAD = 'VERSION ""\nBU_: A\n'
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Files, and what the last one says."""
+    """Files of one bug report, and the correct content of the log."""
 
     name: str
     source: str

@@ -102,7 +102,7 @@ def unjudged(found: Statistics) -> list[Row]:
     for one in sorted(found.messages.values(), key=lambda each: (each.channel, each.key)):
         why: dict[str, str] = {}
         if one.spec is None:
-            why["signals, cycle time, counter, CRC"] = "no DBC file knows the identifier"
+            why["signals, cycle time, counter, CRC"] = "no DBC file defines the identifier"
         else:
             if not one.gaps.period_ns:
                 why["missing and extra frames"] = "no cycle time (GenMsgCycleTime)"

@@ -144,7 +144,7 @@ def test_what_is_not_judged_is_said_with_why(bus: Bus) -> None:
     assert told["PLAIN", "missing and extra frames"] == "no cycle time (GenMsgCycleTime)"
     assert told["STRANGE", "CRC"] == "E2EProfile 'homemade' is not known; P01 is"
     assert "names rolling, which the message does not have" in told["STRANGE", "counter"]
-    assert any(why == "no DBC file knows the identifier" for why in told.values())
+    assert any(why == "no DBC file defines the identifier" for why in told.values())
     for name in ("missing", "stale", "lost", "crc_errors", "counter_errors", "twin_errors"):
         assert rows["PLAIN"][name] is None
     assert absent(found) == ["SAFE", "ABSENT"]

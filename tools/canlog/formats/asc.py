@@ -153,7 +153,9 @@ class _Taker:
             self._damages.add(NO_DATE, "line", None, words)
             return None
         if not self._options.utc_offset_s:
-            self._damages.add("local time", "line", None, "the head tells no zone; UTC is taken")
+            self._damages.add(
+                "local time", "line", None, "the head gives no time zone; taken as UTC"
+            )
         self._start_ns = start_ns - self._options.utc_offset_s * NS_PER_S
         return None
 

@@ -77,7 +77,7 @@ def _contents(data: Any, first: int, damages: Damages, options: ReadOptions) -> 
         found = data.find(SIGNATURE, at, at + 8)
         if found < 0:
             found = data.find(SIGNATURE, at)
-            damages.add("corrupt block", "byte", at, "no object stands here")
+            damages.add("corrupt block", "byte", at, "no object begins here")
             whole = False
             if found < 0:
                 return
@@ -125,7 +125,9 @@ def _content(block: bytes, inflate: Any) -> tuple[bytes | bytearray, str]:
     method, size = int.from_bytes(block[:2], "little"), int.from_bytes(block[8:12], "little")
     packed = memoryview(block)[16:]
     if method == 0:
-        return bytes(packed[:size]), "" if len(packed) >= size else "it is shorter than it says"
+        return bytes(packed[:size]), "" if len(
+            packed
+        ) >= size else "it is shorter than its size field"
     if method != 2:
         return b"", f"unknown compression {method}"
     if size > INFLATED_MAX:
@@ -135,8 +137,8 @@ def _content(block: bytes, inflate: Any) -> tuple[bytes | bytearray, str]:
     except Exception:
         # Each library raises its own error; the standard library finds out what is wrong.
         content, fault = rescued(packed)
-        return content, fault or f"{len(content)} bytes where it says {size}"
-    return content, "" if len(content) == size else f"{len(content)} bytes where it says {size}"
+        return content, fault or f"{len(content)} bytes instead of {size}"
+    return content, "" if len(content) == size else f"{len(content)} bytes instead of {size}"
 
 
 class _Joined:
@@ -270,7 +272,7 @@ def _take(
     if foreign:
         damages.skip(FOREIGN, foreign)
     if len(cut):
-        words = "a CAN object with a header or size that none has"
+        words = "a CAN object with an invalid header or size"
         damages.add("corrupt object", "byte", joined.place(int(cut[0])), words, len(cut))
     rest = buffer[objects.consumed :]
     count = sum(len(part.row) for part in parts)

@@ -70,7 +70,7 @@ _MASKS: Final = np.array([(1 << 8 * n) - 1 for n in range(9)], np.uint64)
 
 @dataclass(frozen=True, slots=True)
 class BlfObjects:
-    """Where whole objects lie in a buffer."""
+    """Positions of complete objects in a buffer."""
 
     at: Any
     """(n,) int64."""
@@ -96,7 +96,7 @@ def find(buffer: bytes, start: int = 0) -> BlfObjects:
             if end - at < 16:
                 break
             following = buffer.find(SIGNATURE, at)
-            damage.append((at, "no object stands here"))
+            damage.append((at, "no object begins here"))
             if following < 0:
                 # The end of the container may cut the signature in two.
                 at = end - 3

@@ -55,7 +55,9 @@ class _Taker:
         if found is None:
             return JUNK
         if not self._dated:
-            self._damages.add(NO_DATE, "line", None, "its head tells none; stamps count from 1970")
+            self._damages.add(
+                NO_DATE, "line", None, "the head gives no date; stamps count from 1970"
+            )
             self._dated = True
         at_ns = self._at_ns(found)
         channel = f"can{int(found['channel'])}"
@@ -77,7 +79,7 @@ class _Taker:
             self._dated = True
             if not self._options.utc_offset_s:
                 self._damages.add(
-                    "local time", "line", None, "its head tells no zone; UTC is taken"
+                    "local time", "line", None, "the head gives no time zone; taken as UTC"
                 )
             self._start_ns = start_ns - self._options.utc_offset_s * NS_PER_S
             self._day_ns = self._start_ns - start_ns % DAY_NS

@@ -142,7 +142,7 @@ class _Stamps:
             self._damages.add("no time stamps", "line", number, "frames without `-t` are at 0")
         elif line.since == LOCAL:
             self._damages.add(
-                "local time", "line", number, "`-t A` tells no time zone; taken for UTC"
+                "local time", "line", number, "`-t A` gives no time zone; taken as UTC"
             )
 
     def settle(self, at_ns: Ints, since: Bools) -> None:

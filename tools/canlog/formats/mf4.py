@@ -108,7 +108,7 @@ class _Reader:
     def _report_missing(self, group: Group, done: int, rest: int) -> None:
         """Report the records that a torn file lacks."""
         if not self._file.cycles_open and done < group.count:
-            words = f"{done} of {group.count} records of {_name(group)} are there"
+            words = f"{done} of {group.count} records of {_name(group)} found"
             self._damages.add("torn file", "frame", done + 1, words, group.count - done)
         elif rest:
             words = f"{rest} of {group.size} bytes of the last record of {_name(group)}"
@@ -158,7 +158,7 @@ class _Reader:
                 return
         lost = sum(len(records) for records in waiting.values())
         if rest or lost:
-            words = f"{len(rest)} bytes behind the last whole record"
+            words = f"{len(rest)} bytes after the last complete record"
             self._damages.add("torn file", "frame", sum(done.values()) + 1, words, max(lost, 1))
         if not self._file.cycles_open and not rest:
             for number in self._kinds:

@@ -126,7 +126,9 @@ class Mf4File:
             return None
         kind, size, count = struct.unpack("<4s4xQQ", self.data[at : at + HEAD_BYTES])
         if kind not in kinds:
-            self._damages.add("broken link", "byte", at, f"no block {kinds[0].decode()} is there")
+            self._damages.add(
+                "broken link", "byte", at, f"no block {kinds[0].decode()} begins there"
+            )
             return None
         links_end = at + HEAD_BYTES + 8 * count
         if count > LINKS_MAX or links_end > self.size:
@@ -246,8 +248,8 @@ class Mf4File:
         except Exception:
             # Each library raises its own error; the standard library finds out what is wrong.
             content, fault = rescued(packed)
-            return content, fault or f"{len(content)} bytes where it says {size}"
-        return content, "" if len(content) == size else f"{len(content)} bytes where it says {size}"
+            return content, fault or f"{len(content)} bytes instead of {size}"
+        return content, "" if len(content) == size else f"{len(content)} bytes instead of {size}"
 
 
 def _untransposed(content: bytes | bytearray, columns: int) -> bytes:

@@ -61,7 +61,9 @@ class _Taker:
             return
         self._dated = True
         if not self._options.utc_offset_s:
-            self._damages.add("local time", "line", None, "its head tells no zone; UTC is taken")
+            self._damages.add(
+                "local time", "line", None, "the head gives no time zone; taken as UTC"
+            )
         self._start_ns = at_ns - self._options.utc_offset_s * NS_PER_S
 
     def _frame(self, line: str, rows: Rows) -> str | None:
@@ -69,7 +71,9 @@ class _Taker:
         if found is None:
             return JUNK
         if not self._dated:
-            self._damages.add(NO_DATE, "line", None, "its head tells none; stamps count from 1970")
+            self._damages.add(
+                NO_DATE, "line", None, "the head gives no date; stamps count from 1970"
+            )
             self._dated = True
         whole, _, fraction = found["ms"].partition(".")
         at_ns = self._start_ns + int(whole) * NS_PER_MS + int(fraction.ljust(6, "0"))

@@ -179,7 +179,7 @@ class _Taker:
             self.dated = True
             if not self._options.utc_offset_s:
                 self._damages.add(
-                    "local time", "line", None, "$STARTTIME has no zone; UTC is taken"
+                    "local time", "line", None, "$STARTTIME has no time zone; taken as UTC"
                 )
             self._start_ns -= self._options.utc_offset_s * NS_PER_S
         return None

@@ -58,7 +58,7 @@ NAME_ROOM_RATIO: Final = 0.012
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What is to be drawn."""
+    """Contents of a plot."""
 
     title: str
     panels: Sequence[Sequence[SignalTrace]]
