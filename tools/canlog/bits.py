@@ -103,8 +103,8 @@ def _head_bits(identifier: int, flags: int, length: int) -> tuple[list[int], lis
     if not flags & FD:
         reserved = [remote, 0, 0]
         return [*start, *reserved, *code], []
-    # 29 bits: substitute remote request, FD format, reserved bit. 11 bits: the same after the bit
-    # for the identifier extension.
+    # Remote request substitution, for 11 bits also the identifier extension, FD format, reserved
+    # bit.
     start += [0, 1, 0] if extended else [0, 0, 1, 0]
     switch, indicator = int(bool(flags & BRS)), int(bool(flags & ESI))
     return [*start, switch], [indicator, *code]

@@ -49,7 +49,7 @@ class RunFiles:
     cycle_of: Ints
     """(n,) control cycle that each frame of the log fed or came from, NO_CYCLE for none."""
     sent: "npt.NDArray[np.bool_]"
-    """(n,) whether the controller sent the frame; then the frame came from its cycle."""
+    """(n,) whether the controller sent the frame; `cycle_of` is then the cycle that sent it."""
     exact: bool
     """Whether frames were matched with the record of the controller's ports, not only by stamps."""
     cycles: Columns = field(default_factory=dict)

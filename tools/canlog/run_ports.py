@@ -98,8 +98,8 @@ def _word(text: bytes) -> int:
 def offset_ns_of(ports: Ports, frames: Frames) -> int:
     """Return the offset from the controller's instants to stamps of the log.
 
-    It compares every received frame with all frames of the same identifier and data. The result is
-    the most frequent distance, to a millisecond.
+    It compares the first received frames with all frames of the same identifier and data. The
+    result is the most frequent distance, to a millisecond.
     """
     heard = np.flatnonzero(~ports.sent)[:OFFSET_SAMPLE]
     if not len(heard) or not len(frames):

@@ -20,7 +20,7 @@ SHORT: Final = 2048
 class Table:
     """`n` frames of one message. `table["speed_mps"]` is a column (n,) of physical values.
 
-    Integers stay integers. If a frame is too short for a signal, or its multiplexer selects others,
+    Integers stay integers. If a frame is too short for a signal, or a multiplexer selects others,
     `valid` is false and the value is NaN, or 0 for an integer.
     """
 
@@ -294,7 +294,7 @@ def taken(frames: Frames, rows: Ints) -> Any:
 
 
 def _spans(key: Any) -> Spans:
-    """Return the range of each of these sorted keys."""
+    """Return the range of rows of each key; the keys are sorted."""
     cuts = [0, *(np.flatnonzero(np.diff(key)) + 1).tolist(), len(key)]
     return {int(key[start]): (start, stop) for start, stop in pairwise(cuts) if stop > start}
 

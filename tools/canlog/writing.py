@@ -56,9 +56,7 @@ class Numbers:
 
 
 def lost(losses: Damages, rows: Any, kind: str, detail: str, first_row: int = 0) -> None:
-    """Count frames of a block, given as a mask, that lose information; the first frame is
-    number 1.
-    """
+    """Count frames that lose information, given as a mask of a block; frames count from 1."""
     found = np.flatnonzero(rows)
     if len(found):
         losses.add(kind, "frame", first_row + int(found[0]) + 1, detail, len(found))

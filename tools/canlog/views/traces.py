@@ -177,7 +177,7 @@ def physical_choices(signal: SignalSpec) -> dict[float, str]:
 
 
 def gap_of(spec: MessageSpec, at_ns: Ints) -> int:
-    """Return how long a signal of the message holds: its timeout, or 0 if it has no period."""
+    """Return how long a signal of the message holds: its timeout, or 0 if it has none."""
     del at_ns
     return spec.timeout_ms * NS_PER_MS
 
