@@ -330,7 +330,7 @@ def _limits(inside: float, takes: Callable[[float], bool], *, whole: bool) -> st
 def _edge(
     inside: float, probes: Sequence[float], takes: Callable[[float], bool], whole: bool
 ) -> tuple[float, bool] | None:
-    """A limit on one side, and whether it is itself taken; None where there is none."""
+    """Return the limit on one side and whether the limit itself is valid; None without a limit."""
     good = inside
     for probe in probes:
         if whole and probe != int(probe):

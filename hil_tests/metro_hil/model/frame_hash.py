@@ -49,7 +49,7 @@ class FrameHash:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """The closed links, followed by the present value of the open one."""
+        """Hashes up to the end of each full interval, then the hash up to now."""
         self._flush()
         return (*self._links, self._digest.hexdigest())
 

@@ -86,7 +86,7 @@ class _Gaps:
         self._case = case
         self._allowed = {name: each.reason for each in case.vacuous for name in each.names}
         self.excused: list[str] = []
-        """Each gap that the file allows, with its reason."""
+        """Monitors and faults that may show nothing, each with the reason in the file."""
 
     def _kept(self, gaps: Iterable[tuple[str, str, str]]) -> list[str]:
         """The texts of the gaps that the file does not allow.

@@ -40,7 +40,7 @@ class HostRecord:
         self.waited: list[tuple[float, float]] = []
         """End of each second, and how long the controller was ready and got no processor."""
         self.carriers_waited: list[tuple[float, float]] = []
-        """The same for the bus or gateway process, whichever waited longest."""
+        """End of each second, and how long the bus or gateway process waited for a processor."""
         self.stalled: list[tuple[float, float]] = []
         """End of each second, and how long the bench was delayed while neither it nor the
         controller ran. Then hardly any process on this machine ran."""

@@ -43,7 +43,7 @@ def test_a_train_in_order_that_never_moves_exercises_next_to_nothing(rig: Rig) -
     }  # fmt: skip
 
 
-# 1, 2: the end of authority.
+# Invariants 1 and 2: the end of authority.
 
 
 def test_the_way_to_stop_is_that_of_the_declared_emergency_brake(rig: Rig) -> None:
