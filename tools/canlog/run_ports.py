@@ -35,7 +35,7 @@ class Ports:
     at_ns: Ints
     """(k,) stamp of a received frame; for a sent frame, the begin of its cycle."""
     identifier: Any
-    """(k,) uint32."""
+    """(k,) uint32: CAN identifier of the frame."""
     word: Any
     """(k,) uint64: the data, padded with zeros."""
     cycle: Ints

@@ -64,7 +64,7 @@ class SignalDifference:
 
 @dataclass(frozen=True, slots=True)
 class MessageDifference:
-    """One message, or unknown identifier."""
+    """Comparison of one message, or of one unknown identifier."""
 
     name: str
     key: int
@@ -91,7 +91,7 @@ class MessageDifference:
 
 @dataclass(frozen=True, slots=True)
 class LogDifference:
-    """All that differs between A and B."""
+    """All differences between logs A and B."""
 
     zero_a_ns: int
     zero_b_ns: int
