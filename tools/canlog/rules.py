@@ -34,7 +34,7 @@ class FailRule:
 
 @dataclass(frozen=True, slots=True)
 class Broken:
-    """One broken rule, who broke it, and the numbers in the rule."""
+    """One broken rule, the message or bus that broke it, and its numbers."""
 
     rule: str
     who: str

@@ -20,9 +20,9 @@ class Pairs:
     """Rows of two tables that belong together, and the rows without a partner."""
 
     a: Ints
-    """(k,) rising."""
+    """(k,) rows of A that have a partner, rising."""
     b: Ints
-    """(k,) rising."""
+    """(k,) rows of their partners in B, rising."""
     only_a: Ints
     only_b: Ints
 

@@ -73,7 +73,7 @@ class BlfObjects:
     """Positions of complete objects in a buffer."""
 
     at: Any
-    """(n,) int64."""
+    """(n,) int64: offset of each object in the buffer."""
     size: Any
     kind: Any
     head: Any
