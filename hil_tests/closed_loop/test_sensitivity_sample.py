@@ -61,10 +61,10 @@ def hand_made(name: str, *, old: str, new: str, argued: str = "") -> ControllerM
 
 
 NEVER_MOVES = hand_made(
-    "never-moves", old="return seen.mode in NEEDED", new="return seen.mode is None"
+    "never-moves", old="return inputs.mode in NEEDED", new="return inputs.mode is None"
 )
-SAME = hand_made("same", old="return bool(seen.latched)", new="return len(seen.latched) > 0")
-MISSPELT = hand_made("misspelt", old="return bool(seen.latched)", new="return bool(seen.latch)")
+SAME = hand_made("same", old="return bool(inputs.latched)", new="return len(inputs.latched) > 0")
+MISSPELT = hand_made("misspelt", old="return bool(inputs.latched)", new="return bool(inputs.latch)")
 NO_IMPORT = hand_made(
     "no-import",
     old="Guard = Callable[[GuardInputs], bool]",
@@ -72,14 +72,14 @@ NO_IMPORT = hand_made(
 )
 ARGUED = hand_made(
     "argued",
-    old="return bool(seen.latched)",
-    new="return len(seen.latched) > 0",
+    old="return bool(inputs.latched)",
+    new="return len(inputs.latched) > 0",
     argued="a tuple is true when it is not empty",
 )
 WRONGLY_ARGUED = hand_made(
     "wrongly-argued",
-    old="return seen.mode in NEEDED",
-    new="return seen.mode is None",
+    old="return inputs.mode in NEEDED",
+    new="return inputs.mode is None",
     argued="nothing could ever notice that",
 )
 
@@ -136,7 +136,7 @@ def test_a_wrong_name_is_one_line_and_exit_code_2(
 def test_a_mutant_that_no_longer_applies_is_one_line_and_nothing_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    gone = hand_made("gone", old="return seen.latched_once", new="return False")
+    gone = hand_made("gone", old="return inputs.latched_once", new="return False")
     monkeypatch.setattr(mutants, "shipped_mutants", lambda: (gone,))
     campaign = tmp_path / "own.toml"
     campaign.write_text(SCENARIO, encoding="utf-8")

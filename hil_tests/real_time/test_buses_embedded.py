@@ -581,7 +581,7 @@ def test_another_program_at_the_socket_of_a_hub_is_recognised() -> None:
         pass_fds=[listener.fileno()],
     )
 
-    with pytest.raises(BusError, match="no hub of this program"):
+    with pytest.raises(BusError, match="is not a hub of this project"):
         join("vobc")
     answerer.wait(WAIT_S)
     listener.close()

@@ -114,7 +114,7 @@ def test_controller_and_plant_run_as_two_processes_and_leave_a_complete_folder(
 
     assert going.returncode == 130, complained
     assert "Traceback" not in complained
-    assert "starting the emulator" in complained
+    assert "starting the plant emulator" in complained
     results = json.loads(said)
     assert results["exit_reason"] == "interrupted"
     assert results["real_time_factor"] is None

@@ -79,7 +79,7 @@ def test_one_station_hop_on_a_kernel_vcan_with_candump_listening(
     (stop,) = results["stops"]
     assert abs(stop["error_m"]) <= TOLERANCE_M
     assert results["rejected_frames"] == {}
-    assert "starting the emulator" in done.stderr
+    assert "starting the plant emulator" in done.stderr
     assert "+ ip link add dev vcan1 type vcan" in done.stdout
     _check_candump(last)
 

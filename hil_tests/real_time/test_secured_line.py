@@ -188,7 +188,7 @@ def test_zenoh_accepts_the_shipped_settings_and_those_for_many_trains() -> None:
         text = wayside_settings("secure", "loop", trains)
         rules = zenoh.Config.from_json5(text).get_json("access_control/rules")
 
-        assert len(re.findall('"T[0-9]+ says"', rules)) == trains
+        assert len(re.findall('"T[0-9]+ sends"', rules)) == trains
         assert f'"m/loop/x/{trains}"' in rules
 
 

@@ -117,7 +117,7 @@ def test_a_killed_recorder_loses_its_last_step_only(tmp_path: Path) -> None:
     [
         (lambda data: data.replace(b"rx tags", b"rx tugs"), ["line 8", "rx tugs"]),
         (lambda data: data.replace(b" E6BF", b" E6B"), ["line 3", "E6B"]),
-        (lambda data: data.replace(b"rx tags 1500001 7E01\n", b""), ["line", "were written"]),
+        (lambda data: data.replace(b"rx tags 1500001 7E01\n", b""), ["line", "must follow"]),
         (lambda data: data.replace(b'"version": 1', b'"version": 9'), ["line 1", "version 9"]),
         (lambda data: data.split(b"\n", 1)[1], ["line 1", "no start of a controller"]),
         (lambda data: data + b"run control 5 5\n", ["follows the end"]),

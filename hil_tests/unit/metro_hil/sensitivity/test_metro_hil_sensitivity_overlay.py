@@ -15,8 +15,8 @@ MUTANT = ControllerMutant(
     name="deaf",
     rule="made by hand",
     file="vobc/atp/supervision.py",
-    old="return bool(seen.latched)",
-    new="return not seen.latched",
+    old="return bool(inputs.latched)",
+    new="return not inputs.latched",
 )
 
 
@@ -50,7 +50,7 @@ def test_a_worker_of_a_mutant_imports_the_changed_file_and_the_true_rest(
     )
 
     assert done.returncode == 0, done.stderr
-    assert "return not seen.latched" in done.stdout
+    assert "return not inputs.latched" in done.stdout
     assert str(overlays.true) in done.stdout
     true = (overlays.true / MUTANT.file).read_text(encoding="utf-8")
     assert MUTANT.old in true
@@ -81,8 +81,8 @@ def test_bytecode_of_the_true_file_is_not_used_for_the_changed_one(
         name="same-size",
         rule="made by hand",
         file="vobc/atp/supervision.py",
-        old="return bool(seen.latched)",
-        new="return  not(seen.latched)",
+        old="return bool(inputs.latched)",
+        new="return  not(inputs.latched)",
     )
     assert len(same_size.old) == len(same_size.new)
     python(overlays.true_environment(os.environ), "import vobc.atp.supervision")
