@@ -39,6 +39,7 @@ REALTIME: Final = "real_time"
 """Folder of the tests with processes, and what the scheduler calls those that wait for a clock."""
 NICE: Final = os.getpriority(os.PRIO_PROCESS, 0)
 COMPUTING_NICE: Final = 15
+BESIDE_NICE: Final = 5
 
 # There are no deadlines, because a busy machine is no fault of the code. In CI the examples are
 # always the same. On a developer's machine they are new each time, and failures are remembered.
@@ -124,6 +125,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Computing tests get a lower priority than tests that depend on the real clock."""
     if os.geteuid() == 0:  # Other users could lower the priority but not restore it.
         nice = NICE if is_realtime(item.path) else NICE + COMPUTING_NICE
+        nice += BESIDE_NICE if item.path.stem in ON_ITS_OWN else 0
         os.setpriority(os.PRIO_PROCESS, 0, nice)
     return (yield)
 
