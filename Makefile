@@ -2,7 +2,7 @@
 
 RUN_ARGS ?= --line florence --from II --to III
 PYTEST_ARGS ?=
-# One worker mostly waits for real clocks, so their number is one more than the processors.
+# Two workers mostly wait for real clocks, so their number is two more than the processors.
 PYTEST_WORKERS ?= 4
 BENCH_ARGS ?=
 MUTATE_ARGS ?=
