@@ -12,8 +12,8 @@ from canlog.formats.dates import instant_ns
 from canlog.formats.text import (
     JUNK,
     NO_DATE,
-    NS_PER_S,
     OTHER,
+    head_ns,
     hex_bytes,
     read_lines,
     stamp_ns,
@@ -152,11 +152,7 @@ class _Taker:
             words = f"{shown(date['text'].strip())} cannot be read; stamps count from 1970"
             self._damages.add(NO_DATE, "line", None, words)
             return None
-        if not self._options.utc_offset_s:
-            self._damages.add(
-                "local time", "line", None, "the head gives no time zone; taken as UTC"
-            )
-        self._start_ns = start_ns - self._options.utc_offset_s * NS_PER_S
+        self._start_ns = head_ns(start_ns, self._options, self._damages)
         return None
 
     def _event(self, at_ns: int, rest: str, rows: Rows) -> str | None:

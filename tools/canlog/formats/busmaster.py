@@ -6,8 +6,18 @@ from pathlib import Path
 from typing import Final
 
 from canlog.damage import Damages
-from canlog.formats.text import JUNK, NO_DATE, NS_PER_S, date_ns, hex_bytes, read_lines
-from canlog.frames import ERROR, EXTENDED, FD, FD_LENGTHS, REMOTE, TX, Frames
+from canlog.formats.text import (
+    JUNK,
+    NO_DATE,
+    NS_PER_S,
+    UNDATED,
+    add_frame,
+    date_ns,
+    head_ns,
+    hex_bytes,
+    read_lines,
+)
+from canlog.frames import ERROR, EXTENDED, FD, REMOTE, TX, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
@@ -55,9 +65,7 @@ class _Taker:
         if found is None:
             return JUNK
         if not self._dated:
-            self._damages.add(
-                NO_DATE, "line", None, "the head gives no date; stamps count from 1970"
-            )
+            self._damages.add(NO_DATE, "line", None, UNDATED)
             self._dated = True
         at_ns = self._at_ns(found)
         channel = f"can{int(found['channel'])}"
@@ -77,11 +85,7 @@ class _Taker:
             if start_ns is None:
                 return
             self._dated = True
-            if not self._options.utc_offset_s:
-                self._damages.add(
-                    "local time", "line", None, "the head gives no time zone; taken as UTC"
-                )
-            self._start_ns = start_ns - self._options.utc_offset_s * NS_PER_S
+            self._start_ns = head_ns(start_ns, self._options, self._damages)
             self._day_ns = self._start_ns - start_ns % DAY_NS
             self._last_ns = self._start_ns
 
@@ -103,18 +107,11 @@ class _Taker:
 
     def _frame(self, at_ns: int, channel: str, found: re.Match[str], rows: Rows) -> str | None:
         kind = found["kind"].lower()
-        length, texts = int(found["length"]), found["data"].split()
-        data = b"" if "r" in kind else hex_bytes(texts, self._base)
+        data = b"" if "r" in kind else hex_bytes(found["data"].split(), self._base)
         try:
             identifier = int(found["id"], self._base)
         except ValueError:
             return JUNK
         flags = EXTENDED * kind.startswith("x") | REMOTE * ("r" in kind) | FD * ("fd" in kind)
         flags |= TX * (found["way"].lower() == "tx")
-        if data is None or identifier > (0x1FFF_FFFF if flags & EXTENDED else 0x7FF):
-            return JUNK
-        if length not in FD_LENGTHS or (length > 8 and not flags & FD):
-            return JUNK
-        if not flags & REMOTE and len(data) != length:
-            return JUNK
-        return None if rows.add(at_ns, identifier, flags, channel, length, data) else JUNK
+        return add_frame(rows, at_ns, identifier, flags, channel, int(found["length"]), data)

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from canlog.damage import Damages
-from canlog.formats.text import JUNK, NO_DATE, hex_bytes, read_lines
-from canlog.frames import EXTENDED, FD, FD_LENGTHS, TX, Frames
+from canlog.formats.text import JUNK, NO_DATE, add_frame, hex_bytes, read_lines
+from canlog.frames import CLASSIC_BYTES, EXTENDED, FD, TX, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
@@ -19,7 +19,6 @@ LINE: Final = re.compile(
     r"(?P<bus>\d{1,3}),(?P<length>\d{1,2})(?P<data>(?:,[0-9A-Fa-f]{0,2})*)",
     re.ASCII | re.IGNORECASE,
 )
-CLASSIC_COLUMNS: Final = 8
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
@@ -39,20 +38,15 @@ class _Taker:
         found = LINE.fullmatch(line)
         if found is None:
             return JUNK
-        length, identifier = int(found["length"]), int(found["id"], 16)
-        texts = found["data"].split(",")[1 : length + 1]
-        data = hex_bytes(texts)
+        length, past_us = int(found["length"]), int(found["us"])
+        data = hex_bytes(found["data"].split(",")[1 : length + 1])
         wide = found["wide"].lower() in ("true", "1")
-        if data is None or len(data) != length or identifier > (0x1FFF_FFFF if wide else 0x7FF):
-            return JUNK
-        if length not in FD_LENGTHS:
-            return JUNK
-        past_us = int(found["us"])
-        if self._first and past_us < DATED_US:
-            self._damages.add(NO_DATE, "line", None, "its stamps count from the device's start")
-        self._first = False
-        flags = EXTENDED * wide | FD * (length > CLASSIC_COLUMNS)
+        flags = EXTENDED * wide | FD * (length > CLASSIC_BYTES)
         flags |= TX * ((found["way"] or "").lower() == "tx")
-        channel = f"can{int(found['bus'])}"
-        added = rows.add(past_us * NS_PER_US, identifier, flags, channel, length, data)
-        return None if added else JUNK
+        at_ns, channel = past_us * NS_PER_US, f"can{int(found['bus'])}"
+        fault = add_frame(rows, at_ns, int(found["id"], 16), flags, channel, length, data)
+        if fault is None and self._first:
+            self._first = False
+            if past_us < DATED_US:
+                self._damages.add(NO_DATE, "line", None, "its stamps count from the device's start")
+        return fault

@@ -7,8 +7,16 @@ from typing import Final
 
 from canlog.damage import Damages
 from canlog.formats.heads import KVASER
-from canlog.formats.text import JUNK, NO_DATE, OTHER, hex_bytes, read_lines, stamp_ns
-from canlog.frames import ERROR, EXTENDED, FD, FD_LENGTHS, REMOTE, TX, Frames
+from canlog.formats.text import (
+    JUNK,
+    NO_DATE,
+    OTHER,
+    add_frame,
+    hex_bytes,
+    read_lines,
+    stamp_ns,
+)
+from canlog.frames import ERROR, EXTENDED, FD, REMOTE, TX, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
@@ -47,17 +55,11 @@ class _Taker:
         return self._frame(at_ns, channel, found, rows)
 
     def _frame(self, at_ns: int, channel: str, found: re.Match[str], rows: Rows) -> str | None:
-        marks, texts, length = found["flags"].upper(), found["data"].split(), int(found["length"])
+        marks, texts = found["flags"].upper(), found["data"].split()
         base = 10 if any(len(each) == 3 for each in texts) else 16
-        data, identifier = hex_bytes(texts, base), int(found["id"], base)
+        identifier = int(found["id"], base)
         wide = "X" in marks or identifier > 0x7FF
         flags = EXTENDED * wide | REMOTE * ("R" in marks) | FD * ("F" in marks)
         flags |= TX * (found["way"] == "T")
-        if data is None or identifier > 0x1FFF_FFFF or length not in FD_LENGTHS:
-            return JUNK
-        if length > 8 and not flags & FD:
-            return JUNK
-        if not flags & REMOTE and len(data) != length:
-            return JUNK
-        data = b"" if flags & REMOTE else data
-        return None if rows.add(at_ns, identifier, flags, channel, length, data) else JUNK
+        length, data = int(found["length"]), hex_bytes(texts, base)
+        return add_frame(rows, at_ns, identifier, flags, channel, length, data)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from canlog.damage import Damages
-from canlog.formats.text import JUNK, NO_DATE, NS_PER_S, date_ns, read_lines
+from canlog.formats.text import JUNK, NO_DATE, UNDATED, add_frame, date_ns, head_ns, read_lines
 from canlog.frames import EXTENDED, TX, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
@@ -60,20 +60,14 @@ class _Taker:
         if at_ns is None:
             return
         self._dated = True
-        if not self._options.utc_offset_s:
-            self._damages.add(
-                "local time", "line", None, "the head gives no time zone; taken as UTC"
-            )
-        self._start_ns = at_ns - self._options.utc_offset_s * NS_PER_S
+        self._start_ns = head_ns(at_ns, self._options, self._damages)
 
     def _frame(self, line: str, rows: Rows) -> str | None:
         found = LINE.fullmatch(line)
         if found is None:
             return JUNK
         if not self._dated:
-            self._damages.add(
-                NO_DATE, "line", None, "the head gives no date; stamps count from 1970"
-            )
+            self._damages.add(NO_DATE, "line", None, UNDATED)
             self._dated = True
         whole, _, fraction = found["ms"].partition(".")
         at_ns = self._start_ns + int(whole) * NS_PER_MS + int(fraction.ljust(6, "0"))
@@ -83,8 +77,6 @@ class _Taker:
             data = bytes(int(each, 0) for each in texts[:length])
         except ValueError:
             return JUNK
-        if length > 8 or len(data) != length or identifier > 0x1FFF_FFFF:
-            return JUNK
         wide = identifier > 0x7FF or found["id"][-1] in "xX"
         flags = EXTENDED * wide | TX * (found["way"].upper() == "TX")
-        return None if rows.add(at_ns, identifier, flags, CHANNEL, length, data) else JUNK
+        return add_frame(rows, at_ns, identifier, flags, CHANNEL, length, data)

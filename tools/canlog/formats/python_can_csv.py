@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from canlog.damage import Damages
-from canlog.formats.text import JUNK, read_lines, stamp_ns
-from canlog.frames import ERROR, EXTENDED, FD, FD_LENGTHS, REMOTE, Frames
+from canlog.formats.text import JUNK, add_frame, read_lines, stamp_ns
+from canlog.frames import CLASSIC_BYTES, ERROR, EXTENDED, FD, REMOTE, Frames
 from canlog.options import ReadOptions
 from canlog.rows import Rows
 
@@ -49,11 +49,5 @@ def add_message(
     rows: Rows, at_ns: int | None, identifier: int, flags: int, length: int, data: bytes
 ) -> str | None:
     """Add the frame of a python-can message; return JUNK if its numbers contradict each other."""
-    limit = 0x1FFF_FFFF if flags & (EXTENDED | ERROR) else 0x7FF
-    if at_ns is None or identifier > limit or length not in FD_LENGTHS:
-        return JUNK
-    if not flags & REMOTE and len(data) != length:
-        return JUNK
-    flags |= FD if length > 8 else 0
-    data = b"" if flags & REMOTE else data
-    return None if rows.add(at_ns, identifier, flags, CHANNEL, length, data) else JUNK
+    flags |= FD * (length > CLASSIC_BYTES)
+    return add_frame(rows, at_ns, identifier, flags, CHANNEL, length, data)

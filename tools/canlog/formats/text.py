@@ -8,7 +8,16 @@ from typing import Final
 import numpy as np
 
 from canlog.damage import Damages, shown
-from canlog.frames import Frames, widened
+from canlog.frames import (
+    CLASSIC_BYTES,
+    ERROR,
+    EXTENDED,
+    FD,
+    FD_LENGTHS,
+    REMOTE,
+    Frames,
+    widened,
+)
 from canlog.line_block import LineBlock
 from canlog.options import ReadOptions
 from canlog.rows import Rows
@@ -21,7 +30,10 @@ OTHER: Final = "line that is no frame"
 """Line besides frames that the format defines, such as a statistic; skipped, not damage."""
 NO_DATE: Final = "no date"
 """Kind of damage of a log whose stamps are not dates."""
+UNDATED: Final = "the head gives no date; stamps count from 1970"
 UTF8_MARK: Final = b"\xef\xbb\xbf"
+IDENTIFIER_MAX: Final = 0x7FF
+EXTENDED_MAX: Final = 0x1FFF_FFFF
 
 Fast = Callable[[bytes, list[str]], LineBlock | None]
 """Parses a block of whole lines as far as it can; None if it cannot parse it at all."""
@@ -154,6 +166,43 @@ def hex_bytes(texts: list[str], base: int = 16) -> bytes | None:
         return bytes([int(text, base) for text in texts])
     except ValueError:
         return None
+
+
+def add_frame(
+    rows: Rows,
+    at_ns: int | None,
+    identifier: int,
+    flags: int,
+    channel: str,
+    length: int,
+    data: bytes | None,
+) -> str | None:
+    """Add a frame; return JUNK if its numbers contradict each other, None on success.
+
+    Args:
+        at_ns, data: None if the text is malformed. Data of a remote frame are ignored.
+    """
+    limit = EXTENDED_MAX if flags & (EXTENDED | ERROR) else IDENTIFIER_MAX
+    if at_ns is None or data is None or identifier > limit:
+        return JUNK
+    if length not in FD_LENGTHS or (length > CLASSIC_BYTES and not flags & FD):
+        return JUNK
+    if flags & REMOTE:
+        data = b""
+    elif len(data) != length:
+        return JUNK
+    return None if rows.add(at_ns, identifier, flags, channel, length, data) else JUNK
+
+
+def head_ns(local_ns: int, options: ReadOptions, damages: Damages, where: str = "the head") -> int:
+    """Return the instant of a local time. Without `utc_offset_s` it counts as UTC, with a warning.
+
+    Args:
+        where: what gives the time, for the warning.
+    """
+    if not options.utc_offset_s:
+        damages.add("local time", "line", None, f"{where} gives no time zone; taken as UTC")
+    return local_ns - options.utc_offset_s * NS_PER_S
 
 
 def date_ns(year: int, month: int, day: int, clock: str) -> int | None:

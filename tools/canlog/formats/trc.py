@@ -17,6 +17,7 @@ from canlog.formats.text import (
     NS_PER_S,
     OTHER,
     first_ns_of,
+    head_ns,
     hex_bytes,
     hex_rows,
     read_lines,
@@ -177,11 +178,9 @@ class _Taker:
                 self._start_ns = 0
                 return None
             self.dated = True
-            if not self._options.utc_offset_s:
-                self._damages.add(
-                    "local time", "line", None, "$STARTTIME has no time zone; taken as UTC"
-                )
-            self._start_ns -= self._options.utc_offset_s * NS_PER_S
+            self._start_ns = head_ns(
+                self._start_ns, self._options, self._damages, where="$STARTTIME"
+            )
         return None
 
     def _first(self, told: dict[str, str], rows: Rows) -> str | None:
