@@ -164,9 +164,9 @@ class ReportGate:
             return None
         boot, sequence, stamp_ns = newest
         if report.boot < boot:
-            detail = f"incarnation {report.boot} of train {report.train}, {boot} was heard"
+            detail = f"incarnation {report.boot} of train {report.train}, {boot} was received"
             return Refused(RefusedReason.WRONG_BOOT, detail)
         if report.sequence <= sequence or report.stamp_ns < stamp_ns:
-            detail = f"sequence {report.sequence} of train {report.train}, {sequence} was heard"
+            detail = f"sequence {report.sequence} of train {report.train}, {sequence} was received"
             return Refused(RefusedReason.NOT_NEWER, detail)
         return None

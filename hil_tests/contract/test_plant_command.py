@@ -236,7 +236,7 @@ def test_a_second_plant_on_one_bus_is_refused() -> None:
         first.terminate()
         first.communicate(timeout=WAIT_S)
     assert second.returncode == 3
-    assert "a train is there already; heard" in errors
+    assert "a train is already on this bus; received" in errors
     assert "Traceback" not in errors
 
 

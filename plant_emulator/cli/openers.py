@@ -37,7 +37,9 @@ def refuse_second_plant(spec: str, clock: Clock, *, desk_elsewhere: bool) -> Non
         clock.wait_until(clock.now_ns() + LISTEN_NS)
         heard = {ours[frame.can_id] for frame in probe.receive(clock.now_ns())}
     if heard:
-        raise BusError(f"{spec}: a train is there already; heard {', '.join(sorted(heard))}")
+        raise BusError(
+            f"{spec}: a train is already on this bus; received {', '.join(sorted(heard))}"
+        )
 
 
 def open_tags(wanted: str, spec: str, stack: ExitStack, *, quiet: bool = False) -> SerialPort:

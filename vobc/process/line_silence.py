@@ -11,6 +11,14 @@ a second or two to begin."""
 NS_PER_S: Final = 1e9
 
 
+def silence_text(endpoint: str) -> str:
+    """The problem as a question to the user; bench and controller ask it alike."""
+    return (
+        f"nothing is received on the line's radio at {endpoint}: is its wayside there, and of this "
+        "line?"
+    )
+
+
 class LineSilence:
     """Watches the line radio. A missing wayside, a wrong key and another line look the same."""
 
@@ -30,10 +38,7 @@ class LineSilence:
             return self._is_back()
         if self.words or now_ns - self._heard_ns < SILENT_S * NS_PER_S:
             return None
-        self.words = (
-            f"nothing is heard on the line's radio at {self._endpoint}: is its wayside there, and "
-            "of this line?"
-        )
+        self.words = silence_text(self._endpoint)
         return Event(EventKind.INPUT_LOST, self.words)
 
     def _is_back(self) -> Event | None:

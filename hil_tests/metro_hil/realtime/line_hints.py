@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from can_dbc.vobc import Supervision, VobcMode
 from metro_hil.model.end_condition import centre_may_let_go
 from metro_hil.realtime.live_display import BusPicture
+from vobc.process.line_silence import silence_text
 
 
 class LineHints:
@@ -31,7 +32,4 @@ class LineHints:
     def _silent(self, picture: BusPicture) -> list[str]:
         if not picture.line_silent:
             return []
-        return [
-            f"nothing is heard on the line's radio at {self._endpoint}: is its wayside there, and "
-            "of this line?"
-        ]
+        return [silence_text(self._endpoint)]

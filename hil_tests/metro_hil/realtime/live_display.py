@@ -125,7 +125,7 @@ class BusPicture:
         """
         heard = [self.heard_ns[kind] for kind in kinds if kind in self.heard_ns]
         if not heard:
-            return "not heard yet"
+            return "not received yet"
         silent_ns = now_ns - max(heard)
         return f"silent for {silent_ns // NS_PER_S} s" if silent_ns > FRESH_NS else ""
 
@@ -274,7 +274,7 @@ def _state_rows(status: VobcStatus, mode: str, why: str) -> list[tuple[str, Rend
 def _train_text(picture: BusPicture, fresh: BusPicture, now_ns: int) -> str:
     """Return what the train's units report, or how long a unit has been silent."""
     if not any(kind in picture.heard_ns for kind in TRAIN_SEEN):
-        return "not heard yet"
+        return "not received yet"
     units = (
         ("traction", TractionStatus, _traction_text),
         ("brake", BrakeStatus, _brake_text),

@@ -7,7 +7,8 @@ S = 1_000_000_000
 LONG_NS = round(SILENT_S * S)
 ENDPOINT = "tcp/127.0.0.1:7448"
 WORDS = (
-    f"nothing is heard on the line's radio at {ENDPOINT}: is its wayside there, and of this line?"
+    f"nothing is received on the line's radio at {ENDPOINT}: is its wayside there, and of this "
+    "line?"
 )
 
 

@@ -293,9 +293,9 @@ def test_the_refusal_of_a_report_names_its_sender_and_the_last_accepted_number(
 
     assert elsewhere == Refused(RefusedReason.WRONG_DESTINATION, "for 5, this is 0")
     assert earlier_life == Refused(
-        RefusedReason.WRONG_BOOT, "incarnation 2 of train 7, 3 was heard"
+        RefusedReason.WRONG_BOOT, "incarnation 2 of train 7, 3 was received"
     )
-    assert repeated == Refused(RefusedReason.NOT_NEWER, "sequence 49 of train 7, 50 was heard")
+    assert repeated == Refused(RefusedReason.NOT_NEWER, "sequence 49 of train 7, 50 was received")
 
 
 @REPORTS

@@ -14,7 +14,7 @@ RADIO: Final = ("movement authority", "orders")
 def source_words(source: LoggedSource) -> tuple[str, str]:
     """Name and values of an input, or why there are none."""
     if source.number is None:
-        return source.source, "never heard" if source.source != "clock" else ""
+        return source.source, "never received" if source.source != "clock" else ""
     if source.source == TAG:
         _, values = chunk_words(TelegramParser(), SerialChunk(0, source.payload))
         return f"tag {source.number}", values

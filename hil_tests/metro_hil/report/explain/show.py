@@ -146,7 +146,7 @@ def show_known(console: Console, story: RunEvents, known: ControllerKnowledge, a
         if value:
             row.add_row(name, escape(value))
     console.print(row)
-    heard = Table(title="heard last", title_justify="left")
+    heard = Table(title="received last", title_justify="left")
     for column in ("what", "at", "values"):
         heard.add_column(column, overflow="fold")
     for each in known.heard:

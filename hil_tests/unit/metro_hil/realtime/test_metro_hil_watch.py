@@ -175,7 +175,7 @@ def test_a_silent_radio_is_shown(tmp_path: Path, kind: EventKind, cause: int, sh
 
     bench.run(unattended=False)
 
-    words = f"nothing is heard on the line's radio at {ENDPOINT}: is its wayside there, and of "
+    words = f"nothing is received on the line's radio at {ENDPOINT}: is its wayside there, and of "
     assert (words in bench.printed.getvalue()) is shown
 
 
@@ -262,7 +262,7 @@ def test_a_silent_unit_of_the_train_is_shown_as_silent(moving: Seen) -> None:
     assert "brake silent for 3 s" in text
     assert "1.25" not in text
     assert "controller" not in text
-    assert "doors not heard yet" in text
+    assert "doors not received yet" in text
 
 
 def test_a_missing_frame_of_the_controller_is_blank(moving: Seen) -> None:

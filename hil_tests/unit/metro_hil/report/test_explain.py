@@ -299,7 +299,7 @@ def test_tags_and_messages_are_decoded_as_well() -> None:
     assert "pulses 4711" in tag[1]
     assert message[0] == "movement authority 500"
     assert "end_m 1450" in message[1]
-    assert source_words(LoggedSource("orders", None, b"", None)) == ("orders", "never heard")
+    assert source_words(LoggedSource("orders", None, b"", None)) == ("orders", "never received")
 
 
 def test_kinds_are_found_in_any_spelling() -> None:
