@@ -19,7 +19,7 @@ SUPERVISION: Final = 65_100
 ROSTER_MAX: Final = 128
 """Maximum number of trains in one area."""
 SECTIONS_MAX: Final = 256
-NOBODY: Final = 0
+NO_TRAIN: Final = 0
 """Number in place of a train if there is none."""
 
 

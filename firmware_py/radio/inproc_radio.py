@@ -122,11 +122,11 @@ class InprocRadioPort:
         self._receives.clear()
 
     def is_subscribed_to(self, key: str) -> bool:
-        hears = self._receives.get(key)
-        if hears is None:
-            hears = any(keys.matches(wanted, key) for wanted in self._subscriptions)
-            self._receives[key] = hears
-        return hears and not self._closed
+        is_wanted = self._receives.get(key)
+        if is_wanted is None:
+            is_wanted = any(keys.matches(wanted, key) for wanted in self._subscriptions)
+            self._receives[key] = is_wanted
+        return is_wanted and not self._closed
 
     def hear(self, due_ns: int, number: int, key: str, payload: bytes) -> None:
         heapq.heappush(self._inbox, (due_ns, number, key, payload))

@@ -79,7 +79,9 @@ def until(done: Callable[[], bool]) -> bool:
     return False
 
 
-def heard(says: ZenohRadio, hears: ZenohRadio, wanted: T2tMessage, *others: T2tMessage) -> set[str]:
+def heard(
+    sender: ZenohRadio, receiver: ZenohRadio, wanted: T2tMessage, *others: T2tMessage
+) -> set[str]:
     """The keys received until the wanted message arrives; the other messages are sent before it
     each time."""
     keys: set[str] = set()
@@ -87,8 +89,8 @@ def heard(says: ZenohRadio, hears: ZenohRadio, wanted: T2tMessage, *others: T2tM
     def came() -> bool:
         now_ns = CLOCK.now_ns()
         for each in (*others, wanted):
-            says.send(now_ns, t2t_keys.key_of("loop", each), pack(each))
-        keys.update(each.key for each in hears.receive(now_ns))
+            sender.send(now_ns, t2t_keys.key_of("loop", each), pack(each))
+        keys.update(each.key for each in receiver.receive(now_ns))
         return t2t_keys.key_of("loop", wanted) in keys
 
     assert until(came)

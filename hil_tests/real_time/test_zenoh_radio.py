@@ -55,7 +55,7 @@ def until(condition: Callable[[], object]) -> None:
         time.sleep(0.002)
 
 
-def hears(sender: RadioPort, receiver: RadioPort, key: str, payload: bytes) -> RadioMessage:
+def passes_on(sender: RadioPort, receiver: RadioPort, key: str, payload: bytes) -> RadioMessage:
     """Send like a control cycle until a message arrives, because the first ones may be lost."""
     heard: list[RadioMessage] = []
 
@@ -84,8 +84,8 @@ def test_a_report_is_sent_and_an_authority_comes_back(radio: Opener) -> None:
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     started_ns = CLOCK.now_ns()
 
-    report = hears(train, wayside, keys.report(LINE, 7), pack(REPORT))
-    authority = hears(wayside, train, keys.authority(LINE, 0, 7), pack(AUTHORITY))
+    report = passes_on(train, wayside, keys.report(LINE, 7), pack(REPORT))
+    authority = passes_on(wayside, train, keys.authority(LINE, 0, 7), pack(AUTHORITY))
 
     assert report.key == keys.report(LINE, 7)
     assert unpack(report.payload) == REPORT
@@ -99,9 +99,9 @@ def test_a_train_receives_only_messages_for_it(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside = radio(SessionRole.WAYSIDE, endpoint)
     first, second = radio(SessionRole.TRAIN, endpoint, 1), radio(SessionRole.TRAIN, endpoint, 2)
-    hears(wayside, first, keys.authority(LINE, 0, 1), b"for 1")
+    passes_on(wayside, first, keys.authority(LINE, 0, 1), b"for 1")
 
-    assert hears(wayside, second, keys.authority(LINE, 0, 2), b"for 2").payload == b"for 2"
+    assert passes_on(wayside, second, keys.authority(LINE, 0, 2), b"for 2").payload == b"for 2"
     assert {message.payload for message in first.receive(CLOCK.now_ns())} <= {b"for 1"}
 
 
@@ -110,7 +110,7 @@ def test_no_radio_receives_its_own_messages(radio: Opener) -> None:
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
     wayside.send(CLOCK.now_ns(), keys.report(LINE, 7), b"own voice")
 
-    heard = hears(train, wayside, keys.report(LINE, 7), b"train")
+    heard = passes_on(train, wayside, keys.report(LINE, 7), b"train")
 
     assert heard.payload == b"train"
 
@@ -118,7 +118,7 @@ def test_no_radio_receives_its_own_messages(radio: Opener) -> None:
 def test_a_message_is_never_stamped_later_than_the_cycle_that_receives_it(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
-    hears(train, wayside, keys.report(LINE, 7), b"x")
+    passes_on(train, wayside, keys.report(LINE, 7), b"x")
     cycle_ns = CLOCK.now_ns()
     train.send(cycle_ns, keys.report(LINE, 7), b"after the cycle began")
 
@@ -139,33 +139,33 @@ def test_a_train_without_a_wayside_goes_on_and_finds_it_later(radio: Opener) -> 
     assert (train.counters.sent, train.counters.dropped_out) == (0, 10)
 
     wayside = radio(SessionRole.WAYSIDE, endpoint)
-    hears(train, wayside, keys.report(LINE, 7), pack(REPORT))
-    hears(wayside, train, keys.authority(LINE, 0, 7), pack(AUTHORITY))
+    passes_on(train, wayside, keys.report(LINE, 7), pack(REPORT))
+    passes_on(wayside, train, keys.authority(LINE, 0, 7), pack(AUTHORITY))
 
 
 def test_a_train_finds_a_wayside_that_was_restarted(radio: Opener) -> None:
     endpoint = pick_endpoint()
     train, wayside = radio(SessionRole.TRAIN, endpoint), radio(SessionRole.WAYSIDE, endpoint)
-    hears(train, wayside, keys.report(LINE, 7), b"before")
+    passes_on(train, wayside, keys.report(LINE, 7), b"before")
     wayside.close()
     until(lambda: not train.connected)
     train.send(CLOCK.now_ns(), keys.report(LINE, 7), b"into nothing")
 
     wayside = radio(SessionRole.WAYSIDE, endpoint)
 
-    assert hears(train, wayside, keys.report(LINE, 7), b"after").payload == b"after"
-    assert hears(wayside, train, keys.authority(LINE, 0, 7), b"again").payload == b"again"
+    assert passes_on(train, wayside, keys.report(LINE, 7), b"after").payload == b"after"
+    assert passes_on(wayside, train, keys.authority(LINE, 0, 7), b"again").payload == b"again"
 
 
 def test_a_train_with_new_subscriptions_receives_only_those(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
-    hears(wayside, train, keys.authority(LINE, 0, 7), b"before")
+    passes_on(wayside, train, keys.authority(LINE, 0, 7), b"before")
 
     train.listen([keys.authorities(LINE, 8), keys.authorities(LINE, 9)])
-    hears(wayside, train, keys.authority(LINE, 0, 8), b"one")
+    passes_on(wayside, train, keys.authority(LINE, 0, 8), b"one")
     train.listen([keys.authorities(LINE, 9)])
-    hears(wayside, train, keys.authority(LINE, 0, 9), b"other")
+    passes_on(wayside, train, keys.authority(LINE, 0, 9), b"other")
 
     for other, said in ((7, b"7"), (8, b"8"), (9, b"last")):
         wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, other), said)
@@ -183,7 +183,7 @@ def test_subscriptions_outlive_the_wayside_and_do_not_wait_for_it(
 
     for _ in range(2):
         wayside = radio(SessionRole.WAYSIDE, endpoint)
-        assert hears(wayside, train, keys.authority(LINE, 0, 8), b"x").payload == b"x"
+        assert passes_on(wayside, train, keys.authority(LINE, 0, 8), b"x").payload == b"x"
         wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, 7), b"for another")
         wayside.close()
         until(lambda: not train.connected)
@@ -193,7 +193,7 @@ def test_subscriptions_outlive_the_wayside_and_do_not_wait_for_it(
 def test_a_closed_radio_accepts_new_subscriptions(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
-    hears(wayside, train, keys.authority(LINE, 0, 7), b"x")
+    passes_on(wayside, train, keys.authority(LINE, 0, 7), b"x")
     train.close()
     train.listen([keys.authorities(LINE, 7)])
     wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, 7), b"y")
@@ -205,7 +205,7 @@ def test_a_closed_radio_accepts_new_subscriptions(radio: Opener) -> None:
 def test_an_unread_inbox_is_bounded_and_counts_dropped_messages(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
-    hears(train, wayside, keys.report(LINE, 7), b"x")
+    passes_on(train, wayside, keys.report(LINE, 7), b"x")
     before = wayside.counters.received
     key = keys.report(LINE, 7)
 
@@ -221,11 +221,11 @@ def test_an_unread_inbox_is_bounded_and_counts_dropped_messages(radio: Opener) -
 def test_a_radio_may_use_more_keys_than_publishers(radio: Opener) -> None:
     endpoint = pick_endpoint()
     wayside, train = radio(SessionRole.WAYSIDE, endpoint), radio(SessionRole.TRAIN, endpoint)
-    hears(wayside, train, keys.authority(LINE, 0, 7), b"x")
+    passes_on(wayside, train, keys.authority(LINE, 0, 7), b"x")
     for other in range(1000, 1000 + 2 * PUBLISHERS):
         wayside.send(CLOCK.now_ns(), keys.authority(LINE, 0, other), b"other")
 
-    assert hears(wayside, train, keys.authority(LINE, 0, 7), b"y").key.endswith("/7")
+    assert passes_on(wayside, train, keys.authority(LINE, 0, 7), b"y").key.endswith("/7")
     assert wayside.counters.errors == 0
 
 

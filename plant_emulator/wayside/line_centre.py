@@ -26,7 +26,7 @@ from zenoh_config.messages import (
     SpeedRestriction,
     TrainStatus,
 )
-from zenoh_config.t2t import BROADCAST, LAST_TRAIN, NOBODY, ROSTER_MAX, SUPERVISION, T2tMessage
+from zenoh_config.t2t import BROADCAST, LAST_TRAIN, NO_TRAIN, ROSTER_MAX, SUPERVISION, T2tMessage
 from zenoh_config.t2t_codec import LEASES_MAX, SILENT_MAX
 from zenoh_config.t2t_supervision import (
     Decree,
@@ -180,7 +180,7 @@ class LineCentre:
             reason = LeaseReason.HANDED_OVER
         else:
             reason = LeaseReason.RAN_OUT
-        who = NOBODY if before is None else before.holder
+        who = NO_TRAIN if before is None else before.holder
         self.leases[now.area] = LeaseNote(now.area, now.holder, now.promised, who, reason, now_ns)
         self._next_state_ns = now_ns
 

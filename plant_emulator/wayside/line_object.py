@@ -40,7 +40,7 @@ def newer_claim(demand: Demand) -> bool:
     return (claim.term, claim.nonce) > (memory.claim_term, memory.nonce)
 
 
-def nobody_in_it(demand: Demand) -> bool:
+def no_train_in_it(demand: Demand) -> bool:
     """Accept a release only if the object itself detects no train: it never moves under a train."""
     return demand.claim.kind is ClaimKind.CLAIM or not demand.occupied
 
@@ -72,7 +72,7 @@ class ObjectGuards:
     term_not_old: Callable[[ObjectTerm], bool] = term_not_old
     owner_of_term: Callable[[ObjectTerm], bool] = owner_of_term
     newer_claim: Callable[[Demand], bool] = newer_claim
-    nobody_in_it: Callable[[Demand], bool] = nobody_in_it
+    no_train_in_it: Callable[[Demand], bool] = no_train_in_it
     free_to_lock: Callable[[Demand], bool] = free_to_lock
 
 
@@ -165,7 +165,7 @@ class LineObject:
         demand = Demand(message, memory, release_wanted, occupied)
         if not (
             guards.newer_claim(demand)
-            and guards.nobody_in_it(demand)
+            and guards.no_train_in_it(demand)
             and guards.free_to_lock(demand)
         ):
             return False

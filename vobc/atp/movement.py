@@ -46,7 +46,7 @@ class Movement:
     def held_here(self, travel_m: float) -> None:
         self._held_at_m = travel_m
 
-    def begin_anew(self, travel_m: float) -> None:
+    def restart(self, travel_m: float) -> None:
         """Restart the measurement, because the train is to be held from now on."""
         self._held_at_m = self._foremost_m = travel_m
 
@@ -97,10 +97,10 @@ class Movements:
         self._counted.held_here(motion.pulses_m)
         self._believed.held_here(motion.travel_m)
 
-    def begin_anew(self, motion: Motion) -> None:
+    def restart(self, motion: Motion) -> None:
         """Restart the measurement, because the train is to be held from now on."""
-        self._counted.begin_anew(motion.pulses_m)
-        self._believed.begin_anew(motion.travel_m)
+        self._counted.restart(motion.pulses_m)
+        self._believed.restart(motion.travel_m)
 
     def jogs(self, motion: Motion, jog_back_m: float) -> None:
         """Grant a jog by both measures."""

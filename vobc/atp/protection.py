@@ -272,7 +272,7 @@ class Protection:
             # The train is to be held where it comes to rest.
             self._movement.held_here(motion)
         elif self._state is not before and self._state is Supervision.NO_AUTHORITY:
-            self._movement.begin_anew(motion)
+            self._movement.restart(motion)
         return inputs
 
     # Outputs.

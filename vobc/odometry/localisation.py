@@ -175,7 +175,7 @@ class Localisation:
         ground_m: tuple[float, float],
         bound_m: float,
         *,
-        anew: bool,
+        restarts: bool,
     ) -> None:
         """Narrow both intervals to an accepted reference, or restart them from it.
 
@@ -191,12 +191,12 @@ class Localisation:
         """
         slack_m = self._config.ground_slack_m
         low_m, high_m = front_m + since_m[0] - bound_m, front_m + since_m[2] + bound_m
-        if not anew and low_m <= self.high_m and self.low_m <= high_m:
+        if not restarts and low_m <= self.high_m and self.low_m <= high_m:
             low_m, high_m = max(low_m, self.low_m), min(high_m, self.high_m)
         self.low_m, self.high_m = low_m, high_m
         low_m = front_m + ground_m[0] - bound_m - slack_m
         high_m = front_m + ground_m[1] + bound_m + slack_m
-        if not anew and low_m <= self.ground_high_m and self.ground_low_m <= high_m:
+        if not restarts and low_m <= self.ground_high_m and self.ground_low_m <= high_m:
             low_m, high_m = max(low_m, self.ground_low_m), min(high_m, self.ground_high_m)
         self.ground_low_m, self.ground_high_m = low_m, high_m
         self._width_m = self._reach_m = 0.0
@@ -215,7 +215,7 @@ class Localisation:
         self._reach_m = max(max(self._reach_m, best_m - low_m), high_m - best_m)
         return Interval(low_m, best_m, high_m)
 
-    def begin_anew(self, front_m: float, bound_m: float) -> None:
+    def restart(self, front_m: float, bound_m: float) -> None:
         """Restart the best estimate from this reference alone."""
         self.at_m = front_m
         self._var_pp = bound_m**2

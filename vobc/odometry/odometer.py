@@ -392,7 +392,7 @@ class Odometry:
             refusal = refer.find_again(reading, *where.scale.declared_m)
             if refer.lost_cause:
                 return False, refusal
-            where.begin_anew(reading.claim_m, reading.bound_m)
+            where.restart(reading.claim_m, reading.bound_m)
         else:
             since_s = max(0.0, self._time.now_s - track.stamp_s)
             refusal = refer.judge(reading, *where.window(ground.low_mps, ground.high_mps, since_s))
@@ -400,7 +400,7 @@ class Odometry:
                 return False, refusal
         refer.accept(reading)
         refer.turned(where.pulses)
-        where.refer(front_m, since_m, where.lately_m(age_s) or over_m, bound_m, anew=lost)
+        where.refer(front_m, since_m, where.lately_m(age_s) or over_m, bound_m, restarts=lost)
         where.correct(front_m, since_m[1] / where.m_per_pulse, latch_m + rough_m + off_m)
         if honest and not off_m:
             where.measure(site.position_m, reading.pulses, bound_m)

@@ -16,7 +16,7 @@ from vobc.train_to_train.guards import InLine, MasterGuards, Neighbours
 from vobc.train_to_train.occupancy import UNBOUNDED_M, TrainRecord
 from vobc.train_to_train.roster import Order, placed
 from vobc.train_to_train.vocabulary import T2tConfig
-from zenoh_config.t2t import NOBODY, ROSTER_MAX, AdmissionState, RosterEntry, TrainReport
+from zenoh_config.t2t import NO_TRAIN, ROSTER_MAX, AdmissionState, RosterEntry, TrainReport
 
 APART_M: Final = 20.0
 """Distance behind an admitted train that must be free of shadow trains.
@@ -54,7 +54,7 @@ class AdmissionGuardInputs(NamedTuple):
 
 class Waiting(NamedTuple):
     state: AdmissionState
-    waits_for: int = NOBODY
+    waits_for: int = NO_TRAIN
 
 
 def admitted(
@@ -68,7 +68,7 @@ def admitted(
     if len(order) >= ROSTER_MAX:
         return Waiting(AdmissionState.FULL)
     at = sum(1 for _ in _ahead(order, report, scene))
-    ahead = order[at - 1].train if at else NOBODY
+    ahead = order[at - 1].train if at else NO_TRAIN
     rear_m = report.rear_min_m - config.behind_rear_m
     place = Neighbours(
         behind_m=scene.reserved_m.get(order[at].train, UNBOUNDED_M) if at < len(order) else rear_m,

@@ -14,7 +14,7 @@ from vobc.train_to_train.roles import ROLES, RoleGuardInputs, next_role
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig
 from zenoh_config.t2t import (
     BROADCAST,
-    NOBODY,
+    NO_TRAIN,
     AreaAuthority,
     Heartbeat,
     LeaseAnswer,
@@ -219,7 +219,7 @@ class AreaParticipant:
 
         Its own messages may still arrive, so the others would go on waiting for it.
         """
-        somebody_waits = master.succession.standby != NOBODY
+        somebody_waits = master.succession.standby != NO_TRAIN
         return somebody_waits and (
             now_ns >= self._deaf_ns() or master.receives_from_no_train(now_ns)
         )
@@ -235,7 +235,7 @@ class AreaParticipant:
             self._quiet_until_ns = self._next_try_ns(now_ns)
             return self._ask(now_ns, self.lease.give_back(now_ns))
         if role in COMMANDING and self.role not in COMMANDING:
-            standby = NOBODY if self.master is None else self.master.succession.standby
+            standby = NO_TRAIN if self.master is None else self.master.succession.standby
             self.master = None
             self.member.master_heard_ns = now_ns
             if now_ns >= self._deaf_ns():
@@ -243,7 +243,7 @@ class AreaParticipant:
                 # would only obstruct a train with a working receiver.
                 self._quiet_until_ns = now_ns + 2 * self._config.timers.lease_ms * NS_PER_MS
             sent = self._ask(now_ns, self.lease.give_back(now_ns))
-            if standby != NOBODY and not sight.fenced:
+            if standby != NO_TRAIN and not sight.fenced:
                 sent.append(SwitchStep(*self._head(now_ns, standby), SwitchKind.RESIGN, 0, standby))
             return sent
         return []
@@ -349,7 +349,7 @@ class AreaParticipant:
         """
         if self.member.beat_ns == 0:
             return []
-        sent = self._report(now_ns, own, (0, NOBODY))
+        sent = self._report(now_ns, own, (0, NO_TRAIN))
         if sent:
             self._report_ns += self._config.timers.cycle_ms * NS_PER_MS
         return sent

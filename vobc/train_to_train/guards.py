@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
-from zenoh_config.t2t import NOBODY, AreaAuthority, ObjectState, ObjectStatus
+from zenoh_config.t2t import NO_TRAIN, AreaAuthority, ObjectState, ObjectStatus
 
 
 class Offer(NamedTuple):
@@ -246,7 +246,7 @@ def comes_in_line(line: InLine) -> bool:
     """No unregistered train can be between the applicant and the train ahead."""
     if not line.comes_over_border:
         return True
-    return line.has_authority_there and line.behind in (NOBODY, line.ahead)
+    return line.has_authority_there and line.behind in (NO_TRAIN, line.ahead)
 
 
 class Claimed(NamedTuple):

@@ -65,7 +65,7 @@ class Conclusions:
         """
         record = self.records[report.source]
         if report.term == self.term and report.boot > record.boot:
-            record.anew_m = report.latent_m
+            record.restarted_m = report.latent_m
             if report.localised:
                 record.anew_rear_m = rear_max_m(report)
 
@@ -156,7 +156,7 @@ class Conclusions:
                 own_m = record.granted_m
                 bound_m = min(bound_m, own_m)
             elif record.anew_rear_m >= record.rear_m - self._config.behind_rear_m:
-                own_m = record.anew_m
+                own_m = record.restarted_m
             reserved_m[entry.train] = own_m if own_m < UNBOUNDED_M else bound_m
         return reserved_m
 

@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from vobc.train_to_train.guards import Attempt, Granted, LeaseClock, LeaseGuards, Terms, Votes
 from vobc.train_to_train.vocabulary import T2tConfig
-from zenoh_config.t2t import NOBODY, LeaseAnswer, LeaseKind, RosterEntry
+from zenoh_config.t2t import NO_TRAIN, LeaseAnswer, LeaseKind, RosterEntry
 from zenoh_config.timers import NS_PER_MS
 
 ATTEMPT_NS: Final = 100 * NS_PER_MS
@@ -64,7 +64,7 @@ class Lease:
         """The newest roster among the answers of the majority that granted the lease."""
         self.refused_term = 0
         """Highest term that an arbiter has acknowledged to any train."""
-        self.successor = NOBODY
+        self.successor = NO_TRAIN
         self.wait_until_ns = 0
         """Time by this train's clock before which no majority of arbiters can grant the request."""
         self.beaten = False
@@ -84,7 +84,7 @@ class Lease:
         """Request the lease. The caller must store the term as tried before sending."""
         self.state = LeaseState.ASKED
         self.term = self._guards.unused_term(Terms(seen_term, self.refused_term, tried_term))
-        self.adopted, self.successor, self.beaten = NOTHING_KEPT, NOBODY, False
+        self.adopted, self.successor, self.beaten = NOTHING_KEPT, NO_TRAIN, False
         self.wait_until_ns = 0
         self._asked, self._refusers = {}, set()
         self._asked_ns = now_ns

@@ -82,7 +82,7 @@ from vobc.train_to_train.vocabulary import T2tConfig
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
-    NOBODY,
+    NO_TRAIN,
     SUPERVISION,
     Admission,
     AdmissionState,
@@ -297,7 +297,7 @@ class Master:
             order, changed = result, True
             record = self._known.table.of(train, rear_m=report.rear_min_m, now_ns=received_at_ns)
             record.on_message(report, received_at_ns, term=self.term, jog_m=self._config.jog_m)
-            sent.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NOBODY))
+            sent.append(Admission(*self._head(now_ns, train), AdmissionState.COMMITTING, NO_TRAIN))
         order, sieved = self._sieve(order, now_ns)
         if changed or sieved:
             self.roster.propose([e._replace(rear_m=records[e.train].rear_m) for e in order])
@@ -404,7 +404,7 @@ class Master:
             report.stamp_ns,
             end_m,
             rear_m,
-            NOBODY if ahead is None else ahead.train,
+            NO_TRAIN if ahead is None else ahead.train,
             rank,
             restrictions_for(
                 self._track.restrictions if self._track else (), rear_m=rear_m, end_m=end_m
@@ -414,7 +414,7 @@ class Master:
     def _sync(self, now_ns: int) -> list[T2tMessage]:
         """Records for the standby. They are sent before the authorities that they concern."""
         standby = self.succession.standby
-        if standby == NOBODY:
+        if standby == NO_TRAIN:
             return []
         head = self._head(now_ns, standby)
         return [StandbySync(*head, self.roster.version, self._known.sync_entries())]

@@ -2,7 +2,7 @@
 
 from vobc.train_to_train.guards import Fence, Latency, MemberGuards, Offer
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain
-from zenoh_config.t2t import NOBODY, AreaAuthority, Heartbeat, T2tMessage
+from zenoh_config.t2t import NO_TRAIN, AreaAuthority, Heartbeat, T2tMessage
 from zenoh_config.timers import NS_PER_MS, LineTimers
 
 RANK_OF_A_STRANGER: int = 4
@@ -36,7 +36,7 @@ class AreaMember:
         """When the train last received a message of the master, or began to listen."""
         self.beat_ns = 0
         """`stamp_ns` of the newest heartbeat of the highest known term. 0: none received."""
-        self.standby = NOBODY
+        self.standby = NO_TRAIN
         self.rank = RANK_OF_A_STRANGER
         self.promised_anew = False
         """A new term was received, and the train must acknowledge it at once."""

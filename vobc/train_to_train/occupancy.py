@@ -49,7 +49,7 @@ class TrainRecord:
     """Farthest place by its newest report, even if the train has lost its position."""
     served: bool = False
     """The train received an authority under this master's term."""
-    anew_m: float = UNBOUNDED_M
+    restarted_m: float = UNBOUNDED_M
     """Farthest place by anything that it holds, for a train that has since restarted and obeys no
     older term."""
     anew_rear_m: float = -UNBOUNDED_M

@@ -4,7 +4,7 @@ import enum
 from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
-from zenoh_config.t2t import NOBODY
+from zenoh_config.t2t import NO_TRAIN
 
 
 class SwitchState(enum.Enum):
@@ -28,7 +28,7 @@ class SwitchGuardInputs(NamedTuple):
 
 
 def asked_for(look: SwitchGuardInputs) -> bool:
-    return look.wanted != NOBODY and look.successor_fit
+    return look.wanted != NO_TRAIN and look.successor_fit
 
 
 def all_said_ready(look: SwitchGuardInputs) -> bool:
@@ -55,7 +55,7 @@ TRANSITIONS: Final[Mapping[SwitchState, tuple[tuple[Guard, SwitchState], ...]]] 
 class PlannedSwitch:
     def __init__(self, limit_ns: int) -> None:
         self.state = SwitchState.IDLE
-        self.successor = NOBODY
+        self.successor = NO_TRAIN
         self.nonce = 0
         self.aborted = 0
         """Nonce of the last switch that was given up."""
@@ -71,7 +71,7 @@ class PlannedSwitch:
         running = self.state is not SwitchState.IDLE
         look = SwitchGuardInputs(
             wanted=wanted,
-            successor_fit=target != NOBODY and fit(target),
+            successor_fit=target != NO_TRAIN and fit(target),
             successor_ready=self.successor_ready,
             all_ready=running and all_ready(),
             timed_out=now_ns - self._began_ns >= self._limit_ns,
@@ -88,7 +88,7 @@ class PlannedSwitch:
             self.successor, self.successor_ready = wanted, False
             self._began_ns = now_ns
         elif state is SwitchState.IDLE:
-            self.aborted, self.successor = self.nonce, NOBODY
+            self.aborted, self.successor = self.nonce, NO_TRAIN
 
     def is_ready(self, train: int, nonce: int) -> None:
         if self.state is SwitchState.PREPARING and (train, nonce) == (self.successor, self.nonce):

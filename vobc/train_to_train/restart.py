@@ -63,7 +63,7 @@ from vobc.train_to_train.inference import Conclusions
 from vobc.train_to_train.occupancy import UNBOUNDED_M, TrainRecord, rear_max_m
 from vobc.train_to_train.roster import Order
 from vobc.train_to_train.vocabulary import T2tConfig
-from zenoh_config.t2t import NOBODY, RosterEntry, TrainReport
+from zenoh_config.t2t import NO_TRAIN, RosterEntry, TrainReport
 
 RECENT_NS: Final = 10_000_000_000
 """Shortest time in which a train can leave the line and come back."""
@@ -90,18 +90,18 @@ class Neighbour(NamedTuple):
     """Its place is known from the registered incarnation, or from a recent report of a new one."""
     rear_max_m: float = UNBOUNDED_M
     """Farthest place that its rear has reached. By default this is unknown."""
-    anew_m: tuple[float, float] | None = None
+    restarted_m: tuple[float, float] | None = None
     """Least and greatest place of its rear by the reports of a new incarnation, if it may have
     stayed on the line. If two restarted trains changed places, the master cannot know which one was
     away."""
 
     @property
     def told_m(self) -> float:
-        return self.rear_m if self.anew_m is None else max(self.rear_m, self.anew_m[0])
+        return self.rear_m if self.restarted_m is None else max(self.rear_m, self.restarted_m[0])
 
     def is_behind(self, rear_m: float) -> bool:
         """Whether it is behind this place by the reports of its new incarnation."""
-        return self.anew_m is not None and self.anew_m[1] < rear_m
+        return self.restarted_m is not None and self.restarted_m[1] < rear_m
 
 
 class Former(NamedTuple):
@@ -146,8 +146,8 @@ def whereabouts(
 def _among_neighbours(former: Former, report: TrainReport, *, proven: bool) -> RestartPlace:
     """Place of a train that may have been away: its neighbours have to confirm the order."""
     unheard = not all(each.heard for each in former.behind)
-    anew = [each for each in former.behind if each.anew_m is not None]
-    changed = not all(each.is_behind(report.rear_min_m) for each in anew)
+    restarted = [each for each in former.behind if each.restarted_m is not None]
+    changed = not all(each.is_behind(report.rear_min_m) for each in restarted)
     # The known place of a train ahead may be old. It may have run on, or been passed.
     passed = [each for each in former.ahead if each.told_m < report.front_max_m]
     if changed or unheard or not all(each.is_behind(report.rear_min_m) for each in passed):
@@ -209,7 +209,7 @@ class RestartedTrains:
             former = known.records[entry.train]
             told = former.report
             recent = told is not None and known.is_of_last(RECENT_NS, told, now_ns)
-            ahead = settled[-1].train if settled else NOBODY
+            ahead = settled[-1].train if settled else NO_TRAIN
             followers = [each for each in order[at + 1 :] if each.train in known.records]
             behind = [self._neighbour(each, known, now_ns) for each in followers]
             before = [self._neighbour(each, known, now_ns) for each in settled]
@@ -257,8 +257,8 @@ class RestartedTrains:
         if _is_farther_back(report, record, self._config.behind_rear_m):
             # It came back elsewhere and no train passed it. Its own entry decides about that.
             return Neighbour(record.rear_m, heard=True)
-        anew_m = report.rear_min_m, known.rear_max_m(report, now_ns)
-        return Neighbour(record.rear_m, heard=True, anew_m=anew_m)
+        restarted_m = report.rear_min_m, known.rear_max_m(report, now_ns)
+        return Neighbour(record.rear_m, heard=True, restarted_m=restarted_m)
 
     def _find(
         self,
@@ -270,7 +270,7 @@ class RestartedTrains:
         recent: bool,
     ) -> RestartPlace:
         config, record = self._config, former.record
-        ahead_m = scene.area.end_m if ahead == NOBODY else scene.records[ahead].rear_m
+        ahead_m = scene.area.end_m if ahead == NO_TRAIN else scene.records[ahead].rear_m
         # At least its foremost axle would be here. The preceding area's master judges the track
         # before the area.
         foremost_m = record.rear_m - config.behind_rear_m + SHORTEST_M - config.overhang_m

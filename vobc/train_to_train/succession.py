@@ -4,14 +4,14 @@ from collections.abc import Callable, Sequence
 
 from vobc.train_to_train.message_heads import MessageHead
 from vobc.train_to_train.planned_switch import PlannedSwitch, SwitchState
-from zenoh_config.t2t import BROADCAST, NOBODY, SwitchKind, SwitchStep, T2tMessage
+from zenoh_config.t2t import BROADCAST, NO_TRAIN, SwitchKind, SwitchStep, T2tMessage
 
 
 class Succession:
     def __init__(self, own: int, limit_ns: int) -> None:
-        self.wanted = NOBODY
+        self.wanted = NO_TRAIN
         """Train that supervision orders to become master."""
-        self.standby = NOBODY
+        self.standby = NO_TRAIN
         self.switch = PlannedSwitch(limit_ns)
         self._own = own
         self._aborted = 0
@@ -20,7 +20,7 @@ class Succession:
     def named(self) -> int:
         """Train that may acquire the lease although the present lease still runs."""
         committed = self.switch.state is SwitchState.COMMITTED
-        return self.switch.successor if committed else NOBODY
+        return self.switch.successor if committed else NO_TRAIN
 
     def choose_standby(self, fit: Sequence[int]) -> None:
         """Keep the standby while it is fit. Otherwise take the rearmost fit train, which stays
@@ -30,7 +30,7 @@ class Succession:
             fit: foremost first.
         """
         if self.standby not in fit:
-            self.standby = fit[-1] if fit else NOBODY
+            self.standby = fit[-1] if fit else NO_TRAIN
 
     def step(
         self,
@@ -46,11 +46,11 @@ class Succession:
             away: the master itself has to leave.
             ready: each train that reports, with the switch for which it is ready.
         """
-        wanted = self.wanted or (self.standby if away else NOBODY)
+        wanted = self.wanted or (self.standby if away else NO_TRAIN)
         if wanted == self._own:
-            wanted = self.wanted = NOBODY
+            wanted = self.wanted = NO_TRAIN
         switch = self.switch
-        if wanted != NOBODY and fit(wanted):
+        if wanted != NO_TRAIN and fit(wanted):
             # The successor must know what a standby knows.
             self.standby = wanted
         before = switch.state
@@ -61,7 +61,7 @@ class Succession:
             all_ready=lambda: all(nonce == switch.nonce for _, nonce in ready),
         )
         if switch.state is SwitchState.IDLE and before is not SwitchState.IDLE:
-            self.wanted = NOBODY
+            self.wanted = NO_TRAIN
         return switch.state is not before
 
     def steps(self, now_ns: int, head: Callable[[int, int], MessageHead]) -> list[T2tMessage]:
@@ -77,7 +77,9 @@ class Succession:
             to, kind = switch.successor, SwitchKind.COMMIT
         elif switch.aborted != self._aborted:
             self._aborted = switch.aborted
-            return [SwitchStep(*head(now_ns, BROADCAST), SwitchKind.ABORT, switch.aborted, NOBODY)]
+            return [
+                SwitchStep(*head(now_ns, BROADCAST), SwitchKind.ABORT, switch.aborted, NO_TRAIN)
+            ]
         else:
             return []
         return [SwitchStep(*head(now_ns, to), kind, switch.nonce, switch.successor)]

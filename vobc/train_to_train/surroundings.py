@@ -59,7 +59,7 @@ class Surroundings:
             self._halts[report.source] = Halt(since_ns, report)
 
     def is_far(self, report: TrainReport) -> bool:
-        """The train is so far before the area that it does not approach it yet."""
+        """The train does not approach the area yet."""
         return report.front_max_m < self._area.start_m - self._apply_m
 
     def passes(self, report: TrainReport, now_ns: int) -> None:
@@ -110,14 +110,14 @@ class Surroundings:
         """Inputs that decide on the removal of a train."""
         others = list(strangers)
         # A report that was long under way still shows that the train exists.
-        anew = {
+        present = {
             e.source for e, received_at_ns in others if self._known.is_alive(received_at_ns, now_ns)
         }
         return TrackObservation(
             self._counts,
             track,
             tuple(self._standing_there(others, track, now_ns).values()),
-            anew,
+            present,
             self._area.end_m,
         )
 

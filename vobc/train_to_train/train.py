@@ -19,7 +19,7 @@ from vobc.train_to_train.vocabulary import (
     T2tConfig,
     TrainMemory,
 )
-from zenoh_config.t2t import NOBODY, AreaAuthority, LineOrder, OrderKind, T2tMessage
+from zenoh_config.t2t import NO_TRAIN, AreaAuthority, LineOrder, OrderKind, T2tMessage
 from zenoh_config.timers import NS_PER_MS
 
 FAREWELL_M: Final = 150.0
@@ -263,7 +263,7 @@ class TrainCore:
                 held = desk.member.held
                 if held is not None and desk.member.is_young(now_ns):
                     return number, held.behind
-        return 0, NOBODY
+        return 0, NO_TRAIN
 
     def _authority(self, now_ns: int, own: OwnTrain) -> HeldAuthority | None:
         """Combine the authorities of the areas from the rear onwards.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from zenoh_config.messages import SpeedRestriction
-from zenoh_config.t2t import NOBODY, T2tMessage
+from zenoh_config.t2t import NO_TRAIN, T2tMessage
 from zenoh_config.timers import TIMERS_A, LineTimers
 
 NO_TERM: Final = 0
@@ -83,7 +83,7 @@ class AreaMemory(NamedTuple):
     area: int
     seen_term: int = NO_TERM
     """Highest term that the train has received or held."""
-    owner: int = NOBODY
+    owner: int = NO_TRAIN
     """Address of the master that owns seen_term."""
     tried_term: int = NO_TERM
     """Highest term for which the train has ever applied."""

@@ -13,7 +13,7 @@ from typing import Final
 from metro_hil.simulation.true_train import ROLL_BACK_MAX_M, BrakeLoopGrant, TrueTrain
 
 NS_PER_MS: Final = 1_000_000
-NOBODY: Final = 0
+NO_TRAIN: Final = 0
 """Issuer of an authority whose term is no longer the newest one that its train knows."""
 CYCLE_M: Final = 4.0
 """Allowance for a train whose authority is shortened: it notices within one control cycle."""
@@ -101,7 +101,7 @@ class Checker:
         self.looked[f"{invariant} broken"] += 1
 
     def _check_issuer(self, address: int, grant: BrakeLoopGrant) -> None:
-        if grant.issuer == NOBODY:
+        if grant.issuer == NO_TRAIN:
             return
         self.looked["19"] += 1
         issuer = self._issuers.setdefault((grant.area, grant.term), grant.issuer)

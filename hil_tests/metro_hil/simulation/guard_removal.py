@@ -150,7 +150,7 @@ ARGUED: Final[Mapping[str, str]] = {
         "Terms have one owner each (arbiter.term_is_new); the envelope's code keeps out "
         "senders that pretend to be the owner."
     ),
-    "object.nobody_in_it": (
+    "object.no_train_in_it": (
         "This is the interlocking's own last check. Masters release only what no train of the "
         "roster can reach (master.cannot_reach), and no train is within what no train can "
         "reach."

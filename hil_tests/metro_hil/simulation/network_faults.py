@@ -257,11 +257,11 @@ class NetworkFaults:
         self.net.step_clock(address, -self._span_ns(1.0, 5000.0))
         self._void.add(address)
 
-        def anew(_: object) -> None:
+        def restart(_: object) -> None:
             self._void.discard(address)
             self._kill(address)
 
-        self._later(self._span_ns(500.0, 10000.0), anew)
+        self._later(self._span_ns(500.0, 10000.0), restart)
 
 
 def _ways(pairs: Sequence[tuple[int, int]]) -> str:

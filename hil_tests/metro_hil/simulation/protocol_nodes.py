@@ -30,7 +30,7 @@ from vobc.train_to_train.vocabulary import (
 )
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
-    NOBODY,
+    NO_TRAIN,
     Heartbeat,
     ObjectClaim,
     ObjectState,
@@ -194,7 +194,7 @@ class Mute:
 
 def _grant(held: Any, memory: TrainMemory) -> BrakeLoopGrant:
     seen = memory.of_area(held.area)
-    issuer = seen.owner if seen.seen_term == held.term else NOBODY
+    issuer = seen.owner if seen.seen_term == held.term else NO_TRAIN
     return BrakeLoopGrant(
         held.end_m, held.term, held.sequence, issuer, held.area, held.echo_ns, held.rear_m
     )

@@ -130,7 +130,7 @@ class SimulatedDriver:
         self._speed_max_mps = speed_max_mps
         self._age_max_ns = checker.rules.age_max_ns
 
-    def begins_anew(self) -> None:
+    def restart(self) -> None:
         """Brake at the start of a new incarnation, which has none of the former authorities.
 
         The brake acts from the first output on, before the train reports how far it can still come.

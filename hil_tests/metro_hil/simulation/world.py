@@ -95,7 +95,7 @@ class SimulatedLine:
 
     def _start_train(self, node: SimulatedNode, now_ns: int) -> NodeMachine:
         driver = self.drivers[node.address]
-        driver.begins_anew()
+        driver.restart()
         return TrainNodeController(self.crew.train(node, now_ns), driver, self.net, self.checker)
 
     def _add(

@@ -20,7 +20,7 @@ from metro_hil.supervision.view import (
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack
 from zenoh_config.messages import WAYSIDE, SpeedRestriction
-from zenoh_config.t2t import NOBODY, SUPERVISION, LineOrder, OrderKind, T2tMessage
+from zenoh_config.t2t import NO_TRAIN, SUPERVISION, LineOrder, OrderKind, T2tMessage
 from zenoh_config.t2t_supervision import (
     Decree,
     DecreeAnswer,
@@ -211,7 +211,7 @@ class SupervisionConsole:
         self,
         kind: DecreeKind,
         *,
-        train: int = NOBODY,
+        train: int = NO_TRAIN,
         start_m: float = 0.0,
         end_m: float = 0.0,
         limit_mps: float = 0.0,
@@ -319,7 +319,7 @@ def _answers(state: LineState, decree: Decree) -> bool:
 
 def _subject(decree: Decree) -> str:
     """Return the train or stretch of a command as text."""
-    if decree.train != NOBODY:
+    if decree.train != NO_TRAIN:
         return f"train {decree.train}"
     stretch = stretch_words(SpeedRestriction(decree.start_m, decree.end_m, decree.limit_mps))
     if decree.kind is DecreeKind.RESTRICT:

@@ -10,7 +10,7 @@ from zenoh_config import keys, t2t_keys
 from zenoh_config.codec import BENCH_KEY, unpack
 from zenoh_config.messages import SpeedRestriction, TrainStatus
 from zenoh_config.t2t import (
-    NOBODY,
+    NO_TRAIN,
     Admission,
     AdmissionState,
     Heartbeat,
@@ -124,7 +124,7 @@ class LineView:
     def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
         known = self.commands.get(heartbeat.area)
         if known is None:
-            self.commands[heartbeat.area] = Command(heartbeat, now_ns, now_ns, NOBODY)
+            self.commands[heartbeat.area] = Command(heartbeat, now_ns, now_ns, NO_TRAIN)
         elif heartbeat.term > known.heartbeat.term:
             before = known.heartbeat.source
             self.commands[heartbeat.area] = Command(heartbeat, now_ns, now_ns, before)
@@ -203,7 +203,7 @@ class LineView:
         standby = f"train {heartbeat.standby}" if heartbeat.standby else "none"
         words = f"area {area}: train {heartbeat.source} {doing}, term {heartbeat.term}"
         words += f", standby {standby}"
-        if command.before != NOBODY:
+        if command.before != NO_TRAIN:
             words += f"; before, train {command.before} did"
         return words
 
@@ -283,7 +283,7 @@ def protection_words(status: TrainStatus) -> str:
 
 def waiting_words(admission: Admission) -> str:
     state, area, ahead = admission.state, admission.area, admission.waits_for
-    if ahead != NOBODY:
+    if ahead != NO_TRAIN:
         return f"waits for T{ahead} in area {area}: {WAITS[state]}"
     why = NO_WAY if state is AdmissionState.WAITS else WAITS[state]
     return f"waits in area {area}: {why}"

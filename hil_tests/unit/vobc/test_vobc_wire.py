@@ -410,8 +410,8 @@ def test_a_restarted_reader_has_another_clock() -> None:
     (reading,) = inbox.image(1400 * MS, dt_s=0.1, overruns=0).tags
     assert reading.age_s == pytest.approx(0.230 + 0.002 + 0.500, abs=0.001), "in sequence"
 
-    anew = replace(tag, sequence=90, stamp_ms=1170.0, sent_ms=1200.0)
-    inbox.take_serial([SerialChunk(2100 * MS, encode(anew))])
+    resent = replace(tag, sequence=90, stamp_ms=1170.0, sent_ms=1200.0)
+    inbox.take_serial([SerialChunk(2100 * MS, encode(resent))])
     (reading,) = inbox.image(2100 * MS, dt_s=0.1, overruns=0).tags
     assert reading.age_s == pytest.approx(0.030 + 0.002, abs=0.001), "back in the sequence"
 

@@ -24,7 +24,7 @@ from metro_tools.mutate.mutations import mutated
 from metro_tools.mutate.task import PYTEST_ARGS, FreshImportTask, MutantOrder, MutantTask
 
 
-class Anew:
+class FreshImportPlugin:
     """A pytest plugin for tests in a separate process: it sets their order and reports the first
     failure.
     """
@@ -56,7 +56,7 @@ def last_told(text: str) -> str:
     return text.splitlines()[-1] if text else ""
 
 
-def try_anew(task: MutantTask, orders: FreshImportTask, report: TextIO) -> int:
+def try_fresh(task: MutantTask, orders: FreshImportTask, report: TextIO) -> int:
     """Try each order in a fork of this process, which has imported nothing of the project."""
 
     def ended(name: tuple[str, int], code: int, text: str) -> None:
@@ -88,7 +88,9 @@ def _run(task: MutantTask, order: MutantOrder, folder: str, told: TextIO) -> int
     tree = mutated(path.read_text(encoding="utf-8"), order.number)
     install(order.module.removesuffix(".py").replace("/", "."), path, tree)
     files = dict.fromkeys(name.split("::")[0] for name in order.tests)
-    return int(pytest.main(["-x", *PYTEST_ARGS, *files], plugins=[Anew(order.tests, told)]))
+    return int(
+        pytest.main(["-x", *PYTEST_ARGS, *files], plugins=[FreshImportPlugin(order.tests, told)])
+    )
 
 
 def _import(names: Iterable[str]) -> None:

@@ -18,7 +18,6 @@ from typing import Any, TextIO
 
 import pytest
 
-from metro_tools.mutate.anew import last_told, tell_test, try_anew
 from metro_tools.mutate.examples import few, same_always
 from metro_tools.mutate.forks import (
     EXIT_ANEW,
@@ -30,6 +29,7 @@ from metro_tools.mutate.forks import (
     result_of,
     write_line,
 )
+from metro_tools.mutate.fresh_import import last_told, tell_test, try_fresh
 from metro_tools.mutate.module_finder import Living, NotSwappableError
 from metro_tools.mutate.mutations import Mutant, mutants_of, mutated
 from metro_tools.mutate.result import KILLED, SURVIVED, UNREACHED
@@ -227,7 +227,7 @@ def try_group(task: MutantTask, report: TextIO) -> int:
         os.close(write_fd)
         with os.fdopen(read_fd, encoding="utf-8") as orders:
             told = orders.read()
-        status = try_anew(task, _orders(told), report) if told else 0
+        status = try_fresh(task, _orders(told), report) if told else 0
         report.flush()
         os._exit(status)
     os.close(read_fd)

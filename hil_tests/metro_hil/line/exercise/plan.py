@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from firmware_py.trackdb import LineMap
-from zenoh_config.t2t import LAST_TRAIN, NOBODY
+from zenoh_config.t2t import LAST_TRAIN, NO_TRAIN
 
 AHEAD: Final = 2
 """Number of stations from the start of each train to its end."""
@@ -75,7 +75,7 @@ ONE_WAY: Final = (Strike.MUTE_MASTER, Strike.DEAFEN_MASTER)
 class Fault:
     strike: Strike
     at_s: float
-    train: int = NOBODY
+    train: int = NO_TRAIN
     """Only for RESTART_TRAIN."""
 
 

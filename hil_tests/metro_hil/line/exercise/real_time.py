@@ -27,7 +27,7 @@ from metro_hil.model.subprocesses import ChildError
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import SUPERVISION_NAME
-from zenoh_config.t2t import NOBODY
+from zenoh_config.t2t import NO_TRAIN
 
 POLL_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
@@ -224,8 +224,8 @@ class RealLine:
         for child in crew.ended():
             if child.name in self._absent:
                 continue
-            train = self._stopped.pop(child.name, NOBODY)
-            if train == NOBODY:
+            train = self._stopped.pop(child.name, NO_TRAIN)
+            if train == NO_TRAIN:
                 raise ChildError(f"{child.name} ended {child.end_words()}:\n{child.last_words()}")
             now_ns = self._clock.now_ns()
             self._tell(now_ns, f"train {train}: its watchdog ended it, {child.end_words()}")
@@ -251,7 +251,7 @@ class RealLine:
         area, train = self._master()
         if strike is Strike.RESTART_TRAIN:
             train = fault.train
-        elif train == NOBODY:
+        elif train == NO_TRAIN:
             words = f"{strike.value.removesuffix('-at')}: no train commands, so none is struck"
             self._tell(now_ns, words)
             self.story.missed_strikes.append(words)
@@ -313,4 +313,4 @@ class RealLine:
         """Return the rearmost commanded area and its master."""
         for number, area in sorted(self.story.areas.items()):
             return number, area.heartbeat.source
-        return 0, NOBODY
+        return 0, NO_TRAIN

@@ -121,8 +121,8 @@ def hangs_over_the_border(make: Make) -> None:
 def gone_before_the_border(make: Make) -> None:
     """A train that stood before the border is taken off the line and set on again behind another.
 
-    The next area receives no axle counts from so far before its border. It must not wait for the
-    old roster entry.
+    The next area receives no axle counts from places far before its border. It must not wait for
+    the old roster entry.
     """
     fronts_m = {BEHIND: 1500.0, OVER: 1780.0, AHEAD: 3000.0}
     scene = make(Plot(fronts_m, line=_line(1000.0), stops_m=(1500.0, 1780.0, 3000.0), dwell_s=90.0))

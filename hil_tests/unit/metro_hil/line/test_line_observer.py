@@ -206,11 +206,11 @@ def test_one_train_whose_places_are_old_makes_the_run_invalid(tmp_path: Path) ->
 
 def test_an_observer_that_judges_too_slowly_makes_the_run_invalid(tmp_path: Path) -> None:
     run = line(tmp_path)
-    hears = run.record.on_message
+    on_message = run.record.on_message
 
     def slow(messages: Sequence[RadioMessage]) -> None:
         clock: Any = run._clock
-        hears(messages)
+        on_message(messages)
         if clock.ns // S == START_MS // 1000 + 2:
             clock.ns += S
 
@@ -226,7 +226,7 @@ def test_an_early_emergency_brake_is_judged_only_with_recent_messages(
     """At 0.8 s an observer that lags cannot know whether the train was already commanded."""
     told = [(800, Supervision.EMERGENCY, int(Cause.OVERSPEED))]
 
-    def hears(now_ns: int) -> list[ProtectionOutput]:
+    def on_message(now_ns: int) -> list[ProtectionOutput]:
         due = [each for each in told if now_ns >= (START_MS + each[0]) * MS]
         told[:] = told[len(due) :]
         return [ProtectionOutput(now_ns, 2, supervision, cause) for _, supervision, cause in due]
@@ -238,7 +238,7 @@ def test_an_early_emergency_brake_is_judged_only_with_recent_messages(
     air.withheld = {"AreaAuthority", "TrainReport"}
     run._beginning = lambda now_ns: now_ns if now_ns > (START_MS + 2000) * MS else None  # type: ignore[method-assign]
 
-    said = watched(run, air, SimpleNamespace(on_message=hears, dropped=0))
+    said = watched(run, air, SimpleNamespace(on_message=on_message, dropped=0))
 
     assert len(run.story.train(2).emergencies) == 1
     assert (said == []) is valid

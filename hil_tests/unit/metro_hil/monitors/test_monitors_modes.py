@@ -190,7 +190,7 @@ def test_there_are_three_jogs_at_a_stop(rig: Rig, jogs: int, verdict: Verdict) -
     assert rig.margin("inv-10-jog-attempts") == 3 - jogs
 
 
-def test_jogs_at_another_stop_are_counted_anew(rig: Rig) -> None:
+def test_jogs_at_another_stop_are_counted_again(rig: Rig) -> None:
     jogging(rig)
     for _ in range(4):
         rig.step(20, speed_mps=0.5)

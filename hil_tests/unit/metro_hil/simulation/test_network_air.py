@@ -10,7 +10,7 @@ from metro_hil.simulation.authority_checks import AuthorityChecks, LeaseRules
 from metro_hil.simulation.checker import ViolationError
 from metro_hil.simulation.node import QueuedMessage
 from zenoh_config.t2t import (
-    NOBODY,
+    NO_TRAIN,
     LeaseAnswer,
     LeaseKind,
     LeaseRequest,
@@ -49,7 +49,9 @@ class Line:
         self.now_ns = 0
         self._sequence = 0
 
-    def ask(self, train: int, term: int, kind: LeaseKind, successor: int = NOBODY) -> LeaseRequest:
+    def ask(
+        self, train: int, term: int, kind: LeaseKind, successor: int = NO_TRAIN
+    ) -> LeaseRequest:
         self._sequence += 1
         self.now_ns += NS_PER_MS
         head = train, 0, AREA, term, 1, self._sequence, self.now_ns

@@ -33,15 +33,15 @@ class Radio:
 
 
 @pytest.fixture
-def hears(monkeypatch: pytest.MonkeyPatch) -> Callable[[Radio], None]:
+def receives(monkeypatch: pytest.MonkeyPatch) -> Callable[[Radio], None]:
     monkeypatch.setattr(radio_log_live, "PATIENCE_S", 0.1)
     return lambda radio: monkeypatch.setattr(radio_log_live, "open_radio", radio.open)
 
 
 def test_it_counts_and_plots_messages_until_the_time_is_over(
-    hears: Callable[[Radio], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    receives: Callable[[Radio], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hears(Radio(BEAT, authority(5000)))
+    receives(Radio(BEAT, authority(5000)))
     plot = tmp_path / "line.png"
 
     assert vobc(["line-log", *ENDPOINT, "--for", "0.2", "--stats", "--plot", str(plot)]) == 0
@@ -54,9 +54,9 @@ def test_it_counts_and_plots_messages_until_the_time_is_over(
 
 
 def test_it_shows_each_message_as_it_comes(
-    hears: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
+    receives: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hears(Radio(BEAT))
+    receives(Radio(BEAT))
 
     assert vobc(["line-log", *ENDPOINT, "--for", "0.1"]) == 0
 
@@ -64,9 +64,9 @@ def test_it_shows_each_message_as_it_comes(
 
 
 def test_it_reports_a_missing_session_once_and_goes_on_trying(
-    hears: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
+    receives: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hears(Radio(connected=False))
+    receives(Radio(connected=False))
 
     assert vobc(["line-log", *ENDPOINT, "--for", "0.4"]) == 3
 
@@ -78,9 +78,9 @@ def test_it_reports_a_missing_session_once_and_goes_on_trying(
 
 
 def test_a_connected_silent_line_is_not_reported_as_a_missing_session(
-    hears: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
+    receives: Callable[[Radio], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hears(Radio())
+    receives(Radio())
 
     assert vobc(["line-log", *ENDPOINT, "--for", "0.3"]) == 0
 

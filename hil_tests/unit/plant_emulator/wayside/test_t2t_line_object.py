@@ -11,7 +11,7 @@ from plant_emulator.wayside.line_object import (
     ObjectTerm,
     free_to_lock,
     newer_claim,
-    nobody_in_it,
+    no_train_in_it,
     owner_of_term,
     term_not_old,
 )
@@ -108,7 +108,7 @@ def test_a_claim_is_newer_by_its_term_and_then_by_its_number(
 def test_a_train_in_it_forbids_to_open_and_not_to_lock(
     kind: ClaimKind, *, occupied: bool, allowed: bool
 ) -> None:
-    assert nobody_in_it(demand(kind, occupied=occupied)) is allowed
+    assert no_train_in_it(demand(kind, occupied=occupied)) is allowed
 
 
 @pytest.mark.parametrize(
@@ -304,7 +304,7 @@ def passes(_: object) -> bool:
         (ObjectGuards(term_not_old=passes), heartbeat(6), False, False),
         (ObjectGuards(owner_of_term=passes), heartbeat(7, source=5), False, False),
         (ObjectGuards(newer_claim=passes), claim(OPEN, nonce=20), False, False),
-        (ObjectGuards(nobody_in_it=passes), claim(OPEN), False, True),
+        (ObjectGuards(no_train_in_it=passes), claim(OPEN), False, True),
         (ObjectGuards(free_to_lock=passes), claim(LOCK), True, False),
     ],
 )

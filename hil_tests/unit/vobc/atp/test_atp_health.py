@@ -212,7 +212,7 @@ def test_rollback_counts_from_the_foremost_position() -> None:
 def test_a_held_train_is_measured_in_both_directions_from_where_it_was_held() -> None:
     movement = Movement()
     movement.look(10.0)
-    movement.begin_anew(10.0)
+    movement.restart(10.0)
 
     movement.look(10.5)
     ahead_m = movement.held_m
@@ -222,7 +222,7 @@ def test_a_held_train_is_measured_in_both_directions_from_where_it_was_held() ->
     movement.held_here(9.5)
     movement.look(9.5)
     assert movement.held_m == 0.0
-    movement.begin_anew(9.5)
+    movement.restart(9.5)
     movement.look(9.5)
     assert movement.rollback_m == 0.0
 
@@ -356,7 +356,7 @@ def test_of_two_measurements_the_greater_rollback_counts(counts: bool) -> None:
 def test_of_two_measurements_the_greater_movement_counts(counts: bool) -> None:
     movements = Movements()
     movements.look(on_way(counts, 10.0, 20.0))
-    movements.begin_anew(on_way(counts, 10.0, 20.0))
+    movements.restart(on_way(counts, 10.0, 20.0))
     movements.look(on_way(counts, 10.5, 20.25))
     ahead_m = movements.held_m
     movements.held_here(on_way(counts, 10.5, 20.25))
@@ -365,7 +365,7 @@ def test_of_two_measurements_the_greater_movement_counts(counts: bool) -> None:
     assert (ahead_m, movements.held_m, movements.rollback_m) == (0.5, 0.0, 0.0)
     movements.look(on_way(counts, 9.75, 20.25))
     assert movements.rollback_m == 0.75
-    movements.begin_anew(on_way(counts, 9.75, 20.25))
+    movements.restart(on_way(counts, 9.75, 20.25))
     movements.look(on_way(counts, 9.75, 20.25))
     assert (movements.held_m, movements.rollback_m) == (0.0, 0.0)
 

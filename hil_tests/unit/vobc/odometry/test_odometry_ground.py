@@ -109,11 +109,11 @@ def test_the_accelerometer_may_feel_any_gradient_under_the_first_car(width_m: fl
     places_m = [7.03 * n for n in range(100)] + [700.0 - 13.07 * n for n in range(55)]
     for low_m in places_m:
         kept.look(low_m, low_m + width_m)
-        anew = Gradients(line(*CLIMBS))
-        anew.look(low_m, low_m + width_m)
+        fresh = Gradients(line(*CLIMBS))
+        fresh.look(low_m, low_m + width_m)
 
         lowest, highest = felt_mps2(low_m, low_m + width_m)
-        assert (anew.lowest_mps2, anew.highest_mps2) == near(lowest, highest)
+        assert (fresh.lowest_mps2, fresh.highest_mps2) == near(lowest, highest)
         assert kept.lowest_mps2 <= lowest + 1e-9
         assert kept.highest_mps2 >= highest - 1e-9
 
@@ -186,7 +186,7 @@ class Watched:
 
 
 @pytest.mark.parametrize(
-    ("low_m", "high_m", "anew"),
+    ("low_m", "high_m", "restarts"),
     [
         (100.0, 110.0, False),
         (50.0, 160.0, False),
@@ -197,7 +197,7 @@ class Watched:
     ],
 )
 def test_gradients_are_looked_up_again_after_fifty_metres_either_way(
-    low_m: float, high_m: float, *, anew: bool
+    low_m: float, high_m: float, *, restarts: bool
 ) -> None:
     watched = Watched()
     level = Gradients(watched)  # type: ignore[arg-type]
@@ -206,11 +206,11 @@ def test_gradients_are_looked_up_again_after_fifty_metres_either_way(
     assert once > 0
     level.look(low_m, high_m)
 
-    assert (watched.asked > once) is anew
+    assert (watched.asked > once) is restarts
 
 
 @pytest.mark.parametrize(
-    ("low_m", "high_m", "anew"),
+    ("low_m", "high_m", "restarts"),
     [
         (125.0, 200.0, False),
         (124.9, 199.9, True),
@@ -218,7 +218,7 @@ def test_gradients_are_looked_up_again_after_fifty_metres_either_way(
     ],
 )
 def test_gradients_are_looked_up_again_where_one_ends(
-    low_m: float, high_m: float, *, anew: bool
+    low_m: float, high_m: float, *, restarts: bool
 ) -> None:
     """The test covers a first lookup near to the ends and one just up to them."""
     for first_low_m, first_high_m in ((130.0, 195.0), (125.0, 200.0)):
@@ -228,7 +228,7 @@ def test_gradients_are_looked_up_again_where_one_ends(
         once = watched.asked
         climb.look(low_m, high_m)
 
-        assert (watched.asked > once) is anew
+        assert (watched.asked > once) is restarts
 
 
 # The accelerometer.

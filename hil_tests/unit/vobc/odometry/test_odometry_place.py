@@ -71,7 +71,7 @@ def test_the_wheel_is_measured_from_the_start_on() -> None:
     assert where.scale.high_m == pytest.approx((2000.0 + 0.57 + MOST_M) / 199_999 * 1.002, rel=1e-9)
 
 
-@pytest.mark.parametrize("forgets", ["stretch", "follow_ground", "begin_anew", "widen"])
+@pytest.mark.parametrize("forgets", ["stretch", "follow_ground", "restart", "widen"])
 def test_distance_run_with_slip_measures_no_wheel(forgets: str) -> None:
     where = place()
     if forgets == "widen":
@@ -164,7 +164,7 @@ def test_the_window_of_a_tag_includes_the_position_by_the_wheels() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bounds_m", "anew", "wheels", "ground"),
+    ("bounds_m", "restarts", "wheels", "ground"),
     [
         # Reference: the wheels give 102.4 to 104.6 m, the ground 102.26 to 105.74 m.
         ((90.0, 120.0, 90.0, 120.0), False, (102.4, 104.6), (102.26, 105.74)),
@@ -179,12 +179,12 @@ def test_the_window_of_a_tag_includes_the_position_by_the_wheels() -> None:
 def test_a_reference_narrows_or_replaces_each_interval(
     bounds_m: tuple[float, float, float, float],
     *,
-    anew: bool,
+    restarts: bool,
     wheels: tuple[float, float],
     ground: tuple[float, float],
 ) -> None:
     where = put(*bounds_m)
-    where.refer(100.0, (2.5, 3.0, 4.5), (2.4, 5.6), 0.1, anew=anew)
+    where.refer(100.0, (2.5, 3.0, 4.5), (2.4, 5.6), 0.1, restarts=restarts)
 
     assert wheels_m(where) == near(*wheels)
     assert ground_m(where) == near(*ground)
@@ -192,11 +192,11 @@ def test_a_reference_narrows_or_replaces_each_interval(
 
 def test_a_reference_that_touches_an_interval_narrows_it_to_that_point() -> None:
     where = put(90.0, 102.0, 90.0, 101.96)
-    where.refer(100.0, (2.0, 2.0, 4.0), (2.0, 4.0), 0.0, anew=False)
+    where.refer(100.0, (2.0, 2.0, 4.0), (2.0, 4.0), 0.0, restarts=False)
     assert wheels_m(where) == (102.0, 102.0)
     assert ground_m(where) == near(101.96, 101.96)
     where = put(104.0, 120.0, 104.04, 120.0)
-    where.refer(100.0, (2.0, 2.0, 4.0), (2.0, 4.0), 0.0, anew=False)
+    where.refer(100.0, (2.0, 2.0, 4.0), (2.0, 4.0), 0.0, restarts=False)
     assert wheels_m(where) == (104.0, 104.0)
     assert ground_m(where) == near(104.04, 104.04)
 
@@ -217,7 +217,7 @@ def test_the_reported_interval_never_narrows_between_two_references() -> None:
     assert reported(where, 13.0, 16.0, 19.0) == pytest.approx((10.025, 16.0, 20.025))
     assert reported(where, 9.0, 15.0, 21.0) == (9.0, 15.0, 21.0)
     assert reported(where, 10.0, 15.0, 20.0) == pytest.approx((8.525, 15.0, 20.525))
-    where.refer(100.0, (0.0, 0.0, 0.0), (0.0, 0.0), 1.0, anew=True)
+    where.refer(100.0, (0.0, 0.0, 0.0), (0.0, 0.0), 1.0, restarts=True)
     assert reported(where, 14.9, 15.0, 15.1) == (14.9, 15.0, 15.1)
 
 
@@ -342,7 +342,7 @@ def test_a_recovered_position_keeps_only_the_wheel_estimate() -> None:
     where, oracle = place(bound_m=5000.0), Oracle(5000.0)
     for each in (where.follow_wheels, oracle.wheels):
         each(3000)
-    where.begin_anew(1000.0, 0.7)
+    where.restart(1000.0, 0.7)
     oracle.state[0] = 1000.0
     oracle.spread[0, 0] = 0.7**2
     oracle.spread[0, 1] = oracle.spread[1, 0] = 0.0

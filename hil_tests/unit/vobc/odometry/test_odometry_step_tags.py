@@ -107,7 +107,9 @@ def test_the_pulses_since_a_tag_carry_the_error_of_the_scale(
     told: list[tuple[Any, ...]] = []
     corrected: list[tuple[float, float, float]] = []
     measured: list[tuple[float, int, float]] = []
-    monkeypatch.setattr(Localisation, "refer", lambda self, *args, anew: told.append((*args, anew)))
+    monkeypatch.setattr(
+        Localisation, "refer", lambda self, *args, restarts: told.append((*args, restarts))
+    )
     monkeypatch.setattr(Localisation, "correct", lambda self, *args: corrected.append(args))
     monkeypatch.setattr(Localisation, "measure", lambda self, *args: measured.append(args))
     made = going(**SCALE)
@@ -118,9 +120,9 @@ def test_the_pulses_since_a_tag_carry_the_error_of_the_scale(
     lately_m = made.where.lately_m(age_s)
     made.cycle(dt_s=0.0, tags=(read(made, since=since, age_s=age_s),))
 
-    ((front_m, since_m, over_m, refer_bound_m, anew),) = told
+    ((front_m, since_m, over_m, refer_bound_m, restarts),) = told
     ends_m = sorted((since * made.where.scale.low_m, since * made.where.scale.high_m))
-    assert (front_m, anew) == (62.0, False)
+    assert (front_m, restarts) == (62.0, False)
     assert since_m == near(ends_m[0], since * m_per_pulse, ends_m[1])
     assert (lately_m is None) == (age_s == 9.0)
     by_speed_m = near((3.8 - 1.5 * age_s) * age_s, (4.0 + 1.5 * age_s) * age_s)
@@ -159,9 +161,9 @@ def test_a_tag_counted_by_excluded_wheels_is_placed_by_the_ground_alone(
     told: list[tuple[Any, ...]] = []
     refer = Localisation.refer
 
-    def referred(self: Localisation, *args: Any, anew: bool) -> None:
+    def referred(self: Localisation, *args: Any, restarts: bool) -> None:
         told.append(args)
-        refer(self, *args, anew=anew)
+        refer(self, *args, restarts=restarts)
 
     monkeypatch.setattr(Localisation, "refer", referred)
     made = going()
@@ -243,7 +245,9 @@ def test_a_tag_after_missing_telegrams_may_be_read_anywhere_within_reach(
     corrected: list[tuple[float, float, float]] = []
     measured: list[int] = []
     monkeypatch.setattr(
-        Localisation, "refer", lambda self, front, since, over, bound_m, anew: told.append(bound_m)
+        Localisation,
+        "refer",
+        lambda self, front, since, over, bound_m, restarts: told.append(bound_m),
     )
     monkeypatch.setattr(Localisation, "correct", lambda self, *args: corrected.append(args))
     monkeypatch.setattr(Localisation, "measure", lambda self, *args: measured.append(1))
@@ -346,13 +350,13 @@ def test_with_a_lost_position_the_first_tag_is_neither_accepted_nor_refused() ->
 
 def test_a_recovered_position_has_the_bound_of_its_tag(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[tuple[float, float]] = []
-    begin_anew = Localisation.begin_anew
+    restart = Localisation.restart
 
     def beginning(self: Localisation, front_m: float, bound_m: float) -> None:
         begun.append((front_m, bound_m))
-        begin_anew(self, front_m, bound_m)
+        restart(self, front_m, bound_m)
 
-    monkeypatch.setattr(Localisation, "begin_anew", beginning)
+    monkeypatch.setattr(Localisation, "restart", beginning)
     made = going(proof=PlaceProof.UNKNOWN, front_m=400.0)
     made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015),))
     made.cycles(187, 8, 8, radar_mps=4.0)

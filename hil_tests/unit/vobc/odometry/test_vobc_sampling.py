@@ -239,10 +239,10 @@ def test_a_stamp_that_deviates_from_its_counter_by_more_than_five_means_a_new_se
     clock = SampleClock()
     clock.sampled_ns(0, 255, 250)
     found_ns = clock.sampled_ns(30 * MS, 0, (270 + play_ms) % 256)
-    anew = abs(play_ms) > 5
+    restarts = abs(play_ms) > 5
 
-    assert clock.restarts == anew
-    assert found_ns == (30 * MS if anew else (20 + play_ms) * MS + 6_000)
+    assert clock.restarts == restarts
+    assert found_ns == (30 * MS if restarts else (20 + play_ms) * MS + 6_000)
 
 
 def test_a_restarted_tacho_restarts_the_clocks_of_radar_and_accelerometer() -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from hil_tests.unit.vobc.train_to_train.t2t_chair import Chair
 from hil_tests.unit.vobc.train_to_train.test_t2t_train import Ride, beat, ns
-from zenoh_config.t2t import BROADCAST, NOBODY
+from zenoh_config.t2t import BROADCAST, NO_TRAIN
 
 LONG_MS = 20_000
 PERIOD_MS = 200
@@ -55,7 +55,7 @@ def test_the_report_holds_its_place_and_term_and_nothing_about_its_neighbours() 
     (report,) = ride.reports(stepped, 2)
     assert (report.term, report.destination, report.echo_ns) == (6, BROADCAST, 77)
     assert (report.front_max_m, report.rear_min_m, report.standstill) == (500.0, 420.0, True)
-    assert (report.comes_from, report.behind, report.member) == (0, NOBODY, False)
+    assert (report.comes_from, report.behind, report.member) == (0, NO_TRAIN, False)
     assert dict(stepped.roles).get(2) is None
 
 

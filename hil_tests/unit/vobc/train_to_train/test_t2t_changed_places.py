@@ -123,7 +123,7 @@ def test_a_train_need_not_wait_for_one_behind_it_that_came_back_farther_back() -
 
 
 @pytest.mark.parametrize(
-    ("anew_m", "found"),
+    ("restarted_m", "found"),
     [
         ((1084.0, 1090.0), RestartPlace.IN_PLACE),
         ((1083.9, 1090.0), RestartPlace.UNSURE),
@@ -132,12 +132,14 @@ def test_a_train_need_not_wait_for_one_behind_it_that_came_back_farther_back() -
     ],
 )
 def test_the_report_of_a_restarted_train_ahead_gives_its_place(
-    anew_m: tuple[float, float], found: RestartPlace
+    restarted_m: tuple[float, float], found: RestartPlace
 ) -> None:
     """The train stands from 1000 m to 1084 m. It gets another place only with an axle count as
     proof."""
     former = Former(
-        TrainRecord(1, 900.0, 0, boot=1), (), [Neighbour(950.0, heard=True, anew_m=anew_m)]
+        TrainRecord(1, 900.0, 0, boot=1),
+        (),
+        [Neighbour(950.0, heard=True, restarted_m=restarted_m)],
     )
 
     def judged(evidence: RestartEvidence) -> RestartPlace:

@@ -108,13 +108,22 @@ def test_a_train_restarted_in_place_holds_no_authority_but_stays_stopped() -> No
     former = known.records[1]
     former.issued(7, 950.0, life_ns=0)
     former.stopped = True
-    anew = replace(report(1, 397.0, boot=2), protected_m=410.0, ready_nonce=6)
+    restarted = replace(report(1, 397.0, boot=2), protected_m=410.0, ready_nonce=6)
 
-    known.reborn(anew, 88)
+    known.reborn(restarted, 88)
 
     assert known.records == {
         1: TrainRecord(
-            *(1, 402.0, 88, 2, anew, 5, 6, 477.0),  # The protected rear reaches back by a jog only.
+            *(
+                1,
+                402.0,
+                88,
+                2,
+                restarted,
+                5,
+                6,
+                477.0,
+            ),  # The protected rear reaches back by a jog only.
             served=False,
             stopped=True,
             sent=[],
@@ -331,7 +340,7 @@ class Life(NamedTuple):
     granted: float
     """Share of that gap that the train may still use."""
     known: float
-    """Share of its distance so far that the master's record of its rear covers."""
+    """Share of the travelled distance up to the master's record of the rear, 0 to 1."""
     word: str
     """What the master has received from the train."""
 
@@ -341,7 +350,7 @@ LIVES = st.builds(
     gap_m=st.floats(0.0, 2000.0),
     granted=st.floats(0.0, 1.0),
     known=st.floats(0.0, 1.0),
-    word=st.sampled_from(("promised", "former term", "nothing", "anew", "left and came back")),
+    word=st.sampled_from(("promised", "former term", "nothing", "restarted", "left and came back")),
 )
 
 
@@ -361,7 +370,7 @@ def test_no_train_can_come_farther_than_is_reserved_for_it(
             record = known.records[train]
             record.on_message(replace(told, term=term), NOW_NS, term=TERM, jog_m=5.0)
         elif life.word != "nothing":
-            at_m = rear_m if life.word == "anew" else back_m
+            at_m = rear_m if life.word == "restarted" else back_m
             may_m[train] = at_m + 80.0
             known.on_restarted_report(replace(report(train, at_m, boot=2), latent_m=may_m[train]))
         ahead_m = rear_m

@@ -14,7 +14,7 @@ from vobc.train_to_train.message_heads import MessageHeads
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain, Role, T2tConfig
 from zenoh_config.t2t import (
     BROADCAST,
-    NOBODY,
+    NO_TRAIN,
     AreaAuthority,
     Heartbeat,
     LeaseAnswer,
@@ -63,7 +63,7 @@ class Puppet:
     due_ns: int = 10**18
     has_others: bool = True
     receives_nothing: bool = False
-    standby: int = NOBODY
+    standby: int = NO_TRAIN
     says: list[T2tMessage] = field(default_factory=list)
     names: list[int] = field(default_factory=list)
     """Successors, one for each step."""
@@ -125,7 +125,7 @@ class Scene:
         *,
         early_ns: int = 0,
         concerned: bool = True,
-        relation: tuple[int, int] = (0, NOBODY),
+        relation: tuple[int, int] = (0, NO_TRAIN),
         **told: Any,
     ) -> list[T2tMessage]:
         own, now_ns = PLACE._replace(**told), ns(at_ms) - early_ns
@@ -139,7 +139,7 @@ class Scene:
         return (source, to, AREA, term, 1, self._sequence, 77)
 
     def beats(
-        self, at_ms: float, term: int = 4, *, source: int = OTHER, standby: int = NOBODY
+        self, at_ms: float, term: int = 4, *, source: int = OTHER, standby: int = NO_TRAIN
     ) -> None:
         head = self.head(source, term, BROADCAST)
         assert self.desk.on_message(Heartbeat(*head, Phase.ISSUING, standby, 1), ns(at_ms)) == []
@@ -195,7 +195,7 @@ class Scene:
             held_term=0,
             held_sequence=0,
             member=False,
-            behind=NOBODY,
+            behind=NO_TRAIN,
             comes_from=0,
             axles=16,
             out_of_service=False,
@@ -371,7 +371,13 @@ def test_an_application_goes_to_every_arbiter_under_a_new_highest_term() -> None
 
     assert said[:3] == [
         LeaseRequest(
-            *(OWN, arbiter, AREA, 9, BOOT, 2 + at, ns(400)), LeaseKind.ACQUIRE, 1, NOBODY, 0, 3, 300
+            *(OWN, arbiter, AREA, 9, BOOT, 2 + at, ns(400)),
+            LeaseKind.ACQUIRE,
+            1,
+            NO_TRAIN,
+            0,
+            3,
+            300,
         )
         for at, arbiter in enumerate(THREE)
     ]

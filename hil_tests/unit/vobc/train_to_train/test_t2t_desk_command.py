@@ -24,7 +24,7 @@ from vobc.train_to_train.vocabulary import AreaMemory, Role
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
-    NOBODY,
+    NO_TRAIN,
     Admission,
     AdmissionState,
     AreaAuthority,
@@ -168,12 +168,12 @@ def test_it_asks_again_for_the_lease_every_75_ms_and_not_before() -> None:
     (renewal,) = requests(scene.step(475))
 
     head = (OWN, ARBITER, AREA, 1, BOOT, renewal.sequence, ns(475))
-    assert renewal == LeaseRequest(*head, LeaseKind.RENEW, 2, NOBODY, 0)
+    assert renewal == LeaseRequest(*head, LeaseKind.RENEW, 2, NO_TRAIN, 0)
     assert requests(scene.step(550, early_ns=1)) == []
     assert len(requests(scene.step(550))) == 1
 
 
-@pytest.mark.parametrize(("before", "after"), [(NOBODY, 2), (2, NOBODY), (2, 1)])
+@pytest.mark.parametrize(("before", "after"), [(NO_TRAIN, 2), (2, NO_TRAIN), (2, 1)])
 def test_arbiters_are_informed_at_once_who_may_acquire_instead(before: int, after: int) -> None:
     scene, puppet = played(names=[before, before, after, after])
     scene.step(411)
@@ -224,8 +224,8 @@ def test_a_master_is_due_when_its_lease_runs_out() -> None:
 
 def test_a_master_obeys_the_authority_that_it_gives_itself_and_does_not_send_it() -> None:
     scene, puppet = played()
-    own = AreaAuthority(*own_head(scene, OWN), BOOT, ns(410), 2900.0, 1400.0, NOBODY, 1, ())
-    others = AreaAuthority(*own_head(scene, 1), 1, 77, 2000.0, 1400.0, NOBODY, 1, ())
+    own = AreaAuthority(*own_head(scene, OWN), BOOT, ns(410), 2900.0, 1400.0, NO_TRAIN, 1, ())
+    others = AreaAuthority(*own_head(scene, 1), 1, 77, 2000.0, 1400.0, NO_TRAIN, 1, ())
     puppet.says = [own, others]
 
     said = scene.step(420)
@@ -257,7 +257,7 @@ def test_a_master_that_prepares_a_switch_is_ready_itself() -> None:
 
     (report,) = reports(scene.step(421))
     assert report.ready_nonce == 4
-    puppet.says = [SwitchStep(*own_head(scene), SwitchKind.ABORT, 4, NOBODY)]
+    puppet.says = [SwitchStep(*own_head(scene), SwitchKind.ABORT, 4, NO_TRAIN)]
     scene.step(422)
 
     assert [each.ready_nonce for each in reports(scene.step(521))] == [0]
@@ -327,7 +327,7 @@ def test_a_master_that_leaves_no_train_behind_returns_the_area(told: dict[str, A
     assert scene.desk.master is None
     assert scene.desk.lease.state is LeaseState.NONE
     head = (OWN, ARBITER, AREA, 1, BOOT, said[0].sequence, ns(420))
-    assert said == [LeaseRequest(*head, LeaseKind.RELEASE, 2, NOBODY, 0)]
+    assert said == [LeaseRequest(*head, LeaseKind.RELEASE, 2, NO_TRAIN, 0)]
 
 
 def test_it_returns_the_lease_to_every_arbiter() -> None:
@@ -439,8 +439,8 @@ def test_a_master_resigns_before_its_lease_expires_by_the_sending_margin() -> No
         (2, False, 1, False),
         (2, False, 0, True),
         (2, True, 1, True),
-        (NOBODY, False, 0, False),
-        (NOBODY, True, 0, False),
+        (NO_TRAIN, False, 0, False),
+        (NO_TRAIN, True, 0, False),
     ],
 )
 def test_a_master_is_deaf_after_160_ms_without_messages_or_without_trains(

@@ -26,7 +26,7 @@ from vobc.train_to_train.area_participant import Chance
 from vobc.train_to_train.vocabulary import Role
 from zenoh_config.t2t import (
     BROADCAST,
-    NOBODY,
+    NO_TRAIN,
     LeaseKind,
     RosterEntry,
     StandbySync,
@@ -228,7 +228,7 @@ def test_a_commit_of_an_unprepared_or_aborted_switch_has_no_effect(
     scene.beats(0, 1, standby=OWN)
     if aborted:
         scene.switch(10, SwitchKind.PREPARE, term=1)
-        scene.switch(10, SwitchKind.ABORT, term=1, successor=NOBODY)
+        scene.switch(10, SwitchKind.ABORT, term=1, successor=NO_TRAIN)
     scene.switch(20, SwitchKind.COMMIT, term=1, nonce=nonce)
     scene.step(20)
 
@@ -239,7 +239,7 @@ def test_an_abort_withdraws_readiness_and_call() -> None:
     scene = standby()
     scene.switch(10, SwitchKind.PREPARE, nonce=2)
     scene.switch(10, SwitchKind.COMMIT, nonce=2)
-    assert scene.switch(20, SwitchKind.ABORT, nonce=2, successor=NOBODY) == []
+    assert scene.switch(20, SwitchKind.ABORT, nonce=2, successor=NO_TRAIN) == []
 
     assert ready_after(scene, 100) == [0]
     assert scene.role() is Role.STANDBY

@@ -160,8 +160,8 @@ def test_an_occupied_section_without_the_train_ahead_is_shut_even_within_the_aut
 
 
 def test_the_bar_ahead_is_the_granted_end_or_the_reported_one_of_a_deaf_train() -> None:
-    hears, deaf = report(1, 0.0, held_end_m=350.0), report(2, 0.0, held_end_m=350.0)
-    known = conclusions(hears, replace(deaf, echo_ns=NOW_NS - SILENT_NS - 1))
+    receiving, deaf = report(1, 0.0, held_end_m=350.0), report(2, 0.0, held_end_m=350.0)
+    known = conclusions(receiving, replace(deaf, echo_ns=NOW_NS - SILENT_NS - 1))
     for train in (1, 2):
         known.records[train].issued(9, 400.0, life_ns=0)
     known.records[3] = TrainRecord(3, 0.0, NOW_NS, boot=1, latent_m=300.0)

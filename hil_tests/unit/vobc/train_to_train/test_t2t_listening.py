@@ -138,7 +138,7 @@ def test_the_radio_port_follows_the_areas_that_the_train_listens_to() -> None:
     radio = LineRadio(ride.core, LINE.name, lambda _: True)
     port = Mock(listen=Mock())
 
-    def hears(area: int) -> bool:
+    def receives(area: int) -> bool:
         said = key(report(head(7, to=BROADCAST, area=area)))
         return any(keys.matches(each, said) for each in radio.subscriptions)
 
@@ -148,9 +148,9 @@ def test_the_radio_port_follows_the_areas_that_the_train_listens_to() -> None:
         radio.step(ride.now_ns, own, apply=True)
         radio.tune(port)
 
-    assert not hears(1)
+    assert not receives(1)
     steps()
-    assert [area for area in range(1, 11) if hears(area)] == [1]
+    assert [area for area in range(1, 11) if receives(area)] == [1]
     port.listen.assert_called_once_with(radio.subscriptions)
     steps()
     port.listen.assert_called_once()

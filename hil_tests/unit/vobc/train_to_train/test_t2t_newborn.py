@@ -715,8 +715,8 @@ def test_restarted_trains_around_a_newcomer_find_their_places(*, promised: bool)
         chair.now_ns += 200 * MS
         chair.reports(first, 3856.0, boot=8)
         chair.reports(between, 2044.0, boot=6, comes_from=1)
-        anew = {"boot": 3, "comes_from": 1, "behind": between}
-        chair.reports(last, 1947.0, **anew, term=TERM if promised else TERM - 1)
+        restarted = {"boot": 3, "comes_from": 1, "behind": between}
+        chair.reports(last, 1947.0, **restarted, term=TERM if promised else TERM - 1)
         chair.track(axles={4: 23, 5: 9, 8: 16})
         chair.step(0)
         chair.keeps()

@@ -23,7 +23,7 @@ from vobc.train_to_train.vocabulary import (
 from zenoh_config.messages import RefusedReason, SpeedRestriction
 from zenoh_config.t2t import (
     BROADCAST,
-    NOBODY,
+    NO_TRAIN,
     SUPERVISION,
     AreaAuthority,
     Heartbeat,
@@ -77,7 +77,7 @@ def authority(area: int, end_m: float, echo_ms: float, **told: Any) -> AreaAutho
     """An authority for the first incarnation of train 5 from the master of term 4."""
     source, term = told.get("source", MASTER), told.get("term", 4)
     slow: tuple[SpeedRestriction, ...] = told.get("restrictions", ())
-    place = (end_m, told.get("rear_m", 400.0), told.get("behind", NOBODY), 1, slow)
+    place = (end_m, told.get("rear_m", 400.0), told.get("behind", NO_TRAIN), 1, slow)
     first = head(source, area, term, told.get("to", OWN))
     return AreaAuthority(*first, told.get("boot", 1), ns(echo_ms), *place)
 
@@ -409,7 +409,7 @@ def test_the_train_finds_its_participants_by_area() -> None:
     assert [desk and desk.area.number for desk in map(ride.core.desk, (1, 2, 3))] == [1, 2, None]
 
 
-@pytest.mark.parametrize(("now_ms", "told"), [(1000, (1, 6)), (1000.000_001, (0, NOBODY))])
+@pytest.mark.parametrize(("now_ms", "told"), [(1000, (1, 6)), (1000.000_001, (0, NO_TRAIN))])
 def test_it_names_the_train_ahead_to_the_next_area_while_its_authority_is_recent(
     now_ms: float, told: tuple[int, int]
 ) -> None:
@@ -419,7 +419,7 @@ def test_it_names_the_train_ahead_to_the_next_area_while_its_authority_is_recent
     stepped = ride.step(now_ms, beat(1), beat(2, 5), front_m=1900.0)
 
     assert [(r.comes_from, r.behind) for r in ride.reports(stepped, 2)] == [told]
-    assert [(r.comes_from, r.behind) for r in ride.reports(stepped, 1)] in ([], [(0, NOBODY)])
+    assert [(r.comes_from, r.behind) for r in ride.reports(stepped, 1)] in ([], [(0, NO_TRAIN)])
 
 
 def test_the_first_area_with_an_authority_has_no_former_area() -> None:
@@ -429,13 +429,13 @@ def test_the_first_area_with_an_authority_has_no_former_area() -> None:
     stepped = ride.step(0, *heard, front_m=1900.0)
 
     told = [(r.comes_from, r.behind) for area in (1, 2) for r in ride.reports(stepped, area)]
-    assert told == [(0, NOBODY), (1, 6)]
+    assert told == [(0, NO_TRAIN), (1, 6)]
 
 
 def test_without_an_authority_it_names_no_former_area() -> None:
     stepped = Ride().step(0, front_m=3900.0)
 
-    assert [(r.comes_from, r.behind) for r in Ride().reports(stepped, 3)] == [(0, NOBODY)]
+    assert [(r.comes_from, r.behind) for r in Ride().reports(stepped, 3)] == [(0, NO_TRAIN)]
 
 
 # The authority that it acts on.

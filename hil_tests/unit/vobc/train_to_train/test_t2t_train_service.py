@@ -12,7 +12,7 @@ from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain, Stepped, T2tConfig, TrainMemory
 from zenoh_config.t2t import (
     BROADCAST,
-    NOBODY,
+    NO_TRAIN,
     SUPERVISION,
     Heartbeat,
     LineOrder,
@@ -55,7 +55,7 @@ def order(kind: OrderKind, train: int = OWN, *, area: int = 1) -> LineOrder:
 
 def beat() -> Heartbeat:
     first = (MASTER, BROADCAST, 1, 4, 1, next(_SEQUENCE), 77)
-    return Heartbeat(*first, Phase.ISSUING, NOBODY, 1)
+    return Heartbeat(*first, Phase.ISSUING, NO_TRAIN, 1)
 
 
 def test_a_train_is_out_of_service_by_command_until_another_command() -> None:
