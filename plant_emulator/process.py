@@ -5,7 +5,7 @@ It receives commands, steps the world, and sends frames and telegrams.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.analogue import AnalogueCommand
@@ -161,6 +161,13 @@ class PlantDevice:
             (Node.TCU, world.traction),
             (Node.DCU, world.doors),
         )
+        self._receivers: Mapping[type[Frame], Callable[[Any, int], None]] = {
+            BrakeCommand: self._take_brake,
+            TractionCommand: world.traction.hear,
+            DoorCommand: world.doors.hear,
+            AnalogueCommand: world.hear_currents,
+            **dict.fromkeys(DISPLAYED, self._display.hear),
+        }
         self._silent = [False] * len(self._units)
         self.schedule = Schedule(faults)
         """Tells which faults are active. It is evaluated only if there are faults or an
@@ -283,18 +290,11 @@ class PlantDevice:
         return self.scenario.start.stop_m if farthest_m is None else farthest_m
 
     def _take(self, command: Frame, heard_ns: int) -> None:
-        world = self.world
-        if isinstance(command, BrakeCommand):
-            world.brake.hear(command, heard_ns)
-            world.cold.attended(world.front_m)
-        elif isinstance(command, TractionCommand):
-            world.traction.hear(command, heard_ns)
-        elif isinstance(command, DoorCommand):
-            world.doors.hear(command, heard_ns)
-        elif isinstance(command, AnalogueCommand):
-            world.hear_currents(command, heard_ns)
-        else:
-            self._display.hear(command, heard_ns)
+        self._receivers[type(command)](command, heard_ns)
+
+    def _take_brake(self, command: BrakeCommand, heard_ns: int) -> None:
+        self.world.brake.hear(command, heard_ns)
+        self.world.cold.attended(self.world.front_m)
 
     def _catch_up(self, now_ns: int) -> Iterable[Sending]:
         """Advance the world to now and return the frames to send.

@@ -55,7 +55,7 @@ class DoorSide:
         else:
             self._close()
 
-    def ask_anew(self) -> None:
+    def ask_again(self) -> None:
         """Restart the unlocking time after an interrupted unlocking."""
         if self.state is DoorState.LOCKED:
             self._timer_s = 0.0
@@ -144,8 +144,8 @@ class DoorUnit:
     def _obey(self, command: DoorCommand) -> None:
         self._command = command
         self._want()
-        self.left.ask_anew()
-        self.right.ask_anew()
+        self.left.ask_again()
+        self.right.ask_again()
 
     def _want(self) -> None:
         command = self._command

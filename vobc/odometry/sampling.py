@@ -116,13 +116,13 @@ class FrameClock:
 
         The instant is never in the future.
         """
-        if self._anew(received_at_ns):
+        if self._restarted(received_at_ns):
             self._begin(received_at_ns, counter)
             return received_at_ns
         steps = (counter - self._counter) % COUNTER_PERIOD
         return self._follow(received_at_ns, counter, steps * self._period_ns)
 
-    def _anew(self, received_at_ns: int) -> bool:
+    def _restarted(self, received_at_ns: int) -> bool:
         """There is no frame yet, or the controller's clock was set back, so the offset is void."""
         return not self._begun or received_at_ns < self._heard_ns
 
@@ -179,7 +179,7 @@ class SampleClock(FrameClock):
         """
         stamp = int(stamp_ms)
         before, self._stamp_ms = self._stamp_ms, stamp
-        if self._anew(received_at_ns):
+        if self._restarted(received_at_ns):
             self._begin(received_at_ns, counter)
             return received_at_ns
         counted_ms = (counter - self._counter) % COUNTER_PERIOD * TACHO_PERIOD_MS

@@ -355,9 +355,9 @@ class AreaParticipant:
         return sent
 
     def _report(self, now_ns: int, own: OwnTrain, relation: tuple[int, int]) -> list[TrainReport]:
-        if now_ns < self._report_ns and not self.member.promised_anew:
+        if now_ns < self._report_ns and not self.member.new_promise:
             return []
-        self.member.promised_anew = False
+        self.member.new_promise = False
         period_ns = self._config.timers.cycle_ms * NS_PER_MS
         self._report_ns = now_ns + period_ns
         member = self.member

@@ -67,7 +67,7 @@ class Conclusions:
         if report.term == self.term and report.boot > record.boot:
             record.restarted_m = report.latent_m
             if report.localised:
-                record.anew_rear_m = rear_max_m(report)
+                record.restarted_rear_m = rear_max_m(report)
 
     def has_promised(self, record: TrainRecord) -> bool:
         """The train has acknowledged this term and obeys no older one."""
@@ -155,7 +155,7 @@ class Conclusions:
             if self.has_promised(record):
                 own_m = record.granted_m
                 bound_m = min(bound_m, own_m)
-            elif record.anew_rear_m >= record.rear_m - self._config.behind_rear_m:
+            elif record.restarted_rear_m >= record.rear_m - self._config.behind_rear_m:
                 own_m = record.restarted_m
             reserved_m[entry.train] = own_m if own_m < UNBOUNDED_M else bound_m
         return reserved_m

@@ -38,7 +38,7 @@ class AreaMember:
         """`stamp_ns` of the newest heartbeat of the highest known term. 0: none received."""
         self.standby = NO_TRAIN
         self.rank = RANK_OF_A_STRANGER
-        self.promised_anew = False
+        self.new_promise = False
         """A new term was received, and the train must acknowledge it at once."""
 
     def fences(self, message: T2tMessage) -> bool:
@@ -49,7 +49,7 @@ class AreaMember:
             return False
         if message.term > memory.seen_term:
             self.memory = memory._replace(seen_term=message.term, owner=message.source)
-            self.promised_anew = True
+            self.new_promise = True
             self.beat_ns = 0
         return True
 

@@ -52,7 +52,7 @@ class TrainRecord:
     restarted_m: float = UNBOUNDED_M
     """Farthest place by anything that it holds, for a train that has since restarted and obeys no
     older term."""
-    anew_rear_m: float = -UNBOUNDED_M
+    restarted_rear_m: float = -UNBOUNDED_M
     """Farthest place of its rear in the new incarnation. Until its first report: nowhere on the
     line."""
     stopped: bool = False

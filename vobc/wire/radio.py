@@ -1,8 +1,8 @@
 """Radio link of the train: position reports out, movement authorities in."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from firmware_py.ports import RadioMessage
 from vobc.vocabulary import (
@@ -31,6 +31,9 @@ from zenoh_config.sequencing import AuthorityGate, OrdersGate
 ORDERS_AGE_MAX_S: Final = 5.0
 """Age above which orders are refused on arrival. Protection limits the age of stored orders."""
 
+Receiver = Callable[[Any, RadioMessage, int], Refused | None]
+"""Stores a message of one kind, or says why it must not be used."""
+
 
 class RadioLink:
     """Radio link for position reports, status, movement authorities and orders."""
@@ -57,6 +60,11 @@ class RadioLink:
         self._orders_gate = OrdersGate(
             train=train, boot=boot, max_age_ns=round(ORDERS_AGE_MAX_S / S_PER_NS)
         )
+        self._receivers: Mapping[type, Receiver] = {
+            MovementAuthority: self._take_authority,
+            TrainOrders: self._take_orders,
+            Refused: lambda refused, _message, _now_ns: refused,
+        }
         self._echo_ns = 0
         self._orders_echo_ns = 0
         self._statuses = 0
@@ -103,20 +111,11 @@ class RadioLink:
         """
         for message in messages:
             heard = unpack(message.payload, self._key)
-            refused: Refused | None
-            if isinstance(heard, MovementAuthority):
-                refused = self._gate.check(heard, now_ns)
-                if refused is None:
-                    self._hold_authority(heard, message)
-            elif isinstance(heard, TrainOrders):
-                refused = self._orders_gate.check(heard, now_ns)
-                if refused is None:
-                    self._hold_orders(heard, message)
-            elif isinstance(heard, Refused):
-                refused = heard
-            else:
+            receive = self._receivers.get(type(heard))
+            if receive is None:
                 self._refuse("not for a train", type(heard).__name__)
                 continue
+            refused = receive(heard, message, now_ns)
             if refused is not None:
                 self._refuse(refused.reason.value, refused.detail)
 
@@ -124,14 +123,25 @@ class RadioLink:
         self.refused += 1
         self.refusals.note(0, reason, detail)
 
-    def _hold_authority(self, heard: MovementAuthority, message: RadioMessage) -> None:
+    def _take_authority(
+        self, heard: MovementAuthority, message: RadioMessage, now_ns: int
+    ) -> Refused | None:
+        refused = self._gate.check(heard, now_ns)
+        if refused is not None:
+            return refused
         self._echo_ns = heard.echo_stamp_ns
         self.authority = Authority(heard.end_m, heard.term, heard.sequence, heard.rear_m)
         self.authority_evidence = Evidence(
             Source.AUTHORITY, heard.sequence, message.payload, message.stamp_ns
         )
+        return None
 
-    def _hold_orders(self, heard: TrainOrders, message: RadioMessage) -> None:
+    def _take_orders(
+        self, heard: TrainOrders, message: RadioMessage, now_ns: int
+    ) -> Refused | None:
+        refused = self._orders_gate.check(heard, now_ns)
+        if refused is not None:
+            return refused
         self.orders_evidence = Evidence(
             Source.ORDERS, heard.sequence, message.payload, message.stamp_ns
         )
@@ -155,6 +165,7 @@ class RadioLink:
                 ]
             ),
         )
+        return None
 
     def status(self, now_ns: int, output: CycleOutput, inputs: CycleInput | None) -> bytes:
         """Status message for centre and platforms, whether localised or not."""

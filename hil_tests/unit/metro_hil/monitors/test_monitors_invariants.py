@@ -260,7 +260,7 @@ def test_an_emergency_brake_held_to_standstill_and_reset_is_right(rig: Rig) -> N
 
 
 @pytest.mark.parametrize("pressed", ["never", "in motion"])
-def test_a_latched_emergency_that_nobody_reset_at_standstill_must_stay(
+def test_a_latched_emergency_without_a_reset_at_standstill_must_stay(
     rig: Rig, pressed: str
 ) -> None:
     if pressed == "in motion":
@@ -374,7 +374,7 @@ def test_a_claim_may_be_as_old_as_its_cycle(
     assert rig.result("inv-13-position-interval").verdict is verdict
 
 
-def test_what_was_wider_while_the_wheels_were_not_heard_may_go_again(rig: Rig) -> None:
+def test_a_width_from_silent_wheels_may_shrink_again(rig: Rig) -> None:
     rig.step(10)
     rig.silent.add(Tacho)
     rig.step(20)

@@ -153,7 +153,7 @@ def test_a_jog_back_is_neither_rollback_nor_against_the_direction(rig: Rig) -> N
 
 
 @pytest.mark.parametrize(("steps", "margin"), [(20, 1.0), (45, -1.0)])
-def test_effort_backwards_has_to_be_told_as_a_jog_in_time(
+def test_effort_backwards_must_be_announced_as_a_jog_in_time(
     rig: Rig, steps: int, margin: float
 ) -> None:
     rig.say(TractionCommand, force_n=1000.0, direction=Direction.REVERSE)

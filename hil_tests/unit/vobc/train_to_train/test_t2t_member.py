@@ -91,7 +91,7 @@ def test_a_member_begins_with_its_stored_terms_and_no_authority() -> None:
     assert fresh.newest == (0, -1)
     assert (fresh.standby, fresh.rank) == (0, 4)
     assert fresh.master_heard_ns == 7
-    assert fresh.promised_anew is False
+    assert fresh.new_promise is False
     assert not fresh.is_young(0)
 
 
@@ -119,19 +119,19 @@ def test_a_term_has_one_owner_and_no_earlier_term_is_obeyed(
 
     promised = AreaMemory(1, term, source, 2) if obeyed else AreaMemory(1, 4, MASTER, 2)
     assert each.memory == promised
-    assert each.promised_anew is (obeyed and term > 4)
+    assert each.new_promise is (obeyed and term > 4)
 
 
 def test_a_new_term_is_acknowledged_once_and_its_first_sender_stays_its_owner() -> None:
     each = member()
     assert each.fences(heartbeat(5, RIVAL))
-    each.promised_anew = False
+    each.new_promise = False
 
     assert not each.fences(heartbeat(5, MASTER))
     assert each.fences(heartbeat(5, RIVAL))
 
     assert each.memory == AreaMemory(1, 5, RIVAL, 2)
-    assert each.promised_anew is False
+    assert each.new_promise is False
 
 
 def test_an_acknowledgement_stays_pending_until_it_is_sent() -> None:
@@ -141,7 +141,7 @@ def test_an_acknowledgement_stays_pending_until_it_is_sent() -> None:
     each.fences(heartbeat(5, RIVAL))
     each.fences(heartbeat(4, MASTER))
 
-    assert each.promised_anew is True
+    assert each.new_promise is True
 
 
 def test_a_heartbeat_proves_that_the_master_lives_and_names_the_standby() -> None:
@@ -218,7 +218,7 @@ def test_an_authority_for_another_incarnation_or_of_unknown_age_acknowledges_no_
     assert each.takes(authority(term=9, source=RIVAL, **false), 10 * MS) != ""
 
     assert each.memory.seen_term == 4
-    assert each.promised_anew is False
+    assert each.new_promise is False
 
 
 @pytest.mark.parametrize(("age_ns", "young"), [(0, True), (OLD_NS, True), (OLD_NS + 1, False)])
