@@ -1,7 +1,7 @@
 """Multi-frame messages are reassembled to the data that their senders split."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -47,6 +47,24 @@ def connection(group: int, source: int, target: int, data: bytes) -> Sent:
     for at, packet in enumerate(packets, 1):
         frames.append((0x18EB_0000 | target << 8 | source, EXTENDED, bytes([at]) + packet))
     frames.append((back, EXTENDED, bytes([19, *size, len(packets), 255]) + named))
+    return frames
+
+
+def extended(group: int, source: int, target: int, data: bytes, *, part: int = 16) -> Sent:
+    """Return the frames of an extended J1939 connection, with an offset before each part."""
+    packets = [data[at : at + 7].ljust(7, b"\xff") for at in range(0, len(data), 7)]
+    named, size = group.to_bytes(3, "little"), len(data).to_bytes(4, "little")
+    there, back = 0x18C8_0000 | target << 8 | source, 0x18C8_0000 | source << 8 | target
+    frames = [(there, EXTENDED, bytes([20]) + size + named)]
+    for first in range(0, len(packets), part):
+        some = packets[first : first + part]
+        offset = first.to_bytes(3, "little")
+        after = (first + 1).to_bytes(3, "little")
+        frames.append((back, EXTENDED, bytes([21, len(some)]) + after + named))
+        frames.append((there, EXTENDED, bytes([22, len(some)]) + offset + named))
+        for at, packet in enumerate(some, 1):
+            frames.append((0x18C7_0000 | target << 8 | source, EXTENDED, bytes([at]) + packet))
+    frames.append((back, EXTENDED, bytes([23]) + size + named))
     return frames
 
 
@@ -156,6 +174,73 @@ def test_connections_are_put_together_without_the_answers(
         (0x18EC_0000 | (0x80 + at) << 8 | at, 0xEF00, "WHOLE", each) for at, each in enumerate(data)
     ]
     assert sorted(told(parts)) == sorted(wanted)
+
+
+@given(
+    data=st.lists(st.binary(min_size=9, max_size=700), min_size=1, max_size=3),
+    order=st.lists(st.integers(0, 5), max_size=60),
+    size=st.integers(1, 60),
+    part=st.integers(1, 40),
+)
+@settings(max_examples=60, deadline=None)
+def test_extended_connections_are_put_together_beside_plain_ones(
+    data: list[bytes], order: list[int], size: int, part: int
+) -> None:
+    """The same two nodes may have one connection of each kind open."""
+    messages = [extended(0xEF00, at, 0x80, each, part=part) for at, each in enumerate(data)]
+    messages.append(connection(0xEF00, 0, 0x80, b"beside the long one"))
+
+    parts = taken(framed(interleaved(messages, order)), size)
+
+    wanted = [(0x18C8_8000 | at, 0xEF00, "WHOLE", each) for at, each in enumerate(data)]
+    wanted.append((0x18EC_8000, 0xEF00, "WHOLE", b"beside the long one"))
+    assert sorted(told(parts)) == sorted(wanted)
+
+
+def test_extended_messages_are_longer_than_any_other() -> None:
+    """10,000 bytes are 1,429 packets, so that the packet numbers begin at 1 again and again."""
+    data = bytes(at * 7 % 251 for at in range(10_000))
+
+    parts = taken(framed(extended(0xEF00, 1, 2, data, part=255)), 100)
+
+    assert told(parts) == [(0x18C8_0201, 0xEF00, "WHOLE", data)]
+    assert {int(kind) for part in parts for kind in part.kind} == {TransportKind.EXTENDED}
+
+
+def test_packets_without_their_offset_make_no_message() -> None:
+    sent = extended(0xEF00, 1, 2, bytes(range(60)))
+    without = [each for each in sent if each[2][0] != 22]
+
+    assert [row[2:] for row in told(taken(framed(without), 5))] == [("UNFINISHED", b"")]
+
+
+@given(
+    data=st.binary(min_size=20, max_size=80),
+    twice=st.sets(st.integers(0, 11)),
+    later=st.integers(1, 3),
+    size=st.integers(1, 30),
+    kind=st.sampled_from([broadcast, connection, extended]),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_packet_that_comes_twice_counts_once(
+    data: bytes, twice: set[int], later: int, size: int, kind: Callable[..., Sent]
+) -> None:
+    sent = kind(0xEF00, 1, data) if kind is broadcast else kind(0xEF00, 1, 0x80, data)
+    packets = [at for at, each in enumerate(sent) if each[0] >> 16 & 0xFF in (0xEB, 0xC7)]
+    for at in sorted((packets[at] for at in twice if at < len(packets)), reverse=True):
+        place = min(at + later, packets[-1] + 1)
+        sent.insert(place, sent[at])
+
+    parts = taken(framed(sent), size)
+
+    assert [row[1:] for row in told(parts)] == [(0xEF00, "WHOLE", data)]
+
+
+def test_a_packet_that_comes_twice_with_other_data_makes_no_message() -> None:
+    sent = broadcast(0xFECA, 3, bytes(range(30)))
+    sent.insert(3, (sent[2][0], EXTENDED, bytes([2]) + b"another"))
+
+    assert [row[2:] for row in told(taken(framed(sent), 50))] == [("WRONG_SEQUENCE", b"")]
 
 
 @given(

@@ -18,6 +18,8 @@ class TransportKind(enum.IntEnum):
     """ISO-TP: sent in one frame."""
     SEGMENTED = 3
     """ISO-TP: sent as a first frame and consecutive frames."""
+    EXTENDED = 4
+    """J1939: a connection of the extended transport protocol (ETP)."""
 
 
 class TransportStatus(enum.IntEnum):

@@ -19,7 +19,12 @@ ISOTP_GAP_NS: Final = 1000 * NS_PER_MS
 """ISO 15765-2, N_Cr: longest wait for a consecutive frame."""
 TP_CM, TP_DT = 0xEC, 0xEB
 """PDU formats of J1939: connection management and data transfer."""
+ETP_CM, ETP_DT = 0xC8, 0xC7
+"""The same of the extended transport protocol, for messages of more than 1,785 bytes."""
 RTS, CTS, ACKNOWLEDGED, BAM, ABORT = 16, 17, 19, 32, 255
+ETP_RTS, ETP_CTS, ETP_OFFSET, ETP_ACKNOWLEDGED = 20, 21, 22, 23
+CONTROLS: Final = (RTS, CTS, ACKNOWLEDGED, BAM, ABORT)
+ETP_CONTROLS: Final = (ETP_RTS, ETP_CTS, ETP_OFFSET, ETP_ACKNOWLEDGED, ABORT)
 PACKET_BYTES: Final = 7
 SINGLE, FIRST, CONSECUTIVE = 0, 1, 2
 DIAGNOSTIC_FORMATS: Final = (0xDA, 0xDB)
@@ -101,17 +106,18 @@ class Reassembler:
 
 
 def is_j1939_transport(frames: Frames) -> Bools:
-    """(n,) TP.CM and TP.DT frames of eight bytes."""
+    """(n,) frames of eight bytes of the transport protocol and the extended one."""
     form = frames.identifier >> np.uint32(16) & np.uint32(0xFF)
     found: Bools = frames.is_data & (frames.length == 8) & ((frames.flags & 1) != 0)
-    found &= (form == TP_CM) | (form == TP_DT)
+    found &= np.isin(form, (TP_CM, TP_DT, ETP_CM, ETP_DT))
     return found
 
 
 class _Segmented(ABC):
     """Frames of one protocol, sorted by session: starts, each followed by its segments."""
 
-    gap_ns: int
+    any_order = False
+    """Whether segments may come in any order."""
 
     def __init__(self, frames: Frames, numbers: Ints, session: Any) -> None:
         self.order = np.argsort(session, kind="stable")
@@ -151,6 +157,20 @@ class _Segmented(ABC):
         del message
         return np.zeros(count, np.bool_)
 
+    def repeats(self, rows: Ints, message: Ints) -> Ints:
+        """Return the segments that repeat one of their message; the receiver ignores them.
+
+        Args:
+            rows: all segments of messages.
+            message: (rows,) their messages.
+        """
+        del message
+        return rows[:0]
+
+    def needed_later(self) -> Bools:
+        """(n,) frames without data that later segments of their message need."""
+        return np.zeros(len(self.frames), np.bool_)
+
     def messages(self, *, last: bool) -> tuple[Messages, Bools]:
         """Return all completed messages, and which of the given frames wait for more."""
         is_start, sequence = self.starts(), self.sequence()
@@ -160,6 +180,8 @@ class _Segmented(ABC):
         known = message >= 0
         known[known] = self.session[starts[message[known]]] == self.session[known]
         mine = known & (is_start | (sequence != BAD))
+        segments = np.flatnonzero(mine & ~is_start)
+        mine[self.repeats(segments, message[segments])] = False
         count = len(starts)
         low, high = self.part()
         sizes = np.where(mine, np.maximum(high - low, 0), 0)
@@ -188,8 +210,12 @@ class _Segmented(ABC):
             final = np.ones(count, np.bool_)
             final[:-1] = self.session[starts[1:]] != self.session[starts[:-1]]
             open_ = final & (status == TransportStatus.UNFINISHED)
+            if self.any_order:
+                open_ |= final & (status == TransportStatus.WRONG_SEQUENCE) & (got < totals)
         left = np.zeros(len(self.frames), np.bool_)
         left[used[open_[owned]]] = True
+        between = np.flatnonzero(known & self.needed_later())
+        left[between[open_[message[between]]]] = True
         unsorted = np.zeros(len(self.frames), np.bool_)
         unsorted[self.order] = left
         return self._columns(starts, used, owned, totals, status, ~open_, low, sizes), unsorted
@@ -247,28 +273,47 @@ class _Segmented(ABC):
 
 
 class _J1939(_Segmented):
-    """Transport protocol of J1939-21, with sessions by channel, source and destination."""
+    """Transport protocols of J1939-21, with sessions by channel, source and destination."""
+
+    any_order = True
 
     def __init__(self, frames: Frames, numbers: Ints) -> None:
         identifier = frames.identifier
-        is_data = (identifier >> np.uint32(16) & np.uint32(0xFF)) == TP_DT
+        form = identifier >> np.uint32(16) & np.uint32(0xFF)
+        is_data = (form == TP_DT) | (form == ETP_DT)
+        extended = (form == ETP_CM) | (form == ETP_DT)
         ends = identifier & np.uint32(0xFFFF)
-        # Frames of the receiver have source and destination swapped.
         said = np.where(is_data, 0, frames.data[:, 0])
-        back = np.isin(said, (CTS, ACKNOWLEDGED))
+        known = np.where(extended, np.isin(said, ETP_CONTROLS), np.isin(said, CONTROLS))
+        said = np.where(known, said, 0)
+        # Frames of the receiver have source and destination swapped.
+        back = np.isin(said, (CTS, ACKNOWLEDGED, ETP_CTS, ETP_ACKNOWLEDGED))
         swapped = ends >> np.uint32(8) | (ends & np.uint32(0xFF)) << np.uint32(8)
         if (said == ABORT).any():
             # Either side may abort: an abort belongs to the session that has data.
-            known = set((ends[is_data]).tolist())
-            abort = said == ABORT
-            back |= abort & ~np.isin(ends, list(known)) & np.isin(swapped, list(known))
+            with_data = np.unique(ends[is_data])
+            back |= (said == ABORT) & ~np.isin(ends, with_data) & np.isin(swapped, with_data)
         session = np.where(back, swapped, ends).astype(np.int64)
-        super().__init__(frames, numbers, session | frames.channel.astype(np.int64) << 16)
-        self._control = np.where(is_data, 0, frames.data[:, 0])[self.order]
-        self._is_data = is_data[self.order]
+        session |= frames.channel.astype(np.int64) << 16 | extended.astype(np.int64) << 24
+        super().__init__(frames, numbers, session)
+        self._control, self._is_data = said[self.order], is_data[self.order]
+        self._sequence = self._numbered(extended[self.order])
+
+    def _numbered(self, extended: Bools) -> Ints:
+        """(n,) number of each packet in its message, from 1; BAD for other frames."""
+        data = self.frames.data.astype(np.int64)
+        found = np.where(self._is_data, data[:, 0], BAD)
+        if not extended.any():
+            return found
+        at = np.arange(len(data))
+        offset_at = np.maximum.accumulate(np.where(self._control == ETP_OFFSET, at, 0))
+        offset = data[offset_at, 2] | data[offset_at, 3] << 8 | data[offset_at, 4] << 16
+        # The sender gives an offset before each part; packets of the part count from it.
+        given = offset_at > np.maximum.accumulate(np.where(self.starts(), at, 0))
+        return np.where(extended & self._is_data, np.where(given, offset + found, BAD), found)
 
     def starts(self) -> Bools:
-        found: Bools = (self._control == BAM) | (self._control == RTS)
+        found: Bools = np.isin(self._control, (BAM, RTS, ETP_RTS))
         return found
 
     def part(self) -> tuple[Ints, Ints]:
@@ -277,10 +322,13 @@ class _J1939(_Segmented):
 
     def totals(self, starts: Ints) -> Ints:
         data = self.frames.data[starts].astype(np.int64)
-        return data[:, 1] | data[:, 2] << 8
+        short = data[:, 1] | data[:, 2] << 8
+        return np.where(
+            self._control[starts] == ETP_RTS, short | data[:, 3] << 16 | data[:, 4] << 24, short
+        )
 
     def sequence(self) -> Ints:
-        return np.where(self._is_data, self.frames.data[:, 0].astype(np.int64), BAD)
+        return self._sequence
 
     def expected(self, position: Ints) -> Ints:
         return position
@@ -294,24 +342,36 @@ class _J1939(_Segmented):
         found[hit] = True
         return found
 
+    def repeats(self, rows: Ints, message: Ints) -> Ints:
+        """Return packets with number and data of an earlier one of their message."""
+        number = self._sequence[rows]
+        if ((message[1:] != message[:-1]) | (number[1:] > number[:-1])).all():
+            return rows[:0]
+        order = np.lexsort((number, message))
+        data, number, message = self.frames.data[rows[order]], number[order], message[order]
+        same = (message[1:] == message[:-1]) & (number[1:] == number[:-1])
+        found: Ints = rows[order[1:][same & (data[1:] == data[:-1]).all(axis=1)]]
+        return found
+
+    def needed_later(self) -> Bools:
+        found: Bools = self._control == ETP_OFFSET
+        return found
+
     def mend(self, status: Bytes, used: Ints, owned: Ints, totals: Ints) -> None:
-        """Accept retransmitted packets: sort each message's packets by their numbers."""
-        del totals
+        """Accept packets in any order: sort each message's packets by their numbers."""
         for at in np.flatnonzero(status == TransportStatus.WRONG_SEQUENCE).tolist():
-            rows = self.segments(used, owned, at)
-            packets = self.frames.data[rows[1:], 0].astype(np.int64)
-            wanted = int(self.frames.data[rows[0], 3])
-            if len(packets) == wanted and (np.sort(packets) == np.arange(1, wanted + 1)).all():
-                order = rows[1:][np.argsort(packets, kind="stable")]
-                self.frames.data[rows[1:]] = self.frames.data[order]
+            rows = self.segments(used, owned, at)[1:]
+            wanted = -(-int(totals[at]) // PACKET_BYTES)
+            order = np.argsort(self._sequence[rows], kind="stable")
+            if np.array_equal(self._sequence[rows][order], np.arange(1, wanted + 1)):
+                self.frames.data[rows] = self.frames.data[rows[order]]
                 status[at] = TransportStatus.WHOLE
 
     def columns(self, starts: Ints) -> tuple[Any, Ints, Bytes]:
-        data = self.frames.data[starts].astype(np.int64)
+        data, control = self.frames.data[starts].astype(np.int64), self._control[starts]
         group = data[:, 5] | data[:, 6] << 8 | data[:, 7] << 16
-        kind = np.where(
-            self._control[starts] == BAM, TransportKind.BROADCAST, TransportKind.CONNECTION
-        )
+        kind = np.where(control == BAM, TransportKind.BROADCAST, TransportKind.CONNECTION)
+        kind[control == ETP_RTS] = TransportKind.EXTENDED
         return self.frames.key[starts], group, kind.astype(np.uint8)
 
 
