@@ -16,6 +16,7 @@ from canlog.bus_model import (
 )
 from canlog.damage import EXTENDED_MAX, STANDARD_MAX, Damages, shown
 from canlog.frames import KEY_EXTENDED
+from canlog.source import UTF16_MARKS
 
 NO_NODE: Final = "Vector__XXX"
 ORPHANS: Final = "VECTOR__INDEPENDENT_SIG_MSG"
@@ -141,7 +142,9 @@ class _Message:
 
 
 def dbc_text(raw: bytes) -> str:
-    """Decode as UTF-8 if that is valid, or else as Windows-1252, as the format defines."""
+    """Decode as UTF-8 or UTF-16 if it is that, or else as Windows-1252, as the format defines."""
+    if raw[:2] in UTF16_MARKS:
+        return raw.decode("utf-16", "replace")
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -1,11 +1,13 @@
 """Reads the bytes of a log in bounded pieces, plain or compressed, up to a torn or corrupt end."""
 
+import codecs
 import mmap
 import tempfile
 import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +19,8 @@ LINE_MAX: Final = 1 << 16
 """Maximum length of a line; the content of a longer one is dropped and counted."""
 GZIP: Final = b"\x1f\x8b"
 ZSTD: Final = b"\x28\xb5\x2f\xfd"
+UTF16_MARKS: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""First bytes of a text in UTF-16, as PowerShell writes it."""
 _GZIP_WINDOW: Final = 31
 
 
@@ -34,11 +38,24 @@ def head_of(path: Path, count: int = 4096) -> bytes:
 
 
 def pieces(path: Path, damages: Damages, piece_bytes: int = PIECE_BYTES) -> Iterator[bytes]:
-    """Yield the uncompressed content of a file, a few megabytes at a time.
+    """Yield the uncompressed content of a file, a few megabytes at a time; UTF-16 as UTF-8.
 
     Raises:
         LogError: if the file cannot be opened or read.
     """
+    content = _plain_pieces(path, damages, piece_bytes)
+    first = next(content, b"")
+    if first[:2] not in UTF16_MARKS:
+        yield first
+        yield from content
+        return
+    decoder = codecs.getincrementaldecoder("utf-16")("replace")
+    for piece in chain([first], content):
+        yield decoder.decode(piece).encode()
+    yield decoder.decode(b"", final=True).encode()
+
+
+def _plain_pieces(path: Path, damages: Damages, piece_bytes: int) -> Iterator[bytes]:
     try:
         with path.open("rb") as file:
             magic = file.read(4)

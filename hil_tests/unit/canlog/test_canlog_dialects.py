@@ -365,3 +365,45 @@ def test_the_kernel_and_the_strict_parser_read_the_same_text(
     assert [one.payload(at) for at in range(len(one))] == [
         other.payload(at) for at in range(len(other))
     ]
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    form=st.sampled_from(["candump", "asc", "trc"]),
+    order=st.sampled_from(["utf-16-le", "utf-16-be"]),
+    cut=st.integers(0, 40),
+)
+@settings(max_examples=25, deadline=None)
+def test_text_in_utf16_is_read_like_the_same_text_in_utf8(
+    seed: int, form: str, order: str, cut: int
+) -> None:
+    """PowerShell writes what it redirects in UTF-16. A file may end within a character."""
+    frames = drawn_frames(seed, 30, classic=True)
+    with tempfile.TemporaryDirectory() as folder:
+        plain, wide = Path(folder) / f"plain.{form}", Path(folder) / f"wide.{form}"
+        named(form).write(plain, [frames], Damages())
+        text = plain.read_bytes().decode()
+        text = text[: len(text) - cut]
+        plain.write_bytes(text.encode())
+        raw = ("\ufeff" + text.replace("\n", "\r\n")).encode(order)
+        wide.write_bytes(raw)
+        options = ReadOptions(format=form)
+
+        found, wanted = stream(wide, options), stream(plain, options)
+
+        both = concat(list(found)), concat(list(wanted))
+        assert both[0].at_ns.tolist() == both[1].at_ns.tolist()
+        assert both[0].data.tolist() == both[1].data.tolist()
+        assert len(found.warnings) == len(wanted.warnings)
+        wide.write_bytes(raw[:-1])
+        assert len(concat(list(stream(wide, options)))) >= len(both[1]) - 1
+
+
+def test_a_dbc_file_in_utf16_is_read(tmp_path: Path) -> None:
+    text = 'VERSION ""\nBU_: A\nBO_ 256 M: 1 A\n SG_ T : 0|8@1+ (1,0) [0|0] "°C" A\n'
+    (tmp_path / "x.dbc").write_bytes(text.encode("utf-16"))
+    (tmp_path / "x.log").write_text("(1.000000) can0 100#05\n")
+
+    table = read(tmp_path / "x.log", tmp_path / "x.dbc").table("M")
+
+    assert (table["T"].tolist(), table.units["T"]) == ([5], "°C")

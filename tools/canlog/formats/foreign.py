@@ -46,8 +46,6 @@ def looks_like(head: bytes) -> str:
     for start, name in STARTS:
         if head.startswith(start):
             return name
-    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "text in UTF-16; save it as UTF-8"
     if b"\0" in head:
         return "binary data"
     for pattern, name in PATTERNS:
