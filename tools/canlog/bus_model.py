@@ -1,9 +1,9 @@
 """The contents of a bus as plain values: messages by key, signals, nodes, periods."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from canlog.damage import LogError
 from canlog.frames import KEY_EXTENDED
@@ -13,10 +13,59 @@ TIMEOUT_PERIODS: Final = 3
 """Periods after which a message is stale if the file gives no TimeoutMs."""
 PDU2_FORMAT: Final = 240
 """PDU format of J1939 from which on a message is a broadcast."""
+EVERYONE: Final = 0xFF
+"""Destination of J1939 messages for all nodes."""
 STATE_BITS_MAX: Final = 8
 """Maximum length of a state; a longer signal with only two named values is a number."""
 PROTECTION: Final = ("E2ECounterSignal", "E2ECrcSignal", "E2EProfile", "E2EDataId", "Protection")
 """Message attributes that declare alive counters and CRCs."""
+
+
+CHANNEL_SIGN: Final = ":"
+"""Separates the channel from a message that is on several channels."""
+ORIGIN_SIGN: Final = "@"
+"""Separates the source from a J1939 message that several nodes send."""
+
+
+class Part(NamedTuple):
+    """A message on one channel and, in J1939, from one source to one destination."""
+
+    name: str
+    channel: str
+    origin: str = ""
+
+    @property
+    def columns(self) -> dict[str, str | int]:
+        """Columns of an export that tell this part from others: channel, and J1939 addresses."""
+        found: dict[str, str | int] = {"channel": self.channel}
+        if self.origin:
+            source, _, destination = self.origin.removeprefix(ORIGIN_SIGN).partition("-")
+            found["source_address"] = int(source, 16)
+            found["destination_address"] = int(destination, 16) if destination else EVERYONE
+        return found
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """All names by which a user may ask for it."""
+        names = (self.name, self.name + self.origin)
+        return *names, *(f"{self.channel}{CHANNEL_SIGN}{each}" for each in names)
+
+
+def part_names(parts: Iterable[Part]) -> dict[Part, str]:
+    """Name parts: with the channel if several have a message, the origin if several send it."""
+    parts = list(parts)
+    channels: dict[str, set[str]] = {}
+    origins: dict[tuple[str, str], set[str]] = {}
+    for part in parts:
+        channels.setdefault(part.name, set()).add(part.channel)
+        origins.setdefault((part.name, part.channel), set()).add(part.origin)
+    names = {}
+    for part in parts:
+        spread = len(channels[part.name]) > 1
+        several = len(origins[part.name, part.channel]) > 1
+        front = f"{part.channel}{CHANNEL_SIGN}" if spread else ""
+        names[part] = f"{front}{part.name}{part.origin if several else ''}"
+    return names
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +150,15 @@ class MessageSpec:
     @property
     def is_extended(self) -> bool:
         return bool(self.key & KEY_EXTENDED)
+
+    def origin(self, key: int) -> str:
+        """Return source and destination of a J1939 frame as part of a name; empty for others."""
+        if not self.is_j1939:
+            return ""
+        source, rest = key & 0xFF, key >> 8 & 0xFFFF
+        broadcast = rest >> 8 >= PDU2_FORMAT or rest & 0xFF == EVERYONE
+        destination = "" if broadcast else f"-{rest & 0xFF:02X}"
+        return f"{ORIGIN_SIGN}{source:02X}{destination}"
 
     def signal(self, name: str) -> SignalSpec:
         """Return the signal of a name. Raises LogError if there is none."""

@@ -1,13 +1,13 @@
 """Reads a log: whole, with its messages as tables, or block by block with bounded memory."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
+from canlog.bus_model import CHANNEL_SIGN, ORIGIN_SIGN, Part, part_names
 from canlog.damage import Damage, Damages, LogError
 from canlog.database import Bus, MessageSpec, load_bus
 from canlog.formats.foreign import looks_like
@@ -19,20 +19,22 @@ from canlog.plan import Column
 from canlog.run import RunFiles, bus_log_of, read_run
 from canlog.shelf import Room, in_memory, on_disk, shelved
 from canlog.source import head_of
-from canlog.table import Groups, Table
+from canlog.table import Groups, Table, merged
+from canlog.transport.tables import LongTables
 
-CHANNEL_SIGN: Final = ":"
-"""Separates the channel from a message that is on several channels."""
 Dbc = Path | str | Sequence[Path | str] | Bus | None
 
 
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """One message on one channel, and the keys of its frames."""
+@dataclass(slots=True)
+class _Found:
+    """What the log has of one part."""
 
     spec: MessageSpec
-    channel: str
-    keys: list[int]
+    part: Part
+    keys: list[int] = field(default_factory=list)
+    """Keys of its frames."""
+    long: list[Table] = field(default_factory=list)
+    """Its reassembled messages."""
 
 
 class Log:
@@ -86,41 +88,60 @@ class Log:
         return max((int(each.at_ns.max()) for each in self._blocks if len(each)), default=0)
 
     @cached_property
-    def _parts(self) -> dict[str, "_Part"]:
-        """Each message on each channel, by its name in this log."""
-        found: dict[str, dict[str, _Part]] = {}
+    def _parts(self) -> dict[str, _Found]:
+        """What the log has of each message on each channel from each source, by its name here."""
+        found: dict[Part, _Found] = {}
         for key, channel in self.groups.places:
             spec = self.bus.on(channel).spec_at(key)
             if spec is not None:
-                part = found.setdefault(spec.name, {}).setdefault(channel, _Part(spec, channel, []))
-                part.keys.append(key)
+                part = Part(spec.name, channel, spec.origin(key))
+                found.setdefault(part, _Found(spec, part)).keys.append(key)
+        long = LongTables(self.bus)
+        tables = [item for block in self._blocks for item in long.feed(block).items()]
+        for part, table in sorted(tables, key=lambda item: item[0]):
+            found.setdefault(part, _Found(table.spec, part)).long.append(table)
+        names = part_names(found)
+        return {names[part]: one for part, one in found.items()}
+
+    @cached_property
+    def _names(self) -> dict[tuple[int, str], str]:
+        """Name in this log by key and channel."""
         return {
-            name if len(parts) == 1 else f"{channel}{CHANNEL_SIGN}{name}": part
-            for name, parts in found.items()
-            for channel, part in parts.items()
+            (key, one.part.channel): name for name, one in self._parts.items() for key in one.keys
         }
 
     @property
     def messages(self) -> Mapping[str, MessageSpec]:
         """Messages of which the log has data frames, by name, in order of keys.
 
-        A message on several channels is listed once for each, as `can1:MESSAGE`.
+        A message on several channels is listed once for each, as `can1:MESSAGE`; one of J1939 from
+        several sources once for each, as `MESSAGE@03`, or `MESSAGE@03-0B` with a destination.
         """
-        return {name: part.spec for name, part in self._parts.items()}
+        return {name: one.spec for name, one in self._parts.items()}
 
     def name_at(self, key: int, channel: str) -> str:
         """Return the name in this log of frames with a key on a channel."""
-        spec = self.bus.on(channel).spec_at(key)
-        name = spec.name if spec is not None else self.bus.name_of(key)
-        spread = f"{channel}{CHANNEL_SIGN}{name}"
-        if spec is not None:
-            return spread if spread in self._parts else name
-        return spread if sum(key == each for each, _ in self.groups.places) > 1 else name
+        known = self._names.get((key, channel))
+        if known is not None:
+            return known
+        name = self.bus.on(channel).name_of(key)
+        several = sum(key == each for each, _ in self.groups.places) > 1
+        return f"{channel}{CHANNEL_SIGN}{name}" if several else name
 
-    def channel_of(self, name: str) -> str:
-        """Return the channel of a message; empty if the log lacks the message."""
-        part = self._parts.get(name)
-        return part.channel if part is not None else ""
+    def asked_as(self, text: str, name: str) -> bool:
+        """Whether a user may mean the message `name` of this log by a text."""
+        one = self._parts.get(name)
+        return one is not None and text in one.part.texts
+
+    def part_of(self, name: str) -> Part:
+        """Return the part of a message; without channel and origin if the log lacks the message."""
+        one = self._parts.get(name)
+        return one.part if one is not None else Part(name, "")
+
+    def places_of(self, signal: str) -> list[tuple[int, str]]:
+        """Return key and channel of the frames that carry `MESSAGE.signal`."""
+        one = self._parts.get(signal.partition(".")[0])
+        return [] if one is None else [(key, one.part.channel) for key in one.keys]
 
     @property
     def unknown(self) -> tuple[int, ...]:
@@ -132,21 +153,31 @@ class Log:
         """Return the rows of the frames with a key, rising."""
         return self.groups.rows(key)
 
+    def _asked(self, name: str) -> list[_Found]:
+        """Return what a name means in this log: one part, or all sources of a J1939 message.
+
+        Raises:
+            LogError: if several channels have the message.
+        """
+        one = self._parts.get(name)
+        if one is not None:
+            return [one]
+        found = {each: one for each, one in self._parts.items() if name in one.part.texts}
+        if len({one.part.channel for one in found.values()}) > 1:
+            raise LogError(f"{name}: several channels have it; name one of {', '.join(found)}")
+        return list(found.values())
+
     def spec(self, name: str) -> MessageSpec:
-        """Return a message by name, with its channel if several have it. Raises LogError."""
-        part = self._parts.get(name)
-        if part is not None:
-            return part.spec
-        channel, sign, plain = name.partition(CHANNEL_SIGN)
-        if sign:
-            return self.bus.on(channel).message(plain)
-        spread = [each for each, part in self._parts.items() if part.spec.name == name]
-        if spread:
-            raise LogError(f"{name}: several channels have it; name one of {', '.join(spread)}")
-        return self.bus.message(name)
+        """Return a message by its name in this log. Raises LogError."""
+        found = self._asked(name)
+        if found:
+            return found[0].spec
+        channel, sign, plain = name.rpartition(CHANNEL_SIGN)
+        bus = self.bus.on(channel) if sign else self.bus
+        return bus.message(plain.partition(ORIGIN_SIGN)[0])
 
     def table(self, name: str) -> Table:
-        """Return all data frames of a message; no rows for a message that the log lacks.
+        """Return all messages of a name, from all sources in J1939; none if the log lacks it.
 
         Raises:
             LogError: if no file defines the message, or several channels have it.
@@ -158,10 +189,12 @@ class Log:
 
     def fresh_table(self, name: str) -> Table:
         """Return a table like `table`, which the log does not keep in memory."""
-        spec, part = self.spec(name), self._parts.get(name)
-        if part is None:
+        spec, found = self.spec(name), self._asked(name)
+        if not found:
             return self.groups.table(spec, "", ())
-        return self.groups.table(spec, part.channel, part.keys)
+        keys = [key for one in found for key in one.keys]
+        single = [self.groups.table(spec, found[0].part.channel, keys)] if keys else []
+        return merged([*single, *(table for one in found for table in one.long)])
 
     def signal(self, name: str) -> tuple[Ints, Column]:
         """Return instants and physical values of `MESSAGE.signal` where a frame carries it.

@@ -8,8 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from canlog import kernel
+from canlog.bus_model import Part
 from canlog.database import MessageSpec
-from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat, renumbered
+from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat, renumbered, widened
 from canlog.plan import Column, DecodingPlan, Payloads, Raws, signed_raw
 from canlog.shelf import Room, in_memory
 
@@ -115,23 +116,22 @@ class Table:
         found = self._plan.undefined(self.payloads)
         return np.zeros(len(self), np.bool_) if found is None else found
 
-    def arrow(self, channel: str | None = None) -> Any:
+    def arrow(self, part: Part | None = None) -> Any:
         """Return a pyarrow.Table: `at_ns`, then each signal, null if a frame lacks it.
 
         Metadata of fields and schema hold units, value tables and the message's name. Integers of
         more than 64 bits become text.
 
         Args:
-            channel: adds a column with this name after the stamps.
+            part: adds columns with its channel and, in J1939, its addresses after the stamps.
         """
         import pyarrow as pa
 
         fields, columns = [pa.field("at_ns", pa.int64())], [pa.array(self.at_ns)]
-        if channel is not None:
-            names = pa.array([channel], pa.string())
+        for name, value in ({} if part is None else part.columns).items():
             rows = pa.array(np.zeros(len(self), np.int32))
-            columns.append(pa.DictionaryArray.from_arrays(rows, names))
-            fields.append(pa.field("channel", columns[-1].type))
+            columns.append(pa.DictionaryArray.from_arrays(rows, pa.array([value])))
+            fields.append(pa.field(name, columns[-1].type))
         for signal in self.spec.signals:
             values, valid = exported(self[signal.name]), self.valid(signal.name)
             column = pa.array(values, mask=None if valid.all() else ~valid)
@@ -149,15 +149,43 @@ def exported(column: Column) -> Any:
     return np.array([hex(value) for value in column.tolist()], str)
 
 
-def table_of(spec: MessageSpec, data: Sequence[bytes]) -> Table:
-    """Make a table of single frames, such as those that an event names; the stamps are 0."""
+def table_of(
+    spec: MessageSpec,
+    data: Sequence[bytes],
+    at_ns: Sequence[int] | None = None,
+    rows: Sequence[int] | None = None,
+) -> Table:
+    """Make a table of single payloads, such as those that an event names.
+
+    Args:
+        at_ns: their stamps; 0 by default.
+        rows: their frames in the log.
+    """
     longest = max((len(each) for each in data), default=0)
     width = CLASSIC_BYTES if longest <= CLASSIC_BYTES else max(longest, FD_BYTES)
     joined = b"".join(each.ljust(width, b"\0") for each in data)
     length = np.array([len(each) for each in data], np.uint16)
     payloads = Payloads(np.frombuffer(joined, np.uint8).reshape(-1, width), length)
-    rows = np.arange(len(data), dtype=np.int64)
-    return Table(DecodingPlan(spec), np.zeros(len(data), np.int64), lambda: rows, payloads)
+    stamps = np.zeros(len(data), np.int64) if at_ns is None else np.array(at_ns, np.int64)
+    places = np.arange(len(data)) if rows is None else np.array(rows, np.int64)
+    return Table(DecodingPlan(spec), stamps, lambda: places, payloads)
+
+
+def merged(tables: Sequence[Table]) -> Table:
+    """Join tables of one message in order of time."""
+    if len(tables) == 1:
+        return tables[0]
+    at_ns = np.concatenate([each.at_ns for each in tables])
+    order = np.argsort(at_ns, kind="stable")
+    width = max(each.payloads.width for each in tables)
+    data = np.concatenate([widened(each.payloads.data, width) for each in tables])
+    length = np.concatenate([each.payloads.length.astype(np.uint16) for each in tables])
+    return Table(
+        DecodingPlan(tables[0].spec),
+        at_ns[order],
+        lambda: np.concatenate([each.rows for each in tables])[order],
+        Payloads(data[order], length[order]),
+    )
 
 
 def _nothing(column: Column) -> Any:

@@ -6,10 +6,10 @@ from typing import Final
 
 import numpy as np
 
+from canlog.bus_model import CHANNEL_SIGN
 from canlog.database import Bus, MessageSpec
 from canlog.frames import ERROR, FD_BYTES, NOT_DATA, Bytes, Frames, Ints
 from canlog.plan import DecodingPlan, Payloads
-from canlog.read import CHANNEL_SIGN
 from canlog.table import CHANNEL_SHIFT, KEY_MASK, Table
 from canlog.views.packed import ordered
 

@@ -7,11 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from canlog.bus_model import CHANNEL_SIGN
 from canlog.compare.pairing import Pairs, pair, reach_ns
 from canlog.damage import LogError
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Bools, Ints
-from canlog.read import CHANNEL_SIGN, Log
+from canlog.read import Log
 from canlog.table import Table
 from canlog.views.traces import TRAILER, flags_text
 

@@ -1,35 +1,51 @@
-"""`canlog extract`: writes a table of physical values for each message, as Parquet, CSV or npz."""
+"""`canlog extract`: writes physical values of each message as Parquet, CSV, Arrow, npz or MF4."""
 
 import argparse
 import sys
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from canlog.bus_model import Bus, MessageSpec
-from canlog.damage import Damage
+from canlog.bus_model import (
+    CHANNEL_SIGN,
+    ORIGIN_SIGN,
+    Bus,
+    MessageSpec,
+    Part,
+    part_names,
+)
+from canlog.damage import Damage, Damages
+from canlog.exports import Export, Mf4File, TableFiles
+from canlog.formats.mf4_write import in_order
 from canlog.frames import Frames, empty
-from canlog.read import CHANNEL_SIGN, Log, read, stream
-from canlog.table import Groups, Table, exported
+from canlog.read import Log, Stream, read
+from canlog.table import Groups, Table, exported, merged
+from canlog.transport.tables import LongTables
 from canlog.verbs.common import add_log, bus_asked, read_options
 from firmware_py.storage.whole_file import whole_file
 
 SUMMARY: Final = "write a table of physical values for each message, with exact time and units"
-FORMS: Final = ("parquet", "csv", "npz", "arrow")
+FORMS: Final = ("parquet", "csv", "npz", "arrow", "mf4")
 WHOLE: Final = "npz"
 """The one format that needs all rows at once."""
-ROWS_TOGETHER: Final = 1 << 14
-"""Rows of one message that are written at once."""
+BLOCK_FRAMES: Final = 1 << 16
+"""Frames per block; decoded signals need several times the memory of their frames."""
 
 
 def options(parser: argparse.ArgumentParser) -> None:
     add_log(parser)
     parser.add_argument("-o", dest="out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--as", dest="form", choices=FORMS, default="parquet")
+    parser.add_argument(
+        "--as",
+        dest="form",
+        choices=FORMS,
+        default="parquet",
+        help="mf4 is one file, signals.mf4, with a group for each message; default: parquet",
+    )
     parser.add_argument("--message", action="append", metavar="NAME", help="only this one")
 
 
@@ -42,116 +58,73 @@ def run(given: argparse.Namespace) -> int:
     if given.form == WHOLE:
         _extract_whole(given, bus, wanted)
         return 0
-    source = stream(given.log, read_options(given))
+    source = Stream(given.log, replace(read_options(given), block_frames=BLOCK_FRAMES))
     unknown: dict[int, int] = {}
     # Only at the end is it known which messages are on several channels; the files get their names
     # then.
-    with tempfile.TemporaryDirectory(dir=given.out, prefix=".canlog-") as scratch:
-        tables = _Tables(Path(scratch), given.form, bus, wanted)
-        for frames in source:
-            tables.feed(frames, unknown)
-        tables.close(given.out)
+    with tempfile.TemporaryDirectory(dir=given.out, prefix=".canlog-") as folder:
+        scratch = Path(folder)
+        export = Mf4File(scratch) if given.form == "mf4" else TableFiles(scratch, given.form)
+        for line in _export(source, export, bus, wanted, unknown, given.out):
+            print(line)
     _report(bus, unknown, source.warnings)
     return 0
 
 
+def _export(
+    source: Stream,
+    export: Export,
+    bus: Bus,
+    wanted: Sequence[str],
+    unknown: dict[int, int],
+    folder: Path,
+) -> Iterator[str]:
+    """Write all tables, and count by key the frames that no DBC file defines."""
+    long, parts = LongTables(bus), dict[Part, None]()
+    frames: Any = in_order(source, Damages()) if isinstance(export, Mf4File) else source
+    for block in frames:
+        for part, table in _tables(block, bus, long, unknown):
+            if not wanted or set(part.texts) & set(wanted):
+                parts[part] = None
+                export.add(part, table)
+    for name in wanted:
+        if not any(name in part.texts for part in parts):
+            part = Part(name, "")
+            parts[part] = None
+            export.add(part, Groups(empty()).table(_known(bus, name)))
+    yield from export.close(part_names(parts), folder)
+
+
+def _tables(
+    frames: Frames, bus: Bus, long: LongTables, unknown: dict[int, int]
+) -> Iterator[tuple[Part, Table]]:
+    """Yield the tables of one block: those of its frames, and of messages reassembled from them."""
+    groups = Groups(frames)
+    keys: dict[Part, tuple[MessageSpec, list[int]]] = {}
+    for key, channel in groups.places:
+        spec = bus.on(channel).spec_at(key)
+        if spec is None:
+            unknown[key] = unknown.get(key, 0) + groups.count(key, channel=channel)
+        else:
+            part = Part(spec.name, channel, spec.origin(key))
+            keys.setdefault(part, (spec, []))[1].append(key)
+    reassembled = long.feed(frames)
+    for part, (spec, mine) in keys.items():
+        table = groups.table(spec, part.channel, mine)
+        yield part, merged([table, reassembled.pop(part)] if part in reassembled else [table])
+    yield from reassembled.items()
+
+
 def _known(bus: Bus, name: str) -> MessageSpec:
     """Return the message of a name. Raises LogError if no DBC file defines it."""
-    channel, sign, plain = name.partition(CHANNEL_SIGN)
+    channel, sign, rest = name.rpartition(CHANNEL_SIGN)
+    plain = rest.partition(ORIGIN_SIGN)[0]
     if sign:
         return bus.on(channel).message(plain)
     for each in bus.by_channel.values():
-        if name in each.messages:
-            return each.messages[name]
-    return bus.message(name)
-
-
-@dataclass(slots=True)
-class _Open:
-    """The file of one message on one channel while it is written."""
-
-    path: Path
-    writer: Any = None
-    waiting: list[Any] = field(default_factory=list)
-    waiting_rows: int = 0
-    rows: int = 0
-
-
-class _Tables:
-    """Writes the rows of each message block by block."""
-
-    def __init__(self, scratch: Path, form: str, bus: Bus, wanted: Sequence[str]) -> None:
-        self._scratch, self._form, self._bus, self._wanted = scratch, form, bus, wanted
-        self._open: dict[tuple[str, str], _Open] = {}
-
-    def feed(self, frames: Frames, unknown: dict[int, int]) -> None:
-        """Add the next block, and count by key the frames that no DBC file defines."""
-        groups = Groups(frames)
-        keys: dict[tuple[str, str], tuple[MessageSpec, list[int]]] = {}
-        for key, channel in groups.places:
-            spec = self._bus.on(channel).spec_at(key)
-            if spec is None:
-                unknown[key] = unknown.get(key, 0) + groups.count(key, channel=channel)
-            elif self._is_wanted(spec.name, channel):
-                keys.setdefault((spec.name, channel), (spec, []))[1].append(key)
-        for (name, channel), (spec, mine) in keys.items():
-            self._add(name, channel, groups.table(spec, channel, mine))
-
-    def _is_wanted(self, name: str, channel: str) -> bool:
-        full = f"{channel}{CHANNEL_SIGN}{name}"
-        return not self._wanted or name in self._wanted or full in self._wanted
-
-    def _add(self, name: str, channel: str, table: Table) -> None:
-        found = self._open.get((name, channel))
-        if found is None:
-            path = self._scratch / str(len(self._open))
-            found = self._open[name, channel] = _Open(path)
-        found.waiting.append(table.arrow(channel))
-        found.waiting_rows += len(table)
-        found.rows += len(table)
-        if found.waiting_rows >= ROWS_TOGETHER:
-            self._write(found)
-
-    def _write(self, found: _Open) -> None:
-        import pyarrow as pa
-
-        table = pa.concat_tables(found.waiting).combine_chunks()
-        found.waiting, found.waiting_rows = [], 0
-        if found.writer is None:
-            found.writer = _writer(found.path, self._form, table.schema)
-        found.writer.write_table(table)
-
-    def close(self, folder: Path) -> None:
-        """Move the files to their names, and write empty files for requested messages without
-        frames.
-        """
-        spread = [name for name, _ in self._open]
-        for name in self._wanted:
-            if not any(name in (each, f"{on}{CHANNEL_SIGN}{each}") for each, on in self._open):
-                self._add(name, "", Groups(empty()).table(_known(self._bus, name)))
-        for (name, channel), found in self._open.items():
-            if found.waiting or found.writer is None:
-                self._write(found)
-            found.writer.close()
-            full = f"{channel}.{name}" if spread.count(name) > 1 else name
-            path = folder / f"{full.replace(CHANNEL_SIGN, '.')}.{self._form}"
-            found.path.replace(path)
-            print(f"{path}: {found.rows} rows")
-
-
-def _writer(path: Path, form: str, schema: Any) -> Any:
-    if form == "csv":
-        import pyarrow.csv
-
-        return pyarrow.csv.CSVWriter(str(path), schema)
-    if form == "arrow":
-        import pyarrow.ipc
-
-        packed = pyarrow.ipc.IpcWriteOptions(compression="lz4")
-        return pyarrow.ipc.new_file(str(path), schema, options=packed)
-    import pyarrow.parquet
-
-    return pyarrow.parquet.ParquetWriter(str(path), schema)
+        if plain in each.messages:
+            return each.messages[plain]
+    return bus.message(plain)
 
 
 def _report(bus: Bus, unknown: dict[int, int], warnings: Sequence[Damage]) -> None:
@@ -168,24 +141,27 @@ def _extract_whole(given: argparse.Namespace, bus: Bus, wanted: Sequence[str]) -
     log = read(given.log, bus, replace(read_options(given), on_disk=True))
     for name in _names(log, wanted):
         # Unlike the log's own table, a fresh one is not kept in memory.
-        table, channel = log.fresh_table(name), log.channel_of(name)
+        table, part = log.fresh_table(name), log.part_of(name)
         path = given.out / f"{name.replace(CHANNEL_SIGN, '.')}.{WHOLE}"
-        columns: dict[str, Any] = {"at_ns": table.at_ns, "channel": np.array(channel)}
+        columns: dict[str, Any] = {"at_ns": table.at_ns}
+        columns |= {column: np.array(value) for column, value in part.columns.items()}
         for signal in table.names:
             columns[signal] = exported(table[signal])
             columns[f"{signal}.valid"] = table.valid(signal)
-        with whole_file(path) as part:
-            np.savez_compressed(part, **columns)
+        with whole_file(path) as file:
+            np.savez_compressed(file, **columns)
         print(f"{path}: {len(table)} rows")
     _report(bus, {key: len(log.rows(key)) for key in log.unknown}, log.warnings)
 
 
 def _names(log: Log, wanted: Sequence[str]) -> list[str]:
-    """Return names of messages in the log; a name on several channels gives one per channel."""
+    """Return names of messages in the log; a message on several channels or from several sources
+    has several.
+    """
     if not wanted:
         return list(log.messages)
     found: list[str] = []
     for name in wanted:
-        spread = [each for each, spec in log.messages.items() if name in (each, spec.name)]
+        spread = [each for each in log.messages if log.asked_as(name, each)]
         found += spread or [name]
     return list(dict.fromkeys(found))

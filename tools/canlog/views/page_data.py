@@ -1,13 +1,16 @@
 """Collects all data of the page of a log, as JSON and one block of bytes."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
+from canlog.bit_activity import ActivityView
+from canlog.frames import KEY_EXTENDED
 from canlog.read import Log
+from canlog.shelf import in_pieces
 from canlog.views.extremes import kept
 from canlog.views.facts import message_head, statistics, verdict_codes, verdict_names
 from canlog.views.happenings import Happening, happenings
@@ -48,13 +51,16 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
     zero_ns = zero_of(log)
     in_order = ordered(log.frames, log.room)
     block = PackedBytes()
+    activity = ActivityView()
+    for _, piece in in_pieces(in_order.frames):
+        activity.feed(piece)
     head: dict[str, Any] = {
         "title": title,
         "zero": str(zero_ns),
         "date": date_text(zero_ns),
         "span": [log.start_ns - zero_ns, log.end_ns - zero_ns],
         "panels": panels,
-        "messages": [_message(log, group) for group in in_order.groups],
+        "messages": _messages(log, in_order.groups, activity),
         "events": [_event(each, zero_ns) for each in happenings(log)],
         "warnings": [str(each) for each in log.warnings],
         "inOrder": in_order.order is None,
@@ -69,17 +75,31 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
     else:
         head["frames"] = {"count": len(log), "channels": list(log.frames.channels)}
     head["cycles"] = log.run is not None and len(log.run.cycle_ns) > 0
-    head["extras"] = _extras(block, log, zero_ns, with_columns=with_frames)
+    head["extras"] = _extras(block, log, head["messages"], zero_ns, with_columns=with_frames)
     head["journey"] = _journey(block, log, zero_ns)
     head["block"] = block.index
     return PageData(head, block, in_order)
 
 
-def _message(log: Log, group: KeyGroup) -> dict[str, Any]:
-    spec = log.bus.on(group.channel).spec_at(group.key)
-    name = log.name_at(group.key, group.channel) if not group.flags & 4 else "error frame"
-    name += KIND_NAMES.get(group.flags & NOT_DATA, "") if not group.flags & 4 else ""
-    return message_head(group, spec, name)
+def _messages(log: Log, groups: Iterable[KeyGroup], activity: ActivityView) -> list[dict[str, Any]]:
+    """Return what the page knows of each message, each by a name of its own."""
+    found: list[dict[str, Any]] = []
+    names: set[str] = set()
+    for group in groups:
+        spec = log.bus.on(group.channel).spec_at(group.key)
+        name = log.name_at(group.key, group.channel) if not group.flags & 4 else "error frame"
+        name += KIND_NAMES.get(group.flags & NOT_DATA, "") if not group.flags & 4 else ""
+        if name in names:
+            # One J1939 message with two priorities has two identifiers.
+            name += f" {group.key & ~KEY_EXTENDED:08X}"
+        names.add(name)
+        head = message_head(group, spec, name)
+        one = activity.found.get((group.key, group.channel)) if not group.flags else None
+        if one is not None:
+            head["flips"] = one.flips.ravel().tolist()
+            head["entropy"] = one.entropy_bits.round(3).tolist()
+        found.append(head)
+    return found
 
 
 def frame_columns(log: Log) -> dict[str, Any]:
@@ -115,12 +135,18 @@ def _event(each: Happening, zero_ns: int) -> dict[str, Any]:
 
 
 def _extras(
-    block: PackedBytes, log: Log, zero_ns: int, *, with_columns: bool
+    block: PackedBytes,
+    log: Log,
+    messages: Sequence[Mapping[str, Any]],
+    zero_ns: int,
+    *,
+    with_columns: bool,
 ) -> list[dict[str, Any]]:
-    """Add the columns of a run folder: ground truth and control cycles."""
+    """Add what has no frame of its own: columns of a run folder, and reassembled messages."""
     found = []
+    framed = {each["name"] for each in messages}
     for name in trace_names(log):
-        if name.partition(".")[0] in log.messages:
+        if name.partition(".")[0] in framed:
             continue
         trace = trace_of(log, name)
         if not len(trace):

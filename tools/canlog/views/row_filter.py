@@ -14,7 +14,7 @@ from canlog.frames import KEY_EXTENDED, Bools
 from canlog.read import Log
 from canlog.views.packed import KeyGroup, Ordered
 
-COMPARED: Final = re.compile(r"([A-Za-z_][\w.]*)(>=|<=|==|!=|=|>|<)(.+)")
+COMPARED: Final = re.compile(r"([A-Za-z_][\w.:@-]*)(>=|<=|==|!=|=|>|<)(.+)")
 BARE_ID: Final = re.compile(r"[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8}")
 COMPARISONS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     ">": np.greater,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from canlog.damage import LogError
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Ints
-from canlog.read import CHANNEL_SIGN, Log
+from canlog.read import Log
 from canlog.run import NS_PER_S, RunFiles
 
 Floats = npt.NDArray[np.float64]
@@ -110,9 +110,12 @@ def find_names(log: Log, asked: str) -> list[str]:
         return by_signal
     if by_signal:
         raise LogError(f"{asked}: several messages have it; name one of {', '.join(by_signal)}")
-    spread = [name for name in known if name.partition(CHANNEL_SIGN)[2] == asked]
+    message, _, signal = asked.partition(".")
+    spread = [name for name in known if log.asked_as(message, name.partition(".")[0])]
+    spread = [name for name in spread if name.partition(".")[2] == signal]
     if spread:
-        raise LogError(f"{asked}: several channels have it; name one of {', '.join(spread)}")
+        words = "several channels or sources have it"
+        raise LogError(f"{asked}: {words}; name one of {', '.join(spread)}")
     _complain(log, asked, known)
     return []
 

@@ -165,7 +165,7 @@ function parseFilter(text, head) {
 }
 
 function parseTerm(body, head) {
-  const compared = /^([A-Za-z_][\w.]*)(>=|<=|==|!=|=|>|<)(.+)$/.exec(body);
+  const compared = /^([A-Za-z_][\w.:@-]*)(>=|<=|==|!=|=|>|<)(.+)$/.exec(body);
   if (compared) return comparison(compared[1], compared[2], compared[3], head);
   if (body.startsWith("@")) return { matches: message => (message.senders || []).some(name => alike(body.slice(1), name)) };
   const id = /^0x([0-9a-f]+)$/i.exec(body) || (/^[0-9a-f]{3}$|^[0-9a-f]{8}$/i.exec(body) && [0, body]);
