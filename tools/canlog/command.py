@@ -24,6 +24,7 @@ VERBS: Final = {
     "convert": "canlog.verbs.convert",
     "diff": "canlog.verbs.diff",
     "extract": "canlog.verbs.extract",
+    "find": "canlog.verbs.find",
     "open": "canlog.verbs.open",
     "plot": "canlog.verbs.plot",
     "replay": "canlog.verbs.replay",
