@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from canlog import read
+from canlog.bit_activity import ActivityView
 from canlog.command import main as canlog
 from canlog.read import Log
 from canlog.views.answers import Answers
+from canlog.views.packed import ordered
 from canlog.views.page_data import PageData, page_data
 from canlog.views.page_text import page_text
 from canlog.views.row_filter import Subject, passing
@@ -343,6 +345,38 @@ def test_lines_have_enough_contrast_in_both_themes(browser: Browser, run_page: s
 
     assert set(seen) == {"light", "dark"}
     assert min(seen.values()) > 500
+
+
+def test_the_bits_that_change_are_shown_in_the_page_and_from_the_server(
+    browser: Browser, whole_page: str, served: tuple[str, PageData], everything: Log
+) -> None:
+    activity = ActivityView()
+    activity.feed(ordered(everything.frames).frames)
+    one = activity.found[0x100, "can0"]
+
+    for address in (whole_page, served[0]):
+        browser.open(address)
+        browser.key("4")
+        assert not browser.run("document.getElementById('tab-bits').hidden")
+        row = (
+            "[...document.querySelectorAll('#tab-bits tbody tr')]"
+            ".find(r => r.cells[0].textContent === '100')"
+        )
+        assert browser.run(f"{row}.cells[1].textContent") == "PLAIN"
+        shown = json.loads(
+            browser.run(
+                f"JSON.stringify([...{row}.querySelectorAll('.byte')].map(b => b.textContent))"
+            )
+        )
+        assert [float(each) for each in shown] == pytest.approx(one.entropy_bits, abs=0.011)
+        title = browser.run(f"{row}.querySelectorAll('.byte')[1].title")
+        lines = [f"bit {7 - bit}: " for bit in range(8)]
+        assert [line[:7] for line in title.splitlines()[1:]] == lines
+        counted = [int("".join(filter(str.isdigit, line.split(":")[1].split("changes")[0])))
+                   for line in title.splitlines()[1:]]  # fmt: skip
+        assert counted == one.flips[1].tolist()
+        browser.run(f"{row}.click()")
+        assert browser.run("document.getElementById('filter').value") == "0x100"
 
 
 def test_the_server_answers_only_to_its_own_name(served: tuple[str, PageData]) -> None:

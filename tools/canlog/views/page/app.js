@@ -4,7 +4,7 @@ const KEYS = [
   ["← →", "cursor to the frame before or after; with Shift ten frames"], ["[ ]", "to the event before or after"],
   ["+ −", "zoom in or out about the cursor"], ["a d", "pan"], ["0", "whole log"], ["Backspace", "back to the span before"],
   ["Home End", "to the first or last frame"], ["Enter", "pin the cursor where it is"], ["Esc", "let the cursor go"], ["f", "filter the frames"], ["s", "add a signal"],
-  ["1 2 3", "frames, events, messages"], ["j", "show or hide speed over distance"], ["t", "light or dark"], ["g", "go to an instant"], ["?", "this list"],
+  ["1 2 3 4", "frames, events, messages, bits"], ["j", "show or hide speed over distance"], ["t", "light or dark"], ["g", "go to an instant"], ["?", "this list"],
 ];
 const POINTER = [
   ["wheel", "zoom"], ["Shift+wheel, drag", "pan"], ["Shift+drag", "zoom to a span"], ["click", "pin the cursor; the way to the pointer is shown then"],
@@ -165,7 +165,7 @@ function onKey(event) {
     0: wholeSpan, Backspace: backSpan, Home: () => goTo(view.first), End: () => goTo(view.last),
     "[": () => nextEvent(-1), "]": () => nextEvent(1), Enter: () => setCursor(about, true), Escape: unpin,
     f: () => { showTab("frames"); $("filter").focus(); }, s: openPicker, t: toggleTheme, "?": showHelp,
-    1: () => showTab("frames"), 2: () => showTab("events"), 3: () => showTab("stats"),
+    1: () => showTab("frames"), 2: () => showTab("events"), 3: () => showTab("stats"), 4: () => showTab("bits"),
     j: () => { if (journey) { $("journey").hidden = !$("journey").hidden; drawAll(); } },
     g: () => { const text = prompt("Go to which second?"); if (text !== null && text.trim() && !Number.isNaN(Number(text))) goTo(Number(text) * NS); },
   };

@@ -119,8 +119,46 @@ function statsRow(told, columns) {
 
 function showTab(name) {
   for (const button of document.querySelectorAll("#dock [data-tab]")) button.setAttribute("aria-selected", button.dataset.tab === name);
-  for (const each of ["frames", "events", "stats"]) document.getElementById(`tab-${each}`).hidden = each !== name;
+  for (const each of ["frames", "events", "stats", "bits"]) document.getElementById(`tab-${each}`).hidden = each !== name;
   document.getElementById("filter").hidden = document.getElementById("filter-note").hidden = name !== "frames";
   if (name === "frames") table_.follow().then(() => table_.draw());
   if (name === "events") followEvents();
+  if (name === "bits") bitsList();
+}
+
+// Which bits change, as in `canlog bits`: a bar for each byte, a stripe for each bit, highest first.
+function bitsList() {
+  const box = document.getElementById("tab-bits");
+  if (box.children.length) return;
+  const note = document.createElement("p"), table = document.createElement("table"), body = table.createTBody();
+  note.className = "buses";
+  note.textContent = "Each bar is a byte and each stripe a bit, highest first: the darker, the more often it changes from frame to frame. Below is the entropy of the byte in bits.";
+  table.innerHTML = "<thead><tr><th>id</th><th>message</th><th class='n'>frames</th><th>bytes</th></tr></thead>";
+  table.append(body);
+  for (const message of view.head.messages) if (message.flips?.length) body.append(bitsRow(message));
+  box.replaceChildren(note, table);
+}
+
+function bitsRow(message) {
+  const row = document.createElement("tr"), steps = Math.max(1, message.count - 1);
+  for (const [text, kind] of [[message.idText, ""], [message.name === message.idText ? "" : message.name, ""], [grouped(message.count), "n"]]) {
+    const cell = row.insertCell();
+    cell.textContent = text; cell.className = kind;
+  }
+  const bytes = row.insertCell();
+  message.entropy.forEach((entropy, at) => {
+    const bar = document.createElement("span"), flips = message.flips.slice(8 * at, 8 * at + 8);
+    const stripes = flips.map((flip, bit) => {
+      const share = flip ? 15 + 85 * flip / steps : 0;
+      return `color-mix(in srgb, var(--accent) ${share.toFixed(1)}%, var(--soft)) ${12.5 * bit}% ${12.5 * bit + 12.5}%`;
+    });
+    bar.className = "byte";
+    bar.style.setProperty("--bits", `linear-gradient(to right, ${stripes.join(", ")})`);
+    bar.textContent = entropy.toFixed(2);
+    bar.title = `byte ${at}\n${flips.map((flip, bit) => `bit ${7 - bit}: ${grouped(flip)} changes (${(100 * flip / steps).toPrecision(3)} %)`).join("\n")}`;
+    bytes.append(bar);
+  });
+  const filter = `0x${message.idText}`;
+  row.onclick = () => { document.getElementById("filter").value = filter; showTab("frames"); table_.filter(filter); };
+  return row;
 }
