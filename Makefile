@@ -89,6 +89,8 @@ prose: $(READY_TO_TEST) ## find words that docs/design/development.md excludes
 layers: $(READY_TO_TEST)
 	$(BIN)/lint-imports
 
+# The C code would hide the changes.
+mutate: export VOBC_NATIVE := off
 mutate: $(READY_TO_TEST) ## check that tests detect every small code change in the safety half; MUTATE_ARGS=...
 	@# Mutates code, then data. A survivor of either fails the target.
 	$(if $(filter-out data,$(firstword $(MUTATE_ARGS) code)),$(BIN)/python -m metro_tools.mutate $(MUTATE_ARGS); code=$$?;) \

@@ -3,6 +3,7 @@
 A bad frame gives a value, not an exception.
 """
 
+import enum
 from binascii import crc_hqx
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -12,11 +13,21 @@ from cantools.database.can import Message
 
 from can_dbc.agreement import payload_bytes
 from can_dbc.binding import Binding, Frame, MessageProtection, binding_of, known_ids
-from can_dbc.packing import EncodeError, invalid_values, packer, unpacker
+from can_dbc.c_source import compiled_kinds
+from can_dbc.packing import EncodeError, invalid_values, packer, unpacker, value_table
 from can_dbc.rejection import Reason, Rejected
-from can_dbc.trailer import AliveCounter, crc_of_data_id, damage, opener
+from can_dbc.trailer import AliveCounter, crc_of_data_id, damage, jumped, opener, stuck
 
-__all__ = ["Decoder", "EncodeError", "Encoder", "Reason", "Rejected", "TWIN_WITHIN_NS"]
+__all__ = [
+    "Decoder",
+    "EncodeError",
+    "Encoder",
+    "Reason",
+    "Rejected",
+    "TWIN_WITHIN_NS",
+    "compiled_codec",
+    "use_compiled",
+]
 
 TWIN_WITHIN_NS: Final = 20_000_000
 """Maximum time between the two halves of a vital pair."""
@@ -27,6 +38,38 @@ Sent = tuple[tuple[int, bytes], ...]
 Heard = Frame | Rejected | None
 Hear = Callable[[bytes, int], Heard]
 Reject = Callable[[bytes, Reason, str], Rejected]
+
+
+class Verdict(enum.IntEnum):
+    """Verdicts of `wire.h` that reject a frame, with their numbers there."""
+
+    WRONG_LENGTH = 2
+    WRONG_CRC = 3
+    STUCK_COUNTER = 4
+    JUMPED_COUNTER = 5
+    INVALID_VALUE = 6
+    ALONE = 7
+    NO_FIRST = 8
+    LATE_TWIN = 9
+    NOT_INVERSE = 10
+
+
+_compiled: Any = None
+
+
+def compiled_codec() -> Any:
+    """The extension module in use; None for the functions of this module."""
+    return _compiled
+
+
+def use_compiled(module: Any) -> None:
+    """Let new encoders and decoders use this extension module, built from `c_source.sources`.
+
+    It gives the same bytes, frames and rejections. With None they use the functions of this module,
+    which are its readable reference.
+    """
+    global _compiled
+    _compiled = module
 
 
 class Encoder:
@@ -60,6 +103,8 @@ class Encoder:
             MessageProtection.SAFETY: _safe_sender,
             MessageProtection.VITAL: _vital_sender,
         }[bound.protection]
+        if _has_compiled(bound):
+            make = _compiled_sender
         send = self._send[kind] = make(bound)
         return send
 
@@ -110,6 +155,9 @@ class Decoder:
     def _prepare(self, bound: Binding, silence_s: float) -> None:
         can_id = bound.message.frame_id
         reject = self._reject(can_id)
+        if _has_compiled(bound):
+            self._prepare_compiled(bound, silence_s)
+            return
         if bound.protection is MessageProtection.NONE:
             self._receivers[can_id] = _plain_receiver(bound, reject)
             return
@@ -122,12 +170,91 @@ class Decoder:
             bound, bound.twin, alive, reject, self._reject(twin_id)
         )
 
+    def _prepare_compiled(self, bound: Binding, silence_s: float) -> None:
+        can_id = bound.message.frame_id
+        twin_id = can_id if bound.twin is None else bound.twin.frame_id
+        guarded = bound.protection is not MessageProtection.NONE
+
+        def count(lost: int) -> None:
+            self.lost[can_id] += lost
+
+        hear, hear_twin = _compiled.receivers(
+            *(can_id, bound.kind, _tables(bound), round(silence_s * 1e9) if guarded else 0),
+            *(count, _refuser(bound, self._reject(can_id), self._reject(twin_id))),
+        )
+        self._receivers[can_id] = hear
+        if bound.twin is not None:
+            self._receivers[twin_id] = hear_twin
+
     def _reject(self, can_id: int) -> Reject:
         def reject(data: bytes, reason: Reason, detail: str) -> Rejected:
             self.rejections[can_id, reason] += 1
             return Rejected(can_id, bytes(data), reason, detail)
 
         return reject
+
+
+def _has_compiled(bound: Binding) -> bool:
+    return _compiled is not None and bound.kind in compiled_kinds()
+
+
+def _compiled_sender(bound: Binding) -> Callable[[Any], Sent]:
+    send: Callable[[Any], Sent] = _compiled.sender(
+        bound.message.frame_id, bound.kind, _tables(bound), packer(bound.kind)
+    )
+    return send
+
+
+def _tables(bound: Binding) -> tuple[tuple[type, tuple[Any, ...]] | None, ...]:
+    """For each field the class of its enumeration and the member of every raw value, or None."""
+    tables = [(field.kind, value_table(field)) for field in bound.fields]
+    return tuple(None if table is None else (kind, table) for kind, table in tables)
+
+
+def _refuser(bound: Binding, reject: Reject, reject_twin: Reject) -> Callable[..., Rejected]:
+    """Return the function from a verdict of the compiled module to the rejection and its text."""
+    message, twin = bound.message, bound.twin
+
+    def refuse(
+        number: int, of_twin: bool, data: bytes, one: int, other: int, bits: int
+    ) -> Rejected:
+        verdict = Verdict(number)
+        if verdict is Verdict.INVALID_VALUE:
+            return reject(data, Reason.INVALID_VALUE, invalid_values(bound.fields, bits))
+        if verdict is Verdict.STUCK_COUNTER:
+            return reject(data, *stuck(one))
+        if verdict is Verdict.JUMPED_COUNTER:
+            return reject(data, *jumped(one, other))
+        if verdict in (Verdict.WRONG_LENGTH, Verdict.WRONG_CRC):
+            if of_twin and twin is not None:
+                return reject_twin(data, *damage(twin, data))
+            return reject(data, *damage(message, data))
+        assert twin is not None
+        if verdict is Verdict.ALONE:
+            return reject(data, *_alone(twin))
+        if verdict is Verdict.NO_FIRST:
+            return reject_twin(data, *_no_first(message))
+        if verdict is Verdict.LATE_TWIN:
+            return reject_twin(data, *_late(message, one - other))
+        return reject_twin(data, *_not_inverse(message))
+
+    return refuse
+
+
+def _alone(twin: Message) -> tuple[Reason, str]:
+    return Reason.TWIN_TIMEOUT, f"no {twin.name} before the next pair"
+
+
+def _no_first(message: Message) -> tuple[Reason, str]:
+    return Reason.TWIN_MISMATCH, f"no {message.name} waits for it"
+
+
+def _late(message: Message, after_ns: int) -> tuple[Reason, str]:
+    return Reason.TWIN_TIMEOUT, f"{after_ns / 1e6:.1f} ms after {message.name}"
+
+
+def _not_inverse(message: Message) -> tuple[Reason, str]:
+    return Reason.TWIN_MISMATCH, f"not the inverse of {message.name}"
 
 
 def _plain_sender(bound: Binding) -> Callable[[Any], Sent]:
@@ -276,7 +403,7 @@ def _vital_receivers(
             return reject(data, *fault)
         alone, waiting = waiting, (word, heard_ns, data)
         if alone is not None:
-            return reject(alone[2], Reason.TWIN_TIMEOUT, f"no {twin.name} before the next pair")
+            return reject(alone[2], *_alone(twin))
         return None
 
     def hear_twin(data: bytes, heard_ns: int) -> Heard:
@@ -285,15 +412,12 @@ def _vital_receivers(
         if word < 0:
             return reject_twin(data, *damage(twin, data))
         if waiting is None:
-            detail = f"no {message.name} waits for it"
-            return reject_twin(data, Reason.TWIN_MISMATCH, detail)
+            return reject_twin(data, *_no_first(message))
         (first, first_ns, first_data), waiting = waiting, None
         if heard_ns - first_ns > TWIN_WITHIN_NS:
-            detail = f"{(heard_ns - first_ns) / 1e6:.1f} ms after {message.name}"
-            return reject_twin(data, Reason.TWIN_TIMEOUT, detail)
+            return reject_twin(data, *_late(message, heard_ns - first_ns))
         if first ^ word != mask:
-            detail = f"not the inverse of {message.name}"
-            return reject_twin(data, Reason.TWIN_MISMATCH, detail)
+            return reject_twin(data, *_not_inverse(message))
         frame = read(first & mask)
         if frame is None:
             detail = invalid_values(bound.fields, first & mask)

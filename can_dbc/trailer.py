@@ -56,6 +56,14 @@ def damage(message: Message, data: bytes) -> tuple[Reason, str]:
     return Reason.WRONG_CRC, f"CRC is {found:#06x}, should be {wanted:#06x}"
 
 
+def stuck(value: int) -> tuple[Reason, str]:
+    return Reason.STUCK_COUNTER, f"counter is {value} again"
+
+
+def jumped(value: int, last: int) -> tuple[Reason, str]:
+    return Reason.JUMPED_COUNTER, f"counter is {value} after {last}"
+
+
 class AliveCounter:
     """Supervises the alive counter of one message.
 
@@ -95,11 +103,11 @@ class AliveCounter:
             if step == 0:
                 # A stuck sender ends the silence, so it is never accepted as a new stream.
                 self.heard_ns = heard_ns
-                return Reason.STUCK_COUNTER, f"counter is {value} again"
+                return stuck(value)
             if step > MAX_STEP:
                 self._candidate = value
                 self._refused_ns = heard_ns
-                return Reason.JUMPED_COUNTER, f"counter is {value} after {self.value}"
+                return jumped(value, self.value)
             if step > 1:
                 self._lost[self._can_id] += step - 1
         self.value = value

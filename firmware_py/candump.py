@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from firmware_py.ports import CanFrame
 from firmware_py.storage.errors import RecorderError
-from firmware_py.storage.recorder import (
+from firmware_py.storage.lines import (
     ERROR_FLAG,
     ERROR_MASK,
     EXTENDED_MAX,

@@ -17,6 +17,8 @@ from xdist.scheduler import LoadScopeScheduling
 from hil_tests.guest_rig import Guest
 from metro_tools.browser import NAMES, Browser, browser_path
 
+os.environ.setdefault("VOBC_NATIVE", "wire")
+
 ROOT: Final = Path(__file__).resolve().parent.parent
 IN_CI: Final = os.environ.get("CI", "").lower() not in ("", "0", "false")
 NO_GUEST_STATUS: Final = 125

@@ -10,7 +10,7 @@ from firmware_py.buses.confinement import (
     ErrorState,
     unacknowledged_bits,
 )
-from firmware_py.buses.inproc import InprocPort, Offer
+from firmware_py.buses.inproc import Offer, VirtualPort
 
 
 @dataclass(slots=True, eq=False)
@@ -20,7 +20,7 @@ class BusNode:
     Instants are those of the bus; `sequence_ns` is the time of eleven bits.
     """
 
-    port: InprocPort
+    port: VirtualPort
     sequence_ns: int
     offers: list[Offer] = field(default_factory=list)
     """Frames in the mailboxes as a heap, the lowest identifier first."""

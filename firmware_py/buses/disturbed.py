@@ -17,7 +17,7 @@ from typing import Final, Protocol
 from firmware_py.buses import confinement
 from firmware_py.buses.bus_node import BusNode, Passing, WireEvent
 from firmware_py.buses.confinement import ErrorCounters, ErrorState, WireFrame, wire_frame
-from firmware_py.buses.inproc import MAILBOX_FRAMES, InprocBus, InprocPort, Offer
+from firmware_py.buses.inproc import MAILBOX_FRAMES, Offer, VirtualBus, VirtualPort
 from firmware_py.buses.timing import INTERMISSION_BITS, frame_bits
 from firmware_py.ports import CanFrame
 
@@ -42,7 +42,7 @@ class DisturbedWire:
 
     def __init__(
         self,
-        bus: InprocBus,
+        bus: VirtualBus,
         disturber: Disturber | None = None,
         on_error: Callable[[CanFrame, str], None] | None = None,
         acting: Mapping[int, str] | None = None,
@@ -61,7 +61,7 @@ class DisturbedWire:
         self.events_left_out = 0
         self._bus, self._on_error, self._acting = bus, on_error, acting or {}
         self._nodes: dict[str, BusNode] = {}
-        self._free_ns = bus._start_ns
+        self._free_ns = 0
         self._passing: Passing | None = None
         self._mending: list[BusNode] = []
         self._restarting: list[BusNode] = []
@@ -73,20 +73,14 @@ class DisturbedWire:
         self._take_over()
 
     def _take_over(self) -> None:
-        bus = self._bus
-        assert bus._carrier is None, "another one carries this bus"
-        while bus._offers:
-            offer = heappop(bus._offers)
-            offer[5]._waiting -= 1
+        self._free_ns, offers, on_wire = self._bus.hand_over(self)
+        for offer in offers:
             self._node(offer[5]).push(offer)
-        if bus._on_wire is not None:
-            frame, port, bits = bus._on_wire
-            length_ns = self._ns(bits - INTERMISSION_BITS)
-            offer = (frame.can_id, port.name, 0, bits, frame.data, port)
-            start_ns = frame.stamp_ns - length_ns
-            self._passing = Passing(offer, self._node(port), start_ns, frame.stamp_ns, bits)
-            bus._on_wire = None
-        bus._carrier = self
+        if on_wire is not None:
+            end_ns, offer = on_wire
+            _, _, _, bits, _, port = offer
+            start_ns = end_ns - self._ns(bits - INTERMISSION_BITS)
+            self._passing = Passing(offer, self._node(port), start_ns, end_ns, bits)
 
     # Methods that the bus calls.
 
@@ -123,7 +117,7 @@ class DisturbedWire:
         node.push((can_id, name, port._sequence, bits, data, port))
         return True
 
-    def forget(self, leaving: InprocPort) -> int:
+    def forget(self, leaving: VirtualPort) -> int:
         node = self._nodes.pop(leaving.name, None)
         if node is None:
             return 0
@@ -189,7 +183,7 @@ class DisturbedWire:
         self._restarting.append(off)
 
     def babble(
-        self, port: InprocPort, can_id: int, data: bytes, load_ratio: float, now_ns: int
+        self, port: VirtualPort, can_id: int, data: bytes, load_ratio: float, now_ns: int
     ) -> None:
         """Let the node send this frame repeatedly; alone on the bus it fills this share of it."""
         self._bus.advance(now_ns)
@@ -203,7 +197,7 @@ class DisturbedWire:
             return
         self.offer(now_ns, (can_id, port.name, 0, bits, data, port))
 
-    def hush(self, port: InprocPort, now_ns: int) -> None:
+    def hush(self, port: VirtualPort, now_ns: int) -> None:
         """Stop the babbling; a frame on the wire is still finished."""
         self._bus.advance(now_ns)
         node = self._node(port)
@@ -377,7 +371,7 @@ class DisturbedWire:
     def _nodes_all(self) -> list[BusNode]:
         return [self._node(port) for port in self._bus._ports.values()]
 
-    def _node(self, port: InprocPort) -> BusNode:
+    def _node(self, port: VirtualPort) -> BusNode:
         node = self._nodes.get(port.name)
         if node is None:
             node = self._nodes[port.name] = BusNode(

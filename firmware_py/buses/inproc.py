@@ -14,10 +14,12 @@ within the node; the order in which ports were created has no effect.
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
-from typing import Final, Protocol
+from typing import Final, Protocol, cast
 
 from firmware_py.buses.timing import INTERMISSION_BITS, LONGEST_FRAME_BITS, frame_bits
-from firmware_py.ports import CanFrame, LinkCounters
+from firmware_py.native.core import native_core
+from firmware_py.ports import CanFrame, CanPort, LinkCounters
+from firmware_py.storage.lines import FrameLines
 
 MAILBOX_FRAMES: Final = 256
 """Capacity of a node's mailboxes. A node that fills them offers frames faster than the bus carries
@@ -26,9 +28,13 @@ INBOX_FRAMES: Final = 65_536
 
 Record = Callable[[CanFrame, str], None]
 
-Offer = tuple[int, str, int, int, bytes, "InprocPort"]
+Offer = tuple[int, str, int, int, bytes, "VirtualPort"]
 """Identifier, node and number within the node define the order; then length in bits, data,
 sender."""
+_OwnOffer = tuple[int, str, int, int, bytes, "InprocPort"]
+Handover = tuple[int, list[Offer], tuple[int, Offer] | None]
+"""What a carrier takes over: earliest start of the next frame, offers by their order, and the frame
+on the wire with the instant of its end."""
 
 _make_frame = tuple.__new__
 """Creates a CanFrame in a third of the time of its own constructor."""
@@ -49,6 +55,53 @@ class BusStatistics:
         return self.busy_ns / duration_ns if duration_ns > 0 else 0.0
 
 
+class VirtualPort(CanPort, Protocol):
+    """A node on a bus in virtual time. The names with an underscore are for a `FrameCarrier`."""
+
+    name: str
+    is_open: bool
+    _accepted: frozenset[int] | None
+    _deaf: bool
+    """The node is bus off or cut off; only a carrier sets this."""
+    _excepted: frozenset[int]
+    """Identifiers for which the opposite of `_deaf` holds."""
+    _waiting: int
+    """Number of frames in the mailboxes."""
+    _sequence: int
+
+    def accepts(self, can_id: int) -> bool: ...
+
+
+class VirtualBus(Protocol):
+    """A bus in virtual time: `InprocBus`, or the same in C. `open_bus` creates one."""
+
+    name: str
+    bit_rate: int
+    _ports: dict[str, VirtualPort]
+    _bits: int
+
+    def port(self, node_name: str, accept_ids: Collection[int] | None = None) -> VirtualPort: ...
+
+    def statistics(self) -> BusStatistics: ...
+
+    def advance(self, now_ns: int) -> None: ...
+
+    def hand_over(self, carrier: "FrameCarrier") -> Handover: ...
+
+    def _end(self, frame: CanFrame, sender: VirtualPort, bits: int) -> None: ...
+
+    def _forget_routes(self) -> None: ...
+
+
+def open_bus(
+    name: str, bit_rate: int, record: Record | None = None, log: FrameLines | None = None
+) -> VirtualBus:
+    """Create a bus, in C where `native_core` is in use."""
+    core = native_core()
+    made = InprocBus if core is None else core.Bus
+    return cast(VirtualBus, made(name, bit_rate, record, log))
+
+
 class FrameCarrier(Protocol):
     """Replaces a bus's transmission to model errors, which the bus itself does not know."""
 
@@ -65,7 +118,7 @@ class FrameCarrier(Protocol):
         """Put one frame into a mailbox; returns False if it is dropped."""
         ...
 
-    def forget(self, leaving: "InprocPort") -> int:
+    def forget(self, leaving: VirtualPort) -> int:
         """Drop the frames in the mailboxes of a leaving node and return their number."""
         ...
 
@@ -79,6 +132,7 @@ class InprocBus:
         "_duration_ns",
         "_frames",
         "_latest_ns",
+        "_log",
         "_offers",
         "_on_wire",
         "_ports",
@@ -88,16 +142,25 @@ class InprocBus:
         "name",
     )
 
-    def __init__(self, name: str, bit_rate: int, record: Record | None = None) -> None:
-        """`record` is called once per frame, at its end, in bus order, with the sender's name."""
+    def __init__(
+        self,
+        name: str,
+        bit_rate: int,
+        record: Record | None = None,
+        log: FrameLines | None = None,
+    ) -> None:
+        """Args:
+        record: called once per frame, at its end, in bus order, with the sender's name.
+        log: receives the same frames before that.
+        """
         if bit_rate <= 0:
             raise ValueError(f"bus {name!r}: bit rate {bit_rate} is not positive")
         self.name = name
         self.bit_rate = bit_rate
-        self._record = record
+        self._record, self._log = record, log
         self._carrier: FrameCarrier | None = None
         self._ports: dict[str, InprocPort] = {}
-        self._offers: list[Offer] = []
+        self._offers: list[_OwnOffer] = []
         self._start_ns = 0
         """Earliest start of the next frame; the exact start if frames are waiting."""
         self._latest_ns = 0
@@ -156,10 +219,28 @@ class InprocBus:
                 return
             self._end(frame, sender, bits)
 
+    def hand_over(self, carrier: FrameCarrier) -> Handover:
+        """Let a carrier transmit from now on, and return what it takes over."""
+        assert self._carrier is None, "another one carries this bus"
+        offers: list[Offer] = []
+        while self._offers:
+            offer = heappop(self._offers)
+            offer[5]._waiting -= 1
+            offers.append(offer)
+        on_wire: tuple[int, Offer] | None = None
+        if self._on_wire is not None:
+            frame, port, bits = self._on_wire
+            on_wire = frame.stamp_ns, (frame.can_id, port.name, 0, bits, frame.data, port)
+            self._on_wire = None
+        self._carrier = carrier
+        return self._start_ns, offers, on_wire
+
     def _end(self, frame: CanFrame, sender: "InprocPort", bits: int) -> None:
         """Deliver a completed frame; every frame passes here."""
         self._frames += 1
         self._bits += bits
+        if self._log is not None:
+            self._log.frame(frame[0], frame[1], frame[2])
         if self._record is not None:
             self._record(frame, sender.name)
         hearers = sender._hearers.get(frame[1])

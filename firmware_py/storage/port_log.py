@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py.clock.executive import Executive
+from firmware_py.native.core import native_core
 from firmware_py.ports import (
     CanFrame,
     CanPort,
@@ -33,11 +34,12 @@ from firmware_py.ports import (
     SerialChunk,
     SerialPort,
 )
-from firmware_py.storage.recorder import NS_PER_S, LineFile
+from firmware_py.storage import lines
+from firmware_py.storage.lines import LINES_MAX, NS_PER_S, RecordLines, hex_text
+from firmware_py.storage.recorder import LineFile
 
 PORTS_LOG: Final = "ports.log"
 VERSION: Final = 1
-LINES_MAX: Final = 1024
 
 
 class PortLog:
@@ -46,7 +48,8 @@ class PortLog:
     def __init__(self, path: Path | str) -> None:
         """Open the log. Raises RecorderError."""
         self._file = LineFile(path)
-        self._lines: list[str] = []
+        native = native_core()
+        self.lines: RecordLines = (native or lines).PortLines(self._take)
         self._written = 0
         self._second = -1
         self._running = self._stopped = False
@@ -69,7 +72,7 @@ class PortLog:
 
     def _began(self, task: str, begin_ns: int, execution_ns: int) -> None:
         second = begin_ns // NS_PER_S
-        if second != self._second or len(self._lines) >= LINES_MAX:
+        if second != self._second or self.lines.waiting >= LINES_MAX:
             self.flush()
             self._second = second
         self.line(f"run {task} {begin_ns} {execution_ns}\n")
@@ -78,28 +81,30 @@ class PortLog:
     def _ended(self) -> None:
         self._running = False
 
-    def said(self, now_ns: int, text: str) -> None:
-        """Record an output.
+    def note_output(self, now_ns: int) -> None:
+        """Call this before the line of an output.
 
         An output outside of any task belongs to the end: the controller was asked to end.
         """
         if not self._running and not self._stopped:
             self._stopped = True
             self.line(f"stop {now_ns}\n")
+
+    def said(self, now_ns: int, text: str) -> None:
+        """Record an output."""
+        self.note_output(now_ns)
         self.line(text)
 
     def line(self, text: str) -> None:
-        self._lines.append(text)
-
-    def lines(self, texts: Sequence[str]) -> None:
-        self._lines.extend(texts)
+        self.lines.text(text)
 
     def flush(self) -> None:
         """Pass all lines to the operating system. This happens every second and on closing."""
-        if self._lines:
-            self._written += len(self._lines)
-            self._file.write(self._lines)
-            self._lines = []
+        self.lines.flush()
+
+    def _take(self, block: bytes, count: int) -> None:
+        self._written += count
+        self._file.append(block, count)
 
     def close(self) -> None:
         self.flush()
@@ -122,34 +127,21 @@ class _LoggedCan:
 
     def __init__(self, port: CanPort, log: PortLog) -> None:
         self._port, self._log = port, log
-        self._identifiers: dict[int, str] = {}
-        """Text of each 11-bit identifier."""
 
     @property
     def counters(self) -> LinkCounters:
         return self._port.counters
 
     def send(self, now_ns: int, can_id: int, data: bytes) -> None:
-        identifier = self._identifiers.get(can_id) or self._remember(can_id)
-        self._log.said(now_ns, f"tx can {identifier} {data.hex().upper() or '-'}\n")
+        self._log.note_output(now_ns)
+        self._log.lines.sent(can_id, data)
         self._port.send(now_ns, can_id, data)
 
     def receive(self, now_ns: int) -> Sequence[CanFrame]:
         frames = self._port.receive(now_ns)
         if frames:
-            self._log.lines([self._reception(frame) for frame in frames])
+            self._log.lines.received(frames)
         return frames
-
-    def _reception(self, frame: CanFrame) -> str:
-        stamp_ns, can_id, data, extended, remote, error = frame
-        if extended or remote or error:
-            return _unusual(frame)
-        identifier = self._identifiers.get(can_id) or self._remember(can_id)
-        return f"rx can {stamp_ns} {identifier} {data.hex().upper() or '-'}\n"
-
-    def _remember(self, can_id: int) -> str:
-        text = self._identifiers[can_id] = f"{can_id:03X}"
-        return text
 
     def close(self) -> None:
         self._port.close()
@@ -164,13 +156,13 @@ class _LoggedSerial:
         return self._port.counters
 
     def send(self, now_ns: int, data: bytes) -> None:
-        self._log.said(now_ns, f"tx tags {_hex(data)}\n")
+        self._log.said(now_ns, f"tx tags {hex_text(data)}\n")
         self._port.send(now_ns, data)
 
     def receive(self, now_ns: int) -> Sequence[SerialChunk]:
         chunks = self._port.receive(now_ns)
         for stamp_ns, data in chunks:
-            self._log.line(f"rx tags {stamp_ns} {_hex(data)}\n")
+            self._log.line(f"rx tags {stamp_ns} {hex_text(data)}\n")
         return chunks
 
     def close(self) -> None:
@@ -186,24 +178,14 @@ class _LoggedRadio:
         return self._port.counters
 
     def send(self, now_ns: int, key: str, payload: bytes) -> None:
-        self._log.said(now_ns, f"tx radio {key} {_hex(payload)}\n")
+        self._log.said(now_ns, f"tx radio {key} {hex_text(payload)}\n")
         self._port.send(now_ns, key, payload)
 
     def receive(self, now_ns: int) -> Sequence[RadioMessage]:
         heard = self._port.receive(now_ns)
         for stamp_ns, key, payload in heard:
-            self._log.line(f"rx radio {stamp_ns} {key} {_hex(payload)}\n")
+            self._log.line(f"rx radio {stamp_ns} {key} {hex_text(payload)}\n")
         return heard
 
     def close(self) -> None:
         self._port.close()
-
-
-def _hex(data: bytes) -> str:
-    return data.hex().upper() or "-"
-
-
-def _unusual(frame: CanFrame) -> str:
-    digits = f"{frame.can_id:08X}" if frame.extended or frame.error else f"{frame.can_id:03X}"
-    kind = "E:" if frame.error else "R:" if frame.remote else ""
-    return f"rx can {frame.stamp_ns} {digits} {kind}{_hex(frame.data)}\n"

@@ -11,18 +11,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
+from firmware_py.native.core import native_core
+from firmware_py.storage import lines
 from firmware_py.storage.errors import RecorderError
+from firmware_py.storage.lines import FrameLines, RowLines
 
-NS_PER_S: Final = 1_000_000_000
-LINES_MAX: Final = 1024
-"""Maximum number of buffered lines, about 50 KiB of frames."""
-ERROR_FLAG: Final = 0x2000_0000
-ERROR_MASK: Final = 0x1FFF_FFFF
-EXTENDED_MAX: Final = 0x1FFF_FFFF
-STANDARD_MAX: Final = 0x7FF
-PAYLOAD_MAX: Final = 8
-_THOUSAND: Final = [f"{number:03d}" for number in range(1000)]
-"""A lookup table, which is faster than formatting."""
+NS_PER_S: Final = lines.NS_PER_S
 
 
 class Lossy(Protocol):
@@ -63,12 +57,15 @@ class LineFile:
         """SHA-256 of the content written so far, as 64 hexadecimal digits."""
         return self._digest.hexdigest()
 
-    def write(self, lines: Sequence[str]) -> None:
+    def write(self, texts: Sequence[str]) -> None:
         """Pass whole lines to the operating system.
 
         Lines that it does not accept are lost and counted.
         """
-        block = "".join(lines).encode("utf-8", "surrogateescape")
+        self.append("".join(texts).encode("utf-8", "surrogateescape"), len(texts))
+
+    def append(self, block: bytes, count: int) -> None:
+        """Do the same with a block of `count` whole lines."""
         # After an incomplete line the next block starts on a new line.
         block = b"\n" + block if self._torn and block else block
         taken = 0
@@ -77,7 +74,7 @@ class LineFile:
                 taken += self._file.write(block[taken:])
         except (OSError, ValueError) as error:
             self.error = f"{self.path}: {getattr(error, 'strerror', None) or error}"
-            self.lost_lines += max(0, len(lines) - block[:taken].count(b"\n"))
+            self.lost_lines += max(0, count - block[:taken].count(b"\n"))
         written = block[:taken]
         self._digest.update(written)
         if written:
@@ -93,11 +90,10 @@ class CandumpWriter:
     def __init__(self, path: Path | str, channel: str) -> None:
         """Open the log. Raises RecorderError."""
         self._file = LineFile(path)
-        self._lines: list[str] = []
-        self._middle = f") {channel} "
-        self._heads: dict[int, str] = {}
-        self._second_ns = 0
-        self._seconds = "(0000000000."
+        native = native_core()
+        self.lines: FrameLines = (native or lines).CandumpLines(self._take, channel)
+        """Takes the frames, each with its instant since 1970, identifier and data."""
+        self.frame = self.lines.frame
         self.frames = 0
 
     @property
@@ -113,65 +109,23 @@ class CandumpWriter:
     def error(self) -> str | None:
         return self._file.error
 
-    def frame(
-        self,
-        epoch_ns: int,
-        can_id: int,
-        data: bytes,
-        *,
-        extended: bool = False,
-        remote: bool = False,
-        error: bool = False,
-    ) -> None:
-        """Log one frame; the stamp is truncated, not rounded, to microseconds, as in the kernel."""
-        # This runs for every frame of a simulated hour. The texts of the second and of the
-        # identifier are cached, and only a new second causes a flush.
-        past_ns = epoch_ns - self._second_ns
-        if not 0 <= past_ns < NS_PER_S or len(self._lines) >= LINES_MAX:
-            past_ns = self._turn_second(epoch_ns)
-        if extended or remote or error:
-            head = self._middle + _identifier(can_id, extended, error)
-            payload = _remote_payload(data) if remote and not error else data.hex().upper()
-        else:
-            head = self._heads.get(can_id) or self._remember(can_id)
-            payload = data.hex().upper()
-        past_ms = past_ns // 1_000_000
-        past_us = past_ns // 1000 - past_ms * 1000
-        self._lines.append(
-            f"{self._seconds}{_THOUSAND[past_ms]}{_THOUSAND[past_us]}{head}{payload}\n"
-        )
-
     def flush(self) -> None:
         """Pass all lines to the operating system. This happens every second and on closing."""
-        if self._lines:
-            self.frames += len(self._lines)
-            self._file.write(self._lines)
-            self._lines = []
+        self.lines.flush()
 
     def close(self) -> None:
         self.flush()
         self._file.close()
 
-    def _turn_second(self, epoch_ns: int) -> int:
-        self.flush()
-        second, past_ns = divmod(epoch_ns, NS_PER_S)
-        self._second_ns = epoch_ns - past_ns
-        self._seconds = f"({second:010d}."
-        return past_ns
-
-    def _remember(self, can_id: int) -> str:
-        head = self._middle + _identifier(can_id, extended=False, error=False)
-        self._heads[can_id] = head
-        return head
+    def _take(self, block: bytes, count: int) -> None:
+        self.frames += count
+        self._file.append(block, count)
 
 
 class LineLog:
-    """A CSV log with a header line.
+    """A CSV log with a header line; `lines.CsvLines` describes its fields.
 
     Its first column is the time in seconds and controls the flushing.
-
-    Numbers have nine significant digits, true and false are 1 and 0, an enum is its name in lower
-    case. Several values in one field are separated by blanks, and None is an empty field.
     """
 
     def __init__(self, path: Path | str, columns: Sequence[str]) -> None:
@@ -183,9 +137,9 @@ class LineLog:
             raise ValueError(f"{path}: columns {list(columns)} are not distinct names")
         self.columns = tuple(columns)
         self._file = LineFile(path)
-        self._lines = [_line([_field(name) for name in columns])]
-        self._second: int | None = None
-        self.flush()
+        self._file.write([",".join([lines.field_text(name) for name in columns]) + "\n"])
+        native = native_core()
+        self._lines: RowLines = (native or lines).CsvLines(self._file.append)
 
     @property
     def lost_lines(self) -> int:
@@ -200,18 +154,11 @@ class LineLog:
         text.
         """
         assert len(values) == len(self.columns), f"{self._file.path}: {len(values)} values"
-        second = int(float(values[0]))  # type: ignore[arg-type]
-        if second != self._second or len(self._lines) >= LINES_MAX:
-            self.flush()
-            self._second = second
-        fields = [f"{v:.9g}" if type(v) is float else _field(v) for v in values]
-        self._lines.append(_line(fields))
+        self._lines.row(values)
 
     def flush(self) -> None:
         """Pass all lines to the operating system. This happens every second and on closing."""
-        if self._lines:
-            self._file.write(self._lines)
-            self._lines = []
+        self._lines.flush()
 
     def close(self) -> None:
         self.flush()
@@ -268,38 +215,3 @@ class RadioLog:
 
     def close(self) -> None:
         self._log.close()
-
-
-def _identifier(can_id: int, extended: bool, error: bool) -> str:
-    if error:
-        return f"{can_id & ERROR_MASK | ERROR_FLAG:08X}#"
-    if extended:
-        return f"{can_id & EXTENDED_MAX:08X}#"
-    return f"{can_id & STANDARD_MAX:03X}#"
-
-
-def _remote_payload(data: bytes) -> str:
-    """A remote frame has no data, but its length code is that of the requested data."""
-    return f"R{len(data)}" if 0 < len(data) <= PAYLOAD_MAX else "R"
-
-
-def _field(value: object) -> str:
-    """Format one CSV field, quoted as RFC 4180 requires."""
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "1" if value else "0"
-    if isinstance(value, enum.Enum):
-        # Read the attribute directly: the property costs three more calls.
-        name: str | None = value._name_
-        return name.lower() if name is not None else str(value.value)
-    if isinstance(value, tuple):
-        return " ".join([_field(each) for each in value])
-    text = f"{value:.9g}" if isinstance(value, float) else str(value)
-    if "," in text or '"' in text or "\n" in text or "\r" in text:
-        return '"' + text.replace('"', '""') + '"'
-    return text
-
-
-def _line(fields: Sequence[str]) -> str:
-    return ",".join(fields) + "\n"

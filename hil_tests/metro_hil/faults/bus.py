@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from firmware_py.buses.confinement import CRC_BITS, ErrorCounters
 from firmware_py.buses.disturbed import DisturbedWire
-from firmware_py.buses.inproc import InprocBus, InprocPort
+from firmware_py.buses.inproc import VirtualBus, VirtualPort
 from firmware_py.ports import CanFrame, CanPort, LinkCounters
 from metro_hil.faults.frames import FrameFaults
 from metro_hil.model.frame_names import concerns, known_messages
@@ -87,12 +87,12 @@ class FaultyPort:
 class BusFaults:
     """Applies each bus fault where it acts; takes over the bus when the first fault needs it."""
 
-    def __init__(self, bus: InprocBus, vobc: FaultyPort, seed: int) -> None:
+    def __init__(self, bus: VirtualBus, vobc: FaultyPort, seed: int) -> None:
         self.vobc = vobc
         self._bus = bus
         self._acting = ActingFaults(FaultPlace.BUS, seed)
         self._wire: DisturbedWire | None = None
-        self._babblers: dict[int, InprocPort] = {}
+        self._babblers: dict[int, VirtualPort] = {}
         self._frames_before: dict[int, int] = {}
         """Frames on the bus at the start of an active cut or babbling node, by index of the
         fault."""

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from can_dbc.nodes import Node
-from firmware_py.buses.inproc import InprocBus
+from firmware_py.buses.inproc import open_bus
 from firmware_py.clock.clock import LockstepClock, WallClock
 from firmware_py.clock.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts, never
@@ -25,6 +25,7 @@ from metro_hil.model.case import ControllerSpec
 from metro_hil.model.end_condition import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, Ending
 from metro_hil.model.gc_tuning import rarely_collected
 from metro_hil.model.mission import Journey
+from metro_hil.model.native import use_native
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.run_options import ELSEWHERE, RunOptions
 from metro_hil.run.radio_tap import TappedRadio
@@ -98,13 +99,17 @@ class Lockstep:
             taps: observers of the run.
             controller: the controller under test.
         """
+        use_native()
         self.clock = LockstepClock()
         self._stack = ExitStack()
         self._logs: list[_Log] = []
         self._writer = self._candump(folder, "bus.log")
         self._tap = taps.frame
-        wanted = self._writer is not None or self._tap is not None
-        self.bus = InprocBus(BUS_NAME, BIT_RATE, self._record if wanted else None)
+        self.bus = open_bus(
+            *(BUS_NAME, BIT_RATE),
+            record=None if self._tap is None else self._record,
+            log=None if self._writer is None else self._writer.lines,
+        )
         radio = InprocRadio()
         controller_end, reader_end = inproc_line()
         line = journey.line
@@ -270,8 +275,6 @@ class Lockstep:
         return self.bus.port(node.name, accept_ids)
 
     def _record(self, frame: CanFrame, _: str) -> None:
-        if self._writer is not None:
-            self._writer.frame(frame.stamp_ns, frame.can_id, frame.data)
         if self._tap is not None:
             self._tap(frame.stamp_ns, frame.can_id, frame.data)
 

@@ -17,6 +17,7 @@ from can_dbc.odometer import Doppler, Tacho
 from can_dbc.traction import TractionCommand, TractionStatus
 from can_dbc.trailer import opener
 from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcMotion, VobcStatus
+from hil_tests.native_rig import in_both_languages  # noqa: F401
 
 MS = 1_000_000
 TACHO_ID = 0x185

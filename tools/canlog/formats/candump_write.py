@@ -12,7 +12,7 @@ from canlog.damage import Damages
 from canlog.formats.text import NS_PER_S, hex_rows
 from canlog.frames import BRS, ERROR, ESI, EXTENDED, FD, REMOTE, TX, Frames
 from canlog.writing import lost
-from firmware_py.storage.recorder import ERROR_FLAG
+from firmware_py.storage.lines import ERROR_FLAG
 
 NS_PER_US: Final = 1000
 CLASSIC_MAX: Final = 8

@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from firmware_py.buses.confinement import ErrorState
 from firmware_py.buses.disturbed import DisturbedWire
-from firmware_py.buses.inproc import InprocBus, InprocPort
+from firmware_py.buses.inproc import VirtualPort, open_bus
 from firmware_py.buses.timing import frame_bits
 from firmware_py.ports import CanFrame
+from hil_tests.native_rig import in_both_languages  # noqa: F401
 
 BIT_RATE = 250_000
 BIT_NS = 4_000
@@ -40,7 +41,7 @@ class Rig:
     def __init__(self, spoils: Spoils = lambda number, sender: False) -> None:
         self.log: list[tuple[int, int, str]] = []
         self.error_frames: list[CanFrame] = []
-        self.bus = InprocBus("can0", BIT_RATE, self._note)
+        self.bus = open_bus("can0", BIT_RATE, self._note)
         self.strikes = Strikes(spoils)
         self.wire = DisturbedWire(
             self.bus, self.strikes, lambda frame, node: self.error_frames.append(frame)
@@ -74,7 +75,7 @@ def test_without_errors_the_bus_behaves_the_same_to_the_nanosecond(
 ) -> None:
     def run(disturbed: bool) -> tuple[list[object], object]:
         log: list[object] = []
-        bus = InprocBus("can0", BIT_RATE, lambda frame, node: log.append((frame, node)))
+        bus = open_bus("can0", BIT_RATE, lambda frame, node: log.append((frame, node)))
         ports = {name: bus.port(name) for name in NODES}
         for number, (at_ns, looks, node, can_id, data) in enumerate(steps):
             if disturbed and number == taken_over_at:
@@ -204,7 +205,7 @@ def test_a_bus_off_node_receives_nothing() -> None:
     assert len(rig.ports["dcu"].receive(FAR_NS)) == 1
 
 
-def babbling(load_ratio: float, can_id: int = 0x200) -> tuple[Rig, InprocPort]:
+def babbling(load_ratio: float, can_id: int = 0x200) -> tuple[Rig, VirtualPort]:
     rig = Rig()
     idiot = rig.bus.port("idiot", ())
     rig.wire.babble(idiot, can_id, FOUR, load_ratio, 0)
@@ -298,7 +299,7 @@ def test_a_reconnected_node_does_not_receive_the_frame_on_the_wire() -> None:
 
 
 def test_a_node_alone_on_the_bus_sends_its_frame_over_and_over() -> None:
-    bus = InprocBus("can0", BIT_RATE)
+    bus = open_bus("can0", BIT_RATE)
     wire = DisturbedWire(bus)
     port = bus.port("alone")
     port.send(0, 0x101, FOUR)

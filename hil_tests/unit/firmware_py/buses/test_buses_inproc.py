@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.buses.inproc import INBOX_FRAMES, MAILBOX_FRAMES, InprocBus, InprocPort
+from firmware_py.buses.inproc import INBOX_FRAMES, MAILBOX_FRAMES, VirtualPort, open_bus
 from firmware_py.buses.timing import frame_bits
 from firmware_py.ports import CanFrame
+from hil_tests.native_rig import in_both_languages  # noqa: F401
 
 BIT_RATE = 250_000
 BIT_NS = 4_000
@@ -68,8 +69,8 @@ class Recorded:
 
     def __init__(self, order: tuple[str, ...] = NODES) -> None:
         self.log: list[Sent] = []
-        self.bus = InprocBus("can0", BIT_RATE, self._note)
-        self.ports: dict[str, InprocPort] = {name: self.bus.port(name) for name in order}
+        self.bus = open_bus("can0", BIT_RATE, self._note)
+        self.ports: dict[str, VirtualPort] = {name: self.bus.port(name) for name in order}
         self.heard: dict[str, list[CanFrame]] = {name: [] for name in order}
 
     def _note(self, frame: CanFrame, node: str) -> None:
@@ -288,7 +289,7 @@ def test_the_next_frame_starts_after_the_intermission() -> None:
 
 
 def test_only_accepted_identifiers_are_delivered() -> None:
-    bus = InprocBus("can0", BIT_RATE)
+    bus = open_bus("can0", BIT_RATE)
     sender, brake, deaf = bus.port("vobc"), bus.port("bcu", [0x101]), bus.port("tag", [])
     sender.send(0, 0x101, b"")
     sender.send(0, 0x103, b"")
@@ -298,7 +299,7 @@ def test_only_accepted_identifiers_are_delivered() -> None:
 
 
 def test_a_node_that_joins_later_receives_frames_that_end_afterwards() -> None:
-    bus = InprocBus("can0", BIT_RATE)
+    bus = open_bus("can0", BIT_RATE)
     sender = bus.port("vobc")
     sender.send(0, 0x101, b"")
     bus.advance(10_000_000)
@@ -332,7 +333,7 @@ def test_only_frames_that_have_not_started_fill_a_mailbox() -> None:
 
 
 def test_a_full_inbox_drops_and_counts() -> None:
-    bus = InprocBus("can0", 1_000_000_000)
+    bus = open_bus("can0", 1_000_000_000)
     sender, lazy, tap = bus.port("vobc"), bus.port("bcu"), bus.port("tap")
     for number in range(INBOX_FRAMES + 2):
         sender.send(number * 1000, 0x101, b"")
@@ -391,7 +392,7 @@ def test_an_impossible_frame_is_refused_to_its_sender(can_id: int, data: bytes) 
 
 def test_a_bus_without_a_bit_rate_is_refused() -> None:
     with pytest.raises(ValueError, match="bit rate 0"):
-        InprocBus("can0", 0)
+        open_bus("can0", 0)
 
 
 def test_time_that_runs_backwards_is_a_program_error() -> None:

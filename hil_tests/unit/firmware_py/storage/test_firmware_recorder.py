@@ -17,15 +17,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.candump import parse_candump_line, read_candump
+from firmware_py.native.core import native_core
 from firmware_py.ports import CanFrame
+from firmware_py.storage import lines
 from firmware_py.storage.errors import RecorderError
+from firmware_py.storage.lines import LINES_MAX
 from firmware_py.storage.recorder import (
-    LINES_MAX,
     CandumpWriter,
     LineLog,
     SerialDirection,
     SerialLog,
 )
+from hil_tests.native_rig import in_both_languages  # noqa: F401
 
 NS_PER_S = 1_000_000_000
 STAMP_NS = 1_436_509_052_249_713_999
@@ -404,10 +407,11 @@ def test_any_text_is_read_back_by_the_csv_reader(
 @given(st.floats(allow_nan=False))
 def test_a_number_keeps_nine_digits(number: float) -> None:
     """The error is at most five units of the tenth digit; infinities survive."""
-    log = LineLog("/dev/null", ("t_s", "value"))
-    log.row(0.0, number)
-    text = log._lines[0].rstrip("\n").split(",")[1]
-    log.close()
+    blocks: list[bytes] = []
+    rows = (native_core() or lines).CsvLines(lambda block, count: blocks.append(block))
+    rows.row((0.0, number))
+    rows.flush()
+    text = blocks[0].decode().rstrip("\n").split(",")[1]
 
     assert float(text) == number or math.isclose(float(text), number, rel_tol=5e-9)
 

@@ -10,6 +10,7 @@ from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
 from firmware_py.storage.nvram import NvramRecord
 from firmware_py.storage.port_log import PORTS_LOG, PortLog
 from firmware_py.trackdb import load_line
+from hil_tests.native_rig import in_both_languages  # noqa: F401
 from metro_hil.replay import RecordingError, read_recording
 from metro_hil.replay.recording import Output, parse_recording
 from vobc.config import load_config, plan_mission

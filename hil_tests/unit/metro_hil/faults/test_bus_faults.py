@@ -8,7 +8,7 @@ from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.codec import Decoder, Encoder
 from can_dbc.traction import TractionCommand
 from firmware_py.buses.confinement import ErrorState
-from firmware_py.buses.inproc import InprocBus
+from firmware_py.buses.inproc import open_bus
 from firmware_py.ports import CanFrame
 from metro_hil.faults.bus import BusFaults, FaultyPort
 from metro_hil.faults.frames import FrameFaults
@@ -30,7 +30,7 @@ class Train:
 
     def __init__(self) -> None:
         self.log: list[tuple[CanFrame, str]] = []
-        self.bus = InprocBus("can0", 250_000, lambda frame, node: self.log.append((frame, node)))
+        self.bus = open_bus("can0", 250_000, lambda frame, node: self.log.append((frame, node)))
         self.commands = Decoder(COMMANDS)
         self.answers = Decoder([BrakeStatus])
         vobc = self.bus.port("VOBC", self.answers.ids)
