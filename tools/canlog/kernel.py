@@ -6,16 +6,10 @@ ways. CANLOG_KERNEL=off switches the kernel off.
 
 import ctypes
 import functools
-import hashlib
 import os
-import platform
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -23,11 +17,11 @@ import numpy as np
 from canlog.frames import Frames, blank
 from canlog.line_block import LineBlock
 from canlog.shelf import Room, in_memory
+from firmware_py.native import build
 
 FLAGS: Final = ("-O3", "-shared", "-fPIC", "-std=c11", "-ffp-contract=off")
 """Compiler flags. Without contraction, a product and a sum round twice, as in Python."""
-COMPILERS: Final = ("cc", "gcc", "clang")
-COMPILE_S: Final = 60
+STEM: Final = "kernel"
 NAME_BYTES: Final = 64
 WORD_BYTES: Final = 8
 NAMES_MAX: Final = 256
@@ -48,46 +42,11 @@ def library() -> Any:
     """The loaded kernel; None if it is not available."""
     if os.environ.get(SWITCH, "") == "off" or not np.little_endian:
         return None
-    source = (resources.files("canlog") / "kernel.c").read_bytes()
-    compiler = next((found for name in COMPILERS if (found := shutil.which(name))), None)
-    mark = hashlib.sha256(source + platform.machine().encode() + " ".join(FLAGS).encode())
+    source = (resources.files("canlog") / f"{STEM}.c").read_bytes()
     try:
-        folder = _cache_folder()
-        path = folder / f"kernel-{mark.hexdigest()[:16]}.so"
-        if not path.is_file():
-            if compiler is None:
-                return None
-            _compile(compiler, source, path)
-        return _declared(ctypes.CDLL(str(path)))
-    except (OSError, subprocess.SubprocessError):
+        return _declared(ctypes.CDLL(str(build.library(STEM, {f"{STEM}.c": source}, FLAGS))))
+    except (OSError, build.BuildError):
         return None
-
-
-def _cache_folder() -> Path:
-    """Return a cache folder that only this user can write to: the program runs what it loads from
-    it.
-    """
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    folder = Path(base) / "canlog"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    told = folder.stat()
-    if told.st_uid != os.getuid() or told.st_mode & 0o022:
-        raise OSError(f"{folder}: others may write to it")
-    return folder
-
-
-def _compile(compiler: str, source: bytes, path: Path) -> None:
-    """Compile to a temporary name first, so that another process never sees half a file."""
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        text, made = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
-        text.write_bytes(source)
-        subprocess.run(  # noqa: S603
-            [compiler, *FLAGS, str(text), "-o", str(made)],
-            check=True,
-            capture_output=True,
-            timeout=COMPILE_S,
-        )
-        made.replace(path)
 
 
 def _declared(found: Any) -> Any:
