@@ -174,7 +174,7 @@ def test_mf4_holds_the_values_of_every_signal(seed: int, count: int, block: int)
                 group.channel_group.acq_name: index for index, group in enumerate(file.groups)
             }
             assert sorted(groups_there) == sorted(names.values())
-            start_ns = found.start_ns - found.start_ns % MS
+            start_ns = file.header.abs_time
             for name, index in groups_there.items():
                 table = found.table(name)
                 for spec in table.spec.signals:
