@@ -96,6 +96,10 @@ class Encoder:
             send = self._prepare(type(frame))
         return send(frame)
 
+    def restart(self, kind: type[Frame]) -> None:
+        """Count the transmissions of this frame from 0 again, as a sender that has restarted."""
+        self._send.pop(kind, None)
+
     def _prepare(self, kind: type[Frame]) -> Callable[[Any], Sent]:
         bound = binding_of(kind)
         make = {

@@ -1,13 +1,14 @@
 """Expressions that users write over named signals, such as `speed_mps > 10 and front_m < 1500`.
 
 The grammar consists of Python's arithmetic, comparisons and `and`, `or`, `not` over numbers and the
-names that the caller permits, and of the functions in FUNCTIONS. Nothing else can be called or
+names that the caller permits, and of the functions in FUNCTIONS. A signal with named values can be
+compared with a name in quotes, such as `supervision == "emergency"`. Nothing else can be called or
 accessed.
 """
 
 import ast
 import difflib
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -20,6 +21,11 @@ _ALLOWED: Final = (
     ast.Sub, ast.Mult, ast.Div, ast.Compare, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq,
     ast.Call, ast.Name, ast.Load, ast.Constant,
 )  # fmt: skip
+
+
+NamedValues = Mapping[str, Mapping[str, float]]
+"""Values by name of each signal that has named values."""
+NO_NAMES: Final[NamedValues] = {}
 
 
 class ExpressionError(ValueError):
@@ -48,7 +54,9 @@ class Expression:
         return float(self.value_of(signals))
 
 
-def compile_expression(text: str, allowed: Collection[str]) -> Expression:
+def compile_expression(
+    text: str, allowed: Collection[str], named: NamedValues = NO_NAMES
+) -> Expression:
     """Compile an expression.
 
     Raises ExpressionError that names the first item that is not permitted.
@@ -59,6 +67,7 @@ def compile_expression(text: str, allowed: Collection[str]) -> Expression:
         tree = ast.parse(text.strip(), mode="eval")
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise ExpressionError(f"{text!r}: not an expression") from error
+    tree = _NamedAsNumbers(text, named).visit(tree)
     names: set[str] = set()
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     for node in ast.walk(tree.body):
@@ -93,6 +102,36 @@ def _check(node: ast.AST, text: str, allowed: Collection[str], *, is_function: b
         close = difflib.get_close_matches(node.id, list(allowed), n=1)
         hint = f"nearest: {close[0]}" if close else f"known: {', '.join(sorted(allowed))}"
         raise ExpressionError(f"{text!r}: unknown signal {node.id}; {hint}")
+
+
+class _NamedAsNumbers(ast.NodeTransformer):
+    """Replaces each name in quotes by the value of the signal that it is compared with."""
+
+    def __init__(self, text: str, named: NamedValues) -> None:
+        self._text, self._named = text, named
+
+    def visit_Compare(self, node: ast.Compare) -> ast.AST:
+        sides = [node.left, *node.comparators]
+        for index, side in enumerate(sides):
+            if isinstance(side, ast.Constant) and isinstance(side.value, str):
+                beside = sides[max(0, index - 1) : index] + sides[index + 1 : index + 2]
+                sides[index] = ast.Constant(self._number(side.value, beside))
+        node.left, node.comparators = sides[0], sides[1:]
+        return self.generic_visit(node)
+
+    def _number(self, value: str, beside: list[ast.expr]) -> float:
+        for each in beside:
+            if isinstance(each, ast.Name) and each.id in self._named:
+                values = self._named[each.id]
+                if value in values:
+                    return values[value]
+                close = difflib.get_close_matches(value, list(values), n=1)
+                hint = f"nearest: {close[0]}" if close else f"known: {', '.join(values)}"
+                raise ExpressionError(f"{self._text!r}: {each.id} is never {value!r}; {hint}")
+        known = ", ".join(self._named) or "none"
+        raise ExpressionError(
+            f"{self._text!r}: {value!r} is not a number; signals with named values: {known}"
+        )
 
 
 class _SignalReads(ast.NodeTransformer):

@@ -24,12 +24,14 @@ from firmware_py.ports import RadioPort, SerialPort
 from plant_emulator.desk.attendant import attendant
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.desk.display import DeskDisplay
+from plant_emulator.faults.declared_train import SensorRestart
 from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.faults.radio_faults import RadioFaults
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.faults.serial_faults import SerialFaults
 from plant_emulator.faults.stage import FaultStage, Observer
+from plant_emulator.truth import REPORTS
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.wayside.zone_controller import ZoneController
 from plant_emulator.wire import (
@@ -114,6 +116,7 @@ class PlantDevice:
         epoch_offset_ns: int = 0,
         faults: Sequence[FaultPlan] = (),
         observer: Observer | None = None,
+        reports: bool = False,
     ) -> None:
         """Args:
         open_port: called once for each node. In lockstep it returns a separate port for every node;
@@ -121,6 +124,7 @@ class PlantDevice:
         faults: faults of the bus and of the controller's process are only passed on to the
             listeners of `schedule`.
         observer: receives the truth before the first step and after each step.
+        reports: faults that are planned later may depend on what the controller reports.
         epoch_offset_ns: difference between nanoseconds since 1970 and the plant's clock.
         """
         self.scenario = scenario
@@ -139,7 +143,8 @@ class PlantDevice:
             start_ns=start_ns,
         )
         self._display = DeskDisplay()
-        self.wire = Wire(open_port, DISPLAYED if scenario.driver else ())
+        reports = reports or any(plan.window.reads_controller for plan in faults)
+        self.wire = Wire(open_port, DISPLAYED if scenario.driver else REPORTS if reports else ())
         self._absent = frozenset({Node.DESK} if scenario.desk_elsewhere else ())
         self.railway = Railway(scenario.line, scenario.destination)
         self._platform_doors = self.railway.doors
@@ -166,9 +171,11 @@ class PlantDevice:
             TractionCommand: world.traction.hear,
             DoorCommand: world.doors.hear,
             AnalogueCommand: world.hear_currents,
-            **dict.fromkeys(DISPLAYED, self._display.hear),
+            **dict.fromkeys(DISPLAYED, self._take_report),
         }
         self._silent = [False] * len(self._units)
+        self._restarting: Node | None = None
+        """A fault: this node sends nothing until it has restarted."""
         self.schedule = Schedule(faults)
         """Tells which faults are active. It is evaluated only if there are faults or an
         observer."""
@@ -191,7 +198,6 @@ class PlantDevice:
 
     def _frame_sources(self) -> Mapping[type[Frame], Callable[[int], Frame]]:
         world = self.world
-        load = world.load_status()
         sources: dict[type[Frame], Callable[[int], Frame]] = {
             Tacho: world.tachos.frame,
             BrakeStatus: lambda now_ns: world.brake.status(),
@@ -205,7 +211,7 @@ class PlantDevice:
             LineSupply: lambda now_ns: world.power.supply(),
             EnergyMeter: lambda now_ns: world.power.meter(),
             TagReaderHealth: world.tag_reader.frame,
-            TcmsStatus: lambda now_ns: load,
+            TcmsStatus: lambda now_ns: world.load_status(),
             TrainAlarms: lambda now_ns: world.alarms,
             ColdMovement: lambda now_ns: world.cold.frame(),
             TimeOfDay: self._time_of_day,
@@ -239,7 +245,8 @@ class PlantDevice:
             world.excuse(held_up_ns)
         wire.hear(now_ns, self._take)
         for kind, node in self._catch_up(now_ns):
-            wire.send(now_ns, node, frames[kind](world.now_ns))
+            if node is not self._restarting:
+                wire.send(now_ns, node, frames[kind](world.now_ns))
         if now_ns >= world.tag_reader.due_ns:
             for telegram in world.tag_reader.telegrams(now_ns):
                 self._tags.send(now_ns, telegram)
@@ -256,7 +263,7 @@ class PlantDevice:
             self._radio_faults.poll(now_ns)
 
     def _change_wires(self, plan: FaultPlan, active: bool, now_ns: int) -> None:
-        """Insert the faulty serial line or radio when its first fault begins."""
+        """Insert the faulty serial line or radio when its first fault begins; restart a node."""
         if plan.kind.place is FaultPlace.SERIAL:
             if self._serial_faults is None:
                 self._tags = self._serial_faults = SerialFaults(self._tags, self.world.seed)
@@ -265,6 +272,11 @@ class PlantDevice:
             if self._radio_faults is None:
                 self._radio = self._radio_faults = RadioFaults(self._radio, self.world.seed)
             self._radio_faults.change(plan, active, now_ns)
+        elif isinstance(plan.parameters, SensorRestart):
+            self._restarting = Node.ODO if active else None
+            if not active:
+                self.world.tachos.restart(now_ns)
+                self.wire.restart(Node.ODO)
 
     @property
     def touched(self) -> Counter[int]:
@@ -295,6 +307,11 @@ class PlantDevice:
     def _take_brake(self, command: BrakeCommand, heard_ns: int) -> None:
         self.world.brake.hear(command, heard_ns)
         self.world.cold.attended(self.world.front_m)
+
+    def _take_report(self, report: Frame, heard_ns: int) -> None:
+        self._display.hear(report, heard_ns)
+        if self._stage is not None:
+            self._stage.truth.report(report)
 
     def _catch_up(self, now_ns: int) -> Iterable[Sending]:
         """Advance the world to now and return the frames to send.

@@ -2,9 +2,12 @@
 
 import struct
 from bisect import bisect_right
+from collections.abc import Mapping
 from typing import Final
 
+from can_dbc.binding import Frame
 from can_dbc.doors import DoorState
+from can_dbc.vobc import AtoPhase, OperatingMode, Supervision, VobcMode, VobcStatus
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import World
 from zenoh_config.messages import SpeedRestriction
@@ -54,6 +57,18 @@ SIGNALS: Final[tuple[str, ...]] = (
     "voltage_v",
 )
 """Signals that conditions and monitors can use, in the order of a packed sample."""
+REPORTED: Final[Mapping[str, Mapping[str, float]]] = {
+    name: {each.name.lower(): float(each) for each in kind}
+    for name, kind in (
+        ("supervision", Supervision),
+        ("ato_phase", AtoPhase),
+        ("mode", OperatingMode),
+    )
+}
+"""Signals that the controller reports on the bus, with the names of their values. Only conditions
+of faults use them: monitors read the bus themselves."""
+REPORTS: Final[tuple[type[Frame], ...]] = (VobcStatus, VobcMode)
+"""Frames of the controller that carry them."""
 
 
 class Truth:
@@ -65,6 +80,7 @@ class Truth:
     __slots__ = (
         "_edges_m",
         "_high_m",
+        "_length_m",
         "_low_gradient_permille",
         "_low_m",
         "_restrictions",
@@ -72,6 +88,7 @@ class Truth:
         "_stop_m",
         "_world",
         *SIGNALS,
+        *REPORTED,
     )
 
     def __init__(self) -> None:
@@ -126,13 +143,14 @@ class Truth:
         it is negative."""
         self.traction_cut = 1.0
         """1 while the traction contactor is open."""
+        self.supervision = self.ato_phase = self.mode = 0.0
         self._world: World | None = None
         # Values that depend on the place alone are cached for a range [low, high) of the front.
         # Within it the mean gradient under the train is linear in the place.
         self._edges_m: list[float] = []
         self._restrictions: tuple[SpeedRestriction, ...] = ()
         self._nothing_ordered()
-        self._low_m = self._high_m = 0.0
+        self._low_m = self._high_m = self._length_m = 0.0
         self._stop_m = 0.0
         self._low_gradient_permille = self._slope_permille_per_m = 0.0
 
@@ -160,7 +178,11 @@ class Truth:
     def read(self, world: World, start_ns: int, authority_end_m: float) -> None:
         consist, brake, doors = world.consist, world.brake, world.doors
         front_m = consist.car_fronts_m[0]
-        if world is not self._world or not self._low_m <= front_m < self._high_m:
+        if (
+            world is not self._world
+            or world.length_m != self._length_m
+            or not self._low_m <= front_m < self._high_m
+        ):
             self._enter(world, front_m)
         self.t_s = (world.now_ns - start_ns) / NS_PER_S
         self.front_m = front_m
@@ -199,6 +221,13 @@ class Truth:
                 least_mps = min(least_mps, each.limit_mps)
         return least_mps
 
+    def report(self, frame: Frame) -> None:
+        """Take one of REPORTS as the train's nodes received it."""
+        if isinstance(frame, VobcStatus):
+            self.supervision, self.ato_phase = float(frame.supervision), float(frame.ato_phase)
+        elif isinstance(frame, VobcMode):
+            self.mode = float(frame.mode)
+
     def hear(self, railway: Railway, start_m: float) -> None:
         """Update the signals that show the latest wayside messages and the platform doors.
 
@@ -219,8 +248,8 @@ class Truth:
     def _enter(self, world: World, front_m: float) -> None:
         """Cache the values of the range that the front has entered."""
         line, length_m = world.line, world.length_m
-        if world is not self._world:
-            self._world = world
+        if world is not self._world or length_m != self._length_m:
+            self._world, self._length_m = world, length_m
             self._edges_m = _edges_m(world)
         edges_m = self._edges_m
         index = min(max(1, bisect_right(edges_m, front_m)), len(edges_m) - 1)

@@ -128,6 +128,12 @@ class Wire:
                 self.commands += 1
             sink(heard, frame.stamp_ns)
 
+    def restart(self, node: Node) -> None:
+        """The node has restarted: the alive counters of all its frames begin again."""
+        for kind in PHASES_MS:
+            if Node[sender(kind)] is node:
+                self._encoder.restart(kind)
+
     def send(self, now_ns: int, node: Node, frame: Frame) -> None:
         port = self._ports[node]
         for identifier, data in self._encoder.encode(frame):

@@ -103,6 +103,52 @@ class WheelWear:
         check_range(self, "diameter_ratio", 0.5, 1.5)
 
 
+@fault("tacho_interference", FaultPlace.SENSOR, Hazard.MISLOCATED, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class TachoInterference:
+    """Interference adds pulses to the tachos, by default to both at once; negative ones count
+    backwards.
+    """
+
+    pulses_per_s: float = 50.0
+    axle: Axle = Axle.BOTH
+
+    def __post_init__(self) -> None:
+        check_range(self, "pulses_per_s", -1000.0, 1000.0)
+
+
+@fault("sensor_restart", FaultPlace.SENSOR, Hazard.MISLOCATED, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class SensorRestart:
+    """The odometer unit restarts.
+
+    It sends nothing while the fault lasts. At its end pulse counts, stamps and alive counters begin
+    at 0.
+    """
+
+
+@fault("load_cell", FaultPlace.SENSOR, Hazard.LOST_SERVICE, Hazard.OVERRUN)
+@dataclass(frozen=True, slots=True)
+class LoadCell:
+    """The load cells report this share of the true passenger mass."""
+
+    share_ratio: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "share_ratio", 0.0, 10.0)
+
+
+@fault("train_longer", FaultPlace.SENSOR, Hazard.OVERSPEED, Hazard.DOOR_DANGER)
+@dataclass(frozen=True, slots=True)
+class TrainLonger:
+    """The rear of the train is this much further back than the controller believes."""
+
+    extra_m: float = 20.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "extra_m", -200.0, 400.0)
+
+
 @fault("doppler_outage", FaultPlace.SENSOR, Hazard.LOST_SERVICE)
 @dataclass(frozen=True, slots=True)
 class DopplerOutage:

@@ -107,6 +107,17 @@ class AuthorityWithdrawn:
     """The authority is withdrawn to the train's present front."""
 
 
+@fault("wrong_map", FaultPlace.WAYSIDE, Hazard.OVERRUN)
+@dataclass(frozen=True, slots=True)
+class WrongMap:
+    """The zone controller has another map: all its authorities end this much further along."""
+
+    shift_m: float = 10000.0
+
+    def __post_init__(self) -> None:
+        check_range(self, "shift_m", -1.0e5, 1.0e5)
+
+
 @fault("rear_unprotected", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class RearUnprotected:

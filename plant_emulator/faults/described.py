@@ -20,6 +20,7 @@ from plant_emulator.faults.kinds import CATALOGUE, FaultPlace, Kind
 UNITS: Final[Mapping[str, str]] = {
     "bytes_per_s": "bytes/s",
     "ratio_per_s": "1/s",
+    "pulses_per_s": "pulses/s",
     "mps2": "m/s²",
     "ma": "mA",
     "mps": "m/s",

@@ -9,10 +9,14 @@ from plant_emulator.faults.declared_train import (
     DopplerOutage,
     DopplerWrong,
     ImuBias,
+    LoadCell,
     LowAdhesion,
+    SensorRestart,
     TachoDrift,
+    TachoInterference,
     TachoStuck,
     TachoUnhealthy,
+    TrainLonger,
     WheelSlide,
     WheelSlip,
     WheelWear,
@@ -46,6 +50,15 @@ class SensorEffects:
         def mislead(found: Sequence[float]) -> None:
             world.doppler.wrong_ratio = math.prod(found, start=1.0)
 
+        def misweigh(found: Sequence[float]) -> None:
+            world.load_cell_ratio = math.prod(found, start=1.0)
+
+        def lengthen(found: Sequence[float]) -> None:
+            world.length_m = world.train.length_m + sum(found, 0.0)
+
+        self._added = [SharedSetting[float](_added_of(world, axle)) for axle in (0, 1)]
+        self._load = SharedSetting[float](misweigh)
+        self._length = SharedSetting[float](lengthen)
         self._adhesion = SharedSetting[float](slicken)
         self._blind = SharedSetting[bool](blind)
         self._wrong = SharedSetting[float](mislead)
@@ -72,6 +85,15 @@ class SensorEffects:
                 return SettingFault(
                     index, *((k, 1.0 / ratio) for k in self._on(axle, self._scales))
                 )
+            case TachoInterference(pulses_per_s=pulses_per_s, axle=axle):
+                added = ((knob, pulses_per_s) for knob in self._on(axle, self._added))
+                return SettingFault(index, *added)
+            case SensorRestart():
+                return SettingFault(index)  # the plant silences and restarts the node
+            case LoadCell(share_ratio=ratio):
+                return SettingFault(index, (self._load, ratio))
+            case TrainLonger(extra_m=extra_m):
+                return SettingFault(index, (self._length, extra_m))
             case LowAdhesion(adhesion_ratio=ratio):
                 return SettingFault(index, (self._adhesion, ratio))
             case DopplerOutage():
@@ -161,6 +183,15 @@ def _slip_of(world: World, place: int) -> Callable[[Sequence[float]], None]:
 def _scale_of(world: World, place: int) -> Callable[[Sequence[float]], None]:
     axle = world.tachos.axles[place]
     return lambda found: axle.rescale(math.prod((max(0.0, ratio) for ratio in found), start=1.0))
+
+
+def _added_of(world: World, place: int) -> Callable[[Sequence[float]], None]:
+    axle = world.tachos.axles[place]
+
+    def turn(found: Sequence[float]) -> None:
+        axle.added_pulses_per_s = sum(found, 0.0)
+
+    return turn
 
 
 def _failure_of(world: World, place: int) -> Callable[[Sequence[bool]], None]:

@@ -22,6 +22,7 @@ from plant_emulator.faults.declared_wayside import (
     SignalStop,
     Sleep,
     TemporaryRestriction,
+    WrongMap,
     WrongSideAuthorised,
 )
 from plant_emulator.faults.effects import Effect, SettingFault, SharedSetting
@@ -53,6 +54,10 @@ class WaysideEffects:
         def obstruct(found: Sequence[bool]) -> None:
             doors.obstructed = bool(found)
 
+        def shift(found: Sequence[float]) -> None:
+            zone.shift_m = sum(found, 0.0)
+
+        self._shifted = SharedSetting[float](shift)
         self._orders = SharedSetting[Change](self._order)
         self._signals = SharedSetting[float](zone.show_stop)
         self._withdrawn = SharedSetting[bool](lambda found: zone.withdraw(bool(found)))
@@ -81,6 +86,8 @@ class WaysideEffects:
                 return self._signals, position_m
             case AuthorityWithdrawn():
                 return self._withdrawn, True
+            case WrongMap(shift_m=shift_m):
+                return self._shifted, shift_m
             case RearUnprotected():
                 return self._unprotected, True
             case CentreSilent():

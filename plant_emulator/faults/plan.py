@@ -12,7 +12,7 @@ from firmware_py.expression import Expression, ExpressionError, compile_expressi
 from firmware_py.settings import SettingsError
 from plant_emulator.faults import declared  # noqa: F401  # enters all kinds into the catalogue
 from plant_emulator.faults.kinds import CATALOGUE, Kind
-from plant_emulator.truth import SIGNALS
+from plant_emulator.truth import REPORTED, SIGNALS
 
 FAULT_SPAWN_KEY: Final = 0xFA
 """Separates the random numbers of faults from those of the plant's own noise."""
@@ -25,7 +25,7 @@ class FaultWindow:
     The fault begins at the first step at or after `start_s` at which `when` holds. It ends at the
     first step after that at which `end_s` or `duration_s` is reached or `until` holds. With
     `repeat` it may begin again. Conditions are expressions over the plant's truth
-    (`plant_emulator.truth.SIGNALS`).
+    (`plant_emulator.truth.SIGNALS`) and over what the controller reports (`REPORTED`).
     """
 
     start_s: float = 0.0
@@ -47,15 +47,25 @@ class FaultWindow:
             text = getattr(self, key)
             if text:
                 try:
-                    compile_expression(text, SIGNALS)
+                    _compiled(text)
                 except ExpressionError as error:
                     raise ValueError(f"{key} {error}") from error
 
     def begins(self) -> Expression | None:
-        return compile_expression(self.when, SIGNALS) if self.when else None
+        return _compiled(self.when) if self.when else None
 
     def ends(self) -> Expression | None:
-        return compile_expression(self.until, SIGNALS) if self.until else None
+        return _compiled(self.until) if self.until else None
+
+    @property
+    def reads_controller(self) -> bool:
+        """A condition depends on what the controller reports."""
+        conditions = (self.begins(), self.ends())
+        return any(each is not None and not each.names.isdisjoint(REPORTED) for each in conditions)
+
+
+def _compiled(text: str) -> Expression:
+    return compile_expression(text, (*SIGNALS, *REPORTED), REPORTED)
 
 
 WINDOW_KEYS: Final = ("start_s", "end_s", "duration_s", "when", "until", "repeat")

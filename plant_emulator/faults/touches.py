@@ -27,13 +27,16 @@ from plant_emulator.faults.declared_train import (
     HoldingSticks,
     ImuBias,
     LineVoltage,
+    LoadCell,
     LowAdhesion,
     TachoDrift,
+    TachoInterference,
     TachoStuck,
     TagDisplaced,
     TractionLate,
     TractionRunaway,
     TractionWeak,
+    TrainLonger,
     WheelSlide,
     WheelSlip,
     WheelWear,
@@ -47,6 +50,7 @@ from plant_emulator.faults.declared_wayside import (
     PlatformDoorsUnlocked,
     RearUnprotected,
     SignalStop,
+    WrongMap,
     WrongSideAuthorised,
 )
 from plant_emulator.faults.effects_desk import change_of
@@ -158,6 +162,10 @@ def _of_wheels(parameters: Any, world: World) -> Touch | None:
     match parameters:
         case WheelSlip(slip_ratio=ratio) | WheelSlide(slide_ratio=ratio):
             return _when(ratio != 0.0, moves)
+        case TachoInterference(pulses_per_s=ratio) | TrainLonger(extra_m=ratio):
+            return _when(ratio != 0.0, _always)
+        case LoadCell(share_ratio=ratio):
+            return _when(ratio != 1.0 and world.train.passengers_kg > 0.0, _always)
         case TachoDrift(ratio_per_s=ratio):
             return _when(ratio != 0.0, moves)
         case TachoStuck():
@@ -214,6 +222,8 @@ def _of_wayside(parameters: Any, railway: Railway) -> Touch:
             return lambda: zone.latest is not None and zone.latest.end_m == position_m
         case AuthorityWithdrawn() | RearUnprotected():
             return _grew(lambda: zone.answered)
+        case WrongMap(shift_m=shift_m):
+            return _when(shift_m != 0.0, _grew(lambda: zone.answered))
         case CentreSilent():
             return _grew(lambda: centre.unanswered)
         case DoorsNotAuthorised():

@@ -30,6 +30,7 @@ class Wheelset:
         "_pulses_per_m",
         "_slipped_m",
         "_start_m",
+        "added_pulses_per_s",
         "before_m",
         "forced_slip_ratio",
         "rolled_m",
@@ -43,6 +44,8 @@ class Wheelset:
         self.forced_slip_ratio = 0.0
         """A fault: speed of the tread relative to the train as a share of the train's speed;
         negative slides."""
+        self.added_pulses_per_s = 0.0
+        """A fault: pulses that interference adds, negative against the running direction."""
         self._slipped_m = 0.0
         self.before_m = 0.0
         """Distance that the tread had rolled at the beginning of the last step."""
@@ -56,6 +59,12 @@ class Wheelset:
         if slip_mps != 0.0:
             self._slipped_m += slip_mps * step_s
         self.rolled_m = car_m - self._start_m + self._slipped_m
+        if self.added_pulses_per_s != 0.0:
+            self._phase += self.added_pulses_per_s * step_s
+
+    def restart(self) -> None:
+        """A fault: the count begins at 0 again."""
+        self._base_m, self._phase = self.rolled_m, START_PHASE
 
     def count(self, rolled_m: float) -> int:
         """Return the number of pulses up to this rolled distance, without wrapping."""
@@ -92,7 +101,9 @@ class Tachos:
         "_cars",
         "_counts",
         "_directions",
+        "_forgotten",
         "_last_pulse_ns",
+        "_started_ns",
         "_step_s",
         "axles",
         "error",
@@ -124,6 +135,10 @@ class Tachos:
         self._counts = [0, 0]
         self._directions = [Direction.NEUTRAL, Direction.NEUTRAL]
         self._last_pulse_ns = [-NEUTRAL_AFTER_NS, -NEUTRAL_AFTER_NS]
+        self._forgotten = 0
+        """Pulses of axle A before the last restart of the unit."""
+        self._started_ns = 0
+        """Zero of the unit's clock."""
         self.healthy = [True, True]
         """Health that each tacho reports of itself."""
 
@@ -137,7 +152,18 @@ class Tachos:
     def counted_m(self) -> float:
         """Distance by counter A since the start, for a wheel of nominal diameter."""
         axle = self.axles[0]
-        return axle.count(axle.rolled_m) * pi * NOMINAL_WHEEL_M / PULSES_PER_TURN
+        pulses = self._forgotten + axle.count(axle.rolled_m)
+        return pulses * pi * NOMINAL_WHEEL_M / PULSES_PER_TURN
+
+    def restart(self, now_ns: int) -> None:
+        """A fault: the unit has restarted; counters and clock begin at 0."""
+        axle = self.axles[0]
+        self._forgotten += axle.count(axle.rolled_m)
+        for each in self.axles:
+            each.restart()
+        self._counts = [0, 0]
+        self._directions = [Direction.NEUTRAL, Direction.NEUTRAL]
+        self._started_ns = now_ns
 
     def pulses_a(self, share_ratio: float) -> int:
         """Return counter A at this share of the last step, as the tag reader latches it."""
@@ -165,5 +191,5 @@ class Tachos:
             direction=self._directions[0],
             healthy_a=self.healthy[0],
             healthy_b=self.healthy[1],
-            stamp_ms=float(now_ns // NS_PER_MS % STAMP_PERIOD_MS),
+            stamp_ms=float((now_ns - self._started_ns) // NS_PER_MS % STAMP_PERIOD_MS),
         )

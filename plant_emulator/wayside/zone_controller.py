@@ -40,6 +40,8 @@ class ZoneController:
         """Farthest end of any authority."""
         self.limit_m = inf
         """Limit behind a train ahead; authorities do not extend beyond it."""
+        self.shift_m = 0.0
+        """A fault: its map is another one, and all ends of authority lie this much further."""
         self.refusals: Counter[RefusedReason] = Counter()
         self.answered = 0
         self.farthest_end_m: float | None = None
@@ -88,7 +90,7 @@ class ZoneController:
             return None
         self.answered += 1
         self._sequence += 1
-        end_m = self._end_m(report)
+        end_m = self._end_m(report) + self.shift_m
         rear_m = self._rear_m(report, end_m)
         farthest_m = self.farthest_end_m
         self.farthest_end_m = end_m if farthest_m is None else max(farthest_m, end_m)

@@ -14,7 +14,7 @@ from plant_emulator.faults.described import (
     all_described,
 )
 from plant_emulator.faults.kinds import FaultPlace
-from plant_emulator.truth import SIGNALS
+from plant_emulator.truth import REPORTED, SIGNALS
 
 DEFAULT_PATH: Final = "docs/reference/faults.md"
 
@@ -59,7 +59,7 @@ seed = 7
 | key | meaning |
 | --- | --- |
 | `start_s` | earliest begin, in seconds of the run; default 0 |
-| `when` | condition that must also hold at the begin, an expression over the truth of the plant |
+| `when` | condition that must also hold at the begin, an expression over signals as below |
 | `end_s` | end, in seconds of the run |
 | `duration_s` | duration from the begin |
 | `until` | condition that ends the fault |
@@ -71,7 +71,14 @@ checks begin and end in each step, every 10 ms. A fault that never begins makes 
 not passed. Concurrent faults are applied in the order of the file. Each has its own random
 generator, so an additional fault does not change the random numbers of the others.
 
-Expressions can use {signals}. A train that stands at its first station has `to_stop_m` 0. For a
+Expressions can use {signals}.
+
+They can also use what the controller last reported on the bus, by number or by name in quotes,
+such as `supervision == "emergency"`:
+
+{reported}
+
+A train that stands at its first station has `to_stop_m` 0. For a
 fault on the way to the next station, use `front_m`.
 
 `frames` names messages of the [CAN interface](can_interface.md), with `*` and `?` as in a shell;
@@ -101,7 +108,9 @@ Frames of a node that is bus off or cut off are lost; it sends no old frames whe
 def document() -> str:
     """Return the whole catalogue."""
     signals = ", ".join(f"`{name}`" for name in SIGNALS)
-    parts = [HEADER.format(signals=signals), _benches(), _overview()]
+    reported = "\n".join(f"- `{name}`: {', '.join(values)}" for name, values in REPORTED.items())
+    header = HEADER.format(signals=signals, reported=reported)
+    parts = [header, _benches(), _overview()]
     for place in FaultPlace:
         parts += [f"## {PLACE_TITLES[place]}\n", *_kinds(place)]
     return "\n".join([*parts, NOTES])

@@ -103,6 +103,7 @@ class CaseRun:
         self._commands = CommandLog(inertia_of(parts.scenario.train))
         self._notches = NotchLog()
         own_port, input_age_s = hearing_of(parts.faults, places)
+        later = bool(places)
         places |= {plan.kind.place for plan in parts.faults}
         self._monitors = MonitorSet(
             plans_of(case),
@@ -121,6 +122,7 @@ class CaseRun:
             folder,
             faults=() if case.branch else parts.faults,
             places=places,
+            reports=later,
             taps=Taps(
                 frame=self._frame,
                 said=self._monitors.said if own_port else None,

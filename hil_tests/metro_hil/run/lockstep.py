@@ -85,6 +85,7 @@ class Lockstep:
         *,
         faults: Sequence[FaultPlan] = (),
         places: Collection[FaultPlace] = (),
+        reports: bool = False,
         taps: Taps = UNTAPPED,
         controller: ControllerSpec = SHIPPED,
     ) -> None:
@@ -96,6 +97,7 @@ class Lockstep:
         Args:
             faults: planned faults; `plant.schedule.plan` may change them later.
             places: places where faults may act, now or later.
+            reports: later faults may depend on what the controller reports.
             taps: observers of the run.
             controller: the controller under test.
         """
@@ -122,6 +124,7 @@ class Lockstep:
             start_ns=0,
             faults=faults,
             observer=taps.truth,
+            reports=reports,
         )
         self._bus_faults: BusFaults | None = None
         self._executives = [self.plant.executive]

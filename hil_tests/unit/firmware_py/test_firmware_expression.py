@@ -90,6 +90,41 @@ def test_anything_else_is_refused_with_a_message(text: str, words: str) -> None:
     assert words in str(raised.value)
 
 
+STATES = {"state": {"nominal": 1.0, "emergency": 4.0}}
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("state == 'emergency'", 1.0),
+        ('"nominal" < state and speed_mps > 2', 1.0),
+        ("state != 'emergency' or state == 'nominal'", 0.0),
+        ("'nominal' < state <= 'emergency'", 1.0),
+    ],
+)
+def test_a_signal_is_compared_with_the_name_of_a_value(text: str, value: float) -> None:
+    expression = compile_expression(text, ("state", *NAMES), STATES)
+
+    assert expression(SimpleNamespace(state=4.0, speed_mps=3.0)) == value
+    assert expression.names <= {"state", "speed_mps"}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("state == 'emergancy'", "state is never 'emergancy'; nearest: emergency"),
+        ("state == 'xyz'", "state is never 'xyz'; known: nominal, emergency"),
+        ("speed_mps == 'nominal'", "'nominal' is not a number; signals with named values: state"),
+        ("state + 'nominal' > 1", "'nominal' is not a number"),
+    ],
+)
+def test_an_unknown_name_of_a_value_is_refused(text: str, words: str) -> None:
+    with pytest.raises(ExpressionError) as raised:
+        compile_expression(text, ("state", *NAMES), STATES)
+
+    assert words in str(raised.value)
+
+
 @given(st.text(max_size=40))
 def test_any_text_is_either_compiled_or_refused(text: str) -> None:
     try:

@@ -32,8 +32,9 @@ LOOPED = override(
     "looped",
 )
 """A shorted loop applies the brake, which would sample a dead time if it were not fixed."""
-MILD = {"traction_runaway": {"accel_mps2": 0.2}}
-"""A runaway this weak leaves the train standing under its holding brake."""
+MILD = {"traction_runaway": {"accel_mps2": 0.2}, "tacho_interference": {"pulses_per_s": 0.0}}
+"""A runaway this weak leaves the train standing under its holding brake. Pulses that interference
+has added stay counted."""
 OPEN = DoorCommand(enable_left=True, enable_right=True, open_left=True, open_right=True)
 CLOSE = DoorCommand(enable_left=False, enable_right=False, open_left=False, open_right=False)
 

@@ -7,6 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_dbc.vobc import (
+    AtoPhase,
+    Cause,
+    Inhibit,
+    Missing,
+    OperatingMode,
+    Supervision,
+    VobcMode,
+    VobcStatus,
+    Withheld,
+)
 from firmware_py.settings import SettingsError
 from plant_emulator.faults.fault_file import faults_of, load_faults
 from plant_emulator.faults.plan import read_faults
@@ -74,6 +85,8 @@ def ramp(t_s: float) -> float:
             [(901, 951), (952, 980)],
         ),
         ({"when": "1 / (speed_mps - speed_mps) > 0"}, []),
+        ({"when": "supervision == 'emergency' or mode == 'creep'"}, []),
+        ({"when": "ato_phase == 'off'", "duration_s": 1.0}, [(0, 100)]),
         ({"until": "1 / (speed_mps - speed_mps) > 0", "end_s": 1.0}, [(0, 100)]),
     ],
 )
@@ -179,3 +192,25 @@ def test_an_impossible_scenario_is_refused_with_file_key_and_value(
 ) -> None:
     with pytest.raises(SettingsError, match=words):
         faults_of(scenario, "x.toml")
+
+
+def test_a_condition_reads_what_the_controller_reports() -> None:
+    truth = Truth()
+    (plan,) = read_faults(
+        [{"kind": "obstacle", "when": "supervision == 'emergency'", "until": "mode == 'standby'"}],
+        "scenario",
+    )
+    (other,) = read_faults([{"kind": "obstacle", "when": "speed_mps > 3"}], "scenario")
+    begins, ends = plan.window.begins(), plan.window.ends()
+    assert begins is not None
+    assert ends is not None
+
+    before = begins(truth)
+    truth.report(VobcStatus(Supervision.EMERGENCY, AtoPhase.OFF, Missing(0), True, False, 0.0, 0))
+    truth.report(
+        VobcMode(OperatingMode.STANDBY, Cause.BUTTON, Inhibit(0), Withheld(0), 0, True, False)
+    )
+
+    assert (before, begins(truth), ends(truth)) == (0.0, 1.0, 1.0)
+    assert plan.window.reads_controller
+    assert not other.window.reads_controller
