@@ -44,22 +44,23 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         1,
         "stopping-distance",
         "m",
-        "The true front and the true stopping distance stay inside the authority while the "
-        "guaranteed emergency brake rate holds.",
-        "Distance from the true front to the end of authority, less the distance to standstill if "
-        "the emergency brake were demanded now. Until traction is cut after 0.30 s the train keeps "
-        "the acceleration that it has now. It coasts on its gradient for the declared dead time "
-        "and lag of its emergency brake. Then it decelerates at 1.0 m/s² over the true heights of "
-        "the line. Of a brake that is demanded already, only the rest of these times counts. "
-        "Judged while the train moves forwards, is not on sight, and rail and brake give the "
-        "guaranteed rate.",
+        "The true front and the true stopping distance stay inside the authority and the map "
+        "while the guaranteed emergency brake rate holds.",
+        "Distance from the true front to the end of authority or of the map, less the distance to "
+        "standstill if the emergency brake were demanded now. Until traction is cut after 0.30 s "
+        "the train keeps the acceleration that it has now. It coasts on its gradient for the "
+        "declared dead time and lag of its emergency brake. Then it decelerates at 1.0 m/s² over "
+        "the true heights of the line. Of a brake that is demanded already, only the rest of these "
+        "times counts. Judged while the train moves forwards, is not on sight, and rail and brake "
+        "give the guaranteed rate.",
     ),
     _watched(
         2,
         "authority-end",
         "m",
-        "The true front never passes the end of authority.",
-        "End of authority less true front. Judged while the train moves and is not on sight.",
+        "The true front never passes the end of authority, nor the end of the map.",
+        "End of authority or of the map less true front. Judged while the train moves and is not "
+        "on sight.",
     ),
     _watched(
         3,
@@ -79,6 +80,18 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "Lowest limit under the train + 8 km/h + overshoot, less true speed. The overshoot is what "
         "a runaway of 1.0 m/s² and the steepest fall under the train add until traction is cut and "
         "the brake acts.",
+    ),
+    _watched(
+        4,
+        "restriction",
+        "m/s",
+        "The speed of the whole train stays below each temporary restriction that the train has "
+        "received, with the same margins.",
+        "Limit of the restriction + 8 km/h + overshoot, less true speed, while any part of the "
+        "train is in it. Judged from the place on where the worst declared motion, from where the "
+        "train received it, has come down to the limit; and until newer orders lift it, also "
+        "after a restart. Not judged while rail or brake give less than the guaranteed rate. Radio "
+        "messages are observed in virtual time only.",
     ),
     _watched(
         5,

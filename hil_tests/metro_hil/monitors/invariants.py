@@ -15,7 +15,10 @@ from metro_hil.monitors.watch_claims import ClaimWatch, DemandWatch
 from metro_hil.monitors.watch_doors import DoorWatch
 from metro_hil.monitors.watch_modes import ModeWatch
 from metro_hil.monitors.watch_motion import MotionWatch
+from metro_hil.monitors.watch_restrictions import RestrictionWatch
 from plant_emulator.truth import Truth
+from zenoh_config.codec import unpack
+from zenoh_config.messages import MovementAuthority, TrainOrders
 
 
 class Invariants:
@@ -32,6 +35,7 @@ class Invariants:
         "_heard",
         "_modes",
         "_moving",
+        "_restrictions",
         "_silence",
         "_spoken",
         "_wanted",
@@ -76,6 +80,7 @@ class Invariants:
             wake_up=gauge["inv-18-wake-up"],
         )
         self._authority = AuthorityWatch(context, aged=gauge["inv-24-authority-age"])
+        self._restrictions = RestrictionWatch(context, place, kept=gauge["inv-04-restriction"])
         self._emergency = EmergencyWatch(
             context,
             held=gauge["inv-05-emergency-held"],
@@ -132,7 +137,11 @@ class Invariants:
 
     def radio(self, payload: bytes) -> None:
         """Take one radio message, as the controller receives it."""
-        self._authority.heard(payload)
+        message = unpack(payload)
+        if isinstance(message, MovementAuthority):
+            self._authority.heard(message)
+        elif isinstance(message, TrainOrders):
+            self._restrictions.heard(message)
 
     def sample(self, truth: Truth, now_ns: int) -> None:
         """Take one step of the plant; the caller resets `news` of the frames."""
@@ -149,6 +158,10 @@ class Invariants:
             self._departure.sample(truth, now_ns, spoken)
             self._modes.sample(truth, now_ns, spoken)
             self._authority.sample(truth, now_ns, spoken)
+            if self._restrictions.busy:
+                self._restrictions.sample(
+                    truth, now_ns, guaranteed=self.motion.guaranteed(truth, now_ns)
+                )
             if not wanted:
                 self._emergency.without(truth, now_ns)
         elif self._moving:

@@ -5,7 +5,6 @@ from metro_hil.monitors.context import Context
 from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
 from plant_emulator.truth import Truth
-from zenoh_config.codec import unpack
 from zenoh_config.messages import MovementAuthority
 
 NS_PER_S = 1_000_000_000
@@ -28,11 +27,9 @@ class AuthorityWatch:
         self._newest_ns = -1
         """Stamp of the report that the newest authority answers; negative before the first."""
 
-    def heard(self, payload: bytes) -> None:
-        """Take one message as it reached the controller, valid or not."""
-        message = unpack(payload)
-        if isinstance(message, MovementAuthority) and message.echo_stamp_ns > self._newest_ns:
-            self._newest_ns = message.echo_stamp_ns
+    def heard(self, authority: MovementAuthority) -> None:
+        """Take a sound authority as it reached the controller."""
+        self._newest_ns = max(self._newest_ns, authority.echo_stamp_ns)
 
     def sample(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         """Take a step in which the train moves."""

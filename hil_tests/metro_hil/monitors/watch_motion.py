@@ -33,6 +33,7 @@ class MotionWatch:
         "_foremost_m",
         "_full_mps2",
         "_lag_s",
+        "_line_end_m",
         "_look_ns",
         "_margin_mps",
         "_place",
@@ -59,7 +60,7 @@ class MotionWatch:
         civil_limit: Gauge,
         rollback: Gauge,
     ) -> None:
-        self._place = place
+        self._place, self._line_end_m = place, context.line.end_m
         self.stopping, self.authority_end = stopping, authority_end
         self.civil_limit, self.rollback = civil_limit, rollback
         emergency = context.train.brake.emergency
@@ -92,7 +93,7 @@ class MotionWatch:
         """
         front_m, speed_mps = truth.front_m, truth.speed_mps
         if mode not in ON_SIGHT:
-            to_end_m = truth.authority_end_m - front_m
+            to_end_m = min(truth.authority_end_m, self._line_end_m) - front_m
             if to_end_m < self.authority_end.least:
                 self.authority_end.see(to_end_m, now_ns)
             if speed_mps > 0.0:
@@ -135,15 +136,20 @@ class MotionWatch:
             to_end_m - quick_m < FAR_M or now_ns >= self._look_ns
         ):
             self._look_ns = now_ns + FAR_NS
-            if self._guaranteed(truth, now_ns):
+            if self._noted_guaranteed(truth, now_ns):
                 self.stopping.see(to_end_m - self.stopping_m(truth, now_ns), now_ns)
 
-    def _guaranteed(self, truth: Truth, now_ns: int) -> bool:
+    def guaranteed(self, truth: Truth, now_ns: int) -> bool:
         """Tell whether rail and brake give the rate that the braking distance assumes."""
         holds = truth.adhesion_ratio >= self._adhesion_needed_ratio
         since_ns = self._emergency_since_ns
         if holds and since_ns >= 0 and now_ns - since_ns > self._built_up_ns:
             holds = truth.emergency_mps2 >= self._decel_mps2
+        return holds
+
+    def _noted_guaranteed(self, truth: Truth, now_ns: int) -> bool:
+        """The same, noted in the result if it is not so."""
+        holds = self.guaranteed(truth, now_ns)
         if not holds and not self.stopping.note:
             self.stopping.note = (
                 f"less than the guaranteed {self._decel_mps2:g} m/s² from {truth.t_s:.2f} s on "

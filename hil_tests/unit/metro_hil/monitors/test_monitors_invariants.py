@@ -102,6 +102,16 @@ def test_without_the_guaranteed_rate_the_stopping_distance_is_not_judged(
     assert "guaranteed 1 m/s²" in result.detail
 
 
+def test_no_authority_reaches_beyond_the_map(rig: Rig) -> None:
+    end_m = rig.context.line.end_m
+    rig.truth.front_m = end_m - 50.0
+
+    rig.step(1, speed_mps=10.0, authority_end_m=end_m + 5000.0)
+
+    assert rig.margin("inv-02-authority-end") == pytest.approx(50.0 - 0.1)
+    assert rig.result("inv-01-stopping-distance").verdict is Verdict.FAIL
+
+
 def test_the_front_at_the_end_of_authority_is_the_last_that_is_allowed(rig: Rig) -> None:
     rig.step(1, speed_mps=1.0, authority_end_m=1000.01)
     assert rig.margin("inv-02-authority-end") == pytest.approx(0.0, abs=1e-9)

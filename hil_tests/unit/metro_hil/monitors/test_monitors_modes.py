@@ -24,7 +24,7 @@ from can_dbc.vobc import (
 )
 from metro_hil.model.case import Verdict
 from zenoh_config.codec import pack
-from zenoh_config.messages import MovementAuthority
+from zenoh_config.messages import MovementAuthority, SpeedRestriction, TrainOrders
 
 Rig = Any
 """Rig of conftest.py."""
@@ -465,3 +465,91 @@ def test_platform_doors_of_other_platforms_do_not_matter(rig: Rig) -> None:
     rig.step(20, speed_mps=0.5)
 
     assert rig.result("inv-33-platform-doors").margin is None
+
+
+# 4: restrictions that the train has received.
+
+SLOW = SpeedRestriction(1400.0, 1500.0, 5.0)
+
+
+def hear_orders(rig: Rig, sequence: int, *told: SpeedRestriction, age_s: float = 0.2) -> None:
+    echo_ns = max(0, rig.now_ns - round(age_s * NS_PER_S))
+    rig.monitors.radio(
+        pack(
+            TrainOrders(
+                1, 1, sequence, echo_ns, True, False, False, False, False, 0, False, False,
+                False, False, True, told,
+            )
+        )
+    )  # fmt: skip
+
+
+def passes(rig: Rig, speed_mps: float, front_m: float) -> float | None:
+    """The margin after one step at this place."""
+    rig.truth.front_m, rig.truth.rear_m = front_m, front_m - 68.59
+    rig.step(1, speed_mps=speed_mps)
+    margin: float | None = rig.result("inv-04-restriction").margin
+    return margin
+
+
+ALLOWED_MPS = 5.0 + 8.0 / 3.6 + 0.43
+"""The limit, 8 km/h, and a runaway of 1.0 m/s² for 0.43 s on the level."""
+
+
+def test_a_received_restriction_is_judged_from_the_braking_distance_on(rig: Rig) -> None:
+    rig.truth.front_m = 1000.0
+    hear_orders(rig, 1, SLOW)
+
+    assert passes(rig, 15.0, 1010.0) is None
+    assert passes(rig, 15.0, 1399.0) is None
+    assert passes(rig, 7.0, 1400.5) == pytest.approx(ALLOWED_MPS - 7.0, abs=1e-6)
+    assert passes(rig, 9.0, 1480.0) == pytest.approx(ALLOWED_MPS - 9.0, abs=1e-6)
+    assert rig.result("inv-04-restriction").verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize(("begins_m", "judged"), [(1100.0, True), (1020.0, False)])
+def test_a_restriction_inside_of_the_braking_distance_is_not_judged_at_its_begin(
+    rig: Rig, begins_m: float, judged: bool
+) -> None:
+    """From 10 m/s the worst motion takes less than 95 m to 5 m/s on this line."""
+    rig.truth.front_m = 1000.0
+    rig.step(1, speed_mps=10.0)
+    hear_orders(rig, 1, SpeedRestriction(begins_m, 1500.0, 5.0))
+    rig.step(1, speed_mps=10.0)
+
+    assert (passes(rig, 10.0, begins_m + 1.0) is not None) is judged
+    assert passes(rig, 5.0, 1400.0) is not None
+
+
+def test_a_restriction_holds_for_the_whole_train_until_newer_orders_lift_it(rig: Rig) -> None:
+    hear_orders(rig, 5, SLOW)
+    passes(rig, 5.0, 1000.0)
+
+    assert passes(rig, 8.0, 1500.0 + 68.0) is not None
+    assert rig.margin("inv-04-restriction") < 0.0
+
+
+@pytest.mark.parametrize(("sequence", "lifts"), [(6, True), (5, False), (4, False)])
+def test_only_newer_orders_lift_a_restriction(rig: Rig, sequence: int, lifts: bool) -> None:
+    hear_orders(rig, 5, SLOW)
+    passes(rig, 5.0, 1000.0)
+    hear_orders(rig, sequence)
+
+    assert (passes(rig, 15.0, 1450.0) is None) is lifts
+
+
+def test_orders_that_are_too_old_on_arrival_impose_nothing(rig: Rig) -> None:
+    rig.step(600)
+    hear_orders(rig, 5, SLOW, age_s=5.1)
+
+    assert passes(rig, 15.0, 1450.0) is None
+
+
+def test_without_the_guaranteed_rate_a_restriction_is_not_judged(rig: Rig) -> None:
+    hear_orders(rig, 5, SLOW)
+    passes(rig, 15.0, 1000.0)
+    rig.truth.adhesion_ratio = 0.05
+    passes(rig, 15.0, 1300.0)
+    rig.truth.adhesion_ratio = 0.2
+
+    assert passes(rig, 15.0, 1450.0) is None
