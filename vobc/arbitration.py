@@ -80,6 +80,7 @@ def arbitrate(
         cause=verdict.cause,
         mode=verdict.mode,
         emergency_cause=verdict.emergency_cause,
+        emergency_number=verdict.emergency_number,
         departure_inhibits=verdict.departure_inhibits,
         doors_withheld=verdict.doors_withheld,
         jog_attempts=verdict.jog_attempts,
@@ -177,4 +178,5 @@ def _not_finite(verdict: ProtectionVerdict) -> CycleOutput:
         cause=NOT_FINITE_CAUSE,
         mode=verdict.mode,
         emergency_cause=Cause.NOT_FINITE,
+        emergency_number=verdict.emergency_number,
     )

@@ -24,6 +24,7 @@ class StatusBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
     fire: bool
     obstacle: bool
     alarm_raised: bool
+    emergency_number: int
 
 
 class OrdersBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
@@ -41,6 +42,7 @@ class OrdersBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
     doors_right: bool
     platform_doors_locked: bool
     restrictions: list[tuple[float, float, float]]
+    released_emergency: int
 
 
 STATUS_BODY: Final = msgspec.msgpack.Decoder(StatusBody)

@@ -179,6 +179,7 @@ def _opened_status(head: _Head, body: bytes) -> Message:
         told.obstacle,
         told.alarm_raised,
         head.destination,
+        told.emergency_number,
     )
 
 
@@ -203,6 +204,7 @@ def _opened_orders(head: _Head, body: bytes) -> Message:
         tuple([SpeedRestriction(*each) for each in told.restrictions]),
         head.source,
         head.stamp_ns,
+        told.released_emergency,
     )
 
 
@@ -288,6 +290,7 @@ def _packed_status(status: TrainStatus) -> bytes:
             status.fire,
             status.obstacle,
             status.alarm_raised,
+            status.emergency_number,
         )
     )
 
@@ -316,6 +319,7 @@ def _packed_orders(orders: TrainOrders) -> bytes:
             orders.doors_right,
             orders.platform_doors_locked,
             [(each.start_m, each.end_m, each.limit_mps) for each in orders.restrictions],
+            orders.released_emergency,
         )
     )
 

@@ -90,6 +90,9 @@ class TrainStatus:
     alarm_raised: bool
     """Attendance by a person is required."""
     destination: int = WAYSIDE
+    emergency_number: int = 0
+    """Number of the present emergency, or of the last one, in this incarnation; 0 before the
+    first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +124,8 @@ class TrainOrders:
     emergency: bool
     """Apply the emergency brake and keep it applied."""
     releases: int
-    """Number of emergency resets by the centre; each increase is one reset."""
+    """Number of emergency resets by the centre; each increase is one reset of
+    `released_emergency`."""
     creep: bool
     """The train may creep although it lacks position or authority."""
     restricted: bool
@@ -134,6 +138,8 @@ class TrainOrders:
     restrictions: tuple[SpeedRestriction, ...] = ()
     source: int = WAYSIDE
     stamp_ns: int = 0
+    released_emergency: int = 0
+    """`emergency_number` of the status that the centre had when it gave the last reset."""
 
 
 RESTRICTIONS_MAX: Final = 8

@@ -77,6 +77,8 @@ def _status_problem(status: TrainStatus) -> str:
             return f"{name} {getattr(status, name)} is not in 0..{MAX_CODE}"
     if not -MAX_CHAINAGE_M <= status.front_m <= MAX_CHAINAGE_M:
         return f"front_m {status.front_m} is off every line"
+    if not 0 <= status.emergency_number <= MAX_NUMBER:
+        return f"emergency_number {status.emergency_number} is not in 0..{MAX_NUMBER}"
     return _number_problem(status.boot, status.sequence, status.stamp_ns)
 
 
@@ -89,6 +91,8 @@ def _orders_problem(orders: TrainOrders) -> str:
         return f"echo_stamp_ns {orders.echo_stamp_ns} is not in 0..{MAX_STAMP_NS}"
     if not 0 <= orders.releases <= MAX_NUMBER:
         return f"releases {orders.releases} is not in 0..{MAX_NUMBER}"
+    if not 0 <= orders.released_emergency <= MAX_NUMBER:
+        return f"released_emergency {orders.released_emergency} is not in 0..{MAX_NUMBER}"
     if len(orders.restrictions) > RESTRICTIONS_MAX:
         return f"{len(orders.restrictions)} restrictions, at most {RESTRICTIONS_MAX} fit"
     for each in orders.restrictions:

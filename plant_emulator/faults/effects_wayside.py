@@ -134,7 +134,7 @@ class Released:
         self._centre = centre
 
     def begin(self, now_ns: int) -> None:
-        self._centre.releases += 1
+        self._centre.release()
 
     def end(self, now_ns: int) -> None: ...
 

@@ -76,6 +76,8 @@ class Centre:
         self.standing = NORMAL
         self.releases = 0
         """Number of emergency resets so far."""
+        self.released_emergency = 0
+        """Number of the emergency that the last reset is for."""
         self.silent = False
         """A fault: the centre receives statuses but answers none."""
         self.latest: TrainOrders | None = None
@@ -83,6 +85,13 @@ class Centre:
         self._line, self._doors = line, doors
         self._gate = ReportGate()
         self._sequence, self._key = first_sequence, key
+        self._emergency_number = 0
+        """Number of the train's emergency, by its latest status."""
+
+    def release(self) -> None:
+        """Reset the emergency that the train's latest status reports, and no other."""
+        self.releases += 1
+        self.released_emergency = self._emergency_number
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
         """Return key and payload of all answers to the received messages."""
@@ -93,6 +102,7 @@ class Centre:
         if isinstance(status, RefusedReason):
             self.refusals[status] += 1
             return None
+        self._emergency_number = status.emergency_number
         self._move_platform_doors(status, now_ns)
         if self.silent:
             self.unanswered += 1
@@ -127,6 +137,7 @@ class Centre:
             platform_doors_locked=self._doors.locked(near),
             restrictions=joined(standing.restrictions),
             stamp_ns=now_ns,
+            released_emergency=self.released_emergency,
         )
 
     def _station(self, status: TrainStatus) -> Station | None:

@@ -208,6 +208,7 @@ class LineCentre:
             return DecreeAnswer.NOT_THERE
         if decree.kind is DecreeKind.RELEASE:
             now = now._replace(releases=was.releases + 1)
+            self._centres[train][0].release()
         if decree.kind is DecreeKind.SKIP:
             ahead_m = [each.stop_m for each in self._line.stations if each.stop_m > status.front_m]
             if not status.localised or not ahead_m:

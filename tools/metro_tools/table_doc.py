@@ -59,7 +59,8 @@ EMERGENCIES: Final = """\
 Causes of the emergency brake and who may release it (`vobc/atp/emergencies.py`). Every cause is
 kept until its own release: the train stands, an authorised party has reset it in that cycle, and,
 for a cause that is always checked, it is gone. The brake is released when no cause is left. A
-reset at the desk is a newly pressed key, a reset by the centre an increase of its count.
+reset at the desk is a newly pressed key. A reset by the centre is an increase of its count that
+names the present emergency, received by a train that had fresh orders before.
 """
 
 ALARMS: Final = """\

@@ -16,32 +16,38 @@ CENTRE: Final = int(Reset.CENTRE)
 class Resets:
     """Detects new resets of desk and centre.
 
-    At the desk, a button that is held, or that was pressed while the desk was silent, is no reset.
+    A reset counts only if it was given to a train that could receive it. A button that is held at
+    the desk, or that was pressed while the desk was silent, is none. The same applies to a reset of
+    a centre whose orders were too old before.
     """
 
     def __init__(self) -> None:
         self._was_pressed = True
         self._counted: int | None = None
 
-    def step(self, desk: Desk | None, orders: Orders | None) -> int:
+    def step(self, desk: Desk | None, orders: Orders | None, emergency_number: int) -> int:
         """Flags of `Reset`, each for one cycle.
 
-        The centre counts its resets. A step up is a reset, even if the centre was silent meanwhile.
-        The first received count is none. A step down is none either: the centre has restarted its
-        count.
+        The centre counts its resets, and names the emergency that the last one is for. A step up
+        is a reset if it names the present emergency. The first count after the start or after a
+        silence is none. A step down is none either: the centre has restarted its count.
 
         Args:
             desk: None if no fresh message is there. The same applies to `orders`.
+            emergency_number: number of the present emergency, or of the last one.
         """
         given = 0
         pressed = desk is not None and desk.reset_requested
         if pressed and not self._was_pressed:
             given |= DESK
         self._was_pressed = pressed or desk is None
-        if orders is not None:
-            if self._counted is not None and orders.releases > self._counted:
-                given |= CENTRE
-            self._counted = orders.releases
+        if orders is None:
+            self._counted = None
+            return given
+        counted, self._counted = self._counted, orders.releases
+        named = orders.released_emergency == emergency_number
+        if named and counted is not None and orders.releases > counted:
+            given |= CENTRE
         return given
 
 

@@ -87,6 +87,7 @@ class Protection:
         self._state = Supervision.NO_AUTHORITY
         self._mode = OperatingMode.STANDBY
         self._latched: tuple[Cause, ...] = ()
+        self._emergency_number = 0
 
     def step(
         self,
@@ -150,7 +151,7 @@ class Protection:
         return _ReceivedInputs(
             desk=desk,
             orders=orders,
-            resets=self._resets.step(desk, orders),
+            resets=self._resets.step(desk, orders, self._emergency_number),
             brake_unit_braked=self._brake_unit.step(
                 image.brake, released=self._state in MOVING_STATES, dt_s=image.dt_s
             ),
@@ -265,7 +266,7 @@ class Protection:
     def _move_on(self, motion: Motion, inputs: GuardInputs) -> GuardInputs:
         """Latch causes and step the supervision. Returns the inputs with the latched causes."""
         before = self._state
-        self._latched = latched_after(before, inputs)
+        self._latch(latched_after(before, inputs))
         inputs = replace(inputs, latched=self._latched)
         self._state = next_state(before, inputs)
         if self._state is Supervision.EMERGENCY:
@@ -275,12 +276,17 @@ class Protection:
             self._movement.restart(motion)
         return inputs
 
+    def _latch(self, causes: tuple[Cause, ...]) -> None:
+        """Count each new cause, so that a reset for an earlier one does not release it."""
+        self._emergency_number += sum(cause not in self._latched for cause in causes)
+        self._latched = causes
+
     # Outputs.
 
     def _blind(self, image: CycleInput, missing: int) -> ProtectionVerdict:
         """Verdict while odometry has no motion yet: the train is held."""
         if self._state in MOVING_STATES:
-            self._latched = (Cause.VITAL_INPUT_LOST,)
+            self._latch((Cause.VITAL_INPUT_LOST,))
             self._state = Supervision.EMERGENCY
         inputs = GuardInputs(
             self._config,
@@ -302,6 +308,7 @@ class Protection:
             doors=SHUT,
             mode=self._mode,
             emergency_cause=self._cause,
+            emergency_number=self._emergency_number,
         )
 
     def _verdict(
@@ -337,6 +344,7 @@ class Protection:
             doors=SHUT if asleep or state is Supervision.EMERGENCY else station.doors,
             mode=mode,
             emergency_cause=self._cause,
+            emergency_number=self._emergency_number,
             departure_inhibits=INHIBITS[inhibits],
             doors_withheld=station.withheld,
             reverse_permitted=back_m > 0.0,

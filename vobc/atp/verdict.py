@@ -26,6 +26,8 @@ class ProtectionVerdict:
     doors: DoorEnable
     mode: OperatingMode = OperatingMode.STANDBY
     emergency_cause: Cause = Cause.NONE
+    emergency_number: int = 0
+    """Causes that were latched since the start. A reset of the centre names this number."""
     departure_inhibits: Inhibit = Inhibit.NONE
     """Reasons why the train must not depart."""
     doors_withheld: Withheld = Withheld.NONE

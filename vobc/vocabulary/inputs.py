@@ -158,6 +158,9 @@ class Orders:
     doors_right: bool
     platform_doors_locked: bool
     restrictions: tuple[Restriction, ...] = ()
+    """All that hold, at every place of the line."""
+    released_emergency: int = 0
+    """Number of the emergency that the last reset of the centre is for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

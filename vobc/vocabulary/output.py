@@ -86,6 +86,9 @@ class CycleOutput:
     """Reason why protection holds or brakes. Empty: it does neither."""
     mode: OperatingMode = OperatingMode.STANDBY
     emergency_cause: Cause = Cause.NONE
+    emergency_number: int = 0
+    """Number of the present emergency, or of the last one, since the start. A reset of the centre
+    names it."""
     departure_inhibits: Inhibit = Inhibit.NONE
     doors_withheld: Withheld = Withheld.NONE
     jog_attempts: int = 0

@@ -99,7 +99,11 @@ class RadioLink:
     def hold(
         self, authority: Authority | None, echo_ns: int, restrictions: tuple[Restriction, ...]
     ) -> None:
-        """Use an authority with restrictions from another source than a zone controller."""
+        """Use an authority with restrictions from another source than a zone controller.
+
+        The restrictions join those of the centre. Before the first orders there are none, and no
+        full supervision.
+        """
         self.authority, self._echo_ns = authority, echo_ns
         if self._told_orders is not None:
             joined = (*self._told_orders.restrictions, *restrictions)
@@ -153,6 +157,7 @@ class RadioLink:
             stop_next=heard.stop_next,
             emergency=heard.emergency,
             releases=heard.releases,
+            released_emergency=heard.released_emergency,
             creep=heard.creep,
             restricted=heard.restricted,
             doors_left=heard.doors_left,
@@ -194,6 +199,7 @@ class RadioLink:
                 fire=alarms is not None and not alarms.no_fire,
                 obstacle=alarms is not None and not alarms.no_obstacle,
                 alarm_raised=output.alarm_raised,
+                emergency_number=output.emergency_number,
             ),
             self._key,
         )

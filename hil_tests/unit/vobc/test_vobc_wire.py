@@ -300,6 +300,33 @@ def test_orders_become_orders_and_age_from_the_status_that_they_answer() -> None
     assert radio.refused == 1
 
 
+def test_restrictions_of_the_line_join_those_of_the_centre() -> None:
+    radio, of_line = link(), Restriction(500.0, 600.0, 4.0)
+    radio.hold(None, 0, (of_line,))
+    assert radio.orders is None
+
+    radio.take(300 * MS, heard(orders(sequence=5)))
+    radio.hold(None, 0, (of_line,))
+    radio.hold(None, 0, (of_line,))
+
+    assert radio.orders is not None
+    assert radio.orders.restrictions == (Restriction(10.0, 20.0, 8.25), of_line)
+    radio.hold(None, 0, ())
+    assert radio.orders.restrictions == (Restriction(10.0, 20.0, 8.25),)
+
+
+def test_status_and_orders_carry_the_number_of_the_emergency() -> None:
+    radio = link()
+
+    radio.take(300 * MS, heard(orders(sequence=5, released_emergency=6)))
+    status = unpack(radio.status(7 * MS, replace(DRIVING, emergency_number=6), None))
+
+    assert radio.orders is not None
+    assert radio.orders.released_emergency == 6
+    assert isinstance(status, TrainStatus)
+    assert status.emergency_number == 6
+
+
 def test_a_status_describes_the_state_of_the_controller() -> None:
     radio, alarms = link(), TrainAlarms(no_obstacle=True, no_fire=False)
     image = replace(Inbox(radio).image(5 * MS, dt_s=0.05, overruns=0), alarms=alarms)

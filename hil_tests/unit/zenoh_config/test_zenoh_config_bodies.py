@@ -11,10 +11,12 @@ from zenoh_config import bodies
 
 REPORT: list[object] = [3, -20.5, -19.0, -89.1, 12.25, False]
 AUTHORITY: list[object] = [3, 2, 123, 1450.0, 900.0]
-STATUS: list[object] = [3, 4, 1, 2, True, False, -19.5, True, False, True, False, True, False, True]
+STATUS: list[object] = [
+    *(3, 4, 1, 2, True, False, -19.5, True, False, True, False, True, False, True, 5),
+]
 ORDERS: list[object] = [
     3, 123, True, False, True, False, True, 2, False, True, False, True, False,
-    [[100.0, 250.5, 8.25], [0.0, 1.0, 2.0]],
+    [[100.0, 250.5, 8.25], [0.0, 1.0, 2.0]], 4,
 ]  # fmt: skip
 WHOLE, MEASURE, FLAG, STRETCHES = "whole number", "measure", "flag", "stretches"
 
@@ -32,12 +34,12 @@ KINDS = {
     "report": Kind(bodies.REPORT_BODY.decode, REPORT, [WHOLE, *4 * [MEASURE], FLAG]),
     "authority": Kind(bodies.AUTHORITY_BODY.decode, AUTHORITY, [*3 * [WHOLE], *2 * [MEASURE]]),
     "status": Kind(
-        bodies.STATUS_BODY.decode, STATUS, [*4 * [WHOLE], FLAG, FLAG, MEASURE, *7 * [FLAG]]
+        bodies.STATUS_BODY.decode, STATUS, [*4 * [WHOLE], FLAG, FLAG, MEASURE, *7 * [FLAG], WHOLE]
     ),
     "orders": Kind(
         bodies.ORDERS_BODY.decode,
         ORDERS,
-        [WHOLE, WHOLE, *5 * [FLAG], WHOLE, *5 * [FLAG], STRETCHES],
+        [WHOLE, WHOLE, *5 * [FLAG], WHOLE, *5 * [FLAG], STRETCHES, WHOLE],
     ),
 }
 WRONG: dict[str, list[object]] = {
@@ -85,6 +87,7 @@ def test_status_and_orders_decode_their_fields_in_the_documented_order() -> None
     assert (orders.creep, orders.restricted) == (False, True)
     assert (orders.doors_left, orders.doors_right) == (False, True)
     assert orders.platform_doors_locked is False
+    assert (status.emergency_number, orders.released_emergency) == (5, 4)
     assert orders.restrictions == [(100.0, 250.5, 8.25), (0.0, 1.0, 2.0)]
 
 

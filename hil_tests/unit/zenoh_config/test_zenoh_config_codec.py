@@ -29,11 +29,11 @@ REPORT = PositionReport(7, 3, 1000, 123_456_789_012, -20.5, -19.0, -89.1, 12.25,
 AUTHORITY = MovementAuthority(7, 3, 2, 500, 123_456_789_012, 1450.0, 0, 99)
 STATUS = TrainStatus(
     7, 3, 41, 123_456_789_012, 4, 1, 0, True, False, -19.5, True, False, True, False, False, True,
-    False,
+    False, 0, 5,
 )  # fmt: skip
 ORDERS = TrainOrders(
     7, 3, 77, 123_456_789_012, True, False, True, False, False, 2, False, False, True, False, True,
-    (SpeedRestriction(100.0, 250.5, 8.25), SpeedRestriction(-3.0, 4.0, 1.0)), 0, 99,
+    (SpeedRestriction(100.0, 250.5, 8.25), SpeedRestriction(-3.0, 4.0, 1.0)), 0, 99, 4,
 )  # fmt: skip
 SAMPLES = pytest.mark.parametrize(
     "message", [REPORT, AUTHORITY, STATUS, ORDERS], ids=lambda message: type(message).__name__
@@ -108,6 +108,7 @@ statuses = st.builds(
     obstacle=flags,
     alarm_raised=flags,
     destination=addresses,
+    emergency_number=numbers,
 )
 restrictions = st.builds(
     lambda ends_m, limit_mps: SpeedRestriction(min(ends_m), max(ends_m), limit_mps),
@@ -134,6 +135,7 @@ orders = st.builds(
     restrictions=st.lists(restrictions, max_size=RESTRICTIONS_MAX).map(tuple),
     source=addresses,
     stamp_ns=stamps_ns,
+    released_emergency=numbers,
 )
 messages = reports() | authorities | statuses | orders
 
@@ -201,7 +203,7 @@ def test_a_status_is_laid_out_as_documented(status: TrainStatus) -> None:
         status.boot, status.mode, status.supervision, status.cause, status.localised,
         status.standstill, status.front_m, status.doors_locked, status.open_left,
         status.open_right, status.passenger_alarm, status.fire, status.obstacle,
-        status.alarm_raised,
+        status.alarm_raised, status.emergency_number,
     ]  # fmt: skip
 
     assert pack(status) == sealed(header, msgspec.msgpack.encode(fields))
@@ -217,6 +219,7 @@ def test_orders_are_laid_out_as_documented(told: TrainOrders) -> None:
         told.emergency, told.releases, told.creep, told.restricted, told.doors_left,
         told.doors_right, told.platform_doors_locked,
         [[each.start_m, each.end_m, each.limit_mps] for each in told.restrictions],
+        told.released_emergency,
     ]  # fmt: skip
 
     assert pack(told) == sealed(header, msgspec.msgpack.encode(fields))
@@ -279,11 +282,11 @@ def test_a_long_message_is_refused_unread() -> None:
 GOOD_REPORT_BODY = [3, -20.5, -19.0, -89.1, 12.25, False]
 GOOD_AUTHORITY_BODY = [3, 2, 123, 1450.0, None]
 GOOD_STATUS_BODY = [
-    3, 4, 1, 0, True, False, -19.5, True, False, True, False, False, True, False,
+    3, 4, 1, 0, True, False, -19.5, True, False, True, False, False, True, False, 0,
 ]  # fmt: skip
 GOOD_ORDERS_BODY = [
     3, 123, True, False, True, False, False, 2, False, False, True, False, True,
-    [[100.0, 250.5, 8.25]],
+    [[100.0, 250.5, 8.25]], 0,
 ]  # fmt: skip
 
 
@@ -423,6 +426,8 @@ def test_another_version_is_refused(version: int) -> None:
         (replace(ORDERS, train=0), "TrainOrders: train 0"),
         (replace(ORDERS, source=-1), "source -1"),
         (replace(ORDERS, releases=-1), "releases -1"),
+        (replace(ORDERS, released_emergency=-1), "released_emergency -1"),
+        (replace(STATUS, emergency_number=2**32), "emergency_number 4294967296"),
         (replace(ORDERS, restrictions=9 * ORDERS.restrictions[:1]), "9 restrictions, at most 8"),
     ],
 )

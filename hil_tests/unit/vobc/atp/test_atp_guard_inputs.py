@@ -49,6 +49,7 @@ def test_the_default_verdict_permits_nothing() -> None:
     assert silent == {
         "mode": OperatingMode.STANDBY,
         "emergency_cause": Cause.NONE,
+        "emergency_number": 0,
         "departure_inhibits": Inhibit.NONE,
         "doors_withheld": Withheld.NONE,
         "reverse_permitted": False,

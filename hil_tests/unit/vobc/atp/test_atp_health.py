@@ -8,6 +8,7 @@ import pytest
 
 from can_dbc.brake import BrakeStatus
 from can_dbc.cab import CabMode, Desk
+from hil_tests.unit.vobc.atp.heard_rig import NO_ORDERS
 from vobc.atp.emergencies import Reset
 from vobc.atp.health import BrakeUnitWatch, Resets, StopWatch, clock_stepped
 from vobc.atp.movement import Movement, Movements
@@ -23,15 +24,15 @@ def desk(*, reset: bool) -> Desk:
     return Desk(CabMode.AUTO, 0.0, True, True, False, reset, False, False)
 
 
-def orders(releases: int) -> Orders:
-    return Orders(True, False, False, False, False, releases, False, False, True, True, True)
+def orders(releases: int, released_emergency: int = 1) -> Orders:
+    return replace(NO_ORDERS, releases=releases, released_emergency=released_emergency)
 
 
 def test_a_reset_at_the_desk_counts_once_and_when_newly_pressed() -> None:
     resets = Resets()
     presses = [True, True, False, True, True, False, False, True]
 
-    given = [resets.step(desk(reset=pressed), None) for pressed in presses]
+    given = [resets.step(desk(reset=pressed), None, 1) for pressed in presses]
 
     assert [bool(each & Reset.DESK) for each in given] == [
         False,
@@ -47,34 +48,47 @@ def test_a_reset_at_the_desk_counts_once_and_when_newly_pressed() -> None:
 
 def test_a_reset_pressed_while_the_desk_was_silent_does_not_count() -> None:
     resets = Resets()
-    resets.step(desk(reset=False), None)
+    resets.step(desk(reset=False), None, 1)
 
-    assert resets.step(None, None) == 0
-    assert resets.step(desk(reset=True), None) == 0
+    assert resets.step(None, None, 1) == 0
+    assert resets.step(desk(reset=True), None, 1) == 0
 
 
 def test_an_increment_of_the_centres_count_is_one_reset_and_its_first_value_none() -> None:
     resets = Resets()
     counts = [7, 7, 8, 8, 10, 3, 3, 4]
 
-    given = [resets.step(None, orders(count)) for count in counts]
+    given = [resets.step(None, orders(count), 1) for count in counts]
 
     assert given == [0, 0, Reset.CENTRE, 0, Reset.CENTRE, 0, 0, Reset.CENTRE]
 
 
-def test_a_centre_may_reset_while_it_was_silent() -> None:
+def test_a_reset_that_the_centre_gave_to_a_deaf_train_does_not_count() -> None:
     resets = Resets()
-    resets.step(None, orders(1))
-    resets.step(None, None)
+    resets.step(None, orders(1), 1)
+    resets.step(None, None, 1)
 
-    assert resets.step(None, orders(2)) == Reset.CENTRE
+    assert resets.step(None, orders(2), 1) == 0
+    assert resets.step(None, orders(2), 1) == 0
+    assert resets.step(None, orders(3), 1) == Reset.CENTRE
+
+
+@pytest.mark.parametrize(("named", "given"), [(3, 0), (4, Reset.CENTRE), (5, 0)])
+def test_a_reset_of_the_centre_counts_for_the_emergency_that_it_names(
+    named: int, given: int
+) -> None:
+    resets = Resets()
+    resets.step(None, orders(1, 3), 4)
+
+    assert resets.step(None, orders(2, named), 4) == given
+    assert resets.step(None, orders(2, 4), 4) == 0
 
 
 def test_both_may_reset_in_one_cycle() -> None:
     resets = Resets()
-    resets.step(desk(reset=False), orders(0))
+    resets.step(desk(reset=False), orders(0), 1)
 
-    assert resets.step(desk(reset=True), orders(1)) == Reset.DESK | Reset.CENTRE
+    assert resets.step(desk(reset=True), orders(1), 1) == Reset.DESK | Reset.CENTRE
 
 
 APPLIED = BrakeStatus(1.2, 300.0, True, False, False, True)

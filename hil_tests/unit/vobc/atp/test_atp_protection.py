@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from can_dbc.alarms import TrainAlarms
 from can_dbc.tags import TagReaderHealth
 from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision
 from hil_tests.unit.vobc.atp.heard_rig import DESK
@@ -277,7 +278,7 @@ def test_an_order_to_brake_lasts_through_silence_until_the_centre_releases_it() 
     by_desk = train.step(2)
     train.change(desk=DESK, orders=ORDERS, orders_age_s=0.0)
     withdrawn = train.step(2)
-    train.change(orders=replace(ORDERS, releases=1))
+    train.change(orders=replace(ORDERS, releases=1, released_emergency=1))
     released = train.step()
 
     assert by_desk.emergency_cause is Cause.REMOTE
@@ -287,12 +288,42 @@ def test_an_order_to_brake_lasts_through_silence_until_the_centre_releases_it() 
     assert train.step().supervision is Supervision.NOMINAL
 
 
+def test_each_latched_cause_has_a_number_of_its_own() -> None:
+    train = Train()
+    numbers = [train.runs(5.0).emergency_number]
+    train.change(desk=replace(DESK, emergency_released=False))
+    numbers += [train.step().emergency_number, train.step().emergency_number]
+    train.change(orders=replace(ORDERS, emergency=True))
+    numbers.append(train.step().emergency_number)
+
+    assert numbers == [0, 1, 1, 2]
+
+
+@pytest.mark.parametrize(("silent_s", "named", "releases"), [
+    (0.0, 1, True), (0.0, 0, False), (0.0, 2, False), (6.0, 1, False),
+])  # fmt: skip
+def test_the_centre_releases_the_emergency_that_it_names_if_the_train_could_receive_it(
+    silent_s: float, named: int, releases: bool
+) -> None:
+    train = Train()
+    train.runs(5.0)
+    train.change(alarms=TrainAlarms(no_obstacle=False, no_fire=True))
+    assert train.step().emergency_cause is Cause.OBSTACLE
+    train.speed_mps = 0.0
+    train.change(alarms=TrainAlarms(no_obstacle=True, no_fire=True), orders_age_s=silent_s)
+    train.step(100)
+
+    train.change(orders=replace(ORDERS, releases=1, released_emergency=named), orders_age_s=0.0)
+
+    assert (train.step().emergency_cause is Cause.NONE) is releases
+
+
 def test_a_reset_of_the_centre_that_came_too_early_releases_nothing_later() -> None:
     train = Train()
     train.runs(5.0)
     train.change(desk=replace(DESK, emergency_released=False))
     train.step()
-    train.change(desk=DESK, orders=replace(ORDERS, releases=1))
+    train.change(desk=DESK, orders=replace(ORDERS, releases=1, released_emergency=1))
     train.step()
     train.speed_mps = 0.0
 

@@ -42,8 +42,7 @@ class Life(RuleBasedStateMachine):
         self.output = self.arbitrated(self.train.motion())
         self.before = self.verdict
         self.reset_now = False
-        self.reset_waits = False
-        """The centre has reset while it was silent, which counts in the first fresh cycle."""
+        """Desk or centre has just reset the present emergency of a train that could receive it."""
 
     def arbitrated(self, motion: Motion) -> CycleOutput:
         return arbitrate(
@@ -61,7 +60,6 @@ class Life(RuleBasedStateMachine):
             self.verdict = self.train.step()
             self.output = self.arbitrated(self.train.motion())
             self.check()
-            self.reset_waits &= self.centre_silent
 
     @property
     def centre_silent(self) -> bool:
@@ -78,7 +76,7 @@ class Life(RuleBasedStateMachine):
             assert verdict.supervision not in MOVING_STATES
         if before.supervision is Supervision.EMERGENCY is not verdict.supervision:
             assert train.stood_s >= 2.0
-            assert self.reset_now or self.reset_waits
+            assert self.reset_now
             assert verdict.supervision is Supervision.NO_AUTHORITY
             assert verdict.emergency_cause is Cause.NONE
         assert (verdict.supervision is Supervision.EMERGENCY) is (
@@ -135,7 +133,7 @@ class Life(RuleBasedStateMachine):
         self.train.change(orders=replace(orders, **changed))
         self.go()
 
-    @rule(age_s=st.floats(0.0, 8.0))
+    @rule(age_s=st.floats(0.0, 8.0) | st.floats(0.0, 80.0))
     def silent_centre(self, age_s: float) -> None:
         self.train.change(orders_age_s=age_s)
         self.go()
@@ -192,17 +190,21 @@ class Life(RuleBasedStateMachine):
         self.train.speed_mps = 0.0
         self.go(3)
 
-    @rule(desk=st.booleans(), centre=st.booleans())
-    def reset(self, desk: bool, centre: bool) -> None:
+    @rule(desk=st.booleans(), centre=st.booleans(), names_it=st.booleans())
+    def reset(self, desk: bool, centre: bool, names_it: bool) -> None:
         train = self.train
         assert train.image.orders is not None
         assert train.image.desk is not None
         self.releases += centre
-        self.reset_now = True
-        self.reset_waits |= centre and self.centre_silent
+        number = self.verdict.emergency_number
+        self.reset_now = desk or (centre and names_it and not self.centre_silent)
         train.change(
             desk=replace(train.image.desk, reset_requested=desk),
-            orders=replace(train.image.orders, releases=self.releases),
+            orders=replace(
+                train.image.orders,
+                releases=self.releases,
+                released_emergency=number if names_it else number + 1,
+            ),
         )
         self.go()
         train.change(desk=replace(train.image.desk, reset_requested=False))
