@@ -175,7 +175,9 @@ class Controller:
                 front_m - self._train.length_m, front_m
             ),
             ceiling_mps=verdict.ceiling.permitted_mps,
-            authority_end_m=front_m if authority is None else authority.end_m,
+            authority_end_m=(
+                front_m if authority is None else min(authority.end_m, self._line.end_m)
+            ),
             load_kg=self._weighed_kg,
             traction_ratio=traction_ratio,
             traction_mps2=traction_ratio * most_mps2,

@@ -54,8 +54,8 @@ class AtpConfig:
     authority_service_ratio: float
     """Share of that age from which the service brake applies."""
     orders_age_max_s: float
-    """Age of orders from which the centre counts as silent. An emergency that it ordered stays in
-    force."""
+    """Age of orders from which the centre counts as silent. Its last restrictions and an emergency
+    that it ordered stay in force."""
     rollback_m: float
     held_movement_m: float
     """Movement beyond which a train that should be held counts as moving."""
@@ -94,6 +94,11 @@ class AtpConfig:
     door_window_m: float
     """Doors open only if the whole front interval is this close to the stopping point."""
     timeouts: Timeouts
+    restrictions_age_max_s: float = 60.0
+    """Age of orders up to which their restrictions count as complete. The service and emergency
+    brake apply at the same shares of it as of the age of an authority. The centre must assume that
+    long that a train does not know a new restriction. A train without news has time to stop with
+    the service brake."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.warning_margin_mps < self.service_margin_mps < self.emergency_margin_mps:
@@ -139,6 +144,7 @@ _POSITIVE = (
     "replica_band_mps",
     "authority_age_max_s",
     "orders_age_max_s",
+    "restrictions_age_max_s",
     "clock_tolerance_s",
     "restricted_mps",
     "creep_mps",

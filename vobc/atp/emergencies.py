@@ -56,10 +56,14 @@ def past_authority(inputs: GuardInputs) -> bool:
 
 
 def authority_too_old(inputs: GuardInputs) -> bool:
+    """The authority or its restrictions are too old."""
     return (
         not inputs.standing
         and inputs.mode in SUPERVISED
-        and not inputs.authority_age_s < inputs.limits.authority_age_max_s
+        and (
+            not inputs.authority_age_s < inputs.limits.authority_age_max_s
+            or not inputs.restrictions_age_s < inputs.limits.restrictions_age_max_s
+        )
     )
 
 
@@ -245,7 +249,7 @@ RULES: Final = (
         authority_too_old,
         When.MOVING,
         EITHER,
-        "movement authority too old",
+        "movement authority or its restrictions too old",
     ),
     EmergencyRule(
         Cause.PAST_AUTHORITY,

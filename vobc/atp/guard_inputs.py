@@ -40,6 +40,8 @@ class GuardInputs:
     silent: int = 0
     """Inputs that are silent."""
     authority_age_s: float = 0.0
+    restrictions_age_s: float = 0.0
+    """Age of the orders that carry the restrictions."""
     ceiling: Ceiling = NOWHERE
     """Ceiling of the present mode."""
     full_mps: float = 0.0

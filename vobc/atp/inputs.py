@@ -44,7 +44,8 @@ WORDS: Final = {
 def silent(inputs: CycleInput, config: AtpConfig, *, odometer_usable: bool) -> int:
     """Flags of `Missing` for silent nodes and for an expired authority.
 
-    An implausible odometer counts as silent, and a NaN age as too old.
+    An authority without the restrictions that belong to it is none. They come with the orders. An
+    implausible odometer counts as silent, and a NaN age as too old.
     """
     timeouts = config.timeouts
     gone = 0
@@ -63,6 +64,8 @@ def silent(inputs: CycleInput, config: AtpConfig, *, odometer_usable: bool) -> i
     if not inputs.alarms_age_s <= timeouts.alarms_s:
         gone |= ALARMS
     if inputs.authority is None or not inputs.authority_age_s <= config.authority_age_max_s:
+        gone |= AUTHORITY
+    if inputs.orders is None or not inputs.orders_age_s <= config.restrictions_age_max_s:
         gone |= AUTHORITY
     return gone
 

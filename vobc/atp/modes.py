@@ -79,9 +79,19 @@ def _may_begin(inputs: GuardInputs, mode: OperatingMode) -> bool:
 
 
 def authority_is_fresh(inputs: GuardInputs) -> bool:
-    """The authority is young enough to need no service brake."""
+    """The authority and its restrictions are young enough to need no service brake."""
     limits = inputs.limits
-    return inputs.authority_age_s < limits.authority_service_ratio * limits.authority_age_max_s
+    return (
+        inputs.authority_age_s < limits.authority_service_ratio * limits.authority_age_max_s
+        and restrictions_are_fresh(inputs)
+    )
+
+
+def restrictions_are_fresh(inputs: GuardInputs) -> bool:
+    limits = inputs.limits
+    return (
+        inputs.restrictions_age_s < limits.authority_service_ratio * limits.restrictions_age_max_s
+    )
 
 
 def place_and_authority_found(inputs: GuardInputs) -> bool:

@@ -1,6 +1,5 @@
 """One step of protection: inputs, ceiling, stations, mode, emergencies, supervision, verdict."""
 
-import math
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -27,7 +26,13 @@ from vobc.atp.inputs import (
     silent,
     unready,
 )
-from vobc.atp.modes import NEEDED, UNHEEDED, authority_is_fresh, next_mode
+from vobc.atp.modes import (
+    NEEDED,
+    UNHEEDED,
+    authority_is_fresh,
+    next_mode,
+    restrictions_are_fresh,
+)
 from vobc.atp.movement import Movements
 from vobc.atp.station import StationGuard, StationVerdict
 from vobc.atp.supervision import authority_ages, next_state, permission_gone, stops_not
@@ -88,6 +93,7 @@ class Protection:
         self._mode = OperatingMode.STANDBY
         self._latched: tuple[Cause, ...] = ()
         self._emergency_number = 0
+        self._line_end_m = line.end_m
 
     def step(
         self,
@@ -162,7 +168,8 @@ class Protection:
         if not motion.localised:
             return _CheckedCeiling(NOWHERE, replicas_disagree=False, energy_exceeded=False)
         orders, authority, front_m = image.orders, image.authority, motion.front_m
-        end_m = front_m.low if authority is None else authority.end_m
+        # Nothing is permitted beyond the map, whatever the wayside believes.
+        end_m = front_m.low if authority is None else min(authority.end_m, self._line_end_m)
         restrictions = () if orders is None else orders.restrictions
         full = self._ceilings.at(front_m, end_m, restrictions)
         agree = self._replicas.agree(
@@ -206,6 +213,7 @@ class Protection:
             missing=missing,
             silent=silent,
             authority_age_s=image.authority_age_s,
+            restrictions_age_s=image.orders_age_s,
             full_mps=full.ceiling.permitted_mps,
             sleep_ordered=last is not None and not last.awake,
             person_at_desk=at_desk,
@@ -258,9 +266,9 @@ class Protection:
         return flat.under(full, flat.restricted) if self._bypass else full
 
     def _endless_ceiling(self, image: CycleInput, front_m: Interval) -> Ceiling:
-        """Limits of the line and restrictions of the centre, without a known end of authority."""
+        """Limits and end of the line, and restrictions of the centre, without an authority."""
         restrictions = () if image.orders is None else image.orders.restrictions
-        known = self._ceilings.at(front_m, math.inf, restrictions)
+        known = self._ceilings.at(front_m, self._line_end_m, restrictions)
         return replace(known, distance_to_authority_m=0.0)
 
     def _move_on(self, motion: Motion, inputs: GuardInputs) -> GuardInputs:
@@ -292,6 +300,7 @@ class Protection:
             self._config,
             missing=missing,
             authority_age_s=image.authority_age_s,
+            restrictions_age_s=image.orders_age_s,
             mode=self._mode,
             latched=self._latched,
         )
@@ -322,6 +331,13 @@ class Protection:
         # Station inhibits last until the train has moved some distance. A single pulse does not end
         # them.
         kept = inhibits != 0
+        traction_permitted = (
+            may_move
+            and state is not Supervision.SERVICE
+            and (locked or self._bypass)
+            and ceiling.permitted_mps > 0.0
+            and not kept
+        )
         jogs = mode is OperatingMode.JOG and may_move and station.jog_permitted
         back_m = station.jog_back_m if jogs else 0.0
         asleep = mode is OperatingMode.ASLEEP
@@ -333,14 +349,13 @@ class Protection:
             doors_locked=locked,
             emergency_released=may_move,
             service_brake=not may_move or state is Supervision.SERVICE,
-            traction_permitted=(
-                may_move
-                and state is not Supervision.SERVICE
-                and (locked or self._bypass)
-                and ceiling.permitted_mps > 0.0
-                and not kept
+            traction_permitted=traction_permitted,
+            # A standing train without traction would roll where the track is not level.
+            hold=(
+                state is Supervision.NO_AUTHORITY
+                or kept
+                or (motion.standing and not traction_permitted)
             ),
-            hold=(state is Supervision.NO_AUTHORITY or (not may_move and motion.standing) or kept),
             doors=SHUT if asleep or state is Supervision.EMERGENCY else station.doors,
             mode=mode,
             emergency_cause=self._cause,
@@ -385,7 +400,8 @@ def _waiting(inputs: GuardInputs) -> str:
         return "asleep"
     lacking = inputs.missing & NEEDED[OperatingMode.AUTHORISED]
     if lacking:
-        return f"waits for {in_words(FLAGS[lacking])}"
+        orders = ", orders of the centre" if not restrictions_are_fresh(inputs) else ""
+        return f"waits for {in_words(FLAGS[lacking])}{orders}"
     if not authority_is_fresh(inputs):
         return "waits for a fresh movement authority"
     return "waits until standstill is proven"
@@ -393,7 +409,8 @@ def _waiting(inputs: GuardInputs) -> str:
 
 def _why_service(inputs: GuardInputs) -> str:
     if authority_ages(inputs):
-        return "movement authority is getting old"
+        old = "movement authority is" if restrictions_are_fresh(inputs) else "restrictions are"
+        return f"{old} getting old"
     if permission_gone(inputs):
         return "driving on sight is no longer permitted"
     if stops_not(inputs):

@@ -94,7 +94,8 @@ def _authority_old(inputs: CycleInput, _: CycleOutput) -> str:
         return "there is no movement authority"
     return (
         f"the movement authority to {authority.end_m:.1f} m (term {authority.term}, sequence"
-        f" {authority.sequence}) is {inputs.authority_age_s:.2f} s old"
+        f" {authority.sequence}) is {inputs.authority_age_s:.2f} s old, and the orders with its"
+        f" restrictions {inputs.orders_age_s:.2f} s"
     )
 
 

@@ -198,8 +198,7 @@ class VobcDevice:
         if held is None:
             link.hold(None, 0, ())
             return
-        authority = authority_of(held, restrictions_heeded=link.orders is not None)
-        link.hold(authority, held.echo_ns, restrictions_of(held))
+        link.hold(authority_of(held), held.echo_ns, restrictions_of(held))
 
     def line_beat(self, now_ns: int) -> None:
         """Answer other trains between two cycles. Authorities wait for the next cycle."""

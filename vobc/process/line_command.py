@@ -148,16 +148,8 @@ class LineCommand:
         )
 
 
-def authority_of(held: HeldAuthority, *, restrictions_heeded: bool) -> Authority:
-    """Authority for protection. Restrictions that it cannot receive end the authority.
-
-    Args:
-        restrictions_heeded: there are orders that can carry the restrictions.
-    """
-    end_m = held.end_m
-    if not restrictions_heeded:
-        end_m = min([end_m, *[each.start_m for each in held.restrictions]])
-    return Authority(end_m, held.term, held.sequence, held.rear_m)
+def authority_of(held: HeldAuthority) -> Authority:
+    return Authority(held.end_m, held.term, held.sequence, held.rear_m)
 
 
 def restrictions_of(held: HeldAuthority) -> tuple[Restriction, ...]:

@@ -284,7 +284,7 @@ def test_an_ageing_authority_applies_the_service_brake_and_an_old_one_the_emerge
     assert ageing.service_decel_mps2 == CONFIG.train.service_decel_max_mps2
     assert ageing.force_n == 0.0
     assert ageing.emergency_released
-    assert_emergency(old, "authority too old")
+    assert_emergency(old, "movement authority or its restrictions too old")
 
 
 def test_between_stations_doors_that_are_not_locked_cut_traction_but_do_not_brake() -> None:

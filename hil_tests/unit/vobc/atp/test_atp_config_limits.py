@@ -21,6 +21,7 @@ POSITIVE = frozenset(
         # With 0 every input would be too old, too far or too fast in the first cycle.
         "authority_age_max_s",
         "orders_age_max_s",
+        "restrictions_age_max_s",
         "clock_tolerance_s",
         "rollback_m",
         "held_movement_m",

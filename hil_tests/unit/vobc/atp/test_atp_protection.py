@@ -17,6 +17,7 @@ from hil_tests.unit.vobc.atp.protection_rig import (
     CYCLE_S,
     FREE_BRAKE,
     KMH,
+    LINE,
     MANUAL,
     ORDERS,
     STOP_M,
@@ -26,7 +27,7 @@ from hil_tests.unit.vobc.atp.protection_rig import (
 )
 from vobc.atp import ProtectionVerdict
 from vobc.atp.energy_check import Replicas
-from vobc.vocabulary import Authority, Restriction
+from vobc.vocabulary import NEVER_S, Authority, Restriction
 
 
 def assert_held(verdict: ProtectionVerdict) -> None:
@@ -260,6 +261,94 @@ def test_a_driverless_train_creeps_on_order_and_stops_when_the_order_expires() -
     assert creeps.ceiling.permitted_mps == pytest.approx(15.0 * KMH)
     assert still.supervision is Supervision.NOMINAL
     assert over.supervision is Supervision.SERVICE
+
+
+# Restrictions and the end of the map belong to every permission.
+
+
+@pytest.mark.parametrize(
+    "orders", [{"orders": None, "orders_age_s": NEVER_S}, {"orders_age_s": 60.1}]
+)
+def test_without_recent_orders_no_train_begins_under_full_supervision(
+    orders: dict[str, Any],
+) -> None:
+    train = Train()
+    train.change(**orders)
+
+    verdict = train.step(2)
+
+    assert verdict.mode is OperatingMode.STANDBY
+    assert Missing.AUTHORITY in verdict.missing
+    assert "orders of the centre" in verdict.cause
+
+
+@pytest.mark.parametrize(
+    ("age_s", "supervision"),
+    [
+        (35.9, Supervision.NOMINAL),
+        (36.0, Supervision.SERVICE),
+        (59.9, Supervision.SERVICE),
+        (60.0, Supervision.EMERGENCY),
+        (math.nan, Supervision.EMERGENCY),
+    ],
+)
+def test_old_restrictions_brake_a_train_as_an_old_authority_does(
+    age_s: float, supervision: Supervision
+) -> None:
+    train = Train()
+    train.runs(5.0)
+    train.change(orders_age_s=age_s)
+
+    verdict = train.step()
+
+    assert verdict.supervision is supervision
+    if supervision is Supervision.SERVICE:
+        assert verdict.cause == "restrictions are getting old"
+    if supervision is Supervision.EMERGENCY:
+        assert verdict.emergency_cause is Cause.AUTHORITY_OLD
+
+
+def test_full_supervision_does_not_take_over_a_train_that_has_no_orders() -> None:
+    train = on_sight()
+    train.runs(5.0)
+    train.localised = True
+    train.change(
+        authority=Authority(train.front_m + 1000.0, 1, 1), authority_age_s=0.1, orders=None
+    )
+
+    assert train.step(3).mode is OperatingMode.RESTRICTED
+
+
+@pytest.mark.parametrize("on_sight", [False, True])
+def test_nothing_is_permitted_beyond_the_end_of_the_map(on_sight: bool) -> None:
+    train = Train(front_m=LINE.end_m - 30.0)
+    train.change(authority=Authority(LINE.end_m + 5000.0, 1, 1))
+    if on_sight:
+        train.change(desk=replace(MANUAL, restricted_requested=True), authority_age_s=9.0)
+
+    near = train.step(2)
+    train.front_m = LINE.end_m
+    at_end = train.step()
+
+    assert near.ceiling is not None
+    assert 0.0 < near.ceiling.permitted_mps < 5.0
+    assert at_end.ceiling is not None
+    assert at_end.ceiling.permitted_mps == 0.0
+    assert at_end.hold
+
+
+def test_a_standing_train_without_traction_is_held() -> None:
+    """A lever forward asks for no hold. The holding brake stays where nothing is permitted."""
+    train = Train()
+    held = train.step(3).hold
+    train.change(authority=Authority(train.front_m + 0.5, 1, 1))
+    near_end = train.step()
+
+    assert not held
+    assert near_end.supervision is Supervision.NOMINAL
+    assert near_end.departure_inhibits == Inhibit.NONE
+    assert not near_end.traction_permitted
+    assert near_end.hold
 
 
 # Emergencies from the centre, the brake unit, the clock and the second computation.

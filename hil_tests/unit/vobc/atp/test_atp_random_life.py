@@ -28,6 +28,7 @@ from vobc.vocabulary import AtoDemand, Authority, CycleOutput, Motion
 MOVING_STATES = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 FULL_LEVER = AtoDemand(5.0, False, True, AtoPhase.RUNNING, 20.0, 100.0)
 BAD = st.sampled_from([math.nan, math.inf, -math.inf])
+ORDERS_AGED_S = CONFIG.authority_service_ratio * CONFIG.restrictions_age_max_s
 AGED_S = CONFIG.authority_service_ratio * CONFIG.authority_age_max_s
 
 
@@ -103,6 +104,7 @@ class Life(RuleBasedStateMachine):
             assert train.localised
             assert train.image.authority is not None
             assert train.image.authority_age_s < AGED_S
+            assert train.image.orders_age_s < ORDERS_AGED_S
 
     @rule(speed_mps=st.floats(-1.0, 25.0), cycles=st.integers(1, 30))
     def drive(self, speed_mps: float, cycles: int) -> None:

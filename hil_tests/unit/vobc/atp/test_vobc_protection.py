@@ -11,7 +11,7 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import Missing, Supervision
 from firmware_py.trackdb import load_line
-from hil_tests.unit.vobc.atp.heard_rig import SILENCE
+from hil_tests.unit.vobc.atp.heard_rig import NO_ORDERS, SILENCE
 from vobc.atp import Protection, ProtectionVerdict
 from vobc.atp.braking import SafeBraking
 from vobc.atp.inputs import FLAGS, in_words, silent, unready
@@ -81,9 +81,10 @@ TIMEOUTS = {
     "tag_reader_age_s": (CONFIG.timeouts.tag_reader_s, Missing.TAG_READER),
     "alarms_age_s": (CONFIG.timeouts.alarms_s, Missing.ALARMS),
     "authority_age_s": (CONFIG.authority_age_max_s, Missing.AUTHORITY),
+    "orders_age_s": (CONFIG.restrictions_age_max_s, Missing.AUTHORITY),
 }
 NO_AGES: dict[str, Any] = dict.fromkeys(TIMEOUTS, 0.0)
-FRESH = replace(SILENCE, authority=Authority(500.0, 1, 1), **NO_AGES)
+FRESH = replace(SILENCE, authority=Authority(500.0, 1, 1), orders=NO_ORDERS, **NO_AGES)
 
 
 def changed(name: str, value: float) -> dict[str, Any]:
@@ -102,8 +103,11 @@ def test_an_input_is_silent_just_after_its_timeout_and_not_before(age: str) -> N
     assert silent(no_number, CONFIG, odometer_usable=True) == flag
 
 
-def test_an_absent_authority_is_missing_whatever_its_age() -> None:
-    seen = replace(FRESH, authority=None)
+@pytest.mark.parametrize("absent", [{"authority": None}, {"orders": None}])
+def test_an_absent_authority_or_restrictions_are_missing_whatever_their_age(
+    absent: dict[str, Any],
+) -> None:
+    seen = replace(FRESH, **absent)
 
     assert silent(seen, CONFIG, odometer_usable=True) == Missing.AUTHORITY
 
