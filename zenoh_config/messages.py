@@ -160,6 +160,7 @@ class RefusedReason(enum.Enum):
     WRONG_DESTINATION = "wrong destination"
     WRONG_BOOT = "wrong boot incarnation"
     OLD_TERM = "old term"
+    TERM_LEAPS = "term too far ahead"
     NOT_NEWER = "repeated or out of order"
     TOO_OLD = "too old"
     FROM_THE_FUTURE = "from the future"

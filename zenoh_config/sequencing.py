@@ -22,6 +22,9 @@ from zenoh_config.messages import (
 )
 
 NS_PER_MS: Final = 1_000_000
+TERM_STEP_MAX: Final = 1000
+"""Greatest step of the term that one authority proves. Each change of the issuer takes one or a few
+terms, so a train that runs never sees more. One that was away for months may."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +74,8 @@ class AuthorityGate:
         self.accepted = 0
         self._addressee = _Addressee(train, boot, max_age_ns, frozenset(sources))
         self._newest = (seen_term, -1)
+        self._leap: MovementAuthority | None = None
+        """The last authority whose term leaped."""
 
     @property
     def seen_term(self) -> int:
@@ -86,6 +91,22 @@ class AuthorityGate:
             self.refusals[refused.reason] += 1
         return refused
 
+    def _leaps(self, authority: MovementAuthority) -> bool:
+        """Whether the term leaps, and the authority before did not have the same term.
+
+        A single wrong term would make all later authorities void, also after a restart.
+        """
+        if authority.term - self._newest[0] <= TERM_STEP_MAX:
+            self._leap = None
+            return False
+        before, self._leap = self._leap, authority
+        return (
+            before is None
+            or before.term != authority.term
+            or before.sequence >= authority.sequence
+            or before.echo_stamp_ns >= authority.echo_stamp_ns
+        )
+
     def _objection(self, authority: MovementAuthority, now_ns: int) -> Refused | None:
         refused = self._addressee.objection(authority, now_ns)
         if refused is not None:
@@ -97,6 +118,9 @@ class AuthorityGate:
             return Refused(
                 RefusedReason.NOT_NEWER, f"sequence {authority.sequence}, {self._newest[1]} is held"
             )
+        if self._leaps(authority):
+            detail = f"term {authority.term}, {self._newest[0]} was seen; a second one confirms it"
+            return Refused(RefusedReason.TERM_LEAPS, detail)
         return None
 
 

@@ -84,6 +84,45 @@ def test_terms_received_before_a_restart_still_fence() -> None:
     assert gate.check(replace(AUTHORITY, term=3, sequence=0), NOW_NS) is None
 
 
+def leap(sequence: int, age_ms: int, term: int = 2**32 - 1) -> MovementAuthority:
+    return replace(AUTHORITY, term=term, sequence=sequence, echo_stamp_ns=NOW_NS - age_ms * MS)
+
+
+def test_one_authority_with_a_wrong_last_term_does_not_lock_later_ones_out() -> None:
+    gate = authority_gate()
+    gate.check(AUTHORITY, NOW_NS)
+
+    assert reason(gate.check(leap(1, 100), NOW_NS)) is RefusedReason.TERM_LEAPS
+    assert gate.check(replace(AUTHORITY, sequence=51), NOW_NS) is None
+    assert reason(gate.check(leap(2, 50), NOW_NS)) is RefusedReason.TERM_LEAPS
+    assert gate.seen_term == 2
+
+
+@pytest.mark.parametrize(
+    ("second", "accepted"),
+    [
+        (leap(2, 99), True),
+        (leap(1, 99), False),
+        (leap(2, 100), False),
+        (leap(2, 99, term=2**32 - 2), False),
+    ],
+)
+def test_a_second_authority_of_the_same_term_confirms_a_leap(
+    second: MovementAuthority, accepted: bool
+) -> None:
+    gate = authority_gate(seen_term=5)
+    assert reason(gate.check(leap(1, 100), NOW_NS)) is RefusedReason.TERM_LEAPS
+
+    assert (gate.check(second, NOW_NS) is None) is accepted
+
+
+@pytest.mark.parametrize(("step", "accepted"), [(1000, True), (1001, False)])
+def test_a_step_of_the_term_needs_no_confirmation(step: int, accepted: bool) -> None:
+    gate = authority_gate(seen_term=5)
+
+    assert (gate.check(leap(1, 100, 5 + step), NOW_NS) is None) is accepted
+
+
 def test_a_refused_authority_changes_nothing() -> None:
     gate = authority_gate()
     too_old = replace(AUTHORITY, term=9, sequence=99, echo_stamp_ns=0)
