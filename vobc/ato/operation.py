@@ -25,6 +25,9 @@ MOVING_MPS: Final = 0.5
 """Minimum speed at which ATO takes over a moving train."""
 DISABLED_DECEL_MPS2: Final = 0.65
 """Deceleration requested while ATO is disabled and the train is moving."""
+CYCLES_MAX: Final = 40
+"""Greatest number of cycles, missed ones included, that a law makes up for in one step. Protection
+brakes after three missed ones, so more only happen when the clock was set."""
 HOLD_HELP_MPS2: Final = 0.02
 """Margin of traction over gravity at which the holding brake is released uphill."""
 LEVEL_MPS2: Final = 0.01
@@ -104,7 +107,7 @@ class Ato:
     def step(self, inputs: AtoInput) -> AtoDemand:
         """One cycle. `dt_s` of the first one is the nominal period."""
         strategy = self._strategy or self._begin(inputs)
-        cycles = max(1, round(inputs.dt_s / self._dt_s))
+        cycles = min(max(1, round(inputs.dt_s / self._dt_s)), CYCLES_MAX)
         strategy.observe(inputs, cycles)
         self._receding.step(inputs.authority_end_m, speed_mps=inputs.speed_mps, dt_s=inputs.dt_s)
         before = self.phase

@@ -490,3 +490,20 @@ def test_a_traction_notch_does_not_dwell_where_braking_must_begin(seed: int) -> 
     coming_off_mps2 = list(itertools.takewhile(lambda asked: asked > 0.0, asked_mps2))
     assert coming_off_mps2[0] > 0.3, "the brake comes on straight after traction"
     assert len(coming_off_mps2) * rig.cycle_s <= coming_off_mps2[0] / JERK_MPS3 + 0.2
+
+
+@pytest.mark.parametrize(("late_s", "cycles"), [(0.0, 1), (0.1, 3), (1.95, 40), (3600.0, 40)])
+def test_a_law_makes_up_for_missed_cycles_but_not_for_a_clock_that_was_set(
+    late_s: float, cycles: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = rig_at(3000.0, "III")
+    rig.step()
+    law = rig.ato.strategy
+    assert law is not None
+    observed: list[int] = []
+    monkeypatch.setattr(type(law), "observe", lambda _, __, count: observed.append(count))
+
+    rig.told_late_s = late_s
+    rig.step()
+
+    assert observed == [cycles]
