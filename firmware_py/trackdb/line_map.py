@@ -8,7 +8,7 @@ import itertools
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from firmware_py.trackdb.sites import (
     CurveSection,
@@ -20,6 +20,11 @@ from firmware_py.trackdb.sites import (
 from firmware_py.trackdb.sites import TagKind as TagKind
 
 T = TypeVar("T")
+
+CHAINAGE_MIN_M: Final = -1000.0
+"""Least chainage of a line. The train's position frame carries no smaller one."""
+CHAINAGE_MAX_M: Final = 160_000.0
+"""Greatest chainage of a line, for the same reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +59,12 @@ class LineMap:
     def __post_init__(self) -> None:
         if not self.start_m < self.end_m:
             raise ValueError(f"end_m {self.end_m} is not beyond start_m {self.start_m}")
+        for name in ("start_m", "end_m"):
+            if not CHAINAGE_MIN_M <= getattr(self, name) <= CHAINAGE_MAX_M:
+                raise ValueError(
+                    f"{name} {getattr(self, name)} is not in {CHAINAGE_MIN_M:g}.."
+                    f"{CHAINAGE_MAX_M:g}, which VOBC_POSITION can carry; shift the chainages"
+                )
         self._check_stations()
         self._check_speeds()
         self._check_sections("gradients", [(g.start_m, g.end_m) for g in self.gradients])

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from can_dbc.analogue import AnalogueCommand
-from can_dbc.binding import Frame
+from can_dbc.binding import Frame, binding_of
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Encoder
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState
@@ -45,6 +45,7 @@ SPEED_REACH_STEP_MPS: Final = 0.05
 SPEED_REACH_MAX_MPS: Final = 1.55
 POSITION_STEP_M: Final = 0.01
 """Resolution of front and uncertainty in their frame. Each is rounded to the nearest step."""
+FRONT: Final = next(each for each in binding_of(VobcPosition).fields if each.name == "front_m")
 PROTECTION_ERROR: Final = 0xFF01
 """Manufacturer-specific EMCY code: the emergency brake is latched. Its detail is the `Cause`."""
 PROTECTION_REGISTER: Final = 0x81
@@ -87,7 +88,7 @@ def status_frame(output: CycleOutput, *, work_us: float, slips: int) -> Frame:
         supervision=output.supervision,
         ato_phase=output.ato_phase,
         missing=output.missing,
-        localised=motion is not None and motion.localised,
+        localised=motion is not None and motion.localised and _can_be_sent(motion.front_m),
         slip_detected=motion is not None and motion.slip,
         work_us=work_us,
         cycle_slips=slips % SLIPS_PERIOD,
@@ -110,8 +111,19 @@ def motion_frames(output: CycleOutput) -> Sequence[Frame]:
     )
 
 
+def _can_be_sent(front_m: Interval) -> bool:
+    """The frame can carry this place."""
+    return FRONT.minimum <= front_m.best <= FRONT.maximum
+
+
 def _reach_m(front_m: Interval) -> float:
-    """Distance from the best estimate to the farther end. It includes the rounding of the frame."""
+    """Distance from the best estimate to the farther end. It includes the rounding of the frame.
+
+    The frame clips a place beyond its range to the end of the range. Its largest uncertainty then
+    says that the place is unknown.
+    """
+    if not _can_be_sent(front_m):
+        return math.inf
     return max(front_m.high - front_m.best, front_m.best - front_m.low) + POSITION_STEP_M
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeCommand, BrakeStatus
-from can_dbc.codec import Encoder
+from can_dbc.codec import Decoder, Encoder
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeHeartbeat, NodeState
 from can_dbc.doors import DoorCommand, DoorState, DoorStatus
 from can_dbc.energy import LineSupply
@@ -670,6 +670,28 @@ def test_the_frames_that_describe_the_controller() -> None:
     assert list(target_frames(DRIVING)) == [VobcTarget(77.0, 400.0)]
     assert heartbeat(NodeState.OPERATIONAL) == HEARTBEATS[Node.VOBC](NodeState.OPERATIONAL)
     assert isinstance(heartbeat(NodeState.STOPPED), NodeHeartbeat)
+
+
+@pytest.mark.parametrize(
+    ("front_m", "known"),
+    [(-1000.0, True), (-1000.01, False), (160_000.0, True), (160_000.01, False)],
+)
+def test_a_place_that_its_frame_cannot_carry_is_sent_as_unknown(
+    front_m: float, known: bool
+) -> None:
+    """The encoder clips such a place. Nothing on the bus may present the result as the place."""
+    motion = replace(MOTION, front_m=Interval(front_m - 0.5, front_m, front_m + 0.5))
+    output = replace(DRIVING, motion=motion)
+    (_, sent) = motion_frames(output)
+    status = status_frame(output, work_us=0.0, slips=0)
+    decoder, encoder = Decoder((VobcPosition, VobcStatus)), make_encoder()
+
+    (received,) = (decoder.decode(*each, 0) for each in encoder.encode(sent))
+
+    assert isinstance(received, VobcPosition)
+    assert (received.uncertainty_m < 655.35) is known
+    assert isinstance(status, VobcStatus)
+    assert status.localised is known
 
 
 @pytest.mark.parametrize(
