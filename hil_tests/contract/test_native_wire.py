@@ -4,6 +4,7 @@ import enum
 import math
 import random
 import struct
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -383,3 +384,52 @@ def test_a_run_with_bus_faults_writes_the_same_files(tmp_path: Path) -> None:
 
     assert {*found[0][1]} >= {"bus.log", "ports.log", "cycles.csv", "truth.csv", "serial.log"}
     assert found[0] == found[1]
+
+
+# The C library alone
+
+PROGRAM = """
+#include <stdio.h>
+#include "frames.h"
+
+int main(void)
+{
+    const struct wire_message *message = wire_messages;
+    while (message->id != 0x101)
+        message++;
+    struct BRAKE_CMD sent = {0}, received;
+    sent.service_decel_mps2 = 0.75;
+    sent.emergency_released = true;
+    struct wire_receiver receiver = {.silence_ns = 100000000};
+    uint8_t data[WIRE_BYTES_MAX], twin[WIRE_BYTES_MAX];
+    uint64_t bits;
+    wire_send(message, message->pack(&sent), 0, data, twin);
+    for (int at = 0; at < message->length; at++)
+        printf("%02x", data[at]);
+    printf(" ");
+    for (int at = 0; at < message->length; at++)
+        printf("%02x", twin[at]);
+    int first = wire_receive(message, &receiver, data, message->length, 0, &bits);
+    int second = wire_receive_twin(message, &receiver, twin, message->length, 1000, &bits);
+    printf(" %d %d %d", first, second, message->unpack(bits, &received));
+    printf(" %g %d", received.service_decel_mps2, received.emergency_released);
+    return 0;
+}
+"""
+
+
+def test_a_controller_in_c_can_use_the_generated_files_alone(
+    tmp_path: Path, c_compiler: str
+) -> None:
+    files = {**c_source.sources(), "main.c": PROGRAM.encode()}
+    for name in ("wire.h", "frames.h", "main.c"):
+        (tmp_path / name).write_bytes(files[name])
+    strict = ["-std=c11", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+    command = [c_compiler, *strict, "-O0", str(tmp_path / "main.c"), "-lm"]
+    subprocess.run([*command, "-o", str(tmp_path / "main")], check=True)
+    done = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True)
+
+    frame = BrakeCommand(0.75, emergency_released=True, holding_released=False)
+    with code_in("Python"):
+        halves = [data.hex() for _, data in Encoder().encode(frame)]
+    assert done.stdout.split() == [*halves, "1", "0", "1", "0.75", "1"]
