@@ -8,7 +8,7 @@ from typing import Final
 from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.program import Program
-from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS
+from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS, parse
 
 VERBS: Final = {
     "device": "vobc.cli.command",
@@ -25,7 +25,6 @@ GROUPS: Final = {
     **dict.fromkeys(LINE_VERBS, "metro_hil.supervision.command"),
 }
 """Module of each verb that shares its `main` with others; its arguments begin with the verb."""
-RUN: Final = "metro_hil.cli.vobc_run"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -43,8 +42,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     module = VERBS.get(verb)
     if module is not None:
         del words[0]
-    code: int = importlib.import_module(module or GROUPS.get(verb, RUN)).main(words)
-    return code
+    module = module or GROUPS.get(verb)
+    if module is not None:
+        code: int = importlib.import_module(module).main(words)
+        return code
+    # Help and mistakes need neither train nor controller, so these words are parsed first.
+    options = parse(words)
+    from metro_hil.cli.vobc_run import drive
+
+    return drive(options)
 
 
 if __name__ == "__main__":

@@ -51,7 +51,11 @@ from zenoh_config.secured import train_name
 
 def main(argv: Sequence[str]) -> int:
     """Drive one run. `argv` begins with the word `run`."""
-    options = parse(argv)
+    return drive(parse(argv))
+
+
+def drive(options: RunOptions) -> int:
+    """Drive one run."""
     console = Console(stderr=options.json)
     try:
         with working():
@@ -102,7 +106,7 @@ def _run(options: RunOptions, console: Console) -> int:
             raise
     results = make_results(folder, journey, ending, inertia_of(scenario.train))
     try:
-        report(folder, journey, results, ending, console)
+        report(folder, journey, results, ending, console, plot=_wants_plot(options))
     finally:
         if options.json:
             print(results.to_json())
@@ -162,13 +166,23 @@ def make_results(
     )
 
 
+def _wants_plot(options: RunOptions) -> bool:
+    return not options.json if options.plot is None else options.plot
+
+
 def report(
-    folder: RunFolder, journey: Journey, results: RunResults, ending: Ending, console: Console
+    folder: RunFolder,
+    journey: Journey,
+    results: RunResults,
+    ending: Ending,
+    console: Console,
+    *,
+    plot: bool,
 ) -> None:
-    """Print the table, draw the plot, write the results file."""
+    """Print the table, draw the plot if it is wanted, write the results file."""
     print_results(console, results)
     write_whole(folder.results, results.to_json() + "\n")
-    if results.cycles and results.cycles.cycles > 1:
+    if plot and results.cycles and results.cycles.cycles > 1:
         from metro_hil.report.plot import draw_run
 
         truth = read_columns(folder.truth_log) if ending.truth_known else None

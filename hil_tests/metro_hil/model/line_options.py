@@ -3,9 +3,7 @@
 import argparse
 from typing import Final
 
-from zenoh_config.sessions import LINE_ENDPOINT
-from zenoh_config.t2t import LAST_TRAIN
-from zenoh_config.timers import TIMER_SETS
+from metro_hil.model.known_names import LAST_TRAIN, LINE_ENDPOINT, TIMERS
 
 LINE_ARBITERS: Final = (1, 3, 5)
 DEFAULT_ARBITERS: Final = 1
@@ -34,7 +32,7 @@ def add_options(run: argparse.ArgumentParser) -> None:
     group.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
     group.add_argument(
         "--line-timers",
-        choices=sorted(TIMER_SETS),
+        choices=TIMERS,
         help=f"must be those of the wayside; default: {DEFAULT_TIMERS}",
     )
     group.add_argument(

@@ -5,13 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from firmware_py.command_line import CommandParser
+from metro_hil.model.known_names import DRIVERS, LAWS, LINE_ENDPOINT, STAGES
 from metro_hil.model.line_options import DEFAULT_ARBITERS, DEFAULT_TIMERS
 from metro_hil.model.line_options import add_options as add_t2t_options
 from metro_hil.model.line_options import train_number as train_number
-from plant_emulator.desk.drivers import DRIVERS
-from vobc.ato.laws import STRATEGIES
-from vobc.ato.settings.output import STAGES
-from zenoh_config.sessions import LINE_ENDPOINT, check_endpoint
 
 DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus."
 
@@ -110,6 +107,8 @@ class RunOptions:
     line_timers: str | None = None
     """Set of timers; must be that of the wayside, as must the number of arbiters."""
     arbiters: int | None = None
+    plot: bool | None = None
+    """Whether a plot is drawn; None: unless --json is given."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -156,7 +155,7 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--ato",
-        choices=sorted(STRATEGIES),
+        choices=LAWS,
         help="control law of the automatic operation; default: the parameters'",
     )
     group.add_argument(
@@ -258,6 +257,11 @@ def _add_rest(run: argparse.ArgumentParser) -> None:
         default=80,
         metavar="1..99",
         help="SCHED_FIFO priority where the rights allow it; 0: ordinary scheduling; default: 80",
+    )
+    group.add_argument(
+        "--plot",
+        action=argparse.BooleanOptionalAction,
+        help="draw the run; default: yes, with --json no",
     )
     group.add_argument("--out", metavar="DIR", help="run folder; default: a new one below runs/")
     group.add_argument(
@@ -363,8 +367,12 @@ def line_problem(options: RunOptions) -> str:
         return "--train: in virtual time `hil run line --bench lockstep` runs a whole line"
     if options.line_peer is not None and options.secure is not None:
         return "--line-peer: not with --secure, because peers bypass the wayside and its rules"
+    if options.line_radio is None:
+        return ""
+    from zenoh_config.sessions import check_endpoint
+
     try:
-        check_endpoint(options.line_radio or LINE_ENDPOINT)
+        check_endpoint(options.line_radio)
     except ValueError as error:
         return f"--line-radio {error}"
     return ""

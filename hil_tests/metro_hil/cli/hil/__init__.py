@@ -12,26 +12,35 @@ from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
-from metro_hil.engine.errors import EngineError, UsageError
-from metro_hil.model.run_folder import RunFolderError
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_USAGE
 
-VERBS: Final = (
-    *("init", "check", "run", "resume", "list", "show", "rerun"),
-    *(
-        "compare",
-        "report",
-        "replay",
-        "verify",
-        "sensitivity",
-        "search",
-        "scenarios",
-        "faults",
-        "monitors",
+VERBS: Final = {
+    "init": "write a scenario, a line, a train and a controller to start from",
+    "check": "check a campaign file and show what it would run",
+    "run": "run a campaign, or one scenario by its name",
+    "resume": "continue a campaign",
+    "list": "list the campaigns that were run here",
+    "show": "show the outcome of a campaign, or the event log of a case",
+    "rerun": "repeat one case with all logs",
+    "compare": "compare two campaigns: what got worse, by how much",
+    "report": "write the reports of a campaign again",
+    "replay": "feed a recorded run to a controller again and compare its outputs",
+    "verify": "run a sample of a campaign again and require the same bytes",
+    "sensitivity": (
+        "run a campaign against mutated controllers: which scenario detects each mistake"
     ),
-    *("requirements", "laws", "line", "simulate"),
-)
-"""Verbs in the order of the help; each is a module of this package with `add` and `run`."""
+    "search": "search for the worst case of a scenario",
+    "scenarios": "list the shipped scenarios, which can be run by name",
+    "faults": "show the catalogue of faults",
+    "monitors": "show the invariants and the signals of expressions",
+    "requirements": "show each requirement with its scenarios, tests and last results",
+    "laws": "show how each control law came out",
+    "line": "run several trains that command themselves; the same as `hil run line`",
+    "simulate": "simulate trains that command themselves, in virtual time, under random faults",
+}
+"""Verbs in the order of the help, with their help texts.
+
+Each is a module of this package with `add` and `run`. Only that of the typed verb is imported."""
 WORKING: Final = frozenset(
     {"run", "resume", "rerun", "replay", "verify", "search", "line", "simulate"}
 )
@@ -49,8 +58,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words[:2] == ["run", "line"]:
         # A line is not a campaign and has its own options.
         del words[0]
-    options = parser().parse_args(words)
+    typed = words[0] if words else ""
+    options = parser(None if typed == "--completion" else typed).parse_args(words)
     options.typed = words
+    from metro_hil.engine.errors import EngineError, UsageError
+    from metro_hil.model.run_folder import RunFolderError
+
     try:
         with output.working(options.verb in WORKING):
             code: int = options.run(options)
@@ -67,8 +80,12 @@ def _complain(error: Exception, code: int) -> int:
     return code
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line with all its verbs."""
+def parser(verb: str | None = None) -> argparse.ArgumentParser:
+    """The command line.
+
+    Args:
+        verb: the verb that gets its options; None: all verbs.
+    """
     top = CommandParser(
         prog="hil",
         is_command=True,
@@ -77,8 +94,12 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
-    for name in VERBS:
+    for name, text in VERBS.items():
         module = f"{__name__}.{name}"
-        if importlib.util.find_spec(module) is not None:
+        if importlib.util.find_spec(module) is None:
+            continue
+        if verb in (None, name):
             importlib.import_module(module).add(verbs)
+        else:
+            verbs.add_parser(name, help=text, add_help=False)
     return top

@@ -1,0 +1,67 @@
+"""Help starts at once: it imports neither train nor controller, and its names are the real ones."""
+
+import argparse
+import subprocess
+import sys
+
+import pytest
+
+from metro_hil.cli import hil
+from metro_hil.model import known_names
+from plant_emulator.desk.drivers import DRIVERS
+from vobc.ato.laws import STRATEGIES
+from vobc.ato.settings.output import STAGES
+from zenoh_config import sessions, t2t, timers
+
+MODULES_MAX = 190
+"""A bare Python has about 60 modules and argparse 30; numpy alone would add 90."""
+COUNT = """
+import sys
+sys.argv = {words!r}
+from metro_hil.cli.entry import {program}
+try:
+    {program}()
+finally:
+    heavy = {{"numpy", "can_dbc", "vobc", "plant_emulator", "canlog", "cantools", "matplotlib"}}
+    print(len(sys.modules), sorted(heavy & set(sys.modules)), file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("vobc", "--help"),
+        ("vobc", "--version"),
+        ("vobc", "run", "--help"),
+        ("vobc", "run", "--lockstep", "--no-such-option"),
+        ("hil", "--help"),
+        ("hil", "--version"),
+    ],
+)
+def test_help_imports_few_modules(words: tuple[str, ...]) -> None:
+    """The test counts modules, which are the same on any machine, and not time."""
+    program = COUNT.format(words=list(words), program=words[0])
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+
+    count, _, heavy = done.stderr.splitlines()[-1].partition(" ")
+    assert int(count) < MODULES_MAX, done.stderr
+    assert heavy == "[]"
+
+
+def test_the_names_of_the_command_line_are_the_real_ones() -> None:
+    assert list(known_names.LAWS) == sorted(STRATEGIES)
+    assert known_names.STAGES == STAGES
+    assert list(known_names.DRIVERS) == list(DRIVERS)
+    assert list(known_names.TIMERS) == sorted(timers.TIMER_SETS)
+    assert known_names.LAST_TRAIN == t2t.LAST_TRAIN
+    assert known_names.LINE_ENDPOINT == sessions.LINE_ENDPOINT
+
+
+def test_the_help_texts_of_hil_are_those_of_its_verbs() -> None:
+    (verbs,) = (
+        action for action in hil.parser()._actions if isinstance(action, argparse._SubParsersAction)
+    )
+
+    assert {each.dest: each.help for each in verbs._choices_actions} == hil.VERBS
