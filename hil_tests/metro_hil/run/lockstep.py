@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from can_dbc.nodes import Node
-from firmware_py.buses.inproc import open_bus
+from firmware_py.buses.inproc import VirtualBus, open_bus
 from firmware_py.clock.clock import LockstepClock, WallClock
 from firmware_py.clock.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts, never
@@ -105,13 +105,7 @@ class Lockstep:
         self.clock = LockstepClock()
         self._stack = ExitStack()
         self._logs: list[_Log] = []
-        self._writer = self._candump(folder, "bus.log")
-        self._tap = taps.frame
-        self.bus = open_bus(
-            *(BUS_NAME, BIT_RATE),
-            record=None if self._tap is None else self._record,
-            log=None if self._writer is None else self._writer.lines,
-        )
+        self.bus = self._open_bus(self._candump(folder, "bus.log"), taps.frame)
         radio = InprocRadio()
         controller_end, reader_end = inproc_line()
         line = journey.line
@@ -277,9 +271,18 @@ class Lockstep:
     def _open_node(self, node: Node, accept_ids: frozenset[int]) -> CanPort:
         return self.bus.port(node.name, accept_ids)
 
-    def _record(self, frame: CanFrame, _: str) -> None:
-        if self._tap is not None:
-            self._tap(frame.stamp_ns, frame.can_id, frame.data)
+    def _open_bus(
+        self, writer: CandumpWriter | None, tap: Callable[[int, int, bytes], None] | None
+    ) -> VirtualBus:
+        def record(frame: CanFrame, _: str) -> None:
+            assert tap is not None
+            tap(frame[0], frame[1], frame[2])
+
+        return open_bus(
+            *(BUS_NAME, BIT_RATE),
+            record=None if tap is None else record,
+            log=None if writer is None else writer.lines,
+        )
 
     def _candump(self, folder: RunFolder | None, name: str) -> CandumpWriter | None:
         if folder is None:
