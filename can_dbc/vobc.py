@@ -137,6 +137,9 @@ class Withheld(enum.IntFlag):
     EMERGENCY = 64
     NOT_AUTHORISED = 128
     CENTRE_SILENT = 256
+    OFF_PLATFORM = 512
+    """At its stopping point the train is not surely beside the platform, and no car of a train with
+    doors by car is."""
 
 
 class EventKind(enum.IntEnum):

@@ -13,7 +13,7 @@ from can_dbc.binding import Frame
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState, TcmsStatus, TimeOfDay
-from can_dbc.doors import DoorCommand, DoorStatus
+from can_dbc.doors import DoorCars, DoorCommand, DoorStatus
 from can_dbc.energy import EnergyMeter, LineSupply
 from can_dbc.nodes import Node
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
@@ -170,6 +170,7 @@ class PlantDevice:
             BrakeCommand: self._take_brake,
             TractionCommand: world.traction.hear,
             DoorCommand: world.doors.hear,
+            DoorCars: world.doors.hear_cars,
             AnalogueCommand: world.hear_currents,
             **dict.fromkeys(DISPLAYED, self._take_report),
         }

@@ -33,6 +33,7 @@ SIGNALS: Final[tuple[str, ...]] = (
     "front_m",
     "gradient_permille",
     "holding",
+    "left_cars",
     "left_open",
     "obstacle",
     "odometer_error_m",
@@ -47,6 +48,7 @@ SIGNALS: Final[tuple[str, ...]] = (
     "platform_doors_locked",
     "platform_doors_open",
     "rear_m",
+    "right_cars",
     "right_open",
     "speed_mps",
     "t_s",
@@ -120,6 +122,10 @@ class Truth:
         self.left_open = 0.0
         """1 from unlocking to locking of the left doors."""
         self.right_open = 0.0
+        self.left_cars = 0.0
+        """Cars whose left doors are not locked: the sum of 1 for the front car, 2 for the second, 4
+        for the third, and so on."""
+        self.right_cars = 0.0
         self.voltage_v = 0.0
         self.odometer_error_m = 0.0
         self.tags_read = 0.0
@@ -200,6 +206,8 @@ class Truth:
         self.doors_locked = 1.0 if doors.locked else 0.0
         self.left_open = 0.0 if doors.left.state is LOCKED else 1.0
         self.right_open = 0.0 if doors.right.state is LOCKED else 1.0
+        self.left_cars = float(doors.left.cars)
+        self.right_cars = float(doors.right.cars)
         self.voltage_v = world.power.voltage_v
         self.traction_cut = 1.0 if world.traction.traction_cut else 0.0
         self.odometer_error_m = world.odometer_error_m

@@ -13,7 +13,7 @@ from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
 from can_dbc.codec import Decoder, Encoder, Rejected
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, TcmsStatus, TimeOfDay
-from can_dbc.doors import DoorCommand, DoorStatus
+from can_dbc.doors import DoorCars, DoorCommand, DoorStatus
 from can_dbc.energy import EnergyMeter, LineSupply
 from can_dbc.nodes import Node
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
@@ -29,6 +29,7 @@ COMMANDS: Final[tuple[type[Frame], ...]] = (
     BrakeCommand,
     TractionCommand,
     DoorCommand,
+    DoorCars,
     AnalogueCommand,
 )
 COMMAND_IDS: Final = frozenset(

@@ -83,7 +83,7 @@ def plan_scenario(
 
     Raises SettingsError.
     """
-    train, track = load_train(consist), load_line(line)
+    train = load_train(consist)
     train = override(train, real, consist)
     try:
         train = with_overrides(
@@ -91,6 +91,7 @@ def plan_scenario(
         )
     except ValueError as error:
         raise SettingsError(f"{consist}: {error}") from error
+    track = load_line(line).for_train(train.length_m)
     first = _station(track, start or track.stations[0].name, "--from")
     last = _station(track, end or track.stations[-1].name, "--to")
     if last.stop_m <= first.stop_m:
@@ -189,6 +190,7 @@ class World:
         )
         self.doors = DoorUnit(
             train.doors,
+            cars=len(train.cars),
             step_s=STEP_S,
             timeout_ns=round(timeout_s(DoorCommand) * 1e9),
         )

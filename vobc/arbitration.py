@@ -69,6 +69,7 @@ def arbitrate(
         enable_right=right,
         open_left=left and open_left,
         open_right=right and open_right,
+        door_cars=verdict.door_cars,
         supervision=verdict.supervision,
         ato_phase=demand.phase,
         missing=verdict.missing,

@@ -6,7 +6,7 @@ from typing import Final, Protocol
 from can_dbc.cab import CabMode
 from can_dbc.doors import DoorState, DoorStatus
 from can_dbc.vobc import Inhibit, Missing, Supervision
-from firmware_py.trackdb import LineMap, PlatformSide
+from firmware_py.trackdb import LineMap
 from vobc.arbitration import BRAKED_DEMAND, arbitrate, inertia_kg, manual_demand, most_accel_mps2
 from vobc.ato import Ato, current_loop
 from vobc.atp import Protection, ProtectionVerdict
@@ -65,6 +65,7 @@ class Controller:
             line,
             train_length_m=config.train.length_m,
             cycle_s=self._cycle_s,
+            car_lengths_m=config.train.car_lengths_m,
         )
         self._operation = operation or Ato(config.ato, line, mission.start.stop_m, mission.stops)
         self._manual_mps2 = 0.0
@@ -217,8 +218,8 @@ class Controller:
         if doors is None:
             return False
         station = min(self._line.stations, key=lambda station: abs(station.stop_m - front_m))
-        state = doors.left if station.side is PlatformSide.LEFT else doors.right
-        return state is DoorState.OPEN
+        left, right = doors.left is DoorState.OPEN, doors.right is DoorState.OPEN
+        return (station.side.left and left) or (station.side.right and right)
 
 
 def _line_voltage_v(inputs: CycleInput) -> float | None:

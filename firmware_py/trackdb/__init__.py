@@ -8,6 +8,7 @@ from firmware_py.trackdb.sites import (
     PlatformSide,
     SpeedSection,
     Station,
+    StoppingPoint,
     TagKind,
     TagSite,
 )
@@ -19,6 +20,7 @@ __all__ = [
     "PlatformSide",
     "SpeedSection",
     "Station",
+    "StoppingPoint",
     "TagKind",
     "TagSite",
     "load_line",

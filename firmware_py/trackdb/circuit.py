@@ -80,6 +80,7 @@ def _station(station: Station, lap: int, by_m: float) -> Station:
         stop_m=station.stop_m + by_m,
         platform_start_m=station.platform_start_m + by_m,
         platform_end_m=station.platform_end_m + by_m,
+        short_stops=tuple(replace(each, stop_m=each.stop_m + by_m) for each in station.short_stops),
     )
 
 

@@ -7,7 +7,7 @@ gradient and curve sections is level and straight. Speed sections must cover the
 import itertools
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, TypeVar
 
 from firmware_py.trackdb.sites import (
@@ -156,6 +156,12 @@ class LineMap:
             ("_stops_m", tuple(station.stop_m for station in self.stations)),
         ):
             object.__setattr__(self, name, value)
+
+    def for_train(self, length_m: float) -> "LineMap":
+        """Return the line with the stopping points of a train of this length."""
+        if not any(station.short_stops for station in self.stations):
+            return self
+        return replace(self, stations=tuple(each.for_train(length_m) for each in self.stations))
 
     def height_m(self, at_m: float) -> float:
         """Height of the track above its start."""

@@ -1,7 +1,8 @@
 """Sites along a line: stations, tags, and sections with one limit, gradient or radius."""
 
 import enum
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
 from typing import Final
 
 GRADIENT_MAX_PERMILLE: Final = 120.0
@@ -12,6 +13,17 @@ TAG_ID_MAX: Final = 2**32 - 1
 class PlatformSide(enum.Enum):
     LEFT = "left"
     RIGHT = "right"
+    BOTH = "both"
+    """The track lies between two platforms, or between two edges of one."""
+
+    @property
+    def left(self) -> bool:
+        """Whether there is a platform on the left."""
+        return self is not PlatformSide.RIGHT
+
+    @property
+    def right(self) -> bool:
+        return self is not PlatformSide.LEFT
 
 
 class TagKind(enum.Enum):
@@ -23,6 +35,18 @@ class TagKind(enum.Enum):
     """The three magnetic tags before a stopping point ([Allotta 2013], section II.B)."""
     STOP = "stop"
     """The tag under the antenna of a train at the stopping point."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoppingPoint:
+    """A stopping point for trains up to one length."""
+
+    train_length_max_m: float
+    stop_m: float
+
+    def __post_init__(self) -> None:
+        if not self.train_length_max_m > 0.0:
+            raise ValueError(f"train_length_max_m {self.train_length_max_m} is not positive")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +62,31 @@ class Station:
     """Planned run time from leaving the previous station to standing here; 0: no plan."""
     platform_doors: bool = False
     """The platform has doors, which open and close with those of the train."""
+    short_stops: tuple[StoppingPoint, ...] = ()
+    """Stopping points of shorter trains, the shortest first. A train takes the first one that its
+    length permits; `stop_m` is that of all longer trains."""
 
     def __post_init__(self) -> None:
-        if not self.platform_start_m < self.stop_m <= self.platform_end_m:
-            raise ValueError(f"station {self.name}: stop_m {self.stop_m} is not along its platform")
+        lengths_m = [each.train_length_max_m for each in self.short_stops]
+        if any(not shorter < longer for shorter, longer in itertools.pairwise(lengths_m)):
+            raise ValueError(f"station {self.name}: short_stops: train_length_max_m must rise")
+        for stop_m in self.stops_m:
+            if not self.platform_start_m < stop_m <= self.platform_end_m:
+                raise ValueError(f"station {self.name}: stop_m {stop_m} is not along its platform")
         if not self.dwell_s >= 0.0:
             raise ValueError(f"station {self.name}: dwell_s {self.dwell_s} is negative")
         if not self.run_s >= 0.0:
             raise ValueError(f"station {self.name}: run_s {self.run_s} is negative")
+
+    @property
+    def stops_m(self) -> tuple[float, ...]:
+        """Stopping points of trains of all lengths."""
+        return (self.stop_m, *(each.stop_m for each in self.short_stops))
+
+    def for_train(self, length_m: float) -> "Station":
+        """Return the station with the stopping point of such a train alone."""
+        fits = (each.stop_m for each in self.short_stops if length_m <= each.train_length_max_m)
+        return replace(self, stop_m=next(fits, self.stop_m), short_stops=())
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from can_dbc.analogue import AnalogueCommand
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, TcmsStatus, TimeOfDay
-from can_dbc.doors import DoorCommand, DoorStatus
+from can_dbc.doors import DoorCars, DoorCommand, DoorStatus
 from can_dbc.energy import EnergyMeter, LineSupply
 from can_dbc.merged import merged
 from can_dbc.nodes import Node
@@ -45,6 +45,7 @@ AGREED = [
     (TractionCommand, "VOBC", 0x103, 50),
     (DoorCommand, "VOBC", 0x105, 100),
     (AnalogueCommand, "VOBC", 0x107, 50),
+    (DoorCars, "VOBC", 0x108, 100),
     (VobcStatus, "VOBC", 0x181, 50),
     (BrakeStatus, "BCU", 0x182, 50),
     (TractionStatus, "TCU", 0x183, 50),
@@ -140,7 +141,9 @@ def test_every_message_except_energy_and_diagnostics_is_protected(kind: type[Any
 
     assert names[-2:] == ["alive_counter", "crc16"] or kind in UNPROTECTED
     assert ("crc16" in names) == (kind not in UNPROTECTED)
-    assert binding.is_vital(kind) == (kind in {BrakeCommand, TractionCommand, DoorCommand})
+    assert binding.is_vital(kind) == (
+        kind in {BrakeCommand, TractionCommand, DoorCommand, DoorCars}
+    )
 
 
 @pytest.mark.parametrize("kind", [kind for kind, *_ in AGREED])
@@ -160,7 +163,7 @@ def test_data_ids_are_unique_among_all_files_twins_included() -> None:
         if message.dbc is not None and "SafetyDataId" in message.dbc.attributes
     ]
 
-    assert len(ids) == 22
+    assert len(ids) == 24
     assert len(set(ids)) == len(ids)
 
 

@@ -486,4 +486,4 @@ def test_the_desk_is_in_the_mode_it_was_put_in() -> None:
 def test_a_filter_on_the_shared_port_passes_all_commands() -> None:
     assert {can_id(BrakeCommand), can_id(BrakeCommand) + 1} <= COMMAND_IDS
     assert can_id(AnalogueCommand) in COMMAND_IDS
-    assert len(COMMAND_IDS) == 7
+    assert len(COMMAND_IDS) == 9

@@ -1,27 +1,29 @@
-"""Door control unit. Each side opens only if its command and its enable are both set."""
+"""Door control unit. A car opens on a side only if command and enable are both set."""
 
 from typing import Final
 
-from can_dbc.doors import DoorCommand, DoorState, DoorStatus
+from can_dbc.doors import DoorCars, DoorCommand, DoorState, DoorStatus
 from plant_emulator.actuators.response import CommandWatch
 from plant_emulator.train_config import DoorConfig
 
 SAFE_COMMAND: Final = DoorCommand(
     enable_left=False, enable_right=False, open_left=False, open_right=False
 )
+NO_CARS: Final = DoorCars(left_cars=0, right_cars=0)
 OBSTRUCTED_AT: Final = 0.5
 """Share of opening at which closing doors meet an obstacle."""
 INSTANT_S: Final = 1.0e-9
 
 
 class DoorSide:
-    """All doors of one side, modelled as one door."""
+    """All doors of one side. Those of the chosen cars move as one door, the others stay locked."""
 
     __slots__ = (
         "_config",
         "_step_s",
         "_timer_s",
         "blocked",
+        "cars",
         "deaf",
         "obstacles",
         "open_ratio",
@@ -36,18 +38,26 @@ class DoorSide:
         """Number of further closings that will meet an obstacle."""
         self.open_ratio = 0.0
         self.state = DoorState.LOCKED
+        self.cars = 0
+        """Cars whose doors are not locked: bit 0 is the front car."""
         self.blocked = False
         """A fault: every closing meets an obstacle."""
         self.deaf = False
         """A fault: closed and closing doors do not open; doors that are already opening
         continue."""
 
-    def step(self, wanted_open: bool) -> None:
+    def step(self, wanted_cars: int) -> None:
+        """Move the doors of the cars that unlocked together.
+
+        If one of them is no longer wanted, all of them close. A car that is wanted later waits
+        until then.
+        """
         state = self.state
+        wanted_open = wanted_cars != 0 and not self.cars & ~wanted_cars
         if self.deaf and (state is DoorState.LOCKED or state is DoorState.CLOSING):
             wanted_open = False
         if state is DoorState.LOCKED:
-            self._unlock(wanted_open)
+            self._unlock(wanted_cars if wanted_open else 0)
         elif state is DoorState.OBSTRUCTED:
             self._reopen(wanted_open)
         elif wanted_open:
@@ -60,13 +70,14 @@ class DoorSide:
         if self.state is DoorState.LOCKED:
             self._timer_s = 0.0
 
-    def _unlock(self, wanted_open: bool) -> None:
-        if not wanted_open:
+    def _unlock(self, wanted_cars: int) -> None:
+        if not wanted_cars:
             return
         self._timer_s += self._step_s
         if self._timer_s >= self._config.unlock_s:
             self._timer_s = 0.0
             self.state = DoorState.OPENING
+            self.cars = wanted_cars
 
     def _open(self) -> None:
         if self.state is not DoorState.OPEN:
@@ -86,6 +97,7 @@ class DoorSide:
         elif self.open_ratio <= 0.0:
             self.open_ratio = 0.0
             self.state = DoorState.LOCKED
+            self.cars = 0
 
     def _reopen(self, wanted_open: bool) -> None:
         self._timer_s += self._step_s
@@ -98,6 +110,9 @@ class DoorUnit:
     """The door unit closes and locks all doors when its command is missing."""
 
     __slots__ = (
+        "_all_cars",
+        "_cars",
+        "_cars_watch",
         "_command",
         "_left_forced",
         "_left_wanted",
@@ -110,12 +125,17 @@ class DoorUnit:
         "right",
     )
 
-    def __init__(self, config: DoorConfig, *, step_s: float, timeout_ns: int) -> None:
+    def __init__(self, config: DoorConfig, *, cars: int, step_s: float, timeout_ns: int) -> None:
+        """`cars`: number of cars of the train."""
         self._command = SAFE_COMMAND
-        self._left_wanted = self._right_wanted = False
+        self._all_cars = (1 << cars) - 1
+        self._cars = NO_CARS
+        self._left_wanted = self._right_wanted = 0
+        """Cars whose doors are to be open on a side."""
         self._left_forced = self._right_forced = False
         self._line_lost = False
         self._watch = CommandWatch(timeout_ns)
+        self._cars_watch = CommandWatch(timeout_ns)
         self.left = DoorSide(config, step_s)
         self.right = DoorSide(config, step_s)
         self.locked = True
@@ -134,6 +154,7 @@ class DoorUnit:
     def excuse(self, held_up_ns: int) -> None:
         """Extend the command timeout by the time for which the bench itself was stopped."""
         self._watch.excuse(held_up_ns)
+        self._cars_watch.excuse(held_up_ns)
 
     def hear(self, command: DoorCommand, heard_ns: int) -> None:
         """Accept a valid pair of command frames."""
@@ -141,20 +162,35 @@ class DoorUnit:
         if command is not self._command:
             self._obey(command)
 
+    def hear_cars(self, cars: DoorCars, heard_ns: int) -> None:
+        """Accept a valid pair of frames that enable single cars."""
+        self._cars_watch.heard(heard_ns)
+        if cars != self._cars:
+            self._obey_cars(cars)
+
     def _obey(self, command: DoorCommand) -> None:
         self._command = command
+        self._change()
+
+    def _obey_cars(self, cars: DoorCars) -> None:
+        self._cars = cars
+        self._change()
+
+    def _change(self) -> None:
         self._want()
         self.left.ask_again()
         self.right.ask_again()
 
     def _want(self) -> None:
-        command = self._command
-        self._left_wanted = self._left_forced or (command.enable_left and command.open_left)
-        self._right_wanted = self._right_forced or (command.enable_right and command.open_right)
+        command, cars, whole = self._command, self._cars, self._all_cars
+        left = whole if command.enable_left else cars.left_cars & whole
+        right = whole if command.enable_right else cars.right_cars & whole
+        self._left_wanted = whole if self._left_forced else left if command.open_left else 0
+        self._right_wanted = whole if self._right_forced else right if command.open_right else 0
 
     def wanted_open(self, side: DoorSide) -> bool:
-        """Return whether command or fault wants this side open."""
-        return self._left_wanted if side is self.left else self._right_wanted
+        """Return whether command or fault wants a car of this side open."""
+        return bool(self._left_wanted if side is self.left else self._right_wanted)
 
     def force_open(self, *, left: bool, right: bool) -> None:
         """A fault: these sides open whatever the command is."""
@@ -173,6 +209,9 @@ class DoorUnit:
         if end_ns > self._watch.expires_ns:
             self._obey(SAFE_COMMAND)
             self._watch.lost()
+        if end_ns > self._cars_watch.expires_ns:
+            self._obey_cars(NO_CARS)
+            self._cars_watch.lost()
         if self.locked and not self._left_wanted and not self._right_wanted:
             return
         self.left.step(self._left_wanted)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from can_dbc.cab import Desk
-from can_dbc.doors import DoorCommand
+from can_dbc.doors import DoorCars, DoorCommand, cars_text
 from can_dbc.vobc import (
     Inhibit,
     Missing,
@@ -72,7 +72,8 @@ def _state(display: DeskDisplay, now_ns: int) -> Iterator[str]:
     missing = NOTHING if status is None else _flags(status.missing)
     yield f"{'missing':>10}  {missing}"
     yield f"{'departure':>10}  {_departure(mode, display.speeds(now_ns))}"
-    yield f"{'doors':>10}  {_doors(mode, display.latest(DoorCommand, now_ns))}"
+    doors, cars = display.latest(DoorCommand, now_ns), display.latest(DoorCars, now_ns)
+    yield f"{'doors':>10}  {_doors(mode, doors, cars)}"
     position, target = display.latest(VobcPosition, now_ns), display.latest(VobcTarget, now_ns)
     yield f"{'front':>10}  {_place(position, target)}"
 
@@ -92,13 +93,18 @@ def _departure(mode: VobcMode | None, motion: VobcMotion | None) -> str:
     return _flags(mode.departure_inhibits) if mode.departure_inhibits else "permitted"
 
 
-def _doors(mode: VobcMode | None, doors: DoorCommand | None) -> str:
-    """Show the enabled sides, or else why doors are withheld; away from platforms neither
+def _doors(mode: VobcMode | None, doors: DoorCommand | None, cars: DoorCars | None) -> str:
+    """Show the enabled sides or cars, or else why doors are withheld; away from platforms none
     exists.
     """
     if doors is not None and (doors.enable_left or doors.enable_right):
         sides = (("left", doors.enable_left), ("right", doors.enable_right))
         return "enabled " + " and ".join(name for name, enabled in sides if enabled)
+    if cars is not None and (cars.left_cars or cars.right_cars):
+        of_sides = (("left", cars.left_cars), ("right", cars.right_cars))
+        return "enabled " + " and ".join(
+            f"{name} in {cars_text(chosen)}" for name, chosen in of_sides if chosen
+        )
     if mode is None or not mode.doors_withheld:
         return NOTHING
     return _flags(mode.doors_withheld)

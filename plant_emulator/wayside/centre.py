@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.ports import RadioMessage
-from firmware_py.trackdb import LineMap, PlatformSide, Station
+from firmware_py.trackdb import LineMap, Station
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from zenoh_config import keys
 from zenoh_config.codec import BENCH_KEY, pack, unpack
@@ -141,24 +141,26 @@ class Centre:
         )
 
     def _station(self, status: TrainStatus) -> Station | None:
-        """Return the station at whose platform the train's front is; None if there is none or the
-        position is unknown.
+        """Return the station at whose platform the train's front is, of several the one with the
+        nearest stopping point. None if there is none or the position is unknown.
         """
         if not status.localised:
             return None
-        for station in self._line.stations:
-            reach_m = station.platform_end_m + PLATFORM_REACH_M
-            if station.platform_start_m <= status.front_m <= reach_m:
-                return station
-        return None
+        front_m = status.front_m
+        here = (
+            station
+            for station in self._line.stations
+            if station.platform_start_m <= front_m <= station.platform_end_m + PLATFORM_REACH_M
+        )
+        return min(here, key=lambda station: _off_stop_m(station, front_m), default=None)
 
     def _move_platform_doors(self, status: TrainStatus, now_ns: int) -> None:
         station = self._station(status)
         wanted = False
         if station is not None and status.standstill:
-            at_left = station.side is PlatformSide.LEFT
-            wanted = status.open_left if at_left else status.open_right
-            wanted = wanted and abs(status.front_m - station.stop_m) <= ALIGNED_M
+            side = station.side
+            wanted = (side.left and status.open_left) or (side.right and status.open_right)
+            wanted = wanted and _off_stop_m(station, status.front_m) <= ALIGNED_M
         self._doors.ask(station, wanted=wanted, now_ns=now_ns)
 
     def _believed(self, message: RadioMessage) -> TrainStatus | RefusedReason:
@@ -173,12 +175,16 @@ class Centre:
         return status if refused is None else refused.reason
 
 
+def _off_stop_m(station: Station, front_m: float) -> float:
+    """Return the distance to the nearest of the station's stopping points."""
+    return min(abs(stop_m - front_m) for stop_m in station.stops_m)
+
+
 def _sides(station: Station | None, *, wrong: bool) -> tuple[bool, bool]:
     """Return for left and right whether the centre would authorise doors."""
     if station is None:
         return False, False
-    at_left = station.side is PlatformSide.LEFT
-    return at_left is not wrong, at_left is wrong
+    return station.side.left is not wrong, station.side.right is not wrong
 
 
 def joined(restrictions: Sequence[SpeedRestriction]) -> tuple[SpeedRestriction, ...]:

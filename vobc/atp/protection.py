@@ -1,5 +1,6 @@
 """One step of protection: inputs, ceiling, stations, mode, emergencies, supervision, verdict."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -69,8 +70,15 @@ class Protection:
     """State of protection: mode, supervision, latched causes and reference places of the train."""
 
     def __init__(
-        self, config: AtpConfig, line: LineMap, *, train_length_m: float, cycle_s: float
+        self,
+        config: AtpConfig,
+        line: LineMap,
+        *,
+        train_length_m: float,
+        cycle_s: float,
+        car_lengths_m: Sequence[float] = (),
     ) -> None:
+        """`car_lengths_m`: of a train whose door unit opens single cars, from the front."""
         self._config = config
         self._cycle_s = cycle_s
         braking = SafeBraking(
@@ -83,7 +91,9 @@ class Protection:
         self._flat = FixedCeilings(config)
         check = EnergyCheck(config, line, train_length_m=train_length_m, cycle_s=cycle_s)
         self._replicas = Replicas(config, check)
-        self._station = StationGuard(config, line, train_length_m=train_length_m)
+        self._station = StationGuard(
+            config, line, train_length_m=train_length_m, car_lengths_m=car_lengths_m
+        )
         self._resets = Resets()
         self._brake_unit = BrakeUnitWatch(config)
         self._stop_watch = StopWatch(config)
@@ -357,6 +367,7 @@ class Protection:
                 or (motion.standing and not traction_permitted)
             ),
             doors=SHUT if asleep or state is Supervision.EMERGENCY else station.doors,
+            door_cars=station.door_cars,
             mode=mode,
             emergency_cause=self._cause,
             emergency_number=self._emergency_number,

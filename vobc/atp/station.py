@@ -1,16 +1,25 @@
 """Demands of protection at platforms: doors, departure, alarms, missed stops."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from can_dbc.doors import ALL_CARS
 from can_dbc.vobc import Cause, Inhibit, Withheld
-from firmware_py.trackdb import LineMap, PlatformSide, Station
+from firmware_py.trackdb import LineMap, Station
 from vobc.atp import alarms
 from vobc.atp.alarms import AlarmGuardInputs, AlarmResponse
 from vobc.atp.config import AtpConfig
 from vobc.atp.departure import NOT_AGAINST_JOG, DepartureTerms, inhibits
-from vobc.atp.doors import DoorEnable, DoorTerms, enabled_doors, withheld
+from vobc.atp.doors import (
+    DoorEnable,
+    DoorTerms,
+    car_spans,
+    cars_beside,
+    enabled_doors,
+    withheld,
+)
 from vobc.atp.inputs import AUTHORITY, BRAKE, ODOMETER, TRACTION
 from vobc.atp.jog import MOVED_M, JogFacts, JogGuard, JogVerdict
 from vobc.atp.place import UNKNOWN, PlatformPlace, PlatformWhereabouts, place_of
@@ -26,6 +35,8 @@ class StationVerdict:
     """Requirements of stations and passengers on the movement in one cycle."""
 
     doors: DoorEnable
+    door_cars: int
+    """Cars to which enabled doors are limited, as a result of `cars_beside`."""
     withheld: Withheld
     """Reasons why no side is enabled."""
     inhibits: Inhibit
@@ -61,6 +72,8 @@ class _Found:
 
     heard: StationInputs
     place: PlatformPlace
+    cars: int
+    """Cars beside the platform, as a result of `cars_beside`. All, except at a stopping point."""
     standing: bool
     answers: _Answers
     alarm: bool
@@ -76,10 +89,19 @@ class _Found:
 class StationGuard:
     """State at platforms: where the train stood, alarms, attempts."""
 
-    def __init__(self, config: AtpConfig, line: LineMap, *, train_length_m: float) -> None:
+    def __init__(
+        self,
+        config: AtpConfig,
+        line: LineMap,
+        *,
+        train_length_m: float,
+        car_lengths_m: Sequence[float] = (),
+    ) -> None:
+        """`car_lengths_m`: of a train whose door unit opens single cars, from the front."""
         self._config = config
         self._line = line
         self._length_m = train_length_m
+        self._spans = car_spans(car_lengths_m)
         self._stood_at: Station | None = None
         """The platform at which the train last stood."""
         self._stood_m: float | None = None
@@ -113,6 +135,7 @@ class StationGuard:
         """
         heard = listen(inputs, self._config, gone)
         place = self._place(motion)
+        cars = self._cars_beside(place, motion)
         moved_m = self._moved_m(motion, place)
         moving = not motion.standing and abs(moved_m) > MOVED_M
         answers = self._answers(heard, place, motion, moving=moving)
@@ -132,11 +155,14 @@ class StationGuard:
         found = _Found(
             heard=heard,
             place=place,
+            cars=cars,
             standing=motion.standing,
             answers=answers,
             alarm=self._passenger_alarm or self._fire,
             inhibiting=inhibiting,
-            reasons=withheld(_door_terms(inputs, motion, gone, place, heard, emergency=emergency)),
+            reasons=withheld(
+                _door_terms(inputs, motion, gone, place, cars, heard, emergency=emergency)
+            ),
             jog=jog,
             jog_free=may_move and not emergency and not int(inhibiting) & _AGAINST_JOG,
         )
@@ -150,6 +176,14 @@ class StationGuard:
             motion.front_m,
             train_length_m=self._length_m,
             window_m=self._config.door_window_m,
+        )
+
+    def _cars_beside(self, place: PlatformPlace, motion: Motion) -> int:
+        """Away from a stopping point no door is enabled, and the platform is not compared."""
+        if place.station is None or place.where is not PlatformWhereabouts.ALIGNED:
+            return ALL_CARS
+        return cars_beside(
+            place.station, motion.front_m, train_length_m=self._length_m, spans=self._spans
         )
 
     def _moved_m(self, motion: Motion, place: PlatformPlace) -> float:
@@ -224,7 +258,8 @@ def _verdict(found: _Found) -> StationVerdict:
     heard, answers, jog = found.heard, found.answers, found.jog
     side = None if found.place.station is None else found.place.station.side
     return StationVerdict(
-        doors=enabled_doors(found.reasons, side),
+        doors=enabled_doors(found.reasons, side, DoorEnable(heard.doors_left, heard.doors_right)),
+        door_cars=found.cars,
         withheld=found.reasons if found.standing and side is not None else Withheld.NONE,
         inhibits=found.inhibiting,
         emergency=_first(
@@ -296,6 +331,7 @@ def _door_terms(
     motion: Motion,
     gone: int,
     place: PlatformPlace,
+    cars: int,
     heard: StationInputs,
     *,
     emergency: bool,
@@ -307,12 +343,11 @@ def _door_terms(
         localised=motion.localised,
         near_platform=station is not None,
         aligned=place.where is PlatformWhereabouts.ALIGNED,
+        beside_platform=cars != 0,
         holding_applied=brake is not None and brake.holding_applied and not gone & BRAKE,
         traction_cut=traction is not None and traction.traction_cut and not gone & TRACTION,
         no_emergency=not emergency,
-        authorised=(
-            (side is PlatformSide.LEFT and heard.doors_left)
-            or (side is PlatformSide.RIGHT and heard.doors_right)
-        ),
+        authorised=side is not None
+        and ((side.left and heard.doors_left) or (side.right and heard.doors_right)),
         centre_heard=heard.centre,
     )

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from can_dbc.doors import ALL_CARS
 from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision, Withheld
 from vobc.atp.doors import DoorEnable
 from vobc.vocabulary import Ceiling
@@ -31,6 +32,8 @@ class ProtectionVerdict:
     departure_inhibits: Inhibit = Inhibit.NONE
     """Reasons why the train must not depart."""
     doors_withheld: Withheld = Withheld.NONE
+    door_cars: int = ALL_CARS
+    """Cars to which enabled doors are limited: bit 0 is the front car."""
     reverse_permitted: bool = False
     """Traction may act backwards, for a jog."""
     jog_permitted: bool = False

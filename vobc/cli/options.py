@@ -141,7 +141,7 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> DevicePlan:
     )
     line_options.check_peer(options)
     config = line_options.addressed(config, options)
-    line = load_line(options.line)
+    line = load_line(options.line).for_train(config.train.length_m)
     areas = line_options.areas_of(options, line)
     nvram = Nvram(options.nvram, NvramRecord(boot_count=epoch_ns // NS_PER_S))
     place = whereabouts(config, line, nvram, options.start, options.nvram)

@@ -4,6 +4,7 @@ import enum
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
+from can_dbc.doors import ALL_CARS, cars_text
 from can_dbc.vobc import EventKind, Inhibit, OperatingMode, Supervision, Withheld
 from vobc.events.causes import emergency_applied, emergency_released
 from vobc.events.inputs import (
@@ -40,6 +41,7 @@ WITHHELD_SOURCES: Final[Mapping[enum.IntFlag, Source]] = {
     Withheld.NOT_LOCALISED: Source.TAG,
     Withheld.NO_PLATFORM: Source.TAG,
     Withheld.MISALIGNED: Source.TACHO,
+    Withheld.OFF_PLATFORM: Source.TACHO,
     Withheld.NOT_HELD: Source.BRAKE,
     Withheld.TRACTION: Source.TRACTION,
     Withheld.NOT_AUTHORISED: Source.ORDERS,
@@ -85,6 +87,7 @@ def events_between(
         or output.doors_withheld is not before.doors_withheld
         or output.enable_left is not before.enable_left
         or output.enable_right is not before.enable_right
+        or output.door_cars != before.door_cars
         or _stands(output) is not _stands(before)
     ):
         found.extend(_station(before, output))
@@ -206,9 +209,8 @@ def _stands(output: CycleOutput) -> bool:
 
 
 def _station(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
-    enabled = (output.enable_left, output.enable_right)
-    if enabled != (before.enable_left, before.enable_right):
-        yield _doors_enabled(output) if any(enabled) else _doors_withheld(output)
+    if _enabled(output) != _enabled(before):
+        yield _doors_enabled(output) if any(_enabled(output)) else _doors_withheld(output)
     elif output.doors_withheld != before.doors_withheld and _at_platform(output):
         yield _doors_withheld(output)
     inhibits = output.departure_inhibits
@@ -226,6 +228,12 @@ def _station(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
     yield Event(EventKind.DEPARTURE_INHIBITED, words, sources, int(inhibits))
 
 
+def _enabled(output: CycleOutput) -> tuple[int, int]:
+    """Enabled cars, left and right."""
+    cars = output.door_cars
+    return cars if output.enable_left else 0, cars if output.enable_right else 0
+
+
 def _at_platform(output: CycleOutput) -> bool:
     return (
         _stands(output)
@@ -240,7 +248,8 @@ def _doors_enabled(output: CycleOutput) -> Event:
         for name, on in (("left", output.enable_left), ("right", output.enable_right))
         if on
     ]  # fmt: skip
-    words = f"doors enabled on the {' and the '.join(sides)}{place_words(output)}"
+    cars = "" if output.door_cars == ALL_CARS else f" in {cars_text(output.door_cars)}"
+    words = f"doors enabled on the {' and the '.join(sides)}{cars}{place_words(output)}"
     number = int(output.enable_left) + 2 * int(output.enable_right)
     sources = (Source.TACHO, Source.BRAKE, Source.TRACTION, Source.TAG, Source.ORDERS)
     return Event(EventKind.DOORS_ENABLED, words, sources, number)

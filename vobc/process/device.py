@@ -37,6 +37,7 @@ from vobc.wire import (
     RadioLink,
     Refusal,
     analogue_frame,
+    door_cars_frame,
     door_frame,
     emergency_message,
     heartbeat,
@@ -115,6 +116,8 @@ class VobcDevice:
         self._sent_ns = start_ns
         self._cycles = 0
         self._slips = 0
+        self._cars_enabled = False
+        """The last DOOR_CARS that was sent enabled a car."""
         self._stored = True
         self._seen: CycleInput | None = None
         self._seen_before: CycleInput | None = None
@@ -215,7 +218,7 @@ class VobcDevice:
         cycle_ms, count = self._config.cycle_ms, self._cycles
         self._cycles += 1
         if count % _every(DOOR_MS, cycle_ms) == 0:
-            self._send(now_ns, door_frame(output))
+            self._send_doors(now_ns, output)
         if count % _every(VITAL_MS, cycle_ms) == 0:
             work_us = self.executive.execution_ns("control") / NS_PER_US
             self._send(now_ns, status_frame(output, work_us=work_us, slips=self._slips))
@@ -255,6 +258,15 @@ class VobcDevice:
         if self._by_loop:
             self._send(now_ns, analogue_frame(output))
 
+    def _send_doors(self, now_ns: int, output: CycleOutput) -> None:
+        """DOOR_CARS follows only while single cars are enabled, and once to withdraw them."""
+        self._send(now_ns, door_frame(output))
+        cars = door_cars_frame(output)
+        enabled = bool(cars.left_cars or cars.right_cars)
+        if enabled or self._cars_enabled:
+            self._send(now_ns, cars)
+        self._cars_enabled = enabled
+
     def repeat_vital(self, now_ns: int) -> None:
         """Repeat vital commands between the cycles of a slow controller, as long as cycles come."""
         if self._last_ns is None or now_ns - self._last_ns > STALE_CYCLES * self._cycle_ns:
@@ -292,7 +304,7 @@ class VobcDevice:
         """Send the safe output as the last message."""
         self.output = replace(SAFE_OUTPUT, cause="controller ends")
         self._send_vital(now_ns, self.output)
-        self._send(now_ns, door_frame(self.output))
+        self._send_doors(now_ns, self.output)
         self._send(now_ns, status_frame(self.output, work_us=0.0, slips=self._slips))
         self._events.tell(now_ns, (controller_ends(),))
         self._send(now_ns, *self._events.due(), heartbeat(NodeState.STOPPED))

@@ -40,6 +40,9 @@ class TrainBelief:
     rated_power_w: float
     service_decel_max_mps2: float
     """Greatest deceleration of the service brake."""
+    car_lengths_m: tuple[float, ...] = ()
+    """Lengths of the cars from the front, for a train whose door unit opens the doors of single
+    cars. Without them the doors open only beside a platform that is as long as the train."""
 
     def __post_init__(self) -> None:
         for name in _POSITIVE_OF_TRAIN:

@@ -5,6 +5,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from can_dbc.doors import ALL_CARS
 from can_dbc.nodes import Direction
 from can_dbc.vobc import (
     AtoPhase,
@@ -98,6 +99,8 @@ class CycleOutput:
     correct."""
     door_bypass: bool = False
     """The train may depart although its doors are not proven locked."""
+    door_cars: int = ALL_CARS
+    """Cars to which the enabled sides apply: bit 0 is the front car."""
     currents: CurrentReference | None = None
     """None for a train that takes its reference from the bus, and for the safe output."""
 

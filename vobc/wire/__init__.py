@@ -5,6 +5,7 @@ types.
 from vobc.wire.evidence import SOURCE_IDS, SOURCE_KINDS, Evidence
 from vobc.wire.frames import (
     analogue_frame,
+    door_cars_frame,
     door_frame,
     emergency_message,
     event_frame,
@@ -32,6 +33,7 @@ __all__ = [
     "TACHO_SAMPLES_MAX",
     "TAGS_MAX",
     "analogue_frame",
+    "door_cars_frame",
     "door_frame",
     "emergency_message",
     "event_frame",

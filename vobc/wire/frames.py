@@ -9,7 +9,7 @@ from can_dbc.binding import Frame, binding_of
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Encoder
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState
-from can_dbc.doors import DoorCommand
+from can_dbc.doors import ALL_CARS, DoorCars, DoorCommand
 from can_dbc.nodes import Node
 from can_dbc.traction import TractionCommand
 from can_dbc.vobc import (
@@ -29,6 +29,7 @@ SENT_KINDS: Final[tuple[type[Frame], ...]] = (
     BrakeCommand,
     TractionCommand,
     DoorCommand,
+    DoorCars,
     AnalogueCommand,
     VobcStatus,
     VobcMotion,
@@ -74,11 +75,22 @@ def analogue_frame(output: CycleOutput) -> Frame:
 
 
 def door_frame(output: CycleOutput) -> Frame:
+    """Command for the doors. `door_cars_frame` enables single cars instead of whole sides."""
+    whole = output.door_cars == ALL_CARS
     return DoorCommand(
-        enable_left=output.enable_left,
-        enable_right=output.enable_right,
+        enable_left=output.enable_left and whole,
+        enable_right=output.enable_right and whole,
         open_left=output.open_left,
         open_right=output.open_right,
+    )
+
+
+def door_cars_frame(output: CycleOutput) -> DoorCars:
+    """Enabled cars, where not the whole train is beside the platform; else no car."""
+    cars = 0 if output.door_cars == ALL_CARS else output.door_cars
+    return DoorCars(
+        left_cars=cars if output.enable_left else 0,
+        right_cars=cars if output.enable_right else 0,
     )
 
 

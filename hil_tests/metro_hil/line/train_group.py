@@ -98,8 +98,8 @@ class LineBench:
         self._executives.append(Executive([Task("wayside", WAYSIDE_MS, self._wayside)], 0))
 
     def _add(self, address: int, way: TrainRun) -> None:
-        line = load_line(self._line)
         config = replace(self._config, address=address)
+        line = load_line(self._line).for_train(config.train.length_m)
         scenario = plan_scenario(
             line=self._line,
             consist=config.name,

@@ -35,13 +35,14 @@ def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
     setup = case.setup
     line = line_of(setup, files)
     mission = mission_of(setup, line)
-    scenario = scenario_of(setup, line, mission, _first_seed(case), files)
+    config = config_of(setup, files)
+    scenario = scenario_of(setup, mission, _first_seed(case), files)
     faults = read_faults(case.faults, case.id)
     check_fitting(faults, scenario.train, case.id)
     return CaseParts(
         journey=Journey(line, mission, setup.wakes_up),
         scenario=scenario,
-        config=config_of(setup, files),
+        config=config,
         faults=faults,
     )
 
@@ -51,8 +52,14 @@ def _first_seed(case: Case) -> int:
 
 
 def line_of(setup: Setup, files: Files = NO_FILES) -> LineMap:
-    """The line's file, with dwell and running times of the case."""
+    """The line as the controller knows it: its file with dwell and running times of the case, and
+    with the stopping points of the train that the controller believes.
+    """
     line = load_line(file_name(setup.line, files))
+    return _timed(setup, line.for_train(config_of(setup, files).train.length_m))
+
+
+def _timed(setup: Setup, line: LineMap) -> LineMap:
     names = [station.name for station in line.stations]
     for key, times_s in (("dwell_s", setup.dwell_s), ("run_s", setup.run_s)):
         for name, time_s in times_s.items():
@@ -76,7 +83,7 @@ def mission_of(setup: Setup, line: LineMap) -> Mission:
 
 
 def scenario_of(
-    setup: Setup, line: LineMap, mission: Mission, seed: int, files: Files = NO_FILES
+    setup: Setup, mission: Mission, seed: int, files: Files = NO_FILES
 ) -> TrainScenario:
     try:
         mode = CabMode[setup.desk_mode.upper()]
@@ -100,7 +107,7 @@ def scenario_of(
             None if setup.desk_recording is None else file_name(setup.desk_recording, files)
         ),
     )
-    return replace(scenario, line=line)
+    return replace(scenario, line=_timed(setup, scenario.line))
 
 
 def config_of(setup: Setup, files: Files = NO_FILES) -> VobcConfig:

@@ -12,7 +12,9 @@ AFTER_ARRIVAL_S = 3.0
 UNATTENDED_S = 30.0
 """Time after which a run ends whose train stands in emergency, or behind shut doors, without a
 person to help, s. Every automatic release or jog comes sooner."""
-MENDED_BY_MOVING = Withheld.NOT_LOCALISED | Withheld.NO_PLATFORM | Withheld.MISALIGNED
+MENDED_BY_MOVING = (
+    Withheld.NOT_LOCALISED | Withheld.NO_PLATFORM | Withheld.MISALIGNED | Withheld.OFF_PLATFORM
+)
 """Reasons to withhold doors that remain as long as the train does not move."""
 
 ARRIVED = "arrived"

@@ -7,7 +7,7 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, Station, load_line
 from metro_hil.model.run_options import RunOptions
 from plant_emulator.train_config import TrainConfig
-from vobc.config import VobcConfig, plan_mission
+from vobc.config import VobcConfig, load_config, plan_mission
 from vobc.vocabulary import Mission
 
 
@@ -65,5 +65,6 @@ def check_reference(config: VobcConfig, train: TrainConfig) -> None:
 
 def plan_journey(options: RunOptions) -> Journey:
     """Load line and mission. Raises SettingsError if line and stations do not fit together."""
-    line = load_line(options.line)
+    config = load_config(options.params)
+    line = load_line(options.line).for_train(config.train.length_m)
     return Journey(line, plan_mission(line, options.start, options.end))

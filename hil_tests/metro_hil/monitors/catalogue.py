@@ -298,10 +298,19 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
     ),
     _watched(
         30,
+        "door-platform",
+        "m",
+        "Doors are open only beside the platform.",
+        "Least distance of the outer ends of all cars with an open door from the ends of the "
+        "platform of the nearest station, negative outside of it. A train that opens all its doors "
+        "is judged by its front and its rear.",
+    ),
+    _watched(
+        30,
         "door-side",
         "1",
         "Doors are open only on the platform side.",
-        "1, or -1 while the side away from the platform of the nearest station is not locked.",
+        "1, or -1 while a side without platform at the nearest station is not locked.",
     ),
     _watched(
         31,

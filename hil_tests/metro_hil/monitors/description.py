@@ -10,7 +10,7 @@ from can_dbc.binding import Frame, binding_of, can_id
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
 from can_dbc.codec import Decoder
-from can_dbc.doors import DoorCommand
+from can_dbc.doors import DoorCars, DoorCommand
 from can_dbc.nodes import Direction
 from can_dbc.odometer import ColdMovement, Tacho
 from can_dbc.rejection import Rejected
@@ -30,6 +30,7 @@ DECODED: Final[tuple[type[Frame], ...]] = (
     BrakeCommand,
     TractionCommand,
     DoorCommand,
+    DoorCars,
     VobcStatus,
     VobcMotion,
     VobcPosition,
@@ -44,6 +45,7 @@ CONTROLLER_IDS: Final = Decoder(
         BrakeCommand,
         TractionCommand,
         DoorCommand,
+        DoorCars,
         VobcStatus,
         VobcMotion,
         VobcPosition,
@@ -67,6 +69,8 @@ class Spoken:
     __slots__ = (
         "_decode",
         "_openers",
+        "_sides_enabled",
+        "_single_enabled",
         "_takers",
         "accepted_ns",
         "alarm_raised",
@@ -138,6 +142,7 @@ class Spoken:
             BrakeCommand: self._take_brake,
             TractionCommand: self._take_traction,
             DoorCommand: self._take_doors,
+            DoorCars: self._take_door_cars,
             VobcStatus: self._take_status,
             VobcMotion: self._take_motion,
             VobcPosition: self._take_position,
@@ -195,6 +200,7 @@ class Spoken:
         self.traction_permitted = 0.0
         self.enable_left = 0.0
         self.enable_right = 0.0
+        self._sides_enabled = self._single_enabled = (False, False)
         self.open_left_commanded = 0.0
         self.open_right_commanded = 0.0
         self.reset_pressed = 0.0
@@ -235,10 +241,20 @@ class Spoken:
 
     def _take_doors(self, said: DoorCommand, stamp_ns: int) -> None:
         self.doors_ns = stamp_ns
-        self.enable_left = 1.0 if said.enable_left else 0.0
-        self.enable_right = 1.0 if said.enable_right else 0.0
+        self._sides_enabled = (said.enable_left, said.enable_right)
+        self._enable()
         self.open_left_commanded = 1.0 if said.open_left else 0.0
         self.open_right_commanded = 1.0 if said.open_right else 0.0
+
+    def _take_door_cars(self, said: DoorCars, stamp_ns: int) -> None:
+        self._single_enabled = (said.left_cars != 0, said.right_cars != 0)
+        self._enable()
+
+    def _enable(self) -> None:
+        """Either frame enables a side, whole or in single cars."""
+        (left, right), (left_cars, right_cars) = self._sides_enabled, self._single_enabled
+        self.enable_left = 1.0 if left or left_cars else 0.0
+        self.enable_right = 1.0 if right or right_cars else 0.0
 
     def _take_status(self, said: VobcStatus, stamp_ns: int) -> None:
         self.status_ns = stamp_ns

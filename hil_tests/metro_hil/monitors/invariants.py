@@ -129,6 +129,7 @@ class Invariants:
             enabled_speed=gauge["inv-17-zero-speed"],
             speed=gauge["inv-30-door-speed"],
             place=gauge["inv-30-door-place"],
+            platform=gauge["inv-30-door-platform"],
             side=gauge["inv-30-door-side"],
             enable=gauge["inv-31-door-enable"],
             traction=gauge["inv-32-door-traction"],

@@ -8,6 +8,8 @@ from typing import Final
 from firmware_py.trackdb import LineMap, PlatformSide
 
 GRAVITY_MPS2: Final = 9.81
+SIDES: Final = {PlatformSide.LEFT: 1.0, PlatformSide.RIGHT: -1.0, PlatformSide.BOTH: 0.0}
+"""Platform sides as numbers."""
 HEIGHT_POINTS: Final = 5
 """Number of points along the train for the mean height of its mass."""
 ROUNDS: Final = 8
@@ -31,6 +33,7 @@ class LinePlaces:
         "_platforms_m",
         "_reached_m",
         "_sides",
+        "_stations",
         "_stop_edges_m",
         "_stops_m",
         "worst_fall_mps2",
@@ -55,7 +58,8 @@ class LinePlaces:
         stations = line.stations
         self._stops_m = [station.stop_m for station in stations]
         self._stop_edges_m = [0.5 * (a + b) for a, b in itertools.pairwise(self._stops_m)]
-        self._sides = [1.0 if each.side is PlatformSide.LEFT else -1.0 for each in stations]
+        self._stations = stations
+        self._sides = [SIDES[each.side] for each in stations]
         self._platforms_m = [
             (each.platform_start_m, each.platform_end_m + PASSED_M)
             for each in stations
@@ -84,8 +88,20 @@ class LinePlaces:
         return front_m - self._stops_m[bisect_right(self._stop_edges_m, front_m)]
 
     def side(self, front_m: float) -> float:
-        """Return the platform side of the nearest station: 1 is left, -1 is right."""
+        """Return the platform side of the nearest station: 1 is left, -1 is right, 0 is both."""
         return self._sides[bisect_right(self._stop_edges_m, front_m)]
+
+    def room_m(self, front_m: float, at_m: float, until_m: float) -> float:
+        """Return how far a stretch of the train lies within the platform of the nearest station;
+        negative by its part beyond the nearer end.
+
+        Args:
+            front_m: front of the train, which is nearest to the station's stopping point.
+            at_m: rear end of the stretch.
+            until_m: its front end.
+        """
+        station = self._stations[bisect_right(self._stop_edges_m, front_m)]
+        return min(at_m - station.platform_start_m, station.platform_end_m - until_m)
 
     def platform_doors(self, front_m: float) -> bool:
         """Tell whether the front is at a platform that has doors."""

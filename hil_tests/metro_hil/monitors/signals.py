@@ -88,6 +88,7 @@ class Signals:
         "holding",
         "holding_commanded",
         "jog_attempts",
+        "left_cars",
         "left_open",
         "localised",
         "missing",
@@ -115,6 +116,7 @@ class Signals:
         "replicas_agree",
         "reset_pressed",
         "restricted_pressed",
+        "right_cars",
         "right_open",
         "rollback_m",
         "service_decel_mps2",
@@ -170,6 +172,8 @@ class Signals:
         self.doors_locked = 0.0
         self.left_open = 0.0
         self.right_open = 0.0
+        self.left_cars = 0.0
+        self.right_cars = 0.0
         self.voltage_v = 0.0
         self.odometer_error_m = 0.0
         self.tags_read = 0.0
@@ -265,6 +269,8 @@ class Signals:
         self.doors_locked = truth.doors_locked
         self.left_open = truth.left_open
         self.right_open = truth.right_open
+        self.left_cars = truth.left_cars
+        self.right_cars = truth.right_cars
         self.voltage_v = truth.voltage_v
         self.odometer_error_m = truth.odometer_error_m
         self.tags_read = truth.tags_read
@@ -353,7 +359,7 @@ class Signals:
         place, spoken, front_m = self._place, self._spoken, truth.front_m
         self.to_authority_m = truth.authority_end_m - front_m
         self.stop_error_m = place.stop_error_m(front_m)
-        self.platform_left = 1.0 if place.side(front_m) > 0.0 else 0.0
+        self.platform_left = 1.0 if place.side(front_m) >= 0.0 else 0.0
         self.standing = 1.0 if truth.speed_mps == 0.0 else 0.0
         if front_m > self._foremost_m:
             self._foremost_m = front_m

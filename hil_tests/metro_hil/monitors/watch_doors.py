@@ -1,5 +1,7 @@
 """Invariants of the doors (17, 30, 31, 32)."""
 
+import itertools
+
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
@@ -14,6 +16,7 @@ class DoorWatch:
     """Judges steps in which a door is not locked or may be opened."""
 
     __slots__ = (
+        "_car_ends_m",
         "_cut_ns",
         "_left_enabled_ns",
         "_left_open",
@@ -28,6 +31,7 @@ class DoorWatch:
         "enabled_speed",
         "holding",
         "place",
+        "platform",
         "side",
         "speed",
         "traction",
@@ -41,6 +45,7 @@ class DoorWatch:
         enabled_speed: Gauge,
         speed: Gauge,
         place: Gauge,
+        platform: Gauge,
         side: Gauge,
         enable: Gauge,
         traction: Gauge,
@@ -48,9 +53,12 @@ class DoorWatch:
     ) -> None:
         self._place = where
         self.enabled_speed, self.speed, self.place, self.side = enabled_speed, speed, place, side
+        self.platform = platform
         self.enable, self.traction, self.holding = enable, traction, holding
         self._zero_speed_mps = context.zero_speed_mps
         self._window_m = context.door_window_m
+        lengths_m = [car.length_m for car in context.train.cars]
+        self._car_ends_m = list(itertools.accumulate(lengths_m, initial=0.0))
         self._cut_ns = round(context.traction_cut_s * NS_PER_S)
         self._slack_ns = round(context.slack_s * NS_PER_S)
         self._left_open = self._right_open = False
@@ -98,6 +106,21 @@ class DoorWatch:
         margin_m = self._window_m - abs(self._place.stop_error_m(truth.front_m))
         if margin_m < self.place.least:
             self.place.see(margin_m, now_ns)
+        room_m = self._room_m(truth)
+        if room_m < self.platform.least:
+            self.platform.see(room_m, now_ns)
         platform = self._place.side(truth.front_m)
         self.side.said(not ((left and platform < 0.0) or (right and platform > 0.0)), now_ns)
         self.holding.said(truth.holding > 0.0 or truth.emergency > 0.0, now_ns)
+
+    def _room_m(self, truth: Truth) -> float:
+        """Return how far all open doors lie within the platform; negative by the part beyond it.
+
+        The outer ends of the first and the last car with an open door decide.
+        """
+        ends_m, front_m = self._car_ends_m, truth.front_m
+        first, end = 0, len(ends_m) - 1
+        cars = int(truth.left_cars) | int(truth.right_cars)
+        if cars:
+            first, end = (cars & -cars).bit_length() - 1, cars.bit_length()
+        return self._place.room_m(front_m, front_m - ends_m[end], front_m - ends_m[first])

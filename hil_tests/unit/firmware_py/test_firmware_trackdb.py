@@ -22,6 +22,7 @@ from firmware_py.trackdb import (
     PlatformSide,
     SpeedSection,
     Station,
+    StoppingPoint,
     TagKind,
     TagSite,
     load_line,
@@ -355,3 +356,45 @@ def test_a_contradiction_in_a_line_is_reported_with_file_and_key(
 def test_a_line_with_nan_or_infinity_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"nan|not on the line"):
         replace(FLORENCE, **change)
+
+
+SHORT = (
+    StoppingPoint(train_length_max_m=40.0, stop_m=60.0),
+    StoppingPoint(train_length_max_m=80.0, stop_m=80.0),
+)
+
+
+@pytest.mark.parametrize(
+    ("length_m", "stop_m"),
+    [(1.0, 60.0), (40.0, 60.0), (40.1, 80.0), (80.0, 80.0), (80.1, 100.0), (400.0, 100.0)],
+)
+def test_a_train_takes_the_first_stopping_point_that_its_length_permits(
+    length_m: float, stop_m: float
+) -> None:
+    station = Station("A", 100.0, 0.0, 105.0, short_stops=SHORT)
+
+    assert station.stops_m == (100.0, 60.0, 80.0)
+    assert station.for_train(length_m) == Station("A", stop_m, 0.0, 105.0)
+
+
+def test_a_line_has_the_stopping_points_of_its_train() -> None:
+    stations = tuple(
+        replace(each, short_stops=(StoppingPoint(80.0, each.stop_m - 10.0),))
+        for each in FLORENCE.stations
+    )
+    line = replace(FLORENCE, stations=stations)
+
+    assert [each.stop_m for each in line.for_train(70.0).stations_between(1.0, 4600.0)] == [
+        1490.0, 2990.0, 3490.0, 4490.0,
+    ]  # fmt: skip
+    assert line.for_train(90.0) == FLORENCE
+    assert FLORENCE.for_train(70.0) is FLORENCE
+
+
+def test_stopping_points_lie_along_the_platform_in_order_of_length() -> None:
+    with pytest.raises(ValueError, match=r"short_stops: train_length_max_m must rise"):
+        Station("A", 100.0, 0.0, 105.0, short_stops=SHORT[::-1])
+    with pytest.raises(ValueError, match=r"stop_m 106\.0 is not along its platform"):
+        Station("A", 100.0, 0.0, 105.0, short_stops=(StoppingPoint(40.0, 106.0),))
+    with pytest.raises(ValueError, match=r"train_length_max_m 0\.0 is not positive"):
+        StoppingPoint(0.0, 60.0)

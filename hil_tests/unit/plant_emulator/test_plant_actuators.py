@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from can_dbc.brake import BrakeCommand
-from can_dbc.doors import DoorCommand, DoorState
+from can_dbc.doors import DoorCars, DoorCommand, DoorState
 from can_dbc.nodes import Direction
 from can_dbc.traction import TractionCommand
 from firmware_py.settings import shipped_names
@@ -664,14 +664,18 @@ def test_a_train_that_stands_does_not_slide() -> None:
 class DoorStand:
     def __init__(self, obstructed_closings: int = 0) -> None:
         config = replace(TRAIN.doors, obstructed_closings=obstructed_closings)
-        self.unit = DoorUnit(config, step_s=STEP_S, timeout_ns=DOOR_TIMEOUT_NS)
+        self.unit = DoorUnit(config, cars=4, step_s=STEP_S, timeout_ns=DOOR_TIMEOUT_NS)
         self.now_ns = 0
 
-    def run(self, duration_s: float, command: DoorCommand | None) -> list[DoorState]:
+    def run(
+        self, duration_s: float, command: DoorCommand | None, cars: DoorCars | None = None
+    ) -> list[DoorState]:
         states = []
         for step in range(round(duration_s / STEP_S)):
             if command is not None and step % 10 == 0:
                 self.unit.hear(command, self.now_ns)
+            if cars is not None and step % 10 == 0:
+                self.unit.hear_cars(cars, self.now_ns)
             self.now_ns += STEP_NS
             self.unit.step(self.now_ns)
             states.append(self.unit.right.state)
@@ -723,6 +727,61 @@ def test_doors_close_by_themselves_when_their_command_goes_missing() -> None:
     assert states.index(DoorState.CLOSING) * STEP_S == pytest.approx(0.2, abs=0.02)
     assert states[-1] is DoorState.LOCKED
     assert stand.unit.losses == 1
+
+
+OPEN_ALONE = DoorCommand(enable_left=False, enable_right=False, open_left=False, open_right=True)
+MIDDLE = DoorCars(left_cars=0, right_cars=0b0110)
+
+
+def test_single_cars_open_while_both_frames_agree_and_no_other_car() -> None:
+    stand = DoorStand()
+
+    assert stand.run(4.0, OPEN_ALONE)[-1] is DoorState.LOCKED
+    assert stand.run(4.0, OPEN_ALONE, MIDDLE)[-1] is DoorState.OPEN
+    assert (stand.unit.left.cars, stand.unit.right.cars) == (0, 0b0110)
+    assert not stand.unit.locked
+    # Without the demand to open, an enabled car closes.
+    assert stand.run(4.0, replace(OPEN_ALONE, open_right=False), MIDDLE)[-1] is DoorState.LOCKED
+    assert stand.unit.right.cars == 0
+    assert stand.unit.locked
+
+
+def test_an_enabled_side_opens_all_cars_that_the_train_has() -> None:
+    stand = DoorStand()
+    stand.run(4.0, OPEN)
+
+    assert stand.unit.right.cars == 0b1111
+
+
+def test_single_cars_close_when_their_frame_goes_missing_or_names_no_car() -> None:
+    stand = DoorStand()
+    stand.run(4.0, OPEN_ALONE, MIDDLE)
+    states = stand.run(1.0, OPEN_ALONE)
+
+    assert states[round(0.19 / STEP_S)] is DoorState.OPEN
+    assert states[round(0.32 / STEP_S)] is DoorState.CLOSING
+    stand.run(4.0, OPEN_ALONE, MIDDLE)
+    states = stand.run(0.1, OPEN_ALONE, DoorCars(left_cars=0, right_cars=0))
+    assert states[0] is DoorState.CLOSING
+
+
+def test_a_car_that_is_no_longer_enabled_closes_the_side_and_one_more_waits() -> None:
+    stand = DoorStand()
+    stand.run(4.0, OPEN_ALONE, MIDDLE)
+
+    stand.run(1.0, OPEN_ALONE, DoorCars(left_cars=0, right_cars=0b1111))
+    assert (stand.unit.right.state, stand.unit.right.cars) == (DoorState.OPEN, 0b0110)
+    stand.run(0.1, OPEN_ALONE, DoorCars(left_cars=0, right_cars=0b0010))
+    assert stand.unit.right.state is DoorState.CLOSING
+    stand.run(8.0, OPEN_ALONE, DoorCars(left_cars=0, right_cars=0b0010))
+    assert (stand.unit.right.state, stand.unit.right.cars) == (DoorState.OPEN, 0b0010)
+
+
+def test_a_car_that_the_train_does_not_have_opens_nothing() -> None:
+    stand = DoorStand()
+
+    states = stand.run(4.0, OPEN_ALONE, DoorCars(left_cars=0, right_cars=0b110000))
+    assert set(states) == {DoorState.LOCKED}
 
 
 def test_an_obstacle_opens_the_doors_again_and_they_try_once_more() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from can_dbc.binding import Frame
 from can_dbc.cab import CabMode, Desk
-from can_dbc.doors import DoorCommand
+from can_dbc.doors import DoorCars, DoorCommand
 from can_dbc.vobc import (
     AtoPhase,
     Cause,
@@ -377,7 +377,7 @@ def test_an_escape_sequence_is_one_key_and_never_a_letter_of_the_desk(
 @given(
     speed_mps=st.floats(-400.0, 400.0),
     inhibits=st.integers(0, 1023).map(Inhibit),
-    withheld=st.integers(0, 511).map(Withheld),
+    withheld=st.integers(0, 1023).map(Withheld),
     cause=st.sampled_from(Cause),
     desk=DESKS,
     heard=st.booleans(),
@@ -440,6 +440,7 @@ def test_a_frame_is_shown_while_it_is_fresh(age_ns: int, kind: type[Frame]) -> N
         VobcPosition: VobcPosition(front_m=1.0, uncertainty_m=2.0),
         VobcTarget: VobcTarget(distance_to_stop_m=1.0, distance_to_authority_m=2.0),
         DoorCommand: DoorCommand(True, False, open_left=False, open_right=False),
+        DoorCars: DoorCars(left_cars=1, right_cars=0),
     }
     display = DeskDisplay()
     display.hear(frames[kind], 7)

@@ -323,6 +323,20 @@ def test_a_refined_wheel_measurement_is_no_event() -> None:
     assert len(events_of(motion=replace(MOTION, wheel_diameter_m=0.85 + 1.1e-4))) == 1
 
 
+@pytest.mark.parametrize(
+    ("cars", "words"),
+    [(0b1111, "cars 1 to 4"), (0b10, "car 2"), (0b11, "cars 1 and 2"), (0b1011, "cars 1, 2 and 4")],
+)
+def test_the_event_names_the_cars_whose_doors_are_enabled(cars: int, words: str) -> None:
+    standing = replace(RUNNING, motion=STANDING)
+
+    enabled = only(events_of(standing, enable_right=True, door_cars=cars))
+    more = only(events_of(replace(standing, enable_right=True), enable_right=True, door_cars=cars))
+
+    assert f"doors enabled on the right in {words}" in enabled.words
+    assert more.words == enabled.words
+
+
 def test_door_enabling_and_the_reasons_against_it_are_events() -> None:
     standing = replace(RUNNING, motion=STANDING)
 
@@ -482,7 +496,7 @@ outputs = st.builds(
     emergency_cause=st.sampled_from(Cause),
     missing=st.integers(0, 511).map(Missing),
     departure_inhibits=st.integers(0, 1023).map(Inhibit),
-    doors_withheld=st.integers(0, 511).map(Withheld),
+    doors_withheld=st.integers(0, 1023).map(Withheld),
     enable_left=st.booleans(),
     enable_right=st.booleans(),
     alarm_raised=st.booleans(),

@@ -17,7 +17,7 @@ from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import CabMode, Desk
 from can_dbc.codec import Decoder, Encoder, Rejected
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeHeartbeat, NodeState
-from can_dbc.doors import DoorCommand, DoorState, DoorStatus
+from can_dbc.doors import DoorCars, DoorCommand, DoorState, DoorStatus
 from can_dbc.nodes import Direction, Node
 from can_dbc.odometer import ColdMovement, Tacho
 from can_dbc.tags import TagReaderHealth
@@ -52,7 +52,7 @@ from vobc.process import (
 from vobc.process.event_log import FRAMES_PER_CYCLE
 from vobc.process.line_command import LineCommand
 from vobc.process.line_silence import LineSilence
-from vobc.vocabulary import Event
+from vobc.vocabulary import SAFE_OUTPUT, Event
 from vobc.wire.refusals import Refusals
 from zenoh_config import keys
 from zenoh_config.codec import BENCH_KEY, pack, unpack
@@ -63,8 +63,8 @@ LEARN_S = load_config("florence4").odometry.learn_s
 NS_PER_MS = 1_000_000
 BABBLE_ID = 0x7F0
 SENT = (
-    BrakeCommand, TractionCommand, DoorCommand, VobcStatus, VobcMotion, VobcPosition, VobcTarget,
-    VobcMode, VobcEvent, HEARTBEATS[Node.VOBC], EMERGENCIES[Node.VOBC],
+    BrakeCommand, TractionCommand, DoorCommand, DoorCars, VobcStatus, VobcMotion, VobcPosition,
+    VobcTarget, VobcMode, VobcEvent, HEARTBEATS[Node.VOBC], EMERGENCIES[Node.VOBC],
 )  # fmt: skip
 
 
@@ -255,6 +255,21 @@ def test_the_brake_command_is_the_first_frame_of_a_cycle() -> None:
 
     assert isinstance(world.heard[0][1], BrakeCommand)
     assert isinstance(world.heard[1][1], TractionCommand)
+
+
+def test_single_cars_are_sent_while_they_are_enabled_and_withdrawn_once() -> None:
+    world = World()
+    world.run(0.2)
+    single = replace(world.vobc.output, enable_right=True, open_right=True, door_cars=0b11)
+
+    for at, output in enumerate((SAFE_OUTPUT, single, single, SAFE_OUTPUT, SAFE_OUTPUT)):
+        world.vobc._send_doors(world.clock.now_ns() + at * 100 * NS_PER_MS, output)
+
+    said = [frame for frame in world.last_words() if isinstance(frame, DoorCars | DoorCommand)]
+    assert [frame for frame in said if isinstance(frame, DoorCars)] == [
+        DoorCars(0, 0b11), DoorCars(0, 0b11), DoorCars(0, 0),
+    ]  # fmt: skip
+    assert not any(frame.enable_right for frame in said if isinstance(frame, DoorCommand))
 
 
 def test_a_crash_in_a_cycle_sends_the_safe_output_and_ends_the_process(

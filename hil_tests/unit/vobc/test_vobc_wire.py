@@ -10,7 +10,7 @@ from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.codec import Decoder, Encoder
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeHeartbeat, NodeState
-from can_dbc.doors import DoorCommand, DoorState, DoorStatus
+from can_dbc.doors import DoorCars, DoorCommand, DoorState, DoorStatus
 from can_dbc.energy import LineSupply
 from can_dbc.nodes import Direction, Node
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
@@ -55,6 +55,7 @@ from vobc.wire import (
     RadioLink,
     Refusal,
     Refusals,
+    door_cars_frame,
     door_frame,
     emergency_message,
     event_frame,
@@ -649,6 +650,22 @@ def test_the_brake_command_comes_first_and_is_exact() -> None:
     assert door_frame(replace(DRIVING, enable_right=True, open_right=True)) == DoorCommand(
         False, True, False, True
     )
+
+
+def test_single_cars_are_enabled_in_their_own_frame_and_no_side_in_the_other() -> None:
+    """A door unit that does not know the second frame opens nothing."""
+    single = replace(DRIVING, enable_right=True, open_right=True, door_cars=0b0110)
+
+    assert door_frame(single) == DoorCommand(False, False, False, True)
+    assert door_cars_frame(single) == DoorCars(left_cars=0, right_cars=0b0110)
+
+
+def test_no_single_car_is_enabled_for_a_whole_train_or_without_a_side() -> None:
+    whole = replace(DRIVING, enable_left=True, enable_right=True)
+
+    assert door_cars_frame(whole) == DoorCars(0, 0)
+    assert door_cars_frame(replace(DRIVING, door_cars=0b0110)) == DoorCars(0, 0)
+    assert door_cars_frame(SAFE_OUTPUT) == DoorCars(0, 0)
 
 
 def test_the_safe_output_is_safe_on_the_wire() -> None:

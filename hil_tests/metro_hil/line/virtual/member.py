@@ -63,6 +63,7 @@ def plan_line(
         odometer_error_ratio=odometer_error_ratio,
     )
     config = load_config(params or traffic.consist, cycle_ms=cycle_ms, law=law, stage=stage)
+    track = track.for_train(config.train.length_m)
     check_reference(config, scenarios[0].train)
     timetable = lap_timetable(traffic, track)
     network = SUPPLIES[supply or traffic.supply]

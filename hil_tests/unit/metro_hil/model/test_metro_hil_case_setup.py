@@ -1,11 +1,17 @@
 """The keys of a scenario give line, mission, real train and assumed train."""
 
+from importlib import resources
+from pathlib import Path
+
 import msgspec
 import pytest
 
 from firmware_py.settings import SettingsError
 from metro_hil.model.case import Branch, Case, Setup
 from metro_hil.model.case_setup import parts_of
+
+SHIPPED = Path(str(resources.files("metro_hil.campaign.shipped")))
+PLATFORMS = SHIPPED / "lines" / "platforms.toml"
 
 
 def case(**keys: object) -> Case:
@@ -23,7 +29,15 @@ def test_dwell_times_of_the_timetable_replace_those_of_the_line() -> None:
 def test_plant_and_controller_get_the_same_line() -> None:
     parts = parts_of(case(dwell_s={"II": 12.5}))
 
-    assert parts.scenario.line is parts.journey.line
+    assert parts.scenario.line == parts.journey.line
+
+
+def test_each_side_takes_the_stopping_point_for_the_length_that_it_knows() -> None:
+    """At Island, trains up to 80 m stop at 270 m."""
+    parts = parts_of(case(line=str(PLATFORMS), start="Yard", end="End", consist="hefei6"))
+
+    assert parts.scenario.line.station("Island").stop_m == 300.0
+    assert parts.journey.line.station("Island").stop_m == 270.0
 
 
 def test_a_timetable_may_pass_stations() -> None:

@@ -498,7 +498,7 @@ def test_doors_that_open_where_they_should_violate_nothing(rig: Rig) -> None:
     open_doors(rig, 1500.0)
 
     assert rig.monitors.violated is None
-    for name in ("door-speed", "door-place", "door-side"):
+    for name in ("door-speed", "door-place", "door-platform", "door-side"):
         assert rig.result(f"inv-30-{name}").margin is not None
     assert rig.margin("inv-31-door-enable") == 1.0
     assert rig.margin("inv-32-door-holding") == 1.0
@@ -511,6 +511,37 @@ def test_doors_open_within_thirty_centimetres_of_the_stopping_point(rig: Rig) ->
 
     rig.step(1, front_m=1499.69)
     assert rig.margin("inv-30-door-place") == pytest.approx(-0.01)
+
+
+@pytest.mark.parametrize(
+    ("cars", "margin_m"),
+    [
+        # The platform reaches from 1420 m to 1505 m; the cars are 17.455, 16.84, 16.84 and
+        # 17.455 m long.
+        (0b1111, 5.0),
+        (0b0110, 22.455),
+        (0b1000, 11.41),
+    ],
+)
+def test_each_car_with_an_open_door_is_beside_the_platform(
+    rig: Rig, cars: int, margin_m: float
+) -> None:
+    open_doors(rig, 1500.0, right_cars=float(cars))
+    assert rig.margin("inv-30-door-platform") == pytest.approx(margin_m)
+
+    # A front right at its stop does not help a car that is still in the tunnel.
+    rig.step(1, front_m=1505.01)
+    first_m = {0b1111: 0.0, 0b0110: 17.455, 0b1000: 51.135}[cars]
+    assert rig.margin("inv-30-door-platform") == pytest.approx(min(margin_m, first_m - 0.01))
+
+
+def test_a_car_behind_the_platform_is_found_although_the_front_is_at_its_stop(rig: Rig) -> None:
+    """The shipped train of 68.59 m at a stopping point 60 m from the rear end of a platform."""
+    open_doors(rig, 1480.0, right_cars=float(0b0111))
+    assert rig.margin("inv-30-door-platform") == pytest.approx(8.865)
+
+    rig.step(1, right_cars=float(0b1111))
+    assert rig.margin("inv-30-door-platform") == pytest.approx(-8.59)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ def test_all_invariants_stand_by_themselves_and_carry_their_requirement() -> Non
 
 @pytest.mark.parametrize("wanted", [30, "30", "inv-30", "INV-30"])
 def test_a_number_means_all_parts_of_an_invariant(wanted: object) -> None:
-    names = ["inv-30-door-speed", "inv-30-door-place", "inv-30-door-side"]
+    names = [f"inv-30-door-{part}" for part in ("speed", "place", "platform", "side")]
 
     assert [plan.name for plan in read(invariants=[wanted])] == names
     assert [plan.name for plan in read({"invariant": wanted})] == names

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.ports import RadioMessage
-from firmware_py.trackdb import LineMap, PlatformSide, load_line
+from firmware_py.trackdb import LineMap, PlatformSide, StoppingPoint, load_line
 from plant_emulator.wayside.centre import StandingOrders, joined
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from plant_emulator.wayside.railway import Railway, subscriptions
@@ -126,6 +126,45 @@ def test_doors_are_authorised_on_the_left_at_a_platform_on_the_left() -> None:
     stations = tuple(replace(each, side=PlatformSide.LEFT) for each in LINE.stations)
     orders = Trackside(replace(LINE, stations=stations)).orders()
     assert (orders.doors_left, orders.doors_right) == (True, False)
+
+
+def test_doors_are_authorised_on_both_sides_between_two_platforms() -> None:
+    stations = tuple(replace(each, side=PlatformSide.BOTH) for each in LINE.stations)
+    trackside = Trackside(replace(LINE, stations=stations))
+
+    orders = trackside.orders()
+    assert (orders.doors_left, orders.doors_right) == (True, True)
+    for side in ("open_left", "open_right"):
+        trackside.ask(**{side: True})
+        assert not trackside.railway.doors.all_closed
+        for _ in range(20):
+            trackside.ask()
+        assert trackside.railway.doors.all_closed
+
+
+def test_of_two_platforms_in_reach_the_one_with_the_nearest_stop_counts() -> None:
+    """II ends at 3005 m and counts until 3015 m; another platform begins at 3008 m."""
+    two = replace(
+        LINE.station("III"), stop_m=3060.0, platform_start_m=3008.0, side=PlatformSide.LEFT
+    )
+    stations = (*LINE.stations[:3], two, LINE.stations[4])
+    trackside = Trackside(replace(LINE, stations=stations, tags=()))
+
+    assert trackside.orders(front_m=3012.0).doors_right
+    assert trackside.orders(front_m=3060.0).doors_left
+
+
+def test_platform_doors_open_at_the_stopping_point_of_a_short_train() -> None:
+    short = (StoppingPoint(train_length_max_m=80.0, stop_m=2970.0),)
+    stations = tuple(
+        replace(each, short_stops=short if each.name == "II" else ()) for each in LINE.stations
+    )
+    trackside = Trackside(replace(LINE, stations=stations))
+
+    trackside.ask(front_m=2985.0, open_right=True)
+    assert trackside.railway.doors.all_closed
+    trackside.ask(front_m=2970.5, open_right=True)
+    assert not trackside.railway.doors.all_closed
 
 
 def test_a_train_that_does_not_know_where_it_is_gets_orders_but_no_doors() -> None:

@@ -4,6 +4,7 @@ import itertools
 import math
 from dataclasses import MISSING, astuple, fields
 
+from can_dbc.doors import ALL_CARS
 from can_dbc.vobc import Cause, Inhibit, OperatingMode, Withheld
 from vobc.atp.guard_inputs import NOWHERE, GuardInputs
 from vobc.atp.verdict import ProtectionVerdict
@@ -52,6 +53,7 @@ def test_the_default_verdict_permits_nothing() -> None:
         "emergency_number": 0,
         "departure_inhibits": Inhibit.NONE,
         "doors_withheld": Withheld.NONE,
+        "door_cars": ALL_CARS,
         "reverse_permitted": False,
         "jog_permitted": False,
         "jog_back_m": 0.0,

@@ -78,3 +78,20 @@ def test_the_whole_interval_has_to_lie_in_the_window(
     low_m: float, high_m: float, aligned: bool
 ) -> None:
     assert is_aligned(A, Interval(low_m, 100.0, high_m), window_m=WINDOW_M) is aligned
+
+
+@pytest.mark.parametrize(
+    ("low_m", "best_m", "high_m", "where"),
+    [
+        (600.0, 600.0, 600.0, PlatformWhereabouts.ALIGNED),
+        (599.5, 600.0, 600.5, PlatformWhereabouts.NEAR),
+    ],
+)
+def test_a_train_that_stops_with_its_rear_at_the_platform_behind_is_at_its_own_stop(
+    low_m: float, best_m: float, high_m: float, where: PlatformWhereabouts
+) -> None:
+    found = place_of(
+        (A, B), Interval(low_m, best_m, high_m), train_length_m=510.0, window_m=WINDOW_M
+    )
+
+    assert found == (where, B)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.brake import BrakeStatus
-from can_dbc.doors import DoorState, DoorStatus
+from can_dbc.doors import ALL_CARS, DoorState, DoorStatus
 from can_dbc.traction import TractionStatus
 from can_dbc.vobc import Cause, Inhibit, Missing, Withheld
 from firmware_py.trackdb import LineMap, PlatformSide, load_line
@@ -188,6 +188,10 @@ def test_a_train_between_stations_reports_no_withheld_doors() -> None:
         (PlatformSide.LEFT, False, True, (False, False)),
         (PlatformSide.RIGHT, True, False, (False, False)),
         (PlatformSide.RIGHT, False, True, (False, True)),
+        (PlatformSide.BOTH, True, False, (True, False)),
+        (PlatformSide.BOTH, False, True, (False, True)),
+        (PlatformSide.BOTH, True, True, (True, True)),
+        (PlatformSide.BOTH, False, False, (False, False)),
     ],
 )
 def test_doors_open_on_the_side_that_map_and_centre_both_name(
@@ -201,6 +205,35 @@ def test_doors_open_on_the_side_that_map_and_centre_both_name(
 
     assert verdict.doors == doors
     assert (verdict.withheld is Withheld.NONE) is any(doors)
+
+
+def at_platform_of(length_m: float, car_lengths_m: tuple[float, ...] = ()) -> StationVerdict:
+    """A train of another length at the stopping point, 80 m from the rear end of the platform."""
+    guard = StationGuard(CONFIG, LINE, train_length_m=length_m, car_lengths_m=car_lengths_m)
+    return guard.step(
+        SEEN, standing(STOP_M), gone=0, emergency=False, may_move=True, stopping_at_m=STOP_M
+    )
+
+
+def test_a_train_longer_than_the_platform_opens_no_door_and_says_why() -> None:
+    verdict = at_platform_of(80.01)
+
+    assert not any(verdict.doors)
+    assert verdict.withheld is Withheld.OFF_PLATFORM
+    assert any(at_platform_of(80.0).doors)
+
+
+def test_a_longer_train_opens_the_cars_beside_the_platform_alone() -> None:
+    verdict = at_platform_of(117.12, (19.52,) * 6)
+
+    assert verdict.doors == (False, True)
+    assert verdict.door_cars == 0b001111
+    assert verdict.withheld is Withheld.NONE
+
+
+def test_a_train_beside_its_platform_opens_all_doors() -> None:
+    assert at_platform().door_cars == ALL_CARS
+    assert at_platform_of(78.08, (19.52,) * 4).door_cars == ALL_CARS
 
 
 def test_a_train_without_position_opens_no_doors() -> None:
