@@ -312,6 +312,14 @@ def _type_text(hint: Any) -> str:
     return f"of type {getattr(hint, '__name__', hint)}"
 
 
+def check_ranges(owner: object, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Raise ValueError for the first field that is outside of its range; NaN always is."""
+    for name, (least, most) in ranges.items():
+        value = getattr(owner, name)
+        if not least <= value <= most:
+            raise ValueError(f"{name} {value} is not in {least:g}..{most:g}")
+
+
 def nearest(name: str, known: list[str], what: str = "value") -> str:
     """Return a hint that leads from an unknown name to a known one."""
     close = difflib.get_close_matches(name, known, n=1)

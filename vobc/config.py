@@ -17,6 +17,11 @@ SHIPPED = "vobc.params"
 CYCLE_MS_MIN = 20.0
 CYCLE_MS_MAX = 200.0
 NOTHING: Final[Mapping[str, Any]] = {}
+RANGES: Final[Mapping[str, tuple[float, float]]] = {
+    "report_ms": (50.0, 2000.0),
+    "manual_jerk_mps3": (0.05, 5.0),
+}
+"""Plausible range of each value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +49,7 @@ class VobcConfig:
         if self.ato.strategy not in STRATEGIES:
             known = ", ".join(sorted(STRATEGIES))
             raise ValueError(f"ato.strategy {self.ato.strategy!r} is unknown; there is {known}")
-        if self.report_ms <= 0.0 or self.manual_jerk_mps3 <= 0.0:
-            raise ValueError("report_ms or manual_jerk_mps3 is not positive")
+        settings.check_ranges(self, RANGES)
 
 
 def load_config(

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, fields
 from typing import Protocol
 
+from firmware_py.settings import check_ranges
+
 
 class UniformSource(Protocol):
     """A generator of numbers in [0, 1), such as numpy's."""
@@ -27,9 +29,7 @@ class Spread:
 
 def check(owner: object, name: str, least: float, most: float) -> None:
     """Raise ValueError unless the field lies within the range; NaN never does."""
-    value = getattr(owner, name)
-    if not least <= value <= most:
-        raise ValueError(f"{name} {value} is not in {least:g}..{most:g}")
+    check_ranges(owner, {name: (least, most)})
 
 
 def check_spread(owner: object, name: str, least: float, most: float) -> None:

@@ -1,6 +1,13 @@
 """Settings of protection: margins, worst-case assumptions and input timeouts."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Final
+
+from firmware_py.settings import check_ranges
+
+TIMEOUT_S: Final = (0.02, 5.0)
+"""Plausible range of each timeout."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,9 +23,7 @@ class Timeouts:
     alarms_s: float
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            if getattr(self, each.name) <= 0.0:
-                raise ValueError(f"{each.name} {getattr(self, each.name)} is not positive")
+        check_ranges(self, {each.name: TIMEOUT_S for each in fields(self)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,12 +106,11 @@ class AtpConfig:
     the service brake."""
 
     def __post_init__(self) -> None:
+        check_ranges(self, RANGES)
         if not 0.0 < self.warning_margin_mps < self.service_margin_mps < self.emergency_margin_mps:
             raise ValueError(
                 "0 < warning_margin_mps < service_margin_mps < emergency_margin_mps does not hold"
             )
-        if not 0.0 < self.authority_service_ratio <= 1.0:
-            raise ValueError(f"authority_service_ratio {self.authority_service_ratio} not in 0..1")
         flat = (
             self.flat_warning_margin_mps,
             self.flat_service_margin_mps,
@@ -122,12 +126,6 @@ class AtpConfig:
                 f"overshoot_m {self.overshoot_m} is more than "
                 f"overshoot_mended_m {self.overshoot_mended_m}"
             )
-        for name in _POSITIVE:
-            if getattr(self, name) <= 0.0:
-                raise ValueError(f"{name} {getattr(self, name)} is not positive")
-        for name in _NOT_NEGATIVE:
-            if getattr(self, name) < 0.0:
-                raise ValueError(f"{name} {getattr(self, name)} is negative")
 
     def runaway_s(self, cycle_s: float) -> float:
         """Time from reaching a speed until traction is certainly cut.
@@ -138,36 +136,43 @@ class AtpConfig:
         return self.sensing_s + (1 + self.overruns_max) * cycle_s + self.traction_cut_s
 
 
-_POSITIVE = (
-    "guaranteed_decel_mps2",
-    "interval_step_m",
-    "replica_band_mps",
-    "authority_age_max_s",
-    "orders_age_max_s",
-    "restrictions_age_max_s",
-    "clock_tolerance_s",
-    "restricted_mps",
-    "creep_mps",
-    "jog_mps",
-    "jog_m",
-    "overshoot_m",
-    "stop_decel_mps2",
-    "rollback_m",
-    "held_movement_m",
-    "door_window_m",
-)
-_NOT_NEGATIVE = (
-    "runaway_mps2",
-    "sensing_s",
-    "traction_cut_s",
-    "brake_build_up_s",
-    "service_lead_s",
-    "warning_lead_s",
-    "permitted_lead_s",
-    "overruns_max",
-    "replica_cycles_max",
-    "brake_unit_s",
-    "takeover_margin_mps",
-    "jog_attempts",
-    "stop_patience_s",
-)
+RANGES: Final[Mapping[str, tuple[float, float]]] = {
+    "warning_margin_mps": (0.1, 3.0),
+    "service_margin_mps": (0.1, 4.0),
+    "emergency_margin_mps": (0.1, 5.0),
+    "guaranteed_decel_mps2": (0.3, 2.5),
+    "runaway_mps2": (0.0, 2.5),
+    "sensing_s": (0.0, 0.5),
+    "traction_cut_s": (0.0, 2.0),
+    "brake_build_up_s": (0.0, 4.0),
+    "interval_step_m": (0.01, 10.0),
+    "replica_band_mps": (0.001, 0.5),
+    "replica_cycles_max": (0, 10),
+    "service_lead_s": (0.0, 5.0),
+    "warning_lead_s": (0.0, 5.0),
+    "permitted_lead_s": (0.0, 5.0),
+    "authority_age_max_s": (0.5, 15.0),
+    "authority_service_ratio": (0.1, 1.0),
+    "orders_age_max_s": (0.5, 30.0),
+    "restrictions_age_max_s": (1.0, 300.0),
+    "rollback_m": (0.1, 2.0),
+    "held_movement_m": (0.1, 2.0),
+    "overruns_max": (0, 5),
+    "clock_tolerance_s": (0.01, 1.0),
+    "brake_unit_s": (0.0, 10.0),
+    "restricted_mps": (0.5, 12.0),
+    "creep_mps": (0.5, 8.0),
+    "jog_mps": (0.2, 2.0),
+    "flat_warning_margin_mps": (0.05, 2.0),
+    "flat_service_margin_mps": (0.05, 3.0),
+    "flat_emergency_margin_mps": (0.05, 4.0),
+    "takeover_margin_mps": (0.0, 5.0),
+    "jog_m": (0.5, 10.0),
+    "jog_attempts": (0, 10),
+    "overshoot_m": (0.2, 10.0),
+    "overshoot_mended_m": (0.2, 10.0),
+    "stop_patience_s": (0.0, 15.0),
+    "stop_decel_mps2": (0.05, 1.5),
+    "door_window_m": (0.05, 1.0),
+}
+"""Plausible range of each value. Beyond it the value is a slip of the pen or of the unit."""

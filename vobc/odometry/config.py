@@ -1,6 +1,10 @@
 """Assumed properties of the position and speed sensors."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
+
+from firmware_py.settings import check_ranges
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,32 +88,47 @@ class OdometryConfig:
                 f"scale_error_low_ratio {self.scale_error_low_ratio} and scale_error_high_ratio "
                 f"{self.scale_error_high_ratio} must enclose 0 within ±0.2"
             )
-        if self.learn_s < 0.0:
-            raise ValueError(f"learn_s {self.learn_s} is negative")
-        for name in _POSITIVE:
-            if getattr(self, name) <= 0:
-                raise ValueError(f"{name} {getattr(self, name)} is not positive")
+        check_ranges(self, RANGES)
 
 
-_POSITIVE = (
-    "scale_sigma_ratio",
-    "scale_base_m",
-    "start_bound_m",
-    "tag_bound_m",
-    "tag_sigma_m",
-    "tag_reach_m",
-    "missed_tags_max",
-    "localisation_limit_m",
-    "tracking_rad_s",
-    "window_s",
-    "max_accel_mps2",
-    "max_speed_mps",
-    "standing_s",
-    "silence_s",
-    "zero_speed_mps",
-    "zero_speed_s",
-    "doppler_error_mps",
-    "imu_error_mps2",
-    "unseen_slip_ratio",
-    "slip_hold_s",
-)
+RANGES: Final[Mapping[str, tuple[float, float]]] = {
+    "scale_sigma_ratio": (1.0e-4, 0.1),
+    "scale_margin_ratio": (0.0, 0.05),
+    "scale_base_m": (1.0, 1000.0),
+    "creep_sigma_m_per_sqrt_m": (0.0, 0.1),
+    "start_bound_m": (0.01, 20.0),
+    "cold_movement_m": (0.1, 20.0),
+    "tag_bound_m": (0.001, 1.0),
+    "tag_sigma_m": (0.001, 1.0),
+    "tag_stamp_s": (0.0, 0.1),
+    "tag_reach_m": (0.05, 3.0),
+    "tag_silence_s": (0.05, 10.0),
+    "missed_tags_max": (1, 10),
+    "localisation_limit_m": (1.0, 500.0),
+    "tracking_rad_s": (0.5, 50.0),
+    "window_s": (0.02, 2.0),
+    "stamp_jitter_s": (0.0, 0.1),
+    "learn_s": (0.0, 10.0),
+    "max_accel_mps2": (0.5, 4.0),
+    "max_speed_mps": (5.0, 100.0),
+    "standing_s": (0.05, 5.0),
+    "silence_s": (0.02, 2.0),
+    # IEEE 1474: doors and zero speed are below 3 km/h.
+    "zero_speed_mps": (0.01, 3.0 / 3.6),
+    "zero_speed_s": (0.1, 10.0),
+    "doppler_quality_percent": (0.0, 100.0),
+    "doppler_age_s": (0.02, 2.0),
+    "doppler_error_mps": (0.001, 2.0),
+    "doppler_error_ratio": (0.0, 0.2),
+    "doppler_mean_mps": (0.0, 2.0),
+    "doppler_mean_ratio": (0.0, 0.2),
+    "doppler_blind_mps": (0.0, 5.0),
+    "imu_age_s": (0.02, 2.0),
+    "imu_error_mps2": (0.001, 2.0),
+    "unseen_slip_ratio": (0.001, 1.0),
+    "gentle_mps2": (0.0, 2.0),
+    "gentle_slip_ratio": (0.0, 1.0),
+    "ground_slack_m": (0.0, 2.0),
+    "slip_hold_s": (0.01, 10.0),
+}
+"""Plausible range of each value. Beyond it the value is a slip of the pen or of the unit."""

@@ -2,6 +2,7 @@
 
 import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,6 +15,7 @@ from can_dbc.energy import LineSupply
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionStatus
+from firmware_py.settings import check_ranges
 from firmware_py.trackdb import Station
 from vobc.vocabulary.received import Received
 
@@ -45,27 +47,31 @@ class TrainBelief:
     cars. Without them the doors open only beside a platform that is as long as the train."""
 
     def __post_init__(self) -> None:
-        for name in _POSITIVE_OF_TRAIN:
-            if getattr(self, name) <= 0:
-                raise ValueError(f"{name} {getattr(self, name)} is not positive")
-        for name in ("full_load_kg", "rotating_mass_ratio", "antenna_offset_m"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"{name} {getattr(self, name)} is negative")
+        check_ranges(self, RANGES_OF_TRAIN)
+        for length_m in self.car_lengths_m:
+            if not CAR_M[0] <= length_m <= CAR_M[1]:
+                raise ValueError(f"car_lengths_m {length_m} is not in {CAR_M[0]:g}..{CAR_M[1]:g}")
 
     @property
     def nominal_m_per_pulse(self) -> float:
         return math.pi * self.wheel_diameter_m / self.pulses_per_turn
 
 
-_POSITIVE_OF_TRAIN: Final = (
-    "length_m",
-    "tare_kg",
-    "wheel_diameter_m",
-    "pulses_per_turn",
-    "rated_force_n",
-    "rated_power_w",
-    "service_decel_max_mps2",
-)
+RANGES_OF_TRAIN: Final[Mapping[str, tuple[float, float]]] = {
+    "length_m": (1.0, 500.0),
+    "tare_kg": (1.0e3, 2.0e6),
+    "full_load_kg": (0.0, 2.0e6),
+    "rotating_mass_ratio": (0.0, 0.5),
+    "antenna_offset_m": (0.0, 500.0),
+    "wheel_diameter_m": (0.3, 1.5),
+    "pulses_per_turn": (1, 10_000),
+    "rated_force_n": (1.0e3, 3.0e6),
+    "rated_power_w": (1.0e3, 1.0e8),
+    "service_decel_max_mps2": (0.2, 2.0),
+}
+"""Plausible range of each value."""
+CAR_M: Final = (1.0, 100.0)
+"""Plausible range of the length of a car."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,28 +1,51 @@
 """Settings of odometry at both sides of each limit."""
 
-from dataclasses import replace
+import math
+from dataclasses import fields, replace
 
 import pytest
 
 from vobc.config import load_config
+from vobc.odometry.config import RANGES, OdometryConfig
 
 CONFIG = load_config("florence4").odometry
 
 
+def with_one(name: str, value: float) -> OdometryConfig:
+    return replace(CONFIG, **{name: value})  # type: ignore[arg-type]
+
+
+def test_each_setting_has_a_range() -> None:
+    scale = {"scale_error_low_ratio", "scale_error_high_ratio"}
+
+    assert {field.name for field in fields(OdometryConfig)} - scale == RANGES.keys()
+
+
+@pytest.mark.parametrize("name", sorted(RANGES))
+def test_a_setting_is_valid_up_to_both_ends_of_its_range_and_not_beyond(name: str) -> None:
+    least, most = RANGES[name]
+
+    for value in (least, most):
+        assert getattr(with_one(name, value), name) == value
+    for value in (math.nextafter(least, -1e9), math.nextafter(most, 1e9), math.nan):
+        with pytest.raises(ValueError, match=rf"^{name} .* is not in "):
+            with_one(name, value)
+
+
 @pytest.mark.parametrize(
-    "name",
+    ("name", "value"),
     [
-        "scale_sigma_ratio", "scale_base_m", "start_bound_m", "tag_bound_m", "tag_sigma_m",
-        "tag_reach_m", "missed_tags_max", "localisation_limit_m", "tracking_rad_s", "window_s",
-        "max_accel_mps2", "max_speed_mps", "standing_s", "silence_s", "zero_speed_mps",
-        "zero_speed_s", "doppler_error_mps", "imu_error_mps2", "unseen_slip_ratio", "slip_hold_s",
+        ("zero_speed_mps", 100.0),
+        ("doppler_error_ratio", -0.012),
+        ("scale_margin_ratio", -0.002),
+        ("imu_error_mps2", -0.15),
+        ("tag_stamp_s", -0.006),
+        ("max_accel_mps2", 17.0),
     ],
-)  # fmt: skip
-def test_what_must_be_positive_is_refused_at_zero_and_below(name: str) -> None:
-    for value in (0, -1):
-        with pytest.raises(ValueError, match=f"^{name} {value} is not positive$"):
-            replace(CONFIG, **{name: value})
-    assert getattr(replace(CONFIG, **{name: 1}), name) == 1
+)
+def test_a_slip_of_the_pen_is_refused_with_its_name_and_value(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"^{name} {value} is not in "):
+        with_one(name, value)
 
 
 @pytest.mark.parametrize(
