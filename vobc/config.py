@@ -51,6 +51,11 @@ class VobcConfig:
             raise ValueError(f"ato.strategy {self.ato.strategy!r} is unknown; there is {known}")
         settings.check_ranges(self, RANGES)
 
+    @property
+    def true_per_counted(self) -> float:
+        """Greatest true distance of one metre that odometry counts."""
+        return 1.0 / (1.0 + self.odometry.scale_error_low_ratio)
+
 
 def load_config(
     name: str,

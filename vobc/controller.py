@@ -66,6 +66,7 @@ class Controller:
             train_length_m=config.train.length_m,
             cycle_s=self._cycle_s,
             car_lengths_m=config.train.car_lengths_m,
+            true_per_counted=config.true_per_counted,
         )
         self._operation = operation or Ato(config.ato, line, mission.start.stop_m, mission.stops)
         self._manual_mps2 = 0.0

@@ -20,6 +20,7 @@ from firmware_py.trackdb.sites import (
 from firmware_py.trackdb.sites import TagKind as TagKind
 
 T = TypeVar("T")
+ROLLBACK_MAX_M: Final = 10.0
 
 CHAINAGE_MIN_M: Final = -1000.0
 """Least chainage of a line. The train's position frame carries no smaller one."""
@@ -45,6 +46,9 @@ class LineMap:
     curves: tuple[CurveSection, ...] = ()
     tags: tuple[TagSite, ...] = ()
     description: str = ""
+    rollback_m: float = 2.0
+    """Greatest distance that a train may roll back. The wayside keeps that much track free behind
+    each train."""
     # Each quantity is stored as the chainages of its changes and its values, one more than changes.
     # value[i] holds on [edge[i - 1], edge[i]), so that bisect_right(edges, at) is its index.
     _limit_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
@@ -65,6 +69,8 @@ class LineMap:
                     f"{name} {getattr(self, name)} is not in {CHAINAGE_MIN_M:g}.."
                     f"{CHAINAGE_MAX_M:g}, which VOBC_POSITION can carry; shift the chainages"
                 )
+        if not 0.0 < self.rollback_m <= ROLLBACK_MAX_M:
+            raise ValueError(f"rollback_m {self.rollback_m} is not in 0..{ROLLBACK_MAX_M:g}")
         self._check_stations()
         self._check_speeds()
         self._check_sections("gradients", [(g.start_m, g.end_m) for g in self.gradients])
@@ -192,6 +198,13 @@ class LineMap:
         first = bisect_right(self._grade_edges_m, rear_m)
         last = bisect_right(self._grade_edges_m, front_m)
         return min(self._grades_permille[first : last + 1])
+
+    def steepest_climb_permille(self, rear_m: float, front_m: float) -> float:
+        """The highest (steepest climbing) gradient anywhere in [rear_m, front_m]; level is 0."""
+        assert rear_m <= front_m
+        first = bisect_right(self._grade_edges_m, rear_m)
+        last = bisect_right(self._grade_edges_m, front_m)
+        return max(self._grades_permille[first : last + 1])
 
     def limit_mps(self, at_m: float) -> float:
         """Civil speed limit at one point."""

@@ -71,7 +71,8 @@ def authority_too_old(inputs: GuardInputs) -> bool:
 
 
 def rolled_back(inputs: GuardInputs) -> bool:
-    return not inputs.rollback_m < inputs.limits.rollback_m
+    """The train rolled back too far, or could no longer be held within the limit of the line."""
+    return not inputs.rollback_m < inputs.limits.rollback_m or not inputs.rollback_room_m > 0.0
 
 
 def backed_too_far(inputs: GuardInputs) -> bool:

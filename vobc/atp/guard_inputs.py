@@ -27,6 +27,9 @@ class GuardInputs:
     """Zero speed is proven."""
     rollback_m: float = 0.0
     """Distance back from the foremost place."""
+    rollback_room_m: float = math.inf
+    """Distance that remains to the line's limit of rollback if the emergency brake is applied now.
+    """
     held_movement_m: float = 0.0
     """Distance from the place where the train was last to be held, in either direction."""
     jog_movement_m: float = 0.0

@@ -35,6 +35,7 @@ from vobc.atp.modes import (
     restrictions_are_fresh,
 )
 from vobc.atp.movement import Movements
+from vobc.atp.rollback import RollbackWatch
 from vobc.atp.station import StationGuard, StationVerdict
 from vobc.atp.supervision import authority_ages, next_state, permission_gone, stops_not
 from vobc.atp.verdict import ProtectionVerdict
@@ -77,8 +78,12 @@ class Protection:
         train_length_m: float,
         cycle_s: float,
         car_lengths_m: Sequence[float] = (),
+        true_per_counted: float = 1.0,
     ) -> None:
-        """`car_lengths_m`: of a train whose door unit opens single cars, from the front."""
+        """Args:
+        car_lengths_m: of a train whose door unit opens single cars, from the front.
+        true_per_counted: greatest true distance of one metre that odometry counts.
+        """
         self._config = config
         self._cycle_s = cycle_s
         braking = SafeBraking(
@@ -93,6 +98,13 @@ class Protection:
         self._replicas = Replicas(config, check)
         self._station = StationGuard(
             config, line, train_length_m=train_length_m, car_lengths_m=car_lengths_m
+        )
+        self._rollback = RollbackWatch(
+            config,
+            line,
+            train_length_m=train_length_m,
+            cycle_s=cycle_s,
+            true_per_counted=true_per_counted,
         )
         self._resets = Resets()
         self._brake_unit = BrakeUnitWatch(config)
@@ -217,6 +229,7 @@ class Protection:
             standing=motion.standing,
             standstill=motion.standstill,
             rollback_m=movement.rollback_m,
+            rollback_room_m=self._rollback.room_m(movement.rollback_m, motion),
             held_movement_m=movement.held_m,
             jog_movement_m=movement.jog_m,
             behind_jog_m=movement.behind_jog_m,

@@ -108,7 +108,13 @@ def reachable_areas(name: str, line: LineMap) -> AreaMap:
     """Raises SettingsError for a line without areas, or if no authority reaches one of the
     stops.
     """
-    areas, room_m = load_areas(name), T2tConfig().behind_axle_m
+    areas, kept = load_areas(name), T2tConfig()
+    if line.rollback_m > kept.rollback_m:
+        raise SettingsError(
+            f"line {line.name}: rollback_m {line.rollback_m:g} is more than the "
+            f"{kept.rollback_m:g} m that trains which command themselves keep free behind a train"
+        )
+    room_m = kept.behind_axle_m
     for station in line.stations:
         if not areas.start_m <= station.stop_m <= areas.end_m - room_m:
             raise SettingsError(

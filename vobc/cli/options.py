@@ -18,6 +18,7 @@ from vobc.ato.settings.output import STAGES
 from vobc.cli import line as line_options
 from vobc.cli.whereabouts import Whereabouts, whereabouts
 from vobc.config import CYCLE_MS_MAX, CYCLE_MS_MIN, VobcConfig, load_config, plan_mission
+from vobc.plausible import check_plausible
 from vobc.vocabulary import Mission, OdometryRecord
 
 AUTO: Final = "auto"
@@ -142,6 +143,7 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> DevicePlan:
     line_options.check_peer(options)
     config = line_options.addressed(config, options)
     line = load_line(options.line).for_train(config.train.length_m)
+    check_plausible(config, line)
     areas = line_options.areas_of(options, line)
     nvram = Nvram(options.nvram, NvramRecord(boot_count=epoch_ns // NS_PER_S))
     place = whereabouts(config, line, nvram, options.start, options.nvram)

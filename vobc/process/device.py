@@ -18,6 +18,7 @@ from vobc.atp import ProtectionVerdict
 from vobc.config import VobcConfig
 from vobc.controller import Controller
 from vobc.events import controller_ends, events_between, memory_lost
+from vobc.plausible import check_plausible
 from vobc.process.cycle_log import CycleLog, cycle_row
 from vobc.process.event_log import EventLog, EventQueue
 from vobc.process.line_command import BEAT_MS, LineCommand, authority_of, restrictions_of
@@ -86,11 +87,14 @@ class VobcDevice:
     ) -> None:
         """Count this start in `nvram`. The count is on the disk before the first radio message.
 
+        Raises SettingsError for parameters that do not fit the line, see `check_plausible`.
+
         Args:
             command: train-to-train control. Authorities then come only from it.
             start: place of the train; by default the start of its mission.
             forgotten: the memory of the board is unreadable. This is reported as the first event.
         """
+        check_plausible(config, line)
         self._config = config
         self._can, self._tags, self._radio, self._nvram = can, tags, radio, nvram
         self._log, self._command = cycle_log, command

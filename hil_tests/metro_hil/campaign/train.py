@@ -14,6 +14,7 @@ from metro_hil.campaign.sources import Sources
 from metro_hil.model.case import Setup
 from plant_emulator.train_config import TrainConfig
 from vobc.config import VobcConfig
+from vobc.plausible import implausible
 
 T = TypeVar("T")
 DEFAULT = Setup()
@@ -36,9 +37,12 @@ def read_setup(raw: Mapping[str, Any], sources: Sources, findings: Findings) -> 
             setup = msgspec.structs.replace(setup, desk_recording=recording[0])
     if line is None or consist is None or params is None:
         return None
-    _check_params(setup, params[1], findings)
+    config = _believed(setup, params[1], findings)
     real = _real_train(setup, consist[1], findings)
     setup = _check_stations(setup, line[1], real, findings)
+    if config is not None:
+        for text in implausible(config, line[1].for_train(config.train.length_m)):
+            findings.add("train", text)
     if len(findings.found) > before:
         return None
     return msgspec.structs.replace(setup, line=line[0], consist=consist[0], params=params[0])
@@ -77,9 +81,9 @@ def _named(
         return None
 
 
-def _check_params(setup: Setup, params: VobcConfig, findings: Findings) -> None:
+def _believed(setup: Setup, params: VobcConfig, findings: Findings) -> VobcConfig | None:
     key = "train.believed"
-    attempt(lambda table: override(params, table, key), setup.believed, key, findings)
+    return attempt(lambda table: override(params, table, key), setup.believed, key, findings)
 
 
 def _real_train(setup: Setup, train: TrainConfig, findings: Findings) -> TrainConfig:

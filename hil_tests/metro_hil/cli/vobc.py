@@ -11,6 +11,7 @@ from firmware_py.program import Program
 from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS, parse
 
 VERBS: Final = {
+    "check": "vobc.cli.check",
     "device": "vobc.cli.command",
     "explain": "metro_hil.report.explain.command",
     "tune": "metro_hil.tuning.command",

@@ -46,6 +46,7 @@ from metro_hil.model.subprocesses import ChildError
 from metro_hil.report.table import print_results
 from metro_hil.run.lockstep import config_of, run_lockstep, scenario_of
 from vobc.cli.line import reachable_areas
+from vobc.plausible import check_plausible
 from zenoh_config.secured import train_name
 
 
@@ -81,6 +82,7 @@ def _run(options: RunOptions, console: Console) -> int:
 
         return line_run.run(options, console)
     journey, scenario, config = plan_journey(options), scenario_of(options), config_of(options)
+    check_plausible(config, journey.line)
     if options.lockstep:
         check_reference(config, scenario.train)
     clock = WallClock()

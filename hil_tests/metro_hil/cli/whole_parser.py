@@ -14,6 +14,7 @@ from metro_hil.report.explain import command as explain_command
 from metro_hil.supervision import command as supervision_command
 from metro_hil.supervision import demo_ca, radio_log_command
 from metro_hil.tuning import command as tuning_command
+from vobc.cli import check
 from vobc.cli import options as device_options
 
 
@@ -25,6 +26,7 @@ def whole_parser() -> argparse.ArgumentParser:
     verbs |= {verb: operator[verb] for verb in LINE_VERBS}
     shipped = verbs_of(shipped_files.parser())
     verbs |= {verb: shipped[verb] for verb in SHIPPED_VERBS}
+    verbs["check"] = check.parser()
     verbs["device"] = device_options.parser()
     verbs["explain"] = explain_command.parser()
     verbs["tune"] = tuning_command.parser()

@@ -13,6 +13,7 @@ from plant_emulator.faults.fitting import check_fitting
 from plant_emulator.faults.plan import FaultPlan, read_faults
 from plant_emulator.world import TrainScenario, plan_scenario
 from vobc.config import VobcConfig, load_config, plan_mission
+from vobc.plausible import check_plausible
 from vobc.vocabulary import Mission
 
 Files = Mapping[str, Path]
@@ -36,6 +37,7 @@ def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
     line = line_of(setup, files)
     mission = mission_of(setup, line)
     config = config_of(setup, files)
+    check_plausible(config, line)
     scenario = scenario_of(setup, mission, _first_seed(case), files)
     faults = read_faults(case.faults, case.id)
     check_fitting(faults, scenario.train, case.id)

@@ -26,6 +26,7 @@ EXIT_ENVIRONMENT = 3
 EXIT_INTERRUPTED = 130
 
 OTHER_VERBS = {
+    "check": "judge line, train and parameters together, without a run",
     "device": "run the bare controller on a bus, for a plant or a real train",
     "explain": "show what the controller of a run decided, why, and from which frames",
     "tune": "re-tune a control law and write a parameter file",

@@ -127,9 +127,9 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         8,
         "rollback",
         "m",
-        "The train rolls back at most 2 m.",
-        "2 m less the distance back from the foremost position, from 2 cm on; a jog back does not "
-        "count. The controller's own trip at 0.5 m is not on the bus.",
+        "The train rolls back at most by the limit of the line, 2 m.",
+        "The limit less the distance back from the foremost position, from 2 cm on; a jog back "
+        "does not count. The controller's own trip is not on the bus.",
     ),
     _watched(
         9,

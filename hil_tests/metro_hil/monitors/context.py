@@ -30,7 +30,6 @@ class Context:
     """Time from the demand for the emergency brake until there is no tractive effort."""
     build_up_s: float = 1.05
     """Time from the traction cut to the full emergency brake; the train coasts meanwhile."""
-    rollback_m: float = 2.0
     jog_m: float = 5.0
     jog_mps: float = 5.0 / 3.6
     jog_attempts: int = 3

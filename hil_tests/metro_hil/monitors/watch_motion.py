@@ -79,7 +79,7 @@ class MotionWatch:
         self._build_up_s = context.build_up_s
         self._margin_mps = context.emergency_margin_mps
         self._quick_margin_mps = self._margin_mps + self._overshoot_mps(0.0)
-        self._rollback_m = context.rollback_m
+        self._rollback_m = context.line.rollback_m
         self._foremost_m = -math.inf
         self._emergency_since_ns = -1
         self._look_ns = 0

@@ -15,6 +15,7 @@ import can_dbc.codec
 from can_dbc import doors, odometer, traction
 from can_dbc.binding import Frame
 from can_dbc.packing import Unpack, unpacker
+from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
 from metro_hil.campaign.plan import plan_cases
 from metro_hil.campaign.read import read_campaign
@@ -90,9 +91,9 @@ def run(ride: BeliefRun, mistake: Mistake = lambda parts: parts) -> CaseResult |
             path.write_text(ride.contents[name], encoding="utf-8")
         try:
             parts = mistake(parts_of(ride.case, files))
-        except ValueError:
+            case_run = CaseRun(ride.case, parts, None)
+        except (ValueError, SettingsError):
             return None
-        case_run = CaseRun(ride.case, parts, None)
         try:
             case_run.to_end()
         finally:

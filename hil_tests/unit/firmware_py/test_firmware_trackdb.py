@@ -398,3 +398,9 @@ def test_stopping_points_lie_along_the_platform_in_order_of_length() -> None:
         Station("A", 100.0, 0.0, 105.0, short_stops=(StoppingPoint(40.0, 106.0),))
     with pytest.raises(ValueError, match=r"train_length_max_m 0\.0 is not positive"):
         StoppingPoint(0.0, 60.0)
+
+
+@pytest.mark.parametrize("rollback_m", [0.0, -1.0, 10.1, float("nan")])
+def test_the_limit_of_rollback_has_a_range(rollback_m: float) -> None:
+    with pytest.raises(ValueError, match=r"rollback_m .* is not in"):
+        replace(FLORENCE, rollback_m=rollback_m)

@@ -59,3 +59,8 @@ def test_a_stop_before_the_first_area_is_refused(stop_m: float, *, reached: bool
 
 def test_a_train_that_a_zone_controller_commands_needs_no_areas() -> None:
     assert areas_of(argparse.Namespace(line_radio=None), line_with_stop(4_800.0)) is None
+
+
+def test_a_line_that_permits_more_rollback_than_the_trains_keep_free_is_refused() -> None:
+    with pytest.raises(SettingsError, match=r"rollback_m 2\.5 is more than the 2 m that trains"):
+        areas_of(BY_RADIO, replace(line_with_stop(4500.0), rollback_m=2.5))

@@ -36,6 +36,7 @@ from firmware_py.buses.inproc import InprocBus
 from firmware_py.clock.clock import LockstepClock
 from firmware_py.clock.executive import Executive, Task, run
 from firmware_py.radio.inproc_radio import InprocRadio
+from firmware_py.settings import SettingsError
 from firmware_py.storage.nvram import Nvram, NvramRecord
 from firmware_py.storage.recorder import LineLog
 from firmware_py.tag_reader.inproc_line import inproc_line
@@ -270,6 +271,23 @@ def test_single_cars_are_sent_while_they_are_enabled_and_withdrawn_once() -> Non
         DoorCars(0, 0b11), DoorCars(0, 0b11), DoorCars(0, 0),
     ]  # fmt: skip
     assert not any(frame.enable_right for frame in said if isinstance(frame, DoorCommand))
+
+
+def test_parameters_that_do_not_fit_the_line_never_start() -> None:
+    config = load_config("florence4", changes={"train.length_m": 90.0})
+
+    with pytest.raises(SettingsError, match="no door of the train of 90 m"):
+        VobcDevice(
+            config,
+            LINE,
+            plan_mission(LINE, "II", "III"),
+            can=Mock(),
+            tags=Mock(),
+            radio=Mock(),
+            nvram=Nvram(None),
+            cycle_log=None,
+            start_ns=0,
+        )
 
 
 def test_a_crash_in_a_cycle_sends_the_safe_output_and_ends_the_process(

@@ -18,6 +18,7 @@ from plant_emulator.traffic.member import TrafficMember, leader_rear_m, scenario
 from plant_emulator.traffic.timetable import LapTimetable, Start, lap_timetable, starts
 from plant_emulator.world import TrainScenario
 from vobc.config import VobcConfig, load_config, plan_mission
+from vobc.plausible import check_plausible
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +65,7 @@ def plan_line(
     )
     config = load_config(params or traffic.consist, cycle_ms=cycle_ms, law=law, stage=stage)
     track = track.for_train(config.train.length_m)
+    check_plausible(config, track)
     check_reference(config, scenarios[0].train)
     timetable = lap_timetable(traffic, track)
     network = SUPPLIES[supply or traffic.supply]

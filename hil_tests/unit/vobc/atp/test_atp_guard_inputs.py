@@ -21,6 +21,7 @@ def test_the_default_guard_inputs_know_nothing_and_request_nothing() -> None:
     assert told.pop("limits") is CONFIG
     assert told.pop("speed_mps") == Interval(0.0, 0.0, 0.0)
     assert told.pop("stop_by_mps") == math.inf
+    assert told.pop("rollback_room_m") == math.inf
     assert told.pop("ceiling") is NOWHERE
     assert told.pop("mode") is OperatingMode.STANDBY
     assert told.pop("station_cause") is Cause.NONE

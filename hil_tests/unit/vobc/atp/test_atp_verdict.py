@@ -238,21 +238,34 @@ def test_a_number_that_was_not_finite_in_the_cycle_before_is_an_emergency() -> N
 @pytest.mark.parametrize(("back_m", "brakes"), [(0.48, False), (0.52, True)])
 def test_a_train_that_rolls_back_half_a_metre_is_stopped(back_m: float, brakes: bool) -> None:
     train = Train()
-    train.runs(-back_m / CYCLE_S / 4.0)
+    train.runs(-back_m / CYCLE_S / 40.0)
 
-    verdict = train.step(3)
+    verdict = train.step(39)
 
     assert (verdict.emergency_cause is Cause.ROLLBACK) is brakes
 
 
 def test_a_rollback_is_counted_across_whatever_else_brakes_the_train() -> None:
     train = Train()
-    train.runs(-1.0)
-    train.step(5)
+    train.runs(-0.5)
+    train.step(10)
     train.change(authority_age_s=2.0)
     assert train.step().supervision is Supervision.SERVICE
 
-    assert train.step(4).emergency_cause is Cause.ROLLBACK
+    assert train.step(9).emergency_cause is Cause.ROLLBACK
+
+
+@pytest.mark.parametrize(("speed_mps", "brakes"), [(-0.5, False), (-1.1, True)])
+def test_a_train_that_rolls_back_fast_is_stopped_before_half_a_metre(
+    speed_mps: float, brakes: bool
+) -> None:
+    """After 0.2 m at 1.1 m/s the declared brake needs 1.68 m + 0.61 m on the level."""
+    train = Train()
+    train.runs(speed_mps)
+
+    verdict = train.step(3)
+
+    assert (verdict.emergency_cause is Cause.ROLLBACK) is brakes
 
 
 # Either of two computations.
