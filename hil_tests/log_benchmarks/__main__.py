@@ -22,8 +22,6 @@ from rich.console import Console
 from rich.table import Table
 
 from canlog import Bus, ReadOptions, kernel, load_bus, read
-from canlog.damage import Damages
-from canlog.formats.registry import named
 from canlog.transport.reassembly import Reassembler
 from hil_tests.log_benchmarks import peers, traffic
 
@@ -36,8 +34,8 @@ START_BAR_S = 0.35
 START_MESSAGES = 331
 PEER_FRAMES = 40_000
 ROUNDS, ROUNDS_MAX, ROUNDS_S = 3, 15, 4.0
-STATS_TIMES = 5
-STATS_BAR_S, STATS_BAR_MB = 10.0, 150.0
+LONG_TIMES = 5
+LONG_BAR_S, MEMORY_BAR_MB = 10.0, 150.0
 PEER_BAR = 50.0
 HILSPY_BARS = {"candump": 10.0, "blf": 10.0, "asc": 5.0}
 MILLION = 1e6
@@ -151,31 +149,35 @@ def start_of(folder: Path) -> list[tuple[str, float, str, bool | None]]:
     return [(name, best_s, f"<= {START_BAR_S:g} s", best_s <= START_BAR_S)]
 
 
-def statistics_of(folder: Path, count: int) -> list[tuple[str, float, str, bool | None]]:
-    """Measure `canlog stats` in its own process on a log that is `STATS_TIMES` times as long."""
-    path = folder / "long.log"
-    made = traffic.frames(count)
+def whole_logs(folder: Path, count: int) -> list[tuple[str, float, str, bool | None]]:
+    """Measure `canlog stats` and `extract`, each in its own process, on logs of all formats.
+
+    The candump log is `LONG_TIMES` times as long.
+    """
+    path, one = folder / "long.log", folder / "bench.log"
     with path.open("wb") as out:
-        one = folder / "one.log"
-        named("candump").write(one, [made], Damages())
-        for _ in range(STATS_TIMES):
+        for _ in range(LONG_TIMES):
             out.write(one.read_bytes())
-    words = ["stats", str(path), "--dbc", str(folder / "bench.dbc"), "--as", "json"]
-    began_s = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-c", MEASURED, *words], capture_output=True, text=True, check=True
-    )
-    wall_s = time.perf_counter() - began_s
-    told = json.loads(done.stdout)
-    frames = sum(bus["bus_frames"] for bus in told["buses"])
-    assert frames == STATS_TIMES * count
-    cpu_s, most_mb = (float(word) for word in done.stderr.split())
-    name = f"stats of {frames / MILLION:g} M frames"
-    return [
-        (f"{name}: processor s", cpu_s, f"< {STATS_BAR_S:g} s", cpu_s < STATS_BAR_S),
-        (f"{name}: wall s", wall_s, "", None),
-        (f"{name}: MB", most_mb, f"< {STATS_BAR_MB:g} MB", most_mb < STATS_BAR_MB),
-    ]
+    rows: list[tuple[str, float, str, bool | None]] = []
+    for log, frames in (
+        (path, LONG_TIMES * count),
+        *((folder / name, count) for name in ("bench.blf", "bench.mf4")),
+    ):
+        for verb, more in (("stats", ["--as", "json"]), ("extract", ["-o", str(folder / "out")])):
+            words = [verb, str(log), "--dbc", str(folder / "bench.dbc"), *more]
+            done = subprocess.run(
+                [sys.executable, "-c", MEASURED, *words], capture_output=True, text=True, check=True
+            )
+            if verb == "stats":
+                told = json.loads(done.stdout)
+                assert sum(bus["bus_frames"] for bus in told["buses"]) == frames
+            cpu_s, most_mb = (float(word) for word in done.stderr.split()[-2:])
+            name = f"{verb} of {frames / MILLION:g} M frames, {log.suffix}"
+            rows += [
+                (f"{name}: processor s", cpu_s, f"< {LONG_BAR_S:g} s", cpu_s < LONG_BAR_S),
+                (f"{name}: MB", most_mb, f"< {MEMORY_BAR_MB:g} MB", most_mb < MEMORY_BAR_MB),
+            ]
+    return rows
 
 
 def main() -> int:
@@ -185,7 +187,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch, contextlib.redirect_stderr(io.StringIO()):
         rows = reading(Path(scratch), given.frames)
         rows += transport() + start_of(Path(scratch))
-        rows += statistics_of(Path(scratch), given.frames)
+        rows += whole_logs(Path(scratch), given.frames)
     table = Table("figure", "value", "bar", "met", title=f"{given.frames:,} frames, 79 signals")
     for name, value, bar, met in rows:
         table.add_row(name, f"{value:.3g}", bar, {True: "yes", False: "NO", None: ""}[met])

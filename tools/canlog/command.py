@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any, Final
@@ -39,6 +40,8 @@ VERBS: Final = {
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `canlog`."""
     require_assertions("canlog")
+    # The usual allocator of Arrow keeps tens of megabytes for later.
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     words = words_of("canlog", argv)
     try:
         top = parser(words)

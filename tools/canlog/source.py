@@ -9,11 +9,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from canlog.damage import Damages, LogError
 
-PIECE_BYTES: Final = 1 << 22
+Item = TypeVar("Item")
+PIECE_BYTES: Final = 1 << 21
 BITE_BYTES: Final = 1 << 14
 LINE_MAX: Final = 1 << 16
 """Maximum length of a line; the content of a longer one is dropped and counted."""
@@ -78,6 +79,13 @@ class Opened:
     data: Any
     """Content that can be sliced and searched like bytes."""
     size: int
+
+    def lean(self, blocks: Iterator[Item]) -> Iterator[Item]:
+        """Yield the blocks, and after each one let go of the pages of the file in memory."""
+        for block in blocks:
+            yield block
+            if isinstance(self.data, mmap.mmap):
+                self.data.madvise(mmap.MADV_DONTNEED)
 
 
 @contextmanager

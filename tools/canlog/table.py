@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from canlog import kernel
+from canlog.arrow_columns import arrow_column, arrow_names
 from canlog.bus_model import Part
 from canlog.database import MessageSpec
 from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat, renumbered, widened
@@ -127,14 +128,12 @@ class Table:
         """
         import pyarrow as pa
 
-        fields, columns = [pa.field("at_ns", pa.int64())], [pa.array(self.at_ns)]
+        fields, columns = [pa.field("at_ns", pa.int64())], [arrow_column(self.at_ns)]
         for name, value in ({} if part is None else part.columns).items():
-            rows = pa.array(np.zeros(len(self), np.int32))
-            columns.append(pa.DictionaryArray.from_arrays(rows, pa.array([value])))
+            columns.append(arrow_names(np.zeros(len(self)), [value]))
             fields.append(pa.field(name, columns[-1].type))
         for signal in self.spec.signals:
-            values, valid = exported(self[signal.name]), self.valid(signal.name)
-            column = pa.array(values, mask=None if valid.all() else ~valid)
+            column = arrow_column(exported(self[signal.name]), self.valid(signal.name))
             told = {"unit": signal.unit, **{f"value {r}": n for r, n in signal.choices.items()}}
             fields.append(pa.field(signal.name, column.type, metadata=told))
             columns.append(column)

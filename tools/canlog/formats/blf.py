@@ -51,7 +51,8 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
         head = int.from_bytes(file.data[4:8], "little")
         first = head if FILE_HEAD <= head <= file.size else FILE_HEAD
         contents = _contents(file.data, first, damages, options)
-        yield from _Reader(start_ns, damages, compiled=options.compiled).frames(contents)
+        reader = _Reader(start_ns, damages, compiled=options.compiled)
+        yield from file.lean(reader.frames(contents))
 
 
 def _start_ns(data: Any) -> int:

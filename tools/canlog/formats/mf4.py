@@ -58,7 +58,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
         except LogError as error:
             raise LogError(f"{path}: no usable MDF 4 file: {error}") from None
         readers = [_Reader(file, each, options, damages) for each in file.data_groups]
-        yield from merged([each.frames() for each in readers if each.holds_frames])
+        yield from source.lean(merged([each.frames() for each in readers if each.holds_frames]))
 
 
 class _Reader:

@@ -6,12 +6,16 @@ from typing import Any, Final
 
 import numpy as np
 
+from canlog.arrow_columns import arrow_column, arrow_names, numpy_column
 from canlog.damage import Damages, LogError, possible
 from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bytes, Frames
 from canlog.options import ReadOptions
 
 KIND: Final = b"canlog.frames"
 VERSION: Final = b"1"
+BUFFER_BYTES: Final = 1 << 16
+ROWS_TOGETHER: Final = 1 << 16
+"""Rows that are decoded at once."""
 COLUMNS: Final = ("at_ns", "channel", "identifier", "flags", "length", "data")
 
 
@@ -40,17 +44,16 @@ def write(path: Path, blocks: Iterable[Frames], losses: Damages) -> None:
 def _table(frames: Frames, schema: Any) -> Any:
     import pyarrow as pa
 
-    names = pa.array(list(frames.channels) or [""], pa.string())
     shown = np.minimum(frames.length, frames.data.shape[1]).astype(np.int32)
     offsets = np.concatenate([[0], np.cumsum(shown)]).astype(np.int32)
     packed = frames.data[np.arange(frames.data.shape[1]) < shown[:, None]]
     buffers = [None, pa.py_buffer(offsets.tobytes()), pa.py_buffer(packed.tobytes())]
     columns = [
-        pa.array(frames.at_ns),
-        pa.DictionaryArray.from_arrays(pa.array(frames.channel.astype(np.int32)), names),
-        pa.array(frames.identifier),
-        pa.array(frames.flags),
-        pa.array(frames.length),
+        arrow_column(frames.at_ns),
+        arrow_names(frames.channel, frames.channels or ("",)),
+        arrow_column(frames.identifier),
+        arrow_column(frames.flags),
+        arrow_column(frames.length),
         pa.Array.from_buffers(pa.binary(), len(frames), buffers),
     ]
     return pa.Table.from_arrays(columns, schema=schema)
@@ -66,7 +69,7 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
     import pyarrow.parquet as pq
 
     try:
-        with pq.ParquetFile(str(path)) as file:
+        with pq.ParquetFile(str(path), buffer_size=BUFFER_BYTES, pre_buffer=False) as file:
             metadata = file.schema_arrow.metadata or {}
             names = set(file.schema_arrow.names)
             if metadata.get(b"kind") != KIND or not names >= set(COLUMNS):
@@ -84,7 +87,10 @@ def _blocks(file: Any, options: ReadOptions, damages: Damages) -> Iterator[Frame
     for group in range(groups):
         try:
             for batch in file.iter_batches(
-                options.block_frames, row_groups=[group], columns=list(COLUMNS)
+                min(options.block_frames, ROWS_TOGETHER),
+                row_groups=[group],
+                columns=list(COLUMNS),
+                use_threads=False,
             ):
                 if batch.num_rows:
                     yield possible(_frames(batch, known), damages)
@@ -103,12 +109,12 @@ def _frames(batch: Any, known: list[str]) -> Frames:
         raise ValueError(f"{len(known)} channels")
     numbers = np.array([known.index(name) for name in names] or [0], np.uint8)
     data = column["data"]
-    length = column["length"].to_numpy().astype(np.uint8)
+    length = numpy_column(column["length"], np.uint8)
     return Frames(
-        column["at_ns"].to_numpy().astype(np.int64),
-        column["identifier"].to_numpy().astype(np.uint32),
-        column["flags"].to_numpy().astype(np.uint8),
-        numbers[channel.indices.to_numpy()],
+        numpy_column(column["at_ns"], np.int64),
+        numpy_column(column["identifier"], np.uint32),
+        numpy_column(column["flags"], np.uint8),
+        numbers[numpy_column(channel.indices, np.int64)],
         np.minimum(length, FD_BYTES).astype(np.uint8),
         _data(data),
         tuple(known),
