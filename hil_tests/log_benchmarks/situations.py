@@ -19,6 +19,7 @@ from typing import Any
 import cantools.database
 
 from hil_tests.log_benchmarks import peers
+from hil_tests.unit.canlog.mf4_rig import MadeFrame, sorted_file
 
 PATIENCE_S = 30
 Answer = list[Any]
@@ -80,6 +81,15 @@ def candump(*frames: str) -> bytes:
     return "".join(lines).encode()
 
 
+def mf4(*frames: tuple[int, bool, bytes], finished: bool = True) -> bytes:
+    """Return an MF4 file of frames (identifier, extended, data)."""
+    made = [
+        MadeFrame(at * 1000, 1, identifier, extended, False, False, data)
+        for at, (identifier, extended, data) in enumerate(frames)
+    ]
+    return sorted_file(made, finished=finished, start_ns=1_700_000_000_000_000_000)
+
+
 LONG_NAME = HEAD + (
     "BO_ 513 Long: 8 A\n"
     ' SG_ SelectorOfTheTenHertzLoggingPa_1 M : 0|8@1+ (1,0) [0|7] "" A\n'
@@ -99,6 +109,13 @@ NO_BIT_31 = HEAD + (
     'BO_ 256 Speed: 2 A\n SG_ V : 0|16@1+ (0.01,0) [0|0] "km/h" A\n'
 )
 STRAY = HEAD + 'BO_ 256 Speed: 2 A\n SG_ V : 0|16@1+ (.25,0) [0|0] "" A\nVAL_ 9 X 1 "y" ;\n'
+J1939_BESIDE = J1939.replace(
+    "BA_DEF_ ", 'BO_ 256 Speed: 2 A\n SG_ V : 0|16@1+ (0.01,0) [0|0] "km/h" A\nBA_DEF_ ', 1
+)
+BOTH_SIZES = HEAD + (
+    'BO_ 201 Short: 1 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" A\n'
+    'BO_ 2147483849 Long: 1 A\n SG_ L : 0|8@1+ (2,0) [0|0] "" A\n'
+)
 EIGHT = "01 02 03 04 05 06 07 08"
 SITUATIONS: Sequence[Situation] = (
     Situation("BLF of CAN FD only", "python-can #1905", "objects of kind 101 alone",
@@ -132,6 +149,18 @@ SITUATIONS: Sequence[Situation] = (
                         b"      1         0.000 DT 1     0102 Rx 2    00 01\n"
                         b"      2         2.900 DT 2 18FEF100 Tx 1    20\n"},
               [[0x102, "0001"], [0x18FEF100, "20"]]),
+    Situation("MF4 of a logger that lost power", "asammdf #727", "all but the torn last record",
+              {"x.mf4": mf4((0x100, False, b"\1"), (0x101, False, b"\2"), (0x102, False, b"\3"),
+                            finished=False)[:-7]},
+              [[0x100, "01"], [0x101, "02"]]),
+    Situation("MF4: 29-bit identifier below 800", "asammdf #905", "another message than that of 11",
+              {"x.mf4": mf4((0xC9, False, b"\5"), (0xC9, True, b"\5")),
+               "x.dbc": BOTH_SIZES.encode()},
+              [{"S": 5.0}, {"L": 10.0}]),
+    Situation("DBC: J1939 beside 11 bits", "asammdf #921", "both are decoded",
+              {"x.dbc": J1939_BESIDE.encode(),
+               "x.log": candump("0CF004FE#F07D859B0FFFFF85", "100#0102")},
+              [{"EngSpeed": 499.375}, {"V": 5.13}]),
     Situation("DBC: long selector name", "cantools #539", "pages stay apart",
               {"x.dbc": LONG_NAME.encode(), "x.log": candump("201#00E803", "201#01E803")},
               [{"PumpSpeed": 1000.0}, {"ValveFlow": 100.0}]),
@@ -186,6 +215,8 @@ def by_python_can(log: Path, dbc: Path | None) -> Answer:
 def by_hilspy(log: Path, dbc: Path | None) -> Answer:
     import hilspy
 
+    if log.suffix not in (".log", ".blf", ".asc"):
+        raise NoReaderError
     form = "?format=candump" if log.suffix == ".log" else ""
     found: Answer = []
     files = [f"dbc:{dbc}"] if dbc is not None else []
@@ -198,9 +229,49 @@ def by_hilspy(log: Path, dbc: Path | None) -> Answer:
     return found
 
 
+def by_asammdf(log: Path, dbc: Path | None) -> Answer:
+    """Read a log in MF4; another log is first converted, because the DBC file is the question."""
+    import asammdf
+
+    if log.suffix != ".mf4":
+        if dbc is None:
+            raise NoReaderError
+        from canlog.convert import convert
+
+        convert(log, log.with_suffix(".mf4"))
+    with asammdf.MDF(str(log.with_suffix(".mf4"))) as file:
+        if dbc is None:
+            return _asammdf_frames(file)
+        return _asammdf_values(file.extract_bus_logging({"CAN": [(str(dbc), 0)]}))
+
+
+def _asammdf_frames(file: Any) -> Answer:
+    identifier, size, data = (
+        file.get(f"CAN_DataFrame.{name}").samples for name in ("ID", "DataLength", "DataBytes")
+    )
+    rows = zip(identifier.tolist(), size.tolist(), data, strict=True)
+    return [[key, bytes(row[:length]).hex()] for key, length, row in rows]
+
+
+def _asammdf_values(file: Any) -> Answer:
+    """Return the values by stamp: each frame of a situation has its own."""
+    told: dict[float, dict[str, float]] = {}
+    for index, group in enumerate(file.groups):
+        for channel in group.channels[1:]:
+            signal = file.get(channel.name, group=index, raw=False)
+            for at_s, value in zip(signal.timestamps, signal.samples, strict=True):
+                told.setdefault(round(float(at_s), 6), {})[channel.name] = float(value)
+    return [told[at_s] for at_s in sorted(told)]
+
+
+class NoReaderError(Exception):
+    """The tool does not claim to read this format."""
+
+
 TOOLS: Mapping[str, Callable[[Path, Path | None], Answer]] = {
     "canlog": by_canlog,
     "python-can + cantools": by_python_can,
+    "asammdf": by_asammdf,
     "hilspy": by_hilspy,
 }
 
@@ -223,8 +294,8 @@ def is_right(answer: Answer, right: Answer) -> bool:
     return True
 
 
-def tried(tool: str, situation: Situation) -> bool:
-    """Whether a tool answers a situation correctly, in its own process."""
+def tried(tool: str, situation: Situation) -> str:
+    """Try a tool in its own process: right, wrong, or a dash where it has no reader."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in situation.files.items():
             (Path(folder) / name).write_bytes(content)
@@ -233,13 +304,16 @@ def tried(tool: str, situation: Situation) -> bool:
             done = subprocess.run(
                 words, capture_output=True, text=True, timeout=PATIENCE_S, check=True
             )
-            return is_right(json.loads(done.stdout), situation.right)
+            answer = json.loads(done.stdout)
         except (subprocess.SubprocessError, ValueError):
-            return False
+            return "wrong"
+    if answer is None:
+        return "–"
+    return "right" if is_right(answer, situation.right) else "wrong"
 
 
-def table() -> list[tuple[Situation, dict[str, bool]]]:
-    """Return for each situation which tools answer correctly."""
+def table() -> list[tuple[Situation, dict[str, str]]]:
+    """Return for each situation how each tool answers."""
     return [(each, {tool: tried(tool, each) for tool in TOOLS}) for each in SITUATIONS]
 
 
@@ -247,14 +321,15 @@ def main(words: Sequence[str]) -> int:
     if words:
         tool, folder, log, dbc = words
         said = io.StringIO()
-        with contextlib.redirect_stdout(said):
+        answer: Answer | None = None
+        with contextlib.redirect_stdout(said), contextlib.suppress(NoReaderError):
             answer = TOOLS[tool](Path(folder) / log, Path(folder) / dbc if dbc else None)
         print(json.dumps(answer))
         return 0
     print(f"| situation | source | {' | '.join(TOOLS)} |")
     print("|---|---|" + "---|" * len(TOOLS))
     for each, right in table():
-        marks = " | ".join("right" if right[tool] else "wrong" for tool in TOOLS)
+        marks = " | ".join(right[tool] for tool in TOOLS)
         print(f"| {each.name}: {each.what} | {each.source} | {marks} |")
     return 0
 

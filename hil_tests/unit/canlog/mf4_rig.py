@@ -21,6 +21,8 @@ CAN_FIELDS = (
     ("CAN_DataFrame.BRS", FIXED, 0, 6, 10, 1),
 )
 LIN_FIELDS = (("Timestamp", MASTER, 0, 0, 0, 48), ("LIN_Frame.ID", FIXED, 0, 0, 6, 8))
+BUS_EVENT = 2 | 4
+"""Flags of a group that holds frames of a bus."""
 STEP_S = 1e-6
 """Step of the stamps: 1 us."""
 
@@ -59,8 +61,9 @@ class _Blocks:
         return self.add(b"##TX", (), raw + bytes(-len(raw) % 8))
 
     def channels(self, fields: Sequence[tuple[str, int, int, int, int, int]], values: int) -> int:
-        """Add a chain of channels, and return the first one."""
-        first, before = 0, 0
+        """Add channels, those of a frame below it, and return the first one."""
+        last: dict[str, int] = {}
+        first = 0
         for name, kind, data_type, bit, byte, bits in fields:
             conversion = 0
             if kind == MASTER:
@@ -71,14 +74,20 @@ class _Blocks:
             body = struct.pack("<BBBBIIII2xHdddddd", kind, sync, data_type, bit, byte, bits, 0, 0,
                                0, *[0.0] * 6)  # fmt: skip
             at = self.add(b"##CN", links, body)
-            if before:
-                self.link(before, 0, at)
-            first, before = first or at, at
+            frame = name.rpartition(".")[0]
+            if frame in last:
+                self.link(last[frame], 0, at)
+            elif frame:
+                self.link(last[""], 1, at)
+            first, last[frame] = first or at, at
         return first
 
     def group(self, number: int, channels: int, count: int, size: int, flags: int) -> int:
+        source = self.add(
+            b"##SI", (self.text("CAN"), self.text("CAN"), 0), bytes([2, 2]) + bytes(6)
+        )
         body = struct.pack("<QQHH4xII", number, count, flags, 0, size, 0)
-        return self.add(b"##CG", (0, channels, 0, 0, 0, 0), body)
+        return self.add(b"##CG", (0, channels, 0, source, 0, 0), body)
 
 
 def record(frame: MadeFrame, *, place: int | None = None) -> bytes:
@@ -98,7 +107,7 @@ def sorted_file(frames: Sequence[MadeFrame], *, finished: bool = True, start_ns:
     fields = (*CAN_FIELDS, ("CAN_DataFrame.DataBytes", FIXED, BYTES, 0, 12, 64))
     out = _Blocks(b"MDF     " if finished else b"UnFinMF ", 0 if finished else 5)
     header = out.add(b"##HD", (0,) * 6, struct.pack("<Qhh4B2d", start_ns, 0, 0, 0, 0, 0, 0, 0, 0))
-    group = out.group(0, out.channels(fields, 0), len(frames) if finished else 0, 20, 0)
+    group = out.group(0, out.channels(fields, 0), len(frames) if finished else 0, 20, BUS_EVENT)
     data = out.add(b"##DG", (0, group, 0, 0), bytes(8))
     out.link(header, 0, data)
     content = b"".join(record(each) for each in frames)
@@ -114,7 +123,7 @@ def unsorted_file(frames: Sequence[MadeFrame], *, start_ns: int = 0) -> bytes:
     header = out.add(b"##HD", (0,) * 6, struct.pack("<Qhh4B2d", start_ns, 0, 0, 0, 0, 0, 0, 0, 0))
     values = out.group(2, 0, 0, 0, 1)
     fields = (*CAN_FIELDS, ("CAN_DataFrame.DataBytes", VARIABLE, BYTES, 0, 12, 64))
-    group = out.group(1, out.channels(fields, values), 0, 20, 0)
+    group = out.group(1, out.channels(fields, values), 0, 20, BUS_EVENT)
     lin = out.group(3, out.channels(LIN_FIELDS, 0), len(frames), 7, 0)
     out.link(group, 0, values)
     out.link(values, 0, lin)
