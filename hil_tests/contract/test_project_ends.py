@@ -22,7 +22,7 @@ SCRIPTS: Final[Mapping[str, str]] = tomllib.loads(
 VERBS: Final[Mapping[str, Sequence[str]]] = {
     "vobc": ("run", *OTHER_VERBS, *SHIPPED_VERBS, *LINE_VERBS),
     "plant": ("run", "consists", "desk", "wayside"),
-    "hil": HIL,
+    "hil": tuple(HIL),
     "vcan": ("up", "down", "status"),
     "vcan-guest": (),
     "canlog": tuple(CANLOG),
