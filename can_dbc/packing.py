@@ -77,7 +77,12 @@ def value_table(field: FieldLayout) -> tuple[enum.Enum | None, ...] | None:
     """Return the enumeration member of every raw value, None without one; None for other fields."""
     if not issubclass(field.kind, enum.Enum):
         return None
-    return tuple(_member(field.kind, raw) for raw in range(1 << field.length))
+    return _members(field.kind, field.length)
+
+
+@functools.cache
+def _members(kind: type[enum.Enum], bits: int) -> tuple[enum.Enum | None, ...]:
+    return tuple(_member(kind, raw) for raw in range(1 << bits))
 
 
 def invalid_values(fields: tuple[FieldLayout, ...], bits: int) -> str:

@@ -19,6 +19,14 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from firmware_py.assertions import require_assertions
+from metro_hil.model.native_copy import (
+    build_lock,
+    copies_folder,
+    failure_file,
+    package_folders,
+    ready_copy,
+    sources_key,
+)
 from metro_tools.written_inits import (
     bases_in,
     heads_in,
@@ -113,6 +121,55 @@ HOT: Final = (
     "zenoh_config/*.py",
 )
 """Modules that take most of the time in a profile."""
+LOCKSTEP: Final = (
+    "can_dbc/codec.py",
+    "firmware_py/clock/executive.py",
+    "firmware_py/radio/inproc_radio.py",
+    "firmware_py/radio/recorded_radio.py",
+    "firmware_py/storage/port_log.py",
+    "firmware_py/storage/recorder.py",
+    "firmware_py/tag_reader/inproc_line.py",
+    "firmware_py/tag_reader/recorded_line.py",
+    "firmware_py/tag_reader/stuffing.py",
+    "firmware_py/tag_reader/telegram.py",
+    "metro_hil/run/lockstep.py",
+    "plant_emulator/actuators/*.py",
+    "plant_emulator/consist/motion.py",
+    "plant_emulator/faults/schedule.py",
+    "plant_emulator/noise.py",
+    "plant_emulator/power/box.py",
+    "plant_emulator/process.py",
+    "plant_emulator/sensors/inertial.py",
+    "plant_emulator/sensors/tacho.py",
+    "plant_emulator/sensors/tag_reader.py",
+    "plant_emulator/train_config/train.py",
+    "plant_emulator/truth.py",
+    "plant_emulator/wayside/centre.py",
+    "plant_emulator/wayside/platform_doors.py",
+    "plant_emulator/wayside/railway.py",
+    "plant_emulator/wayside/zone_controller.py",
+    "plant_emulator/wire.py",
+    "plant_emulator/world.py",
+    "vobc/arbitration.py",
+    "vobc/ato/*.py",
+    "vobc/ato/laws/*.py",
+    "vobc/ato/model/*.py",
+    "vobc/ato/motion/*.py",
+    "vobc/atp/*.py",
+    "vobc/controller.py",
+    "vobc/events/*.py",
+    "vobc/kinematics.py",
+    "vobc/odometry/*.py",
+    "vobc/process/cycle_log.py",
+    "vobc/process/device.py",
+    "vobc/vocabulary/*.py",
+    "vobc/wire/*.py",
+    "zenoh_config/codec.py",
+    "zenoh_config/keys.py",
+    "zenoh_config/messages.py",
+    "zenoh_config/sequencing.py",
+)
+"""Modules in which a run of one train spends its time where codec, bus and logs are in C."""
 SIMULATOR: Final = (
     "firmware_py/trackdb/*.py",
     "metro_hil/simulation/*.py",
@@ -197,12 +254,36 @@ TRAINING: Final = (
 """Programs that train a copy: a single run, cases with monitors, simulation seeds, whole trains on
 a line."""
 SETUP: Final = """\
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 from setuptools import setup
+from setuptools._distutils.ccompiler import CCompiler
 from mypyc.build import mypycify
 
-modules = mypycify({modules!r}, opt_level={level!r}, debug_level="0")
+
+def compile_on_all_cores(
+    self, sources, output_dir=None, macros=None, include_dirs=None, debug=0,
+    extra_preargs=None, extra_postargs=None, depends=None,
+):
+    macros, objects, after, options, build = self._setup_compile(
+        output_dir, macros, include_dirs, sources, depends, extra_postargs
+    )
+    before = self._get_cc_args(options, debug, extra_preargs)
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        for done in [
+            pool.submit(self._compile, each, *build[each], before, after, options)
+            for each in objects
+        ]:
+            done.result()
+    return objects
+
+
+CCompiler.compile = compile_on_all_cores
+modules = mypycify({modules!r}, opt_level={level!r}, debug_level="0", multi_file=True)
 setup(name="compiled", packages=[], ext_modules=modules)
 """
+"""Each module is a C file of its own, which takes a sixth of the memory and all cores."""
 PACKING: Final = """\
 from metro_tools.written_packing import written
 print(written({names!r}), end="")
@@ -213,6 +294,11 @@ export PYTHONSAFEPATH=1 PYTHONPATH="{library}"
 exec "{python}" -c "import sys; from {module} import {name}; sys.exit({name}())" "$@"
 """
 EXIT_ENVIRONMENT: Final = 3
+NICE: Final = 15
+"""Priority of the build in the background: it takes what others leave."""
+UNUSED_S: Final = 14 * 86_400.0
+PART: Final = ".part."
+"""Begin of the names of unfinished copies. The lock is held, so no other process makes one."""
 
 
 class CompileError(Exception):
@@ -226,8 +312,10 @@ class Part(NamedTuple):
     training: Sequence[Sequence[str]]
 
 
-def part_of(*, simulator: bool) -> Part:
-    """Return the part for the line simulator alone, or that with all hot modules."""
+def part_of(*, simulator: bool, lockstep: bool = False) -> Part:
+    """Return the part for the line simulator or one train alone, or that with all hot modules."""
+    if lockstep:
+        return Part(LOCKSTEP, TRAINING[:2])
     return Part(SIMULATOR, SEEDS) if simulator else Part(HOT, TRAINING)
 
 
@@ -252,22 +340,66 @@ def copy_packages(source: Path, library: Path) -> None:
         shutil.copytree(source / place, library / name, ignore=skip)
 
 
+def build_cached(*, wait: bool) -> int:
+    """Build the copy of the installed packages in the user's cache, unless another process does."""
+    os.nice(NICE)
+    folders = package_folders()
+    with build_lock(wait=wait) as mine:
+        if not mine or ready_copy() is not None:
+            return 0
+        copies = copies_folder()
+        remove_unused(copies)
+        with tempfile.TemporaryDirectory(dir=copies, prefix=PART) as place:
+            library = Path(place) / "lib"
+            skip = shutil.ignore_patterns("__pycache__", "*.so")
+            for name, folder in folders.items():
+                shutil.copytree(folder, library / name, ignore=skip)
+            key = sources_key({name: library / name for name in folders})
+            try:
+                compile_into(library, "1", lockstep=True)
+            except CompileError as error:
+                failure_file(key).write_text(f"{error}\n", encoding="utf-8")
+                raise
+            (copies / key).mkdir(exist_ok=True)
+            library.rename(copies / key / "lib")
+    return 0
+
+
+def remove_unused(copies: Path) -> None:
+    """Remove copies that no program has entered for a fortnight, and parts of ended builds."""
+    now_s = (copies / "lock").stat().st_mtime
+    for path in copies.iterdir():
+        library = path / "lib"
+        unused = library.is_dir() and now_s - library.stat().st_mtime > UNUSED_S
+        if unused or path.name.startswith(PART):
+            shutil.rmtree(path, ignore_errors=True)
+
+
 def compile_into(
-    library: Path, level: str, *, trained: bool = False, simulator: bool = False
+    library: Path,
+    level: str,
+    *,
+    trained: bool = False,
+    simulator: bool = False,
+    lockstep: bool = False,
 ) -> None:
     """Compile each hot module of the copy, with this optimisation level of C.
 
     With `trained` all modules are compiled twice, the second time by the profile of runs with the
     first.
     """
-    part = part_of(simulator=simulator)
+    part = part_of(simulator=simulator, lockstep=lockstep)
     modules = hot_modules(library, part.modules)
     sources = {name: (library / name).read_bytes() for name in modules}
     bases = set[str]().union(*(bases_in(source.decode()) for source in sources.values()))
     heads = {
-        name: each for name, each in heads_in(sources[HEADS].decode()).items() if name in bases
+        name: each
+        for name, each in heads_in((library / HEADS).read_text(encoding="utf-8")).items()
+        if name in bases
     }
-    (library / WRITTEN).write_text(_packing(library), encoding="utf-8")
+    written = [] if lockstep else [WRITTEN]
+    if written:
+        (library / WRITTEN).write_text(_packing(library), encoding="utf-8")
     for name, source in sources.items():
         text = source.decode()
         if name.startswith(RECORDS):
@@ -276,7 +408,7 @@ def compile_into(
         text = with_kept_types(text)
         (library / name).write_text(text, encoding="utf-8")
     setup = library / "setup.py"
-    text = SETUP.format(modules=[UNTYPED, *modules, WRITTEN], level=level)
+    text = SETUP.format(modules=[UNTYPED, *modules, *written], level=level)
     setup.write_text(text, encoding="utf-8")
     if trained:
         _build(setup, WATCHED)
@@ -285,7 +417,7 @@ def compile_into(
             path.unlink()
     _build(setup, TRAINED if trained else "")
     setup.unlink()
-    (library / WRITTEN).unlink()
+    (library / WRITTEN).unlink(missing_ok=True)
     for name, source in sources.items():
         (library / name).write_bytes(source)
     shutil.rmtree(library / "build")
@@ -378,7 +510,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         action="store_true",
         help="compile only the modules of `hil simulate`, in half the time",
     )
+    parser.add_argument(
+        "--cached",
+        action="store_true",
+        help="build what `vobc run --lockstep` uses by itself, into the user's cache",
+    )
+    parser.add_argument("--wait", action="store_true", help="with --cached: wait for other builds")
     options = parser.parse_args(argv)
+    if options.cached:
+        try:
+            return build_cached(wait=options.wait)
+        except (CompileError, OSError) as error:
+            print(f"compiled: {error}", file=sys.stderr)
+            return EXIT_ENVIRONMENT
     folder, source = Path(options.into).resolve(), Path(options.source).resolve()
     try:
         if folder.exists():

@@ -1,5 +1,7 @@
 """The console scripts `vobc` and `hil`."""
 
+import sys
+
 from firmware_py.program import TYPE_CHECKING, Program
 
 if TYPE_CHECKING:
@@ -7,6 +9,11 @@ if TYPE_CHECKING:
 
 
 def _vobc() -> "Callable[[], int]":
+    asks = {"-h", "--help"} & {*sys.argv}
+    if sys.argv[1:2] == ["run"] and "--lockstep" in sys.argv and not asks:
+        from metro_hil.model.native_copy import enter
+
+        enter("vobc")
     from metro_hil.cli.vobc import main
 
     return main

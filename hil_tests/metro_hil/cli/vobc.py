@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 from typing import Final
 
+from firmware_py import __version__
 from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.program import Program
@@ -28,6 +29,9 @@ GROUPS: Final = {
 """Module of each verb that shares its `main` with others; its arguments begin with the verb."""
 
 
+VERBOSE: Final = frozenset({"-v", "--verbose"})
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The console script `vobc`. A user's mistake gives one line, never a traceback.
 
@@ -39,6 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         from metro_hil.cli.whole_parser import whole_parser
 
         whole_parser().parse_args(words)
+    if "--version" in words and {*words} & VERBOSE:
+        return _versions()
     verb = words[0] if words else ""
     module = VERBS.get(verb)
     if module is not None:
@@ -52,6 +58,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     from metro_hil.cli.vobc_run import drive
 
     return drive(options)
+
+
+def _versions() -> int:
+    """Print the version, and how runs in virtual time execute wire and controller."""
+    from metro_hil.model.native import use_native
+    from metro_hil.model.native_copy import controller_text
+
+    lack = use_native()
+    print(f"vobc {__version__}")
+    print(f"codec, bus and logs: {f'Python ({lack})' if lack else 'C'}")
+    print(f"controller: {controller_text()}")
+    return 0
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 import firmware_py
+from metro_hil.model.native_copy import prepare
 
 FOLDER: Final = ".compiled"
 PACKAGES: Final[Mapping[str, str]] = {
@@ -24,8 +25,16 @@ PACKAGES: Final[Mapping[str, str]] = {
 BUILT: Final = frozenset({".so", ".pyc"})
 
 
+def library_for(program: str) -> Path | None:
+    """Like `compiled_library`, or the copy in the user's cache, whose build this may start.
+
+    The copy of `make compiled` goes first, because it compiles more.
+    """
+    return compiled_library() or prepare(program)
+
+
 def compiled_library(checkout: Path | None = None) -> Path | None:
-    """PYTHONPATH entry for a worker; None if no copy fits these sources."""
+    """PYTHONPATH entry for a worker; None if no copy of `make compiled` fits these sources."""
     root = checkout or Path(firmware_py.__file__).resolve().parent.parent
     library = root / FOLDER / "lib"
     if not library.is_dir() or not any(library.glob("*/*.so")):

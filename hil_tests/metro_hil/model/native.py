@@ -1,12 +1,8 @@
-"""Lets runs in virtual time use native code where the machine can build it.
-
-The environment variable VOBC_NATIVE chooses: `on` (default), `wait`, `wire` or `off`.
-"""
+"""Lets runs in virtual time use C for codec, bus and logs where the machine can build it."""
 
 import enum
 import functools
-import os
-from typing import Any, Final
+from typing import Any
 
 from can_dbc import c_source, codec
 from firmware_py.buses.inproc import BusStatistics
@@ -15,16 +11,14 @@ from firmware_py.native.build import BuildError, extension
 from firmware_py.native.core import STEM, core_sources, use_core
 from firmware_py.ports import CanFrame, LinkCounters
 from firmware_py.storage.lines import field_text
-
-SWITCH: Final = "VOBC_NATIVE"
-OFF: Final = "off"
+from metro_hil.model.native_copy import SWITCH, Native, native_choice
 
 
 @functools.cache
 def use_native() -> str:
     """Let new buses, logs, encoders and decoders use C; return why not, else an empty text."""
-    if os.environ.get(SWITCH, "") == OFF:
-        return f"{SWITCH}={OFF}"
+    if native_choice() is Native.OFF:
+        return f"{SWITCH}={Native.OFF.value}"
     try:
         wire, core = codec_module(), core_module()
     except BuildError as error:

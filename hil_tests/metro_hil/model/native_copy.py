@@ -1,0 +1,221 @@
+"""Finds, starts and enters the copy of the programs with compiled modules in the user's cache.
+
+The copy gives the same bytes, faster. It belongs to one state of the sources: any change of a file
+asks for another copy. One background process builds it; until it is ready, programs run the
+sources. VOBC_NATIVE chooses: `on` (default) builds in the background, `wait` waits for the build,
+`wire` uses C for codec, bus and logs only, and `off` runs Python alone.
+"""
+
+import enum
+import fcntl
+import hashlib
+import importlib.util
+import os
+import platform
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from firmware_py.native.build import cache_folder, compiler
+
+SWITCH: Final = "VOBC_NATIVE"
+PACKAGES: Final = (
+    *("can_dbc", "canlog", "firmware_py", "metro_hil"),
+    *("metro_tools", "plant_emulator", "vobc", "zenoh_config"),
+)
+BUILT: Final = (".so", ".pyc")
+FOLDER: Final = "copies"
+FORMAT: Final = b"1"
+"""Changes when the same sources are compiled in another way."""
+EXIT_USAGE: Final = 2
+ENTER: Final = "import sys; from metro_hil.cli.entry import {name}; sys.exit({name}())"
+
+
+class Native(enum.Enum):
+    """Values of VOBC_NATIVE."""
+
+    OFF = "off"
+    WIRE = "wire"
+    ON = "on"
+    WAIT = "wait"
+
+
+def native_choice() -> Native:
+    """Return the user's choice. A value that is none ends the program with one line."""
+    given = os.environ.get(SWITCH) or Native.ON.value
+    try:
+        return Native(given)
+    except ValueError:
+        names = ", ".join(each.value for each in Native)
+        print(f"{SWITCH}={given}: no such choice; use one of {names}", file=sys.stderr)
+        raise SystemExit(EXIT_USAGE) from None
+
+
+def package_folders() -> dict[str, Path]:
+    """Return the folder of each package, in a checkout or as installed."""
+    found = {}
+    for name in PACKAGES:
+        spec = importlib.util.find_spec(name)
+        assert spec is not None
+        assert spec.submodule_search_locations is not None
+        found[name] = Path(next(iter(spec.submodule_search_locations)))
+    return found
+
+
+def copies_folder() -> Path:
+    """Return the folder of all copies. Raises OSError."""
+    folder = cache_folder() / FOLDER
+    folder.mkdir(mode=0o700, exist_ok=True)
+    return folder
+
+
+def sources_key(folders: dict[str, Path]) -> str:
+    """Return the name of the copy for these sources and this Python."""
+    digest = hashlib.sha256(FORMAT)
+    python = (sys.version, sysconfig.get_config_var("EXT_SUFFIX"), platform.machine())
+    digest.update(repr(python).encode())
+    for name, folder in sorted(folders.items()):
+        for path in _files(folder):
+            digest.update(f"{name}/{path.relative_to(folder)}\0".encode())
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:24]
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    for place, folders, names in os.walk(folder):
+        folders[:] = sorted(each for each in folders if each != "__pycache__")
+        yield from (Path(place) / name for name in sorted(names) if not name.endswith(BUILT))
+
+
+def ready_copy() -> Path | None:
+    """Return the packages of the copy that fits the sources; None until it is built."""
+    try:
+        library = copies_folder() / sources_key(package_folders()) / "lib"
+        if not library.is_dir():
+            return None
+        os.utime(library)
+    except OSError:
+        return None
+    return library
+
+
+def missing_tools() -> str:
+    """Return what the build needs and this installation lacks; an empty text if nothing."""
+    if compiler() is None:
+        return "no C compiler"
+    if not (Path(sysconfig.get_path("include")) / "Python.h").is_file():
+        return "no headers of Python"
+    for name in ("mypyc", "setuptools"):
+        if importlib.util.find_spec(name) is None:
+            return f"no {name}; `pip install '.[native]'` brings it"
+    return ""
+
+
+@contextmanager
+def build_lock(*, wait: bool) -> Iterator[bool]:
+    """Hold the right to build within the block; yield False if another process has it."""
+    with (copies_folder() / "lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            yield False
+            return
+        yield True
+
+
+def being_built() -> bool:
+    with build_lock(wait=False) as free:
+        return not free
+
+
+def failure_file(key: str) -> Path:
+    """Return the file with the reason why the copy of these sources could not be built."""
+    return copies_folder() / f"{key}.failed"
+
+
+def prepare(program: str, *, choice: Native | None = None) -> Path | None:
+    """Return the copy if it is ready; else start its build or, if the user asked so, wait for it.
+
+    A build that failed is not tried again before the sources change.
+    """
+    choice = choice or native_choice()
+    if choice in (Native.OFF, Native.WIRE):
+        return None
+    library = ready_copy()
+    if library is not None or missing_tools():
+        return library
+    try:
+        if failure_file(sources_key(package_folders())).exists():
+            return None
+        if choice is Native.WAIT:
+            print(f"{program}: waiting for the compiled controller", file=sys.stderr, flush=True)
+            subprocess.run(_builder("--wait"), check=False, env=_environment())
+            return ready_copy()
+        if not being_built():
+            print(
+                f"{program}: compiling the controller in the background; later runs are faster"
+                f" ({SWITCH}=wire: never)",
+                file=sys.stderr,
+                flush=True,
+            )
+            _start()
+    except OSError:
+        # Without a cache there is no copy; the sources do the same.
+        return None
+    return None
+
+
+def _builder(*options: str) -> list[str]:
+    return [sys.executable, "-m", "metro_tools.compiled", "--cached", *options]
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, SWITCH: Native.WIRE.value}
+
+
+def _start() -> None:
+    """Start the build in a session of its own, which outlives this program and its terminal."""
+    silent = subprocess.DEVNULL
+    subprocess.Popen(
+        _builder(),
+        stdin=silent,
+        stdout=silent,
+        stderr=silent,
+        env=_environment(),
+        start_new_session=True,
+    )
+
+
+def enter(program: str) -> None:
+    """Go on in the copy if it is ready: this process becomes the same program there."""
+    library = prepare(program)
+    if library is None:
+        return
+    paths = [str(library), *filter(None, [os.environ.get("PYTHONPATH")])]
+    os.execve(  # noqa: S606 - our own interpreter and program
+        sys.executable,
+        [sys.executable, "-c", ENTER.format(name=program), *sys.argv[1:]],
+        {**_environment(), "PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"},
+    )
+
+
+def controller_text() -> str:
+    """Say in one line how runs in virtual time execute the controller."""
+    choice = native_choice()
+    if choice in (Native.OFF, Native.WIRE):
+        return f"Python ({SWITCH}={choice.value})"
+    if ready_copy() is not None:
+        return "compiled"
+    if lack := missing_tools():
+        return f"Python ({lack})"
+    try:
+        failed = failure_file(sources_key(package_folders()))
+        if failed.exists():
+            return f"Python (the build failed: {failed})"
+        return "Python, compiled in the background" if being_built() else "Python, not compiled yet"
+    except OSError as error:
+        return f"Python ({error})"
