@@ -308,6 +308,24 @@ def test_old_restrictions_brake_a_train_as_an_old_authority_does(
         assert verdict.emergency_cause is Cause.AUTHORITY_OLD
 
 
+@pytest.mark.parametrize("age_s", [0.2, CONFIG.orders_age_max_s + 1.0, 40.0])
+def test_the_last_restrictions_hold_while_the_centre_is_silent(age_s: float) -> None:
+    """Both computations hold them: either of the two brakes a train that is too fast for them."""
+    train = Train()
+    slow = Restriction(BETWEEN_M - 50.0, BETWEEN_M + 500.0, 5.0)
+    train.change(orders=replace(ORDERS, restrictions=(slow,)))
+    train.runs(4.0)
+    train.change(orders_age_s=age_s)
+
+    ceiling = train.step().ceiling
+    train.speed_mps = 9.0
+    fast = train.step()
+
+    assert ceiling is not None
+    assert ceiling.permitted_mps == 5.0
+    assert fast.emergency_cause is Cause.OVERSPEED
+
+
 def test_full_supervision_does_not_take_over_a_train_that_has_no_orders() -> None:
     train = on_sight()
     train.runs(5.0)
