@@ -27,7 +27,7 @@ ORIGIN_SIGN: Final = "@"
 """Separates the source from a J1939 message that several nodes send."""
 
 
-class Part(NamedTuple):
+class LogPart(NamedTuple):
     """A message on one channel and, in J1939, from one source to one destination."""
 
     name: str
@@ -51,7 +51,7 @@ class Part(NamedTuple):
         return *names, *(f"{self.channel}{CHANNEL_SIGN}{each}" for each in names)
 
 
-def part_names(parts: Iterable[Part]) -> dict[Part, str]:
+def part_names(parts: Iterable[LogPart]) -> dict[LogPart, str]:
     """Name parts: with the channel if several have a message, the origin if several send it."""
     parts = list(parts)
     channels: dict[str, set[str]] = {}

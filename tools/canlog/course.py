@@ -24,7 +24,7 @@ STAMP_MAX_S: Final = 9e9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class ReferenceCourse:
     """A quantity over time."""
 
     name: str
@@ -41,7 +41,7 @@ class Course:
         return found
 
 
-def course_of(log: Log, text: str, column: str | None = None) -> Course:
+def course_of(log: Log, text: str, column: str | None = None) -> ReferenceCourse:
     """Return the course of a sketch, a CSV file, or a signal of the log, in this order.
 
     Args:
@@ -63,20 +63,22 @@ def course_of(log: Log, text: str, column: str | None = None) -> Course:
         if len(names) != 1:
             raise LogError(f"--like {text}: names {len(names)} signals; name one")
         trace = trace_of(log, names[0])
-        return _checked(Course(names[0], trace.at_ns, trace.values))
+        return _checked(ReferenceCourse(names[0], trace.at_ns, trace.values))
     seconds, values = np.array(points, np.float64).T
     zero_ns = 0 if abs(seconds[0]) >= EPOCH_FROM_S else zero_of(log)
-    return _checked(Course(text, zero_ns + np.rint(seconds * NS_PER_S).astype(np.int64), values))
+    return _checked(
+        ReferenceCourse(text, zero_ns + np.rint(seconds * NS_PER_S).astype(np.int64), values)
+    )
 
 
-def _checked(course: Course) -> Course:
+def _checked(course: ReferenceCourse) -> ReferenceCourse:
     there = np.isfinite(course.values)
     at_ns, values = course.at_ns[there], course.values[there]
     if len(values) < 2 or values.min() == values.max():
         raise LogError(f"--like {course.name}: the course never changes; nothing can follow it")
     if (np.diff(at_ns) < 0).any():
         raise LogError(f"--like {course.name}: its instants run backwards")
-    return Course(course.name, at_ns, values)
+    return ReferenceCourse(course.name, at_ns, values)
 
 
 def _sketched(text: str) -> list[tuple[float, float]]:

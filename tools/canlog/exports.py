@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from canlog.bus_model import CHANNEL_SIGN, Part, SignalSpec
+from canlog.bus_model import CHANNEL_SIGN, LogPart, SignalSpec
 from canlog.damage import LogError
 from canlog.plan import WORD_BITS
 from canlog.table import Table, exported
@@ -22,10 +22,10 @@ MF4_NAME: Final = "signals.mf4"
 class Export(Protocol):
     """Takes the tables of each block; rows of one message come in order of the log."""
 
-    def add(self, part: Part, table: Table) -> None:
+    def add(self, part: LogPart, table: Table) -> None:
         """Add rows of a message."""
 
-    def close(self, names: Mapping[Part, str], folder: Path) -> Iterator[str]:
+    def close(self, names: Mapping[LogPart, str], folder: Path) -> Iterator[str]:
         """Finish the files in `folder`; yield a line about each."""
 
 
@@ -46,9 +46,9 @@ class TableFiles:
     def __init__(self, scratch: Path, form: str) -> None:
         """Write below `scratch` until it is known which messages several channels have."""
         self._scratch, self._form = scratch, form
-        self._open: dict[Part, _Open] = {}
+        self._open: dict[LogPart, _Open] = {}
 
-    def add(self, part: Part, table: Table) -> None:
+    def add(self, part: LogPart, table: Table) -> None:
         found = self._open.get(part)
         if found is None:
             found = self._open[part] = _Open(self._scratch / str(len(self._open)))
@@ -67,7 +67,7 @@ class TableFiles:
             found.writer = _writer(found.path, self._form, table.schema)
         found.writer.write_table(table)
 
-    def close(self, names: Mapping[Part, str], folder: Path) -> Iterator[str]:
+    def close(self, names: Mapping[LogPart, str], folder: Path) -> Iterator[str]:
         for part, found in self._open.items():
             if found.waiting or found.writer is None:
                 self._write(found)
@@ -92,7 +92,7 @@ def _writer(path: Path, form: str, schema: Any) -> Any:
     return pyarrow.parquet.ParquetWriter(str(path), schema)
 
 
-class Mf4File:
+class SignalsMf4:
     """One MF4 file with a group for each message: raw values with their conversions and units."""
 
     def __init__(self, scratch: Path) -> None:
@@ -104,10 +104,10 @@ class Mf4File:
         self._path = scratch / MF4_NAME
         self._file = MDF(version="4.10")
         self._start_ns: int | None = None
-        self._groups: dict[Part, int] = {}
-        self._rows: dict[Part, int] = {}
+        self._groups: dict[LogPart, int] = {}
+        self._rows: dict[LogPart, int] = {}
 
-    def add(self, part: Part, table: Table) -> None:
+    def add(self, part: LogPart, table: Table) -> None:
         self._rows[part] = self._rows.get(part, 0) + len(table)
         if self._start_ns is None:
             first_ns = int(table.at_ns[0]) if len(table) else 0
@@ -121,7 +121,7 @@ class Mf4File:
         else:
             self._groups[part] = self._begin(part, table, stamps_s, columns)
 
-    def _begin(self, part: Part, table: Table, stamps_s: Any, columns: list[Any]) -> int:
+    def _begin(self, part: LogPart, table: Table, stamps_s: Any, columns: list[Any]) -> int:
         from asammdf import Signal
 
         signals = [
@@ -139,7 +139,7 @@ class Mf4File:
         self._file.append(signals, acq_name=part.name, common_timebase=True)
         return len(self._file.groups) - 1
 
-    def close(self, names: Mapping[Part, str], folder: Path) -> Iterator[str]:
+    def close(self, names: Mapping[LogPart, str], folder: Path) -> Iterator[str]:
         for part, index in self._groups.items():
             head: Any = self._file.groups[index].channel_group
             head.acq_name = names[part]

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from canlog.course import Course
+from canlog.course import ReferenceCourse
 from canlog.frames import KEY_EXTENDED, Bools, Ints
 from canlog.read import Log
 
@@ -90,7 +90,7 @@ def mirrored(bit: int) -> int:
 
 def search(
     log: Log,
-    course: Course,
+    course: ReferenceCourse,
     *,
     shift_s: float = 0.0,
     least: float = 0.5,
@@ -112,7 +112,7 @@ def search(
 
 
 def _of_message(
-    log: Log, key: int, channel: str, course: Course, shift_ns: int, least: float
+    log: Log, key: int, channel: str, course: ReferenceCourse, shift_ns: int, least: float
 ) -> Iterator[FieldMatch]:
     at_ns = log.groups.at_ns(key, channel=channel)
     inside = at_ns >= course.at_ns[0] + shift_ns

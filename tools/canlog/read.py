@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from canlog.bus_model import CHANNEL_SIGN, ORIGIN_SIGN, Part, part_names
+from canlog.bus_model import CHANNEL_SIGN, ORIGIN_SIGN, LogPart, part_names
 from canlog.damage import Damage, Damages, LogError
 from canlog.database import Bus, MessageSpec, load_bus
 from canlog.formats.foreign import looks_like
@@ -30,7 +30,7 @@ class _Found:
     """What the log has of one part."""
 
     spec: MessageSpec
-    part: Part
+    part: LogPart
     keys: list[int] = field(default_factory=list)
     """Keys of its frames."""
     long: list[Table] = field(default_factory=list)
@@ -90,11 +90,11 @@ class Log:
     @cached_property
     def _parts(self) -> dict[str, _Found]:
         """What the log has of each message on each channel from each source, by its name here."""
-        found: dict[Part, _Found] = {}
+        found: dict[LogPart, _Found] = {}
         for key, channel in self.groups.places:
             spec = self.bus.on(channel).spec_at(key)
             if spec is not None:
-                part = Part(spec.name, channel, spec.origin(key))
+                part = LogPart(spec.name, channel, spec.origin(key))
                 found.setdefault(part, _Found(spec, part)).keys.append(key)
         long = LongTables(self.bus)
         tables = [item for block in self._blocks for item in long.feed(block).items()]
@@ -133,10 +133,10 @@ class Log:
         one = self._parts.get(name)
         return one is not None and text in one.part.texts
 
-    def part_of(self, name: str) -> Part:
+    def part_of(self, name: str) -> LogPart:
         """Return the part of a message; without channel and origin if the log lacks the message."""
         one = self._parts.get(name)
-        return one.part if one is not None else Part(name, "")
+        return one.part if one is not None else LogPart(name, "")
 
     def places_of(self, signal: str) -> list[tuple[int, str]]:
         """Return key and channel of the frames that carry `MESSAGE.signal`."""

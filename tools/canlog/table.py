@@ -9,7 +9,7 @@ import numpy as np
 
 from canlog import kernel
 from canlog.arrow_columns import arrow_column, arrow_names
-from canlog.bus_model import Part
+from canlog.bus_model import LogPart
 from canlog.database import MessageSpec
 from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bools, Frames, Ints, concat, renumbered, widened
 from canlog.plan import Column, DecodingPlan, Payloads, Raws, signed_raw
@@ -117,7 +117,7 @@ class Table:
         found = self._plan.undefined(self.payloads)
         return np.zeros(len(self), np.bool_) if found is None else found
 
-    def arrow(self, part: Part | None = None) -> Any:
+    def arrow(self, part: LogPart | None = None) -> Any:
         """Return a pyarrow.Table: `at_ns`, then each signal, null if a frame lacks it.
 
         Metadata of fields and schema hold units, value tables and the message's name. Integers of

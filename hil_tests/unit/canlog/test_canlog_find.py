@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from canlog import LogError
 from canlog.command import main
-from canlog.course import Course, course_of
+from canlog.course import ReferenceCourse, course_of
 from canlog.database import no_bus
 from canlog.field_search import bits_of, search
 from canlog.read import Log
@@ -71,7 +71,7 @@ def test_a_field_that_carries_the_course_is_found_with_its_scale(
         ]
     )
     scale = 0.25 if rising else -0.25
-    course = Course("x", frames.at_ns, np.array(raws) * scale - 40.0)
+    course = ReferenceCourse("x", frames.at_ns, np.array(raws) * scale - 40.0)
 
     best = search(Log(Path("x.log"), frames, no_bus()), course)[0]
 

@@ -2,6 +2,7 @@
 
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import asammdf
 import numpy as np
@@ -11,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canlog import LogError, read
-from canlog.bus_model import Part, part_names
+from canlog.bus_model import LogPart, part_names
 from canlog.command import main
-from canlog.exports import Mf4File
+from canlog.exports import SignalsMf4
 from canlog.frames import EXTENDED
 from canlog.read import Log
 from canlog.rows import from_rows
@@ -159,16 +160,17 @@ def test_mf4_holds_the_values_of_every_signal(seed: int, count: int, block: int)
     """asammdf reads them back: scaled, signed, floats, names of states, and absent ones."""
     found = Log(Path("x.log"), random_frames(count, seed), bus())
     with tempfile.TemporaryDirectory() as folder:
-        export, parts = Mf4File(Path(folder)), dict[Part, None]()
+        export, parts = SignalsMf4(Path(folder)), dict[LogPart, None]()
         for first in range(0, count, block):
             groups = Groups(found.frames[first : first + block])
             for key, channel in groups.places:
-                part = Part(found.bus.name_of(key), channel)
+                part = LogPart(found.bus.name_of(key), channel)
                 parts[part] = None
                 export.add(part, groups.table(found.bus.by_key[key], channel))
         names = part_names(parts)
         list(export.close(names, Path(folder)))
 
+        file: Any
         with asammdf.MDF(str(Path(folder) / "signals.mf4")) as file:
             groups_there = {
                 group.channel_group.acq_name: index for index, group in enumerate(file.groups)

@@ -1,6 +1,6 @@
 """Reassembled J1939 messages as tables of the signals that the DBC files define."""
 
-from canlog.bus_model import Bus, MessageSpec, Part
+from canlog.bus_model import Bus, LogPart, MessageSpec
 from canlog.frames import Frames
 from canlog.table import Table, table_of
 from canlog.transport.messages import Messages, TransportStatus
@@ -16,21 +16,21 @@ class LongTables:
         if any(each.by_group for each in (bus, *bus.by_channel.values())):
             self._reassembler = Reassembler(TransportOptions(isotp=False))
 
-    def feed(self, frames: Frames) -> dict[Part, Table]:
+    def feed(self, frames: Frames) -> dict[LogPart, Table]:
         """Return the messages that end in the next block."""
         if self._reassembler is None:
             return {}
         return self._tables(self._reassembler.feed(frames))
 
-    def _tables(self, parts: list[Messages]) -> dict[Part, Table]:
-        rows: dict[Part, tuple[MessageSpec, list[tuple[int, int, bytes]]]] = {}
+    def _tables(self, parts: list[Messages]) -> dict[LogPart, Table]:
+        rows: dict[LogPart, tuple[MessageSpec, list[tuple[int, int, bytes]]]] = {}
         for found in parts:
             for at in range(len(found)):
                 channel = found.channels[int(found.channel[at])]
                 spec = self._bus.on(channel).by_group.get(int(found.group[at]))
                 if spec is None or found.status[at] != TransportStatus.WHOLE:
                     continue
-                place = Part(spec.name, channel, spec.origin(int(found.key[at])))
+                place = LogPart(spec.name, channel, spec.origin(int(found.key[at])))
                 row = int(found.at_ns[at]), found.frames(at)[-1], found.payload(at)
                 rows.setdefault(place, (spec, []))[1].append(row)
         return {

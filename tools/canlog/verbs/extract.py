@@ -14,12 +14,12 @@ from canlog.bus_model import (
     CHANNEL_SIGN,
     ORIGIN_SIGN,
     Bus,
+    LogPart,
     MessageSpec,
-    Part,
     part_names,
 )
 from canlog.damage import Damage, Damages
-from canlog.exports import Export, Mf4File, TableFiles
+from canlog.exports import Export, SignalsMf4, TableFiles
 from canlog.formats.mf4_write import in_order
 from canlog.frames import Frames, empty
 from canlog.read import Log, Stream, read
@@ -64,7 +64,7 @@ def run(given: argparse.Namespace) -> int:
     # then.
     with tempfile.TemporaryDirectory(dir=given.out, prefix=".canlog-") as folder:
         scratch = Path(folder)
-        export = Mf4File(scratch) if given.form == "mf4" else TableFiles(scratch, given.form)
+        export = SignalsMf4(scratch) if given.form == "mf4" else TableFiles(scratch, given.form)
         for line in _export(source, export, bus, wanted, unknown, given.out):
             print(line)
     _report(bus, unknown, source.warnings)
@@ -80,8 +80,8 @@ def _export(
     folder: Path,
 ) -> Iterator[str]:
     """Write all tables, and count by key the frames that no DBC file defines."""
-    long, parts = LongTables(bus), dict[Part, None]()
-    frames: Any = in_order(source, Damages()) if isinstance(export, Mf4File) else source
+    long, parts = LongTables(bus), dict[LogPart, None]()
+    frames: Any = in_order(source, Damages()) if isinstance(export, SignalsMf4) else source
     for block in frames:
         for part, table in _tables(block, bus, long, unknown):
             if not wanted or set(part.texts) & set(wanted):
@@ -89,7 +89,7 @@ def _export(
                 export.add(part, table)
     for name in wanted:
         if not any(name in part.texts for part in parts):
-            part = Part(name, "")
+            part = LogPart(name, "")
             parts[part] = None
             export.add(part, Groups(empty()).table(_known(bus, name)))
     yield from export.close(part_names(parts), folder)
@@ -97,16 +97,16 @@ def _export(
 
 def _tables(
     frames: Frames, bus: Bus, long: LongTables, unknown: dict[int, int]
-) -> Iterator[tuple[Part, Table]]:
+) -> Iterator[tuple[LogPart, Table]]:
     """Yield the tables of one block: those of its frames, and of messages reassembled from them."""
     groups = Groups(frames)
-    keys: dict[Part, tuple[MessageSpec, list[int]]] = {}
+    keys: dict[LogPart, tuple[MessageSpec, list[int]]] = {}
     for key, channel in groups.places:
         spec = bus.on(channel).spec_at(key)
         if spec is None:
             unknown[key] = unknown.get(key, 0) + groups.count(key, channel=channel)
         else:
-            part = Part(spec.name, channel, spec.origin(key))
+            part = LogPart(spec.name, channel, spec.origin(key))
             keys.setdefault(part, (spec, []))[1].append(key)
     reassembled = long.feed(frames)
     for part, (spec, mine) in keys.items():
