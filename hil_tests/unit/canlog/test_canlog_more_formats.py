@@ -1,6 +1,9 @@
 """Read-only formats: captures, CSV, SQLite, and text logs of other programs."""
 
+import os
+import shutil
 import struct
+import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -253,6 +256,29 @@ def test_flags_of_captured_frames(tmp_path: Path) -> None:
     assert log.frames.length.tolist() == [2, 2, 2, 12, 12, 4, 8]
     assert int(log.frames.identifier[-1]) == 4
     assert log.warnings == ()
+
+
+@pytest.mark.parametrize("form", ["pcap", "pcapng"])
+def test_what_wireshark_writes_is_read(tmp_path: Path, form: str) -> None:
+    """Without Wireshark's text2pcap, the capture of this module takes its place."""
+    frames = [Made(START_US + 7 * at, 0x100 + at, False, bytes(range(at))) for at in range(9)]
+    frames.append(Made(START_US + 1_000_000, 0x18FEF100, True, b"\xff" * 8))
+    path, program = tmp_path / f"x.{form}", shutil.which("text2pcap")
+    if program is None:
+        path.write_bytes({"pcap": pcap, "pcapng": pcapng}[form](frames))
+    else:
+        dump = tmp_path / "x.txt"
+        with dump.open("w") as out:
+            for each in frames:
+                second, past_us = divmod(each.at_us, 1_000_000)
+                out.write(f"{second}.{past_us:06d}\n0000 {socketcan(each).hex(' ')}\n\n")
+        words = [program, "-F", form, "-l", "227", "-t", "%s.%f", str(dump), str(path)]
+        subprocess.run(words, capture_output=True, check=True, env=os.environ | {"TZ": "UTC"})
+
+    found = stream(path)
+
+    assert told(concat(list(found))) == wanted(frames)
+    assert found.warnings == ()
 
 
 def test_packets_of_other_networks_are_skipped_and_a_torn_end_is_told(tmp_path: Path) -> None:
