@@ -10,6 +10,7 @@ from typing import Any, Final
 import pytest
 
 from firmware_py.settings import shipped_names
+from hil_tests.native_rig import code_in
 from metro_hil.campaign import plan_cases
 from metro_hil.campaign.builder import Scenario
 from metro_hil.campaign.scenarios import read_named
@@ -44,6 +45,14 @@ def test_a_shipped_line_gives_the_recorded_frames(line: str) -> None:
     (case,) = Scenario(name=line, train=train, monitor=[MOVES], seeds=1).cases()
 
     assert run_case(case).chain == LINES[line]
+
+
+def test_the_frames_in_python_alone_are_the_recorded_ones() -> None:
+    """The other tests use C for codec, bus and logs where it can be built."""
+    (case,) = Scenario(name="florence", train={"duration_s": RUN_S}, monitor=[MOVES]).cases()
+
+    with code_in("Python"):
+        assert run_case(case).chain == LINES["florence"]
 
 
 def test_the_campaign_smoke_gives_the_recorded_frames() -> None:

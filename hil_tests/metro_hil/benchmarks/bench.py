@@ -5,6 +5,7 @@ Machines differ and are shared, so a figure is a ratio or the median of several 
 
 import argparse
 import json
+import os
 import shutil
 import statistics
 import subprocess
@@ -21,6 +22,7 @@ from rich.table import Table
 
 from firmware_py.clock.clock import REALTIME_SPIN_S
 from metro_hil.benchmarks.profile import where_the_time_goes
+from metro_hil.model.native_copy import SWITCH, Native
 
 LOCKSTEP_RUNS = 5
 LOCKSTEP_BAR = 200.0
@@ -48,14 +50,24 @@ class Figure:
     """None without a bar or a comparison."""
 
 
-PLAIN = (sys.executable, "-m", "metro_hil.cli.vobc")
+PROGRAM = (
+    *(sys.executable, "-c"),
+    "import sys; from metro_hil.cli.entry import vobc; sys.exit(vobc())",
+)
+WAYS = {
+    "plain Python": Native.OFF,
+    "C for codec, bus and logs": Native.WIRE,
+    "with compiled controller": Native.WAIT,
+}
+"""How the same run is executed; the last is what a user gets once the background build is done."""
 
 
-def vobc_run(*arguments: str, program: Sequence[str] = PLAIN) -> dict[str, Any]:
+def vobc_run(*arguments: str, native: Native = Native.WIRE) -> dict[str, Any]:
     """Run `vobc run` in a fresh process and return its JSON results."""
     with tempfile.TemporaryDirectory() as scratch:
-        command = [*program, "run", "--json", "--out", str(Path(scratch) / "run"), *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        command = [*PROGRAM, "run", "--json", "--out", str(Path(scratch) / "run"), *arguments]
+        environment = {**os.environ, SWITCH: native.value}
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}:\n{done.stderr}")
     results: dict[str, Any] = json.loads(done.stdout)
@@ -64,23 +76,20 @@ def vobc_run(*arguments: str, program: Sequence[str] = PLAIN) -> dict[str, Any]:
 
 def lockstep_speed() -> list[Figure]:
     """Measure the whole Florence line on one core, with every frame through bus and log."""
-    with tempfile.TemporaryDirectory() as scratch:
-        command = [sys.executable, "-m", "metro_tools.compiled", "--into", f"{scratch}/compiled"]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        compiled = (f"{scratch}/compiled/bin/vobc",)
-        plain_runs, compiled_runs = [], []
-        # Both run in turn, so that a change of the machine's speed affects both.
-        for _ in range(LOCKSTEP_RUNS):
-            plain_runs.append(vobc_run("--lockstep"))
-            compiled_runs.append(vobc_run("--lockstep", program=compiled))
-    hashes = {run["frame_log_sha256"] for run in plain_runs + compiled_runs}
-    same = len(hashes) == 1
+    runs: dict[str, list[dict[str, Any]]] = {name: [] for name in WAYS}
+    # All run in turn, so that a change of the machine's speed affects them alike.
+    for _ in range(LOCKSTEP_RUNS):
+        for name, native in WAYS.items():
+            runs[name].append(vobc_run("--lockstep", native=native))
+    hashes = {run["frame_log_sha256"] for each in runs.values() for run in each}
+    same, count = len(hashes) == 1, len(WAYS) * LOCKSTEP_RUNS
+    *others, last = WAYS
     return [
-        _speed("lockstep, whole line, plain Python", plain_runs, bar=None),
-        _speed("lockstep, whole line, `make compiled`", compiled_runs, bar=LOCKSTEP_BAR),
+        *(_speed(f"lockstep, whole line, {name}", runs[name], bar=None) for name in others),
+        _speed(f"lockstep, whole line, {last}", runs[last], bar=LOCKSTEP_BAR),
         Figure(
             "same seed, same frame log",
-            f"{'identical' if same else 'DIFFERENT'} in {2 * LOCKSTEP_RUNS} processes, both ways",
+            f"{'identical' if same else 'DIFFERENT'} in {count} processes, all ways",
             "identical",
             same,
         ),
