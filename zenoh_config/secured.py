@@ -49,8 +49,8 @@ def client_settings(folder: str, name: str) -> str:
         "      },\n"
     )
     # A handshake with certificates takes longer than one without.
-    text = text.replace("open_timeout: 200, accept_timeout: 200", "open_timeout: 1000")
-    text = text.replace("timeout_ms: 500", "timeout_ms: 2000")
+    text = text.replace("open_timeout: 1000, accept_timeout: 1000", "open_timeout: 2000")
+    text = text.replace("timeout_ms: 2000", "timeout_ms: 4000")
     return text.replace(link, link + tls).replace(DEFAULT_ENDPOINT, ENDPOINT)
 
 

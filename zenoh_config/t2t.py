@@ -16,6 +16,14 @@ LAST_ARBITER: Final = 65_099
 0."""
 SUPERVISION: Final = 65_100
 """Address of the supervision console; there may be several consoles, one after the other."""
+TERM_MAX: Final = 2**48 - 1
+"""Highest term. A hostile train that is elected again and again needs years to use them up."""
+TERM_STEP_MAX: Final = 10_000
+"""Greatest step from a term that an arbiter confirmed to a term that a train accepts.
+
+A line does not use as many terms while a train is away. A train that was away for longer asks an
+arbiter, whose answer confirms the present term.
+"""
 ROSTER_MAX: Final = 128
 """Maximum number of trains in one area."""
 SECTIONS_MAX: Final = 256

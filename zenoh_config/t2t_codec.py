@@ -12,13 +12,20 @@ import msgspec
 
 from zenoh_config.messages import MAX_ADDRESS, RESTRICTIONS_MAX, SpeedRestriction
 from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_NUMBER, MAX_SPEED_MPS, MAX_STAMP_NS
-from zenoh_config.t2t import ROSTER_MAX, SECTIONS_MAX, AreaAuthority, T2tMessage, TrainReport
+from zenoh_config.t2t import (
+    ROSTER_MAX,
+    SECTIONS_MAX,
+    TERM_MAX,
+    AreaAuthority,
+    T2tMessage,
+    TrainReport,
+)
 from zenoh_config.t2t_types import T2T_TYPES
 
 FIRST_TYPE: Final = 16
 AREA_MAX: Final = 255
 AXLES_MAX: Final = 1000
-LEASES_MAX: Final = 64
+LEASES_MAX: Final = 56
 SILENT_MAX: Final = 64
 """Maximum numbers of leases and silent trains that fit into one message beside its other fields."""
 TYPE_NUMBERS: Final = {kind: FIRST_TYPE + at for at, kind in enumerate(T2T_TYPES)}
@@ -40,9 +47,11 @@ _ADDRESSES: Final = (
 _MOST: Final = {
     **dict.fromkeys(_ADDRESSES, MAX_ADDRESS),
     "waits_for": MAX_ADDRESS,
+    **dict.fromkeys(("term", "held_term", "claim_term", "roster_term", "granted_term"), TERM_MAX),
     "area": AREA_MAX,
     "comes_from": AREA_MAX,
     "axles": AXLES_MAX,
+    "rank": ROSTER_MAX,
 }
 """Greatest value of an integer field; other fields allow up to 2^32 - 1."""
 

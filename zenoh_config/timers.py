@@ -47,6 +47,15 @@ class LineTimers:
             )
 
     @property
+    def round_trip_max_ms(self) -> int:
+        """Network budget: time within which a majority of arbiters must answer.
+
+        One renewal of the lease may then be lost. A train still commands in a slower network, but
+        its lease ends with the first lost message.
+        """
+        return self.lease_ms - 2 * self.renew_ms - self.margin_ms
+
+    @property
     def holder_lease_ns(self) -> int:
         """Lease time that the holder may rely on from sending its request, by its own clock."""
         return round(self.lease_ms * NS_PER_MS * (1.0 - self.drift_ratio))
@@ -58,7 +67,7 @@ class LineTimers:
 
 
 TIMERS_A: Final = LineTimers()
-"""Default, for any network."""
+"""Default, for a local or metropolitan network."""
 TIMERS_B: Final = LineTimers(
     lease_ms=120,
     renew_ms=30,
@@ -69,4 +78,14 @@ TIMERS_B: Final = LineTimers(
     authority_ms=600,
 )
 """For a clean local network."""
-TIMER_SETS: Final = {"A": TIMERS_A, "B": TIMERS_B}
+TIMERS_C: Final = LineTimers(
+    lease_ms=800,
+    renew_ms=200,
+    cycle_ms=200,
+    heartbeat_ms=100,
+    silence_ms=500,
+    rank_ms=150,
+    authority_ms=5000,
+)
+"""For a public radio network (LTE, 5G) with 40 to 150 ms one way."""
+TIMER_SETS: Final = {"A": TIMERS_A, "B": TIMERS_B, "C": TIMERS_C}

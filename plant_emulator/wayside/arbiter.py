@@ -1,6 +1,6 @@
 """The arbiter grants each area's lease to one train at a time, under terms that only increase."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -9,13 +9,17 @@ from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, LeaseMemory, Wa
 from zenoh_config.messages import RefusedReason
 from zenoh_config.t2t import (
     LAST_TRAIN,
+    TERM_STEP_MAX,
+    Heartbeat,
     LeaseAnswer,
     LeaseKind,
     LeaseRequest,
+    ObjectClaim,
     RosterAck,
     RosterCommit,
     T2tMessage,
 )
+from zenoh_config.t2t_supervision import RemovalAnswer
 from zenoh_config.timers import LineTimers
 
 
@@ -30,6 +34,14 @@ class Plea(NamedTuple):
 
 def term_is_new(plea: Plea) -> bool:
     return plea.term > plea.lease.promised
+
+
+def term_in_reach(plea: Plea) -> bool:
+    """Accept no term that no honest train can have come to.
+
+    A train accepts a term up to one step above the confirmed ones, and then asks for a higher one.
+    """
+    return plea.term <= plea.lease.promised + 2 * TERM_STEP_MAX
 
 
 def lease_is_free(plea: Plea) -> bool:
@@ -52,11 +64,26 @@ class ArbiterGuards:
     """Conditions of the arbiter; replaceable for tests and simulators only."""
 
     term_is_new: Callable[[Plea], bool] = term_is_new
+    term_in_reach: Callable[[Plea], bool] = term_in_reach
     lease_is_free: Callable[[Plea], bool] = lease_is_free
     by_holder: Callable[[Plea], bool] = by_holder
     waits_after_start: bool = True
     """Grant no new lease for a whole lease time after a start, because a lease granted before may
     still be valid."""
+
+
+def of_masters(arbiters: Iterable["Arbiter"], heard: Iterable[T2tMessage]) -> list[T2tMessage]:
+    """Leave out messages of masters under a term that no arbiter has granted to their sender.
+
+    Objects and track status obey terms, and the highest one for good.
+    """
+    known = list(arbiters)
+    return [
+        each
+        for each in heard
+        if not isinstance(each, Heartbeat | ObjectClaim | RemovalAnswer)
+        or any(arbiter.has_granted(each) for arbiter in known)
+    ]
 
 
 class Arbiter:
@@ -105,6 +132,11 @@ class Arbiter:
                 return each
         return LeaseMemory(area)
 
+    def has_granted(self, message: T2tMessage) -> bool:
+        """Whether this arbiter granted the message's term to its sender."""
+        lease = self.lease(message.area)
+        return (lease.promised, lease.holder) == (message.term, message.source)
+
     def step(self, now_ns: int, heard: tuple[T2tMessage, ...]) -> WaysideStepped[ArbiterMemory]:
         before = self.memory
         out: list[T2tMessage] = []
@@ -151,7 +183,14 @@ class Arbiter:
         plea = Plea(request.source, request.term, lease, now_ns >= expiry_ns)
         guards = self._guards
         if request.kind is LeaseKind.ACQUIRE:
-            if not guards.term_is_new(plea) or not guards.lease_is_free(plea):
+            if by_holder(plea):
+                # The candidate repeats a request whose grant has not reached it yet.
+                return self._extends(request, now_ns)
+            if not (
+                guards.term_is_new(plea)
+                and guards.term_in_reach(plea)
+                and guards.lease_is_free(plea)
+            ):
                 return False
             self._displaced_ns[area] = expiry_ns
             self._keep(lease._replace(promised=request.term, holder=request.source, successor=0))
@@ -164,14 +203,20 @@ class Arbiter:
             return False
         elif lease.successor != request.successor:
             self._keep(lease._replace(successor=request.successor))
-        # Never shorten a lease that was granted before, because its holder relies on it.
+        return self._extends(request, now_ns)
+
+    def _extends(self, request: LeaseRequest, now_ns: int) -> bool:
+        """Never shorten a lease that was granted before, because its holder relies on it."""
         granted_ns = now_ns + self._timers.arbiter_lease_ns - request.less_ns
-        self._expiries_ns[area] = max(expiry_ns, granted_ns)
+        self._expiries_ns[request.area] = max(self.expiry_ns(request.area), granted_ns)
         return True
 
     def _keeps(self, commit: RosterCommit) -> bool:
         """Store a roster of the holder unless it is older than the stored one."""
         lease = self.lease(commit.area)
+        trains = [entry.train for entry in commit.roster]
+        if len(set(trains)) != len(trains) or not all(0 < each <= LAST_TRAIN for each in trains):
+            return False
         newer = (commit.term, commit.version) >= (lease.roster_term, lease.roster_version)
         if not newer or not self._guards.by_holder(Plea(commit.source, commit.term, lease, False)):
             return False

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import AreaMap
-from plant_emulator.wayside.arbiter import Arbiter
+from plant_emulator.wayside.arbiter import Arbiter, of_masters
 from plant_emulator.wayside.line_centre import LineCentre
 from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
@@ -77,6 +77,8 @@ class LineWayside:
             )
             for address, memory in disks.arbiters.items()
         }
+        self._granting = tuple(self.arbiters.values())
+        """Arbiters whose grants count, also after the disk failed one of them."""
         self.objects = {
             site.number: LineObject(
                 timers,
@@ -117,7 +119,11 @@ class LineWayside:
             else:
                 self._fails(f"arbiter {address}")
                 del self.arbiters[address]
-        to_wayside = tuple([each for each in heard if each.destination not in self.arbiters])
+        others = [each for each in heard if each.destination not in self.arbiters]
+        # A wayside without arbiters cannot tell who commands.
+        to_wayside = tuple(of_masters(self._granting, others) if self._granting else others)
+        if len(others) > len(to_wayside):
+            self.refusals["term not granted"] += len(others) - len(to_wayside)
         for number, site in list(self.objects.items()):
             moved = site.step(
                 now_ns,

@@ -104,18 +104,19 @@ class LineCommand:
                 self.refusals.note(0, reason, "from the line", more)
 
     def silence(self, now_ns: int, from_centre: int) -> Event | None:
-        """Event if the radio has become silent, or is back.
+        """Event if the radio has become silent or slow, or is back.
 
         Args:
             from_centre: number of messages from the centre so far.
         """
         if self._silence is None:
             return None
-        return self._silence.look(now_ns, self._port.counters.received + from_centre)
+        event = self._silence.look(now_ns, self._port.counters.received + from_centre)
+        return event or self._silence.look_at_answers(*self.radio.round_trip_ms)
 
     @property
     def silence_words(self) -> str:
-        return "" if self._silence is None else self._silence.words
+        return "" if self._silence is None else self._silence.words or self._silence.slow
 
     @property
     def held(self) -> HeldAuthority | None:

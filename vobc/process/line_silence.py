@@ -1,4 +1,4 @@
-"""Detects a silent line radio and reports it while the train waits for an authority."""
+"""Detects a silent line radio and slow arbiters, and reports both once."""
 
 from typing import Final
 
@@ -8,6 +8,8 @@ from vobc.vocabulary import Event
 SILENT_S: Final = 5.0
 """Silence that is reported. A centre answers each status, five times a second, and a session takes
 a second or two to begin."""
+QUICK_RATIO: Final = 0.9
+"""Share of the network budget below which slow arbiters count as quick again."""
 NS_PER_S: Final = 1e9
 
 
@@ -26,6 +28,8 @@ class LineSilence:
         self._endpoint = endpoint
         self._received = 0
         self._heard_ns: int | None = None
+        self.slow = ""
+        """Text of the problem with slow arbiters. Empty without one."""
         self.words = ""
         """Text of the problem. Empty while messages arrive."""
 
@@ -40,6 +44,21 @@ class LineSilence:
             return None
         self.words = silence_text(self._endpoint)
         return Event(EventKind.INPUT_LOST, self.words)
+
+    def look_at_answers(self, took_ms: float, need_ms: int) -> Event | None:
+        """The event to report if the arbiters have become too slow, or quick enough again.
+
+        Args:
+            took_ms: time that they take to answer. 0: unknown.
+            need_ms: network budget of the line's timers.
+        """
+        if not self.slow and took_ms > need_ms:
+            self.slow = f"arbiters answer after {took_ms:.0f} ms, need < {need_ms}"
+            return Event(EventKind.INPUT_LOST, self.slow)
+        if self.slow and took_ms < QUICK_RATIO * need_ms:
+            self.slow = ""
+            return Event(EventKind.INPUT_BACK, f"arbiters answer after {took_ms:.0f} ms")
+        return None
 
     def _is_back(self) -> Event | None:
         if not self.words:

@@ -29,6 +29,8 @@ from zenoh_config.t2t import (
 from zenoh_config.timers import NS_PER_MS
 
 COMMANDING: Final = (Role.FENCING, Role.MASTER)
+DOUBLED_MAX: Final = 5
+"""Number of failed candidacies up to which the wait after one doubles, to 2.5 s at least."""
 FOR_NONE: Final = (0, 0)
 """Marks a train that is ready for no switch. Terms and switches are never numbered 0."""
 
@@ -64,9 +66,15 @@ class AreaParticipant:
         self._table = TrainTable()
         """Train records that a standby receives. The records of a new master start from them."""
         self._report_ns = now_ns
+        self._applied_ns = now_ns
+        """When the present candidacy began."""
         self._quiet_until_ns = now_ns
         """Time until which the train does not apply again, after a lost candidacy."""
         self._called = False
+        self._was_called = False
+        """The present candidacy began because the master called this train to take over."""
+        self._failures = 0
+        """Number of candidacies that failed since a master was last received."""
         self._fenced = False
         """A train reported a higher term than that of the newest candidacy."""
         self._heard_ns = now_ns
@@ -83,7 +91,8 @@ class AreaParticipant:
         return ROUTES.get(type(message), AreaParticipant._passes_on)(self, message, now_ns)
 
     def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> list[T2tMessage]:
-        self.member.on_heartbeat(heartbeat, now_ns)
+        if self.member.on_heartbeat(heartbeat, now_ns):
+            self._failures = 0
         return []
 
     def _on_authority(self, authority: AreaAuthority, now_ns: int) -> list[T2tMessage]:
@@ -93,6 +102,7 @@ class AreaParticipant:
 
     def _on_lease_answer(self, answer: LeaseAnswer, now_ns: int) -> list[T2tMessage]:
         self.lease.on_message(answer, now_ns)
+        self.member.confirm(self.lease.confirmed_term, self.lease.owner_of)
         return []
 
     def _on_switch_step(self, step: SwitchStep, now_ns: int) -> list[T2tMessage]:
@@ -102,7 +112,7 @@ class AreaParticipant:
         return self._on_switch(step, now_ns)
 
     def _on_report(self, report: TrainReport, now_ns: int) -> list[T2tMessage]:
-        self._fenced |= report.term > self.lease.term
+        self._fenced |= report.term > self.lease.term and self.member.in_reach(report.term)
         if self.role is Role.STANDBY and report.localised:
             record = self._table.of(report.source, rear_m=report.rear_min_m, now_ns=now_ns)
             record.on_message(report, now_ns, term=report.term, jog_m=self._config.jog_m)
@@ -152,6 +162,7 @@ class AreaParticipant:
             due_ns = min(due_ns, self.master.next_due_ns(), lease.renewal_due_ns(), lease.until_ns)
             turn_ns = self._deaf_ns()
         elif self.role is Role.CANDIDATE:
+            due_ns = min(due_ns, self.lease.asks_again_ns())
             turn_ns = self.lease.attempt_ends_ns()
         else:
             turn_ns = max(self._turn_ns(), self._quiet_until_ns)
@@ -172,6 +183,8 @@ class AreaParticipant:
             return sent
         reports = self._report(now_ns, own, relation)
         sent += reports
+        if self.role is Role.CANDIDATE and now_ns >= self.lease.asks_again_ns():
+            sent += self._ask(now_ns, self.lease.ask_again(now_ns))
         if self.master is not None:
             sent += self._command(self.master, now_ns, own, reports, concerned=concerned)
         return sent
@@ -201,7 +214,7 @@ class AreaParticipant:
             named_standby=self.member.standby == self._speaker.address,
             apply_now=silent or self._called,
             may_command=may_command,
-            candidacy_lost=self.lease.lost(now_ns) or away,
+            candidacy_lost=self.lease.lost(now_ns) or away or self._master_is_back(now_ns),
             lease_granted=self.lease.state is LeaseState.HELD,
             lease_runs=self.lease.runs(now_ns),
             fenced=self._is_fenced(),
@@ -210,6 +223,11 @@ class AreaParticipant:
             relieved=gone and master is not None and not master.has_others,
             deaf=master is not None and self._is_deaf(master, now_ns),
         )
+
+    def _master_is_back(self, now_ns: int) -> bool:
+        """No arbiter answers this candidate, and it receives the master again."""
+        heard = not self._was_called and self.member.master_heard_ns > self._applied_ns
+        return heard and self.lease.is_late(now_ns)
 
     def _deaf_ns(self) -> int:
         return self._heard_ns + self._config.timers.silence_ms * NS_PER_MS
@@ -232,9 +250,14 @@ class AreaParticipant:
 
     def _leave(self, role: Role, sight: RoleGuardInputs, now_ns: int) -> list[T2tMessage]:
         if role is Role.CANDIDATE and self.role is not Role.FENCING:
+            self._failures += 1
             self._quiet_until_ns = self._next_try_ns(now_ns)
             return self._ask(now_ns, self.lease.give_back(now_ns))
         if role in COMMANDING and self.role not in COMMANDING:
+            if role is Role.FENCING:
+                # The lease was too short to commit a roster. The next one may be no longer.
+                self._failures += 1
+                self._quiet_until_ns = self._next_try_ns(now_ns)
             standby = NO_TRAIN if self.master is None else self.master.succession.standby
             self.master = None
             self.member.master_heard_ns = now_ns
@@ -257,19 +280,22 @@ class AreaParticipant:
         """When this train applies again after a lost candidacy.
 
         The standby asks again when the lease that blocked it has expired. A train that lost against
-        another candidate, and every other train, waits for a random time.
+        another candidate, and every other train, waits for a random time. It doubles with each
+        failure.
         """
-        wait_ns = self.lease.wait_until_ns - now_ns
-        if wait_ns > 0 and self.member.standby == self._speaker.address:
-            return self.lease.wait_until_ns + NS_PER_MS
-        backoff_ns = self._config.backoff_ms * NS_PER_MS
-        return now_ns + max(0, wait_ns) + backoff_ns + self._chance.below(backoff_ns)
+        blocked_ns = self.lease.wait_until_ns
+        if blocked_ns and self.member.standby == self._speaker.address:
+            return max(now_ns, blocked_ns) + NS_PER_MS
+        backoff_ns = self._config.backoff_ms * NS_PER_MS << min(self._failures - 1, DOUBLED_MAX)
+        return max(now_ns, blocked_ns) + backoff_ns + self._chance.below(backoff_ns)
 
     def _enter(self, role: Role, now_ns: int) -> list[T2tMessage]:
         if role is Role.CANDIDATE:
             return self._apply(now_ns)
         if role is Role.FENCING:
             self._take_command(now_ns)
+        elif role is Role.MASTER:
+            self._failures = 0
         elif role is not Role.STANDBY:
             self._table = TrainTable()
         return []
@@ -278,6 +304,7 @@ class AreaParticipant:
         memory = self.member.memory
         request = self.lease.ask(now_ns, seen_term=memory.seen_term, tried_term=memory.tried_term)
         self.member.memory = memory._replace(tried_term=request.term)
+        self._was_called, self._applied_ns = self._called, now_ns
         self._fenced = self._called = False
         return self._ask(now_ns, request)
 

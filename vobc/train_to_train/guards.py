@@ -8,7 +8,13 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
-from zenoh_config.t2t import NO_TRAIN, AreaAuthority, ObjectState, ObjectStatus
+from zenoh_config.t2t import (
+    NO_TRAIN,
+    TERM_STEP_MAX,
+    AreaAuthority,
+    ObjectState,
+    ObjectStatus,
+)
 
 
 class Offer(NamedTuple):
@@ -56,6 +62,34 @@ def owner_of_term(fence: Fence) -> bool:
     return fence.term != fence.seen_term or fence.source == fence.owner
 
 
+class TermStep(NamedTuple):
+    """A received term, with the highest one that an arbiter has confirmed to this train."""
+
+    term: int
+    confirmed_term: int
+
+
+def term_in_reach(step: TermStep) -> bool:
+    """The term is at most 10,000 above the highest one that an arbiter has confirmed.
+
+    A train that refuses a higher term asks the arbiters, and learns from their answer how far terms
+    have come.
+    """
+    return step.term <= step.confirmed_term + TERM_STEP_MAX
+
+
+class TrainAhead(NamedTuple):
+    rear_m: float
+    """Protected rear of the nearest train received ahead. Infinite: there is none."""
+    behind_rear_m: float
+    """Track kept free behind it."""
+
+
+def behind_train_ahead_m(ahead: TrainAhead) -> float:
+    """Farthest end of an authority, whatever a master grants."""
+    return ahead.rear_m - ahead.behind_rear_m
+
+
 class Latency(NamedTuple):
     """Bounds of how far a train's front may still run on the authority of one area."""
 
@@ -87,8 +121,11 @@ class MemberGuards:
     newer_than_held: Callable[[Offer], bool] = newer_than_held
     term_not_old: Callable[[Fence], bool] = term_not_old
     owner_of_term: Callable[[Fence], bool] = owner_of_term
+    term_in_reach: Callable[[TermStep], bool] = term_in_reach
     latent_authority_m: Callable[[Latency], float] = latent_authority_m
     """A formula. A test replaces it by a wrong one instead of removing it."""
+    behind_train_ahead_m: Callable[[TrainAhead], float] = behind_train_ahead_m
+    """A formula, like `latent_authority_m`."""
 
 
 class Votes(NamedTuple):

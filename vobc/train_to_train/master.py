@@ -125,7 +125,7 @@ class Master:
     ) -> None:
         """Begin to command. `table` holds what a standby already knows; otherwise it is empty."""
         self.term = lease.term
-        self.succession = Succession(speaker.address, config.switch_ms * NS_PER_MS)
+        self.succession = Succession(speaker.address, config.switch_limit_ms * NS_PER_MS)
         self.roster = Roster(lease.term, lease.adopted, config.majority, guards)
         self._config, self._guards, self._line = config, guards, line
         self._area = line.area(area)

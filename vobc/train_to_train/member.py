@@ -1,6 +1,8 @@
 """A train as member of one area: the terms it knows, its authority and how far it may still run."""
 
-from vobc.train_to_train.guards import Fence, Latency, MemberGuards, Offer
+from collections.abc import Callable
+
+from vobc.train_to_train.guards import Fence, Latency, MemberGuards, Offer, TermStep
 from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain
 from zenoh_config.t2t import NO_TRAIN, AreaAuthority, Heartbeat, T2tMessage
 from zenoh_config.timers import NS_PER_MS, LineTimers
@@ -26,6 +28,9 @@ class AreaMember:
         self._boot = boot
         self.memory = memory
         """Memory of the area. The caller stores it whenever it changes."""
+        self.confirmed_term = memory.seen_term
+        """Highest term that an arbiter has confirmed to this train. After a restart: the highest
+        one that it had received before."""
         self.held: AreaAuthority | None = None
         self.newest = (0, -1)
         """Term and sequence number of the newest authority that the train accepted."""
@@ -47,11 +52,31 @@ class AreaMember:
         fence = Fence(message.term, message.source, memory.seen_term, memory.owner)
         if not self._guards.term_not_old(fence) or not self._guards.owner_of_term(fence):
             return False
+        if not self.in_reach(message.term):
+            return False
         if message.term > memory.seen_term:
             self.memory = memory._replace(seen_term=message.term, owner=message.source)
             self.new_promise = True
             self.beat_ns = 0
         return True
+
+    def in_reach(self, term: int) -> bool:
+        """Whether the term may be that of a master, by what the arbiters have confirmed."""
+        return self._guards.term_in_reach(TermStep(term, self.confirmed_term))
+
+    def confirm(self, confirmed_term: int, owner_of: Callable[[int], int]) -> None:
+        """Take over what the arbiters report. They know better who owns the term than its senders.
+
+        Args:
+            owner_of: the train to which a majority granted a term. 0: unknown.
+        """
+        self.confirmed_term = max(self.confirmed_term, confirmed_term)
+        owner = owner_of(self.memory.seen_term)
+        if owner not in (NO_TRAIN, self.memory.owner):
+            self.memory = self.memory._replace(owner=owner)
+            self.beat_ns = 0
+            # What another train sent under this term does not count. The owner's numbers are lower.
+            self.newest = (self.memory.seen_term, -1)
 
     def on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> bool:
         if not self.fences(heartbeat):

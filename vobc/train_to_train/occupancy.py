@@ -88,7 +88,7 @@ class TrainRecord:
         self.lost = not report.localised
         if self.lost:
             return
-        rear_m = min(max(report.protected_m, report.rear_min_m), report.rear_min_m + jog_m)
+        rear_m = protected_rear_m(report, jog_m)
         newborn = report.boot != self.boot and self.boot != 0
         self.rear_m = rear_m if newborn else max(self.rear_m, rear_m)
         self.report, self.boot = report, report.boot
@@ -132,6 +132,15 @@ class TrainRecord:
     def granted_m(self) -> float:
         """Farthest place of the front by any authority held, still acceptable, or given up."""
         return max([self.latent_m, *[each.end_m for each in self.sent]])
+
+
+def protected_rear_m(report: TrainReport, jog_m: float) -> float:
+    """Place behind which the rear does not come to rest, before it jogs or rolls back.
+
+    A moving train must come to rest before it can jog back, and it comes to rest farther on. That
+    counts up to the length of a jog.
+    """
+    return min(max(report.protected_m, report.rear_min_m), report.rear_min_m + jog_m)
 
 
 def rear_max_m(report: TrainReport) -> float:

@@ -102,6 +102,8 @@ class Reception:
         if not _may_say(source, message):
             return RefusedReason.WRONG_SOURCE
         if isinstance(message, AreaAuthority):
+            if message.destination != self._address:
+                return RefusedReason.WRONG_DESTINATION
             # The member's own guard keeps authorities in order, by term and across masters.
             return None
         number = message.number if isinstance(message, ObjectStatus) else 0

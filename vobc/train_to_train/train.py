@@ -6,11 +6,12 @@ from typing import Final
 
 from firmware_py.trackdb.areas import Area, AreaMap
 from vobc.train_to_train.area_participant import AreaParticipant, Chance
-from vobc.train_to_train.guards import TrainGuards
+from vobc.train_to_train.guards import TrainAhead, TrainGuards
 from vobc.train_to_train.message_heads import MessageHeads
 from vobc.train_to_train.occupancy import UNBOUNDED_M
 from vobc.train_to_train.reception import Reception
 from vobc.train_to_train.roles import StandingGuardInputs, state_of
+from vobc.train_to_train.trains_ahead import TrainsAhead
 from vobc.train_to_train.vocabulary import (
     HeldAuthority,
     OwnTrain,
@@ -19,7 +20,14 @@ from vobc.train_to_train.vocabulary import (
     T2tConfig,
     TrainMemory,
 )
-from zenoh_config.t2t import NO_TRAIN, AreaAuthority, LineOrder, OrderKind, T2tMessage
+from zenoh_config.t2t import (
+    NO_TRAIN,
+    AreaAuthority,
+    LineOrder,
+    OrderKind,
+    T2tMessage,
+    TrainReport,
+)
 from zenoh_config.timers import NS_PER_MS
 
 FAREWELL_M: Final = 150.0
@@ -80,6 +88,7 @@ class TrainCore:
         self._guards = guards or TrainGuards()
         self._speaker = MessageHeads(address, self.memory.boot)
         self._hearing = Reception(address, self.memory.boot)
+        self._ahead = TrainsAhead(config.jog_m)
         self._chance = Chance(address * 0x10001 + seed)
         self._desks: dict[int, AreaParticipant] = {}
         self.listens: frozenset[int] = frozenset()
@@ -105,6 +114,16 @@ class TrainCore:
     def desk(self, area: int) -> AreaParticipant | None:
         """State of the train in an area, for displays. None: the area does not concern it."""
         return self._desks.get(area)
+
+    @property
+    def round_trip_ms(self) -> float:
+        """Time that the arbiters take to answer this train. 0: it has not asked any."""
+        times_ns = [desk.lease.round_trip_ns for desk in self._desks.values()]
+        return max(times_ns, default=0) / NS_PER_MS
+
+    @property
+    def round_trip_max_ms(self) -> int:
+        return self._config.timers.round_trip_max_ms
 
     def next_due_ns(self) -> int:
         """When the next step is due without any message."""
@@ -191,7 +210,9 @@ class TrainCore:
                 continue
             if not self._hearing.admits(message, self._speaker.sequence):
                 continue
-            if isinstance(message, LineOrder) and message.train == self.address:
+            if isinstance(message, TrainReport):
+                self._ahead.on_message(message, now_ns)
+            elif isinstance(message, LineOrder) and message.train == self.address:
                 self._serve(message)
             desk = self._desks.get(message.area)
             if desk is None:
@@ -284,7 +305,8 @@ class TrainCore:
         while area is not None and (held := self._held(area, result, now_ns, own)) is not None:
             if not reaches:
                 return result
-            end_m = held.end_m
+            # No master grants track of another area.
+            end_m = min(held.end_m, max(area.end_m, own.front_max_m))
             if result is not None and result.end_m < area.start_m:
                 end_m = min(end_m, result.end_m)
             result = HeldAuthority(
@@ -305,6 +327,12 @@ class TrainCore:
         known_m = self._line.end_m if area is None else area.start_m
         before_m = known_m - self._config.behind_axle_m
         return result._replace(end_m=min(result.end_m, max(before_m, own.front_max_m)))
+
+    def _behind_train_ahead(self, held: HeldAuthority, now_ns: int, own: OwnTrain) -> HeldAuthority:
+        """End the authority behind the nearest train received ahead, whatever masters grant."""
+        ahead = TrainAhead(self._ahead.rear_m(now_ns, own), self._config.behind_rear_m)
+        limit_m = max(self._guards.member.behind_train_ahead_m(ahead), own.front_max_m)
+        return held if held.end_m <= limit_m else held._replace(end_m=limit_m)
 
     def _back_m(self, area: Area) -> float:
         """Hindmost place for a jog. The rear must not cross a border, even if it rolls back from
@@ -353,6 +381,8 @@ class TrainCore:
         self.memory, self._stored = memory, True
         self._due_ns = due_ns
         authority = self._authority(now_ns, own) if own.localised else None
+        if authority is not None:
+            authority = self._behind_train_ahead(authority, now_ns, own)
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         young = authority is not None and now_ns - authority.echo_ns <= age_max_ns
         return Stepped(

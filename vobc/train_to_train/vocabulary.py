@@ -34,7 +34,7 @@ class T2tConfig:
     """Greatest distance from the last axle to the coupler behind it. No axle counter detects this
     part."""
     switch_ms: int = 1000
-    """Time after which the master gives up a planned switch that has not completed."""
+    """Least time after which the master gives up a planned switch that has not completed."""
 
     def __post_init__(self) -> None:
         if len(set(self.arbiters)) != len(self.arbiters) or len(self.arbiters) % 2 == 0:
@@ -43,6 +43,11 @@ class T2tConfig:
     @property
     def majority(self) -> int:
         return len(self.arbiters) // 2 + 1
+
+    @property
+    def switch_limit_ms(self) -> int:
+        """Time for a planned switch. It needs several messages each way, in a slow network more."""
+        return max(self.switch_ms, 3 * self.timers.lease_ms)
 
     @property
     def behind_rear_m(self) -> float:

@@ -67,6 +67,11 @@ class LineRadio:
         """Total number of messages not acted on, by reason."""
         return self.refusals + self._core.refusals
 
+    @property
+    def round_trip_ms(self) -> tuple[float, int]:
+        """Time that the arbiters take to answer, and the longest one that the timers allow."""
+        return self._core.round_trip_ms, self._core.round_trip_max_ms
+
     def is_due(self, now_ns: int) -> bool:
         """Whether a step has something to do."""
         return bool(self._heard) or now_ns >= self._core.next_due_ns()
@@ -96,7 +101,16 @@ class LineRadio:
             self._unstored = None
         self.authority, self.state = stepped.authority, stepped.state
         self.roles = dict(stepped.roles)
-        return [
-            (t2t_keys.key_of(self._line_name, message), pack(message, self.key))
-            for message in stepped.out
-        ]
+        return self._packed(stepped.out)
+
+    def _packed(self, messages: Iterable[T2tMessage]) -> list[tuple[str, bytes]]:
+        """Leave out what does not fit into its field. A value that another train sent led to it."""
+        packed = []
+        for message in messages:
+            try:
+                payload = pack(message, self.key)
+            except ValueError:
+                self.refusals["not sendable"] += 1
+                continue
+            packed.append((t2t_keys.key_of(self._line_name, message), payload))
+        return packed

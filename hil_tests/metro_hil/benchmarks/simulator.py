@@ -1,6 +1,7 @@
 """Figures of trains that command themselves in virtual time: simulator, failover, headway."""
 
 import itertools
+import math
 import sys
 from collections.abc import Callable, Sequence
 from statistics import median
@@ -10,19 +11,28 @@ from metro_hil.benchmarks.bench import Figure, run_measures
 from metro_hil.line.headway import passages
 from metro_hil.line.load import cycle_ms, waiting_cycle_ms, wayside_share
 from metro_hil.simulation.batch import Total, run_many
+from metro_hil.simulation.links import Weather
 from metro_hil.simulation.long_line import play
 from metro_hil.simulation.run import Phases
 from metro_hil.simulation.scenarios.acceptance import convoy
-from metro_hil.simulation.scripted_line import NS_PER_S, Plot, ScriptedLine
+from metro_hil.simulation.scripted_line import NS_PER_S, Plot, ScriptedLine, UnexpectedError
 from metro_hil.simulation.simulate import SeedJob
 from vobc.train_to_train.train import TrainCore
-from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
+from zenoh_config.timers import TIMER_SETS, TIMERS_A, TIMERS_B, LineTimers
 
 SEEDS: Final = range(1, 9)
 EVENTS_BAR_PER_S: Final = 100_000.0
 KILLS: Final = 20
 FAILOVER_BARS_MS: Final = {"A": 450.0, "B": 200.0}
 MS_PER_S: Final = 1000.0
+NS_PER_MS: Final = 1_000_000
+TAKEOVERS: Final = 10
+TAKEOVER_DELAYS_MS: Final = (1.0, 20.0, 50.0, 100.0, 150.0, 200.0)
+TAKEOVER_LOSSES: Final = (0.0, 0.05, 0.10)
+TAKEOVER_BARS_MS: Final = {("A", 20.0): 450.0, ("C", 150.0): 2000.0}
+TAKEOVER_MAX_S: Final = 20.0
+SERVICE_RATIO: Final = 0.6
+"""Share of an authority's life from which protection brakes."""
 HEADWAY_TRAINS: Final = 10
 HEADWAY_BAR_S: Final = 72.0
 HEADWAY_FEW: Final = 4
@@ -99,6 +109,65 @@ def _one_failover_s(seed: int, timers: LineTimers) -> float:
         lambda: all(scene.held_term(train) > old for train in followers),
         within_s=10.0,
     )
+
+
+def takeover() -> list[Figure]:
+    """Measure takeovers in slow and lossy networks, for each set of timers."""
+    return [
+        _takeover(name, delay_ms, loss_share)
+        for name in TIMER_SETS
+        for delay_ms in TAKEOVER_DELAYS_MS
+        for loss_share in TAKEOVER_LOSSES
+    ]
+
+
+def _takeover(name: str, delay_ms: float, loss_share: float) -> Figure:
+    timers = TIMER_SETS[name]
+    runs = [_one_takeover(seed, timers, delay_ms, loss_share) for seed in range(TAKEOVERS)]
+    took_ms = sorted(MS_PER_S * took_s for took_s, _ in runs)
+    braked = sum(braked for _, braked in runs)
+    bar_ms = TAKEOVER_BARS_MS.get((name, delay_ms), math.inf)
+    within = 2.0 * delay_ms < timers.round_trip_max_ms
+    return Figure(
+        f"takeover, timers {name}, {delay_ms:.0f} ms one way, loss {loss_share:.0%}",
+        f"median {median(took_ms):.0f} ms, worst {took_ms[-1]:.0f} ms of {TAKEOVERS}, "
+        f"{braked} trains braked" + ("" if within else "; beyond the network budget"),
+        f"≤ {bar_ms:.0f} ms" if bar_ms < math.inf else "–",
+        took_ms[-1] <= bar_ms,
+    )
+
+
+def _one_takeover(
+    seed: int, timers: LineTimers, delay_ms: float, loss_share: float
+) -> tuple[float, int]:
+    """Time until all followers obey the next term (infinite: never), and how many braked for it."""
+    scene = ScriptedLine(Plot(convoy(5), area_m=4000.0, timers=timers, seed=seed))
+    scene.net.weather(
+        scene.net.links(),
+        Weather(int(delay_ms * NS_PER_MS), 2 * NS_PER_MS, loss_share=loss_share),
+    )
+    try:
+        scene.settle(TAKEOVER_MAX_S)
+        scene.until("there is a standby", lambda: scene.standby() is not None, within_s=5.0)
+        scene.run(1.0 + 0.013 * seed)
+        scene.commanded(within_s=TAKEOVER_MAX_S)
+        master = scene.master()
+        assert master is not None
+        old = scene.held_term(master)
+        followers = [train for train in scene.world.trains if train != master]
+        ages: dict[int, float] = {}
+
+        def followed() -> bool:
+            for train in followers:
+                grants, ratio = scene.world.drivers[train].in_force(scene.net.now_ns)
+                ages[train] = max(ages.get(train, 0.0), ratio if grants else 1.0)
+            return all(scene.held_term(train) > old for train in followers)
+
+        scene.net.kill(master)
+        took_s = scene.until("the followers obey the next", followed, within_s=TAKEOVER_MAX_S)
+    except UnexpectedError:
+        return math.inf, 0
+    return took_s, sum(age > SERVICE_RATIO for age in ages.values())
 
 
 def headway() -> list[Figure]:
@@ -302,6 +371,7 @@ def long_line() -> list[Figure]:
 MEASURES: Final[dict[str, Callable[[], list[Figure]]]] = {
     "events": events,
     "failover": failover,
+    "takeover": takeover,
     "headway": headway,
     "whole-headway": whole_headway,
     "computation": computation,

@@ -14,6 +14,7 @@ from metro_hil.simulation.checker import ViolationError
 from metro_hil.simulation.node import QueuedMessage
 from metro_hil.simulation.true_train import BrakeLoopGrant
 from zenoh_config.t2t import (
+    FIRST_ARBITER,
     AreaAuthority,
     LeaseAnswer,
     LeaseKind,
@@ -30,6 +31,7 @@ TOLD_MAX: Final = 256
 LESS_MAX: Final = 1000
 ANSWERS_MAX: Final = 1000
 LET_IN_MAX: Final = 1000
+FROM_ARBITERS: Final = (LeaseAnswer, RosterAck)
 HEARD_NS: Final = 200 * NS_PER_MS
 """A train whose report is at most this old counts as received, whatever the timers are."""
 TOLERANCE_NS: Final = 2 * NS_PER_MS
@@ -132,6 +134,9 @@ class AuthorityChecks:
             kind = type(message)
             if kind is AreaAuthority:
                 self._note_authority(address, message, now_ns)
+            elif kind in FROM_ARBITERS and message.source < FIRST_ARBITER:
+                # Forged: every receiver must refuse it.
+                continue
             elif kind is LeaseAnswer:
                 self._note_answer(address, message, now_ns, true_ns - now_ns)
             elif kind is RosterAck:
@@ -176,7 +181,7 @@ class AuthorityChecks:
                 by_whom = asked.get((answer.destination, answer.area, answer.nonce))
                 if by_whom is not None:
                     key = arbiter, answer.destination, answer.area, answer.term
-                    self._named_by[key] = by_whom
+                    self._named_by.setdefault(key, by_whom)
                     if len(self._named_by) > LET_IN_MAX:
                         del self._named_by[next(iter(self._named_by))]
 

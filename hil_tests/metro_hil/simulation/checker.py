@@ -41,6 +41,8 @@ class Rules:
     unjudged: frozenset[str] = frozenset()
     """Invariants that the protocol does not claim to keep; violations are counted but do not end
     the run."""
+    hostile: int = NO_TRAIN
+    """A train that may hide or lie about itself. Others may come too near to it."""
 
 
 class Checker:
@@ -179,12 +181,12 @@ class Checker:
 
         An authority ends before the rear of the train ahead.
         """
-        if not train.on_line:
+        if not train.on_line or train.address == self.rules.hostile:
             return
         self.looked["21"] += 1
         reach_m, front_m = self.reach_m(train), train.front_m
         for other in self.trains.values():
-            if other is train or not other.on_line:
+            if other is train or not other.on_line or other.address == self.rules.hostile:
                 continue
             if other.front_m >= front_m:
                 rear, ahead_m, name, who = train, reach_m, "21", other
@@ -214,6 +216,8 @@ class Checker:
         end_m = min(each.end_m for each in grants.values())
         for other in self.trains.values():
             if other is train or not other.on_line or other.front_m < train.front_m:
+                continue
+            if other.address == self.rules.hostile:
                 continue
             hindmost_m = self.hindmost_m(other)
             if end_m > hindmost_m + TOUCH_M:

@@ -42,7 +42,9 @@ NAMES: Final = {
     for value in values
 }
 """Names under which these messages are counted, by type and kind."""
-FORMULAS: Final = frozenset({"latent_authority_m", "unused_term", "granted_until_ns"})
+FORMULAS: Final = frozenset(
+    {"latent_authority_m", "behind_train_ahead_m", "unused_term", "granted_until_ns"}
+)
 """Entries among the guards that return something other than true or false."""
 
 

@@ -1,6 +1,7 @@
 """Generates the line, trains, arbiters and timers of a seed; faults come from other modules."""
 
 import itertools
+import math
 import random
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -15,12 +16,13 @@ from firmware_py.trackdb.areas import (
     ObjectSite,
     TrackSection,
 )
-from metro_hil.simulation.protocol_nodes import LineParticipants
+from metro_hil.simulation.protocol_nodes import Guards, LineParticipants
 from metro_hil.simulation.track import stretch
 from metro_hil.simulation.true_train import Build
 from metro_hil.simulation.world import Setting
+from vobc.train_to_train.guards import MemberGuards, TrainAhead, TrainGuards
 from vobc.train_to_train.vocabulary import T2tConfig
-from zenoh_config.timers import TIMERS_A, TIMERS_B
+from zenoh_config.timers import TIMER_SETS, TIMERS_A, TIMERS_B
 
 AREA_M: Final = 2000.0
 SECTION_PIECES: Final = 8
@@ -28,6 +30,8 @@ SECTION_PIECES: Final = 8
 FIRST_ARBITER: Final = 65_001
 FAULTS_S: Final = (1.0, 40.0)
 """Default range of the mean time between two faults, in seconds."""
+WEATHER_MS: Final = 8.0
+"""Part of a network budget that the good weather of a calm line takes, both ways."""
 PLACES_M: Final = 10.0
 """Borders and objects lie at whole multiples of this."""
 
@@ -145,11 +149,17 @@ class Draw:
     foul_share: float = 0.0
     """Upper bound of the share of messages that links lose, delay or duplicate all the time. The
     affected links change during the run."""
+    standing_ms: float = 0.0
+    """Delay of every message, one way, for the whole run."""
+    wayside_delayed: bool = False
+    """Whether only messages from and to arbiters and wayside have that delay."""
+    insider: int = 0
+    """Address of a hostile train; 0 for none."""
 
     @property
     def timers(self) -> str:
-        """Name of the timer set: A or B."""
-        return "B" if self.cast.config.timers == TIMERS_B else "A"
+        """Name of the timer set."""
+        return next(n for n, each in TIMER_SETS.items() if each == self.cast.config.timers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,13 +182,20 @@ class Profile:
     dense: bool = False
     """Whether lines are shorter and denser, with far more events and faults. On some of these lines
     messages are lost or late all the time."""
+    distant: bool = False
+    """Whether every message takes up to what the timers' network budget allows, with all timer
+    sets."""
+    insider: bool = False
+    """Whether one train sends forged messages, on a line without objects and without other
+    faults."""
 
 
 def _profiles() -> dict[str, Profile]:
     """Each profile has the features of the one before it, and one more."""
     found = {"even": Profile("even", even=True), "varied": Profile("varied")}
     latest = found["varied"]
-    for name in ("ordered", "choosy", "sidings", "by_hand", "disturbed", "dense"):
+    names = ("ordered", "choosy", "sidings", "by_hand", "disturbed", "dense", "distant", "insider")
+    for name in names:
         latest = replace(latest, name=name.replace("_", "-"), **{name: True})
         found[latest.name] = latest
     return found
@@ -194,6 +211,8 @@ DEFAULT_PROFILES: Final = (
     (120_000, "by-hand"),
     (130_000, "disturbed"),
     (200_000, "dense"),
+    (400_000, "distant"),
+    (500_000, "insider"),
 )
 """Default profile of the seeds from each number on. A seed that once failed runs the same again
 with these."""
@@ -211,7 +230,42 @@ def draw(seed: int, profile: Profile | None = None) -> Draw:
     Without a profile the number of the seed chooses it.
     """
     chosen = profile or default_profile(seed)
-    return _draw_even(seed) if chosen.even else _draw_any(seed, chosen)
+    drawn = _draw_even(seed) if chosen.even else _draw_any(seed, chosen)
+    drawn = _distant(seed, drawn) if chosen.distant else drawn
+    if chosen.insider:
+        return _with_insider(seed, drawn)
+    return _without_own_check(drawn) if seed % 2 else drawn
+
+
+def _without_own_check(drawn: Draw) -> Draw:
+    """Let trains obey masters without their own look ahead. It would hide what masters do wrong."""
+    guards = Guards(TrainGuards(member=MemberGuards(behind_train_ahead_m=unbounded_m)))
+    return replace(drawn, cast=replace(drawn.cast, guards=guards))
+
+
+def unbounded_m(_: TrainAhead) -> float:
+    return math.inf
+
+
+def _distant(seed: int, drawn: Draw) -> Draw:
+    """Sample timers and a delay. The budget covers the way, the weather and both programs."""
+    rng = random.Random(seed ^ 0xD157)
+    timers = TIMER_SETS[rng.choice(sorted(TIMER_SETS))]
+    spare_ms = timers.round_trip_max_ms - 2.0 * drawn.turn_ms - WEATHER_MS
+    config = replace(drawn.cast.config, timers=timers)
+    return replace(
+        drawn,
+        cast=replace(drawn.cast, config=config),
+        standing_ms=rng.uniform(0.0, spare_ms / 2.0),
+        wayside_delayed=rng.random() < 0.3,
+    )
+
+
+def _with_insider(seed: int, drawn: Draw) -> Draw:
+    rng = random.Random(seed ^ 0x1251DE)
+    line = replace(drawn.cast.line, objects=())
+    cast = replace(drawn.cast, line=line)
+    return replace(drawn, cast=cast, insider=rng.choice(cast.trains))
 
 
 def _draw_even(seed: int) -> Draw:

@@ -8,11 +8,13 @@ from dataclasses import fields, replace
 from typing import Any, Final
 
 from metro_hil.simulation.checker import ViolationError
+from metro_hil.simulation.generate import unbounded_m
 from metro_hil.simulation.protocol_nodes import Guards
 from metro_hil.simulation.scenarios.acceptance import SCENARIOS, DirectedScenario
 from metro_hil.simulation.scenarios.borders import BORDER_LURES
 from metro_hil.simulation.scenarios.deaf_masters import DEAF_LURES
 from metro_hil.simulation.scenarios.guards import LURES
+from metro_hil.simulation.scenarios.insiders import INSIDER_LURES
 from metro_hil.simulation.scenarios.moved_trains import MOVED_LURES
 from metro_hil.simulation.scenarios.shadow_trains import HIDDEN_LURES
 from metro_hil.simulation.scenarios.terms import TERM_LURES
@@ -24,7 +26,7 @@ ALL_SCENARIOS: Final = {
     each.name: each
     for each in (
         *(*SCENARIOS, *LURES, *TERM_LURES, *DEAF_LURES, *HIDDEN_LURES),
-        *(*MOVED_LURES, *BORDER_LURES),
+        *(*MOVED_LURES, *BORDER_LURES, *INSIDER_LURES),
     )
 }
 
@@ -44,6 +46,7 @@ def whole_lease_ns(granted: Granted) -> int:
 
 FORMULAS: Final[Mapping[str, Callable[[Any], Any]]] = {
     "latent_authority_m": effective_authority_m,
+    "behind_train_ahead_m": unbounded_m,
     "unused_term": term_without_tried,
     "granted_until_ns": whole_lease_ns,
 }
@@ -55,8 +58,12 @@ def _holds(*_: Any) -> bool:
 
 
 def mutants() -> Iterator[tuple[str, Guards]]:
-    """Yield the name and the changed guards of each mutant."""
-    safe = Guards()
+    """Yield the name and the changed guards of each mutant.
+
+    The trains' own look ahead is removed from all of them, because it hides what the others do.
+    """
+    member = replace(Guards().train.member, behind_train_ahead_m=unbounded_m)
+    safe = replace(Guards(), train=replace(Guards().train, member=member))
     for part in PARTS:
         guards: Any = getattr(safe.train, part)
         for each in fields(guards):
@@ -91,10 +98,11 @@ NOTICED: Final[Mapping[str, str]] = {
     "member.newer_than_held": "unacceptable",
     "member.term_not_old": "late-authority-takeover",
     "member.owner_of_term": "unacceptable",
+    "member.term_in_reach": "last-term",
+    "member.behind_train_ahead_m": "false-master",
     "member.latent_authority_m": "shortened-at-speed",
     "lease.granted_by_majority": "two-candidates",
     "lease.lease_runs": "shortened-lease",
-    "lease.unused_term": "reused-term",
     "lease.granted_until_ns": "shortened-lease",
     "master.has_promised": "unpromised",
     "master.roster_kept": "uncommitted",
@@ -105,6 +113,7 @@ NOTICED: Final[Mapping[str, str]] = {
     "master.cannot_reach": "late-release",
     "master.sieved": "hidden-train",
     "master.vanished": "removed-in-error",
+    "arbiter.term_in_reach": "last-term",
     "arbiter.lease_is_free": "arbiter-restarts",
     "arbiter.waits_after_start": "arbiter-restarts",
     "object.newer_claim": "late-release",
@@ -118,6 +127,11 @@ ARGUED: Final[Mapping[str, str]] = {
     "master.comes_in_line": (
         "A train received only after the one behind it was admitted is kept clear of it, and "
         "gets its place once the authority of that one has been shortened (out-of-line)."
+    ),
+    "lease.unused_term": (
+        "A candidate goes on under one term until an arbiter answers, and the answer names a term. "
+        "Only the same train repeats it, before it has ever commanded under it, and an arbiter "
+        "takes the requests of a train in their order (reused-term)."
     ),
     "lease.answers_this_attempt": (
         "Votes are counted by nonce all the same, so that no two attempts make a majority "

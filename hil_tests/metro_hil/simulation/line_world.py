@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from firmware_py.trackdb.areas import Area
@@ -32,6 +33,10 @@ class LineWorld(SimulatedLine):
     ) -> None:
         self.drawn = drawn
         crew = ProtocolNodes(drawn.cast, seed)
+        if drawn.insider:
+            crew.arbiters = {}
+            forgeable = frozenset({"19", "29"})
+            crew.rules = replace(crew.rules, unjudged=forgeable, hostile=drawn.insider)
         super().__init__(seed, drawn.setting, crew, codec=codec, tell=tell)
         self.t2t = crew
         self.track = TrueTrack(drawn.cast.line, tuple(self.trains.values()))
@@ -47,6 +52,7 @@ class LineWorld(SimulatedLine):
             crew.rules.age_max_ns,
         )
         self.net.turn_ns = drawn.turn_ms * NS_PER_MS
+        self._delay_links()
         self._closed: list[tuple[int, SpeedRestriction]] = []
         self._places: dict[int, deque[tuple[int, float]]] = {each: deque() for each in self.trains}
         """Times and greatest front positions by train; positions that a later one exceeds are
@@ -54,6 +60,13 @@ class LineWorld(SimulatedLine):
         ends_m = {area.number: area.end_m for area in drawn.cast.line.areas}
         self.air = AuthorityChecks(rules, self.checker.looked, ends_m)
         crew.answered = self.air.answered
+
+    def _delay_links(self) -> None:
+        delay_ns = int(self.drawn.standing_ms * NS_PER_MS)
+        for link in self.net.links():
+            trains = link.source in self.trains and link.target in self.trains
+            if delay_ns and not (trains and self.drawn.wayside_delayed):
+                link.delay(delay_ns)
 
     def _start_train(self, node: SimulatedNode, now_ns: int) -> NodeMachine:
         self.air.booted(node.address)

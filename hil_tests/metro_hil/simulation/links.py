@@ -1,6 +1,6 @@
 """How a link between two nodes delays, loses, duplicates and damages messages."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 NS_PER_MS: Final = 1_000_000
@@ -33,10 +33,15 @@ class SimulatedLink:
     While cut it loses messages, or holds them until it heals.
     """
 
-    __slots__ = ("_watched", "cut", "fair", "keeps", "kept", "source", "target", "weather")
+    __slots__ = (
+        *("_watched", "cut", "fair", "keeps", "kept", "source", "standing_ns", "target"),
+        "weather",
+    )
 
     def __init__(self, source: int, target: int, weather: Weather = CLEAR) -> None:
         self.source, self.target = source, target
+        self.standing_ns = 0
+        """Delay of every message for the whole run, in addition to that of the weather."""
         self.weather = weather
         self.cut = 0
         """Number of cuts on the link at present."""
@@ -48,12 +53,19 @@ class SimulatedLink:
         self.fair = _is_fair(weather)
 
     def change(self, weather: Weather) -> None:
+        if self.standing_ns:
+            weather = replace(weather, delay_ns=weather.delay_ns + self.standing_ns)
         self.weather = weather
         self.fair = _is_fair(weather) and not self._watched
 
     def watch(self, watched: bool) -> None:
         """While watched, the link passes each message through the network's `meddler`."""
         self._watched = watched
+        self.fair = _is_fair(self.weather) and not watched
+
+    def delay(self, standing_ns: int) -> None:
+        """Let every message take longer from now on."""
+        self.standing_ns = standing_ns
         self.change(self.weather)
 
 

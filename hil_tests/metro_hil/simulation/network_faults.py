@@ -29,6 +29,8 @@ class FaultScale:
     """Whether clocks may jump forwards, which their node cannot notice, or back, which it can."""
     disks: bool = True
     """Whether disks may be lost."""
+    quiet: bool = False
+    """Whether the run has its usual weather and no other fault."""
     foul_share: float = 0.0
     """Severity of the disturbance that affects changing links all the time; 0 for none."""
 
@@ -82,7 +84,8 @@ class NetworkFaults:
 
     def begin(self) -> None:
         self._ambient()
-        self._next()
+        if not self.scale.quiet:
+            self._next()
 
     def calm(self) -> None:
         """End all faults of links, clocks and nodes; no new fault begins."""
@@ -131,7 +134,8 @@ class NetworkFaults:
 
     def _ambient(self) -> None:
         """Set the link quality of the whole run before the first fault."""
-        self._usual = self._weather(0.03 * self._rng.random())
+        if not self.scale.quiet:
+            self._usual = self._weather(0.03 * self._rng.random())
         self.net.weather(self.net.links(), self._usual)
         if self.scale.foul_share:
             self._foul(None)

@@ -14,7 +14,7 @@ from metro_hil.simulation.routes import Routes
 from metro_hil.simulation.track import TrueTrack
 from metro_hil.simulation.train_node import Protocolled
 from metro_hil.simulation.true_train import BrakeLoopGrant, OdometryReading
-from plant_emulator.wayside.arbiter import Arbiter, ArbiterGuards
+from plant_emulator.wayside.arbiter import Arbiter, ArbiterGuards, of_masters
 from plant_emulator.wayside.line_object import LineObject, ObjectGuards
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, ObjectMemory, WaysideStepped
 from plant_emulator.wayside.track import WaysideTrack
@@ -224,6 +224,8 @@ class ArbiterNode:
         )
         self._keep: ArbiterMemory | None = node.disk
         self._routes = routes
+        if crew.arbiters is not None:
+            crew.arbiters[node.address] = self._core
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
         stepped = self._core.step(now_ns, tuple(heard))
@@ -272,12 +274,14 @@ class WaysideNode:
         self._desk = OrderSource(self._boot)
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
+        if self._crew.arbiters is not None:
+            heard = of_masters(self._crew.arbiters.values(), heard)
         out, moved, due_ns = self._step_objects(now_ns, heard)
         # Lock an object before storing that it is locked; free it only after storing that.
         self._crew.move([each for each in moved if each[1]])
         freed = [each for each in moved if not each[1]]
         for message in heard:
-            if type(message) is RemovalAnswer:
+            if type(message) is RemovalAnswer and message.train in self._crew.cast.trains:
                 self._crew.removals[message.area, message.train] = message.state
             elif type(message) is Heartbeat:
                 self._desk.masters[message.area] = message
@@ -363,6 +367,9 @@ class ProtocolNodes:
             None
         )
         """Receives what an arbiter read and what it sends in answer."""
+        self.arbiters: dict[int, Arbiter] | None = None
+        """Latest incarnation of each arbiter, beside which objects and track run. None: they obey
+        every term, as on a line without hostile trains they may."""
 
     @property
     def covered(self) -> Counter[str]:

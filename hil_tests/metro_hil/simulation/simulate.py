@@ -7,11 +7,12 @@ from typing import Final
 from metro_hil.simulation.batch import cpu_ns
 from metro_hil.simulation.event_queue import Codec
 from metro_hil.simulation.generate import FAULTS_S, PROFILES, Draw, draw
+from metro_hil.simulation.insider import Insider
 from metro_hil.simulation.line_world import LineWorld
 from metro_hil.simulation.network_faults import FaultScale
 from metro_hil.simulation.paper_line import paper_world
 from metro_hil.simulation.railway_events import RailwayEvents
-from metro_hil.simulation.run import Phases, RunResult, run_seed
+from metro_hil.simulation.run import Also, Phases, RunResult, run_seed
 from metro_hil.simulation.trace import EventTranscript, Teller
 from metro_hil.simulation.wire import RealCodec
 from metro_hil.simulation.world import SimulatedLine
@@ -49,7 +50,12 @@ class SeedJob:
             faults_s, foul_share = world.drawn.faults_s, world.drawn.foul_share
         drift_ppm = random.Random(seed ^ 0x5CA1E).choice((0, 100, 1000))
         scale = FaultScale(*faults_s, drift_ppm=drift_ppm, foul_share=foul_share)
-        also = [RailwayEvents(world, seed)] if isinstance(world, LineWorld) else []
+        also: list[Also] = []
+        if isinstance(world, LineWorld) and world.drawn.insider:
+            scale = FaultScale(drift_ppm=drift_ppm, quiet=True)
+            also = [Insider(world, seed)]
+        elif isinstance(world, LineWorld):
+            also = [RailwayEvents(world, seed)]
         result = run_seed(seed, world, scale, self.phases, cpu_ns, also)
         if isinstance(world, LineWorld):
             result.covered.update(world.t2t.covered)

@@ -42,3 +42,19 @@ def test_while_messages_arrive_no_silence_is_reported() -> None:
     silence = LineSilence(ENDPOINT)
 
     assert [silence.look(second * S, second) for second in range(60)] == [None] * 60
+
+
+def test_slow_arbiters_are_reported_once_and_once_when_they_are_quick_again() -> None:
+    silence = LineSilence(ENDPOINT)
+    assert silence.look_at_answers(0.0, 140) is None
+    assert silence.look_at_answers(140.0, 140) is None
+
+    slow = silence.look_at_answers(310.4, 140)
+    assert slow is not None
+    assert slow.words == silence.slow == "arbiters answer after 310 ms, need < 140"
+    assert silence.look_at_answers(500.0, 140) is None
+    assert silence.look_at_answers(130.0, 140) is None
+
+    assert silence.look_at_answers(120.0, 140) is not None
+    assert silence.slow == ""
+    assert silence.look_at_answers(130.0, 140) is None

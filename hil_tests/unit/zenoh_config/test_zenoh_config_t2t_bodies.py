@@ -58,6 +58,7 @@ from zenoh_config.t2t_supervision import (
 
 STAMP_NS = 5_000_000_000
 MAX_NUMBER = 4_294_967_295
+MAX_TERM = 281_474_976_710_655
 MAX_STAMP_NS = 9_223_372_036_854_775_807
 LINE_END_M = 1_000_000.0
 JUST_OFF_LINE_M = math.nextafter(LINE_END_M, math.inf)
@@ -170,7 +171,9 @@ def most_of(name: str) -> int:
         return MAX_STAMP_NS
     if name in ADDRESSES:
         return 65_535
-    return {"area": 255, "comes_from": 255, "axles": 1000}.get(name, MAX_NUMBER)
+    if name == "term" or name.endswith("_term"):
+        return MAX_TERM
+    return {"area": 255, "comes_from": 255, "axles": 1000, "rank": 128}.get(name, MAX_NUMBER)
 
 
 def fields_of(kind: type) -> list[tuple[T2tMessage, str]]:
@@ -343,7 +346,7 @@ LISTS = [
     if isinstance(getattr(message, field.name), tuple)
 ]
 MOST_ENTRIES = {
-    "roster": 128, "entries": 128, "trains": 128, "leases": 64, "sections": 256, "silent": 64,
+    "roster": 128, "entries": 128, "trains": 128, "leases": 56, "sections": 256, "silent": 64,
     "restrictions": 8, "closed": 8,
 }  # fmt: skip
 lists = pytest.mark.parametrize(("message", "name"), LISTS, ids=told_of(LISTS))
@@ -565,7 +568,7 @@ def test_an_invalid_message_is_not_sent_and_named(message: T2tMessage, words: st
     ("number", "body"),
     [
         (18, [256, 7, 2, 2, 4, 3]),
-        (18, [1, 2**32, 2, 2, 4, 3]),
+        (18, [1, 2**48, 2, 2, 4, 3]),
         (18, [1, 7, -1, 2, 4, 3]),
         (18, [1, 7, 2, 2, 65_536, 3]),
         (20, [1, 7, 2, 5, 2**63, 800.5, 15.5, 3, 6, []]),
@@ -597,7 +600,7 @@ def test_an_undefined_enumeration_value_is_refused(number: int, body: list[objec
     assert reason(number, body) is RefusedReason.WRONG_FIELDS
 
 
-WIDE_HEAD = (65_099, 65_535, 255, MAX_NUMBER, MAX_NUMBER, MAX_NUMBER, MAX_STAMP_NS)
+WIDE_HEAD = (65_099, 65_535, 255, MAX_TERM, MAX_NUMBER, MAX_NUMBER, MAX_STAMP_NS)
 WIDE_ENTRY = RosterEntry(64_999, 123_456.789, True, MAX_NUMBER, True)
 EIGHT = 8 * (SpeedRestriction(-123_456.789, 123_456.789, 12.3),)
 
@@ -607,7 +610,7 @@ EIGHT = 8 * (SpeedRestriction(-123_456.789, 123_456.789, 12.3),)
     [
         LeaseAnswer(
             *(*WIDE_HEAD, True, MAX_NUMBER, MAX_STAMP_NS, 64_999, MAX_STAMP_NS),
-            *(MAX_NUMBER, MAX_NUMBER, 128 * (WIDE_ENTRY,)),
+            *(MAX_TERM, MAX_NUMBER, 128 * (WIDE_ENTRY,)),
         ),
         RosterCommit(*WIDE_HEAD, MAX_NUMBER, 128 * (WIDE_ENTRY,)),
         StandbySync(
@@ -621,7 +624,7 @@ EIGHT = 8 * (SpeedRestriction(-123_456.789, 123_456.789, 12.3),)
         LineState(
             *(*WIDE_HEAD, MAX_NUMBER, MAX_NUMBER, DecreeAnswer.NOT_STORED),
             128 * (TrainDecree(64_999, True, True, True, MAX_NUMBER),),
-            64 * (LeaseNote(255, 64_999, MAX_NUMBER, 64_999, LeaseReason.AGAIN, MAX_STAMP_NS),),
+            56 * (LeaseNote(255, 64_999, MAX_TERM, 64_999, LeaseReason.AGAIN, MAX_STAMP_NS),),
             *(EIGHT, EIGHT, 64 * (RosterPlace(255, 64_999),)),
         ),
     ],

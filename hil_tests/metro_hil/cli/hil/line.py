@@ -13,6 +13,7 @@ from metro_hil.line.network.options import add_options
 from metro_hil.line.network.topology import HELP as TOPOLOGY_HELP
 from metro_hil.line.network.topology import TOPOLOGIES
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from zenoh_config.timers import TIMER_SETS
 
 if TYPE_CHECKING:
     from metro_hil.line.exercise.real_time import RealLine, Settings
@@ -51,7 +52,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument(
         "--seed", type=int, default=1, help="seed in lockstep, and of the packet faults; default: 1"
     )
-    parser.add_argument("--line-timers", choices=("A", "B"), default="A", help="default: A")
+    parser.add_argument("--line-timers", choices=sorted(TIMER_SETS), default="A", help="default: A")
     parser.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1, help="default: 1")
     parser.add_argument(
         "--line-radio", metavar="ENDPOINT", help="address of the wayside; default: a free port"

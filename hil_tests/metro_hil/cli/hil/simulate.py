@@ -11,6 +11,7 @@ from firmware_py.settings import nearest
 from metro_hil.cli.hil.working import PROCESSES_MAX, number
 from metro_hil.engine.errors import EngineError, UsageError
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from zenoh_config.timers import TIMER_SETS
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -55,15 +56,17 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         default="line",
         help="paper: the literal rules of [Xu], to show their consequences",
     )
-    parser.add_argument("--timers", choices=("A", "B"), help="run only seeds that use these timers")
+    parser.add_argument(
+        "--timers", choices=sorted(TIMER_SETS), help="run only seeds that use these timers"
+    )
     parser.add_argument(
         "--bytes", action="store_true", help="encode messages with the real codec in every seed"
     )
     parser.add_argument(
         "--profile",
         metavar="NAME",
-        help="features of all seeds: even, varied, ordered, choosy, sidings, by-hand, disturbed or "
-        "dense, each with those before it; default: by the number of the seed",
+        help="features of all seeds: even, varied, ordered, choosy, sidings, by-hand, disturbed, "
+        "dense, distant or insider, each with those before it; default: by the number of the seed",
     )
     parser.add_argument("--trace", action="store_true", help="print every event")
     parser.add_argument(
@@ -180,8 +183,10 @@ def _wanted(options: argparse.Namespace, total: "Total", job: "SeedJob") -> Iter
     every = _in_turn(options, total)
     if options.timers is None:
         return every
-    if options.seed is not None and job.sampled(options.seed).timers != options.timers:
-        raise UsageError(f"--timers {options.timers}: seed {options.seed} uses the other timers")
+    if options.seed is not None:
+        timers = job.sampled(options.seed).timers
+        if timers != options.timers:
+            raise UsageError(f"--timers {options.timers}: seed {options.seed} uses {timers}")
     return (seed for seed in every if job.sampled(seed).timers == options.timers)
 
 

@@ -162,7 +162,7 @@ def planned_switch_disturbed(make: Make) -> None:
             scene.rule(_loses(lost))
         scene.order(OrderKind.SWITCH_MASTER, successor)
         scene.run(4.0)
-        scene.expect("a train commands", scene.master() is not None)
+        scene.commanded(within_s=2.0)
         scene.no_rules()
         scene.run(4.0)
         _no_emergency(scene)

@@ -20,6 +20,7 @@ from metro_hil.simulation.scenarios.acceptance import SCENARIOS, at_speed
 from metro_hil.simulation.scenarios.borders import BORDER_LURES
 from metro_hil.simulation.scenarios.deaf_masters import DEAF_LURES
 from metro_hil.simulation.scenarios.guards import LURES
+from metro_hil.simulation.scenarios.insiders import INSIDER_LURES
 from metro_hil.simulation.scenarios.moved_trains import MOVED_LURES
 from metro_hil.simulation.scenarios.shadow_trains import HIDDEN_LURES
 from metro_hil.simulation.scenarios.terms import TERM_LURES
@@ -43,7 +44,7 @@ def test_every_acceptance_scenario_of_train_to_train_control_is_there() -> None:
     assert {each.number for each in SCENARIOS} >= {17, 18, 19, 20, 21, 22, 23, 25}
     hidden = (*HIDDEN_LURES, *MOVED_LURES)
     lures = (*LURES, *TERM_LURES, *DEAF_LURES, *hidden, *BORDER_LURES)
-    assert len(ALL_SCENARIOS) == len((*SCENARIOS, *lures))
+    assert len(ALL_SCENARIOS) == len((*SCENARIOS, *lures, *INSIDER_LURES))
 
 
 MUTANTS = dict(mutants())

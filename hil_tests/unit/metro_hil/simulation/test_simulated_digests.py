@@ -1,8 +1,8 @@
-"""The simulator runs every seed as version 0.1.0 did.
+"""The simulator runs every seed as recorded.
 
-The digests were recorded with commit 9a50b18, with one or two seeds of each profile; the seed that
-is a multiple of 8 goes through the real codec. A commit that changes a run on purpose records them
-again and says why.
+The digests cover one or two seeds of each profile; the seed that is a multiple of 8 goes through
+the real codec. A commit that changes a run on purpose records them again and says why. They were
+last recorded when candidates began to repeat their requests.
 """
 
 from typing import Final
@@ -14,15 +14,17 @@ from metro_hil.simulation.run import Phases
 from metro_hil.simulation.simulate import SeedJob
 
 DIGESTS: Final = {
-    1: "64b7093a6753613860a38ed7d09b2b35",
-    8: "502b6abb17eaadd2a8f495c7f88fcb1c",
-    10_003: "cfc7fffb52971e74b8362cd33fbf2263",
-    20_001: "bac39d3ec0e5478678237e8497661573",
-    100_001: "fcfec5324ae118a65ffef4c9d728e03e",
+    1: "bb9ac75fe72dc0fb3e3eceaf7db9fa53",
+    8: "936c85be9c7cd4ef76ca9289e94d5498",
+    10_003: "2221c21848edbb780b1edb588bf216e7",
+    20_001: "2e71ab7453bb0556fcc19ec9679da9f4",
+    100_001: "118d26d6989d419e4a595dcca89ee566",
     110_001: "c45b5ee135cda401470c881efb92b35f",
-    120_003: "64c33ae1cb311cc131ce11f0901d9a56",
-    130_002: "51d84e4026e52932e8f6b7af775790b2",
-    200_005: "a89028f9f3e86cdfe11b5e4bb52b7ca6",
+    120_003: "5caeea15a1e43639c9afde106ab70a34",
+    130_002: "c2d58e5affc5aacc3c19c64eb0a4ad37",
+    200_005: "599dcc971fa200430a028c37ed5c7feb",
+    400_001: "14951fdac331bc81f913e9970fe7ec8b",
+    500_002: "7346c16197c7c550d756134a7fd4350e",
 }
 JOB: Final = SeedJob(phases=Phases(trouble_s=10.0))
 

@@ -308,7 +308,7 @@ def test_entries_beyond_one_message_are_left_out() -> None:
 
     assert len(silent(site)) == 64
     assert site.state is not None
-    assert len(site.state.leases) == 64
+    assert len(site.state.leases) == 56
     assert isinstance(unpack(pack(site.state)), LineState)
 
 

@@ -11,6 +11,7 @@ from plant_emulator.wayside.arbiter import (
     Plea,
     by_holder,
     lease_is_free,
+    of_masters,
     term_is_new,
 )
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, LeaseMemory
@@ -585,3 +586,61 @@ def test_a_request_names_the_expected_arbiters_and_lease_time(
     asked = [said for _, said in rig.log if isinstance(said, LeaseRequest)]
     assert {each.kind for each in asked} == {LeaseKind.ACQUIRE, LeaseKind.RENEW}
     assert {(each.arbiters, each.lease_ms) for each in asked} == {(arbiters, timers.lease_ms)}
+
+
+# Slow networks and hostile trains.
+
+
+def test_a_repeated_request_extends_the_lease_and_reports_the_roster_again() -> None:
+    """The answer to the first one may be lost or late."""
+    desk = ArbiterRig()
+    desk.ask(1, 1)
+    assert desk.commit(1, 1, 1)
+    desk.now_ms += 75
+
+    again = desk.ask(1, 1)
+
+    assert again.granted
+    assert again.roster == ROSTER
+    assert desk.arbiter.expiry_ns(1) == desk.now_ms * MS + TIMERS_A.arbiter_lease_ns
+    assert not desk.ask(2, 1).granted
+
+
+def test_a_repeated_request_after_a_release_is_that_of_the_same_holder() -> None:
+    desk = ArbiterRig()
+    desk.ask(1, 1)
+    desk.ask(1, 1, LeaseKind.RELEASE)
+
+    assert desk.ask(2, 2).granted
+    assert not desk.ask(1, 1).granted
+
+
+@pytest.mark.parametrize(
+    ("step", "granted"), [(1, True), (20_000, True), (20_001, False), (2**48 - 6, False)]
+)
+def test_a_term_far_above_the_acknowledged_one_is_refused(step: int, *, granted: bool) -> None:
+    desk = ArbiterRig()
+    desk.ask(1, 5)
+    desk.now_ms += LEASE_MS + 1
+
+    answer = desk.ask(2, 5 + step)
+
+    assert answer.granted is granted
+    assert answer.term == (5 + step if granted else 5)
+
+
+@pytest.mark.parametrize(
+    ("train", "term", "passes"), [(1, 1, True), (2, 1, False), (1, 2, False), (1, 0, False)]
+)
+def test_objects_and_track_receive_only_the_train_to_which_an_arbiter_granted_the_term(
+    train: int, term: int, *, passes: bool
+) -> None:
+    desk = ArbiterRig()
+    desk.ask(1, 1)
+    beat = Heartbeat(train, 65_535, 1, term, 1, 1, 0, Phase.ISSUING, 0, 1)
+    request = desk.request(3, 9)
+
+    heard = of_masters([ArbiterRig().arbiter, desk.arbiter], [beat, request])
+
+    assert heard == ([beat, request] if passes else [request])
+    assert of_masters([], [beat]) == []

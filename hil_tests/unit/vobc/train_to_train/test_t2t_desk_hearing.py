@@ -280,6 +280,7 @@ def test_a_called_train_that_lost_is_no_longer_called() -> None:
     scene = standby()
     scene.switch(10, SwitchKind.RESIGN, nonce=0)
     scene.step(10)
+    scene.grants(110, 5, granted=False)
     scene.step(110)
     assert scene.role() is Role.STANDBY
 
@@ -414,18 +415,22 @@ def test_a_train_that_may_not_apply_is_due_for_its_next_report(told: dict[str, A
 
 def test_a_losing_candidate_is_not_due_before_it_may_try_again() -> None:
     scene = candidate()
+    scene.grants(500, 1, granted=False)
     scene.step(500)
 
     assert scene.desk.next_due_ns(ns(500)) == ns(580) + Chance(SEED).below(80 * MS)
 
 
-def test_a_candidate_is_due_when_its_attempt_ends() -> None:
+def test_a_candidate_is_due_when_it_asks_again_and_when_its_attempt_ends() -> None:
     scene = standby()
     scene.step(160)
     scene.switch(200, SwitchKind.PREPARE, successor=7)
     scene.step(200)
+    assert scene.desk.next_due_ns(ns(200)) == ns(235)
 
-    assert scene.desk.next_due_ns(ns(200)) == ns(260)
+    scene.step(235)
+
+    assert scene.desk.next_due_ns(ns(235)) == ns(260)
 
 
 # Random numbers.

@@ -175,7 +175,8 @@ def test_a_message_for_another_train_is_refused(message: T2tMessage) -> None:
 
     assert not hearing.admits(dataclasses.replace(message, destination=OWN + 1), 0)
     assert hearing.refusals == {RefusedReason.WRONG_DESTINATION: 1}
-    assert hearing.admits(dataclasses.replace(message, destination=BROADCAST), 0)
+    for_all = dataclasses.replace(message, destination=BROADCAST)
+    assert hearing.admits(for_all, 0) is not isinstance(message, AreaAuthority)
 
 
 # Repetition and resequencing.
@@ -272,7 +273,7 @@ NO_HONEST_ONE = [
     dataclasses.replace(AUTHORITY, end_m=1e7),
     dataclasses.replace(AUTHORITY, end_m=math.nan),
     dataclasses.replace(AUTHORITY, rear_m=801.0),
-    dataclasses.replace(AUTHORITY, term=2**32),
+    dataclasses.replace(AUTHORITY, term=2**48),
     dataclasses.replace(AUTHORITY, echo_ns=2**63),
     dataclasses.replace(AUTHORITY, restrictions=(SpeedRestriction(1.0, 2.0, 0.0),)),
     dataclasses.replace(HEARTBEAT, area=256),

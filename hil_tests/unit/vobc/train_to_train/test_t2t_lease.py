@@ -1,5 +1,6 @@
 """One train's lease, vote by vote: when it is held, until when, and when it is lost."""
 
+import itertools
 from typing import NamedTuple
 
 import pytest
@@ -79,7 +80,7 @@ def test_before_the_first_request_there_is_no_lease() -> None:
     lease = lease_of()
 
     assert lease.state is LeaseState.NONE
-    assert (lease.term, lease.refused_term, lease.successor) == (0, 0, 0)
+    assert (lease.term, lease.confirmed_term, lease.successor) == (0, 0, 0)
     assert (lease.until_ns, lease.wait_until_ns) == (0, 0)
     assert lease.adopted == (0, 0, ())
     assert lease.beaten is False
@@ -155,7 +156,8 @@ def test_a_new_application_discards_the_state_of_the_last_attempt() -> None:
     renewal = lease.renew(1010 * MS)
     lease.on_message(refusal(renewal, term=first.term + 1, wait_ms=200), 1015 * MS)
     assert lease.beaten
-    assert lease.wait_until_ns == 1215 * MS
+    # The renewal took 5 ms to be refused.
+    assert lease.wait_until_ns == 1_210_625_000
     assert lease.adopted.version == 4
 
     lease.ask(1060 * MS, seen_term=0, tried_term=0)
@@ -206,7 +208,7 @@ def test_answers_of_unknown_arbiters_do_not_count(arbiter: int) -> None:
 
     assert lease.state is LeaseState.ASKED
     assert not lease.lost(1010 * MS)
-    assert (lease.refused_term, lease.wait_until_ns) == (0, 0)
+    assert (lease.confirmed_term, lease.wait_until_ns) == (0, 0)
 
 
 @pytest.mark.parametrize(
@@ -282,8 +284,9 @@ def test_a_lease_ends_with_the_newest_request_that_a_majority_granted(
         sent_ms, request = requests[-1 - back]
         lease.on_message(grant(request, arbiter), now_ms * MS)
         voters.setdefault(request.nonce, set()).add(arbiter)
-        if len(voters[request.nonce]) >= 3:
-            until_ns = max(until_ns, sent_ms * MS + LEASE_NS - request.less_ns)
+        ends_ns = sent_ms * MS + LEASE_NS - request.less_ns
+        if len(voters[request.nonce]) >= 3 and (until_ns or now_ms * MS + 10 * MS < ends_ns):
+            until_ns = max(until_ns, ends_ns)
 
     assert lease.until_ns == until_ns
     assert (lease.state is LeaseState.HELD) == (until_ns > 0)
@@ -339,11 +342,21 @@ def test_the_longest_wait_of_all_refusals_counts() -> None:
     request = asked(lease)
 
     lease.on_message(refusal(request, A, wait_ms=40), 1010 * MS)
-    assert lease.wait_until_ns == 1050 * MS
+    assert lease.wait_until_ns == 1_041_250_000
     lease.on_message(refusal(request, B, wait_ms=10), 1011 * MS)
-    assert lease.wait_until_ns == 1050 * MS
+    assert lease.wait_until_ns == 1_041_250_000
     lease.on_message(refusal(request, C, wait_ms=90), 1012 * MS)
-    assert lease.wait_until_ns == 1102 * MS
+    assert lease.wait_until_ns == 1_091_500_000
+
+
+def test_a_wait_that_is_over_when_the_refusal_arrives_ends_at_once() -> None:
+    """The next request takes as long to the arbiter as this one did."""
+    lease = lease_of()
+    request = asked(lease)
+
+    lease.on_message(refusal(request, wait_ms=40), 1200 * MS)
+
+    assert lease.wait_until_ns == 1200 * MS
 
 
 def test_only_the_term_of_a_refusal_of_another_attempt_counts() -> None:
@@ -353,11 +366,11 @@ def test_only_the_term_of_a_refusal_of_another_attempt_counts() -> None:
 
     lease.on_message(refusal(first, term=30, wait_ms=500), 1210 * MS)
 
-    assert lease.refused_term == 30
+    assert lease.confirmed_term == 30
     assert lease.wait_until_ns == 0
     assert not lease.lost(1210 * MS)
     lease.on_message(refusal(first, term=20), 1220 * MS)
-    assert lease.refused_term == 30
+    assert lease.confirmed_term == 30
 
 
 @pytest.mark.parametrize(
@@ -387,12 +400,92 @@ def test_a_candidacy_is_lost_as_soon_as_no_majority_is_left(
 
 
 @pytest.mark.parametrize(("after_ns", "lost"), [(99_999_999, False), (100_000_000, True)])
-def test_a_candidacy_without_a_majority_is_lost_after_100_ms(after_ns: int, *, lost: bool) -> None:
-    lease = lease_of()
-    asked(lease)
+def test_a_candidacy_with_some_grants_and_no_majority_is_lost_after_100_ms(
+    after_ns: int, *, lost: bool
+) -> None:
+    lease = lease_of(THREE)
+    lease.on_message(grant(asked(lease)), 1010 * MS)
 
     assert lease.attempt_ends_ns() == 1100 * MS
     assert lease.lost(1000 * MS + after_ns) is lost
+
+
+@pytest.mark.parametrize("answer_ms", [20, 50, 51, 120, 400])
+def test_a_candidate_waits_for_a_majority_twice_as_long_as_an_arbiter_takes(
+    answer_ms: int,
+) -> None:
+    lease = lease_of(THREE)
+    request = asked(lease)
+
+    lease.on_message(refusal(request), (1000 + answer_ms) * MS)
+
+    lost_ms = 1000 + max(100, 2 * answer_ms)
+    assert not lease.lost(lost_ms * MS - 1)
+    assert lease.lost(lost_ms * MS)
+
+
+def test_a_candidacy_without_any_answer_goes_on() -> None:
+    lease = lease_of()
+    asked(lease)
+
+    assert not lease.lost(60_000 * MS)
+    assert lease.is_late(60_000 * MS)
+
+
+def test_a_candidate_repeats_its_request_under_the_same_term_until_it_is_answered() -> None:
+    """It asks as often as a master renews, and less and less often while no arbiter answers."""
+    lease = lease_of()
+    asked(lease)
+    times_ms = []
+    for _ in range(9):
+        at_ns = lease.asks_again_ns()
+        times_ms.append(at_ns / MS - 1000)
+        again = lease.ask_again(at_ns)
+        assert (again.kind, again.term, again.nonce) == (LeaseKind.ACQUIRE, 1, len(times_ms) + 1)
+
+    assert times_ms[:4] == [75, 150, 225, 337.5]
+    steps_ms = [after - before for before, after in itertools.pairwise(times_ms)]
+    assert steps_ms == sorted(steps_ms)
+    assert steps_ms[-1] == 500
+
+
+def test_a_late_grant_of_any_request_of_the_attempt_counts() -> None:
+    """The lease counts from the request that was granted, and only while it lasts."""
+    lease = lease_of()
+    first = asked(lease)
+    second = lease.ask_again(1200 * MS)
+
+    lease.on_message(grant(first), 1295 * MS)
+    assert lease.until_ns == 0
+
+    lease.on_message(grant(second), 1400 * MS)
+    assert lease.state is LeaseState.HELD
+    assert lease.until_ns == 1200 * MS + LEASE_NS
+
+
+def test_an_arbiter_that_grants_a_repeated_request_no_longer_counts_as_refusing() -> None:
+    lease = lease_of(THREE)
+    lease.on_message(refusal(asked(lease), A), 1010 * MS)
+    again = lease.ask_again(1075 * MS)
+    lease.on_message(grant(again, A), 1085 * MS)
+
+    lease.on_message(refusal(again, B), 1085 * MS)
+
+    assert not lease.lost(1090 * MS)
+
+
+def test_the_round_trip_follows_a_slow_answer_at_once_and_quick_ones_slowly() -> None:
+    """An answer to an earlier attempt tells as much as any other."""
+    lease = lease_of()
+    first = asked(lease)
+    lease.give_back(1100 * MS)
+    lease.on_message(refusal(first), 1400 * MS)
+    assert lease.round_trip_ns == 400 * MS
+
+    second = lease.ask(1500 * MS, seen_term=0, tried_term=1)
+    lease.on_message(grant(second), 1510 * MS)
+
+    assert lease.round_trip_ns == 350 * MS
 
 
 def test_a_holder_or_former_holder_cannot_lose_a_candidacy() -> None:
