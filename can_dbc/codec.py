@@ -40,7 +40,7 @@ Hear = Callable[[bytes, int], Heard]
 Reject = Callable[[bytes, Reason, str], Rejected]
 
 
-class Verdict(enum.IntEnum):
+class WireVerdict(enum.IntEnum):
     """Verdicts of `wire.h` that reject a frame, with their numbers there."""
 
     WRONG_LENGTH = 2
@@ -222,23 +222,23 @@ def _refuser(bound: Binding, reject: Reject, reject_twin: Reject) -> Callable[..
     def refuse(
         number: int, of_twin: bool, data: bytes, one: int, other: int, bits: int
     ) -> Rejected:
-        verdict = Verdict(number)
-        if verdict is Verdict.INVALID_VALUE:
+        verdict = WireVerdict(number)
+        if verdict is WireVerdict.INVALID_VALUE:
             return reject(data, Reason.INVALID_VALUE, invalid_values(bound.fields, bits))
-        if verdict is Verdict.STUCK_COUNTER:
+        if verdict is WireVerdict.STUCK_COUNTER:
             return reject(data, *stuck(one))
-        if verdict is Verdict.JUMPED_COUNTER:
+        if verdict is WireVerdict.JUMPED_COUNTER:
             return reject(data, *jumped(one, other))
-        if verdict in (Verdict.WRONG_LENGTH, Verdict.WRONG_CRC):
+        if verdict in (WireVerdict.WRONG_LENGTH, WireVerdict.WRONG_CRC):
             if of_twin and twin is not None:
                 return reject_twin(data, *damage(twin, data))
             return reject(data, *damage(message, data))
         assert twin is not None
-        if verdict is Verdict.ALONE:
+        if verdict is WireVerdict.ALONE:
             return reject(data, *_alone(twin))
-        if verdict is Verdict.NO_FIRST:
+        if verdict is WireVerdict.NO_FIRST:
             return reject_twin(data, *_no_first(message))
-        if verdict is Verdict.LATE_TWIN:
+        if verdict is WireVerdict.LATE_TWIN:
             return reject_twin(data, *_late(message, one - other))
         return reject_twin(data, *_not_inverse(message))
 

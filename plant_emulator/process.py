@@ -161,12 +161,23 @@ class PlantDevice:
         self._life = NodeState.BOOT_UP
         self._frames = self._frame_sources()
         world = self.world
-        self._units: tuple[tuple[Node, CommandListener], ...] = (
-            (Node.BCU, world.brake),
-            (Node.TCU, world.traction),
-            (Node.DCU, world.doors),
-        )
-        self._receivers: Mapping[type[Frame], Callable[[Any, int], None]] = {
+        units = ((Node.BCU, world.brake), (Node.TCU, world.traction), (Node.DCU, world.doors))
+        self._units: tuple[tuple[Node, CommandListener], ...] = units
+        self._receivers = self._receivers_of_frames()
+        self._silent = [False] * len(self._units)
+        self._restarting: Node | None = None
+        """A fault: this node sends nothing until it has restarted."""
+        self.schedule = Schedule(faults)
+        """Tells which faults are active, if there are faults or an observer."""
+        self._serial_faults: SerialFaults | None = None
+        self._radio_faults: RadioFaults | None = None
+        self._stage = self._staged(observer) if faults or observer is not None else None
+        self.executive = Executive([Task("step", GRID_MS, self.step)], start_ns)
+        self._write_truth()
+
+    def _receivers_of_frames(self) -> Mapping[type[Frame], Callable[[Any, int], None]]:
+        world = self.world
+        return {
             BrakeCommand: self._take_brake,
             TractionCommand: world.traction.hear,
             DoorCommand: world.doors.hear,
@@ -174,17 +185,6 @@ class PlantDevice:
             AnalogueCommand: world.hear_currents,
             **dict.fromkeys(DISPLAYED, self._take_report),
         }
-        self._silent = [False] * len(self._units)
-        self._restarting: Node | None = None
-        """A fault: this node sends nothing until it has restarted."""
-        self.schedule = Schedule(faults)
-        """Tells which faults are active. It is evaluated only if there are faults or an
-        observer."""
-        self._serial_faults: SerialFaults | None = None
-        self._radio_faults: RadioFaults | None = None
-        self._stage = self._staged(observer) if faults or observer is not None else None
-        self.executive = Executive([Task("step", GRID_MS, self.step)], start_ns)
-        self._write_truth()
 
     def _staged(self, observer: Observer | None) -> FaultStage:
         stage = FaultStage(

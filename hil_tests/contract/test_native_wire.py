@@ -25,6 +25,8 @@ from metro_hil.campaign.builder import Scenario
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.run.dispatch import run_case
 
+pytestmark = pytest.mark.usefixtures("c_compiler")
+
 BOUND = [binding.binding_of(kind) for kind in binding.kinds()]
 KINDS = list({(each.fields, each.protection): each.kind for each in BOUND}.values())
 """One frame class of each layout."""

@@ -87,11 +87,16 @@ def test_every_command_prints_its_version(
     assert capsys.readouterr().out == f"{name} {__version__}\n"
 
 
-def test_the_change_log_begins_with_this_version() -> None:
-    """The version stands in firmware_py/__init__.py alone; packaging reads it from there."""
+def test_the_newest_release_in_the_change_log_is_this_version() -> None:
+    """The version stands in firmware_py/__init__.py alone; packaging reads it from there.
+
+    What changed since that release stands above it, under *Unreleased*.
+    """
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
-    assert re.findall(r"^## (\S+)", text, re.MULTILINE)[0] == __version__
+    releases = re.findall(r"^## (\S+)", text, re.MULTILINE)
+
+    assert next(each for each in releases if each != "Unreleased") == __version__
 
 
 @pytest.mark.parametrize("words", [["vobc", "tune", "--lw"], ["vobc", "run", "--lokstep"]])

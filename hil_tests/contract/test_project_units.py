@@ -32,7 +32,10 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("_Four.emergency", "_Four.permitted", "_Four.service", "_Four.warning"),
         # The unit of the signal that the layout describes.
         *("FieldLayout.maximum", "FieldLayout.minimum", "FieldLayout.offset", "FieldLayout.scale"),
+        *("FieldMatch.offset", "FieldMatch.scale"),
         *("SignalSpec.maximum", "SignalSpec.minimum", "SignalSpec.offset", "SignalSpec.scale"),
+        # A correlation, and a share of the variance: pure numbers.
+        *("FieldMatch.correlation", "_Field.explained"),
         # A number of processes.
         "HostSample.runnable_mean",
         # Named like its option or key, `--odometer-error 0.05`.

@@ -108,12 +108,11 @@ class Lockstep:
         self.bus = self._open_bus(self._candump(folder, "bus.log"), taps.frame)
         radio = InprocRadio()
         controller_end, reader_end = inproc_line()
-        line = journey.line
         self.plant = PlantDevice(
             scenario,
             open_port=self._open_node,
             tags=reader_end,
-            radio=radio.port("wayside", subscriptions(line.name)),
+            radio=radio.port("wayside", subscriptions(journey.line.name)),
             truth=_tee(self._log(folder, "truth.csv", TRUTH_COLUMNS), taps.rows),
             start_ns=0,
             faults=faults,
@@ -134,13 +133,12 @@ class Lockstep:
         )
         self._stack.callback(self._side.close)
         places = {*places, *(plan.kind.place for plan in faults)}
+        topics = _topics_of(journey.line.name, config.address)
         accepted = RECEIVED_IDS if controller.kind == SHIPPED.kind else None
         self.vobc = self._connected(
             self._controller_port(accepted, scenario.seed, faulty=FaultPlace.BUS in places),
             self._recorded(controller_end, folder),
-            self._recorded_radio(
-                radio.port("train", _topics_of(line.name, config.address)), folder, taps.radio
-            ),
+            self._recorded_radio(radio.port("train", topics), folder, taps.radio),
             faulty=FaultPlace.PROCESS in places,
         )
         self._arrival = ArrivalWatch(journey.end.stop_m)
