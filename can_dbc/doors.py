@@ -12,7 +12,7 @@ ALL_CARS: Final = (1 << CARS_MAX) - 1
 
 
 def cars_text(cars: int) -> str:
-    """Chosen cars in words, such as `cars 1 to 4` or `cars 2, 3 and 6`."""
+    """Chosen cars as text, such as `cars 1 to 4` or `cars 2, 3 and 6`."""
     numbers = [index + 1 for index in range(CARS_MAX) if cars >> index & 1]
     if len(numbers) == 1:
         return f"car {numbers[0]}"
