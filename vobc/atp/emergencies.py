@@ -327,6 +327,12 @@ def latched_after(state: Supervision, inputs: GuardInputs) -> tuple[Cause, ...]:
     return tuple(kept)
 
 
+def present(causes: tuple[Cause, ...], inputs: GuardInputs) -> tuple[Cause, ...]:
+    """Those of the causes that are always checked and present now."""
+    rules = [RULE_OF[cause] for cause in causes]
+    return tuple([rule.cause for rule in rules if rule.when is When.ALWAYS and rule.comes(inputs)])
+
+
 def released(rule: EmergencyRule, inputs: GuardInputs) -> bool:
     """The train stands, the cause is gone, and a permitted source has just reset it."""
     if not inputs.at_rest or (rule.when is When.ALWAYS and rule.comes(inputs)):

@@ -11,7 +11,7 @@ from vobc.atp.braking import SafeBraking
 from vobc.atp.ceiling import CeilingMap
 from vobc.atp.config import AtpConfig
 from vobc.atp.doors import SHUT
-from vobc.atp.emergencies import in_cause_words, latched_after
+from vobc.atp.emergencies import in_cause_words, latched_after, present
 from vobc.atp.energy_check import EnergyCheck, Replicas
 from vobc.atp.fixed_ceilings import FixedCeilings
 from vobc.atp.guard_inputs import NOWHERE, GuardInputs
@@ -114,6 +114,7 @@ class Protection:
         self._state = Supervision.NO_AUTHORITY
         self._mode = OperatingMode.STANDBY
         self._latched: tuple[Cause, ...] = ()
+        self._present: tuple[Cause, ...] = ()
         self._emergency_number = 0
         self._line_end_m = line.end_m
 
@@ -297,7 +298,8 @@ class Protection:
     def _move_on(self, motion: Motion, inputs: GuardInputs) -> GuardInputs:
         """Latch causes and step the supervision. Returns the inputs with the latched causes."""
         before = self._state
-        self._latch(latched_after(before, inputs))
+        causes = latched_after(before, inputs)
+        self._latch(causes, present(causes, inputs))
         inputs = replace(inputs, latched=self._latched)
         self._state = next_state(before, inputs)
         if self._state is Supervision.EMERGENCY:
@@ -307,10 +309,16 @@ class Protection:
             self._movement.restart(motion)
         return inputs
 
-    def _latch(self, causes: tuple[Cause, ...]) -> None:
-        """Count each new cause, so that a reset for an earlier one does not release it."""
-        self._emergency_number += sum(cause not in self._latched for cause in causes)
-        self._latched = causes
+    def _latch(self, causes: tuple[Cause, ...], now: tuple[Cause, ...] = ()) -> None:
+        """Count each cause that comes, so that a reset for an earlier one does not release it.
+
+        Args:
+            now: causes that are present in this cycle. One that was gone and comes again counts.
+        """
+        for cause in causes:
+            again = cause in now and cause not in self._present
+            self._emergency_number += again or cause not in self._latched
+        self._latched, self._present = causes, now
 
     # Outputs.
 

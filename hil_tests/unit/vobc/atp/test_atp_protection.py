@@ -395,6 +395,19 @@ def test_an_order_to_brake_lasts_through_silence_until_the_centre_releases_it() 
     assert train.step().supervision is Supervision.NOMINAL
 
 
+def test_a_cause_that_comes_again_while_it_is_latched_has_a_new_number() -> None:
+    """A reset that the centre gave between the two is for the first one."""
+    train = Train()
+    train.runs(5.0)
+    train.speed_mps = 0.0
+    numbers = []
+    for touched in (True, True, False, False, True, False):
+        train.change(alarms=TrainAlarms(no_obstacle=not touched, no_fire=True))
+        numbers.append(train.step().emergency_number)
+
+    assert numbers == [1, 1, 1, 1, 2, 2]
+
+
 def test_each_latched_cause_has_a_number_of_its_own() -> None:
     train = Train()
     numbers = [train.runs(5.0).emergency_number]
