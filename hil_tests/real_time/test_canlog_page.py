@@ -14,6 +14,7 @@ import pytest
 from canlog import read
 from canlog.bit_activity import ActivityView
 from canlog.command import main as canlog
+from canlog.database import parse_bus
 from canlog.read import Log
 from canlog.views.answers import Answers
 from canlog.views.packed import ordered
@@ -345,6 +346,36 @@ def test_lines_have_enough_contrast_in_both_themes(browser: Browser, run_page: s
 
     assert set(seen) == {"light", "dark"}
     assert min(seen.values()) > 500
+
+
+def test_one_name_in_two_pages_is_read_from_the_page_of_the_frame(
+    browser: Browser, tmp_path: Path
+) -> None:
+    dbc = (
+        'VERSION ""\nBU_: A\nBO_ 256 M: 4 A\n SG_ Page M : 0|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ V m1 : 8|8@1+ (1,0) [0|0] "" A\n SG_ V m2 : 16|16@1- (0.5,1) [0|0] "" A\n'
+    )
+    rows = [(at * rig.MS, 256, bytes([at % 4, at, at, 255 - at])) for at in range(12)]
+    log = rig.log_of(rows, parse_bus(dbc))
+    data = page_data(log, "pages", ["M.V"], with_frames=True)
+    path = tmp_path / "pages.html"
+    path.write_text(page_text(data), encoding="utf-8")
+    trace = trace_of(log, "M.V")
+
+    browser.open(path.as_uri())
+
+    shown = "canlog.view.source.trace(canlog.view.byFull.get('M.V'))"
+    assert numbers(browser, f"{shown}.v").tolist() == trace.values.tolist()
+    assert (numbers(browser, f"{shown}.t") + trace.at_ns[0] - rig.MS).tolist() == (
+        trace.at_ns.tolist()
+    )
+    texts = browser.run(
+        "JSON.stringify(canlog.view.source.rows(canlog.view.source.select('M'), 0, 12)"
+        ".map(row => canlog.decodedTexts(row.message, row.data)[1]?.[1] ?? null))"
+    )
+    carried = iter(trace.values.tolist())
+    wanted = [next(carried) if at % 4 in (1, 2) else None for at in range(12)]
+    assert [each and float(each) for each in json.loads(texts)] == wanted
 
 
 def test_the_bits_that_change_are_shown_in_the_page_and_from_the_server(

@@ -4,7 +4,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from canlog.database import MessageSpec
+from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import KEY_EXTENDED
 from canlog.read import Log
 from canlog.shelf import in_pieces
@@ -66,22 +66,30 @@ def message_head(group: KeyGroup, spec: MessageSpec | None, name: str) -> dict[s
             "period": spec.period_ms,
             "signals": [
                 {
+                    **_bits(each),
                     "name": each.name,
-                    "start": each.start,
-                    "length": each.length,
-                    "big": each.big_endian,
-                    "signed": each.signed,
-                    "float": each.is_float,
-                    "scale": each.scale,
-                    "offset": each.offset,
                     "unit": each.unit,
                     "state": each.is_state,
                     "choices": {str(raw): text for raw, text in each.choices.items()},
                     "comment": each.comment,
-                    "mux": each.multiplexer,
-                    "muxIds": list(each.multiplexer_ids),
+                    "others": [_bits(other) for other in each.others],
                 }
                 for each in spec.signals
             ],
         }
     return head
+
+
+def _bits(signal: SignalSpec) -> dict[str, Any]:
+    """Return where a signal is in one page of the multiplexer, and how to decode it there."""
+    return {
+        "start": signal.start,
+        "length": signal.length,
+        "big": signal.big_endian,
+        "signed": signal.signed,
+        "float": signal.is_float,
+        "scale": signal.scale,
+        "offset": signal.offset,
+        "mux": signal.multiplexer,
+        "muxIds": list(signal.multiplexer_ids),
+    }

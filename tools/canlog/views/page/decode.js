@@ -129,6 +129,16 @@ function carried(message, group, signal) {
   return out;
 }
 
+// Values and mask of a signal, which may lie at other bits in other pages of the multiplexer.
+function signalColumn(message, group, signal) {
+  const values = physicalColumn(group, signal), mask = carried(message, group, signal);
+  for (const other of signal.others) {
+    const more = physicalColumn(group, other), there = carried(message, group, other);
+    for (let i = 0; i < values.length; i++) if (!there || there[i]) { values[i] = more[i]; if (mask) mask[i] = 1; }
+  }
+  return { values, mask };
+}
+
 function carriedByFrame(message, signal, data) {
   if (cutOf(signal).needed > data.length) return false;
   const parent = signal.mux && message.byName[signal.mux];

@@ -13,6 +13,7 @@ function prepare(head) {
       signal.unit = signal.unit.replace(/(m\/s)(\d)$/, (_, unit, power) => unit + "²³"[power - 2]);
       signal.full = `${message.name}.${signal.name}`;
       signal.message = message;
+      signal.others = signal.others.map(other => ({ ...signal, ...other }));
       signal.gap = (message.timeout || 0) * 1e6;
       signal.byValue = new Map(Object.entries(signal.choices).map(
         ([raw, text]) => [Number(raw) * signal.scale + signal.offset, text]));
@@ -72,7 +73,7 @@ class LocalSource {
 
   decoded(signal) {
     const message = signal.message, group = this.groups[message.number];
-    const values = physicalColumn(group, signal), mask = carried(message, group, signal);
+    const { values, mask } = signalColumn(message, group, signal);
     const t = new Float64Array(group.count);
     let kept = 0;
     for (let i = 0; i < t.length; i++) {
@@ -105,7 +106,7 @@ class LocalSource {
       let found = term.matches(message);
       if (found && term.compare) {
         const signal = message.byName[term.signal], group = this.groups[number];
-        const values = physicalColumn(group, signal), there = carried(message, group, signal);
+        const { values, mask: there } = signalColumn(message, group, signal);
         found = new Uint8Array(group.count);
         for (let i = 0; i < found.length; i++) found[i] = (!there || there[i]) && term.compare(values[i], signal);
       }

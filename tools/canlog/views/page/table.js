@@ -133,8 +133,9 @@ class FrameTable {
 
 function decodedTexts(message, data) {
   const found = [];
-  for (const signal of message.signals) {
-    if (!carriedByFrame(message, signal, data)) continue;
+  for (const first of message.signals) {
+    const signal = [first, ...first.others].find(page => carriedByFrame(message, page, data));
+    if (!signal) continue;
     const raw = rawExact(signal, at => data[at]), value = physicalExact(signal, raw);
     const exact = Number.isInteger(signal.scale) && Number.isInteger(signal.offset) && !signal.float
       ? String(raw * BigInt(signal.scale) + BigInt(signal.offset)) : null;
