@@ -52,6 +52,8 @@ def course_of(log: Log, text: str, column: str | None = None) -> ReferenceCourse
     Raises:
         LogError: says what is wrong with the text, the file, or a course that never changes.
     """
+    if not text.strip():
+        raise LogError("--like: give a sketch such as '0:0 10:50', a CSV file or a signal")
     if SKETCH.fullmatch(text) and ":" in text:
         points = _sketched(text)
     elif Path(text).is_file():

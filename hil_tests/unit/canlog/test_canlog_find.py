@@ -176,6 +176,7 @@ def test_a_signal_of_the_log_is_found_on_the_unknown_channel(
 @pytest.mark.parametrize(
     ("like", "words", "said"),
     [
+        (" ", [], "--like: give a sketch such as"),
         ("0:0 10", [], "--like 10: a point of a sketch is SECONDS:VALUE"),
         ("0:5 10:5", [], "the course never changes"),
         ("10:5 0:1", [], "its instants run backwards"),
