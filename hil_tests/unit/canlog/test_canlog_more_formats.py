@@ -265,7 +265,7 @@ def test_what_wireshark_writes_is_read(tmp_path: Path, form: str) -> None:
     frames.append(Made(START_US + 1_000_000, 0x18FEF100, True, b"\xff" * 8))
     path, program = tmp_path / f"x.{form}", shutil.which("text2pcap")
     if program is None:
-        path.write_bytes({"pcap": pcap, "pcapng": pcapng}[form](frames))
+        path.write_bytes(pcap(frames) if form == "pcap" else pcapng(frames))
     else:
         dump = tmp_path / "x.txt"
         with dump.open("w") as out:
