@@ -21,7 +21,8 @@ from typing import Final
 FLAGS: Final = ("-O2", "-shared", "-fPIC", "-std=gnu11", "-ffp-contract=off", "-fno-math-errno")
 """Compiler flags. Without contraction a product and a sum round twice, as in Python."""
 COMPILERS: Final = ("cc", "gcc", "clang")
-COMPILE_S: Final = 60
+COMPILE_S: Final = 180
+"""Greatest duration of a build. The first call of zig builds its own libraries, too."""
 ZIG: Final = "ziglang"
 """Python package with a C compiler, for machines without one."""
 FOLDER: Final = "metro-bench"

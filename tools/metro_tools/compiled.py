@@ -10,6 +10,7 @@ types from which settings are read.
 
 import argparse
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from firmware_py.assertions import require_assertions
+from firmware_py.native.build import compiler
 from metro_hil.model.native_copy import (
     build_lock,
     copies_folder,
@@ -432,6 +434,7 @@ def _build(setup: Path, flags: str) -> None:
             **os.environ,
             "MYPYPATH": str(setup.parent),
             "CFLAGS": f"{given} {FLAGS} {flags}".strip(),
+            **setuptools_compiler(),
         },
         capture_output=True,
         text=True,
@@ -441,6 +444,15 @@ def _build(setup: Path, flags: str) -> None:
         words = [*done.stdout.splitlines(), *done.stderr.splitlines()]
         faults = [line for line in words if "error" in line.lower()] or words
         raise CompileError("\n".join(["mypyc or the C compiler failed:", *faults[-8:]]))
+
+
+def setuptools_compiler() -> dict[str, str]:
+    """Name the compiler to setuptools where only a Python package brings one."""
+    found = compiler()
+    if found is None or len(found) == 1 or "CC" in os.environ:
+        return {}
+    command = shlex.join(found)
+    return {"CC": command, "LDSHARED": f"{command} -shared"}
 
 
 def _train(library: Path, training: Sequence[Sequence[str]]) -> None:

@@ -248,3 +248,17 @@ def test_the_cached_copy_compiles_modules_whose_bytes_are_compared(checkout: Pat
     for pattern in LOCKSTEP:
         assert hot_modules(checkout, [pattern]), pattern
     assert {*hot_modules(checkout, LOCKSTEP)} <= {*hot_modules(checkout, HOT)}
+
+
+def test_setuptools_gets_a_compiler_that_is_a_python_package(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The linker of zig does not know the options that setuptools takes from this Python."""
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr(compiled, "compiler", lambda: ("/my python", "-m", "ziglang", "cc"))
+    assert compiled.setuptools_compiler() == {
+        "CC": "'/my python' -m ziglang cc",
+        "LDSHARED": "'/my python' -m ziglang cc -shared",
+    }
+    monkeypatch.setattr(compiled, "compiler", lambda: ("/usr/bin/cc",))
+    assert compiled.setuptools_compiler() == {}
