@@ -21,6 +21,7 @@ TP_CM, TP_DT = 0xEC, 0xEB
 """PDU formats of J1939: connection management and data transfer."""
 ETP_CM, ETP_DT = 0xC8, 0xC7
 """The same of the extended transport protocol, for messages of more than 1,785 bytes."""
+J1939_FORMATS: Final = (TP_CM, TP_DT, ETP_CM, ETP_DT)
 RTS, CTS, ACKNOWLEDGED, BAM, ABORT = 16, 17, 19, 32, 255
 ETP_RTS, ETP_CTS, ETP_OFFSET, ETP_ACKNOWLEDGED = 20, 21, 22, 23
 CONTROLS: Final = (RTS, CTS, ACKNOWLEDGED, BAM, ABORT)
@@ -109,7 +110,7 @@ def is_j1939_transport(frames: Frames) -> Bools:
     """(n,) frames of eight bytes of the transport protocol and the extended one."""
     form = frames.identifier >> np.uint32(16) & np.uint32(0xFF)
     found: Bools = frames.is_data & (frames.length == 8) & ((frames.flags & 1) != 0)
-    found &= np.isin(form, (TP_CM, TP_DT, ETP_CM, ETP_DT))
+    found &= np.isin(form, J1939_FORMATS)
     return found
 
 

@@ -1,10 +1,10 @@
 """Reassembled J1939 messages as tables of the signals that the DBC files define."""
 
 from canlog.bus_model import Bus, LogPart, MessageSpec
-from canlog.frames import Frames
+from canlog.frames import KEY_EXTENDED, Frames
 from canlog.table import Table, table_of
 from canlog.transport.messages import Messages, TransportStatus
-from canlog.transport.reassembly import Reassembler, TransportOptions
+from canlog.transport.reassembly import J1939_FORMATS, Reassembler, TransportOptions
 
 
 class LongTables:
@@ -12,9 +12,16 @@ class LongTables:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
+        self.unknown: dict[int, int] = {}
+        """Number of whole messages by parameter groups that no DBC file defines."""
         self._reassembler: Reassembler | None = None
         if any(each.by_group for each in (bus, *bus.by_channel.values())):
             self._reassembler = Reassembler(TransportOptions(isotp=False))
+
+    def carries(self, key: int) -> bool:
+        """Whether frames of a key are only parts of messages."""
+        form = key >> 16 & 0xFF
+        return self._reassembler is not None and key >= KEY_EXTENDED and form in J1939_FORMATS
 
     def feed(self, frames: Frames) -> dict[LogPart, Table]:
         """Return the messages that end in the next block."""
@@ -27,8 +34,12 @@ class LongTables:
         for found in parts:
             for at in range(len(found)):
                 channel = found.channels[int(found.channel[at])]
-                spec = self._bus.on(channel).by_group.get(int(found.group[at]))
-                if spec is None or found.status[at] != TransportStatus.WHOLE:
+                group = int(found.group[at])
+                spec = self._bus.on(channel).by_group.get(group)
+                if found.status[at] != TransportStatus.WHOLE:
+                    continue
+                if spec is None:
+                    self.unknown[group] = self.unknown.get(group, 0) + 1
                     continue
                 place = LogPart(spec.name, channel, spec.origin(int(found.key[at])))
                 row = int(found.at_ns[at]), found.frames(at)[-1], found.payload(at)

@@ -93,6 +93,8 @@ def _export(
             parts[part] = None
             export.add(part, Groups(empty()).table(_known(bus, name)))
     yield from export.close(part_names(parts), folder)
+    for group, count in sorted(long.unknown.items()):
+        print(f"canlog: {count} messages of PGN {group} are in no DBC file", file=sys.stderr)
 
 
 def _tables(
@@ -103,9 +105,9 @@ def _tables(
     keys: dict[LogPart, tuple[MessageSpec, list[int]]] = {}
     for key, channel in groups.places:
         spec = bus.on(channel).spec_at(key)
-        if spec is None:
+        if spec is None and not long.carries(key):
             unknown[key] = unknown.get(key, 0) + groups.count(key, channel=channel)
-        else:
+        elif spec is not None:
             part = LogPart(spec.name, channel, spec.origin(key))
             keys.setdefault(part, (spec, []))[1].append(key)
     reassembled = long.feed(frames)
