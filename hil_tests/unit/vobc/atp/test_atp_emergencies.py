@@ -98,6 +98,8 @@ THERE_AND_NOT: dict[Cause, list[tuple[dict[str, Any], dict[str, Any]]]] = {
     Cause.ROLLBACK: [
         ({"rollback_m": CONFIG.rollback_m}, {"rollback_m": CONFIG.rollback_m - JUST}),
         ({"rollback_m": math.nan}, {}),
+        ({"rollback_room_m": 0.0}, {"rollback_room_m": JUST}),
+        ({"rollback_room_m": math.nan}, {}),
     ],
     Cause.JOG_EXCEEDED: [
         ({"jog_movement_m": CONFIG.jog_m}, {"jog_movement_m": CONFIG.jog_m - JUST}),
