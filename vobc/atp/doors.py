@@ -98,7 +98,7 @@ def enabled_doors(
 def car_spans(car_lengths_m: Sequence[float]) -> tuple[CarSpan, ...]:
     """Spans of the cars, from the front."""
     ends_m = list(itertools.accumulate(car_lengths_m, initial=0.0))
-    return tuple(CarSpan(*ends) for ends in itertools.pairwise(ends_m))
+    return tuple(CarSpan(front_m, rear_m) for front_m, rear_m in itertools.pairwise(ends_m))
 
 
 def cars_beside(
