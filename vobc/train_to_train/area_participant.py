@@ -19,6 +19,7 @@ from zenoh_config.t2t import (
     Heartbeat,
     LeaseAnswer,
     LeaseRequest,
+    Phase,
     StandbySync,
     SwitchKind,
     SwitchStep,
@@ -91,7 +92,9 @@ class AreaParticipant:
         return ROUTES.get(type(message), AreaParticipant._passes_on)(self, message, now_ns)
 
     def _on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> list[T2tMessage]:
-        if self.member.on_heartbeat(heartbeat, now_ns):
+        accepted = self.member.on_heartbeat(heartbeat, now_ns)
+        if accepted and heartbeat.phase is Phase.ISSUING:
+            # One that is still fencing, as this train itself may be, may yet lose its lease.
             self._failures = 0
         return []
 

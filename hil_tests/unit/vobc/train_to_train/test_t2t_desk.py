@@ -7,6 +7,7 @@ from typing import Any, cast
 import pytest
 
 from firmware_py.trackdb.areas import Area, AreaMap
+from hil_tests.unit.vobc.train_to_train.t2t_rig import Rig, line_of
 from vobc.train_to_train.area_participant import AreaParticipant, Chance
 from vobc.train_to_train.guards import LeaseGuards, TrainGuards, without
 from vobc.train_to_train.master import Master
@@ -29,6 +30,7 @@ from zenoh_config.t2t import (
     T2tMessage,
     TrainReport,
 )
+from zenoh_config.timers import TIMERS_B
 
 MS = 1_000_000
 BEGAN_NS = 10_000_000_000
@@ -445,6 +447,19 @@ def test_the_wait_doubles_with_each_candidacy_that_fails() -> None:
         terms.append(requests(said)[0].term)
 
     assert terms == list(range(2, 10))
+
+
+def test_leases_too_short_to_commit_a_roster_use_up_few_terms() -> None:
+    """The arbiters answer just before the lease ends, time after time, for 10 s."""
+    rig = Rig(line_of(0.0, 3000.0), config=T2tConfig(timers=TIMERS_B))
+    rig.spoil = lambda message, to: [50]
+    for n in range(3):
+        rig.start_train(n + 1, 1400.0 - 400.0 * n)
+
+    rig.run(10_000, check=False)
+
+    tried = [train.memory.of_area(1).tried_term for train in rig.trains.values()]
+    assert 3 < max(tried) < 20
 
 
 @pytest.mark.parametrize("wait_ns", [0, 1, 50 * MS])
