@@ -146,7 +146,7 @@ class PlantDevice:
         reports = reports or any(plan.window.reads_controller for plan in faults)
         self.wire = Wire(open_port, DISPLAYED if scenario.driver else REPORTS if reports else ())
         self._absent = frozenset({Node.DESK} if scenario.desk_elsewhere else ())
-        self.railway = Railway(scenario.line, scenario.destination)
+        self.railway = Railway(scenario.wayside_line or scenario.line, scenario.destination)
         self._platform_doors = self.railway.doors
         self._tags, self._radio, self._truth = tags, radio, truth
         self._epoch_offset_ns = epoch_offset_ns

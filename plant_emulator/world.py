@@ -54,6 +54,8 @@ class TrainScenario:
     """The recording that is replayed at the desk."""
     desk_elsewhere: bool = False
     """The desk is a separate node, so this plant sends no desk frames."""
+    wayside_line: LineMap | None = None
+    """Map of the wayside if its survey is wrong; None: the true line."""
 
 
 def plan_scenario(

@@ -5,8 +5,8 @@ from typing import Final
 import msgspec
 
 # The fields are in the order of docs/reference/radio_interface.md.
-REPORT_BODY: Final = msgspec.msgpack.Decoder(tuple[int, float, float, float, float, bool])
-AUTHORITY_BODY: Final = msgspec.msgpack.Decoder(tuple[int, int, int, float, float | None])
+REPORT_BODY: Final = msgspec.msgpack.Decoder(tuple[int, float, float, float, float, bool, int])
+AUTHORITY_BODY: Final = msgspec.msgpack.Decoder(tuple[int, int, int, float, float | None, int])
 
 
 class StatusBody(msgspec.Struct, array_like=True, forbid_unknown_fields=True):

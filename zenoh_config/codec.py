@@ -29,13 +29,18 @@ from zenoh_config.soundness import problem_of
 from zenoh_config.t2t import T2tMessage
 from zenoh_config.t2t_codec import TYPE_NUMBERS, knows, opened, packed_body, problem_of_t2t
 
-VERSION: Final = 2
+VERSION: Final = 3
 TYPE_POSITION_REPORT: Final = 1
 TYPE_MOVEMENT_AUTHORITY: Final = 2
 TYPE_TRAIN_STATUS: Final = 3
 TYPE_TRAIN_ORDERS: Final = 4
 HEADER: Final = struct.Struct(">BBHHIQ")
 """Version, type, source, destination, sequence, stamp in ns of the sender's clock."""
+DATABASE_BYTES: Final = 8
+"""Length of the sender's track database version, which follows the header."""
+BODY_AT: Final = HEADER.size + DATABASE_BYTES
+NO_DATABASE: Final = 0
+"""Version in messages of a sender without a track database, such as a load test."""
 CODE_BYTES: Final = 16
 MAX_BYTES: Final = 4096
 """Longest accepted message; longer ones are refused before any computation."""
@@ -61,13 +66,21 @@ def safety_key(text: str) -> bytes:
     return key
 
 
-def pack(message: AnyMessage, key: bytes = BENCH_KEY) -> bytes:
-    """Return the message in its envelope. Raises ValueError that names the invalid field."""
+def pack(
+    message: AnyMessage, key: bytes = BENCH_KEY, *, database: int | None = NO_DATABASE
+) -> bytes:
+    """Return the message in its envelope. Raises ValueError that names the invalid field.
+
+    Args:
+        database: version of the sender's track database, by which the message gives places.
+    """
     assert len(key) >= MIN_KEY_BYTES
     problem = _problem(message)
     if problem:
         raise ValueError(f"{type(message).__name__}: {problem}")
-    sealed = _sealed(message)
+    packed = _sealed(message)
+    version = (database or NO_DATABASE).to_bytes(DATABASE_BYTES, "big")
+    sealed = packed[: HEADER.size] + version + packed[HEADER.size :]
     return sealed + _code(sealed, key)
 
 
@@ -87,30 +100,40 @@ def _sealed(message: AnyMessage) -> bytes:
     return _packed_orders(message)
 
 
-def unpack(payload: bytes, key: bytes = BENCH_KEY) -> AnyMessage | Refused:
+def unpack(
+    payload: bytes, key: bytes = BENCH_KEY, *, database: int | None = None
+) -> AnyMessage | Refused:
     """Return the message if every byte is as its sender sent it; otherwise the refusal.
 
     Never raises.
+
+    Args:
+        database: version of the receiver's track database. A message of another one is refused,
+            because its places are those of another survey. None: any is read, as by a log reader.
     """
-    if len(payload) <= HEADER.size + CODE_BYTES:
+    if len(payload) <= BODY_AT + CODE_BYTES:
         return Refused(RefusedReason.TOO_SHORT, f"{len(payload)} bytes")
     if len(payload) > MAX_BYTES:
         return Refused(RefusedReason.TOO_LONG, f"{len(payload)} bytes")
     sealed = payload[:-CODE_BYTES]
     if not hmac.compare_digest(_code(sealed, key), payload[-CODE_BYTES:]):
         return Refused(RefusedReason.WRONG_CODE, "altered, or sealed with another key")
-    return _opened(sealed)
+    return _opened(sealed, database)
 
 
-def _opened(sealed: bytes) -> AnyMessage | Refused:
+def _opened(sealed: bytes, database: int | None) -> AnyMessage | Refused:
     version, kind, source, destination, sequence, stamp_ns = HEADER.unpack_from(sealed)
     if version != VERSION:
         return Refused(RefusedReason.UNKNOWN_VERSION, f"version {version}, known is {VERSION}")
+    theirs = int.from_bytes(sealed[HEADER.size : BODY_AT], "big")
+    if database is not None and theirs != database:
+        detail = f"{theirs:016x} of the sender, {database:016x} here"
+        return Refused(RefusedReason.OTHER_DATABASE, detail)
     opener = _OPENERS.get(kind)
     if opener is None and not knows(kind):
         return Refused(RefusedReason.UNKNOWN_TYPE, f"type {kind}")
     head = _Head(source, destination, sequence, stamp_ns)
-    body = sealed[HEADER.size :]
+    body = sealed[BODY_AT:]
     message: AnyMessage
     try:
         message = opened(kind, *head, body) if opener is None else opener(head, body)
@@ -128,7 +151,9 @@ class _Head(NamedTuple):
 
 
 def _opened_report(head: _Head, body: bytes) -> Message:
-    boot, front_min_m, front_max_m, rear_min_m, speed_mps, standstill = REPORT_BODY.decode(body)
+    boot, front_min_m, front_max_m, rear_min_m, speed_mps, standstill, parameters = (
+        REPORT_BODY.decode(body)
+    )
     return PositionReport(
         head.source,
         boot,
@@ -140,11 +165,12 @@ def _opened_report(head: _Head, body: bytes) -> Message:
         speed_mps,
         standstill,
         head.destination,
+        parameters,
     )
 
 
 def _opened_authority(head: _Head, body: bytes) -> Message:
-    boot, term, echo_stamp_ns, end_m, rear_m = AUTHORITY_BODY.decode(body)
+    boot, term, echo_stamp_ns, end_m, rear_m, parameters = AUTHORITY_BODY.decode(body)
     return MovementAuthority(
         head.destination,
         boot,
@@ -155,6 +181,7 @@ def _opened_authority(head: _Head, body: bytes) -> Message:
         head.source,
         head.stamp_ns,
         rear_m,
+        parameters,
     )
 
 
@@ -243,6 +270,7 @@ def _packed_report(report: PositionReport) -> bytes:
             report.rear_min_m,
             report.speed_mps,
             report.standstill,
+            report.parameters,
         )
     )
 
@@ -262,6 +290,7 @@ def _packed_authority(authority: MovementAuthority) -> bytes:
             authority.echo_stamp_ns,
             authority.end_m,
             authority.rear_m,
+            authority.parameters,
         )
     )
 

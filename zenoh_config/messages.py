@@ -35,6 +35,8 @@ class PositionReport:
     standstill: bool
     """Zero speed is proven."""
     destination: int = WAYSIDE
+    parameters: int = 0
+    """Version of the train's vital parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,8 @@ class MovementAuthority:
     rear_m: float | None = None
     """The rear is protected back to this place, so the train may move back to it; None: it may not
     move back."""
+    parameters: int = 0
+    """`parameters` of the answered report."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +169,8 @@ class RefusedReason(enum.Enum):
     TOO_OLD = "too old"
     FROM_THE_FUTURE = "from the future"
     OTHER_RULES = "of other arbiters or timers"
+    OTHER_DATABASE = "of another track database"
+    OTHER_PARAMETERS = "of other vital parameters"
 
 
 @dataclass(frozen=True, slots=True)

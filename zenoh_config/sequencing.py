@@ -68,14 +68,19 @@ class AuthorityGate:
         max_age_ns: int,
         sources: Collection[int] = (WAYSIDE,),
         seen_term: int = 0,
+        parameters: int = 0,
     ) -> None:
-        """`seen_term` is the highest term accepted before, across restarts; lower ones are void."""
+        """Args:
+        seen_term: highest term accepted before, across restarts; lower ones are void.
+        parameters: version of the train's vital parameters, which its authorities repeat.
+        """
         self.refusals: Counter[RefusedReason] = Counter()
         self.accepted = 0
         self._addressee = _Addressee(train, boot, max_age_ns, frozenset(sources))
         self._newest = (seen_term, -1)
         self._leap: MovementAuthority | None = None
         """The last authority whose term leaped."""
+        self._parameters = parameters
 
     @property
     def seen_term(self) -> int:
@@ -111,6 +116,8 @@ class AuthorityGate:
         refused = self._addressee.objection(authority, now_ns)
         if refused is not None:
             return refused
+        if authority.parameters != self._parameters:
+            return Refused(RefusedReason.OTHER_PARAMETERS, f"{authority.parameters:016x}")
         if authority.term < self._newest[0]:
             detail = f"term {authority.term}, {self._newest[0]} was seen"
             return Refused(RefusedReason.OLD_TERM, detail)

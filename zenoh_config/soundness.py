@@ -18,6 +18,7 @@ MAX_SPEED_MPS: Final = 200.0
 MAX_CODE: Final = 255
 MAX_NUMBER: Final = 2**32 - 1
 MAX_STAMP_NS: Final = 2**63 - 1
+MAX_VERSION: Final = 2**64 - 1
 
 
 def problem_of(message: Message) -> str:
@@ -47,6 +48,8 @@ def _report_problem(report: PositionReport) -> str:
         return (
             f"rear_min_m {report.rear_min_m} or front_max_m {report.front_max_m} is off every line"
         )
+    if not 0 <= report.parameters <= MAX_VERSION:
+        return f"parameters {report.parameters} is not in 0..{MAX_VERSION}"
     return _number_problem(report.boot, report.sequence, report.stamp_ns)
 
 
@@ -64,6 +67,8 @@ def _authority_problem(authority: MovementAuthority) -> str:
     rear_m = authority.rear_m
     if rear_m is not None and not -MAX_CHAINAGE_M <= rear_m <= authority.end_m:
         return f"rear_m {rear_m} is off every line or beyond end_m {authority.end_m}"
+    if not 0 <= authority.parameters <= MAX_VERSION:
+        return f"parameters {authority.parameters} is not in 0..{MAX_VERSION}"
     return _number_problem(authority.boot, authority.sequence, authority.stamp_ns)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-VERSION: Final = 1
+VERSION: Final = 2
 SIZE_MAX: Final = 65_536
 WHEEL_DIAMETER_MIN_M: Final = 0.5
 WHEEL_DIAMETER_MAX_M: Final = 1.3
@@ -41,9 +41,19 @@ class NvramRecord:
     """Number of emergency brakings over the life of the board."""
     highest_term: int = 0
     """Highest authority term ever received; authorities of a lower term are refused."""
+    train: int = 0
+    """Address of the train that place, wheel and term belong to; 0: none stored yet."""
+    line: str = ""
+    """Line that they belong to."""
+    database: int = 0
+    """Version of the track database that `front_m` is a chainage of."""
+    parameters: int = 0
+    """Version of the vital parameters of the controller that stored them."""
+    software: str = ""
+    """Version of the program that stored them."""
 
     def __post_init__(self) -> None:
-        for name in ("boot_count", "emergency_count", "highest_term"):
+        for name in _COUNTS:
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} {getattr(self, name)} is negative")
         wheel_m = self.wheel_diameter_m
@@ -53,6 +63,16 @@ class NvramRecord:
             raise ValueError(f"front_m {self.front_m} is not finite")
         if not 0.0 <= self.distance_m < math.inf:
             raise ValueError(f"distance_m {self.distance_m} is not a distance run")
+
+
+_COUNTS: Final = (
+    "boot_count",
+    "emergency_count",
+    "highest_term",
+    "train",
+    "database",
+    "parameters",
+)
 
 
 class NvramState(enum.Enum):
@@ -225,8 +245,9 @@ def _typed(field: dataclasses.Field[Any], value: Any) -> Any:
     if value is None and kind == float | None:
         return None
     if isinstance(value, bool) == (kind is bool):
-        if kind is bool or (kind is int and isinstance(value, int)):
-            return value
-        if kind is not int and isinstance(value, int | float):
+        if kind in (bool, int, str):
+            if isinstance(value, kind):
+                return value
+        elif isinstance(value, int | float):
             return float(value)
     raise ValueError(f"{field.name}: {value!r} is not of type {getattr(kind, '__name__', kind)}")

@@ -5,6 +5,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from hypothesis import given, settings
@@ -27,12 +28,17 @@ from firmware_py.ports import CanFrame, LinkCounters
 from firmware_py.radio.inproc_radio import InprocRadio
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.tag_reader.telegram import HealthTelegram, TagTelegram, TelegramParser
+from firmware_py.trackdb import load_line
+from firmware_py.trackdb.version import database_version
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.wire import COMMAND_IDS, PHASES_MS, PLANT_NODES, ROUND_MS, timetable
 from plant_emulator.world import STEP_NS, TrainScenario, plan_scenario
-from zenoh_config import keys
-from zenoh_config.codec import pack, unpack
+from zenoh_config import codec, keys
+from zenoh_config.codec import unpack
 from zenoh_config.messages import MovementAuthority, PositionReport
+
+pack = partial(codec.pack, database=database_version(load_line("florence")))
+
 
 RELEASED = BrakeCommand(service_decel_mps2=0.0, emergency_released=True, holding_released=True)
 PULLING = TractionCommand(force_n=100_000.0, direction=Direction.FORWARD, traction_permitted=True)

@@ -20,6 +20,7 @@ from firmware_py.storage.checked_store import CheckedStore
 from firmware_py.storage.nvram import NvramState
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap, load_areas
+from firmware_py.trackdb.version import database_version
 from plant_emulator.cli.words import say
 from plant_emulator.wayside.detection import Detection, Place, key_of, packed, subscription
 from plant_emulator.wayside.line_centre import LineCentre
@@ -98,8 +99,9 @@ class _Line:
             secure = load_credentials(options.secure, WAYSIDE_NAME, clock.epoch_ns())
             key = safety_key(secure.key_hex)
         decrees = CheckedStore(folder and folder / "decrees", CentreMemory)
+        line = load_line(options.line)
         centre = LineCentre(
-            load_line(options.line),
+            line,
             boot=boot,
             memory=_readable(decrees, CentreMemory()),
             first_sequence=boot % ORDERS_SPAN_S * ORDERS_PER_S,
@@ -114,7 +116,12 @@ class _Line:
         )
         timers = TIMER_SETS[options.line_timers]
         self._wayside = LineWayside(
-            timers, areas, disks, boot=boot, start_ns=clock.now_ns(), centre=centre, key=key
+            *(timers, areas, disks),
+            boot=boot,
+            start_ns=clock.now_ns(),
+            centre=centre,
+            key=key,
+            database=database_version(line),
         )
         self._centre = centre
         self._detection = Detection(areas)

@@ -124,6 +124,12 @@ class RearUnprotected:
     """Authorities do not protect the track behind the train."""
 
 
+@fault("other_database", FaultPlace.WAYSIDE, Hazard.OVERRUN, Hazard.MISLOCATED)
+@dataclass(frozen=True, slots=True)
+class OtherDatabase:
+    """The wayside works with another survey of the line than the train."""
+
+
 @fault("centre_silent", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE, Hazard.DOOR_DANGER)
 @dataclass(frozen=True, slots=True)
 class CentreSilent:

@@ -13,6 +13,7 @@ from plant_emulator.faults.declared_wayside import (
     CentreSilent,
     CreepOrder,
     DoorsNotAuthorised,
+    OtherDatabase,
     PlatformDoorObstacle,
     PlatformDoorsUnlocked,
     RearUnprotected,
@@ -48,6 +49,11 @@ class WaysideEffects:
         def unprotect(found: Sequence[bool]) -> None:
             zone.rear_protected = not found
 
+        true_version = zone.database
+
+        def resurvey(found: Sequence[bool]) -> None:
+            zone.database = centre.database = true_version ^ bool(found)
+
         def hush(found: Sequence[bool]) -> None:
             centre.silent = bool(found)
 
@@ -62,6 +68,7 @@ class WaysideEffects:
         self._signals = SharedSetting[float](zone.show_stop)
         self._withdrawn = SharedSetting[bool](lambda found: zone.withdraw(bool(found)))
         self._unprotected = SharedSetting[bool](unprotect)
+        self._resurveyed = SharedSetting[bool](resurvey)
         self._silent = SharedSetting[bool](hush)
         self._unlocked = SharedSetting[bool](lambda found: doors.lose_proof(bool(found)))
         self._obstructed = SharedSetting[bool](obstruct)
@@ -90,6 +97,8 @@ class WaysideEffects:
                 return self._shifted, shift_m
             case RearUnprotected():
                 return self._unprotected, True
+            case OtherDatabase():
+                return self._resurveyed, True
             case CentreSilent():
                 return self._silent, True
             case PlatformDoorsUnlocked():

@@ -46,6 +46,7 @@ from plant_emulator.faults.declared_wayside import (
     CentreSilent,
     ColdMoved,
     DoorsNotAuthorised,
+    OtherDatabase,
     PlatformDoorObstacle,
     PlatformDoorsUnlocked,
     RearUnprotected,
@@ -58,6 +59,7 @@ from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import World
+from zenoh_config.messages import RefusedReason
 
 Touch = Callable[[], bool]
 """Check that is called once after each step of the plant in which the fault is active."""
@@ -224,6 +226,8 @@ def _of_wayside(parameters: Any, railway: Railway) -> Touch:
             return _grew(lambda: zone.answered)
         case WrongMap(shift_m=shift_m):
             return _when(shift_m != 0.0, _grew(lambda: zone.answered))
+        case OtherDatabase():
+            return _grew(lambda: centre.refusals[RefusedReason.OTHER_DATABASE])
         case CentreSilent():
             return _grew(lambda: centre.unanswered)
         case DoorsNotAuthorised():

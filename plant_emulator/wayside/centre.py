@@ -6,11 +6,12 @@ train's position only while the train reports itself localised. The module is pu
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import LineMap, Station
+from firmware_py.trackdb.version import database_version
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from zenoh_config import keys
 from zenoh_config.codec import BENCH_KEY, pack, unpack
@@ -82,6 +83,8 @@ class Centre:
         """A fault: the centre receives statuses but answers none."""
         self.latest: TrainOrders | None = None
         """The orders that were sent last."""
+        self.database = database_version(line)
+        """Version of the track database; places that a train of another one reports are ignored."""
         self._line, self._doors = line, doors
         self._gate = ReportGate()
         self._sequence, self._key = first_sequence, key
@@ -110,7 +113,8 @@ class Centre:
         self.answered += 1
         orders = self._orders(status, now_ns)
         self.latest = orders
-        return keys.order(self._line.name, orders.source, status.train), pack(orders, self._key)
+        key = keys.order(self._line.name, orders.source, status.train)
+        return key, pack(orders, self._key, database=self.database)
 
     def _orders(self, status: TrainStatus, now_ns: int) -> TrainOrders:
         self._sequence += 1
@@ -164,7 +168,13 @@ class Centre:
         self._doors.ask(station, wanted=wanted, now_ns=now_ns)
 
     def _believed(self, message: RadioMessage) -> TrainStatus | RefusedReason:
-        status = unpack(message.payload, self._key)
+        status = unpack(message.payload, self._key, database=self.database)
+        if isinstance(status, Refused) and status.reason is RefusedReason.OTHER_DATABASE:
+            # The answer lets the train report why it gets no authority.
+            self.refusals[status.reason] += 1
+            status = unpack(message.payload, self._key)
+            if isinstance(status, TrainStatus):
+                status = replace(status, localised=False)
         if isinstance(status, Refused):
             return status.reason
         if not isinstance(status, TrainStatus):

@@ -59,8 +59,10 @@ class LineWayside:
         start_ns: int,
         centre: LineCentre | None = None,
         key: bytes = BENCH_KEY,
+        database: int | None = None,
     ) -> None:
         """Args:
+        database: version of the track database; messages of another one are refused.
         boot: number of starts of this wayside; it must increase with every start.
         centre: stores the commands of supervision; without it they are ignored.
         """
@@ -100,6 +102,7 @@ class LineWayside:
             ],
         )
         self._line_name, self._disks, self._key = line.name, disks, key
+        self._database = database
         self._areas = frozenset([area.number for area in line.areas])
 
     def step(
@@ -138,7 +141,10 @@ class LineWayside:
                 del self.objects[number]
         out += self._decreed(now_ns, to_wayside)
         out += self.track.step(now_ns, to_wayside, axles=truth.axles)
-        return orders + [(t2t_keys.key_of(self._line_name, m), pack(m, self._key)) for m in out]
+        return orders + [
+            (t2t_keys.key_of(self._line_name, m), pack(m, self._key, database=self._database))
+            for m in out
+        ]
 
     def refused(self) -> Counter[str]:
         """Number of refused messages so far, by reason."""
@@ -183,7 +189,7 @@ class LineWayside:
         heard: list[T2tMessage] = []
         orders: list[tuple[str, bytes]] = []
         for message in messages:
-            opened = unpack(message.payload, self._key)
+            opened = unpack(message.payload, self._key, database=self._database)
             if isinstance(opened, Refused):
                 self.refusals[opened.reason.value] += 1
             elif isinstance(opened, TrainStatus) and self.centre is not None:

@@ -12,6 +12,7 @@ from typing import Final
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import LineMap, Station
+from firmware_py.trackdb.version import database_version
 from zenoh_config import keys
 from zenoh_config.codec import pack, unpack
 from zenoh_config.messages import (
@@ -54,6 +55,8 @@ class ZoneController:
         self.rear_protected = True
         """A fault sets this to False: authorities then contain no rear limit."""
         self._line_name, self._start_m = line.name, line.start_m
+        self.database = database_version(line)
+        """Version of the track database; reports of another one are refused."""
         self._gate = ReportGate()
         self._sequence = 0
         self._stops_m: tuple[float, ...] = ()
@@ -104,10 +107,12 @@ class ZoneController:
             source=WAYSIDE,
             stamp_ns=now_ns,
             rear_m=rear_m,
+            parameters=report.parameters,
         )
         self.latest = authority
         self.latest_rear_m = report.rear_min_m if rear_m is None else rear_m
-        return keys.authority(self._line_name, WAYSIDE, report.train), pack(authority)
+        key = keys.authority(self._line_name, WAYSIDE, report.train)
+        return key, pack(authority, database=self.database)
 
     def _end_m(self, report: PositionReport) -> float:
         """Return the end of authority.
@@ -132,7 +137,7 @@ class ZoneController:
         return min(rear_m, end_m) if self.rear_protected else None
 
     def _believed(self, message: RadioMessage) -> PositionReport | RefusedReason:
-        report = unpack(message.payload)
+        report = unpack(message.payload, database=self.database)
         if isinstance(report, Refused):
             return report.reason
         if not isinstance(report, PositionReport):

@@ -16,6 +16,7 @@ from firmware_py.storage.nvram import NvramState
 from firmware_py.storage.recorder import RadioLog
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap, load_areas
+from firmware_py.trackdb.version import database_version
 from vobc.config import VobcConfig
 from vobc.process.line_command import LineCommand, commanded
 from vobc.process.line_silence import LineSilence
@@ -154,7 +155,7 @@ def open_line(
         start_ns=clock.now_ns(),
     )
     key = BENCH_KEY if secure is None else safety_key(secure.key_hex)
-    radio = LineRadio(core, line.name, store.put, key=key)
+    radio = LineRadio(core, line.name, store.put, key=key, database=database_version(line))
     port = _port(options, radio, t2t_keys.token_of(line.name, config.address), clock, secure)
     silence = LineSilence(options.line_radio)
     if log is None:

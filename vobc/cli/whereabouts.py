@@ -6,6 +6,7 @@ from firmware_py.storage.nvram import Nvram, NvramState
 from firmware_py.trackdb import LineMap
 from vobc.config import VobcConfig, plan_mission
 from vobc.process import remembered_start, unknown_start
+from vobc.process.identity import identity_of
 from vobc.vocabulary import OdometryRecord
 
 
@@ -16,7 +17,7 @@ class Whereabouts:
     first: str | None
     """Station where the mission starts. None: the first station of the line."""
     note: str = ""
-    """Why --from was ignored."""
+    """Why --from was ignored, or that the memory belongs to another train, line or version."""
 
 
 def whereabouts(
@@ -35,11 +36,14 @@ def whereabouts(
         return Whereabouts(None, said)
     remembered = None
     if nvram.state is NvramState.OK:
-        remembered = remembered_start(config, nvram.record)
+        remembered = remembered_start(config, line, nvram.record)
     if remembered is None:
         start = unknown_start(config, line, nvram.record)
-        why = nvram.detail or f"{path}: the last run did not end at a proven standstill"
-        return Whereabouts(start, said, _note(said, path, f"the train may stand anywhere: {why}"))
+        foreign = identity_of(config, line).foreign(nvram.record)
+        why = f"{path}: {foreign or 'the last run did not end at a proven standstill'}"
+        why = f"the train may stand anywhere: {nvram.detail or why}"
+        note = _note(said, path, why) or (why if foreign else "")
+        return Whereabouts(start, said, note)
     if said is not None and _agree(config, line, remembered, said):
         return Whereabouts(None, said)
     near = min(line.stations, key=lambda station: abs(station.stop_m - remembered.front_m)).name

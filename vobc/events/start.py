@@ -10,6 +10,12 @@ def memory_lost() -> Event:
     return Event(EventKind.MEMORY_LOST, words)
 
 
+def memory_foreign(why: str) -> Event:
+    """The board's memory belongs to another line, survey, train or version."""
+    words = f"the memory of the board is not used for place and wheel: {why}"
+    return Event(EventKind.MEMORY_LOST, words)
+
+
 def controller_ends() -> Event:
     words = "the controller ends with the safe output"
     return Event(EventKind.SUPERVISION, words, (), int(Supervision.EMERGENCY))

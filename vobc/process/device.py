@@ -17,10 +17,11 @@ from firmware_py.trackdb import LineMap
 from vobc.atp import ProtectionVerdict
 from vobc.config import VobcConfig
 from vobc.controller import Controller
-from vobc.events import controller_ends, events_between, memory_lost
+from vobc.events import controller_ends, events_between, memory_foreign, memory_lost
 from vobc.plausible import check_plausible
 from vobc.process.cycle_log import CycleLog, cycle_row
 from vobc.process.event_log import EventLog, EventQueue
+from vobc.process.identity import identity_of
 from vobc.process.line_command import BEAT_MS, LineCommand, authority_of, restrictions_of
 from vobc.process.start import commissioned_start
 from vobc.vocabulary import (
@@ -98,7 +99,10 @@ class VobcDevice:
         self._config = config
         self._can, self._tags, self._radio, self._nvram = can, tags, radio, nvram
         self._log, self._command = cycle_log, command
-        record = replace(nvram.record, boot_count=nvram.record.boot_count + 1, standing=False)
+        self._identity = identity_of(config, line)
+        foreign = self._identity.foreign(nvram.record)
+        record = self._identity.own(nvram.record)
+        record = replace(record, boot_count=record.boot_count + 1, standing=False)
         nvram.put(record)
         self._link = RadioLink(
             line_name=line.name,
@@ -106,13 +110,15 @@ class VobcDevice:
             boot=record.boot_count,
             max_age_s=config.atp.authority_age_max_s,
             train_length_m=config.train.length_m,
+            database=self._identity.database,
+            parameters=self._identity.parameters,
             seen_term=record.highest_term,
             key=BENCH_KEY if command is None else command.radio.key,
         )
         self._inbox = Inbox(self._link)
         self._encoder = make_encoder()
         self._by_loop = config.ato.output.stage == "current_loop"
-        start = start or commissioned_start(config, mission, record)
+        start = start or commissioned_start(config, line, mission, record)
         self._controller = Controller(config, line, mission, start)
         self._start_ns = start_ns
         self._cycle_ns = round(config.cycle_ms * NS_PER_MS)
@@ -129,6 +135,8 @@ class VobcDevice:
         self._events = EventQueue(event_log, self._inbox.evidence, start_ns)
         if forgotten:
             self._events.tell(start_ns, (memory_lost(),))
+        if foreign:
+            self._events.tell(start_ns, (memory_foreign(foreign),))
         self._emergency = False
         self._life = NodeState.BOOT_UP
         self.output: CycleOutput = SAFE_OUTPUT
@@ -334,7 +342,7 @@ class VobcDevice:
         record = self._controller.record()
         self._nvram.put_later(
             replace(
-                self._nvram.record,
+                self._identity.stamped(self._nvram.record),
                 wheel_diameter_m=record.m_per_pulse * self._config.train.pulses_per_turn / math.pi,
                 front_m=record.front_m,
                 standing=(

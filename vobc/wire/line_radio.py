@@ -26,8 +26,15 @@ class LineRadio:
     """
 
     def __init__(
-        self, core: TrainCore, line_name: str, store: Store, *, key: bytes = BENCH_KEY
+        self,
+        core: TrainCore,
+        line_name: str,
+        store: Store,
+        *,
+        key: bytes = BENCH_KEY,
+        database: int | None = None,
     ) -> None:
+        """`database` is the version of the track database; messages of another one are refused."""
         self.authority: HeldAuthority | None = None
         """Authority for ATP in the control cycle that requested it."""
         self.state = TrainState.LOST
@@ -39,6 +46,7 @@ class LineRadio:
         set."""
         self._listens = core.listens
         self._core, self._line_name, self._store, self.key = core, line_name, store, key
+        self._database = database
         self._heard: list[T2tMessage] = []
         self._authorities: list[T2tMessage] = []
         self._unstored: TrainMemory | None = None
@@ -47,7 +55,7 @@ class LineRadio:
         """Store messages of this protocol for the next step. The result is the other messages."""
         others = []
         for message in messages:
-            heard = unpack(message.payload, self.key)
+            heard = unpack(message.payload, self.key, database=self._database)
             if isinstance(heard, Refused):
                 self.refusals[heard.reason.value] += 1
             elif not isinstance(heard, T2tMessage):
@@ -108,7 +116,7 @@ class LineRadio:
         packed = []
         for message in messages:
             try:
-                payload = pack(message, self.key)
+                payload = pack(message, self.key, database=self._database)
             except ValueError:
                 self.refusals["not sendable"] += 1
                 continue

@@ -46,16 +46,26 @@ class RadioLink:
         boot: int,
         max_age_s: float,
         train_length_m: float,
+        database: int,
+        parameters: int,
         seen_term: int = 0,
         key: bytes = BENCH_KEY,
     ) -> None:
-        self._key = key
+        """Args:
+        database: version of the track database; messages of another one are refused.
+        parameters: version of the vital parameters; authorities for others are refused.
+        """
+        self._key, self._database, self._parameters = key, database, parameters
         self._train = train
         self._boot = boot
         self._length_m = train_length_m
         self._sequence = 0
         self._gate = AuthorityGate(
-            train=train, boot=boot, max_age_ns=round(max_age_s / S_PER_NS), seen_term=seen_term
+            train=train,
+            boot=boot,
+            max_age_ns=round(max_age_s / S_PER_NS),
+            seen_term=seen_term,
+            parameters=parameters,
         )
         self._orders_gate = OrdersGate(
             train=train, boot=boot, max_age_ns=round(ORDERS_AGE_MAX_S / S_PER_NS)
@@ -114,7 +124,7 @@ class RadioLink:
         counted.
         """
         for message in messages:
-            heard = unpack(message.payload, self._key)
+            heard = unpack(message.payload, self._key, database=self._database)
             receive = self._receivers.get(type(heard))
             if receive is None:
                 self._refuse("not for a train", type(heard).__name__)
@@ -202,6 +212,7 @@ class RadioLink:
                 emergency_number=output.emergency_number,
             ),
             self._key,
+            database=self._database,
         )
 
     def report(self, now_ns: int, output: CycleOutput) -> bytes | None:
@@ -221,6 +232,8 @@ class RadioLink:
                 rear_min_m=motion.front_m.low - self._length_m,
                 speed_mps=motion.speed_mps.best,
                 standstill=motion.standstill,
+                parameters=self._parameters,
             ),
             self._key,
+            database=self._database,
         )

@@ -94,6 +94,7 @@ class TrainKeys:
     driver: str | None = None
     desk_recording: str | None = None
     wakes_up: bool = False
+    memory_line: str | None = None
 
     def __post_init__(self) -> None:
         in_range(self, "load_ratio", 0.0, 1.0)
@@ -106,6 +107,8 @@ class TrainKeys:
             raise ValueError(
                 f"desk_recording {self.desk_recording!r} excludes driver {self.driver!r}"
             )
+        if self.memory_line is not None and not self.wakes_up:
+            raise ValueError(f"memory_line {self.memory_line!r} needs wakes_up = true")
 
 
 TRAIN: Final = (*TrainKeys.__dataclass_fields__, *OVERRIDES)

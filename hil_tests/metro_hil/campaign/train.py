@@ -35,6 +35,10 @@ def read_setup(raw: Mapping[str, Any], sources: Sources, findings: Findings) -> 
         recording = _named(sources.recording, "desk_recording", played, findings)
         if recording is not None:
             setup = msgspec.structs.replace(setup, desk_recording=recording[0])
+    if setup.memory_line is not None:
+        remembered = _named(sources.line, "memory_line", setup.memory_line, findings)
+        if remembered is not None:
+            setup = msgspec.structs.replace(setup, memory_line=remembered[0])
     if line is None or consist is None or params is None:
         return None
     config = _believed(setup, params[1], findings)

@@ -19,6 +19,7 @@ from metro_hil.model.mission import Journey
 from vobc.config import VobcConfig
 from vobc.process import CycleLog, EventLog, remembered_start, unknown_start
 from vobc.process.commission import Commission
+from vobc.process.identity import identity_of
 
 SHIPPED: Final = ControllerSpec()
 NS_PER_S: Final = 1_000_000_000
@@ -29,11 +30,12 @@ Heard = Callable[[int, int, bytes], None]
 """Receives time, identifier and data of a frame."""
 
 
-def memory_of(journey: Journey) -> NvramRecord:
+def memory_of(journey: Journey, config: VobcConfig) -> NvramRecord:
     """Content of the board's memory before its first start in a run."""
     if not journey.wakes_up:
         return NvramRecord(boot_count=1)
-    return NvramRecord(boot_count=1, front_m=journey.start.stop_m, standing=True)
+    stood = NvramRecord(boot_count=1, front_m=journey.start.stop_m, standing=True)
+    return identity_of(config, journey.memory_line or journey.line).stamped(stood)
 
 
 class ControllerSide:
@@ -60,7 +62,7 @@ class ControllerSide:
         self._clock, self._cycle_log, self._port_log = clock, cycle_log, port_log
         self._said = said
         self._event_log = event_log
-        self._nvram = Nvram(None, memory_of(journey))
+        self._nvram = Nvram(None, memory_of(journey, config))
         self._granted: GrantedController | None = None
 
     def device(
@@ -115,8 +117,8 @@ class ControllerSide:
     def _commission(self, now_ns: int, again: bool) -> Commission:
         # The board's memory keeps its content over a restart.
         config, journey, record = self._config, self._journey, self._nvram.record
-        start = remembered_start(config, record) if journey.wakes_up else None
-        if again:
+        start = remembered_start(config, journey.line, record) if journey.wakes_up else None
+        if again or (journey.wakes_up and start is None):
             start = unknown_start(config, journey.line, record)
         return Commission(config, journey.line, journey.mission, record, now_ns, start)
 

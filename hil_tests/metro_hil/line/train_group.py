@@ -15,6 +15,7 @@ from firmware_py.storage.nvram import Nvram, NvramRecord
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap
+from firmware_py.trackdb.version import database_version
 from plant_emulator.process import PlantDevice
 from plant_emulator.wayside.line_wayside import Disks, LineWayside, WaysideTruth
 from plant_emulator.wayside.railway import subscriptions
@@ -125,7 +126,7 @@ class LineBench:
         )
         store = CheckedStore(None, TrainMemory)
         core = TrainCore(self._t2t, self.areas, address=address, memory=TrainMemory(), start_ns=0)
-        line_radio = LineRadio(core, self.areas.name, store.put)
+        line_radio = LineRadio(core, self.areas.name, store.put, database=database_version(line))
         port = self.air.port(f"train {address}", line_radio.subscriptions)
         command = LineCommand(line_radio, port, config, line, axles=AXLES)
         vobc = VobcDevice(
@@ -189,7 +190,10 @@ class LineBench:
             store_object,
         )
         return LineWayside(
-            self._t2t.timers, self.areas, disks, boot=self._wayside_starts, start_ns=now_ns
+            *(self._t2t.timers, self.areas, disks),
+            boot=self._wayside_starts,
+            start_ns=now_ns,
+            database=database_version(load_line(self._line)),
         )
 
     @property

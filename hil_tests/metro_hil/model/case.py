@@ -66,6 +66,8 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     wakes_up: bool = False
     """Whether the controller was switched off at `start` and remembers its place; otherwise it was
     set up there. The remembered place counts once the detector of cold movement confirms it."""
+    memory_line: str | None = None
+    """Line that the remembered place belongs to; None for the line of the run."""
     stops: tuple[str, ...] | None = None
     """Stations to stop at, in running order; None for all between start and end."""
     dwell_s: dict[str, float] = {}

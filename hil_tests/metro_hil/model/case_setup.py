@@ -42,11 +42,15 @@ def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
     faults = read_faults(case.faults, case.id)
     check_fitting(faults, scenario.train, case.id)
     return CaseParts(
-        journey=Journey(line, mission, setup.wakes_up),
+        journey=Journey(line, mission, setup.wakes_up, _memory_line(setup, files)),
         scenario=scenario,
         config=config,
         faults=faults,
     )
+
+
+def _memory_line(setup: Setup, files: Files) -> LineMap | None:
+    return None if setup.memory_line is None else load_line(file_name(setup.memory_line, files))
 
 
 def _first_seed(case: Case) -> int:

@@ -19,6 +19,8 @@ class Journey:
     mission: Mission
     wakes_up: bool = False
     """Whether the controller was switched off at the start and remembers its place."""
+    memory_line: LineMap | None = None
+    """Line that the remembered place belongs to; None: that of the run."""
 
     @property
     def start(self) -> Station:

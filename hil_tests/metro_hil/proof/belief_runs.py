@@ -21,7 +21,6 @@ from metro_hil.campaign.plan import plan_cases
 from metro_hil.campaign.read import read_campaign
 from metro_hil.model.case import Case, CaseResult, Verdict
 from metro_hil.model.case_setup import CaseParts, parts_of
-from metro_hil.model.mission import Journey
 from metro_hil.run.case import CaseRun
 
 FRAMES: Final[dict[str, type[Frame]]] = {
@@ -108,7 +107,7 @@ def failed_of(result: CaseResult) -> str:
 
 
 def with_line(parts: CaseParts, line: LineMap) -> CaseParts:
-    """Give this map to the controller alone."""
+    """Give this map to controller and wayside, which refuse each other with different maps."""
     by_name = {station.name: station for station in line.stations}
     right = parts.journey
     mission = dataclasses.replace(
@@ -116,7 +115,11 @@ def with_line(parts: CaseParts, line: LineMap) -> CaseParts:
         start=by_name[right.mission.start.name],
         stops=tuple(by_name[stop.name] for stop in right.mission.stops),
     )
-    return dataclasses.replace(parts, journey=Journey(line, mission, right.wakes_up))
+    return dataclasses.replace(
+        parts,
+        journey=dataclasses.replace(right, line=line, mission=mission),
+        scenario=dataclasses.replace(parts.scenario, wayside_line=line),
+    )
 
 
 @contextmanager

@@ -238,7 +238,7 @@ class _Links:
             tags = str(rendezvous.tags_link(parse_spec(self._segments.train).name))
         nvram = self._folder.path / "nvram"
         if journey.wakes_up:
-            Nvram(nvram).put(memory_of(journey))
+            Nvram(nvram).put(memory_of(journey, self._made.config))
         start = controller_start(
             self._case.controller,
             CommandPlaceholders(

@@ -10,7 +10,9 @@ from firmware_py.command_line import CommandParser
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import RadioError, SessionRole, open_radio
 from firmware_py.settings import SettingsError
+from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap, load_areas
+from firmware_py.trackdb.version import database_version
 from metro_hil.model.run_options import (
     EXIT_ENVIRONMENT,
     EXIT_OK,
@@ -76,7 +78,7 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
         watched_tokens=t2t_keys.tokens(areas.name),
     ) as port:
         view.tokens = lambda: port.present
-        desk = SupervisionConsole(clock, view, port, key)
+        desk = SupervisionConsole(clock, view, port, key, database_version(load_line(options.line)))
         if not desk.listen(SESSION_S, lambda: port.connected):
             also = "" if secure is None else ", with the same certificate authority"
             print(

@@ -58,9 +58,16 @@ KEPT: Final = {
 
 class SupervisionConsole:
     def __init__(
-        self, clock: WallClock, view: LineView, port: RadioPort, key: bytes = BENCH_KEY
+        self,
+        clock: WallClock,
+        view: LineView,
+        port: RadioPort,
+        key: bytes = BENCH_KEY,
+        database: int | None = None,
     ) -> None:
+        """`database` is the version of the track database by which commands give places."""
         self._clock, self._view, self._port, self._key = clock, view, port, key
+        self._database = database
         epoch_ns = clock.epoch_ns()
         self._boot = epoch_ns // NS_PER_S
         # The sequence starts at the microsecond, so that two consoles of one second do not collide.
@@ -300,7 +307,9 @@ class SupervisionConsole:
 
     def _send(self, message: T2tMessage) -> None:
         key = t2t_keys.key_of(self._view.areas.name, message)
-        self._port.send(self._clock.now_ns(), key, pack(message, self._key))
+        self._port.send(
+            self._clock.now_ns(), key, pack(message, self._key, database=self._database)
+        )
 
     def nobody(self, what: str = "") -> int:
         """Fail because no train commands the area, or by default any area."""

@@ -1,6 +1,7 @@
 """After the end of a fault the train behaves exactly like one that never had it."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -8,15 +9,19 @@ import pytest
 from can_dbc.doors import DoorCommand
 from firmware_py.ports import RadioMessage
 from firmware_py.settings import override
+from firmware_py.trackdb import load_line
+from firmware_py.trackdb.version import database_version
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
 from plant_emulator.faults.kinds import CATALOGUE, FaultPlace
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.train_config import TrainConfig, load_train
 from plant_emulator.truth import SIGNALS
 from plant_emulator.world import STEP_NS
-from zenoh_config import keys
-from zenoh_config.codec import pack
+from zenoh_config import codec, keys
 from zenoh_config.messages import PositionReport, TrainStatus
+
+pack = partial(codec.pack, database=database_version(load_line("florence")))
+
 
 ATrain = Callable[..., Any]
 TRAIN_PLACES = (

@@ -1,7 +1,9 @@
 """The command line of the bare controller: its arguments, and its messages about wrong ones."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,10 +19,19 @@ from vobc.cli import (
     parser,
     plan,
 )
+from vobc.config import load_config
+from vobc.process.identity import identity_of
 from vobc.vocabulary import PlaceProof
 
 EPOCH_NS = 1_700_000_000_000_000_000
 BUS = ["--bus", "embedded:nowhere"]
+FLORENCE = load_line("florence")
+
+
+def stood(*, standing: bool = True, front_m: float = 3000.4) -> NvramRecord:
+    """The memory of a controller of florence4 that was switched off on the Florence line."""
+    record = NvramRecord(boot_count=5, front_m=front_m, standing=standing, highest_term=7)
+    return identity_of(load_config("florence4"), FLORENCE).stamped(record)
 
 
 def test_the_old_name_works_with_a_notice(capsys: pytest.CaptureFixture[str]) -> None:
@@ -53,7 +64,7 @@ def test_without_arguments_the_train_stands_at_the_first_station_and_runs_to_the
 
 def test_a_train_that_was_switched_off_resumes_where_it_stood(tmp_path: Path) -> None:
     memory = tmp_path / "nvram"
-    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
+    Nvram(memory).put(stood())
 
     planned = plan(parser().parse_args([*BUS, "--nvram", str(memory)]), EPOCH_NS)
 
@@ -68,7 +79,7 @@ def remembered(
 ) -> DevicePlan:
     """The device plan of a controller whose memory holds a position, given these arguments."""
     memory = folder / "nvram"
-    Nvram(memory).put(NvramRecord(boot_count=5, front_m=front_m, standing=standing))
+    Nvram(memory).put(stood(standing=standing, front_m=front_m))
     return plan(parser().parse_args([*BUS, "--nvram", str(memory), *said]), EPOCH_NS)
 
 
@@ -135,11 +146,35 @@ def test_an_overridden_position_is_reported_first(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     memory = tmp_path / "nvram"
-    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=False))
+    Nvram(memory).put(stood(standing=False))
 
     assert main([*BUS, "--nvram", str(memory), "--from", "I"]) == EXIT_ENVIRONMENT
 
     assert capsys.readouterr().err.startswith("vobc: --from I is ignored: ")
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "why"),
+    [
+        ({}, ["--line", "hefei"], "it belongs to line florence, this is line hefei"),
+        ({"database": 1}, [], "it belongs to another survey of line florence: 00000000, this is "),
+        ({"train": 9}, [], "it belongs to train 9, this is train 1"),
+        ({"parameters": 1}, [], "it belongs to other vital parameters: 00000000, these are "),
+        ({"software": "0.0.1"}, [], "software 0.0.1 stored it, this is "),
+    ],
+)
+def test_the_memory_of_another_line_survey_train_or_version_gives_no_place(
+    tmp_path: Path, change: dict[str, Any], words: list[str], why: str
+) -> None:
+    memory = tmp_path / "nvram"
+    Nvram(memory).put(replace(stood(), **change))
+
+    planned = plan(parser().parse_args([*BUS, "--nvram", str(memory), *words]), EPOCH_NS)
+
+    assert planned.start is not None
+    assert planned.start.proof is PlaceProof.UNKNOWN
+    assert planned.start.bound_m > 1000.0
+    assert planned.note.startswith(f"the train may stand anywhere: {memory}: {why}")
 
 
 @pytest.mark.parametrize("said", [[], ["--from", "I"]])
@@ -148,7 +183,7 @@ def test_a_train_whose_memory_is_damaged_may_stand_anywhere(
 ) -> None:
     """The operator's position does not replace a damaged memory."""
     memory = tmp_path / "nvram"
-    Nvram(memory).put(NvramRecord(boot_count=5, front_m=3000.4, standing=True))
+    Nvram(memory).put(stood())
     stored = memory.read_bytes()
     memory.write_bytes(stored[:20] + bytes([stored[20] ^ 1]) + stored[21:])
 

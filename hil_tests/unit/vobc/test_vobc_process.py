@@ -41,6 +41,7 @@ from firmware_py.storage.nvram import Nvram, NvramRecord
 from firmware_py.storage.recorder import LineLog
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.trackdb import load_line
+from firmware_py.trackdb.version import database_version
 from hil_tests.unit.vobc.atp.heard_rig import DESK
 from vobc.config import load_config, plan_mission
 from vobc.process import (
@@ -51,6 +52,7 @@ from vobc.process import (
     remembered_start,
 )
 from vobc.process.event_log import FRAMES_PER_CYCLE
+from vobc.process.identity import identity_of
 from vobc.process.line_command import LineCommand
 from vobc.process.line_silence import LineSilence
 from vobc.vocabulary import SAFE_OUTPUT, Event
@@ -146,11 +148,20 @@ class World:
                 self.statuses.append(heard)
                 self.order(now_ns, heard)
 
+    def answer(self, now_ns: int, key: str, message: MovementAuthority | TrainOrders) -> None:
+        self.radio.send(now_ns, key, pack(message, database=database_version(LINE)))
+
     def grant(self, now_ns: int, report: PositionReport) -> None:
         answer = MovementAuthority(
-            report.train, report.boot, 4, len(self.reports), report.stamp_ns, 3500.0
+            report.train,
+            report.boot,
+            4,
+            len(self.reports),
+            report.stamp_ns,
+            3500.0,
+            parameters=report.parameters,
         )
-        self.radio.send(now_ns, keys.authority(LINE.name, 0, report.train), pack(answer))
+        self.answer(now_ns, keys.authority(LINE.name, 0, report.train), answer)
 
     def order(self, now_ns: int, status: TrainStatus) -> None:
         answer = TrainOrders(
@@ -170,7 +181,7 @@ class World:
             doors_right=False,
             platform_doors_locked=True,
         )
-        self.radio.send(now_ns, keys.order(LINE.name, 0, status.train), pack(answer))
+        self.answer(now_ns, keys.order(LINE.name, 0, status.train), answer)
 
     def listen(self, now_ns: int) -> None:
         for frame in self.ear.receive(now_ns):
@@ -424,7 +435,7 @@ def test_the_memory_of_a_moving_train_does_not_say_that_it_stands(tmp_path: Path
     world.nvram.close()
 
     assert not Nvram(path).record.standing
-    assert remembered_start(load_config("florence4"), Nvram(path).record) is None
+    assert remembered_start(load_config("florence4"), LINE, Nvram(path).record) is None
 
 
 def test_a_power_cycle_does_not_end_a_latched_emergency() -> None:
@@ -605,14 +616,15 @@ def test_two_runs_of_the_same_world_send_the_same_frames_at_the_same_instants() 
 
 def test_where_a_train_may_stand_after_a_power_cycle() -> None:
     config, mission = load_config("florence4"), plan_mission(LINE, "II", None)
-    stood = NvramRecord(front_m=1234.0, standing=True, wheel_diameter_m=0.84)
+    own = identity_of(config, LINE)
+    stood = own.stamped(NvramRecord(front_m=1234.0, standing=True, wheel_diameter_m=0.84))
 
-    remembered = remembered_start(config, stood)
-    commissioned = commissioned_start(config, mission, stood)
+    remembered = remembered_start(config, LINE, stood)
+    commissioned = commissioned_start(config, LINE, mission, stood)
 
     assert remembered is not None
     assert (remembered.front_m, remembered.bound_m) == (1234.0, config.odometry.cold_movement_m)
     assert (commissioned.front_m, commissioned.bound_m) == (3000.0, config.odometry.start_bound_m)
     assert commissioned.m_per_pulse == pytest.approx(math.pi * 0.84 / 256)
-    assert remembered_start(config, NvramRecord(front_m=1234.0, standing=False)) is None
-    assert remembered_start(config, NvramRecord()) is None
+    assert remembered_start(config, LINE, replace(stood, standing=False)) is None
+    assert remembered_start(config, LINE, NvramRecord()) is None

@@ -73,6 +73,7 @@ from zenoh_config.messages import (
     Message,
     MovementAuthority,
     PositionReport,
+    Refused,
     SpeedRestriction,
     TrainOrders,
     TrainStatus,
@@ -113,9 +114,18 @@ SAMPLES: dict[Source, Any] = {
 }
 
 
+DATABASE, PARAMETERS = 11, 12
+
+
 def link(max_age_s: float = 1.0) -> RadioLink:
     return RadioLink(
-        line_name="florence", train=7, boot=3, max_age_s=max_age_s, train_length_m=68.59
+        line_name="florence",
+        train=7,
+        boot=3,
+        max_age_s=max_age_s,
+        train_length_m=68.59,
+        database=DATABASE,
+        parameters=PARAMETERS,
     )
 
 
@@ -275,8 +285,8 @@ def test_the_evidence_of_a_tag_is_its_telegram_and_the_right_one_of_two() -> Non
 def test_the_evidence_of_authority_and_orders_is_the_latest_message() -> None:
     radio = link()
     inbox = Inbox(radio)
-    first, second = pack(authority(sequence=1)), pack(authority(sequence=2, train=8))
-    told = pack(orders(sequence=5))
+    first, second = packed(authority(sequence=1)), packed(authority(sequence=2, train=8))
+    told = packed(orders(sequence=5))
 
     radio.take(300 * MS, [RadioMessage(290 * MS, "key", each) for each in (first, second, told)])
 
@@ -545,6 +555,7 @@ def test_tags_beyond_the_limit_of_a_cycle_count_as_missing() -> None:
 def authority(**changes: int | float) -> MovementAuthority:
     values: dict[str, int | float] = {
         "train": 7, "boot": 3, "term": 1, "sequence": 1, "echo_stamp_ns": 100 * MS, "end_m": 900.0,
+        "parameters": PARAMETERS,
     }  # fmt: skip
     return MovementAuthority(**{**values, **changes})  # type: ignore[arg-type]
 
@@ -559,8 +570,12 @@ def orders(**changes: bool | int) -> TrainOrders:
     return TrainOrders(**{**values, **changes})
 
 
+def packed(message: Message) -> bytes:
+    return pack(message, database=DATABASE)
+
+
 def heard(message: Message | bytes) -> list[RadioMessage]:
-    payload = message if isinstance(message, bytes) else pack(message)
+    payload = message if isinstance(message, bytes) else packed(message)
     return [RadioMessage(0, "key", payload)]
 
 
@@ -631,8 +646,44 @@ def test_the_position_report_holds_the_safe_bounds() -> None:
     assert first is not None
     assert second is not None
     report = unpack(first)
-    assert report == PositionReport(7, 3, 1, 7 * MS, 99.0, 101.5, 99.0 - 68.59, 10.0, False)
+    assert report == PositionReport(
+        7, 3, 1, 7 * MS, 99.0, 101.5, 99.0 - 68.59, 10.0, False, parameters=PARAMETERS
+    )
     assert replace(report, sequence=2, stamp_ns=9 * MS) == unpack(second)
+
+
+def test_every_message_of_the_train_carries_the_version_of_its_track_database() -> None:
+    radio = link()
+    report, status = radio.report(0, DRIVING), radio.status(0, DRIVING, None)
+
+    assert report is not None
+    for sent in (report, status):
+        assert not isinstance(unpack(sent, database=DATABASE), Refused)
+        assert isinstance(unpack(sent, database=DATABASE + 1), Refused)
+
+
+@pytest.mark.parametrize("sent", [authority(), orders()], ids=["authority", "orders"])
+def test_a_message_of_another_survey_is_refused_with_both_versions(
+    sent: MovementAuthority | TrainOrders,
+) -> None:
+    radio = link()
+
+    radio.take(300 * MS, heard(pack(sent, database=DATABASE ^ 1)))
+
+    assert (radio.authority, radio.orders) == (None, None)
+    (refusal,) = radio.refusals.due(300 * MS)
+    assert refusal.reason == "of another track database"
+    assert refusal.detail == "000000000000000a of the sender, 000000000000000b here"
+
+
+def test_an_authority_for_other_vital_parameters_is_refused() -> None:
+    radio = link()
+
+    radio.take(300 * MS, heard(authority(parameters=PARAMETERS + 1)))
+
+    assert radio.authority is None
+    (refusal,) = radio.refusals.due(300 * MS)
+    assert refusal.reason == "of other vital parameters"
 
 
 def test_a_train_without_position_sends_no_position_report() -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from zenoh_config import bodies
 
-REPORT: list[object] = [3, -20.5, -19.0, -89.1, 12.25, False]
-AUTHORITY: list[object] = [3, 2, 123, 1450.0, 900.0]
+REPORT: list[object] = [3, -20.5, -19.0, -89.1, 12.25, False, 7]
+AUTHORITY: list[object] = [3, 2, 123, 1450.0, 900.0, 7]
 STATUS: list[object] = [
     *(3, 4, 1, 2, True, False, -19.5, True, False, True, False, True, False, True, 5),
 ]
@@ -31,8 +31,10 @@ class Kind:
 
 
 KINDS = {
-    "report": Kind(bodies.REPORT_BODY.decode, REPORT, [WHOLE, *4 * [MEASURE], FLAG]),
-    "authority": Kind(bodies.AUTHORITY_BODY.decode, AUTHORITY, [*3 * [WHOLE], *2 * [MEASURE]]),
+    "report": Kind(bodies.REPORT_BODY.decode, REPORT, [WHOLE, *4 * [MEASURE], FLAG, WHOLE]),
+    "authority": Kind(
+        bodies.AUTHORITY_BODY.decode, AUTHORITY, [*3 * [WHOLE], *2 * [MEASURE], WHOLE]
+    ),
     "status": Kind(
         bodies.STATUS_BODY.decode, STATUS, [*4 * [WHOLE], FLAG, FLAG, MEASURE, *7 * [FLAG], WHOLE]
     ),

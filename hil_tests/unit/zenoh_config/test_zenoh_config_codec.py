@@ -146,8 +146,8 @@ def sealed(header: bytes, body: bytes, key: bytes = BENCH_KEY) -> bytes:
     return header + body + code
 
 
-def header_of(kind: int, source: int, destination: int, *, version: int = 2) -> bytes:
-    return struct.pack(">BBHHIQ", version, kind, source, destination, 5, 6)
+def header_of(kind: int, source: int, destination: int, *, version: int = 3) -> bytes:
+    return struct.pack(">BBHHIQQ", version, kind, source, destination, 5, 6, 0)
 
 
 def reason_of(payload: bytes) -> RefusedReason | None:
@@ -166,11 +166,11 @@ def test_a_packed_message_unpacks_unchanged(message: Message) -> None:
 @given(reports())
 def test_a_report_is_laid_out_as_documented(report: PositionReport) -> None:
     header = struct.pack(
-        ">BBHHIQ", 2, 1, report.train, report.destination, report.sequence, report.stamp_ns
+        ">BBHHIQQ", 3, 1, report.train, report.destination, report.sequence, report.stamp_ns, 0
     )
     fields = [
         report.boot, report.front_min_m, report.front_max_m,
-        report.rear_min_m, report.speed_mps, report.standstill,
+        report.rear_min_m, report.speed_mps, report.standstill, report.parameters,
     ]  # fmt: skip
 
     assert pack(report) == sealed(header, msgspec.msgpack.encode(fields))
@@ -179,16 +179,18 @@ def test_a_report_is_laid_out_as_documented(report: PositionReport) -> None:
 @given(authorities)
 def test_an_authority_is_laid_out_as_documented(authority: MovementAuthority) -> None:
     header = struct.pack(
-        ">BBHHIQ",
-        2,
+        ">BBHHIQQ",
+        3,
         2,
         authority.source,
         authority.train,
         authority.sequence,
         authority.stamp_ns,
+        0,
     )
     fields = [
-        authority.boot, authority.term, authority.echo_stamp_ns, authority.end_m, authority.rear_m
+        authority.boot, authority.term, authority.echo_stamp_ns, authority.end_m, authority.rear_m,
+        authority.parameters,
     ]  # fmt: skip
 
     assert pack(authority) == sealed(header, msgspec.msgpack.encode(fields))
@@ -197,7 +199,7 @@ def test_an_authority_is_laid_out_as_documented(authority: MovementAuthority) ->
 @given(statuses)
 def test_a_status_is_laid_out_as_documented(status: TrainStatus) -> None:
     header = struct.pack(
-        ">BBHHIQ", 2, 3, status.train, status.destination, status.sequence, status.stamp_ns
+        ">BBHHIQQ", 3, 3, status.train, status.destination, status.sequence, status.stamp_ns, 0
     )
     fields = [
         status.boot, status.mode, status.supervision, status.cause, status.localised,
@@ -212,7 +214,7 @@ def test_a_status_is_laid_out_as_documented(status: TrainStatus) -> None:
 @given(orders)
 def test_orders_are_laid_out_as_documented(told: TrainOrders) -> None:
     header = struct.pack(
-        ">BBHHIQ", 2, 4, told.source, told.train, told.sequence, told.stamp_ns
+        ">BBHHIQQ", 3, 4, told.source, told.train, told.sequence, told.stamp_ns, 0
     )  # fmt: skip
     fields = [
         told.boot, told.echo_stamp_ns, told.awake, told.hold, told.skip_next, told.stop_next,
@@ -279,8 +281,8 @@ def test_a_long_message_is_refused_unread() -> None:
     assert reason_of(bytes(MAX_BYTES + 1)) is RefusedReason.TOO_LONG
 
 
-GOOD_REPORT_BODY = [3, -20.5, -19.0, -89.1, 12.25, False]
-GOOD_AUTHORITY_BODY = [3, 2, 123, 1450.0, None]
+GOOD_REPORT_BODY = [3, -20.5, -19.0, -89.1, 12.25, False, 2**64 - 1]
+GOOD_AUTHORITY_BODY = [3, 2, 123, 1450.0, None, 5]
 GOOD_STATUS_BODY = [
     3, 4, 1, 0, True, False, -19.5, True, False, True, False, False, True, False, 0,
 ]  # fmt: skip
@@ -318,6 +320,8 @@ def with_field(body: Sequence[object], at: int, value: object) -> list[object]:
         (2, with_field(GOOD_AUTHORITY_BODY, 3, math.nan), RefusedReason.INVALID_VALUE),
         (2, with_field(GOOD_AUTHORITY_BODY, 3, math.inf), RefusedReason.INVALID_VALUE),
         (2, with_field(GOOD_AUTHORITY_BODY, 3, -1.1e6), RefusedReason.INVALID_VALUE),
+        (1, with_field(GOOD_REPORT_BODY, 6, -1), RefusedReason.INVALID_VALUE),
+        (2, with_field(GOOD_AUTHORITY_BODY, 5, -1), RefusedReason.INVALID_VALUE),
         (2, with_field(GOOD_AUTHORITY_BODY, 0, -1), RefusedReason.INVALID_VALUE),
         (2, with_field(GOOD_AUTHORITY_BODY, 1, -1), RefusedReason.INVALID_VALUE),
         (2, with_field(GOOD_AUTHORITY_BODY, 1, 2**32), RefusedReason.INVALID_VALUE),
@@ -397,7 +401,7 @@ def test_the_address_of_the_wayside_is_no_train(
     assert reason_of(payload) is RefusedReason.INVALID_VALUE
 
 
-@pytest.mark.parametrize("version", [1, 3])
+@pytest.mark.parametrize("version", [2, 4])
 def test_another_version_is_refused(version: int) -> None:
     payload = sealed(
         header_of(2, 0, 7, version=version), msgspec.msgpack.encode(GOOD_AUTHORITY_BODY)
@@ -457,3 +461,25 @@ def test_the_safety_code_is_the_standard_one_for_a_key_of_any_length(length: int
     for message in (REPORT, ORDERS):
         payload = pack(message, key)
         assert payload[-16:] == hmac.digest(key, payload[:-16], hashlib.sha256)[:16]
+
+
+@SAMPLES
+@pytest.mark.parametrize("version", [0, 1, 2**64 - 1])
+def test_a_message_carries_the_version_of_the_track_database(
+    message: Message, version: int
+) -> None:
+    payload = pack(message, database=version)
+
+    assert payload[18:26] == version.to_bytes(8, "big")
+    assert unpack(payload) == unpack(payload, database=version) == message
+
+
+@SAMPLES
+@pytest.mark.parametrize(("sent", "here"), [(1, 2), (2, 1), (0, 1), (1, 0), (2**63, 2**64 - 1)])
+def test_a_message_of_another_track_database_is_refused(
+    message: Message, sent: int, here: int
+) -> None:
+    result = unpack(pack(message, database=sent), database=here)
+
+    detail = f"{sent:016x} of the sender, {here:016x} here"
+    assert result == Refused(RefusedReason.OTHER_DATABASE, detail)

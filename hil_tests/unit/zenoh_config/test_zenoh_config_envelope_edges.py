@@ -23,7 +23,7 @@ from zenoh_config.sequencing import AuthorityGate, OrdersGate, ReportGate
 
 MS = 1_000_000
 NOW_NS = 10_000 * MS
-HEADER_BYTES, CODE_BYTES = 18, 16
+HEADER_BYTES, CODE_BYTES = 26, 16
 REPORT = PositionReport(7, 3, 50, NOW_NS, 10.0, 11.0, -60.0, 1.0, False)
 AUTHORITY = MovementAuthority(7, 3, 2, 50, NOW_NS - 300 * MS, 900.0, 0, 99)
 STATUS = TrainStatus(
@@ -41,8 +41,8 @@ def with_code(sealed: bytes, key: bytes = BENCH_KEY) -> bytes:
     return sealed + hmac.digest(key, sealed, "sha256")[:CODE_BYTES]
 
 
-def headed(body: bytes, *, version: int = 2, kind: int = 2) -> bytes:
-    return with_code(struct.pack(">BBHHIQ", version, kind, 0, 7, 5, 6) + body)
+def headed(body: bytes, *, version: int = 3, kind: int = 2) -> bytes:
+    return with_code(struct.pack(">BBHHIQQ", version, kind, 0, 7, 5, 6, 0) + body)
 
 
 def refused(payload: bytes) -> Refused:
@@ -68,7 +68,7 @@ def check(answer: MovementAuthority | TrainOrders, now_ns: int = NOW_NS) -> Refu
 def test_an_envelope_without_a_body_is_too_short_even_with_a_correct_code(
     length: int,
 ) -> None:
-    payload = with_code(struct.pack(">BBHHIQ", 2, 2, 0, 7, 5, 6)[:length])
+    payload = with_code(struct.pack(">BBHHIQQ", 3, 2, 0, 7, 5, 6, 0)[:length])
 
     assert refused(payload) == Refused(RefusedReason.TOO_SHORT, f"{length + 16} bytes")
 
@@ -80,7 +80,7 @@ def test_an_envelope_shorter_than_its_code_is_too_short(length: int) -> None:
 
 def test_one_byte_of_a_body_is_enough_to_be_read() -> None:
     assert refused(headed(b"\x90")).reason is RefusedReason.WRONG_FIELDS
-    assert refused(bytes(35)).reason is RefusedReason.WRONG_CODE
+    assert refused(bytes(43)).reason is RefusedReason.WRONG_CODE
 
 
 @pytest.mark.parametrize(
@@ -137,11 +137,11 @@ def test_many_keys_in_turn_are_never_confused() -> None:
 # The checks come in this order: version, type, fields.
 
 
-@pytest.mark.parametrize("version", [0, 1, 3, 255])
+@pytest.mark.parametrize("version", [0, 1, 2, 4, 255])
 def test_an_envelope_of_another_version_is_checked_no_further(version: int) -> None:
     payload = headed(b"\xc1", version=version, kind=200)
 
-    words = f"version {version}, known is 2"
+    words = f"version {version}, known is 3"
     assert refused(payload) == Refused(RefusedReason.UNKNOWN_VERSION, words)
 
 
@@ -180,7 +180,7 @@ def test_receiver_and_sender_apply_the_same_checks_to_an_authority(
     boot: int, term: int, echo_stamp_ns: int, end_m: float, rear_m: float | None
 ) -> None:
     sent = MovementAuthority(7, boot, term, 5, echo_stamp_ns, end_m, 0, 6, rear_m)
-    payload = headed(msgspec.msgpack.encode([boot, term, echo_stamp_ns, end_m, rear_m]))
+    payload = headed(msgspec.msgpack.encode([boot, term, echo_stamp_ns, end_m, rear_m, 0]))
 
     try:
         assert pack(sent) == payload

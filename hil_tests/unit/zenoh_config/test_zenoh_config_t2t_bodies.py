@@ -155,7 +155,7 @@ ADDRESSES = frozenset(
 
 def sealed(number: int, body: object) -> bytes:
     """An envelope built from the documented format alone."""
-    header = struct.pack(">BBHHIQ", 2, number, 9, 4, 100, STAMP_NS)
+    header = struct.pack(">BBHHIQQ", 3, number, 9, 4, 100, STAMP_NS, 0)
     told = header + msgspec.msgpack.encode(body)
     return told + hmac.digest(BENCH_KEY, told, "sha256")[:16]
 

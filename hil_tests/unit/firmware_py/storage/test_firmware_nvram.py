@@ -35,6 +35,11 @@ RECORDS = st.builds(
     distance_m=st.floats(0.0, allow_nan=False, allow_infinity=False),
     emergency_count=st.integers(0, 2**70),
     highest_term=st.integers(0, 2**70),
+    train=st.integers(0, 65535),
+    line=st.text(),
+    database=st.integers(0, 2**64 - 1),
+    parameters=st.integers(0, 2**64 - 1),
+    software=st.text(),
 )
 
 
@@ -219,7 +224,8 @@ def test_no_garbage_is_a_record_or_a_crash(garbage: bytes) -> None:
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        (lambda text: text.replace('"version": 1', '"version": 2'), "version"),
+        (lambda text: text.replace('"version": 2', '"version": 1'), "version"),
+        (lambda text: text.replace('"line": ""', '"line": 5'), "line: 5"),
         (lambda text: text.replace('"boot_count": 7, ', ""), "holds"),
         (lambda text: text.replace("{", '{"colour": 1, '), "colour"),
         (lambda text: text.replace('"boot_count": 7', '"boot_count": 7.0'), "boot_count: 7.0"),

@@ -1,22 +1,27 @@
 """Commands of supervision are stored, answered, sent to trains and track, and withdrawn."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
+from firmware_py.trackdb.version import database_version
 from plant_emulator.wayside.line_centre import LineCentre
 from plant_emulator.wayside.line_wayside import Disks, LineWayside, WaysideTruth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, LeaseMemory
-from zenoh_config import keys
-from zenoh_config.codec import pack, unpack
+from zenoh_config import codec, keys
+from zenoh_config.codec import unpack
 from zenoh_config.messages import SpeedRestriction, TrainOrders, TrainStatus
 from zenoh_config.t2t import BROADCAST, Heartbeat, Phase, RosterEntry, T2tMessage, TrackStatus
 from zenoh_config.t2t_keys import key_of
 from zenoh_config.t2t_supervision import Decree, DecreeAnswer, DecreeKind, LeaseReason, LineState
 from zenoh_config.timers import TIMERS_A
+
+pack = partial(codec.pack, database=database_version(load_line("loop")))
+
 
 MS = 1_000_000
 STATUS = TrainStatus(

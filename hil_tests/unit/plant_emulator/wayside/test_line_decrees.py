@@ -1,6 +1,7 @@
 """The messages of the supervision commands, checked against the real centre."""
 
 from dataclasses import replace
+from functools import partial
 from unittest.mock import Mock
 
 import pytest
@@ -9,6 +10,7 @@ from can_dbc.vobc import Cause, Supervision
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
+from firmware_py.trackdb.version import database_version
 from hil_tests.unit.metro_hil.supervision.test_line_supervision import REPORT
 from hil_tests.unit.plant_emulator.wayside.test_line_centre import STATUS
 from metro_hil.supervision import command
@@ -17,12 +19,15 @@ from metro_hil.supervision.console import SupervisionConsole
 from metro_hil.supervision.nearby_trains import is_near
 from metro_hil.supervision.view import LineView
 from plant_emulator.wayside.line_centre import LineCentre
-from zenoh_config import keys
-from zenoh_config.codec import pack, unpack
+from zenoh_config import codec, keys
+from zenoh_config.codec import unpack
 from zenoh_config.messages import SpeedRestriction, TrainStatus
 from zenoh_config.t2t import T2tMessage
 from zenoh_config.t2t_keys import key_of
 from zenoh_config.t2t_supervision import DecreeKind
+
+pack = partial(codec.pack, database=database_version(load_line("loop")))
+
 
 LOOP = load_areas("loop")
 MS = 1_000_000

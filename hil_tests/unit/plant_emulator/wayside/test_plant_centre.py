@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -9,12 +10,13 @@ from hypothesis import strategies as st
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import LineMap, PlatformSide, StoppingPoint, load_line
+from firmware_py.trackdb.version import database_version
 from plant_emulator.wayside.centre import StandingOrders, joined
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from plant_emulator.wayside.railway import Railway, subscriptions
 from plant_emulator.world import STEP_NS
-from zenoh_config import keys
-from zenoh_config.codec import pack, unpack
+from zenoh_config import codec, keys
+from zenoh_config.codec import unpack
 from zenoh_config.messages import (
     RESTRICTIONS_MAX,
     MovementAuthority,
@@ -25,6 +27,9 @@ from zenoh_config.messages import (
     TrainStatus,
 )
 from zenoh_config.sequencing import OrdersGate
+
+pack = partial(codec.pack, database=database_version(load_line("florence")))
+
 
 LINE = load_line("florence")
 REPORT_NS = 200_000_000
@@ -59,10 +64,15 @@ class Trackside:
         self.now_ns = 0
         self.sequence = 0
 
+    def sent(self, key: str, message: TrainStatus | PositionReport) -> RadioMessage:
+        """A message of a train with the track database of this side."""
+        payload = codec.pack(message, database=self.railway.zone.database)
+        return RadioMessage(self.now_ns, key, payload)
+
     def ask(self, **changes: object) -> TrainOrders | None:
         self.sequence += 1
         status = replace(STATUS, sequence=self.sequence, stamp_ns=self.now_ns, **changes)  # type: ignore[arg-type]
-        heard = RadioMessage(self.now_ns, keys.status("florence", 3), pack(status))
+        heard = self.sent(keys.status("florence", 3), status)
         answers = self.railway.answers([heard], self.now_ns)
         for _ in range(REPORT_NS // STEP_NS):
             self.now_ns += STEP_NS
@@ -90,7 +100,7 @@ class Trackside:
     def report(self, **changes: object) -> MovementAuthority:
         self.sequence += 1
         report = replace(REPORT, sequence=self.sequence, stamp_ns=self.now_ns, **changes)  # type: ignore[arg-type]
-        heard = RadioMessage(self.now_ns, keys.report("florence", 3), pack(report))
+        heard = self.sent(keys.report("florence", 3), report)
         [(_, payload)] = self.railway.answers([heard], self.now_ns)
         authority = unpack(payload)
         assert isinstance(authority, MovementAuthority)
@@ -378,3 +388,31 @@ def test_news_are_counted() -> None:
     trackside.railway.doors.step(trackside.now_ns)
     told.append(trackside.railway.told)
     assert [later - earlier for earlier, later in itertools.pairwise(told)] == [1, 0, 1]
+
+
+def test_a_train_with_another_survey_gets_orders_that_name_this_one_and_ignore_its_place() -> None:
+    railway = Railway(LINE, LINE.stations[-1])
+    here = railway.zone.database
+    status = codec.pack(replace(STATUS, open_right=True), database=here ^ 1)
+
+    heard = RadioMessage(0, keys.status("florence", 3), status)
+    [(_, payload)] = railway.answers([heard], 0)
+
+    orders = unpack(payload, database=here)
+    assert isinstance(orders, TrainOrders)
+    assert not orders.doors_right
+    assert railway.centre.refusals[RefusedReason.OTHER_DATABASE] == 1
+
+
+def test_a_train_with_another_survey_gets_no_authority() -> None:
+    railway = Railway(LINE, LINE.stations[-1])
+    report = codec.pack(REPORT, database=railway.zone.database ^ 1)
+
+    heard = RadioMessage(0, keys.report("florence", 3), report)
+
+    assert railway.answers([heard], 0) == []
+    assert railway.zone.refusals[RefusedReason.OTHER_DATABASE] == 1
+
+
+def test_an_authority_repeats_the_version_of_the_vital_parameters() -> None:
+    assert Trackside().report(parameters=77).parameters == 77

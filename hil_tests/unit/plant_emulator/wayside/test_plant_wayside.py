@@ -1,6 +1,7 @@
 """The zone controller: which reports it answers, and how."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -8,11 +9,15 @@ from hypothesis import strategies as st
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
+from firmware_py.trackdb.version import database_version
 from plant_emulator.wayside.zone_controller import ZoneController
-from zenoh_config import keys
-from zenoh_config.codec import pack, unpack
+from zenoh_config import codec, keys
+from zenoh_config.codec import unpack
 from zenoh_config.messages import MovementAuthority, PositionReport, RefusedReason
 from zenoh_config.sequencing import AuthorityGate
+
+pack = partial(codec.pack, database=database_version(load_line("florence")))
+
 
 LINE = load_line("florence")
 NOW_NS = 7_000_000_000

@@ -15,7 +15,16 @@ from vobc.train_to_train.guards import MemberGuards
 from vobc.train_to_train.member import AreaMember
 from vobc.train_to_train.reception import SOURCES_MAX, Reception
 from vobc.train_to_train.vocabulary import AreaMemory
-from zenoh_config.codec import BENCH_KEY, CODE_BYTES, HEADER, MAX_BYTES, pack, unpack
+from zenoh_config.codec import (
+    BENCH_KEY,
+    CODE_BYTES,
+    DATABASE_BYTES,
+    HEADER,
+    MAX_BYTES,
+    VERSION,
+    pack,
+    unpack,
+)
 from zenoh_config.messages import Refused, RefusedReason, SpeedRestriction
 from zenoh_config.t2t import (
     BROADCAST,
@@ -294,7 +303,7 @@ def test_implausible_numbers_are_neither_sent_nor_accepted(message: T2tMessage) 
 @given(st.binary(max_size=200), st.integers(0, 40))
 def test_any_body_under_a_right_code_is_a_message_or_a_reason(body: bytes, kind: int) -> None:
     """A faulty node with the key sends a correct code around arbitrary content."""
-    sealed = HEADER.pack(2, kind, PEER, OWN, 1, 1) + body
+    sealed = HEADER.pack(VERSION, kind, PEER, OWN, 1, 1) + bytes(DATABASE_BYTES) + body
     payload = sealed + hmac.digest(BENCH_KEY, sealed, "sha256")[:CODE_BYTES]
 
     assert unpack(payload) is not None
@@ -302,7 +311,7 @@ def test_any_body_under_a_right_code_is_a_message_or_a_reason(body: bytes, kind:
 
 def test_a_body_of_a_wrong_enumeration_is_refused() -> None:
     body = msgspec.msgpack.encode([1, 7, 2, 9, 4, 3])
-    sealed = HEADER.pack(2, 18, PEER, OWN, 1, 1) + body
+    sealed = HEADER.pack(VERSION, 18, PEER, OWN, 1, 1) + bytes(DATABASE_BYTES) + body
     payload = sealed + hmac.digest(BENCH_KEY, sealed, "sha256")[:CODE_BYTES]
 
     assert refusal(payload) is RefusedReason.WRONG_FIELDS
