@@ -4,8 +4,9 @@ from typing import Final
 
 from vobc.odometry.config import OdometryConfig
 from vobc.odometry.recent_way import RecentWay
+from vobc.odometry.references import Windows
 from vobc.odometry.sampling import STEADY_S
-from vobc.odometry.scale import WheelScale
+from vobc.odometry.scale import Waypoint, WheelScale
 from vobc.vocabulary import Interval, OdometryRecord, TrainBelief
 
 REACH_PLAY_M: Final = 0.05
@@ -68,7 +69,8 @@ class Localisation:
         self._var_ss = (nominal_m * config.scale_sigma_ratio) ** 2
         self.pulses = 0
         """Pulses since the start, the base of all distances between tags."""
-        self.scale.anchor(start.front_m - train.antenna_offset_m, 0, start.bound_m + self._pulse_m)
+        antenna_m = start.front_m - train.antenna_offset_m
+        self.scale.anchor(Waypoint(antenna_m, start.bound_m + self._pulse_m, 0, 0.0, 0.0))
 
     def advance(self, pulses: int) -> None:
         """Move the interval by the wheels."""
@@ -146,15 +148,29 @@ class Localisation:
         self.low_m = self.ground_low_m - max(0.0, high_mps) * age_s
         self.high_m = self.ground_high_m - min(0.0, low_mps) * age_s
 
-    def window(self, low_mps: float, high_mps: float, age_s: float) -> tuple[float, float]:
-        """Bounds of the front at the last sample, `age_s` ago.
+    def reconcile(self, wheels_mps: Interval, ground_mps: Interval, since_s: float) -> None:
+        """Widen both intervals to their hull at the end of slip, because either may be wrong now.
+
+        Args:
+            since_s: age of the last sample of the wheels.
+        """
+        low_m, high_m = self.by_wheels(wheels_mps, since_s)
+        self.low_m, self.high_m = self.windows(ground_mps.low, ground_mps.high, since_s).whole_m
+        self.ground_low_m = min(self.ground_low_m, low_m)
+        self.ground_high_m = max(self.ground_high_m, high_m)
+
+    def windows(self, low_mps: float, high_mps: float, age_s: float) -> Windows:
+        """Where wheels and ground expect the front at the last sample, `age_s` ago.
 
         Args:
             low_mps: with `high_mps` the bounds of the speed over ground since then.
         """
-        return (
-            min(self.low_m, self.ground_low_m - max(0.0, high_mps) * age_s),
-            max(self.high_m, self.ground_high_m - min(0.0, low_mps) * age_s),
+        return Windows(
+            (self.low_m, self.high_m),
+            (
+                self.ground_low_m - max(0.0, high_mps) * age_s,
+                self.ground_high_m - min(0.0, low_mps) * age_s,
+            ),
         )
 
     def _predict(self, pulses: int, moved_m: float) -> None:
@@ -179,8 +195,8 @@ class Localisation:
     ) -> None:
         """Narrow both intervals to an accepted reference, or restart them from it.
 
-        An interval that does not contain the reference is replaced by it. So are both intervals
-        after the place was lost.
+        An interval that is narrower than the reference stays, unless both are restarted, as after
+        the place was lost.
 
         Args:
             front_m: place of the front at the tag.
@@ -189,17 +205,32 @@ class Localisation:
             ground_m: least and greatest distance over ground from there until now.
             bound_m: bound of place and instant of the reference.
         """
-        slack_m = self._config.ground_slack_m
         low_m, high_m = front_m + since_m[0] - bound_m, front_m + since_m[2] + bound_m
-        if not restarts and low_m <= self.high_m and self.low_m <= high_m:
-            low_m, high_m = max(low_m, self.low_m), min(high_m, self.high_m)
-        self.low_m, self.high_m = low_m, high_m
-        low_m = front_m + ground_m[0] - bound_m - slack_m
-        high_m = front_m + ground_m[1] + bound_m + slack_m
-        if not restarts and low_m <= self.ground_high_m and self.ground_low_m <= high_m:
-            low_m, high_m = max(low_m, self.ground_low_m), min(high_m, self.ground_high_m)
-        self.ground_low_m, self.ground_high_m = low_m, high_m
+        if restarts or high_m - low_m < self.high_m - self.low_m:
+            self.low_m, self.high_m = low_m, high_m
+        bound_m += self._config.ground_slack_m
+        low_m, high_m = front_m + ground_m[0] - bound_m, front_m + ground_m[1] + bound_m
+        if restarts or high_m - low_m < self.ground_high_m - self.ground_low_m:
+            self.ground_low_m, self.ground_high_m = low_m, high_m
         self._width_m = self._reach_m = 0.0
+
+    def embrace(
+        self,
+        front_m: float,
+        since_m: tuple[float, float, float],
+        ground_m: tuple[float, float],
+        bound_m: float,
+    ) -> None:
+        """Widen both intervals by the place of a tag that contradicts them.
+
+        Either the tag is wrong, or what the intervals are made from. The arguments are those of
+        `refer`.
+        """
+        self.low_m = min(self.low_m, front_m + since_m[0] - bound_m)
+        self.high_m = max(self.high_m, front_m + since_m[2] + bound_m)
+        bound_m += self._config.ground_slack_m
+        self.ground_low_m = min(self.ground_low_m, front_m + ground_m[0] - bound_m)
+        self.ground_high_m = max(self.ground_high_m, front_m + ground_m[1] + bound_m)
 
     def never_narrower(self, low_m: float, best_m: float, high_m: float) -> Interval:
         """The reported interval. It becomes narrower only at a reference."""
@@ -239,11 +270,7 @@ class Localisation:
         )
         self.m_per_pulse = self.scale.nearest(self.m_per_pulse)
 
-    def measure(self, tag_m: float, pulses: int, bound_m: float) -> None:
-        """Use a tag to measure the scale of a wheel that has not slipped.
-
-        Args:
-            pulses: count at the tag since the start.
-        """
-        self.scale.measure(tag_m, pulses, bound_m)
+    def measure(self, here: Waypoint) -> None:
+        """Use a tag to measure the scale of a wheel that has not slipped."""
+        self.scale.measure(here)
         self.m_per_pulse = self.scale.nearest(self.m_per_pulse)

@@ -27,7 +27,8 @@ Equations, with a_max as greatest acceleration of any train and e as declared ra
                           may be on, and the error b of the accelerometer; cut with the radar's
                           [u - e_u, u + e_u] where both agree
     distance over ground  G += (v_before + v) / 2 * dt, each end for itself
-    tag at chainage c     W, G := cut with c + antenna offset + distance since, +- bound of the tag
+    tag at chainage c     W, G := c + antenna offset + distance since, +- bound of the tag, each if
+                          that is narrower
 
 Invariants:
 
@@ -35,7 +36,8 @@ Invariants:
    accelerometer keep their declared errors. The reported interval is the hull of both, so it holds
    the true front if any one sensor is wrong (INV-13).
 2. An interval becomes narrower only by an accepted tag (INV-14). A tag outside its window is
-   refused and narrows nothing (INV-15).
+   refused and narrows nothing (INV-15). A tag is accepted only if wheels and ground both expect it.
+   One that they contradict widens both intervals to its place.
 3. The reported speed interval is the hull of wheels and ground while both may be right. Wheels that
    are proven to slip do not count.
 4. Zero speed is proven only after its upper bound stayed below the limit for `zero_speed_s`
@@ -58,6 +60,7 @@ from vobc.odometry.localisation import Localisation
 from vobc.odometry.pulses import PulseCounter
 from vobc.odometry.references import LocatedTag, References
 from vobc.odometry.sampling import OwnTime
+from vobc.odometry.scale import Waypoint
 from vobc.odometry.tracking import HALF_PULSE, SpeedTrack
 from vobc.vocabulary import (
     CycleInput,
@@ -342,6 +345,8 @@ class Odometry:
         elif self._slip and now_s >= self._slip_until_s:
             self._slip = False
             where.at_m -= self._ahead_m(now_s, wheels.best)
+            over = Interval(ground.low_mps, ground.best_mps, ground.high_mps)
+            where.reconcile(wheels, over, max(0.0, now_s - self._track.stamp_s))
         if self._slip and now_s - self._jumped_s <= KIN_S:
             self._wheels_out = True
         if self._wheels_out:
@@ -387,23 +392,32 @@ class Odometry:
             self._over_blur_m,
         )
         refer.read(reading, honest=honest)
-        lost = bool(refer.lost_cause)
-        if lost:
+        ground_m = where.lately_m(age_s) or over_m
+        since_s = max(0.0, self._time.now_s - track.stamp_s)
+        windows = where.windows(ground.low_mps, ground.high_mps, since_s)
+        restarts = bool(refer.lost_cause)
+        if restarts:
             refusal = refer.find_again(reading, *where.scale.declared_m)
             if refer.lost_cause:
                 return False, refusal
-            where.restart(reading.claim_m, reading.bound_m)
         else:
-            since_s = max(0.0, self._time.now_s - track.stamp_s)
-            refusal = refer.judge(reading, *where.window(ground.low_mps, ground.high_mps, since_s))
+            refusal = refer.judge(reading, windows, disputed=self._slip)
             if refusal is not None:
-                return False, refusal
-        refer.accept(reading)
+                widens = refer.widens(refusal, reading.bound_m)
+                restarts = widens and refer.pairs(reading, *where.scale.declared_m)
+                if widens and not restarts:
+                    where.embrace(front_m, since_m, ground_m, bound_m)
+                if not restarts:
+                    return False, refusal
+        if restarts:
+            where.restart(reading.claim_m, reading.bound_m)
+        refer.accept(reading, None if restarts else windows)
         refer.turned(where.pulses)
-        where.refer(front_m, since_m, where.lately_m(age_s) or over_m, bound_m, restarts=lost)
+        where.refer(front_m, since_m, ground_m, bound_m, restarts=restarts)
         where.correct(front_m, since_m[1] / where.m_per_pulse, latch_m + rough_m + off_m)
         if honest and not off_m:
-            where.measure(site.position_m, reading.pulses, bound_m)
+            over = (reading.ground_m, reading.ground_bound_m)
+            where.measure(Waypoint(site.position_m, bound_m, reading.pulses, *over))
         return True, None
 
     def _ahead_m(self, now_s: float, speed_mps: float) -> float:

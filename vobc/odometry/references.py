@@ -35,13 +35,36 @@ class LocatedTag:
     ground_bound_m: float
 
 
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """Where the front may be at the last sample, by each way of measuring."""
+
+    wheels_m: tuple[float, float]
+    ground_m: tuple[float, float]
+
+    @property
+    def whole_m(self) -> tuple[float, float]:
+        """The hull: it holds the front if either way is right."""
+        return (
+            min(self.wheels_m[0], self.ground_m[0]),
+            max(self.wheels_m[1], self.ground_m[1]),
+        )
+
+
 class References:
-    """Sequence of the tags. This class decides and does not move the position."""
+    """Sequence of the tags. This class decides and does not move the position.
+
+    A tag is linked to the intersection of both windows: wheels and ground must both expect it. A
+    tag that one of them contradicts narrows nothing. The next tag decides: if it agrees with the
+    windows, the first one was off its place; if it lies as far from the first one as the train
+    ran, the windows were wrong and the pair counts.
+    """
 
     __slots__ = (
         "_backed",
         "_config",
         "_contacts",
+        "_doubt_m",
         "_furthest",
         "_last",
         "_next",
@@ -75,7 +98,9 @@ class References:
         self._backed = 0
         """Pulses by which the train moved back from there."""
         self._witness: LocatedTag | None = None
-        """First tag read while the place was lost. A second tag has to confirm it."""
+        """Last tag that was refused or read while the place was lost. A second one confirms it."""
+        self._doubt_m = 0.0
+        """How far the last accepted tag may be off its place without having been noticed."""
 
     def begin(self, antenna_high_m: float) -> None:
         """Expect only tags beyond this place."""
@@ -130,14 +155,14 @@ class References:
         elif self._furthest - pulses > self._backed:
             self._backed = self._furthest - pulses
 
-    def judge(self, reading: LocatedTag, low_m: float, high_m: float) -> RefusedTag | None:
-        """Why a tag is refused. None: it is in order and inside its window.
+    def judge(self, reading: LocatedTag, windows: Windows, *, disputed: bool) -> RefusedTag | None:
+        """Why a tag is refused. None: it is in order, and inside its windows.
 
         Args:
-            low_m: with `high_m` the window of the front at the last sample.
+            disputed: wheels and ground contradict each other now, so one window is wrong.
         """
         tag_id, bound_m = reading.site.tag_id, reading.bound_m
-        off_m = max(0.0, reading.claim_m - high_m) or min(0.0, reading.claim_m - low_m)
+        off_m = _off_m(reading.claim_m, windows.whole_m)
         last = self._last
         if last is not None and self._backed <= TURN_PULSES:
             if last.site.tag_id == tag_id:
@@ -146,10 +171,43 @@ class References:
                 return RefusedTag(tag_id, TagRefusal.OUT_OF_ORDER, off_m)
         if abs(off_m) > bound_m:
             return RefusedTag(tag_id, TagRefusal.OUTSIDE_WINDOW, off_m)
+        off_wheels_m = _off_m(reading.claim_m, windows.wheels_m)
+        off_ground_m = _off_m(reading.claim_m, windows.ground_m)
+        nearer_m, farther_m = sorted((off_wheels_m, off_ground_m), key=abs)
+        if abs(nearer_m if disputed else farther_m) > bound_m:
+            return RefusedTag(tag_id, TagRefusal.CONTRADICTED, farther_m)
         return None
 
-    def accept(self, reading: LocatedTag) -> None:
-        self._last = reading
+    def widens(self, refused: RefusedTag, bound_m: float) -> bool:
+        """Whether the intervals must hold the place of a refused tag, too.
+
+        They must if this tag may be right and the last accepted one off its place.
+        """
+        if refused.reason is TagRefusal.OUTSIDE_WINDOW:
+            return abs(refused.off_m) <= self._doubt_m + bound_m
+        return refused.reason is TagRefusal.CONTRADICTED
+
+    def pairs(self, reading: LocatedTag, least_m_per_pulse: float, most_m_per_pulse: float) -> bool:
+        """Whether a refused tag and the one refused before it confirm each other.
+
+        If not, the tag becomes the first of the next pair.
+        """
+        before, self._witness = self._witness, reading
+        if before is None or before.site.tag_id == reading.site.tag_id:
+            return False
+        return self._apart_m(before, reading, least_m_per_pulse, most_m_per_pulse) == 0.0
+
+    def accept(self, reading: LocatedTag, windows: Windows | None) -> None:
+        """Make a tag the last reference.
+
+        Args:
+            windows: those that it agrees with. None: another tag confirms it.
+        """
+        self._doubt_m = 0.0
+        if windows is not None:
+            low_m, high_m = windows.whole_m
+            self._doubt_m = max(reading.claim_m - low_m, high_m - reading.claim_m)
+        self._last, self._witness = reading, None
         self._furthest = reading.pulses
         self._backed = 0
         self.missed = 0
@@ -172,6 +230,19 @@ class References:
         self._witness = reading
         if before is None:
             return None
+        off_m = self._apart_m(before, reading, least_m_per_pulse, most_m_per_pulse)
+        if off_m:
+            return RefusedTag(reading.site.tag_id, TagRefusal.OUTSIDE_WINDOW, off_m)
+        self.lost_cause = ""
+        self.waiting = False
+        self.begin(reading.site.position_m)
+        return None
+
+    @staticmethod
+    def _apart_m(
+        before: LocatedTag, reading: LocatedTag, least_m_per_pulse: float, most_m_per_pulse: float
+    ) -> float:
+        """How much two tags lie too far apart (positive) or too close for what the train ran."""
         apart_m = reading.site.position_m - before.site.position_m
         counted = reading.pulses - before.pulses
         ends_m = (counted * least_m_per_pulse, counted * most_m_per_pulse)
@@ -180,13 +251,7 @@ class References:
         blur_m = slack_m + abs(reading.ground_bound_m - before.ground_bound_m)
         low_m = min(min(ends_m) - slack_m, over_m - blur_m)
         high_m = max(max(ends_m) + slack_m, over_m + blur_m)
-        if low_m <= apart_m <= high_m:
-            self.lost_cause = ""
-            self.waiting = False
-            self.begin(reading.site.position_m)
-            return None
-        off_m = apart_m - high_m if apart_m > high_m else apart_m - low_m
-        return RefusedTag(reading.site.tag_id, TagRefusal.OUTSIDE_WINDOW, off_m)
+        return _off_m(apart_m, (low_m, high_m))
 
     def watch(self, antenna_low_m: float, speed_mps: float, width_m: float) -> None:
         """Count the tags that the antenna has certainly passed. Too many missed tags lose the
@@ -206,3 +271,8 @@ class References:
                 f"the place is known to {width_m:.1f} m only; "
                 f"the limit is {config.localisation_limit_m:g} m"
             )
+
+
+def _off_m(at_m: float, window_m: tuple[float, float]) -> float:
+    """Signed distance from the nearer end of a window. 0 inside."""
+    return max(0.0, at_m - window_m[1]) or min(0.0, at_m - window_m[0])

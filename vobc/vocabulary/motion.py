@@ -18,6 +18,7 @@ class TagRefusal(enum.Enum):
 
     UNKNOWN = "no such tag on this line"
     OUTSIDE_WINDOW = "outside of its expectation window"
+    CONTRADICTED = "contradicted by wheels or ground"
     OUT_OF_ORDER = "out of order"
     REPEATED = "read before"
 

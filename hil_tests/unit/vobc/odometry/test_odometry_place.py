@@ -9,7 +9,8 @@ import pytest
 
 from vobc.config import load_config
 from vobc.odometry.localisation import REACH_PLAY_M, Localisation
-from vobc.vocabulary import OdometryRecord
+from vobc.odometry.scale import Waypoint
+from vobc.vocabulary import Interval, OdometryRecord
 
 BASE = load_config("florence4")
 CONFIG = replace(
@@ -65,7 +66,7 @@ def test_at_the_start_the_place_is_known_to_its_bound_and_one_pulse() -> None:
 def test_the_wheel_is_measured_from_the_start_on() -> None:
     """The antenna stood at 98 m, known within half a metre and a pulse."""
     where = place()
-    where.measure(2098.0, 200_000, 0.07)
+    where.measure(Waypoint(2098.0, 0.07, 200_000, 2000.0, 0.0))
 
     assert where.scale.low_m == pytest.approx((2000.0 - 0.57 - MOST_M) / 200_001 * 0.998, rel=1e-9)
     assert where.scale.high_m == pytest.approx((2000.0 + 0.57 + MOST_M) / 199_999 * 1.002, rel=1e-9)
@@ -78,14 +79,14 @@ def test_distance_run_with_slip_measures_no_wheel(forgets: str) -> None:
         where.widen(0.1)
     else:
         getattr(where, forgets)(0.1, 0.1)
-    where.measure(148.0, 5000, 0.07)
+    where.measure(Waypoint(148.0, 0.07, 5000, 50.0, 0.0))
 
     assert (where.scale.low_m, where.scale.high_m) == near(LEAST_M, MOST_M)
 
 
 def test_the_best_wheel_estimate_stays_within_the_measured_bounds() -> None:
     where = place(m_per_pulse=0.0097)
-    where.measure(148.0, 5000, 0.07)
+    where.measure(Waypoint(148.0, 0.07, 5000, 50.0, 0.0))
 
     assert where.m_per_pulse == where.scale.low_m > 0.0097
 
@@ -152,7 +153,7 @@ def test_the_ground_position_at_the_last_sample_excludes_the_motion_since(
     """The front is at 11 to 21 m now, half a second after the sample; the train may have stood
     for part of it."""
     where = put(15.0, 16.0, 11.0, 21.0)
-    assert where.window(low_mps, high_mps, 0.5) == window
+    assert where.windows(low_mps, high_mps, 0.5).ground_m == window
     assert wheels_m(where) == (15.0, 16.0)
     where.trust_ground(low_mps, high_mps, 0.5)
     assert wheels_m(where) == window
@@ -160,7 +161,7 @@ def test_the_ground_position_at_the_last_sample_excludes_the_motion_since(
 
 
 def test_the_window_of_a_tag_includes_the_position_by_the_wheels() -> None:
-    assert put(1.0, 31.0, 11.0, 21.0).window(-1.0, 1.0, 0.5) == (1.0, 31.0)
+    assert put(1.0, 31.0, 11.0, 21.0).windows(-1.0, 1.0, 0.5).whole_m == (1.0, 31.0)
 
 
 @pytest.mark.parametrize(
@@ -168,10 +169,10 @@ def test_the_window_of_a_tag_includes_the_position_by_the_wheels() -> None:
     [
         # Reference: the wheels give 102.4 to 104.6 m, the ground 102.26 to 105.74 m.
         ((90.0, 120.0, 90.0, 120.0), False, (102.4, 104.6), (102.26, 105.74)),
-        ((103.0, 120.0, 103.0, 120.0), False, (103.0, 104.6), (103.0, 105.74)),
-        ((90.0, 104.0, 90.0, 104.0), False, (102.4, 104.0), (102.26, 104.0)),
-        ((90.0, 104.0, 90.0, 104.0), True, (102.4, 104.6), (102.26, 105.74)),
-        ((103.0, 120.0, 103.0, 120.0), True, (102.4, 104.6), (102.26, 105.74)),
+        ((103.0, 120.0, 103.0, 120.0), False, (102.4, 104.6), (102.26, 105.74)),
+        ((102.5, 104.6, 102.3, 105.7), False, (102.5, 104.6), (102.3, 105.7)),
+        ((102.5, 104.8, 102.3, 105.9), False, (102.4, 104.6), (102.26, 105.74)),
+        ((103.0, 104.0, 103.0, 104.0), True, (102.4, 104.6), (102.26, 105.74)),
         ((90.0, 102.3, 90.0, 102.2), False, (102.4, 104.6), (102.26, 105.74)),
         ((104.7, 110.0, 105.8, 110.0), False, (102.4, 104.6), (102.26, 105.74)),
     ],
@@ -190,15 +191,35 @@ def test_a_reference_narrows_or_replaces_each_interval(
     assert ground_m(where) == near(*ground)
 
 
-def test_a_reference_that_touches_an_interval_narrows_it_to_that_point() -> None:
-    where = put(90.0, 102.0, 90.0, 101.96)
-    where.refer(100.0, (2.0, 2.0, 4.0), (2.0, 4.0), 0.0, restarts=False)
-    assert wheels_m(where) == (102.0, 102.0)
-    assert ground_m(where) == near(101.96, 101.96)
-    where = put(104.0, 120.0, 104.04, 120.0)
-    where.refer(100.0, (2.0, 2.0, 4.0), (2.0, 4.0), 0.0, restarts=False)
-    assert wheels_m(where) == (104.0, 104.0)
-    assert ground_m(where) == near(104.04, 104.04)
+def test_a_tag_that_contradicts_the_intervals_widens_both() -> None:
+    """The tag places the front at 102.4 to 104.6 m by the wheels, and 102.26 to 105.74 m by the
+    ground."""
+    ahead, behind = put(90.0, 101.0, 91.0, 101.5), put(106.0, 120.0, 107.0, 121.0)
+    for where in (ahead, behind):
+        where.embrace(100.0, (2.5, 3.0, 4.5), (2.4, 5.6), 0.1)
+
+    assert (wheels_m(ahead), ground_m(ahead)) == (near(90.0, 104.6), near(91.0, 105.74))
+    assert (wheels_m(behind), ground_m(behind)) == (near(102.4, 120.0), near(102.26, 121.0))
+
+
+@pytest.mark.parametrize(
+    ("bounds_m", "wheels", "ground"),
+    [
+        # Half a second after the sample the wheels give 1 m more at either end, the ground 0.5 m.
+        ((10.0, 20.0, 12.0, 18.0), (10.0, 20.0), (9.0, 21.0)),
+        ((14.0, 16.0, 10.0, 20.0), (9.5, 20.5), (10.0, 20.0)),
+    ],
+)
+def test_after_slip_both_intervals_hold_what_either_held(
+    bounds_m: tuple[float, float, float, float],
+    wheels: tuple[float, float],
+    ground: tuple[float, float],
+) -> None:
+    where = put(*bounds_m)
+    where.reconcile(Interval(-2.0, 0.0, 2.0), Interval(-1.0, 0.0, 1.0), 0.5)
+
+    assert wheels_m(where) == pytest.approx(wheels, abs=0.01)
+    assert ground_m(where) == pytest.approx(ground, abs=0.01)
 
 
 def reported(
@@ -354,7 +375,7 @@ def test_a_recovered_position_keeps_only_the_wheel_estimate() -> None:
 
 def test_the_measurement_of_one_wheel_does_not_apply_to_another() -> None:
     where = place()
-    where.measure(148.0, 5000, 0.07)
+    where.measure(Waypoint(148.0, 0.07, 5000, 50.0, 0.0))
     where.forget_scale()
 
     assert (where.scale.low_m, where.scale.high_m) == near(LEAST_M, MOST_M)

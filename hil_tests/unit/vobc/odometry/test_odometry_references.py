@@ -12,12 +12,16 @@ from firmware_py.trackdb import TagSite
 from hil_tests.unit.vobc.odometry import odometry_rig as rig
 from vobc.odometry.contacts import Travelled
 from vobc.odometry.pulses import APART_PULSES, PLAY_PULSES, PulseCounter
-from vobc.odometry.references import MOVED_PULSES, TURN_PULSES, LocatedTag, References
-from vobc.odometry.scale import WheelScale
+from vobc.odometry.references import MOVED_PULSES, TURN_PULSES, LocatedTag, References, Windows
+from vobc.odometry.scale import Waypoint, WheelScale
 from vobc.vocabulary import PlaceProof, TagRefusal
 
 CONFIG, TAGS, LINE, NOMINAL_M = rig.CONFIG.odometry, rig.TAGS, rig.LINE, rig.NOMINAL_M
 LIMIT_M = CONFIG.localisation_limit_m
+
+
+BOTH = Windows((10.0, 20.0), (10.0, 20.0))
+"""Wheels and ground expect the front at the same places."""
 
 
 def reading(index: int, claim_m: float, *, pulses: int = 0, bound_m: float = 0.1) -> LocatedTag:
@@ -37,7 +41,7 @@ def references(proof: PlaceProof = PlaceProof.SET_UP) -> References:
     ("claim_m", "off_m"), [(9.89, -0.11), (9.91, None), (20.09, None), (20.11, 0.11)]
 )
 def test_a_tag_is_accepted_inside_its_window_only(claim_m: float, off_m: float | None) -> None:
-    refused = references().judge(reading(0, claim_m), 10.0, 20.0)
+    refused = references().judge(reading(0, claim_m), BOTH, disputed=False)
 
     assert (refused is None) is (off_m is None)
     if refused is not None:
@@ -47,24 +51,27 @@ def test_a_tag_is_accepted_inside_its_window_only(claim_m: float, off_m: float |
 
 def test_a_tag_behind_the_last_one_is_out_of_order_and_the_last_one_itself_repeated() -> None:
     order = references()
-    order.accept(reading(1, 15.0))
+    order.accept(reading(1, 15.0), None)
 
-    again, behind = order.judge(reading(1, 15.0), 10, 20), order.judge(reading(0, 15.0), 10, 20)
+    again, behind = (
+        order.judge(reading(1, 15.0), BOTH, disputed=False),
+        order.judge(reading(0, 15.0), BOTH, disputed=False),
+    )
 
     assert again is not None
     assert behind is not None
     assert (again.reason, behind.reason) == (TagRefusal.REPEATED, TagRefusal.OUT_OF_ORDER)
-    assert order.judge(reading(2, 15.0), 10.0, 20.0) is None
+    assert order.judge(reading(2, 15.0), BOTH, disputed=False) is None
 
 
 @pytest.mark.parametrize(("back", "believed"), [(TURN_PULSES, False), (TURN_PULSES + 1, True)])
 def test_a_train_that_went_back_may_pass_a_tag_again(back: int, *, believed: bool) -> None:
     order = references()
-    order.accept(reading(1, 15.0))
+    order.accept(reading(1, 15.0), None)
     order.turned(100)
     order.turned(100 - back)
 
-    assert (order.judge(reading(1, 15.0), 10.0, 20.0) is None) is believed
+    assert (order.judge(reading(1, 15.0), BOTH, disputed=False) is None) is believed
 
 
 def test_missing_telegrams_widen_the_tags_that_the_antenna_may_have_reached() -> None:
@@ -149,7 +156,7 @@ def test_the_second_expected_tag_in_a_row_that_was_not_read_loses_the_place() ->
     assert (order.missed, order.lost_cause) == (0, "")
     order.watch(TAGS[0].position_m + late_m + 0.01, 0.0, 1.0)
     assert (order.missed, order.lost_cause) == (1, "")
-    order.accept(reading(1, 15.0))
+    order.accept(reading(1, 15.0), None)
     assert order.missed == 0
     order.watch(TAGS[3].position_m + late_m + 0.01, 0.0, 1.0)
     assert (order.missed, order.lost_cause) == (2, "2 expected tags were not read")
@@ -294,12 +301,12 @@ def test_contradicting_directions_make_the_odometer_unusable_and_the_interval_tw
 def test_two_contradicting_tags_withdraw_the_measured_wheel() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
     declared_m = (scale.low_m, scale.high_m)
-    scale.anchor(0.0, 0, 0.05)
-    scale.measure(200.0, round(200.0 / NOMINAL_M), 0.05)
+    scale.anchor(Waypoint(0.0, 0.05, 0, 0.0, 0.0))
+    scale.measure(Waypoint(200.0, 0.05, round(200.0 / NOMINAL_M), 200.0, 0.0))
     assert scale.high_m / scale.low_m < 1.006
     assert scale.low_m <= NOMINAL_M <= scale.high_m
 
-    scale.measure(400.0, round(396.0 / NOMINAL_M), 0.05)
+    scale.measure(Waypoint(400.0, 0.05, round(396.0 / NOMINAL_M), 400.0, 0.0))
 
     assert (scale.low_m, scale.high_m) == declared_m
 

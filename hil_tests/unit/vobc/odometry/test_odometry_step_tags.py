@@ -7,7 +7,8 @@ import pytest
 from can_dbc.odometer import ColdMovement
 from hil_tests.unit.vobc.odometry.odometry_desk import PULSE_M, Desk, near
 from vobc.odometry.localisation import Localisation
-from vobc.odometry.references import LocatedTag, References
+from vobc.odometry.references import LocatedTag, References, Windows
+from vobc.odometry.scale import Waypoint
 from vobc.vocabulary import PlaceProof, RefusedTag, TagReading, TagRefusal
 
 LEAST_M, MOST_M = 0.01 / 1.05, 0.01 / 0.99
@@ -22,10 +23,12 @@ class Judged:
         self.windows: list[tuple[float, float]] = []
         judge, find_again = References.judge, References.find_again
 
-        def judged(self_: References, reading: LocatedTag, low_m: float, high_m: float) -> Any:
+        def judged(
+            self_: References, reading: LocatedTag, windows: Windows, *, disputed: bool
+        ) -> Any:
             self.readings.append(reading)
-            self.windows.append((low_m, high_m))
-            return judge(self_, reading, low_m, high_m)
+            self.windows.append(windows.whole_m)
+            return judge(self_, reading, windows, disputed=disputed)
 
         def found(self_: References, reading: LocatedTag, least_m: float, most_m: float) -> Any:
             self.readings.append(reading)
@@ -106,13 +109,13 @@ def test_the_pulses_since_a_tag_carry_the_error_of_the_scale(
     """
     told: list[tuple[Any, ...]] = []
     corrected: list[tuple[float, float, float]] = []
-    measured: list[tuple[float, int, float]] = []
+    measured: list[Waypoint] = []
     monkeypatch.setattr(
         Localisation, "refer", lambda self, *args, restarts: told.append((*args, restarts))
     )
     monkeypatch.setattr(Localisation, "correct", lambda self, *args: corrected.append(args))
-    monkeypatch.setattr(Localisation, "measure", lambda self, *args: measured.append(args))
-    made = going(**SCALE)
+    monkeypatch.setattr(Localisation, "measure", lambda self, here: measured.append(here))
+    made = going(front_m=52.4, **SCALE)
     made.over_ground(3.8, 4.0)
     made.track.rate_pulses_per_s = 400.0
     m_per_pulse = made.where.m_per_pulse
@@ -129,7 +132,9 @@ def test_the_pulses_since_a_tag_carry_the_error_of_the_scale(
     assert over_m == (by_speed_m if lately_m is None else lately_m)
     assert refer_bound_m == pytest.approx(bound_m)
     assert corrected == [near(62.0, since, bound_m - 0.06 - MOST_M)]
-    assert measured == [(60.0, 960 - 8 - since, pytest.approx(bound_m))]
+    (here,) = measured
+    assert (here.antenna_m, here.pulses) == (60.0, 960 - 8 - since)
+    assert here.bound_m == pytest.approx(bound_m)
 
 
 def test_a_tag_counted_by_slipping_wheels_has_the_error_of_the_ground(

@@ -7,7 +7,7 @@ import pytest
 from can_dbc.odometer import ColdMovement
 from firmware_py.trackdb import LineMap, SpeedSection, Station, TagSite
 from vobc.config import load_config
-from vobc.odometry.references import LocatedTag, References
+from vobc.odometry.references import LocatedTag, References, Windows
 from vobc.vocabulary import PlaceProof, TagRefusal
 
 CONFIG = replace(
@@ -20,6 +20,10 @@ CONFIG = replace(
 )
 PLACES_M = (50.0, 100.0, 150.0, 200.0, 300.0)
 STATION = Station("A", 0.0, -80.0, 5.0)
+
+
+BOTH = Windows((10.0, 20.0), (10.0, 20.0))
+"""Wheels and ground expect the front at the same places."""
 
 
 def site(index: int) -> TagSite:
@@ -107,10 +111,10 @@ def test_a_tag_counts_as_missed_once_it_is_certainly_passed_and_its_reader_had_t
 def test_the_last_tag_of_the_line_is_missed_as_any_other_and_no_more_come() -> None:
     made = references()
     made.turned(-100)
-    made.accept(reading(3))
+    made.accept(reading(3), None)
 
     assert passed(made, 800.0) == 1
-    made.accept(reading(4))
+    made.accept(reading(4), None)
     assert made.missed == 0
     assert made.lost_cause == ""
 
@@ -118,7 +122,7 @@ def test_the_last_tag_of_the_line_is_missed_as_any_other_and_no_more_come() -> N
 def test_two_missed_tags_in_a_row_lose_the_position_and_a_reading_restarts_the_count() -> None:
     made = references()
     assert passed(made, 60.0) == 1
-    made.accept(reading(1))
+    made.accept(reading(1), None)
     assert made.missed == 0
     assert passed(made, 160.0) == 1
     assert made.lost_cause == ""
@@ -128,7 +132,7 @@ def test_two_missed_tags_in_a_row_lose_the_position_and_a_reading_restarts_the_c
 
 def test_tags_behind_a_tag_that_was_read_early_do_not_count_as_missed() -> None:
     made = references()
-    made.accept(reading(2))
+    made.accept(reading(2), None)
 
     assert passed(made, 199.0) == 0
     assert passed(made, 201.0) == 1
@@ -212,7 +216,7 @@ def test_a_remembered_position_needs_a_monitored_hardly_moved_and_standing_train
 def test_a_tag_is_accepted_within_its_bound_of_the_window(
     claim_m: float, off_m: float | None
 ) -> None:
-    refused = references().judge(reading(0, claim_m, bound_m=0.25), 10.0, 20.0)
+    refused = references().judge(reading(0, claim_m, bound_m=0.25), BOTH, disputed=False)
 
     if off_m is None:
         assert refused is None
@@ -230,8 +234,8 @@ def test_tags_come_in_order_and_each_once(
     index: int, reason: TagRefusal | None, claim_m: float, off_m: float
 ) -> None:
     made = references()
-    made.accept(reading(1))
-    refused = made.judge(reading(index, claim_m), 10.0, 20.0)
+    made.accept(reading(1), None)
+    refused = made.judge(reading(index, claim_m), BOTH, disputed=False)
 
     assert (refused is None) is (reason is None)
     if refused is not None:
@@ -241,10 +245,10 @@ def test_tags_come_in_order_and_each_once(
 
 def test_two_tags_at_one_place_are_in_any_order() -> None:
     made = references()
-    made.accept(reading(1))
+    made.accept(reading(1), None)
     twin = replace(reading(1), site=TagSite(99, PLACES_M[1]))
 
-    assert made.judge(twin, 10.0, 20.0) is None
+    assert made.judge(twin, BOTH, disputed=False) is None
 
 
 def test_the_distance_back_counts_from_the_furthest_position_since_the_tag() -> None:
@@ -259,27 +263,27 @@ def test_the_distance_back_counts_from_the_furthest_position_since_the_tag() -> 
         ([1100, 1098, 1096, 1200, 1197], False),
     ):
         made = references()
-        made.accept(reading(1, pulses=1000))
+        made.accept(reading(1, pulses=1000), None)
         for count in pulses:
             made.turned(count)
 
-        assert (made.judge(reading(1), 10.0, 20.0) is None) is again
-        assert (made.judge(reading(0), 10.0, 20.0) is None) is again
+        assert (made.judge(reading(1), BOTH, disputed=False) is None) is again
+        assert (made.judge(reading(0), BOTH, disputed=False) is None) is again
 
 
 def test_each_accepted_tag_restarts_the_order() -> None:
     made = references()
-    made.accept(reading(1, pulses=1000))
+    made.accept(reading(1, pulses=1000), None)
     made.turned(1000)
     made.turned(900)
-    made.accept(reading(0, pulses=900))
+    made.accept(reading(0, pulses=900), None)
     made.turned(903)
     made.turned(900)
 
-    refused = made.judge(reading(0), 10.0, 20.0)
+    refused = made.judge(reading(0), BOTH, disputed=False)
     assert refused is not None
     assert refused.reason is TagRefusal.REPEATED
-    assert made.judge(reading(1), 10.0, 20.0) is None
+    assert made.judge(reading(1), BOTH, disputed=False) is None
 
 
 # Found again.

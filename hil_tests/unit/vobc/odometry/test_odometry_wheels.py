@@ -9,7 +9,7 @@ from can_dbc.nodes import Direction
 from can_dbc.odometer import Tacho
 from vobc.config import load_config
 from vobc.odometry.pulses import PulseCounter, signed_difference
-from vobc.odometry.scale import WheelScale
+from vobc.odometry.scale import Waypoint, WheelScale
 from vobc.odometry.tracking import SpeedTrack
 
 CONFIG = replace(
@@ -46,75 +46,75 @@ def test_before_any_tag_a_pulse_has_the_declared_distance() -> None:
 
 def test_each_pair_of_tags_measures_the_wheel_from_where_the_pair_before_ended() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
-    scale.anchor(10.0, 100, 0.05)
-    scale.measure(60.0, 5100, 0.07)
+    scale.anchor(Waypoint(10.0, 0.05, 100, 10.0, 0.0))
+    scale.measure(Waypoint(60.0, 0.07, 5100, 60.0, 0.0))
     assert bounds_m(scale) == between(50.0, 5000, 0.12)
 
-    scale.measure(160.0, 15100, 0.06)
+    scale.measure(Waypoint(160.0, 0.06, 15100, 160.0, 0.0))
     assert bounds_m(scale) == between(100.0, 10000, 0.13)
 
 
 def test_a_worse_measurement_never_widens_the_bounds_of_the_wheel() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
-    scale.anchor(0.0, 0, 0.05)
-    scale.measure(200.0, 20000, 0.05)
+    scale.anchor(Waypoint(0.0, 0.05, 0, 0.0, 0.0))
+    scale.measure(Waypoint(200.0, 0.05, 20000, 200.0, 0.0))
     best = bounds_m(scale)
-    scale.measure(225.0, 22500, 0.06)
+    scale.measure(Waypoint(225.0, 0.06, 22500, 225.0, 0.0))
 
     assert bounds_m(scale) == best == between(200.0, 20000, 0.1)
 
 
 def test_the_first_tag_without_an_anchor_only_begins() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
-    scale.measure(10.0, 100, 0.05)
+    scale.measure(Waypoint(10.0, 0.05, 100, 10.0, 0.0))
     assert bounds_m(scale) == DECLARED_M
-    scale.measure(60.0, 5100, 0.07)
+    scale.measure(Waypoint(60.0, 0.07, 5100, 60.0, 0.0))
     assert bounds_m(scale) == between(50.0, 5000, 0.12)
 
     scale.forget_anchor()
-    scale.measure(160.0, 15100, 0.06)
+    scale.measure(Waypoint(160.0, 0.06, 15100, 160.0, 0.0))
     assert bounds_m(scale) == between(50.0, 5000, 0.12)
 
 
 def test_tags_closer_than_the_base_measure_nothing_and_the_anchor_stays() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
-    scale.anchor(0.0, 0, 0.05)
-    scale.measure(19.99, 1999, 0.05)
+    scale.anchor(Waypoint(0.0, 0.05, 0, 0.0, 0.0))
+    scale.measure(Waypoint(19.99, 0.05, 1999, 19.99, 0.0))
     assert bounds_m(scale) == DECLARED_M
-    scale.measure(20.0, 2000, 0.05)
+    scale.measure(Waypoint(20.0, 0.05, 2000, 20.0, 0.0))
     assert bounds_m(scale) == between(20.0, 2000, 0.1)
 
 
 def test_a_single_pulse_measures_nothing_and_two_contradict() -> None:
     """After a contradiction the measurement restarts from the contradicting tag."""
     scale = WheelScale(CONFIG, NOMINAL_M)
-    scale.anchor(0.0, 0, 0.05)
-    scale.measure(50.0, 5000, 0.05)
+    scale.anchor(Waypoint(0.0, 0.05, 0, 0.0, 0.0))
+    scale.measure(Waypoint(50.0, 0.05, 5000, 50.0, 0.0))
     known = bounds_m(scale)
-    scale.measure(100.0, 5001, 0.05)
+    scale.measure(Waypoint(100.0, 0.05, 5001, 100.0, 0.0))
     assert bounds_m(scale) == known
-    scale.measure(100.0, 5002, 0.05)
+    scale.measure(Waypoint(100.0, 0.05, 5002, 100.0, 0.0))
     assert bounds_m(scale) == DECLARED_M
-    scale.measure(150.0, 10002, 0.07)
+    scale.measure(Waypoint(150.0, 0.07, 10002, 150.0, 0.0))
     assert bounds_m(scale) == between(50.0, 5000, 0.12)
 
 
 def test_bounds_that_meet_in_one_point_do_not_contradict() -> None:
-    config = replace(CONFIG, scale_error_low_ratio=0.0, scale_margin_ratio=0.0)
+    config = replace(CONFIG, scale_error_low_ratio=0.0, scale_margin_ratio=0.0, ground_slack_m=0.0)
     scale = WheelScale(config, 2.0**-7)
-    scale.anchor(0.0, 0, 0.0)
-    scale.measure(32.0, 4095, 0.0)
+    scale.anchor(Waypoint(0.0, 0.0, 0, 0.0, 0.0))
+    scale.measure(Waypoint(32.0, 0.0, 4095, 32.0, 0.0))
 
     assert bounds_m(scale) == (2.0**-7, 2.0**-7)
 
 
 def test_a_measured_scale_is_discarded_for_another_wheel() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
-    scale.anchor(0.0, 0, 0.05)
-    scale.measure(50.0, 5000, 0.05)
+    scale.anchor(Waypoint(0.0, 0.05, 0, 0.0, 0.0))
+    scale.measure(Waypoint(50.0, 0.05, 5000, 50.0, 0.0))
     scale.forget()
     assert bounds_m(scale) == DECLARED_M
-    scale.measure(100.0, 10000, 0.05)
+    scale.measure(Waypoint(100.0, 0.05, 10000, 100.0, 0.0))
     assert bounds_m(scale) == DECLARED_M
 
 
