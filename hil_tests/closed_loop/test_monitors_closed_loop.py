@@ -34,6 +34,7 @@ def test_a_correct_run_violates_no_monitor(
     silent = {each.name for each in WATCHED} - set(shown(result))
     assert silent == {
         "inv-03-emergency-at-curve",
+        "inv-04-restriction",
         "inv-05-emergency-held",
         "inv-06-traction-off",
         "inv-07-demand-ignored",

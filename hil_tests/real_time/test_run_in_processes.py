@@ -106,7 +106,7 @@ def test_controller_and_plant_run_as_two_processes_and_leave_a_complete_folder(
     """Ctrl-C ends the run once the train moves; the run still reports, and no process stays
     behind."""
     out = tmp_path / "run"
-    going = start(place, *HOP, "--json", "--out", str(out))
+    going = start(place, *HOP, "--json", "--plot", "--out", str(out))
     wait_for_motion(out)
 
     going.send_signal(signal.SIGINT)

@@ -98,8 +98,7 @@ class VobcDevice:
         check_plausible(config, line)
         self._config = config
         self._can, self._tags, self._radio, self._nvram = can, tags, radio, nvram
-        self._log, self._command = cycle_log, command
-        self._identity = identity_of(config, line)
+        self._log, self._command, self._identity = cycle_log, command, identity_of(config, line)
         foreign = self._identity.foreign(nvram.record)
         record = self._identity.own(nvram.record)
         record = replace(record, boot_count=record.boot_count + 1, standing=False)
@@ -124,8 +123,7 @@ class VobcDevice:
         self._cycle_ns = round(config.cycle_ms * NS_PER_MS)
         self._last_ns: int | None = None
         self._sent_ns = start_ns
-        self._cycles = 0
-        self._slips = 0
+        self._cycles = self._slips = 0
         self._cars_enabled = False
         """The last DOOR_CARS that was sent enabled a car."""
         self._stored = True
@@ -133,10 +131,7 @@ class VobcDevice:
         self._seen_before: CycleInput | None = None
         self._output_before: CycleOutput | None = None
         self._events = EventQueue(event_log, self._inbox.evidence, start_ns)
-        if forgotten:
-            self._events.tell(start_ns, (memory_lost(),))
-        if foreign:
-            self._events.tell(start_ns, (memory_foreign(foreign),))
+        self._report_memory(start_ns, foreign, forgotten=forgotten)
         self._emergency = False
         self._life = NodeState.BOOT_UP
         self.output: CycleOutput = SAFE_OUTPUT
@@ -152,6 +147,12 @@ class VobcDevice:
         if self._command is not None:
             yield Task("line", BEAT_MS, self.line_beat, offset_ms=3.0)
         yield Task("life_sign", LIFE_SIGN_MS, self.life_sign, offset_ms=2.0)
+
+    def _report_memory(self, now_ns: int, foreign: str, *, forgotten: bool) -> None:
+        if forgotten:
+            self._events.tell(now_ns, (memory_lost(),))
+        if foreign:
+            self._events.tell(now_ns, (memory_foreign(foreign),))
 
     @property
     def verdict(self) -> ProtectionVerdict | None:

@@ -27,6 +27,6 @@ LAWS: Final = LawNames(
 )
 STAGES: Final = ("continuous", "notches", "current_loop")
 DRIVERS: Final = ("obedient", "reckless", "late")
-TIMERS: Final = ("A", "B")
+TIMERS: Final = ("A", "B", "C")
 LAST_TRAIN: Final = 64_999
 LINE_ENDPOINT: Final = "tcp/127.0.0.1:7448"

@@ -12,6 +12,7 @@ from firmware_py.radio.inproc_radio import InprocRadio, InprocRadioPort
 from firmware_py.storage.recorder import RadioLog
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
+from firmware_py.trackdb.version import database_version
 from metro_hil.cli.vobc import main as vobc_command
 from vobc.cli import line as line_options
 from vobc.cli.line import LINE_LOG, open_line
@@ -61,6 +62,9 @@ def air(monkeypatch: pytest.MonkeyPatch) -> InprocRadio:
     return air
 
 
+PACKED = pack(BEAT, database=database_version(load_line("loop")))
+
+
 def opened(stack: ExitStack, log: Path | None) -> tuple[LineCommand, int]:
     """The opened line command, and the instant at which its log is zero."""
     clock, line = WallClock(), load_line("loop")
@@ -83,7 +87,7 @@ def test_the_messages_of_a_control_cycle_are_logged_after_it(
         now_ns = start_ns + second * S
         command.apply(now_ns, STANDING)
         command.send(now_ns)
-        other.send(now_ns, topic, pack(BEAT))
+        other.send(now_ns, topic, PACKED)
     # Each full second flushes what was written before; here nothing was.
     assert lines(tmp_path) == []
 
@@ -92,7 +96,7 @@ def test_the_messages_of_a_control_cycle_are_logged_after_it(
     stack.close()
     heard = [row for row in lines(tmp_path) if row[1] == "rx"]
     assert [row[0] for row in heard] == ["1.000000", "2.000000", "3.000000", "4.000000"]
-    assert heard[0][2:] == [topic, pack(BEAT).hex().upper()]
+    assert heard[0][2:] == [topic, PACKED.hex().upper()]
 
 
 def test_sent_messages_are_in_the_log_too_and_line_log_reads_it(
@@ -103,7 +107,7 @@ def test_sent_messages_are_in_the_log_too_and_line_log_reads_it(
     for ms in range(0, 5000, 10):
         command.beat(start_ns + ms * MS, STANDING)
     said = [message.key for message in heard.receive(start_ns + 6 * S)]
-    air.port("T2", ()).send(start_ns + 5 * S, t2t_keys.key_of("loop", BEAT), pack(BEAT))
+    air.port("T2", ()).send(start_ns + 5 * S, t2t_keys.key_of("loop", BEAT), PACKED)
     command.beat(start_ns + 5 * S + 10 * MS, STANDING)
     stack.close()
 
@@ -117,7 +121,7 @@ def test_without_a_run_folder_nothing_is_written(
     tmp_path: Path, stack: ExitStack, air: InprocRadio
 ) -> None:
     command, start_ns = opened(stack, None)
-    air.port("T2", ()).send(start_ns, t2t_keys.key_of("loop", BEAT), pack(BEAT))
+    air.port("T2", ()).send(start_ns, t2t_keys.key_of("loop", BEAT), PACKED)
     command.beat(start_ns + S, STANDING)
     stack.close()
 
@@ -140,7 +144,7 @@ def test_rejected_messages_are_reported_by_reason_and_not_one_by_one(
 
     # In its first step the train only sends where it stands, which selects what it listens to.
     assert rejections(0) == []
-    spoilt, good = pack(BEAT)[:-1] + b"!", pack(BEAT)
+    spoilt, good = PACKED[:-1] + b"!", PACKED
     assert rejections(10, spoilt, spoilt, good) == [("wrong safety code", 2)]
     assert rejections(20, spoilt, good) == [("repeated or out of order", 1)]
     assert rejections(900, spoilt) == []

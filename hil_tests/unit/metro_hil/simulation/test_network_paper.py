@@ -194,7 +194,7 @@ def test_an_unwritable_journal_is_reported_with_the_seed(
         (["--trace", "--workers", "2"], "needs one worker"),
         (["--journal", "/proc/nowhere/x"], "--journal /proc/nowhere/x: No such file"),
         (["--journal", "/proc"], "--journal /proc: Is a directory"),
-        (["--timers", "B", "--seed", "1"], "seed 1 uses the other timers"),
+        (["--timers", "B", "--seed", "1"], "--timers B: seed 1 uses A"),
         (["--timers", "B", "--protocol", "paper"], "the paper's rules have no timers"),
     ],
 )
