@@ -154,8 +154,11 @@ def described(kind: Kind) -> Described:
 
 @functools.cache
 def all_described() -> tuple[Described, ...]:
-    """Return the whole catalogue by place, in the order in which the kinds are declared."""
-    kinds = list(CATALOGUE.values())
+    """Return the whole catalogue by place, module and order of declaration.
+
+    The catalogue itself has the order in which a program happens to import the modules.
+    """
+    kinds = sorted(CATALOGUE.values(), key=lambda kind: kind.parameters.__module__)
     return tuple(described(kind) for place in FaultPlace for kind in kinds if kind.place is place)
 
 
