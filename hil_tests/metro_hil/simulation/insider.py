@@ -26,7 +26,7 @@ RESTARTS_NS: Final = 25 * NS_PER_S
 """Time between two restarts of other nodes. It is longer than trains remember each other."""
 DEAD_NS: Final = 1 * NS_PER_S
 YOUNG_NS: Final = 1 * NS_PER_S
-"""Time for which a restarted train is spared. It has not heard the train ahead yet."""
+"""Time for which a restarted train is spared. It has not received the train ahead yet."""
 HEAD: Final = frozenset({"source", "destination", "area", "boot", "sequence", "stamp_ns"})
 NUMBERS: Final = (0, 1, 2, 3, 128, 255, 2**16, 2**32 - 1)
 STAMPS_NS: Final = (0, 1, NS_PER_S, 2**63 - 1)

@@ -46,7 +46,7 @@ from vobc.cli import parser as vobc_parser
         (["--line-timers", "B"], "--line-timers: needs --train"),
         (["--arbiters", "3"], "--arbiters: needs --train"),
         (["--train", "T1", "--arbiters", "2"], "invalid choice"),
-        (["--train", "T1", "--line-timers", "C"], "invalid choice"),
+        (["--train", "T1", "--line-timers", "D"], "invalid choice"),
         (["--train", "T1", "--line-radio", "foo"], "--line-radio foo: not an endpoint"),
         (["--train", "T1", "--line-radio", "tcp/h:0"], "--line-radio tcp/h:0: not an endpoint"),
     ],
