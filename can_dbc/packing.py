@@ -7,7 +7,6 @@ Python statements with fixed numbers, so these are generated once.
 
 import enum
 import functools
-import importlib
 import operator
 from collections.abc import Callable
 from typing import Any, Final
@@ -20,9 +19,6 @@ Pack = Callable[[Any], int]
 Unpack = Callable[[int], Frame | None]
 """Converts payload bits to a frame; None if a value is outside its range or table."""
 
-WRITTEN: Final = "can_dbc.written_packing"
-"""Module with the generated functions in compiled form; it exists only in the copy of `make
-compiled`."""
 TWO_BIT_TRUE: Final = 2
 TWO_BIT_FALSE: Final = 1
 
@@ -34,9 +30,6 @@ class EncodeError(ValueError):
 @functools.cache
 def packer(kind: type[Frame]) -> Pack:
     """Return the function from a frame of this class to its payload bits."""
-    written: Pack | None = _written("pack", kind)
-    if written is not None:
-        return written
     bound = binding_of(kind)
     lines = ["def pack(frame):", " try:"]
     names: dict[str, object] = {
@@ -57,9 +50,6 @@ def packer(kind: type[Frame]) -> Pack:
 @functools.cache
 def unpacker(kind: type[Frame]) -> Unpack:
     """Return the function from payload bits to a frame of this class."""
-    written: Unpack | None = _written("unpack", kind)
-    if written is not None:
-        return written
     bound = binding_of(kind)
     names: dict[str, object] = {"kind": kind, "draft": _draft_of(bound)}
     lines = ["def unpack(bits):"]
@@ -173,17 +163,6 @@ def _unscaled(field: FieldLayout) -> str:
 def _scaled(field: FieldLayout) -> str:
     text = f"raw * {float(field.scale)!r}" if field.kind is float else "raw"
     return f"{text} + {field.offset!r}" if field.offset else text
-
-
-def _written(what: str, kind: type[Frame]) -> Any:
-    """Return the generated "pack" or "unpack" of this class if the compiled module has it;
-    otherwise None.
-    """
-    try:
-        functions = importlib.import_module(WRITTEN).FUNCTIONS
-    except ModuleNotFoundError:
-        return None
-    return functions.get((what, kind))
 
 
 def bool_raws(field: FieldLayout) -> tuple[int, int]:

@@ -1,27 +1,30 @@
-"""Compiles the hot modules with mypyc into a copy of the packages, which gives the same results
-faster.
+"""Compiles modules with mypyc into a copy of the packages in the user's cache, which gives the same
+results faster.
 
-The sources stay plain Python and run by default. A compiled module beside its source would still be
-imported after the source has changed. So the copy has its own folder and commands, and each call
-creates it from scratch. It needs a C compiler and Python's headers. Besides the sources, the copy
-contains generated constructors of dataclasses, generated packing functions of frames, and the field
-types from which settings are read.
+The sources stay plain Python. Programs find the copy by the hash of its sources, and start this
+build themselves (`metro_hil.model.native_copy`). It needs a C compiler and Python's headers.
+Besides the sources, the copy contains generated constructors of dataclasses, and the field types
+from which settings are read.
 """
 
 import argparse
+import compileall
+import json
 import os
-import shlex
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from firmware_py.assertions import require_assertions
 from firmware_py.native.build import compiler
 from metro_hil.model.native_copy import (
+    Part,
     build_lock,
     copies_folder,
     failure_file,
@@ -32,46 +35,24 @@ from metro_hil.model.native_copy import (
 from metro_tools.written_inits import (
     bases_in,
     heads_in,
-    with_bound_frames,
     with_kept_types,
     with_native_records,
     with_written_inits,
 )
 
-PACKAGES: Final = {
-    "can_dbc": "can_dbc",
-    "zenoh_config": "zenoh_config",
-    "firmware_py": "firmware_py",
-    "vobc": "vobc",
-    "plant_emulator": "plant_emulator",
-    "metro_hil": "hil_tests/metro_hil",
-    "metro_tools": "tools/metro_tools",
-    "canlog": "tools/canlog",
-}
-FRAMES: Final = (
-    *("can_dbc/alarms.py", "can_dbc/analogue.py", "can_dbc/brake.py", "can_dbc/cab.py"),
-    *("can_dbc/doors.py", "can_dbc/energy.py", "can_dbc/odometer.py", "can_dbc/tags.py"),
-    *("can_dbc/traction.py", "can_dbc/vobc.py"),
-)
-"""Modules whose frame classes are compiled together with generated packing functions. The classes
-of `diagnostics` are created during import and cannot be compiled."""
-WRITTEN: Final = "can_dbc/written_packing.py"
-HOT: Final = (
-    *FRAMES,
+TRAIN: Final = (
     "can_dbc/codec.py",
-    "can_dbc/trailer.py",
-    "firmware_py/buses/inproc.py",
-    "firmware_py/buses/timing.py",
     "firmware_py/clock/executive.py",
-    "firmware_py/storage/port_log.py",
     "firmware_py/radio/inproc_radio.py",
     "firmware_py/radio/recorded_radio.py",
+    "firmware_py/storage/port_log.py",
     "firmware_py/storage/recorder.py",
     "firmware_py/tag_reader/inproc_line.py",
     "firmware_py/tag_reader/recorded_line.py",
     "firmware_py/tag_reader/stuffing.py",
     "firmware_py/tag_reader/telegram.py",
-    "firmware_py/trackdb/*.py",
+    "metro_hil/line/virtual/member.py",
+    "metro_hil/model/frame_hash.py",
     "metro_hil/monitors/gauge.py",
     "metro_hil/monitors/invariants.py",
     "metro_hil/monitors/monitor_set.py",
@@ -79,12 +60,8 @@ HOT: Final = (
     "metro_hil/monitors/s*.py",
     "metro_hil/monitors/terms.py",
     "metro_hil/monitors/watch_*.py",
-    "metro_hil/simulation/*.py",
-    "metro_hil/simulation/scenarios/*.py",
-    "metro_hil/model/frame_hash.py",
-    "metro_hil/line/virtual/member.py",
-    "metro_hil/run/lockstep.py",
     "metro_hil/run/case.py",
+    "metro_hil/run/lockstep.py",
     "plant_emulator/actuators/*.py",
     "plant_emulator/consist/motion.py",
     "plant_emulator/faults/schedule.py",
@@ -96,54 +73,9 @@ HOT: Final = (
     "plant_emulator/sensors/inertial.py",
     "plant_emulator/sensors/tacho.py",
     "plant_emulator/sensors/tag_reader.py",
-    "plant_emulator/train_config/*.py",
     "plant_emulator/traffic/coupling.py",
     "plant_emulator/traffic/dispatcher.py",
     "plant_emulator/traffic/member.py",
-    "plant_emulator/truth.py",
-    "plant_emulator/wayside/*.py",
-    "plant_emulator/wire.py",
-    "plant_emulator/world.py",
-    "vobc/arbitration.py",
-    "vobc/config.py",
-    "vobc/ato/*.py",
-    "vobc/ato/laws/*.py",
-    "vobc/ato/model/*.py",
-    "vobc/ato/motion/*.py",
-    "vobc/ato/settings/*.py",
-    "vobc/atp/*.py",
-    "vobc/controller.py",
-    "vobc/events/*.py",
-    "vobc/kinematics.py",
-    "vobc/odometry/*.py",
-    "vobc/process/*.py",
-    "vobc/train_to_train/*.py",
-    "vobc/vocabulary/*.py",
-    "vobc/wire/*.py",
-    "zenoh_config/*.py",
-)
-"""Modules that take most of the time in a profile."""
-LOCKSTEP: Final = (
-    "can_dbc/codec.py",
-    "firmware_py/clock/executive.py",
-    "firmware_py/radio/inproc_radio.py",
-    "firmware_py/radio/recorded_radio.py",
-    "firmware_py/storage/port_log.py",
-    "firmware_py/storage/recorder.py",
-    "firmware_py/tag_reader/inproc_line.py",
-    "firmware_py/tag_reader/recorded_line.py",
-    "firmware_py/tag_reader/stuffing.py",
-    "firmware_py/tag_reader/telegram.py",
-    "metro_hil/run/lockstep.py",
-    "plant_emulator/actuators/*.py",
-    "plant_emulator/consist/motion.py",
-    "plant_emulator/faults/schedule.py",
-    "plant_emulator/noise.py",
-    "plant_emulator/power/box.py",
-    "plant_emulator/process.py",
-    "plant_emulator/sensors/inertial.py",
-    "plant_emulator/sensors/tacho.py",
-    "plant_emulator/sensors/tag_reader.py",
     "plant_emulator/train_config/train.py",
     "plant_emulator/truth.py",
     "plant_emulator/wayside/centre.py",
@@ -171,7 +103,7 @@ LOCKSTEP: Final = (
     "zenoh_config/messages.py",
     "zenoh_config/sequencing.py",
 )
-"""Modules in which a run of one train spends its time where codec, bus and logs are in C."""
+"""Modules in which runs of trains and campaigns spend their time. Codec, bus and logs are in C."""
 SIMULATOR: Final = (
     "firmware_py/trackdb/*.py",
     "metro_hil/simulation/*.py",
@@ -181,6 +113,35 @@ SIMULATOR: Final = (
     "zenoh_config/*.py",
 )
 """Modules in which `hil simulate` spends its time."""
+MODULES: Final[Mapping[Part, Sequence[str]]] = {Part.TRAIN: TRAIN, Part.SIMULATOR: SIMULATOR}
+QUICK: Final = (
+    "can_dbc/codec.py",
+    "firmware_py/clock/executive.py",
+    "firmware_py/storage/*.py",
+    "metro_hil/run/lockstep.py",
+    "metro_hil/simulation/*.py",
+    "plant_emulator/actuators/*.py",
+    "plant_emulator/consist/motion.py",
+    "plant_emulator/process.py",
+    "plant_emulator/sensors/tacho.py",
+    "plant_emulator/truth.py",
+    "plant_emulator/wire.py",
+    "plant_emulator/world.py",
+    "vobc/ato/model/*.py",
+    "vobc/ato/motion/*.py",
+    "vobc/ato/laws/predictive.py",
+    "vobc/ato/operation.py",
+    "vobc/atp/energy_check.py",
+    "vobc/atp/protection.py",
+    "vobc/atp/station.py",
+    "vobc/controller.py",
+    "vobc/odometry/*.py",
+    "vobc/process/device.py",
+    "vobc/train_to_train/*.py",
+    "vobc/wire/*.py",
+    "zenoh_config/codec.py",
+)
+"""Modules that the C compiler optimises. Optimising the others takes longer than it saves."""
 LEFT_OUT: Final = (
     *("/__init__.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
     "vocabulary/received.py",
@@ -219,82 +180,52 @@ TUPLES: Final = (
 )
 """Named tuples that stay tuples, because code unpacks, sorts or counts them; mypyc rejects any
 other such use."""
-COMMANDS: Final = {
-    "vobc": "metro_hil.cli.entry",
-    "plant": "plant_emulator.entry",
-    "vcan": "metro_tools.entry",
-    "hil": "metro_hil.cli.entry",
-}
 HEADS: Final = "zenoh_config/t2t.py"
 """The module of the dataclass that all kinds of messages inherit from."""
-FLAGS: Final = "-w -fvisibility=hidden -fno-semantic-interposition -ffp-contract=off"
+FLAGS: Final = (
+    *("-w", "-g0", "-fPIC", "-fwrapv", "-DNDEBUG", "-fno-sanitize=undefined"),
+    *("-fvisibility=hidden", "-fno-semantic-interposition", "-ffp-contract=off"),
+)
 """Flags for the C compiler. Warnings are off, because checking generated C for them takes several
-times as long as compiling. Functions that are not visible outside the library are called directly
-or inlined, which saves a fifth of the time. Products are rounded before additions, as in the
-interpreter, even on processors with fused multiply-add."""
+times as long as compiling. Products are rounded before additions, as in the interpreter, even on
+processors with fused multiply-add. A compiler from zig would check for undefined behaviour."""
+LEVELS: Final = {True: "-O1", False: "-O0"}
+"""Optimisation of `QUICK` and of the other modules."""
+UNIT_BYTES: Final = 3_000_000
+"""C code that is compiled at once: many modules share the time for Python's headers. One unit
+takes 0.3 GB of memory."""
 UNTYPED: Final = "--ignore-missing-imports"
 """Option for mypy: libraries without types are not an error."""
-WATCHED: Final = "-fprofile-generate -fprofile-update=single"
-TRAINED: Final = "-fprofile-use -fprofile-partial-training"
-"""Flags for gcc: the first records a profile when a program ends, the second optimises by it."""
-CASES: Final = """\
-from metro_hil.campaign.builder import Scenario
-from metro_hil.run.dispatch import run_case
-for case in Scenario(train={"start": "II", "end": "III"}, seeds=2).cases():
-    run_case(case)
-"""
-RIDE: Final = ("run", "--lockstep", "--json")
-SEEDS: Final = (
-    ("-m", "metro_hil.cli.hil", "simulate", "--seeds", "20001..20012", "--minutes", "1"),
-)
-TRAINING: Final = (
-    ("-m", "metro_hil.cli.vobc", *RIDE, "--to", "II"),
-    ("-c", CASES),
-    *SEEDS,
-    ("-m", "metro_hil.cli.vobc", *RIDE, "--trains", "7", "--ato", "green", "--duration", "60"),
-)
-"""Programs that train a copy: a single run, cases with monitors, simulation seeds, whole trains on
-a line."""
-SETUP: Final = """\
-import os
-from concurrent.futures import ThreadPoolExecutor
-
-from setuptools import setup
-from setuptools._distutils.ccompiler import CCompiler
+GENERATE: Final = """\
+import json, os, sys
 from mypyc.build import mypycify
-
-
-def compile_on_all_cores(
-    self, sources, output_dir=None, macros=None, include_dirs=None, debug=0,
-    extra_preargs=None, extra_postargs=None, depends=None,
-):
-    macros, objects, after, options, build = self._setup_compile(
-        output_dir, macros, include_dirs, sources, depends, extra_postargs
-    )
-    before = self._get_cc_args(options, debug, extra_preargs)
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        for done in [
-            pool.submit(self._compile, each, *build[each], before, after, options)
-            for each in objects
-        ]:
-            done.result()
-    return objects
-
-
-CCompiler.compile = compile_on_all_cores
-modules = mypycify({modules!r}, opt_level={level!r}, debug_level="0", multi_file=True)
-setup(name="compiled", packages=[], ext_modules=modules)
+with open(os.devnull, "w") as sys.stdout:
+    made = mypycify({modules!r}, opt_level="1", debug_level="0", multi_file=True)
+found = [[each.name, each.sources, each.include_dirs] for each in made]
+print(json.dumps(found), file=sys.__stdout__)
 """
-"""Each module is a C file of its own, which takes a sixth of the memory and all cores."""
-PACKING: Final = """\
-from metro_tools.written_packing import written
-print(written({names!r}), end="")
+START: Final = """\
+#include <Python.h>
+static PyObject *start(const char *library, const char *attribute, const char *name) {
+    PyObject *names = Py_BuildValue("(s)", "*");
+    if (names == NULL) return NULL;
+    PyObject *found = PyImport_ImportModuleLevel(library, NULL, NULL, names, 0);
+    Py_DECREF(names);
+    if (found == NULL) return NULL;
+    PyObject *capsule = PyObject_GetAttrString(found, attribute);
+    Py_DECREF(found);
+    if (capsule == NULL) return NULL;
+    PyObject *(*run)(void) = (PyObject *(*)(void))PyCapsule_GetPointer(capsule, name);
+    Py_DECREF(capsule);
+    return run == NULL ? NULL : run();
+}
 """
-LAUNCHER: Final = """\
-#!/bin/sh
-export PYTHONSAFEPATH=1 PYTHONPATH="{library}"
-exec "{python}" -c "import sys; from {module} import {name}; sys.exit({name}())" "$@"
+START_ONE: Final = """\
+PyMODINIT_FUNC PyInit_{last}(void) {{
+    return start("{library}", "init_{name}", "{library}.init_{name}");
+}}
 """
+"""Python calls this function of the shared library when it imports a module by its last name."""
 EXIT_ENVIRONMENT: Final = 3
 NICE: Final = 15
 """Priority of the build in the background: it takes what others leave."""
@@ -307,47 +238,36 @@ class CompileError(Exception):
     """The copy cannot be created; the text gives the reason."""
 
 
-class Part(NamedTuple):
-    """A part of the programs: the modules to compile and the training runs."""
+class Generated(NamedTuple):
+    """C code of one library, and the names of the modules in it."""
 
+    library: str
+    sources: Sequence[Path]
+    includes: Sequence[str]
     modules: Sequence[str]
-    training: Sequence[Sequence[str]]
 
 
-def part_of(*, simulator: bool, lockstep: bool = False) -> Part:
-    """Return the part for the line simulator or one train alone, or that with all hot modules."""
-    if lockstep:
-        return Part(LOCKSTEP, TRAINING[:2])
-    return Part(SIMULATOR, SEEDS) if simulator else Part(HOT, TRAINING)
+def hot_modules(folders: Mapping[str, Path], patterns: Iterable[str]) -> list[str]:
+    """Return the modules that match as sorted paths that begin with the package.
 
-
-def hot_modules(root: Path, patterns: Sequence[str] | None = None) -> list[str]:
-    """Return the hot modules of a copy or a checkout as sorted paths that begin with the
-    package.
+    Args:
+        folders: folder of each package, by its name.
+        patterns: package and glob.
     """
     found: set[str] = set()
-    for pattern in HOT if patterns is None else patterns:
+    for pattern in patterns:
         package, _, rest = pattern.partition("/")
-        folder = root / package if (root / package).is_dir() else root / PACKAGES[package]
+        folder = folders[package]
         found |= {f"{package}/{path.relative_to(folder)}" for path in folder.glob(rest)}
     return sorted(name for name in found if not name.endswith(LEFT_OUT))
 
 
-def copy_packages(source: Path, library: Path) -> None:
-    """Copy the packages of a checkout side by side, as they are imported."""
-    skip = shutil.ignore_patterns("__pycache__", "*.so")
-    for name, place in PACKAGES.items():
-        if not (source / place).is_dir():
-            raise CompileError(f"{source / place}: not there; this works from a checkout")
-        shutil.copytree(source / place, library / name, ignore=skip)
-
-
-def build_cached(*, wait: bool) -> int:
+def build(part: Part, *, wait: bool) -> int:
     """Build the copy of the installed packages in the user's cache, unless another process does."""
     os.nice(NICE)
     folders = package_folders()
     with build_lock(wait=wait) as mine:
-        if not mine or ready_copy() is not None:
+        if not mine or ready_copy(part) is not None:
             return 0
         copies = copies_folder()
         remove_unused(copies)
@@ -356,12 +276,14 @@ def build_cached(*, wait: bool) -> int:
             skip = shutil.ignore_patterns("__pycache__", "*.so")
             for name, folder in folders.items():
                 shutil.copytree(folder, library / name, ignore=skip)
-            key = sources_key({name: library / name for name in folders})
+            key = sources_key({name: library / name for name in folders}, part)
             try:
-                compile_into(library, "1", lockstep=True)
+                compile_into(library, part)
             except CompileError as error:
                 failure_file(key).write_text(f"{error}\n", encoding="utf-8")
                 raise
+            # Else each program would compile the other modules again where it may not write.
+            compileall.compile_dir(library, quiet=2, stripdir=place, prependdir=copies / key)
             (copies / key).mkdir(exist_ok=True)
             library.rename(copies / key / "lib")
     return 0
@@ -377,21 +299,10 @@ def remove_unused(copies: Path) -> None:
             shutil.rmtree(path, ignore_errors=True)
 
 
-def compile_into(
-    library: Path,
-    level: str,
-    *,
-    trained: bool = False,
-    simulator: bool = False,
-    lockstep: bool = False,
-) -> None:
-    """Compile each hot module of the copy, with this optimisation level of C.
-
-    With `trained` all modules are compiled twice, the second time by the profile of runs with the
-    first.
-    """
-    part = part_of(simulator=simulator, lockstep=lockstep)
-    modules = hot_modules(library, part.modules)
+def compile_into(library: Path, part: Part) -> None:
+    """Compile the hot modules of the copy."""
+    folders = {path.name: path for path in library.iterdir()}
+    modules = hot_modules(folders, MODULES[part])
     sources = {name: (library / name).read_bytes() for name in modules}
     bases = set[str]().union(*(bases_in(source.decode()) for source in sources.values()))
     heads = {
@@ -399,160 +310,151 @@ def compile_into(
         for name, each in heads_in((library / HEADS).read_text(encoding="utf-8")).items()
         if name in bases
     }
-    written = [] if lockstep else [WRITTEN]
-    if written:
-        (library / WRITTEN).write_text(_packing(library), encoding="utf-8")
     for name, source in sources.items():
         text = source.decode()
         if name.startswith(RECORDS):
             text = with_native_records(text, TUPLES)
-        text = with_written_inits(with_bound_frames(text), bases, heads)
-        text = with_kept_types(text)
+        text = with_kept_types(with_written_inits(text, bases, heads))
         (library / name).write_text(text, encoding="utf-8")
-    setup = library / "setup.py"
-    text = SETUP.format(modules=[UNTYPED, *modules, *written], level=level)
-    setup.write_text(text, encoding="utf-8")
-    if trained:
-        _build(setup, WATCHED)
-        _train(library, part.training)
-        for path in [*library.rglob("*.so"), *library.rglob("*.o")]:
-            path.unlink()
-    _build(setup, TRAINED if trained else "")
-    setup.unlink()
-    (library / WRITTEN).unlink(missing_ok=True)
+    made = _generated(library, [UNTYPED, *modules])
     for name, source in sources.items():
         (library / name).write_bytes(source)
+    quick = {name.removesuffix(".py") for name in hot_modules(folders, QUICK)}
+    _compile(library, made, quick)
     shutil.rmtree(library / "build")
 
 
-def _build(setup: Path, flags: str) -> None:
-    given = os.environ.get("CFLAGS", "")
-    done = subprocess.run(  # noqa: S603 - our own interpreter and script
-        [sys.executable, setup.name, "build_ext", "--inplace"],
-        cwd=setup.parent,
-        env={
-            **os.environ,
-            "MYPYPATH": str(setup.parent),
-            "CFLAGS": f"{given} {FLAGS} {flags}".strip(),
-            **setuptools_compiler(),
-        },
+def _generated(library: Path, words: Sequence[str]) -> Generated:
+    """Write C code for these modules with mypyc."""
+    done = subprocess.run(  # noqa: S603 - our own interpreter
+        [sys.executable, "-c", GENERATE.format(modules=[*words])],
+        cwd=library,
+        env={**os.environ, "MYPYPATH": str(library)},
         capture_output=True,
         text=True,
         check=False,
     )
     if done.returncode != 0:
-        words = [*done.stdout.splitlines(), *done.stderr.splitlines()]
-        faults = [line for line in words if "error" in line.lower()] or words
-        raise CompileError("\n".join(["mypyc or the C compiler failed:", *faults[-8:]]))
+        raise CompileError(_reason("mypyc", done.stdout + done.stderr))
+    found = json.loads(done.stdout.splitlines()[-1])
+    name, sources, includes = max(found, key=lambda each: len(each[1]))
+    modules = sorted(each[0] for each in found if each[0] != name)
+    return Generated(name, [library / path for path in sources], includes, modules)
 
 
-def setuptools_compiler() -> dict[str, str]:
-    """Name the compiler to setuptools where only a Python package brings one."""
-    found = compiler()
-    if found is None or len(found) == 1 or "CC" in os.environ:
-        return {}
-    command = shlex.join(found)
-    return {"CC": command, "LDSHARED": f"{command} -shared"}
+def _reason(program: str, words: str) -> str:
+    lines = words.splitlines()
+    faults = [line for line in lines if "error" in line.lower()] or lines
+    return "\n".join([f"{program} failed:", *faults[-8:]])
 
 
-def _train(library: Path, training: Sequence[Sequence[str]]) -> None:
-    """Run each training program as a process in a temporary folder."""
-    with tempfile.TemporaryDirectory() as place:
-        for command in training:
-            done = subprocess.run(  # noqa: S603 - our own interpreter and modules
-                [sys.executable, *command],
-                cwd=place,
-                env={**os.environ, "PYTHONPATH": str(library), "PYTHONSAFEPATH": "1"},
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-            if done.returncode != 0:
-                last = "\n".join(done.stderr.splitlines()[-8:])
-                raise CompileError(f"training with {' '.join(command)} failed:\n{last}")
-    if not any((library / "build").rglob("*.gcda")):
-        raise CompileError("no profile was written: training needs gcc as C compiler")
+def _compile(library: Path, made: Generated, quick: set[str]) -> None:
+    """Compile the C code on all cores, and link one library for all modules."""
+    folder = library / "build"
+    suffix = sysconfig.get_config_var("EXT_SUFFIX") or ".so"
+    commands: list[list[str]] = []
+    for level, sources in units(made.sources, quick):
+        unit = folder / f"unit{len(commands)}.c"
+        unit.write_text("".join(f'#include "{path}"\n' for path in sources), encoding="utf-8")
+        commands.append([LEVELS[level], "-c", str(unit), "-o", f"{unit}.o"])
+    starts = []
+    for number, modules in enumerate(without_equal_last_names(made.modules)):
+        file = folder / f"start{number}.c"
+        text = [START_ONE.format(**start_words(made.library, name)) for name in modules]
+        file.write_text(START + "".join(text), encoding="utf-8")
+        shared = library / f"{made.library}_{number}{suffix}"
+        commands.append(["-O1", "-shared", str(file), "-o", str(shared)])
+        starts.append((shared, modules))
+    includes = [sysconfig.get_path("include"), *made.includes, str(folder)]
+    flags = [*FLAGS, *(f"-I{path}" for path in includes)]
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        for _ in pool.map(lambda words: _run_compiler(library, [*flags, *words]), commands):
+            pass
+    objects = [words[-1] for words in commands if "-shared" not in words]
+    _run_compiler(library, ["-shared", *objects, "-o", f"{made.library}{suffix}", "-lm"])
+    for shared, modules in starts:
+        for name in modules:
+            place = library / (name.replace(".", "/") + suffix)
+            place.symlink_to(os.path.relpath(shared, place.parent))
 
 
-def _packing(library: Path) -> str:
-    """Return the source of the module of packing functions, from the DBC files of the copy."""
-    names = [name.removesuffix(".py").replace("/", ".") for name in FRAMES]
-    done = subprocess.run(  # noqa: S603 - our own interpreter and module
-        [sys.executable, "-c", PACKING.format(names=names)],
-        env={**os.environ, "PYTHONPATH": str(library), "PYTHONSAFEPATH": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
+def units(
+    sources: Sequence[Path], quick: set[str], unit_bytes: int = UNIT_BYTES
+) -> list[tuple[bool, list[Path]]]:
+    """Distribute C files over units of similar size, each optimised or not."""
+    found: list[tuple[bool, list[Path]]] = []
+    for level in (True, False):
+        chosen = [path for path in sources if (_module_of(path) in quick) is level]
+        total = sum(path.stat().st_size for path in chosen)
+        if not chosen:
+            continue
+        parts: list[list[Path]] = [[] for _ in range(-(-total // unit_bytes))]
+        sizes = [0] * len(parts)
+        for path in sorted(chosen, key=lambda each: (-each.stat().st_size, each.name)):
+            least = sizes.index(min(sizes))
+            parts[least].append(path)
+            sizes[least] += path.stat().st_size
+        found += [(level, part) for part in parts if part]
+    return found
+
+
+def _module_of(path: Path) -> str:
+    """Return package and path of the module whose C file mypyc gave this name."""
+    return path.stem.removeprefix("__native_").replace("___", "/")
+
+
+def without_equal_last_names(modules: Sequence[str]) -> list[list[str]]:
+    """Distribute modules over lists in which no last name occurs twice."""
+    found: list[dict[str, str]] = []
+    for name in modules:
+        last = name.rpartition(".")[2]
+        free = next((each for each in found if last not in each), None)
+        if free is None:
+            free = {}
+            found.append(free)
+        free[last] = name
+    return [[*each.values()] for each in found]
+
+
+def start_words(library: str, name: str) -> dict[str, str]:
+    return {
+        "library": library,
+        "last": name.rpartition(".")[2],
+        "name": name.replace(".", "___"),
+    }
+
+
+def _run_compiler(library: Path, words: Sequence[str]) -> None:
+    command = compiler()
+    assert command is not None, "programs ask for the tools before they start a build"
+    done = subprocess.run(  # noqa: S603 - a compiler and generated sources
+        [*command, *words], cwd=library, capture_output=True, text=True, check=False
     )
     if done.returncode != 0:
-        raise CompileError(f"the packing functions cannot be written:\n{done.stderr}")
-    return done.stdout
-
-
-def write_commands(folder: Path) -> None:
-    for name, module in COMMANDS.items():
-        command = folder / "bin" / name
-        command.parent.mkdir(exist_ok=True)
-        words = {"library": folder / "lib", "python": sys.executable}
-        text = LAUNCHER.format(**words, module=module, name=name)
-        command.write_text(text, encoding="utf-8")
-        command.chmod(0o755)
+        raise CompileError(_reason(command[0], done.stderr))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Create the copy; a missing tool gives one message."""
     require_assertions("compiled")
     parser = argparse.ArgumentParser(prog="python -m metro_tools.compiled", description=__doc__)
-    parser.add_argument("--into", default=".compiled", metavar="FOLDER", help="default: .compiled")
-    parser.add_argument("--source", default=".", metavar="FOLDER", help="the checkout; default: .")
     parser.add_argument(
-        "--optimise",
-        default="2",
-        choices=("0", "1", "2", "3"),
-        help="optimisation level of the C compiler; 0 compiles much faster; default: 2",
+        "--part",
+        choices=[each.value for each in Part],
+        default=Part.TRAIN.value,
+        help="train: controller, train, runs and monitors; simulator: `hil simulate`",
     )
-    parser.add_argument(
-        "--trained",
-        action="store_true",
-        help="compile twice, the second time by the profile of runs with the first: faster "
-        "programs in three times the time; needs gcc",
-    )
-    parser.add_argument(
-        "--simulator",
-        action="store_true",
-        help="compile only the modules of `hil simulate`, in half the time",
-    )
-    parser.add_argument(
-        "--cached",
-        action="store_true",
-        help="build what `vobc run --lockstep` uses by itself, into the user's cache",
-    )
-    parser.add_argument("--wait", action="store_true", help="with --cached: wait for other builds")
+    parser.add_argument("--wait", action="store_true", help="wait while another build runs")
     options = parser.parse_args(argv)
-    if options.cached:
-        try:
-            return build_cached(wait=options.wait)
-        except (CompileError, OSError) as error:
-            print(f"compiled: {error}", file=sys.stderr)
-            return EXIT_ENVIRONMENT
-    folder, source = Path(options.into).resolve(), Path(options.source).resolve()
+    part = Part(options.part)
     try:
-        if folder.exists():
-            if not (folder / "lib").is_dir():
-                raise CompileError(f"{folder}: exists and is not an earlier copy by this program")
-            shutil.rmtree(folder)
-        copy_packages(source, folder / "lib")
-        compile_into(
-            *(folder / "lib", options.optimise),
-            trained=options.trained,
-            simulator=options.simulator,
-        )
+        status = build(part, wait=options.wait)
     except (CompileError, OSError) as error:
         print(f"compiled: {error}", file=sys.stderr)
         return EXIT_ENVIRONMENT
-    write_commands(folder)
-    print(folder / "bin" / ("hil simulate" if options.simulator else "vobc run --lockstep"))
-    return 0
+    if options.wait:
+        print(ready_copy(part))
+    return status
 
 
 if __name__ == "__main__":

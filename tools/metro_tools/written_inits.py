@@ -103,27 +103,6 @@ def with_kept_types(source: str) -> str:
     return "\n".join([source.rstrip("\n"), *kept]) + "\n"
 
 
-def with_bound_frames(source: str) -> str:
-    """Return the module with `@frame(...)` over a class replaced by a call behind it.
-
-    mypyc does not compile a class with an unknown decorator.
-    """
-    lines = [*source.splitlines(), "", ""]
-    for node in _classes(source):
-        binder = node.decorator_list[0] if node.decorator_list else None
-        if not isinstance(binder, ast.Call) or ast.unparse(binder.func) != "frame":
-            continue
-        behind = node.body[-1].end_lineno
-        assert behind is not None
-        # The first of the two empty lines is for the constructor.
-        assert not any(line.strip() for line in lines[behind : behind + 2])
-        lines[behind + 1] = f"{ast.unparse(binder)}({node.name})"
-        assert binder.end_lineno is not None
-        for line in range(binder.lineno - 1, binder.end_lineno):
-            lines[line] = ""
-    return "\n".join(lines).rstrip("\n") + "\n"
-
-
 def _classes(source: str) -> list[ast.ClassDef]:
     return [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef)]
 

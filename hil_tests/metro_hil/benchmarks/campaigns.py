@@ -14,7 +14,7 @@ from metro_hil.benchmarks.bench import Figure, run_measures
 from metro_hil.engine.folder import CampaignFolder
 from metro_hil.engine.journal import read_journal
 from metro_hil.model.case import CaseResult
-from metro_hil.model.compiled_copy import compiled_library
+from metro_hil.model.native_copy import ready_copy
 
 HIL = (sys.executable, "-m", "metro_hil.cli.hil")
 NS_PER_S = 1e9
@@ -167,7 +167,7 @@ def _stops(name: str, results: Sequence[CaseResult]) -> Figure:
 
 
 def _copy() -> str:
-    return "`make compiled`" if compiled_library() is not None else "plain Python"
+    return "compiled" if ready_copy() is not None else "plain Python"
 
 
 def faults() -> list[Figure]:

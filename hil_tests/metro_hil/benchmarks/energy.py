@@ -24,7 +24,7 @@ from metro_hil.energy.running_curve.steps import run_all
 from metro_hil.energy.running_curve.trace import trace
 from metro_hil.energy.running_curve.track import level_track
 from metro_hil.energy.running_curve.train import load_train
-from metro_hil.model.compiled_copy import compiled_library, worker_environment
+from metro_hil.model.native_copy import ready_copy, worker_environment
 from plant_emulator.power.compiled import COMPILED
 
 LEAST_S: Final = 0.01
@@ -197,7 +197,7 @@ def _of_table(table: TableFour) -> list[Figure]:
 
 def line() -> list[Figure]:
     """Run an hour of seven whole trains with their controllers, each on its bus, in lockstep."""
-    library = compiled_library()
+    library = ready_copy()
     begin, wall = os.times(), WallClock()
     began_ns = wall.now_ns()
     hour = _line_run(HOUR_S, library)
@@ -209,7 +209,7 @@ def line() -> list[Figure]:
     same = [train["frame_chain"] for train in first["per_train"]] == [
         train["frame_chain"] for train in second["per_train"]
     ]
-    how = "`make compiled`" if library else "plain Python"
+    how = "compiled" if library else "plain Python"
     found = (
         f"{processor_s / CORES:.1f} s ({processor_s:.0f} s of processors, {wall_s:.0f} s by clock)"
     )

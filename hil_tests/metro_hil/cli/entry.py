@@ -20,6 +20,10 @@ def _vobc() -> "Callable[[], int]":
 
 
 def _hil() -> "Callable[[], int]":
+    if sys.argv[1:2] == ["simulate"] and not {"-h", "--help"} & {*sys.argv}:
+        from metro_hil.model.native_copy import Part, enter
+
+        enter("hil", Part.SIMULATOR)
     from metro_hil.cli.hil import main
 
     return main

@@ -31,7 +31,7 @@ from metro_hil.engine.queue import Batch
 from metro_hil.engine.worker import RUNNER
 from metro_hil.engine.worker_pool import CaseFinished, CaseRaised, Outcome, WorkerLost
 from metro_hil.model.case import BenchKind, Case
-from metro_hil.model.compiled_copy import library_for, worker_environment
+from metro_hil.model.native_copy import prepare, worker_environment
 
 LEASE_S: Final = 120.0
 """Maximum wall time of a case in virtual time, and of the start of a worker, s."""
@@ -169,7 +169,7 @@ class LocalPool:
         self._hello = WorkerHello(runner, {name: str(path) for name, path in files.items()})
         self._case_timeout_s, self._nice = case_timeout_s, nice
         self._environment = environment or worker_environment(
-            {**ONE_THREAD, **os.environ}, library_for("hil")
+            {**ONE_THREAD, **os.environ}, prepare("hil")
         )
         self._clock = WallClock()
         self._crew: list[Worker] = []

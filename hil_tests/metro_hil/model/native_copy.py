@@ -1,9 +1,10 @@
 """Finds, starts and enters the copy of the programs with compiled modules in the user's cache.
 
 The copy gives the same bytes, faster. It belongs to one state of the sources: any change of a file
-asks for another copy. One background process builds it; until it is ready, programs run the
-sources. VOBC_NATIVE chooses: `on` (default) builds in the background, `wait` waits for the build,
-`wire` uses C for codec, bus and logs only, and `off` runs Python alone.
+asks for another copy. There is one for runs of trains and one for the line simulator. One
+background process builds it; until it is ready, programs run the sources. VOBC_NATIVE chooses: `on`
+(default) builds in the background, `wait` waits for the build, `wire` uses C for codec, bus and
+logs only, and `off` runs Python alone.
 """
 
 import enum
@@ -15,7 +16,7 @@ import platform
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -29,10 +30,17 @@ PACKAGES: Final = (
 )
 BUILT: Final = (".so", ".pyc")
 FOLDER: Final = "copies"
-FORMAT: Final = b"1"
+FORMAT: Final = b"2"
 """Changes when the same sources are compiled in another way."""
 EXIT_USAGE: Final = 2
 ENTER: Final = "import sys; from metro_hil.cli.entry import {name}; sys.exit({name}())"
+
+
+class Part(enum.Enum):
+    """Parts of the programs for which there are copies."""
+
+    TRAIN = "train"
+    SIMULATOR = "simulator"
 
 
 class Native(enum.Enum):
@@ -73,9 +81,9 @@ def copies_folder() -> Path:
     return folder
 
 
-def sources_key(folders: dict[str, Path]) -> str:
-    """Return the name of the copy for these sources and this Python."""
-    digest = hashlib.sha256(FORMAT)
+def sources_key(folders: Mapping[str, Path], part: Part) -> str:
+    """Return the name of the copy for these sources, this part of them, and this Python."""
+    digest = hashlib.sha256(FORMAT + part.value.encode())
     python = (sys.version, sysconfig.get_config_var("EXT_SUFFIX"), platform.machine())
     digest.update(repr(python).encode())
     for name, folder in sorted(folders.items()):
@@ -91,10 +99,10 @@ def _files(folder: Path) -> Iterator[Path]:
         yield from (Path(place) / name for name in sorted(names) if not name.endswith(BUILT))
 
 
-def ready_copy() -> Path | None:
+def ready_copy(part: Part = Part.TRAIN) -> Path | None:
     """Return the packages of the copy that fits the sources; None until it is built."""
     try:
-        library = copies_folder() / sources_key(package_folders()) / "lib"
+        library = copies_folder() / sources_key(package_folders(), part) / "lib"
         if not library.is_dir():
             return None
         os.utime(library)
@@ -137,7 +145,7 @@ def failure_file(key: str) -> Path:
     return copies_folder() / f"{key}.failed"
 
 
-def prepare(program: str, *, choice: Native | None = None) -> Path | None:
+def prepare(program: str, *, part: Part = Part.TRAIN, choice: Native | None = None) -> Path | None:
     """Return the copy if it is ready; else start its build or, if the user asked so, wait for it.
 
     A build that failed is not tried again before the sources change.
@@ -145,43 +153,51 @@ def prepare(program: str, *, choice: Native | None = None) -> Path | None:
     choice = choice or native_choice()
     if choice in (Native.OFF, Native.WIRE):
         return None
-    library = ready_copy()
+    library = ready_copy(part)
     if library is not None or missing_tools():
         return library
+    name = "simulator" if part is Part.SIMULATOR else "controller"
     try:
-        if failure_file(sources_key(package_folders())).exists():
+        if failure_file(sources_key(package_folders(), part)).exists():
             return None
         if choice is Native.WAIT:
-            print(f"{program}: waiting for the compiled controller", file=sys.stderr, flush=True)
-            subprocess.run(_builder("--wait"), check=False, env=_environment())
-            return ready_copy()
+            print(f"{program}: waiting for the compiled {name}", file=sys.stderr, flush=True)
+            subprocess.run(_builder(part, "--wait"), check=False, env=_environment())
+            return ready_copy(part)
         if not being_built():
             print(
-                f"{program}: compiling the controller in the background; later runs are faster"
+                f"{program}: compiling the {name} in the background; later runs are faster"
                 f" ({SWITCH}=wire: never)",
                 file=sys.stderr,
                 flush=True,
             )
-            _start()
+            _start(part)
     except OSError:
         # Without a cache there is no copy; the sources do the same.
         return None
     return None
 
 
-def _builder(*options: str) -> list[str]:
-    return [sys.executable, "-m", "metro_tools.compiled", "--cached", *options]
+def worker_environment(environment: Mapping[str, str], library: Path | None) -> dict[str, str]:
+    """Environment of a worker that imports from the copy; unchanged if there is none."""
+    if library is None:
+        return dict(environment)
+    return {**environment, "PYTHONPATH": str(library), "PYTHONSAFEPATH": "1"}
+
+
+def _builder(part: Part, *options: str) -> list[str]:
+    return [sys.executable, "-m", "metro_tools.compiled", "--part", part.value, *options]
 
 
 def _environment() -> dict[str, str]:
     return {**os.environ, SWITCH: Native.WIRE.value}
 
 
-def _start() -> None:
+def _start(part: Part) -> None:
     """Start the build in a session of its own, which outlives this program and its terminal."""
     silent = subprocess.DEVNULL
     subprocess.Popen(
-        _builder(),
+        _builder(part),
         stdin=silent,
         stdout=silent,
         stderr=silent,
@@ -190,9 +206,9 @@ def _start() -> None:
     )
 
 
-def enter(program: str) -> None:
+def enter(program: str, part: Part = Part.TRAIN) -> None:
     """Go on in the copy if it is ready: this process becomes the same program there."""
-    library = prepare(program)
+    library = prepare(program, part=part)
     if library is None:
         return
     paths = [str(library), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -213,7 +229,7 @@ def controller_text() -> str:
     if lack := missing_tools():
         return f"Python ({lack})"
     try:
-        failed = failure_file(sources_key(package_folders()))
+        failed = failure_file(sources_key(package_folders(), Part.TRAIN))
         if failed.exists():
             return f"Python (the build failed: {failed})"
         return "Python, compiled in the background" if being_built() else "Python, not compiled yet"

@@ -3,7 +3,6 @@
 A worker imports only from these copies, never from the checkout or a compiled copy.
 """
 
-import importlib
 import os
 import shutil
 from collections.abc import Mapping
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from metro_hil.engine.local_pool import ONE_THREAD
-from metro_hil.model.compiled_copy import PACKAGES
+from metro_hil.model.native_copy import package_folders
 from metro_hil.sensitivity.mutants import ControllerMutant, mutated_source
 
 MUTATED: Final = "METRO_MUTATED"
@@ -27,10 +26,7 @@ class Overlays:
         """Copy the packages from which this process runs, without compiled modules."""
         self._folder = folder
         self.true = folder / TRUE
-        for name in PACKAGES:
-            module = importlib.import_module(name)
-            assert module.__file__ is not None
-            source = Path(module.__file__).parent
+        for name, source in package_folders().items():
             shutil.copytree(source, self.true / name, ignore=shutil.ignore_patterns(COMPILED))
 
     def true_environment(self, environment: Mapping[str, str]) -> dict[str, str]:

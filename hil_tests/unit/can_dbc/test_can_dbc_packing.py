@@ -1,11 +1,9 @@
 """Fields of every shape between a frame and its bits, against hand calculations."""
 
 import enum
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -14,7 +12,7 @@ from can_dbc import dbc_file
 from can_dbc.agreement import FieldLayout, layouts
 from can_dbc.binding import frame
 from can_dbc.odometer import Doppler
-from can_dbc.packing import WRITTEN, EncodeError, invalid_values, packer, unpacker, value_table
+from can_dbc.packing import EncodeError, invalid_values, packer, unpacker, value_table
 
 ODD = """
 VERSION ""
@@ -188,18 +186,3 @@ def nothing_made() -> Iterator[None]:
     yield
     for made in (packer, unpacker):
         made.cache_clear()
-
-
-@pytest.mark.usefixtures("nothing_made")
-def test_generated_functions_are_used_and_missing_ones_created(
-    odd: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As in the compiled copy, both functions exist for one frame and none for another."""
-    module: Any = ModuleType(WRITTEN)
-    module.FUNCTIONS = {("pack", odd): lambda _frame: 4711, ("unpack", odd): lambda _bits: "odd"}
-    monkeypatch.setitem(sys.modules, WRITTEN, module)
-
-    assert packer(odd)(Odd(5, 0, 10, 0, 0, Gear.NEUTRAL, slipping=False)) == 4711
-    assert unpacker(odd)(0) == "odd"
-    doppler = Doppler(1.5, 50.0, healthy=True)
-    assert unpacker(Doppler)(packer(Doppler)(doppler)) == doppler

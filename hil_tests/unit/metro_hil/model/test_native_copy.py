@@ -11,9 +11,17 @@ import pytest
 
 from metro_hil.cli.vobc import main
 from metro_hil.model import native_copy
-from metro_hil.model.native_copy import Native, prepare, ready_copy, sources_key
+from metro_hil.model.native_copy import (
+    Native,
+    Part,
+    package_folders,
+    prepare,
+    ready_copy,
+    sources_key,
+    worker_environment,
+)
 from metro_tools import compiled
-from metro_tools.compiled import HOT, LOCKSTEP, CompileError, build_cached, hot_modules
+from metro_tools.compiled import MODULES, QUICK, CompileError, build, hot_modules, units
 
 
 @pytest.fixture
@@ -34,9 +42,8 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def marked(library: Path, level: str, *, lockstep: bool) -> None:
-    assert lockstep
-    (library / "metro_hil" / "one.so").write_text(level)
+def marked(library: Path, part: Part) -> None:
+    (library / "metro_hil" / "one.so").write_text(part.value)
 
 
 def started(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
@@ -51,7 +58,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
 def test_a_build_makes_the_copy_of_these_sources_and_no_other(sources: Path) -> None:
     assert ready_copy() is None
 
-    assert build_cached(wait=False) == 0
+    assert build(Part.TRAIN, wait=False) == 0
 
     library = ready_copy()
     assert library is not None
@@ -63,22 +70,22 @@ def test_a_build_makes_the_copy_of_these_sources_and_no_other(sources: Path) -> 
 
 def test_the_key_depends_on_names_and_contents_but_not_on_built_files(sources: Path) -> None:
     folders = {"metro_hil": sources}
-    before = sources_key(folders)
+    before = sources_key(folders, Part.TRAIN)
 
     (sources / "__pycache__").mkdir()
     (sources / "__pycache__" / "one.cpython-311.pyc").write_bytes(b"x")
     (sources / "one.so").write_bytes(b"x")
-    assert sources_key(folders) == before
+    assert sources_key(folders, Part.TRAIN) == before
     (sources / "one.py").rename(sources / "other.py")
-    assert sources_key(folders) != before
+    assert sources_key(folders, Part.TRAIN) != before
 
 
 def test_the_copy_has_the_same_key_as_its_sources(sources: Path) -> None:
-    build_cached(wait=False)
+    build(Part.TRAIN, wait=False)
     library = ready_copy()
 
     assert library is not None
-    assert library.parent.name == sources_key({"metro_hil": library / "metro_hil"})
+    assert library.parent.name == sources_key({"metro_hil": library / "metro_hil"}, Part.TRAIN)
 
 
 def test_the_first_run_starts_one_build_and_says_so_once(
@@ -89,7 +96,7 @@ def test_the_first_run_starts_one_build_and_says_so_once(
     assert prepare("vobc") is None
 
     ((_, *words, options),) = found
-    assert words == ["-m", "metro_tools.compiled", "--cached"]
+    assert words == ["-m", "metro_tools.compiled", "--part", "train"]
     assert "'start_new_session': True" in options
     assert capsys.readouterr().err.count("\n") == 1
     with native_copy.build_lock(wait=False) as mine:
@@ -104,7 +111,7 @@ def test_the_user_can_refuse(
     choice: str, sources: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = started(monkeypatch)
-    build_cached(wait=False)
+    build(Part.TRAIN, wait=False)
     monkeypatch.setenv(native_copy.SWITCH, choice)
 
     assert prepare("vobc") is None
@@ -128,12 +135,12 @@ def test_a_wrong_choice_is_a_usage_error_that_lists_the_choices(
 def test_waiting_uses_the_copy_at_once(sources: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(native_copy.SWITCH, "wait")
 
-    def build(command: list[str], **options: Any) -> None:
+    def run_builder(command: list[str], **options: Any) -> None:
         assert command[-1] == "--wait"
         assert options["env"][native_copy.SWITCH] == "wire"
-        build_cached(wait=True)
+        build(Part.TRAIN, wait=True)
 
-    monkeypatch.setattr(subprocess, "run", build)
+    monkeypatch.setattr(subprocess, "run", run_builder)
 
     assert prepare("vobc") == ready_copy() is not None
 
@@ -141,41 +148,41 @@ def test_waiting_uses_the_copy_at_once(sources: Path, monkeypatch: pytest.Monkey
 def test_of_two_builds_at_once_one_compiles_and_the_waiting_one_finds_its_copy(
     sources: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls: list[str] = []
+    calls: list[Part] = []
     begun, go_on = threading.Event(), threading.Event()
 
-    def slow(library: Path, level: str, *, lockstep: bool) -> None:
-        calls.append(level)
+    def slow(library: Path, part: Part) -> None:
+        calls.append(part)
         begun.set()
         assert go_on.wait(30.0)
-        marked(library, level, lockstep=lockstep)
+        marked(library, part)
 
     monkeypatch.setattr(compiled, "compile_into", slow)
-    first = threading.Thread(target=build_cached, kwargs={"wait": False})
+    first = threading.Thread(target=build, args=(Part.TRAIN,), kwargs={"wait": False})
     first.start()
     assert begun.wait(30.0)
-    assert build_cached(wait=False) == 0
+    assert build(Part.TRAIN, wait=False) == 0
     assert ready_copy() is None
-    second = threading.Thread(target=build_cached, kwargs={"wait": True})
+    second = threading.Thread(target=build, args=(Part.TRAIN,), kwargs={"wait": True})
     second.start()
     go_on.set()
     first.join()
     second.join()
 
-    assert calls == ["1"]
+    assert calls == [Part.TRAIN]
     assert ready_copy() is not None
 
 
 def test_a_failed_build_is_not_tried_again_before_the_sources_change(
     sources: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def failing(library: Path, level: str, *, lockstep: bool) -> None:
+    def failing(library: Path, part: Part) -> None:
         raise CompileError("mypyc failed")
 
     found = started(monkeypatch)
     monkeypatch.setattr(compiled, "compile_into", failing)
 
-    assert compiled.main(["--cached"]) == 3
+    assert compiled.main([]) == 3
     assert prepare("vobc") is None
     assert found == []
     assert "the build failed" in native_copy.controller_text()
@@ -185,14 +192,14 @@ def test_a_failed_build_is_not_tried_again_before_the_sources_change(
 
 
 def test_parts_of_killed_builds_and_unused_copies_are_removed(sources: Path) -> None:
-    build_cached(wait=False)
+    build(Part.TRAIN, wait=False)
     old = ready_copy()
     assert old is not None
     (native_copy.copies_folder() / ".part.killed" / "lib").mkdir(parents=True)
     os.utime(old, (1.0, 1.0))
     (sources / "one.py").write_text("ONE = 4\n")
 
-    build_cached(wait=False)
+    build(Part.TRAIN, wait=False)
 
     left = [path for path in native_copy.copies_folder().iterdir() if path.is_dir()]
     new = ready_copy()
@@ -203,7 +210,7 @@ def test_parts_of_killed_builds_and_unused_copies_are_removed(sources: Path) -> 
 def test_a_run_becomes_the_same_program_in_the_copy(
     sources: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    build_cached(wait=False)
+    build(Part.TRAIN, wait=False)
     entered: list[tuple[list[str], dict[str, str]]] = []
     monkeypatch.setattr(os, "execve", lambda path, words, env: entered.append((words, env)))
     monkeypatch.setattr(sys, "argv", ["vobc", "run", "--lockstep", "--seed", "7"])
@@ -234,7 +241,7 @@ def test_the_version_says_how_runs_are_executed(
 ) -> None:
     monkeypatch.setenv(native_copy.SWITCH, "on")
     assert main(["--version", "-v"]) == 0
-    build_cached(wait=False)
+    build(Part.TRAIN, wait=False)
     assert main(["--version", "-v"]) == 0
 
     _, wire, before, _, _, after = capsys.readouterr().out.splitlines()
@@ -243,22 +250,67 @@ def test_the_version_says_how_runs_are_executed(
     assert after == "controller: compiled"
 
 
-def test_the_cached_copy_compiles_modules_whose_bytes_are_compared(checkout: Path) -> None:
-    """`test_compiled_copy` compares the bytes of a copy in which all hot modules are compiled."""
-    for pattern in LOCKSTEP:
-        assert hot_modules(checkout, [pattern]), pattern
-    assert {*hot_modules(checkout, LOCKSTEP)} <= {*hot_modules(checkout, HOT)}
-
-
-def test_setuptools_gets_a_compiler_that_is_a_python_package(
-    monkeypatch: pytest.MonkeyPatch,
+def test_the_parts_have_copies_of_their_own(
+    sources: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The linker of zig does not know the options that setuptools takes from this Python."""
-    monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr(compiled, "compiler", lambda: ("/my python", "-m", "ziglang", "cc"))
-    assert compiled.setuptools_compiler() == {
-        "CC": "'/my python' -m ziglang cc",
-        "LDSHARED": "'/my python' -m ziglang cc -shared",
+    found = started(monkeypatch)
+    build(Part.TRAIN, wait=False)
+
+    assert ready_copy(Part.SIMULATOR) is None
+    assert prepare("hil", part=Part.SIMULATOR) is None
+    assert found[0][1:5] == ["-m", "metro_tools.compiled", "--part", "simulator"]
+    assert "compiling the simulator in the background" in capsys.readouterr().err
+    assert compiled.main(["--part", "simulator", "--wait"]) == 0
+    assert capsys.readouterr().out == f"{ready_copy(Part.SIMULATOR)}\n"
+    assert ready_copy(Part.SIMULATOR) != ready_copy(Part.TRAIN)
+
+
+@pytest.mark.parametrize("patterns", [*MODULES.values(), QUICK])
+def test_every_pattern_of_hot_modules_matches(patterns: tuple[str, ...]) -> None:
+    folders = package_folders()
+
+    for pattern in patterns:
+        assert hot_modules(folders, [pattern]), pattern
+    assert "zenoh_config/sessions.py" not in hot_modules(folders, patterns)
+
+
+def test_c_files_are_compiled_in_units_and_only_some_are_optimised(tmp_path: Path) -> None:
+    names = {"__native_vobc___one.c": 5, "__native_vobc___two.c": 4, "__native_vobc___wide.c": 9}
+    sources = [tmp_path / name for name in (*names, "__native_0a.c")]
+    for path in sources:
+        path.write_bytes(b"x" * names.get(path.name, 1))
+
+    found = units(sources, {"vobc/wide"}, unit_bytes=6)
+
+    assert [(quick, [path.stem[9:] for path in paths]) for quick, paths in found] == [
+        (True, ["vobc___wide"]),
+        (False, ["vobc___one"]),
+        (False, ["vobc___two", "0a"]),
+    ]
+
+
+def test_modules_with_equal_last_names_start_in_different_libraries() -> None:
+    names = ["can_dbc.codec", "vobc.wire.frames", "zenoh_config.codec"]
+
+    assert compiled.without_equal_last_names(names) == [names[:2], names[2:]]
+
+
+def test_a_failed_step_of_the_build_names_the_program_and_its_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, c_compiler: str
+) -> None:
+    (tmp_path / "bad.c").write_text("int x = ;\n")
+    with pytest.raises(CompileError, match=r"(?s)failed:.*bad.c:1.*error"):
+        compiled._run_compiler(tmp_path, ["-c", "bad.c", "-o", "bad.o"])
+
+    monkeypatch.setattr(compiled, "GENERATE", "raise SystemExit({modules!r})")
+    with pytest.raises(CompileError, match=r"mypyc failed:\n\['vobc/one.py'\]"):
+        compiled._generated(tmp_path, ["vobc/one.py"])
+
+
+def test_a_worker_imports_from_the_copy_only(tmp_path: Path) -> None:
+    assert worker_environment({"HOME": "x"}, tmp_path) == {
+        "HOME": "x",
+        "PYTHONPATH": str(tmp_path),
+        "PYTHONSAFEPATH": "1",
     }
-    monkeypatch.setattr(compiled, "compiler", lambda: ("/usr/bin/cc",))
-    assert compiled.setuptools_compiler() == {}
+    assert worker_environment({"HOME": "x"}, None) == {"HOME": "x"}
