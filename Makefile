@@ -11,7 +11,6 @@ FUZZ_ARGS ?=
 SIMULATE_ARGS ?= --hours 10000 --workers 2 --journal runs/simulate.jsonl
 EXPLORE_ARGS ?=
 BREAK_ARGS ?=
-COMPILED_ARGS ?=
 PYTHON ?=
 DOCUMENTS ?=
 
@@ -53,7 +52,7 @@ run: $(READY_TO_RUN) ## bring up a bus and run from one station to the next; RUN
 	exit $$status
 
 test: $(READY_TO_TEST) ## run all tests; PYTEST_ARGS="-k name"
-	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) $(PYTEST_ARGS)
+	VOBC_NATIVE=$${VOBC_NATIVE:-on} $(BIN)/python -m pytest -n $(PYTEST_WORKERS) $(PYTEST_ARGS)
 
 test-kernels: $(READY_TO_TEST) ## run the guest's tests on each of its three kernels; PYTEST_ARGS="-k name"
 	@for kernel in stock newer qemu; do \
@@ -133,9 +132,9 @@ bench-t2t: $(READY_TO_TEST) ## measure the takeover after masters are killed or 
 	$(BIN)/python -m metro_hil.line.failover_trial --fault none --trains 8 $(BENCH_ARGS)
 	$(BIN)/python -m metro_hil.line.sessions
 
-simulate: compiled ## simulate trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
+simulate: $(READY_TO_TEST) ## simulate trains that command themselves under random faults, 10,000 hours; SIMULATE_ARGS=...
 	@mkdir -p runs
-	.compiled/bin/hil simulate $(SIMULATE_ARGS)
+	VOBC_NATIVE=wait $(BIN)/hil simulate $(SIMULATE_ARGS)
 
 break: $(READY_TO_TEST) ## check that random kills and full disks do not change the reports of campaigns; BREAK_ARGS=...
 	unshare --map-root-user --mount $(BIN)/python -m metro_hil.engine.kill_trial --kills 30 --full-disks 10 \
@@ -145,7 +144,8 @@ explore: $(READY_TO_TEST) ## check every schedule of two trains and their arbite
 	$(BIN)/python -m metro_hil.simulation.model_check $(EXPLORE_ARGS)
 
 bench-simulator: compiled ## measure simulator, failover and headway in virtual time; BENCH_ARGS=...
-	PYTHONSAFEPATH=1 PYTHONPATH=$(CURDIR)/.compiled/lib $(BIN)/python -m metro_hil.benchmarks.simulator $(BENCH_ARGS)
+	PYTHONSAFEPATH=1 PYTHONPATH=$$($(BIN)/python -m metro_tools.compiled --part simulator --wait) \
+		$(BIN)/python -m metro_hil.benchmarks.simulator $(BENCH_ARGS)
 
 docs: $(READY_TO_TEST) ## write tables, pages and pictures of the documents; fails if figures are older than the code
 	@# Stops if the current code gives other figures; `make figures` measures them again.
@@ -176,8 +176,9 @@ format: $(READY_TO_TEST) ## format and fix the code with ruff
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-compiled: $(READY_TO_TEST) ## create a copy of the programs with compiled hot modules in .compiled; COMPILED_ARGS=--trained
-	$(BIN)/python -m metro_tools.compiled $(COMPILED_ARGS)
+compiled: $(READY_TO_TEST) ## compile controller, train and simulator now and not in the background of a run
+	$(BIN)/python -m metro_tools.compiled --part train --wait
+	$(BIN)/python -m metro_tools.compiled --part simulator --wait
 
 clean: ## remove caches and build results; runs/ and .venv stay
 	rm -rf build dist site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -15,6 +15,7 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 from hil_tests.guest_rig import Guest
+from metro_hil.model.native_copy import prepare
 from metro_tools.browser import NAMES, Browser, browser_path
 
 os.environ.setdefault("VOBC_NATIVE", "wire")
@@ -132,13 +133,15 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     return (yield)
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Refuse to run without asserts, because the tests and the programs' own checks consist of
-    them."""
+    them. Start the build of the compiled copy if the caller wants it, before the workers."""
     if not __debug__:
         raise pytest.UsageError(
             "the tests will not run under `python -O`: it removes their asserts"
         )
+    if not hasattr(config, "workerinput"):
+        prepare("make test")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
