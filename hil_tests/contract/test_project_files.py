@@ -1,6 +1,7 @@
 """Rules for every file of the project: size, first sentence, and no trace of a single machine."""
 
 import ast
+import functools
 import re
 import subprocess
 import tomllib
@@ -49,6 +50,12 @@ def texts() -> Iterator[tuple[str, str]]:
 PYTHON_FILES: Final = [path for path in tracked() if path.suffix == ".py"]
 
 
+@functools.cache
+def trees() -> dict[Path, ast.Module]:
+    """The syntax trees of all Python files."""
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in PYTHON_FILES}
+
+
 def test_git_tracks_files() -> None:
     assert len(PYTHON_FILES) > 50
 
@@ -83,9 +90,8 @@ def test_the_search_finds_the_patterns() -> None:
 def test_every_module_has_a_docstring() -> None:
     mute = [
         str(path.relative_to(ROOT))
-        for path in PYTHON_FILES
-        if (tree := ast.parse(path.read_text(encoding="utf-8"))).body
-        and not ast.get_docstring(tree)
+        for path, tree in trees().items()
+        if tree.body and not ast.get_docstring(tree)
     ]
 
     assert mute == []
@@ -102,8 +108,8 @@ def test_long_modules_are_reported() -> None:
 def test_no_function_is_too_long() -> None:
     long = [
         f"{path.relative_to(ROOT)}:{node.lineno}: {node.name}"
-        for path in PYTHON_FILES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for path, tree in trees().items()
+        for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and (node.end_lineno or node.lineno) - node.lineno + 1 > FUNCTION_LINES_MAX
     ]
@@ -114,11 +120,11 @@ def test_no_function_is_too_long() -> None:
 def test_no_public_class_name_is_used_twice() -> None:
     """One name means one thing in the whole product; tests may name their rigs freely."""
     places: dict[str, list[str]] = {}
-    for path in PYTHON_FILES:
+    for path, tree in trees().items():
         where = path.relative_to(ROOT)
         if where.parts[0] == "hil_tests" and where.parts[1] != "metro_hil":
             continue
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places.setdefault(node.name, []).append(str(where))
 
