@@ -3,16 +3,24 @@
 """
 
 import fnmatch
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Final
 
 from canlog.damage import LogError
-from canlog.stats_rows import BUS_NUMBERS, MESSAGE_NUMBERS, Row
+from canlog.stats_rows import BUS_NUMBERS, MESSAGE_NUMBERS, TRANSPORT_NUMBERS, Row
 from firmware_py.expression import Expression, ExpressionError, compile_expression
 
 LOG_NUMBERS = ("damaged", "absent")
 """Numbers of the log itself for rules: unreadable places, and cyclic messages that never came."""
+NUMBERS: Final = {
+    "message": MESSAGE_NUMBERS,
+    "bus": BUS_NUMBERS,
+    "reassembled message": TRANSPORT_NUMBERS,
+    "log": LOG_NUMBERS,
+}
+"""Numbers that a rule may name, by what it judges."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +34,8 @@ class FailRule:
 
     @property
     def scope(self) -> str:
-        """What the rule judges: message, bus or log."""
-        if self.expression.names & set(MESSAGE_NUMBERS):
-            return "message"
-        return "bus" if self.expression.names & set(BUS_NUMBERS) else "log"
+        """What the rule judges."""
+        return next(scope for scope, names in NUMBERS.items() if self.expression.names & set(names))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +56,14 @@ def parse_rule(text: str) -> FailRule:
     only, colon, expression = text.partition(":")
     if not colon:
         only, expression = "*", text
-    allowed = (*MESSAGE_NUMBERS, *BUS_NUMBERS, *LOG_NUMBERS)
+    allowed = tuple(name for names in NUMBERS.values() for name in names)
     try:
         compiled = compile_expression(expression.strip(), allowed)
     except ExpressionError as error:
         raise LogError(f"--fail-on {error}") from error
-    kinds = (MESSAGE_NUMBERS, BUS_NUMBERS, LOG_NUMBERS)
-    if sum(bool(compiled.names & set(each)) for each in kinds) != 1:
-        raise LogError(f"--fail-on {text!r}: name numbers of messages, of buses or of the log")
+    if sum(bool(compiled.names & set(names)) for names in NUMBERS.values()) != 1:
+        kinds = "of messages, of buses, of reassembled messages or of the log"
+        raise LogError(f"--fail-on {text!r}: name numbers {kinds}")
     return FailRule(text, only.strip(), compiled)
 
 
@@ -72,15 +78,25 @@ class Judged:
     """Number of absent messages; None if no DBC file requires a message."""
     never: Sequence[Row] = ()
     """Rows of cyclic messages that never came; see `absent_rows`."""
+    transport: Sequence[Row] = ()
+    """Rows of reassembled messages; see `transport_rows`."""
 
     def rows(self, rule: FailRule) -> list[tuple[str, Row]]:
         """Return the rows that a rule applies to, each with its name."""
         whole = [{"channel": "log", "damaged": self.damaged, "absent": self.absent}]
-        rows = {"message": [*self.messages, *self.never], "bus": self.buses, "log": whole}[
-            rule.scope
-        ]
-        named = ((str(row.get("message", row["channel"])), row) for row in rows)
+        rows: Mapping[str, Sequence[Row]] = {
+            "message": [*self.messages, *self.never],
+            "bus": self.buses,
+            "reassembled message": self.transport,
+            "log": whole,
+        }
+        named = ((_named(row), row) for row in rows[rule.scope])
         return [(who, row) for who, row in named if fnmatch.fnmatchcase(who, rule.only)]
+
+
+def _named(row: Row) -> str:
+    """Return the name of a row: of its message, else its identifier, else its channel."""
+    return str(row.get("message") or row.get("id") or row["channel"])
 
 
 def broken(rules: Sequence[FailRule], judged: Judged) -> list[Broken]:

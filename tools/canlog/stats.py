@@ -1,6 +1,6 @@
 """Statistics of a log, gathered block by block: of each message, its signals, and the bus."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -13,12 +13,17 @@ from canlog.declared import Follower
 from canlog.frames import BRS, ERROR, FD, REMOTE, Frames, Ints
 from canlog.gaps import Gaps
 from canlog.plan import DecodingPlan, Payloads, physical_of, signed_raw
-from canlog.table import Groups
+from canlog.table import Groups, table_of
+from canlog.transport.counts import TransportStats, by_sender, message_key, sender_stats
+from canlog.transport.messages import Messages, TransportStatus
+from canlog.transport.reassembly import Reassembler, options_for
 from canlog.verdict import CODES, REASONS, Judge
 from canlog.verdict_codes import JUDGED_BUS, UNCONFIRMED
 
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
+REASSEMBLED: Final = 1 << 32
+"""Added to the key of a message that is reassembled from several frames."""
 WINDOW_NS: Final = 100 * NS_PER_MS
 """Window over which the peak bus load is measured: 100 ms."""
 
@@ -59,6 +64,7 @@ class MessageStats:
 
     channel: str
     key: int
+    """Key of its frames; REASSEMBLED is added if it consists of several."""
     name: str
     spec: MessageSpec | None
     gaps: Gaps
@@ -135,6 +141,9 @@ class Statistics:
         self.data_baudrate = data_baudrate or bus.data_baudrate or self.baudrate
         self.messages: dict[tuple[str, int], MessageStats] = {}
         self.buses: dict[str, BusStats] = {}
+        self.transport: dict[tuple[str, int, int], TransportStats] = {}
+        """Reassembled messages by channel, key and parameter group."""
+        self._reassembler = Reassembler(options_for(bus))
         self._judge = Judge() if bus.name == JUDGED_BUS else None
 
     @property
@@ -153,6 +162,7 @@ class Statistics:
         self._late()
         for key, channel in groups.places:
             self._feed_message(channel, key, groups, nominal, fast, code)
+        self._feed_transport(self._reassembler.feed(frames))
 
     def _feed_buses(self, frames: Frames, nominal: Any, fast: Any) -> None:
         for number, channel in enumerate(frames.channels):
@@ -174,12 +184,12 @@ class Statistics:
         found = self.messages.get((channel, key))
         if found is None:
             bus = self.bus.on(channel)
-            spec = bus.spec_at(key)
+            spec = bus.spec_at(key & ~REASSEMBLED)
             gaps = Gaps(
                 spec.period_ms * NS_PER_MS if spec else 0,
                 spec.timeout_ms * NS_PER_MS if spec else 0,
             )
-            found = MessageStats(channel, key, bus.name_of(key), spec, gaps)
+            found = MessageStats(channel, key, bus.name_of(key & ~REASSEMBLED), spec, gaps)
             if spec is not None:
                 found.plan = DecodingPlan(spec)
                 found.follower = None if self.judged else Follower(spec, found.plan)
@@ -212,15 +222,30 @@ class Statistics:
         if one.plan is None or one.spec is None:
             self.buses[channel].unknown_frames += len(rows)
             return
-        payloads = groups.payloads(key, channel=channel)
-        if payloads.shortest < one.spec.length:
-            one.short += int((payloads.length < one.spec.length).sum())
-        if one.follower is not None:
-            one.follower.feed(payloads, at_ns)
-        undefined = one.plan.undefined(payloads)
-        one.undefined += int(undefined.sum()) if undefined is not None else 0
-        for name, seen in one.signals.items():
-            _feed_range(one.plan, name, seen, payloads)
+        _feed_values(one, groups.payloads(key, channel=channel), at_ns)
+
+    def _feed_transport(self, parts: Sequence[Messages]) -> None:
+        for found in parts:
+            for place, rows in by_sender(found):
+                one = self.transport.get(place)
+                if one is None:
+                    one = self.transport[place] = sender_stats(self.bus, *place)
+                one.feed(found, rows)
+                whole = rows[found.status[rows] == TransportStatus.WHOLE]
+                if one.spec is not None and len(whole):
+                    frames = np.diff(found.row_ends, prepend=0)[whole]
+                    self.buses[one.channel].unknown_frames -= int(frames.sum())
+                    self._feed_reassembled(one, found, whole)
+
+    def _feed_reassembled(self, sender: TransportStats, found: Messages, rows: Ints) -> None:
+        """Add whole messages that a DBC file defines to the statistics of that message."""
+        assert sender.spec is not None
+        one = self._message(sender.channel, REASSEMBLED | message_key(sender.spec, sender.key))
+        one.frames += len(rows)
+        at_ns = found.at_ns[rows]
+        one.gaps.feed(at_ns)
+        data = [found.payload(at) for at in rows.tolist()]
+        _feed_values(one, table_of(sender.spec, data).payloads, at_ns)
 
     def _late(self) -> None:
         """Correct the verdicts of pair halves in earlier blocks, which the last block has
@@ -237,10 +262,13 @@ class Statistics:
         """Finish after the last block: count lost frames, and messages that ended before the
         log.
         """
+        self._feed_transport(self._reassembler.finish())
         for (channel, key), one in self.messages.items():
             one.gaps.finish(self.buses[channel].last_ns)
             if self._judge is not None:
                 one.lost = self._judge.lost.get(key, 0)
+        for sender in self.transport.values():
+            sender.gaps.finish(self.buses[sender.channel].last_ns)
 
 
 def gather(blocks: Iterable[Frames], bus: Bus, **rates: int) -> Statistics:
@@ -250,6 +278,19 @@ def gather(blocks: Iterable[Frames], bus: Bus, **rates: int) -> Statistics:
         found.feed(block)
     found.finish()
     return found
+
+
+def _feed_values(one: MessageStats, payloads: Payloads, at_ns: Ints) -> None:
+    assert one.spec is not None
+    assert one.plan is not None
+    if payloads.shortest < one.spec.length:
+        one.short += int((payloads.length < one.spec.length).sum())
+    if one.follower is not None:
+        one.follower.feed(payloads, at_ns)
+    undefined = one.plan.undefined(payloads)
+    one.undefined += int(undefined.sum()) if undefined is not None else 0
+    for name, seen in one.signals.items():
+        _feed_range(one.plan, name, seen, payloads)
 
 
 def _feed_lengths(one: MessageStats, flags: Any, length: Any) -> None:

@@ -8,7 +8,9 @@ from canlog.database import MessageSpec
 from canlog.frames import BRS, CLASSIC_BYTES, FD, FD_BYTES, FD_LENGTHS, KEY_EXTENDED
 from canlog.gaps import Gaps
 from canlog.latency import Cyclic, longest_bits, longest_fd_bits, response_ns
-from canlog.stats import NS_PER_MS, NS_PER_S, BusStats, MessageStats, Statistics
+from canlog.stats import NS_PER_MS, NS_PER_S, REASSEMBLED, BusStats, MessageStats, Statistics
+from canlog.transport.counts import addresses
+from canlog.transport.reassembly import carries_parts
 
 COUNTER: Final = (Reason.STUCK_COUNTER, Reason.JUMPED_COUNTER)
 TWIN: Final = (Reason.TWIN_MISMATCH, Reason.TWIN_TIMEOUT)
@@ -28,6 +30,11 @@ BUS_NUMBERS: Final = (
     *("fd_frames", "unknown_frames", "bus_backwards", "span_s"),
 )
 """Numbers of a bus that rules may name."""
+TRANSPORT_NUMBERS: Final = (
+    *("messages", "incomplete", "parts", "bytes_min", "bytes_max"),
+    *("interval_ms_p50", "interval_ms_max"),
+)
+"""Numbers of the reassembled messages of a sender that rules may name."""
 
 Row = dict[str, Any]
 
@@ -54,7 +61,7 @@ def _message_row(
         "known": int(one.spec is not None),
         "frames": one.frames,
         "rate_hz": round(one.frames / span_s, 3) if span_s else 0.0,
-        "load_ratio": round(one.bits / found.baudrate / span_s, 6) if span_s else 0.0,
+        "load_ratio": _load_ratio(one, found, span_s),
         **_gap_numbers(gaps),
         **_verdict_numbers(one, judged=found.judged),
         "short": one.short,
@@ -62,6 +69,42 @@ def _message_row(
         "out_of_range": sum(signal.out_of_range for signal in one.signals.values()),
         "latency_ms": latency_ms,
     }
+
+
+def _load_ratio(one: MessageStats, found: Statistics, span_s: float) -> float | None:
+    """Return the share of the bus; None for reassembled messages, whose frames count elsewhere."""
+    if one.key & REASSEMBLED:
+        return None
+    return round(one.bits / found.baudrate / span_s, 6) if span_s else 0.0
+
+
+def transport_rows(found: Statistics) -> list[Row]:
+    """Return one row per sender of reassembled messages, with all of TRANSPORT_NUMBERS."""
+    rows = []
+    for place, one in sorted(found.transport.items()):
+        _, key, group = place
+        source, destination = addresses(key)
+        rows.append(
+            {
+                "channel": one.channel,
+                "id": _id_text(key),
+                "message": one.name,
+                "protocol": "isotp" if group < 0 else "j1939",
+                "pgn": None if group < 0 else group,
+                "source": source,
+                "destination": destination,
+                "messages": one.whole,
+                "incomplete": sum(one.incomplete.values()),
+                "parts": one.frames,
+                "bytes_min": one.shortest if one.whole else None,
+                "bytes_max": one.longest if one.whole else None,
+                "interval_ms_p50": one.gaps.percentile_us(50) / 1000 if one.gaps.count else None,
+                "interval_ms_max": one.gaps.most_ns / NS_PER_MS if one.gaps.count else None,
+                "reasons": {why.name.lower(): n for why, n in sorted(one.incomplete.items())},
+                "services": dict(sorted(one.services.items())),
+            }
+        )
+    return rows
 
 
 def _verdict_numbers(one: MessageStats, *, judged: bool) -> Mapping[str, Any]:
@@ -101,6 +144,9 @@ def unjudged(found: Statistics) -> list[Row]:
     rows = []
     for one in sorted(found.messages.values(), key=lambda each: (each.channel, each.key)):
         why: dict[str, str] = {}
+        if one.spec is None and found.bus.on(one.channel).by_group and carries_parts(one.key):
+            # Frames of J1939 transport; each reassembled message is judged by itself.
+            continue
         if one.spec is None:
             why["signals, cycle time, counter, CRC"] = "no DBC file defines the identifier"
         else:
@@ -241,7 +287,11 @@ def latencies_ms(found: Statistics, channel: str) -> dict[str, float | None]:
     """
     bit_ns = NS_PER_S // found.baudrate
     known = sorted(
-        (one for one in found.messages.values() if one.channel == channel),
+        (
+            one
+            for one in found.messages.values()
+            if one.channel == channel and not one.key & REASSEMBLED
+        ),
         key=lambda one: _priority(one.key),
     )
     messages = []
@@ -276,4 +326,5 @@ def _priority(key: int) -> tuple[int, int, int]:
 
 
 def _id_text(key: int) -> str:
+    key &= ~REASSEMBLED
     return f"{key & ~KEY_EXTENDED:08X}" if key & KEY_EXTENDED else f"{key:03X}"

@@ -394,7 +394,10 @@ def test_a_rule_breaks_for_every_message_that_it_is_true_of() -> None:
     [
         ("mising > 0", "unknown signal mising; nearest: missing"),
         ("missing", None),
-        ("missing > bus_frames", "name numbers of messages, of buses or of the log"),
+        (
+            "missing > bus_frames",
+            "name numbers of messages, of buses, of reassembled messages or of the log",
+        ),
         ("1 > 0", "name numbers"),
         ("__import__('os')", "only abs, min, max"),
     ],

@@ -96,6 +96,16 @@ def uds_text(data: bytes) -> str:
     return ""
 
 
+def service_name(head: int) -> str:
+    """Return the service that the first byte of a message names."""
+    if head == NEGATIVE:
+        return "refused"
+    if head in SERVICES:
+        return SERVICES[head]
+    response = SERVICES.get(head - RESPONSE)
+    return f"{response} response" if response else f"service {head:02X}"
+
+
 def _detail(code: int, data: bytes) -> str:
     if code in WITH_IDENTIFIER and len(data) >= 3:
         return f" {data[1]:02X}{data[2]:02X}"

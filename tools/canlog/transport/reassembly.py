@@ -7,7 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from canlog.frames import Bools, Bytes, Frames, Ints, concat, empty
+from canlog.bus_model import Bus
+from canlog.frames import KEY_EXTENDED, Bools, Bytes, Frames, Ints, concat, empty
 from canlog.transport.messages import Messages, TransportKind, TransportStatus
 
 NS_PER_MS: Final = 1_000_000
@@ -31,6 +32,8 @@ SINGLE, FIRST, CONSECUTIVE = 0, 1, 2
 DIAGNOSTIC_FORMATS: Final = (0xDA, 0xDB)
 """PDU formats of normal fixed addressing: to one node, to all."""
 DIAGNOSTIC_IDS: Final = (0x700, 0x7FF)
+OBD_IDS: Final = range(0x7DF, 0x7F0)
+"""Identifiers that ISO 15765-4 reserves for diagnosis; a DBC file may define them, too."""
 LENGTH_MAX: Final = 1 << 24
 """Length from which a first frame is taken as invalid."""
 BAD: Final = -1
@@ -44,8 +47,18 @@ class TransportOptions:
     isotp: bool = True
     isotp_keys: tuple[int, ...] = ()
     """Keys that carry ISO-TP; empty for the usual diagnostic identifiers."""
+    not_isotp: tuple[int, ...] = ()
+    """Keys among the usual ones that carry other messages."""
     address_bytes: int = 0
     """Bytes of an extended address before the ISO-TP data of each frame."""
+
+
+def options_for(bus: Bus) -> TransportOptions:
+    """Return both protocols, without ISO-TP on identifiers that the DBC files define otherwise."""
+    low, high = DIAGNOSTIC_IDS
+    keys = {key for each in (bus, *bus.by_channel.values()) for key in each.by_key}
+    defined = (key for key in keys if low <= key <= high and key not in OBD_IDS)
+    return TransportOptions(not_isotp=tuple(sorted(defined)))
 
 
 _Way = tuple[str, Callable[[Frames], Bools], "Callable[[Frames, Ints], _Segmented]"]
@@ -100,10 +113,17 @@ class Reassembler:
         form = key >> np.uint32(16) & np.uint32(0xFF)
         fixed = (key >> np.uint32(31) != 0) & np.isin(form, DIAGNOSTIC_FORMATS)
         there &= ((key >= low) & (key <= high)) | fixed
+        if options.not_isotp:
+            there &= ~np.isin(key, np.array(options.not_isotp, np.uint32))
         return there
 
     def _isotp(self, frames: Frames, numbers: Ints) -> "_Segmented":
         return _IsoTp(frames, numbers, self._options.address_bytes)
+
+
+def carries_parts(key: int) -> bool:
+    """Whether frames of a key belong to the transport protocols of J1939."""
+    return bool(key & KEY_EXTENDED) and key >> 16 & 0xFF in J1939_FORMATS
 
 
 def is_j1939_transport(frames: Frames) -> Bools:

@@ -1,10 +1,10 @@
 """Reassembled J1939 messages as tables of the signals that the DBC files define."""
 
 from canlog.bus_model import Bus, LogPart, MessageSpec
-from canlog.frames import KEY_EXTENDED, Frames
+from canlog.frames import Frames
 from canlog.table import Table, table_of
 from canlog.transport.messages import Messages, TransportStatus
-from canlog.transport.reassembly import J1939_FORMATS, Reassembler, TransportOptions
+from canlog.transport.reassembly import Reassembler, TransportOptions, carries_parts
 
 
 class LongTables:
@@ -20,8 +20,7 @@ class LongTables:
 
     def carries(self, key: int) -> bool:
         """Whether frames of a key are only parts of messages."""
-        form = key >> 16 & 0xFF
-        return self._reassembler is not None and key >= KEY_EXTENDED and form in J1939_FORMATS
+        return self._reassembler is not None and carries_parts(key)
 
     def feed(self, frames: Frames) -> dict[LogPart, Table]:
         """Return the messages that end in the next block."""

@@ -24,6 +24,7 @@ from canlog.stats_rows import (
     bus_rows,
     message_rows,
     signal_rows,
+    transport_rows,
     unjudged,
 )
 from canlog.verbs.common import add_log, bus_asked, count, read_options
@@ -41,7 +42,15 @@ DETAILS: Final = (
     *("short", "undefined", "out_of_range", "backwards"),
 )
 """Numbers that are printed on their own line if they are not 0."""
+TRANSPORT: Final = (
+    *("channel", "id", "protocol", "pgn", "way", "messages", "incomplete", "parts", "bytes"),
+    *("interval_ms_p50", "interval_ms_max", "message"),
+)
 WIDE: Final = 200
+LEFT: Final = ("channel", "id", "protocol", "way", "message", "signal", "unit")
+"""Columns of text, which are aligned to the left."""
+BAD: Final = ("missing", "extra", "stale", "lost", "rejected", "incomplete")
+"""Numbers that colour their row if they are not 0."""
 NAMES_SHOWN: Final = 8
 
 
@@ -72,7 +81,8 @@ def run(given: argparse.Namespace) -> int:
     found = gather(source, bus_asked(given), **rates)
     damaged = sum(each.count for each in source.warnings)
     rows = message_rows(found), bus_rows(found)
-    judged = Judged(*rows, damaged, absent_count(found), absent_rows(found))
+    never, transport = absent_rows(found), transport_rows(found)
+    judged = Judged(*rows, damaged, absent_count(found), never, transport)
     held = HeldRules(rules, broken(rules, judged), untold(rules, judged))
     _print(given, found, judged, source, held)
     return EXIT_BROKEN if held.breaches or held.untold else EXIT_OK
@@ -98,6 +108,7 @@ def _print(
     if given.form == "json":
         told: dict[str, Any] = {"log": str(given.log), "buses": judged.buses}
         told |= {"messages": judged.messages, "signals": signal_rows(found)}
+        told |= {"transport": judged.transport}
         told |= {"absent": absent(found), "not_judged": unjudged(found)}
         told["warnings"] = [str(each) for each in warnings]
         told["skipped"] = dict(source.skipped)
@@ -162,6 +173,9 @@ def _print_text(found: Statistics, judged: Judged, *, with_signals: bool) -> Non
             markup=False,
         )
         _print_table(console, TABLE, [row for row in messages if row["channel"] == bus["channel"]])
+    if judged.transport:
+        console.print("reassembled messages:", markup=False)
+        _print_table(console, TRANSPORT, [_transport_text(row) for row in judged.transport])
     if with_signals:
         columns = ("message", "signal", "unit", "frames", "least", "most", "out_of_range")
         _print_table(console, columns, signal_rows(found))
@@ -170,6 +184,10 @@ def _print_text(found: Statistics, judged: Judged, *, with_signals: bool) -> Non
     ]
     for message, name, number in shares:
         console.print(f"{message}: {name.replace('_', ' ')}: {number}", markup=False)
+    for row in judged.transport:
+        if row["incomplete"]:
+            why = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in row["reasons"].items())
+            console.print(f"{_sender(row)}: incomplete: {why}", markup=False)
     if names := absent(found):
         console.print(f"never seen: {_listed(names)}", markup=False)
     alike: dict[tuple[str, str], list[str]] = {}
@@ -177,6 +195,24 @@ def _print_text(found: Statistics, judged: Judged, *, with_signals: bool) -> Non
         alike.setdefault((row["what"], row["why"]), []).append(row["message"])
     for (what, why), names in alike.items():
         console.print(f"not judged: {what} of {_listed(names)}: {why}", markup=False)
+
+
+def _sender(row: Row) -> str:
+    """Return the name of a sender's messages, or else the group or the identifier."""
+    name = row["message"] or ("PGN " + str(row["pgn"]) if row["pgn"] is not None else row["id"])
+    return f"{name} from {row['source']:02X}" if row["source"] is not None else str(name)
+
+
+def _transport_text(row: Row) -> Row:
+    """Return a row as people read it: addresses in hexadecimal, sizes as a range."""
+    ways = ("" if row[end] is None else f"{row[end]:02X}" for end in ("source", "destination"))
+    least, most = row["bytes_min"], row["bytes_max"]
+    services = ", ".join(f"{name} {n}" for name, n in row["services"].items())
+    return row | {
+        "message": row["message"] or services,
+        "way": "->".join(ways) if row["source"] is not None else "",
+        "bytes": least if least == most else f"{least}-{most}",
+    }
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -187,10 +223,10 @@ def _listed(names: Sequence[str]) -> str:
 def _print_table(console: Console, columns: Sequence[str], rows: Sequence[Row]) -> None:
     table = TextTable(box=None, header_style="bold", pad_edge=False)
     for name in columns:
-        left = name in ("id", "message", "signal", "unit")
+        left = name in LEFT
         table.add_column(name, justify="left" if left else "right", no_wrap=True)
     for row in rows:
-        bad = any(row.get(name) for name in ("missing", "extra", "stale", "lost", "rejected"))
+        bad = any(row.get(name) for name in BAD)
         table.add_row(*(_text(row[name]) for name in columns), style="yellow" if bad else None)
     console.print(table)
 

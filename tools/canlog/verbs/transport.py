@@ -6,6 +6,7 @@ import io
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, Final
 
 from canlog.bus_model import Bus
@@ -16,7 +17,7 @@ from canlog.select import parse_key
 from canlog.table import table_of
 from canlog.transport.messages import Messages, TransportKind, TransportStatus
 from canlog.transport.names import FAULTS, fault_text, uds_text
-from canlog.transport.reassembly import Reassembler, TransportOptions
+from canlog.transport.reassembly import Reassembler, TransportOptions, options_for
 from canlog.verbs.common import add_log, bus_asked, count, read_options
 
 SUMMARY: Final = "reassemble messages of J1939 transport and ISO-TP, and name UDS services"
@@ -47,7 +48,8 @@ def options(parser: argparse.ArgumentParser) -> None:
 def run(given: argparse.Namespace) -> int:
     """Print the messages. Raises LogError."""
     bus, source = bus_asked(given), stream(given.log, read_options(given))
-    wanted = TransportOptions(
+    wanted = replace(
+        options_for(bus),
         j1939=given.protocol != "isotp",
         isotp=given.protocol != "j1939",
         isotp_keys=tuple(parse_key(text) for text in given.id),

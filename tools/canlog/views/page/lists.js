@@ -108,7 +108,7 @@ function statsRow(told, columns) {
   const row = document.createElement("tr");
   row.title = view.head.messages.find(message => message.name === told.message)?.comment || "";
   for (const [name, , digits, bad] of columns) {
-    const cell = row.insertCell(), value = name === "load_ratio" ? 100 * told[name] : told[name];
+    const cell = row.insertCell(), value = name === "load_ratio" && told[name] !== null ? 100 * told[name] : told[name];
     if (digits !== undefined) cell.className = "n";
     cell.textContent = value === null || value === undefined || (name === "period_ms" && !value) ? "" : digits === undefined ? value : digits ? value.toFixed(digits) : grouped(Math.round(value));
     if (bad && value >= bad) cell.classList.add("bad");
