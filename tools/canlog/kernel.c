@@ -49,22 +49,31 @@ typedef struct {
     int32_t count, last;
 } Names;
 
-/* Index of a name, which is added if it is new; -1 if there is no room for it. */
-static int name_index(Names *known, const uint8_t *name, int64_t size)
+/* Index of another name than the last one, which is added if it is new; -1 if there is no room. */
+static int other_name(Names *known, const uint8_t *name, int64_t size)
 {
-    if (size >= NAME_BYTES)
-        return -1;
-    if (known->count && known->sizes[known->last] == size
-        && !memcmp(known->names + known->last * NAME_BYTES, name, (size_t)size))
-        return known->last;
     for (int at = 0; at < known->count; at++)
         if (known->sizes[at] == size && !memcmp(known->names + at * NAME_BYTES, name, (size_t)size))
             return known->last = at;
-    if (known->count == NAMES_MAX)
+    if (known->count == NAMES_MAX || size >= NAME_BYTES)
         return -1;
     memcpy(known->names + known->count * NAME_BYTES, name, (size_t)size);
     known->sizes[known->count] = (int32_t)size;
     return known->last = known->count++;
+}
+
+/* Index of a name. Nearly every line has the name of the line before: that way has no call. */
+static inline int name_index(Names *known, const uint8_t *name, int64_t size)
+{
+    if (known->count && known->sizes[known->last] == size) {
+        const char *last = known->names + known->last * NAME_BYTES;
+        int64_t at = 0;
+        while (at < size && (uint8_t)last[at] == name[at])
+            at++;
+        if (at == size)
+            return known->last;
+    }
+    return other_name(known, name, size);
 }
 
 static int fd_length(int64_t length)

@@ -177,7 +177,8 @@ def text_blocks(path: Path, damages: Damages) -> Iterator[bytes]:
                 damages.add("endless line", "byte", taken - len(rest), words)
                 rest = rest[:LINE_MAX]
             continue
-        yield rest + piece[:cut] if rest else piece[:cut]
+        # A view is not a copy: each byte is copied once.
+        yield b"".join((rest, memoryview(piece)[:cut]))
         rest = piece[cut:]
     if rest:
         yield rest
