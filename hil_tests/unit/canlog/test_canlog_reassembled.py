@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canlog.command import main
+from canlog.compare.logs import Allowed, compare
 from canlog.database import load_bus, parse_bus
 from canlog.frames import Frames
+from canlog.read import Log
 from canlog.rows import from_rows
 from canlog.stats import Statistics, gather
 from canlog.stats_rows import (
@@ -27,6 +29,7 @@ from hil_tests.unit.canlog.test_canlog_transport import (
     broadcast,
     connection,
     framed,
+    interleaved,
     isotp,
     write,
 )
@@ -154,4 +157,110 @@ def test_a_rule_may_name_the_numbers_of_reassembled_messages(
     assert [(row["id"], row["services"]) for row in told] == [
         ("7E0", {"ReadDataByIdentifier": 1}),
         ("18EC0201", {}),
+    ]
+
+
+def log_of(frames: Frames) -> Log:
+    return Log(Path("x.log"), frames, parse_bus(DBC))
+
+
+LONG = st.lists(
+    st.tuples(st.sampled_from(["CI", "DM1", "UDS"]), st.binary(min_size=21, max_size=40)),
+    min_size=1,
+    max_size=6,
+)
+"""Messages of several frames, and what they carry."""
+NAMES = {"CI": "CI@05", "DM1": "DM1@00", "UDS": "7E8 ISO-TP"}
+
+
+def sent_as(kind: str, data: bytes) -> Sent:
+    if kind == "UDS":
+        return isotp(0x7E8, data)
+    return broadcast(CI, 5, data) if kind == "CI" else broadcast(TROUBLE_CODES, 0, data)
+
+
+@given(
+    rounds=st.lists(st.binary(min_size=21, max_size=40), min_size=1, max_size=5),
+    orders=st.lists(st.lists(st.integers(0, 2), max_size=18), min_size=2, max_size=2),
+)
+@settings(max_examples=30, deadline=None)
+def test_the_order_of_packets_of_several_senders_is_no_difference(
+    rounds: list[bytes], orders: list[list[int]]
+) -> None:
+    logs = []
+    for order in orders:
+        rows = []
+        for number, data in enumerate(rounds):
+            mixed = interleaved([sent_as(kind, data) for kind in NAMES], order)
+            rows += [
+                ((1000 * number + at) * MS // 10, identifier, flags, "can0", data)
+                for at, (identifier, flags, data) in enumerate(mixed)
+            ]
+        logs.append(log_of(from_rows(rows)))
+
+    found = compare(logs[0], logs[1], Allowed())
+
+    assert {(each.name, each.pairs) for each in found.messages} == {
+        (name, len(rounds)) for name in NAMES.values()
+    }
+    assert not found.differs
+
+
+@given(messages=LONG, at=st.integers(0, 5), byte=st.integers(20, 39))
+@settings(max_examples=30, deadline=None)
+def test_the_message_that_differs_is_named_and_no_packet(
+    messages: list[tuple[str, bytes]], at: int, byte: int
+) -> None:
+    """Byte 19 of CI is its last signal; other bytes of it are in no signal."""
+    at %= len(messages)
+    kind, data = messages[at]
+    place = 19 if kind == "CI" else byte % len(data)
+    other = data[:place] + bytes([(data[place] + 9) % 256]) + data[place + 1 :]
+    changed = [*messages[:at], (kind, other), *messages[at + 1 :]]
+    logs = [
+        log_of(framed([frame for kind, data in each for frame in sent_as(kind, data)]))
+        for each in (messages, changed)
+    ]
+
+    found = compare(logs[0], logs[1], Allowed())
+
+    (one,) = [each for each in found.messages if each.differs]
+    assert one.name == NAMES[kind]
+    assert (one.frames_a, one.frames_b, one.pairs) == (
+        (sum(each == kind for each, _ in messages),) * 3
+    )
+    assert [(each.signal, each.frames) for each in one.signals] == [
+        ("Last" if kind == "CI" else "data", 1)
+    ]
+    if kind != "CI":
+        assert one.signals[0].value_b == other.hex(" ").upper()
+
+
+def test_a_message_that_lacks_a_packet_differs_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = broadcast(TROUBLE_CODES, 0, bytes(range(20)))
+    plain: Sent = [(0x123, 0, b"abc")]
+    write(tmp_path / "a.log", [*whole, *plain])
+    write(tmp_path / "b.log", [*whole[:2], plain[0], *whole[3:]])
+    words = ["diff", str(tmp_path / "a.log"), str(tmp_path / "b.log"), "--no-dbc"]
+
+    assert main(words) == 1
+    said = capsys.readouterr().out
+    assert "DM1@00: 1 / 1 messages" in said
+    assert "/ incomplete: wrong sequence" in said
+    assert main([*words, "--ignore", "DM1@00"]) == 0
+    assert main([*words, "--ignore", "DM2@00"]) == 2
+
+
+def test_answers_of_the_receiver_and_defined_diagnosis_are_compared_as_frames() -> None:
+    """A file that defines 7E8 gives better names than its bytes have."""
+    bus = parse_bus(DBC + 'BO_ 2024 OBD: 8 A\n SG_ service : 8|8@1+ (1,0) [0|0] "" A\n')
+    sent = [*connection(CI, 1, 2, bytes(20)), *isotp(0x7E8, b"\x41\x0c\x1a\xf8")]
+    logs = [Log(Path("x.log"), framed(sent), bus) for _ in range(2)]
+
+    found = compare(logs[0], logs[1], Allowed())
+
+    assert [(each.name, each.frames_a) for each in found.messages] == [
+        *(("OBD", 1), ("18EC0102", 2), ("CI@01-02", 1)),
     ]

@@ -7,8 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from canlog.bus_model import CHANNEL_SIGN
+from canlog.bus_model import CHANNEL_SIGN, Bus
 from canlog.compare.pairing import Pairs, pair, reach_ns
+from canlog.compare.sides import SINGLE, Place, Side, Sides
 from canlog.damage import LogError
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Bools, Ints
@@ -52,7 +53,7 @@ class SignalDifference:
     frames: int
     """Number of pairs in which it differs."""
     first_a: int
-    """Row of the first difference in the table of A."""
+    """Frame of the first difference in log A; of a reassembled message its last frame."""
     first_b: int
     at_ns: int
     """Time of the first difference in A, since A's zero."""
@@ -69,6 +70,8 @@ class MessageDifference:
 
     name: str
     key: int
+    group: int | None
+    """Parameter group of reassembled J1939 messages, -1 for ISO-TP, None for single frames."""
     channel_a: str
     channel_b: str
     frames_a: int
@@ -98,6 +101,7 @@ class LogDifference:
     zero_b_ns: int
     messages: tuple[MessageDifference, ...]
     """Messages of both logs, by key."""
+    sides: tuple[Sides, Sides]
 
     @property
     def differs(self) -> bool:
@@ -114,43 +118,49 @@ def compare(a: Log, b: Log, allowed: Allowed, align: str = START) -> LogDifferen
     """Compare two logs. Raises LogError for an alignment, tolerance or pattern that matches
     nothing.
     """
-    _check(allowed, a)
+    sides = Sides(a), Sides(b)
+    places = _places(*sides, a.bus)
+    _check(allowed, a, [each.name for each in places])
     zero_a, zero_b = zero_of(a, align), zero_of(b, align)
     found = [
-        _message(a, b, place, zero_a, zero_b, allowed)
-        for place in _places(a, b)
-        if not _matched(a.bus.on(place.channel_a).name_of(place.key), allowed.ignored)
+        _message(sides, place, a.bus, (zero_a, zero_b), allowed)
+        for place in places
+        if not any(_matched(each, allowed.ignored) for each in place.texts(a.bus))
     ]
-    return LogDifference(zero_a, zero_b, tuple(found))
+    return LogDifference(zero_a, zero_b, tuple(found), sides)
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
-    """Frames with one key, on one channel of each log."""
+class _Pair:
+    """The same messages in both logs, which may have other names for the channel."""
 
-    key: int
-    channel_a: str
-    channel_b: str
+    a: Place
+    b: Place
     name: str
 
+    def texts(self, bus: Bus) -> tuple[str, ...]:
+        """Return the names by which a user may ask for it."""
+        spec = self.a.spec(bus)
+        return (self.a.name(bus), *([] if spec is None else [spec.name]))
 
-def _places(a: Log, b: Log) -> list[_Place]:
-    """Return the keys and channels of both logs. Channels match by name, or by order if names
-    differ.
-    """
-    names_a, names_b = (sorted({on for _, on in log.groups.places}) for log in (a, b))
+
+def _places(a: Sides, b: Sides, bus: Bus) -> list[_Pair]:
+    """Return the places of both logs. Channels match by name, or by order if names differ."""
+    names_a, names_b = (sorted({each.channel for each in side.places}) for side in (a, b))
     other = {name: name for name in (*names_a, *names_b)}
     if names_a != names_b and len(names_a) == len(names_b):
         other = dict(zip(names_b, names_a, strict=True))
     back = {mine: theirs for theirs, mine in other.items()}
-    found = {*a.groups.places, *((key, other[on]) for key, on in b.groups.places)}
-    places = []
-    for key, on in sorted(found):
-        plain = a.bus.on(on).name_of(key)
-        spread = sum(each == key for each, _ in found) > 1
-        name = f"{on}{CHANNEL_SIGN}{plain}" if spread else plain
-        places.append(_Place(key, on, back.get(on, on), name))
-    return places
+    renamed = (each._replace(channel=other[each.channel]) for each in b.places)
+    found = {*a.places, *renamed}
+    pairs = []
+    for place in sorted(found):
+        plain = place.name(bus)
+        spread = sum(each[:2] == place[:2] for each in found) > 1
+        name = f"{place.channel}{CHANNEL_SIGN}{plain}" if spread else plain
+        theirs = place._replace(channel=back.get(place.channel, place.channel))
+        pairs.append(_Pair(place, theirs, name))
+    return pairs
 
 
 def zero_of(log: Log, align: str) -> int:
@@ -165,13 +175,12 @@ def zero_of(log: Log, align: str) -> int:
     return int(table.at_ns.min())
 
 
-def _check(allowed: Allowed, log: Log) -> None:
+def _check(allowed: Allowed, log: Log, places: Sequence[str]) -> None:
     names = [f"{m.name}.{s.name}" for m in log.bus.messages.values() for s in m.signals]
-    known = [*names, *log.bus.messages, *(name.partition(".")[2] for name in names)]
-    unknown_keys = [log.bus.name_of(key) for key in log.unknown]
+    known = [*names, *log.bus.messages, *(name.partition(".")[2] for name in names), *places]
     for option, patterns in (("--tolerance", allowed.physical), ("--ignore", allowed.ignored)):
         for pattern in patterns:
-            if not any(fnmatchcase(name, pattern) for name in (*known, *unknown_keys)):
+            if not any(fnmatchcase(name, pattern) for name in known):
                 raise LogError(f"{option} {pattern}: no message or signal of {log.bus.name}")
 
 
@@ -180,29 +189,26 @@ def _matched(name: str, patterns: Sequence[str]) -> bool:
 
 
 def _message(
-    a: Log, b: Log, place: _Place, zero_a: int, zero_b: int, allowed: Allowed
+    sides: tuple[Sides, Sides], place: _Pair, bus: Bus, zero_ns: tuple[int, int], allowed: Allowed
 ) -> MessageDifference:
-    spec = a.bus.on(place.channel_a).spec_at(place.key)
-    rows_a, rows_b = (
-        _by_time(a, place.key, place.channel_a),
-        _by_time(b, place.key, place.channel_b),
-    )
-    a_ns, b_ns = a.frames.at_ns[rows_a] - zero_a, b.frames.at_ns[rows_b] - zero_b
+    spec = place.a.spec(bus)
+    a, b = sides[0].side(place.a), sides[1].side(place.b)
+    a_ns, b_ns = a.at_ns - zero_ns[0], b.at_ns - zero_ns[1]
     pairs = pair(a_ns, b_ns, reach_ns(spec, a_ns, b_ns))
     apart = np.abs(a_ns[pairs.a] - b_ns[pairs.b])
     late = _late(apart, allowed)
     firsts = [*a_ns[pairs.only_a[:1]].tolist(), *b_ns[pairs.only_b[:1]].tolist()]
-    signals = list(_bytes(a, b, rows_a[pairs.a], rows_b[pairs.b], spec, a_ns[pairs.a]))
+    signals = list(_bytes(a, b, pairs, spec, a_ns[pairs.a]))
     if spec is not None and len(pairs.a):
-        tables = place_tables(a, b, spec, place.key, (place.channel_a, place.channel_b))
-        signals += _signals(tables, spec, pairs, (rows_a, rows_b), a_ns, allowed)
+        signals += _signals((a, b), spec, pairs, a_ns, allowed)
     return MessageDifference(
         name=place.name,
-        key=place.key,
-        channel_a=place.channel_a,
-        channel_b=place.channel_b,
-        frames_a=len(rows_a),
-        frames_b=len(rows_b),
+        key=place.a.key,
+        group=None if place.a.group == SINGLE else place.a.group,
+        channel_a=place.a.channel,
+        channel_b=place.b.channel,
+        frames_a=len(a_ns),
+        frames_b=len(b_ns),
         pairs=len(pairs.a),
         only_a=len(pairs.only_a),
         only_b=len(pairs.only_b),
@@ -214,18 +220,6 @@ def _message(
     )
 
 
-def place_tables(
-    a: Log, b: Log, spec: MessageSpec, key: int, channels: tuple[str, str]
-) -> tuple[Table, Table]:
-    """Decode the frames of both logs that have one key, each on its channel."""
-    return a.groups.table(spec, channels[0], (key,)), b.groups.table(spec, channels[1], (key,))
-
-
-def _by_time(log: Log, key: int, channel: str) -> Ints:
-    rows = log.groups.rows(key, channel=channel)
-    return rows[np.argsort(log.frames.at_ns[rows], kind="stable")]
-
-
 def _late(apart_ns: Ints, allowed: Allowed) -> Ints:
     if allowed.timing_ms is None:
         return np.empty(0, np.int64)
@@ -233,49 +227,34 @@ def _late(apart_ns: Ints, allowed: Allowed) -> Ints:
 
 
 def _bytes(
-    a: Log, b: Log, rows_a: Ints, rows_b: Ints, spec: MessageSpec | None, at_ns: Ints
+    a: Side, b: Side, pairs: Pairs, spec: MessageSpec | None, at_ns: Ints
 ) -> Iterator[SignalDifference]:
     """Compare the payloads of an unknown message, and the lengths of a known one."""
-    unequal = a.frames.length[rows_a] != b.frames.length[rows_b]
-    if spec is None:
-        width = max(a.frames.data.shape[1], b.frames.data.shape[1])
-        padded = [
-            np.pad(log.frames.data[rows], ((0, 0), (0, width - log.frames.data.shape[1])))
-            for log, rows in ((a, rows_a), (b, rows_b))
-        ]
-        unequal = unequal | (padded[0] != padded[1]).any(axis=1)
-    where = np.flatnonzero(unequal)
+    where = np.flatnonzero(a.unequal(b, (pairs.a, pairs.b), whole=spec is None))
     if not len(where):
         return
     first = int(where[0])
-    row_a, row_b = int(rows_a[first]), int(rows_b[first])
+    mine, other = int(pairs.a[first]), int(pairs.b[first])
     yield SignalDifference(
         signal=BYTES,
         unit="",
         frames=len(where),
-        first_a=row_a,
-        first_b=row_b,
+        first_a=int(a.rows[mine]),
+        first_b=int(b.rows[other]),
         at_ns=int(at_ns[first]),
-        value_a=a.frames.payload(row_a).hex(" ").upper(),
-        value_b=b.frames.payload(row_b).hex(" ").upper(),
+        value_a=a.text(mine),
+        value_b=b.text(other),
         most=None,
         allowed=0.0,
     )
 
 
 def _signals(
-    tables: tuple[Table, Table],
-    spec: MessageSpec,
-    pairs: Pairs,
-    rows: tuple[Ints, Ints],
-    a_ns: Ints,
-    allowed: Allowed,
+    sides: tuple[Side, Side], spec: MessageSpec, pairs: Pairs, a_ns: Ints, allowed: Allowed
 ) -> Iterator[SignalDifference]:
-    # Tables are in log order, pairs in order of time.
-    places = [
-        np.searchsorted(table.rows, mine[chosen])
-        for table, mine, chosen in zip(tables, rows, (pairs.a, pairs.b), strict=True)
-    ]
+    tables = sides[0].table(spec), sides[1].table(spec)
+    chosen = pairs.a, pairs.b
+    places = [side.places[rows] for side, rows in zip(sides, chosen, strict=True)]
     for signal in spec.signals:
         full = f"{spec.name}.{signal.name}"
         trailer = signal.name.lower() in TRAILER and not allowed.trailer
@@ -287,16 +266,19 @@ def _signals(
         if not len(where):
             continue
         first = int(where[0])
-        place_a, place_b = (int(place[first]) for place in places)
+        values = [
+            value_text(table, signal, int(place[first]))
+            for table, place in zip(tables, places, strict=True)
+        ]
         yield SignalDifference(
             signal=signal.name,
             unit=signal.unit,
             frames=len(where),
-            first_a=int(tables[0].rows[place_a]),
-            first_b=int(tables[1].rows[place_b]),
+            first_a=int(sides[0].rows[pairs.a[first]]),
+            first_b=int(sides[1].rows[pairs.b[first]]),
             at_ns=int(a_ns[pairs.a[first]]),
-            value_a=value_text(tables[0], signal, place_a),
-            value_b=value_text(tables[1], signal, place_b),
+            value_a=values[0],
+            value_b=values[1],
             most=None if apart is None else float(np.nanmax(apart[where], initial=0.0)),
             allowed=limit,
         )

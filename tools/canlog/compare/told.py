@@ -6,14 +6,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from canlog.bus_model import Bus
 from canlog.compare.dbcs import Change
 from canlog.compare.logs import (
     BYTES,
     LogDifference,
     MessageDifference,
-    place_tables,
     value_text,
 )
+from canlog.compare.sides import SINGLE, Place
 from canlog.damage import LogError
 from canlog.read import Log
 from canlog.run import NS_PER_S
@@ -47,7 +48,8 @@ def difference_lines(found: LogDifference, a: Log, b: Log, context: int) -> Iter
 
 
 def _message_lines(each: MessageDifference) -> Iterator[str]:
-    counts = f"{each.frames_a} / {each.frames_b} frames, {each.pairs} pairs"
+    what = "frames" if each.group is None else "messages"
+    counts = f"{each.frames_a} / {each.frames_b} {what}, {each.pairs} pairs"
     if each.only_a:
         counts += f", {each.only_a} only in A"
     if each.only_b:
@@ -64,7 +66,7 @@ def _message_lines(each: MessageDifference) -> Iterator[str]:
         most = "" if signal.most is None else f", by up to {signal.most:.9g} {signal.unit}".rstrip()
         allowed = f" (allowed {signal.allowed:.9g})" if signal.allowed else ""
         yield (
-            f"  {signal.signal}: {signal.frames} frames{most}{allowed};"
+            f"  {signal.signal}: {signal.frames} {what}{most}{allowed};"
             f" first at {signal.at_ns / NS_PER_S:.6f} s: {signal.value_a} / {signal.value_b}"
         )
     if len(each.signals) > SIGNALS_SHOWN:
@@ -90,7 +92,7 @@ def _first_lines(found: LogDifference, a: Log, b: Log, context: int) -> Iterator
     ]
     for left, right in zip(*sides, strict=True):
         yield _frame_line(left, right)
-    yield from _signal_lines(found, a, b)
+    yield from _signal_lines(found, a.bus)
 
 
 def _frame_line(left: Around | None, right: Around | None) -> str:
@@ -103,19 +105,25 @@ def _frame_line(left: Around | None, right: Around | None) -> str:
     return f"{mark} {at_s}  {here:{NAME_WIDTH}}  {there}{apart}".rstrip()
 
 
-def _signal_lines(found: LogDifference, a: Log, b: Log) -> Iterator[str]:
+def _signal_lines(found: LogDifference, bus: Bus) -> Iterator[str]:
     """The values of all signals in the first frames that differ."""
     assert found.first is not None
     message, signal = found.first
-    spec = a.bus.on(message.channel_a).spec_at(message.key)
+    group = SINGLE if message.group is None else message.group
+    mine, theirs = (
+        Place(message.key, group, channel) for channel in (message.channel_a, message.channel_b)
+    )
+    spec = mine.spec(bus)
     if spec is None or signal.signal == BYTES:
         return
     yield ""
-    yield f"  {message.name} at that frame:"
-    tables = place_tables(a, b, spec, message.key, (message.channel_a, message.channel_b))
+    what = "frame" if message.group is None else "message"
+    yield f"  {message.name} at that {what}:"
+    both = found.sides[0].side(mine), found.sides[1].side(theirs)
+    tables = [side.table(spec) for side in both]
     places = [
-        int(np.searchsorted(t.rows, row))
-        for t, row in zip(tables, (signal.first_a, signal.first_b), strict=True)
+        int(side.places[np.flatnonzero(side.rows == row)[0]])
+        for side, row in zip(both, (signal.first_a, signal.first_b), strict=True)
     ]
     for each in spec.signals:
         texts = [value_text(t, each, p) for t, p in zip(tables, places, strict=True)]

@@ -126,6 +126,13 @@ def carries_parts(key: int) -> bool:
     return bool(key & KEY_EXTENDED) and key >> 16 & 0xFF in J1939_FORMATS
 
 
+def is_diagnostic(key: int) -> bool:
+    """Whether frames of a key usually carry ISO-TP."""
+    low, high = DIAGNOSTIC_IDS
+    fixed = bool(key & KEY_EXTENDED) and key >> 16 & 0xFF in DIAGNOSTIC_FORMATS
+    return fixed or low <= key <= high
+
+
 def is_j1939_transport(frames: Frames) -> Bools:
     """(n,) frames of eight bytes of the transport protocol and the extended one."""
     form = frames.identifier >> np.uint32(16) & np.uint32(0xFF)
