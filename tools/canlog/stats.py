@@ -14,9 +14,10 @@ from canlog.frames import BRS, ERROR, FD, REMOTE, Frames, Ints
 from canlog.gaps import Gaps
 from canlog.plan import DecodingPlan, Payloads, physical_of, signed_raw
 from canlog.table import Groups, table_of
-from canlog.transport.counts import TransportStats, by_sender, message_key, sender_stats
+from canlog.transport.counts import TransportStats, sender_stats
 from canlog.transport.messages import Messages, TransportStatus
 from canlog.transport.reassembly import Reassembler, options_for
+from canlog.transport.senders import PRIORITY, by_sender, message_key
 from canlog.verdict import CODES, REASONS, Judge
 from canlog.verdict_codes import JUDGED_BUS, UNCONFIRMED
 
@@ -240,7 +241,8 @@ class Statistics:
     def _feed_reassembled(self, sender: TransportStats, found: Messages, rows: Ints) -> None:
         """Add whole messages that a DBC file defines to the statistics of that message."""
         assert sender.spec is not None
-        one = self._message(sender.channel, REASSEMBLED | message_key(sender.spec, sender.key))
+        key = message_key(sender.group, sender.key, sender.spec.key & PRIORITY)
+        one = self._message(sender.channel, REASSEMBLED | key)
         one.frames += len(rows)
         at_ns = found.at_ns[rows]
         one.gaps.feed(at_ns)

@@ -9,8 +9,8 @@ from canlog.frames import BRS, CLASSIC_BYTES, FD, FD_BYTES, FD_LENGTHS, KEY_EXTE
 from canlog.gaps import Gaps
 from canlog.latency import Cyclic, longest_bits, longest_fd_bits, response_ns
 from canlog.stats import NS_PER_MS, NS_PER_S, REASSEMBLED, BusStats, MessageStats, Statistics
-from canlog.transport.counts import addresses
 from canlog.transport.reassembly import carries_parts
+from canlog.transport.senders import addresses
 
 COUNTER: Final = (Reason.STUCK_COUNTER, Reason.JUMPED_COUNTER)
 TWIN: Final = (Reason.TWIN_MISMATCH, Reason.TWIN_TIMEOUT)

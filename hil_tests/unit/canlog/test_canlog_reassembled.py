@@ -1,4 +1,4 @@
-"""Statistics, differences and the terminal know messages that consist of several frames."""
+"""`stats`, `diff` and `browse` know messages that consist of several frames."""
 
 import json
 from pathlib import Path
@@ -7,6 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from canlog.browse.lanes import Lanes, lanes_of
+from canlog.browse.screen import screen
+from canlog.browse.state import BrowserState, press, shown
 from canlog.command import main
 from canlog.compare.logs import Allowed, compare
 from canlog.database import load_bus, parse_bus
@@ -70,7 +73,7 @@ def in_blocks(frames: Frames, size: int, dbc: str) -> Statistics:
     broken=st.sets(st.integers(0, 7)),
     size=st.integers(1, 60),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_each_sender_has_its_whole_and_its_incomplete_messages(
     sizes: list[int], broken: set[int], size: int
 ) -> None:
@@ -183,7 +186,7 @@ def sent_as(kind: str, data: bytes) -> Sent:
     rounds=st.lists(st.binary(min_size=21, max_size=40), min_size=1, max_size=5),
     orders=st.lists(st.lists(st.integers(0, 2), max_size=18), min_size=2, max_size=2),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_the_order_of_packets_of_several_senders_is_no_difference(
     rounds: list[bytes], orders: list[list[int]]
 ) -> None:
@@ -207,7 +210,7 @@ def test_the_order_of_packets_of_several_senders_is_no_difference(
 
 
 @given(messages=LONG, at=st.integers(0, 5), byte=st.integers(20, 39))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_the_message_that_differs_is_named_and_no_packet(
     messages: list[tuple[str, bytes]], at: int, byte: int
 ) -> None:
@@ -264,3 +267,63 @@ def test_answers_of_the_receiver_and_defined_diagnosis_are_compared_as_frames() 
     assert [(each.name, each.frames_a) for each in found.messages] == [
         *(("OBD", 1), ("18EC0102", 2), ("CI@01-02", 1)),
     ]
+
+
+def mixed_log() -> Frames:
+    """Return messages of each kind, one of them incomplete, on two channels."""
+    sent = [*broadcast(CI, 5, bytes(range(20))), *isotp(0x7E0, b"\x22\xf1\x90")]
+    faults = bytes.fromhex("04FF6D0005016E000301")
+    sent += [*broadcast(TROUBLE_CODES, 0, faults)[:2], *broadcast(TROUBLE_CODES, 0, faults)]
+    sent += broadcast(CI, 5, bytes(range(100, 80, -1)))
+    return from_rows(
+        [(at * MS, identifier, flags, channel, data)
+         for at, (identifier, flags, data) in enumerate(sent) for channel in ("can0", "can1")]
+    )  # fmt: skip
+
+
+def test_the_terminal_lists_reassembled_messages_with_their_meaning() -> None:
+    frames = mixed_log()
+    lanes = lanes_of(frames, parse_bus(DBC))
+    state = BrowserState("log", lanes, 0, lanes.end_ns)
+
+    lines = ["".join(text for _, text in row) for row in screen(state, 120, 40)]
+
+    def line(name: str) -> str:
+        return next(each for each in lines if f" {name} " in each)
+
+    assert f"{len(frames)} frames" in lines[0]
+    assert "18FEEB05" in line("can0:CI@05")
+    assert " 2  64 63 62" in line("can1:CI@05")
+    assert "     7E0 can0:7E0 ISO-TP" in line("can0:7E0 ISO-TP")
+    assert "ReadDataByIdentifier F190  22 F1 90" in line("can1:7E0 ISO-TP")
+    assert "lamps AWL, SPN 109 FMI 5 x1, SPN 110 FMI 3 x1" in line("can0:DM1@00")
+    state.selected = next(lane.key for lane in shown(state) if lane.name == "can1:CI@05")
+    press(state, "left")
+    drawn = "\n".join("".join(text for _, text in row) for row in screen(state, 120, 40))
+    assert "Last                     9.5 kg" in drawn
+    incomplete = next(lane for lane in shown(state) if lane.name == "can0:DM1@00")
+    assert incomplete.told(0) == "incomplete: unfinished"
+
+
+@given(sizes=st.lists(st.integers(1, 9), min_size=1, max_size=20))
+@settings(max_examples=20, deadline=None)
+def test_a_live_bus_gives_the_messages_of_its_log(sizes: list[int]) -> None:
+    frames = mixed_log()[::2]
+    live = Lanes(parse_bus(DBC), {})
+    rows = [
+        (int(frames.at_ns[at]), int(frames.key[at]), 0, frames.payload(at))
+        for at in range(len(frames))
+    ]
+    for size in [*sizes, len(rows)]:
+        live.feed(rows[:size])
+        del rows[:size]
+
+    wanted = lanes_of(frames, parse_bus(DBC))
+
+    assert set(live.lanes) == set(wanted.lanes)
+    for key, lane in wanted.lanes.items():
+        mine = live.lanes[key]
+        assert (mine.name, mine.at_ns.tolist()) == (lane.name, lane.at_ns.tolist())
+        assert [(mine.payload(row), mine.told(row)) for row in range(len(mine))] == [
+            (lane.payload(row), lane.told(row)) for row in range(len(lane))
+        ]

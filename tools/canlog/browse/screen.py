@@ -2,6 +2,7 @@
 
 import enum
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -26,6 +27,8 @@ HEIGHT_MIN: Final = 14
 NAME_WIDTH: Final = 22
 SIGNAL_WIDTH: Final = 24
 VALUE_WIDTH: Final = 20
+BYTES_SHOWN: Final = 64
+"""Data bytes of a frame in the list; longer ones leave the widest terminals."""
 PLOT_LABEL: Final = 11
 SPARK_MIN: Final = 8
 TALLEST_RATIO: Final = 0.45
@@ -88,7 +91,7 @@ def _head(state: BrowserState, width: int) -> Line:
         mode = "live" if state.running else "frozen"
     else:
         mode = f"plays x{SPEEDS[state.speed]:g}" if state.running else "stopped"
-    count = sum(len(lane) for lane in state.lanes.lanes.values())
+    count = sum(len(lane) for lane in state.lanes.lanes.values() if lane.of_frames)
     left = f" {state.title}  {at}  {mode}"
     right = f"{len(state.lanes.lanes)} messages, {count} frames  order: {state.order.value} "
     return [(ScreenStyle.HEAD, left + right.rjust(max(2, width - len(left))))]
@@ -128,8 +131,11 @@ def _message(state: BrowserState, lane: Lane) -> Line:
     parts.append((ScreenStyle.PLAIN, f" {lane.rate_hz(state.at_ns):7.1f}"))
     parts.append((ScreenStyle.BAD if stale else ScreenStyle.DIM, f" {_age(age_ns):>8}"))
     parts.append((ScreenStyle.PLAIN, f" {row + 1 + lane.dropped:>8} "))
-    changed = lane.changed(row)
-    for byte, is_new in zip(lane.payload(row), changed, strict=True):
+    told = lane.told(row)
+    if told:
+        parts.append((ScreenStyle.BOLD, f" {told} "))
+    changed = zip(lane.payload(row), lane.changed(row), strict=True)
+    for byte, is_new in islice(changed, BYTES_SHOWN):
         parts.append((ScreenStyle.PLAIN, " "))
         parts.append((ScreenStyle.CHANGED if is_new else ScreenStyle.PLAIN, f"{byte:02X}"))
     return parts

@@ -7,6 +7,7 @@ from typing import Final
 
 from canlog.browse.lanes import ERRORS, Lane, Lanes
 from canlog.frames import KEY_EXTENDED
+from canlog.table import KEY_MASK
 from canlog.views.happenings import Happening
 
 NS_PER_S: Final = 1_000_000_000
@@ -107,6 +108,7 @@ def _age_ns(lane: Lane, at_ns: int) -> int:
 def id_text(key: int) -> str:
     if key == ERRORS:
         return ""
+    key &= KEY_MASK
     return f"{key & ~KEY_EXTENDED:08X}" if key & KEY_EXTENDED else f"{key:03X}"
 
 

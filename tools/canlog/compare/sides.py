@@ -6,19 +6,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from canlog.bus_model import EVERYONE, Bus, MessageSpec
+from canlog.bus_model import Bus, MessageSpec
 from canlog.frames import Bools, Ints
 from canlog.read import Log
 from canlog.table import Table, table_of
-from canlog.transport.counts import by_sender
-from canlog.transport.messages import Messages, TransportStatus
-from canlog.transport.names import FAULTS
-from canlog.transport.reassembly import Reassembler, carries_parts, is_diagnostic, options_for
+from canlog.transport.messages import Messages, TransportStatus, incomplete_text
+from canlog.transport.reassembly import Reassembler, is_part, options_for
+from canlog.transport.senders import by_sender, sender_name, sender_spec
 
 SINGLE: Final = -2
 """Stands for a group: frames that are compared one by one."""
-ISOTP: Final = -1
-"""Stands for a group: messages of ISO-TP."""
 
 
 class Place(NamedTuple):
@@ -26,25 +23,19 @@ class Place(NamedTuple):
 
     key: int
     group: int
-    """Parameter group of reassembled J1939 messages, or ISOTP, or SINGLE."""
+    """Parameter group of reassembled J1939 messages, -1 for ISO-TP, or SINGLE."""
     channel: str
 
     def spec(self, bus: Bus) -> MessageSpec | None:
-        mine = bus.on(self.channel)
         if self.group == SINGLE:
-            return mine.spec_at(self.key)
-        return mine.by_group.get(self.group) if self.group >= 0 else None
+            return bus.on(self.channel).spec_at(self.key)
+        return sender_spec(bus, self.channel, self.group)
 
     def name(self, bus: Bus) -> str:
         """Return the name without the channel."""
         if self.group == SINGLE:
             return bus.on(self.channel).name_of(self.key)
-        if self.group == ISOTP:
-            return f"{bus.on(self.channel).name_of(self.key)} ISO-TP"
-        spec = self.spec(bus)
-        name = spec.name if spec is not None else FAULTS.get(self.group, f"PGN {self.group}")
-        source, destination = self.key & 0xFF, self.key >> 8 & 0xFF
-        return f"{name}@{source:02X}" + ("" if destination == EVERYONE else f"-{destination:02X}")
+        return sender_name(bus, self.channel, self.key, self.group)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +96,7 @@ class LongSide:
         """Return the data in hexadecimal, or why there is none."""
         if self.status[at] is TransportStatus.WHOLE:
             return self.data[at].hex(" ").upper()
-        return f"incomplete: {self.status[at].name.lower().replace('_', ' ')}"
+        return incomplete_text(self.status[at])
 
     def unequal(self, other: Any, pairs: tuple[Ints, Ints], *, whole: bool) -> Bools:
         """(k,) which pairs differ in status or length or, if `whole`, in any byte."""
@@ -126,7 +117,7 @@ class Sides:
 
     def __init__(self, log: Log) -> None:
         self._log = log
-        keys = [key for key in log.groups.keys if carries_parts(key) or is_diagnostic(key)]
+        keys = [key for key in log.groups.keys if is_part(key)]
         self._rows = log.groups.rows(*keys) if keys else np.zeros(0, np.int64)
         self._parts: list[Messages] = []
         if len(self._rows):

@@ -1,16 +1,16 @@
 """Statistics of reassembled messages, by channel, identifier and parameter group."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
-from canlog.bus_model import PDU2_FORMAT, Bus, MessageSpec
-from canlog.frames import KEY_EXTENDED, Ints
+from canlog.bus_model import Bus, MessageSpec
+from canlog.frames import Ints
 from canlog.gaps import Gaps
 from canlog.transport.messages import Messages, TransportStatus
 from canlog.transport.names import FAULTS, service_name
+from canlog.transport.senders import sender_spec
 
 NS_PER_MS: Final = 1_000_000
 
@@ -66,38 +66,9 @@ class TransportStats:
                 self.services[name] = self.services.get(name, 0) + int(count)
 
 
-def by_sender(found: Messages) -> Iterator[tuple[tuple[str, int, int], Ints]]:
-    """Yield channel, key and group of each sender, and the rows of its messages."""
-    columns = found.key, found.group, found.channel
-    order = np.lexsort(columns)
-    cuts = np.zeros(max(0, len(order) - 1), np.bool_)
-    for column in columns:
-        cuts |= np.diff(column[order]) != 0
-    for rows in np.split(order, np.flatnonzero(cuts) + 1):
-        if len(rows):
-            at = int(rows[0])
-            channel = found.channels[int(found.channel[at])]
-            yield (channel, int(found.key[at]), int(found.group[at])), rows
-
-
 def sender_stats(bus: Bus, channel: str, key: int, group: int) -> TransportStats:
     """Return empty statistics of one sender."""
-    spec = bus.on(channel).by_group.get(group) if group >= 0 else None
+    spec = sender_spec(bus, channel, group)
     period_ms, timeout_ms = (spec.period_ms, spec.timeout_ms) if spec is not None else (0, 0)
     gaps = Gaps(period_ms * NS_PER_MS, timeout_ms * NS_PER_MS)
     return TransportStats(channel, key, group, spec, gaps)
-
-
-def addresses(key: int) -> tuple[int | None, int | None]:
-    """Return source and destination of a 29-bit identifier; None for 11 bits."""
-    return (key & 0xFF, key >> 8 & 0xFF) if key & KEY_EXTENDED else (None, None)
-
-
-def message_key(spec: MessageSpec, key: int) -> int:
-    """Return the key that a single frame of the message would have from the same sender.
-
-    Args:
-        key: key of the frames with the data.
-    """
-    keep = 0xFF if (spec.key >> 16 & 0xFF) >= PDU2_FORMAT else 0xFFFF
-    return spec.key & ~keep | key & keep

@@ -36,6 +36,11 @@ class TransportStatus(enum.IntEnum):
     """J1939: one side aborted the connection."""
 
 
+def incomplete_text(status: TransportStatus) -> str:
+    """Return why a message is not complete."""
+    return f"incomplete: {status.name.lower().replace('_', ' ')}"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
     """`n` messages in order of their last frames."""

@@ -126,6 +126,11 @@ def carries_parts(key: int) -> bool:
     return bool(key & KEY_EXTENDED) and key >> 16 & 0xFF in J1939_FORMATS
 
 
+def is_part(key: int) -> bool:
+    """Whether frames of a key may be parts of messages."""
+    return carries_parts(key) or is_diagnostic(key)
+
+
 def is_diagnostic(key: int) -> bool:
     """Whether frames of a key usually carry ISO-TP."""
     low, high = DIAGNOSTIC_IDS
