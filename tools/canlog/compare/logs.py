@@ -9,7 +9,7 @@ import numpy as np
 
 from canlog.bus_model import CHANNEL_SIGN, Bus
 from canlog.compare.pairing import Pairs, pair, reach_ns
-from canlog.compare.sides import SINGLE, Place, Side, Sides
+from canlog.compare.sides import SINGLE, MessagePlace, Side, Sides
 from canlog.damage import LogError
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Bools, Ints
@@ -134,8 +134,8 @@ def compare(a: Log, b: Log, allowed: Allowed, align: str = START) -> LogDifferen
 class _Pair:
     """The same messages in both logs, which may have other names for the channel."""
 
-    a: Place
-    b: Place
+    a: MessagePlace
+    b: MessagePlace
     name: str
 
     def texts(self, bus: Bus) -> tuple[str, ...]:

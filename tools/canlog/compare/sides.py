@@ -18,7 +18,7 @@ SINGLE: Final = -2
 """Stands for a group: frames that are compared one by one."""
 
 
-class Place(NamedTuple):
+class MessagePlace(NamedTuple):
     """Where a message comes from: key of its frames, parameter group, channel."""
 
     key: int
@@ -43,7 +43,7 @@ class FrameSide:
     """Frames of one place, in order of time."""
 
     log: Log
-    place: Place
+    place: MessagePlace
     at_ns: Ints
     """(n,) stamps."""
     rows: Ints
@@ -126,19 +126,19 @@ class Sides:
             self._parts = reassembler.feed(frames) + reassembler.finish()
 
     @cached_property
-    def places(self) -> list[Place]:
+    def places(self) -> list[MessagePlace]:
         """Places with at least one frame or message."""
-        single = [Place(key, SINGLE, channel) for key, channel in self._log.groups.places]
+        single = [MessagePlace(key, SINGLE, channel) for key, channel in self._log.groups.places]
         return [*(each for each in single if len(self._singles(each))), *self._long]
 
     @cached_property
-    def _long(self) -> dict[Place, list[tuple[Messages, Ints]]]:
-        found: dict[Place, list[tuple[Messages, Ints]]] = {}
+    def _long(self) -> dict[MessagePlace, list[tuple[Messages, Ints]]]:
+        found: dict[MessagePlace, list[tuple[Messages, Ints]]] = {}
         for part in self._parts:
             for (channel, key, group), rows in by_sender(part):
-                place = Place(key, group, channel)
+                place = MessagePlace(key, group, channel)
                 # Frames of ISO-TP that a DBC file defines are compared by their signals.
-                if group >= 0 or Place(key, SINGLE, channel).spec(self._log.bus) is None:
+                if group >= 0 or MessagePlace(key, SINGLE, channel).spec(self._log.bus) is None:
                     found.setdefault(place, []).append((part, rows))
         return found
 
@@ -156,7 +156,7 @@ class Sides:
                 found[self._rows[frames]] = True
         return found
 
-    def _singles(self, place: Place) -> Ints:
+    def _singles(self, place: MessagePlace) -> Ints:
         """Return which frames of a place are compared one by one."""
         rows = self._log.groups.rows(place.key, channel=place.channel)
         if self._is_part is None or place.spec(self._log.bus) is not None:
@@ -164,7 +164,7 @@ class Sides:
         found: Ints = np.flatnonzero(~self._is_part[rows])
         return found
 
-    def side(self, place: Place) -> Side:
+    def side(self, place: MessagePlace) -> Side:
         """Return the frames or messages of a place; none if the log lacks it."""
         if place.group != SINGLE:
             return self._long_side(place)
@@ -174,7 +174,7 @@ class Sides:
         order = np.argsort(at_ns, kind="stable")
         return FrameSide(self._log, place, at_ns[order], rows[order], chosen[order])
 
-    def _long_side(self, place: Place) -> LongSide:
+    def _long_side(self, place: MessagePlace) -> LongSide:
         found = [
             (int(part.at_ns[at]), int(self._rows[part.frames(at)[-1]]), part.payload(at),
              TransportStatus(int(part.status[at])))

@@ -14,7 +14,7 @@ from canlog.compare.logs import (
     MessageDifference,
     value_text,
 )
-from canlog.compare.sides import SINGLE, Place
+from canlog.compare.sides import SINGLE, MessagePlace
 from canlog.damage import LogError
 from canlog.read import Log
 from canlog.run import NS_PER_S
@@ -111,7 +111,8 @@ def _signal_lines(found: LogDifference, bus: Bus) -> Iterator[str]:
     message, signal = found.first
     group = SINGLE if message.group is None else message.group
     mine, theirs = (
-        Place(message.key, group, channel) for channel in (message.channel_a, message.channel_b)
+        MessagePlace(message.key, group, channel)
+        for channel in (message.channel_a, message.channel_b)
     )
     spec = mine.spec(bus)
     if spec is None or signal.signal == BYTES:
