@@ -14,6 +14,7 @@ from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS, parse
 VERBS: Final = {
     "check": "vobc.cli.check",
     "device": "vobc.cli.command",
+    "import": "metro_hil.exchange.import_command",
     "explain": "metro_hil.report.explain.command",
     "tune": "metro_hil.tuning.command",
     "design-curve": "metro_hil.energy.running_curve.command",

@@ -8,6 +8,7 @@ import argparse
 from metro_hil.cli import shipped_files
 from metro_hil.energy.line import timetable_command
 from metro_hil.energy.running_curve import command as design_curve_command
+from metro_hil.exchange import import_command
 from metro_hil.model import run_options
 from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS
 from metro_hil.report.explain import command as explain_command
@@ -28,6 +29,7 @@ def whole_parser() -> argparse.ArgumentParser:
     verbs |= {verb: shipped[verb] for verb in SHIPPED_VERBS}
     verbs["check"] = check.parser()
     verbs["device"] = device_options.parser()
+    verbs["import"] = import_command.parser()
     verbs["explain"] = explain_command.parser()
     verbs["tune"] = tuning_command.parser()
     verbs["timetable"] = timetable_command.parser()

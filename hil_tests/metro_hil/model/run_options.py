@@ -28,6 +28,7 @@ EXIT_INTERRUPTED = 130
 OTHER_VERBS = {
     "check": "judge line, train and parameters together, without a run",
     "device": "run the bare controller on a bus, for a plant or a real train",
+    "import": "turn a line or train of TTOBench (JSON) into files of this project",
     "explain": "show what the controller of a run decided, why, and from which frames",
     "tune": "re-tune a control law and write a parameter file",
     "timetable": "find a timetable that saves energy on a whole line",

@@ -1,0 +1,1 @@
+"""Imports foreign descriptions of lines and trains."""

@@ -1,0 +1,136 @@
+"""`vobc import`: turns foreign descriptions of lines and trains into files of this project."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import tomli_w
+
+from firmware_py.command_line import CommandParser
+from firmware_py.settings import SettingsError
+from firmware_py.storage.whole_file import write_whole
+from metro_hil.exchange.line_rules import FittedTrain, complete_line
+from metro_hil.exchange.survey import SurveyedLine, SurveyedTrain, read_json
+from metro_hil.exchange.train_rules import complete_train, fitted
+from metro_hil.exchange.ttobench import read_file
+from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
+from vobc.config import load_config
+
+PROG: Final = "vobc import"
+DESCRIPTION: Final = (
+    "Turn tracks and trains of TTOBench (JSON) into a line file, a consist and parameters. What "
+    "a file does not say is filled by rules, which are printed and stand at the top of each file."
+)
+EPILOG: Final = "exit codes: 0 the files are written; 2 wrong usage or a bad file; nothing written"
+PARAMS: Final = "florence4"
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of `vobc import`."""
+    top = CommandParser(prog=PROG, description=DESCRIPTION, epilog=EPILOG)
+    top.add_argument(
+        "files", nargs="+", metavar="FILE", help="tracks, and at most one train that runs on them"
+    )
+    top.add_argument(
+        "--params",
+        metavar="NAME|FILE",
+        help="train that lines are laid out for; default: the imported one, else florence4",
+    )
+    top.add_argument("--out", default=".", metavar="DIR", help="default: this folder")
+    top.add_argument("--force", action="store_true", help="replace files that exist")
+    return top
+
+
+def main(argv: Sequence[str]) -> int:
+    """Write the files and print the rules, or print what is wrong with the first bad file."""
+    options = parser().parse_args(argv)
+    try:
+        written, hint = files_of(options.files, options.params)
+        folder = Path(options.out)
+        _check_free(folder, written, options.force)
+    except SettingsError as error:
+        print(f"{PROG}: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, (table, notes) in written.items():
+        write_whole(folder / name, file_text(table, notes))
+        print(f"wrote {folder / name}")
+        for note in notes:
+            print(f"  {note}")
+    print(f"next: {hint.format(folder=_prefix(folder))}")
+    return EXIT_OK
+
+
+def file_text(table: dict[str, Any], notes: Sequence[str]) -> str:
+    """A file with its rules as comment at the top."""
+    head = ["# Made by `vobc import`. What the imported file does not say, it filled like this:"]
+    lines = [*head, *(f"# - {note}" for note in notes)] if notes else ["# Made by `vobc import`."]
+    return "\n".join([*lines, "", tomli_w.dumps(table)])
+
+
+def files_of(
+    names: Sequence[str], params: str | None
+) -> tuple[dict[str, tuple[dict[str, Any], tuple[str, ...]]], str]:
+    """Table and rules of each file to write, and the command to try next. Raises SettingsError."""
+    lines, trains = _surveyed(names)
+    written: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {}
+    used, words = params or PARAMS, ""
+    if trains:
+        if params is not None:
+            raise SettingsError(
+                f"--params {params}: not with the train {trains[0].source}, which lines are laid "
+                "out for; leave one of them out"
+            )
+        consist, own = complete_train(trains[0])
+        name = trains[0].name
+        used, words = f"{{folder}}{name}_params.toml", f" --consist {{folder}}{name}.toml"
+        train = fitted(trains[0], own.table)
+        _add(written, f"{name}.toml", consist.table, consist.notes)
+        _add(written, f"{name}_params.toml", own.table, own.notes)
+    else:
+        config = load_config(used)
+        train = FittedTrain(config.name, config.train.length_m, config.train.antenna_offset_m)
+    for line in lines:
+        done = complete_line(line, train)
+        _add(written, f"{line.name}.toml", done.table, done.notes)
+    line_name = f"{{folder}}{lines[0].name}.toml" if lines else "florence"
+    params_words = f" --params {used}" if used != PARAMS else ""
+    run = f"vobc check --line {line_name}{params_words}; "
+    return written, f"{run}vobc run --lockstep --line {line_name}{words}{params_words}"
+
+
+def _surveyed(names: Sequence[str]) -> tuple[list[SurveyedLine], list[SurveyedTrain]]:
+    read = [read_file(read_json(Path(name))) for name in names]
+    lines = [each for each in read if isinstance(each, SurveyedLine)]
+    trains = [each for each in read if isinstance(each, SurveyedTrain)]
+    if len(trains) > 1:
+        raise SettingsError(
+            f"{trains[1].source}: a second train, after {trains[0].source}; platforms are laid "
+            "out for one; import the other into another folder"
+        )
+    return lines, trains
+
+
+def _add(
+    written: dict[str, tuple[dict[str, Any], tuple[str, ...]]],
+    name: str,
+    table: dict[str, Any],
+    notes: tuple[str, ...],
+) -> None:
+    if name in written:
+        raise SettingsError(f"{name}: two of the files have this id; import them separately")
+    written[name] = (table, notes)
+
+
+def _check_free(folder: Path, names: Sequence[str] | dict[str, Any], force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise SettingsError(f"--out {folder}: is not a folder")
+    for name in names:
+        if (folder / name).exists() and not force:
+            raise SettingsError(f"{folder / name}: exists; give --force to replace it")
+
+
+def _prefix(folder: Path) -> str:
+    return "" if folder == Path() else f"{folder}/"
