@@ -6,6 +6,8 @@ from typing import Any, Final
 
 from firmware_py import settings
 from firmware_py.trackdb.line_map import LineMap
+from firmware_py.trackdb.network import Running
+from firmware_py.trackdb.one_track import DIRECTIONS, one_track_path
 from firmware_py.trackdb.sites import Station, TagSite
 
 LAPS_MAX: Final = 100
@@ -25,9 +27,37 @@ class Circuit:
 
 
 def load_line(name: str) -> LineMap:
-    """Load a line by path or by the name of a shipped file; raises SettingsError."""
-    path = settings.find(name, "firmware_py.trackdb")
-    return _loaded(settings.text_of(path), str(path))
+    """Load a line by path or by the name of a shipped file; raises SettingsError.
+
+    `NAME:up` and `NAME:down` are its paths in both directions, see `one_track`.
+    """
+    base, route = split_route(name)
+    path = settings.find(base, "firmware_py.trackdb")
+    line = _loaded(settings.text_of(path), str(path))
+    return line if route is None else _path(line, str(path), route)
+
+
+def split_route(name: str) -> tuple[str, str | None]:
+    """The file or shipped name, and the route behind the last colon, if there is one."""
+    base, colon, route = name.rpartition(":")
+    return (base, route) if colon and "/" not in route else (name, None)
+
+
+def with_route(base: str, route: str | None) -> str:
+    """The name from which `split_route` gives these two."""
+    return base if route is None else f"{base}:{route}"
+
+
+@functools.lru_cache(maxsize=settings.KEPT_MAX)
+def _path(line: LineMap, source: str, route: str) -> LineMap:
+    if route not in DIRECTIONS:
+        raise settings.SettingsError(
+            f"{source}: route {route!r}: {settings.nearest(route, list(DIRECTIONS), 'route')}"
+        )
+    try:
+        return one_track_path(line, Running(route)).line
+    except ValueError as error:
+        raise settings.SettingsError(f"{source}: route {route}: {error}") from error
 
 
 @functools.lru_cache(maxsize=settings.KEPT_MAX)

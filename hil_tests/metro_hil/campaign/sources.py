@@ -7,6 +7,7 @@ from typing import Final, TypeVar
 
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb.circuit import split_route, with_route
 from plant_emulator.desk.recording import DeskRecording, load_recording
 from plant_emulator.train_config import TrainConfig, load_train
 from vobc.config import VobcConfig, load_config
@@ -56,12 +57,13 @@ class Sources:
         return kept
 
     def _load(self, what: str, written: str, load: Callable[[str], T]) -> tuple[str, T]:
-        ships = what in SHIPPED and not (written.endswith(".toml") or "/" in written)
+        base, route = split_route(written) if what == "line" else (written, None)
+        ships = what in SHIPPED and not (base.endswith(".toml") or "/" in base)
         if ships:
             return written, load(written)
-        path = self._folder / written
-        loaded = load(str(path))
-        return self._name(path), loaded
+        path = self._folder / base
+        loaded = load(with_route(str(path), route))
+        return with_route(self._name(path), route), loaded
 
     def _name(self, path: Path) -> str:
         """The file's own name, with part of its hash if another file has the same name."""

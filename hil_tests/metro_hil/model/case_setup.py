@@ -7,6 +7,7 @@ from pathlib import Path
 from can_dbc.cab import CabMode
 from firmware_py.settings import SettingsError, nearest
 from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb.circuit import split_route, with_route
 from metro_hil.model.case import TIME_MAX_S, Case, Setup
 from metro_hil.model.mission import Journey
 from plant_emulator.faults.fitting import check_fitting
@@ -122,4 +123,8 @@ def config_of(setup: Setup, files: Files = NO_FILES) -> VobcConfig:
 
 
 def file_name(name: str, files: Files) -> str:
-    return str(files[name]) if name in files else name
+    """The path of a file that a case names, with its route if it is that of a line."""
+    base, route = split_route(name)
+    if base not in files:
+        return name
+    return with_route(str(files[base]), route)

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from firmware_py.command_line import CommandParser
+from firmware_py.trackdb.circuit import split_route
+from firmware_py.trackdb.one_track import DIRECTIONS
 from metro_hil.model.known_names import DRIVERS, LAWS, LINE_ENDPOINT, STAGES
 from metro_hil.model.line_options import DEFAULT_ARBITERS, DEFAULT_TIMERS
 from metro_hil.model.line_options import add_options as add_t2t_options
@@ -145,6 +147,11 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--to", dest="end", metavar="STATION", help="default: the last of the line")
     group.add_argument(
+        "--direction",
+        choices=DIRECTIONS,
+        help="run the line up (towards growing chainage, the default) or down",
+    )
+    group.add_argument(
         "--consist",
         metavar="NAME|FILE",
         help="the real train of the plant; default: florence4, with --trains that of the line",
@@ -278,9 +285,16 @@ def parse(argv: Sequence[str]) -> RunOptions:
     top = parser()
     chosen = vars(top.parse_args(argv))
     del chosen["verb"]
+    direction = chosen.pop("direction")
     several = chosen["trains"] is not None
     for name, alone in (("line", "florence"), ("consist", "florence4"), ("params", "florence4")):
         chosen[name] = chosen[name] or (LINE_DEFAULTS[name] if several else alone)
+    if direction is not None:
+        if split_route(chosen["line"])[1] is not None:
+            top.error(f"--direction: --line {chosen['line']} names one already; leave one out")
+        if several:
+            top.error("--direction: not with --trains, where the line's traffic file decides it")
+        chosen["line"] = f"{chosen['line']}:{direction}"
     options = RunOptions(**chosen)
     problem = (
         wires_problem(options)
