@@ -13,13 +13,15 @@ from metro_hil.energy.running_curve.literal import (
     x_that_the_table_implies_s,
 )
 from metro_hil.energy.running_curve.net import Net
-from metro_hil.energy.running_curve.optimum import Optimum, optimise
+from metro_hil.energy.running_curve.optimum import NotSolvedError, Optimum, optimise
 from metro_hil.energy.running_curve.trace import CurveTrace, trace
 from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
 J_PER_KWH: Final = 3.6e6
 OPTIMUM_CELL_M: Final = 5.0
+GRID_RATIO: Final = 0.01
+"""Energy by which the wider cells of the optimum may differ from those of the designed curve."""
 CONVENTIONAL_WEIGHT: Final = 100.0
 SWEEP: Final = tuple(float(weight) for weight in np.linspace(0.0, 30.0, 121))
 
@@ -51,12 +53,16 @@ class DesignAnswer:
     run: CurveTrace
     optimum: Optimum | None
     above_ratio: float | None
-    """Relative excess of the designed run's J over the optimum's."""
+    """Excess of the designed run's J over the optimum's, relative to the size of the latter."""
     literal: Literal | None
 
 
 def answer(asked: DesignRequest) -> DesignAnswer:
-    """Design a running curve. Raises SettingsError if no run fulfils the task."""
+    """Design a running curve.
+
+    Raises SettingsError if no run fulfils the task, NotSolvedError if the optimum that was asked
+    for does not pass its checks.
+    """
     train, track = asked.train, asked.track
     designed = design(asked.hop, asked.time_s, asked.weight_factor)
     optimum = above_ratio = None
@@ -64,7 +70,12 @@ def answer(asked: DesignRequest) -> DesignAnswer:
         begin = trace(train, asked.coarse, designed.curve).square_m2_per_s2
         time_s = max(asked.time_s, designed.curve.time_s)
         optimum = optimise(train, asked.coarse, time_s, asked.use_ratio, begin)
-        above_ratio = designed.curve.total_j(asked.use_ratio) / optimum.cost_j - 1.0
+        above_j = designed.curve.total_j(asked.use_ratio) - optimum.cost_j
+        if above_j < -GRID_RATIO * designed.curve.acceleration_j:
+            raise NotSolvedError(
+                f"its best run takes {-above_j / 1.0e6:.2f} MJ more than the designed curve"
+            )
+        above_ratio = above_j / abs(optimum.cost_j)
     printed = None
     if asked.literal:
         printed = literal_design(asked.hop, asked.time_s, asked.weight_factor)

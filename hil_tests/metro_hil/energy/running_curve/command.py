@@ -30,18 +30,22 @@ from metro_hil.energy.running_curve.answer import (
 )
 from metro_hil.energy.running_curve.design import Hop
 from metro_hil.energy.running_curve.literal import x_that_the_table_implies_s
+from metro_hil.energy.running_curve.optimum import NotSolvedError
 from metro_hil.energy.running_curve.trace import trace
 from metro_hil.energy.running_curve.track import track_between
 from metro_hil.energy.running_curve.train import RunningTrain, load_train
 from metro_hil.model.run_folder import RunFolderError, make_run_folder
-from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
+from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 
 DESCRIPTION: Final = (
     "Design the power-limited running curve of one hop after Ninh, Watanabe and Koseki: search the "
     "whole net of times and energies, choose notch-off speed, power limit and braking point for "
     "the running time, and draw the paper's figures 4, 5, 7 and 10."
 )
-EPILOG: Final = "exit codes: 0 done; 2 wrong usage, configuration, or no run of just that time"
+EPILOG: Final = (
+    "exit codes: 0 done; 1 --optimal found no run that passes its checks; 2 wrong usage, "
+    "configuration, or no run of just that time"
+)
 J_PER_MJ, J_PER_KWH, KMH_PER_MPS = 1.0e6, 3.6e6, 3.6
 
 
@@ -84,6 +88,11 @@ def main(argv: Sequence[str]) -> int:
     except (SettingsError, RunFolderError) as error:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
+    except NotSolvedError as error:
+        print(
+            f"vobc: --optimal: {error}; give more --time, or leave --optimal out", file=sys.stderr
+        )
+        return EXIT_FAILED
 
 
 def _design(options: argparse.Namespace) -> int:

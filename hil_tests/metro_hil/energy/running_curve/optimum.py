@@ -6,7 +6,7 @@ they are linearised around the last solution. A trust region grows where that im
 shrinks where it did not. Each force is free in every cell.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,9 +19,20 @@ from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 ITERATIONS: Final = 60
 TRUST_START_RATIO: Final = 0.05
 TRUST_END_RATIO: Final = 2.0e-4
-TIME_PRICE_RATIO: Final = 0.2
-"""Price of a second of lateness, as a share of the first solution's energy; more than a second
-saves."""
+TRUST_MAX_RATIO: Final = 10.0
+FIRST_PRICE_RATIO: Final = 80.0
+"""First price of a second of lateness, relative to the kinetic energy at the mean speed for each
+second of the running time. A second later saves a few times this energy per second."""
+PRICE_GROWTH_RATIO: Final = 4.0
+"""Growth of the price of lateness each time the search still accepts a late run."""
+LATE_MAX_S: Final = 0.02
+"""Lateness that an answer may have; below what the grid of the way resolves."""
+CHECK_RATIO: Final = 0.02
+"""Trust region of the programme that gives the costate of the answer."""
+FORCE_TOLERANCE_RATIO: Final = 0.01
+VALUE_TOLERANCE_RATIO: Final = 0.02
+AT_LIMIT_RATIO: Final = 0.997
+"""Tolerances of the check: of forces, of the costate, and of a speed that follows a limit."""
 LEAST_MPS: Final = 0.05
 
 
@@ -41,6 +52,8 @@ class Optimum:
     traction_n: Numbers
     electric_n: Numbers
     friction_n: Numbers
+    value_ratio: Numbers
+    """Costate by cell, (cells,): energy that one more joule of motion saves later."""
     iterations: int
 
     @property
@@ -50,7 +63,7 @@ class Optimum:
 
 
 class NotSolvedError(RuntimeError):
-    """The linear programmes found no solution; an error of this program, not of the task."""
+    """The search found no run that passes the checks of an optimum."""
 
 
 def optimise(
@@ -62,33 +75,100 @@ def optimise(
 ) -> Optimum:
     """Minimise E_acc - k * E_reg over all runs of at most `time_s`.
 
+    Raises NotSolvedError when the best run found is late or breaks the rules of an optimum.
+
     Args:
-        start_square: (cells + 1,) squared speed of any run, from which the search begins.
+        start_square: (cells + 1,) squared speed of any run, from which the search begins. The
+            answer costs no more than this run, unless this run is late.
     """
     square = _repaired(track, start_square)
     trust_ratio = TRUST_START_RATIO
-    price_j_per_s = 0.0
-    best: Optimum | None = None
-    best_merit_j = np.inf
-    done = 0
+    price_j_per_s = _first_price_j_per_s(train, track, time_s)
+    best = _evaluated(train, track, square, use_ratio)
     for done in range(1, ITERATIONS + 1):
-        found, foretold_j = _programme(
-            train, track, square, time_s, use_ratio, trust_ratio, price_j_per_s
-        )
-        if price_j_per_s == 0.0:
-            price_j_per_s = TIME_PRICE_RATIO * max(foretold_j, 1.0)
-        now = _evaluated(train, track, found, use_ratio, done)
-        merit_j = now.cost_j + price_j_per_s * max(0.0, now.time_s - time_s)
-        if merit_j < best_merit_j:
-            best, best_merit_j, square = now, merit_j, found
+        found = _programme(train, track, square, time_s, use_ratio, trust_ratio, price_j_per_s)
+        if found is None:
+            # No run as near as this to the last one obeys all limits.
+            trust_ratio *= 2.0
+            if trust_ratio > TRUST_MAX_RATIO:
+                break
+            continue
+        now = _evaluated(train, track, found.square_m2_per_s2, use_ratio)
+        if _merit_j(now, time_s, price_j_per_s) < _merit_j(best, time_s, price_j_per_s):
+            best = replace(now, iterations=done)
+            square = found.square_m2_per_s2
             trust_ratio *= 1.5
         else:
             trust_ratio *= 0.4
-        if trust_ratio < TRUST_END_RATIO:
+        if trust_ratio >= TRUST_END_RATIO:
+            continue
+        if best.time_s - time_s <= LATE_MAX_S:
             break
-    if best is None:
-        raise NotSolvedError("no linear programme had a solution")
+        # Lateness was cheaper than energy, so the search goes on at a higher price.
+        price_j_per_s *= PRICE_GROWTH_RATIO
+        trust_ratio = TRUST_START_RATIO
+    near = _programme(train, track, square, time_s, use_ratio, CHECK_RATIO, price_j_per_s)
+    if near is None:
+        raise NotSolvedError("no run close to the best one obeys all limits")
+    best = replace(best, value_ratio=near.value_ratio)
+    check(train, track, best, time_s)
     return best
+
+
+def check(train: RunningTrain, track: HopTrack, run: Optimum, time_s: float) -> None:
+    """Hold a run against its task and against Pontryagin's rules. Raises NotSolvedError.
+
+    The costate decides the regime: full traction above 1 / eta_t, coasting below it, electric brake
+    below k * eta_r, friction below 0. A force between nothing and its maximum needs the costate at
+    its threshold, except where the train follows a speed limit.
+    """
+    if not run.time_s - time_s <= LATE_MAX_S:
+        raise NotSolvedError(f"the best run takes {run.time_s:.2f} s instead of {time_s:g} s")
+    middle = np.sqrt((run.speed_mps[1:] ** 2 + run.speed_mps[:-1] ** 2) / 2.0)
+    unit_n = FORCE_TOLERANCE_RATIO * train.traction_force_n
+    over = run.traction_n > train.traction_at_n(middle) + unit_n
+    over |= run.electric_n + run.friction_n > train.service_force_n + unit_n
+    low, high, regime = _right_values(train, run, middle, unit_n)
+    tolerance = VALUE_TOLERANCE_RATIO / train.traction_efficiency_ratio
+    wrong = (run.value_ratio < low - tolerance) | (run.value_ratio > high + tolerance)
+    ceiling_mps = np.minimum(track.ceiling_mps[1:], track.ceiling_mps[:-1])
+    wrong &= np.maximum(run.speed_mps[1:], run.speed_mps[:-1]) < AT_LIMIT_RATIO * ceiling_mps
+    # In a cell in which the regime changes, the force is between those of both regimes.
+    changes = int(np.sum(np.diff(regime) != 0))
+    if np.any(over) or int(np.sum(wrong)) > changes:
+        at_m = float(track.at_m[int(np.argmax(over if np.any(over) else wrong))])
+        what = "needs more force than the train has" if np.any(over) else "is not optimal"
+        raise NotSolvedError(f"the best run {what} at {at_m:.0f} m of the way")
+
+
+def _right_values(
+    train: RunningTrain, run: Optimum, middle: Numbers, unit_n: float
+) -> tuple[Numbers, Numbers, Numbers]:
+    """Return the least and the greatest costate that fit each cell's forces, and its regime."""
+    pulls, brakes, rubs = run.traction_n > unit_n, run.electric_n > unit_n, run.friction_n > unit_n
+    full_pull = run.traction_n > train.traction_at_n(middle) - unit_n
+    full_electric = run.electric_n > train.braking_at_n(middle, train.brake_power_w) - unit_n
+    full_brake = run.electric_n + run.friction_n > train.service_force_n - unit_n
+    pull = 1.0 / train.traction_efficiency_ratio
+    regain = run.use_ratio * train.regeneration_efficiency_ratio
+    cases = [pulls, rubs, brakes]
+    high = np.select(cases, [np.where(full_pull, np.inf, pull), 0.0, regain], pull)
+    low = np.select(cases, [pull, 0.0, np.where(full_electric, 0.0, regain)], regain)
+    return np.where(full_brake, -np.inf, low), high, np.select(cases, [1, 2, 3], 0)
+
+
+def _merit_j(run: Optimum, time_s: float, price_j_per_s: float) -> float:
+    return run.cost_j + price_j_per_s * max(0.0, run.time_s - time_s)
+
+
+def _first_price_j_per_s(train: RunningTrain, track: HopTrack, time_s: float) -> float:
+    """Price of a second of lateness at the beginning of the search.
+
+    It follows from the kinetic energy at the mean speed and not from the energy of the run, which
+    may be negative on falling track.
+    """
+    kinetic_j = train.mass_kg * (track.length_m / time_s) ** 2 / 2.0
+    return FIRST_PRICE_RATIO * kinetic_j / time_s
 
 
 def _repaired(track: HopTrack, square: Numbers) -> Numbers:
@@ -97,9 +177,7 @@ def _repaired(track: HopTrack, square: Numbers) -> Numbers:
     return inside
 
 
-def _evaluated(
-    train: RunningTrain, track: HopTrack, square: Numbers, use_ratio: float, iterations: int
-) -> Optimum:
+def _evaluated(train: RunningTrain, track: HopTrack, square: Numbers, use_ratio: float) -> Optimum:
     """Compute the forces for these speeds with the whole nonlinear model.
 
     A cell brakes electrically as far as power and force allow and by friction beyond. A cell that
@@ -132,7 +210,8 @@ def _evaluated(
         traction_n=traction_n,
         electric_n=electric_n,
         friction_n=friction_n,
-        iterations=iterations,
+        value_ratio=np.full(track.cells, np.nan),
+        iterations=0,
     )
 
 
@@ -144,8 +223,8 @@ def _programme(
     use_ratio: float,
     trust_ratio: float,
     price_j_per_s: float,
-) -> tuple[Numbers, float]:
-    """Solve one linear programme: return squared speeds (cells + 1,) and the predicted energy.
+) -> "_Solution | None":
+    """Solve one linear programme.
 
     Unknowns are the inner squared speeds, the three forces in units of the greatest traction, and
     the lateness. Lateness is permitted at a price, so that a solution always exists.
@@ -188,7 +267,7 @@ def _programme(
     joule = unit_n * step_m
     cost[inner : inner + n] = joule / train.traction_efficiency_ratio
     cost[inner + n : inner + 2 * n] = -use_ratio * joule * train.regeneration_efficiency_ratio
-    cost[late] = price_j_per_s or 1e9
+    cost[late] = price_j_per_s
     return _solved(
         train, track, square, trust_ratio, cost, motion - forces, right_n / unit_n, powers, limits
     )
@@ -204,7 +283,7 @@ def _solved(
     right: Numbers,
     powers: list[csr_matrix],
     limits: list[Numbers],
-) -> tuple[Numbers, float]:
+) -> "_Solution | None":
     from scipy.sparse import vstack
 
     n, unit_n = track.cells, train.traction_force_n
@@ -231,10 +310,21 @@ def _solved(
         method="highs",
     )
     if done.x is None:
-        raise NotSolvedError(f"linear programme: {done.message}")
+        return None
     found = np.zeros(n + 1)
     found[1:-1] = done.x[: n - 1]
-    return found, float(done.fun) * scale
+    joule = unit_n * track.cell_m
+    return _Solution(found, -np.asarray(done.eqlin.marginals) * scale / joule)
+
+
+@dataclass(frozen=True, slots=True)
+class _Solution:
+    """Solution of one linear programme."""
+
+    square_m2_per_s2: Numbers
+    """(cells + 1,)"""
+    value_ratio: Numbers
+    """Dual of the motion: value of a joule at the wheel, (cells,)."""
 
 
 def _resistance(train: RunningTrain, middle: Numbers) -> tuple[Numbers, Numbers]:

@@ -13,7 +13,7 @@ from metro_hil.energy.running_curve import steps, table_one
 from metro_hil.energy.running_curve.design import Hop, InfeasibleError, curve_of, design, with_time
 from metro_hil.energy.running_curve.literal import literal_design, x_that_the_table_implies_s
 from metro_hil.energy.running_curve.net import arrivals, departures, join
-from metro_hil.energy.running_curve.optimum import optimise
+from metro_hil.energy.running_curve.optimum import LATE_MAX_S, NotSolvedError, check, optimise
 from metro_hil.energy.running_curve.trace import trace
 from metro_hil.energy.running_curve.track import HopTrack, level_track
 from metro_hil.energy.running_curve.train import RunningTrain, load_train
@@ -139,6 +139,45 @@ def test_full_power_is_within_a_thousandth_of_the_optimum_with_full_regeneration
 
     assert best.time_s <= 72.5 + 1e-3
     assert best.cost_j == pytest.approx(curve.total_j(1.0), rel=1e-3)
+
+
+def falling_track(train: RunningTrain) -> HopTrack:
+    """A track of 1 km that falls by 30 ‰ between its platforms."""
+    level = level_track(train, 1000.0, cell_m=8.0)
+    at_m = np.linspace(0.0, 1000.0, level.cells)
+    permille = np.where((at_m > 100.0) & (at_m < 900.0), -30.0, 0.0)
+    return dataclasses.replace(level, grade_n=train.mass_kg * 9.81 * permille / 1000.0)
+
+
+@pytest.mark.parametrize(("time_s", "use_ratio"), [(72.0, 0.0), (76.0, 1.0)])
+def test_the_optimum_of_falling_track_keeps_its_time(time_s: float, use_ratio: float) -> None:
+    """The train gains energy on the way, and would gain more if it came late."""
+    track = falling_track(TRAIN)
+    hop = Hop(TRAIN, track)
+    curve = design(hop, time_s, 0.0).curve
+
+    best = optimise(TRAIN, track, time_s, use_ratio, trace(TRAIN, track, curve).square_m2_per_s2)
+
+    assert best.time_s == pytest.approx(time_s, abs=LATE_MAX_S)
+    assert best.cost_j <= curve.total_j(use_ratio) + 0.01 * curve.acceleration_j
+
+
+def test_the_check_rejects_a_late_run_and_a_run_that_wastes_energy() -> None:
+    track = falling_track(TRAIN)
+    fast = design(Hop(TRAIN, track), 80.0, 100.0).curve
+    square = trace(TRAIN, track, fast).square_m2_per_s2
+    best = optimise(TRAIN, track, 80.0, 0.5, square)
+    coasts = (best.traction_n < 1.0) & (best.electric_n < 1.0) & (best.friction_n < 1.0)
+    wasteful = dataclasses.replace(best, traction_n=np.where(coasts, 5e3, best.traction_n))
+    strong = dataclasses.replace(best, traction_n=best.traction_n + 20e3)
+
+    check(TRAIN, track, best, 80.0)
+    with pytest.raises(NotSolvedError, match=r"takes 80\.00 s instead of 79 s"):
+        check(TRAIN, track, best, 79.0)
+    with pytest.raises(NotSolvedError, match="is not optimal"):
+        check(TRAIN, track, wasteful, 80.0)
+    with pytest.raises(NotSolvedError, match="more force than the train has"):
+        check(TRAIN, track, strong, 80.0)
 
 
 @pytest.mark.parametrize("use_ratio", [1.0, 0.5])
