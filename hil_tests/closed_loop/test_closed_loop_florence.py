@@ -16,7 +16,8 @@ from firmware_py.candump import read_candump
 from firmware_py.clock.executive import run
 from firmware_py.ports import LinkCounters
 from metro_hil.metrics.results import sha256_of
-from metro_hil.metrics.run import measure_ride, measure_stops, supervision_events
+from metro_hil.metrics.run import measure_ride, supervision_events
+from metro_hil.metrics.stops import measure_stops
 from metro_hil.model.end_condition import ARRIVED
 from metro_hil.model.log_columns import read_columns
 from metro_hil.model.mission import plan_journey

@@ -11,7 +11,8 @@ from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Decoder
 from metro_hil.cli.vobc import main
 from metro_hil.metrics.results import sha256_of
-from metro_hil.metrics.run import measure_ride, measure_stops
+from metro_hil.metrics.run import measure_ride
+from metro_hil.metrics.stops import measure_stops
 from metro_hil.model.end_condition import ARRIVED
 from metro_hil.model.log_columns import read_columns
 from metro_hil.model.mission import plan_journey

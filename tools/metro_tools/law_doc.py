@@ -259,8 +259,8 @@ def _figures(results: Mapping[str, Any]) -> Iterator[str]:
         return
     yield (
         "From campaigns on the bench with all frames. Means of |stop error| with their bootstrap\n"
-        "interval over runs, shares with their lower bound by Clopper–Pearson, 95 % each; comfort\n"
-        "is the greatest of all runs, felt in the worst car.\n"
+        "interval over seeds, shares with their lower bound by Clopper–Pearson, 95 % each;\n"
+        "comfort is the greatest of all runs, felt in the worst car.\n"
     )
     yield _table(HEADS, [_figure_row(name, each) for name, each in results.items()])
 

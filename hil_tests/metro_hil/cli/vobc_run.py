@@ -17,12 +17,8 @@ from firmware_py.trackdb import LineMap
 from metro_hil.cli.realtime_run import RealtimeRun
 from metro_hil.metrics.comfort import comfort_of, inertia_of
 from metro_hil.metrics.results import RunResults, sha256_of
-from metro_hil.metrics.run import (
-    measure_cycles,
-    measure_ride,
-    measure_stops,
-    supervision_events,
-)
+from metro_hil.metrics.run import measure_cycles, measure_ride, supervision_events
+from metro_hil.metrics.stops import measure_stops
 from metro_hil.model.end_condition import INTERRUPTED, Ending
 from metro_hil.model.log_columns import RunLogError, read_columns
 from metro_hil.model.mission import Journey, check_reference, plan_journey

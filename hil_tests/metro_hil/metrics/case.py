@@ -6,18 +6,20 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from can_dbc.doors import DoorState
 from firmware_py.trackdb import Station
 from metro_hil.metrics.comfort import felt_worst
-from metro_hil.metrics.run import measure_ride, measure_stops
+from metro_hil.metrics.run import measure_ride
+from metro_hil.metrics.stops import StationStop, measure_stops, open_doors
 from metro_hil.model.log_columns import Columns
 from plant_emulator.process import TRUTH_COLUMNS
 
 NAMES: Final[Mapping[str, str]] = {
-    "stop_error_worst_m": "greatest distance from the stopping point of all stops made",
-    "stop_error_mean_m": "mean distance from the stopping point of all stops made",
+    "stop_error_worst_m": "greatest distance from the stopping point at a first standstill",
+    "stop_error_mean_m": "mean distance from the stopping point at first standstills",
+    "doors_error_worst_m": "greatest distance from the stopping point when doors opened",
+    "doors_delay_worst_s": "greatest time from the first standstill to the opening of the doors",
+    "jogs_count": "movements between the first standstill at a stop and the opening of the doors",
     "stops_made_count": "stations near whose stopping point the train stood",
     "stops_missed_count": "stations of its timetable near which the train never stood",
     "arrived_count": "1 if the train stood with open doors at its last station, else 0",
@@ -32,6 +34,7 @@ NAMES: Final[Mapping[str, str]] = {
     "distance_m": "distance from the first to the last place of the front",
     "run_time_s": "duration of the run",
     "punctuality_worst_s": "greatest difference from the planned running time to a station",
+    "over_fastest_worst_ratio": "greatest excess of a running time over the shortest possible one",
     "front_end_m": "chainage of the front at the end",
     "notch_changes_max_count": "most changes of the brake command's level before one stop",
     "notch_changes_mean_count": "mean number of changes of that level before a stop",
@@ -47,9 +50,10 @@ NAMES: Final[Mapping[str, str]] = {
     "rejected_frames_count": "frames that the train's nodes rejected",
     "bus_load_ratio": "share of time that the bus was occupied",
 }
-"""Measures of every case with their meaning. Each station of the timetable adds two:
-`stop_<name>_error_m`, positive beyond the stopping point, and `stop_<name>_run_s`, from leaving the
-previous stop."""
+"""Measures of every case with their meaning. Each station of the timetable adds three:
+`stop_<name>_error_m` at the first standstill and `doors_<name>_error_m` when the doors opened, both
+positive beyond the stopping point, and `stop_<name>_run_s`, from leaving the previous stop to the
+first standstill."""
 
 
 NO_PLAN: Final[Mapping[str, float]] = {}
@@ -73,23 +77,42 @@ def measure_names(stations: Sequence[Station]) -> tuple[str, ...]:
     each = [
         name
         for station in stations
-        for name in (f"stop_{station.name}_error_m", f"stop_{station.name}_run_s")
+        for name in (
+            f"stop_{station.name}_error_m",
+            f"stop_{station.name}_run_s",
+            f"doors_{station.name}_error_m",
+        )
     ]
     return (*NAMES, *each)
 
 
 def motion_measures(
-    truth: Columns, stops: Sequence[Station], planned_run_s: Mapping[str, float] = NO_PLAN
+    truth: Columns,
+    stops: Sequence[Station],
+    planned_run_s: Mapping[str, float] = NO_PLAN,
+    fastest_run_s: Mapping[str, float] = NO_PLAN,
 ) -> dict[str, float | None]:
-    """Measures from the truth log alone: stops, motion, emergencies, punctuality."""
+    """Measures from the truth log alone: stops, motion, emergencies, punctuality.
+
+    Args:
+        planned_run_s, fastest_run_s: running time to each station by timetable, and the shortest
+            possible one.
+    """
     measured = measure_stops(truth, stops)
     ride = measure_ride(truth)
     front_m = truth.numbers("front_m")
     emergency = truth.flags("emergency")
     errors_m = [abs(stop.error_m) for stop in measured if stop.error_m is not None]
+    doors_m = [abs(stop.doors_error_m) for stop in measured if stop.doors_error_m is not None]
     measures: dict[str, float | None] = {
         "stop_error_worst_m": max(errors_m, default=None),
         "stop_error_mean_m": math.fsum(errors_m) / len(errors_m) if errors_m else None,
+        "doors_error_worst_m": max(doors_m, default=None),
+        "doors_delay_worst_s": max(
+            (stop.doors_delay_s for stop in measured if stop.doors_delay_s is not None),
+            default=None,
+        ),
+        "jogs_count": float(sum(stop.jogs for stop in measured)),
         "stops_made_count": float(len(errors_m)),
         "stops_missed_count": float(len(measured) - len(errors_m)),
         "accel_max_mps2": ride.max_accel_mps2,
@@ -99,11 +122,11 @@ def motion_measures(
         "distance_m": ride.distance_m,
         "run_time_s": ride.duration_s,
         "punctuality_worst_s": max(
-            (
-                abs(stop.run_time_s - planned_run_s[stop.station])
-                for stop in measured
-                if stop.run_time_s is not None and stop.station in planned_run_s
-            ),
+            (abs(run_s - plan_s) for run_s, plan_s in _against(measured, planned_run_s)),
+            default=None,
+        ),
+        "over_fastest_worst_ratio": max(
+            (run_s / least_s - 1.0 for run_s, least_s in _against(measured, fastest_run_s)),
             default=None,
         ),
         "front_end_m": float(front_m[-1]) if len(front_m) else None,
@@ -115,7 +138,19 @@ def motion_measures(
     for stop in measured:
         measures[f"stop_{stop.station}_error_m"] = stop.error_m
         measures[f"stop_{stop.station}_run_s"] = stop.run_time_s
+        measures[f"doors_{stop.station}_error_m"] = stop.doors_error_m
     return measures
+
+
+def _against(
+    stops: Sequence[StationStop], reference_s: Mapping[str, float]
+) -> list[tuple[float, float]]:
+    """Running time and its reference of each stop that has both."""
+    return [
+        (stop.run_time_s, reference_s[stop.station])
+        for stop in stops
+        if stop.run_time_s is not None and stop.station in reference_s
+    ]
 
 
 def _emergency_measures(truth: Columns) -> dict[str, float | None]:
@@ -142,17 +177,10 @@ def _emergency_measures(truth: Columns) -> dict[str, float | None]:
 
 
 def _door_open_speed_mps(truth: Columns) -> float | None:
-    open_ = _not_locked(truth.texts("door_left")) | _not_locked(truth.texts("door_right"))
+    open_ = open_doors(truth)
     if not np.any(open_):
         return None
     return float(np.max(np.abs(truth.numbers("speed_mps")[open_])))
-
-
-def _not_locked(states: Sequence[str]) -> "npt.NDArray[np.bool_]":
-    """Doors that are not locked. In memory states are numbers; in logs of real time they are
-    text."""
-    locked = (str(DoorState.LOCKED), DoorState.LOCKED.name.lower())
-    return np.array([state not in locked for state in states], dtype=np.bool_)
 
 
 def _risings(flags: Sequence[bool]) -> int:

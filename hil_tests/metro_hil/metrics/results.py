@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from metro_hil.metrics.comfort import Comfort
-from metro_hil.metrics.run import Cycles, RideComfort, StationStop, SupervisionEvent
+from metro_hil.metrics.run import Cycles, RideComfort, SupervisionEvent
+from metro_hil.metrics.stops import StationStop
 
 BLOCK_BYTES = 1 << 20
 

@@ -1,12 +1,10 @@
 """Measures of one run, from the plant's truth log and the controller's cycle log."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_py.trackdb import Station
 from metro_hil.model.log_columns import Columns, Numbers
 
 CUT_OFF_HZ = 2.0
@@ -14,21 +12,7 @@ CUT_OFF_HZ = 2.0
 noise."""
 RESPONSE_S = 2.5
 """Time after which an impulse response has decayed, s."""
-NEAR_STOP_M = 50.0
-"""Greatest distance of a standstill from the stopping point that counts as a stop there, m."""
 ROWS_MIN = 8
-
-
-@dataclass(frozen=True, slots=True)
-class StationStop:
-    """How the train stopped at one station."""
-
-    station: str
-    error_m: float | None
-    """Stopping error, positive beyond the stopping point; None if the train never stood near it."""
-    arrived_s: float | None
-    run_time_s: float | None
-    """Time from leaving the previous standstill to this one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,36 +40,6 @@ class Cycles:
     lateness_us_max: float
     least_margin_mps: float
     """Least difference between the emergency curve and the speed while moving."""
-
-
-def measure_stops(truth: Columns, stations: Sequence[Station]) -> list[StationStop]:
-    """One entry for each station at which the mission stops, in running order."""
-    time_s, front_m = truth.numbers("t_s"), truth.numbers("front_m")
-    still = truth.numbers("speed_mps") == 0.0
-    starts, ends = _runs(still)
-    stops = []
-    for station in stations:
-        near = [
-            (abs(float(front_m[first]) - station.stop_m), first, index)
-            for index, first in enumerate(starts)
-            if abs(float(front_m[first]) - station.stop_m) <= NEAR_STOP_M
-        ]
-        if not near:
-            stops.append(StationStop(station.name, None, None, None))
-            continue
-        # The last standstill near the point is the stop; a jog has corrected an earlier one.
-        _, first, index = max(near, key=lambda entry: entry[2])
-        left_s = float(time_s[ends[index - 1]]) if index > 0 else float(time_s[0])
-        arrived_s = float(time_s[first])
-        error_m = float(front_m[first]) - station.stop_m
-        stops.append(StationStop(station.name, error_m, arrived_s, arrived_s - left_s))
-    return stops
-
-
-def _runs(flags: "np.typing.NDArray[np.bool_]") -> tuple[list[int], list[int]]:
-    """First and last index of every stretch of true values."""
-    edges = np.diff(np.concatenate(([0], flags.astype(np.int8), [0])))
-    return np.flatnonzero(edges == 1).tolist(), (np.flatnonzero(edges == -1) - 1).tolist()
 
 
 def measure_ride(truth: Columns) -> RideComfort:

@@ -7,6 +7,7 @@ import numpy as np
 
 from metro_hil.metrics.case import motion_measures
 from metro_hil.metrics.comfort import comfort_of, inertia_of
+from metro_hil.metrics.fastest_run import journey_fastest_s
 from metro_hil.model.case_setup import CaseParts
 from metro_hil.model.log_columns import Columns, RunLogError, read_columns
 from metro_hil.model.run_folder import RunFolder
@@ -32,7 +33,8 @@ def realtime_measures(
     truth = _read(folder, "truth.csv") if truth_known else None
     if truth is not None:
         seen = up_to(truth, run.motion.t_s)
-        measures.update(motion_measures(seen, made.journey.stops, made.journey.planned_run_s))
+        journey, fastest_s = made.journey, journey_fastest_s(made.journey, made.config.ato)
+        measures.update(motion_measures(seen, journey.stops, journey.planned_run_s, fastest_s))
         measures["arrived_count"] = float(run.motion.arrived)
     cycles = _read(folder, "cycles.csv")
     measures.update(_commanded(cycles, made))

@@ -49,6 +49,22 @@ def mean_with_interval(values: Sequence[float]) -> ConfidenceInterval | None:
     return _with_interval(values, lambda table: table.mean(axis=-1))
 
 
+def cluster_mean_with_interval(clusters: Sequence[Sequence[float]]) -> ConfidenceInterval | None:
+    """Mean of all values with an interval by resampling whole clusters.
+
+    Values of one cluster may depend on each other; clusters are independent. None without clusters.
+    """
+    if not len(clusters):
+        return None
+    sums = np.array([[len(own), np.sum(np.sort(np.asarray(own)))] for own in clusters])
+    ordered = sums[np.lexsort((sums[:, 0], sums[:, 1]))]
+    best = float(np.sum(ordered[:, 1]) / np.sum(ordered[:, 0]))
+    drawn = _resampled(ordered, lambda table: table[..., 1].sum(-1) / table[..., 0].sum(-1))
+    tail_percent = 50.0 * (1.0 - CONFIDENCE_RATIO)
+    low, high = np.percentile(drawn, [tail_percent, 100.0 - tail_percent])
+    return ConfidenceInterval(best, min(float(low), best), max(float(high), best))
+
+
 def median_with_interval(values: Sequence[float]) -> ConfidenceInterval | None:
     """Median with its interval, like `mean_with_interval`."""
     return _with_interval(values, lambda table: np.median(table, axis=-1))

@@ -9,7 +9,7 @@ import msgspec
 
 from firmware_py.settings import SettingsError
 from metro_hil.model.case import Case, CaseResult
-from metro_hil.report.estimates import ConfidenceInterval, mean_with_interval, pass_share
+from metro_hil.report.estimates import ConfidenceInterval, cluster_mean_with_interval, pass_share
 from vobc.config import load_config
 
 LAW: Final = "ato.strategy"
@@ -49,14 +49,14 @@ class LawFigures(msgspec.Struct, frozen=True, kw_only=True):
     """Mean of |stop error|."""
     mean_low_m: float | None
     mean_high_m: float | None
-    """95 % interval of the mean by bootstrap over runs, because the stops of one run depend on each
-    other."""
+    """95 % interval of the mean by bootstrap over seeds, because the stops of one run, and the runs
+    of one seed, depend on each other."""
     worst_m: float | None
     """Stop error of greatest magnitude, positive beyond the stopping point."""
     within_ratio: float | None
     """Share of stops within 10 cm; a missed one counts as outside."""
     within_low_ratio: float | None
-    """Lower bound of that share by Clopper–Pearson, two-sided 95 %."""
+    """Lower bound of that share by Clopper–Pearson, two-sided 95 %; it counts each seed once."""
     run_s: float | None
     """Mean duration of a run, including dwells and jogs."""
     comfort: dict[str, float | None]
@@ -119,7 +119,9 @@ def figures_of(pairs: Pairs) -> LawFigures:
     known = [at_m for at_m in stops if at_m is not None]
     mean = mean_error_m(pairs)
     within = sum(abs(at_m) <= TOLERANCE_M for at_m in known)
-    share = pass_share(within, len(stops))
+    seeds = len({case.seed for case, result in pairs if result is not None})
+    # Stops of one seed say little more than one stop, so they count as one.
+    share = pass_share(seeds * within // len(stops), seeds) if stops else None
     runs_s = _measured(pairs, RUN)
     return LawFigures(
         cases=len(pairs),
@@ -130,7 +132,7 @@ def figures_of(pairs: Pairs) -> LawFigures:
         mean_low_m=None if mean is None else mean.low,
         mean_high_m=None if mean is None else mean.high,
         worst_m=max(known, key=abs, default=None),
-        within_ratio=None if share is None else share.best,
+        within_ratio=within / len(stops) if stops else None,
         within_low_ratio=None if share is None else share.low,
         run_s=sum(runs_s) / len(runs_s) if runs_s else None,
         comfort={
@@ -183,13 +185,12 @@ def stops_m(result: CaseResult) -> list[float | None]:
 
 
 def mean_error_m(pairs: Pairs) -> ConfidenceInterval | None:
-    """Mean |stop error| of the stops that were made, with its interval."""
-    runs = []
-    for _, result in pairs:
+    """Mean |stop error| of the stops that were made, with its interval by resampling seeds."""
+    by_seed: dict[int, list[float]] = {}
+    for case, result in pairs:
         known = [abs(at_m) for at_m in (stops_m(result) if result else []) if at_m is not None]
-        if known:
-            runs.append(sum(known) / len(known))
-    return mean_with_interval(runs)
+        by_seed.setdefault(case.seed, []).extend(known)
+    return cluster_mean_with_interval([own for own in by_seed.values() if own])
 
 
 def _measured(pairs: Pairs, name: re.Pattern[str]) -> list[float]:

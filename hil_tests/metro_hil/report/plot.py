@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from firmware_py.storage.whole_file import whole_file
 from firmware_py.trackdb import LineMap, TagKind
-from metro_hil.metrics.run import StationStop
+from metro_hil.metrics.stops import StationStop
 from metro_hil.model.log_columns import Columns, Numbers
 
 KMH_PER_MPS = 3.6

@@ -8,6 +8,7 @@ from rich.text import Text
 
 from metro_hil.metrics.comfort import Comfort
 from metro_hil.metrics.results import RunResults
+from metro_hil.metrics.stops import StationStop
 
 TOLERANCE_M = 0.10
 """Stopping tolerance of [Allotta 2013], table 1."""
@@ -38,13 +39,24 @@ def _print_stops(console: Console, results: RunResults) -> None:
             table.add_row(stop.station, "-", "-", Text("not reached", style="yellow"))
             continue
         inside = abs(stop.error_m) <= TOLERANCE_M
+        text = "within ±10 cm" if inside else "outside ±10 cm"
         table.add_row(
             stop.station,
             f"{stop.error_m * 100.0:+.1f} cm",
             f"{stop.run_time_s:.1f} s",
-            Text("within ±10 cm", style="green") if inside else Text("outside ±10 cm", style="red"),
+            Text(text + _jogged(stop), style="green" if inside and not stop.jogs else "red"),
         )
     console.print(table)
+
+
+def _jogged(stop: StationStop) -> str:
+    """What followed a stop that jogs corrected."""
+    if not stop.jogs:
+        return ""
+    jogs = "1 jog" if stop.jogs == 1 else f"{stop.jogs} jogs"
+    if stop.doors_error_m is None:
+        return f", {jogs}, doors shut"
+    return f", {jogs}, doors open at {stop.doors_error_m * 100.0:+.1f} cm"
 
 
 def _rows(results: RunResults) -> list[tuple[str, str]]:

@@ -13,6 +13,7 @@ from firmware_py.storage.recorder import loss_text
 from metro_hil.external_controller import ControllerDiedError
 from metro_hil.metrics.case import MemoryLog, motion_measures
 from metro_hil.metrics.comfort import CommandLog, inertia_of
+from metro_hil.metrics.fastest_run import journey_fastest_s
 from metro_hil.metrics.notches import NotchLog
 from metro_hil.model.case import (
     Case,
@@ -348,7 +349,8 @@ class CaseRun:
     def _measures(self) -> dict[str, float | None]:
         bench, parts = self.bench, self.parts
         truth = self._rows.columns()
-        measures = motion_measures(truth, parts.journey.stops, parts.journey.planned_run_s)
+        journey, fastest_s = parts.journey, journey_fastest_s(parts.journey, parts.config.ato)
+        measures = motion_measures(truth, journey.stops, journey.planned_run_s, fastest_s)
         measures |= self._notches.measures(truth)
         power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
         if self.case.controller.kind == ControllerSpec().kind:

@@ -157,7 +157,7 @@ def difference_of(case: "Case", before: "CaseResult | None", now: "CaseResult") 
 
 def draw(case: "Case", files: dict[str, Path], place: "RunFolder") -> bool:
     """Draw the plot of the run; False if there is nothing to draw."""
-    from metro_hil.metrics.run import measure_stops
+    from metro_hil.metrics.stops import measure_stops
     from metro_hil.model.case_setup import parts_of
     from metro_hil.model.log_columns import read_columns
     from metro_hil.report.campaign.plots import draw_run_of

@@ -107,7 +107,7 @@ def _comfort(figures: LawFigures) -> list[str]:
 
 def _remarks(laws: Mapping[str, Pairs]) -> list[str]:
     lines = [
-        "Intervals of means: bootstrap over runs, 95 %. Share within 10 cm: least share by "
+        "Intervals of means: bootstrap over seeds, 95 %. Share within 10 cm: least share by "
         "Clopper–Pearson, two-sided 95 %, a missed station counted as outside.",
         "Whole line: mean, dwells included. Acceleration and jerk: the greatest of all runs.",
     ]

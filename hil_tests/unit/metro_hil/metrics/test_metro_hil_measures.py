@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from firmware_py.trackdb import Station
-from metro_hil.metrics.run import measure_cycles, measure_ride, measure_stops, supervision_events
+from metro_hil.metrics.run import measure_cycles, measure_ride, supervision_events
+from metro_hil.metrics.stops import measure_stops
 from metro_hil.model.log_columns import Columns, RunLogError, read_columns
 
 STEP_S = 0.05
@@ -60,16 +61,75 @@ def test_a_station_that_was_not_reached_has_no_error() -> None:
     assert stops[1].run_time_s is None
 
 
-def test_a_corrected_stop_counts_where_the_train_stood_last() -> None:
-    """The train stops two metres short and tries again: the second standstill is the stop."""
+def jogged(first_m: float) -> Columns:
+    """A train that stops at `first_m`, then jogs and opens its doors one second later."""
+    first, second = trapezoid(0.5, 5.0, 100), trapezoid(0.25, 0.5, 60)
+    way_m = float(motion(first).numbers("front_m")[-1])
+    log = motion(first + second, start_m=first_m - way_m)
+    doors = ["locked"] * (len(log) - 20) + ["open"] * 20
+    return Columns.of_rows(
+        "truth",
+        ("t_s", "front_m", "speed_mps", "door_left", "door_right"),
+        [
+            (*row, "locked", door)
+            for *row, door in zip(
+                *(log.numbers(name).tolist() for name in ("t_s", "front_m", "speed_mps")),
+                doors,
+                strict=True,
+            )
+        ],
+    )
+
+
+def test_a_corrected_stop_counts_where_the_train_stood_first() -> None:
+    """The train stops 2.5 m short and tries again. The doors open where it stands then."""
+    (stop,) = measure_stops(jogged(97.5), [STATION])
+
+    assert stop.error_m == pytest.approx(-2.5, abs=1e-9)
+    assert stop.run_time_s == pytest.approx(25.0, abs=2 * STEP_S)
+    assert stop.jogs == 1
+    assert stop.doors_error_m == pytest.approx(0.0, abs=0.03)
+    assert stop.doors_delay_s == pytest.approx(2.0 + 1.0 + 2.0 + 3.0 + 2.0 + 1.0, abs=0.3)
+
+
+def test_a_standstill_far_before_the_stop_is_no_stop_if_the_train_goes_on() -> None:
+    """It waits 20 m before the stop for its authority."""
     first = trapezoid(0.5, 5.0, 100)
-    second = trapezoid(0.25, 0.5, 60)
-    speeds_mps = first + second
+    second = trapezoid(0.5, 2.0, 160)
+    way_m = float(motion(first).numbers("front_m")[-1])
+    beyond_m = float(motion(second).numbers("front_m")[-1])
+
+    (stop,) = measure_stops(motion(first + second, start_m=100.0 - beyond_m - way_m), [STATION])
+
+    assert stop.error_m == pytest.approx(0.0, abs=1e-9)
+    assert stop.jogs == 0
+    assert stop.run_time_s is not None
+    assert stop.run_time_s > 40.0
+
+
+def test_a_settling_of_the_couplers_is_neither_a_jog_nor_a_departure() -> None:
+    first = trapezoid(0.5, 5.0, 100)
+    speeds_mps = first + [1e-3, -1e-3] * 5 + [0.0] * 40 + trapezoid(0.5, 5.0, 400)
+    way_m = float(motion(first).numbers("front_m")[-1])
+    log = motion(speeds_mps, start_m=100.0 - way_m)
+    after = Station(
+        "B", stop_m=float(log.numbers("front_m")[-1]), platform_start_m=0.0, platform_end_m=300.0
+    )
+
+    stop, later = measure_stops(log, [STATION, after])
+
+    assert stop.jogs == 0
+    assert later.run_time_s == pytest.approx(10.0 + 10.0 + 20.0, abs=4 * STEP_S)
+
+
+def test_doors_that_stay_shut_have_neither_place_nor_delay() -> None:
+    speeds_mps = trapezoid(0.5, 5.0, 100)
     way_m = float(motion(speeds_mps).numbers("front_m")[-1])
 
-    (stop,) = measure_stops(motion(speeds_mps, start_m=99.96 - way_m), [STATION])
+    (stop,) = measure_stops(motion(speeds_mps, start_m=100.0 - way_m), [STATION])
 
-    assert stop.error_m == pytest.approx(-0.04, abs=1e-9)
+    assert stop.doors_error_m is None
+    assert stop.doors_delay_s is None
 
 
 def test_acceleration_of_a_steady_ramp_is_its_slope() -> None:

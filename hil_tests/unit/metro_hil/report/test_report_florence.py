@@ -24,7 +24,7 @@ def pairs_of(
     pairs: list[tuple[Case, CaseResult | None]] = []
     for load in LOADS:
         for turn, error in enumerate(ERRORS):
-            case = case_of(len(pairs), scenario, error=error, load=load, seed=1)
+            case = case_of(len(pairs), scenario, error=error, load=load, seed=len(pairs) + 1)
             sway = (0.0, 0.2, -0.2, 0.2, -0.2, 0.2, -0.2)[turn]
             sign = -1.0 if turn % 2 else 1.0
             stops_m = tuple(sign * (s + 10.0 * load) * (1.0 + sway) / 100.0 for s in range(1, 5))
@@ -140,7 +140,8 @@ def test_each_law_has_its_tables_and_the_last_table_has_all_laws(
     assert said("worst, cm") == ["-16.8", "+2.0", ""]
     # Within 10 cm: 28 without load, all but three of 10.8 cm with half of it, six with all of it.
     assert said("within 10 cm") == [f"{(28 + 25 + 6) / 0.84:.1f} %", "100.0 %", "all"]
-    assert said("at least, 95 %")[1] == "39.8 %"
+    # One run is one draw, whatever its number of stops.
+    assert said("at least, 95 %")[1] == "2.5 %"
     assert said("whole line, s")[1:] == ["90.0", ""]
     assert said("asked for, m/s³") == ["–", "0.60", "0.60"]
     assert said("felt at 2 Hz, m/s³") == ["–", "0.70", ""]

@@ -22,7 +22,7 @@ def pairs(
     case_of: Callable[..., Case], result_of: Callable[..., CaseResult]
 ) -> list[tuple[Case, CaseResult | None]]:
     """Three runs: stops that are 1, 3, 5 and 7 cm off, stops that are 12 cm off, and no result."""
-    cases = [case_of(n, "table-8-predictive", error=0.0, load=0.5, seed=1) for n in range(3)]
+    cases = [case_of(n, "table-8-predictive", error=0.0, load=0.5, seed=n + 1) for n in range(3)]
     one = result_of(cases[0], (0.01, -0.03, 0.05, -0.07))
     ride = {"felt_jerk_2hz_mps3": 0.4, "run_time_s": 80.0}
     one = msgspec.structs.replace(one, measures={**one.measures, **ride})
@@ -44,11 +44,22 @@ def test_all_stops_of_all_runs_are_in_the_figures(
     assert figures.mean_high_m == pytest.approx(0.12)
     assert abs(figures.worst_m or 0.0) == pytest.approx(0.12)
     assert figures.within_ratio == 0.5
-    # Clopper and Pearson: four of eight.
-    assert figures.within_low_ratio == pytest.approx(0.157, abs=0.001)
+    # Clopper and Pearson: one of two seeds, 1 - sqrt(0.975).
+    assert figures.within_low_ratio == pytest.approx(0.0126, abs=0.001)
     assert figures.run_s == pytest.approx(90.0)
     assert figures.comfort["felt_jerk_2hz_mps3"] == 0.9
     assert figures.comfort["commanded_jerk_max_mps3"] is None
+
+
+def test_cases_of_one_seed_count_as_one_draw(pairs: list[tuple[Case, CaseResult | None]]) -> None:
+    """Both runs have seed 1, so their stops say nothing about another seed."""
+    same = [(msgspec.structs.replace(case, seed=1), result) for case, result in pairs]
+
+    figures = figures_of(same)
+
+    assert figures.mean_low_m == figures.mean_high_m == pytest.approx(figures.mean_m)
+    assert figures.within_ratio == 0.5
+    assert figures.within_low_ratio == 0.0
 
 
 @pytest.mark.parametrize(
