@@ -85,7 +85,8 @@ class Predictive:
         self._config = config
         self._line = line
         self._dt_s = dt_s
-        self._model = TrainModel(config.brake, config.traction, dt_s)
+        weak_ratio = config.braking.weak_ratio
+        self._model = TrainModel(config.brake, config.traction, dt_s, weak_ratio=weak_ratio)
         self._governor = RateLimiter(config.traction.jerk_mps3, config.traction.smoothing_s, dt_s)
         self._pid = Pid()
         self._rail = AdhesionEstimate(config, line)

@@ -8,6 +8,8 @@ Friction that takes over from the motors has its own gain beside that of the who
 import math
 from typing import Final
 
+from vobc.ato.settings.ato import WEAK_RATIO
+
 SPEED_SIGMA_MPS: Final = 0.03
 """Standard deviation of a measured speed, including oscillation of the coaches."""
 DISTURBANCE_WALK: Final = 0.004**2
@@ -16,8 +18,6 @@ DISTURBANCE_SIGMA_MPS2: Final = 0.03
 DISTURBANCE_RENEWED_MPS2: Final = 0.015
 """Standard deviation at the start of an application: resistance, wind and map errors."""
 GAIN_WALK: Final = 0.002**2
-GAIN_SIGMA_RATIO: Final = 0.08
-"""Standard deviation of the gain before it was measured."""
 FRICTION_SIGMA_RATIO: Final = 0.13
 """Standard deviation of friction relative to the whole brake."""
 SURPRISE_MPS: Final = 0.25
@@ -42,6 +42,7 @@ class MotionFilter:
         "_dg",
         "_dh",
         "_dt_s",
+        "_gain_sigma_ratio",
         "_gg",
         "_gh",
         "_hh",
@@ -55,13 +56,15 @@ class MotionFilter:
         "speed_mps",
     )
 
-    def __init__(self, dt_s: float) -> None:
+    def __init__(self, dt_s: float, gain_sigma_ratio: float = -WEAK_RATIO / 2.0) -> None:
+        """`gain_sigma_ratio`: standard deviation of the gain before it was measured."""
         self._dt_s = dt_s
+        self._gain_sigma_ratio = gain_sigma_ratio
         self.gain_ratio = 0.0
         """Relative excess of the brake over the demand."""
         self.friction_ratio = 0.0
         """Further relative excess of its friction."""
-        self._gg = GAIN_SIGMA_RATIO**2
+        self._gg = self._gain_sigma_ratio**2
         self._hh = FRICTION_SIGMA_RATIO**2
         self.start(0.0)
 
@@ -76,7 +79,7 @@ class MotionFilter:
     def forget(self, speed_mps: float) -> None:
         """Discard the estimates, because another source moved the train."""
         self.gain_ratio = self.friction_ratio = 0.0
-        self._gg = GAIN_SIGMA_RATIO**2
+        self._gg = self._gain_sigma_ratio**2
         self._hh = FRICTION_SIGMA_RATIO**2
         self.start(speed_mps)
 
@@ -97,7 +100,7 @@ class MotionFilter:
         """Begin a new application. The estimates of a faulty brake are discarded."""
         if abs(self.gain_ratio) >= GAIN_REFUSED_RATIO:
             self.gain_ratio = 0.0
-            self._gg = GAIN_SIGMA_RATIO**2
+            self._gg = self._gain_sigma_ratio**2
         if abs(self.friction_ratio) >= GAIN_REFUSED_RATIO:
             self.friction_ratio = 0.0
         self._vh = self._dh = self._gh = 0.0

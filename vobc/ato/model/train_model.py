@@ -21,7 +21,7 @@ from vobc.ato.model.predictor import (
     response,
     settling,
 )
-from vobc.ato.settings.ato import BrakeBelief, TractionBelief
+from vobc.ato.settings.ato import WEAK_RATIO, BrakeBelief, TractionBelief
 
 SETTLE_LAGS: Final = 5.0
 """Number of lags after the longest dead time until a released brake counts as off."""
@@ -51,7 +51,17 @@ class TrainModel:
         *("_traction_tap", "_trail", "_trail_ratio", "brake_mps2", "lag_s", "on_its_way_mps2"),
     )
 
-    def __init__(self, brake: BrakeBelief, traction: TractionBelief, dt_s: float) -> None:
+    def __init__(
+        self,
+        brake: BrakeBelief,
+        traction: TractionBelief,
+        dt_s: float,
+        *,
+        weak_ratio: float = WEAK_RATIO,
+    ) -> None:
+        """`weak_ratio`: deviation of the gain that is assumed before it is measured, as two
+        standard deviations.
+        """
         count = len(brake.dead_times_s)
         self._brake_belief = brake
         self._traction_belief = traction
@@ -67,7 +77,7 @@ class TrainModel:
         self._keep_ratios = tuple(math.exp(-dt_s / lag_s) for lag_s in self._lags_s)
         self._settle_cycles = math.ceil((brake.dead_times_s[-1] + SETTLE_LAGS * brake.lag_s) / dt_s)
         self._demand_mps2 = 0.0
-        self._motion = MotionFilter(dt_s)
+        self._motion = MotionFilter(dt_s, -weak_ratio / 2.0)
         """Weighted mean of the hypotheses, and the only filter while the brake is off."""
         self._bank = ModelBank(count, dt_s)
         self._no_costs = (0.0,) * count

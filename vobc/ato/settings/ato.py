@@ -14,6 +14,8 @@ from vobc.ato.settings.timing import Timing
 
 MAX_DEAD_TIMES: Final = 20
 """Greatest number of brake-delay hypotheses. It bounds the computing time of a cycle."""
+WEAK_RATIO: Final = -0.16
+"""Default of `Braking.weak_ratio`: two standard deviations of the gains of usual brakes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +151,9 @@ class Braking:
     late_final_decel_mps2: float = 0.05
     """The same three values for a train with late friction. At the handover from the motors a part
     of the braking is missing, and its correction comes late."""
-    weak_ratio: float = -0.16
-    """Assumed deviation of the brake gain before the gain has been measured."""
+    weak_ratio: float = WEAK_RATIO
+    """Assumed deviation of the brake gain before the gain has been measured. `predictive` takes it
+    as two standard deviations."""
     reserve_mps2: float = 0.02
     """Reserve for corrections between the planned demand on the worst gradient and the limit."""
 

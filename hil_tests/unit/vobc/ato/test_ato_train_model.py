@@ -138,3 +138,12 @@ def test_the_model_includes_the_decaying_earlier_application(released_s: float) 
 
     assert ahead.speed_mps == pytest.approx(train.speed_mps, abs=0.02)
     assert ahead.front_m == pytest.approx(front_m, abs=0.03)
+
+
+@pytest.mark.parametrize("weak_ratio", [-0.05, -0.16, -0.4])
+def test_before_the_first_braking_the_gain_is_as_weak_as_the_parameter_says(
+    weak_ratio: float,
+) -> None:
+    model = TrainModel(BrakeBelief(), TractionBelief(), CYCLE_S, weak_ratio=weak_ratio)
+
+    assert model.least_gain_ratio == pytest.approx(weak_ratio)
