@@ -77,7 +77,13 @@ class RealtimeRun:
             stack.callback(log.close)
             tags, radio, emulated = self._find_or_start_plant(stack, spec, tap)
             watch = BusWatch(
-                tap, log, self._folder.host_log, self._picture, self._display, self._clock
+                tap,
+                log,
+                self._folder.host_log,
+                self._picture,
+                self._display,
+                self._clock,
+                watched=self._options.watch,
             )
             if self._interrupts.asked:
                 return watch.ending(INTERRUPTED, truth_known=False)

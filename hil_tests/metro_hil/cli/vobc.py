@@ -16,6 +16,7 @@ VERBS: Final = {
     "device": "vobc.cli.command",
     "import": "metro_hil.exchange.import_command",
     "explain": "metro_hil.report.explain.command",
+    "watch": "metro_hil.watch.command",
     "tune": "metro_hil.tuning.command",
     "design-curve": "metro_hil.energy.running_curve.command",
     "timetable": "metro_hil.energy.line.timetable_command",

@@ -2,12 +2,14 @@
 
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 
 from rich.console import Console
 
 from canlog.run_names import mark_latest
 from firmware_py.buses import BusError
 from firmware_py.clock.clock import WallClock
+from firmware_py.interrupts import Interrupts
 from firmware_py.output import working
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
@@ -41,6 +43,8 @@ from metro_hil.model.run_options import (
 from metro_hil.model.subprocesses import ChildError
 from metro_hil.report.table import print_results
 from metro_hil.run.lockstep import config_of, run_lockstep, scenario_of
+from metro_hil.watch.companion import WatchPage
+from plant_emulator.world import TrainScenario
 from vobc.cli.line import reachable_areas
 from vobc.plausible import check_plausible
 from zenoh_config.secured import train_name
@@ -88,20 +92,59 @@ def _run(options: RunOptions, console: Console) -> int:
     tables = {"options": options, "line": journey.line, "train": scenario.train, "vobc": config}
     write_config(folder, tables, clock.epoch_ns())
     mark_latest(folder.path)
-    if options.lockstep:
-        ending = run_lockstep(options, journey, folder)
-    else:
-        try:
-            ending = RealtimeRun(
-                options,
-                journey,
-                folder,
-                console,
-                check_train=lambda: check_reference(config, scenario.train),
-            ).run()
-        except (BusError, SettingsError):
-            discard_unused(folder)
-            raise
+    with ExitStack() as stack:
+        page = _watched(stack, options, folder, console)
+        if options.lockstep:
+            ending = run_lockstep(options, journey, folder)
+        else:
+            try:
+                ending = RealtimeRun(
+                    options,
+                    journey,
+                    folder,
+                    console,
+                    check_train=lambda: check_reference(config, scenario.train),
+                ).run()
+            except (BusError, SettingsError):
+                stack.close()
+                discard_unused(folder)
+                raise
+        code = _finish(options, journey, scenario, folder, ending, console)
+        if page is not None and ending.exit_reason != INTERRUPTED:
+            _stay(page, console)
+    return code
+
+
+def _watched(
+    stack: ExitStack, options: RunOptions, folder: RunFolder, console: Console
+) -> WatchPage | None:
+    """Start the page of the run if the user wants it; it ends with `stack`."""
+    if not options.watch:
+        return None
+    page = stack.enter_context(WatchPage(folder.path))
+    console.print(page.line, highlight=False, soft_wrap=True)
+    return page
+
+
+def _stay(page: WatchPage, console: Console) -> None:
+    """Keep the page of a finished run until Ctrl-C; without a terminal no person could give it."""
+    if not (page.serves and console.is_terminal and sys.stdin.isatty()):
+        return
+    console.print(f"{page.line} has the report now; Ctrl-C ends", highlight=False, soft_wrap=True)
+    interrupts = Interrupts()
+    with interrupts.caught():
+        page.stay(interrupts)
+
+
+def _finish(
+    options: RunOptions,
+    journey: Journey,
+    scenario: TrainScenario,
+    folder: RunFolder,
+    ending: Ending,
+    console: Console,
+) -> int:
+    """Measure and report the run, and return the exit code."""
     results = make_results(folder, journey, ending, inertia_of(scenario.train))
     try:
         report(folder, journey, results, ending, console, plot=_wants_plot(options))

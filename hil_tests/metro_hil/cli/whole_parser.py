@@ -15,6 +15,7 @@ from metro_hil.report.explain import command as explain_command
 from metro_hil.supervision import command as supervision_command
 from metro_hil.supervision import demo_ca, radio_log_command
 from metro_hil.tuning import command as tuning_command
+from metro_hil.watch import command as watch_command
 from vobc.cli import check
 from vobc.cli import options as device_options
 
@@ -31,6 +32,7 @@ def whole_parser() -> argparse.ArgumentParser:
     verbs["device"] = device_options.parser()
     verbs["import"] = import_command.parser()
     verbs["explain"] = explain_command.parser()
+    verbs["watch"] = watch_command.parser()
     verbs["tune"] = tuning_command.parser()
     verbs["timetable"] = timetable_command.parser()
     verbs["design-curve"] = design_curve_command.parser()

@@ -32,6 +32,7 @@ OTHER_VERBS = {
     "device": "run the bare controller on a bus, for a plant or a real train",
     "import": "turn a line or train of TTOBench (JSON) into files of this project",
     "explain": "show what the controller of a run decided, why, and from which frames",
+    "watch": "show a run in a browser, while it goes on or afterwards",
     "tune": "re-tune a control law and write a parameter file",
     "timetable": "find a timetable that saves energy on a whole line",
     "design-curve": "design the power-limited running curve of one hop",
@@ -111,6 +112,8 @@ class RunOptions:
     line_timers: str | None = None
     """Set of timers; must be that of the wayside, as must the number of arbiters."""
     arbiters: int | None = None
+    watch: bool = False
+    """Whether to serve a page of the run while it goes on."""
     plot: bool | None = None
     """Whether a plot is drawn; None: unless --json is given."""
 
@@ -268,6 +271,11 @@ def _add_rest(run: argparse.ArgumentParser) -> None:
         help="SCHED_FIFO priority where the rights allow it; 0: ordinary scheduling; default: 80",
     )
     group.add_argument(
+        "--watch",
+        action="store_true",
+        help="serve a page that shows the run in a browser, and print its address",
+    )
+    group.add_argument(
         "--plot",
         action=argparse.BooleanOptionalAction,
         help="draw the run; default: yes, with --json no",
@@ -337,6 +345,8 @@ def trains_problem(options: RunOptions) -> str:
         alone = {"--supply": options.supply is not None, "--no-logs": not options.logs}
         asked = [name for name, given in alone.items() if given]
         return f"{asked[0]}: only with --trains" if asked else ""
+    if options.watch:
+        return "--watch: not with --trains; `vobc watch` shows the folder of one of the trains"
     if not options.lockstep:
         return (
             "--trains: with --lockstep only; in real time `plant run --trains` serves the trains, "

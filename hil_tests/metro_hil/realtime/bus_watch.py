@@ -45,7 +45,13 @@ class BusWatch:
         picture: BusPicture,
         display: LiveDisplay,
         clock: Clock,
+        *,
+        watched: bool = False,
     ) -> None:
+        """Args:
+        watched: the page of the run reads the log, which then gets each frame at once.
+        """
+        self._watched = watched
         self._tap, self._log, self._picture, self._display = tap, log, picture, display
         self._clock = clock
         self._host = LineLog(host_log, HOST_COLUMNS)
@@ -113,12 +119,15 @@ class BusWatch:
     def drain(self, now_ns: int) -> None:
         """Move the received frames into log and picture."""
         offset_ns, picture = self._epoch_offset_ns, self._picture
-        for frame in self._tap.receive(now_ns):
+        received = self._tap.receive(now_ns)
+        for frame in received:
             self._log.frame(frame.stamp_ns + offset_ns, frame.can_id, frame.data)
             picture.take(frame)
             if frame.can_id == CONTROLLER_ID:
                 self._controller_heard = True
                 self._silence.kick(frame.stamp_ns)
+        if received and self._watched:
+            self._log.flush()
 
     def _note_silence(self, silent_ns: int) -> None:
         words = f"the controller has been silent for {silent_ns / NS_PER_S:.1f} s"

@@ -168,8 +168,8 @@ def test_a_run_folder_tells_journey_and_events(folder: Path) -> None:
     (curve,) = journey.curves
     assert (curve.role, curve.name) == ("truth", "truth.speed_mps")
     assert curve.place_m[-1] == pytest.approx(200.0)
-    assert journey.stations == (("East", 190.0),)
-    assert journey.limits == ((0.0, 500.0, 15.0),)
+    assert journey.line.stations == (("East", 190.0),)
+    assert journey.line.limits == ((0.0, 500.0, 15.0),)
     assert log.run is not None
     assert (event.at_ns - log.run.start_ns, event.weight) == (5_000 * MS, 2)
     assert event.basis[0].payload == "00ff"

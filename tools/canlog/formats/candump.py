@@ -32,7 +32,7 @@ from canlog.line_block import LineBlock
 from canlog.options import DELTA, ReadOptions
 from canlog.source import text_blocks
 
-__all__ = ["read", "write"]
+__all__ = ["read", "whole_lines", "write"]
 
 
 def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]:
@@ -58,6 +58,20 @@ def read(path: Path, options: ReadOptions, damages: Damages) -> Iterator[Frames]
         first_line += block.lines
         if len(frames):
             yield frames
+
+
+def whole_lines(text: bytes, channels: list[str]) -> Frames:
+    """Return the frames of lines as `candump -l` writes them; other lines are left out.
+
+    Args:
+        text: whole lines.
+        channels: names of the channels so far; new names are added.
+    """
+    width = wide_enough(text, CLASSIC_BYTES)
+    block = _parse(text, channels, width, ReadOptions())
+    keep = np.ones(len(block.frames), np.bool_)
+    keep[block.odd] = False
+    return _renamed(block.frames, channels, keep)
 
 
 def _parse(text: bytes, channels: list[str], width: int, options: ReadOptions) -> LineBlock:

@@ -62,6 +62,25 @@ def happenings(log: Log) -> tuple[Happening, ...]:
     return tuple(sorted(found, key=lambda each: each.at_ns))
 
 
+def event_head(each: Happening, zero_ns: int) -> dict[str, Any]:
+    """Return one event as the page reads it."""
+    return {
+        "t": each.at_ns - zero_ns,
+        "kind": each.kind,
+        "words": each.words,
+        "weight": each.weight,
+        "basis": [
+            {
+                "source": basis.source,
+                "id": basis.identifier,
+                "payload": basis.payload,
+                "t": None if basis.heard_ns is None else basis.heard_ns - zero_ns,
+            }
+            for basis in each.basis
+        ],
+    }
+
+
 def _told(run: RunFiles) -> Iterator[Happening]:
     path = run.folder / EVENTS
     if not path.is_file():
@@ -69,24 +88,38 @@ def _told(run: RunFiles) -> Iterator[Happening]:
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
             table = json.loads(line)
-            yield Happening(
-                run.start_ns + round(float(table["t_s"]) * NS_PER_S),
-                str(table["kind"]),
-                str(table["words"]),
-                tuple(_basis(run, each) for each in table.get("sources", ())),
-            )
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except ValueError:
             # The last line of a killed run may be torn.
             continue
+        found = happening_of(table, run.start_ns)
+        if found is not None:
+            yield found
 
 
-def _basis(run: RunFiles, table: Mapping[str, Any]) -> Basis:
+def happening_of(table: Any, start_ns: int) -> Happening | None:
+    """Return the event of one line of events.jsonl; None for a line that is no event.
+
+    Args:
+        start_ns: stamp of the start of the controller.
+    """
+    try:
+        return Happening(
+            start_ns + round(float(table["t_s"]) * NS_PER_S),
+            str(table["kind"]),
+            str(table["words"]),
+            tuple(_basis(start_ns, each) for each in table.get("sources", ())),
+        )
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
+        return None
+
+
+def _basis(start_ns: int, table: Mapping[str, Any]) -> Basis:
     heard_s = table.get("heard_s")
     return Basis(
         str(table["source"]),
         table.get("id"),
         str(table.get("payload", "")),
-        None if heard_s is None else run.start_ns + round(float(heard_s) * NS_PER_S),
+        None if heard_s is None else start_ns + round(float(heard_s) * NS_PER_S),
     )
 
 

@@ -1,6 +1,5 @@
 """Collects all data of the page of a log, as JSON and one block of bytes."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -13,7 +12,7 @@ from canlog.read import Log
 from canlog.shelf import in_pieces
 from canlog.views.extremes import kept
 from canlog.views.facts import message_head, statistics, verdict_codes, verdict_names
-from canlog.views.happenings import Happening, happenings
+from canlog.views.happenings import event_head, happenings
 from canlog.views.packed import NOT_DATA, KeyGroup, Ordered, PackedBytes, add_frames, ordered
 from canlog.views.place import journey_of
 from canlog.views.span import date_text, zero_of
@@ -28,12 +27,6 @@ class PageData:
     head: dict[str, Any]
     block: PackedBytes
     log: Ordered
-
-    def head_text(self) -> str:
-        """Return JSON that is safe inside an HTML page."""
-        return json.dumps(self.head, ensure_ascii=False, separators=(",", ":")).replace(
-            "<", "\\u003c"
-        )
 
 
 def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) -> PageData:
@@ -61,7 +54,7 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
         "span": [log.start_ns - zero_ns, log.end_ns - zero_ns],
         "panels": panels,
         "messages": _messages(log, in_order.groups, activity),
-        "events": [_event(each, zero_ns) for each in happenings(log)],
+        "events": [event_head(each, zero_ns) for each in happenings(log)],
         "warnings": [str(each) for each in log.warnings],
         "inOrder": in_order.order is None,
         "stats": statistics(log),
@@ -116,24 +109,6 @@ def frame_columns(log: Log) -> dict[str, Any]:
     return found
 
 
-def _event(each: Happening, zero_ns: int) -> dict[str, Any]:
-    return {
-        "t": each.at_ns - zero_ns,
-        "kind": each.kind,
-        "words": each.words,
-        "weight": each.weight,
-        "basis": [
-            {
-                "source": basis.source,
-                "id": basis.identifier,
-                "payload": basis.payload,
-                "t": None if basis.heard_ns is None else basis.heard_ns - zero_ns,
-            }
-            for basis in each.basis
-        ],
-    }
-
-
 def _extras(
     block: PackedBytes,
     log: Log,
@@ -185,7 +160,5 @@ def _journey(block: PackedBytes, log: Log, zero_ns: int) -> dict[str, Any] | Non
     return {
         "curves": curves,
         "authority": journey.authority is not None,
-        "limits": journey.limits,
-        "stations": journey.stations,
-        "gradients": journey.gradients,
+        **journey.line.head(),
     }

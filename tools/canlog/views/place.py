@@ -3,7 +3,8 @@
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
@@ -49,6 +50,32 @@ class DistanceCurve:
     speed_mps: Floats
 
 
+@dataclass(frozen=True, slots=True)
+class LineFacts:
+    """Line and train of a run."""
+
+    limits: Pieces = ()
+    """From, to (m), and the line speed between them (m/s)."""
+    stations: tuple[tuple[str, float], ...] = ()
+    """Name and stopping point (m)."""
+    gradients: Pieces = ()
+    """From, to (m), and gradient (permille, rising positive)."""
+    tags: tuple[tuple[int, float], ...] = ()
+    """Number and position (m) of each tag."""
+    train_m: float = 0.0
+    """Length of the train; 0 if it is unknown."""
+
+    def head(self) -> dict[str, Any]:
+        """Return it as the page reads it."""
+        return {
+            "limits": self.limits,
+            "stations": self.stations,
+            "gradients": self.gradients,
+            "tags": self.tags,
+            "train": self.train_m,
+        }
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class JourneyPicture:
     """The picture of speed over distance."""
@@ -56,12 +83,7 @@ class JourneyPicture:
     curves: tuple[DistanceCurve, ...]
     authority: SignalTrace | None
     """Chainage of the end of authority over time."""
-    limits: Pieces = ()
-    """From, to (m), and the line speed between them (m/s)."""
-    stations: tuple[tuple[str, float], ...] = ()
-    """Name and stopping point (m)."""
-    gradients: Pieces = ()
-    """From, to (m), and gradient (permille, rising positive)."""
+    line: LineFacts
 
 
 def place_of(log: Log, name: str | None = None) -> SignalTrace:
@@ -95,8 +117,8 @@ def journey_of(log: Log) -> JourneyPicture | None:
     curves = tuple(_curves(log, known))
     if not curves:
         return None
-    limits, stations, gradients = _line(log)
-    return JourneyPicture(curves, _authority(log, known), limits, stations, gradients)
+    line = LineFacts() if log.run is None else line_of(log.run.folder)
+    return JourneyPicture(curves, _authority(log, known), line)
 
 
 def _curves(log: Log, known: set[str]) -> Iterator[DistanceCurve]:
@@ -129,17 +151,24 @@ def _authority(log: Log, known: set[str]) -> SignalTrace | None:
     return None
 
 
-def _line(log: Log) -> tuple[Pieces, tuple[tuple[str, float], ...], Pieces]:
-    """Return limits, stations and gradients of run.toml; all empty if it cannot be read."""
-    if log.run is None:
-        return (), (), ()
+def line_of(folder: Path) -> LineFacts:
+    """Return what the run.toml of a run says of line and train; nothing if it cannot be read."""
     try:
-        line = tomllib.loads((log.run.folder / RUN_CONFIG).read_text(encoding="utf-8"))["line"]
-        limits = [(s["start_m"], s["end_m"], s["limit_mps"]) for s in line["speed_sections"]]
-        slopes = [
-            (s["start_m"], s["end_m"], s["gradient_permille"]) for s in line.get("gradients", ())
-        ]
-        stops = [(t["station"], t["position_m"]) for t in line["tags"] if t["kind"] == "stop"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return (), (), ()
-    return tuple(limits), tuple(stops), tuple(slopes)
+        told = tomllib.loads((folder / RUN_CONFIG).read_text(encoding="utf-8"))
+        line = told["line"]
+        return LineFacts(
+            limits=tuple(
+                (s["start_m"], s["end_m"], s["limit_mps"]) for s in line["speed_sections"]
+            ),
+            stations=tuple(
+                (t["station"], t["position_m"]) for t in line["tags"] if t["kind"] == "stop"
+            ),
+            gradients=tuple(
+                (s["start_m"], s["end_m"], s["gradient_permille"])
+                for s in line.get("gradients", ())
+            ),
+            tags=tuple((t["tag_id"], t["position_m"]) for t in line["tags"]),
+            train_m=float(sum(car["length_m"] for car in told.get("train", {}).get("cars", ()))),
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return LineFacts()

@@ -4,14 +4,14 @@ const KEYS = [
   ["← →", "cursor to the frame before or after; with Shift ten frames"], ["[ ]", "to the event before or after"],
   ["+ −", "zoom in or out about the cursor"], ["a d", "pan"], ["0", "whole log"], ["Backspace", "back to the span before"],
   ["Home End", "to the first or last frame"], ["Enter", "pin the cursor where it is"], ["Esc", "let the cursor go"], ["f", "filter the frames"], ["s", "add a signal"],
-  ["1 2 3 4", "frames, events, messages, bits"], ["j", "show or hide speed over distance"], ["t", "light or dark"], ["g", "go to an instant"], ["?", "this list"],
+  ["1 2 3 4", "frames, events, messages, bits"], ["Space", "pause or resume a live page"], ["j", "show or hide speed over distance"], ["t", "light or dark"], ["g", "go to an instant"], ["?", "this list"],
 ];
 const POINTER = [
   ["wheel", "zoom"], ["Shift+wheel, drag", "pan"], ["Shift+drag", "zoom to a span"], ["click", "pin the cursor; the way to the pointer is shown then"],
   ["double click", "whole log"], ["Alt+wheel", "scroll the panels"],
 ];
 const $ = id => document.getElementById(id);
-let panels = [], overview, table_, journey = null;
+let panels = [], overview, table_, journey = null, drive;
 
 async function start() {
   setTheme(localTheme());
@@ -26,10 +26,11 @@ async function start() {
   $("block").remove();
   const bytes = head.remote ? await fetch("block").then(answer => answer.arrayBuffer()).then(got => inflateBytes(new Uint8Array(got))) : await inflate(packed);
   const block = new Block(bytes, head.block);
-  view.source = head.remote ? new RemoteSource(head) : new LocalSource(head, block);
+  view.source = head.live ? new LiveSource(head) : head.remote ? new RemoteSource(head) : new LocalSource(head, block);
   recall();
   table_ = new FrameTable();
   overview = new Overview($("overview").querySelector("canvas"));
+  drive = new Drive($("drive"));
   if (head.journey) journey = new Journey($("journey"), head.journey, block);
   showWarnings(head);
   showFacts();
@@ -43,6 +44,7 @@ async function start() {
   statsList();
   document.documentElement.dataset.ready = "yes";
   performance.mark("ready");
+  if (head.live) startLive();
 }
 
 function layPanels() {
@@ -76,6 +78,7 @@ function drawAll() {
   drawAxis($("axis").querySelector("canvas"));
   overview.refresh();
   journey?.draw();
+  drive.draw();
 }
 
 function drawCursor() {
@@ -83,6 +86,7 @@ function drawCursor() {
   drawAxis($("axis").querySelector("canvas"));
   overview.draw();
   journey?.draw();
+  drive.draw();
   table_.follow();
   followEvents();
   showValues();
@@ -112,7 +116,7 @@ async function showValues() {
 function showFacts() {
   const { head } = view, buses = head.frames.channels.length;
   $("facts").textContent = [
-    `${grouped(head.frames.count)} frames`, `${head.messages.filter(message => !message.kind).length} messages`, spanText(head.span[1] - head.span[0]),
+    `${grouped(head.frames.count)} frames`, `${head.messages.filter(message => !message.kind && (!live.on || view.source.groups[message.number]?.count)).length} messages`, spanText(head.span[1] - head.span[0]),
     buses > 1 ? `${buses} buses` : head.frames.channels[0], head.date ? `from ${head.date.slice(0, 19)} UTC` : "",
     head.inOrder ? "" : "put in order of time",
   ].filter(Boolean).join(" · ");
@@ -166,11 +170,12 @@ function onKey(event) {
     "[": () => nextEvent(-1), "]": () => nextEvent(1), Enter: () => setCursor(about, true), Escape: unpin,
     f: () => { showTab("frames"); $("filter").focus(); }, s: openPicker, t: toggleTheme, "?": showHelp,
     1: () => showTab("frames"), 2: () => showTab("events"), 3: () => showTab("stats"), 4: () => showTab("bits"),
+    " ": () => { if (live.on) toggleFollow(); },
     j: () => { if (journey) { $("journey").hidden = !$("journey").hidden; drawAll(); } },
     g: () => { const text = prompt("Go to which second?"); if (text !== null && text.trim() && !Number.isNaN(Number(text))) goTo(Number(text) * NS); },
   };
   const action = actions[event.key];
-  if (!action || (event.key === "Enter" && event.target.closest("button, tr"))) return;
+  if (!action || (event.key === "Enter" && event.target.closest("button, tr")) || (event.key === " " && (!live.on || event.target.closest("button")))) return;
   event.preventDefault();
   action();
 }
@@ -193,7 +198,7 @@ function showHelp() {
   $("help").onclick = () => $("help").close();
 }
 
-globalThis.canlog = { view, goTo, setSpan, setCursor, changePanels, decodedTexts };
+globalThis.canlog = { view, live, goTo, setSpan, setCursor, changePanels, decodedTexts };
 start().catch(error => {
   document.documentElement.dataset.ready = "failed";
   $("warnings").hidden = false;

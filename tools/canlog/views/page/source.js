@@ -29,6 +29,10 @@ function prepare(head) {
 class LocalSource {
   constructor(head, block) {
     this.head = head; this.block = block; this.traces = new Map();
+    if (block) this.load(head, block);
+  }
+
+  load(head, block) {
     const told = head.frames, n = this.count = told.count;
     const steps = block.column("step");
     this.t = new Float64Array(n);

@@ -21,6 +21,7 @@ function soon(what) {
 }
 
 function setSpan(from, to, keep = true) {
+  pause();
   const whole = view.last - view.first, length = Math.min(Math.max(to - from, SPAN_MIN), whole * 1.04);
   if (to - from !== length) { const middle = (from + to) / 2; from = middle - length / 2; to = middle + length / 2; }
   const low = view.first - 0.02 * whole, high = view.last + 0.02 * whole;
@@ -38,6 +39,7 @@ function pan(ratio) { const by = (view.to - view.from) * ratio; setSpan(view.fro
 // Moves the cursor; a pinned one stays until it is pinned elsewhere or released.
 function setCursor(t, pin = false) {
   if (t !== null) t = Math.min(Math.max(t, view.first), view.last);
+  if (pin) pause();
   if (pin) { view.pinned = true; view.cursor = t; view.hover = null; }
   else if (view.pinned) view.hover = t;
   else view.cursor = t;
@@ -69,6 +71,7 @@ function dateText(t) {
 // Keeps what is shown in the address, so that the user can share it.
 let remembering = 0;
 function remember() {
+  if (live.following && live.on) return;
   clearTimeout(remembering);
   remembering = setTimeout(() => {
     const words = new URLSearchParams({ from: (view.from / NS).toFixed(9), to: (view.to / NS).toFixed(9) });

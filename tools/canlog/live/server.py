@@ -1,0 +1,196 @@
+"""Serves the live page to browsers, and the stream to each over a WebSocket.
+
+Each viewer has a queue of limited length. A viewer who reads too slowly loses updates and is told
+how many; neither the feed nor another viewer ever waits for it.
+"""
+
+import asyncio
+import json
+import secrets
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from http import HTTPStatus
+from typing import Final
+from urllib.parse import urlsplit
+
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from canlog.damage import LogError
+from canlog.live.feeds import Feed
+from canlog.live.stream import History
+from canlog.views.server import LOOPBACK, PAGE, POLICY
+
+PERIOD_S: Final = 0.05
+"""Time between two updates: 20 a second."""
+QUEUE_MESSAGES: Final = 100
+"""Messages that wait for one viewer, at most: some seconds of updates."""
+ANY: Final = ("0.0.0.0", "::")  # noqa: S104
+
+Item = str | bytes
+
+
+class Viewer:
+    """One browser, and what waits for it."""
+
+    def __init__(self, first: list[Item]) -> None:
+        self._waiting: asyncio.Queue[Item] = asyncio.Queue()
+        self._most = len(first) + QUEUE_MESSAGES
+        self.lost = 0
+        """Messages that this viewer lost since it last got one."""
+        for item in first:
+            self._waiting.put_nowait(item)
+
+    def offer(self, items: list[Item]) -> None:
+        """Queue the items; without room all of them are lost to this viewer."""
+        if self._waiting.qsize() + len(items) > self._most:
+            self.lost += len(items)
+            return
+        if self.lost:
+            self._waiting.put_nowait(json.dumps({"kind": "lost", "messages": self.lost}))
+            self.lost = 0
+        for item in items:
+            self._waiting.put_nowait(item)
+
+    async def next(self) -> Item:
+        return await self._waiting.get()
+
+
+class LiveServer:
+    """The page at one address with a token, for as long as `run` runs."""
+
+    def __init__(
+        self,
+        feed: Feed,
+        history: History,
+        page: Callable[[], str],
+        *,
+        now_ns: Callable[[], int],
+        host: str = LOOPBACK,
+        port: int = 0,
+    ) -> None:
+        """Listen. Raises LogError if the port is taken or not allowed.
+
+        Args:
+            page: returns the page as HTML; called for each viewer, in a thread.
+            now_ns: reads the wall clock, in nanoseconds since 1970.
+            port: 0 takes a free one.
+        """
+        self._feed, self._history, self._page, self._now_ns = feed, history, page, now_ns
+        self._host = host
+        self._token = secrets.token_urlsafe(16)
+        self._viewers: set[Viewer] = set()
+        try:
+            self._socket = socket.create_server(
+                (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
+            )
+        except (OSError, OverflowError) as error:
+            why = getattr(error, "strerror", None) or "has to be from 0 to 65535"
+            raise LogError(f"{host}, --port {port}: {why}") from error
+        self._port = int(self._socket.getsockname()[1])
+
+    @property
+    def address(self) -> str:
+        name = socket.gethostname() if self._host in ANY else self._host
+        shown = f"[{name}]" if ":" in name else name
+        return f"http://{shown}:{self._port}/{self._token}/"
+
+    @property
+    def viewers(self) -> int:
+        return len(self._viewers)
+
+    async def run(self) -> None:
+        """Serve until the task is cancelled."""
+        # Browsers also open connections that they never use. Waiting for them, as `async with`
+        # does, would hold up the end by ten seconds.
+        server = await serve(
+            self._stream,
+            sock=self._socket,
+            process_request=self._answer,
+            open_timeout=None,
+            compression=None,
+            server_header=None,
+            max_size=1 << 16,
+        )
+        try:
+            while True:
+                self.tick()
+                await asyncio.sleep(PERIOD_S)
+        finally:
+            server.close()
+            self._feed.close()
+
+    def tick(self) -> None:
+        """Pass the news of the feed on to all viewers."""
+        if self._history.ended:
+            return
+        items = self._history.take(self._feed.poll(self._now_ns()))
+        if items:
+            for viewer in self._viewers:
+                viewer.offer(items)
+
+    async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer one request for a file; None lets the request for the stream pass."""
+        del connection
+        if not self._is_named(request.headers.get("Host", "")):
+            return _response(HTTPStatus.FORBIDDEN, "text/plain", b"unknown host name\n")
+        path = urlsplit(request.path).path
+        if path == f"/{self._token}/stream":
+            origin = request.headers.get("Origin", "")
+            if urlsplit(origin).netloc != request.headers.get("Host"):
+                return _response(HTTPStatus.FORBIDDEN, "text/plain", b"a page of another site\n")
+            return None
+        if path == f"/{self._token}/":
+            try:
+                text = await asyncio.to_thread(self._page)
+            except LogError as error:
+                return _response(HTTPStatus.OK, "text/plain; charset=utf-8", f"{error}\n".encode())
+            return _response(HTTPStatus.OK, PAGE, text.encode())
+        words = b"The address lacks its token; take the whole address that the program printed.\n"
+        return _response(HTTPStatus.NOT_FOUND, "text/plain", words)
+
+    def _is_named(self, host: str) -> bool:
+        """Whether a page of another site cannot have made the request by a name of its own."""
+        if self._host in ANY:
+            return True
+        shown = f"[{self._host}]" if ":" in self._host else self._host
+        return host in (f"{shown}:{self._port}", f"localhost:{self._port}")
+
+    async def _stream(self, connection: ServerConnection) -> None:
+        viewer = Viewer(self._history.snapshot())
+        self._viewers.add(viewer)
+        sending = asyncio.ensure_future(_send(connection, viewer))
+        try:
+            # The stream is read-only: whatever the browser sends is dropped.
+            async for _ in connection:
+                pass
+        except ConnectionClosed:
+            pass
+        finally:
+            self._viewers.discard(viewer)
+            sending.cancel()
+            with suppress(asyncio.CancelledError, ConnectionClosed):
+                await sending
+
+
+async def _send(connection: ServerConnection, viewer: Viewer) -> None:
+    while True:
+        await connection.send(await viewer.next())
+
+
+def _response(status: HTTPStatus, kind: str, content: bytes) -> Response:
+    headers = Headers(
+        [
+            ("Content-Type", kind),
+            ("Content-Length", str(len(content))),
+            ("Content-Security-Policy", POLICY),
+            ("X-Content-Type-Options", "nosniff"),
+            ("Referrer-Policy", "no-referrer"),
+            ("Cache-Control", "no-store"),
+            ("Connection", "close"),
+        ]
+    )
+    return Response(status.value, status.phrase, headers, content)
