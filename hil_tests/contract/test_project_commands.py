@@ -18,7 +18,7 @@ import pytest
 
 from firmware_py import __version__
 from metro_hil.cli.whole_parser import verbs_of, whole_parser
-from metro_hil.model.run_options import LINE_VERBS, OTHER_VERBS
+from metro_hil.model.run_options import LINE_VERBS, OTHER_VERBS, SERVICE_VERBS
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 BIN: Final = Path(sys.executable).parent
@@ -44,13 +44,13 @@ def command_lines(text: str) -> Iterator[str]:
 
 @cache
 def help_text(program: str, verb: str) -> str:
-    """The whole help text of a program, or of one of its verbs.
+    """The whole help text of a program, or of one of its verbs, such as `line up`.
 
     It runs in this process: a new process for each verb would take a minute.
     """
     module, _, function = SCRIPTS[program].partition(":")
     main = getattr(importlib.import_module(module), function).load()
-    words = [program, *([verb] if verb else []), "--help"]
+    words = [program, *verb.split(), "--help"]
     said = io.StringIO()
     with mock.patch.object(sys, "argv", words), contextlib.redirect_stdout(said):
         try:
@@ -144,6 +144,8 @@ def fault_in(line: str) -> str | None:
         del words[1]
     verbs = [word for word in words[1:2] if re.fullmatch(r"[a-z]+(-[a-z]+)*", word)]
     said = help_text(head, verbs[0] if verbs else "")
+    if head == "vobc" and verbs == ["line"] and words[2:3] and words[2] in SERVICE_VERBS:
+        said = help_text(head, f"line {words[2]}")
     options = {word.partition("=")[0] for word in words if word.startswith("--")}
     unknown = {option for option in options if not re.search(rf"(?<!\S){option}\b", said)}
     return f"no options {unknown}" if unknown else None

@@ -56,8 +56,9 @@ def _command(parser: argparse.ArgumentParser) -> Iterator[str]:
         return
     yield f"{_sentence(parser.description)}\n"
     for verb in verbs.values():
-        yield f"### {verb.prog}\n"
-        yield from _verb(verb)
+        for each in (verb, *verbs_of(verb).values()):
+            yield f"### {each.prog}\n"
+            yield from _verb(each)
 
 
 def _verb(parser: argparse.ArgumentParser) -> Iterator[str]:

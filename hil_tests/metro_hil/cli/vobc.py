@@ -9,7 +9,7 @@ from firmware_py import __version__
 from firmware_py.arguments import words_of
 from firmware_py.assertions import require_assertions
 from firmware_py.program import Program
-from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS, parse
+from metro_hil.model.run_options import LINE_VERBS, SERVICE_VERBS, SHIPPED_VERBS, parse
 
 VERBS: Final = {
     "check": "vobc.cli.check",
@@ -47,6 +47,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         whole_parser().parse_args(words)
     if "--version" in words and {*words} & VERBOSE:
         return _versions()
+    if words[:1] == ["line"] and words[1:2] and words[1] in SERVICE_VERBS:
+        from metro_hil.line.service import command as service
+
+        return service.main(words[1:])
     verb = words[0] if words else ""
     module = VERBS.get(verb)
     if module is not None:

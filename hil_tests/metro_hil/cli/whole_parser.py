@@ -9,6 +9,7 @@ from metro_hil.cli import shipped_files
 from metro_hil.energy.line import timetable_command
 from metro_hil.energy.running_curve import command as design_curve_command
 from metro_hil.exchange import import_command
+from metro_hil.line.service import command as service_command
 from metro_hil.model import run_options
 from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS
 from metro_hil.report.explain import command as explain_command
@@ -26,6 +27,8 @@ def whole_parser() -> argparse.ArgumentParser:
     verbs = verbs_of(top)
     operator = verbs_of(supervision_command.parser())
     verbs |= {verb: operator[verb] for verb in LINE_VERBS}
+    operator_line = verbs_of(verbs["line"])
+    operator_line |= verbs_of(service_command.parser())
     shipped = verbs_of(shipped_files.parser())
     verbs |= {verb: shipped[verb] for verb in SHIPPED_VERBS}
     verbs["check"] = check.parser()

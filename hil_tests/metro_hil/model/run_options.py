@@ -59,6 +59,13 @@ LINE_VERBS = {
     "close": "close a stretch to all trains",
 }
 """Help texts of the verbs that supervise a line whose trains command themselves."""
+SERVICE_VERBS = {
+    "up": "start all programs of a line: wayside, and bus, plant and controller of each train",
+    "down": "end all programs of the line that is up",
+    "status": "list the programs of the line that is up, and which of them ended",
+    "restart": "start programs of the line again; those that run are ended first",
+}
+"""Help texts of the verbs of `vobc line` that start and end processes."""
 EPILOG = """\
 exit codes: 0 the train arrived, or the given duration is over; 1 the run failed; 2 wrong usage or
 configuration; 3 bus, rights, disk or a process missing; 130 ended by Ctrl-C (results are written)

@@ -18,6 +18,7 @@ from metro_hil.model.run_options import (
     EXIT_OK,
     EXIT_USAGE,
     LINE_VERBS,
+    SERVICE_VERBS,
     train_number,
 )
 from metro_hil.supervision.console import SupervisionConsole
@@ -150,6 +151,9 @@ def parser() -> argparse.ArgumentParser:
     )
     switch.add_argument("--area", type=int, required=True)
     switch.add_argument("--to", type=train_number, required=True, metavar="TRAIN")
+    service = line.add_subparsers(dest="service", metavar="VERB")
+    for verb, words in SERVICE_VERBS.items():
+        service.add_parser(verb, help=words, add_help=False)
     remove.description = (
         "Report that a non-communicating train is gone, so that no other train waits behind it. A "
         "person must have seen that it left the line. The master refuses while it receives the "

@@ -1,0 +1,98 @@
+"""The programs of a line that is brought up by hand, and the command of each. Pure."""
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from metro_hil.line.exercise.plan import PlannedRun
+
+WAYSIDE: Final = "wayside"
+BUS: Final = "bus"
+PLANT: Final = "plant"
+CONTROLLER: Final = "controller"
+BEFORE: Final = 5
+"""Real-time priority of the wayside above that of controllers, which all wait for it."""
+BEHIND: Final = 10
+"""Real-time priority of plants below that of controllers; plants may be a little late."""
+PRIORITY_MAX: Final = 99
+DIGEST_CHARS: Final = 6
+"""Length of the part of a bus name that keeps two lines apart; a bus name has 15 characters."""
+
+
+class LineProgram(msgspec.Struct, frozen=True):
+    """One program of the line. Its name is also the path of its files below the run folder."""
+
+    name: str
+    module: str
+    arguments: list[str]
+    logs: bool = False
+    """Whether the program takes --out; each start then gets a folder of its own."""
+
+
+class LineSetup(msgspec.Struct, frozen=True):
+    """What the user asked for."""
+
+    line: str
+    """Name or file."""
+    endpoint: str
+    timers: str
+    arbiters: int
+    priority: int
+    ways: list[PlannedRun]
+    """Run of each train, the foremost first."""
+    secure: str | None = None
+
+
+class LineUp(msgspec.Struct, frozen=True):
+    """Content of the file by which `down`, `status` and `restart` find the programs."""
+
+    line_name: str
+    endpoint: str
+    programs: list[LineProgram]
+    """In the order of their start."""
+
+
+def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
+    """Return all programs of a line in the order of their start."""
+    secure = [] if setup.secure is None else ["--secure", setup.secure]
+    of_line = ["--line-timers", setup.timers, "--arbiters", str(setup.arbiters), *secure]
+    common = ["--line", setup.line, "--line-radio", setup.endpoint]
+    before = min(PRIORITY_MAX, setup.priority + BEFORE) if setup.priority else 0
+    wayside = ["wayside", *common, *of_line, "--memory", str(folder / WAYSIDE)]
+    programs = [LineProgram(WAYSIDE, "plant_emulator", [*wayside, "--priority", str(before)])]
+    numbered = list(enumerate(setup.ways, start=1))
+    for train, _ in numbered:
+        name = bus_name(folder, train)
+        programs.append(LineProgram(f"T{train}/{BUS}", "firmware_py.buses.hub", [name]))
+    for train, way in numbered:
+        words = ["run", *common, *_place(folder, train, way), "--seed", str(train), *secure]
+        words += ["--priority", str(max(0, setup.priority - BEHIND))]
+        programs.append(LineProgram(f"T{train}/{PLANT}", "plant_emulator", words, logs=True))
+    for train, way in numbered:
+        # The memory overrides --from, so that a restarted controller takes the same command.
+        words = ["device", *common, *_place(folder, train, way), *of_line]
+        words += ["--nvram", str(folder / f"T{train}" / "nvram")]
+        words += ["--line-memory", str(folder / f"T{train}" / "terms")]
+        words += ["--priority", str(setup.priority)]
+        programs.append(LineProgram(f"T{train}/{CONTROLLER}", "vobc", words, logs=True))
+    return programs
+
+
+def _place(folder: Path, train: int, way: PlannedRun) -> list[str]:
+    bus = f"embedded:{bus_name(folder, train)}"
+    return ["--bus", bus, "--train", str(train), "--from", way.start, "--to", way.end]
+
+
+def bus_name(folder: Path, train: int) -> str:
+    """Return the name of a train's bus. Two lines on one machine never share it."""
+    digest = hashlib.sha256(str(folder).encode()).hexdigest()[:DIGEST_CHARS]
+    return f"{digest}-T{train}"
+
+
+def chosen(programs: Sequence[LineProgram], name: str) -> LineProgram | None:
+    """Return the program of that name; a train's name means its controller."""
+    wanted = (name, f"{name}/{CONTROLLER}")
+    return next((each for each in programs if each.name in wanted), None)
