@@ -1,7 +1,9 @@
 """A run in real time: controller and plant as processes on a bus, observed through a tap."""
 
+import hashlib
+import itertools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +13,14 @@ from rich.console import Console
 from can_dbc.binding import can_id, kinds, sender
 from can_dbc.nodes import Node
 from firmware_py import rendezvous
-from firmware_py.buses import BusError, is_virtual, open_can, resolve_auto
+from firmware_py.buses import (
+    BusError,
+    BusKind,
+    is_virtual,
+    open_can,
+    parse_spec,
+    resolve_auto,
+)
 from firmware_py.buses.hub_control import hub_status, start_hub
 from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
@@ -24,16 +33,21 @@ from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.run_options import EXTERNAL, RunOptions
 from metro_hil.model.subprocesses import Child, ChildError
 from metro_hil.realtime.bus_watch import BusWatch
+from metro_hil.realtime.commands import again
 from metro_hil.realtime.line_hints import LineHints
 from metro_hil.realtime.live_display import BusPicture, Hints, LiveDisplay, no_hints
 from zenoh_config.sessions import LINE_ENDPOINT
 
 BIT_RATE = 250_000
+BUS_NAME_CHARS = 15
 AUTO_NAME = "vcan0"
 DESK_LINE = "loop"
 """Line that the supervision commands assume when the user names none."""
 PLANT_ANSWER_S = 1.0
 PLANT_START_S = 20.0
+RESTART_S = 5.0
+"""Least duration of a run of the controller after which it is started again."""
+CONTROLLER = "controller"
 POLL_NS = 20_000_000
 NS_PER_S = 1_000_000_000
 
@@ -61,6 +75,10 @@ class RealtimeRun:
         self._picture = BusPicture(BIT_RATE)
         self._display = LiveDisplay(console, self._picture, self._title(), hints_of(options))
         self._children: list[Child] = []
+        self._starts = 0
+        """Number of starts of the controller."""
+        self._started_ns = 0
+        """Instant of the last one."""
 
     def _title(self) -> str:
         journey = self._journey
@@ -70,6 +88,8 @@ class RealtimeRun:
         """Run. Raises BusError, ChildError or RendezvousError if the run cannot take place."""
         with ExitStack() as stack:
             stack.enter_context(self._interrupts.caught())
+            if self._options.memory is not None:
+                Path(self._options.memory).mkdir(parents=True, exist_ok=True)
             spec = self._choose_bus(stack)
             tap = open_can(spec, clock=self._clock, node="TAP")
             stack.callback(tap.close)
@@ -87,7 +107,8 @@ class RealtimeRun:
             )
             if self._interrupts.asked:
                 return watch.ending(INTERRUPTED, truth_known=False)
-            self._start_controller(stack, spec, tags, radio)
+            wires = ["--bus", spec, "--tags", tags, "--radio", radio]
+            self._start_controller(stack, wires)
             reason = watch.run(
                 self._children,
                 self._journey.end.stop_m,
@@ -95,6 +116,7 @@ class RealtimeRun:
                 lambda: self._interrupts.asked,
                 unattended=emulated and self._desk_unattended(),
                 centre=self._options.train is not None,
+                restart=lambda child: self._restart(stack, child, wires),
             )
             self._end_children(watch)
             ending = watch.ending(reason, truth_known=emulated, realtime=self._realtime_grants())
@@ -105,15 +127,19 @@ class RealtimeRun:
         if self._options.bus != "auto":
             return self._options.bus
         if self._options.train is not None:
-            return self._own_bus(f"train{self._options.train}", stack)
+            return self._own_bus(own_bus_name(self._options), stack)
         choice = resolve_auto(AUTO_NAME)
-        if choice.spec is not None:
+        name, reason = AUTO_NAME, choice.reason
+        if choice.spec is not None and not (is_embedded(choice.spec) and is_of_a_run(AUTO_NAME)):
             self._display.say(f"bus: {choice.spec}")
             return choice.spec
-        hub = start_hub(AUTO_NAME, bound=True)
+        if choice.spec is not None:
+            name = next(each for each in spare_names() if hub_status(each) is None)
+            reason = f"embedded:{AUTO_NAME} belongs to another run"
+        hub = start_hub(name, bound=True)
         stack.callback(hub.stop)
-        self._display.say(f"bus: embedded:{AUTO_NAME}, started for this run ({choice.reason})")
-        return f"embedded:{AUTO_NAME}"
+        self._display.say(f"bus: embedded:{name}, started for this run ({reason})")
+        return f"embedded:{name}"
 
     def _own_bus(self, name: str, stack: ExitStack) -> str:
         """Bus of one train among several; it has the train's name and is started if it is
@@ -205,19 +231,39 @@ class RealtimeRun:
             arguments += ["--desk-recording", options.desk_recording]
         return arguments
 
-    def _start_controller(self, stack: ExitStack, spec: str, tags: str, radio: str) -> None:
+    def _restart(self, stack: ExitStack, child: Child, wires: Sequence[str]) -> bool:
+        """Start the controller of a train on a line again, so that its train stays there.
+
+        One that ended soon after its start has a reason that would only come again.
+        """
+        ran_ns = self._clock.now_ns() - self._started_ns
+        ours = self._options.train is not None and child.name == CONTROLLER
+        if not ours or ran_ns < RESTART_S * NS_PER_S:
+            return False
+        self._display.say(
+            f"the controller ended by itself ({child.end_words()}); it is started again"
+        )
+        self._children.remove(child)
+        child.end()
+        self._start_controller(stack, wires)
+        return True
+
+    def _start_controller(self, stack: ExitStack, wires: Sequence[str]) -> None:
         options, journey = self._options, self._journey
-        arguments = ["--bus", spec, "--tags", tags, "--radio", radio]
-        arguments += ["--line", options.line, "--consist", options.params]
+        out = again(self._folder.path, self._starts)
+        self._starts += 1
+        self._started_ns = self._clock.now_ns()
+        arguments = [*wires, "--line", options.line, "--consist", options.params]
         arguments += ["--from", journey.start.name, "--to", journey.end.name]
         arguments += ["--cycle-ms", str(options.cycle_ms), "--priority", str(options.priority)]
-        arguments += ["--out", str(self._folder.path), *line_arguments(options)]
+        arguments += ["--out", str(out), *line_arguments(options)]
         arguments += controller_line_arguments(options)
+        arguments += memory_arguments(options, self._folder.path)
         if options.ato is not None:
             arguments += ["--ato", options.ato]
         if options.output is not None:
             arguments += ["--output", options.output]
-        self._adopt(stack, Child("controller", "vobc", arguments, self._log("vobc")))
+        self._adopt(stack, Child(CONTROLLER, "vobc", arguments, self._log("vobc")))
 
     def _log(self, name: str) -> Path:
         return self._folder.path / f"{name}.log"
@@ -268,6 +314,38 @@ def hints_of(options: RunOptions) -> Hints:
     if options.secure is not None:
         where += ["--secure", options.secure]
     return LineHints(options.train, options.line_radio, where)
+
+
+def is_embedded(spec: str) -> bool:
+    return parse_spec(spec).kind is BusKind.EMBEDDED
+
+
+def is_of_a_run(name: str) -> bool:
+    """Return whether another run started this bus for itself, so that no other may join it."""
+    status = hub_status(name)
+    return status is not None and status.bound
+
+
+def spare_names() -> Iterator[str]:
+    """Names for the bus of a run while another one has the usual name."""
+    return (f"{AUTO_NAME}-{number}" for number in itertools.count(2))
+
+
+def own_bus_name(options: RunOptions) -> str:
+    """Name of the bus of a train on a line: each train of each wayside has one of its own."""
+    name = f"train{options.train}"
+    if options.line_radio in (None, LINE_ENDPOINT):
+        return name
+    digest = hashlib.sha256(str(options.line_radio).encode()).hexdigest()
+    return f"{name}-{digest}"[:BUS_NAME_CHARS]
+
+
+def memory_arguments(options: RunOptions, folder: Path) -> list[str]:
+    """Arguments by which a restarted controller of a train on a line finds its memory."""
+    if options.train is None:
+        return []
+    folder = folder if options.memory is None else Path(options.memory)
+    return ["--nvram", str(folder / "nvram"), "--line-memory", str(folder / "terms")]
 
 
 def line_arguments(options: RunOptions) -> list[str]:

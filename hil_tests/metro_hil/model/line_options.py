@@ -41,6 +41,12 @@ def add_options(run: argparse.ArgumentParser) -> None:
         choices=LINE_ARBITERS,
         help=f"number of arbiters of the wayside; default: {DEFAULT_ARBITERS}",
     )
+    group.add_argument(
+        "--memory",
+        metavar="FOLDER",
+        help="folder for the controller's place, terms and number of starts, which then also "
+        "outlive the run; default: the run folder",
+    )
 
 
 def train_number(text: str) -> int:

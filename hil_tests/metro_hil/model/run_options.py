@@ -121,6 +121,8 @@ class RunOptions:
     arbiters: int | None = None
     watch: bool = False
     """Whether to serve a page of the run while it goes on."""
+    memory: str | None = None
+    """Folder of the controller's memory with --train; None: the run folder."""
     plot: bool | None = None
     """Whether a plot is drawn; None: unless --json is given."""
 
@@ -392,6 +394,7 @@ def line_problem(options: RunOptions) -> str:
         "--secure": options.secure,
         "--line-timers": options.line_timers,
         "--arbiters": options.arbiters,
+        "--memory": options.memory,
     }
     asked = [name for name, given in of_train.items() if given is not None]
     if asked and options.train is None:

@@ -72,6 +72,7 @@ class BusWatch:
         *,
         unattended: bool,
         centre: bool = False,
+        restart: Callable[[Child], bool] = lambda child: False,
     ) -> str:
         """Run until arrival, the end of the duration, an interrupt or the end of a child.
 
@@ -80,6 +81,7 @@ class BusWatch:
         Args:
             unattended: no person can reset an emergency brake or open doors by hand.
             centre: supervision of the line runs and may release a train's emergency brake.
+            restart: starts the program of a child that ended again, or returns False.
         """
         now_ns = self._clock.now_ns()
         alone = (HeldEmergencyCondition(centre), ShutDoorsCondition()) if unattended else None
@@ -92,6 +94,9 @@ class BusWatch:
             ended = [child for child in children if child.ended]
             if interrupted():
                 reason = INTERRUPTED
+            elif ended and all(restart(child) for child in ended):
+                # A restarted controller needs seconds until its first frame.
+                self._controller_heard = False
             elif ended:
                 reason = f"the {ended[0].name} ended by itself ({ended[0].end_words()})"
             elif self._controller_heard and not self._silence.check(now_ns):

@@ -1,6 +1,8 @@
 """The options of `vobc run` about desk and wires: valid combinations, and which program gets
 them."""
 
+from pathlib import Path
+
 import pytest
 
 from can_dbc.cab import CabMode
@@ -15,12 +17,20 @@ from can_dbc.vobc import (
     VobcStatus,
     Withheld,
 )
-from metro_hil.cli.realtime_run import controller_line_arguments, hints_of, line_arguments
+from firmware_py.buses.interfaces import BUS_NAME
+from metro_hil.cli.realtime_run import (
+    controller_line_arguments,
+    hints_of,
+    line_arguments,
+    memory_arguments,
+    own_bus_name,
+)
 from metro_hil.model.run_options import parse
 from metro_hil.realtime.live_display import BusPicture
 from metro_hil.run.lockstep import scenario_of
 from plant_emulator.cli.options import parser as plant_parser
 from vobc.cli import parser as vobc_parser
+from zenoh_config.sessions import LINE_ENDPOINT
 
 
 @pytest.mark.parametrize(
@@ -130,3 +140,38 @@ def test_the_hint_to_release_a_train_names_its_line(words: list[str], where: str
 
     release = f"`vobc emergency-brake T3 --end{where}` releases the train"
     assert said == [f"waits for the centre: {release}"]
+
+
+def test_trains_of_two_waysides_have_buses_of_their_own() -> None:
+    def bus(*words: str) -> str:
+        return own_bus_name(parse(["run", *words]))
+
+    names = [
+        bus("--train", "T1"),
+        bus("--train", "T2"),
+        bus("--train", "T1", "--line-radio", "tcp/127.0.0.1:7500"),
+        bus("--train", "T1", "--line-radio", "tcp/127.0.0.2:7500"),
+        bus("--train", "T64999", "--line-radio", "tcp/127.0.0.2:7500"),
+    ]
+
+    assert len({*names}) == len(names)
+    assert all(BUS_NAME.fullmatch(name) for name in names)
+    assert bus("--train", "T1", "--line-radio", LINE_ENDPOINT) == names[0] == "train1"
+
+
+def test_the_controller_of_a_line_keeps_its_memory_in_the_run_folder_or_where_the_user_says(
+    tmp_path: Path,
+) -> None:
+    for words, folder in (([], tmp_path), (["--memory", "kept"], Path("kept"))):
+        options = parse(["run", "--train", "T3", *words])
+        told = vobc_parser().parse_args(memory_arguments(options, tmp_path))
+
+        assert (told.nvram, told.line_memory) == (str(folder / "nvram"), str(folder / "terms"))
+    assert memory_arguments(parse(["run"]), tmp_path) == []
+
+
+def test_memory_needs_a_train(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parse(["run", "--memory", "kept"])
+
+    assert "--memory: needs --train" in capsys.readouterr().err

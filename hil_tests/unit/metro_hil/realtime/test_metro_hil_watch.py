@@ -1,7 +1,8 @@
 """The tap of a real-time run: what it receives, what it shows, and when it ends the run."""
 
 import io
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,7 @@ from firmware_py.clock.clock import LockstepClock
 from firmware_py.ports import CanFrame
 from firmware_py.storage.recorder import CandumpWriter
 from metro_hil.model.end_condition import DURATION, UNATTENDED_S
+from metro_hil.model.subprocesses import Child
 from metro_hil.realtime.bus_watch import BusWatch
 from metro_hil.realtime.line_hints import LineHints
 from metro_hil.realtime.live_display import (
@@ -106,7 +108,14 @@ class Bench:
     def says(self, frame: Frame) -> None:
         self._said.append(frame)
 
-    def run(self, *, unattended: bool, centre: bool = False) -> tuple[str, float]:
+    def run(
+        self,
+        *,
+        unattended: bool,
+        centre: bool = False,
+        children: Sequence[Child] = (),
+        restart: Callable[[Child], bool] = lambda child: False,
+    ) -> tuple[str, float]:
         """Why the run ended, and when, s."""
 
         def speak() -> bool:
@@ -116,8 +125,45 @@ class Bench:
                     self._port.send(now_ns, identifier, data)
             return False
 
-        reason = self.watch.run([], 3500.0, 100.0, speak, unattended=unattended, centre=centre)
+        watched = (children, 3500.0, 100.0, speak)
+        reason = self.watch.run(*watched, unattended=unattended, centre=centre, restart=restart)
         return reason, self.clock.now_ns() / S
+
+
+@dataclass
+class EndedChild:
+    """Stands for the process of a program that ended."""
+
+    name: str
+    ended: bool = True
+
+    def end_words(self) -> str:
+        return "by SIGKILL"
+
+
+def test_the_end_of_a_program_that_is_not_started_again_ends_the_run(tmp_path: Path) -> None:
+    children = [EndedChild("plant")]
+
+    reason, at_s = Bench(tmp_path, STATUS).run(unattended=False, children=children)  # type: ignore[arg-type]
+
+    assert reason == "the plant ended by itself (by SIGKILL)"
+    assert at_s < 1.0
+
+
+def test_a_run_goes_on_with_a_controller_that_is_started_again(tmp_path: Path) -> None:
+    children = [EndedChild("controller"), EndedChild("plant", ended=False)]
+    asked = list[str]()
+
+    def restart(child: Child) -> bool:
+        asked.append(child.name)
+        children[0] = EndedChild("controller", ended=False)
+        return True
+
+    bench = Bench(tmp_path, STATUS)
+    end = bench.run(unattended=False, children=children, restart=restart)  # type: ignore[arg-type]
+
+    assert end == (DURATION, 100.0)
+    assert asked == ["controller"]
 
 
 def test_an_emergency_that_cannot_be_released_ends_the_run(tmp_path: Path) -> None:
