@@ -1,6 +1,7 @@
 """Settings of the zenoh sessions of trains and wayside, with the endpoint filled in."""
 
 import enum
+import ipaddress
 import re
 from importlib import resources
 from typing import Final
@@ -51,6 +52,29 @@ def session_settings(
 def check_endpoint(endpoint: str, *, port_min: int = 1) -> None:
     """Raise ValueError for an endpoint that is not `tcp/HOST:PORT`."""
     address_of(endpoint, port_min=port_min)
+
+
+def check_secured(endpoint: str, *, secured: bool, insecure: bool) -> None:
+    """Raise ValueError if other machines can reach a line that is not secured.
+
+    Args:
+        insecure: the user confirmed that the network is closed.
+    """
+    if secured or insecure or is_loopback(endpoint):
+        return
+    raise ValueError(
+        f"{endpoint}: other machines can reach this address, and the line is not secured; give "
+        "--secure FOLDER, or --insecure on a network of your own"
+    )
+
+
+def is_loopback(endpoint: str) -> bool:
+    """Tell whether only programs of this machine reach the endpoint. Raises ValueError."""
+    host, _ = address_of(endpoint, port_min=0)
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def address_of(endpoint: str, *, port_min: int = 1) -> tuple[str, int]:

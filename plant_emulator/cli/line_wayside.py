@@ -29,6 +29,7 @@ from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, O
 from plant_emulator.world import World
 from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import WAYSIDE_NAME, train_name
+from zenoh_config.sessions import check_secured
 from zenoh_config.t2t import FIRST_ARBITER
 from zenoh_config.timers import TIMER_SETS
 
@@ -57,6 +58,7 @@ def serve_line(options: argparse.Namespace) -> int:
     """
     if options.parent is not None:
         die_with_parent(options.parent)
+    _check_secured(options)
     areas = load_areas(options.line)
     ending = Interrupts()
     with ending.caught(), ExitStack() as stack:
@@ -212,10 +214,21 @@ def _found(store: CheckedStore[M], fresh: M) -> M | None:
     return store.value
 
 
+def _check_secured(options: argparse.Namespace) -> None:
+    """Raise SettingsError if others can reach a line that is not secured."""
+    try:
+        check_secured(
+            options.line_radio, secured=options.secure is not None, insecure=options.insecure
+        )
+    except ValueError as error:
+        raise SettingsError(f"--line-radio {error}") from error
+
+
 def feed_of(
     options: argparse.Namespace, line_name: str, world: World, clock: WallClock, stack: ExitStack
 ) -> Executive:
     """Return the executive that reports the train's true place to the line's axle counters."""
+    _check_secured(options)
     secure = None
     if options.secure is not None:
         secure = load_credentials(options.secure, train_name(options.train), clock.epoch_ns())

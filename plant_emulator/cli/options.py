@@ -12,6 +12,7 @@ from zenoh_config.t2t import LAST_TRAIN
 from zenoh_config.timers import TIMER_SETS
 
 AUTO: Final = "auto"
+INSECURE: Final = "allow a line without certificates at an address that other machines reach"
 PRIORITY: Final = 70
 """Real-time priority, below the controller's: a train may be a little late, the controller may
 not."""
@@ -71,6 +72,7 @@ def _add_line(group: argparse._ArgumentGroup) -> None:
         help="report the train's place to the axle counters of `plant wayside` there",
     )
     group.add_argument("--secure", metavar="FOLDER", help="certificates of a secured line")
+    group.add_argument("--insecure", action="store_true", help=INSECURE)
     group.add_argument("--train", type=_train, default=1, metavar="N", help="number of the train")
 
 
@@ -103,6 +105,7 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     wayside.add_argument(
         "--secure", metavar="FOLDER", help="certificates and keys; see `vobc demo-ca`"
     )
+    wayside.add_argument("--insecure", action="store_true", help=INSECURE)
     wayside.add_argument("--line-timers", choices=sorted(TIMER_SETS), default="A")
     wayside.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1)
     wayside.add_argument(

@@ -26,6 +26,7 @@ from vobc.wire.line_radio import LineRadio
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import train_name
+from zenoh_config.sessions import check_secured
 from zenoh_config.t2t import FIRST_ARBITER, LAST_TRAIN
 from zenoh_config.timers import TIMER_SETS
 
@@ -54,6 +55,11 @@ def add(top: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--secure", metavar="FOLDER", help="certificates and keys; see `vobc demo-ca`"
+    )
+    group.add_argument(
+        "--insecure",
+        action="store_true",
+        help="allow a line without certificates at an address that other machines reach",
     )
     group.add_argument(
         "--train", type=_address, metavar="N", help="address of the train on the radio"
@@ -85,8 +91,14 @@ def addressed(config: VobcConfig, options: argparse.Namespace) -> VobcConfig:
     return config
 
 
-def check_peer(options: argparse.Namespace) -> None:
+def check_radio(options: argparse.Namespace) -> None:
     """Raises SettingsError for an invalid combination of options."""
+    own = () if options.line_peer in (None, ANYWHERE) else (options.line_peer,)
+    for endpoint in (*(() if options.line_radio is None else (options.line_radio,)), *own):
+        try:
+            check_secured(endpoint, secured=options.secure is not None, insecure=options.insecure)
+        except ValueError as error:
+            raise SettingsError(f"--line-radio {error}") from error
     if options.line_peer is None:
         return
     if options.line_radio is None:

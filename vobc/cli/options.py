@@ -140,7 +140,7 @@ def plan(options: argparse.Namespace, epoch_ns: int) -> DevicePlan:
     config = load_config(
         options.consist, cycle_ms=options.cycle_ms, law=options.ato, stage=options.output
     )
-    line_options.check_peer(options)
+    line_options.check_radio(options)
     config = line_options.addressed(config, options)
     line = load_line(options.line).for_train(config.train.length_m)
     check_plausible(config, line)

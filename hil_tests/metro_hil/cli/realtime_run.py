@@ -313,6 +313,7 @@ def hints_of(options: RunOptions) -> Hints:
         where += ["--line-radio", options.line_radio]
     if options.secure is not None:
         where += ["--secure", options.secure]
+    where += ["--insecure"] if options.insecure else []
     return LineHints(options.train, options.line_radio, where)
 
 
@@ -353,6 +354,7 @@ def line_arguments(options: RunOptions) -> list[str]:
     if options.train is None or options.line_radio is None:
         return []
     secure = [] if options.secure is None else ["--secure", options.secure]
+    secure += ["--insecure"] if options.insecure else []
     return ["--train", str(options.train), "--line-radio", options.line_radio, *secure]
 
 

@@ -30,6 +30,7 @@ def add_options(run: argparse.ArgumentParser) -> None:
         "ENDPOINT, by default the address on the way to the wayside and any port",
     )
     group.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
+    add_insecure(group)
     group.add_argument(
         "--line-timers",
         choices=TIMERS,
@@ -46,6 +47,14 @@ def add_options(run: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="folder for the controller's place, terms and number of starts, which then also "
         "outlive the run; default: the run folder",
+    )
+
+
+def add_insecure(parser: argparse._ActionsContainer) -> None:
+    parser.add_argument(
+        "--insecure",
+        action="store_true",
+        help="allow a line without certificates at an address that other machines reach",
     )
 
 

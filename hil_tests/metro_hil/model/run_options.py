@@ -116,6 +116,8 @@ class RunOptions:
     """Address at which other peers reach this one, or empty; None for no direct connection."""
     secure: str | None = None
     """Folder with certificates and keys of a secured line."""
+    insecure: bool = False
+    """The user allows a line without certificates where other machines reach it."""
     line_timers: str | None = None
     """Set of timers; must be that of the wayside, as must the number of arbiters."""
     arbiters: int | None = None
@@ -395,6 +397,7 @@ def line_problem(options: RunOptions) -> str:
         "--line-timers": options.line_timers,
         "--arbiters": options.arbiters,
         "--memory": options.memory,
+        "--insecure": options.insecure or None,
     }
     asked = [name for name, given in of_train.items() if given is not None]
     if asked and options.train is None:
@@ -405,10 +408,13 @@ def line_problem(options: RunOptions) -> str:
         return "--line-peer: not with --secure, because peers bypass the wayside and its rules"
     if options.line_radio is None:
         return ""
-    from zenoh_config.sessions import check_endpoint
+    from zenoh_config.sessions import check_endpoint, check_secured
 
     try:
         check_endpoint(options.line_radio)
+        check_secured(
+            options.line_radio, secured=options.secure is not None, insecure=options.insecure
+        )
     except ValueError as error:
         return f"--line-radio {error}"
     return ""

@@ -13,6 +13,7 @@ from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap, load_areas
 from firmware_py.trackdb.version import database_version
+from metro_hil.model.line_options import add_insecure
 from metro_hil.model.run_options import (
     EXIT_ENVIRONMENT,
     EXIT_OK,
@@ -21,6 +22,7 @@ from metro_hil.model.run_options import (
     SERVICE_VERBS,
     train_number,
 )
+from metro_hil.supervision.access import refuse_insecure
 from metro_hil.supervision.console import SupervisionConsole
 from metro_hil.supervision.view import KMH, LineView
 from zenoh_config import t2t_keys
@@ -94,6 +96,7 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
 
 def _check(options: argparse.Namespace, areas: AreaMap) -> None:
     """Raise SettingsError for options that are invalid on any line."""
+    refuse_insecure(options)
     verb = options.verb
     if verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
         raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
@@ -178,6 +181,7 @@ def parser() -> argparse.ArgumentParser:
         parsed.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
         parsed.add_argument("--line-radio", default=LINE_ENDPOINT, metavar="ENDPOINT")
         parsed.add_argument("--secure", metavar="FOLDER", help="certificates; see `vobc demo-ca`")
+        add_insecure(parsed)
     return top
 
 

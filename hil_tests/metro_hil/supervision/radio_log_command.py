@@ -14,7 +14,9 @@ from firmware_py.interrupts import Interrupts
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.radio.zenoh_radio import RadioError
 from firmware_py.settings import SettingsError
+from metro_hil.model.line_options import add_insecure
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from metro_hil.supervision.access import refuse_insecure
 from metro_hil.supervision.radio_log import (
     Chosen,
     RadioFigures,
@@ -54,6 +56,8 @@ def main(words: Sequence[str]) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     _check_options(options)
+    if options.live:
+        refuse_insecure(options)
     key = BENCH_KEY
     if options.secure is not None:
         secure = load_credentials(options.secure, SUPERVISION_NAME, WallClock().epoch_ns())
@@ -200,6 +204,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="FOLDER",
         help="certificates of a secured line; see `vobc demo-ca`",
     )
+    add_insecure(top)
     return top
 
 

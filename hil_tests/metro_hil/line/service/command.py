@@ -23,6 +23,7 @@ from firmware_py.trackdb.areas import load_areas
 from metro_hil.line.exercise.plan import ways_of
 from metro_hil.line.service.plan import BUS, LineSetup, LineUp, chosen, programs_of
 from metro_hil.line.service.programs import ProgramFiles, end_all
+from metro_hil.model.line_options import add_insecure
 from metro_hil.model.run_folder import RunFolder, RunFolderError, make_run_folder, write_config
 from metro_hil.model.run_options import (
     EXIT_ENVIRONMENT,
@@ -31,12 +32,13 @@ from metro_hil.model.run_options import (
     EXIT_USAGE,
     SERVICE_VERBS,
 )
+from metro_hil.supervision.access import refuse_insecure
 from metro_hil.supervision.console import SupervisionConsole
 from metro_hil.supervision.view import LineView
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import SUPERVISION_NAME, WAYSIDE_NAME, train_name
-from zenoh_config.sessions import LINE_ENDPOINT, check_endpoint
+from zenoh_config.sessions import LINE_ENDPOINT
 from zenoh_config.timers import TIMER_SETS
 
 NOTE: Final = "line-up.json"
@@ -107,6 +109,7 @@ def parser() -> argparse.ArgumentParser:
         help="address of the wayside; default: %(default)s",
     )
     up.add_argument("--secure", type=Path, metavar="FOLDER", help="see `vobc demo-ca`")
+    add_insecure(up)
     up.add_argument(
         "--priority",
         type=int,
@@ -165,8 +168,8 @@ def _up(options: argparse.Namespace) -> int:
 def _setup(options: argparse.Namespace, line: LineMap) -> LineSetup:
     """Check the options. Raises SettingsError."""
     load_areas(options.line)
+    refuse_insecure(options)
     try:
-        check_endpoint(options.line_radio)
         ways = ways_of(line, options.trains)
     except ValueError as error:
         raise SettingsError(str(error)) from error
@@ -178,7 +181,7 @@ def _setup(options: argparse.Namespace, line: LineMap) -> LineSetup:
             load_credentials(options.secure, name, WallClock().epoch_ns())
     name = str(Path(options.line).resolve()) if is_path(options.line) else options.line
     of_line = (options.line_radio, options.line_timers, options.arbiters)
-    return LineSetup(name, *of_line, options.priority, ways, secure)
+    return LineSetup(name, *of_line, options.priority, ways, secure, options.insecure)
 
 
 class _Start:
@@ -258,6 +261,7 @@ def _print_next(up: LineUp, options: argparse.Namespace) -> None:
     where = "" if options.line == "loop" else f" --line {options.line}"
     where += "" if up.endpoint == LINE_ENDPOINT else f" --line-radio {up.endpoint}"
     where += "" if options.secure is None else f" --secure {options.secure}"
+    where += " --insecure" if options.insecure else ""
     _say(f"`vobc line --watch{where}` shows areas and trains")
     _say("`vobc line status` lists the programs, `vobc line down` ends them")
 

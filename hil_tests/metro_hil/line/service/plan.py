@@ -44,6 +44,7 @@ class LineSetup(msgspec.Struct, frozen=True):
     ways: list[PlannedRun]
     """Run of each train, the foremost first."""
     secure: str | None = None
+    insecure: bool = False
 
 
 class LineUp(msgspec.Struct, frozen=True):
@@ -58,6 +59,7 @@ class LineUp(msgspec.Struct, frozen=True):
 def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
     """Return all programs of a line in the order of their start."""
     secure = [] if setup.secure is None else ["--secure", setup.secure]
+    secure += ["--insecure"] if setup.insecure else []
     of_line = ["--line-timers", setup.timers, "--arbiters", str(setup.arbiters), *secure]
     common = ["--line", setup.line, "--line-radio", setup.endpoint]
     before = min(PRIORITY_MAX, setup.priority + BEFORE) if setup.priority else 0

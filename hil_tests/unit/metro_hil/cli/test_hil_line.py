@@ -58,7 +58,10 @@ def test_a_secured_line_that_has_no_keys_leaves_no_folder(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ([], "tcp/h:1; watch it with `vobc line --watch --line-radio tcp/h:1`"),
+        (
+            ["--insecure"],
+            "tcp/h:1; watch it with `vobc line --watch --line-radio tcp/h:1 --insecure`",
+        ),
         (
             ["--line", "florence", "--secure", "my keys"],
             "tcp/h:1; watch it with `vobc line --watch --line-radio tcp/h:1 --line florence "
@@ -125,7 +128,10 @@ def test_the_restart_of_a_killed_wayside_is_reported(
         (["--topology", "mesh", "--networks"], "--topology mesh: networks of their own"),
         (["--topology", "mesh", "--cut-master-at", "3"], "--topology mesh: --cut-master-at"),
         (["--bench", "lockstep", "--secure", "x"], "--secure x: --bench lockstep has no network"),
-        (["--bench", "lockstep", "--line-radio", "tcp/h:1"], "--line-radio tcp/h:1: --bench"),
+        (
+            ["--bench", "lockstep", "--line-radio", "tcp/[::1]:1"],
+            "--line-radio tcp/[::1]:1: --bench",
+        ),
         (["--kill-master-at", "100", "--for", "10"], "--kill-master-at 100: the run ends before"),
         (["--restart-train-at", "T1@9", "--for", "9"], "T1@9: the run ends before, by --for 9"),
     ],

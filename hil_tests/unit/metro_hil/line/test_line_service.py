@@ -105,7 +105,7 @@ def test_a_damaged_process_id_file_means_that_the_program_does_not_run(
         (["down"], 3, "vobc: no line is up below {here}/runs; `vobc line up` brings one up"),
         (["status", "--out", "x"], 2, "vobc: x/line-up.json: not the file of a line that"),
         (["up", "--trains", "99"], 2, "vobc: --trains 99: the line loop has room for 1 to 8"),
-        (["up", "--line-radio", "7448"], 2, "vobc: 7448: not an endpoint"),
+        (["up", "--line-radio", "7448"], 2, "vobc: --line-radio 7448: not an endpoint"),
         (["up", "--secure", "none"], 2, "vobc: none/ca.pem: cannot be read"),
     ],
 )
