@@ -23,7 +23,7 @@ from firmware_py.trackdb.areas import load_areas
 from metro_hil.line.exercise.plan import ways_of
 from metro_hil.line.service.plan import BUS, LineSetup, LineUp, chosen, programs_of
 from metro_hil.line.service.programs import ProgramFiles, end_all
-from metro_hil.model.line_options import add_insecure
+from metro_hil.model.line_options import add_insecure, train_number
 from metro_hil.model.run_folder import RunFolder, RunFolderError, make_run_folder, write_config
 from metro_hil.model.run_options import (
     EXIT_ENVIRONMENT,
@@ -111,6 +111,14 @@ def parser() -> argparse.ArgumentParser:
     up.add_argument("--secure", type=Path, metavar="FOLDER", help="see `vobc demo-ca`")
     add_insecure(up)
     up.add_argument(
+        "--attended",
+        type=train_number,
+        action="append",
+        default=[],
+        metavar="TRAIN",
+        help="a person works the desk of this train by `plant desk`; may be given several times",
+    )
+    up.add_argument(
         "--priority",
         type=int,
         choices=range(100),
@@ -181,7 +189,9 @@ def _setup(options: argparse.Namespace, line: LineMap) -> LineSetup:
             load_credentials(options.secure, name, WallClock().epoch_ns())
     name = str(Path(options.line).resolve()) if is_path(options.line) else options.line
     of_line = (options.line_radio, options.line_timers, options.arbiters)
-    return LineSetup(name, *of_line, options.priority, ways, secure, options.insecure)
+    return LineSetup(
+        name, *of_line, options.priority, ways, secure, options.insecure, options.attended
+    )
 
 
 class _Start:

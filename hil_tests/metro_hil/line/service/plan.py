@@ -45,6 +45,8 @@ class LineSetup(msgspec.Struct, frozen=True):
     """Run of each train, the foremost first."""
     secure: str | None = None
     insecure: bool = False
+    attended: list[int] = []
+    """Trains whose desk is a `plant desk` of its own."""
 
 
 class LineUp(msgspec.Struct, frozen=True):
@@ -72,6 +74,7 @@ def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
     for train, way in numbered:
         words = ["run", *common, *_place(folder, train, way), "--seed", str(train), *secure]
         words += ["--priority", str(max(0, setup.priority - BEHIND))]
+        words += ["--desk", "external"] if train in setup.attended else []
         programs.append(LineProgram(f"T{train}/{PLANT}", "plant_emulator", words, logs=True))
     for train, way in numbered:
         # The memory overrides --from, so that a restarted controller takes the same command.

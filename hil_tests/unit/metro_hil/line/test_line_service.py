@@ -41,6 +41,14 @@ def test_every_program_understands_its_command(tmp_path: Path) -> None:
             assert parsed.secure == "/secure"
 
 
+def test_the_plant_of_an_attended_train_has_no_desk_of_its_own(tmp_path: Path) -> None:
+    setup = msgspec.structs.replace(SETUP, attended=[2])
+
+    plants = [each for each in programs_of(setup, tmp_path) if each.name.endswith("/plant")]
+
+    assert ["external" in each.arguments for each in plants] == [False, True]
+
+
 def test_wayside_buses_and_plants_start_before_the_controllers(tmp_path: Path) -> None:
     names = [each.name for each in programs_of(SETUP, tmp_path)]
 

@@ -34,7 +34,7 @@ from firmware_py.storage.recorder import CandumpWriter
 from metro_hil.model.end_condition import DURATION, UNATTENDED_S
 from metro_hil.model.subprocesses import Child
 from metro_hil.realtime.bus_watch import BusWatch
-from metro_hil.realtime.line_hints import LineHints
+from metro_hil.realtime.line_hints import LOST_LOOKS, LineHints
 from metro_hil.realtime.live_display import (
     FRESH_NS,
     BusPicture,
@@ -328,3 +328,34 @@ def test_old_frames_give_no_hints() -> None:
 
     assert HINTS(seen.picture.fresh(FRESH_NS)) != []
     assert HINTS(seen.picture.fresh(FRESH_NS + 1)) == []
+
+
+@pytest.mark.parametrize(
+    ("missing", "shown"),
+    [
+        (Missing.LOCALISATION, True),
+        (Missing.LOCALISATION | Missing.AUTHORITY, True),
+        (Missing.AUTHORITY, False),
+        (Missing.LOCALISATION | Missing.TAG_READER, False),
+    ],
+)
+def test_a_train_without_a_place_shows_how_it_gets_on_its_way_again(
+    tmp_path: Path, missing: Missing, shown: bool
+) -> None:
+    waits = replace(STATUS, supervision=Supervision.NO_AUTHORITY, missing=missing)
+    bench = Bench(tmp_path, waits, hints=LineHints(3, ENDPOINT))
+
+    bench.run(unattended=False)
+
+    assert ("drive on sight over two tags" in bench.printed.getvalue()) is shown
+
+
+def test_a_train_that_has_just_started_is_not_lost() -> None:
+    picture = BusPicture(BIT_RATE)
+    hints = LineHints(3, ENDPOINT)
+    picture.latest = {VobcStatus: replace(STATUS, missing=Missing.LOCALISATION)}
+    lost = [bool(hints(picture)) for _ in range(LOST_LOOKS)]
+    picture.latest = {VobcStatus: replace(STATUS, missing=Missing.NOTHING)}
+
+    assert lost == [False] * (LOST_LOOKS - 1) + [True]
+    assert hints(picture) == []
