@@ -13,7 +13,7 @@ from can_dbc.binding import Frame
 from can_dbc.brake import BrakeCommand, BrakeStatus
 from can_dbc.cab import Desk
 from can_dbc.diagnostics import EMERGENCIES, HEARTBEATS, NodeState, TcmsStatus, TimeOfDay
-from can_dbc.doors import DoorCars, DoorCommand, DoorStatus
+from can_dbc.doors import DoorCars, DoorCommand, DoorState, DoorStatus
 from can_dbc.energy import EnergyMeter, LineSupply
 from can_dbc.nodes import Node
 from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
@@ -31,6 +31,7 @@ from plant_emulator.faults.radio_faults import RadioFaults
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.faults.serial_faults import SerialFaults
 from plant_emulator.faults.stage import FaultStage, Observer
+from plant_emulator.foreign import ForeignParts
 from plant_emulator.truth import REPORTS
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.wayside.zone_controller import ZoneController
@@ -117,6 +118,7 @@ class PlantDevice:
         faults: Sequence[FaultPlan] = (),
         observer: Observer | None = None,
         reports: bool = False,
+        foreign: ForeignParts | None = None,
     ) -> None:
         """Args:
         open_port: called once for each node. In lockstep it returns a separate port for every node;
@@ -125,6 +127,7 @@ class PlantDevice:
             listeners of `schedule`.
         observer: receives the truth before the first step and after each step.
         reports: faults that are planned later may depend on what the controller reports.
+        foreign: program that emulates parts of the train; it sends the frames of its nodes.
         epoch_offset_ns: difference between nanoseconds since 1970 and the plant's clock.
         """
         self.scenario = scenario
@@ -135,6 +138,7 @@ class PlantDevice:
             front_m=scenario.start.stop_m,
             start_ns=start_ns,
             desk_mode=scenario.desk_mode,
+            foreign=foreign,
         )
         self._attendant = attendant(
             scenario.driver,
@@ -145,12 +149,11 @@ class PlantDevice:
         self._display = DeskDisplay()
         reports = reports or any(plan.window.reads_controller for plan in faults)
         self.wire = Wire(open_port, DISPLAYED if scenario.driver else REPORTS if reports else ())
-        self._absent = frozenset({Node.DESK} if scenario.desk_elsewhere else ())
+        self._absent = _absent_nodes(scenario, foreign)
         self.railway = Railway(scenario.wayside_line or scenario.line, scenario.destination)
         self._platform_doors = self.railway.doors
         self._tags, self._radio, self._truth = tags, radio, truth
-        self._epoch_offset_ns = epoch_offset_ns
-        self._start_ns = start_ns
+        self._start_ns, self._epoch_offset_ns = start_ns, epoch_offset_ns
         self._slots = timetable(self._absent)
         self._steps = 0
         self.lost_steps = 0
@@ -160,9 +163,7 @@ class PlantDevice:
         self._standing = True
         self._life = NodeState.BOOT_UP
         self._frames = self._frame_sources()
-        world = self.world
-        units = ((Node.BCU, world.brake), (Node.TCU, world.traction), (Node.DCU, world.doors))
-        self._units: tuple[tuple[Node, CommandListener], ...] = units
+        self._units = self._command_listeners()
         self._receivers = self._receivers_of_frames()
         self._silent = [False] * len(self._units)
         self._restarting: Node | None = None
@@ -174,6 +175,10 @@ class PlantDevice:
         self._stage = self._staged(observer) if faults or observer is not None else None
         self.executive = Executive([Task("step", GRID_MS, self.step)], start_ns)
         self._write_truth()
+
+    def _command_listeners(self) -> tuple[tuple[Node, CommandListener], ...]:
+        world = self.world
+        return (Node.BCU, world.brake), (Node.TCU, world.traction), (Node.DCU, world.doors)
 
     def _receivers_of_frames(self) -> Mapping[type[Frame], Callable[[Any, int], None]]:
         world = self.world
@@ -248,12 +253,22 @@ class PlantDevice:
         for kind, node in self._catch_up(now_ns):
             if node is not self._restarting:
                 wire.send(now_ns, node, frames[kind](world.now_ns))
-        if now_ns >= world.tag_reader.due_ns:
+        if world.foreign is not None:
+            self.pass_on(world.foreign, now_ns)
+        if now_ns >= world.tag_reader.due_ns and Node.BTM not in self._absent:
             for telegram in world.tag_reader.telegrams(now_ns):
                 self._tags.send(now_ns, telegram)
         if self._steps % SLOW_STEPS == 0:
             self._report_silence(now_ns)
             self._answer_radio(now_ns)
+
+    def pass_on(self, foreign: ForeignParts, now_ns: int) -> None:
+        """Send what the nodes of another program sent in this step."""
+        for node, can_id, data in foreign.take_frames():
+            if node is not self._restarting:
+                self.wire.forward(now_ns, node, can_id, data)
+        for piece in foreign.take_serial():
+            self._tags.send(now_ns, piece)
 
     def _attend_faults(self, stage: FaultStage, now_ns: int) -> None:
         if not stage.began:
@@ -353,7 +368,7 @@ class PlantDevice:
         returns.
         """
         for index, (node, unit) in enumerate(self._units):
-            if unit.silent is not self._silent[index]:
+            if unit.silent is not self._silent[index] and node not in self._absent:
                 self._silent[index] = unit.silent
                 code, register = (
                     (COMMAND_MISSING, COMMUNICATION_REGISTER) if unit.silent else (0, 0)
@@ -371,7 +386,7 @@ class PlantDevice:
         if self._truth is None:
             return
         world = self.world
-        consist, brake, doors = world.consist, world.brake, world.doors
+        consist, brake, doors, told = world.consist, world.brake, world.doors, world.told
         self._truth.row(
             f"{self.elapsed_s:.3f}",
             consist.car_fronts_m[0],
@@ -382,13 +397,13 @@ class PlantDevice:
             world.drive_n,
             world.brake_n,
             world.gradient_permille,
-            brake.emergency_wanted,
-            brake.holding_mps2 > 0.0,
-            doors.locked,
-            doors.left.state,
-            doors.right.state,
-            world.odometer_error_m,
-            world.tag_reader.tags_read,
+            world.emergency_wanted,
+            told["holding"] != 0.0 if "holding" in told else brake.holding_mps2 > 0.0,
+            world.doors_locked,
+            _door_state(told["left_open"]) if "left_open" in told else doors.left.state,
+            _door_state(told["right_open"]) if "right_open" in told else doors.right.state,
+            told.get("odometer_error_m", world.odometer_error_m),
+            int(told.get("tags_read", world.tag_reader.tags_read)),
         )
 
     @property
@@ -408,3 +423,14 @@ class PlantDevice:
             if node not in self._absent:
                 self.wire.send(now_ns, node, HEARTBEATS[node](NodeState.STOPPED))
         self._write_truth()
+
+
+def _absent_nodes(scenario: TrainScenario, foreign: ForeignParts | None) -> frozenset[Node]:
+    """The nodes that this plant does not emulate."""
+    absent = frozenset({Node.DESK} if scenario.desk_elsewhere else ())
+    return absent if foreign is None else absent | foreign.nodes
+
+
+def _door_state(is_open: float) -> DoorState:
+    """State of a side of doors of which only the truth signal is known."""
+    return DoorState.LOCKED if is_open == 0.0 else DoorState.OPEN

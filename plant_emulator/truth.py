@@ -221,6 +221,9 @@ class Truth:
             self.temporary_limit_mps = self._restricted_mps(front_m)
         else:
             self.temporary_limit_mps = self.civil_limit_mps
+        if world.told:
+            for name, value in world.told.items():
+                setattr(self, name, value)
 
     def _restricted_mps(self, front_m: float) -> float:
         least_mps = self.civil_limit_mps

@@ -135,6 +135,10 @@ class Wire:
             if Node[sender(kind)] is node:
                 self._encoder.restart(kind)
 
+    def forward(self, now_ns: int, node: Node, can_id: int, data: bytes) -> None:
+        """Send a frame that another program has encoded, through the port of its node."""
+        self._ports[node].send(now_ns, can_id, data)
+
     def send(self, now_ns: int, node: Node, frame: Frame) -> None:
         port = self._ports[node]
         for identifier, data in self._encoder.encode(frame):

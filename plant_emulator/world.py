@@ -11,6 +11,7 @@ from can_dbc.brake import BrakeCommand
 from can_dbc.cab import CabMode, Desk
 from can_dbc.diagnostics import TcmsStatus
 from can_dbc.doors import DoorCommand
+from can_dbc.nodes import Node
 from can_dbc.traction import TractionCommand
 from firmware_py.settings import SettingsError, nearest, override
 from firmware_py.trackdb import LineMap, Station, load_line
@@ -25,6 +26,7 @@ from plant_emulator.consist.track import GRAVITY_MPS2
 from plant_emulator.desk.attendant import check_driver
 from plant_emulator.desk.hands import unattended as unattended
 from plant_emulator.desk.recording import DeskRecording, load_recording
+from plant_emulator.foreign import ForeignParts
 from plant_emulator.noise import Generators, NoiseSource
 from plant_emulator.power import HighVoltageBox
 from plant_emulator.sensors.cold import ColdDetector
@@ -138,8 +140,13 @@ class World:
         front_m: float,
         start_ns: int = 0,
         desk_mode: CabMode = CabMode.AUTO,
+        foreign: ForeignParts | None = None,
     ) -> None:
-        """Create a train at rest with its front at `front_m`, brakes applied and doors closed."""
+        """Create a train at rest with its front at `front_m`, brakes applied and doors closed.
+
+        Args:
+            foreign: program that emulates parts of the train.
+        """
         generators = Generators(seed)
         self.seed = seed
         """Seed of all random numbers generated from now on."""
@@ -171,6 +178,11 @@ class World:
         """Tractive effort that the rail transmitted in the last step, signed, N."""
         self.brake_n = 0.0
         """Brake force that the rail transmitted in the last step, never negative, N."""
+        self._braked_n = (0.0, 0.0)
+        """Share of `brake_n` of the motor cars and of the trailers, N."""
+        self.foreign = foreign
+        self.told: dict[str, float] = {}
+        """Truth signals that a program outside the bench reported for its parts."""
 
     def _make_actuators(self, generators: Generators) -> None:
         train, consist = self.train, self.consist
@@ -263,21 +275,65 @@ class World:
             start_ns,
             end_ns,
             speed_mps,
-            emergency=brake.emergency_wanted,
+            emergency=self.emergency_wanted,
             # The sealed bypass switch bridges the loop through the door locks.
-            doors_locked=self.doors.locked or self.desk.door_bypass_requested,
+            doors_locked=self.doors_locked or self.desk.door_bypass_requested,
         )
         self._press_on_rail(drive_n, speed_mps)
+        if self.foreign is not None:
+            self._ask(self.foreign, end_ns)
         if self.drive_n == 0.0 and brake.electric_n == 0.0:
-            consist.step()
+            self._move()
             self.power.rest()
         else:
             motor_m = consist.motor_m
-            consist.step()
+            self._move()
             self._book_energy(consist.motor_m - motor_m)
         self.tachos.step(consist.car_fronts_m, self._wheels_a.slip_mps, self._wheels_b.slip_mps)
         self.tag_reader.step(consist.car_fronts_m[0], start_ns, end_ns, self.tachos)
         self.now_ns = end_ns
+
+    def _ask(self, foreign: ForeignParts, end_ns: int) -> None:
+        """Let the other program advance its parts, and take over what it reports."""
+        motor_n, trailer_n = self._braked_n
+        if Node.TCU in foreign.nodes:
+            self.drive_n = 0.0
+        if Node.BCU in foreign.nodes:
+            motor_n = trailer_n = 0.0
+        told = foreign.step(
+            end_ns,
+            {
+                "drive_n": self.drive_n,
+                "motor_brake_n": motor_n,
+                "trailer_brake_n": trailer_n,
+                "gradient_permille": self.gradient_permille,
+            },
+        )
+        self.told = dict(told)
+        self.drive_n = told.get("drive_n", self.drive_n)
+        if "brake_n" in told:
+            motor_n, trailer_n = told["brake_n"], 0.0
+        self.brake_n = motor_n + trailer_n
+        self.consist.load(self.drive_n, motor_n, trailer_n)
+
+    def _move(self) -> None:
+        told = self.told
+        if "front_m" in told:
+            self.consist.place(told["front_m"], told["speed_mps"], told["accel_mps2"])
+        else:
+            self.consist.step()
+
+    @property
+    def emergency_wanted(self) -> bool:
+        """Whether the brake unit demands the emergency brake."""
+        told = self.told.get("emergency")
+        return self.brake.emergency_wanted if told is None else told != 0.0
+
+    @property
+    def doors_locked(self) -> bool:
+        """Whether the train line through all door locks is closed."""
+        told = self.told.get("doors_locked")
+        return self.doors.locked if told is None else told != 0.0
 
     def hear_currents(self, command: AnalogueCommand, heard_ns: int) -> None:
         """Pass the commanded currents to the loops.
@@ -368,6 +424,7 @@ class World:
             drive_n = self.motor_wheels.driven(drive_n, adhesion_ratio, speed_mps)
             motor_n = min(brake.motor_n, self.motor_wheels.most_n(adhesion_ratio))
         self.drive_n = drive_n
+        self._braked_n = (motor_n, trailer_n)
         self.brake_n = motor_n + trailer_n
         self.consist.load(drive_n, motor_n, trailer_n)
 

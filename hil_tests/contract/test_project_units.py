@@ -47,6 +47,7 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("Cell.margins", "Sought.margins", "Sought.value"),
         *("ExpectedFailure.margin_max", "ExpectedFailure.margin_min"),
         *("_Linear.constant", "_Linear.factors"),
+        "PlantGrant.inputs",
         # The unit of the setting that the key names.
         *("TunedParameter.high", "TunedParameter.low", "Tuned.after", "Tuned.before"),
         # The unit of the plotted or compared signal of a log.

@@ -193,6 +193,17 @@ class Consist:
                 )
             self._loads_n = (drive_n, motor_brake_n, trailer_brake_n)
 
+    def place(self, front_m: float, speed_mps: float, accel_mps2: float) -> None:
+        """Take over a motion that another program computed; the train moves as one body."""
+        for index in range(len(self.car_fronts_m)):
+            self.car_fronts_m[index] = front_m
+            self.car_speeds_mps[index] = speed_mps
+            self.car_accels_mps2[index] = accel_mps2
+        if not self._low_m[0] <= front_m < self._high_m[0]:
+            self._enter(0, front_m)
+        self.speed_mps = speed_mps
+        self.accel_mps2 = accel_mps2
+
     def step(self) -> None:
         """Advance by `step_s`."""
         before_mps = self.speed_mps

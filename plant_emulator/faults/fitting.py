@@ -1,11 +1,37 @@
 """Checks that the train has the parts that the faults of a scenario affect."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Final
 
+from can_dbc.nodes import Node
 from firmware_py.settings import SettingsError
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
+from plant_emulator.faults.kinds import FaultPlace, Kind
 from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.foreign import ForeignParts
 from plant_emulator.train_config import TrainConfig
+
+EFFORT: Final = (Node.TCU, Node.BCU)
+NODES_OF_PLACE: Final[Mapping[FaultPlace, tuple[Node, ...]]] = {
+    FaultPlace.ACTUATOR: EFFORT,
+    FaultPlace.SENSOR: (Node.ODO,),
+    FaultPlace.SUPPLY: (Node.HVB, Node.TCU),
+    FaultPlace.DOORS: (Node.DCU,),
+    FaultPlace.DESK: (Node.DESK,),
+    FaultPlace.ALARMS: (Node.TCMS,),
+}
+"""Nodes in whose emulation the faults of a place act."""
+NODES_OF_KIND: Final[Mapping[str, tuple[Node, ...]]] = {
+    "low_adhesion": (*EFFORT, Node.ODO),
+    "load_cell": (Node.TCMS,),
+    "train_longer": (),
+    **dict.fromkeys(("tag_missed", "tag_displaced", "tag_duplicate", "tag_false"), (Node.BTM,)),
+    "antenna_dead": (Node.BTM,),
+    **dict.fromkeys(("traction_runaway", "traction_weak", "traction_late"), (Node.TCU,)),
+    **dict.fromkeys(("brake_late", "brake_weak", "brake_stuck", "brake_unit_failed"), (Node.BCU,)),
+    **dict.fromkeys(("emergency_late", "holding_late", "holding_sticks"), (Node.BCU,)),
+}
+"""Kinds that act in other nodes than the other faults of their place."""
 
 
 def check_fitting(faults: Iterable[FaultPlan], train: TrainConfig, source: str) -> None:
@@ -17,4 +43,20 @@ def check_fitting(faults: Iterable[FaultPlan], train: TrainConfig, source: str) 
             raise SettingsError(
                 f"{source}: fault[{plan.index}].kind: {plan.kind.name}: the train {train.name} has "
                 "no current loops; choose one with loops, or set loop.connected of the real train"
+            )
+
+
+def nodes_of(kind: Kind) -> tuple[Node, ...]:
+    """Return the nodes in whose emulation a fault acts; empty if it acts elsewhere."""
+    return NODES_OF_KIND.get(kind.name, NODES_OF_PLACE.get(kind.place, ()))
+
+
+def check_provided(faults: Iterable[FaultPlan], foreign: ForeignParts) -> None:
+    """Raise SettingsError for a fault in a part that a program outside the bench emulates."""
+    for plan in faults:
+        lost = [node.name for node in nodes_of(plan.kind) if node in foreign.nodes]
+        if lost:
+            raise SettingsError(
+                f"fault[{plan.index}].kind: {plan.kind.name} acts in the bench's own {lost[0]}, "
+                "which the plant provides; leave out the fault or let the bench emulate the node"
             )

@@ -106,6 +106,7 @@ CAMPAIGN: Final = (
     ("train", schema.TrainKeys),
     ("timetable", schema.TimetableKeys),
     ("controller", schema.ControllerKeys),
+    ("plant", schema.PlantKeys),
     ("branch", schema.BranchKeys),
     ("sweep", schema.SweepKeys),
 )

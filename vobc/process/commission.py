@@ -75,14 +75,14 @@ class Commission:
         return {
             "start_ns": self.start_ns,
             "grid_ns": self.start_ns if self.grid_ns is None else self.grid_ns,
-            "line": _plain(self.line),
-            "params": _plain(self.config),
+            "line": plain(self.line),
+            "params": plain(self.config),
             "mission": {
                 "start": self.mission.start.name,
                 "stops": [station.name for station in self.mission.stops],
             },
-            "memory": _plain(self.nvram),
-            "standing": None if self.start is None else _plain(self.start),
+            "memory": plain(self.nvram),
+            "standing": None if self.start is None else plain(self.start),
             "forgotten": self.forgotten,
         }
 
@@ -138,16 +138,16 @@ def _table(table: Mapping[str, Any], key: str, source: str) -> Mapping[str, Any]
     return value
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Convert dataclasses and enums for `settings.build`. None is left out."""
     if dataclasses.is_dataclass(value):
         fields = ((field.name, field.init) for field in dataclasses.fields(value))
         told = {name: getattr(value, name) for name, init in fields if init}
-        return {name: _plain(item) for name, item in told.items() if item is not None}
+        return {name: plain(item) for name, item in told.items() if item is not None}
     if isinstance(value, enum.Enum):
         return value.name.lower()
     if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return value
 
 

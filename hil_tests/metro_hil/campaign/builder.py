@@ -44,6 +44,7 @@ class Scenario:
     train: Table = field(default_factory=dict)
     timetable: Table = field(default_factory=dict)
     controller: Table = field(default_factory=dict)
+    plant: Table = field(default_factory=dict)
     branch: Table | None = None
     fault: Sequence[Table] = ()
     monitor: Sequence[Table] = ()

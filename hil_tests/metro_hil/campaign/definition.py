@@ -10,11 +10,11 @@ from metro_hil.campaign.factors import CyclePhase, where
 from metro_hil.campaign.plan import SweepPoint
 from metro_hil.campaign.problems import Findings, attempt
 from metro_hil.campaign.sampled import FAULTS, faults_words
-from metro_hil.campaign.schema import BranchKeys, ControllerKeys
+from metro_hil.campaign.schema import BranchKeys, ControllerKeys, PlantKeys
 from metro_hil.campaign.sources import Sources
 from metro_hil.campaign.tables import ConfigTable, KeyMissingError, with_value
 from metro_hil.campaign.train import DEFAULT, read_setup
-from metro_hil.model.case import Branch, ControllerSpec
+from metro_hil.model.case import Branch, ControllerSpec, PlantSpec
 from metro_hil.model.frame_names import check_bus_fault
 from plant_emulator.faults.plan import read_fault
 
@@ -26,6 +26,7 @@ PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "faults": ("fault",),
     "monitors": ("monitor",),
     "controller": ("controller",),
+    "plant": ("plant",),
     "branch": ("branch",),
 }
 """The parts of a point, and the tables from which each is read."""
@@ -46,6 +47,7 @@ class Body:
             "faults": lambda: self._faults(findings),
             "monitors": lambda: self._monitors(findings),
             "controller": lambda: self._controller(findings),
+            "plant": lambda: self._plant(findings),
             "branch": lambda: self._branch(findings),
         }
         return {name: readers[name]() for name in names}
@@ -117,6 +119,17 @@ class Body:
         return ControllerSpec(
             kind=keys.kind.value, path=keys.path, command=keys.command, lease_s=keys.lease_s
         )
+
+    def _plant(self, findings: Findings) -> PlantSpec | None:
+        keys = attempt(
+            lambda table: settings.build(PlantKeys, table, "", "plant"),
+            self.raw.get("plant", {}),
+            "plant",
+            findings,
+        )
+        if keys is None:
+            return None
+        return PlantSpec(kind=keys.kind.value, command=keys.command, lease_s=keys.lease_s)
 
     def _branch(self, findings: Findings) -> Branch | None:
         if "branch" not in self.raw:

@@ -12,6 +12,7 @@ from metro_hil.model.case import (
     ConfigTable,
     ControllerSpec,
     ExpectedFailure,
+    PlantSpec,
     Setup,
 )
 
@@ -30,6 +31,7 @@ class SweepPoint(msgspec.Struct, frozen=True, kw_only=True):
     faults: tuple[ConfigTable, ...]
     monitors: tuple[ConfigTable, ...]
     controller: ControllerSpec
+    plant: PlantSpec
     branch: Branch | None
 
 
@@ -118,6 +120,7 @@ def case_of(scenario: ScenarioPlan, point: SweepPoint, seed: int, index: int) ->
         requirements=scenario.requirements,
         bench=scenario.bench,
         controller=point.controller,
+        plant=point.plant,
         branch=point.branch,
         expected=scenario.expected,
         vacuous=scenario.vacuous,

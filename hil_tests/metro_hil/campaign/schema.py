@@ -9,7 +9,7 @@ from typing import Any, Final
 from can_dbc.cab import CabMode
 from firmware_py.expression import ExpressionError, compile_expression
 from firmware_py.settings import nearest
-from metro_hil.model.case import TIME_MAX_S, BenchKind, ControllerSpec
+from metro_hil.model.case import TIME_MAX_S, BenchKind, ControllerSpec, PlantSpec
 from plant_emulator.desk.drivers import DRIVERS
 from plant_emulator.truth import SIGNALS
 
@@ -26,9 +26,9 @@ CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 """Control characters, except tabs and line feeds."""
 REQUIREMENT: Final = re.compile(r"[A-Z][A-Z0-9]*(?:-[A-Za-z0-9]+)+")
 
-TABLES: Final = ("train", "timetable", "controller", "branch", "sweep", "each")
+TABLES: Final = ("train", "timetable", "controller", "plant", "branch", "sweep", "each")
 ARRAYS: Final = ("fault", "monitor", "scenario")
-SWEPT: Final = ("train", "timetable", "controller", "branch", "fault", "monitor")
+SWEPT: Final = ("train", "timetable", "controller", "plant", "branch", "fault", "monitor")
 """Tables that a sweep may change."""
 OVERRIDES: Final = ("real", "believed")
 """Tables of dotted keys below `train`."""
@@ -156,6 +156,25 @@ class ControllerKeys:
                 raise ValueError(f"{name} {value!r} belongs to kind {owner.value!r}")
             if not value and self.kind is owner:
                 raise ValueError(f"kind {owner.value!r} needs {name}")
+
+
+class PlantKind(Enum):
+    SHIPPED = "shipped"
+    COMMAND = "command"
+
+
+@dataclass(frozen=True, slots=True)
+class PlantKeys:
+    kind: PlantKind = PlantKind.SHIPPED
+    command: str = ""
+    lease_s: float = PlantSpec().lease_s
+
+    def __post_init__(self) -> None:
+        in_range(self, "lease_s", *LEASE_RANGE_S)
+        if self.command and self.kind is not PlantKind.COMMAND:
+            raise ValueError(f"command {self.command!r} belongs to kind 'command'")
+        if not self.command and self.kind is PlantKind.COMMAND:
+            raise ValueError("kind 'command' needs command")
 
 
 @dataclass(frozen=True, slots=True)

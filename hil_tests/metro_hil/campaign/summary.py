@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from metro_hil.campaign.plan import Campaign, ScenarioPlan, fingerprint, plan_cases
-from metro_hil.model.case import Case, ConfigTable, ControllerSpec
+from metro_hil.model.case import Case, ConfigTable, ControllerSpec, plant_text
 
 
 class ScenarioSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -76,11 +76,14 @@ def summarise(campaign: Campaign, listed: int | None = None) -> tuple[Summary, t
 def _scenario(plan: ScenarioPlan) -> ScenarioSummary:
     first = plan.points[0]
     limits_s = sum(point.setup.duration_s for point in plan.points)
+    benches = dict.fromkeys(
+        " ".join(filter(None, (plan.bench.value, plant_text(point.plant)))) for point in plan.points
+    )
     controllers = dict.fromkeys(controller_words(point.controller) for point in plan.points)
     return ScenarioSummary(
         name=plan.name,
         title=plan.title,
-        bench=plan.bench.value,
+        bench=", ".join(benches),
         controller=", ".join(controllers),
         cases=plan.case_count,
         points=len(plan.points),

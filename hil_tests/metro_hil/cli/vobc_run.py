@@ -17,6 +17,7 @@ from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap
 from metro_hil.cli.realtime_run import RealtimeRun
+from metro_hil.foreign_plant import PlantDiedError
 from metro_hil.metrics.comfort import comfort_of, inertia_of
 from metro_hil.metrics.results import RunResults, sha256_of
 from metro_hil.metrics.run import measure_cycles, measure_ride, supervision_events
@@ -63,7 +64,7 @@ def drive(options: RunOptions) -> int:
             code = _run(options, console)
     except (SettingsError, RunFolderError) as error:
         return _complain(error, EXIT_USAGE)
-    except (BusError, ChildError, RunLogError) as error:
+    except (BusError, ChildError, PlantDiedError, RunLogError) as error:
         return _complain(error, EXIT_ENVIRONMENT)
     if code == EXIT_INTERRUPTED:
         _complain("interrupted; these are the results until then", code)

@@ -8,8 +8,10 @@ from typing import Final
 import msgspec
 
 from metro_hil.engine.errors import UsageError
-from metro_hil.model.case import BenchKind, Case, ControllerSpec, WireNames
+from metro_hil.model.case import BenchKind, Case, ControllerSpec, PlantSpec, WireNames
 
+LOCKSTEP: Final = (None, BenchKind.LOCKSTEP.value)
+"""Values of `--bench` that leave cases in virtual time where they are."""
 CONTROLLERS: Final = "`shipped`, `checkout:PATH` and `command:WORDS`"
 
 
@@ -20,12 +22,13 @@ def choose(
     limit: int | None = None,
     bench: str | None = None,
     controller: str | None = None,
+    plant: PlantSpec | None = None,
     wires: WireNames | None = None,
 ) -> tuple[Case, ...]:
     """Cases whose id or scenario matches the pattern, with new numbers and the options applied.
 
-    The options `bench`, `controller` and `wires` replace what the cases name. Raises UsageError
-    when no case is left or an option is wrong.
+    The options `bench`, `controller`, `plant` and `wires` replace what the cases name.
+    Raises UsageError when no case is left or an option is wrong.
     """
     chosen = [case for case in cases if pattern is None or _matches(case, pattern)]
     if not chosen:
@@ -36,8 +39,12 @@ def choose(
         changes["bench"] = BenchKind(bench)
     if controller is not None:
         changes["controller"] = read_controller(controller)
+    if plant is not None:
+        if any(case.bench is not BenchKind.LOCKSTEP for case in chosen) or bench not in LOCKSTEP:
+            raise UsageError("--plant: a plant of your own needs the bench lockstep")
+        changes["plant"] = plant
     if wires is not None and wires != WireNames():
-        if all(case.bench is BenchKind.LOCKSTEP for case in chosen) and bench in (None, "lockstep"):
+        if all(case.bench is BenchKind.LOCKSTEP for case in chosen) and bench in LOCKSTEP:
             raise UsageError(
                 "--bus, --train-bus, --tags, --radio, --plant and --vobc are for the benches in "
                 "real time; add --bench processes or --bench hardware"

@@ -126,27 +126,31 @@ class ControllerLink:
 
     def greet(self, message: OfBench) -> OfController:
         """Like `exchange`, within the time for a start."""
-        return self._exchange(message, self._start_s)
+        return _read(self.greet_bytes(encode(message)))
 
     def exchange(self, message: OfBench) -> OfController:
         """Send one line and return the answer. Raises LinkDownError."""
-        return self._exchange(message, self._lease_s)
+        return _read(self.exchange_bytes(encode(message)))
 
-    def _exchange(self, message: OfBench, lease_s: float) -> OfController:
+    def greet_bytes(self, line: bytes) -> bytes:
+        """Like `exchange_bytes`, within the time for a start."""
+        return self._exchange(line, self._start_s)
+
+    def exchange_bytes(self, line: bytes) -> bytes:
+        """Send one line and return the line of the answer. Raises LinkDownError."""
+        return self._exchange(line, self._lease_s)
+
+    def _exchange(self, sent: bytes, lease_s: float) -> bytes:
         assert self._socket is not None
         until_ns = self._clock.now_ns() + round(lease_s * NS_PER_S)
         try:
             self._socket.settimeout(lease_s)
-            self._socket.sendall(encode(message))
-            line = self._line(until_ns)
+            self._socket.sendall(sent)
+            return self._line(until_ns)
         except TimeoutError:
             raise LinkDownError(f"hung: no answer within {lease_s:g} s") from None
         except OSError:
             raise LinkDownError(f"died: {self._end_words()}") from None
-        try:
-            return read_controller(line)
-        except GrantProtocolError as error:
-            raise LinkDownError(f"broke the protocol: {error}") from error
 
     def _line(self, until_ns: int) -> bytes:
         assert self._socket is not None
@@ -200,3 +204,10 @@ class ControllerLink:
                 process.wait()
         if not self._errors.closed:
             self._errors.close()
+
+
+def _read(line: bytes) -> OfController:
+    try:
+        return read_controller(line)
+    except GrantProtocolError as error:
+        raise LinkDownError(f"broke the protocol: {error}") from error

@@ -95,6 +95,17 @@ class ControllerSpec(msgspec.Struct, frozen=True, kw_only=True):
     the program counts as hanging."""
 
 
+class PlantSpec(msgspec.Struct, frozen=True, kw_only=True):
+    """The plant that answers the controller."""
+
+    kind: str = "shipped"
+    """`shipped` or `command` (any program)."""
+    command: str = ""
+    """Command line of the program, run without a shell."""
+    lease_s: float = 5.0
+    """Wall time that the program may take for each answer; beyond it, it counts as hanging."""
+
+
 class WireNames(msgspec.Struct, frozen=True, kw_only=True):
     """Wires of the benches in real time, as the user names them; see `metro_hil.realtime.wires`."""
 
@@ -169,6 +180,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     requirements: tuple[str, ...] = ()
     bench: BenchKind = BenchKind.LOCKSTEP
     controller: ControllerSpec = ControllerSpec()
+    plant: PlantSpec = PlantSpec()
     wires: WireNames = WireNames()
     branch: Branch | None = None
     expected: tuple[ExpectedFailure, ...] = ()
@@ -324,6 +336,11 @@ def fault_text(fault: FaultResult) -> str:
     if fault.touched is None:
         return f"{fault.kind}: began; what it touched is not known"
     return f"{fault.kind}: touched {fault.touched or 'nothing'}"
+
+
+def plant_text(plant: PlantSpec) -> str:
+    """Text such as `with plant command ./train`; empty for the shipped plant."""
+    return "" if plant == PlantSpec() else f"with plant {plant.kind} {plant.command}"
 
 
 def subset_text(chosen: int, planned: int) -> str:

@@ -16,6 +16,7 @@ DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus.
 
 EXTERNAL = "external"
 ELSEWHERE = (EXTERNAL, "none")
+PLANTS = ("auto", "none")
 DESKS = ("auto", "manual", "off", *ELSEWHERE)
 
 LINE_DEFAULTS = {"line": "changping", "consist": "typeB4", "params": "typeB4"}
@@ -239,9 +240,11 @@ def _add_wires(run: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--plant",
-        choices=("auto", "none"),
+        type=_plant,
         default="auto",
-        help="auto: start the plant emulator when no plant answers on a virtual bus; none: wait",
+        metavar="PLANT",
+        help="auto: start the plant emulator when no plant answers on a virtual bus; none: wait; "
+        "with --lockstep command:WORDS, a program that emulates parts of the train",
     )
     group.add_argument(
         "--tags", default="auto", metavar="DEVICE", help="tag reader, such as /dev/ttyUSB0"
@@ -337,10 +340,13 @@ def _of_line(options: RunOptions) -> RunOptions:
 
 
 def wires_problem(options: RunOptions) -> str:
-    """Error text if --lockstep comes with a wire of real time; else empty."""
+    """Error text if a wire does not fit --lockstep or its absence; else empty."""
+    foreign = options.plant not in PLANTS
+    if foreign and (not options.lockstep or options.trains is not None):
+        return "--plant: a plant of your own needs --lockstep, and a single train"
     wires = {
         "--bus": options.bus,
-        "--plant": options.plant,
+        "--plant": "auto" if foreign else options.plant,
         "--tags": options.tags,
         "--radio": options.radio,
     }
@@ -428,6 +434,12 @@ def _number(text: str, low: float, high: float, what: str) -> float:
     if not low <= value <= high:
         raise argparse.ArgumentTypeError(f"{text} is not {what}")
     return value
+
+
+def _plant(text: str) -> str:
+    if text in PLANTS or (text.startswith("command:") and text != "command:"):
+        return text
+    raise argparse.ArgumentTypeError(f"{text!r} is none of auto, none and command:WORDS")
 
 
 def _ratio(text: str) -> float:

@@ -14,7 +14,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from metro_hil.model.case import Case, CaseResult, ControllerSpec, Verdict
+from metro_hil.model.case import Case, CaseResult, ControllerSpec, PlantSpec, Verdict
 from metro_hil.model.log_columns import Numbers
 from metro_hil.report.campaign.ledger import (
     LedgerEntry,
@@ -211,7 +211,7 @@ def _match(
 
 def _definition(case: Case) -> Case:
     return msgspec.structs.replace(
-        case, id="", index=0, controller=ControllerSpec(), requirements=()
+        case, id="", index=0, controller=ControllerSpec(), plant=PlantSpec(), requirements=()
     )
 
 

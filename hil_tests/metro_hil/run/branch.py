@@ -14,7 +14,7 @@ import msgspec
 from firmware_py.clock.clock import WallClock
 from firmware_py.clock.realtime import die_with_parent
 from firmware_py.settings import SettingsError
-from metro_hil.model.case import Case, CaseResult, ControllerSpec
+from metro_hil.model.case import Case, CaseResult, ControllerSpec, PlantSpec
 from metro_hil.model.case_setup import NO_FILES, Files, parts_of
 from metro_hil.run.case import CaseRun, hearing_of, run_alone
 from plant_emulator.faults.plan import read_faults
@@ -25,11 +25,13 @@ READ_BYTES: Final = 1 << 16
 def group_key(case: Case) -> bytes | None:
     """Key that is equal for cases with the same beginning; None for a case without a branch.
 
-    An external controller has no key: the fork of the bench cannot copy its process. Whether
+    An external controller or plant has no key: the fork cannot copy its process. Whether
     monitors observe the controller's own port depends on the later faults, so that is in the key,
     too.
     """
     if case.branch is None or case.controller.kind != ControllerSpec().kind:
+        return None
+    if case.plant.kind != PlantSpec().kind:
         return None
     try:
         plans = read_faults(case.faults, case.id)

@@ -5,12 +5,14 @@ import traceback
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from can_dbc.nodes import Node
 from firmware_py.clock.clock import WallClock
 from firmware_py.expression import compile_expression
 from firmware_py.settings import SettingsError
 from firmware_py.storage.errors import RecorderError
 from firmware_py.storage.recorder import loss_text
 from metro_hil.external_controller import ControllerDiedError
+from metro_hil.foreign_plant import PlantDiedError
 from metro_hil.metrics.case import MemoryLog, motion_measures
 from metro_hil.metrics.comfort import CommandLog, inertia_of
 from metro_hil.metrics.fastest_run import journey_fastest_s
@@ -32,6 +34,7 @@ from metro_hil.model.verdict import RunEvidence, judge
 from metro_hil.monitors import Context, MonitorSet, plans_of
 from metro_hil.run.lockstep import Lockstep, Taps
 from plant_emulator.faults.declared_process import ClockStep
+from plant_emulator.faults.fitting import check_provided
 from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import SIGNALS, Truth
@@ -67,19 +70,26 @@ def run_alone(
     try:
         run = CaseRun(case, parts_of(case, files), folder)
     except SettingsError as error:
-        return CaseResult(
-            case_id=case.id, index=case.index, verdict=Verdict.BLOCKED, reason=str(error)
-        )
+        return _blocked(case, error)
     try:
-        if case.branch is not None:
-            run.to_branch()
-            run.become(case, run.parts.faults)
-        run.to_end()
-    finally:
-        run.close()
+        try:
+            if run.bench.foreign is not None:
+                check_provided(run.parts.faults, run.bench.foreign)
+            if case.branch is not None:
+                run.to_branch()
+                run.become(case, run.parts.faults)
+            run.to_end()
+        finally:
+            run.close()
+    except (PlantDiedError, SettingsError) as error:
+        return _blocked(case, error)
     if lost := run.bench.lost_log_lines:
         raise RecorderError(loss_text(lost))
     return run.result(began_ns)
+
+
+def _blocked(case: Case, error: Exception) -> CaseResult:
+    return CaseResult(case_id=case.id, index=case.index, verdict=Verdict.BLOCKED, reason=str(error))
 
 
 class CaseRun:
@@ -132,6 +142,7 @@ class CaseRun:
                 radio=self._monitors.radio,
             ),
             controller=case.controller,
+            plant=case.plant,
         )
         self._events: list[CaseEvent] = []
         self._output: CycleOutput | None = None
@@ -359,8 +370,10 @@ class CaseRun:
             measures["commanded_accel_max_mps2"] = asked_mps2
             measures["commanded_jerk_max_mps3"] = asked_mps3
         measures["arrived_count"] = float(bench.arrived)
-        measures["energy_drawn_kwh"] = power.drawn_j / J_PER_KWH
-        measures["energy_returned_kwh"] = power.returned_j / J_PER_KWH
+        foreign = bench.foreign
+        metered = foreign is None or foreign.nodes.isdisjoint({Node.TCU, Node.BCU, Node.HVB})
+        measures["energy_drawn_kwh"] = power.drawn_j / J_PER_KWH if metered else None
+        measures["energy_returned_kwh"] = power.returned_j / J_PER_KWH if metered else None
         measures["controller_slips_count"] = float(getattr(bench.vobc, "slips", 0))
         measures["rejected_frames_count"] = float(sum(bench.plant.wire.refusals.values()))
         measures["bus_load_ratio"] = bench.bus.statistics().load_ratio(max(1, elapsed_ns))

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
 from can_dbc.nodes import Node
@@ -21,7 +21,9 @@ from metro_hil.external_controller.choice import SHIPPED, ControllerSide
 from metro_hil.faults.bus import BusFaults, FaultyPort
 from metro_hil.faults.frames import FrameFaults
 from metro_hil.faults.process import BenchDevice, ControllerProcess
-from metro_hil.model.case import ControllerSpec
+from metro_hil.foreign_plant import ForeignPlant, read_plant, start_plant
+from metro_hil.foreign_plant.checks import received_ids
+from metro_hil.model.case import ControllerSpec, PlantSpec
 from metro_hil.model.end_condition import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, Ending
 from metro_hil.model.gc_tuning import rarely_collected
 from metro_hil.model.mission import Journey
@@ -42,6 +44,9 @@ from zenoh_config import keys
 
 BIT_RATE = 250_000
 BUS_NAME = "vcan0"
+PLANT_PORT = "PLANT"
+"""Name of the port at which a foreign plant receives the controller's frames."""
+SHIPPED_PLANT = PlantSpec()
 LIMIT_S = 4.0 * 3600.0
 """Longest run, s; a train that has not arrived by then never will."""
 STANDS_S = 900.0
@@ -88,11 +93,11 @@ class Lockstep:
         reports: bool = False,
         taps: Taps = UNTAPPED,
         controller: ControllerSpec = SHIPPED,
+        plant: PlantSpec = SHIPPED_PLANT,
     ) -> None:
         """Without a folder, nothing is logged.
 
-        Raises RecorderError if a log cannot be opened, and ControllerStartError if an external
-        controller does not start.
+        Raises RecorderError for a log, ControllerStartError or PlantStartError for a program.
 
         Args:
             faults: planned faults; `plant.schedule.plan` may change them later.
@@ -100,14 +105,14 @@ class Lockstep:
             reports: later faults may depend on what the controller reports.
             taps: observers of the run.
             controller: the controller under test.
+            plant: the plant, or the program that emulates parts of it.
         """
         use_native()
         self.clock = LockstepClock()
-        self._stack = ExitStack()
-        self._logs: list[_Log] = []
+        self._stack, self._logs = ExitStack(), list[_Log]()
         self.bus = self._open_bus(self._candump(folder, "bus.log"), taps.frame)
-        radio = InprocRadio()
-        controller_end, reader_end = inproc_line()
+        self.foreign = self._foreign_plant(plant, scenario)
+        radio, (controller_end, reader_end) = InprocRadio(), inproc_line()
         self.plant = PlantDevice(
             scenario,
             open_port=self._open_node,
@@ -118,6 +123,7 @@ class Lockstep:
             faults=faults,
             observer=taps.truth,
             reports=reports,
+            foreign=self.foreign,
         )
         self._bus_faults: BusFaults | None = None
         self._executives = [self.plant.executive]
@@ -142,9 +148,21 @@ class Lockstep:
             faulty=FaultPlace.PROCESS in places,
         )
         self._arrival = ArrivalWatch(journey.end.stop_m)
-        self.arrived, self._moved_ns = False, self.clock.now_ns()
+        self.arrived, self._moved_ns = False, 0
         """Whether the train has stood with open doors at its last station for a while."""
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
+
+    def _foreign_plant(self, plant: PlantSpec, scenario: TrainScenario) -> ForeignPlant | None:
+        """Start the program; if that fails, all logs are closed."""
+        if plant.kind == SHIPPED_PLANT.kind:
+            return None
+        try:
+            port = self.bus.port(PLANT_PORT, received_ids())
+            foreign = self._stack.enter_context(closing(start_plant(plant, scenario, port)))
+        except BaseException:
+            self._stack.close()
+            raise
+        return foreign
 
     def _connected(
         self, can: CanPort, tags: SerialPort, radio: RadioPort, *, faulty: bool
@@ -245,6 +263,9 @@ class Lockstep:
             self.vobc.stop(now_ns)
         try:
             self.plant.stop(now_ns)
+            if self.foreign is not None:
+                self.foreign.stop(now_ns)
+                self.plant.pass_on(self.foreign, now_ns)
             self.bus.advance(now_ns + NS_PER_S)
         finally:
             self._stack.close()
@@ -386,7 +407,8 @@ def config_of(options: RunOptions) -> VobcConfig:
 def run_lockstep(options: RunOptions, journey: Journey, folder: RunFolder | None) -> Ending:
     """Run a train from start to end and return how the run ended."""
     wall = WallClock()
-    bench = Lockstep(config_of(options), scenario_of(options), journey, folder)
+    plant = PlantSpec() if options.plant == "auto" else read_plant(options.plant)
+    bench = Lockstep(config_of(options), scenario_of(options), journey, folder, plant=plant)
     began_ns = wall.now_ns()
     interrupts = Interrupts()
     try:

@@ -79,13 +79,19 @@ def _add_wires(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--tags", default=AUTO, metavar="DEVICE", help="such as /dev/ttyUSB0")
     group.add_argument("--radio", default=AUTO, metavar="ENDPOINT", help="such as tcp/HOST:7447")
-    for device in ("plant", "vobc"):
-        group.add_argument(
-            f"--{device}",
-            choices=PRESENCES,
-            default=AUTO,
-            help=f"who provides the {device}: the bench, or it runs already",
-        )
+    group.add_argument(
+        "--plant",
+        default=AUTO,
+        metavar="PLANT",
+        help="who provides the plant: ours or elsewhere, in real time; or in virtual time "
+        "command:WORDS, a program that emulates parts of the train",
+    )
+    group.add_argument(
+        "--vobc",
+        choices=PRESENCES,
+        default=AUTO,
+        help="who provides the controller: the bench, or it runs already",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -111,8 +117,10 @@ def plan_of(options: argparse.Namespace) -> "CampaignPlan":
     from metro_hil.engine.choosing import choose
     from metro_hil.engine.errors import UsageError
     from metro_hil.engine.folder import CampaignPlan
+    from metro_hil.foreign_plant import read_plant
     from metro_hil.model.case import WireNames, subset_text
 
+    foreign = None if options.plant in PRESENCES else read_plant(options.plant)
     campaign = read_named(options.campaign, options.seed)
     refuse_unknown_layout(options.campaign, campaign.layout)
     cases = choose(
@@ -121,12 +129,13 @@ def plan_of(options: argparse.Namespace) -> "CampaignPlan":
         limit=options.limit,
         bench=options.bench,
         controller=options.controller,
+        plant=foreign,
         wires=WireNames(
             bus_a=options.bus,
             bus_b=options.train_bus,
             tags=options.tags,
             radio=options.radio,
-            plant=options.plant,
+            plant=options.plant if foreign is None else AUTO,
             controller=options.vobc,
         ),
     )

@@ -247,9 +247,12 @@ def write_reports(
 
 def info_of(manifest: "Manifest", cases: "Sequence[Case]") -> "CampaignInfo":
     """Head of a campaign's report."""
+    from metro_hil.model.case import plant_text
     from metro_hil.report.campaign import CampaignInfo
 
-    benches = dict.fromkeys(case.bench.value for case in cases)
+    benches = dict.fromkeys(
+        " ".join(filter(None, (case.bench.value, plant_text(case.plant)))) for case in cases
+    )
     devices = dict.fromkeys(
         " ".join(filter(None, (device.kind, device.path, device.command)))
         for device in (case.controller for case in cases)

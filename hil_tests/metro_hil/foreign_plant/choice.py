@@ -1,0 +1,58 @@
+"""Starts the plant that a case names."""
+
+from typing import Any
+
+from firmware_py.ports import CanPort
+from metro_hil.external_controller import ControllerStartError, program_of
+from metro_hil.foreign_plant.plant import ForeignPlant, PlantStartError
+from metro_hil.model.case import ControllerSpec, PlantSpec
+from plant_emulator.consist import Consist
+from plant_emulator.world import STEP_NS, STEP_S, TrainScenario
+from vobc.process.commission import plain
+
+
+def read_plant(text: str) -> PlantSpec:
+    """Parse the value of `--plant`. Raises PlantStartError."""
+    kind, _, rest = text.partition(":")
+    if kind == "command" and rest:
+        return PlantSpec(kind=kind, command=rest)
+    raise PlantStartError(f"--plant {text}: `command:WORDS` is needed")
+
+
+def start_plant(spec: PlantSpec, scenario: TrainScenario, port: CanPort) -> ForeignPlant:
+    """Start the program of a plant that is not the shipped one. Raises PlantStartError.
+
+    Args:
+        port: receives the frames of the controller.
+    """
+    command = ControllerSpec(kind=spec.kind, command=spec.command)
+    try:
+        program = program_of(command)
+    except ControllerStartError as error:
+        raise PlantStartError(f"plant{str(error).removeprefix('controller')}") from error
+    return ForeignPlant(program, table_of(scenario), port=port, lease_s=spec.lease_s)
+
+
+def table_of(scenario: TrainScenario) -> dict[str, Any]:
+    """Content of hello."""
+    train, front_m = scenario.train, scenario.start.stop_m
+    consist = Consist(train, scenario.line, front_m=front_m, step_s=STEP_S)
+    weight_kn = sum(car.weight_n for car in consist.cars) / 1000.0
+    resistance = train.resistance
+    return {
+        "start_ns": 0,
+        "step_ns": STEP_NS,
+        "seed": scenario.seed,
+        "front_m": front_m,
+        "mission": {"start": scenario.start.name, "destination": scenario.destination.name},
+        "train": {
+            "mass_kg": consist.mass_kg,
+            "inertia_kg": consist.inertia_kg,
+            "length_m": train.length_m,
+            "resistance_n": weight_kn * resistance.a_n_per_kn,
+            "resistance_n_per_mps": weight_kn * resistance.b_n_per_kn_per_mps,
+            "resistance_n_per_mps2": weight_kn * resistance.c_n_per_kn_per_mps2,
+        },
+        "consist": plain(train),
+        "line": plain(scenario.line),
+    }
