@@ -129,7 +129,12 @@ class Body:
         )
         if keys is None:
             return None
-        return PlantSpec(kind=keys.kind.value, command=keys.command, lease_s=keys.lease_s)
+        return PlantSpec(
+            kind=keys.kind.value,
+            command=keys.command,
+            mapping=keys.mapping,
+            lease_s=keys.lease_s,
+        )
 
     def _branch(self, findings: Findings) -> Branch | None:
         if "branch" not in self.raw:

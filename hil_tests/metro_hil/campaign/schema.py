@@ -41,6 +41,15 @@ def in_range(owner: object, name: str, low: float, high: float) -> None:
         raise ValueError(f"{name} {value!r} is not within {low:g}..{high:g}")
 
 
+def needs_owner(keys: "ControllerKeys | PlantKeys", name: str, kind: Enum) -> None:
+    """Raises ValueError if the key is given with another kind, or missing with its own."""
+    value = getattr(keys, name)
+    if value and keys.kind is not kind:
+        raise ValueError(f"{name} {value!r} belongs to kind {kind.value!r}")
+    if not value and keys.kind is kind:
+        raise ValueError(f"kind {kind.value!r} needs {name}")
+
+
 def fits(owner: object, name: str, pattern: re.Pattern[str], what: str) -> None:
     value = getattr(owner, name)
     if value is not None and not pattern.fullmatch(value):
@@ -147,34 +156,27 @@ class ControllerKeys:
 
     def __post_init__(self) -> None:
         in_range(self, "lease_s", *LEASE_RANGE_S)
-        for name, owner in (
-            ("path", ControllerKind.CHECKOUT),
-            ("command", ControllerKind.COMMAND),
-        ):
-            value = getattr(self, name)
-            if value and self.kind is not owner:
-                raise ValueError(f"{name} {value!r} belongs to kind {owner.value!r}")
-            if not value and self.kind is owner:
-                raise ValueError(f"kind {owner.value!r} needs {name}")
+        needs_owner(self, "path", ControllerKind.CHECKOUT)
+        needs_owner(self, "command", ControllerKind.COMMAND)
 
 
 class PlantKind(Enum):
     SHIPPED = "shipped"
     COMMAND = "command"
+    FMU = "fmu"
 
 
 @dataclass(frozen=True, slots=True)
 class PlantKeys:
     kind: PlantKind = PlantKind.SHIPPED
     command: str = ""
+    mapping: str = ""
     lease_s: float = PlantSpec().lease_s
 
     def __post_init__(self) -> None:
         in_range(self, "lease_s", *LEASE_RANGE_S)
-        if self.command and self.kind is not PlantKind.COMMAND:
-            raise ValueError(f"command {self.command!r} belongs to kind 'command'")
-        if not self.command and self.kind is PlantKind.COMMAND:
-            raise ValueError("kind 'command' needs command")
+        for name, owner in (("command", PlantKind.COMMAND), ("mapping", PlantKind.FMU)):
+            needs_owner(self, name, owner)
 
 
 @dataclass(frozen=True, slots=True)

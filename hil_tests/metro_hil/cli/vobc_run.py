@@ -17,7 +17,7 @@ from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap
 from metro_hil.cli.realtime_run import RealtimeRun
-from metro_hil.foreign_plant import PlantDiedError
+from metro_hil.foreign_plant.plant import PlantDiedError
 from metro_hil.metrics.comfort import comfort_of, inertia_of
 from metro_hil.metrics.results import RunResults, sha256_of
 from metro_hil.metrics.run import measure_cycles, measure_ride, supervision_events

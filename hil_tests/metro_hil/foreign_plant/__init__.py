@@ -2,8 +2,3 @@
 
 `docs/reference/plant_interface.md` describes the messages between bench and program.
 """
-
-from metro_hil.foreign_plant.choice import read_plant, start_plant
-from metro_hil.foreign_plant.plant import ForeignPlant, PlantDiedError, PlantStartError
-
-__all__ = ["ForeignPlant", "PlantDiedError", "PlantStartError", "read_plant", "start_plant"]

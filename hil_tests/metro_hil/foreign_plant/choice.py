@@ -1,9 +1,11 @@
 """Starts the plant that a case names."""
 
+import os
+import sys
 from typing import Any
 
 from firmware_py.ports import CanPort
-from metro_hil.external_controller import ControllerStartError, program_of
+from metro_hil.external_controller import ControllerProgram, ControllerStartError, program_of
 from metro_hil.foreign_plant.plant import ForeignPlant, PlantStartError
 from metro_hil.model.case import ControllerSpec, PlantSpec
 from plant_emulator.consist import Consist
@@ -16,7 +18,9 @@ def read_plant(text: str) -> PlantSpec:
     kind, _, rest = text.partition(":")
     if kind == "command" and rest:
         return PlantSpec(kind=kind, command=rest)
-    raise PlantStartError(f"--plant {text}: `command:WORDS` is needed")
+    if kind == "fmu" and rest:
+        return PlantSpec(kind=kind, mapping=rest)
+    raise PlantStartError(f"--plant {text}: `command:WORDS` or `fmu:MAPPING` is needed")
 
 
 def start_plant(spec: PlantSpec, scenario: TrainScenario, port: CanPort) -> ForeignPlant:
@@ -25,12 +29,17 @@ def start_plant(spec: PlantSpec, scenario: TrainScenario, port: CanPort) -> Fore
     Args:
         port: receives the frames of the controller.
     """
-    command = ControllerSpec(kind=spec.kind, command=spec.command)
+    return ForeignPlant(_program_of(spec), table_of(scenario), port=port, lease_s=spec.lease_s)
+
+
+def _program_of(spec: PlantSpec) -> ControllerProgram:
+    if spec.kind == "fmu":
+        words = (sys.executable, "-m", "metro_hil.foreign_plant.host", spec.mapping)
+        return ControllerProgram(words, dict(os.environ))
     try:
-        program = program_of(command)
+        return program_of(ControllerSpec(kind=spec.kind, command=spec.command))
     except ControllerStartError as error:
         raise PlantStartError(f"plant{str(error).removeprefix('controller')}") from error
-    return ForeignPlant(program, table_of(scenario), port=port, lease_s=spec.lease_s)
 
 
 def table_of(scenario: TrainScenario) -> dict[str, Any]:

@@ -99,9 +99,11 @@ class PlantSpec(msgspec.Struct, frozen=True, kw_only=True):
     """The plant that answers the controller."""
 
     kind: str = "shipped"
-    """`shipped` or `command` (any program)."""
+    """`shipped`, `command` (any program) or `fmu` (a co-simulation FMU)."""
     command: str = ""
     """Command line of the program, run without a shell."""
+    mapping: str = ""
+    """Path of the FMU's mapping file."""
     lease_s: float = 5.0
     """Wall time that the program may take for each answer; beyond it, it counts as hanging."""
 
@@ -340,7 +342,9 @@ def fault_text(fault: FaultResult) -> str:
 
 def plant_text(plant: PlantSpec) -> str:
     """Text such as `with plant command ./train`; empty for the shipped plant."""
-    return "" if plant == PlantSpec() else f"with plant {plant.kind} {plant.command}"
+    return (
+        "" if plant == PlantSpec() else f"with plant {plant.kind} {plant.command or plant.mapping}"
+    )
 
 
 def subset_text(chosen: int, planned: int) -> str:

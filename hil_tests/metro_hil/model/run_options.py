@@ -244,7 +244,8 @@ def _add_wires(run: argparse.ArgumentParser) -> None:
         default="auto",
         metavar="PLANT",
         help="auto: start the plant emulator when no plant answers on a virtual bus; none: wait; "
-        "with --lockstep command:WORDS, a program that emulates parts of the train",
+        "with --lockstep command:WORDS or fmu:MAPPING, a program or FMU that emulates parts of the "
+        "train",
     )
     group.add_argument(
         "--tags", default="auto", metavar="DEVICE", help="tag reader, such as /dev/ttyUSB0"
@@ -437,9 +438,12 @@ def _number(text: str, low: float, high: float, what: str) -> float:
 
 
 def _plant(text: str) -> str:
-    if text in PLANTS or (text.startswith("command:") and text != "command:"):
+    kind, _, rest = text.partition(":")
+    if text in PLANTS or (kind in ("command", "fmu") and rest):
         return text
-    raise argparse.ArgumentTypeError(f"{text!r} is none of auto, none and command:WORDS")
+    raise argparse.ArgumentTypeError(
+        f"{text!r} is none of auto, none, command:WORDS and fmu:MAPPING"
+    )
 
 
 def _ratio(text: str) -> float:

@@ -12,7 +12,7 @@ from firmware_py.settings import SettingsError
 from firmware_py.storage.errors import RecorderError
 from firmware_py.storage.recorder import loss_text
 from metro_hil.external_controller import ControllerDiedError
-from metro_hil.foreign_plant import PlantDiedError
+from metro_hil.foreign_plant.plant import PlantDiedError
 from metro_hil.metrics.case import MemoryLog, motion_measures
 from metro_hil.metrics.comfort import CommandLog, inertia_of
 from metro_hil.metrics.fastest_run import journey_fastest_s

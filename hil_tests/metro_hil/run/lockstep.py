@@ -21,8 +21,9 @@ from metro_hil.external_controller.choice import SHIPPED, ControllerSide
 from metro_hil.faults.bus import BusFaults, FaultyPort
 from metro_hil.faults.frames import FrameFaults
 from metro_hil.faults.process import BenchDevice, ControllerProcess
-from metro_hil.foreign_plant import ForeignPlant, read_plant, start_plant
 from metro_hil.foreign_plant.checks import received_ids
+from metro_hil.foreign_plant.choice import read_plant, start_plant
+from metro_hil.foreign_plant.plant import ForeignPlant
 from metro_hil.model.case import ControllerSpec, PlantSpec
 from metro_hil.model.end_condition import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, Ending
 from metro_hil.model.gc_tuning import rarely_collected

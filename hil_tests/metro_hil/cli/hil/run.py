@@ -84,7 +84,7 @@ def _add_wires(parser: argparse.ArgumentParser) -> None:
         default=AUTO,
         metavar="PLANT",
         help="who provides the plant: ours or elsewhere, in real time; or in virtual time "
-        "command:WORDS, a program that emulates parts of the train",
+        "command:WORDS or fmu:MAPPING, a program or FMU that emulates parts of the train",
     )
     group.add_argument(
         "--vobc",
@@ -117,7 +117,7 @@ def plan_of(options: argparse.Namespace) -> "CampaignPlan":
     from metro_hil.engine.choosing import choose
     from metro_hil.engine.errors import UsageError
     from metro_hil.engine.folder import CampaignPlan
-    from metro_hil.foreign_plant import read_plant
+    from metro_hil.foreign_plant.choice import read_plant
     from metro_hil.model.case import WireNames, subset_text
 
     foreign = None if options.plant in PRESENCES else read_plant(options.plant)
