@@ -1,4 +1,4 @@
-/* Python's way to wire.h and frames.h: senders and receivers that read and make frame objects.
+/* Python's way to the messages of wire.h: senders and receivers that read and make frame objects.
  *
  * Only what is usual is decided here. For a value of another type than the field's, for a number
  * that is none, and for the text of a rejection, the functions of Python's codec are called.
@@ -7,9 +7,11 @@
 #include <Python.h>
 #include <structmember.h>
 
-#include "frames.h"
+/* One translation unit, and hidden names, so that the compiler may inline the wire. */
+#pragma GCC visibility push(hidden)
+#include "wire.c"
+#pragma GCC visibility pop
 
-#define MESSAGES (sizeof wire_messages / sizeof *wire_messages)
 #define FIELDS_MAX 64
 #define STRUCTURE_MAX (8 * FIELDS_MAX)
 
@@ -32,7 +34,7 @@ static PyObject *value_name;
 
 static const struct wire_message *message_of(unsigned int id)
 {
-    for (size_t at = 0; at < MESSAGES; at++)
+    for (size_t at = 0; at < WIRE_MESSAGES; at++)
         if (wire_messages[at].id == id)
             return &wire_messages[at];
     return NULL;
@@ -164,8 +166,7 @@ static int payload_of(const struct layout *layout, PyObject *frame, uint64_t *bi
         if (unusual)
             return unusual;
     }
-    *bits = message->pack(room);
-    return 0;
+    return message->pack(room, bits) ? 0 : 1;
 }
 
 static PyObject *value_from(const struct access *access, enum wire_kind kind, const void *from)
@@ -259,7 +260,7 @@ static PyObject *sender_call(PyObject *callable, PyObject *const *args, size_t g
         Py_XSETREF(self->last, Py_NewRef(args[0]));
     }
     uint8_t data[WIRE_BYTES_MAX], twin[WIRE_BYTES_MAX];
-    wire_send(message, self->payload, ++self->counter, data, twin);
+    wire_seal(message, self->payload, ++self->counter, data, twin);
     PyObject *first = half_of(self->id, data, message->length);
     PyObject *second = NULL, *sent = NULL;
     if (first && message->protection != WIRE_VITAL)
@@ -427,7 +428,7 @@ static PyObject *receive_first(Receiver *self, PyObject *data, const uint8_t *by
     struct wire_receiver *state = &reception->state;
     uint64_t bits = 0;
     enum wire_verdict verdict =
-        wire_receive(reception->layout.message, state, bytes, length, at_ns, &bits);
+        wire_check(reception->layout.message, state, bytes, length, at_ns, &bits);
     if (verdict == WIRE_STUCK_COUNTER || verdict == WIRE_JUMPED_COUNTER)
         return refused(self, verdict, data, bytes[length - 3], state->last, 0);
     if (verdict != WIRE_ACCEPTED && verdict != WIRE_FIRST_HALF && verdict != WIRE_ALONE)
@@ -452,7 +453,7 @@ static PyObject *receive_twin(Receiver *self, PyObject *data, const uint8_t *byt
 {
     Reception *reception = self->reception;
     uint64_t bits = 0;
-    enum wire_verdict verdict = wire_receive_twin(reception->layout.message, &reception->state,
+    enum wire_verdict verdict = wire_check_twin(reception->layout.message, &reception->state,
                                                   bytes, length, at_ns, &bits);
     if (verdict == WIRE_ACCEPTED)
         return accepted(self, reception->first, bits);
