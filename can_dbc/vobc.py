@@ -142,6 +142,74 @@ class Withheld(enum.IntFlag):
     doors by car is."""
 
 
+class Intervention(enum.IntEnum):
+    """What the protection does in a cycle."""
+
+    NONE = 0
+    WARNING = 1
+    NO_TRACTION = 2
+    """The train may coast or brake, but protection withholds traction."""
+    SERVICE_BRAKE = 3
+    EMERGENCY_BRAKE = 4
+    HELD = 5
+    """Service and holding brake at standstill, because movement is not permitted yet."""
+
+
+class ReasonCode(enum.IntEnum):
+    """Why the protection intervenes. Values up to 21 are those of `Cause`."""
+
+    NONE = 0
+    OVERSPEED = 1
+    AUTHORITY_OLD = 2
+    ROLLBACK = 3
+    HELD_TRAIN_MOVED = 4
+    VITAL_INPUT_LOST = 5
+    LOCALISATION_LOST = 6
+    BUTTON = 7
+    OVERRUN = 8
+    NOT_FINITE = 9
+    BRAKE_UNIT = 10
+    REMOTE = 11
+    OBSTACLE = 12
+    DOOR_UNLOCKED = 13
+    PASSENGER_ALARM = 14
+    OVERSHOT = 15
+    WRONG_DIRECTION = 16
+    REPLICAS_DISAGREE = 17
+    CLOCK_STEPPED = 18
+    JOG_EXCEEDED = 19
+    PAST_AUTHORITY = 20
+    ASLEEP_MOVED = 21
+    OVER_WARNING_LIMIT = 32
+    OVER_SERVICE_LIMIT = 33
+    AUTHORITY_AGES = 34
+    RESTRICTIONS_AGE = 35
+    SIGHT_NOT_PERMITTED = 36
+    """The permission for a movement on sight has ended."""
+    STOP_NOT_OBEYED = 37
+    """Operation does not stop although requested."""
+    INPUT_MISSING = 38
+    AUTHORITY_MISSING = 39
+    STANDSTILL_NOT_PROVEN = 40
+    TRAIN_ASLEEP = 41
+    DEPARTURE_INHIBITED = 42
+    DOORS_NOT_LOCKED = 43
+    NO_SPEED_PERMITTED = 44
+    CONTROLLER_ENDS = 45
+
+
+class TargetKind(enum.IntEnum):
+    """Place ahead that lowers the permitted speed most."""
+
+    NONE = 0
+    """The limits under the train are lower than every braking curve."""
+    LINE_LIMIT = 1
+    RESTRICTION = 2
+    """A temporary speed restriction of the centre."""
+    END = 3
+    """End of the movement authority, or of the line without an authority."""
+
+
 class EventKind(enum.IntEnum):
     """Event that the controller decided or detected."""
 
@@ -239,6 +307,31 @@ class VobcMode:
     speed_reach_mps: float = 0.0
     """Largest difference, in either direction, between the true speed and the
     `VobcMotion.speed_mps` sent with it. It is rounded up; the largest value means that or more."""
+
+
+@frame("vobc.dbc", "VOBC_LIMITS")
+@dataclass(frozen=True, slots=True)
+class VobcLimits:
+    """Limits between those of `VobcMotion`. For information; the protection does not read them."""
+
+    warning_mps: float
+    """Speed at which the protection warns."""
+    service_mps: float
+    """Speed at which the protection applies the service brake."""
+
+
+@frame("vobc.dbc", "VOBC_SUPERVISION")
+@dataclass(frozen=True, slots=True)
+class VobcSupervision:
+    """What the protection does and why, and its most restrictive target. For information."""
+
+    intervention: Intervention
+    reason: ReasonCode
+    target_kind: TargetKind
+    target_mps: float
+    """Speed permitted at the target; 0 without one."""
+    target_distance_m: float
+    """Distance from the foremost possible front to the target; the largest value without one."""
 
 
 @frame("vobc.dbc", "VOBC_EVENT")

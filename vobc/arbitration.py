@@ -6,7 +6,7 @@ from typing import Final
 
 from can_dbc.cab import CabMode, Desk
 from can_dbc.nodes import Direction
-from can_dbc.vobc import AtoPhase, Cause, Supervision
+from can_dbc.vobc import AtoPhase, Cause, ReasonCode, Supervision
 from vobc.atp import ProtectionVerdict
 from vobc.vocabulary import (
     SAFE_OUTPUT,
@@ -82,6 +82,8 @@ def arbitrate(
         mode=verdict.mode,
         emergency_cause=verdict.emergency_cause,
         emergency_number=verdict.emergency_number,
+        intervention=verdict.intervention,
+        reason=verdict.reason,
         departure_inhibits=verdict.departure_inhibits,
         doors_withheld=verdict.doors_withheld,
         jog_attempts=verdict.jog_attempts,
@@ -180,4 +182,5 @@ def _not_finite(verdict: ProtectionVerdict) -> CycleOutput:
         mode=verdict.mode,
         emergency_cause=Cause.NOT_FINITE,
         emergency_number=verdict.emergency_number,
+        reason=ReasonCode.NOT_FINITE,
     )

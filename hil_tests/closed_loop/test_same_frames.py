@@ -1,8 +1,8 @@
 """The frames of the shipped lines and of `hil run smoke` are those that were recorded.
 
 A change of names, rooms or texts leaves all hashes as they are. A commit that changes what the
-controller or the train sends records them again and says why. Last: a second measurement has to
-confirm the scale of the wheels, so the interval of the front has another width.
+controller or the train sends records them again and says why. Last: the controller sends
+its limits, its intervention and its most restrictive target.
 """
 
 from typing import Any, Final
@@ -20,17 +20,17 @@ RUN_S: Final = 120.0
 """Each line is driven this long, which takes the train out of its first station."""
 MOVES: Final = {"name": "moves", "stl": "eventually(speed_mps > 5)", "unit": "m/s"}
 LINES: Final = {
-    "florence": "09a89c5c878ce372928afad77b16a6337290e15f4ad86fc7cceda9374ad4e1b7",
-    "hefei": "1281b532397336c6793fd0a7c7ea4fe60cd911f25e85234fa4654d1b4c16562a",
-    "changping": "6fa5686bfb4632da78254fe00d664bed4cdff4bfe9b401718cb9a90b655671d3",
-    "nanakuma": "cb0ff3fa6decccfe95decc9fd600e2b19230b9a94cb4fe10b852a75f7d58bb7b",
-    "loop": "8ba2f210ae766e64e14f88a47b8df4aba0e92cdc78408c67112949149f0c0b2f",
+    "florence": "8edbae94d93130eeb09e1a268a0ebe54acae7c250af024abb8ce75a961669a2c",
+    "hefei": "1bbae0635a6a0028b27be88042d0407a25498beafeb2066c423b1aeea4319d87",
+    "changping": "77ea8c5bffbc88bf881981ad8dbed753d969d152a7c064accebeac99d6926e13",
+    "nanakuma": "dd2e0b3ddf9f315fbc8ce8ac17ac7ee208e35b3dbcc65e1e38b194ef7dc2a473",
+    "loop": "d60ccca53a9e6f756dac0eaf0241d980f4bda1240f14f51272a711aa09b1d767",
 }
 TRAINS: Final = {"hefei": "hefei6", "changping": "typeB4", "nanakuma": "nanakuma4"}
 """Train of each line; florence4 runs on the others."""
 SMOKE: Final = (
-    "44f47849a3e2e1386321f6c409aaee3d753189170f27e8e9b19b76aeee1a2b7d",
-    "a121340d32c59db7cf4cee17419176eec8d27f782937edec385f7583de2cced2",
+    "3a134ffcdc97d49525e004b8ecbaf7df0e241015b95fb95aba1f66bd47e2fbb7",
+    "12f36435345c4156c9d6fdb60384ab4e27265d9a51196686a4456fa30b2de606",
 )
 
 

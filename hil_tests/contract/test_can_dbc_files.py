@@ -28,11 +28,15 @@ from can_dbc.odometer import ColdMovement, Doppler, Imu, Tacho
 from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
 from can_dbc.vobc import (
+    Cause,
+    ReasonCode,
     VobcEvent,
+    VobcLimits,
     VobcMode,
     VobcMotion,
     VobcPosition,
     VobcStatus,
+    VobcSupervision,
     VobcTarget,
 )
 
@@ -63,7 +67,9 @@ AGREED = [
     (VobcPosition, "VOBC", 0x381, 100),
     (Imu, "ODO", 0x385, 50),
     (ColdMovement, "ODO", 0x405, 500),
+    (VobcLimits, "VOBC", 0x401, 100),
     (VobcTarget, "VOBC", 0x481, 200),
+    (VobcSupervision, "VOBC", 0x501, 100),
     (VobcEvent, "VOBC", 0x581, 0),
     (TimeOfDay, "TCMS", 0x100, 1000),
     *((HEARTBEATS[node], node.name, 0x700 + node, 1000) for node in Node),
@@ -112,6 +118,12 @@ def test_all_files_load_into_one_database(order: list[str]) -> None:
 
     assert len({message.frame_id for message in database.messages}) == len(database.messages)
     assert len({message.name for message in database.messages}) == len(database.messages)
+
+
+def test_a_reason_that_is_the_cause_of_an_emergency_has_its_number() -> None:
+    assert {name: cause.value for name, cause in Cause.__members__.items()}.items() <= {
+        name: reason.value for name, reason in ReasonCode.__members__.items()
+    }.items()
 
 
 def test_every_file_has_a_module_and_every_message_a_class() -> None:
@@ -163,7 +175,7 @@ def test_data_ids_are_unique_among_all_files_twins_included() -> None:
         if message.dbc is not None and "SafetyDataId" in message.dbc.attributes
     ]
 
-    assert len(ids) == 24
+    assert len(ids) == 26
     assert len(set(ids)) == len(ids)
 
 

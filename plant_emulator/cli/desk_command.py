@@ -26,7 +26,7 @@ from plant_emulator.desk.attendant import Attendant, attendant
 from plant_emulator.desk.display import SCREEN_KINDS, DeskDisplay
 from plant_emulator.desk.hands import Hands, press, unattended
 from plant_emulator.desk.recording import HEADER, change_line, load_recording
-from plant_emulator.desk.screen import lines
+from plant_emulator.desk.screen import COLOURED, lines, status_colour
 
 EXIT_OK: Final = 0
 DESK_MS: Final = 100.0
@@ -148,7 +148,11 @@ class DeskNode:
             self._record.flush()
         self._recorded = desk
         if self._terminal is not None:
-            self._terminal.show(lines(self.display, desk, now_ns))
+            self._terminal.show(
+                lines(self.display, desk, now_ns),
+                coloured=COLOURED,
+                colour=status_colour(self.display, now_ns),
+            )
 
     def _look(self, now_ns: int) -> None:
         for frame in self._can.receive(now_ns):

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
+from plant_emulator.desk.dmi import StatusColour
+
 ESCAPE_MS: Final = "25"
 """Time that the curses library waits for the rest of an arrow key's bytes."""
 NO_KEY: Final = -1
@@ -22,6 +24,15 @@ ARROWS: Final = {"A": "up", "B": "down", "C": "right", "D": "left"}
 """Last byte of an arrow key's sequence, for terminals whose sequences differ from their
 declaration."""
 INTRODUCERS: Final = "[O"
+COLOURS: Final = {
+    StatusColour.GREY: (244, curses.COLOR_WHITE),
+    StatusColour.WHITE: (231, curses.COLOR_WHITE),
+    StatusColour.YELLOW: (226, curses.COLOR_YELLOW),
+    StatusColour.ORANGE: (208, curses.COLOR_YELLOW),
+    StatusColour.RED: (196, curses.COLOR_RED),
+}
+"""Number of each colour on a terminal with 256 colours, and on one with 8."""
+COLOURS_MANY: Final = 256
 
 
 class TerminalArea:
@@ -29,19 +40,42 @@ class TerminalArea:
 
     def __init__(self, window: "curses.window") -> None:
         self._window = window
+        self._attributes = _attributes()
 
     def pressed(self) -> Iterator[str]:
         """Keys since the last call, by their names in `plant_emulator.desk.hands`."""
         return key_names(iter(self._window.getch, NO_KEY))
 
-    def show(self, lines: Sequence[str]) -> None:
+    def show(
+        self,
+        lines: Sequence[str],
+        *,
+        coloured: range = range(0),
+        colour: StatusColour | None = None,
+    ) -> None:
+        """Draw the lines; `coloured` are the rows in the status colour."""
+        attribute = 0 if colour is None else self._attributes.get(colour, 0)
         window = self._window
         height, width = window.getmaxyx()
         window.erase()
         for row, line in enumerate(lines[:height]):
             # curses cannot write a window's last cell without scrolling.
-            window.addnstr(row, 0, line, max(0, width - 1))
+            window.addnstr(row, 0, line, max(0, width - 1), attribute if row in coloured else 0)
         window.refresh()
+
+
+def _attributes() -> dict[StatusColour, int]:
+    """Attribute of each status colour; none on a terminal without colours."""
+    try:
+        curses.start_color()
+        curses.use_default_colors()
+    except curses.error:
+        return {}
+    if not curses.has_colors():
+        return {}
+    for pair, (many, few) in enumerate(COLOURS.values(), 1):
+        curses.init_pair(pair, many if curses.COLORS >= COLOURS_MANY else few, -1)
+    return {colour: curses.color_pair(pair) for pair, colour in enumerate(COLOURS, 1)}
 
 
 def key_names(codes: Iterable[int]) -> Iterator[str]:

@@ -4,7 +4,15 @@ from typing import Final, TypeVar
 
 from can_dbc.binding import Frame, message
 from can_dbc.doors import DoorCars, DoorCommand
-from can_dbc.vobc import VobcMode, VobcMotion, VobcPosition, VobcStatus, VobcTarget
+from can_dbc.vobc import (
+    VobcLimits,
+    VobcMode,
+    VobcMotion,
+    VobcPosition,
+    VobcStatus,
+    VobcSupervision,
+    VobcTarget,
+)
 
 KINDS: Final[tuple[type[Frame], ...]] = (
     VobcStatus,
@@ -14,7 +22,13 @@ KINDS: Final[tuple[type[Frame], ...]] = (
     VobcTarget,
 )
 """Frames that a driver model uses."""
-SCREEN_KINDS: Final[tuple[type[Frame], ...]] = (*KINDS, DoorCommand, DoorCars)
+SCREEN_KINDS: Final[tuple[type[Frame], ...]] = (
+    *KINDS,
+    VobcLimits,
+    VobcSupervision,
+    DoorCommand,
+    DoorCars,
+)
 """Frames that the screen shows to a person."""
 FRESH_NS: Final = 500_000_000
 """Age beyond which a frame is not shown: two and a half periods of the slowest, VOBC_TARGET."""

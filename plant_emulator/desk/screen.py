@@ -9,35 +9,44 @@ from can_dbc.vobc import (
     Inhibit,
     Missing,
     OperatingMode,
+    VobcLimits,
     VobcMode,
     VobcMotion,
     VobcPosition,
     VobcStatus,
+    VobcSupervision,
     VobcTarget,
     Withheld,
 )
 from plant_emulator.desk.display import DeskDisplay
+from plant_emulator.desk.dmi import (
+    KMH_PER_MPS,
+    NOTHING,
+    StatusColour,
+    colour_of,
+    dial,
+    intervention_text,
+    limits_text,
+    target_text,
+)
 from plant_emulator.desk.hands import KEYS
 
 WIDTH: Final = 79
 HEIGHT: Final = 23
-KMH_PER_MPS: Final = 3.6
-BAR: Final = 40
-BAR_TOP_KMH: Final = 80.0
+COLOURED: Final = range(2, 4)
+"""Rows of the screen in the status colour."""
 KEYS_A_LINE: Final = 4
 KEY_WIDTH: Final = 19
-NOTHING: Final = "--"
 FAR_M: Final = 100_000.0
 """Distance from which on the screen shows no target, m."""
 
 
 def lines(display: DeskDisplay, desk: Desk, now_ns: int, note: str = "") -> list[str]:
     """Return the lines of the screen; `note` is the last one."""
-    seen = display.speeds(now_ns)
     body = [
         "METRO DRIVER'S DESK".center(WIDTH).rstrip(),
         display.silence(now_ns).center(WIDTH).rstrip(),
-        *_speeds(seen),
+        *_speeds(display, now_ns),
         "",
         *_state(display, now_ns),
         "",
@@ -50,25 +59,36 @@ def lines(display: DeskDisplay, desk: Desk, now_ns: int, note: str = "") -> list
     return [line[:WIDTH] for line in body]
 
 
-def _speeds(seen: VobcMotion | None) -> Iterator[str]:
-    names = ("speed", "permitted", "emergency")
-    if seen is None:
-        yield from (f"{name:>10}  {NOTHING:>6} km/h" for name in names)
-        return
-    speeds_mps = (seen.speed_mps, seen.ceiling_mps, seen.emergency_mps)
-    for name, value_mps in zip(names, speeds_mps, strict=True):
-        kmh = KMH_PER_MPS * value_mps
-        filled = round(BAR * max(0.0, min(1.0, kmh / BAR_TOP_KMH)))
-        yield f"{name:>10}  {kmh:6.1f} km/h  {'#' * filled}{'.' * (BAR - filled)}"
+def status_colour(display: DeskDisplay, now_ns: int) -> StatusColour | None:
+    """Return the colour of the speed; None while the display lacks a frame for it."""
+    motion, told = display.speeds(now_ns), display.latest(VobcSupervision, now_ns)
+    return None if motion is None or told is None else colour_of(motion, told)
+
+
+def _speeds(display: DeskDisplay, now_ns: int) -> Iterator[str]:
+    motion, told = display.speeds(now_ns), display.latest(VobcSupervision, now_ns)
+    limits, colour = display.latest(VobcLimits, now_ns), status_colour(display, now_ns)
+    speed = f"{NOTHING:>6}" if motion is None else f"{KMH_PER_MPS * motion.speed_mps:6.1f}"
+    status = NOTHING if colour is None else f"{colour.shown}: {colour.meaning}"
+    yield f"{'speed':>10}  {speed} km/h  {status}"
+    yield f"{'':>10}  {NOTHING if motion is None else dial(motion, limits, told)}"
+    yield f"{'limits':>10}  {NOTHING if motion is None else limits_text(motion, limits)}"
+    yield f"{'target':>10}  {NOTHING if told is None else target_text(told)}"
+    yield f"{'protection':>10}  {_intervention(told, display.latest(VobcMode, now_ns))}"
+
+
+def _intervention(told: VobcSupervision | None, mode: VobcMode | None) -> str:
+    """Show what protection does; of a controller that does not send it, the emergency's cause."""
+    if told is not None:
+        return intervention_text(told)
+    return NOTHING if mode is None or not mode.cause else f"emergency: {_as_text(mode.cause.name)}"
 
 
 def _state(display: DeskDisplay, now_ns: int) -> Iterator[str]:
     status, mode = display.latest(VobcStatus, now_ns), display.latest(VobcMode, now_ns)
     supervision = NOTHING if status is None else _as_text(status.supervision.name)
     phase = NOTHING if status is None else _as_text(status.ato_phase.name)
-    yield f"{'mode':>10}  {_mode(mode):24}{'supervision':>12}  {supervision}"
-    cause = NOTHING if mode is None else _as_text(mode.cause.name)
-    yield f"{'cause':>10}  {cause:24}{'ATO':>12}  {phase}"
+    yield f"{'mode':>10}  {_mode(mode):24}{'supervision':>12}  {supervision:14}ATO  {phase}"
     missing = NOTHING if status is None else _flags(status.missing)
     yield f"{'missing':>10}  {missing}"
     yield f"{'departure':>10}  {_departure(mode, display.speeds(now_ns))}"

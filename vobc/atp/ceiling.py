@@ -5,11 +5,12 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from can_dbc.vobc import TargetKind
 from firmware_py.trackdb import LineMap
 from vobc.atp.braking import SafeBraking
 from vobc.atp.config import AtpConfig
 from vobc.atp.profile import BrakingProfile
-from vobc.vocabulary import Ceiling, Interval, Restriction
+from vobc.vocabulary import Ceiling, Interval, Restriction, SupervisedTarget
 
 PROFILES_MAX: Final = 256
 """Greatest number of stored profiles. An interval that grows in steps along a whole line needs
@@ -78,27 +79,36 @@ class CeilingMap:
         to_end_m = authority_end_m - foremost_m
         width_m = foremost_m - front_m.low
         if not to_end_m > 0.0 or not 0.0 <= width_m < math.inf:
-            return Ceiling(0.0, 0.0, 0.0, 0.0, to_end_m)
+            passed = SupervisedTarget(TargetKind.END, 0.0, to_end_m)
+            return Ceiling(0.0, 0.0, 0.0, 0.0, to_end_m, passed)
         profile = self._profile(math.ceil(width_m / self._step_m))
         limit_mps = self._limit_under_mps(front_m.low - self._length_m, foremost_m, restrictions)
         least = [limit_mps + margin_mps for margin_mps in self._margins_mps]
+        kind, at_mps, at_m = TargetKind.NONE, 0.0, 0.0
         visible_m = foremost_m + self._horizon_m
         for start_m, target_mps in self._drops:
             if start_m > visible_m:
                 break
-            if start_m > foremost_m:
-                self._lower(least, profile, foremost_m, start_m, target_mps, self._margins_mps)
+            if start_m > foremost_m and self._lowers(
+                least, profile, foremost_m, start_m, target_mps, self._margins_mps
+            ):
+                kind, at_mps, at_m = TargetKind.LINE_LIMIT, target_mps, start_m
         for ahead in restrictions:
-            if foremost_m < ahead.start_m <= visible_m:
-                self._lower(
-                    least, profile, foremost_m, ahead.start_m, ahead.limit_mps, self._margins_mps
-                )
-        if authority_end_m <= visible_m:
-            self._lower(least, profile, foremost_m, authority_end_m, 0.0, _NOTHING)
+            if foremost_m < ahead.start_m <= visible_m and self._lowers(
+                least, profile, foremost_m, ahead.start_m, ahead.limit_mps, self._margins_mps
+            ):
+                kind, at_mps, at_m = TargetKind.RESTRICTION, ahead.limit_mps, ahead.start_m
+        if authority_end_m <= visible_m and self._lowers(
+            least, profile, foremost_m, authority_end_m, 0.0, _NOTHING
+        ):
+            kind, at_mps, at_m = TargetKind.END, 0.0, authority_end_m
         emergency = least[3]
         service = min(least[2], emergency)
         warning = min(least[1], service)
-        return Ceiling(min(least[0], warning), warning, service, emergency, to_end_m)
+        target = None
+        if kind is not TargetKind.NONE:
+            target = SupervisedTarget(kind, at_mps, at_m - foremost_m)
+        return Ceiling(min(least[0], warning), warning, service, emergency, to_end_m, target)
 
     def _limit_under_mps(
         self, rear_m: float, front_m: float, restrictions: Sequence[Restriction]
@@ -110,7 +120,7 @@ class CeilingMap:
                 limit_mps = min(limit_mps, under.limit_mps)
         return limit_mps
 
-    def _lower(
+    def _lowers(
         self,
         least: list[float],
         profile: BrakingProfile,
@@ -118,8 +128,12 @@ class CeilingMap:
         at_m: float,
         target_mps: float,
         margins_mps: _Four,
-    ) -> None:
-        """Lower the four speeds to the curves towards one target ahead."""
+    ) -> bool:
+        """Lower the four speeds to the curves towards one target ahead.
+
+        True: the permitted speed becomes lower.
+        """
+        permitted_mps = least[0]
         work_j_per_kg = profile.work_j_per_kg(at_m)
         for index, lead_s in enumerate(self._leads_s):
             least[index] = profile.speed_mps(
@@ -129,6 +143,7 @@ class CeilingMap:
                 lead_s=lead_s,
                 below_mps=least[index],
             )
+        return least[0] < permitted_mps
 
     def _profile(self, steps: int) -> BrakingProfile:
         """Braking profile for the width of the interval, in steps. Each is computed once."""

@@ -14,8 +14,8 @@ class FixedCeilings:
 
     @staticmethod
     def under(known: Ceiling, flat: Ceiling) -> Ceiling:
-        """The lower of both in each speed. The distance to the end of authority is that of
-        `known`.
+        """The lower of both in each speed. The distance to the end of authority is that of `known`,
+        and its target while that lowers the permitted speed.
         """
         return Ceiling(
             min(known.permitted_mps, flat.permitted_mps),
@@ -23,6 +23,7 @@ class FixedCeilings:
             min(known.service_mps, flat.service_mps),
             min(known.emergency_mps, flat.emergency_mps),
             known.distance_to_authority_m,
+            known.target if known.permitted_mps < flat.permitted_mps else None,
         )
 
 

@@ -11,7 +11,7 @@ from vobc.atp.braking import SafeBraking
 from vobc.atp.ceiling import CeilingMap
 from vobc.atp.config import AtpConfig
 from vobc.atp.doors import SHUT
-from vobc.atp.emergencies import in_cause_words, latched_after, present
+from vobc.atp.emergencies import latched_after, present
 from vobc.atp.energy_check import EnergyCheck, Replicas
 from vobc.atp.fixed_ceilings import FixedCeilings
 from vobc.atp.guard_inputs import NOWHERE, GuardInputs
@@ -23,21 +23,15 @@ from vobc.atp.inputs import (
     DOORS,
     FLAGS,
     LOCALISATION,
-    in_words,
     silent,
     unready,
 )
-from vobc.atp.modes import (
-    NEEDED,
-    UNHEEDED,
-    authority_is_fresh,
-    next_mode,
-    restrictions_are_fresh,
-)
+from vobc.atp.modes import UNHEEDED, next_mode
 from vobc.atp.movement import Movements
+from vobc.atp.reasons import INTERVENTIONS, reason_of, shown_intervention, words_of
 from vobc.atp.rollback import RollbackWatch
 from vobc.atp.station import StationGuard, StationVerdict
-from vobc.atp.supervision import authority_ages, next_state, permission_gone, stops_not
+from vobc.atp.supervision import next_state
 from vobc.atp.verdict import ProtectionVerdict
 from vobc.vocabulary import Ceiling, CycleInput, Interval, Motion, Orders
 
@@ -335,9 +329,12 @@ class Protection:
             mode=self._mode,
             latched=self._latched,
         )
+        reason = reason_of(self._state, inputs)
         return ProtectionVerdict(
             supervision=self._state,
-            cause=self._words(inputs),
+            cause=words_of(reason, inputs),
+            intervention=INTERVENTIONS[self._state],
+            reason=reason,
             missing=FLAGS[missing],
             ceiling=None,
             doors_locked=False,
@@ -369,12 +366,18 @@ class Protection:
             and ceiling.permitted_mps > 0.0
             and not kept
         )
+        reason = reason_of(state, inputs)
+        intervention, shown = shown_intervention(
+            state, reason, permitted=traction_permitted, kept=kept, locked=locked or self._bypass
+        )
         jogs = mode is OperatingMode.JOG and may_move and station.jog_permitted
         back_m = station.jog_back_m if jogs else 0.0
         asleep = mode is OperatingMode.ASLEEP
         return ProtectionVerdict(
             supervision=state,
-            cause=self._words(inputs),
+            cause=words_of(reason, inputs),
+            intervention=intervention,
+            reason=shown,
             missing=FLAGS[inputs.missing],
             ceiling=ceiling,
             doors_locked=locked,
@@ -415,36 +418,3 @@ class Protection:
     @property
     def _cause(self) -> Cause:
         return self._latched[0] if self._latched else Cause.NONE
-
-    def _words(self, inputs: GuardInputs) -> str:
-        state = self._state
-        if inputs.latched:
-            return in_cause_words(inputs.latched[0])
-        if state is Supervision.NO_AUTHORITY:
-            return _waiting(inputs)
-        if state is Supervision.SERVICE:
-            return _why_service(inputs)
-        return "speed over the warning limit" if state is Supervision.WARNING else ""
-
-
-def _waiting(inputs: GuardInputs) -> str:
-    if inputs.mode is OperatingMode.ASLEEP:
-        return "asleep"
-    lacking = inputs.missing & NEEDED[OperatingMode.AUTHORISED]
-    if lacking:
-        orders = ", orders of the centre" if not restrictions_are_fresh(inputs) else ""
-        return f"waits for {in_words(FLAGS[lacking])}{orders}"
-    if not authority_is_fresh(inputs):
-        return "waits for a fresh movement authority"
-    return "waits until standstill is proven"
-
-
-def _why_service(inputs: GuardInputs) -> str:
-    if authority_ages(inputs):
-        old = "movement authority is" if restrictions_are_fresh(inputs) else "restrictions are"
-        return f"{old} getting old"
-    if permission_gone(inputs):
-        return "driving on sight is no longer permitted"
-    if stops_not(inputs):
-        return "operation does not stop as asked"
-    return "speed over the service brake limit"

@@ -3,7 +3,16 @@
 from dataclasses import dataclass
 
 from can_dbc.doors import ALL_CARS
-from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision, Withheld
+from can_dbc.vobc import (
+    Cause,
+    Inhibit,
+    Intervention,
+    Missing,
+    OperatingMode,
+    ReasonCode,
+    Supervision,
+    Withheld,
+)
 from vobc.atp.doors import DoorEnable
 from vobc.vocabulary import Ceiling
 
@@ -29,6 +38,9 @@ class ProtectionVerdict:
     emergency_cause: Cause = Cause.NONE
     emergency_number: int = 0
     """Causes that were latched since the start. A reset of the centre names this number."""
+    intervention: Intervention = Intervention.HELD
+    """What protection does, with `reason`. Only for display."""
+    reason: ReasonCode = ReasonCode.NONE
     departure_inhibits: Inhibit = Inhibit.NONE
     """Reasons why the train must not depart."""
     doors_withheld: Withheld = Withheld.NONE

@@ -43,6 +43,7 @@ from vobc.wire import (
     door_frame,
     emergency_message,
     heartbeat,
+    limit_frames,
     make_encoder,
     mode_frame,
     motion_frames,
@@ -237,6 +238,7 @@ class VobcDevice:
             self._send(now_ns, status_frame(output, work_us=work_us, slips=self._slips))
         if count % _every(MOTION_MS, cycle_ms) == 0:
             self._send(now_ns, *motion_frames(output), mode_frame(output))
+            self._send(now_ns, *limit_frames(output))
         if count % _every(TARGET_MS, cycle_ms) == 0:
             self._send(now_ns, *target_frames(output))
         emergency = output.supervision is Supervision.EMERGENCY
@@ -319,6 +321,7 @@ class VobcDevice:
         self._send_vital(now_ns, self.output)
         self._send_doors(now_ns, self.output)
         self._send(now_ns, status_frame(self.output, work_us=0.0, slips=self._slips))
+        self._send(now_ns, *limit_frames(self.output))
         self._events.tell(now_ns, (controller_ends(),))
         self._send(now_ns, *self._events.due(), heartbeat(NodeState.STOPPED))
         self._events.flush()

@@ -14,7 +14,14 @@ from vobc.vocabulary.inputs import (
     TrainBelief,
     cycle_input,
 )
-from vobc.vocabulary.motion import Ceiling, Interval, Motion, RefusedTag, TagRefusal
+from vobc.vocabulary.motion import (
+    Ceiling,
+    Interval,
+    Motion,
+    RefusedTag,
+    SupervisedTarget,
+    TagRefusal,
+)
 from vobc.vocabulary.operation import AtoDemand, AtoInput
 from vobc.vocabulary.output import (
     MAX_SERVICE_DECEL_MPS2,
@@ -51,6 +58,7 @@ __all__ = [
     "SAFE_CURRENTS",
     "SAFE_OUTPUT",
     "Source",
+    "SupervisedTarget",
     "TachoSample",
     "TagReading",
     "TagRefusal",

@@ -3,6 +3,8 @@
 import enum
 from dataclasses import dataclass
 
+from can_dbc.vobc import TargetKind
+
 
 @dataclass(frozen=True, slots=True)
 class Interval:
@@ -68,6 +70,17 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
+class SupervisedTarget:
+    """The place ahead whose braking curve lowers the permitted speed most. Only for display."""
+
+    kind: TargetKind
+    speed_mps: float
+    """Permitted there."""
+    distance_m: float
+    """Distance from the farthest place of the front; negative past it."""
+
+
+@dataclass(frozen=True, slots=True)
 class Ceiling:
     """Speed limits that protection permits now, all as speeds of the train."""
 
@@ -78,3 +91,5 @@ class Ceiling:
     emergency_mps: float
     distance_to_authority_m: float
     """Distance from the farthest place of the front to the end of authority."""
+    target: SupervisedTarget | None = None
+    """None while the limits under the train are lower than every braking curve."""

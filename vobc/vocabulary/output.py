@@ -12,8 +12,10 @@ from can_dbc.vobc import (
     Cause,
     EventKind,
     Inhibit,
+    Intervention,
     Missing,
     OperatingMode,
+    ReasonCode,
     Supervision,
     Withheld,
 )
@@ -90,6 +92,9 @@ class CycleOutput:
     emergency_number: int = 0
     """Number of the present emergency, or of the last one, since the start. A reset of the centre
     names it."""
+    intervention: Intervention = Intervention.EMERGENCY_BRAKE
+    """What protection does, with `reason`. Only for display."""
+    reason: ReasonCode = ReasonCode.CONTROLLER_ENDS
     departure_inhibits: Inhibit = Inhibit.NONE
     doors_withheld: Withheld = Withheld.NONE
     jog_attempts: int = 0

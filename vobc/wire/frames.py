@@ -15,14 +15,17 @@ from can_dbc.traction import TractionCommand
 from can_dbc.vobc import (
     Cause,
     EventKind,
+    TargetKind,
     VobcEvent,
+    VobcLimits,
     VobcMode,
     VobcMotion,
     VobcPosition,
     VobcStatus,
+    VobcSupervision,
     VobcTarget,
 )
-from vobc.vocabulary import SAFE_CURRENTS, CycleOutput, Event, Interval
+from vobc.vocabulary import SAFE_CURRENTS, CycleOutput, Event, Interval, SupervisedTarget
 from vobc.wire.evidence import SOURCE_IDS
 
 SENT_KINDS: Final[tuple[type[Frame], ...]] = (
@@ -36,6 +39,8 @@ SENT_KINDS: Final[tuple[type[Frame], ...]] = (
     VobcPosition,
     VobcTarget,
     VobcMode,
+    VobcLimits,
+    VobcSupervision,
     VobcEvent,
     HEARTBEATS[Node.VOBC],
     EMERGENCIES[Node.VOBC],
@@ -47,6 +52,7 @@ SPEED_REACH_MAX_MPS: Final = 1.55
 POSITION_STEP_M: Final = 0.01
 """Resolution of front and uncertainty in their frame. Each is rounded to the nearest step."""
 FRONT: Final = next(each for each in binding_of(VobcPosition).fields if each.name == "front_m")
+NO_TARGET: Final = SupervisedTarget(TargetKind.NONE, 0.0, math.inf)
 PROTECTION_ERROR: Final = 0xFF01
 """Manufacturer-specific EMCY code: the emergency brake is latched. Its detail is the `Cause`."""
 PROTECTION_REGISTER: Final = 0x81
@@ -149,6 +155,22 @@ def target_frames(output: CycleOutput) -> Sequence[Frame]:
             distance_to_authority_m=output.ceiling.distance_to_authority_m,
         ),
     )
+
+
+def limit_frames(output: CycleOutput) -> Sequence[Frame]:
+    """Limits, intervention and most restrictive target. Without a ceiling there are no limits."""
+    ceiling = output.ceiling
+    target = NO_TARGET if ceiling is None or ceiling.target is None else ceiling.target
+    supervised = VobcSupervision(
+        intervention=output.intervention,
+        reason=output.reason,
+        target_kind=target.kind,
+        target_mps=target.speed_mps,
+        target_distance_m=target.distance_m,
+    )
+    if output.motion is None or ceiling is None:
+        return (supervised,)
+    return VobcLimits(ceiling.warning_mps, ceiling.service_mps), supervised
 
 
 def mode_frame(output: CycleOutput) -> Frame:

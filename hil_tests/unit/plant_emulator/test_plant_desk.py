@@ -14,13 +14,18 @@ from can_dbc.vobc import (
     AtoPhase,
     Cause,
     Inhibit,
+    Intervention,
     Missing,
     OperatingMode,
+    ReasonCode,
     Supervision,
+    TargetKind,
+    VobcLimits,
     VobcMode,
     VobcMotion,
     VobcPosition,
     VobcStatus,
+    VobcSupervision,
     VobcTarget,
     Withheld,
 )
@@ -28,6 +33,7 @@ from firmware_py.settings import SettingsError
 from plant_emulator.cli.terminal import key_names
 from plant_emulator.desk.attendant import attendant
 from plant_emulator.desk.display import FRESH_NS, SCREEN_KINDS, DeskDisplay
+from plant_emulator.desk.dmi import StatusColour, colour_of, dial, target_text
 from plant_emulator.desk.drivers import DRIVERS, Driver, Trend
 from plant_emulator.desk.hands import KEYS, PRESS_NS, Hands, press, unattended
 from plant_emulator.desk.recording import (
@@ -37,7 +43,7 @@ from plant_emulator.desk.recording import (
     load_recording,
     parse_recording,
 )
-from plant_emulator.desk.screen import HEIGHT, WIDTH, lines
+from plant_emulator.desk.screen import HEIGHT, WIDTH, lines, status_colour
 from plant_emulator.world import plan_scenario
 
 MANUAL = unattended(CabMode.MANUAL)
@@ -75,6 +81,16 @@ def shown(
     display.hear(STATUS, now_ns)
     display.hear(VobcMotion(speed_mps, ceiling_mps, emergency_mps), now_ns)
     return display
+
+
+def told(
+    intervention: Intervention = Intervention.NONE,
+    kind: TargetKind = TargetKind.NONE,
+    target_mps: float = 0.0,
+    target_distance_m: float = 6000.0,
+) -> VobcSupervision:
+    reason = ReasonCode.NONE if intervention is Intervention.NONE else ReasonCode.ROLLBACK
+    return VobcSupervision(intervention, reason, kind, target_mps, target_distance_m)
 
 
 def pressed(*keys: str, at_ns: int = 0) -> Hands:
@@ -311,7 +327,7 @@ def test_the_screen_shows_the_controllers_messages() -> None:
     display.hear(VobcTarget(distance_to_stop_m=50.0, distance_to_authority_m=321.0), 0)
     text = "\n".join(lines(display, replace(MANUAL, reset_requested=True), 0))
     for words in (
-        *("36.0 km/h", "54.0 km/h", "61.2 km/h", "jog 2  ALARM", "nominal", "MANUAL"),
+        *("36.0 km/h", "permitted 54.0", "emergency 61.2", "jog 2  ALARM", "nominal", "MANUAL"),
         *("doors, authority", "moving", "1234.5 m ± 2.5 m", "321 m", "reset"),
     ):
         assert words in text
@@ -351,7 +367,8 @@ def test_the_screen_calls_doors_enabled_only_when_a_side_is(
     display = shown(0.0, 15.0, 17.0)
     display.hear(replace(MODE, doors_withheld=withheld), 0)
     display.hear(DoorCommand(left, right, open_left=False, open_right=False), 0)
-    assert words in "\n".join(lines(display, MANUAL, 0)).splitlines()[10].strip()
+    (drawn,) = (line for line in lines(display, MANUAL, 0) if line.strip().startswith("doors "))
+    assert words in drawn
 
 
 @pytest.mark.parametrize(
@@ -390,6 +407,8 @@ def test_the_screen_always_fits(
         display = shown(speed_mps, 22.0, 24.0)
         mode = replace(MODE, departure_inhibits=inhibits, doors_withheld=withheld, cause=cause)
         display.hear(mode, 0)
+        display.hear(VobcLimits(23.0, 23.5), 0)
+        display.hear(told(Intervention.EMERGENCY_BRAKE, TargetKind.END, 0.0, -500.0), 0)
         display.hear(VobcPosition(front_m=-1e6, uncertainty_m=1e6), 0)
     drawn = lines(display, desk, 0, note="x" * 200)
     assert len(drawn) <= HEIGHT < 24
@@ -439,6 +458,8 @@ def test_a_frame_is_shown_while_it_is_fresh(age_ns: int, kind: type[Frame]) -> N
         VobcMotion: VobcMotion(1.0, 2.0, 3.0),
         VobcPosition: VobcPosition(front_m=1.0, uncertainty_m=2.0),
         VobcTarget: VobcTarget(distance_to_stop_m=1.0, distance_to_authority_m=2.0),
+        VobcLimits: VobcLimits(2.0, 3.0),
+        VobcSupervision: told(),
         DoorCommand: DoorCommand(True, False, open_left=False, open_right=False),
         DoorCars: DoorCars(left_cars=1, right_cars=0),
     }
@@ -463,3 +484,85 @@ def test_an_obedient_driver_ignores_a_target_that_the_display_blanked() -> None:
     lever_percents = [DRIVERS["obedient"]().drive(d, now_ns).lever_percent for d in (fresh, stale)]
 
     assert lever_percents[0] < 0.0 < lever_percents[1]
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "supervision", "colour"),
+    [
+        (10.0, told(), "grey"),
+        (0.0, told(kind=TargetKind.END), "grey"),
+        (5.0, told(kind=TargetKind.LINE_LIMIT, target_mps=5.0), "grey"),
+        (5.1, told(kind=TargetKind.LINE_LIMIT, target_mps=5.0), "white"),
+        (13.0, told(kind=TargetKind.END), "white"),
+        (13.1, told(kind=TargetKind.END), "yellow"),
+        (-13.1, told(kind=TargetKind.END), "yellow"),
+        (15.0, told(kind=TargetKind.END), "yellow"),
+        (15.01, told(), "orange"),
+        (14.0, told(Intervention.WARNING), "orange"),
+        (14.0, told(Intervention.NO_TRACTION), "grey"),
+        (14.0, told(Intervention.SERVICE_BRAKE), "red"),
+        (0.0, told(Intervention.EMERGENCY_BRAKE), "red"),
+    ],
+)
+def test_the_speed_has_the_status_colour_of_a_dmi(
+    speed_mps: float, supervision: VobcSupervision, colour: str
+) -> None:
+    assert colour_of(VobcMotion(speed_mps, 15.0, 17.0), supervision).shown == colour
+
+
+def test_a_creeping_train_without_a_permitted_speed_is_over_it() -> None:
+    assert colour_of(VobcMotion(0.05, 0.0, 0.0), told()).shown == "grey"
+    assert colour_of(VobcMotion(0.2, 0.0, 0.0), told()).shown == "orange"
+
+
+def test_the_dial_has_a_letter_at_each_limit_and_its_speed_filled() -> None:
+    """At 80 km/h in 56 cells a cell is 1.43 km/h."""
+    motion = VobcMotion(36.0 / 3.6, 50.0 / 3.6, 60.0 / 3.6)
+    limits = VobcLimits(53.0 / 3.6, 57.0 / 3.6)
+
+    drawn = dial(motion, limits, told(kind=TargetKind.END))
+
+    assert drawn == "[T" + "#" * 24 + "." * 10 + "P.W..S.E" + "." * 13 + "] 80"
+    assert dial(motion, None, None) == "[" + "#" * 25 + "." * 10 + "P......E" + "." * 13 + "] 80"
+    assert dial(replace(motion, emergency_mps=81.0 / 3.6), limits, None).endswith("] 100")
+
+
+def test_the_target_bar_empties_towards_the_target() -> None:
+    distances_m = (6000.0, 1000.0, 300.0, 100.0, 30.0, 5.0, 0.0, -3.0)
+
+    bars = [
+        target_text(told(kind=TargetKind.RESTRICTION, target_mps=7.0, target_distance_m=each))
+        for each in distances_m
+    ]
+
+    filled = [bar.count("#") for bar in bars]
+    assert filled == sorted(filled, reverse=True)
+    assert filled[:2] == [20, 20]
+    assert filled[-2:] == [0, 0]
+    assert "25.2 km/h in 300 m, restriction" in bars[2]
+    assert target_text(told()) == "none"
+
+
+def test_the_screen_shows_limits_target_and_why_protection_intervenes() -> None:
+    display = shown(16.0, 15.0, 17.0)
+    before = "\n".join(lines(display, MANUAL, 0))
+    display.hear(VobcLimits(15.5, 16.5), 0)
+    display.hear(told(Intervention.SERVICE_BRAKE, TargetKind.LINE_LIMIT, 10.0, 80.0), 0)
+
+    text = "\n".join(lines(display, MANUAL, 0))
+
+    assert "warning --" in before
+    assert status_colour(display, 0) is StatusColour.RED
+    for words in (
+        *("red: protection brakes", "warning 55.8  service 59.4"),
+        *("36.0 km/h in 80 m, line limit", "protection  service brake: rollback"),
+    ):
+        assert words in text
+    assert status_colour(display, FRESH_NS + 1) is None
+
+
+def test_the_cause_of_an_emergency_is_shown_without_the_frame_of_the_supervision() -> None:
+    display = shown(0.0, 15.0, 17.0)
+    display.hear(replace(MODE, cause=Cause.BUTTON), 0)
+
+    assert "protection  emergency: button" in "\n".join(lines(display, MANUAL, 0))

@@ -26,10 +26,12 @@ from can_dbc.vobc import (
     EventKind,
     Supervision,
     VobcEvent,
+    VobcLimits,
     VobcMode,
     VobcMotion,
     VobcPosition,
     VobcStatus,
+    VobcSupervision,
     VobcTarget,
 )
 from firmware_py.buses.inproc import InprocBus
@@ -67,7 +69,8 @@ NS_PER_MS = 1_000_000
 BABBLE_ID = 0x7F0
 SENT = (
     BrakeCommand, TractionCommand, DoorCommand, DoorCars, VobcStatus, VobcMotion, VobcPosition,
-    VobcTarget, VobcMode, VobcEvent, HEARTBEATS[Node.VOBC], EMERGENCIES[Node.VOBC],
+    VobcTarget, VobcMode, VobcLimits, VobcSupervision, VobcEvent, HEARTBEATS[Node.VOBC],
+    EMERGENCIES[Node.VOBC],
 )  # fmt: skip
 
 
@@ -226,7 +229,18 @@ def test_from_the_first_cycle_the_train_is_braked_until_it_may_move() -> None:
 @pytest.mark.parametrize(
     ("cycle_ms", "expected"),
     [
-        (50.0, {BrakeCommand: 60, DoorCommand: 30, VobcStatus: 60, VobcMotion: 30, VobcTarget: 15}),
+        (
+            50.0,
+            {
+                BrakeCommand: 60,
+                DoorCommand: 30,
+                VobcStatus: 60,
+                VobcMotion: 30,
+                VobcLimits: 30,
+                VobcSupervision: 30,
+                VobcTarget: 15,
+            },
+        ),
         (
             20.0,
             {BrakeCommand: 150, DoorCommand: 30, VobcStatus: 75, VobcMotion: 30, VobcTarget: 15},

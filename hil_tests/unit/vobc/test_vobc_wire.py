@@ -19,14 +19,19 @@ from can_dbc.traction import TractionCommand, TractionStatus
 from can_dbc.vobc import (
     Cause,
     EventKind,
+    Intervention,
     Missing,
     OperatingMode,
+    ReasonCode,
     Supervision,
+    TargetKind,
     VobcEvent,
+    VobcLimits,
     VobcMode,
     VobcMotion,
     VobcPosition,
     VobcStatus,
+    VobcSupervision,
     VobcTarget,
 )
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
@@ -43,6 +48,7 @@ from vobc.vocabulary import (
     Motion,
     Restriction,
     Source,
+    SupervisedTarget,
 )
 from vobc.wire import (
     RECEIVED_IDS,
@@ -60,6 +66,7 @@ from vobc.wire import (
     emergency_message,
     event_frame,
     heartbeat,
+    limit_frames,
     make_encoder,
     mode_frame,
     motion_frames,
@@ -789,6 +796,43 @@ def test_the_upper_speed_error_is_rounded_up(
     assert told.speed_reach_mps == pytest.approx(told_mps, abs=1e-9)
 
 
+def test_the_limits_and_the_target_are_sent_beside_the_motion() -> None:
+    target = SupervisedTarget(TargetKind.RESTRICTION, 8.34, 123.46)
+    output = replace(
+        DRIVING,
+        ceiling=replace(CEILING, target=target),
+        intervention=Intervention.WARNING,
+        reason=ReasonCode.OVER_WARNING_LIMIT,
+    )
+    encoder, decoder = make_encoder(), Decoder((VobcLimits, VobcSupervision))
+
+    received = [
+        decoder.decode(can_id, data, 0)
+        for frame in limit_frames(output)
+        for can_id, data in encoder.encode(frame)
+    ]
+
+    assert received == [
+        VobcLimits(16.0, 17.0),
+        VobcSupervision(
+            Intervention.WARNING,
+            ReasonCode.OVER_WARNING_LIMIT,
+            TargetKind.RESTRICTION,
+            pytest.approx(8.34),  # type: ignore[arg-type]
+            pytest.approx(123.5),  # type: ignore[arg-type]
+        ),
+    ]
+
+
+def test_without_a_place_only_the_intervention_is_sent() -> None:
+    nothing = VobcSupervision(
+        Intervention.EMERGENCY_BRAKE, ReasonCode.CONTROLLER_ENDS, TargetKind.NONE, 0.0, math.inf
+    )
+
+    assert list(limit_frames(SAFE_OUTPUT)) == [nothing]
+    assert list(limit_frames(replace(SAFE_OUTPUT, motion=MOTION))) == [nothing]
+
+
 def test_unknown_values_are_sent_as_unknown() -> None:
     mode = mode_frame(SAFE_OUTPUT)
     assert isinstance(mode, VobcMode)
@@ -818,6 +862,7 @@ def test_everything_that_the_controller_sends_can_be_encoded() -> None:
             *target_frames(output),
             heartbeat(NodeState.BOOT_UP),
             mode_frame(output),
+            *limit_frames(output),
             emergency_message(output.emergency_cause),
         ):
             assert encoder.encode(frame)

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import pytest
 
+from can_dbc.vobc import TargetKind
 from metro_hil.metrics.worst_motion import CONFIG, FAR_M, GRAVITY_MPS2, Section, line_of
 from vobc.atp.braking import SafeBraking
 from vobc.atp.ceiling import CeilingMap
 from vobc.atp.profile import BrakingProfile
-from vobc.vocabulary import Ceiling, Interval, Restriction
+from vobc.vocabulary import Ceiling, Interval, Restriction, SupervisedTarget
 
 LENGTH_M = 64.0
 SET = replace(
@@ -95,6 +96,31 @@ def test_each_of_the_four_speeds_meets_a_lower_limit_plus_its_own_margin(
 
 def test_without_a_restriction_the_four_speeds_exceed_the_limit_by_their_margins() -> None:
     assert OPEN.at(at(1000.0), FAR_M) == Ceiling(*uniform(20.0), FAR_M - 1000.0)
+
+
+def test_the_target_is_the_one_that_lowers_the_permitted_speed_most() -> None:
+    """The line's limit falls at 1400 m, the restriction at 1300 m, the authority ends later."""
+    civil = map_of((0.0, 1400.0, 20.0), (1400.0, 6000.0, 6.0))
+    slow = (Restriction(1300.0, 1350.0, 8.0),)
+
+    def target(front: Interval, end_m: float, extra: tuple[Restriction, ...] = ()) -> object:
+        return civil.at(front, end_m, extra).target
+
+    near = Interval(1290.0, 1295.0, 1298.0)
+    assert target(near, FAR_M) == SupervisedTarget(TargetKind.LINE_LIMIT, 6.0, 102.0)
+    assert target(near, FAR_M, slow) == SupervisedTarget(TargetKind.RESTRICTION, 8.0, 2.0)
+    assert target(near, 1340.0, slow) == SupervisedTarget(TargetKind.END, 0.0, 42.0)
+    assert target(at(200.0), FAR_M, slow) is None, "no curve is lower than the limit here"
+    assert target(at(1400.0), FAR_M) is None, "the limit under the train is no target"
+    assert target(at(1342.5), 1340.0) == SupervisedTarget(TargetKind.END, 0.0, -2.5)
+
+
+def test_a_target_that_lowers_only_the_upper_limits_is_not_shown() -> None:
+    """Its permitted speed is its limit, which already holds under the train."""
+    level = map_of((0.0, 6000.0, 6.0))
+    equal = (Restriction(1010.0, 1100.0, 6.0),)
+
+    assert level.at(at(1000.0), FAR_M, equal).target is None
 
 
 def test_a_metre_before_the_end_a_slow_train_is_still_permitted() -> None:

@@ -2,11 +2,13 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_dbc.vobc import TargetKind
 from firmware_py.trackdb import LineMap
 from metro_hil.metrics.worst_motion import (
     CONFIG,
@@ -106,7 +108,11 @@ def test_a_temporary_restriction_is_a_civil_limit_ahead_under_and_behind_the_tra
 ) -> None:
     front = Interval(front_m - width_m, front_m, front_m)
 
-    assert OPEN_LINE.at(front, FAR_M, (SLOW,)) == SLOW_LINE.at(front, FAR_M)
+    temporary, civil = OPEN_LINE.at(front, FAR_M, (SLOW,)), SLOW_LINE.at(front, FAR_M)
+
+    assert replace(temporary, target=None) == replace(civil, target=None)
+    if civil.target is not None:
+        assert temporary.target == replace(civil.target, kind=TargetKind.RESTRICTION)
 
 
 def test_a_restriction_above_the_civil_limit_changes_nothing() -> None:

@@ -2,9 +2,10 @@
 
 import pytest
 
+from can_dbc.vobc import TargetKind
 from vobc.atp.fixed_ceilings import FixedCeilings
 from vobc.config import load_config
-from vobc.vocabulary import Ceiling
+from vobc.vocabulary import Ceiling, SupervisedTarget
 
 KMH = 1.0 / 3.6
 FLAT = FixedCeilings(load_config("florence4").atp)
@@ -39,3 +40,14 @@ def test_each_speed_is_the_lower_of_the_known_and_the_fixed_one() -> None:
 
     assert FixedCeilings.under(known, flat) == Ceiling(1.0, 2.0, 3.0, 4.0, 120.0)
     assert FixedCeilings.under(flat, known) == Ceiling(1.0, 2.0, 3.0, 4.0, 0.0)
+
+
+@pytest.mark.parametrize(("permitted_mps", "shown"), [(4.9, True), (5.0, False), (5.1, False)])
+def test_a_target_is_shown_while_it_is_lower_than_the_fixed_speed(
+    permitted_mps: float, shown: bool
+) -> None:
+    target = SupervisedTarget(TargetKind.END, 0.0, 12.0)
+    known = Ceiling(permitted_mps, 6.0, 7.0, 8.0, 120.0, target)
+    flat = Ceiling(5.0, 6.0, 7.0, 8.0, 0.0)
+
+    assert FixedCeilings.under(known, flat).target == (target if shown else None)

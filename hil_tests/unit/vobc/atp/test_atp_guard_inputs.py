@@ -5,7 +5,7 @@ import math
 from dataclasses import MISSING, astuple, fields
 
 from can_dbc.doors import ALL_CARS
-from can_dbc.vobc import Cause, Inhibit, OperatingMode, Withheld
+from can_dbc.vobc import Cause, Inhibit, Intervention, OperatingMode, ReasonCode, Withheld
 from vobc.atp.guard_inputs import NOWHERE, GuardInputs
 from vobc.atp.verdict import ProtectionVerdict
 from vobc.config import load_config
@@ -31,7 +31,7 @@ def test_the_default_guard_inputs_know_nothing_and_request_nothing() -> None:
 
 
 def test_a_train_without_position_has_no_permitted_speed() -> None:
-    assert astuple(NOWHERE) == (0.0, 0.0, 0.0, 0.0, 0.0)
+    assert astuple(NOWHERE) == (0.0, 0.0, 0.0, 0.0, 0.0, None)
 
 
 def test_only_both_signs_together_prove_rest() -> None:
@@ -52,6 +52,8 @@ def test_the_default_verdict_permits_nothing() -> None:
         "mode": OperatingMode.STANDBY,
         "emergency_cause": Cause.NONE,
         "emergency_number": 0,
+        "intervention": Intervention.HELD,
+        "reason": ReasonCode.NONE,
         "departure_inhibits": Inhibit.NONE,
         "doors_withheld": Withheld.NONE,
         "door_cars": ALL_CARS,

@@ -8,7 +8,15 @@ import pytest
 
 from can_dbc.alarms import TrainAlarms
 from can_dbc.tags import TagReaderHealth
-from can_dbc.vobc import Cause, Inhibit, Missing, OperatingMode, Supervision
+from can_dbc.vobc import (
+    Cause,
+    Inhibit,
+    Intervention,
+    Missing,
+    OperatingMode,
+    ReasonCode,
+    Supervision,
+)
 from hil_tests.unit.vobc.atp import protection_rig as rig
 from hil_tests.unit.vobc.atp.heard_rig import DESK
 from hil_tests.unit.vobc.atp.protection_rig import (
@@ -159,11 +167,17 @@ def test_a_waiting_train_names_what_it_waits_for() -> None:
     aged = train.step()
 
     assert lacks.cause == "waits for door unit, movement authority"
+    assert (lacks.intervention, lacks.reason) == (
+        Intervention.HELD,
+        ReasonCode.INPUT_MISSING,
+    )
     assert unproven.supervision is Supervision.NO_AUTHORITY
     assert unproven.cause == "waits until standstill is proven"
+    assert unproven.reason is ReasonCode.STANDSTILL_NOT_PROVEN
     assert aged.missing == Missing.NOTHING
     assert aged.supervision is Supervision.NO_AUTHORITY
     assert aged.cause == "waits for a fresh movement authority"
+    assert aged.reason is ReasonCode.AUTHORITY_MISSING
 
 
 def test_an_ageing_authority_brakes_with_a_reason_and_a_new_one_releases() -> None:
@@ -180,6 +194,10 @@ def test_an_ageing_authority_brakes_with_a_reason_and_a_new_one_releases() -> No
 
     assert ages.supervision is Supervision.SERVICE
     assert ages.cause == "movement authority is getting old"
+    assert (ages.intervention, ages.reason) == (
+        Intervention.SERVICE_BRAKE,
+        ReasonCode.AUTHORITY_AGES,
+    )
     assert fresh.supervision is Supervision.NOMINAL
     assert old.emergency_cause is Cause.AUTHORITY_OLD
 
