@@ -3,6 +3,7 @@
 import tempfile
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from canlog import Frames, ReadOptions, read, stream
 from canlog.command import main
-from canlog.damage import Damages
+from canlog.damage import Damages, LogError
 from canlog.drawn import drawn_frames
 from canlog.formats.dates import instant_ns
 from canlog.formats.registry import named
@@ -100,6 +101,8 @@ def test_logs_without_any_date_say_so(tmp_path: Path) -> None:
         ("CANFD 4 Rx 4EE 0 0 8 8 {8} 1331984 11 0 0 0 0 0 0", 0, 8),
         ("CANFD 4 Tx 4EEx Some_Name 0 0 9 12 {12} 1 1 303000 0 0 0 0 0", FD | TX | EXTENDED, 12),
         ("4 4EE Rx d D {8} Length = 232016 BitCount = 119 ID = 1023", 0, 8),
+        ("4 4EEx Rx d 40 {64}", FD | EXTENDED, 64),
+        ("4 4EE Tx d c {12}", FD | TX, 12),
         ("4 4EE Tx r Length = 1704000 BitCount = 145 ID = 88888888x", REMOTE | TX, 0),
     ],
 )
@@ -113,6 +116,36 @@ def test_asc_frames_of_every_kind(tmp_path: Path, line: str, flags: int, data: i
     assert log.frames.flags.tolist() == [flags]
     assert log.frames.payload(0) == bytes(range(data))
     assert {each.kind for each in log.warnings} == {"local time"}
+
+
+@pytest.mark.parametrize("length", [9, 12, 16, 32, 64])
+def test_frames_longer_than_classic_that_python_can_writes_on_classic_lines(
+    tmp_path: Path, length: int
+) -> None:
+    """Its writer does so for a message without the mark of CAN FD; no frame has nine bytes."""
+    path = tmp_path / "x.asc"
+    with can.ASCWriter(path) as writer:
+        writer.on_message_received(
+            can.Message(timestamp=1.0, arbitration_id=0x123, data=bytes(range(length)))
+        )
+
+    if length == 9:
+        with pytest.raises(LogError, match="holds no frame"):
+            read(path, options=ReadOptions(refuse_empty=True))
+        return
+    frames = read(path).frames
+    assert (len(frames), frames.payload(0)) == (1, bytes(range(length)))
+    assert frames.flags.tolist() == [FD | EXTENDED]
+
+
+@pytest.mark.parametrize("line", ["4 4EE Rx d 00", "4 4EE Rx d 10 00 01 02", "4 4EE Rx d 1F {8}"])
+def test_a_length_without_its_bytes_is_damage(tmp_path: Path, line: str) -> None:
+    line = line.replace("{8}", " ".join(f"{at:02X}" for at in range(8)))
+
+    log = read(asc(tmp_path, DATES[0][0], f" 30.506898 {line}\n"))
+
+    assert len(log) == 0
+    assert {each.kind for each in log.warnings} == {"local time", "junk line"}
 
 
 def test_lines_of_other_buses_and_of_the_program_are_no_damage(

@@ -43,7 +43,7 @@ UNUSUAL: Final = re.compile(rb"base[ \t]+(?:dec|hex[ \t]+timestamps[ \t]+relativ
 EVENT: Final = re.compile(r"(?P<stamp>-?\d{1,12}(?:\.\d{1,9})?)\s+(?P<rest>\S.*)", re.ASCII)
 CLASSIC: Final = re.compile(
     r"(?P<channel>\d{1,3})\s+(?P<id>[0-9A-Fa-f]{1,10})(?P<wide>x?)\s+(?P<way>Rx|Tx|TxRq)\s+"
-    r"(?P<kind>[dr])(?:\s+(?P<dlc>[0-9A-Fa-f]))?(?P<data>(?:\s+[0-9A-Fa-f]{1,3})*)"
+    r"(?P<kind>[dr])(?:\s+(?P<dlc>[0-9A-Fa-f]|[1-9A-Fa-f][0-9A-Fa-f]))?(?P<data>(?:\s+[0-9A-Fa-f]{1,3})*)"
     r"(?:\s+[A-Za-z]\w* = .*)?",
     re.ASCII,
 )
@@ -68,6 +68,8 @@ BROKEN: Final = re.compile(
 """Events that begin like CAN frames; one that cannot be parsed is damage."""
 OTHER_EVENT: Final = re.compile(r"[^\W\d]|\d{1,3}\s+[^\W\d]|//|::")
 """Events of other buses or of the program: they begin with a word, or a channel and a word."""
+CODE_MAX: Final = 15
+"""Greatest length code of a classic frame; codes above 8 mean 8 bytes."""
 WHOLE: Final = re.compile(r"(?!.*CANFD).*\s(?:d\s+0|[0-9A-Fa-f]{2})", re.ASCII)
 
 
@@ -188,12 +190,18 @@ class _Taker:
             return JUNK if known is None else OTHER
         identifier, flags = known
         channel, texts = f"can{match['channel']}", match["data"].split()
-        length = min(int(match["dlc"] or "0", 16), 8)
+        told = int(match["dlc"] or "0", 16)
+        length = min(told, CLASSIC_BYTES)
         if match["kind"] == "r":
             added = rows.add(at_ns, identifier, flags | REMOTE, channel, length, b"")
             return None if added else JUNK
         data = hex_bytes(texts, self._base)
-        if data is None or len(data) != length or match["dlc"] is None:
+        if data is None or match["dlc"] is None:
+            return JUNK
+        if len(data) == told > CLASSIC_BYTES and told in FD_LENGTHS:
+            # python-can writes the length of a longer frame in hexadecimal on a classic line.
+            flags, length = flags | FD, told
+        elif len(data) != length or told > CODE_MAX:
             return JUNK
         return None if rows.add(at_ns, identifier, flags, channel, length, data) else JUNK
 
