@@ -1,8 +1,7 @@
 """Inputs of the guards in protection's tables. Each cycle makes them once, frozen."""
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from can_dbc.vobc import Cause, OperatingMode
 from vobc.atp.config import AtpConfig
@@ -13,8 +12,7 @@ NOWHERE: Final = Ceiling(0.0, 0.0, 0.0, 0.0, 0.0)
 STILL: Final = Interval(0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class GuardInputs:
+class GuardInputs(NamedTuple):
     """All inputs of the guards. With a NaN input a guard decides for the brake."""
 
     limits: AtpConfig

@@ -160,7 +160,7 @@ class Protection:
         self._mode = next_mode(self._mode, inputs)
         self._jog(motion, station)
         ceiling = self._ceiling(image, motion, full.ceiling, missing)
-        inputs = self._move_on(motion, replace(inputs, mode=self._mode, ceiling=ceiling))
+        inputs = self._move_on(motion, inputs._replace(mode=self._mode, ceiling=ceiling))
         return self._verdict(image, motion, station, inputs)
 
     # Inputs.
@@ -294,7 +294,7 @@ class Protection:
         before = self._state
         causes = latched_after(before, inputs)
         self._latch(causes, present(causes, inputs))
-        inputs = replace(inputs, latched=self._latched)
+        inputs = inputs._replace(latched=self._latched)
         self._state = next_state(before, inputs)
         if self._state is Supervision.EMERGENCY:
             # The train is to be held where it comes to rest.

@@ -1,7 +1,5 @@
 """Guard inputs of a running and of a standing train; tests change single fields of them."""
 
-from dataclasses import replace
-
 from can_dbc.vobc import OperatingMode, Supervision
 from vobc.atp.guard_inputs import GuardInputs
 from vobc.config import load_config
@@ -17,5 +15,5 @@ RUNNING = GuardInputs(
     authority_age_s=0.2,
     mode=OperatingMode.AUTHORISED,
 )
-STANDING = replace(RUNNING, speed_mps=Interval(-0.2, 0.0, 0.2), standing=True, standstill=True)
+STANDING = RUNNING._replace(speed_mps=Interval(-0.2, 0.0, 0.2), standing=True, standstill=True)
 MOVING = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)

@@ -29,7 +29,7 @@ CAUSES = [cause for cause in Cause if cause]
 
 
 def facts(**changes: Any) -> GuardInputs:
-    return replace(RUNNING, **changes)
+    return RUNNING._replace(**changes)
 
 
 JUST = 1e-9
@@ -169,7 +169,7 @@ STANDING_EXCUSES = (
 @pytest.mark.parametrize("cause", STANDING_EXCUSES)
 def test_a_standing_train_is_exempt_from_causes_that_only_matter_in_motion(cause: Cause) -> None:
     for there, _ in THERE_AND_NOT[cause]:
-        seen = replace(facts(**there), standing=True)
+        seen = facts(**there)._replace(standing=True)
 
         assert latched_after(Supervision.NOMINAL, seen) == ()
 
@@ -209,8 +209,8 @@ def test_each_cause_is_released_only_at_standstill_and_only_by_the_reset_its_rul
     named = WHO.get(cause, Reset.DESK | Reset.CENTRE)
 
     for number, standing, standstill in itertools.product(range(4), (False, True), (False, True)):
-        seen = replace(
-            STANDING, latched=(cause,), resets=number, standing=standing, standstill=standstill
+        seen = STANDING._replace(
+            latched=(cause,), resets=number, standing=standing, standstill=standstill
         )
 
         left = latched_after(Supervision.EMERGENCY, seen)
@@ -223,7 +223,7 @@ def test_each_cause_is_released_only_at_standstill_and_only_by_the_reset_its_rul
 @pytest.mark.parametrize("cause", [rule.cause for rule in RULES if rule.when is When.ALWAYS])
 def test_no_reset_releases_a_cause_that_persists(cause: Cause) -> None:
     there, _ = THERE_AND_NOT[cause][0]
-    seen = replace(STANDING, latched=(cause,), resets=3, **there)
+    seen = STANDING._replace(latched=(cause,), resets=3, **there)
 
     assert latched_after(Supervision.EMERGENCY, seen) == (cause,)
 
@@ -233,16 +233,16 @@ def test_a_persisting_cause_keeps_its_place_before_later_ones(cause: Cause) -> N
     there, _ = THERE_AND_NOT[cause][0]
     later = Cause.REMOTE if cause is not Cause.REMOTE else Cause.BUTTON
     waits = int(Reset.DESK if later is Cause.REMOTE else Reset.CENTRE)
-    seen = replace(STANDING, latched=(cause, later), resets=waits, **there)
+    seen = STANDING._replace(latched=(cause, later), resets=waits, **there)
 
     assert latched_after(Supervision.EMERGENCY, seen) == (cause, later)
 
 
 def test_every_cause_waits_for_its_own_release() -> None:
     latched = (Cause.BUTTON, Cause.REMOTE)
-    by_desk = replace(STANDING, latched=latched, resets=int(Reset.DESK))
-    by_centre = replace(STANDING, latched=latched, resets=int(Reset.CENTRE))
-    by_both = replace(STANDING, latched=latched, resets=3)
+    by_desk = STANDING._replace(latched=latched, resets=int(Reset.DESK))
+    by_centre = STANDING._replace(latched=latched, resets=int(Reset.CENTRE))
+    by_both = STANDING._replace(latched=latched, resets=3)
 
     assert latched_after(Supervision.EMERGENCY, by_desk) == (Cause.REMOTE,)
     assert latched_after(Supervision.EMERGENCY, by_centre) == (Cause.BUTTON,)
@@ -255,12 +255,12 @@ def test_a_later_cause_is_appended_once() -> None:
     after = latched_after(Supervision.EMERGENCY, seen)
 
     assert after == (Cause.OVERSPEED, Cause.BUTTON, Cause.REMOTE)
-    assert latched_after(Supervision.EMERGENCY, replace(seen, latched=after)) == after
+    assert latched_after(Supervision.EMERGENCY, seen._replace(latched=after)) == after
 
 
 def test_only_a_small_overshoot_releases_itself_and_only_at_standstill() -> None:
     for cause, little, standstill in itertools.product(CAUSES, (False, True), (False, True)):
-        seen = replace(STANDING, latched=(cause,), overshot_little=little, standstill=standstill)
+        seen = STANDING._replace(latched=(cause,), overshot_little=little, standstill=standstill)
 
         left = latched_after(Supervision.EMERGENCY, seen)
 
@@ -269,8 +269,8 @@ def test_only_a_small_overshoot_releases_itself_and_only_at_standstill() -> None
 
 def test_an_overshoot_that_is_still_reported_does_not_block_its_release() -> None:
     """The station guard reports the overshoot until the train has moved."""
-    seen = replace(
-        STANDING, latched=(Cause.OVERSHOT,), station_cause=Cause.OVERSHOT, overshot_little=True
+    seen = STANDING._replace(
+        latched=(Cause.OVERSHOT,), station_cause=Cause.OVERSHOT, overshot_little=True
     )
 
     assert latched_after(Supervision.EMERGENCY, seen) == ()
@@ -285,7 +285,7 @@ def test_an_overshoot_that_is_still_reported_does_not_block_its_release() -> Non
 def test_no_latched_cause_is_released_without_standstill_and_reset(
     latched: tuple[Cause, ...], resets: int, standstill: bool, state: Supervision
 ) -> None:
-    seen = replace(STANDING, latched=latched, resets=resets, standstill=standstill)
+    seen = STANDING._replace(latched=latched, resets=resets, standstill=standstill)
 
     left = latched_after(state, seen)
 

@@ -16,7 +16,7 @@ CONFIG = load_config("florence4").atp
 
 def test_the_default_guard_inputs_know_nothing_and_request_nothing() -> None:
     seen = GuardInputs(CONFIG)
-    told = {field.name: getattr(seen, field.name) for field in fields(GuardInputs)}
+    told = seen._asdict()
 
     assert told.pop("limits") is CONFIG
     assert told.pop("speed_mps") == Interval(0.0, 0.0, 0.0)

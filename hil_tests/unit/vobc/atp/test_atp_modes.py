@@ -1,7 +1,6 @@
 """Operating modes: every transition of the table, and every guard on both sides."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -23,7 +22,7 @@ RUNNING = GuardInputs(
     authority_age_s=0.2,
     mode=OperatingMode.AUTHORISED,
 )
-STANDING = replace(RUNNING, speed_mps=Interval(-0.2, 0.0, 0.2), standing=True, standstill=True)
+STANDING = RUNNING._replace(speed_mps=Interval(-0.2, 0.0, 0.2), standing=True, standstill=True)
 ASLEEP, STANDBY = OperatingMode.ASLEEP, OperatingMode.STANDBY
 RESTRICTED, CREEP = OperatingMode.RESTRICTED, OperatingMode.CREEP
 AUTHORISED, JOG = OperatingMode.AUTHORISED, OperatingMode.JOG
@@ -33,7 +32,7 @@ FLAGS = [flag for flag in Missing if flag]
 
 
 def at_rest(mode: OperatingMode, **changes: Any) -> GuardInputs:
-    return replace(STANDING, mode=mode, **changes)
+    return STANDING._replace(mode=mode, **changes)
 
 
 def after(seen: GuardInputs) -> OperatingMode:
@@ -49,11 +48,11 @@ def test_every_mode_has_its_rows() -> None:
 @pytest.mark.parametrize("mode", [STANDBY, *MOVING])
 def test_an_order_to_sleep_waits_for_standstill(mode: OperatingMode) -> None:
     keeps = {"jog_granted": True, "person_at_desk": True, "creep_ordered": True}
-    moving = replace(RUNNING, mode=mode, sleep_ordered=True, **keeps)  # type: ignore[arg-type]
+    moving = RUNNING._replace(mode=mode, sleep_ordered=True, **keeps)  # type: ignore[arg-type]
 
     assert after(at_rest(mode, sleep_ordered=True)) is ASLEEP
     assert after(moving) is mode
-    assert after(replace(moving, standstill=True)) is mode
+    assert after(moving._replace(standstill=True)) is mode
 
 
 def test_a_sleeping_train_reacts_only_to_the_order_to_wake() -> None:
@@ -128,9 +127,9 @@ def test_driving_on_sight_begins_only_when_asked_at_standstill_without_emergency
 
     assert after(seen) is mode
     assert after(at_rest(STANDBY, missing=UNPLACED)) is STANDBY
-    assert after(replace(seen, standstill=False)) is STANDBY
-    assert after(replace(seen, standing=False)) is STANDBY
-    assert after(replace(seen, latched=(Cause.REMOTE,))) is STANDBY
+    assert after(seen._replace(standstill=False)) is STANDBY
+    assert after(seen._replace(standing=False)) is STANDBY
+    assert after(seen._replace(latched=(Cause.REMOTE,))) is STANDBY
 
 
 def test_with_position_and_authority_no_train_runs_on_sight() -> None:
@@ -144,7 +143,7 @@ def test_an_emergency_takes_every_permission_back_once_the_train_stands(
     keeps = {"jog_granted": True, "person_at_desk": True, "creep_ordered": True}
     latched = (Cause.OVERSPEED,)
     unplaced = UNPLACED if mode in (RESTRICTED, CREEP) else 0
-    moving = replace(RUNNING, mode=mode, latched=latched, missing=unplaced, **keeps)  # type: ignore[arg-type]
+    moving = RUNNING._replace(mode=mode, latched=latched, missing=unplaced, **keeps)  # type: ignore[arg-type]
 
     assert after(at_rest(mode, latched=latched, missing=unplaced, **keeps)) is STANDBY
     assert after(moving) is mode
@@ -158,7 +157,7 @@ def test_driving_on_sight_ends_when_its_requester_withdraws(
 ) -> None:
     assert after(at_rest(mode, missing=UNPLACED, **{answer: True})) is mode
     assert after(at_rest(mode, missing=UNPLACED)) is STANDBY
-    assert after(replace(RUNNING, mode=mode, missing=UNPLACED)) is mode
+    assert after(RUNNING._replace(mode=mode, missing=UNPLACED)) is mode
 
 
 AGED_S = CONFIG.authority_service_ratio * CONFIG.authority_age_max_s
@@ -183,15 +182,14 @@ TOP_MPS = 10.0 - CONFIG.takeover_margin_mps
 def test_full_supervision_takes_over_in_motion_only_from_a_train_well_within_it(
     mode: OperatingMode, changes: dict[str, Any], takes_over: bool
 ) -> None:
-    seen = replace(
-        RUNNING,
+    seen = RUNNING._replace(
         mode=mode,
         speed_mps=Interval(9.0, 9.1, TOP_MPS),
         person_at_desk=True,
         creep_ordered=True,
     )
 
-    assert after(replace(seen, **changes)) is (AUTHORISED if takes_over else mode)
+    assert after(seen._replace(**changes)) is (AUTHORISED if takes_over else mode)
 
 
 @pytest.mark.parametrize("mode", [RESTRICTED, CREEP])
@@ -204,10 +202,10 @@ def test_a_train_that_stands_is_within_every_limit(mode: OperatingMode) -> None:
 def test_a_jog_begins_and_ends_at_rest() -> None:
     assert after(at_rest(AUTHORISED)) is AUTHORISED
     assert after(at_rest(AUTHORISED, jog_granted=True)) is JOG
-    assert after(replace(RUNNING, jog_granted=True)) is AUTHORISED
+    assert after(RUNNING._replace(jog_granted=True)) is AUTHORISED
     assert after(at_rest(JOG, jog_granted=True)) is JOG
     assert after(at_rest(JOG)) is AUTHORISED
-    assert after(replace(RUNNING, mode=JOG)) is JOG
+    assert after(RUNNING._replace(mode=JOG)) is JOG
 
 
 def test_departure_ignores_only_the_terms_that_a_mode_cannot_have() -> None:
@@ -242,7 +240,7 @@ BOOLS = st.booleans()
 def test_a_less_restrictive_mode_needs_position_and_fresh_authority_or_standstill(
     mode: OperatingMode, **changes: Any
 ) -> None:
-    seen = replace(RUNNING, mode=mode, **changes)
+    seen = RUNNING._replace(mode=mode, **changes)
 
     found = after(seen)
 

@@ -1,7 +1,5 @@
 """What protection reports as its intervention, and why. No decision depends on it."""
 
-from dataclasses import replace
-
 import pytest
 
 from can_dbc.vobc import (
@@ -39,43 +37,43 @@ SERVICE_S = CONFIG.authority_service_ratio * CONFIG.authority_age_max_s
         ),
         (
             Supervision.SERVICE,
-            replace(RUNNING, authority_age_s=SERVICE_S),
+            RUNNING._replace(authority_age_s=SERVICE_S),
             ReasonCode.AUTHORITY_AGES,
             "movement authority is getting old",
         ),
         (
             Supervision.SERVICE,
-            replace(RUNNING, restrictions_age_s=OLD_S),
+            RUNNING._replace(restrictions_age_s=OLD_S),
             ReasonCode.RESTRICTIONS_AGE,
             "restrictions are getting old",
         ),
         (
             Supervision.SERVICE,
-            replace(RUNNING, mode=OperatingMode.CREEP),
+            RUNNING._replace(mode=OperatingMode.CREEP),
             ReasonCode.SIGHT_NOT_PERMITTED,
             "driving on sight is no longer permitted",
         ),
         (
             Supervision.SERVICE,
-            replace(RUNNING, stop_by_mps=1.0),
+            RUNNING._replace(stop_by_mps=1.0),
             ReasonCode.STOP_NOT_OBEYED,
             "operation does not stop as asked",
         ),
         (
             Supervision.NO_AUTHORITY,
-            replace(STANDING, mode=OperatingMode.ASLEEP, missing=int(Missing.DOORS)),
+            STANDING._replace(mode=OperatingMode.ASLEEP, missing=int(Missing.DOORS)),
             ReasonCode.TRAIN_ASLEEP,
             "asleep",
         ),
         (
             Supervision.NO_AUTHORITY,
-            replace(STANDING, missing=int(Missing.DOORS), restrictions_age_s=OLD_S),
+            STANDING._replace(missing=int(Missing.DOORS), restrictions_age_s=OLD_S),
             ReasonCode.INPUT_MISSING,
             "waits for door unit, orders of the centre",
         ),
         (
             Supervision.NO_AUTHORITY,
-            replace(STANDING, authority_age_s=CONFIG.authority_age_max_s),
+            STANDING._replace(authority_age_s=CONFIG.authority_age_max_s),
             ReasonCode.AUTHORITY_MISSING,
             "waits for a fresh movement authority",
         ),
@@ -96,7 +94,7 @@ def test_each_state_has_a_reason_with_its_text(
 
 @pytest.mark.parametrize("cause", [cause for cause in Cause if cause is not Cause.NONE])
 def test_a_latched_cause_is_the_reason_in_every_state(cause: Cause) -> None:
-    inputs = replace(RUNNING, latched=(cause, Cause.BUTTON))
+    inputs = RUNNING._replace(latched=(cause, Cause.BUTTON))
 
     for state in Supervision:
         reason = reason_of(state, inputs)

@@ -35,7 +35,7 @@ def test_only_the_held_state_follows_an_emergency() -> None:
 @pytest.mark.parametrize("state", list(Supervision))
 @pytest.mark.parametrize("facts", [RUNNING, STANDING], ids=["running", "standing"])
 def test_a_latched_cause_means_emergency_in_every_state(state: Supervision, facts: object) -> None:
-    seen = replace(RUNNING if facts is RUNNING else STANDING, latched=(Cause.BUTTON,))
+    seen = (RUNNING if facts is RUNNING else STANDING)._replace(latched=(Cause.BUTTON,))
 
     assert next_state(state, seen) is Supervision.EMERGENCY
 
@@ -54,7 +54,7 @@ def test_an_emergency_without_latched_causes_ends_in_the_held_state(
 def test_without_emergency_the_mode_alone_decides_whether_the_train_may_move(
     state: Supervision, mode: OperatingMode
 ) -> None:
-    seen = replace(STANDING, mode=mode, person_at_desk=True, creep_ordered=True)
+    seen = STANDING._replace(mode=mode, person_at_desk=True, creep_ordered=True)
 
     moves = mode in NEEDED
 
@@ -72,21 +72,21 @@ def test_without_emergency_the_mode_alone_decides_whether_the_train_may_move(
     ],
 )
 def test_reaching_a_limit_counts_as_exceeding_it(high: float, state: Supervision) -> None:
-    seen = replace(RUNNING, speed_mps=Interval(9.0, 9.5, high))
+    seen = RUNNING._replace(speed_mps=Interval(9.0, 9.5, high))
 
     assert next_state(Supervision.NOMINAL, seen) is state
 
 
 @pytest.mark.parametrize("speed_mps", [Interval(math.nan, 9.0, 9.2), Interval(8.8, 9.0, math.nan)])
 def test_a_nan_speed_bound_reaches_every_limit(speed_mps: Interval) -> None:
-    seen = replace(RUNNING, speed_mps=speed_mps)
+    seen = RUNNING._replace(speed_mps=speed_mps)
 
     assert next_state(Supervision.NOMINAL, seen) is Supervision.SERVICE
 
 
 def test_a_speed_backwards_is_limited_as_well() -> None:
-    under = replace(RUNNING, speed_mps=Interval(-11.999, -9.0, -8.0))
-    over = replace(RUNNING, speed_mps=Interval(-12.0, -9.0, -8.0))
+    under = RUNNING._replace(speed_mps=Interval(-11.999, -9.0, -8.0))
+    over = RUNNING._replace(speed_mps=Interval(-12.0, -9.0, -8.0))
 
     assert next_state(Supervision.NOMINAL, under) is Supervision.NOMINAL
     assert next_state(Supervision.NOMINAL, over) is Supervision.SERVICE
@@ -102,7 +102,7 @@ def test_a_speed_backwards_is_limited_as_well() -> None:
     ],
 )
 def test_the_warning_comes_with_the_best_estimate(best: float, state: Supervision) -> None:
-    seen = replace(RUNNING, speed_mps=exactly(best))
+    seen = RUNNING._replace(speed_mps=exactly(best))
 
     assert next_state(Supervision.NOMINAL, seen) is state
 
@@ -114,13 +114,13 @@ def test_the_warning_comes_with_the_best_estimate(best: float, state: Supervisio
 def test_warning_and_service_last_until_the_speed_is_under_the_ceiling(
     state: Supervision, best: float, ends: bool
 ) -> None:
-    seen = replace(RUNNING, speed_mps=exactly(best))
+    seen = RUNNING._replace(speed_mps=exactly(best))
 
     assert next_state(state, seen) is (Supervision.NOMINAL if ends else state)
 
 
 def test_service_lasts_while_a_bound_of_the_speed_is_over_its_limit() -> None:
-    seen = replace(RUNNING, speed_mps=Interval(8.0, 9.0, 12.0))
+    seen = RUNNING._replace(speed_mps=Interval(8.0, 9.0, 12.0))
 
     assert next_state(Supervision.SERVICE, seen) is Supervision.SERVICE
 
@@ -130,13 +130,13 @@ def test_an_ageing_authority_applies_the_service_brake_and_a_fresh_one_releases_
     mode: OperatingMode,
 ) -> None:
     aged_s = CONFIG.authority_service_ratio * CONFIG.authority_age_max_s
-    ageing = replace(RUNNING, mode=mode, authority_age_s=aged_s)
-    fresh = replace(RUNNING, mode=mode, authority_age_s=aged_s - 1e-9)
+    ageing = RUNNING._replace(mode=mode, authority_age_s=aged_s)
+    fresh = RUNNING._replace(mode=mode, authority_age_s=aged_s - 1e-9)
 
     for state in MOVING:
         assert next_state(state, ageing) is Supervision.SERVICE
     assert next_state(Supervision.SERVICE, fresh) is Supervision.NOMINAL
-    assert next_state(Supervision.NOMINAL, replace(ageing, authority_age_s=math.nan)) is (
+    assert next_state(Supervision.NOMINAL, ageing._replace(authority_age_s=math.nan)) is (
         Supervision.SERVICE
     )
 
@@ -151,10 +151,10 @@ def test_an_ageing_authority_applies_the_service_brake_and_a_fresh_one_releases_
 def test_on_sight_only_the_requester_counts_and_not_the_age_of_the_authority(
     mode: OperatingMode, answered: dict[str, bool], unanswered: dict[str, bool]
 ) -> None:
-    seen = replace(RUNNING, mode=mode, authority_age_s=math.inf)
+    seen = RUNNING._replace(mode=mode, authority_age_s=math.inf)
 
-    with_answer = replace(seen, **answered)  # type: ignore[arg-type]
-    without = replace(seen, **unanswered)  # type: ignore[arg-type]
+    with_answer = seen._replace(**answered)  # type: ignore[arg-type]
+    without = seen._replace(**unanswered)  # type: ignore[arg-type]
 
     assert next_state(Supervision.NOMINAL, with_answer) is Supervision.NOMINAL
     assert next_state(Supervision.NOMINAL, without) is Supervision.SERVICE
@@ -163,7 +163,7 @@ def test_on_sight_only_the_requester_counts_and_not_the_age_of_the_authority(
 
 @pytest.mark.parametrize(("best", "brakes"), [(6.0, False), (6.001, True), (-6.001, True)])
 def test_a_train_that_does_not_stop_on_order_is_braked(best: float, brakes: bool) -> None:
-    seen = replace(RUNNING, speed_mps=exactly(best), stop_by_mps=6.0)
+    seen = RUNNING._replace(speed_mps=exactly(best), stop_by_mps=6.0)
 
     state = next_state(Supervision.NOMINAL, seen)
 
@@ -172,8 +172,8 @@ def test_a_train_that_does_not_stop_on_order_is_braked(best: float, brakes: bool
 
 def test_a_standing_train_exceeds_no_limit() -> None:
     """At the end of its authority the emergency limit is zero; the train may stand there."""
-    seen = replace(
-        STANDING, ceiling=Ceiling(0.0, 0.0, 0.0, 0.0, 0.2), standstill=False, stop_by_mps=-1.0
+    seen = STANDING._replace(
+        ceiling=Ceiling(0.0, 0.0, 0.0, 0.0, 0.2), standstill=False, stop_by_mps=-1.0
     )
 
     assert next_state(Supervision.NOMINAL, seen) is Supervision.NOMINAL
@@ -182,6 +182,6 @@ def test_a_standing_train_exceeds_no_limit() -> None:
 
 
 def test_a_nan_ceiling_brakes() -> None:
-    seen = replace(RUNNING, ceiling=replace(CEILING, service_mps=math.nan))
+    seen = RUNNING._replace(ceiling=replace(CEILING, service_mps=math.nan))
 
     assert next_state(Supervision.NOMINAL, seen) is Supervision.SERVICE
