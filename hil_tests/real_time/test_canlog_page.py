@@ -15,7 +15,7 @@ from canlog import read
 from canlog.bit_activity import ActivityView
 from canlog.command import main as canlog
 from canlog.database import parse_bus
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.views.answers import Answers
 from canlog.views.packed import ordered
 from canlog.views.page_data import PageData, page_data

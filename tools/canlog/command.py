@@ -20,21 +20,25 @@ EXIT_FOUND: Final = 1
 EXIT_USAGE: Final = 2
 
 VERBS: Final = {
-    "bits": "canlog.verbs.bits",
-    "browse": "canlog.verbs.browse",
-    "convert": "canlog.verbs.convert",
-    "diff": "canlog.verbs.diff",
-    "extract": "canlog.verbs.extract",
-    "find": "canlog.verbs.find",
-    "open": "canlog.verbs.open",
-    "plot": "canlog.verbs.plot",
-    "replay": "canlog.verbs.replay",
-    "report": "canlog.verbs.report",
-    "show": "canlog.verbs.show",
-    "stats": "canlog.verbs.stats",
-    "transport": "canlog.verbs.transport",
+    "bits": "which bits of each identifier change, how often, and the entropy of each byte",
+    "browse": "browse a log or a live bus in a terminal",
+    "convert": "write a log in another format, and list what that format cannot hold",
+    "diff": "compare two logs signal by signal, or two DBC files",
+    "extract": "write a table of physical values for each message, with exact time and units",
+    "find": "search a bus for bit fields that follow a sketch, a signal or a CSV file",
+    "open": "show a log of any size, or a live bus, in a browser on this machine",
+    "plot": "draw signals over time or distance as PNG or SVG",
+    "replay": "send the frames of a log to a bus again, at their original times",
+    "report": "write one self-contained HTML page with plots, frames, events and statistics",
+    "show": "show frame by frame, decoded, with control cycles and reasons of rejection",
+    "stats": "statistics of messages and bus: cycle times, gaps, errors, load, latency",
+    "transport": "reassemble messages of J1939 transport and ISO-TP, and name UDS services",
 }
-"""Each module has SUMMARY, `options(parser)` and `run(options) -> exit code`."""
+"""Verbs with their help texts.
+
+Each is a module of `canlog.verbs` with `options(parser)` and `run(options) -> exit code`. Only that
+of the typed verb is imported.
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,7 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     words = words_of("canlog", argv)
     try:
-        top = parser(words)
+        typed = words[0] if words else ""
+        top = parser(None if typed == "--completion" else typed)
         options = top.parse_args(options_first(top, words))
         _choose_runs(options)
         code: int = _module(options.verb).run(options)
@@ -60,17 +65,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """Build the parser; it loads only the module of the given verb, or all modules for help."""
+def parser(verb: str | None = None) -> argparse.ArgumentParser:
+    """Build the parser.
+
+    Args:
+        verb: the verb that gets its options; None: all verbs.
+    """
     top = CommandParser(
         prog="canlog", is_command=True, description="Inspect CAN logs frame by frame."
     )
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
-    wanted = words[0] if words and words[0] in VERBS else None
-    for verb in VERBS:
-        if wanted in (None, verb):
-            module = _module(verb)
-            module.options(verbs.add_parser(verb, help=module.SUMMARY, description=module.SUMMARY))
+    for name, text in VERBS.items():
+        if verb in (None, name):
+            _module(name).options(verbs.add_parser(name, help=text, description=text))
+        else:
+            verbs.add_parser(name, help=text, add_help=False)
     return top
 
 
@@ -110,7 +119,7 @@ def _choose_runs(options: argparse.Namespace) -> None:
 
 
 def _module(verb: str) -> Any:
-    return importlib.import_module(VERBS[verb])
+    return importlib.import_module(f"canlog.verbs.{verb}")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from canlog.damage import Damage, Damages, LogError
 from canlog.database import Bus
 from canlog.formats.registry import FORMATS, by_suffix, chained, named
 from canlog.options import ReadOptions
-from canlog.read import stream
+from canlog.reader import stream
 from firmware_py.storage.whole_file import whole_file
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from canlog.damage import LogError
 from canlog.formats.text import decoded
 from canlog.frames import Ints
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.run import NS_PER_S
 from canlog.views.span import zero_of
 from canlog.views.traces import Floats, find_names, trace_of

@@ -12,7 +12,7 @@ import numpy as np
 
 from canlog.course import ReferenceCourse
 from canlog.frames import KEY_EXTENDED, Bools, Ints
-from canlog.read import Log
+from canlog.reader import Log
 
 FRAMES_MIN: Final = 16
 """Minimum frames of an identifier within the course."""

@@ -13,7 +13,7 @@ from canlog.damage import LogError
 from canlog.database import Bus, load_bus, no_bus, own_bus
 from canlog.frames import Frames
 from canlog.options import ReadOptions
-from canlog.read import stream
+from canlog.reader import stream
 from firmware_py.storage.whole_file import write_whole
 
 OWN: Final = "own"

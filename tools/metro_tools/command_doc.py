@@ -43,7 +43,7 @@ def _parsers() -> Iterator[argparse.ArgumentParser]:
     yield whole_parser()
     yield plant_options.parser()
     yield hil_command.parser()
-    yield canlog_command.parser([])
+    yield canlog_command.parser()
     yield vcan.parser()
     yield guest_command.parser()
 

@@ -14,7 +14,7 @@ import numpy as np
 from canlog.damage import LogError
 from canlog.database import load_bus
 from canlog.frames import Frames
-from canlog.read import Log, read
+from canlog.reader import Log, read
 from canlog.views.page_data import page_data
 from canlog.views.page_text import page_text
 from canlog.views.traces import default_words

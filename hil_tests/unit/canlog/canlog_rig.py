@@ -8,7 +8,7 @@ import numpy as np
 
 from canlog.database import Bus, parse_bus
 from canlog.frames import Frames
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.rows import from_rows
 
 MS: Final = 1_000_000

@@ -15,7 +15,7 @@ from canlog.compare.logs import Allowed, compare
 from canlog.compare.pairing import pair
 from canlog.damage import LogError
 from canlog.database import parse_bus
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.rows import from_rows
 from hil_tests.unit.canlog import canlog_rig as rig
 from hil_tests.unit.canlog.canlog_rig import EVERYTHING, MS, log_of, random_frames, write_candump

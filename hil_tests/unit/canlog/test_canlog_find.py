@@ -14,7 +14,7 @@ from canlog.command import main
 from canlog.course import ReferenceCourse, course_of
 from canlog.database import no_bus
 from canlog.field_search import bits_of, search
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.rows import from_rows
 from hil_tests.unit.canlog.canlog_rig import MS, write_candump
 

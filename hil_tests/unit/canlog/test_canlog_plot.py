@@ -9,7 +9,7 @@ import pytest
 
 from canlog.command import main
 from canlog.damage import LogError
-from canlog.read import Log, read
+from canlog.reader import Log, read
 from canlog.rows import from_rows
 from canlog.views.happenings import happenings
 from canlog.views.place import at_instants, journey_of

@@ -14,7 +14,7 @@ from canlog.command import main
 from canlog.compare.logs import Allowed, compare
 from canlog.database import load_bus, parse_bus
 from canlog.frames import Frames
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.rows import from_rows
 from canlog.stats import Statistics, gather
 from canlog.stats_rows import (

@@ -16,7 +16,7 @@ from canlog.bus_model import LogPart, part_names
 from canlog.command import main
 from canlog.exports import SignalsMf4
 from canlog.frames import EXTENDED
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.rows import from_rows
 from canlog.table import Groups
 from canlog.views.page_data import page_data

@@ -15,7 +15,7 @@ from canlog.drawn import drawn_frames
 from canlog.formats.registry import FORMATS, named
 from canlog.frames import Frames, concat
 from canlog.options import ReadOptions
-from canlog.read import read
+from canlog.reader import read
 from canlog.views.packed import ordered
 from hil_tests.unit.canlog import canlog_rig as rig
 

@@ -13,7 +13,7 @@ from canlog.compare.sides import SINGLE, MessagePlace, Side, Sides
 from canlog.damage import LogError
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Bools, Ints
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.table import Table
 from canlog.views.traces import TRAILER, flags_text
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from canlog.bus_model import Bus, MessageSpec
 from canlog.frames import Bools, Ints
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.table import Table, table_of
 from canlog.transport.messages import Messages, TransportStatus, incomplete_text
 from canlog.transport.reassembly import Reassembler, is_part, options_for

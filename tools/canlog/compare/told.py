@@ -16,7 +16,7 @@ from canlog.compare.logs import (
 )
 from canlog.compare.sides import SINGLE, MessagePlace
 from canlog.damage import LogError
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.run import NS_PER_S
 
 NAME_WIDTH: Final = 44

@@ -9,9 +9,10 @@ from typing import Any, Final
 import numpy as np
 
 from canlog import kernel
-from canlog.damage import Damages, LogError, possible
+from canlog.damage import Damages, LogError
 from canlog.formats.blf_objects import BASE, CONTAINER, SIGNATURE, columns, find
 from canlog.formats.blf_write import write
+from canlog.formats.identifiers import possible
 from canlog.frames import Frames, widened
 from canlog.inflate import INFLATED_MAX, fastest, rescued
 from canlog.options import ReadOptions

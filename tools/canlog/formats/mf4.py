@@ -7,7 +7,8 @@ from typing import Any, Final
 import numpy as np
 
 from canlog import kernel
-from canlog.damage import Damages, LogError, possible
+from canlog.damage import Damages, LogError
+from canlog.formats.identifiers import possible
 from canlog.formats.mf4_blocks import VARIABLE, DataGroup, Field, Group, Mf4File, numbers_of
 from canlog.formats.mf4_write import write
 from canlog.frames import (

@@ -7,7 +7,8 @@ from typing import Any, Final
 import numpy as np
 
 from canlog.arrow_columns import arrow_column, arrow_names, numpy_column
-from canlog.damage import Damages, LogError, possible
+from canlog.damage import Damages, LogError
+from canlog.formats.identifiers import possible
 from canlog.frames import CLASSIC_BYTES, FD_BYTES, Bytes, Frames
 from canlog.options import ReadOptions
 

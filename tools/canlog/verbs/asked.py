@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from canlog.damage import LogError
-from canlog.read import Log, read
+from canlog.reader import Log, read
 from canlog.run import NS_PER_S
 from canlog.verbs.common import add_log, bus_asked, read_options, seconds
 from canlog.views.span import TimeSpan, zero_of

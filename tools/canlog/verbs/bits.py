@@ -10,12 +10,11 @@ from typing import Any, Final
 from canlog.bit_activity import Activity, ActivityView
 from canlog.database import Bus
 from canlog.frames import KEY_EXTENDED
-from canlog.read import stream
+from canlog.reader import stream
 from canlog.select import Selection, Selector, parse_keys
 from canlog.table import Groups
 from canlog.verbs.common import add_log, bus_asked, read_options
 
-SUMMARY: Final = "which bits of each identifier change, how often, and the entropy of each byte"
 FORMS: Final = ("text", "json")
 SHADES: Final = ".:-=+*#%@"
 """Characters from a bit that never changes to one that changes in every frame."""

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from canlog.browse.state import BrowserState
     from firmware_py.ports import CanPort
 
-SUMMARY: Final = "browse a log or a live bus in a terminal"
 WAIT_S: Final = 0.08
 """Longest time between two redraws while something changes."""
 IDLE_WAIT_S: Final = 0.5

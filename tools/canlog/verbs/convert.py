@@ -3,13 +3,10 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Final
 
 from canlog.convert import convert
 from canlog.formats.registry import FORMATS
 from canlog.verbs.common import add_log, bus_asked, read_options
-
-SUMMARY: Final = "write a log in another format, and list what that format cannot hold"
 
 
 def options(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,6 @@ from typing import Final
 from canlog.damage import LogError
 from canlog.verbs.common import add_reading, bus_asked, count, read_options, seconds
 
-SUMMARY: Final = "compare two logs signal by signal, or two DBC files"
 SAME: Final = 0
 DIFFERENT: Final = 1
 DBC: Final = ".dbc"
@@ -76,7 +75,7 @@ def _dbcs(given: argparse.Namespace) -> int:
 def _logs(given: argparse.Namespace) -> int:
     from canlog.compare.logs import Allowed, compare
     from canlog.compare.told import difference_json, difference_lines, parse_tolerances
-    from canlog.read import read
+    from canlog.reader import read
 
     if given.lsb < 0 or given.context < 0:
         raise LogError("--lsb, --context: 0 or more")

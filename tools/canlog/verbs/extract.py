@@ -22,13 +22,12 @@ from canlog.damage import Damage, Damages
 from canlog.exports import Export, SignalsMf4, TableFiles
 from canlog.formats.mf4_write import in_order
 from canlog.frames import Frames, empty
-from canlog.read import Log, Stream, read
+from canlog.reader import Log, Stream, read
 from canlog.table import Groups, Table, exported, merged
 from canlog.transport.tables import LongTables
 from canlog.verbs.common import add_log, bus_asked, read_options
 from firmware_py.storage.whole_file import whole_file
 
-SUMMARY: Final = "write a table of physical values for each message, with exact time and units"
 FORMS: Final = ("parquet", "csv", "npz", "arrow", "mf4")
 WHOLE: Final = "npz"
 """The one format that needs all rows at once."""

@@ -8,11 +8,10 @@ from typing import Any, Final
 
 from canlog.damage import LogError
 from canlog.field_search import FieldMatch, bits_of, search
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.verbs.asked import log_options, read_asked
 from canlog.verbs.common import count, seconds
 
-SUMMARY: Final = "search a bus for bit fields that follow a sketch, a signal or a CSV file"
 FORMS: Final = ("text", "json")
 LEAST: Final = 0.5
 """Default of the least correlation of a match."""

@@ -3,15 +3,12 @@
 import argparse
 import asyncio
 import webbrowser
-from typing import Final
 
 from canlog.damage import LogError
 from canlog.live.options import add_serving, can_show, warn_of
 from canlog.verbs.asked import log_options, name_asked, read_asked
 from canlog.verbs.common import bus_asked
 from canlog.views.server import LOOPBACK
-
-SUMMARY: Final = "show a log of any size, or a live bus, in a browser on this machine"
 
 
 def options(parser: argparse.ArgumentParser) -> None:

@@ -1,7 +1,6 @@
 """`canlog plot LOG signal… -o out.png`: signals over time or distance in one command."""
 
 import argparse
-from typing import Final
 
 from canlog.verbs.asked import (
     log_options,
@@ -10,8 +9,6 @@ from canlog.verbs.asked import (
     read_asked,
     span_asked,
 )
-
-SUMMARY: Final = "draw signals over time or distance as PNG or SVG"
 
 
 def options(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 
 from canlog.damage import LogError
 from canlog.frames import EXTENDED, FD, NOT_DATA, Frames
-from canlog.read import stream
+from canlog.reader import stream
 from canlog.select import Selection, Selector, parse_keys
 from canlog.table import Groups
 from canlog.verbs.common import add_log, bus_asked, read_options
@@ -16,7 +16,6 @@ from firmware_py.buses import BusError, is_virtual, open_can
 from firmware_py.clock.clock import Clock, WallClock
 from firmware_py.ports import CanPort
 
-SUMMARY: Final = "send the frames of a log to a bus again, at their original times"
 SPIN_S: Final = 200e-6
 
 

@@ -7,7 +7,6 @@ from canlog.damage import LogError
 from canlog.verbs.asked import log_options, name_asked, output_path, read_asked
 from firmware_py.storage.whole_file import write_whole
 
-SUMMARY: Final = "write one self-contained HTML page with plots, frames, events and statistics"
 FRAMES_MAX: Final = 8_000_000
 """Maximum frames of a page; a browser takes too long to open a larger one."""
 

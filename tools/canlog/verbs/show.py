@@ -15,7 +15,7 @@ from canlog.damage import LogError
 from canlog.database import Bus
 from canlog.frames import ERROR, EXTENDED, REMOTE, Frames
 from canlog.lines import LineStyle, Writer
-from canlog.read import read, stream
+from canlog.reader import read, stream
 from canlog.rows import from_rows
 from canlog.run import RunFiles
 from canlog.select import (
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from canlog.where import Where
     from firmware_py.ports import CanFrame
 
-SUMMARY: Final = "show frame by frame, decoded, with control cycles and reasons of rejection"
 POLL_NS: Final = 20_000_000
 NAME_WIDTH_MAX: Final = 24
 

@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from canlog.read import Stream, stream
+from canlog.reader import Stream, stream
 from canlog.rules import Broken, FailRule, Judged, broken, parse_rule, untold
 from canlog.stats import Statistics, gather
 from canlog.stats_rows import (
@@ -29,7 +29,6 @@ from canlog.stats_rows import (
 )
 from canlog.verbs.common import add_log, bus_asked, count, read_options
 
-SUMMARY: Final = "statistics of messages and bus: cycle times, gaps, errors, load, latency"
 FORMATS: Final = ("text", "json", "csv", "junit")
 EXIT_OK: Final = 0
 EXIT_BROKEN: Final = 1

@@ -12,7 +12,7 @@ from typing import Any, Final
 from canlog.bus_model import Bus
 from canlog.frames import KEY_EXTENDED
 from canlog.lines import NS_PER_S, value_texts
-from canlog.read import stream
+from canlog.reader import stream
 from canlog.select import parse_key
 from canlog.table import table_of
 from canlog.transport.messages import Messages, TransportKind, TransportStatus
@@ -20,7 +20,6 @@ from canlog.transport.names import FAULTS, fault_text, uds_text
 from canlog.transport.reassembly import Reassembler, TransportOptions, options_for
 from canlog.verbs.common import add_log, bus_asked, count, read_options
 
-SUMMARY: Final = "reassemble messages of J1939 transport and ISO-TP, and name UDS services"
 BYTES_SHOWN: Final = 24
 ROWS_SHOWN: Final = 6
 FORMS: Final = ("text", "csv", "json")

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from canlog.damage import LogError
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.views.extremes import Pyramid
 from canlog.views.page_data import PageData, frame_columns
 from canlog.views.row_filter import Subject, passing

@@ -6,7 +6,7 @@ import numpy as np
 
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import KEY_EXTENDED
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.shelf import in_pieces
 from canlog.stats import gather
 from canlog.stats_rows import absent, bus_rows, message_rows, unjudged

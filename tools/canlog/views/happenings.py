@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.run import EVENTS, NS_PER_S, RunFiles
 
 EVENT_MESSAGE: Final = "VOBC_EVENT"

@@ -8,7 +8,7 @@ import numpy as np
 
 from canlog.bit_activity import ActivityView
 from canlog.frames import KEY_EXTENDED
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.shelf import in_pieces
 from canlog.views.extremes import kept
 from canlog.views.facts import message_head, statistics, verdict_codes, verdict_names

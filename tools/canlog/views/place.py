@@ -10,7 +10,7 @@ import numpy as np
 
 from canlog.damage import LogError
 from canlog.frames import Ints
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.views.traces import Floats, SignalTrace, trace_names, trace_of
 
 ON_BUS: Final = "VOBC_POSITION.front_m"

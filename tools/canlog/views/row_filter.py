@@ -11,7 +11,7 @@ import numpy as np
 from canlog.damage import LogError
 from canlog.database import MessageSpec
 from canlog.frames import KEY_EXTENDED, Bools
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.views.packed import KeyGroup, Ordered
 
 COMPARED: Final = re.compile(r"([A-Za-z_][\w.:@-]*)(>=|<=|==|!=|=|>|<)(.+)")

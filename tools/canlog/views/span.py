@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.run import NS_PER_S
 
 EPOCH_FROM_NS: Final = 10 * 365 * 86400 * NS_PER_S

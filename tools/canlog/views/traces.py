@@ -12,7 +12,7 @@ import numpy.typing as npt
 from canlog.damage import LogError
 from canlog.database import MessageSpec, SignalSpec
 from canlog.frames import Ints
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.run import NS_PER_S, RunFiles
 
 Floats = npt.NDArray[np.float64]
