@@ -30,6 +30,7 @@ VERBS: Final = {
         "run a campaign against mutated controllers: which scenario detects each mistake"
     ),
     "search": "search for the worst case of a scenario",
+    "attack": "attack the protection by chance",
     "scenarios": "list the shipped scenarios, which can be run by name",
     "faults": "show the catalogue of faults",
     "monitors": "show the invariants and the signals of expressions",
