@@ -1,6 +1,7 @@
 """Settings of zenoh sessions with mutual TLS and access control, generated for one line. Pure."""
 
 import re
+from collections.abc import Iterable
 from importlib import resources
 from typing import Final
 
@@ -22,12 +23,13 @@ def train_name(train: int) -> str:
     return f"T{train}"
 
 
-def wayside_settings(folder: str, line: str, trains: int) -> str:
-    """Return secure.json5 for certificates in `folder`, for trains 1 to `trains` of a line."""
+def wayside_settings(folder: str, line: str, trains: Iterable[int]) -> str:
+    """Return secure.json5 for certificates in `folder`, for the given trains of a line."""
     text = _shipped("secure")
     assert text.count(ENDPOINT) == 1
     assert len(_EACH.findall(text)) == 3
-    text = _EACH.sub(lambda found: _for_each(found["one"], trains), text)
+    numbers = sorted(trains)
+    text = _EACH.sub(lambda found: _for_each(found["one"], numbers), text)
     return text.replace(_FOLDER, f'"{folder}/').replace('"m/loop/', f'"m/{line_chunk(line)}/')
 
 
@@ -59,9 +61,9 @@ def at_endpoint(settings: str, endpoint: str) -> str:
     return settings.replace(ENDPOINT, "tls/" + endpoint.partition("/")[2])
 
 
-def _for_each(one: str, trains: int) -> str:
+def _for_each(one: str, trains: Iterable[int]) -> str:
     said = []
-    for train in range(1, trains + 1):
+    for train in trains:
         text = one.replace("T1", train_name(train)).replace("/w/1/", f"/w/{train}/")
         said.append(text.replace('/x/1"', f'/x/{train}"').replace('/*/1"', f'/*/{train}"'))
     return "".join(said)

@@ -21,12 +21,17 @@ class Credentials:
     """Key of the safety codes, in hexadecimal."""
 
 
-def load_credentials(folder: Path | str, name: str, epoch_ns: int) -> Credentials:
+def load_credentials(
+    folder: Path | str, name: str, epoch_ns: int, *, listens: bool = False
+) -> Credentials:
     """Load the credentials of the program `name` from a folder of `vobc demo-ca` or of another
     authority.
 
     Raises SettingsError that names the file, for a file that is missing, expired, not valid yet, of
-    another name or of another authority. A session would only fail without giving the reason.
+    another name, role or authority. A session would only fail without giving the reason.
+
+    Args:
+        listens: the program is the wayside, to which the others connect.
     """
     folder = Path(folder)
     authority = _certificate(folder / "ca.pem", epoch_ns)
@@ -38,8 +43,24 @@ def load_credentials(folder: Path | str, name: str, epoch_ns: int) -> Credential
         own.verify_directly_issued_by(authority)
     except Exception as error:  # The library raises various exceptions for a damaged signature.
         raise SettingsError(f"{path}: not issued by {folder / 'ca.pem'}; {ADVICE}") from error
+    _check_role(path, own, listens=listens)
     _text(folder / f"{name}.key")
     return Credentials(_text(folder / f"{name}.json5"), _text(folder / "line.key").strip())
+
+
+def _check_role(path: Path, own: "x509.Certificate", *, listens: bool) -> None:
+    """Refuse a certificate for another role or for both, which lets a train pose as the wayside."""
+    from cryptography import x509
+    from cryptography.x509.oid import ExtendedKeyUsageOID
+
+    try:
+        usages = {*own.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value}
+    except x509.ExtensionNotFound:
+        usages = set()
+    listening, connecting = ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH
+    if usages != {listening if listens else connecting}:
+        role = "the wayside alone" if listens else "trains and supervision alone"
+        raise SettingsError(f"{path}: it is not for the role of {role}; {ADVICE}")
 
 
 def _certificate(path: Path, epoch_ns: int) -> "x509.Certificate":

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.credentials import Credentials, load_credentials
@@ -41,7 +43,8 @@ class Line:
         )
 
     def credentials(self, name: str) -> Credentials:
-        return load_credentials(self.folder, name, CLOCK.epoch_ns())
+        listens = name == "wayside"
+        return load_credentials(self.folder, name, CLOCK.epoch_ns(), listens=listens)
 
     def radio(
         self, role: SessionRole, topics: tuple[str, ...], secure: Credentials | None
@@ -63,6 +66,13 @@ class Line:
     def close(self) -> None:
         for radio in reversed(self.open):
             radio.close()
+
+
+def impatient(credentials: Credentials) -> Credentials:
+    """Settings with which a refused attempt to connect ends after half a second."""
+    assert "timeout_ms: 4000" in credentials.settings
+    short = credentials.settings.replace("timeout_ms: 4000", "timeout_ms: 500")
+    return Credentials(short, credentials.key_hex)
 
 
 def errors_of(radio: ZenohRadio) -> Callable[[], bool]:
@@ -159,8 +169,10 @@ def test_a_client_without_a_certificate_of_the_line_gets_no_session(
     stranger = load_credentials(other, "T1", CLOCK.epoch_ns())
     authority = (line.folder / "ca.pem").as_posix()
     # The client even has the line's authority certificate, so it is the wayside that refuses it.
-    forged = Credentials(
-        stranger.settings.replace((other / "ca.pem").as_posix(), authority), stranger.key_hex
+    forged = impatient(
+        Credentials(
+            stranger.settings.replace((other / "ca.pem").as_posix(), authority), stranger.key_hex
+        )
     )
     plain = line.radio(SessionRole.TRAIN, ("m/**",), None)
     masked = line.radio(SessionRole.TRAIN, ("m/**",), forged)
@@ -176,6 +188,26 @@ def test_a_client_without_a_certificate_of_the_line_gets_no_session(
     assert [each.key for each in line.wayside.receive(CLOCK.now_ns())] == []
 
 
+def test_a_train_does_not_connect_to_a_router_with_the_certificate_of_another_train(
+    tmp_path: Path,
+) -> None:
+    folder, endpoint = tmp_path / "secure", pick_endpoint()
+    make(folder, line="loop", trains=2, days=1.0, hosts=["127.0.0.1"], epoch_s=NOW_S)
+    wayside = load_credentials(folder, "wayside", CLOCK.epoch_ns(), listens=True)
+    posed = Credentials(
+        wayside.settings.replace("/wayside.pem", "/T2.pem").replace("/wayside.key", "/T2.key"),
+        wayside.key_hex,
+    )
+    own = impatient(load_credentials(folder, "T1", CLOCK.epoch_ns()))
+
+    with (
+        open_radio(SessionRole.WAYSIDE, endpoint, (), CLOCK, secure=posed),
+        open_radio(SessionRole.TRAIN, endpoint, (), CLOCK, secure=own) as train,
+    ):
+        assert until(errors_of(train))
+        assert not train.connected
+
+
 def test_each_line_has_its_own_safety_code_key(line: Line) -> None:
     key = safety_key(line.credentials("T1").key_hex)
     refused = unpack(pack(TO_1, BENCH_KEY), key)
@@ -187,7 +219,7 @@ def test_each_line_has_its_own_safety_code_key(line: Line) -> None:
 
 def test_zenoh_accepts_the_shipped_settings_and_those_for_many_trains() -> None:
     for trains in (1, 128):
-        text = wayside_settings("secure", "loop", trains)
+        text = wayside_settings("secure", "loop", range(1, trains + 1))
         rules = zenoh.Config.from_json5(text).get_json("access_control/rules")
 
         assert len(re.findall('"T[0-9]+ sends"', rules)) == trains
@@ -213,10 +245,84 @@ def test_invalid_credentials_are_reported_by_file(
         load_credentials(tmp_path, "T1", CLOCK.epoch_ns())
 
 
+def test_a_certificate_of_another_role_is_refused(tmp_path: Path) -> None:
+    make(tmp_path, line="loop", trains=1, days=1.0, hosts=["localhost"], epoch_s=NOW_S)
+
+    with pytest.raises(SettingsError, match=r"T1.pem: it is not for the role of the wayside alone"):
+        load_credentials(tmp_path, "T1", CLOCK.epoch_ns(), listens=True)
+    with pytest.raises(SettingsError, match=r"wayside.pem: it is not for the role of trains and"):
+        load_credentials(tmp_path, "wayside", CLOCK.epoch_ns())
+
+
+def test_a_train_is_added_and_certificates_are_renewed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "ca"
+    host = ["--host", "wayside.example"]
+    assert vobc(["demo-ca", str(folder), "--trains", "2", "--days", "1", *host]) == 0
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    capsys.readouterr()
+
+    words = ["--add", "T9", "--renew", "T2", "--renew", "wayside", "--days", "40"]
+    assert vobc(["demo-ca", str(folder), *words]) == 0
+
+    said = capsys.readouterr().out
+    assert "T9: added; the wayside admits it from its next start on" in said
+    assert "T2: renewed for 40 days" in said
+    later_ns = CLOCK.epoch_ns() + 39 * 86_400 * NS_PER_S
+    load_credentials(folder, "T9", later_ns)
+    load_credentials(folder, "T2", later_ns)
+    settings = load_credentials(folder, "wayside", later_ns, listens=True).settings
+    known = [f"T{n}" for n in range(1, 10) if f'"T{n}"' in settings]
+    assert known == ["T1", "T2", "T9"]
+    changed = {n for n, content in before.items() if (folder / n).read_bytes() != content}
+    assert changed == {"T2.key", "T2.pem", "wayside.key", "wayside.pem", "wayside.json5"}
+    assert b"wayside.example" in x509.load_pem_x509_certificate(
+        (folder / "wayside.pem").read_bytes()
+    ).public_bytes(Encoding.DER)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--add", "T1"], "--add T1: it exists already; --renew makes a new one"),
+        (["--add", "9"], "--add 9: not a train"),
+        (["--add", "T0"], "--add T0: not a train"),
+        (["--add", "ca"], "--add ca: not a train"),
+        (["--renew", "T3"], "--renew T3: there is no "),
+        (["--renew", "T1", "--line", "florence"], "--line florence: "),
+        (["--renew", "T1", "--days", "3650"], "--days 3650: longer than "),
+        (["--renew", "T1", "--trains", "4"], "--trains: not with --add or --renew"),
+    ],
+)
+def test_a_change_of_certificates_that_cannot_be_made_changes_nothing(
+    words: list[str],
+    complaint: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = tmp_path / "ca"
+    make(folder, line="loop", trains=1, days=1.0, hosts=["localhost"], epoch_s=NOW_S - 999_999)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+
+    assert vobc(["demo-ca", str(folder), *words]) == 2
+
+    assert capsys.readouterr().err.startswith(f"vobc: {complaint}")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_folder_without_an_authority_cannot_renew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert vobc(["demo-ca", str(tmp_path), "--renew", "T1"]) == 2
+
+    assert "ca.key: No such file or directory; was it made by" in capsys.readouterr().err
+
+
 def test_expired_and_future_certificates_are_reported_with_their_dates(tmp_path: Path) -> None:
     make(tmp_path, line="loop", trains=1, days=1.0, hosts=["localhost"], epoch_s=1_000_000_000)
 
-    with pytest.raises(SettingsError, match=r"ca.pem: expired on 2001-09-10 01:46 UTC; make new"):
+    with pytest.raises(SettingsError, match=r"T1.pem: expired on 2001-09-10 01:46 UTC; make new"):
         load_credentials(tmp_path, "T1", 1_000_090_000 * NS_PER_S)
     with pytest.raises(SettingsError, match=r"ca.pem: not valid before 2001-09-09 01:41 UTC"):
         load_credentials(tmp_path, "T1", 999_000_000 * NS_PER_S)

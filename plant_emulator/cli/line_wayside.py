@@ -98,7 +98,7 @@ class _Line:
         }
         boot, key, secure = clock.epoch_ns() // NS_PER_S, BENCH_KEY, None
         if options.secure is not None:
-            secure = load_credentials(options.secure, WAYSIDE_NAME, clock.epoch_ns())
+            secure = load_credentials(options.secure, WAYSIDE_NAME, clock.epoch_ns(), listens=True)
             key = safety_key(secure.key_hex)
         decrees = CheckedStore(folder and folder / "decrees", CentreMemory)
         line = load_line(options.line)

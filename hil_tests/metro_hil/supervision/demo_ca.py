@@ -7,7 +7,7 @@ import secrets
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from cryptography import x509
@@ -18,8 +18,10 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from firmware_py.clock.clock import WallClock
 from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
+from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb.areas import load_areas
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
+from zenoh_config.keys import line_chunk
 from zenoh_config.secured import (
     SUPERVISION_NAME,
     WAYSIDE_NAME,
@@ -32,6 +34,9 @@ from zenoh_config.t2t import ROSTER_MAX
 AUTHORITY: Final = "demonstration authority"
 EARLIER_S: Final = 300
 """Certificates are valid from this long ago, because other machines' clocks may be slow."""
+AUTHORITY_DAYS: Final = 3650.0
+"""Least validity of the authority, so that it can renew certificates for ten years."""
+TRAINS: Final = 8
 KEY_BYTES: Final = 32
 DAY_S: Final = 86_400
 PRIVATE_MODE: Final = 0o600
@@ -44,20 +49,25 @@ NS_PER_S: Final = 1_000_000_000
 def main(words: Sequence[str]) -> int:
     """Run the command; exit code 2 for invalid options, 3 for a folder that cannot be written."""
     options = parser().parse_args(words)
+    line, hosts = load_areas(options.line).name, (*HOSTS, *options.host)
+    epoch_s = WallClock().epoch_ns() // NS_PER_S
     try:
+        if options.add or options.renew:
+            return _change(options, line, epoch_s)
         make(
             options.folder,
-            line=load_areas(options.line).name,
-            trains=options.trains,
+            line=line,
+            trains=options.trains or TRAINS,
             days=options.days,
-            hosts=(*HOSTS, *options.host),
-            epoch_s=WallClock().epoch_ns() // NS_PER_S,
+            hosts=hosts,
+            epoch_s=epoch_s,
         )
     except SettingsError as error:
         return _complain(error, EXIT_USAGE)
     except OSError as error:
         return _complain(f"{options.folder}: {error.strerror}", EXIT_ENVIRONMENT)
-    print(f"{options.folder}: for {WAYSIDE_NAME}, {SUPERVISION_NAME} and {options.trains} trains,")
+    trains = options.trains or TRAINS
+    print(f"{options.folder}: for {WAYSIDE_NAME}, {SUPERVISION_NAME} and {trains} trains,")
     print(f"{options.days:g} days; for demonstrations only: the authority's key lies beside it")
     print(f"plant wayside --line {options.line} --secure {options.folder}")
     return EXIT_OK
@@ -73,48 +83,123 @@ def make(
     folder.mkdir(parents=True, exist_ok=True)
     folder = folder.resolve()
     if (folder / "ca.pem").exists():
-        raise SettingsError(f"{folder}/ca.pem: exists already; choose another folder or remove it")
+        raise SettingsError(
+            f"{folder}/ca.pem: exists already; choose another folder, or --add or --renew"
+        )
     if any(folder.iterdir()):
         raise SettingsError(f"{folder}: not empty; choose a new folder for the keys")
+    authority = DemoAuthority.new(epoch_s, max(days, AUTHORITY_DAYS))
     span_s = (epoch_s - EARLIER_S, epoch_s + round(days * DAY_S))
-    authority_key = ec.generate_private_key(ec.SECP256R1())
-    authority = _authority(authority_key, span_s)
-    _write_key(folder / "ca.key", authority_key)
-    for name in (WAYSIDE_NAME, SUPERVISION_NAME, *[train_name(n + 1) for n in range(trains)]):
-        key = ec.generate_private_key(ec.SECP256R1())
-        found = _issued(name, key, authority, authority_key, hosts, span_s)
-        _write_key(folder / f"{name}.key", key)
-        (folder / f"{name}.pem").write_bytes(found.public_bytes(serialization.Encoding.PEM))
-        if name == WAYSIDE_NAME:
-            settings = wayside_settings(str(folder), line, trains)
-        else:
-            settings = client_settings(str(folder), name)
-        (folder / f"{name}.json5").write_text(settings, encoding="utf-8")
+    _write_key(folder / "ca.key", authority.key)
+    names = [train_name(n + 1) for n in range(trains)]
+    for name in (WAYSIDE_NAME, SUPERVISION_NAME, *names):
+        authority.issue(folder, name, hosts, span_s)
+    _write_settings(folder, line, names)
     _write_private(folder / "line.key", (secrets.token_hex(KEY_BYTES) + "\n").encode())
-    (folder / "ca.pem").write_bytes(authority.public_bytes(serialization.Encoding.PEM))
+    pem = authority.certificate.public_bytes(serialization.Encoding.PEM)
+    (folder / "ca.pem").write_bytes(pem)
 
 
-def _authority(key: ec.EllipticCurvePrivateKey, span_s: tuple[int, int]) -> x509.Certificate:
-    name = _name(AUTHORITY)
-    builder = _builder(name, name, key, span_s)
-    builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-    return builder.sign(key, hashes.SHA256())
+def _change(options: argparse.Namespace, line: str, epoch_s: int) -> int:
+    """Add trains to a line, or renew certificates. Raises SettingsError and OSError."""
+    folder = options.folder.resolve()
+    if options.trains is not None:
+        raise SettingsError("--trains: not with --add or --renew, which name each train")
+    authority = DemoAuthority.load(folder)
+    known = {path.stem for path in folder.glob("*.pem")} - {"ca"}
+    for name in options.add:
+        if name in known or not re.fullmatch(r"T[1-9][0-9]{0,4}", name):
+            words = "it exists already; --renew makes a new one" if name in known else "not a train"
+            raise SettingsError(f"--add {name}: {words}")
+    for name in options.renew:
+        if name not in known:
+            raise SettingsError(f"--renew {name}: there is no {folder / name}.pem; --add makes one")
+    settings = folder / f"{WAYSIDE_NAME}.json5"
+    if f'"m/{line_chunk(line)}/' not in settings.read_text(encoding="utf-8"):
+        raise SettingsError(f"--line {options.line}: {settings} is for another line")
+    span_s = (epoch_s - EARLIER_S, epoch_s + round(options.days * DAY_S))
+    until_s = authority.certificate.not_valid_after_utc.timestamp()
+    if span_s[1] > until_s:
+        raise SettingsError(
+            f"--days {options.days:g}: longer than {folder}/ca.pem, which ends in "
+            f"{(until_s - epoch_s) / DAY_S:.0f} days"
+        )
+    hosts = (*_hosts_of(folder / f"{WAYSIDE_NAME}.pem"), *options.host)
+    for name in (*options.add, *options.renew):
+        authority.issue(folder, name, hosts, span_s)
+    if options.add:
+        trains = known - {WAYSIDE_NAME, SUPERVISION_NAME}
+        _write_settings(folder, line, sorted({*trains, *options.add}))
+    for name in options.add:
+        print(f"{name}: added; the wayside admits it from its next start on")
+    for name in options.renew:
+        print(f"{name}: renewed for {options.days:g} days; it counts from its next start on")
+    return EXIT_OK
 
 
-def _issued(
-    name: str,
-    key: ec.EllipticCurvePrivateKey,
-    authority: x509.Certificate,
-    authority_key: ec.EllipticCurvePrivateKey,
-    hosts: Sequence[str],
-    span_s: tuple[int, int],
-) -> x509.Certificate:
-    builder = _builder(_name(name), authority.subject, key, span_s)
-    usages = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
-    builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), True)
-    builder = builder.add_extension(x509.ExtendedKeyUsage(usages), False)
-    names = x509.SubjectAlternativeName([_host(each) for each in hosts])
-    return builder.add_extension(names, False).sign(authority_key, hashes.SHA256())
+def _write_settings(folder: Path, line: str, trains: Sequence[str]) -> None:
+    """Write the session settings of all programs; those of the wayside name every train."""
+    numbers = [int(name.removeprefix("T")) for name in trains]
+    texts = {WAYSIDE_NAME: wayside_settings(str(folder), line, numbers)}
+    for name in (SUPERVISION_NAME, *trains):
+        texts[name] = client_settings(str(folder), name)
+    for name, text in texts.items():
+        write_whole(folder / f"{name}.json5", text)
+
+
+class DemoAuthority:
+    """Issues certificates: the wayside's is for listening only, all others for connecting only."""
+
+    def __init__(self, key: ec.EllipticCurvePrivateKey, certificate: x509.Certificate) -> None:
+        self.key, self.certificate = key, certificate
+
+    @classmethod
+    def new(cls, epoch_s: int, days: float) -> Self:
+        key, name = ec.generate_private_key(ec.SECP256R1()), _name(AUTHORITY)
+        span_s = (epoch_s - EARLIER_S, epoch_s + round(days * DAY_S))
+        builder = _builder(name, name, key, span_s)
+        constraint = x509.BasicConstraints(ca=True, path_length=0)
+        builder = builder.add_extension(constraint, critical=True)
+        return cls(key, builder.sign(key, hashes.SHA256()))
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Raises SettingsError that names the file which cannot be used."""
+        path = folder / "ca.key"
+        try:
+            key = serialization.load_pem_private_key(path.read_bytes(), None)
+            path = folder / "ca.pem"
+            certificate = x509.load_pem_x509_certificate(path.read_bytes())
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "no key or certificate"
+            raise SettingsError(f"{path}: {reason}; was it made by `vobc demo-ca`?") from error
+        if not isinstance(key, ec.EllipticCurvePrivateKey):
+            raise SettingsError(f"{folder / 'ca.key'}: not a key of `vobc demo-ca`")
+        return cls(key, certificate)
+
+    def issue(self, folder: Path, name: str, hosts: Sequence[str], span_s: tuple[int, int]) -> None:
+        """Write key and certificate of one program. Raises OSError."""
+        key, listens = ec.generate_private_key(ec.SECP256R1()), name == WAYSIDE_NAME
+        builder = _builder(_name(name), self.certificate.subject, key, span_s)
+        builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), True)
+        usage = ExtendedKeyUsageOID.SERVER_AUTH if listens else ExtendedKeyUsageOID.CLIENT_AUTH
+        builder = builder.add_extension(x509.ExtendedKeyUsage([usage]), True)
+        if listens:
+            names = x509.SubjectAlternativeName([_host(each) for each in hosts])
+            builder = builder.add_extension(names, False)
+        pem = builder.sign(self.key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM)
+        _write_key(folder / f"{name}.key", key)
+        write_whole(folder / f"{name}.pem", pem)
+
+
+def _hosts_of(path: Path) -> list[str]:
+    """Return the hosts in the wayside's certificate. Raises SettingsError."""
+    try:
+        found = x509.load_pem_x509_certificate(path.read_bytes())
+        names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (OSError, ValueError, x509.ExtensionNotFound) as error:
+        raise SettingsError(f"{path}: no certificate of a wayside with its hosts") from error
+    return [str(each.value) for each in names]
 
 
 def _builder(
@@ -163,9 +248,28 @@ def _write_private(path: Path, content: bytes) -> None:
 def parser() -> argparse.ArgumentParser:
     """Return the parser of `vobc demo-ca`."""
     top = CommandParser(prog="vobc demo-ca", description=__doc__)
-    top.add_argument("folder", type=Path, metavar="FOLDER", help="a new folder")
+    top.add_argument(
+        "folder",
+        type=Path,
+        metavar="FOLDER",
+        help="a new folder, or that of a line with --add or --renew",
+    )
     top.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
-    top.add_argument("--trains", type=_trains, default=8, metavar="N", help="default: 8")
+    top.add_argument("--trains", type=_trains, metavar="N", help=f"default: {TRAINS}")
+    top.add_argument(
+        "--add",
+        action="append",
+        default=[],
+        metavar="TRAIN",
+        help="add a train, such as T9, to a folder that exists; may be given several times",
+    )
+    top.add_argument(
+        "--renew",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="make a new key and certificate, such as for T3, wayside or supervision; likewise",
+    )
     top.add_argument("--days", type=_days, default=30.0, help="validity in days; default: 30")
     top.add_argument(
         "--host",

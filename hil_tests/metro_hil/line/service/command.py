@@ -186,7 +186,8 @@ def _setup(options: argparse.Namespace, line: LineMap) -> LineSetup:
         secure = str(options.secure.resolve())
         trains = [train_name(n + 1) for n in range(options.trains)]
         for name in (WAYSIDE_NAME, SUPERVISION_NAME, *trains):
-            load_credentials(options.secure, name, WallClock().epoch_ns())
+            epoch_ns, listens = WallClock().epoch_ns(), name == WAYSIDE_NAME
+            load_credentials(options.secure, name, epoch_ns, listens=listens)
     name = str(Path(options.line).resolve()) if is_path(options.line) else options.line
     of_line = (options.line_radio, options.line_timers, options.arbiters)
     return LineSetup(
