@@ -7,6 +7,7 @@ from zenoh_config.keys import line_chunk, statuses
 from zenoh_config.messages import WAYSIDE
 from zenoh_config.t2t import (
     BROADCAST,
+    LAST_TRAIN,
     SUPERVISION,
     Admission,
     AreaAuthority,
@@ -27,6 +28,8 @@ from zenoh_config.t2t import (
 )
 from zenoh_config.t2t_supervision import Decree, LineState, Removal, RemovalAnswer
 
+ADDRESS_DIGITS: Final = 5
+"""Longest address in a key; a longer number is cut, as only messages to the user show it."""
 PRESENT: Final = "up"
 """Last chunk of the liveliness token that a train's session declares."""
 TO_ALL: Final = "all"
@@ -59,6 +62,25 @@ def key_of(line: str, message: T2tMessage) -> str:
     reader = TO_ALL if message.destination == BROADCAST else str(message.destination)
     kind = CHUNKS[type(message)]
     return f"m/{line_chunk(line)}/w/{message.source}/{kind}/{message.area}/{reader}"
+
+
+def writer_of(key: str) -> int | None:
+    """Return the address of the writer in a message's key; None if it names none."""
+    chunks = key.split("/")
+    if len(chunks) < 4 or not (chunks[3].isascii() and chunks[3].isdecimal()):
+        return None
+    return int(chunks[3][:ADDRESS_DIGITS])
+
+
+def sender_text(address: int | None) -> str:
+    """Name of a sender for messages to the user."""
+    if address is None:
+        return "an unknown sender"
+    if address == SUPERVISION:
+        return "supervision"
+    if 0 < address <= LAST_TRAIN:
+        return f"train {address}"
+    return "the wayside" if address == WAYSIDE else f"address {address}"
 
 
 def token_of(line: str, train: int) -> str:

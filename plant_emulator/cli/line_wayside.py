@@ -151,7 +151,7 @@ class _Line:
 
     def refused(self, now_ns: int) -> None:
         """Report refused messages, so that a wrongly configured line becomes visible."""
-        for words in self._refused.looks(self._wayside.refused()):
+        for words in self._refused.looks(self._wayside.refused(), self._wayside.sources):
             say(words)
 
     def doors(self, now_ns: int) -> None:
@@ -181,8 +181,14 @@ class RefusalNotes:
         self._reported: dict[str, tuple[int, int]] = {}
         """Count and number of the check at the last report, by reason."""
 
-    def looks(self, counts: Mapping[str, int]) -> list[str]:
-        """Return the lines to report now; counts only grow."""
+    def looks(
+        self, counts: Mapping[str, int], sources: Mapping[str, str] | None = None
+    ) -> list[str]:
+        """Return the lines to report now; counts only grow.
+
+        Args:
+            sources: name of the last sender, by reason.
+        """
         self._looks += 1
         said = []
         for reason, count in counts.items():
@@ -190,7 +196,8 @@ class RefusalNotes:
             if count > before and self._looks - at >= REFUSED_EVERY:
                 self._reported[reason] = (count, self._looks)
                 more = count - before
-                said.append(f"refused: {more} message{'s' if more > 1 else ''}, {reason}")
+                last = "" if sources is None else f"; the last from {sources.get(reason, '?')}"
+                said.append(f"refused: {more} message{'s' if more > 1 else ''}, {reason}{last}")
         return said
 
 

@@ -162,7 +162,7 @@ class Arbiter:
         rules = request.arbiters, request.lease_ms
         agrees = rules == (self._arbiters, self._timers.lease_ms)
         if not agrees:
-            self.gate.refusals[RefusedReason.OTHER_RULES] += 1
+            self.gate.refuse(RefusedReason.OTHER_RULES, request)
         return agrees
 
     def _answer(self, request: LeaseRequest, now_ns: int) -> LeaseAnswer:

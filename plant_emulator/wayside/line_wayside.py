@@ -67,6 +67,8 @@ class LineWayside:
         centre: stores the commands of supervision; without it they are ignored.
         """
         self.refusals: Counter[str] = Counter()
+        self.sources: dict[str, str] = {}
+        """Sender of the last refused message, by reason, as its key names it."""
         self.failed: list[str] = []
         """Names of parts that stopped because the disk did not store their memory."""
         self.arbiters = {
@@ -126,7 +128,10 @@ class LineWayside:
         # A wayside without arbiters cannot tell who commands.
         to_wayside = tuple(of_masters(self._granting, others) if self._granting else others)
         if len(others) > len(to_wayside):
-            self.refusals["term not granted"] += len(others) - len(to_wayside)
+            known = {id(each) for each in to_wayside}
+            for each in others:
+                if id(each) not in known:
+                    self._refuse("term not granted", t2t_keys.key_of(self._line_name, each))
         for number, site in list(self.objects.items()):
             moved = site.step(
                 now_ns,
@@ -151,7 +156,13 @@ class LineWayside:
         found = self.refusals.copy()
         for arbiter in self.arbiters.values():
             found.update({each.value: n for each, n in arbiter.gate.refusals.items()})
+            for reason, source in arbiter.gate.sources.items():
+                self.sources[reason.value] = t2t_keys.sender_text(source)
         return found
+
+    def _refuse(self, reason: str, key: str) -> None:
+        self.refusals[reason] += 1
+        self.sources[reason] = t2t_keys.sender_text(t2t_keys.writer_of(key))
 
     def _note(self, before: ArbiterMemory, after: ArbiterMemory, now_ns: int) -> None:
         """Pass an arbiter's grants to the centre, for displays."""
@@ -191,18 +202,18 @@ class LineWayside:
         for message in messages:
             opened = unpack(message.payload, self._key, database=self._database)
             if isinstance(opened, Refused):
-                self.refusals[opened.reason.value] += 1
+                self._refuse(opened.reason.value, message.key)
             elif isinstance(opened, TrainStatus) and self.centre is not None:
                 answer = self.centre.answer(message, opened, now_ns)
                 orders += [] if answer is None else [answer]
             elif not isinstance(opened, T2tMessage) or opened.source == WAYSIDE:
-                self.refusals["not for the wayside"] += 1
+                self._refuse("not for the wayside", message.key)
             elif message.key != t2t_keys.key_of(self._line_name, opened):
-                self.refusals["wrong source"] += 1
+                self._refuse("wrong source", message.key)
             elif opened.area not in self._areas and not isinstance(opened, Decree):
                 # Refuse it, so that it is not granted, stored and shown as an area that a train can
                 # command.
-                self.refusals["unknown area"] += 1
+                self._refuse("unknown area", message.key)
             else:
                 heard.append(opened)
         return heard, orders

@@ -17,14 +17,21 @@ class OrderGate:
 
     def __init__(self, address: int) -> None:
         self.refusals: Counter[RefusedReason] = Counter()
+        self.sources: dict[RefusedReason, int] = {}
+        """Sender of the last refused message, by reason."""
         self._address = address
         self._newest: dict[tuple[type[T2tMessage], int, int], tuple[int, int]] = {}
 
     def admits(self, message: T2tMessage) -> bool:
         reason = self._objection(message)
         if reason is not None:
-            self.refusals[reason] += 1
+            self.refuse(reason, message)
         return reason is None
+
+    def refuse(self, reason: RefusedReason, message: T2tMessage) -> None:
+        """Count a message that is not accepted."""
+        self.refusals[reason] += 1
+        self.sources[reason] = message.source
 
     def _objection(self, message: T2tMessage) -> RefusedReason | None:
         if message.destination not in (self._address, BROADCAST):

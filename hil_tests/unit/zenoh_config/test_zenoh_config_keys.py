@@ -5,7 +5,7 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zenoh_config import keys
+from zenoh_config import keys, t2t_keys
 
 chunks = st.sampled_from(["a", "b", "ma", "7", "17"])
 key_texts = st.lists(chunks, min_size=1, max_size=6).map("/".join)
@@ -66,3 +66,20 @@ def test_every_line_name_gives_valid_zenoh_keys(name: str) -> None:
 )
 def test_a_line_name_becomes_one_chunk(name: str, chunk: str) -> None:
     assert keys.line_chunk(name) == chunk
+
+
+@pytest.mark.parametrize(
+    ("key", "sender"),
+    [
+        ("m/loop/w/3/hb/1/all", "train 3"),
+        ("m/loop/w/65100/de/0/0", "supervision"),
+        ("m/loop/w/0/tk/1/3", "the wayside"),
+        ("m/loop/w/65001/gr/1/3", "address 65001"),
+        ("m/loop/w/999999999999999/gr/1/3", "address 99999"),
+        ("m/loop/w/T3/hb/1/all", "an unknown sender"),
+        ("m/loop", "an unknown sender"),
+        ("", "an unknown sender"),
+    ],
+)
+def test_a_refused_message_is_named_by_the_writer_of_its_key(key: str, sender: str) -> None:
+    assert t2t_keys.sender_text(t2t_keys.writer_of(key)) == sender

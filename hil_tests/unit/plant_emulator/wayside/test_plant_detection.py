@@ -126,7 +126,13 @@ def test_the_wayside_reports_each_reason_at_first_and_then_from_time_to_time() -
     assert [refused.looks({"too old": 13}) for _ in range(30)] == [[]] * 30
 
 
+def test_a_report_of_refused_messages_names_the_last_sender() -> None:
+    said = RefusalNotes().looks({"too old": 2}, {"too old": "train 3"})
+
+    assert said == ["refused: 2 messages, too old; the last from train 3"]
+
+
 def test_an_invalid_endpoint_is_refused_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["wayside", "--line-radio", "nowhere"]) == 3
+    assert main(["wayside", "--line-radio", "nowhere"]) == 2
 
     assert "nowhere: not an endpoint" in capsys.readouterr().err

@@ -110,6 +110,7 @@ def test_refusals_of_arbiters_are_counted_by_the_wayside(tmp_path: Path) -> None
     net.run(2000)
 
     assert net.wayside.refused()["of other arbiters or timers"] > 2
+    assert net.wayside.sources["of other arbiters or timers"].startswith("train ")
     assert line_radio.authority is None
     assert line_radio.refused() == {}
 
@@ -153,6 +154,7 @@ def test_only_areas_of_the_line_are_granted(tmp_path: Path, area: int, refused: 
     wayside.step(TIMERS_A.arbiter_lease_ns, [asks(area)], WaysideTruth({}))
 
     assert wayside.refusals["unknown area"] == refused
+    assert wayside.sources == ({"unknown area": "train 5"} if refused else {})
     (arbiter,) = wayside.arbiters.values()
     assert [each.area for each in arbiter.memory.areas] == [area] * (1 - refused)
 
