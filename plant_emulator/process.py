@@ -44,7 +44,7 @@ from plant_emulator.wire import (
     Wire,
     timetable,
 )
-from plant_emulator.world import STEP_NS, TrainScenario, World
+from plant_emulator.world import STEP_NS, TrainScenario, world_of
 
 TRUTH_COLUMNS: Final = (
     "t_s",
@@ -131,15 +131,7 @@ class PlantDevice:
         epoch_offset_ns: difference between nanoseconds since 1970 and the plant's clock.
         """
         self.scenario = scenario
-        self.world = World(
-            scenario.train,
-            scenario.line,
-            seed=scenario.seed,
-            front_m=scenario.start.stop_m,
-            start_ns=start_ns,
-            desk_mode=scenario.desk_mode,
-            foreign=foreign,
-        )
+        self.world = world_of(scenario, start_ns, foreign)
         self._attendant = attendant(
             scenario.driver,
             scenario.desk_recording,

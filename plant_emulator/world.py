@@ -58,6 +58,20 @@ class TrainScenario:
     """The desk is a separate node, so this plant sends no desk frames."""
     wayside_line: LineMap | None = None
     """Map of the wayside if its survey is wrong; None: the true line."""
+    turned: "TurnedTrain | None" = None
+    """State of the train after a run before this one; None: a new one at its starting point."""
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedTrain:
+    """What a train keeps when it goes on in the other direction."""
+
+    front_m: float
+    """True chainage of the front coupler on the path that it leaves by."""
+    tags_m: Mapping[int, float]
+    """Chainage of that path at which the antenna detects each tag, by number."""
+    seed: int
+    """Seed of all random numbers that are not sampled once a run."""
 
 
 def plan_scenario(
@@ -408,6 +422,11 @@ class World:
         if self.loops is not None:
             self.loops.excuse(held_up_ns)
 
+    def keep(self, turned: TurnedTrain) -> None:
+        """Keep what the train has from its run before. Call this before the first step."""
+        self.reseed(turned.seed)
+        self.tag_reader.mount(turned.tags_m)
+
     def pass_over(self, steps: int) -> None:
         """Skip time without any movement, for a process that was delayed for too long."""
         self.now_ns += steps * STEP_NS
@@ -462,6 +481,23 @@ class World:
             load_kg=self.train.passengers_kg * self.train.load_report_ratio * self.load_cell_ratio,
             cars=len(self.train.cars),
         )
+
+
+def world_of(scenario: TrainScenario, start_ns: int, foreign: ForeignParts | None = None) -> World:
+    """The train of a scenario at its start."""
+    turned = scenario.turned
+    world = World(
+        scenario.train,
+        scenario.line,
+        seed=scenario.seed,
+        front_m=scenario.start.stop_m if turned is None else turned.front_m,
+        start_ns=start_ns,
+        desk_mode=scenario.desk_mode,
+        foreign=foreign,
+    )
+    if turned is not None:
+        world.keep(turned)
+    return world
 
 
 def _desk_mode(mode: CabMode | str) -> CabMode:

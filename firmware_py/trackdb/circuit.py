@@ -8,6 +8,7 @@ from firmware_py import settings
 from firmware_py.trackdb.line_map import LineMap
 from firmware_py.trackdb.network import Running
 from firmware_py.trackdb.one_track import DIRECTIONS, one_track_path
+from firmware_py.trackdb.paths import Path
 from firmware_py.trackdb.sites import Station, TagSite
 
 LAPS_MAX: Final = 100
@@ -34,7 +35,15 @@ def load_line(name: str) -> LineMap:
     base, route = split_route(name)
     path = settings.find(base, "firmware_py.trackdb")
     line = _loaded(settings.text_of(path), str(path))
-    return line if route is None else _path(line, str(path), route)
+    return line if route is None else _path(line, str(path), route).line
+
+
+def load_path(name: str) -> Path:
+    """Load a path by the name that `load_line` takes; without a route it is the one up."""
+    base, route = split_route(name)
+    path = settings.find(base, "firmware_py.trackdb")
+    line = _loaded(settings.text_of(path), str(path))
+    return _path(line, str(path), route or Running.UP.value)
 
 
 def split_route(name: str) -> tuple[str, str | None]:
@@ -49,13 +58,13 @@ def with_route(base: str, route: str | None) -> str:
 
 
 @functools.lru_cache(maxsize=settings.KEPT_MAX)
-def _path(line: LineMap, source: str, route: str) -> LineMap:
+def _path(line: LineMap, source: str, route: str) -> Path:
     if route not in DIRECTIONS:
         raise settings.SettingsError(
             f"{source}: route {route!r}: {settings.nearest(route, list(DIRECTIONS), 'route')}"
         )
     try:
-        return one_track_path(line, Running(route)).line
+        return one_track_path(line, Running(route))
     except ValueError as error:
         raise settings.SettingsError(f"{source}: route {route}: {error}") from error
 

@@ -147,6 +147,13 @@ class TagReader:
                 self._own_felt_m[site.tag_id] = felt_m
         self._lay()
 
+    def mount(self, felt_m: Mapping[int, float]) -> None:
+        """Detect tags, given by number, at these chainages of the antenna's centre."""
+        self._own_felt_m |= {
+            tag_id: at_m for tag_id, at_m in felt_m.items() if self.site_of(tag_id)
+        }
+        self._lay()
+
     def _neighbours(self) -> tuple[float, float]:
         felt_m, index = self._felt_m, self._next
         return (

@@ -32,6 +32,7 @@ from plant_emulator.train_config.train import (
     ResistanceConfig,
     TrainConfig,
     load_train,
+    seen_from_other_cab,
     with_overrides,
 )
 
@@ -62,5 +63,6 @@ __all__ = [
     "TractionConfig",
     "TrainConfig",
     "load_train",
+    "seen_from_other_cab",
     "with_overrides",
 ]

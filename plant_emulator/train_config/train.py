@@ -131,6 +131,19 @@ def load_train(name: str) -> TrainConfig:
     return settings.load(TrainConfig, name, PACKAGE)
 
 
+def seen_from_other_cab(train: TrainConfig) -> TrainConfig:
+    """The same train seen from its other cab: the last car is the first one.
+
+    Each cab has an antenna of its own, at the same distance from its front. Tachos stay at their
+    wheels.
+    """
+    cars = len(train.cars)
+    one, other = (replace(each, car=cars + 1 - each.car) for each in train.sensors.tachos)
+    return replace(
+        train, cars=train.cars[::-1], sensors=replace(train.sensors, tachos=(one, other))
+    )
+
+
 def with_overrides(
     train: TrainConfig,
     *,

@@ -15,6 +15,7 @@ from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.storage.nvram import Nvram
 from firmware_py.trackdb import LineMap
 from vobc.atp import ProtectionVerdict
+from vobc.atp.change_ends import OtherPath, hand_over
 from vobc.config import VobcConfig
 from vobc.controller import Controller
 from vobc.events import controller_ends, events_between, memory_foreign, memory_lost
@@ -159,6 +160,18 @@ class VobcDevice:
     def verdict(self) -> ProtectionVerdict | None:
         """Verdict of protection in the last cycle."""
         return self._controller.verdict
+
+    def hand_over(self, path: OtherPath) -> OdometryRecord:
+        """Place for the controller of the other cab, as protection lets it go over."""
+        motion = self.output.motion
+        return hand_over(
+            self._controller.record(),
+            path,
+            train_length_m=self._config.train.length_m,
+            standstill=motion is not None and motion.standstill,
+            emergency=self.output.supervision is Supervision.EMERGENCY,
+            width_m_max=self._config.odometry.localisation_limit_m,
+        )
 
     @property
     def slips(self) -> int:

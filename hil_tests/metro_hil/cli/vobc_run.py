@@ -1,7 +1,7 @@
 """`vobc run`: parses, runs in real time or in lockstep, reports."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
 from rich.console import Console
@@ -16,6 +16,7 @@ from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap
+from firmware_py.trackdb.circuit import load_path
 from metro_hil.cli.realtime_run import RealtimeRun
 from metro_hil.foreign_plant.plant import PlantDiedError
 from metro_hil.metrics.comfort import comfort_of, inertia_of
@@ -43,7 +44,8 @@ from metro_hil.model.run_options import (
 )
 from metro_hil.model.subprocesses import ChildError
 from metro_hil.report.table import print_results
-from metro_hil.run.lockstep import config_of, run_lockstep, scenario_of
+from metro_hil.run.lockstep import Lockstep, config_of, run_lockstep, scenario_of
+from metro_hil.run.turnback import Departure, both_ways, change_ends
 from metro_hil.watch.companion import WatchPage
 from plant_emulator.world import TrainScenario
 from vobc.cli.line import reachable_areas
@@ -82,7 +84,51 @@ def _run(options: RunOptions, console: Console) -> int:
         from metro_hil.line.virtual import command as line_run
 
         return line_run.run(options, console)
-    journey, scenario, config = plan_journey(options), scenario_of(options), config_of(options)
+    if options.and_back:
+        legs: list[RunResults] = []
+        try:
+            return _drive_both_ways(options, legs, console)
+        finally:
+            if options.json and legs:
+                print(f'{{"legs": [{", ".join(each.to_json() for each in legs)}]}}')
+    return _drive(options, plan_journey(options), scenario_of(options), console)
+
+
+def _drive_both_ways(options: RunOptions, legs: list[RunResults], console: Console) -> int:
+    """Drive out, change ends at the terminal, and drive back. A failed run out ends both."""
+    out, back = both_ways(options)
+    journey_back, scenario_back = plan_journey(back), scenario_of(back)
+    check_plausible(config_of(back), journey_back.line)
+    departures: list[Departure] = []
+    came, leaves = load_path(out.line), load_path(back.line)
+
+    def turn(bench: Lockstep) -> None:
+        departures.append(change_ends(bench, came, leaves))
+
+    code = _drive(out, plan_journey(out), scenario_of(out), console, legs=legs, ended=turn)
+    if code != EXIT_OK:
+        return code
+    (departure,) = departures
+    journey, scenario = departure.journey(journey_back), departure.scenario(scenario_back)
+    return _drive(back, journey, scenario, console, legs=legs)
+
+
+def _drive(
+    options: RunOptions,
+    journey: Journey,
+    scenario: TrainScenario,
+    console: Console,
+    *,
+    legs: list[RunResults] | None = None,
+    ended: Callable[[Lockstep], None] | None = None,
+) -> int:
+    """Drive one way, report it, and return the exit code.
+
+    Args:
+        legs: receives the results of a run in several parts; without it, --json prints them.
+        ended: receives the bench at the end of a run in virtual time.
+    """
+    config = config_of(options)
     check_plausible(config, journey.line)
     if options.lockstep:
         check_reference(config, scenario.train)
@@ -96,7 +142,7 @@ def _run(options: RunOptions, console: Console) -> int:
     with ExitStack() as stack:
         page = _watched(stack, options, folder, console)
         if options.lockstep:
-            ending = run_lockstep(options, journey, folder)
+            ending = run_lockstep(options, journey, folder, scenario=scenario, ended=ended)
         else:
             try:
                 ending = RealtimeRun(
@@ -110,7 +156,11 @@ def _run(options: RunOptions, console: Console) -> int:
                 stack.close()
                 discard_unused(folder)
                 raise
-        code = _finish(options, journey, scenario, folder, ending, console)
+        results = make_results(folder, journey, ending, inertia_of(scenario.train))
+        if legs is not None:
+            legs.append(results)
+        printed = options.json and legs is None
+        code = _finish(options, journey, results, folder, ending, console, printed=printed)
         if page is not None and ending.exit_reason != INTERRUPTED:
             _stay(page, console)
     return code
@@ -140,17 +190,18 @@ def _stay(page: WatchPage, console: Console) -> None:
 def _finish(
     options: RunOptions,
     journey: Journey,
-    scenario: TrainScenario,
+    results: RunResults,
     folder: RunFolder,
     ending: Ending,
     console: Console,
+    *,
+    printed: bool,
 ) -> int:
-    """Measure and report the run, and return the exit code."""
-    results = make_results(folder, journey, ending, inertia_of(scenario.train))
+    """Report the run, and return the exit code. `printed`: also as JSON on standard output."""
     try:
         report(folder, journey, results, ending, console, plot=_wants_plot(options))
     finally:
-        if options.json:
+        if printed:
             print(results.to_json())
     if ending.lost_log_lines:
         lost = loss_text(ending.lost_log_lines)

@@ -117,7 +117,9 @@ class ControllerSide:
     def _commission(self, now_ns: int, again: bool) -> Commission:
         # The board's memory keeps its content over a restart.
         config, journey, record = self._config, self._journey, self._nvram.record
-        start = remembered_start(config, journey.line, record) if journey.wakes_up else None
+        start = journey.handed_over
+        if journey.wakes_up:
+            start = remembered_start(config, journey.line, record)
         if again or (journey.wakes_up and start is None):
             start = unknown_start(config, journey.line, record)
         return Commission(config, journey.line, journey.mission, record, now_ns, start)

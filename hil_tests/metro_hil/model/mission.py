@@ -8,7 +8,7 @@ from firmware_py.trackdb import LineMap, Station, load_line
 from metro_hil.model.run_options import RunOptions
 from plant_emulator.train_config import TrainConfig
 from vobc.config import VobcConfig, load_config, plan_mission
-from vobc.vocabulary import Mission
+from vobc.vocabulary import Mission, OdometryRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +21,8 @@ class Journey:
     """Whether the controller was switched off at the start and remembers its place."""
     memory_line: LineMap | None = None
     """Line that the remembered place belongs to; None: that of the run."""
+    handed_over: OdometryRecord | None = None
+    """Place that the controller of the other cab handed over; None: the train was set up."""
 
     @property
     def start(self) -> Station:

@@ -126,6 +126,8 @@ class RunOptions:
     """Whether to serve a page of the run while it goes on."""
     memory: str | None = None
     """Folder of the controller's memory with --train; None: the run folder."""
+    and_back: bool = False
+    """Whether the train changes ends at the last station and drives back."""
     plot: bool | None = None
     """Whether a plot is drawn; None: unless --json is given."""
 
@@ -165,6 +167,11 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
         "--direction",
         choices=DIRECTIONS,
         help="run the line up (towards growing chainage, the default) or down",
+    )
+    group.add_argument(
+        "--and-back",
+        action="store_true",
+        help="at the last station, change ends and drive back to the first, with --lockstep",
     )
     group.add_argument(
         "--consist",
@@ -324,6 +331,7 @@ def parse(argv: Sequence[str]) -> RunOptions:
         or desk_problem(options)
         or line_problem(options)
         or trains_problem(options)
+        or and_back_problem(options)
     )
     if problem:
         top.error(problem)
@@ -381,6 +389,23 @@ def trains_problem(options: RunOptions) -> str:
     return (
         f"{asked[0]}: not with --trains, where the line's traffic file decides it" if asked else ""
     )
+
+
+def and_back_problem(options: RunOptions) -> str:
+    """Error text if an option does not fit --and-back; else empty."""
+    if not options.and_back:
+        return ""
+    if not options.lockstep:
+        return "--and-back: with --lockstep only; in real time start one run for each direction"
+    if options.trains is not None:
+        return "--and-back: not with --trains, where the line's traffic file decides it"
+    if options.watch:
+        return "--and-back: not with --watch; `vobc watch` shows the run that goes on"
+    if options.plant != "auto":
+        return "--and-back: with the emulated train only, because it must be turned round"
+    if options.duration_s is not None:
+        return "--and-back: not with --duration, because the train must arrive to change ends"
+    return ""
 
 
 def desk_problem(options: RunOptions) -> str:

@@ -405,16 +405,31 @@ def config_of(options: RunOptions) -> VobcConfig:
     )
 
 
-def run_lockstep(options: RunOptions, journey: Journey, folder: RunFolder | None) -> Ending:
-    """Run a train from start to end and return how the run ended."""
+def run_lockstep(
+    options: RunOptions,
+    journey: Journey,
+    folder: RunFolder | None,
+    *,
+    scenario: TrainScenario | None = None,
+    ended: Callable[[Lockstep], None] | None = None,
+) -> Ending:
+    """Run a train from start to end and return how the run ended.
+
+    Args:
+        scenario: the plant's side; default: that of the options.
+        ended: receives the bench at the end of the run, before its devices stop.
+    """
     wall = WallClock()
+    scenario = scenario or scenario_of(options)
     plant = PlantSpec() if options.plant == "auto" else read_plant(options.plant)
-    bench = Lockstep(config_of(options), scenario_of(options), journey, folder, plant=plant)
+    bench = Lockstep(config_of(options), scenario, journey, folder, plant=plant)
     began_ns = wall.now_ns()
     interrupts = Interrupts()
     try:
         with interrupts.caught():
             reason = bench.run(options.duration_s, lambda: interrupts.asked)
+        if ended is not None:
+            ended(bench)
     finally:
         bench.close()
     elapsed_ns = max(1, wall.now_ns() - began_ns)
