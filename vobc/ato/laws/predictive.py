@@ -121,15 +121,16 @@ class Predictive:
     def observe(self, inputs: vocabulary.AtoInput, cycles: int) -> None:
         self._gravity_mps2 = gradient.decel_on_mps2(self._config, inputs.gradient_permille)
         self._gravity_mps2 += gradient.resistance_mps2(self._config, self._model.speed_mps)
-        # If another source brakes, or the rail does not support the demand, the speed says nothing
-        # about this law's demands. A slip under another source's brake says little about the rail.
+        # If another source brakes, the speed says nothing about this law's demands, and a slip says
+        # little about the rail. Wheels that slide under this law's brake make it weaker, and the
+        # model learns that.
         self._released_s += self._dt_s * cycles
         if inputs.protection_brakes and inputs.speed_mps > SLOW_MPS:
             self._released_s = 0.0
         released = not inputs.protection_brakes and self._released_s >= self._release_s
         ours = inputs.enabled and released
-        slips = self._rail.observe(inputs.now_ns, inputs.speed_mps, slips=inputs.slips and ours)
-        self._model.step(inputs.speed_mps, self._gravity_mps2, cycles, ours=ours and not slips)
+        self._rail.observe(inputs.now_ns, inputs.speed_mps, slips=inputs.slips and ours)
+        self._model.step(inputs.speed_mps, self._gravity_mps2, cycles, ours=ours)
         before_mps, self.speed_mps = self.speed_mps, self._model.speed_mps
         dt_s = self._dt_s * cycles
         moved_m = (before_mps + self.speed_mps) / 2.0 * dt_s

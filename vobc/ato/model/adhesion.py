@@ -41,15 +41,12 @@ class AdhesionEstimate:
         self._slippery_until_ns = 0
         self.slippery = rail.from_start
 
-    def observe(self, now_ns: int, speed_mps: float, *, slips: bool) -> bool:
-        """Update the estimate. The result says whether the wheels slip now."""
-        slips = slips and speed_mps > TOLD_FROM_MPS
+    def observe(self, now_ns: int, speed_mps: float, *, slips: bool) -> None:
         if self.slippery and self._slippery_until_ns == 0:
             self._slippery_until_ns = now_ns + self._memory_ns
-        if slips:
+        if slips and speed_mps > TOLD_FROM_MPS:
             self._slippery_until_ns = now_ns + self._memory_ns
         self.slippery = now_ns < self._slippery_until_ns
-        return slips
 
     @property
     def manner(self) -> Manner:

@@ -39,7 +39,7 @@ def test_a_rail_counts_as_slippery_for_the_remembered_time_only() -> None:
     rail = AdhesionEstimate(AtoConfig(slippery=SlipperyRail(memory_s=100.0)), LINE)
     assert not rail.slippery
 
-    assert rail.observe(10 * S, 12.0, slips=True)
+    rail.observe(10 * S, 12.0, slips=True)
     assert rail.slippery
     assert rail.manner.config.braking.decel_mps2 == SlipperyRail().decel_mps2
     rail.observe(109 * S, 12.0, slips=False)
@@ -52,7 +52,8 @@ def test_a_rail_counts_as_slippery_for_the_remembered_time_only() -> None:
 def test_a_jerk_at_departure_is_no_slip() -> None:
     rail = AdhesionEstimate(AtoConfig(), LINE)
 
-    assert not rail.observe(10 * S, 1.5, slips=True)
+    rail.observe(10 * S, 1.5, slips=True)
+
     assert not rail.slippery
 
 
@@ -152,6 +153,17 @@ def test_the_law_compensates_a_weak_brake_within_the_demand_limit() -> None:
 
     assert hardest_mps2(rig) <= 0.8 + 1e-9
     assert abs(rig.stops[0].error_m) <= 0.10
+
+
+@pytest.mark.parametrize("gain", [0.85, 1.15])
+def test_the_law_goes_on_learning_the_brake_while_an_axle_slides_a_little(gain: float) -> None:
+    """Odometry reports slip from before the braking on, and measures the speed by other means."""
+    rig = rig_to_iii(brake_gain=gain, seed=5)
+    rig.run(lambda rig: rig.front_m > 3250.0)
+    rig.orders["slips"] = True
+    rig.run(lambda rig: rig.front_m > 3490.0)
+
+    assert law_of(rig)._model.gain_ratio == pytest.approx(gain - 1.0, abs=0.06)
 
 
 def test_a_brake_of_others_does_not_change_the_learnt_gain() -> None:
