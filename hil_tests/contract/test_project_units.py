@@ -43,7 +43,7 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         # The unit of the factor, monitor or expression.
         *("PhaseKeys.base", "RangeKeys.high", "RangeKeys.low", "RangeKeys.step"),
         *("NumberRange.high", "NumberRange.low", "Expression.value_of", "MonitorResult.margin"),
-        "MutantFinding.margin",
+        *("MutantFinding.margin", "_Least.margin"),
         *("Cell.margins", "Sought.margins", "Sought.value"),
         *("ExpectedFailure.margin_max", "ExpectedFailure.margin_min"),
         *("_Linear.constant", "_Linear.factors"),

@@ -1,6 +1,6 @@
 """Serves the live page to browsers, and the stream to each over a WebSocket.
 
-Each viewer has a queue of limited length. A viewer who reads too slowly loses updates and is told
+Each viewer has a queue of limited length. A viewer who reads too slowly loses updates and learns
 how many; neither the feed nor another viewer ever waits for it.
 """
 
@@ -8,11 +8,12 @@ import asyncio
 import json
 import secrets
 import socket
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Final
-from urllib.parse import urlsplit
+from urllib.parse import parse_qsl, urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
@@ -28,6 +29,7 @@ PERIOD_S: Final = 0.05
 """Time between two updates: 20 a second."""
 QUEUE_MESSAGES: Final = 100
 """Messages that wait for one viewer, at most: some seconds of updates."""
+PLAIN: Final = "text/plain; charset=utf-8"
 ANY: Final = ("0.0.0.0", "::")  # noqa: S104
 
 Item = str | bytes
@@ -59,8 +61,100 @@ class Viewer:
         return await self._waiting.get()
 
 
-class LiveServer:
-    """The page at one address with a token, for as long as `run` runs."""
+class TokenServer(ABC):
+    """Serves pages at one address with a token, for as long as `run` runs."""
+
+    def __init__(self, *, host: str = LOOPBACK, port: int = 0) -> None:
+        """Listen. Raises LogError if the port is taken or not allowed; 0 takes a free one."""
+        self._host = host
+        self._token = secrets.token_urlsafe(16)
+        try:
+            self._socket = socket.create_server(
+                (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
+            )
+        except (OSError, OverflowError) as error:
+            why = getattr(error, "strerror", None) or "has to be from 0 to 65535"
+            raise LogError(f"{host}, --port {port}: {why}") from error
+        self._port = int(self._socket.getsockname()[1])
+
+    @property
+    def address(self) -> str:
+        name = socket.gethostname() if self._host in ANY else self._host
+        shown = f"[{name}]" if ":" in name else name
+        return f"http://{shown}:{self._port}/{self._token}/"
+
+    @abstractmethod
+    def answer(self, path: str, query: Mapping[str, str]) -> tuple[str, bytes] | None:
+        """Return media type and content of a path below the address; None if it is unknown.
+
+        It is called in a thread. Raises LogError, whose text the viewer then gets.
+        """
+
+    def tick(self) -> None:  # noqa: B027
+        """Called 20 times a second."""
+
+    async def stream(self, connection: ServerConnection) -> None:
+        """Serve one viewer of the stream; without a stream the viewer is turned away."""
+        await connection.close()
+
+    async def run(self) -> None:
+        """Serve until the task is cancelled."""
+        # Browsers also open connections that they never use. Waiting for them, as `async with`
+        # does, would hold up the end by ten seconds.
+        server = await serve(
+            self.stream,
+            sock=self._socket,
+            process_request=self._answer,
+            open_timeout=None,
+            compression=None,
+            server_header=None,
+            max_size=1 << 16,
+        )
+        try:
+            while True:
+                self.tick()
+                await asyncio.sleep(PERIOD_S)
+        finally:
+            server.close()
+            self.close()
+
+    def close(self) -> None:  # noqa: B027
+        """Called once at the end."""
+
+    async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer one request for a file; None lets the request for the stream pass."""
+        del connection
+        if not self._is_named(request.headers.get("Host", "")):
+            return _response(HTTPStatus.FORBIDDEN, PLAIN, b"unknown host name\n")
+        asked = urlsplit(request.path)
+        below = asked.path.removeprefix(f"/{self._token}/")
+        if below == asked.path:
+            words = "The address lacks its token; take the whole address that the program printed."
+            return _response(HTTPStatus.NOT_FOUND, PLAIN, f"{words}\n".encode())
+        if below == "stream":
+            origin = request.headers.get("Origin", "")
+            if urlsplit(origin).netloc != request.headers.get("Host"):
+                return _response(HTTPStatus.FORBIDDEN, PLAIN, b"a page of another site\n")
+            return None
+        query = dict(parse_qsl(asked.query, keep_blank_values=True))
+        try:
+            found = await asyncio.to_thread(self.answer, below, query)
+        except LogError as error:
+            return _response(HTTPStatus.BAD_REQUEST, PLAIN, f"{error}\n".encode())
+        if found is None:
+            return _response(HTTPStatus.NOT_FOUND, PLAIN, b"unknown path\n")
+        return _response(HTTPStatus.OK, *found)
+
+    def _is_named(self, host: str) -> bool:
+        """Whether a page of another site cannot have made the request by a name of its own."""
+        if self._host in ANY:
+            return True
+        shown = f"[{self._host}]" if ":" in self._host else self._host
+        return host in (f"{shown}:{self._port}", f"localhost:{self._port}")
+
+
+class LiveServer(TokenServer):
+    """The live page, and its stream."""
 
     def __init__(
         self,
@@ -77,51 +171,13 @@ class LiveServer:
         Args:
             page: returns the page as HTML; called for each viewer, in a thread.
             now_ns: reads the wall clock, in nanoseconds since 1970.
-            port: 0 takes a free one.
         """
+        super().__init__(host=host, port=port)
         self._feed, self._history, self._page, self._now_ns = feed, history, page, now_ns
-        self._host = host
-        self._token = secrets.token_urlsafe(16)
         self._viewers: set[Viewer] = set()
-        try:
-            self._socket = socket.create_server(
-                (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET
-            )
-        except (OSError, OverflowError) as error:
-            why = getattr(error, "strerror", None) or "has to be from 0 to 65535"
-            raise LogError(f"{host}, --port {port}: {why}") from error
-        self._port = int(self._socket.getsockname()[1])
 
-    @property
-    def address(self) -> str:
-        name = socket.gethostname() if self._host in ANY else self._host
-        shown = f"[{name}]" if ":" in name else name
-        return f"http://{shown}:{self._port}/{self._token}/"
-
-    @property
-    def viewers(self) -> int:
-        return len(self._viewers)
-
-    async def run(self) -> None:
-        """Serve until the task is cancelled."""
-        # Browsers also open connections that they never use. Waiting for them, as `async with`
-        # does, would hold up the end by ten seconds.
-        server = await serve(
-            self._stream,
-            sock=self._socket,
-            process_request=self._answer,
-            open_timeout=None,
-            compression=None,
-            server_header=None,
-            max_size=1 << 16,
-        )
-        try:
-            while True:
-                self.tick()
-                await asyncio.sleep(PERIOD_S)
-        finally:
-            server.close()
-            self._feed.close()
+    def answer(self, path: str, query: Mapping[str, str]) -> tuple[str, bytes] | None:
+        return (PAGE, self._page().encode()) if path == "" else None
 
     def tick(self) -> None:
         """Pass the news of the feed on to all viewers."""
@@ -132,34 +188,10 @@ class LiveServer:
             for viewer in self._viewers:
                 viewer.offer(items)
 
-    async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Answer one request for a file; None lets the request for the stream pass."""
-        del connection
-        if not self._is_named(request.headers.get("Host", "")):
-            return _response(HTTPStatus.FORBIDDEN, "text/plain", b"unknown host name\n")
-        path = urlsplit(request.path).path
-        if path == f"/{self._token}/stream":
-            origin = request.headers.get("Origin", "")
-            if urlsplit(origin).netloc != request.headers.get("Host"):
-                return _response(HTTPStatus.FORBIDDEN, "text/plain", b"a page of another site\n")
-            return None
-        if path == f"/{self._token}/":
-            try:
-                text = await asyncio.to_thread(self._page)
-            except LogError as error:
-                return _response(HTTPStatus.OK, "text/plain; charset=utf-8", f"{error}\n".encode())
-            return _response(HTTPStatus.OK, PAGE, text.encode())
-        words = b"The address lacks its token; take the whole address that the program printed.\n"
-        return _response(HTTPStatus.NOT_FOUND, "text/plain", words)
+    def close(self) -> None:
+        self._feed.close()
 
-    def _is_named(self, host: str) -> bool:
-        """Whether a page of another site cannot have made the request by a name of its own."""
-        if self._host in ANY:
-            return True
-        shown = f"[{self._host}]" if ":" in self._host else self._host
-        return host in (f"{shown}:{self._port}", f"localhost:{self._port}")
-
-    async def _stream(self, connection: ServerConnection) -> None:
+    async def stream(self, connection: ServerConnection) -> None:
         viewer = Viewer(self._history.snapshot())
         self._viewers.add(viewer)
         sending = asyncio.ensure_future(_send(connection, viewer))

@@ -23,6 +23,7 @@ VERBS: Final = {
     "show": "show the outcome of a campaign, or the event log of a case",
     "rerun": "repeat one case with all logs",
     "compare": "compare two campaigns: what got worse, by how much",
+    "serve": "show all campaigns of a folder in a browser, with their history",
     "report": "write the reports of a campaign again",
     "replay": "feed a recorded run to a controller again and compare its outputs",
     "verify": "run a sample of a campaign again and require the same bytes",

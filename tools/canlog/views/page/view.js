@@ -83,6 +83,7 @@ function recall() {
   const words = new URLSearchParams(location.hash.slice(1));
   const from = Number(words.get("from") ?? NaN) * NS, to = Number(words.get("to") ?? NaN) * NS;
   if (to > from) setSpan(from, to, false);
+  if (words.has("at")) setCursor(Number(words.get("at")) * NS, true);
   if (words.has("panels"))
     view.panels = words.get("panels").split(";").map(panel => panel.split(",").filter(name => view.byFull.has(name))).filter(panel => panel.length);
 }

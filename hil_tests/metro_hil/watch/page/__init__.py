@@ -1,0 +1,1 @@
+"""The page of `hil serve`: HTML, style and script."""
