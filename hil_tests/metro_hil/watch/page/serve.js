@@ -105,8 +105,11 @@ async function openCampaign(each) {
   $("detail-told").textContent = each.problem ?? "Reading the cases …";
   $("cases").tBodies[0].replaceChildren();
   const answer = await fetch(path("cases", { path: each.path }));
+  if (state.open !== each.path) return; // the user opened another one meanwhile
   if (!answer.ok) { $("detail-told").textContent = await answer.text(); return; }
-  state.cases = await answer.json();
+  const cases = await answer.json();
+  if (state.open !== each.path) return;
+  state.cases = cases;
   $("detail-told").replaceChildren(`${each.good} of ${each.done} cases as expected, program ${each.program}. `);
   if (["passed", "failed"].includes(each.state)) { const link = element("a", "The campaign's own page"); link.href = path("report", { path: each.path }); $("detail-told").append(link); }
   if (fresh) $("detail-which").value = state.cases.some(row => !row.good) ? "bad" : "all";
