@@ -1,12 +1,15 @@
 // The driver's view: speed and its limits, distance to the stop, and what protection does and why.
 
 const FRESH_NS = 5e8; // age beyond which a value is not shown, as in the display of `vobc run`
-const FAR_STOP_M = 80e3; // VOBC_TARGET: there is no stopping point ahead
+const FAR_STOP_M = 79e3; // VOBC_TARGET: from here on there is no stopping point ahead
+const TARGETS = { LINE_LIMIT: "line limit", RESTRICTION: "restriction", END: "end of authority" };
 const DIAL_FROM = 0.75 * Math.PI, DIAL_SWEEP = 1.5 * Math.PI;
 const BAR_M = [1, 1000]; // ends of the bar of the distance, which is logarithmic
 const DRIVE = {
   speed: ["VOBC_MOTION.speed_mps"], permitted: ["VOBC_MOTION.ceiling_mps"], emergency: ["VOBC_MOTION.emergency_mps"],
-  warning: ["cycles.warning_mps"], service: ["cycles.service_mps"],
+  warning: ["VOBC_LIMITS.warning_mps", "cycles.warning_mps"], service: ["VOBC_LIMITS.service_mps", "cycles.service_mps"],
+  intervention: ["VOBC_SUPERVISION.intervention"], reason: ["VOBC_SUPERVISION.reason"],
+  target: ["VOBC_SUPERVISION.target_kind"], targetSpeed: ["VOBC_SUPERVISION.target_mps"], targetIn: ["VOBC_SUPERVISION.target_distance_m"],
   stop: ["VOBC_TARGET.distance_to_stop_m"], authority: ["VOBC_TARGET.distance_to_authority_m"],
   supervision: ["VOBC_STATUS.supervision"], phase: ["VOBC_STATUS.ato_phase"], missing: ["VOBC_STATUS.missing"],
   mode: ["VOBC_MODE.mode"], cause: ["VOBC_MODE.cause"], inhibits: ["VOBC_MODE.departure_inhibits"], withheld: ["VOBC_MODE.doors_withheld"],
@@ -98,7 +101,7 @@ class Drive {
     const top = 18, bottom = height - 6, at = metres => bottom - (bottom - top) * Math.min(1, Math.max(0, Math.log(metres / BAR_M[0]) / Math.log(BAR_M[1] / BAR_M[0])));
     context.font = FONT; context.textBaseline = "middle"; context.textAlign = "right"; context.fillStyle = context.strokeStyle = colors.quiet; context.lineWidth = 1;
     for (const metres of [1, 10, 100, 1000]) { const y = Math.round(at(metres)) + 0.5; context.beginPath(); context.moveTo(28, y); context.lineTo(42, y); context.stroke(); context.fillText(String(metres), 26, y); }
-    const stop = now.stop;
+    const stop = now.stop <= FAR_STOP_M ? now.stop : now.target ? now.targetIn : NaN;
     if (!Number.isFinite(stop) || stop > FAR_STOP_M) return;
     context.fillStyle = colors.accent; context.fillRect(32, at(Math.max(BAR_M[0], stop)), 8, bottom - at(Math.max(BAR_M[0], stop)));
   }
@@ -113,6 +116,7 @@ class Drive {
       ["mode", low(text.mode ?? ""), ""],
       ["ATO", low(text.phase ?? ""), ""],
       ["stop in", far(now.stop) ? "–" : `${now.stop.toFixed(2)} m`, ""],
+      ["target", now.target ? `${TARGETS[text.target] ?? low(text.target)} in ${now.targetIn.toFixed(0)} m, ${(now.targetSpeed * KMH).toFixed(0)} km/h` : "–", ""],
       ["limits, km/h", ["permitted", "warning", "service", "emergency"].filter(role => Number.isFinite(now[role])).map(role => `${role === "permitted" ? "P" : role[0].toUpperCase()} ${(now[role] * KMH).toFixed(1)}`).join("  "), ""],
       ["brake", Number.isFinite(now.brake) ? `${now.brake.toFixed(2)} m/s²${text.emergencyBrake === "TRUE" ? ", emergency" : text.holding === "TRUE" ? ", holding" : ""}` : "–", text.emergencyBrake === "TRUE" ? "bad" : ""],
       ["traction", Number.isFinite(now.traction) ? `${(now.traction / 1000).toFixed(0)} kN` : "–", ""],
@@ -122,7 +126,7 @@ class Drive {
     rows.forEach(([name, value, kind], k) => {
       const [title, cell] = [this.list.children[2 * k], this.list.children[2 * k + 1]];
       if (title.textContent !== name) title.textContent = name;
-      if (cell.textContent !== value) cell.textContent = value;
+      if (cell.textContent !== value) cell.textContent = cell.title = value;
       if (cell.className !== kind) cell.className = kind;
     });
   }
@@ -131,6 +135,7 @@ class Drive {
   why(now, low) {
     const { text } = now, list = flags => low(flags).split("|").join(", ");
     if (text.supervision === "EMERGENCY") return now.cause ? `emergency brake: ${low(text.cause)}` : "safe output: the controller starts or ends";
+    if (now.intervention) return low(text.intervention) + (now.reason ? `: ${low(text.reason)}` : now.missing ? `: waits for ${list(text.missing)}` : "");
     if (now.missing) return `waits for ${list(text.missing)}`;
     if (text.supervision === "SERVICE") return "speed above the service limit";
     if (text.supervision === "WARNING") return "speed above the warning limit";
