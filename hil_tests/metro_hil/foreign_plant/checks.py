@@ -42,6 +42,7 @@ class TruthCheck:
     def __init__(self, moves: bool, nodes: Collection[Node], front_m: float) -> None:
         self._names = signals_of(moves, nodes)
         self._moves = moves
+        self._start_m: float | None = front_m
         self._front_m, self._speed_mps = front_m, 0.0
         self._drift_m = 0.0
 
@@ -69,6 +70,12 @@ class TruthCheck:
         raise GrantProtocolError(f"truth.{name}: no signal of its parts; {what}")
 
     def _check_motion(self, front_m: float, speed_mps: float) -> None:
+        if self._start_m is not None and math.fabs(front_m - self._start_m) > DRIFT_M:
+            raise GrantProtocolError(
+                f"truth.front_m: the train starts at {front_m:.3f} m; the case has it at "
+                f"{self._start_m:.3f} m"
+            )
+        self._start_m = None
         mean_mps = 0.5 * (self._speed_mps + speed_mps)
         moved_m = front_m - self._front_m
         self._drift_m = DRIFT_KEPT_RATIO * self._drift_m + moved_m - mean_mps * STEP_S

@@ -1,5 +1,6 @@
 """A co-simulation FMU of FMI 2.0 or 3.0, through FMPy: scalar numbers in, one step, numbers out."""
 
+import contextlib
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -28,8 +29,12 @@ class FmuError(Exception):
 class Fmu:
     """One instance. The order of calls is: set parameters, `start`, and then set, `step`, get."""
 
-    def __init__(self, path: Path) -> None:
-        """Read the model description and load the library. Raises SettingsError."""
+    def __init__(self, path: Path, *, events: bool = False) -> None:
+        """Read the model description and load the library. Raises SettingsError.
+
+        Args:
+            events: whether the FMU has clocks, so that `terminal_node` handles its events.
+        """
         try:
             from fmpy import extract, read_model_description
         except ImportError as error:
@@ -38,6 +43,8 @@ class Fmu:
             raise SettingsError(f"{path}: no such FMU")
         self._path = path
         self._folder = tempfile.mkdtemp(prefix="fmu-")
+        self._slave: Any = None
+        self._started = False
         try:
             try:
                 description = read_model_description(str(path))
@@ -53,12 +60,14 @@ class Fmu:
                 each.name: each for each in description.modelVariables
             }
             """Variables of the model description by name."""
-            self._slave = self._instantiated(description)
+            if events and (self._major != 3 or not description.coSimulation.hasEventMode):
+                raise SettingsError(f"{path}: a network terminal needs FMI 3.0 with event mode")
+            self._slave = self._instantiated(description, events)
         except BaseException:
             self.close()
             raise
 
-    def _instantiated(self, description: Any) -> Any:
+    def _instantiated(self, description: Any, events: bool) -> Any:
         from fmpy.fmi2 import FMU2Slave
         from fmpy.fmi3 import FMU3Slave
 
@@ -71,7 +80,7 @@ class Fmu:
                 modelIdentifier=description.coSimulation.modelIdentifier,
                 instanceName="plant",
             )
-            slave.instantiate()
+            slave.instantiate(**({"eventModeUsed": True} if events else {}))
         except Exception as error:
             raise SettingsError(f"{self._path}: cannot be loaded: {_first_line(error)}") from error
         return slave
@@ -110,12 +119,26 @@ class Fmu:
         else:
             self._call("enterInitializationMode", startTime=start_s)
         self._call("exitInitializationMode")
+        self._started = True
 
     def step(self, from_s: float, step_s: float) -> None:
         """Advance it. Raises FmuError."""
         done = self._call("doStep", currentCommunicationPoint=from_s, communicationStepSize=step_s)
         if self._major == 3 and done[1]:
             raise FmuError(f"doStep at {from_s:g} s: the FMU ends the simulation")
+
+    @property
+    def folder(self) -> Path:
+        """The folder with the FMU's files."""
+        return Path(self._folder)
+
+    def reference(self, name: str) -> int:
+        """Value reference of a variable."""
+        return int(self.variables[name].valueReference)
+
+    def call(self, name: str, *args: Any) -> Any:
+        """Call a method of FMPy's instance. Raises FmuError."""
+        return self._call(name, *args)
 
     def _call(self, name: str, *args: Any, **options: Any) -> Any:
         try:
@@ -124,6 +147,14 @@ class Fmu:
             raise FmuError(f"{self._path.name}: {name}: {_first_line(error)}") from error
 
     def close(self) -> None:
+        """End the instance and delete its files."""
+        with contextlib.suppress(Exception):  # FMPy raises plain exceptions.
+            if self._started:
+                self._slave.terminate()
+        with contextlib.suppress(Exception):
+            if self._slave is not None:
+                self._slave.freeInstance()
+        self._slave, self._started = None, False
         shutil.rmtree(self._folder, ignore_errors=True)
 
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
+
 from can_dbc.binding import Frame, binding_of, kinds, message, sender
 from can_dbc.codec import Decoder, Encoder, Rejected
 from can_dbc.diagnostics import HEARTBEATS, NodeState
@@ -11,6 +13,7 @@ from can_dbc.nodes import Node
 from firmware_py.settings import SettingsError
 from metro_hil.foreign_plant.fmu import Fmu, FmuError
 from metro_hil.foreign_plant.mapping import PlantMapping, Values, read_keys, read_mapping
+from metro_hil.foreign_plant.terminal_node import TerminalNode, members_of
 from plant_emulator.wire import GRID_MS, PLANT_NODES, ROUND_MS, timetable
 
 NS_PER_S: Final = 1_000_000_000
@@ -29,7 +32,11 @@ class FmuPlant:
             told: content of hello.
         """
         self._start = _start_values(told)
-        self._fmu = Fmu(path.parent / read_keys(path).fmu)
+        keys = read_keys(path)
+        self._fmu = Fmu(path.parent / keys.fmu, events=bool(keys.terminal))
+        self._node: TerminalNode | None = None
+        self.first: tuple[list[tuple[int, str]], list[str]] = ([], [])
+        """Frames and serial bytes that its nodes send at the start."""
         try:
             self.mapping = mapping = read_mapping(
                 path, list(self._fmu.variables), list(self._start)
@@ -40,6 +47,12 @@ class FmuPlant:
                 self._fmu.set(name, _value(term, self._start, f"parameters.{name}"))
             self._now_ns = int(told["start_ns"])
             self._fmu.start(self._now_ns / NS_PER_S)
+            if mapping.terminal:
+                members = members_of(self._fmu, mapping.terminal, str(path))
+                also = (mapping.serial,) if mapping.serial else ()
+                self._node = TerminalNode(self._fmu, members, also)
+                self._node.begin(self._now_ns)
+                self.first = _outputs(self._node)
         except BaseException:
             self._fmu.close()
             raise
@@ -74,13 +87,20 @@ class FmuPlant:
 
     def step(
         self, now_ns: int, inputs: Values, frames: Sequence[tuple[int, int, str]]
-    ) -> tuple[dict[str, float], list[tuple[int, str]]]:
-        """Advance the FMU to `now_ns`; return its truth and its frames. Raises FmuError."""
+    ) -> tuple[dict[str, float], list[tuple[int, str]], list[str]]:
+        """Advance the FMU to `now_ns`; return its truth, its frames and its serial bytes.
+
+        Raises FmuError.
+        """
         self._receive(frames)
         known = {**inputs, **self._signals}
         for name, term in self.mapping.inputs.items():
             self._fmu.set(name, _value(term, known, f"inputs.{name}"))
-        self._fmu.step(self._now_ns / NS_PER_S, (now_ns - self._now_ns) / NS_PER_S)
+        if self._node is None:
+            self._fmu.step(self._now_ns / NS_PER_S, (now_ns - self._now_ns) / NS_PER_S)
+        else:
+            heard = [(at_ns, can_id, bytes.fromhex(data)) for at_ns, can_id, data in frames]
+            self._node.advance(now_ns, heard)
         self._now_ns = now_ns
         self._steps += 1
         values = self._fmu.get(self._read)
@@ -89,7 +109,9 @@ class FmuPlant:
         }
         if abs(truth.get("speed_mps", 1.0)) <= self.mapping.standstill_mps:
             truth["speed_mps"] = 0.0
-        return truth, self._sent(values)
+        if self._node is not None:
+            return truth, *_outputs(self._node)
+        return truth, self._sent(values), []
 
     def _receive(self, frames: Sequence[tuple[int, int, str]]) -> None:
         if self._decoder is None:
@@ -130,6 +152,17 @@ class FmuPlant:
 
     def close(self) -> None:
         self._fmu.close()
+
+
+def _outputs(node: TerminalNode) -> tuple[list[tuple[int, str]], list[str]]:
+    """Frames and serial bytes of a node as the messages have them. Raises FmuError."""
+    serial: list[str] = []
+    for text in node.texts:
+        try:
+            serial += msgspec.json.decode(b"[" + text + b"]", type=list[str])
+        except msgspec.MsgspecError as error:
+            raise FmuError(f"serial: {error}") from error
+    return [(can_id, data.hex()) for can_id, data in node.frames], serial
 
 
 def _start_values(told: Mapping[str, Any]) -> dict[str, float]:

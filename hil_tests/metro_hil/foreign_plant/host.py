@@ -51,12 +51,15 @@ def _serve(path: Path, lines: BinaryIO, wire: BinaryIO) -> int:
             if isinstance(message, PlantHello):
                 try:
                     plant = FmuPlant(path, message.told)
-                    answer = PlantReady(VERSION, plant.provides, path.stem)
+                    frames, serial = plant.first
+                    answer = PlantReady(
+                        VERSION, plant.provides, path.stem, tuple(frames), tuple(serial)
+                    )
                 except (SettingsError, FmuError) as error:
                     answer = PlantRefuse(str(error))
             elif isinstance(message, PlantGrant) and plant is not None:
-                truth, frames = plant.step(message.now_ns, message.inputs, message.frames)
-                answer = PlantYield(message.now_ns, dict(truth), tuple(frames))
+                truth, frames, serial = plant.step(message.now_ns, message.inputs, message.frames)
+                answer = PlantYield(message.now_ns, dict(truth), tuple(frames), tuple(serial))
             else:
                 answer = PlantYield(getattr(message, "now_ns", 0))
             wire.write(encode(answer))

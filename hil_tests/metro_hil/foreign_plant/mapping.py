@@ -39,6 +39,10 @@ class MappingKeys:
     """Parts of the train that the FMU emulates: `motion` and names of nodes."""
     standstill_mps: float = 0.0
     """Speed up to which the train counts as standing, and its speed as 0."""
+    terminal: str = ""
+    """Network terminal of FMI-LS-BUS through which the nodes send and receive; empty: none."""
+    serial: str = ""
+    """Binary output with the tag reader's bytes as a list of hexadecimal JSON strings."""
     parameters: dict[str, str] = field(default_factory=dict)
     """Values of variables before the start: numbers, or expressions over the train's numbers."""
     inputs: dict[str, str] = field(default_factory=dict)
@@ -78,6 +82,8 @@ class PlantMapping:
     moves: bool
     nodes: frozenset[Node]
     standstill_mps: float
+    terminal: str
+    serial: str
     parameters: Mapping[str, Term]
     inputs: Mapping[str, Term]
     truth: Mapping[str, Term]
@@ -120,16 +126,25 @@ def _read_mapping(path: Path, variables: Collection[str], start: Collection[str]
             if name not in variables:
                 hint = nearest(name, list(variables), "variable")
                 raise SettingsError(f"{source}: {table}.{name}: no variable of the FMU; {hint}")
+    if keys.terminal and keys.frames:
+        raise SettingsError(f"{source}: frames: the nodes send through terminal {keys.terminal!r}")
+    if keys.serial and not keys.terminal:
+        raise SettingsError(f"{source}: serial: needs a terminal, whose clock it has")
+    if keys.serial and keys.serial not in variables:
+        hint = nearest(keys.serial, list(variables), "variable")
+        raise SettingsError(f"{source}: serial: {keys.serial!r}: no variable of the FMU; {hint}")
     sources = (*INPUTS, *_received_signals())
     return PlantMapping(
         fmu=path.parent / keys.fmu,
         moves=moves,
         nodes=nodes,
         standstill_mps=keys.standstill_mps,
+        terminal=keys.terminal,
+        serial=keys.serial,
         parameters=_terms(keys.parameters, start, f"{source}: parameters"),
         inputs=_terms(keys.inputs, sources, f"{source}: inputs"),
         truth=_terms(keys.truth, variables, f"{source}: truth"),
-        frames=_frames(keys.frames, nodes, variables, source),
+        frames={} if keys.terminal else _frames(keys.frames, nodes, variables, source),
     )
 
 

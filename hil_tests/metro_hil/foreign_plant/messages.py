@@ -43,6 +43,10 @@ class PlantReady(msgspec.Struct, frozen=True, tag="ready"):
     provides: tuple[str, ...]
     """Parts that the program emulates: `motion` and names of nodes."""
     name: str = ""
+    frames: tuple[tuple[int, str], ...] = ()
+    """Frames that its nodes send at the start."""
+    serial: tuple[str, ...] = ()
+    """What its tag reader sends at the start."""
 
 
 class PlantRefuse(msgspec.Struct, frozen=True, tag="refuse"):

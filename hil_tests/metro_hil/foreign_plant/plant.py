@@ -67,6 +67,7 @@ class ForeignPlant:
         try:
             ready = self._greet(PlantHello(VERSION, dict(told)))
             self._moves, self._nodes = read_parts(ready.provides)
+            self._take(ready)
         except GrantProtocolError as error:
             self._link.close()
             raise PlantStartError(f"plant: at its start it broke the protocol: {error}") from error
@@ -131,15 +132,19 @@ class ForeignPlant:
             if answer.now_ns != now_ns:
                 at_s = answer.now_ns / NS_PER_S
                 raise LinkDownError(f"broke the protocol: answers the message of {at_s:.3f} s")
-            frames = read_frames(answer.frames, self._nodes)
-            self._load.offer([data for _, _, data in frames])
-            self._frames += frames
-            self._serial += self._pieces(answer.serial)
+            self._take(answer)
         except LinkDownError as error:
             raise self._died_error(now_ns, str(error)) from error
         except GrantProtocolError as error:
             raise self._died_error(now_ns, f"broke the protocol: {error}") from error
         return answer
+
+    def _take(self, answer: PlantReady | PlantYield) -> None:
+        """Keep what its nodes send. Raises GrantProtocolError."""
+        frames = read_frames(answer.frames, self._nodes)
+        self._load.offer([data for _, _, data in frames])
+        self._frames += frames
+        self._serial += self._pieces(answer.serial)
 
     def _pieces(self, serial: tuple[str, ...]) -> list[bytes]:
         pieces = [read_hex("serial", text) for text in serial]

@@ -37,6 +37,7 @@ VERBS: Final = {
     "monitors": "show the invariants and the signals of expressions",
     "requirements": "show each requirement with its scenarios, tests and last results",
     "laws": "show how each control law came out",
+    "export": "write the train or the controller as an FMU with CAN",
     "line": "run several trains that command themselves; the same as `hil run line`",
     "simulate": "simulate trains that command themselves, in virtual time, under random faults",
 }
