@@ -7,10 +7,12 @@ Each message is one line of JSON. The bench sends first, and every line of it ha
     {"type": "stop", ...}   ->  {"type": "yield", ...}, and then the controller ends
 
 Bytes are hexadecimal; instants are whole nanoseconds of the bench's virtual time. A side must
-ignore unknown members. `docs/reference/lockstep_interface.md` is the contract.
+ignore unknown members. `docs/reference/lockstep_interface.md` is the contract. A controller may ask
+in `ready` for the binary form of the messages after it (`firmware_py.binary_grants`).
 """
 
-from typing import Any, Final
+from collections.abc import Iterable
+from typing import Any, Final, NamedTuple, Protocol
 
 import msgspec
 
@@ -21,6 +23,8 @@ VERSION: Final = 1
 LINE_BYTES_MAX: Final = 1 << 20
 STANDARD_ID_MAX: Final = 0x7FF
 FRAME_BYTES_MAX: Final = 8
+JSON: Final = "json"
+BINARY: Final = "binary"
 
 HeardFrame = tuple[int, int, str]
 """Instant of the frame's end, identifier, data."""
@@ -34,6 +38,8 @@ class Hello(msgspec.Struct, frozen=True, tag="hello"):
     version: int
     told: dict[str, Any]
     """Line, parameters, mission, memory and start of the train; see the document."""
+    forms: tuple[str, ...] = (JSON, BINARY)
+    """Forms of the later messages that the controller may choose."""
 
 
 class Grant(msgspec.Struct, frozen=True, tag="grant"):
@@ -56,6 +62,8 @@ class Ready(msgspec.Struct, frozen=True, tag="ready"):
     next_wakeup_ns: int
     name: str = ""
     """Name of the controller, for reports."""
+    form: str = JSON
+    """Form of all messages after this one."""
 
 
 class Refuse(msgspec.Struct, frozen=True, tag="refuse"):
@@ -86,6 +94,67 @@ class GrantProtocolError(Exception):
     """A line that violates the protocol; the text says how."""
 
 
+class Answer(NamedTuple):
+    """A yield, decoded."""
+
+    now_ns: int
+    next_wakeup_ns: int
+    said: SentOutputs
+
+
+class Form(Protocol):
+    """How messages after `ready` become bytes."""
+
+    def grant(
+        self,
+        now_ns: int,
+        frames: Iterable[CanFrame],
+        chunks: Iterable[SerialChunk],
+        messages: Iterable[RadioMessage],
+    ) -> bytes: ...
+
+    def stop(self, now_ns: int) -> bytes: ...
+
+    def end(self, received: bytearray) -> int:
+        """Length of the first message of what was received; 0 while it is incomplete.
+
+        Raises GrantProtocolError for a message that is too long.
+        """
+        ...
+
+    def answer(self, message: bytes) -> Answer:
+        """Read a yield. Raises GrantProtocolError."""
+        ...
+
+
+class JsonForm:
+    """Lines of JSON."""
+
+    def grant(
+        self,
+        now_ns: int,
+        frames: Iterable[CanFrame],
+        chunks: Iterable[SerialChunk],
+        messages: Iterable[RadioMessage],
+    ) -> bytes:
+        return encode(grant(now_ns, frames, chunks, messages))
+
+    def stop(self, now_ns: int) -> bytes:
+        return encode(Stop(now_ns))
+
+    def end(self, received: bytearray) -> int:
+        end = received.find(b"\n") + 1
+        if not end and len(received) > LINE_BYTES_MAX:
+            raise GrantProtocolError(f"a line of over {LINE_BYTES_MAX} bytes")
+        return end
+
+    def answer(self, message: bytes) -> Answer:
+        answer = read_controller(message)
+        if not isinstance(answer, Yield):
+            raise GrantProtocolError("answers with no yield")
+        return Answer(answer.now_ns, answer.next_wakeup_ns, said(answer))
+
+
 def encode(message: OfBench | OfController) -> bytes:
     return _encoder.encode(message) + b"\n"
 
@@ -108,9 +177,9 @@ def read_controller(line: bytes) -> OfController:
 
 def grant(
     now_ns: int,
-    frames: "tuple[CanFrame, ...] | list[CanFrame]",
-    chunks: "tuple[SerialChunk, ...] | list[SerialChunk]",
-    messages: "tuple[RadioMessage, ...] | list[RadioMessage]",
+    frames: Iterable[CanFrame],
+    chunks: Iterable[SerialChunk],
+    messages: Iterable[RadioMessage],
 ) -> Grant:
     """Build a grant.
 
@@ -166,14 +235,18 @@ def said(message: Yield) -> SentOutputs:
     for can_id, payload in frames:
         if len(payload) > FRAME_BYTES_MAX:
             raise GrantProtocolError(f"frames: {can_id:03X} has {len(payload)} bytes, over 8")
-    for key, _ in message.radio:
-        if not key or set(key) & set("*$#? \n"):
-            raise GrantProtocolError(f"radio: {key!r} is not a key")
     return SentOutputs(
         tuple(frames),
         tuple([_bytes("serial", data) for data in message.serial]),
-        tuple([(key, _bytes("radio", data)) for key, data in message.radio]),
+        tuple([(checked_key(key), _bytes("radio", data)) for key, data in message.radio]),
     )
+
+
+def checked_key(key: str) -> str:
+    """Return the key of a radio message. Raises GrantProtocolError for one that is none."""
+    if not key or set(key) & set("*$#? \n"):
+        raise GrantProtocolError(f"radio: {key!r} is not a key")
+    return key
 
 
 def _bytes(where: str, data: str) -> bytes:

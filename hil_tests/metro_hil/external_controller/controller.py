@@ -8,6 +8,7 @@ from firmware_py.clock.executive import Executive
 from firmware_py.ports import CanPort, RadioPort, SerialPort
 from metro_hil.external_controller.link import (
     END_S,
+    FORMS,
     LEASE_S,
     START_S,
     ControllerDiedError,
@@ -18,7 +19,10 @@ from metro_hil.external_controller.link import (
 )
 from metro_hil.external_controller.observed_state import ObservedState
 from vobc.process import Commission
+from vobc.process.identity import identity_of
 from vobc.vocabulary import CycleOutput
+from zenoh_config import keys
+from zenoh_config.codec import BENCH_KEY
 
 SAME_INSTANT_MAX: Final = 1000
 """Number of time grants at one time after which the controller counts as hanging."""
@@ -71,7 +75,8 @@ class GrantedController:
 
     def _greet(self, commission: Commission) -> grants.Ready:
         try:
-            answer = self._link.greet(grants.Hello(grants.VERSION, commission.table()))
+            told = {**commission.table(), "radio": radio_table(commission)}
+            answer = self._link.greet(grants.Hello(grants.VERSION, told))
         except LinkDownError as error:
             raise ControllerStartError(f"controller: at its start it {error}") from error
         if isinstance(answer, grants.Refuse):
@@ -83,14 +88,19 @@ class GrantedController:
                 f"controller: speaks version {answer.version} of the protocol, "
                 f"the bench version {grants.VERSION}"
             )
+        if answer.form not in FORMS:
+            raise ControllerStartError(
+                f"controller: asks for the form {answer.form!r}; the bench has {', '.join(FORMS)}"
+            )
+        self._link.form = FORMS[answer.form]
         return answer
 
     def _grant(self, now_ns: int) -> int:
-        message = grants.grant(
+        message = self._link.form.grant(
             now_ns,
-            list(self._can.receive(now_ns)),
-            list(self._tags.receive(now_ns)),
-            list(self._radio.receive(now_ns)),
+            self._can.receive(now_ns),
+            self._tags.receive(now_ns),
+            self._radio.receive(now_ns),
         )
         next_ns = self._exchange(now_ns, message)
         self._same_instant = self._same_instant + 1 if next_ns <= now_ns else 0
@@ -98,21 +108,19 @@ class GrantedController:
             raise self._died_error(now_ns, f"hung: {SAME_INSTANT_MAX} wake-ups at one instant")
         return max(now_ns, next_ns)
 
-    def _exchange(self, now_ns: int, message: grants.OfBench) -> int:
+    def _exchange(self, now_ns: int, message: bytes) -> int:
         """Deliver the controller's outputs; return its next wake-up. Raises ControllerDiedError."""
         try:
-            answer = self._link.exchange(message)
-            if not isinstance(answer, grants.Yield):
-                raise LinkDownError("broke the protocol: answers with no yield")
+            answer = self._link.form.answer(self._link.exchange_bytes(message))
             if answer.now_ns != now_ns:
                 raise LinkDownError(
                     f"broke the protocol: answers the message of {answer.now_ns / NS_PER_S:.3f} s"
                 )
-            said = grants.said(answer)
         except LinkDownError as error:
             raise self._died_error(now_ns, str(error)) from error
         except grants.GrantProtocolError as error:
             raise self._died_error(now_ns, f"broke the protocol: {error}") from error
+        said = answer.said
         for can_id, data in said.frames:
             self._can.send(now_ns, can_id, data)
             self._observed.frame(now_ns, can_id, data)
@@ -132,9 +140,24 @@ class GrantedController:
         """Let the controller send its last output and end. Raises ControllerDiedError."""
         if self._died is not None:
             raise self._died
-        self._exchange(now_ns, grants.Stop(now_ns))
+        self._exchange(now_ns, self._link.form.stop(now_ns))
         self._link.close(END_S)
 
     def close(self) -> None:
         """End the process without its output, as kill -9 does."""
         self._link.close()
+
+
+def radio_table(commission: Commission) -> dict[str, str]:
+    """What a controller needs for its radio messages and cannot easily compute itself.
+
+    Whole numbers of 64 bits are hexadecimal, as many JSON readers make them floating-point numbers.
+    """
+    identity = identity_of(commission.config, commission.line)
+    return {
+        "report_key": keys.report(identity.line, identity.train),
+        "status_key": keys.status(identity.line, identity.train),
+        "database": f"{identity.database:016x}",
+        "parameters": f"{identity.parameters:016x}",
+        "safety_key": BENCH_KEY.hex(),
+    }

@@ -1,4 +1,4 @@
-"""A controller's process and the lines exchanged with it, each within a time limit."""
+"""A controller's process and the messages exchanged with it, each within a time limit."""
 
 import contextlib
 import os
@@ -11,11 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from firmware_py.binary_grants import BinaryForm
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from firmware_py.grants import (
-    LINE_BYTES_MAX,
+    BINARY,
+    JSON,
+    Form,
     GrantProtocolError,
-    OfBench,
+    Hello,
+    JsonForm,
     OfController,
     encode,
     read_controller,
@@ -31,6 +35,7 @@ END_S: Final = 1.0
 POLL_S: Final = 0.05
 READ_BYTES: Final = 1 << 16
 LAST_LINES: Final = 4
+FORMS: Final[Mapping[str, Form]] = {JSON: JsonForm(), BINARY: BinaryForm()}
 
 
 class ControllerStartError(SettingsError):
@@ -61,6 +66,8 @@ class ControllerLink:
         self, program: ControllerProgram, *, start_s: float = START_S, lease_s: float = LEASE_S
     ) -> None:
         """Start the process. Raises ControllerStartError."""
+        self.form = FORMS[JSON]
+        """Form of the messages; after `greet` it may be another one."""
         self._lease_s, self._start_s = lease_s, start_s
         self._clock = WallClock()
         self._received = bytearray()
@@ -124,40 +131,40 @@ class ControllerLink:
         assert self._process is not None
         return self._process.pid
 
-    def greet(self, message: OfBench) -> OfController:
-        """Like `exchange`, within the time for a start."""
-        return _read(self.greet_bytes(encode(message)))
-
-    def exchange(self, message: OfBench) -> OfController:
-        """Send one line and return the answer. Raises LinkDownError."""
-        return _read(self.exchange_bytes(encode(message)))
+    def greet(self, message: Hello) -> OfController:
+        """Send hello and return the answer. Raises LinkDownError."""
+        line = self.greet_bytes(encode(message))
+        try:
+            return read_controller(line)
+        except GrantProtocolError as error:
+            raise LinkDownError(f"broke the protocol: {error}") from error
 
     def greet_bytes(self, line: bytes) -> bytes:
         """Like `exchange_bytes`, within the time for a start."""
         return self._exchange(line, self._start_s)
 
-    def exchange_bytes(self, line: bytes) -> bytes:
-        """Send one line and return the line of the answer. Raises LinkDownError."""
-        return self._exchange(line, self._lease_s)
+    def exchange_bytes(self, message: bytes) -> bytes:
+        """Send one message and return the answer. Raises LinkDownError."""
+        return self._exchange(message, self._lease_s)
 
-    def _exchange(self, sent: bytes, lease_s: float) -> bytes:
+    def _exchange(self, message: bytes, lease_s: float) -> bytes:
         assert self._socket is not None
         until_ns = self._clock.now_ns() + round(lease_s * NS_PER_S)
         try:
             self._socket.settimeout(lease_s)
-            self._socket.sendall(sent)
-            return self._line(until_ns)
+            self._socket.sendall(message)
+            return self._answer(until_ns)
         except TimeoutError:
             raise LinkDownError(f"hung: no answer within {lease_s:g} s") from None
         except OSError:
             raise LinkDownError(f"died: {self._end_words()}") from None
+        except GrantProtocolError as error:
+            raise LinkDownError(f"broke the protocol: {error}") from error
 
-    def _line(self, until_ns: int) -> bytes:
+    def _answer(self, until_ns: int) -> bytes:
         assert self._socket is not None
         received = self._received
-        while (end := received.find(b"\n")) < 0:
-            if len(received) > LINE_BYTES_MAX:
-                raise LinkDownError(f"broke the protocol: a line of over {LINE_BYTES_MAX} bytes")
+        while not (end := self.form.end(received)):
             left_ns = until_ns - self._clock.now_ns()
             if left_ns <= 0:
                 raise TimeoutError
@@ -166,11 +173,11 @@ class ControllerLink:
             if not piece:
                 raise LinkDownError(f"died: {self._end_words()}")
             received += piece
-        line = bytes(received[:end])
-        del received[: end + 1]
+        message = bytes(received[:end])
+        del received[:end]
         if received:
             raise LinkDownError("broke the protocol: it sends without being asked")
-        return line
+        return message
 
     def _end_words(self) -> str:
         """How the process ended, with the end of its standard error."""
@@ -204,10 +211,3 @@ class ControllerLink:
                 process.wait()
         if not self._errors.closed:
             self._errors.close()
-
-
-def _read(line: bytes) -> OfController:
-    try:
-        return read_controller(line)
-    except GrantProtocolError as error:
-        raise LinkDownError(f"broke the protocol: {error}") from error
