@@ -85,10 +85,8 @@ def mismatches(kind: type[Frame], file: DbcFile, message: Message) -> Iterator[s
     """Yield every mismatch, each with file, message, signal and what to change."""
     where = f"{file.name}: {message.name}"
     for text in (
-        *_frame_faults(message),
-        *_timing_faults(message),
-        *_trailer_faults(message),
-        *twins.mismatches(file, message),
+        *_bus_faults(message),
+        *codec_faults(file, message),
         *_name_faults(kind, message),
     ):
         yield f"{where}: {text}"
@@ -98,6 +96,23 @@ def mismatches(kind: type[Frame], file: DbcFile, message: Message) -> Iterator[s
         if signal is not None:
             for text in _signal_faults(kind, name, annotation, signal, guarded=guarded):
                 yield f"{where}: {name}: {text}"
+
+
+def codec_faults(file: DbcFile, message: Message) -> Iterator[str]:
+    """Yield why the codec cannot carry a message of any bus; the caller adds file and message."""
+    if message.length > MAX_BYTES:
+        yield f"is {message.length} bytes long; classic CAN carries {MAX_BYTES}"
+    for signal in message.signals:
+        if signal.byte_order != "little_endian":
+            yield f"{signal.name}: is in Motorola order (@0); this bus uses Intel order (@1)"
+        if signal.is_multiplexer or signal.multiplexer_ids:
+            yield f"{signal.name}: is multiplexed; give each content a message of its own"
+        if signal.is_float:
+            yield f"{signal.name}: is a floating-point signal; use a scaled integer"
+    if dbc_file.protection(message) is not MessageProtection.NONE:
+        yield from _timing_faults(message)
+    yield from _trailer_faults(message)
+    yield from twins.mismatches(file, message)
 
 
 def field_types(kind: type[Frame]) -> dict[str, type[Any]]:
@@ -110,7 +125,10 @@ def field_types(kind: type[Frame]) -> dict[str, type[Any]]:
 def layouts(kind: type[Frame], message: Message) -> tuple[FieldLayout, ...]:
     """Return the layout of each field. The class must agree with its message."""
     signals = signals_of(message)
-    return tuple(_layout(field, signals[name]) for name, field in field_types(kind).items())
+    return tuple(
+        layout(field, signals[name], *_physical_range(signals[name]))
+        for name, field in field_types(kind).items()
+    )
 
 
 def payload_bytes(message: Message) -> int:
@@ -119,8 +137,8 @@ def payload_bytes(message: Message) -> int:
     return message.length - (TRAILER_BYTES if guarded else 0)
 
 
-def _layout(kind: type[Any], signal: Signal) -> FieldLayout:
-    minimum, maximum = _physical_range(signal)
+def layout(kind: type[Any], signal: Signal, minimum: float, maximum: float) -> FieldLayout:
+    """Return the layout of a field of this kind, with its range of values."""
     return FieldLayout(
         name=signal.name,
         kind=kind,
@@ -146,20 +164,13 @@ def _physical_range(signal: Signal) -> tuple[float, float]:
     return float(signal.minimum), float(signal.maximum)
 
 
-def _frame_faults(message: Message) -> Iterator[str]:
+def _bus_faults(message: Message) -> Iterator[str]:
     if message.is_extended_frame:
         yield "has a 29-bit identifier; this bus has 11 bits, take one below 0x800"
-    if message.length > MAX_BYTES:
-        yield f"is {message.length} bytes long; classic CAN carries {MAX_BYTES}"
     if len(message.senders) != 1:
         yield "has no single sender; name one node of BU_ behind the length"
-    for signal in message.signals:
-        if signal.byte_order != "little_endian":
-            yield f"{signal.name}: is in Motorola order (@0); this bus uses Intel order (@1)"
-        if signal.is_multiplexer or signal.multiplexer_ids:
-            yield f"{signal.name}: is multiplexed; give each content a message of its own"
-        if signal.is_float:
-            yield f"{signal.name}: is a floating-point signal; use a scaled integer"
+    if dbc_file.protection(message) is MessageProtection.NONE:
+        yield from _timing_faults(message)
 
 
 def _timing_faults(message: Message) -> Iterator[str]:

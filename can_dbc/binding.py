@@ -95,6 +95,11 @@ def bind(kind: type[Frame], file: DbcFile, message_name: str) -> Binding:
     )
 
 
+def register(bound: Binding) -> None:
+    """Let `binding_of` find a binding that was made without `frame`."""
+    _BINDINGS[bound.kind] = bound
+
+
 def complete(dbc: str) -> None:
     """Refuse messages without a frame class. The last line of each module of this package.
 

@@ -15,7 +15,7 @@ from typing import Final
 
 from can_dbc.agreement import FieldLayout
 from can_dbc.binding import Binding, Frame, MessageProtection, binding_of, kinds
-from can_dbc.dbc_file import signals_of, table_of
+from can_dbc.dbc_file import Message, signals_of, table_of
 from can_dbc.packing import bool_raws, value_table
 from can_dbc.trailer import crc_of_data_id
 
@@ -23,12 +23,13 @@ MARK: Final = "/* messages */\n"
 """Line of a file in `native/` that the generated text replaces."""
 WORD_BITS: Final = 64
 WIDTH: Final = 100
+EXTENDED: Final = 1 << 31
 NS_PER_S: Final = 1_000_000_000
 
 
 def sources() -> dict[str, bytes]:
     """Return the C files of Python's extension module by name."""
-    texts = wire_files([binding_of(kind) for kind in compiled_kinds()])
+    texts = wire_files(shipped_bindings())
     texts["codec.c"] = _shared("codec.c")
     return {name: text.encode("ascii") for name, text in texts.items()}
 
@@ -37,6 +38,11 @@ def sources() -> dict[str, bytes]:
 def compiled_kinds() -> frozenset[type[Frame]]:
     """Frame classes with a structure in wire.h: one for each message of this package."""
     return frozenset({binding_of(kind).message.frame_id: kind for kind in kinds()}.values())
+
+
+def shipped_bindings() -> list[Binding]:
+    """Each message of this package."""
+    return [binding_of(kind) for kind in compiled_kinds()]
 
 
 def wire_files(bound: Iterable[Binding]) -> dict[str, str]:
@@ -103,20 +109,26 @@ def _named_values(bound: Binding) -> Iterator[str]:
     """Yield an enumeration with the names of a field's values."""
     signals = signals_of(bound.message)
     for field in bound.fields:
-        if issubclass(field.kind, enum.Enum):
+        values = sorted(table_of(signals[field.name]).items())
+        if values and field.kind is not bool:
             prefix = f"{bound.message.name}_{field.name}".upper()
-            values = sorted(table_of(signals[field.name]).items())
             yield "enum {"
-            for at, (raw, label) in enumerate(values):
+            for at, (raw, label) in enumerate(zip(*labels_of(values), strict=True)):
                 comma = "," if at < len(values) - 1 else ""
-                yield f"    {prefix}_{identifier(label).upper()} = {raw}{comma}"
+                yield f"    {prefix}_{label} = {raw}{comma}"
             yield "};"
             yield ""
 
 
-def identifier(label: str) -> str:
-    """Return a label of a value table as a part of a name."""
-    return re.sub(r"\W+", "_", label, flags=re.ASCII).strip("_") or "NO_NAME"
+def labels_of(values: Sequence[tuple[int, str]]) -> tuple[list[int], list[str]]:
+    """Return the numbers of a value table and their labels as parts of names, each only once."""
+    numbers, labels = [], list[str]()
+    for raw, text in values:
+        label = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_").upper() or "NO_NAME"
+        sign = "MINUS_" if raw < 0 else ""
+        numbers.append(raw)
+        labels.append(f"{label}_{sign}{abs(raw)}" if label in labels else label)
+    return numbers, labels
 
 
 def _type(field: FieldLayout) -> str:
@@ -142,7 +154,7 @@ def _ids(chosen: Sequence[Binding]) -> Iterator[str]:
     messages = sorted(
         (message for each in chosen for message in each.messages), key=lambda each: each.frame_id
     )
-    yield from (f"#define WIRE_ID_{each.name} {each.frame_id:#05x}U" for each in messages)
+    yield from (f"#define WIRE_ID_{each.name} {_id(each)}" for each in messages)
     yield ""
 
 
@@ -328,18 +340,27 @@ def _kind(field: FieldLayout) -> str:
 
 def _message(bound: Binding, layout: str) -> Iterator[str]:
     message = bound.message
-    twin_id = 0 if bound.twin is None else bound.twin.frame_id
+    twin_id = "0U" if bound.twin is None else _id(bound.twin)
     twin_crc = 0 if bound.twin is None else crc_of_data_id(bound.twin)
     guarded = bound.protection is not MessageProtection.NONE
     crc = crc_of_data_id(message) if guarded else 0
     timeout_ns = round(bound.timeout_s * NS_PER_S) if bound.timeout_s < float("inf") else 0
     yield (
-        f'    {{"{message.name}", {message.frame_id:#05x}U, {twin_id:#05x}U, {message.length}U,'
+        f'    {{"{message.name}", {_id(message)}, {twin_id}, {message.length}U,'
         f" WIRE_{bound.protection.name}, {crc:#06x}U, {twin_crc:#06x}U,"
     )
     yield f"     INT64_C({round(bound.period_s * NS_PER_S)}), INT64_C({timeout_ns}),"
     yield f"     sizeof(struct {layout}), {len(bound.fields)}U, wire_fields_{layout},"
     yield f"     wire_pack_{layout}, wire_unpack_{layout}}},"
+
+
+def wire_id(message: Message) -> int:
+    """Return an identifier. One of 29 bits has the highest bit set, as in a DBC file."""
+    return message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+
+
+def _id(message: Message) -> str:
+    return f"{wire_id(message):#05x}U"
 
 
 def _shift(operator: str, places: int) -> str:

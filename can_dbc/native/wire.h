@@ -49,7 +49,7 @@ enum wire_verdict {
 };
 
 struct wire_frame {
-    uint32_t id;
+    uint32_t id; /* One of 29 bits has the highest bit set. */
     uint8_t length;
     uint8_t data[WIRE_BYTES_MAX];
 };
