@@ -16,6 +16,7 @@ from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_USAGE
 
 VERBS: Final = {
     "init": "write a scenario, a line, a train and a controller to start from",
+    "new-controller": "write a project for a controller of your own, which drives as written",
     "check": "check a campaign file and show what it would run",
     "run": "run a campaign, or one scenario by its name",
     "resume": "continue a campaign",
@@ -43,7 +44,8 @@ VERBS: Final = {
 }
 """Verbs in the order of the help, with their help texts.
 
-Each is a module of this package with `add` and `run`. Only that of the typed verb is imported."""
+Each is a module of this package with `add` and `run`; its name has _ for -. Only that of the typed
+verb is imported."""
 WORKING: Final = frozenset(
     {"run", "resume", "rerun", "replay", "verify", "search", "line", "simulate"}
 )
@@ -98,7 +100,7 @@ def parser(verb: str | None = None) -> argparse.ArgumentParser:
     )
     verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
     for name, text in VERBS.items():
-        module = f"{__name__}.{name}"
+        module = f"{__name__}.{name.replace('-', '_')}"
         if importlib.util.find_spec(module) is None:
             continue
         if verb in (None, name):

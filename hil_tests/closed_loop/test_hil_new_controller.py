@@ -1,0 +1,72 @@
+"""`hil new-controller`: the project builds, and the bench passes its controller as written."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from firmware_py.native.build import compiler
+from metro_hil.campaign import plan_cases
+from metro_hil.campaign.read import read_campaign
+from metro_hil.cli.hil import main
+from metro_hil.cli.hil.new_controller import LANGUAGES, project_files
+from metro_hil.model.case import CaseResult, ControllerSpec, Verdict
+from metro_hil.run.dispatch import run_case
+
+pytestmark = pytest.mark.usefixtures("c_compiler")
+
+
+def made(folder: Path, lang: str) -> Path:
+    assert main(["new-controller", str(folder), "--lang", lang]) == 0
+    command = compiler()
+    assert command is not None
+    flags = ["CFLAGS=-O0 -Wconversion -Werror", "CXXFLAGS=-O0 -Werror", f"CC={' '.join(command)}"]
+    subprocess.run(["make", "-s", "-j2", "-C", folder, *flags], check=True)
+    return folder / folder.name
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory, c_compiler: str) -> Path:
+    return made(tmp_path_factory.mktemp("kit") / "mine-c", "c")
+
+
+def smoke(program: Path) -> CaseResult:
+    """Run the first case of the campaign smoke with this program."""
+    case = plan_cases(read_campaign("smoke"))[0]
+    spec = ControllerSpec(kind="command", command=str(program))
+    return run_case(msgspec.structs.replace(case, controller=spec))
+
+
+def test_the_controller_in_c_passes_and_gives_the_same_frames_again(program: Path) -> None:
+    result, again = smoke(program), smoke(program)
+
+    assert result.verdict is Verdict.PASS, result.reason
+    assert result.chain == again.chain
+
+
+def test_a_program_without_a_bench_says_who_starts_it(program: Path) -> None:
+    done = subprocess.run(
+        [program], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+    )
+
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "hil run smoke --controller" in done.stderr
+
+
+@pytest.mark.parametrize("lang", LANGUAGES)
+def test_no_mark_of_a_template_is_left(lang: str) -> None:
+    for path, text in project_files("mine", lang).items():
+        assert not re.search(r"@\w+@", text), path
+
+
+def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new-controller", str(tmp_path)]) == 2
+    assert main(["new-controller", str(tmp_path / "9lives")]) == 2
+
+    exists, name = capsys.readouterr().err.splitlines()
+    assert exists == f"hil: {tmp_path}: exists; name a new folder"
+    assert "'9lives' is no name of a program" in name
+    assert not list(tmp_path.iterdir())
