@@ -34,7 +34,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity clean distclean
+.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
@@ -124,6 +124,9 @@ bench-logs: $(READY_TO_TEST) ## compare canlog with similar tools on a log of 2 
 
 bench-energy: compiled ## measure running curves, DC network, green line and seven whole trains; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks.energy $(BENCH_ARGS)
+
+bench-plug: $(READY_TO_TEST) ## measure controllers of your own: time to the first hop, speed in lockstep, cost of a frame; BENCH_ARGS=...
+	$(BIN)/python -m metro_hil.benchmarks.plug $(BENCH_ARGS)
 
 bench-t2t: $(READY_TO_TEST) ## measure the takeover after masters are killed or stopped, over real zenoh; BENCH_ARGS="--trains N --timers B"
 	$(BIN)/python -m metro_hil.line.failover_trial --fault kill $(BENCH_ARGS)

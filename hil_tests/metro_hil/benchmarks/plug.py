@@ -1,0 +1,209 @@
+"""Measures controllers of one's own: time to the first hop, speed in lockstep, cost of a frame."""
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from can_dbc import c_source
+from firmware_py.clock.clock import NS_PER_S, WallClock
+from firmware_py.native.build import compiler
+from metro_hil.benchmarks.bench import Figure, run_measures
+from metro_hil.cli.hil.new_controller import project_files
+from metro_hil.engine.journal import read_journal
+from metro_hil.model.native_copy import SWITCH, Native
+
+PROJECT: Final = "mine"
+START_BAR_S: Final = 60.0
+SPEED_BAR: Final = 150.0
+SHARE_BAR_RATIO: Final = 0.9
+FRAME_BAR_NS: Final = 150.0
+FRAMES: Final = 5_000_000
+ROUNDS: Final = 5
+PROGRAM: Final = (
+    *(sys.executable, "-c"),
+    "import sys; from metro_hil.cli.entry import hil; sys.exit(hil())",
+)
+HOP: Final = """
+title = "One station hop"
+invariants = "none"
+seeds = 6
+
+[train]
+start = "II"
+end = "III"
+duration_s = 180.0
+
+[[monitor]]
+name = "arrives"
+measure = "arrived_count"
+min = 1.0
+"""
+FRAME_PROGRAM: Final = """
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include "wire.h"
+
+int main(int count, char **words)
+{
+    const long frames = atol(words[count - 1]);
+    static struct wire_sender sender;
+    static struct wire_receiver receiver;
+    struct VOBC_MOTION sent = {0}, received = {0};
+    struct wire_frame frame[WIRE_FRAMES_MAX];
+    struct timespec begin, end;
+    double sum = 0.0;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &begin);
+    for (long at = 0; at < frames; at++) {
+        sent.speed_mps = (double)(at % 4000) * 0.01;
+        wire_send_VOBC_MOTION(&sender, &sent, frame);
+        wire_receive_VOBC_MOTION(&receiver, frame, at * 100000000, &received);
+        sum += received.speed_mps;
+    }
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &end);
+    printf("%.1f %.0f\\n", ((double)(end.tv_sec - begin.tv_sec) * 1e9 +
+                           (double)(end.tv_nsec - begin.tv_nsec)) / (double)frames, sum);
+    return 0;
+}
+"""
+"""Sends and receives a protected frame with three numbers; prints the nanoseconds for both."""
+
+
+def time_to_first_hop() -> list[Figure]:
+    """Measure `hil new-controller` and `make test`, with build and campaign."""
+    with tempfile.TemporaryDirectory() as scratch:
+        clock = WallClock()
+        begin_ns = clock.now_ns()
+        _hil(scratch, Native.WIRE, "new-controller", PROJECT)
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        subprocess.run(
+            ["make", "-s", "-C", f"{scratch}/{PROJECT}", "test"],
+            check=True,
+            capture_output=True,
+            env={**os.environ, SWITCH: Native.WIRE.value, "PATH": path},
+        )
+        took_s = (clock.now_ns() - begin_ns) / NS_PER_S
+    bar = f"≤ {START_BAR_S:.0f} s"
+    name = "from `hil new-controller --lang c` to a passed hop"
+    return [Figure(name, f"{took_s:.0f} s", bar, took_s <= START_BAR_S)]
+
+
+def speed_in_lockstep() -> list[Figure]:
+    """Measure processor time of hops: the shipped controller in the process, and one in C."""
+    with tempfile.TemporaryDirectory() as scratch:
+        program = _built(Path(scratch))
+        (Path(scratch) / "hop.toml").write_text(HOP, encoding="utf-8")
+        inside, outside = [], []
+        for turn in range(ROUNDS):
+            inside += _factors(scratch, f"inside{turn}")
+            command = ("--controller", f"command:{program}")
+            outside += _factors(scratch, f"outside{turn}", *command)
+    ours, theirs = statistics.median(inside), statistics.median(outside)
+    spread = f"({min(outside):.0f} to {max(outside):.0f})"
+    share_ratio = theirs / ours
+    return [
+        Figure("shipped controller in the process, one hop", f"{ours:.0f} × real time", "", None),
+        Figure(
+            "controller in C in a process of its own, one hop",
+            f"{theirs:.0f} × real time {spread}",
+            f"≥ {SPEED_BAR:.0f} ×",
+            theirs >= SPEED_BAR,
+        ),
+        Figure(
+            "the latter by the former",
+            f"{share_ratio * 100.0:.0f} %",
+            f"≥ {SHARE_BAR_RATIO * 100.0:.0f} %",
+            share_ratio >= SHARE_BAR_RATIO,
+        ),
+    ]
+
+
+def cost_of_a_frame() -> list[Figure]:
+    """Measure sending and receiving a protected frame in the generated C."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        for name, text in c_source.wire_files(c_source.shipped_bindings()).items():
+            (folder / name).write_text(text, encoding="utf-8")
+        (folder / "frames.c").write_text(FRAME_PROGRAM, encoding="utf-8")
+        _compile(folder, ["frames.c", "wire.c"], "frames")
+        runs_ns = []
+        for _ in range(ROUNDS):
+            done = subprocess.run(
+                [folder / "frames", str(FRAMES)], check=True, capture_output=True, text=True
+            )
+            runs_ns.append(float(done.stdout.split()[0]))
+    cost_ns = statistics.median(runs_ns)
+    return [
+        Figure(
+            "generated C: encode and decode of a protected frame",
+            f"{cost_ns:.0f} ns ({min(runs_ns):.0f} to {max(runs_ns):.0f})",
+            f"≤ {FRAME_BAR_NS:.0f} ns",
+            cost_ns <= FRAME_BAR_NS,
+        )
+    ]
+
+
+def _built(folder: Path) -> Path:
+    files = project_files(PROJECT, "c")
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    _compile(folder, [name for name in files if name.endswith(".c")], PROJECT)
+    return folder / PROJECT
+
+
+def _compile(folder: Path, sources: Sequence[str], program: str) -> None:
+    command = compiler()
+    if command is None:
+        raise RuntimeError("no C compiler; install gcc or clang, or `pip install ziglang`")
+    flags = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", "-O2", "-ffp-contract=off")
+    subprocess.run([*command, *flags, *sources, "-lm", "-o", program], cwd=folder, check=True)
+
+
+def _factors(scratch: str, out: str, *words: str) -> list[float]:
+    """Run the hops with compiled controller and train; return simulated by processor time."""
+    _hil(
+        scratch,
+        Native.WAIT,
+        "run",
+        "hop.toml",
+        "--workers",
+        "1",
+        "--no-report",
+        "--out",
+        out,
+        *words,
+    )
+    journal = read_journal(Path(scratch) / out / "journal.jsonl")
+    return [result.sim_s / result.host.processor_s for result in journal.results]
+
+
+def _hil(folder: str, native: Native, *words: str) -> None:
+    subprocess.run(
+        [*PROGRAM, *words],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+        env={**os.environ, SWITCH: native.value},
+    )
+
+
+MEASURES: Final = {
+    "start": time_to_first_hop,
+    "lockstep": speed_in_lockstep,
+    "frame": cost_of_a_frame,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table; exit code 1 if a bar is missed."""
+    return run_measures(MEASURES, "python -m metro_hil.benchmarks.plug", str(__doc__), argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
