@@ -129,7 +129,7 @@ def test_a_controller_death_fails_the_case_with_its_reason_and_the_run_continues
         (
             {
                 "setup": Setup(end="III", stops=("III",)),
-                "controller": ControllerSpec(kind="command", command="true"),
+                "controller": ControllerSpec(kind="command", command="true {bus}"),
             },
             "stops",
         ),

@@ -15,6 +15,7 @@ VERBS: Final = {
     "check": "vobc.cli.check",
     "device": "vobc.cli.command",
     "import": "metro_hil.exchange.import_command",
+    "host": "metro_hil.external_controller.realtime",
     "explain": "metro_hil.report.explain.command",
     "watch": "metro_hil.watch.command",
     "tune": "metro_hil.tuning.command",

@@ -9,6 +9,7 @@ from metro_hil.cli import shipped_files
 from metro_hil.energy.line import timetable_command
 from metro_hil.energy.running_curve import command as design_curve_command
 from metro_hil.exchange import import_command
+from metro_hil.external_controller import realtime
 from metro_hil.line.service import command as service_command
 from metro_hil.model import run_options
 from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS
@@ -34,6 +35,7 @@ def whole_parser() -> argparse.ArgumentParser:
     verbs["check"] = check.parser()
     verbs["device"] = device_options.parser()
     verbs["import"] = import_command.parser()
+    verbs["host"] = realtime.parser()
     verbs["explain"] = explain_command.parser()
     verbs["watch"] = watch_command.parser()
     verbs["tune"] = tuning_command.parser()

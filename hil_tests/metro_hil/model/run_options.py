@@ -32,6 +32,7 @@ OTHER_VERBS = {
     "check": "judge line, train and parameters together, without a run",
     "device": "run the bare controller on a bus, for a plant or a real train",
     "import": "turn a line or train of TTOBench (JSON) into files of this project",
+    "host": "run a controller of your own, in any language, in real time on a bus",
     "explain": "show what the controller of a run decided, why, and from which frames",
     "watch": "show a run in a browser, while it goes on or afterwards",
     "tune": "re-tune a control law and write a parameter file",

@@ -13,6 +13,8 @@ from metro_hil.model.case import Case, ControllerSpec
 from metro_hil.model.subprocesses import with_own_python
 from metro_hil.realtime.wires import Blocked, RealtimeWires
 
+HOST: Final = "metro_hil.external_controller.realtime"
+"""Program that runs a controller of the lockstep interface in real time."""
 CHECKOUT_ROOTS: Final = (".", "hil_tests", "tools")
 """Folders of a checkout that hold its packages."""
 
@@ -79,6 +81,12 @@ def controller_start(
     if controller.kind == "command":
         if wakes_up:
             raise Blocked("wakes_up: a program of another kind has no memory that could be filled")
+        if "{bus}" not in controller.command:
+            base = _device_words(places, cycle_ms, priority)
+            words = fill_in(controller.command, places)
+            host = (sys.executable, "-m", HOST, *base, "--nvram", str(nvram))
+            first = (*host, "--from", places.start, "--", *words)
+            return ControllerStart(first, (*host, "--", *words), with_own_python(environment))
         if places.stops and "{stops}" not in controller.command:
             raise Blocked(
                 "stops: the controller's command does not contain {stops}; put {stops}, here "
@@ -90,14 +98,18 @@ def controller_start(
         environment = {**environment, "PYTHONPATH": _search_path(controller.path)}
     elif controller.kind != "shipped":
         raise Blocked(f"controller.kind: {controller.kind!r} is unknown to this bench")
-    base = [sys.executable, "-m", "vobc", "--bus", places.bus, "--tags", places.tags]
-    base += ["--radio", places.radio, "--line", places.line, "--consist", places.params]
-    base += ["--to", places.end, "--cycle-ms", f"{cycle_ms:g}", "--priority", str(priority)]
+    base = [sys.executable, "-m", "vobc", *_device_words(places, cycle_ms, priority)]
     base += ["--nvram", str(nvram)]
-    if places.stops:
-        base += ["--stops", places.stops]
     first = tuple(base) if wakes_up else (*base, "--from", places.start)
     return ControllerStart(first, tuple(base), environment, out=places.out)
+
+
+def _device_words(places: CommandPlaceholders, cycle_ms: float, priority: int) -> list[str]:
+    """Return the options that `vobc device` and `vobc host` share."""
+    words = ["--bus", places.bus, "--tags", places.tags, "--radio", places.radio]
+    words += ["--line", places.line, "--consist", places.params, "--to", places.end]
+    words += ["--cycle-ms", f"{cycle_ms:g}", "--priority", str(priority)]
+    return [*words, "--stops", places.stops] if places.stops else words
 
 
 def fill_in(command: str, places: CommandPlaceholders) -> tuple[str, ...]:

@@ -60,13 +60,15 @@ def test_the_controller_gets_a_timetable_that_passes_stations() -> None:
 
     assert value_of(start_of(ControllerSpec(), places).words(0), "--stops") == "III"
     assert "--stops" not in start_of(ControllerSpec()).words(0)
-    words = start_of(ControllerSpec(kind="command", command="ctl --at {stops}"), places).words(0)
-    assert words == ("ctl", "--at", "III")
+    words = start_of(
+        ControllerSpec(kind="command", command="ctl {bus} --at {stops}"), places
+    ).words(0)
+    assert words == ("ctl", "embedded:h1-0a", "--at", "III")
 
 
 def test_a_program_without_an_option_to_pass_stations_is_not_started() -> None:
     with pytest.raises(Blocked, match="here III"):
-        start_of(ControllerSpec(kind="command", command="ctl"), replace(PLACES, stops="III"))
+        start_of(ControllerSpec(kind="command", command="ctl {bus}"), replace(PLACES, stops="III"))
 
 
 def test_after_a_kill_only_the_memory_gives_the_position() -> None:
@@ -98,6 +100,21 @@ def test_a_command_is_split_like_in_a_shell_and_filled_in_without_one() -> None:
     words = fill_in("./mine --tags {tags} --to='{end} now' $HOME", PLACES)
 
     assert words == ("./mine", "--tags", "/run/a b/tags", "--to=III now", "$HOME")
+
+
+def test_a_command_without_a_bus_is_hosted_and_after_a_kill_its_place_is_unknown() -> None:
+    places = replace(PLACES, stops="III")
+    start = start_of(ControllerSpec(kind="command", command="./mine 'a b' {line}"), places)
+
+    first, again = start.words(0), start.words(1)
+
+    assert first[1:3] == ("-m", "metro_hil.external_controller.realtime")
+    assert first[first.index("--") :] == ("--", "./mine", "a b", "florence")
+    assert value_of(first, "--bus") == "embedded:h1-0a"
+    assert value_of(first, "--from") == "II"
+    assert value_of(first, "--stops") == "III"
+    assert "--from" not in again
+    assert value_of(again, "--nvram") == "/runs/one/nvram"
 
 
 @pytest.mark.parametrize(

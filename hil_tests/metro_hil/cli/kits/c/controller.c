@@ -22,7 +22,6 @@
 #define DELAY_S 0.4          /* From a demand to the brake, about. */
 #define WINDOW_M 0.3         /* Doors open within this distance of the stopping point. */
 #define DOORS_AFTER_S 1.0
-#define START_BOUND_M 0.5
 #define TAG_BOUND_M 0.15
 #define BOUND_RATIO 0.06     /* Growth of the bound for each metre, before a wheel is calibrated. */
 #define CALIBRATED_RATIO 0.01
@@ -37,7 +36,7 @@ void controller_start(struct controller *self, const struct settings *settings,
     self->settings = *settings;
     self->radio = *radio;
     self->front_m = settings->start_m;
-    self->bound_m = START_BOUND_M;
+    self->bound_m = settings->start_bound_m;
     self->scale_ratio = 1.0;
     self->still = STILL_SAMPLES;
     self->phase = VOBC_STATUS_ATO_PHASE_HOLDING;

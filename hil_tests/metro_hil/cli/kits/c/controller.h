@@ -35,6 +35,7 @@ struct tag {
 /* What the controller believes of line and train. */
 struct settings {
     double start_m; /* Chainage of the front coupler at the start. */
+    double start_bound_m; /* The front is within start_m plus and minus this. */
     double cycle_s;
     struct stop stops[STOPS_MAX];
     uint32_t stop_count;

@@ -10,6 +10,8 @@
 #define NAME_MAX_LENGTH 64U
 #define KEY_MAX_LENGTH 96U
 #define NS_PER_MS 1000000
+#define START_BOUND_M 0.5
+#define UNKNOWN_BOUND_M 1e6
 #define PI 3.14159265358979323846
 
 static char report_key[KEY_MAX_LENGTH];
@@ -56,6 +58,12 @@ static bool read_mission(const char *hello, struct settings *settings)
                 read_station(hello, name, &start);
     bool more = good;
     settings->start_m = good ? start.at_m : 0.0;
+    settings->start_bound_m = START_BOUND_M;
+    /* After a restart the bench says what is known of the place; mostly that it is unknown. */
+    if (lockstep_number(hello, "told/standing/front_m", &settings->start_m)) {
+        settings->start_bound_m = UNKNOWN_BOUND_M;
+        (void)lockstep_number(hello, "told/standing/bound_m", &settings->start_bound_m);
+    }
     while (more && (settings->stop_count < STOPS_MAX)) {
         (void)snprintf(path, sizeof path, "told/mission/stops/%u",
                        (unsigned int)settings->stop_count);
@@ -193,6 +201,7 @@ int main(void)
     const char *hello = lockstep_hello();
     double start_ns = 0.0;
     int64_t now_ns = 0;
+    int64_t next_ns;
     int64_t cycle_ns;
     enum lockstep_event event;
     if (hello == NULL) {
@@ -206,12 +215,17 @@ int main(void)
     }
     read_line(hello, &settings);
     controller_start(&controller, &settings, &radio);
-    lockstep_ready("@name@ 0.1", (int64_t)start_ns);
+    next_ns = (int64_t)start_ns;
+    lockstep_ready("@name@ 0.1", next_ns);
     cycle_ns = (int64_t)((settings.cycle_s * NS_PER_S) + 0.5);
     event = lockstep_wait(&now_ns);
     while (event == LOCKSTEP_GRANT) {
         cycle(&controller, now_ns);
-        lockstep_yield(now_ns, now_ns + cycle_ns);
+        /* The cycles stay on a grid, also where a wake-up is late. */
+        while (next_ns <= now_ns) {
+            next_ns += cycle_ns;
+        }
+        lockstep_yield(now_ns, next_ns);
         event = lockstep_wait(&now_ns);
     }
     if (event == LOCKSTEP_STOP) {
