@@ -341,9 +341,8 @@ def _kind(field: FieldLayout) -> str:
 def _message(bound: Binding, layout: str) -> Iterator[str]:
     message = bound.message
     twin_id = "0U" if bound.twin is None else _id(bound.twin)
-    twin_crc = 0 if bound.twin is None else crc_of_data_id(bound.twin)
-    guarded = bound.protection is not MessageProtection.NONE
-    crc = crc_of_data_id(message) if guarded else 0
+    twin_crc = 0 if bound.twin is None else guard_crc(bound, bound.twin)
+    crc = guard_crc(bound, message)
     timeout_ns = round(bound.timeout_s * NS_PER_S) if bound.timeout_s < float("inf") else 0
     yield (
         f'    {{"{message.name}", {_id(message)}, {twin_id}, {message.length}U,'
@@ -357,6 +356,11 @@ def _message(bound: Binding, layout: str) -> Iterator[str]:
 def wire_id(message: Message) -> int:
     """Return an identifier. One of 29 bits has the highest bit set, as in a DBC file."""
     return message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+
+
+def guard_crc(bound: Binding, message: Message) -> int:
+    """Return the state of the CRC after the data identifier; 0 for an unprotected message."""
+    return 0 if bound.protection is MessageProtection.NONE else crc_of_data_id(message)
 
 
 def _id(message: Message) -> str:

@@ -1,16 +1,18 @@
-"""The C files that a controller takes and the codec in Python agree on every frame and damage."""
+"""The generated code of controllers and the codec agree on every frame and every damage."""
 
 import ctypes
 import math
 import random
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
 
-from can_dbc import c_source, derived, wire
+from can_dbc import c_source, derived, python_source, wire
 from can_dbc.binding import Binding, MessageProtection, binding_of
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Decoder, EncodeError, Encoder, Reason, Rejected
@@ -184,6 +186,44 @@ def check_receiving(library: Library, bound: Binding, bits: random.Random) -> No
             assert verdict == 0
             assert values == as_numbers(expected)
     assert decoder.rejections
+
+
+def python_wire(bound: list[Binding]) -> ModuleType:
+    """Run the generated Python as a module of its own."""
+    module = ModuleType("generated_wire")
+    sys.modules[module.__name__] = module
+    exec(python_source.wire_files(bound)["wire.py"], module.__dict__)  # noqa: S102 - our own text
+    return module
+
+
+def check_python(wire: Any, bound: Binding) -> None:
+    message = wire.MESSAGES[bound.message.name]
+    sender, receiver = wire.Sender(message), wire.Receiver(message)
+    encoder, decoder = Encoder([bound.kind]), Decoder([bound.kind])
+    wire_ids = {each.frame_id: c_source.wire_id(each) for each in bound.messages}
+    bits = random.Random(5)
+    for _ in range(STEPS // 2):
+        frame = sampled_frame(bound.kind, bits)
+        expected = [(wire_ids[can_id], data) for can_id, data in encoder.encode(frame)]
+        assert sender.send(**as_numbers(frame)) == expected, frame
+    for can_id, data, at_ns in damaged(bound.kind, bits, STEPS):
+        found = receiver.receive(wire_ids[can_id], data, at_ns)
+        wanted = decoder.decode(can_id, data, at_ns)
+        if isinstance(wanted, Rejected):
+            assert VERDICTS[found] is wanted.reason, (can_id, data.hex())
+        else:
+            assert found == (1 if wanted is None else 0)
+            assert wanted is None or receiver.values == as_numbers(wanted)
+    assert receiver.lost == decoder.lost[bound.message.frame_id]
+
+
+def test_the_generated_python_agrees_on_every_frame_and_damage(tmp_path: Path) -> None:
+    (tmp_path / "foreign.dbc").write_text(FOREIGN)
+    with code_in("Python"):
+        for bound in (SHIPPED, derived.bindings([tmp_path / "foreign.dbc"])):
+            generated = python_wire(bound)
+            for each in bound:
+                check_python(generated, each)
 
 
 @pytest.mark.parametrize("bound", SHIPPED, ids=lambda bound: bound.message.name)

@@ -24,7 +24,7 @@ OWN: Final = ("controller", "main")
 
 @dataclass(frozen=True, slots=True)
 class Language:
-    """A language that a project can be written in."""
+    """A language whose projects use the library in C."""
 
     title: str
     suffix: str
@@ -32,10 +32,13 @@ class Language:
     """Variable of the Makefile with the program that links."""
 
 
-LANGUAGES: Final[Mapping[str, Language]] = {
+COMPILED: Final[Mapping[str, Language]] = {
     "c": Language("C", "c", "CC"),
     "cpp": Language("C++", "cpp", "CXX"),
 }
+PYTHON: Final = "python"
+PYTHON_FILES: Final = ("controller.py", "main.py", "radio.py", "tags.py")
+LANGUAGES: Final = (*COMPILED, PYTHON)
 
 
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -48,7 +51,7 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     )
     parser.add_argument("folder", metavar="FOLDER", help="new folder; its name is the program's")
     parser.add_argument(
-        "--lang", choices=list(LANGUAGES), default="c", help="language of the project; default: c"
+        "--lang", choices=LANGUAGES, default="c", help="language of the project; default: c"
     )
     parser.set_defaults(run=run)
 
@@ -77,25 +80,37 @@ def run(options: argparse.Namespace) -> int:
 
 def project_files(name: str, lang: str) -> dict[str, str]:
     """The text of each file of a project by its path."""
-    from can_dbc import c_source
+    from can_dbc import c_source, python_source
 
-    language = LANGUAGES[lang]
-    sources = [f"{own}.{language.suffix}" for own in OWN]
+    files = {to: _template(source) for source, to in COMMON.items()}
+    bound = c_source.shipped_bindings()
+    if lang == PYTHON:
+        files |= {file: _template(f"{PYTHON}/{file}.in") for file in PYTHON_FILES}
+        files |= {file: _template(f"{PYTHON}/{file}") for file in ("Makefile", "README.md")}
+        words, wire = {"name": name}, python_source.wire_files(bound)
+    else:
+        files |= _c_templates(COMPILED[lang].suffix)
+        words, wire = _c_words(name, COMPILED[lang]), c_source.wire_files(bound)
+    return {**{path: _filled(text, words) for path, text in files.items()}, **wire}
+
+
+def _c_templates(suffix: str) -> dict[str, str]:
+    """The files of a project in C. In C++ the controller has the same text."""
+    same = ("Makefile", "README.md", "controller.h", *LIBRARY)
+    own = {f"{stem}.{suffix}": _template(f"c/{stem}.c") for stem in OWN}
+    return {**{file: _template(f"c/{file}") for file in same}, **own}
+
+
+def _c_words(name: str, language: Language) -> dict[str, str]:
+    sources = [f"{stem}.{language.suffix}" for stem in OWN]
     sources += ["wire.c", *(file for file in LIBRARY if file.endswith(".c"))]
-    words = {
+    return {
         "name": name,
         "language": language.title,
         "suffix": language.suffix,
         "link": language.link,
         "sources": " ".join(sources),
     }
-    files = {to: _template(source) for source, to in COMMON.items()}
-    files |= {file: _template(f"c/{file}") for file in ("Makefile", "README.md", *LIBRARY)}
-    # C++ takes the same text as C.
-    files |= {f"{own}.{language.suffix}": _template(f"c/{own}.c") for own in OWN}
-    files["controller.h"] = _template("c/controller.h")
-    filled = {path: _filled(text, words) for path, text in files.items()}
-    return {**filled, **c_source.wire_files(c_source.shipped_bindings())}
 
 
 def _template(name: str) -> str:
