@@ -66,7 +66,7 @@ VAL_ 2566844926 state 0 "Off" 1 "On" 2 "On" ;
 VAL_ 2566844926 sparse 63 "not available" ;
 VAL_ 32 permitted 1 "FALSE" 2 "TRUE" ;
 """
-"""A bus of somebody else's making: no ranges, half-filled tables, 29 bits, one guarded message."""
+"""A foreign bus: no ranges, half-filled tables, 29 bits, one guarded message."""
 
 
 class Frame(ctypes.Structure):
