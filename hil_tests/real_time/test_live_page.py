@@ -17,7 +17,7 @@ from canlog.live.feeds import News
 from canlog.live.page import live_head, serve_folder
 from canlog.live.server import LiveServer
 from canlog.live.stream import History
-from canlog.read import Log
+from canlog.reader import Log
 from canlog.views.page_text import html_page
 from canlog.views.place import LineFacts
 from canlog.views.traces import trace_names, trace_of

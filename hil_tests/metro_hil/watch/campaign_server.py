@@ -10,7 +10,7 @@ from typing import Final
 
 from canlog.damage import LogError
 from canlog.live.server import TokenServer
-from canlog.read import read
+from canlog.reader import read
 from canlog.views.page_data import page_data
 from canlog.views.page_text import page_text
 from canlog.views.server import LOOPBACK, PAGE

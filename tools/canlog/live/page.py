@@ -10,7 +10,7 @@ from canlog.database import Bus, load_bus
 from canlog.live.feeds import BusFeed, FolderFeed
 from canlog.live.server import LiveServer
 from canlog.live.stream import VERSION, History
-from canlog.read import read
+from canlog.reader import read
 from canlog.run import BUS_LOG, bus_log_of
 from canlog.views.facts import verdict_names
 from canlog.views.page_data import page_data
