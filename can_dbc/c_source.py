@@ -41,8 +41,8 @@ def compiled_kinds() -> frozenset[type[Frame]]:
 
 
 def shipped_bindings() -> list[Binding]:
-    """Each message of this package."""
-    return [binding_of(kind) for kind in compiled_kinds()]
+    """Each message of this package, by its identifier."""
+    return sorted(map(binding_of, compiled_kinds()), key=lambda each: each.message.frame_id)
 
 
 def wire_files(bound: Iterable[Binding]) -> dict[str, str]:
