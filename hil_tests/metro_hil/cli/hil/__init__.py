@@ -47,7 +47,7 @@ VERBS: Final = {
 Each is a module of this package with `add` and `run`; its name has _ for -. Only that of the typed
 verb is imported."""
 WORKING: Final = frozenset(
-    {"run", "resume", "rerun", "replay", "verify", "search", "line", "simulate"}
+    {"attack", "run", "resume", "rerun", "replay", "verify", "search", "line", "simulate"}
 )
 """Verbs that leave results. They continue when standard output is closed."""
 EPILOG: Final = """\

@@ -115,9 +115,11 @@ def test_the_command_fails_on_an_unsafe_limit_and_on_no_evidence(
     )
     monkeypatch.setattr(curves, "attack_curve", found)
 
-    assert main(["attack", "--curves", "2", "--seed", "40", "--workers", "1"]) == code
+    assert (
+        main(["attack", "--curves", "2", "--runs", "0", "--seed", "40", "--workers", "1"]) == code
+    )
 
     out, err = capsys.readouterr()
     assert "curves: 2 situations from seed 40" in out
-    assert ("repeat: hil attack --curves 1 --seed 41" in err) is bool(problem)
+    assert ("repeat: hil attack --curves 1 --runs 0 --seed 41" in err) is bool(problem)
     assert ("nothing was tried" in err) is not moves
