@@ -30,6 +30,8 @@ PIECES_M: Final = (1.0, 200.0)
 HOP_M: Final = (350.0, 700.0)
 STARTS_M: Final = (-900.0, 2000.0)
 DURATION_S: Final = 150.0
+CLEAR_M: Final = 30.0
+"""Distance from its first stop at which a train has surely set off."""
 BALISES_M: Final = 120.0
 STOP_TAGS: Final = (("t1", 52.0), ("t2", 12.0), ("t3", 3.5), ("stop", 2.0))
 """Tags before a stopping point, with their distances, as docs/guide/my_line.md asks for."""
@@ -159,6 +161,8 @@ def _fault(chance: np.random.Generator, group: str, start_m: float, stop_m: floa
         f"front_m > {front_m}",
         f"front_m > {front_m}",
         f"speed_mps > {round(float(chance.uniform(1.0, 6.0)), 1)}",
+        # At the first platform, the distance to the stop is zero.
+        f"front_m > {start_m + CLEAR_M} and "
         f"to_stop_m < {round(float(chance.uniform(10.0, 150.0)), 1)}",
         'ato_phase == "running" and speed_mps > 1.0',
         f'front_m > {front_m} and supervision == "nominal"',
