@@ -143,6 +143,11 @@ def of_wayside(line: str) -> tuple[str, ...]:
     )
 
 
+def of_grants(line: str) -> tuple[str, ...]:
+    """Subscriptions of objects and track, where arbiters are other programs: their answers."""
+    return _keys(line, (LeaseAnswer,), "*")
+
+
 def of_supervision(line: str) -> tuple[str, ...]:
     """Subscriptions of a display: masters, positions, reasons of waiting trains, and commands."""
     return (

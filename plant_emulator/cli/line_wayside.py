@@ -33,6 +33,10 @@ from zenoh_config.sessions import check_secured
 from zenoh_config.t2t import FIRST_ARBITER
 from zenoh_config.timers import TIMER_SETS
 
+ALL: Final = "all"
+ROUTER: Final = "router"
+TRACK: Final = "track"
+ARBITER: Final = "arbiter"
 BEAT_MS: Final = 5.0
 FEED_MS: Final = 20.0
 DOORS_MS: Final = 10.0
@@ -59,6 +63,7 @@ def serve_line(options: argparse.Namespace) -> int:
     if options.parent is not None:
         die_with_parent(options.parent)
     _check_secured(options)
+    _check_part(options)
     areas = load_areas(options.line)
     ending = Interrupts()
     with ending.caught(), ExitStack() as stack:
@@ -72,7 +77,8 @@ def serve_line(options: argparse.Namespace) -> int:
         end_ns = None
         if options.duration_s is not None:
             end_ns = clock.now_ns() + round(options.duration_s * NS_PER_S)
-        say(f"wayside of {areas.name}: {len(areas.areas)} areas, {options.line_radio}")
+        what = "wayside" if options.part == ALL else options.part
+        say(f"{what} of {areas.name}: {len(areas.areas)} areas, {options.line_radio}")
         run(
             [Executive(tasks, clock.now_ns())],
             clock,
@@ -88,19 +94,24 @@ class _Line:
         folder = None if options.memory is None else Path(options.memory)
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
+        part, every = options.part, range(FIRST_ARBITER, FIRST_ARBITER + options.arbiters)
+        serves_track = part in (ALL, TRACK)
         arbiters = {
             address: CheckedStore(folder and folder / f"arbiter{address}", ArbiterMemory)
-            for address in range(FIRST_ARBITER, FIRST_ARBITER + options.arbiters)
+            for number, address in enumerate(every, start=1)
+            if part in (ALL, f"{ARBITER}{number}")
         }
         objects = {
             site.number: CheckedStore(folder and folder / f"object{site.number}", ObjectMemory)
             for site in areas.objects
+            if serves_track
         }
         boot, key, secure = clock.epoch_ns() // NS_PER_S, BENCH_KEY, None
         if options.secure is not None:
             secure = load_credentials(options.secure, WAYSIDE_NAME, clock.epoch_ns(), listens=True)
             key = safety_key(secure.key_hex)
-        decrees = CheckedStore(folder and folder / "decrees", CentreMemory)
+        decrees_path = folder and folder / "decrees" if serves_track else None
+        decrees = CheckedStore(decrees_path, CentreMemory)
         line = load_line(options.line)
         centre = LineCentre(
             line,
@@ -121,15 +132,18 @@ class _Line:
             *(timers, areas, disks),
             boot=boot,
             start_ns=clock.now_ns(),
-            centre=centre,
+            centre=centre if serves_track else None,
             key=key,
             database=database_version(line),
+            arbiters=every,
+            serves_track=serves_track,
         )
         self._centre = centre
         self._detection = Detection(areas)
-        topics = (*self._wayside.subscriptions, subscription(areas.name))
+        counters = (subscription(areas.name),) if serves_track else ()
+        topics = () if part == ROUTER else (*self._wayside.subscriptions, *counters)
         self._port = open_radio(
-            SessionRole.WAYSIDE,
+            SessionRole.WAYSIDE if part in (ALL, ROUTER) else SessionRole.TRAIN,
             options.line_radio,
             topics,
             clock,
@@ -219,6 +233,17 @@ def _found(store: CheckedStore[M], fresh: M) -> M | None:
     if store.value is None:
         say(store.detail)
     return store.value
+
+
+def _check_part(options: argparse.Namespace) -> None:
+    """Raise SettingsError for a part that the line does not have, or that cannot be secured."""
+    part = options.part
+    if part.startswith(ARBITER) and int(part.removeprefix(ARBITER)) > options.arbiters:
+        raise SettingsError(f"--part {part}: the line has --arbiters {options.arbiters}")
+    if part != ALL and options.secure is not None:
+        raise SettingsError(
+            f"--part {part}: not with --secure, because only the whole wayside has a certificate"
+        )
 
 
 def _check_secured(options: argparse.Namespace) -> None:

@@ -13,6 +13,8 @@ from zenoh_config.timers import TIMER_SETS
 
 AUTO: Final = "auto"
 INSECURE: Final = "allow a line without certificates at an address that other machines reach"
+PARTS: Final = ("all", "router", "track", *[f"arbiter{n}" for n in range(1, 6)])
+"""Parts of a wayside that can be programs of their own."""
 PRIORITY: Final = 70
 """Real-time priority, below the controller's: a train may be a little late, the controller may
 not."""
@@ -106,6 +108,13 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
         "--secure", metavar="FOLDER", help="certificates and keys; see `vobc demo-ca`"
     )
     wayside.add_argument("--insecure", action="store_true", help=INSECURE)
+    wayside.add_argument(
+        "--part",
+        choices=PARTS,
+        default="all",
+        help="serve only this part; the others are programs of their own, and all but the router "
+        "connect to the router at --line-radio; default: all in one",
+    )
     wayside.add_argument("--line-timers", choices=sorted(TIMER_SETS), default="A")
     wayside.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1)
     wayside.add_argument(

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from plant_emulator.wayside.grants import Grants
 from plant_emulator.wayside.order_gate import OrderGate
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, LeaseMemory, WaysideStepped
 from zenoh_config.messages import RefusedReason
@@ -72,7 +73,7 @@ class ArbiterGuards:
     still be valid."""
 
 
-def of_masters(arbiters: Iterable["Arbiter"], heard: Iterable[T2tMessage]) -> list[T2tMessage]:
+def of_masters(arbiters: Iterable[Grants], heard: Iterable[T2tMessage]) -> list[T2tMessage]:
     """Leave out messages of masters under a term that no arbiter has granted to their sender.
 
     Objects and track status obey terms, and the highest one for good.

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import AreaMap
 from plant_emulator.wayside.arbiter import Arbiter, of_masters
+from plant_emulator.wayside.grants import Grants, ObservedArbiter
 from plant_emulator.wayside.line_centre import LineCentre
 from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
@@ -16,7 +17,7 @@ from plant_emulator.wayside.track import WaysideTrack
 from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, pack, unpack
 from zenoh_config.messages import WAYSIDE, Refused, TrainStatus
-from zenoh_config.t2t import T2tMessage
+from zenoh_config.t2t import LeaseAnswer, T2tMessage
 from zenoh_config.t2t_supervision import Decree
 from zenoh_config.timers import LineTimers
 
@@ -49,6 +50,8 @@ class WaysideTruth(NamedTuple):
 
 
 class LineWayside:
+    """All parts of a line's wayside, or those that one program serves."""
+
     def __init__(
         self,
         timers: LineTimers,
@@ -60,8 +63,13 @@ class LineWayside:
         centre: LineCentre | None = None,
         key: bytes = BENCH_KEY,
         database: int | None = None,
+        arbiters: Collection[int] | None = None,
+        serves_track: bool = True,
     ) -> None:
         """Args:
+        arbiters: addresses of all arbiters of the line; None: those of `disks`. Of those that this
+            program does not serve it knows the grants by their answers on the radio.
+        serves_track: this program serves objects, axle counters and centre.
         database: version of the track database; messages of another one are refused.
         boot: number of starts of this wayside; it must increase with every start.
         centre: stores the commands of supervision; without it they are ignored.
@@ -71,17 +79,19 @@ class LineWayside:
         """Sender of the last refused message, by reason, as its key names it."""
         self.failed: list[str] = []
         """Names of parts that stopped because the disk did not store their memory."""
+        others = frozenset(arbiters or disks.arbiters) - {*disks.arbiters}
         self.arbiters = {
             address: Arbiter(
                 timers,
                 address=address,
                 memory=memory,
                 start_ns=start_ns,
-                arbiters=len(disks.arbiters),
+                arbiters=len(disks.arbiters) + len(others),
             )
             for address, memory in disks.arbiters.items()
         }
-        self._granting = tuple(self.arbiters.values())
+        self._observed = {address: ObservedArbiter(address) for address in others if serves_track}
+        self._granting: tuple[Grants, ...] = (*self.arbiters.values(), *self._observed.values())
         """Arbiters whose grants count, also after the disk failed one of them."""
         self.objects = {
             site.number: LineObject(
@@ -92,11 +102,14 @@ class LineWayside:
                 start_ns=start_ns,
             )
             for site in line.objects
+            if serves_track
         }
         self.track = WaysideTrack(timers, line, boot=boot, start_ns=start_ns)
         self.centre = centre
+        self.serves_track = serves_track
         self.subscriptions = (
-            *t2t_keys.of_wayside(line.name),
+            *(t2t_keys.of_wayside(line.name) if serves_track else ()),
+            *(t2t_keys.of_grants(line.name) if self._observed else ()),
             *[
                 each
                 for address in self.arbiters
@@ -124,6 +137,8 @@ class LineWayside:
             else:
                 self._fails(f"arbiter {address}")
                 del self.arbiters[address]
+        if not self.serves_track:
+            return self._sealed(out)
         others = [each for each in heard if each.destination not in self.arbiters]
         # A wayside without arbiters cannot tell who commands.
         to_wayside = tuple(of_masters(self._granting, others) if self._granting else others)
@@ -146,7 +161,10 @@ class LineWayside:
                 del self.objects[number]
         out += self._decreed(now_ns, to_wayside)
         out += self.track.step(now_ns, to_wayside, axles=truth.axles)
-        return orders + [
+        return orders + self._sealed(out)
+
+    def _sealed(self, out: Iterable[T2tMessage]) -> list[tuple[str, bytes]]:
+        return [
             (t2t_keys.key_of(self._line_name, m), pack(m, self._key, database=self._database))
             for m in out
         ]
@@ -193,6 +211,14 @@ class LineWayside:
         """
         self.failed.append(who)
 
+    def _observe(self, answer: LeaseAnswer, now_ns: int) -> None:
+        """Note what an arbiter of another program granted."""
+        observed = self._observed.get(answer.source)
+        changed = None if observed is None else observed.on_answer(answer)
+        if changed is not None and self.centre is not None:
+            before, now = changed
+            self.centre.granted(before, now, now_ns)
+
     def _opened(
         self, messages: Iterable[RadioMessage], now_ns: int
     ) -> tuple[list[T2tMessage], list[tuple[str, bytes]]]:
@@ -214,6 +240,8 @@ class LineWayside:
                 # Refuse it, so that it is not granted, stored and shown as an area that a train can
                 # command.
                 self._refuse("unknown area", message.key)
+            elif isinstance(opened, LeaseAnswer):
+                self._observe(opened, now_ns)
             else:
                 heard.append(opened)
         return heard, orders

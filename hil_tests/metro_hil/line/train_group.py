@@ -32,6 +32,8 @@ from zenoh_config import keys
 
 BIT_RATE: Final = 250_000
 WAYSIDE_MS: Final = 10.0
+WAYSIDE: Final = "wayside"
+TRACK: Final = "track"
 AXLES: Final = 16
 AXLE_INSET_M: Final = 2.0
 NS_PER_S: Final = 1_000_000_000
@@ -69,10 +71,13 @@ class LineBench:
         seed: int = 1,
         line: str | None = None,
         real: Mapping[str, Any] = NOTHING,
+        apart: bool = False,
     ) -> None:
         """Create the trains.
 
         Raises SettingsError if line and stations do not fit together.
+
+        `apart`: each arbiter, and the track, is a program of its own, which can crash alone.
 
         `line` is a path; None: the line of the areas. `real` is as for `plan_scenario`.
         """
@@ -89,11 +94,15 @@ class LineBench:
         self._stores = stores
         self._objects = {site.number: ObjectMemory() for site in areas.objects}
         self._wayside_starts = 0
-        self.wayside = self._new_wayside(0)
+        self._apart = apart
+        self._programs: dict[str, LineWayside | None] = {}
+        """Programs of the wayside by name; None while one is down."""
         self.release_wanted: set[int] = set()
         """Numbers of objects whose release is requested."""
-        self._port = self.air.port("wayside", self.wayside.subscriptions)
-        self._crashed = False
+        self._ports = {}
+        for name in self._parts():
+            wayside = self._programs[name] = self._new_wayside(name, 0)
+            self._ports[name] = self.air.port(name, wayside.subscriptions)
         for number, way in enumerate(runs, start=1):
             self._add(number, way)
         self._executives.append(Executive([Task("wayside", WAYSIDE_MS, self._wayside)], 0))
@@ -168,23 +177,28 @@ class LineBench:
     def go_on(self, executive: Executive) -> None:
         self._executives.append(executive)
 
-    def crash_wayside(self) -> None:
-        """Crash the wayside; it loses everything that it did not store."""
-        self._crashed = True
+    def crash_wayside(self, name: str = WAYSIDE) -> None:
+        """Crash a program of the wayside; it loses everything that it did not store."""
+        assert self._programs[name] is not None
+        self._programs[name] = None
 
-    def restart_wayside(self) -> None:
-        self.wayside = self._new_wayside(self.clock.now_ns())
-        self._crashed = False
+    def restart_wayside(self, name: str = WAYSIDE) -> None:
+        self._programs[name] = self._new_wayside(name, self.clock.now_ns())
 
-    def _new_wayside(self, now_ns: int) -> LineWayside:
+    def _parts(self) -> list[str]:
+        arbiters = [f"arbiter {address}" for address in self._t2t.arbiters]
+        return [*arbiters, TRACK] if self._apart else [WAYSIDE]
+
+    def _new_wayside(self, name: str, now_ns: int) -> LineWayside:
         self._wayside_starts += 1
+        own = {a for a in self._stores if not self._apart or name == f"arbiter {a}"}
 
         def store_object(number: int, memory: ObjectMemory) -> bool:
             self._objects[number] = memory
             return True
 
         disks = Disks(
-            {address: store.value or ArbiterMemory() for address, store in self._stores.items()},
+            {a: self._stores[a].value or ArbiterMemory() for a in sorted(own)},
             dict(self._objects),
             lambda address, memory: self._stores[address].put(memory),
             store_object,
@@ -194,6 +208,8 @@ class LineBench:
             boot=self._wayside_starts,
             start_ns=now_ns,
             database=database_version(load_line(self._line)),
+            arbiters=self._t2t.arbiters,
+            serves_track=name in (WAYSIDE, TRACK),
         )
 
     @property
@@ -210,11 +226,12 @@ class LineBench:
         ]
 
     def _wayside(self, now_ns: int) -> None:
-        heard = self._port.receive(now_ns)
-        if self._crashed:
-            return
-        for key, payload in self.wayside.step(now_ns, heard, self._truth()):
-            self._port.send(now_ns, key, payload)
+        truth = self._truth()
+        for name, port in self._ports.items():
+            heard, program = port.receive(now_ns), self._programs[name]
+            if program is not None:
+                for key, payload in program.step(now_ns, heard, truth):
+                    port.send(now_ns, key, payload)
 
     def _truth(self) -> WaysideTruth:
         axles: dict[int, int] = {}

@@ -62,7 +62,7 @@ LINE_VERBS = {
 }
 """Help texts of the verbs that supervise a line whose trains command themselves."""
 SERVICE_VERBS = {
-    "up": "start all programs of a line: wayside, and bus, plant and controller of each train",
+    "up": "start all programs of a line: its wayside, and bus, plant and controller of each train",
     "down": "end all programs of the line that is up",
     "status": "list the programs of the line that is up, and which of them ended",
     "restart": "start programs of the line again; those that run are ended first",

@@ -137,7 +137,7 @@ def parser() -> argparse.ArgumentParser:
         "names",
         nargs="+",
         metavar="PROGRAM",
-        help="such as wayside, T1/plant, T1/controller, or T1 for its controller",
+        help="such as arbiter1, T1/plant, T1/controller, or T1 for its controller",
     )
     return top
 

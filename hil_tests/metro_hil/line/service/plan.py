@@ -66,7 +66,11 @@ def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
     common = ["--line", setup.line, "--line-radio", setup.endpoint]
     before = min(PRIORITY_MAX, setup.priority + BEFORE) if setup.priority else 0
     wayside = ["wayside", *common, *of_line, "--memory", str(folder / WAYSIDE)]
-    programs = [LineProgram(WAYSIDE, "plant_emulator", [*wayside, "--priority", str(before)])]
+    wayside += ["--priority", str(before)]
+    programs = [
+        LineProgram(name, "plant_emulator", [*wayside, "--part", part])
+        for name, part in _wayside_parts(setup).items()
+    ]
     numbered = list(enumerate(setup.ways, start=1))
     for train, _ in numbered:
         name = bus_name(folder, train)
@@ -84,6 +88,14 @@ def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
         words += ["--priority", str(setup.priority)]
         programs.append(LineProgram(f"T{train}/{CONTROLLER}", "vobc", words, logs=True))
     return programs
+
+
+def _wayside_parts(setup: LineSetup) -> dict[str, str]:
+    """Return the part of each program of the wayside; that of a secured line is one program."""
+    if setup.secure is not None:
+        return {WAYSIDE: "all"}
+    arbiters = [f"arbiter{n}" for n in range(1, setup.arbiters + 1)]
+    return {part: part for part in ("router", *arbiters, "track")}
 
 
 def _place(folder: Path, train: int, way: PlannedRun) -> list[str]:

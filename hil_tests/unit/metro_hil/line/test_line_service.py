@@ -49,6 +49,14 @@ def test_the_plant_of_an_attended_train_has_no_desk_of_its_own(tmp_path: Path) -
     assert ["external" in each.arguments for each in plants] == [False, True]
 
 
+def test_the_parts_of_an_open_line_are_programs_of_their_own(tmp_path: Path) -> None:
+    setup = msgspec.structs.replace(SETUP, secure=None)
+
+    names = [each.name for each in programs_of(setup, tmp_path)]
+
+    assert names[:6] == ["router", "arbiter1", "arbiter2", "arbiter3", "track", "T1/bus"]
+
+
 def test_wayside_buses_and_plants_start_before_the_controllers(tmp_path: Path) -> None:
     names = [each.name for each in programs_of(SETUP, tmp_path)]
 
