@@ -6,8 +6,9 @@ from typing import Any, Final
 
 from firmware_py import settings
 from firmware_py.trackdb.line_map import LineMap
-from firmware_py.trackdb.network import Running
-from firmware_py.trackdb.one_track import DIRECTIONS, one_track_path
+from firmware_py.trackdb.network import Running, TrackNetwork
+from firmware_py.trackdb.network_file import is_network, read_network, route_path
+from firmware_py.trackdb.one_track import network_of
 from firmware_py.trackdb.paths import Path
 from firmware_py.trackdb.sites import Station, TagSite
 
@@ -30,20 +31,31 @@ class Circuit:
 def load_line(name: str) -> LineMap:
     """Load a line by path or by the name of a shipped file; raises SettingsError.
 
-    `NAME:up` and `NAME:down` are its paths in both directions, see `one_track`.
+    `NAME:up` and `NAME:down` are its paths in both directions, see `one_track`. `FILE:ROUTE` is
+    the path of a route of a network.
     """
     base, route = split_route(name)
     path = settings.find(base, "firmware_py.trackdb")
-    line = _loaded(settings.text_of(path), str(path))
-    return line if route is None else _path(line, str(path), route).line
+    text = settings.text_of(path)
+    if route is None and not _is_network(text, str(path)):
+        return _loaded(text, str(path))
+    return _path(text, str(path), route).line
 
 
 def load_path(name: str) -> Path:
-    """Load a path by the name that `load_line` takes; without a route it is the one up."""
+    """Load a path by the name that `load_line` takes; of a line file it is up without a route."""
     base, route = split_route(name)
     path = settings.find(base, "firmware_py.trackdb")
-    line = _loaded(settings.text_of(path), str(path))
-    return _path(line, str(path), route or Running.UP.value)
+    text = settings.text_of(path)
+    if route is None and not _is_network(text, str(path)):
+        route = Running.UP.value
+    return _path(text, str(path), route)
+
+
+def load_network(name: str) -> TrackNetwork:
+    """Load a network; a line file is one of a single track. Raises SettingsError."""
+    path = settings.find(name, "firmware_py.trackdb")
+    return _network(settings.text_of(path), str(path))
 
 
 def split_route(name: str) -> tuple[str, str | None]:
@@ -58,15 +70,25 @@ def with_route(base: str, route: str | None) -> str:
 
 
 @functools.lru_cache(maxsize=settings.KEPT_MAX)
-def _path(line: LineMap, source: str, route: str) -> Path:
-    if route not in DIRECTIONS:
-        raise settings.SettingsError(
-            f"{source}: route {route!r}: {settings.nearest(route, list(DIRECTIONS), 'route')}"
-        )
+def _is_network(text: str, source: str) -> bool:
+    return is_network(settings.tables_of(text, source))
+
+
+@functools.lru_cache(maxsize=settings.KEPT_MAX)
+def _network(text: str, source: str) -> TrackNetwork:
+    table = settings.tables_of(text, source)
+    if is_network(table):
+        with settings.located(source, text):
+            return read_network(table, source)
     try:
-        return one_track_path(line, Running(route))
+        return network_of(_loaded(text, source))
     except ValueError as error:
-        raise settings.SettingsError(f"{source}: route {route}: {error}") from error
+        raise settings.SettingsError(f"{source}: {error}") from error
+
+
+@functools.lru_cache(maxsize=settings.KEPT_MAX)
+def _path(text: str, source: str, route: str | None) -> Path:
+    return route_path(_network(text, source), route, source)
 
 
 @functools.lru_cache(maxsize=settings.KEPT_MAX)

@@ -19,6 +19,7 @@ from typing import Any, Final, NamedTuple
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
+from firmware_py.trackdb.circuit import load_network
 from metro_hil.campaign import schema
 from metro_tools.generated_doc import EXIT_OK, EXIT_OUTDATED, markdown_table
 from metro_tools.law_doc import docstrings, unit_of
@@ -36,7 +37,10 @@ BISECTIONS: Final = 60
 DIGITS: Final = 6
 """To which a limit is rounded. All limits that stand in the code have fewer."""
 CHAINAGES: Final = frozenset(
-    {"start_m", "end_m", "stop_m", "platform_start_m", "platform_end_m", "position_m"}
+    {
+        *("start_m", "end_m", "stop_m", "platform_start_m", "platform_end_m", "position_m"),
+        *("stop_up_m", "stop_down_m"),
+    }
 )
 """Keys of a line that are limited by their neighbours alone."""
 
@@ -73,6 +77,14 @@ def files() -> Iterator[KeyFile]:
         "`--line FILE` takes it; `[train] line` of a campaign does, too.",
         "florence",
         load_line("florence"),
+    )
+    yield KeyFile(
+        "network",
+        "Keys of a network file",
+        "A network is one TOML file: tracks with their own chainage, joins, switches and routes.\n"
+        "`--line FILE:ROUTE` takes it; `[train] line` of a campaign does, too.",
+        "florence",
+        load_network("florence"),
     )
     yield KeyFile(
         "areas",

@@ -16,6 +16,7 @@ VERBS: Final = {
     "device": "vobc.cli.command",
     "import": "metro_hil.exchange.import_command",
     "host": "metro_hil.external_controller.realtime",
+    "network": "metro_hil.report.network_command",
     "explain": "metro_hil.report.explain.command",
     "watch": "metro_hil.watch.command",
     "tune": "metro_hil.tuning.command",

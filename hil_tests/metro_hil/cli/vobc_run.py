@@ -45,7 +45,7 @@ from metro_hil.model.run_options import (
 from metro_hil.model.subprocesses import ChildError
 from metro_hil.report.table import print_results
 from metro_hil.run.lockstep import Lockstep, config_of, run_lockstep, scenario_of
-from metro_hil.run.turnback import Departure, both_ways, change_ends
+from metro_hil.run.turnback import Departure, both_ways, change_ends, check_turn
 from metro_hil.watch.companion import WatchPage
 from plant_emulator.world import TrainScenario
 from vobc.cli.line import reachable_areas
@@ -84,7 +84,7 @@ def _run(options: RunOptions, console: Console) -> int:
         from metro_hil.line.virtual import command as line_run
 
         return line_run.run(options, console)
-    if options.and_back:
+    if options.and_back is not None:
         legs: list[RunResults] = []
         try:
             return _drive_both_ways(options, legs, console)
@@ -101,6 +101,7 @@ def _drive_both_ways(options: RunOptions, legs: list[RunResults], console: Conso
     check_plausible(config_of(back), journey_back.line)
     departures: list[Departure] = []
     came, leaves = load_path(out.line), load_path(back.line)
+    check_turn(came, leaves, str(back.start))
 
     def turn(bench: Lockstep) -> None:
         departures.append(change_ends(bench, came, leaves))

@@ -13,6 +13,7 @@ from metro_hil.external_controller import realtime
 from metro_hil.line.service import command as service_command
 from metro_hil.model import run_options
 from metro_hil.model.run_options import LINE_VERBS, SHIPPED_VERBS
+from metro_hil.report import network_command
 from metro_hil.report.explain import command as explain_command
 from metro_hil.supervision import command as supervision_command
 from metro_hil.supervision import demo_ca, radio_log_command
@@ -34,6 +35,7 @@ def whole_parser() -> argparse.ArgumentParser:
     verbs |= {verb: shipped[verb] for verb in SHIPPED_VERBS}
     verbs["check"] = check.parser()
     verbs["device"] = device_options.parser()
+    verbs["network"] = network_command.parser()
     verbs["import"] = import_command.parser()
     verbs["host"] = realtime.parser()
     verbs["explain"] = explain_command.parser()

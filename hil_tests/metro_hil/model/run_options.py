@@ -33,6 +33,7 @@ OTHER_VERBS = {
     "device": "run the bare controller on a bus, for a plant or a real train",
     "import": "turn a line or train of TTOBench (JSON) into files of this project",
     "host": "run a controller of your own, in any language, in real time on a bus",
+    "network": "check, show or draw the tracks of a network or a line",
     "explain": "show what the controller of a run decided, why, and from which frames",
     "watch": "show a run in a browser, while it goes on or afterwards",
     "tune": "re-tune a control law and write a parameter file",
@@ -127,8 +128,9 @@ class RunOptions:
     """Whether to serve a page of the run while it goes on."""
     memory: str | None = None
     """Folder of the controller's memory with --train; None: the run folder."""
-    and_back: bool = False
-    """Whether the train changes ends at the last station and drives back."""
+    and_back: str | None = None
+    """Route by which the train drives back after it changed ends at the last station; empty for
+    the other direction, None for a run one way."""
     plot: bool | None = None
     """Whether a plot is drawn; None: unless --json is given."""
 
@@ -171,8 +173,11 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--and-back",
-        action="store_true",
-        help="at the last station, change ends and drive back to the first, with --lockstep",
+        nargs="?",
+        const="",
+        metavar="ROUTE",
+        help="at the last station, change ends and drive back, with --lockstep; on a network by "
+        "this route",
     )
     group.add_argument(
         "--consist",
@@ -394,7 +399,7 @@ def trains_problem(options: RunOptions) -> str:
 
 def and_back_problem(options: RunOptions) -> str:
     """Error text if an option does not fit --and-back; else empty."""
-    if not options.and_back:
+    if options.and_back is None:
         return ""
     if not options.lockstep:
         return "--and-back: with --lockstep only; in real time start one run for each direction"

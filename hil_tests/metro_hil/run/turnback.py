@@ -36,20 +36,42 @@ class Departure:
 def both_ways(options: RunOptions) -> tuple[RunOptions, RunOptions]:
     """The options of the run out and of the run back. Raises SettingsError."""
     base, route = split_route(options.line)
-    try:
-        running = Running(route or Running.UP.value)
-    except ValueError:
-        raise SettingsError(
-            f"--and-back: --line {options.line}: {route} is no direction; write up or down"
-        ) from None
-    out = replace(options, line=with_route(base, running.value), and_back=False)
-    back_line = with_route(base, running.other.value)
-    last = options.end or load_path(out.line).line.stations[-1].name
-    first = options.start or load_path(out.line).line.stations[0].name
-    back = replace(out, line=back_line, start=last, end=first)
+    back_route = options.and_back
+    if not back_route:
+        try:
+            running = Running(route or Running.UP.value)
+        except ValueError:
+            raise SettingsError(
+                f"--and-back: {route} of {base} is no direction of a line; name the route back, "
+                "such as --and-back ROUTE"
+            ) from None
+        route, back_route = running.value, running.other.value
+    out = replace(options, line=with_route(base, route), and_back=None)
+    stations = load_path(out.line).line.stations
+    back = replace(
+        out,
+        line=with_route(base, back_route),
+        start=options.end or stations[-1].name,
+        end=options.start or stations[0].name,
+    )
     if options.out is not None:
         return replace(out, out=f"{options.out}/out"), replace(back, out=f"{options.out}/back")
     return out, back
+
+
+def check_turn(came: Path, leaves: Path, terminal: str) -> None:
+    """Check that the path back leaves the terminal over the same track, in the other direction.
+
+    Raises SettingsError.
+    """
+    place = came.to_track(came.line.station(terminal).stop_m)
+    for leg in leaves.legs:
+        if leg.track.name == place.track and leg.running is place.running.other:
+            return
+    raise SettingsError(
+        f"--and-back: {leaves.line.name} does not leave {terminal} over track {place.track} "
+        f"{place.running.other.value}; choose a route that does"
+    )
 
 
 def change_ends(bench: Lockstep, came: Path, leaves: Path) -> Departure:
@@ -58,10 +80,21 @@ def change_ends(bench: Lockstep, came: Path, leaves: Path) -> Departure:
     Args:
         came: path of that run.
         leaves: path of the other direction.
+
+    Raises SettingsError if part of the train stands on a track that it does not leave by.
     """
 
     def translate(at_m: float) -> float:
-        return leaves.to_path(came.to_track(at_m))
+        place = came.to_track(at_m)
+        try:
+            return leaves.to_path(place)
+        except KeyError:
+            raise SettingsError(
+                f"--and-back: the train also stands on track {place.track}, and "
+                f"{leaves.line.name} does not run over it; choose a route that does"
+            ) from None
+
+    shared = {leg.track.name for leg in leaves.legs}
 
     world = bench.plant.world
     reader = world.tag_reader
@@ -71,7 +104,11 @@ def change_ends(bench: Lockstep, came: Path, leaves: Path) -> Departure:
     return Departure(
         TurnedTrain(
             front_m=translate(rear_m),
-            tags_m={site.tag_id: translate(reader.felt_m(site.tag_id)) for site in reader.tags},
+            tags_m={
+                site.tag_id: translate(reader.felt_m(site.tag_id))
+                for site in reader.tags
+                if came.to_track(reader.felt_m(site.tag_id)).track in shared
+            },
             seed=world.seed + 1,
         ),
         bench.vobc.hand_over(OtherPath(leaves.line.start_m, leaves.line.end_m, translate)),

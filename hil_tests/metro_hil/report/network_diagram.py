@@ -1,0 +1,124 @@
+"""Draws the tracks of a network as a diagram in SVG, one lane for each track."""
+
+import html
+from collections.abc import Iterator
+from typing import Final
+
+from firmware_py.trackdb.network import Track, TrackNetwork
+
+WIDTH_PX: Final = 1100.0
+MARGIN_PX: Final = 90.0
+LANE_PX: Final = 70.0
+STYLE: Final = (
+    "text{font:12px sans-serif;fill:#222}.track{stroke:#222;stroke-width:4}"
+    ".joint{stroke:#888;stroke-width:3;fill:none}.platform{fill:#e8a33d}"
+    ".stop{stroke:#b00020;stroke-width:5}"
+)
+
+
+def network_svg(network: TrackNetwork) -> str:
+    """The diagram as a document. Tracks keep their lengths; places where they meet are level."""
+    ends_m = _ends_m(network)
+    low_m, high_m = min(ends_m.values()), max(ends_m.values())
+    scale = (WIDTH_PX - 2.0 * MARGIN_PX) / (high_m - low_m)
+    places = {end: MARGIN_PX + (at_m - low_m) * scale for end, at_m in ends_m.items()}
+    lanes = {track.name: LANE_PX * (row + 1) for row, track in enumerate(network.tracks)}
+    height_px = LANE_PX * (len(network.tracks) + 1)
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH_PX:.0f}" height="{height_px:.0f}">',
+        f"<style>{STYLE}</style>",
+        f'<text x="10" y="20">{html.escape(network.name)}</text>',
+        *_joints(network, places, lanes),
+    ]
+    for track in network.tracks:
+        parts += _track(track, places, lanes[track.name])
+    for end in network.buffer_stops:
+        x_px, y_px = places[end], lanes[end.rpartition(".")[0]]
+        parts.append(_line("stop", x_px, y_px - 8.0, x_px, y_px + 8.0))
+    return "\n".join([*parts, "</svg>", ""])
+
+
+def _ends_m(network: TrackNetwork) -> dict[str, float]:
+    """Place of each track end in the diagram: ends that meet lie at one place, where possible."""
+    meets: dict[str, list[str]] = {}
+    pairs = [(join.a, join.b) for join in network.joins]
+    for switch in network.switches:
+        pairs += [(switch.tip, switch.left), (switch.tip, switch.right)]
+    for one, other in pairs:
+        meets.setdefault(one, []).append(other)
+        meets.setdefault(other, []).append(one)
+    placed: dict[str, float] = {}
+    for first in network.tracks:
+        if f"{first.name}.start" not in placed:
+            _place(network, first.name, first.start_m, True, meets, placed)
+    return placed
+
+
+def _place(
+    network: TrackNetwork,
+    name: str,
+    at_m: float,
+    by_start: bool,
+    meets: dict[str, list[str]],
+    placed: dict[str, float],
+    sign: float = 1.0,
+) -> None:
+    """Place a track by one of its ends, then all tracks that it leads to."""
+    waiting = [(name, at_m, by_start, sign)]
+    while waiting:
+        name, at_m, by_start, sign = waiting.pop()
+        if f"{name}.start" in placed:
+            continue
+        track = network.track(name)
+        # `sign` is the direction in the diagram from the given end to the other one.
+        far_m = at_m + sign * (track.end_m - track.start_m)
+        near_end, far_end = ("start", "end") if by_start else ("end", "start")
+        placed[f"{name}.{near_end}"], placed[f"{name}.{far_end}"] = at_m, far_m
+        for end, end_m, outward in ((near_end, at_m, -sign), (far_end, far_m, sign)):
+            for other in meets.get(f"{name}.{end}", ()):
+                other_name, _, other_end = other.rpartition(".")
+                waiting.append((other_name, end_m, other_end == "start", outward))
+
+
+def _joints(
+    network: TrackNetwork, places: dict[str, float], lanes: dict[str, float]
+) -> Iterator[str]:
+    pairs = [(join.a, join.b, "") for join in network.joins]
+    for switch in network.switches:
+        pairs += [(switch.tip, switch.left, switch.name), (switch.tip, switch.right, "")]
+    for one, other, name in pairs:
+        x_px, y_px = places[one], lanes[one.rpartition(".")[0]]
+        yield _line("joint", x_px, y_px, places[other], lanes[other.rpartition(".")[0]])
+        if name:
+            yield _text(x_px + 4.0, y_px - 8.0, name)
+
+
+def _track(track: Track, places: dict[str, float], y_px: float) -> Iterator[str]:
+    start_px, end_px = places[f"{track.name}.start"], places[f"{track.name}.end"]
+    share = (end_px - start_px) / (track.end_m - track.start_m)
+    yield _line("track", start_px, y_px, end_px, y_px)
+    yield _text(min(start_px, end_px) - 60.0, y_px + 4.0, track.name)
+    for edge in track.platforms:
+        one_px = start_px + (edge.start_m - track.start_m) * share
+        other_px = start_px + (edge.end_m - track.start_m) * share
+        left_px, width_px = min(one_px, other_px), max(2.0, abs(other_px - one_px))
+        # Right of a track that runs up towards the right is below it.
+        sides_px = (y_px + 6.0, y_px - 14.0)[:: 1 if share > 0.0 else -1]
+        for is_there, top_px in zip((edge.side.right, edge.side.left), sides_px, strict=True):
+            if is_there:
+                yield (
+                    f'<rect class="platform" x="{left_px:.1f}" y="{top_px:.1f}" '
+                    f'width="{width_px:.1f}" height="8"/>'
+                )
+        yield _text(left_px, y_px + 28.0, edge.station)
+
+
+def _line(kind: str, x1_px: float, y1_px: float, x2_px: float, y2_px: float) -> str:
+    return (
+        f'<line class="{kind}" x1="{x1_px:.1f}" y1="{y1_px:.1f}" x2="{x2_px:.1f}" '
+        f'y2="{y2_px:.1f}"/>'
+    )
+
+
+def _text(x_px: float, y_px: float, text: str) -> str:
+    return f'<text x="{x_px:.1f}" y="{y_px:.1f}">{html.escape(text)}</text>'
