@@ -9,6 +9,7 @@ from can_dbc.vobc import Inhibit, Missing, Supervision
 from firmware_py.trackdb import LineMap
 from vobc.arbitration import BRAKED_DEMAND, arbitrate, inertia_kg, manual_demand, most_accel_mps2
 from vobc.ato import Ato, current_loop
+from vobc.ato.settings.ato import AtoConfig
 from vobc.atp import Protection, ProtectionVerdict
 from vobc.config import VobcConfig
 from vobc.odometry import Odometry
@@ -68,7 +69,9 @@ class Controller:
             car_lengths_m=config.train.car_lengths_m,
             true_per_counted=config.true_per_counted,
         )
-        self._operation = operation or Ato(config.ato, line, mission.start.stop_m, mission.stops)
+        self._operation = operation or Ato(
+            _within_service_brake(config), line, mission.start.stop_m, mission.stops
+        )
         self._manual_mps2 = 0.0
         self._weighed = False
         self._weighed_kg = config.train.full_load_kg
@@ -221,6 +224,13 @@ class Controller:
         station = min(self._line.stations, key=lambda station: abs(station.stop_m - front_m))
         left, right = doors.left is DoorState.OPEN, doors.right is DoorState.OPEN
         return (station.side.left and left) or (station.side.right and right)
+
+
+def _within_service_brake(config: VobcConfig) -> AtoConfig:
+    """Settings of operation whose greatest brake demand the train's service brake can give."""
+    limits = config.ato.limits
+    most_mps2 = min(limits.brake_demand_max_mps2, config.train.service_decel_max_mps2)
+    return replace(config.ato, limits=replace(limits, brake_demand_max_mps2=most_mps2))
 
 
 def _line_voltage_v(inputs: CycleInput) -> float | None:

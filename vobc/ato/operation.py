@@ -15,7 +15,7 @@ from vobc.ato.motion import gradient
 from vobc.ato.motion.shaper import Shaper
 from vobc.ato.next_stop import StopPlan
 from vobc.ato.output import make_stage
-from vobc.ato.settings.ato import AtoConfig
+from vobc.ato.settings.ato import AtoConfig, within_notches
 from vobc.vocabulary import AtoDemand, AtoInput
 
 NS_PER_S: Final = 1_000_000_000
@@ -64,6 +64,8 @@ class Ato:
     def __init__(
         self, config: AtoConfig, line: LineMap, start_m: float, stops: Sequence[Station]
     ) -> None:
+        if config.output.stage == "notches":
+            config = within_notches(config)
         self._config = config
         self._line = line
         self._plan = StopPlan(line, start_m, stops, window_m=config.station.window_m)
@@ -402,7 +404,9 @@ class Ato:
         picked_mps2 = self._stage.pick(wanted_mps2, dt_s, firm=firm)
         # A larger demand would become effective later without jerk limit, as soon as the motors can
         # give it.
-        accel_mps2 = self._shaper.step(min(picked_mps2, inputs.traction_mps2), dt_s)
+        falling_mps2 = -gradient.decel_on_mps2(self._config, inputs.gradient_permille)
+        demand_mps2 = min(picked_mps2, inputs.traction_mps2)
+        accel_mps2 = self._shaper.step(demand_mps2, dt_s, falling_mps2=falling_mps2)
         unready = self._hold and self.phase not in DRIVING | SETTING_OFF
         if accel_mps2 > 0.0 and (unready or (not inputs.doors_locked and not self._seen.under_way)):
             accel_mps2 = self._shaper.drop_traction()

@@ -18,7 +18,7 @@ from vobc.ato.model.ceiling_forecast import CeilingOutlook, SmoothFront
 from vobc.ato.model.predictor import MeanInputLag, Pipeline, PredictedState
 from vobc.ato.motion import gradient, profile, trapezoid
 from vobc.ato.motion.step_curve import StepCurve
-from vobc.ato.settings.ato import AtoConfig
+from vobc.ato.settings.ato import AtoConfig, within_notches
 
 LEAST_SPEED_MPS: Final = 0.3
 """Speed below which the conversion of a gap in metres into one in speed no longer grows."""
@@ -69,6 +69,7 @@ class Chasing:
     )
 
     def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
+        config = within_notches(config)
         scheme, traction = config.chasing, config.traction
         self._config = config
         self._line = line

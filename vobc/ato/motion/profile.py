@@ -11,6 +11,9 @@ from firmware_py.trackdb import LineMap
 from vobc.ato.motion import gradient, trapezoid
 from vobc.ato.settings.ato import AtoConfig, Braking
 
+STEEP_WEAK_FACTOR: Final = 1.6
+"""Factor on the assumed deviation of the brake gain where the demand also holds the gradient. With
+the default of `weak_ratio` a gain of 0.75 still stops the train."""
 LEAST_DECEL_MPS2: Final = 0.15
 """Least planned deceleration, however steep the downhill gradient."""
 
@@ -183,7 +186,13 @@ def steady_decel_mps2(
     worst_permille = min(0.0, line.worst_gradient_permille(at_m - reach_m, at_m))
     falling_mps2 = -gradient.decel_on_mps2(config, worst_permille)
     weak_ratio = shape.weak_ratio if gain_ratio is None else gain_ratio
-    most_mps2 = config.limits.accel_mps2 * (1.0 + min(0.0, weak_ratio))
+    limits, weak_ratio = config.limits, min(0.0, weak_ratio)
+    # What the brake may add on falling track is planned for a still weaker one. There a train that
+    # needs more than the limit would not stop.
+    most_mps2 = max(
+        limits.accel_mps2 * (1.0 + weak_ratio),
+        limits.brake_most_mps2(falling_mps2) * (1.0 + STEEP_WEAK_FACTOR * weak_ratio),
+    )
     room_mps2 = most_mps2 - shape.reserve_mps2 - falling_mps2
     return max(LEAST_DECEL_MPS2, min(shape.decel_mps2, room_mps2))
 

@@ -4,17 +4,23 @@ from vobc.ato.settings.ato import Limits
 
 
 class Shaper:
-    __slots__ = ("_accel_mps2", "_jerk_mps3", "demand_mps2")
+    __slots__ = ("_accel_mps2", "_jerk_mps3", "_limits", "demand_mps2")
 
     def __init__(self, limits: Limits) -> None:
+        self._limits = limits
         self._accel_mps2 = limits.accel_mps2
         self._jerk_mps3 = limits.jerk_mps3
         self.demand_mps2 = 0.0
 
-    def step(self, wanted_mps2: float, dt_s: float) -> float:
-        """The demand nearest to the wanted one that the limits permit after `dt_s`."""
+    def step(self, wanted_mps2: float, dt_s: float, *, falling_mps2: float = 0.0) -> float:
+        """The demand nearest to the wanted one that the limits permit after `dt_s`.
+
+        Args:
+            falling_mps2: acceleration by a falling gradient, which the brake also holds.
+        """
         reach_mps2 = self._jerk_mps3 * dt_s
-        low_mps2 = max(-self._accel_mps2, self.demand_mps2 - reach_mps2)
+        most_mps2 = self._limits.brake_most_mps2(falling_mps2)
+        low_mps2 = max(-most_mps2, self.demand_mps2 - reach_mps2)
         high_mps2 = min(self._accel_mps2, self.demand_mps2 + reach_mps2)
         self.demand_mps2 = min(high_mps2, max(low_mps2, wanted_mps2))
         return self.demand_mps2

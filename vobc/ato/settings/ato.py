@@ -2,7 +2,7 @@
 stopping.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from vobc.ato.settings.chasing import ChasingScheme
@@ -24,9 +24,24 @@ class Limits:
 
     accel_mps2: float = 0.8
     jerk_mps3: float = 0.6
+    brake_demand_max_mps2: float = 1.0
+    """Greatest brake demand on falling track, where the train decelerates by less than it. The
+    controller also keeps it within `train.service_decel_max_mps2`."""
 
     def __post_init__(self) -> None:
-        _positive(accel_mps2=self.accel_mps2, jerk_mps3=self.jerk_mps3)
+        _positive(
+            accel_mps2=self.accel_mps2,
+            jerk_mps3=self.jerk_mps3,
+            brake_demand_max_mps2=self.brake_demand_max_mps2,
+        )
+
+    def brake_most_mps2(self, falling_mps2: float) -> float:
+        """Greatest brake demand where gravity accelerates the train by this much.
+
+        The train itself never decelerates by more than `accel_mps2`.
+        """
+        wanted_mps2 = self.accel_mps2 + max(0.0, falling_mps2)
+        return max(self.accel_mps2, min(self.brake_demand_max_mps2, wanted_mps2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,6 +339,13 @@ class AtoConfig:
             raise ValueError(f"rotating_mass_percent {self.rotating_mass_percent} is not in 0..50")
         if self.braking.decel_mps2 > self.limits.accel_mps2:
             raise ValueError("braking.decel_mps2 is over limits.accel_mps2")
+
+
+def within_notches(config: AtoConfig) -> AtoConfig:
+    """Settings whose greatest brake demand is the strongest notch."""
+    limits, top_mps2 = config.limits, config.output.brake_levels_mps2[-1]
+    most_mps2 = min(limits.brake_demand_max_mps2, top_mps2)
+    return replace(config, limits=replace(limits, brake_demand_max_mps2=most_mps2))
 
 
 def _positive(**values: float) -> None:

@@ -215,8 +215,11 @@ def test_a_stop_on_a_falling_gradient_is_planned_within_the_demand() -> None:
         return profile.steady_decel_mps2(AtoConfig(), line, at_m, gain_ratio)
 
     assert planned(1500.0) == Braking().decel_mps2
-    # On -30 per mille gravity takes 0.27 m/s² of the allowed 0.8 m/s².
-    assert planned(1890.0) == pytest.approx(0.8 - 0.02 - 9.81 * 0.03 / 1.08, abs=1e-6)
+    # On -30 per mille gravity takes 0.27 m/s² of the greatest demand, which is 1 m/s² there.
+    assert planned(1890.0) == pytest.approx(1.0 - 0.02 - 9.81 * 0.03 / 1.08, abs=1e-6)
+    # A brake with a gain of 0.75 still gives what is planned before the gain is known.
+    assert planned(1890.0, None) == pytest.approx(0.744 - 0.02 - 9.81 * 0.03 / 1.08, abs=1e-6)
+    assert planned(1890.0, None) < 0.75 - 9.81 * 0.03 / 1.08
     # A brake with a gain of 0.85 gives 0.68 of the demanded 0.8 m/s².
     assert planned(1500.0, -0.15) == pytest.approx(0.68 - 0.02, abs=1e-6)
     assert planned(1500.0, 0.1) == Braking().decel_mps2
