@@ -183,7 +183,7 @@ def _of_table(table: TableFour) -> list[Figure]:
     figures = []
     name = table.supply.name
     for row in table.rows[2:]:
-        told = f"{PERCENT * row.change.mean_ratio:+.2f} % ± {PERCENT * row.change.half_ratio:.2f}"
+        told = row.change.text
         on_time_ratio = min(outcome.on_time_ratio for outcome in row.outcomes)
         told += f", {on_time_ratio:.1%} within 2 s"
         bar, met = "", None

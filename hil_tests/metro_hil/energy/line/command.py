@@ -128,7 +128,7 @@ def _show_all(console: Console, table: TableFour) -> None:
             f"{max(outcome.worst_s for outcome in row.outcomes):.1f} s",
             f"{row.mean(lambda outcome: outcome.actual_kwh):.1f}",
             f"{row.mean(lambda outcome: outcome.use_ratio):.1%}",
-            _change(row),
+            row.change.text,
         )
     console.print(shown)
     lost = sum(outcome.unconverged for row in table.rows for outcome in row.outcomes)
@@ -155,11 +155,6 @@ def _parking(row: TableFourRow) -> str:
     good = all(outcome.parking_m <= 0.3 for outcome in row.outcomes)
     worst_m = max(outcome.parking_m for outcome in row.outcomes)
     return "100%" if good else f"worst {worst_m:.2f} m"
-
-
-def _change(row: TableFourRow) -> str:
-    change = row.change
-    return f"{PERCENT * change.mean_ratio:+.2f} % ± {PERCENT * change.half_ratio:.2f}"
 
 
 def _draw(page: Any, table: TableFour) -> None:

@@ -93,7 +93,7 @@ def _changes(axes: Axes, table: TableFour) -> None:
     names = _names(table)
     places = np.arange(len(names))
     means = np.array([100.0 * row.change.mean_ratio for row in table.rows])
-    halves = np.array([100.0 * row.change.half_ratio for row in table.rows])
+    halves = np.array([100.0 * (row.change.half_ratio or 0.0) for row in table.rows])
     axes.barh(places, means, xerr=halves, color="#0b62c4")
     axes.set_yticks(places, names)
     axes.invert_yaxis()

@@ -22,6 +22,7 @@ from metro_hil.energy.line.synchronise import TimetableSearch
 
 SEEDS: Final = tuple(range(1, 11))
 LAPS: Final = 2
+PERCENT: Final = 100.0
 CONFIDENCE: Final = 0.95
 BUDGET: Final = 150
 
@@ -52,7 +53,16 @@ class Estimate:
     """A mean with its confidence interval."""
 
     mean_ratio: float
-    half_ratio: float
+    half_ratio: float | None
+    """Half of the interval; None for a single seed, which says nothing about the spread."""
+
+    @property
+    def text(self) -> str:
+        """Return mean and interval in per cent."""
+        mean = f"{PERCENT * self.mean_ratio:+.2f} %"
+        if self.half_ratio is None:
+            return f"{mean}, one seed"
+        return f"{mean} ± {PERCENT * self.half_ratio:.2f}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +152,7 @@ def paired(base: Sequence[LapResults], other: Sequence[LapResults]) -> Estimate:
         [b.actual_kwh / a.actual_kwh - 1.0 for a, b in zip(base, other, strict=True)]
     )
     if len(changes) < 2:
-        return Estimate(float(changes[0]), float("inf"))
+        return Estimate(float(changes[0]), None)
     spread = float(np.std(changes, ddof=1)) / float(np.sqrt(len(changes)))
     half = float(t.ppf(0.5 + CONFIDENCE / 2.0, len(changes) - 1)) * spread
     return Estimate(float(np.mean(changes)), half)

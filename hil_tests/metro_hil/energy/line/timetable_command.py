@@ -78,7 +78,7 @@ def _find(options: argparse.Namespace) -> int:
     on_time_ratio = min(outcome.on_time_ratio for outcome in after)
     _show(console, base, found.timetable)
     console.print(
-        f"{100.0 * change.mean_ratio:+.2f} % ± {100.0 * change.half_ratio:.2f} of actual energy "
+        f"{change.text} of actual energy "
         f"against the traditional law; {on_time_ratio:.1%} of runs within 2 s; {found.tried} tries",
         highlight=False,
     )

@@ -194,10 +194,18 @@ def test_the_published_saving_is_nine_per_cent_and_not_ten() -> None:
     assert saved * 15 * 3600 / 1260 * 365 == pytest.approx(2273532, rel=1e-4)
 
 
+def test_one_seed_has_no_interval() -> None:
+    single = paired([lap(seed=1)], [lap(seed=1)])
+
+    assert single.half_ratio is None
+    assert single.text == "+0.00 %, one seed"
+
+
 def test_pairs_with_one_difference_have_no_spread() -> None:
     one, other = lap(seed=1), lap(seed=2)
 
     same = paired([one, other], [one, other])
 
     assert (same.mean_ratio, same.half_ratio) == (0.0, 0.0)
+    assert same.text == "+0.00 % ± 0.00"
     assert share_at_least(3000, 3000) == pytest.approx(1.0 - 3.0 / 3000.0, abs=2e-4)
