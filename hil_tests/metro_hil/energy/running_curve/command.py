@@ -32,7 +32,7 @@ from metro_hil.energy.running_curve.design import Hop
 from metro_hil.energy.running_curve.literal import x_that_the_table_implies_s
 from metro_hil.energy.running_curve.optimum import NotSolvedError
 from metro_hil.energy.running_curve.trace import trace
-from metro_hil.energy.running_curve.track import track_between
+from metro_hil.energy.running_curve.track import level_track, track_between
 from metro_hil.energy.running_curve.train import RunningTrain, load_train
 from metro_hil.model.run_folder import RunFolderError, make_run_folder
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK, EXIT_USAGE
@@ -209,6 +209,9 @@ def _show_table_one(console: Console, train: RunningTrain) -> None:
             f"{row.regenerable_max_kwh():.2f}",
         )
     console.print(table)
+    hop = Hop(train, level_track(train, table_one.LENGTH_M))
+    designed = ", ".join(f"{each_kw:.1f}" for each_kw in table_one.designed_kw(hop))
+    console.print(f"designed limits, kW/motor, by η as above: {designed}", highlight=False)
     in_mj = table_one.deviation_ratio(rows, unit_j=J_PER_MJ)
     in_kwh = table_one.deviation_ratio(rows, unit_j=J_PER_KWH)
     kwh = ", ".join(

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from metro_hil.energy.running_curve.design import RunningCurve, curve_of, with_time
+from metro_hil.energy.running_curve.design import Hop, RunningCurve, curve_of, design, with_time
 from metro_hil.energy.running_curve.track import HopTrack, level_track
 from metro_hil.energy.running_curve.train import RunningTrain
 
@@ -15,6 +15,7 @@ TIME_S: Final = 72.5
 LENGTH_M: Final = 1000.0
 J_PER_MJ: Final = 1.0e6
 J_PER_KWH: Final = 3.6e6
+W_PER_KW: Final = 1000.0
 MOTORS: Final = 8
 
 
@@ -60,6 +61,12 @@ def rows(train: RunningTrain) -> list[TableOneRow]:
         TableOneRow(printed, _run(train, track, printed.power_kw * 1000.0 * MOTORS))
         for printed in TABLE_I
     ]
+
+
+def designed_kw(hop: Hop) -> list[float]:
+    """Return the power limit of a motor that the design chooses for each row's weight."""
+    weights = [printed.weight_factor for printed in TABLE_I]
+    return [design(hop, TIME_S, each).curve.power_w / W_PER_KW / MOTORS for each in weights]
 
 
 def _run(train: RunningTrain, track: HopTrack, power_w: float) -> RunningCurve:

@@ -111,6 +111,15 @@ def test_the_designed_run_takes_just_its_time(weight: float, time_s: float) -> N
     assert found.late_s <= 0.02
 
 
+def test_the_designed_limits_of_table_one_fall_with_the_weight_and_keep_the_time() -> None:
+    limits_kw = table_one.designed_kw(COARSE)
+
+    assert limits_kw == sorted(limits_kw, reverse=True)
+    assert limits_kw[0] == pytest.approx(TRAIN.brake_power_w / 8e3, rel=1e-3)
+    # 68 kW, which the paper has for the greatest weight, would be late.
+    assert 68.0 < limits_kw[-1] < 75.0
+
+
 def test_table_one_is_in_megajoules_and_not_in_kilowatt_hours() -> None:
     rows = table_one.rows(TRAIN)
 
