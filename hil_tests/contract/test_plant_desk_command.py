@@ -21,6 +21,7 @@ from firmware_py.buses.inproc import InprocBus
 from firmware_py.radio.inproc_radio import InprocRadio
 from firmware_py.tag_reader.inproc_line import inproc_line
 from plant_emulator.cli import main
+from plant_emulator.cli.desk_command import DeskNode, GrowingKeys
 from plant_emulator.desk.recording import load_recording
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.process import PlantDevice
@@ -204,7 +205,11 @@ def test_a_person_drives_with_the_keys_of_a_terminal(tmp_path: Path) -> None:
     [
         (["--play", "nowhere.desk"], 2, "nowhere.desk: no such file"),
         (["--driver", "late", "--bus", "embedded:nobody0"], 3, "nobody0"),
-        (["--bus", SPEC], 3, "plant desk needs a terminal, or --play FILE, or --driver NAME"),
+        (
+            ["--bus", SPEC],
+            3,
+            "plant desk needs a terminal, or --play FILE, --driver NAME or --keys FILE",
+        ),
     ],
 )
 def test_an_impossible_desk_is_refused_in_one_line(
@@ -224,3 +229,30 @@ def test_a_recording_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["desk", "--bus", SPEC, "--driver", "late", "--record", str(path)]) == 2
     assert "the file exists and is not overwritten" in capsys.readouterr().err
     assert path.read_text(encoding="utf-8") == "# mine\n"
+
+
+def test_keys_come_from_a_file_that_grows(tmp_path: Path) -> None:
+    bus, path = InprocBus("vcan0", 250_000), tmp_path / "desk.keys"
+    ear, decoder = bus.port("EAR", {can_id(Desk)}), Decoder([Desk])
+    desk = DeskNode(
+        bus.port("DESK", ()),
+        who=None,
+        mode=CabMode.MANUAL,
+        terminal=None,
+        keys=GrowingKeys(path),
+        record=None,
+        start_ns=0,
+    )
+    seen = []
+    for number, text in enumerate(("", "up\nu", "p\nnonsense\n\xff\nup\na", "\n")):
+        with path.open("a", encoding="latin-1") as keys:
+            keys.write(text)
+        desk.cycle(number * 100_000_000)
+        bus.advance((number + 1) * 100_000_000)
+        for frame in ear.receive((number + 1) * 100_000_000):
+            heard = decoder.decode(frame.can_id, frame.data, frame.stamp_ns)
+            assert isinstance(heard, Desk)
+            seen.append((heard.lever_percent, heard.mode))
+
+    manual = CabMode.MANUAL
+    assert seen == [(0.0, manual), (10.0, manual), (30.0, manual), (30.0, CabMode.AUTO)]

@@ -4,10 +4,10 @@ model.
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Final, Protocol, TextIO
 
 from can_dbc.binding import can_id
 from can_dbc.cab import CabMode, Desk
@@ -17,6 +17,7 @@ from can_dbc.nodes import Node
 from firmware_py.buses import BusError, open_can
 from firmware_py.clock.clock import Clock, WallClock
 from firmware_py.clock.executive import Executive, Task, run
+from firmware_py.clock.realtime import die_with_parent
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.settings import SettingsError
@@ -40,9 +41,12 @@ def attend(options: argparse.Namespace) -> int:
     """Run the command. Raises SettingsError, BusError or OSError."""
     mode = CabMode[options.mode.upper()]
     recording = None if options.play is None else load_recording(options.play)
-    by_hand = recording is None and options.driver is None
+    keys = None if options.keys is None else GrowingKeys(Path(options.keys))
+    by_hand = recording is None and options.driver is None and keys is None
     if by_hand and not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise OSError("plant desk needs a terminal, or --play FILE, or --driver NAME")
+        raise OSError("plant desk needs a terminal, or --play FILE, --driver NAME or --keys FILE")
+    if options.parent is not None:
+        die_with_parent(options.parent)
     ending = Interrupts()
     with ending.caught(), ExitStack() as stack:
         clock = WallClock()
@@ -62,10 +66,13 @@ def attend(options: argparse.Namespace) -> int:
             who=attendant(options.driver, recording, mode=mode, start_ns=start_ns),
             mode=mode,
             terminal=terminal,
+            keys=keys if terminal is None else terminal,
             record=_record(options.record, stack),
             start_ns=start_ns,
         )
         over = _over(options.duration_s, start_ns, ending, desk)
+        if keys is not None:
+            stack.callback(keys.close)
         if not by_hand:
             print(f"plant: desk on {spec}; Ctrl-C leaves it", flush=True)
         run([desk.executive], clock, over)
@@ -102,6 +109,32 @@ def _record(name: str | None, stack: ExitStack) -> TextIO | None:
     return record
 
 
+class PressedKeys(Protocol):
+    """Where the keys come from."""
+
+    def pressed(self) -> Iterable[str]:
+        """Return the names of the keys that were pressed since the last call."""
+        ...
+
+
+class GrowingKeys:
+    """Names of keys that another program appends to a file, one a line."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the file, which is made if it is missing. Raises OSError."""
+        path.touch()
+        self._file = path.open("rb")
+        self._rest = b""
+
+    def pressed(self) -> Iterable[str]:
+        text = self._rest + self._file.read()
+        *whole, self._rest = text.split(b"\n")
+        return [line.decode(errors="replace").strip() for line in whole]
+
+    def close(self) -> None:
+        self._file.close()
+
+
 class DeskNode:
     """The desk node on the bus. Run `executive`, and call `stop` at the end."""
 
@@ -112,14 +145,17 @@ class DeskNode:
         who: Attendant | None,
         mode: CabMode,
         terminal: TerminalArea | None,
+        keys: PressedKeys | None,
         record: TextIO | None,
         start_ns: int,
     ) -> None:
         """Args:
-        who: recording or driver model; None: the keys of the terminal.
+        who: recording or driver model; None: the keys.
+        terminal: shows the desk.
         record: file that receives a line for each change.
         """
         self._can, self._driver, self._terminal, self._record = can, who, terminal, record
+        self._keys = keys
         self._start_ns = start_ns
         self._decoder, self._encoder = Decoder(SCREEN_KINDS), Encoder()
         self._hands = Hands(unattended(mode))
@@ -163,8 +199,8 @@ class DeskNode:
     def _desk(self, now_ns: int) -> Desk:
         if self._driver is not None:
             return self._driver(self.display, now_ns)
-        if self._terminal is not None:
-            for key in self._terminal.pressed():
+        if self._keys is not None:
+            for key in self._keys.pressed():
                 self._hands = press(self._hands, key, now_ns)
         return self._hands.at(now_ns)
 

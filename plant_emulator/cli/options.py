@@ -199,6 +199,10 @@ def _add_desk(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     who = desk.add_mutually_exclusive_group()
     who.add_argument("--play", metavar="FILE", help="a recording drives instead of the keyboard")
     who.add_argument("--driver", choices=list(DRIVERS), help="a driver model drives")
+    who.add_argument(
+        "--keys", metavar="FILE", help="take the keys from a file that grows, one name a line"
+    )
+    desk.add_argument("--parent", type=int, metavar="PID", help="end when that process ends")
     desk.add_argument("--record", metavar="FILE", help="record the desk, for --play")
     desk.add_argument(
         "--mode",

@@ -29,8 +29,8 @@ from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
 from firmware_py.storage.recorder import CandumpWriter
 from metro_hil.model.end_condition import INTERRUPTED, Ending
 from metro_hil.model.mission import Journey
-from metro_hil.model.run_folder import RunFolder
-from metro_hil.model.run_options import EXTERNAL, RunOptions
+from metro_hil.model.run_folder import DESK_KEYS, DESK_RECORDING, RunFolder
+from metro_hil.model.run_options import BROWSER, EXTERNAL, RunOptions
 from metro_hil.model.subprocesses import Child, ChildError
 from metro_hil.realtime.bus_watch import BusWatch
 from metro_hil.realtime.commands import again
@@ -107,6 +107,8 @@ class RealtimeRun:
             )
             if self._interrupts.asked:
                 return watch.ending(INTERRUPTED, truth_known=False)
+            if self._options.desk == BROWSER:
+                self._start_desk(stack, spec)
             wires = ["--bus", spec, "--tags", tags, "--radio", radio]
             self._start_controller(stack, wires)
             reason = watch.run(
@@ -224,7 +226,7 @@ class RealtimeRun:
             arguments += ["--load-ratio", str(options.load_ratio)]
         if options.odometer_error is not None:
             arguments += ["--odometer-error", str(options.odometer_error)]
-        arguments += ["--desk", options.desk]
+        arguments += ["--desk", EXTERNAL if options.desk == BROWSER else options.desk]
         if options.driver is not None:
             arguments += ["--driver", options.driver]
         if options.desk_recording is not None:
@@ -265,6 +267,13 @@ class RealtimeRun:
             arguments += ["--output", options.output]
         self._adopt(stack, Child(CONTROLLER, "vobc", arguments, self._log("vobc")))
 
+    def _start_desk(self, stack: ExitStack, spec: str) -> None:
+        """Start the desk whose keys come from the page of the run; it records what is done."""
+        path = self._folder.path
+        arguments = ["desk", "--bus", spec, "--keys", str(path / DESK_KEYS)]
+        arguments += ["--record", str(path / DESK_RECORDING)]
+        self._adopt(stack, Child("desk", "plant_emulator", arguments, self._log("desk")))
+
     def _log(self, name: str) -> Path:
         return self._folder.path / f"{name}.log"
 
@@ -283,7 +292,8 @@ class RealtimeRun:
     def _desk_unattended(self) -> bool:
         """Whether no person works the desk and no duration is given: a stuck run may then end."""
         options = self._options
-        worked = options.desk_recording or options.driver or options.desk in ("manual", EXTERNAL)
+        by_hand = options.desk in ("manual", EXTERNAL, BROWSER)
+        worked = options.desk_recording or options.driver or by_hand
         return options.duration_s is None and not worked
 
     def _lost_by_children(self) -> int:

@@ -34,6 +34,7 @@ from metro_hil.model.run_folder import (
     write_config,
 )
 from metro_hil.model.run_options import (
+    BROWSER,
     EXIT_ENVIRONMENT,
     EXIT_FAILED,
     EXIT_INTERRUPTED,
@@ -173,7 +174,7 @@ def _watched(
     """Start the page of the run if the user wants it; it ends with `stack`."""
     if not options.watch:
         return None
-    page = stack.enter_context(WatchPage(folder.path))
+    page = stack.enter_context(WatchPage(folder.path, desk=options.desk == BROWSER))
     console.print(page.line, highlight=False, soft_wrap=True)
     return page
 

@@ -15,7 +15,9 @@ from metro_hil.model.line_options import train_number as train_number
 DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus."
 
 EXTERNAL = "external"
-ELSEWHERE = (EXTERNAL, "none")
+BROWSER = "browser"
+"""Mode of the desk whose keys come from the page of the run."""
+ELSEWHERE = (EXTERNAL, BROWSER, "none")
 PLANTS = ("auto", "none")
 DESKS = ("auto", "manual", "off", *ELSEWHERE)
 
@@ -230,7 +232,8 @@ def _add_desk(run: argparse.ArgumentParser) -> None:
         "--desk",
         choices=DESKS,
         default="auto",
-        help="its mode; external: `plant desk` is the desk, in real time; none: no desk",
+        help="its mode; external: `plant desk` is the desk, in real time; browser: the page of the "
+        "run, as with --watch; none: no desk",
     )
     group.add_argument(
         "--driver", choices=list(DRIVERS), help="driver model that drives, with --desk manual"
@@ -331,6 +334,7 @@ def parse(argv: Sequence[str]) -> RunOptions:
         if several:
             top.error("--direction: not with --trains, where the line's traffic file decides it")
         chosen["line"] = f"{chosen['line']}:{direction}"
+    chosen["watch"] = chosen["watch"] or chosen["desk"] == BROWSER
     options = RunOptions(**chosen)
     problem = (
         wires_problem(options)
@@ -416,8 +420,8 @@ def and_back_problem(options: RunOptions) -> str:
 
 def desk_problem(options: RunOptions) -> str:
     """Error text if the desk's options contradict each other; else empty."""
-    if options.desk == EXTERNAL and options.lockstep:
-        return "--desk external: a person cannot drive in virtual time; leave out --lockstep"
+    if options.desk in (EXTERNAL, BROWSER) and options.lockstep:
+        return f"--desk {options.desk}: a person cannot drive in virtual time; leave out --lockstep"
     if options.driver and options.desk_recording:
         return "--desk-recording: not together with --driver"
     if (options.driver or options.desk_recording) and options.desk in ELSEWHERE:

@@ -1,4 +1,4 @@
-"""`python -m metro_hil.watch FOLDER PID`: serves the page of a run until the process PID ends."""
+"""`python -m metro_hil.watch FOLDER PID [desk]`: the page of a run until the process PID ends."""
 
 import asyncio
 import sys
@@ -11,15 +11,17 @@ from canlog.live.page import serve_folder
 from canlog.views.server import LOOPBACK
 from firmware_py.assertions import require_assertions
 from firmware_py.clock.realtime import die_with_parent
+from metro_hil.watch.desk_keys import DeskKeys
 
 
 def main() -> int:
     """Print the address first; the run waits for that line."""
     require_assertions("vobc")
-    folder, parent = sys.argv[1:]
+    folder, parent, *desk = sys.argv[1:]
     die_with_parent(int(parent))
     try:
-        server = serve_folder(Path(folder), host=LOOPBACK, port=0)
+        hands = DeskKeys(Path(folder)) if desk else None
+        server = serve_folder(Path(folder), hands=hands, host=LOOPBACK, port=0)
     except LogError as error:
         print(f"page: none: {error}", flush=True)
         return 1

@@ -21,10 +21,15 @@ class WatchPage:
     A page that cannot be served never fails the run.
     """
 
-    def __init__(self, folder: Path) -> None:
-        """Start the process. Raises OSError if its log cannot be written."""
+    def __init__(self, folder: Path, *, desk: bool = False) -> None:
+        """Start the process. Raises OSError if its log cannot be written.
+
+        Args:
+            desk: the page has the desk of the train.
+        """
         log = folder / LOG
         command = [sys.executable, "-m", "metro_hil.watch", str(folder), str(os.getpid())]
+        command += ["desk"] if desk else []
         with log.open("ab") as errors:
             # It has its own session, so that Ctrl-C reaches only the run, which ends the page last.
             self._process = subprocess.Popen(

@@ -14,7 +14,7 @@ from urllib.request import Request, urlopen
 import numpy as np
 import pytest
 from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin
 
 from canlog.command import main as canlog
@@ -233,10 +233,33 @@ def test_a_slow_viewer_loses_updates_and_is_told_how_many() -> None:
     assert found[-1] == "fresh"
 
 
+class PressedKeys:
+    """Hands that note what was pressed."""
+
+    keys = (("up", "lever up"), ("e", "EMERGENCY button"))
+
+    def __init__(self) -> None:
+        self.pressed: list[str] = []
+
+    def press(self, key: str) -> None:
+        self.pressed.append(key)
+
+    def let_go(self) -> None:
+        self.pressed.append("let go")
+
+    def close(self) -> None:
+        self.pressed.append("closed")
+
+
 @pytest.fixture
-def served(run: Path) -> Iterator[LiveServer]:
+def hands() -> PressedKeys:
+    return PressedKeys()
+
+
+@pytest.fixture
+def served(run: Path, hands: PressedKeys) -> Iterator[LiveServer]:
     (run / "bus.log").write_text(line(0.0))
-    server = serve_folder(run, host="127.0.0.1", port=0)
+    server = serve_folder(run, hands=hands, host="127.0.0.1", port=0)
     runner = asyncio.Runner()
     loop = runner.get_loop()
     task = loop.create_task(server.run())
@@ -271,6 +294,39 @@ def test_a_page_of_the_server_gets_the_stream_and_others_get_nothing(served: Liv
     assert refused(f"http://{own}/") == 404
     assert refused(f"http://{own}/..%2f..%2fetc/passwd") == 404
     assert refused(address, Host="evil.example") == 403
+
+
+def test_one_viewer_has_the_desk_and_others_look_on(served: LiveServer, hands: PressedKeys) -> None:
+    address = served.address.replace("http", "ws") + "stream"
+    origin = Origin(served.address.rsplit("/", 2)[0])
+
+    def holder(socket: ClientConnection) -> str:
+        while True:
+            message = socket.recv(timeout=10)
+            told = json.loads(message) if isinstance(message, str) else {}
+            if told.get("kind") == "desk":
+                return str(told["holder"])
+
+    def send(socket: ClientConnection, *messages: dict[str, str] | list[str]) -> None:
+        for message in messages:
+            socket.send(json.dumps(message))
+
+    with connect(address, origin=origin) as second:
+        with connect(address, origin=origin) as first:
+            send(first, {"kind": "key", "key": "e"}, {"kind": "take"})
+            before = holder(first), holder(second)
+            send(second, {"kind": "take"}, {"kind": "key", "key": "e"}, {"kind": "leave"})
+            with connect(address, origin=origin) as late:
+                told_late = holder(late)
+            send(first, {"kind": "key", "key": "q"}, ["key"], {"kind": "key", "key": "up"})
+            first.send("{")
+        after = holder(second)
+        send(second, {"kind": "take"})
+        taken = holder(second)
+
+    assert (before, told_late, after, taken) == (("you", "another"), "another", "", "you")
+    assert hands.pressed[:2] == ["up", "let go"]
+    assert "e" not in hands.pressed
 
 
 def refused(address: str, **headers: str) -> int:

@@ -8,7 +8,7 @@ from typing import Any, Final
 from canlog.damage import LogError
 from canlog.database import Bus, load_bus
 from canlog.live.feeds import BusFeed, FolderFeed
-from canlog.live.server import LiveServer
+from canlog.live.server import DeskControl, LiveServer
 from canlog.live.stream import VERSION, History
 from canlog.reader import read
 from canlog.run import BUS_LOG, bus_log_of
@@ -34,8 +34,13 @@ CURVES: Final = (
 PLACE: Final = "VOBC_POSITION.front_m"
 
 
-def serve_folder(folder: Path, *, host: str, port: int) -> LiveServer:
+def serve_folder(
+    folder: Path, *, hands: DeskControl | None = None, host: str, port: int
+) -> LiveServer:
     """Return the server of a run: live while it goes on, then its report.
+
+    Args:
+        hands: the desk of the train, if viewers may use it.
 
     Raises:
         LogError: if the folder is no run, or the port is taken.
@@ -47,13 +52,16 @@ def serve_folder(folder: Path, *, host: str, port: int) -> LiveServer:
     bus = load_bus()
     history, title = History(bus), folder.resolve().name
     head = live_head(bus, title, line_of(folder)) | {"messages": history.heads}
+    if hands is not None:
+        head["desk"] = hands.keys
     report = _Report(folder, title)
     feed = FolderFeed(folder, bus)
 
     def page() -> str:
         return report.text(history.remark) if history.ended else html_page(head)
 
-    return LiveServer(feed, history, page, now_ns=WallClock().epoch_ns, host=host, port=port)
+    now_ns = WallClock().epoch_ns
+    return LiveServer(feed, history, page, now_ns=now_ns, hands=hands, host=host, port=port)
 
 
 def serve_bus(

@@ -9,10 +9,10 @@ import json
 import secrets
 import socket
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from http import HTTPStatus
-from typing import Final
+from typing import Final, Protocol
 from urllib.parse import parse_qsl, urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
@@ -153,6 +153,23 @@ class TokenServer(ABC):
         return host in (f"{shown}:{self._port}", f"localhost:{self._port}")
 
 
+class DeskControl(Protocol):
+    """A desk that one viewer at a time may use."""
+
+    @property
+    def keys(self) -> Sequence[tuple[str, str]]:
+        """Name and description of each key."""
+        ...
+
+    def press(self, key: str) -> None: ...
+
+    def let_go(self) -> None:
+        """The viewer who held the desk is gone."""
+        ...
+
+    def close(self) -> None: ...
+
+
 class LiveServer(TokenServer):
     """The live page, and its stream."""
 
@@ -163,6 +180,7 @@ class LiveServer(TokenServer):
         page: Callable[[], str],
         *,
         now_ns: Callable[[], int],
+        hands: DeskControl | None = None,
         host: str = LOOPBACK,
         port: int = 0,
     ) -> None:
@@ -171,9 +189,13 @@ class LiveServer(TokenServer):
         Args:
             page: returns the page as HTML; called for each viewer, in a thread.
             now_ns: reads the wall clock, in nanoseconds since 1970.
+            hands: the desk that viewers may use; None for a page that only shows.
         """
         super().__init__(host=host, port=port)
         self._feed, self._history, self._page, self._now_ns = feed, history, page, now_ns
+        self._hands = hands
+        self._holder: Viewer | None = None
+        """The viewer who has the desk."""
         self._viewers: set[Viewer] = set()
 
     def answer(self, path: str, query: Mapping[str, str]) -> tuple[str, bytes] | None:
@@ -190,22 +212,55 @@ class LiveServer(TokenServer):
 
     def close(self) -> None:
         self._feed.close()
+        if self._hands is not None:
+            self._hands.close()
 
     async def stream(self, connection: ServerConnection) -> None:
         viewer = Viewer(self._history.snapshot())
         self._viewers.add(viewer)
+        if self._holder is not None:
+            viewer.offer([json.dumps({"kind": "desk", "holder": "another"})])
         sending = asyncio.ensure_future(_send(connection, viewer))
         try:
-            # The stream is read-only: whatever the browser sends is dropped.
-            async for _ in connection:
-                pass
+            async for message in connection:
+                self._hear(viewer, message)
         except ConnectionClosed:
             pass
         finally:
             self._viewers.discard(viewer)
+            self._drop(viewer)
             sending.cancel()
             with suppress(asyncio.CancelledError, ConnectionClosed):
                 await sending
+
+    def _hear(self, viewer: Viewer, message: Item) -> None:
+        """Take a key of the viewer who has the desk; anything else is dropped."""
+        if self._hands is None or self._history.ended:
+            return
+        try:
+            told = json.loads(message)
+            kind, key = told.get("kind"), told.get("key")
+        except (ValueError, AttributeError):
+            return
+        if kind == "take" and self._holder in (None, viewer):
+            self._holder = viewer
+            self._tell_holder()
+        elif kind == "leave":
+            self._drop(viewer)
+        elif kind == "key" and viewer is self._holder and key in dict(self._hands.keys):
+            self._hands.press(key)
+
+    def _drop(self, viewer: Viewer) -> None:
+        """Free the desk if this viewer has it."""
+        if viewer is self._holder and self._hands is not None:
+            self._holder = None
+            self._hands.let_go()
+            self._tell_holder()
+
+    def _tell_holder(self) -> None:
+        for each in self._viewers:
+            who = "you" if each is self._holder else "another" if self._holder else ""
+            each.offer([json.dumps({"kind": "desk", "holder": who})])
 
 
 async def _send(connection: ServerConnection, viewer: Viewer) -> None:

@@ -159,6 +159,7 @@ function listen() {
 }
 
 function onKey(event) {
+  if (live.on && deskKey(event)) return;
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   if (event.target.closest("input, dialog")) { if (event.key === "Escape" && event.target.id === "filter") { event.preventDefault(); event.target.blur(); } return; }
   const about = view.cursor ?? (view.from + view.to) / 2, many = event.shiftKey ? 10 : 1;

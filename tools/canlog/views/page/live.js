@@ -99,7 +99,7 @@ class LiveSource extends LocalSource {
   passing(terms, message, number) { return this.groups[number] ? super.passing(terms, message, number) : false; }
 }
 
-const live = { most: LIVE_FRAMES, on: false, following: true, ended: false, span: LIVE_SPAN, socket: null, remark: "", tries: 0, waiting: false, slow: 0 };
+const live = { most: LIVE_FRAMES, on: false, following: true, ended: false, span: LIVE_SPAN, socket: null, remark: "", tries: 0, waiting: false, slow: 0, holder: "" };
 
 function startLive() {
   live.on = true;
@@ -107,6 +107,7 @@ function startLive() {
   $("follow").hidden = false;
   $("follow").onclick = toggleFollow;
   showLive();
+  if (view.head.desk) startDesk();
   if (!("WebSocket" in globalThis)) { say("This browser has no WebSocket, so it cannot follow a run; `canlog report` writes the page as a file."); return; }
   connect();
 }
@@ -119,12 +120,14 @@ function connect() {
   socket.onmessage = ({ data }) => { if (typeof data === "string") heard(JSON.parse(data)); else { view.source.append(data); busEvents(); arrived(); } };
   socket.onclose = () => {
     if (live.ended) return;
+    live.holder = ""; showDesk();
     say("The connection to the bench is lost; this page tries again each second.");
     setTimeout(connect, AGAIN_MS);
   };
 }
 
 function heard(told) {
+  if (told.kind === "desk") { live.holder = told.holder; showDesk(); return; }
   if (told.kind === "lost") { say(`This browser was too slow: ${told.messages} updates are missing here. The log of the run has them.`); return; }
   if (told.kind === "snapshot") {
     if (told.version !== view.head.live) { live.ended = true; live.socket.close(); say("The bench has another version than this page: load the page again."); return; }
@@ -155,7 +158,7 @@ function busEvents() {
 }
 
 function ended() {
-  live.ended = true;
+  live.ended = true; live.holder = ""; showDesk();
   showLive();
   // The report of the whole run is at the same address; a paused viewer decides when to load it.
   if (live.following) report();
@@ -217,3 +220,37 @@ function showLive() {
   $("state").className = live.following && !live.ended ? "on" : "";
 }
 function say(text) { live.remark = text; $("warnings").hidden = !text; $("warnings").textContent = text; }
+
+// The desk of the train: one viewer at a time has it, others look on. The lever goes to 0 when the page closes.
+const DESK_KEYS = { ArrowUp: "up", ArrowDown: "down", ArrowLeft: "left", ArrowRight: "right", " ": "space" };
+const DESK_SIGNS = { up: "↑", down: "↓", left: "←", right: "→", space: "Space" };
+function startDesk() {
+  $("desk").hidden = false;
+  $("take").onclick = () => tellDesk({ kind: live.holder === "you" ? "leave" : "take" });
+  $("keys-of-desk").replaceChildren(...view.head.desk.map(([key, text]) => {
+    const button = document.createElement("button"), sign = document.createElement("kbd");
+    sign.textContent = DESK_SIGNS[key] ?? key;
+    button.append(sign, ` ${text}`); button.dataset.key = key;
+    button.onclick = () => tellDesk({ kind: "key", key });
+    return button;
+  }));
+  showDesk();
+}
+function tellDesk(told) { if (live.socket?.readyState === 1) live.socket.send(JSON.stringify(told)); }
+function showDesk() {
+  if (!view.head.desk) return;
+  const mine = live.holder === "you", other = live.holder === "another";
+  $("take").disabled = other || live.ended;
+  $("take").textContent = mine ? "Leave the desk" : "Take the desk";
+  $("holder").textContent = live.ended ? "" : mine ? "You have the desk; its keys go to the train." : other ? "Another viewer has the desk; this page looks on." : "The desk is free.";
+  for (const button of $("keys-of-desk").children) button.disabled = !mine;
+}
+// Whether the desk takes a key of the keyboard.
+function deskKey(event) {
+  if (live.holder !== "you" || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, dialog, button")) return false;
+  const key = DESK_KEYS[event.key] ?? event.key;
+  if (!view.head.desk.some(([name]) => name === key)) return false;
+  tellDesk({ kind: "key", key });
+  event.preventDefault();
+  return true;
+}
