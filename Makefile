@@ -113,7 +113,7 @@ bench: $(READY_TO_TEST) ## measure the figures of docs/results; BENCH_ARGS=...
 bench-hil: compiled ## measure campaigns: overhead, tables of [Allotta 2013], kills, 10,000 stops; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks.campaigns $(BENCH_ARGS)
 
-bench-page: $(READY_TO_TEST) ## measure the time to write, open and navigate the page of a log
+bench-page: $(READY_TO_TEST) ## measure the pages of logs, of live runs and of campaigns
 	$(BIN)/python -m metro_tools.page_bench $(BENCH_ARGS)
 
 bench-atp: $(READY_TO_TEST) ## measure the cost of protection in each cycle, and its braking distances

@@ -1,4 +1,4 @@
-"""Measures the page of a log: writing, opening and moving. `make bench-page` prints the results."""
+"""Measures the pages of logs, of live runs and of campaigns. `make bench-page` prints it."""
 
 import argparse
 import resource
@@ -21,6 +21,7 @@ from canlog.views.traces import default_words
 from firmware_py.assertions import require_assertions
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_tools.browser import Browser, browser_path
+from metro_tools.live_bench import report as report_live
 
 ROUNDS: Final = 3
 MANY: Final = 1_000_000
@@ -42,7 +43,7 @@ SMOOTH: Final = """new Promise(done => {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the figures of a run folder, and of a signal with a million frames."""
+    """Print the figures of a run folder, of a signal with a million frames, and of live pages."""
     require_assertions("page_bench")
     parser = argparse.ArgumentParser(prog="page_bench", description=__doc__)
     parser.add_argument(
@@ -61,6 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 2
         _report(run, log, Path(folder) / "run.html", read_again=True)
         _report(run, _many(), Path(folder) / "many.html", read_again=False)
+    report_live()
     return 0
 
 
