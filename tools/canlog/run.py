@@ -18,6 +18,8 @@ BUS_LOG: Final = "bus.log"
 CYCLES: Final = "cycles.csv"
 EVENTS: Final = "events.jsonl"
 TRUTH: Final = "truth.csv"
+PLANT: Final = "plant.json"
+"""What a plant process leaves at its end."""
 CONTROLLER: Final = "VOBC"
 NS_PER_S: Final = 1_000_000_000
 NO_CYCLE: Final = -1
@@ -44,6 +46,8 @@ class RunFiles:
     folder: Path
     start_ns: int
     """Stamp of the controller's start in the frame log; the controller's logs count from it."""
+    truth_ns: int
+    """Stamp of the plant's start in the frame log; the ground truth counts from it."""
     cycle_ns: Ints
     """(c,) stamps at which control cycles began; the index is the number of the cycle."""
     cycle_of: Ints
@@ -91,6 +95,7 @@ def read_run(folder: Path, frames: Frames, bus: Bus, damages: Damages) -> RunFil
     return RunFiles(
         folder=folder,
         start_ns=start_ns,
+        truth_ns=_truth_ns(folder, frames, start_ns),
         cycle_ns=cycle_ns,
         cycle_of=cycle_of,
         sent=sent,
@@ -119,6 +124,17 @@ def _start_ns(cycles: Columns, frames: Frames, sent: Any) -> int:
     guess_ns = int(frames.at_ns[first[0]]) - round(float(began_s[0]) * NS_PER_S)
     # In virtual time the log's stamps already count from the start.
     return 0 if abs(guess_ns) < NS_PER_S else guess_ns
+
+
+def _truth_ns(folder: Path, frames: Frames, start_ns: int) -> int:
+    """Return the stamp of the plant's start.
+
+    A plant process of `vobc run` starts seconds before the controller, and its first frame is the
+    first of the log. In virtual time both start at zero.
+    """
+    if start_ns == 0 or not (folder / PLANT).is_file() or not len(frames):
+        return start_ns
+    return int(frames.at_ns.min())
 
 
 def _by_stamps(cycle_ns: Ints, at_ns: Ints, sent: Any) -> Ints:

@@ -179,3 +179,25 @@ def test_a_run_folder_tells_journey_and_events(folder: Path) -> None:
 def test_a_dated_log_tells_its_date_and_others_do_not() -> None:
     assert date_text(1_700_000_000_123_456_789) == "2023-11-14 22:13:20.123456789 UTC"
     assert date_text(5_000_000_000) == ""
+
+
+def test_truth_of_a_plant_process_counts_from_its_first_frame(tmp_path: Path) -> None:
+    """The plant starts four seconds before the controller; both count from their own start."""
+    first_s, lines = 1_700_000_000, []
+    for k in range(80):
+        lines.append(f"({first_s + k * 0.1:.6f}) vcan0 185#0011223344556677")
+        if k >= 40:
+            lines.append(f"({first_s + k * 0.1 + 0.01:.6f}) vcan0 101#E8530047C6")
+    (tmp_path / "bus.log").write_text("\n".join(lines) + "\n")
+    (tmp_path / "truth.csv").write_text("t_s,front_m\n0.0,10.0\n6.0,20.0\n")
+    (tmp_path / "cycles.csv").write_text("t_s,front_m\n0.0,15.0\n")
+
+    apart = trace_of(read(tmp_path), "truth.front_m")
+    (tmp_path / "plant.json").write_text("{}")
+    log = read(tmp_path)
+
+    own = trace_of(log, "cycles.front_m")
+    beside = trace_of(log, "truth.front_m")
+    assert (own.at_ns[0] - first_s * 10**9) / 1e9 == pytest.approx(4.01)
+    assert (apart.at_ns[0] - first_s * 10**9) / 1e9 == pytest.approx(4.01)
+    assert [(at - first_s * 10**9) / 1e9 for at in beside.at_ns] == pytest.approx([0.0, 6.0])

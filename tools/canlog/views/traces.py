@@ -200,7 +200,8 @@ def _run_trace(run: RunFiles, group: str, name: str) -> SignalTrace:
         raise LogError(f"{group}.{name}: {run.folder} has no such column of numbers")
     values = columns[name]
     there = ~np.isnan(values)
-    at_ns = run.start_ns + np.rint(columns[TIME_COLUMN][there] * NS_PER_S).astype(np.int64)
+    zero_ns = run.truth_ns if group == TRUTH else run.start_ns
+    at_ns = zero_ns + np.rint(columns[TIME_COLUMN][there] * NS_PER_S).astype(np.int64)
     at_ns, values = in_order(at_ns, values[there])
     return SignalTrace(f"{group}.{name}", unit_of_column(name), at_ns, values)
 
