@@ -3,6 +3,7 @@
 const FRESH_NS = 5e8; // age beyond which a value is not shown, as in the display of `vobc run`
 const FAR_STOP_M = 79e3; // VOBC_TARGET: from here on there is no stopping point ahead
 const TARGETS = { LINE_LIMIT: "line limit", RESTRICTION: "restriction", END: "end of authority" };
+const SHUTDOWN_NS = 1e9; // the controller ends with its safe output, within the last second of a log
 const DIAL_FROM = 0.75 * Math.PI, DIAL_SWEEP = 1.5 * Math.PI;
 const BAR_M = [1, 1000]; // ends of the bar of the distance, which is logarithmic
 const DRIVE = {
@@ -25,7 +26,8 @@ class Drive {
   }
 
   get there() { return view.byFull.has(DRIVE.speed[0]); }
-  get t() { return view.hover ?? view.cursor ?? Math.min(view.to, view.last); }
+  // Without a cursor the newest instant; a finished log shows the one before the controller shut down.
+  get t() { return view.hover ?? view.cursor ?? Math.max(view.first, Math.min(view.to, view.last - (live.on ? 0 : SHUTDOWN_NS))); }
 
   async draw() {
     this.section.hidden = !this.there;
