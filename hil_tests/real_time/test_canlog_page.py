@@ -209,7 +209,7 @@ def test_the_page_opens_alone_and_makes_no_request(browser: Browser, run_page: s
     assert browser.run("document.querySelector('#journey').hidden") is False
     assert "frames" in browser.text("#facts")
     assert browser.run("document.querySelectorAll('#tab-events tbody tr').length") > 20
-    assert browser.run("document.querySelectorAll('#tab-stats tbody tr').length") == 35
+    assert browser.run("document.querySelectorAll('#tab-stats tbody tr').length") == 37
 
 
 def coloured_pixels(browser: Browser) -> int:
