@@ -15,7 +15,7 @@ typedef struct {
 
 static void step(Train *train, double step_s) {
     double *v = train->value, speed = v[SPEED], gain = step_s / v[INERTIA];
-    double slope_n = v[MASS] * 9.80665 * v[SLOPE] / 1000.0;
+    double slope_n = v[MASS] * 9.81 * v[SLOPE] / 1000.0;
     double drag_n = (v[C1] + v[C2] * fabs(speed)) * speed;
     double next = speed + gain * (v[F_DRIVE] - slope_n - drag_n);
     double held = gain * (v[F_BRAKE] + v[C0]); /* Friction never turns the train round. */

@@ -15,7 +15,7 @@ class PointMass:
     def step(self, inputs):
         """Advance by one step and return the truth at its end."""
         train, speed_mps = self.train, self.speed_mps
-        slope_n = train["mass_kg"] * 9.80665 * inputs["gradient_permille"] / 1000.0
+        slope_n = train["mass_kg"] * 9.81 * inputs["gradient_permille"] / 1000.0
         drag_n = (
             train["resistance_n_per_mps"] + train["resistance_n_per_mps2"] * abs(speed_mps)
         ) * speed_mps
