@@ -9,11 +9,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from can_dbc import c_source, derived, python_source
+from can_dbc import c_source, derived, python_source, rust_source
 from can_dbc.binding import BindingError
 
 EXIT_OK, EXIT_USAGE, EXIT_ENVIRONMENT = 0, 2, 3
-LANGUAGES = {"c": c_source.wire_files, "python": python_source.wire_files}
+LANGUAGES = {
+    "c": c_source.wire_files,
+    "python": python_source.wire_files,
+    "rust": rust_source.wire_files,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

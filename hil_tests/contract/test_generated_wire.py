@@ -15,27 +15,16 @@ import pytest
 from can_dbc import c_source, derived, python_source, wire
 from can_dbc.binding import Binding, MessageProtection, binding_of
 from can_dbc.brake import BrakeCommand
-from can_dbc.codec import Decoder, EncodeError, Encoder, Reason, Rejected
+from can_dbc.codec import Decoder, EncodeError, Encoder, Rejected
 from hil_tests.native_rig import code_in
 from hil_tests.wire_traffic import damaged, sampled_frame
+from hil_tests.wire_verdicts import VERDICTS
 
 pytestmark = pytest.mark.usefixtures("c_compiler")
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror"]
 STEPS = 60
 SHIPPED = c_source.shipped_bindings()
-VERDICTS = {
-    2: Reason.WRONG_LENGTH,
-    3: Reason.WRONG_CRC,
-    4: Reason.STUCK_COUNTER,
-    5: Reason.JUMPED_COUNTER,
-    6: Reason.INVALID_VALUE,
-    7: Reason.TWIN_TIMEOUT,
-    8: Reason.TWIN_MISMATCH,
-    9: Reason.TWIN_TIMEOUT,
-    10: Reason.TWIN_MISMATCH,
-}
-"""Reason of the codec for each verdict of wire.h that rejects a frame."""
 FOREIGN = """VERSION ""
 BU_: ECU
 BO_ 2566844926 FAR: 8 ECU
