@@ -13,7 +13,8 @@ from firmware_py.native.build import compiler
 from metro_hil.campaign import plan_cases
 from metro_hil.campaign.read import read_campaign
 from metro_hil.cli.hil import main
-from metro_hil.cli.hil.new_controller import LANGUAGES, project_files
+from metro_hil.cli.hil.new_controller import LANGUAGES
+from metro_hil.external_controller.project import project_files
 from metro_hil.model.case import CaseResult, ControllerSpec, Verdict
 from metro_hil.run.dispatch import run_case
 

@@ -13,8 +13,8 @@ from can_dbc import c_source
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from firmware_py.native.build import compiler
 from metro_hil.benchmarks.bench import Figure, run_measures
-from metro_hil.cli.hil.new_controller import project_files
 from metro_hil.engine.journal import read_journal
+from metro_hil.external_controller.project import project_files
 from metro_hil.model.native_copy import SWITCH, Native
 
 PROJECT: Final = "mine"
