@@ -63,6 +63,19 @@ def test_the_controllers_in_c_and_python_send_the_same_frames(
     assert python.chain == result.chain
 
 
+def test_the_controllers_in_c_and_rust_send_the_same_frames(
+    program: Path, tmp_path: Path, rust_compiler: str
+) -> None:
+    assert main(["new-controller", str(tmp_path / "mine"), "--lang", "rust"]) == 0
+    source, built = tmp_path / "mine/src/main.rs", tmp_path / "mine/mine"
+    flags = ["--edition", "2021", "-D", "warnings"]
+    subprocess.run([rust_compiler, *flags, source, "-o", built], check=True)
+
+    result = smoke(shlex.quote(str(program)), duration_s=12.0)
+
+    assert smoke(shlex.quote(str(built)), duration_s=12.0).chain == result.chain
+
+
 def test_a_program_without_a_bench_says_who_starts_it(program: Path) -> None:
     done = subprocess.run(
         [program], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False

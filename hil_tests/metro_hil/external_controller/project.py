@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Final
 
-from can_dbc import c_source, python_source
+from can_dbc import c_source, python_source, rust_source
 
 KITS: Final = "metro_hil.external_controller"
 COMMON: Final = {
@@ -34,6 +34,8 @@ COMPILED: Final[Mapping[str, Language]] = {
 }
 PYTHON: Final = "python"
 PYTHON_FILES: Final = ("controller.py", "main.py", "radio.py", "tags.py")
+RUST: Final = "rust"
+RUST_FILES: Final = ("controller.rs", "lockstep.rs", "main.rs", "radio.rs", "tags.rs")
 
 
 def project_files(name: str, lang: str) -> dict[str, str]:
@@ -44,6 +46,12 @@ def project_files(name: str, lang: str) -> dict[str, str]:
         files |= {file: _template(f"{PYTHON}/{file}.in") for file in PYTHON_FILES}
         files |= {file: _template(f"{PYTHON}/{file}") for file in ("Makefile", "README.md")}
         words, wire = {"name": name}, python_source.wire_files(bound)
+    elif lang == RUST:
+        same = ("Cargo.toml", "Makefile", "README.md")
+        files |= {file: _template(f"{RUST}/{file}") for file in same}
+        files |= {f"src/{file}": _template(f"{RUST}/{file}") for file in RUST_FILES}
+        words = {"name": name}
+        wire = {f"src/{file}": text for file, text in rust_source.wire_files(bound).items()}
     else:
         files |= _c_templates(COMPILED[lang].suffix)
         words, wire = _c_words(name, COMPILED[lang]), c_source.wire_files(bound)

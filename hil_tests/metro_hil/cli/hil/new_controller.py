@@ -8,7 +8,7 @@ from typing import Final
 from metro_hil.model.run_options import EXIT_OK
 
 NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
-LANGUAGES: Final = ("c", "cpp", "python")
+LANGUAGES: Final = ("c", "cpp", "python", "rust")
 
 
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
