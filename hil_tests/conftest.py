@@ -96,10 +96,20 @@ def c_compiler() -> str:
 @pytest.fixture(scope="session")
 def rust_compiler() -> str:
     """The Rust compiler. Without it a test is skipped, also in CI."""
-    name = shutil.which("rustc")
-    if name is None:
-        pytest.skip(f"{OPTIONAL}there is no rustc")
-    return name
+    return optional_program("rustc")
+
+
+@pytest.fixture(scope="session")
+def cpp_compiler() -> str:
+    """The C++ compiler. Without it a test is skipped, also in CI."""
+    return optional_program("c++")
+
+
+def optional_program(name: str) -> str:
+    found = shutil.which(name)
+    if found is None:
+        pytest.skip(f"{OPTIONAL}there is no {name}")
+    return found
 
 
 def is_realtime(path: Path) -> bool:

@@ -76,6 +76,16 @@ def test_the_controllers_in_c_and_rust_send_the_same_frames(
     assert smoke(shlex.quote(str(built)), duration_s=12.0).chain == result.chain
 
 
+def test_the_same_text_is_cpp_without_a_warning(tmp_path: Path, cpp_compiler: str) -> None:
+    assert main(["new-controller", str(tmp_path / "mine"), "--lang", "cpp"]) == 0
+
+    strict = ["-std=c++17", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only"]
+    sources = sorted((tmp_path / "mine").glob("*.cpp"))
+    subprocess.run([cpp_compiler, *strict, *sources], check=True)
+
+    assert [path.name for path in sources] == ["controller.cpp", "main.cpp"]
+
+
 def test_a_program_without_a_bench_says_who_starts_it(program: Path) -> None:
     done = subprocess.run(
         [program], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False

@@ -62,6 +62,9 @@ def _c_templates(suffix: str) -> dict[str, str]:
     """The files of a project in C. In C++ the controller has the same text."""
     same = ("Makefile", "README.md", "controller.h", *LIBRARY)
     own = {f"{stem}.{suffix}": _template(f"c/{stem}.c") for stem in OWN}
+    if suffix != "c":
+        # C99 has no empty initializer, and compilers of C++ warn of the one that C needs.
+        own = {name: text.replace(" = {0};", " = {};") for name, text in own.items()}
     return {**{file: _template(f"c/{file}") for file in same}, **own}
 
 
