@@ -44,12 +44,17 @@ void controller_start(struct controller *self, const struct settings *settings,
 
 /* Odometry */
 
+/* The counter has 16 bits. Half its range is far more than a train moves between two readings. */
+static int32_t steps_between(uint16_t first, uint16_t last)
+{
+    return (int32_t)((last - first + 0x18000) & 0xFFFF) - 0x8000;
+}
+
 static void take_tacho(struct controller *self)
 {
     const uint16_t pulses = (uint16_t)self->in.tacho.pulses_a;
     if (self->counted) {
-        /* The counter has 16 bits. Half its range is far more than a train moves in 20 ms. */
-        const int32_t step = (int32_t)((pulses - self->pulses + 0x18000) & 0xFFFF) - 0x8000;
+        const int32_t step = steps_between(self->pulses, pulses);
         const double moved_m = (double)step * self->settings.m_per_pulse;
         const double ratio = self->tag_seen ? CALIBRATED_RATIO : BOUND_RATIO;
         self->since_tag_m += moved_m;
@@ -71,7 +76,7 @@ static void take_tag(struct controller *self, const struct tags_telegram *telegr
     for (uint32_t at = 0U; at < self->settings.tag_count; at++) {
         const struct tag *tag = &self->settings.tags[at];
         if ((tag->id == telegram->tag_id) && self->counted) {
-            const uint16_t since = (uint16_t)(self->pulses - telegram->pulses);
+            const int32_t since = steps_between(telegram->pulses, self->pulses);
             const double past_m = (double)since * self->settings.m_per_pulse;
             const double apart_m = tag->position_m - self->last_tag_m;
             const double nominal_m = self->since_tag_m - past_m;
@@ -86,6 +91,14 @@ static void take_tag(struct controller *self, const struct tags_telegram *telegr
             self->bound_m = TAG_BOUND_M + (past_m * BOUND_RATIO);
         }
     }
+}
+
+/* Distance that the train may have run since the newest TACHO. */
+static double lag_m(const struct controller *self, int64_t now_ns)
+{
+    const struct wire_receiver *tacho = &self->in.tacho_state;
+    const double age_s = tacho->received ? ((double)(now_ns - tacho->received_ns) / 1e9) : 0.0;
+    return fabs(self->speed_mps) * age_s;
 }
 
 /* Supervision */
@@ -353,7 +366,7 @@ static size_t send_state(struct controller *self, struct wire_frame *sent)
     motion.ceiling_mps = self->ceiling_mps;
     motion.emergency_mps = self->emergency_mps;
     position.front_m = self->front_m;
-    position.uncertainty_m = self->bound_m;
+    position.uncertainty_m = self->bound_m + self->lag_m;
     target.distance_to_stop_m = to_stop_m(self);
     target.distance_to_authority_m =
         self->radio.authority.end_m - (self->front_m + self->bound_m);
@@ -430,7 +443,7 @@ size_t controller_report(struct controller *self, int64_t now_ns, uint8_t bytes[
     if (self->bound_m < LOCALISED_M) {
         struct radio_report report;
         report.front_min_m = self->front_m - self->bound_m;
-        report.front_max_m = self->front_m + self->bound_m;
+        report.front_max_m = self->front_m + self->bound_m + self->lag_m;
         report.rear_min_m = report.front_min_m - self->settings.length_m;
         report.speed_mps = self->speed_mps;
         report.standstill = stands(self);
@@ -463,6 +476,7 @@ size_t controller_cycle(struct controller *self, int64_t now_ns, struct wire_fra
 {
     const bool fresh = inputs_are_fresh(self, now_ns);
     size_t count;
+    self->lag_m = lag_m(self, now_ns);
     supervise(self, fresh, now_ns);
     operate(self, fresh);
     count = send_commands(self, sent);

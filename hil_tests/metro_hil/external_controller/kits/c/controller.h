@@ -89,6 +89,7 @@ struct controller {
     uint16_t pulses;     /* Counter of that TACHO. */
     double front_m;
     double bound_m;      /* The front is within front_m plus and minus this. */
+    double lag_m;        /* The front may be this much ahead, as the newest TACHO is old. */
     double speed_mps;
     double scale_ratio;  /* True distance by the distance of the nominal wheel. */
     double since_tag_m;  /* Nominal distance since the last tag. */

@@ -92,6 +92,8 @@ pub struct Controller {
     front_m: f64,
     /// The front is within front_m plus and minus this.
     bound_m: f64,
+    /// The front may be this much ahead, as the newest TACHO is old.
+    lag_m: f64,
     speed_mps: f64,
     /// True distance by the distance of the nominal wheel.
     scale_ratio: f64,
@@ -140,6 +142,7 @@ impl Controller {
             pulses: None,
             front_m: settings.start_m,
             bound_m: settings.start_bound_m,
+            lag_m: 0.0,
             speed_mps: 0.0,
             scale_ratio: 1.0,
             since_tag_m: 0.0,
@@ -188,8 +191,7 @@ impl Controller {
     fn take_tacho(&mut self) {
         let pulses = self.inputs.tacho.values.pulses_a as u16;
         if let Some(last) = self.pulses {
-            // The counter has 16 bits. Half its range is far more than a train moves in 20 ms.
-            let step = pulses.wrapping_sub(last) as i16;
+            let step = steps_between(last, pulses);
             let moved_m = f64::from(step) * self.settings.m_per_pulse;
             let ratio = if self.calibrated { CALIBRATED_RATIO } else { BOUND_RATIO };
             self.since_tag_m += moved_m;
@@ -211,7 +213,7 @@ impl Controller {
             let (Some((_, place_m)), Some(pulses)) = (place_m, self.pulses) else {
                 continue;
             };
-            let past_m = f64::from(pulses.wrapping_sub(tag.pulses)) * self.settings.m_per_pulse;
+            let past_m = f64::from(steps_between(tag.pulses, pulses)) * self.settings.m_per_pulse;
             let nominal_m = self.since_tag_m - past_m;
             let apart_m = self.last_tag_m.map_or(0.0, |last_m| place_m - last_m);
             if apart_m >= CALIBRATE_M && nominal_m > 0.0 {
@@ -468,7 +470,8 @@ impl Controller {
             speed_reach_mps: SPEED_REACH_MPS,
             ..Default::default()
         };
-        let position = VOBC_POSITION { front_m: self.front_m, uncertainty_m: self.bound_m };
+        let uncertainty_m = self.bound_m + self.lag_m;
+        let position = VOBC_POSITION { front_m: self.front_m, uncertainty_m };
         let target = VOBC_TARGET {
             distance_to_stop_m: self.to_stop_m(),
             distance_to_authority_m: end_m - (self.front_m + self.bound_m),
@@ -486,6 +489,8 @@ impl Controller {
 
     /// Decide, once a cycle. Return the frames to send now.
     pub fn cycle(&mut self, now_ns: i64) -> Vec<CanFrame> {
+        let age_s = self.inputs.tacho.received_ns.map_or(0.0, |at| (now_ns - at) as f64 / 1e9);
+        self.lag_m = self.speed_mps.abs() * age_s;
         let fresh = self.supervise(now_ns);
         self.operate(fresh);
         let mut frames = Vec::new();
@@ -498,7 +503,7 @@ impl Controller {
     /// Position report for the wayside; None while the place is unknown.
     pub fn report(&mut self, now_ns: i64) -> Option<Vec<u8>> {
         let (low_m, high_m) = (self.front_m - self.bound_m, self.front_m + self.bound_m);
-        let places = [low_m, high_m, low_m - self.settings.length_m, self.speed_mps];
+        let places = [low_m, high_m + self.lag_m, low_m - self.settings.length_m, self.speed_mps];
         let standing = self.stands();
         self.localised().then(|| self.radio.report(now_ns, places, standing))
     }
@@ -519,6 +524,11 @@ impl Controller {
         fields.push(Value::Int(self.emergencies));
         self.radio.status(now_ns, fields)
     }
+}
+
+/// The counter has 16 bits. Half its range is far more than a train moves between two readings.
+fn steps_between(first: u16, last: u16) -> i16 {
+    last.wrapping_sub(first) as i16
 }
 
 fn add(frames: &mut Vec<CanFrame>, (sent, count): ([CanFrame; 2], usize)) {
