@@ -16,7 +16,7 @@ from canlog.plan import DecodingPlan, Payloads, physical_of, signed_raw
 from canlog.table import Groups, table_of
 from canlog.transport.counts import TransportStats, sender_stats
 from canlog.transport.messages import Messages, TransportStatus
-from canlog.transport.reassembly import Reassembler, options_for
+from canlog.transport.reassembly import Reassembler, is_part, options_for
 from canlog.transport.senders import PRIORITY, by_sender, message_key
 from canlog.verdict import CODES, REASONS, Judge
 from canlog.verdict_codes import JUDGED_BUS, UNCONFIRMED
@@ -163,7 +163,8 @@ class Statistics:
         self._late()
         for key, channel in groups.places:
             self._feed_message(channel, key, groups, nominal, fast, code)
-        self._feed_transport(self._reassembler.feed(frames))
+        if any(map(is_part, groups.keys)):
+            self._feed_transport(self._reassembler.feed(frames))
 
     def _feed_buses(self, frames: Frames, nominal: Any, fast: Any) -> None:
         for number, channel in enumerate(frames.channels):
