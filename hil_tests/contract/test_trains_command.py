@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from metro_hil.cli.vobc import main as vobc
-from plant_emulator.cli.command import main as plant
+from plant_emulator.cli import main as plant
 
 
 def test_a_line_of_trains_writes_its_page_and_prints_the_energy(

@@ -1,4 +1,4 @@
-"""`plant`: serves a train without a controller on a bus, a serial line and a radio."""
+"""The verbs of `plant`: a train without a controller on a bus, a serial line and a radio."""
 
 import argparse
 import json
@@ -13,8 +13,7 @@ from can_dbc.binding import can_id
 from can_dbc.cab import CabMode
 from can_dbc.nodes import Node
 from firmware_py import rendezvous
-from firmware_py.arguments import of_file, words_of
-from firmware_py.assertions import require_assertions
+from firmware_py.arguments import of_file
 from firmware_py.buses import BusError, open_can, parse_spec
 from firmware_py.clock.clock import WallClock
 from firmware_py.clock.executive import Executive, Task, run
@@ -32,7 +31,7 @@ from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender
 from plant_emulator.cli.line_wayside import feed_of, serve_line
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
-from plant_emulator.cli.options import AUTO, ELSEWHERE, parser
+from plant_emulator.cli.options import AUTO, ELSEWHERE
 from plant_emulator.cli.words import TrainNotices, say, summarise
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.faults.fault_file import load_faults
@@ -53,14 +52,8 @@ NS_PER_S: Final = 1_000_000_000
 GARBAGE_MS: Final = 10_000.0
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command. User errors give one line, never a traceback."""
-    require_assertions("plant")
-    words = words_of("plant", argv)
-    if words[:1] == ["run"] and "--wayside" in words:
-        words.remove("--wayside")
-        words[0] = "wayside"
-    options = parser().parse_args(words)
+def serve(options: argparse.Namespace) -> int:
+    """Run the verb. User errors give one line, never a traceback."""
     try:
         if options.verb == "consists":
             return _list_consists()

@@ -3,13 +3,15 @@
 import argparse
 from typing import Final
 
-from can_dbc.cab import CabMode
 from firmware_py.command_line import CommandParser
-from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT
-from plant_emulator.desk.drivers import DRIVERS
-from zenoh_config.sessions import LINE_ENDPOINT
-from zenoh_config.t2t import LAST_TRAIN
-from zenoh_config.timers import TIMER_SETS
+from plant_emulator.cli.names import (
+    DRIVERS,
+    LAST_TRAIN,
+    LINE_ENDPOINT,
+    MODES,
+    TIMERS,
+    WAYSIDE_ENDPOINT,
+)
 
 AUTO: Final = "auto"
 INSECURE: Final = "allow a line without certificates at an address that other machines reach"
@@ -115,7 +117,7 @@ def _add_wayside(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -
         help="serve only this part; the others are programs of their own, and all but the router "
         "connect to the router at --line-radio; default: all in one",
     )
-    wayside.add_argument("--line-timers", choices=sorted(TIMER_SETS), default="A")
+    wayside.add_argument("--line-timers", choices=list(TIMERS), default="A")
     wayside.add_argument("--arbiters", type=int, choices=(1, 3, 5), default=1)
     wayside.add_argument(
         "--priority",
@@ -170,7 +172,7 @@ def _add_train(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--desk",
-        choices=[*(mode.name.lower() for mode in CabMode), *ELSEWHERE],
+        choices=[*MODES, *ELSEWHERE],
         default="auto",
         help="mode of the desk; external: `plant desk` is the desk, none: no desk; default: auto",
     )
@@ -206,7 +208,7 @@ def _add_desk(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> N
     desk.add_argument("--record", metavar="FILE", help="record the desk, for --play")
     desk.add_argument(
         "--mode",
-        choices=[mode.name.lower() for mode in CabMode],
+        choices=list(MODES),
         default="manual",
         help="initial position of the key; default: manual",
     )
@@ -236,7 +238,7 @@ def _add_wires(group: argparse._ArgumentGroup) -> None:
         "--radio",
         default=AUTO,
         metavar="ENDPOINT",
-        help=f"endpoint of this train's wayside; auto: {DEFAULT_ENDPOINT}, or a free port; "
+        help=f"endpoint of this train's wayside; auto: {WAYSIDE_ENDPOINT}, or a free port; "
         "with --line-radio none, because the line's wayside answers",
     )
     group.add_argument("--out", metavar="FOLDER", help="folder for truth.csv and plant.json")

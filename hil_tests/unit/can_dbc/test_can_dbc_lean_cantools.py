@@ -28,7 +28,8 @@ def output_of(text: str) -> object:
 
 
 @pytest.mark.parametrize(
-    "module", ["vobc.cli", "plant_emulator.cli", "metro_hil.run.lockstep", "canlog.verdict"]
+    "module",
+    ["vobc.cli", "plant_emulator.cli.command", "metro_hil.run.lockstep", "canlog.verdict"],
 )
 def test_the_testers_modules_are_loaded_only_on_demand(module: str) -> None:
     assert output_of(ASK.format(module=module, heavy=HEAVY)) == [[], "Tester", True]

@@ -12,7 +12,8 @@ from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
 from metro_hil.cli import vobc_run as vobc
 from metro_hil.supervision.demo_ca import main as demo_ca
-from plant_emulator.cli import command as plant
+from plant_emulator import cli as plant
+from plant_emulator.cli import command as plant_command
 from plant_emulator.cli.options import parser as plant_parser
 from vobc.cli import parser, plan
 
@@ -74,7 +75,7 @@ def test_controller_plant_and_wayside_take_the_same_track(
         served.append(options.line)
         return 0
 
-    monkeypatch.setattr(plant, "serve_line", serve_line)
+    monkeypatch.setattr(plant_command, "serve_line", serve_line)
     assert plant.main(["run", "--wayside", "--line", str(divided)]) == 0
     assert served == [str(divided)]
     assert plant_parser().parse_args(["run", "--line", str(divided)]).line == str(divided)

@@ -6,8 +6,11 @@ import sys
 
 import pytest
 
+from can_dbc.cab import CabMode
+from firmware_py.radio import zenoh_radio
 from metro_hil.cli import hil
 from metro_hil.model import known_names
+from plant_emulator.cli import names
 from plant_emulator.desk.drivers import DRIVERS
 from vobc.ato.laws import STRATEGIES
 from vobc.ato.settings.output import STAGES
@@ -15,7 +18,7 @@ from zenoh_config import sessions, t2t, timers
 
 MODULES_MAX = 190
 """A bare Python has about 60 modules and argparse 30; numpy alone would add 90."""
-ENTRIES = {"canlog": "canlog.entry"}
+ENTRIES = {"canlog": "canlog.entry", "plant": "plant_emulator.entry"}
 """Modules of the console scripts that are not in `metro_hil`."""
 COUNT = """
 import sys
@@ -42,6 +45,8 @@ finally:
         ("canlog", "--help"),
         ("canlog", "--version"),
         ("canlog", "no-such-verb"),
+        ("plant", "--help"),
+        ("plant", "run", "--help"),
     ],
 )
 def test_help_imports_few_modules(words: tuple[str, ...]) -> None:
@@ -65,6 +70,15 @@ def test_the_names_of_the_command_line_are_the_real_ones() -> None:
     assert list(known_names.TIMERS) == sorted(timers.TIMER_SETS)
     assert known_names.LAST_TRAIN == t2t.LAST_TRAIN
     assert known_names.LINE_ENDPOINT == sessions.LINE_ENDPOINT
+
+
+def test_the_names_of_the_plant_are_the_real_ones() -> None:
+    assert tuple(mode.name.lower() for mode in CabMode) == names.MODES
+    assert tuple(DRIVERS) == names.DRIVERS
+    assert tuple(sorted(timers.TIMER_SETS)) == names.TIMERS
+    assert names.LAST_TRAIN == t2t.LAST_TRAIN
+    assert names.LINE_ENDPOINT == sessions.LINE_ENDPOINT
+    assert names.WAYSIDE_ENDPOINT == zenoh_radio.DEFAULT_ENDPOINT
 
 
 def test_the_help_texts_of_hil_are_those_of_its_verbs() -> None:
