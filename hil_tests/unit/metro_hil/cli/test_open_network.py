@@ -6,7 +6,7 @@ import pytest
 
 from metro_hil.cli.hil import main as hil
 from metro_hil.cli.vobc import main as vobc
-from plant_emulator.cli.command import main as plant
+from plant_emulator.cli import main as plant
 from vobc.cli.command import main as device
 from zenoh_config.sessions import check_secured, is_loopback
 
