@@ -67,25 +67,25 @@ def test_logs_change_nothing(bench: Bench) -> None:
             {"kind": "frame_drop", "loss_ratio": 0.02},
             {"kind": "telegram_torn", "share_ratio": 0.2},
             {"kind": "radio_delay", "delay_s": 0.1, "jitter_s": 0.1},
-            {"kind": "slow_cycle", "extra_s": 0.001, "when": "front_m > 3400"},
+            {"kind": "slow_cycle", "extra_s": 0.001, "when": "front_m > 3180"},
             {"kind": "brake_weak", "gain_ratio": 0.9},
         ],
         [
-            {"kind": "masquerade", "frame": "BRAKE_CMD", "when": "front_m > 3300"},
-            {"kind": "babbling_idiot", "can_id": 2047, "when": "front_m > 3290", "duration_s": 1.0},
-            {"kind": "bus_off", "node": "odo", "when": "front_m > 3350", "duration_s": 1.0},
-            {"kind": "desk_mode", "mode": "off", "when": "front_m > 3400"},
-            {"kind": "door_lock_lost", "when": "front_m > 3380", "duration_s": 1.0},
-            {"kind": "line_voltage", "when": "front_m > 3280", "duration_s": 2.0},
-            {"kind": "wheel_slip", "when": "front_m > 3275", "duration_s": 1.0},
+            {"kind": "masquerade", "frame": "BRAKE_CMD", "when": "front_m > 3150"},
+            {"kind": "babbling_idiot", "can_id": 2047, "when": "front_m > 3140", "duration_s": 1.0},
+            {"kind": "bus_off", "node": "odo", "when": "front_m > 3165", "duration_s": 1.0},
+            {"kind": "desk_mode", "mode": "off", "when": "front_m > 3180"},
+            {"kind": "door_lock_lost", "when": "front_m > 3175", "duration_s": 1.0},
+            {"kind": "line_voltage", "when": "front_m > 3130", "duration_s": 2.0},
+            {"kind": "wheel_slip", "when": "front_m > 3125", "duration_s": 1.0},
         ],
     ],
 )
 def test_cases_continued_from_one_branch_equal_those_run_alone(
     faults: list[dict[str, object]],
 ) -> None:
-    branch = {"seed": 9, "when": "front_m > 3270"}
-    short = {**HOP, "duration_s": 50.0}
+    branch = {"seed": 9, "when": "front_m > 3120"}
+    short = {**HOP, "duration_s": 32.0}
     cases = Scenario(name="hop", train=short, seeds=3, branch=branch, fault=faults).cases()
 
     grouped = list(run_group(cases))
@@ -96,7 +96,7 @@ def test_cases_continued_from_one_branch_equal_those_run_alone(
 
 def test_cases_with_different_faults_are_grouped_only_if_the_results_stay_equal() -> None:
     """Faults of bus and process change the reception of the monitors, even before the branch."""
-    branch = {"seed": 9, "when": "front_m > 3270"}
+    branch = {"seed": 9, "when": "front_m > 3120"}
     faults: list[list[dict[str, object]]] = [
         [],
         [{"kind": "passenger_alarm"}],
@@ -104,7 +104,7 @@ def test_cases_with_different_faults_are_grouped_only_if_the_results_stay_equal(
         [{"kind": "controller_paused", "duration_s": 0.2}],
         [{"kind": "clock_step", "step_s": 0.1}],
     ]
-    short = {**HOP, "duration_s": 45.0}
+    short = {**HOP, "duration_s": 30.0}
     cases = [
         msgspec.structs.replace(case, id=f"{number}/{case.id}")
         for number, fault in enumerate(faults)

@@ -19,7 +19,7 @@ from hil_tests.disk_rig import small_disk
 
 PATIENCE_S = 60.0
 RUN = [sys.executable, "-m", "metro_hil.cli.vobc", "run"]
-VCAN = [sys.executable, "-m", "metro_tools.vcan"]
+VCAN = [sys.executable, "-c", "from metro_tools.entry import vcan; vcan()"]
 HOP = ["--from", "II", "--to", "III"]
 DBC_FOLDER = Path(__file__).parents[2] / "can_dbc"
 

@@ -179,10 +179,12 @@ def prepare(program: str, *, part: Part = Part.TRAIN, choice: Native | None = No
 
 
 def worker_environment(environment: Mapping[str, str], library: Path | None) -> dict[str, str]:
-    """Environment of a worker that imports from the copy; unchanged if there is none."""
+    """Environment of a worker that imports these packages from the copy, and others from where
+    the user said; unchanged if there is no copy."""
     if library is None:
         return dict(environment)
-    return {**environment, "PYTHONPATH": str(library), "PYTHONSAFEPATH": "1"}
+    paths = [str(library), *filter(None, [environment.get("PYTHONPATH")])]
+    return {**environment, "PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}
 
 
 def _builder(part: Part, *options: str) -> list[str]:
@@ -211,11 +213,10 @@ def enter(program: str, part: Part = Part.TRAIN) -> None:
     library = prepare(program, part=part)
     if library is None:
         return
-    paths = [str(library), *filter(None, [os.environ.get("PYTHONPATH")])]
     os.execve(  # noqa: S606 - our own interpreter and program
         sys.executable,
         [sys.executable, "-c", ENTER.format(name=program), *sys.argv[1:]],
-        {**_environment(), "PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"},
+        worker_environment(_environment(), library),
     )
 
 

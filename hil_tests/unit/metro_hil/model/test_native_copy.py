@@ -307,10 +307,12 @@ def test_a_failed_step_of_the_build_names_the_program_and_its_error(
         compiled._generated(tmp_path, ["vobc/one.py"])
 
 
-def test_a_worker_imports_from_the_copy_only(tmp_path: Path) -> None:
+def test_a_worker_imports_from_the_copy_and_then_from_where_the_user_said(tmp_path: Path) -> None:
     assert worker_environment({"HOME": "x"}, tmp_path) == {
         "HOME": "x",
         "PYTHONPATH": str(tmp_path),
         "PYTHONSAFEPATH": "1",
     }
     assert worker_environment({"HOME": "x"}, None) == {"HOME": "x"}
+    more = worker_environment({"PYTHONPATH": "/mine"}, tmp_path)
+    assert more["PYTHONPATH"] == f"{tmp_path}{os.pathsep}/mine"
