@@ -157,6 +157,7 @@ docs: $(READY_TO_TEST) ## write tables, pages and pictures of the documents; fai
 	$(BIN)/hil laws --check --write
 	$(BIN)/hil requirements --out docs/reference/requirements.md
 	$(BIN)/python -m metro_tools.picture_doc
+	$(BIN)/python -m metro_tools.parsed_dbc
 	$(BIN)/python -m metro_tools.interface_doc
 	$(BIN)/python -m metro_tools.fault_doc
 	$(BIN)/python -m metro_tools.table_doc

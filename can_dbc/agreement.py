@@ -3,12 +3,11 @@
 import dataclasses
 import difflib
 import enum
+import functools
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Protocol
-
-from cantools.database.can import Message, Signal
 
 from can_dbc import dbc_file, twins
 from can_dbc.dbc_file import (
@@ -21,6 +20,7 @@ from can_dbc.dbc_file import (
     signals_of,
     table_of,
 )
+from can_dbc.messages import Message, Signal
 
 TRAILER_BYTES: Final = 3
 MAX_BYTES: Final = 8
@@ -91,8 +91,9 @@ def mismatches(kind: type[Frame], file: DbcFile, message: Message) -> Iterator[s
     ):
         yield f"{where}: {text}"
     guarded = dbc_file.protection(message) is not MessageProtection.NONE
+    signals = signals_of(message)
     for name, annotation in field_types(kind).items():
-        signal = signals_of(message).get(name)
+        signal = signals.get(name)
         if signal is not None:
             for text in _signal_faults(kind, name, annotation, signal, guarded=guarded):
                 yield f"{where}: {name}: {text}"
@@ -115,7 +116,8 @@ def codec_faults(file: DbcFile, message: Message) -> Iterator[str]:
     yield from twins.mismatches(file, message)
 
 
-def field_types(kind: type[Frame]) -> dict[str, type[Any]]:
+@functools.lru_cache(maxsize=1)
+def field_types(kind: type[Frame]) -> Mapping[str, type[Any]]:
     """Return the fields of a frame class in their order, with their types."""
     hints = typing.get_type_hints(kind)
     # A compiled class has type annotations only in its fields.

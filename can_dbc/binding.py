@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
-from cantools.database.can import Message
-
 from can_dbc import agreement, dbc_file
 from can_dbc.agreement import FieldLayout, Frame
 from can_dbc.dbc_file import TWIN_SUFFIX, BindingError, DbcFile, MessageProtection
+from can_dbc.messages import Message
 
 __all__ = [
     "Binding",
@@ -160,7 +159,7 @@ def binding_of(kind: type) -> Binding:
 
 
 def message(kind: type) -> Message:
-    """The message as a cantools object."""
+    """The message of a frame class."""
     return binding_of(kind).message
 
 

@@ -9,11 +9,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
-from cantools.database.can import Message
-
 from can_dbc.agreement import payload_bytes
 from can_dbc.binding import Binding, Frame, MessageProtection, binding_of, known_ids
 from can_dbc.c_source import compiled_kinds
+from can_dbc.messages import Message
 from can_dbc.packing import EncodeError, invalid_values, packer, unpacker, value_table
 from can_dbc.rejection import Reason, Rejected
 from can_dbc.trailer import AliveCounter, crc_of_data_id, damage, jumped, opener, stuck

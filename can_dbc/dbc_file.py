@@ -1,6 +1,4 @@
-"""DBC files as parsed by cantools, each parsed once, and the attributes that this bus adds to
-them.
-"""
+"""DBC files, each read once, and the attributes that this bus adds to them."""
 
 import difflib
 import enum
@@ -11,12 +9,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Final
 
-import cantools.database
-
-# Named here so that other packages get these types without importing the library.
-from cantools.database.can import Database as Database
-from cantools.database.can import Message as Message
-from cantools.database.can import Signal as Signal
+from can_dbc import parsed_files
+from can_dbc.messages import Message as Message
+from can_dbc.messages import Signal as Signal
 
 COUNTER_NAME: Final = "alive_counter"
 CRC_NAME: Final = "crc16"
@@ -74,7 +69,14 @@ def shipped(name: str) -> DbcFile:
     """Return a file of this package by its name."""
     if name not in names():
         raise BindingError(f"{name}: no such file; shipped are {', '.join(names())}")
-    return parse((resources.files("can_dbc") / name).read_text(encoding="ascii"), name)
+    text = text_of(name)
+    found = parsed_files.find(name, text)
+    return parse(text, name) if found is None else _file(name, *found)
+
+
+def text_of(name: str) -> str:
+    """Return the content of a file of this package."""
+    return (resources.files("can_dbc") / name).read_text(encoding="ascii")
 
 
 @functools.cache
@@ -89,18 +91,18 @@ def read(path: Path) -> DbcFile:
 
 def parse(text: str, name: str) -> DbcFile:
     """Parse the content of a DBC file; errors use `name` for it."""
-    database = cantools.database.Database(strict=True)
+    from can_dbc import dbc_parser
+
     try:
-        database.add_dbc_string(text)
-    except Exception as error:
-        # The parser's errors share no base class; all of them concern this text.
+        found = dbc_parser.parsed(text)
+    except dbc_parser.ParseError as error:
         raise BindingError(f"{name}: not a usable DBC file: {error}") from error
-    refuse_shared(name, database.messages)
-    return DbcFile(
-        name,
-        messages={message.name: message for message in database.messages},
-        nodes={node.name: node.comment or "" for node in database.nodes},
-    )
+    refuse_shared(name, found.messages)
+    return _file(name, *found)
+
+
+def _file(name: str, messages: Iterable[Message], nodes: Mapping[str, str]) -> DbcFile:
+    return DbcFile(name, messages={message.name: message for message in messages}, nodes=nodes)
 
 
 def refuse_shared(where: str, messages: Iterable[Message]) -> None:
@@ -121,13 +123,10 @@ def refuse_shared(where: str, messages: Iterable[Message]) -> None:
 
 def number(message: Message, attribute: str) -> int:
     """An integer attribute of a message; 0 if the file does not give it."""
-    assert message.dbc is not None
-    found = message.dbc.attributes.get(attribute)
-    if found is None:
-        return 0
-    if not isinstance(found.value, int):
-        raise BindingError(f"{message.name}: {attribute} is {found.value!r}; define it as INT")
-    return found.value
+    found = message.attributes.get(attribute, 0)
+    if not isinstance(found, int):
+        raise BindingError(f"{message.name}: {attribute} is {found!r}; define it as INT")
+    return found
 
 
 def protection(message: Message) -> MessageProtection:
@@ -174,4 +173,4 @@ def raw_limits(signal: Signal) -> tuple[int, int]:
 
 def table_of(signal: Signal) -> dict[int, str]:
     """Raw values and their names."""
-    return {int(raw): str(name) for raw, name in (signal.choices or {}).items()}
+    return {**(signal.choices or {})}

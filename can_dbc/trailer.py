@@ -5,9 +5,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
-from cantools.database.can import Message
-
 from can_dbc import dbc_file
+from can_dbc.messages import Message
 from can_dbc.rejection import Reason
 
 CRC_START: Final = 0xFFFF

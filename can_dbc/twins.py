@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator
 
-from cantools.database.can import Message, Signal
-
 from can_dbc import dbc_file
 from can_dbc.dbc_file import (
     COUNTER_NAME,
@@ -15,6 +13,7 @@ from can_dbc.dbc_file import (
     signals_of,
     table_of,
 )
+from can_dbc.messages import Message, Signal
 
 
 def mismatches(file: DbcFile, message: Message) -> Iterator[str]:

@@ -4,12 +4,13 @@ import enum
 from typing import Any
 
 import pytest
-from cantools.database.can import Message, Signal
+from cantools.database.can import Signal
 from crccheck.crc import Crc16CcittFalse
 
 from can_dbc import binding
 from can_dbc.agreement import field_types
 from can_dbc.codec import Decoder, Reason, Rejected
+from hil_tests.parsed_by_cantools import data_id_of, message_of
 
 FIELDS = [
     (kind, name, annotation)
@@ -24,7 +25,7 @@ NUMBERS = [each for each in FIELDS if each[2] in (int, float)]
 
 def heard_with(kind: type[Any], name: str, raw: int) -> Any:
     """The decoder's result for a frame of start values with one field set to raw bits."""
-    message = binding.message(kind)
+    message = message_of(kind)
     word = 0
     for signal in message.signals:
         if signal.name not in ("alive_counter", "crc16"):
@@ -36,19 +37,17 @@ def heard_with(kind: type[Any], name: str, raw: int) -> Any:
     found = None
     for number, each in enumerate(binding.binding_of(kind).messages):
         half = payload if number == 0 else bytes(0xFF - byte for byte in payload)
-        found = decoder.decode(each.frame_id, sealed(each, half) if guarded else half, 0)
+        found = decoder.decode(each.frame_id, sealed(each.name, half) if guarded else half, 0)
     return found
 
 
-def sealed(message: Message, payload: bytes) -> bytes:
-    assert message.dbc is not None
-    data_id = int(message.dbc.attributes["SafetyDataId"].value).to_bytes(2, "little")
+def sealed(name: str, payload: bytes) -> bytes:
     body = payload + b"\x05"
-    return body + int(Crc16CcittFalse.calc(data_id + body)).to_bytes(2, "little")
+    return body + int(Crc16CcittFalse.calc(data_id_of(name) + body)).to_bytes(2, "little")
 
 
 def signal_of(kind: type[Any], name: str) -> Signal:
-    return binding.message(kind).get_signal_by_name(name)
+    return message_of(kind).get_signal_by_name(name)
 
 
 def lowest(signal: Signal) -> int:

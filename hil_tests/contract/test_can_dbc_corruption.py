@@ -18,8 +18,9 @@ from can_dbc.codec import Decoder, Encoder, Reason, Rejected
 from can_dbc.doors import DoorCommand
 from can_dbc.nodes import Direction
 from can_dbc.traction import TractionCommand
+from hil_tests.parsed_by_cantools import data_id_of, message_of
 
-PROTECTED = [kind for kind in binding.kinds() if "crc16" in binding.message(kind).signal_tree]
+PROTECTED = [kind for kind in binding.kinds() if "crc16" in message_of(kind).signal_tree]
 SINGLE = [kind for kind in PROTECTED if not binding.is_vital(kind)]
 VITAL = [kind for kind in PROTECTED if binding.is_vital(kind)]
 
@@ -259,8 +260,7 @@ def test_a_wrong_length_is_refused(kind: type[Any], length: int) -> None:
 def test_a_truncated_frame_with_a_fitting_crc_is_refused_for_its_length(kind: type[Any]) -> None:
     """The bytes end where the CRC should begin and make the CRC 0, as missing bits are read."""
     for message in binding.binding_of(kind).messages:
-        assert message.dbc is not None
-        data_id = int(message.dbc.attributes["SafetyDataId"].value).to_bytes(2, "little")
+        data_id = data_id_of(message.name)
         body = bytes(message.length - 4)
         cut = body + int(Crc16CcittFalse.calc(data_id + body)).to_bytes(2, "big")
         assert Crc16CcittFalse.calc(data_id + cut) == 0

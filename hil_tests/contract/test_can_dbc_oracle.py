@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 from can_dbc import binding
 from can_dbc.codec import Decoder, Encoder, Reason, Rejected
+from hil_tests.parsed_by_cantools import data_id_of, message_of, shipped_database
 
 KINDS = binding.kinds()
-PROTECTED = [kind for kind in KINDS if "crc16" in binding.message(kind).signal_tree]
+PROTECTED = [kind for kind in KINDS if "crc16" in message_of(kind).signal_tree]
 VITAL = [kind for kind in KINDS if binding.is_vital(kind)]
 
 
@@ -27,7 +28,7 @@ def types_of(kind: type[Any]) -> dict[str, type[Any]]:
 
 def values_for(kind: type[Any], name: str, annotation: type[Any]) -> st.SearchStrategy[Any]:
     """Values of one field: mostly in its range, sometimes any value of its type."""
-    signal = binding.message(kind).get_signal_by_name(name)
+    signal = message_of(kind).get_signal_by_name(name)
     if annotation is bool:
         return st.booleans()
     if issubclass(annotation, enum.Flag):
@@ -62,7 +63,7 @@ def wire_values(kind: type[Any], frame: Any) -> dict[str, Any]:
     """The values that cantools needs to encode the frame: saturated, with choices as raw values."""
     wire: dict[str, Any] = {}
     for name, annotation in types_of(kind).items():
-        signal = binding.message(kind).get_signal_by_name(name)
+        signal = message_of(kind).get_signal_by_name(name)
         value = getattr(frame, name)
         if annotation is bool:
             wire[name] = str(value).upper()
@@ -85,7 +86,7 @@ def with_trailer(message: Message, values: dict[str, Any], data: bytes) -> dict[
 @given(data=st.data())
 def test_cantools_encodes_the_same_bits(kind: type[Any], data: st.DataObject) -> None:
     frame = data.draw(frames_of(kind))
-    message = binding.message(kind)
+    message = message_of(kind)
 
     can_id, payload = Encoder().encode(frame)[0]
 
@@ -99,7 +100,7 @@ def test_cantools_encodes_the_same_bits(kind: type[Any], data: st.DataObject) ->
 def test_cantools_and_the_decoder_read_the_same_values(
     kind: type[Any], data: st.DataObject
 ) -> None:
-    message = binding.message(kind)
+    message = message_of(kind)
     sent = Encoder().encode(data.draw(frames_of(kind)))
     decoder = Decoder([kind])
 
@@ -140,15 +141,14 @@ def test_the_twin_is_inverted_and_shows_the_same_values(
     kind: type[Any], data: st.DataObject
 ) -> None:
     """The payload bits of the twin are inverted, and cantools still decodes the same values."""
-    twin = binding.binding_of(kind).twin
-    assert twin is not None
+    twin = shipped_database().get_message_by_name(binding.message(kind).name + "_INV")
 
     (_, first), (twin_id, second) = Encoder().encode(data.draw(frames_of(kind)))
 
     assert twin_id == twin.frame_id == binding.can_id(kind) + 1
     assert bytes(0xFF - byte for byte in first[:-3]) == second[:-3]
     assert first[-3] == second[-3]
-    ours, theirs = decoded(binding.message(kind), first), decoded(twin, second)
+    ours, theirs = decoded(message_of(kind), first), decoded(twin, second)
     for name in types_of(kind):
         if isinstance(ours[name], int | float):
             assert theirs[name] == pytest.approx(ours[name], abs=1e-9)
@@ -169,9 +169,7 @@ def test_counter_and_crc_are_those_of_an_independent_calculation(
         sent = encoder.encode(frame)
 
     for message, (_, payload) in zip(binding.binding_of(kind).messages, sent, strict=True):
-        assert message.dbc is not None
-        data_id = message.dbc.attributes["SafetyDataId"].value
-        body = int(data_id).to_bytes(2, "little") + payload[:-2]
+        body = data_id_of(message.name) + payload[:-2]
         assert payload[-3] == (repeats - 1) % 256
         assert int.from_bytes(payload[-2:], "little") == Crc16CcittFalse.calc(body)
 
@@ -180,13 +178,13 @@ def test_counter_and_crc_are_those_of_an_independent_calculation(
 def test_infinity_is_sent_as_the_end_of_the_range(kind: type[Any]) -> None:
     for name, annotation in types_of(kind).items():
         if annotation is float:
-            signal = binding.message(kind).get_signal_by_name(name)
+            signal = message_of(kind).get_signal_by_name(name)
             for value, end in ((math.inf, signal.maximum), (-math.inf, signal.minimum)):
                 frame = dataclasses.replace(some_frame(kind), **{name: value})
 
                 sent = Encoder().encode(frame)
 
-                theirs = decoded(binding.message(kind), sent[0][1])
+                theirs = decoded(message_of(kind), sent[0][1])
                 assert theirs[name] == pytest.approx(end)
 
 
@@ -221,10 +219,8 @@ def test_no_input_makes_the_decoder_raise(frames: list[tuple[int, bytes, int]]) 
     assert decoder.rejections.total() == refused
 
 
-def crc_of(message: Message, body: bytes) -> bytes:
-    assert message.dbc is not None
-    data_id = int(message.dbc.attributes["SafetyDataId"].value).to_bytes(2, "little")
-    return int(Crc16CcittFalse.calc(data_id + body)).to_bytes(2, "little")
+def crc_of(name: str, body: bytes) -> bytes:
+    return int(Crc16CcittFalse.calc(data_id_of(name) + body)).to_bytes(2, "little")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -235,7 +231,7 @@ def test_any_payload_with_a_good_trailer_is_a_frame_or_an_invalid_value(
 ) -> None:
     """The test tries bit patterns of the payload with a correct trailer; cantools judges the
     values."""
-    message = binding.message(kind)
+    message = message_of(kind)
     guarded = kind in PROTECTED
     payload = data.draw(st.binary(min_size=message.length - 3 * guarded,
                                   max_size=message.length - 3 * guarded))  # fmt: skip
@@ -244,7 +240,7 @@ def test_any_payload_with_a_good_trailer_is_a_frame_or_an_invalid_value(
     if guarded:
         halves = (payload, bytes(0xFF - byte for byte in payload))
         sent = [
-            half + b"\x05" + crc_of(each, half + b"\x05")
+            half + b"\x05" + crc_of(each.name, half + b"\x05")
             for each, half in zip(binding.binding_of(kind).messages, halves, strict=False)
         ]
 
@@ -264,7 +260,7 @@ def test_any_payload_with_a_good_trailer_is_a_frame_or_an_invalid_value(
 
 def all_valid(kind: type[Any], found: dict[str, Any]) -> bool:
     for name, annotation in types_of(kind).items():
-        low, high = limits(binding.message(kind).get_signal_by_name(name))
+        low, high = limits(message_of(kind).get_signal_by_name(name))
         if annotation is bool or issubclass(annotation, enum.Flag):
             continue
         if issubclass(annotation, enum.Enum):
