@@ -5,7 +5,7 @@ import enum
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.settings import SettingsError, build
@@ -15,8 +15,10 @@ from vobc.config import VobcConfig
 from vobc.process.cycle_log import CycleLog
 from vobc.process.device import VobcDevice
 from vobc.process.event_log import EventLog
-from vobc.process.line_command import LineCommand
 from vobc.vocabulary import Mission, OdometryRecord
+
+if TYPE_CHECKING:
+    from vobc.process.line_command import LineCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,7 @@ class Commission:
         nvram: Nvram | None = None,
         cycle_log: CycleLog | None = None,
         event_log: EventLog | None = None,
-        command: LineCommand | None = None,
+        command: "LineCommand | None" = None,
     ) -> VobcDevice:
         """Create the device. Without `nvram` its memory is lost at the end."""
         device = VobcDevice(

@@ -5,7 +5,7 @@ table.
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from can_dbc.binding import Frame
 from can_dbc.diagnostics import NodeState
@@ -23,7 +23,6 @@ from vobc.plausible import check_plausible
 from vobc.process.cycle_log import CycleLog, cycle_row
 from vobc.process.event_log import EventLog, EventQueue
 from vobc.process.identity import identity_of
-from vobc.process.line_command import BEAT_MS, LineCommand, authority_of, restrictions_of
 from vobc.process.start import commissioned_start
 from vobc.vocabulary import (
     SAFE_OUTPUT,
@@ -54,12 +53,18 @@ from vobc.wire import (
 )
 from zenoh_config.codec import BENCH_KEY
 
+if TYPE_CHECKING:
+    # Only a train that commands itself needs this module, and the controllers of others with it.
+    from vobc.process.line_command import LineCommand
+
 VITAL_MS: Final = 50.0
 """Period in which the units expect vital commands, whatever the cycle."""
 DOOR_MS: Final = 100.0
 MOTION_MS: Final = 100.0
 TARGET_MS: Final = 200.0
 LIFE_SIGN_MS: Final = 1000.0
+BEAT_MS: Final = 10.0
+"""Period of the answers of train-to-train control between control cycles."""
 STALE_CYCLES: Final = 2
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
@@ -86,7 +91,7 @@ class VobcDevice:
         start: OdometryRecord | None = None,
         event_log: EventLog | None = None,
         forgotten: bool = False,
-        command: LineCommand | None = None,
+        command: "LineCommand | None" = None,
     ) -> None:
         """Count this start in `nvram`. The count is on the disk before the first radio message.
 
@@ -221,14 +226,10 @@ class VobcDevice:
         self._seen_before, self._seen = self._seen, image
         return self._controller.step(image)
 
-    def _obey(self, now_ns: int, command: LineCommand) -> None:
+    def _obey(self, now_ns: int, command: "LineCommand") -> None:
         """Take the authority of train-to-train control, from this cycle on."""
         command.apply(now_ns, self.output.motion)
-        held, link = command.held, self._link
-        if held is None:
-            link.hold(None, 0, ())
-            return
-        link.hold(authority_of(held), held.echo_ns, restrictions_of(held))
+        command.hold_on(self._link)
 
     def line_beat(self, now_ns: int) -> None:
         """Answer other trains between two cycles. Authorities wait for the next cycle."""

@@ -11,12 +11,11 @@ from vobc.config import VobcConfig
 from vobc.process.line_silence import LineSilence
 from vobc.train_to_train.vocabulary import HeldAuthority, OwnTrain
 from vobc.vocabulary import Authority, Event, Motion, Restriction
+from vobc.wire import RadioLink
 from vobc.wire.line_radio import LineRadio
 from vobc.wire.refusals import Refusals
 from zenoh_config.timers import LineTimers
 
-BEAT_MS: Final = 10.0
-"""Period of the answers between control cycles."""
 EASY_LEAD_S: Final = 3.0
 EASY_DECEL_MPS2: Final = 0.5
 """Braking that passengers and timetable tolerate. If a train cannot stop like this before a closing
@@ -122,6 +121,14 @@ class LineCommand:
     def held(self) -> HeldAuthority | None:
         return self.radio.authority
 
+    def hold_on(self, link: RadioLink) -> None:
+        """Give the authority held, or its absence, to the link from which the controller reads."""
+        held = self.held
+        if held is None:
+            link.hold(None, 0, ())
+            return
+        link.hold(_authority_of(held), held.echo_ns, _restrictions_of(held))
+
     def _own(self, motion: Motion | None) -> OwnTrain:
         if motion is None or not motion.localised:
             return OwnTrain(
@@ -149,9 +156,9 @@ class LineCommand:
         )
 
 
-def authority_of(held: HeldAuthority) -> Authority:
+def _authority_of(held: HeldAuthority) -> Authority:
     return Authority(held.end_m, held.term, held.sequence, held.rear_m)
 
 
-def restrictions_of(held: HeldAuthority) -> tuple[Restriction, ...]:
+def _restrictions_of(held: HeldAuthority) -> tuple[Restriction, ...]:
     return tuple([Restriction(e.start_m, e.end_m, e.limit_mps) for e in held.restrictions])

@@ -5,7 +5,6 @@ import enum
 import os
 import platform
 from collections.abc import Mapping
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +138,9 @@ def write_config(folder: RunFolder, tables: Mapping[str, object], epoch_ns: int)
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that shape a run."""
+    # Imported here, because it brings the standard library's e-mail package along.
+    from importlib import metadata
+
     found = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
