@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from typing import NamedTuple
 
 from rich.console import Console
 
@@ -24,7 +25,7 @@ from metro_hil.metrics.results import RunResults, sha256_of
 from metro_hil.metrics.run import measure_cycles, measure_ride, supervision_events
 from metro_hil.metrics.stops import measure_stops
 from metro_hil.model.end_condition import INTERRUPTED, Ending
-from metro_hil.model.log_columns import RunLogError, read_columns
+from metro_hil.model.log_columns import Columns, RunLogError, read_columns
 from metro_hil.model.mission import Journey, check_reference, plan_journey
 from metro_hil.model.run_folder import (
     RunFolder,
@@ -49,9 +50,15 @@ from metro_hil.run.lockstep import Lockstep, config_of, run_lockstep, scenario_o
 from metro_hil.run.turnback import Departure, both_ways, change_ends, check_turn
 from metro_hil.watch.companion import WatchPage
 from plant_emulator.world import TrainScenario
-from vobc.cli.line import reachable_areas
 from vobc.plausible import check_plausible
 from zenoh_config.secured import train_name
+
+
+class RunLogs(NamedTuple):
+    """Logs of a run that is over; None for one that it does not have."""
+
+    truth: Columns | None
+    cycles: Columns | None
 
 
 def main(argv: Sequence[str]) -> int:
@@ -158,11 +165,12 @@ def _drive(
                 stack.close()
                 discard_unused(folder)
                 raise
-        results = make_results(folder, journey, ending, inertia_of(scenario.train))
+        logs = read_logs(folder, ending)
+        results = make_results(folder, journey, ending, logs, inertia_of(scenario.train))
         if legs is not None:
             legs.append(results)
         printed = options.json and legs is None
-        code = _finish(options, journey, results, folder, ending, console, printed=printed)
+        code = _finish(options, journey, results, folder, ending, logs, console, printed=printed)
         if page is not None and ending.exit_reason != INTERRUPTED:
             _stay(page, console)
     return code
@@ -195,13 +203,14 @@ def _finish(
     results: RunResults,
     folder: RunFolder,
     ending: Ending,
+    logs: RunLogs,
     console: Console,
     *,
     printed: bool,
 ) -> int:
     """Report the run, and return the exit code. `printed`: also as JSON on standard output."""
     try:
-        report(folder, journey, results, ending, console, plot=_wants_plot(options))
+        report(folder, journey, results, logs, console, plot=_wants_plot(options))
     finally:
         if printed:
             print(results.to_json())
@@ -215,6 +224,9 @@ def _check_line(options: RunOptions, line: LineMap, epoch_ns: int) -> None:
     """Check what a train that commands itself needs to join others. Raises SettingsError."""
     if options.train is None:
         return
+    # Imported here, because it brings train-to-train control along.
+    from vobc.cli.line import reachable_areas
+
     reachable_areas(options.line, line)
     if options.secure is None:
         return
@@ -230,16 +242,22 @@ def _exit_code(ending: Ending) -> int:
     return EXIT_FAILED if ending.failed else EXIT_OK
 
 
+def read_logs(folder: RunFolder, ending: Ending) -> RunLogs:
+    return RunLogs(
+        truth=read_columns(folder.truth_log) if ending.truth_known else None,
+        cycles=read_columns(folder.cycle_log) if folder.cycle_log.exists() else None,
+    )
+
+
 def make_results(
-    folder: RunFolder, journey: Journey, ending: Ending, inertia_kg: float
+    folder: RunFolder, journey: Journey, ending: Ending, logs: RunLogs, inertia_kg: float
 ) -> RunResults:
     """Measure a run from its logs; measures that a short run did not reach are left out.
 
     Args:
         inertia_kg: mass of the emulated train with rotating parts; used only if that train ran.
     """
-    truth = read_columns(folder.truth_log) if ending.truth_known else None
-    cycles = read_columns(folder.cycle_log) if folder.cycle_log.exists() else None
+    truth, cycles = logs
     motion = truth or cycles
     return RunResults(
         exit_reason=ending.exit_reason,
@@ -269,7 +287,7 @@ def report(
     folder: RunFolder,
     journey: Journey,
     results: RunResults,
-    ending: Ending,
+    logs: RunLogs,
     console: Console,
     *,
     plot: bool,
@@ -277,13 +295,11 @@ def report(
     """Print the table, draw the plot if it is wanted, write the results file."""
     print_results(console, results)
     write_whole(folder.results, results.to_json() + "\n")
-    if plot and results.cycles and results.cycles.cycles > 1:
+    if plot and logs.cycles and results.cycles and results.cycles.cycles > 1:
         from metro_hil.report.plot import draw_run
 
-        truth = read_columns(folder.truth_log) if ending.truth_known else None
         title = f"{journey.line.name}: {journey.start.name} to {journey.end.name}"
-        cycles = read_columns(folder.cycle_log)
-        drawn = draw_run(folder.plot, title, journey.line, cycles, truth, results.stops)
+        drawn = draw_run(folder.plot, title, journey.line, logs.cycles, logs.truth, results.stops)
         words = str(folder.plot) if drawn else "none, the train's place was never known"
         console.print(f"plot: {words}", highlight=False, soft_wrap=True)
     console.print(f"run folder: {folder.path}", highlight=False, soft_wrap=True)

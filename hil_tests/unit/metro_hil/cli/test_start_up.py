@@ -19,6 +19,8 @@ from zenoh_config import sessions, t2t, timers
 
 MODULES_MAX = 190
 """A bare Python has about 60 modules and argparse 30; numpy alone would add 90."""
+WORKER_MODULES_MAX = 670
+RUN_MODULES_MAX = 800
 ENTRIES = {"canlog": "canlog.entry", "plant": "plant_emulator.entry"}
 """Modules of the console scripts that are not in `metro_hil`."""
 COUNT = """
@@ -31,6 +33,16 @@ finally:
     heavy = {{"numpy", "can_dbc", "vobc", "plant_emulator", "canlog", "cantools", "matplotlib"}}
     heavy -= {{{package!r}}}
     print(len(sys.modules), sorted(heavy & set(sys.modules)), file=sys.stderr)
+"""
+UNUSED = {
+    *("cantools", "matplotlib", "scipy", "pandas", "rich", "canlog", "email", "asyncio", "zenoh"),
+    *("can", "can_dbc.dbc_parser", "vobc.train_to_train", "vobc.process.line_command"),
+}
+"""Packages that a case does not use."""
+IMPORTS = """
+import sys
+{imports}
+print(len(sys.modules), sorted({unused!r} & set(sys.modules)))
 """
 
 
@@ -67,6 +79,27 @@ def test_help_imports_few_modules(words: tuple[str, ...]) -> None:
     count, _, heavy = done.stderr.splitlines()[-1].partition(" ")
     assert int(count) < MODULES_MAX, done.stderr
     assert heavy == "[]"
+
+
+@pytest.mark.parametrize(
+    ("modules", "unused", "modules_max"),
+    [
+        (("metro_hil.engine.worker", "metro_hil.run.dispatch"), UNUSED, WORKER_MODULES_MAX),
+        (("metro_hil.cli.vobc_run",), UNUSED - {"rich", "canlog"}, RUN_MODULES_MAX),
+    ],
+)
+def test_a_worker_and_a_run_import_only_what_they_use(
+    modules: tuple[str, ...], unused: set[str], modules_max: int
+) -> None:
+    imports = "\n".join(f"import {name}" for name in modules)
+    program = IMPORTS.format(imports=imports, unused=unused)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+
+    count, _, found = done.stdout.strip().partition(" ")
+    assert found == "[]"
+    assert int(count) < modules_max
 
 
 def test_the_names_of_the_command_line_are_the_real_ones() -> None:
