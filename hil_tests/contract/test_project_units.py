@@ -50,6 +50,8 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         "PlantGrant.inputs",
         # The unit of the setting that the key names.
         *("TunedParameter.high", "TunedParameter.low", "Tuned.after", "Tuned.before"),
+        *("FittedKey.first", "FittedKey.high", "FittedKey.low", "FittedKey.trial"),
+        *("FittedRide.real", "LeastSquares.values", "TrainFit.values"),
         # The unit of the plotted or compared signal of a log.
         *("Allowed.physical", "SignalDifference.allowed", "SignalDifference.most"),
         "SignalTrace.choices",

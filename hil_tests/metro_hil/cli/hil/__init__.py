@@ -26,6 +26,7 @@ VERBS: Final = {
     "compare": "compare two campaigns: what got worse, by how much",
     "serve": "show all campaigns of a folder in a browser, with their history",
     "report": "write the reports of a campaign again",
+    "from-log": "make a scenario of a recorded ride, and compare the simulation with the record",
     "replay": "feed a recorded run to a controller again and compare its outputs",
     "verify": "run a sample of a campaign again and require the same bytes",
     "sensitivity": (
@@ -47,7 +48,10 @@ VERBS: Final = {
 Each is a module of this package with `add` and `run`; its name has _ for -. Only that of the typed
 verb is imported."""
 WORKING: Final = frozenset(
-    {"attack", "run", "resume", "rerun", "replay", "verify", "search", "line", "simulate"}
+    {
+        *("attack", "run", "resume", "rerun", "from-log", "replay", "verify", "search", "line"),
+        "simulate",
+    }
 )
 """Verbs that leave results. They continue when standard output is closed."""
 EPILOG: Final = """\
