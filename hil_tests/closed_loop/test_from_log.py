@@ -70,7 +70,7 @@ def test_the_fit_finds_the_train_and_the_scenario_arrives(
 
 def _without(*identifiers: str) -> Callable[[list[str]], list[str]]:
     return lambda lines: [
-        line for line in lines if line.split()[2].partition("#")[0] not in identifiers
+        line for line in lines[:1500] if line.split()[2].partition("#")[0] not in identifiers
     ]
 
 
@@ -82,9 +82,13 @@ def _without(*identifiers: str) -> Callable[[list[str]], list[str]]:
         (lambda lines: lines[:3000], [], "is too short: the train moves "),
         (lambda lines: lines[len(lines) // 2 :], [], "begin the log at a station"),
         (lambda lines: lines, ["--line", "hefei"], "name"),
-        (lambda lines: [f"{each[:-4]}0000" for each in lines], [], "are damaged; name a log of"),
         (
-            lambda lines: [*lines, *(each.replace("vcan0", "vcan1") for each in lines)],
+            lambda lines: [f"{each[:-4]}0000" for each in lines[:1500]],
+            [],
+            "are damaged; name a log of",
+        ),
+        (
+            lambda lines: [*lines[:99], *(each.replace("vcan0", "vcan1") for each in lines[:99])],
             [],
             "channels vcan0, vcan1 have TACHO; name one by --channel",
         ),
@@ -122,6 +126,6 @@ def test_least_squares_finds_a_minimum_and_names_what_is_unseen() -> None:
 
     found = least_squares(keys, lambda values: differences(list(values)))
 
-    assert found.values[:2] == pytest.approx([0.7, 2.0], abs=1e-3)
+    assert found.values[:2] == pytest.approx([0.7, 2.0], abs=2e-3)
     assert found.values[2] == 1.0
     assert found.unseen == [2]

@@ -26,9 +26,9 @@ from plant_emulator.world import STEP_NS, TrainScenario, World, world_of
 SAMPLE_NS: Final = 100_000_000
 """Time between two compared samples of the odometer."""
 STEPS_MAX: Final = 12
-HALVINGS_MAX: Final = 4
-SETTLED_RATIO: Final = 1e-3
-"""Relative improvement of the sum of squares below which the fit ends."""
+HALVINGS_MAX: Final = 3
+SETTLED_M: Final = 0.02
+"""Improvement of the difference, root mean square, below which the fit ends."""
 DAMPING_RATIO: Final = 1e-6
 """Share by which the diagonal of the normal equations is enlarged."""
 SEEN_M: Final = 0.05
@@ -74,9 +74,9 @@ def keys_of(train: TrainConfig) -> tuple[FittedKey, ...]:
         return 0.5 * (spread.low + spread.high)
 
     return (
-        FittedKey("brake.service.gain_ratio", middle(service.gain_ratio), 0.02, 0.3, 2.0, 3),
-        FittedKey("brake.service.dead_time_s", middle(service.dead_time_s), 0.05, 0.0, 5.0, 2),
-        FittedKey("resistance.error_ratio", middle(train.resistance.error_ratio), 0.1, -0.9, 5, 2),
+        FittedKey("brake.service.gain_ratio", middle(service.gain_ratio), 0.02, 0.3, 2.0, 4),
+        FittedKey("brake.service.dead_time_s", middle(service.dead_time_s), 0.05, 0.0, 5.0, 3),
+        FittedKey("resistance.error_ratio", middle(train.resistance.error_ratio), 0.1, -0.9, 5, 3),
     )
 
 
@@ -193,9 +193,9 @@ def least_squares(
         if better is None:
             break
         values, after = better
-        gained = 1.0 - _rms(after) / _rms(now)
+        gained_m = _rms(now) - _rms(after)
         now = after
-        if gained < SETTLED_RATIO:
+        if gained_m < SETTLED_M:
             break
     return LeastSquares(values, unseen, before_m)
 
