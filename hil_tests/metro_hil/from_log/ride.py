@@ -20,6 +20,7 @@ from can_dbc.traction import TractionCommand
 from can_dbc.vobc import VobcPosition
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, Station
+from metro_hil.metrics.stops import NEAR_STOP_M
 from plant_emulator.sensors.tacho import COUNTER_PERIOD
 from plant_emulator.train_config import NOMINAL_WHEEL_M, PULSES_PER_TURN
 from plant_emulator.world import STEP_NS
@@ -213,10 +214,10 @@ def stations_of(ride: RecordedRide, line: LineMap) -> RideStations:
         station
         for station in line.stations
         if station.stop_m > start.stop_m
-        and any(abs(each.front_m - station.stop_m) <= AT_STATION_M for each in still)
+        and any(abs(each.front_m - station.stop_m) <= NEAR_STOP_M for each in still)
     ]
-    arrived = bool(stops) and abs(last.front_m - stops[-1].stop_m) <= AT_STATION_M
-    if not arrived:
+    off_m = abs(last.front_m - stops[-1].stop_m) if stops else math.inf
+    if off_m > NEAR_STOP_M:
         ahead = [each for each in line.stations if each.stop_m > last.front_m]
         if not ahead or last.front_m <= start.stop_m:
             raise SettingsError(
@@ -224,7 +225,7 @@ def stations_of(ride: RecordedRide, line: LineMap) -> RideStations:
                 "name the --line of the ride, with its direction"
             )
         stops.append(ahead[0])
-    return RideStations(start, tuple(stops), arrived)
+    return RideStations(start, tuple(stops), arrived=off_m <= AT_STATION_M)
 
 
 def _standstills(ride: RecordedRide) -> list[ReportedPlace]:

@@ -27,6 +27,9 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     )
     parser.add_argument("log", metavar="LOG", help="log in any format that canlog reads")
     parser.add_argument("--channel", metavar="NAME", help="channel of the log; default: all")
+    parser.add_argument(
+        "--format", metavar="NAME", help="format of the log; default: by suffix and content"
+    )
     for name, meaning in (
         ("line", "line of the ride; LINE:down is the other direction"),
         ("consist", "train of the ride, whose other values stay"),
@@ -98,7 +101,8 @@ def _log(options: argparse.Namespace) -> "canlog.Log":
     channels = (options.channel,) if options.channel else ()
     try:
         return canlog.read(
-            options.log, options=canlog.ReadOptions(channels=channels, refuse_empty=True)
+            options.log,
+            options=canlog.ReadOptions(format=options.format, channels=channels, refuse_empty=True),
         )
     except canlog.LogError as error:
         raise UsageError(str(error)) from error
@@ -108,7 +112,7 @@ def _tell(path: Path, fitted: "FittedRide", done: "Resimulated") -> None:
     from metro_hil.cli.hil.verdicts import tell_scenario
 
     ride, stations, fit = fitted.ride, fitted.stations, fitted.fit
-    end = "arrived" if stations.arrived else "under way at the end of the log"
+    end = "arrived" if stations.arrived else "not arrived at the end of the log"
     load = "not recorded" if fitted.load_ratio is None else f"{fitted.load_ratio:g}"
     text = [
         f"{ride.path}: {ride.duration_ns / 1e9:.1f} s, {ride.distance_m:.1f} m by odometer",
