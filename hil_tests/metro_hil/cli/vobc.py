@@ -29,6 +29,7 @@ VERBS: Final = {
 GROUPS: Final = {
     **dict.fromkeys(SHIPPED_VERBS, "metro_hil.cli.shipped_files"),
     **dict.fromkeys(LINE_VERBS, "metro_hil.supervision.command"),
+    "line": "metro_hil.watch.line_command",
 }
 """Module of each verb that shares its `main` with others; its arguments begin with the verb."""
 

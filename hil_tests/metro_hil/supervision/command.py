@@ -2,13 +2,15 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
+from canlog.live.options import add_serving
+from canlog.views.serving import LOOPBACK
 from firmware_py.clock.clock import WallClock
 from firmware_py.command_line import CommandParser
 from firmware_py.radio.credentials import load_credentials
-from firmware_py.radio.zenoh_radio import RadioError, SessionRole, open_radio
+from firmware_py.radio.zenoh_radio import RadioError, SessionRole, ZenohRadio, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import AreaMap, load_areas
@@ -48,26 +50,33 @@ OF_TRACK: Final = {
 }
 
 
-def main(words: Sequence[str]) -> int:
+WebPage = Callable[[argparse.Namespace, LineView, ZenohRadio, WallClock], int]
+"""Serves the page of a line until the user interrupts, and returns the exit code."""
+
+
+def main(words: Sequence[str], page: WebPage | None = None) -> int:
     """Run one verb of supervision and return its exit code.
+
+    Args:
+        page: what `line --web` calls; None where there is no page.
 
     Exit code 2: unknown train, line or endpoint. Exit code 3: the command was not carried out, or
     no train commands what is to be displayed. Exit code 130: ended by Ctrl-C, except `line
-    --watch`.
+    --watch` and `line --web`.
     """
     options = parser().parse_args(words)
     try:
-        return _supervise(options, load_areas(options.line))
+        return _supervise(options, load_areas(options.line), page)
     except (SettingsError, RadioError) as error:
         print(f"vobc: {error}", file=sys.stderr)
         return EXIT_USAGE
     except KeyboardInterrupt:
-        if not getattr(options, "watch", False):
+        if not (getattr(options, "watch", False) or getattr(options, "web", False)):
             raise
         return EXIT_OK
 
 
-def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
+def _supervise(options: argparse.Namespace, areas: AreaMap, page: WebPage | None) -> int:
     _check(options, areas)
     clock, key, secure = WallClock(), BENCH_KEY, None
     if options.secure is not None:
@@ -89,6 +98,8 @@ def _supervise(options: argparse.Namespace, areas: AreaMap) -> int:
                 file=sys.stderr,
             )
             return EXIT_ENVIRONMENT
+        if page is not None and getattr(options, "web", False):
+            return page(options, view, port, clock)
         displays = options.verb in ("line", "master")
         desk.listen(LOOK_S, lambda: not displays and view.complete)
         return _obey(options, desk, view, clock)
@@ -98,6 +109,8 @@ def _check(options: argparse.Namespace, areas: AreaMap) -> None:
     """Raise SettingsError for options that are invalid on any line."""
     refuse_insecure(options)
     verb = options.verb
+    if verb == "line":
+        _check_page(options)
     if verb == "switch-master" and options.area not in {a.number for a in areas.areas}:
         raise SettingsError(f"--area {options.area}: {areas.name} has no such area")
     if verb == "restrict" and not options.end and options.limit_kmh is None:
@@ -105,6 +118,25 @@ def _check(options: argparse.Namespace, areas: AreaMap) -> None:
     if verb in OF_TRACK and not options.start_m < options.end_m:
         stretch = f"START {options.start_m:g} END {options.end_m:g}"
         raise SettingsError(f"{verb}: {stretch}: the stretch must end beyond its start")
+
+
+def _check_page(options: argparse.Namespace) -> None:
+    """Raise SettingsError for options of the page that do not fit together."""
+    listens = options.listen != LOOPBACK
+    given = {
+        "--commands": options.commands,
+        "--port": options.port != 0,
+        "--listen": listens,
+        "--no-browser": options.no_browser,
+    }
+    for name, is_given in given.items():
+        if is_given and not options.web:
+            raise SettingsError(f"line: {name} is for the page in the browser; add --web")
+    if options.commands and listens:
+        raise SettingsError(
+            f"line: --commands with --listen {options.listen}: the page is not encrypted, so it "
+            f"takes commands on this machine only; leave out one of the two"
+        )
 
 
 def _obey(
@@ -147,11 +179,23 @@ def parser() -> argparse.ArgumentParser:
         for verb, words in LINE_VERBS.items()
     }
     line, switch, remove = (parsers[verb] for verb in ("line", "switch-master", "remove-train"))
-    line.add_argument(
+    shown = line.add_mutually_exclusive_group()
+    shown.add_argument(
         "--watch",
         action="store_true",
         help="update the display until Ctrl-C, which gives exit code 0",
     )
+    shown.add_argument(
+        "--web",
+        action="store_true",
+        help="show the line in a browser until Ctrl-C, which gives exit code 0",
+    )
+    line.add_argument(
+        "--commands",
+        action="store_true",
+        help="with --web: let the page send commands of supervision, each after a confirmation",
+    )
+    add_serving(line)
     switch.add_argument("--area", type=int, required=True)
     switch.add_argument("--to", type=train_number, required=True, metavar="TRAIN")
     service = line.add_subparsers(dest="service", metavar="VERB")

@@ -145,11 +145,14 @@ class LineView:
         trains = sorted(self.reports.values(), key=lambda each: -each[0].front_max_m)
         head = f"train {'front m':>9} {'km/h':>6} {'authority to m':>15} {'term':>5} {'age s':>6}"
         rows = [self._train_words(report, at, now_ns) for report, at in trains]
-        missing = {} if self._wayside_silence(now_ns) else self.silent()
+        return [*said, *self._track_words(now_ns), f"{head}  is", *rows, *self.unseen(now_ns)]
+
+    def unseen(self, now_ns: int) -> list[str]:
+        """Return a text for each train that should send reports but does not."""
+        missing = {} if self.wayside_silence(now_ns) else self.silent()
         silent = [self._silent_words(*each) for each in missing.items()]
         mute = sorted((self._sessions() or set()) - {*self.reports, *missing})
-        said += [*self._track_words(now_ns), f"{head}  is", *rows, *silent]
-        return said + [f"train {each} has a session but sends nothing" for each in mute]
+        return [*silent, *[f"train {each} has a session but sends nothing" for each in mute]]
 
     def _sessions(self) -> set[int] | None:
         """Return the trains that have a session; None if unknown."""
@@ -180,24 +183,36 @@ class LineView:
     def reasons(self, now_ns: int) -> list[str]:
         """Return the master of each area, with the reason for its command."""
         said = []
-        leases = {} if self.state is None else {each.area: each for each in self.state.leases}
         for area in self.areas.areas:
-            words, lease = self._area_words(area.number, now_ns), leases.get(area.number)
-            command = self.commands.get(area.number)
-            if self.state is not None and lease is not None and command is not None:
-                since_s = (self.state.stamp_ns - lease.since_ns) / NS_PER_S
-                why = WHY[lease.reason].format(before=lease.before)
-                if lease.granted_term == command.heartbeat.term:
-                    words += f"; for {since_s:.1f} s, because {why}"
+            words, reason = self._area_words(area.number, now_ns), self.reason(area.number)
+            if reason is not None:
+                since_s, why = reason
+                words += f"; for {since_s:.1f} s, because {why}"
             said.append(words)
         return said
+
+    def reason(self, area: int) -> tuple[float, str] | None:
+        """Return how long the master of an area has commanded it, in seconds, and why.
+
+        None if the wayside did not send the grant of the present term.
+        """
+        command, state = self.commands.get(area), self.state
+        for lease in () if state is None else state.leases:
+            if command is None or (lease.area, lease.granted_term) != (
+                area,
+                command.heartbeat.term,
+            ):
+                continue
+            why = WHY[lease.reason].format(before=lease.before)
+            return (state.stamp_ns - lease.since_ns) / NS_PER_S, why
+        return None
 
     def _area_words(self, area: int, now_ns: int) -> str:
         command = self.commands.get(area)
         if command is None:
             return f"area {area}: no train commands"
         heartbeat = command.heartbeat
-        if silence := _silence(command.heard_ns, now_ns):
+        if silence := silence_words(command.heard_ns, now_ns):
             return f"area {area}: train {heartbeat.source}, term {heartbeat.term}, {silence}"
         doing = "commands" if heartbeat.phase is Phase.ISSUING else "takes over"
         standby = f"train {heartbeat.standby}" if heartbeat.standby else "none"
@@ -209,46 +224,59 @@ class LineView:
 
     def _track_words(self, now_ns: int) -> list[str]:
         said = []
-        for site in self.objects.values():
-            wanted = ", release requested" if site.release_wanted else ""
-            state = f"{site.state.name.lower()}{wanted}"
-            silence = _silence(self._object_ns[site.number], now_ns, SLOW_SILENT_S)
-            said.append(f"object {site.number}: {silence or state}")
-        if self.state is None:
-            return [*sorted(said), "the wayside is not received: no command is possible"]
-        if silence := self._wayside_silence(now_ns):
-            return [*sorted(said), f"the wayside has been {silence}: no command is possible"]
+        for number in self.objects:
+            said.append(f"object {number}: {self.object_words(number, now_ns)}")
+        if self.state is None or self.wayside_silence(now_ns):
+            return [*sorted(said), self.wayside_words(now_ns)]
         for each in self.state.restrictions:
             said.append(f"at most {each.limit_mps * KMH:g} km/h {stretch_words(each)}")
         return [*said, *[f"closed {stretch_words(each)}" for each in self.state.closed]]
 
-    def _wayside_silence(self, now_ns: int) -> str:
+    def object_words(self, number: int, now_ns: int) -> str:
+        """Return the state of an object of which a message was received."""
+        site = self.objects[number]
+        wanted = ", release requested" if site.release_wanted else ""
+        silence = silence_words(self._object_ns[number], now_ns, SLOW_SILENT_S)
+        return silence or f"{site.state.name.lower()}{wanted}"
+
+    def wayside_words(self, now_ns: int) -> str:
+        """Return why no command is possible; empty while the wayside is received."""
+        if self.state is None:
+            return "the wayside is not received: no command is possible"
+        silence = self.wayside_silence(now_ns)
+        return f"the wayside has been {silence}: no command is possible" if silence else ""
+
+    def wayside_silence(self, now_ns: int) -> str:
         heard_ns = now_ns if self.state is None else self._state_ns
-        return _silence(heard_ns, now_ns, SLOW_SILENT_S)
+        return silence_words(heard_ns, now_ns, SLOW_SILENT_S)
 
     def _train_words(self, report: TrainReport, at_ns: int, now_ns: int) -> str:
         end = f"{report.held_end_m:.1f}" if report.member else "–"
         front = f"{report.front_max_m:.1f}" if report.localised else "lost"
-        speed, what = f"{report.speed_mps * KMH:.1f}", self._state_words(report, now_ns)
-        if silence := _silence(at_ns, now_ns):
+        speed, what = f"{report.speed_mps * KMH:.1f}", self.state_words(report, now_ns)
+        if silence := silence_words(at_ns, now_ns):
             what = f"{silence}, last at {front} m{self._session_words(report.source)}"
             end = front = speed = BLANK
         age_s = (now_ns - at_ns) / NS_PER_S
         row = f"{report.source:>5} {front:>9} {speed:>6} {end:>15} {report.term:>5} {age_s:>6.2f}"
         return f"{row}  {what}".rstrip()
 
-    def _state_words(self, report: TrainReport, now_ns: int) -> str:
+    def status(self, train: int, now_ns: int) -> TrainStatus | None:
+        """Return the status of a train; None if it is old or was never received."""
+        status_ns = self._status_ns.get(train, now_ns)
+        return None if silence_words(status_ns, now_ns, SLOW_SILENT_S) else self.statuses.get(train)
+
+    def state_words(self, report: TrainReport, now_ns: int) -> str:
         """Return mode, state of ATP, commands for the train, and what it waits for."""
         said = []
-        status = self.statuses.get(report.source)
-        status_ns = self._status_ns.get(report.source, now_ns)
-        if status is not None and not _silence(status_ns, now_ns, SLOW_SILENT_S):
+        status = self.status(report.source, now_ns)
+        if status is not None:
             # Name the mode as such, because a standby train exists as well.
             said += [f"mode {_name(OperatingMode, status.mode)}", protection_words(status)]
         if report.out_of_service:
             said.append("out of service")
         decree = self.decree(report.source)
-        if decree is not None and not self._wayside_silence(now_ns):
+        if decree is not None and not self.wayside_silence(now_ns):
             said += [name for name in ("hold", "skip") if getattr(decree, name)]
             said += ["remote emergency brake"] if decree.emergency else []
         said += self._waits(report, now_ns)
@@ -268,7 +296,7 @@ class LineView:
         return next((each for each in trains if each.train == train), None)
 
 
-def _silence(heard_ns: int, now_ns: int, limit_s: float = SILENT_S) -> str:
+def silence_words(heard_ns: int, now_ns: int, limit_s: float = SILENT_S) -> str:
     """Return how long nothing was received; empty while that is no silence."""
     age_s = (now_ns - heard_ns) / NS_PER_S
     return f"silent for {age_s:.1f} s" if age_s > limit_s else ""

@@ -8,7 +8,7 @@ from pathlib import Path
 from canlog.damage import LogError
 from canlog.live.options import can_show
 from canlog.live.page import serve_folder
-from canlog.views.server import LOOPBACK
+from canlog.views.serving import LOOPBACK
 from firmware_py.assertions import require_assertions
 from firmware_py.clock.realtime import die_with_parent
 from metro_hil.watch.desk_keys import DeskKeys

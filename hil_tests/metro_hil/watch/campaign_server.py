@@ -3,7 +3,6 @@
 import json
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from importlib.resources import files
 from pathlib import Path
 from threading import Lock
 from typing import Final
@@ -13,11 +12,11 @@ from canlog.live.server import TokenServer
 from canlog.reader import read
 from canlog.views.page_data import page_data
 from canlog.views.page_text import page_text
-from canlog.views.server import LOOPBACK, PAGE
+from canlog.views.serving import LOOPBACK, PAGE
 from canlog.views.traces import default_words, trace_names
 from metro_hil.engine.errors import EngineError
 from metro_hil.engine.folder import CampaignFolder
-from metro_hil.report.campaign.page.render import TEMPLATES
+from metro_hil.watch.bench_page import bench_page
 from metro_hil.watch.campaigns import Shelf, cases_of
 
 JSON: Final = "application/json"
@@ -101,17 +100,7 @@ class CampaignServer(TokenServer):
 
 def serve_page(root: Path) -> str:
     """Return the page of all campaigns; it fetches the data itself."""
-    style = files(TEMPLATES).joinpath("style.css").read_text(encoding="utf-8")
-    own = files("metro_hil.watch") / "page"
-    parts = {
-        "title": json.dumps(str(root)).replace("<", "\\u003c"),
-        "style": style + (own / "serve.css").read_text(encoding="utf-8"),
-        "script": (own / "serve.js").read_text(encoding="utf-8"),
-    }
-    text = (own / "serve.html").read_text(encoding="utf-8")
-    for name, part in parts.items():
-        text = text.replace(f"{{{{{name}}}}}", part)
-    return text
+    return bench_page("serve", title=json.dumps(str(root)).replace("<", "\\u003c"))
 
 
 def _json(told: object) -> bytes:

@@ -5,7 +5,7 @@ import os
 import sys
 from typing import Final
 
-from canlog.views.server import LOOPBACK
+from canlog.views.serving import LOOPBACK
 
 DISPLAYS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
 

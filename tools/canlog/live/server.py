@@ -23,7 +23,7 @@ from websockets.http11 import Request, Response
 from canlog.damage import LogError
 from canlog.live.feeds import Feed
 from canlog.live.stream import History
-from canlog.views.server import LOOPBACK, PAGE, POLICY
+from canlog.views.serving import LOOPBACK, PAGE, POLICY
 
 PERIOD_S: Final = 0.05
 """Time between two updates: 20 a second."""
@@ -220,18 +220,11 @@ class LiveServer(TokenServer):
         self._viewers.add(viewer)
         if self._holder is not None:
             viewer.offer([json.dumps({"kind": "desk", "holder": "another"})])
-        sending = asyncio.ensure_future(_send(connection, viewer))
         try:
-            async for message in connection:
-                self._hear(viewer, message)
-        except ConnectionClosed:
-            pass
+            await serve_viewer(connection, viewer, lambda message: self._hear(viewer, message))
         finally:
             self._viewers.discard(viewer)
             self._drop(viewer)
-            sending.cancel()
-            with suppress(asyncio.CancelledError, ConnectionClosed):
-                await sending
 
     def _hear(self, viewer: Viewer, message: Item) -> None:
         """Take a key of the viewer who has the desk; anything else is dropped."""
@@ -261,6 +254,22 @@ class LiveServer(TokenServer):
         for each in self._viewers:
             who = "you" if each is self._holder else "another" if self._holder else ""
             each.offer([json.dumps({"kind": "desk", "holder": who})])
+
+
+async def serve_viewer(
+    connection: ServerConnection, viewer: Viewer, on_message: Callable[[Item], None]
+) -> None:
+    """Send what waits for a viewer, and pass its messages on, until it leaves."""
+    sending = asyncio.ensure_future(_send(connection, viewer))
+    try:
+        async for message in connection:
+            on_message(message)
+    except ConnectionClosed:
+        pass
+    finally:
+        sending.cancel()
+        with suppress(asyncio.CancelledError, ConnectionClosed):
+            await sending
 
 
 async def _send(connection: ServerConnection, viewer: Viewer) -> None:

@@ -8,7 +8,7 @@ from canlog.damage import LogError
 from canlog.live.options import add_serving, can_show, warn_of
 from canlog.verbs.asked import log_options, name_asked, read_asked
 from canlog.verbs.common import bus_asked
-from canlog.views.server import LOOPBACK
+from canlog.views.serving import LOOPBACK
 
 
 def options(parser: argparse.ArgumentParser) -> None:

@@ -3,19 +3,11 @@
 import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Final
 from urllib.parse import parse_qsl, urlsplit
 
 from canlog.damage import LogError
 from canlog.views.answers import Answers
-
-LOOPBACK: Final = "127.0.0.1"
-PAGE: Final = "text/html; charset=utf-8"
-POLICY: Final = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
-    " connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
-"""Content security policy: the page may request data from this server only."""
+from canlog.views.serving import LOOPBACK, PAGE, POLICY
 
 
 class LogServer(ThreadingHTTPServer):

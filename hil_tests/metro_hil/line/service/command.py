@@ -273,7 +273,7 @@ def _print_next(up: LineUp, options: argparse.Namespace) -> None:
     where += "" if up.endpoint == LINE_ENDPOINT else f" --line-radio {up.endpoint}"
     where += "" if options.secure is None else f" --secure {options.secure}"
     where += " --insecure" if options.insecure else ""
-    _say(f"`vobc line --watch{where}` shows areas and trains")
+    _say(f"`vobc line --watch{where}` shows areas and trains, `--web` in a browser")
     _say("`vobc line status` lists the programs, `vobc line down` ends them")
 
 

@@ -1,0 +1,224 @@
+"""Serves the page of a line: its state ten times a second, events, and commands where allowed."""
+
+import asyncio
+import sys
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Literal, Protocol
+
+import msgspec
+from websockets.asyncio.server import ServerConnection
+
+from canlog.live.server import Item, TokenServer, Viewer, serve_viewer
+from canlog.views.serving import LOOPBACK, PAGE
+from firmware_py.ports import RadioMessage
+from metro_hil.model.run_options import EXIT_OK, LINE_VERBS
+from metro_hil.supervision.view import LineView
+from metro_hil.watch.bench_page import bench_page
+from metro_hil.watch.line_picture import LinePicture, changes, picture_of
+
+VERSION: Final = 1
+TICKS: Final = 2
+"""Ticks of the server between two states that the viewers get: ten states a second."""
+SAMPLE_NS: Final = 1_000_000_000
+SAMPLES_MAX: Final = 1800
+"""Points of the time-distance graph that a new viewer gets: half an hour, one a second."""
+EVENTS_MAX: Final = 500
+COMMANDS: Final = {
+    verb: words for verb, words in LINE_VERBS.items() if verb not in ("line", "master")
+}
+
+
+class PageCommand(msgspec.Struct, forbid_unknown_fields=True):
+    """A command of supervision that a viewer confirmed."""
+
+    verb: Literal[
+        "switch-master",
+        "out-of-service",
+        "remove-train",
+        "hold",
+        "skip",
+        "emergency-brake",
+        "restrict",
+        "close",
+    ]
+    train: int = 0
+    area: int = 0
+    start_m: float = 0.0
+    end_m: float = 0.0
+    limit_kmh: float | None = None
+    end: bool = False
+    """Takes the command back."""
+
+    def words(self) -> list[str]:
+        """Return the words of `vobc`. Numbers only, so that a viewer cannot add an option."""
+        back = ["--end"] if self.end else []
+        if self.verb == "switch-master":
+            return [self.verb, "--area", str(self.area), "--to", f"T{self.train}"]
+        if self.verb == "remove-train":
+            return [self.verb, f"T{self.train}"]
+        if self.verb not in ("restrict", "close"):
+            return [self.verb, f"T{self.train}", *back]
+        words = [self.verb, f"{self.start_m:.12g}", f"{self.end_m:.12g}"]
+        if self.verb == "restrict" and self.limit_kmh is not None and not self.end:
+            words += ["--limit", f"{self.limit_kmh:.12g}"]
+        return [*words, *back]
+
+
+class LinePort(Protocol):
+    """What the page needs of a radio session."""
+
+    @property
+    def connected(self) -> bool: ...
+
+    def receive(self, now_ns: int) -> Sequence[RadioMessage]: ...
+
+
+class LineClock(Protocol):
+    def now_ns(self) -> int: ...
+
+    def epoch_ns(self) -> int: ...
+
+
+class LineServer(TokenServer):
+    """Receives the radio of a line, and shows it to all viewers.
+
+    It has no way to send on that session. A command runs as a process of the command line.
+    """
+
+    def __init__(
+        self,
+        view: LineView,
+        port: LinePort,
+        clock: LineClock,
+        head: Mapping[str, Any],
+        *,
+        command_line: Sequence[str] | None = None,
+        listen: str = LOOPBACK,
+        port_number: int = 0,
+    ) -> None:
+        """Listen. Raises LogError if the port is taken or not allowed.
+
+        Args:
+            head: what `line_picture.head_of` returns.
+            command_line: options of the line for each command; None for a page that only shows.
+        """
+        super().__init__(host=listen, port=port_number)
+        self._view, self._radio, self._clock = view, port, clock
+        self._command_line = command_line
+        self._head = {
+            **head,
+            "kind": "snapshot",
+            "version": VERSION,
+            "commands": {} if command_line is None else COMMANDS,
+        }
+        self._viewers: set[Viewer] = set()
+        self._ticks = 0
+        self._picture: LinePicture = picture_of(view, clock.now_ns(), connected=port.connected)
+        self._sampled_ns = 0
+        self._samples: deque[list[Any]] = deque(maxlen=SAMPLES_MAX)
+        self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS_MAX)
+        self._news: list[dict[str, Any]] = []
+        """Events that the viewers do not have yet."""
+        self._command: asyncio.Task[None] | None = None
+        """The command that goes on."""
+        self._busy = ""
+        self._page = bench_page("line").encode()
+
+    def answer(self, path: str, query: Mapping[str, str]) -> tuple[str, bytes] | None:
+        del query
+        return (PAGE, self._page) if path == "" else None
+
+    def tick(self) -> None:
+        now_ns = self._clock.now_ns()
+        self._view.on_message(self._radio.receive(now_ns), now_ns)
+        self._ticks += 1
+        if self._ticks % TICKS == 0:
+            self._look(now_ns)
+
+    def _look(self, now_ns: int) -> None:
+        """Find the events since the last state, and offer both to all viewers."""
+        before = self._picture
+        self._picture = picture_of(self._view, now_ns, connected=self._radio.connected)
+        for text in changes(before, self._picture):
+            self._note("line", text)
+        told: dict[str, Any] = {"kind": "news", **self._state(), "events": self._news}
+        if now_ns - self._sampled_ns >= SAMPLE_NS:
+            self._sampled_ns = now_ns
+            places = [[t.train, t.front_max_m] for t in self._picture.trains if _has_place(t)]
+            self._samples.append([self._epoch_s(), places])
+            told["samples"] = [self._samples[-1]]
+        self._news = []
+        text = _text(told)
+        for viewer in self._viewers:
+            viewer.offer([text])
+
+    def _state(self) -> dict[str, Any]:
+        return {"now": self._epoch_s(), "state": self._picture, "busy": self._busy}
+
+    def _epoch_s(self) -> float:
+        return self._clock.epoch_ns() / 1e9
+
+    def _note(self, kind: str, text: str) -> None:
+        event = {"at": self._epoch_s(), "kind": kind, "text": text}
+        self._events.append(event)
+        self._news.append(event)
+
+    async def stream(self, connection: ServerConnection) -> None:
+        past = {"events": [*self._events], "samples": [*self._samples]}
+        viewer = Viewer([_text({**self._head, **self._state(), **past})])
+        self._viewers.add(viewer)
+        try:
+            await serve_viewer(connection, viewer, self._on_message)
+        finally:
+            self._viewers.discard(viewer)
+
+    def _on_message(self, message: Item) -> None:
+        """Start a command; anything else is dropped, and everything on a page that only shows."""
+        if self._command_line is None or self._command is not None:
+            return
+        try:
+            command = msgspec.json.decode(message, type=PageCommand)
+        except msgspec.MsgspecError:
+            return
+        words = command.words()
+        self._busy = " ".join(["vobc", *words])
+        self._command = asyncio.ensure_future(self._obey([*words, *self._command_line]))
+
+    async def _obey(self, words: Sequence[str]) -> None:
+        """Run the command line, and make its output an event."""
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "metro_hil.cli.vobc", *words),
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.STDOUT,
+            )
+            try:
+                printed, _ = await process.communicate()
+            finally:
+                if process.returncode is None:
+                    process.kill()
+            kind = "done" if process.returncode == EXIT_OK else "refused"
+            self._note(kind, f"{self._busy}: {_joined(printed.decode(errors='replace'))}")
+        except OSError as error:
+            self._note("refused", f"{self._busy}: {error.strerror}")
+        finally:
+            self._busy, self._command = "", None
+
+    def close(self) -> None:
+        if self._command is not None:
+            self._command.cancel()
+
+
+def _has_place(train: Any) -> bool:
+    return bool(train.localised and not train.silence)
+
+
+def _joined(printed: str) -> str:
+    """Return the output of a command as one line, without the program's name."""
+    return "; ".join([line.removeprefix("vobc: ") for line in printed.splitlines() if line])
+
+
+def _text(told: Mapping[str, Any]) -> str:
+    return msgspec.json.encode(told).decode()
