@@ -11,7 +11,10 @@ import tomli_w
 from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from firmware_py.storage.whole_file import write_whole
+from metro_hil.exchange.effort_curve import with_effort
 from metro_hil.exchange.line_rules import FittedTrain, complete_line
+from metro_hil.exchange.railjson_line import read_infra
+from metro_hil.exchange.railjson_train import read_rolling_stock
 from metro_hil.exchange.survey import SurveyedLine, SurveyedTrain, read_json
 from metro_hil.exchange.train_rules import complete_train, fitted
 from metro_hil.exchange.ttobench import read_file
@@ -20,8 +23,9 @@ from vobc.config import load_config
 
 PROG: Final = "vobc import"
 DESCRIPTION: Final = (
-    "Turn tracks and trains of TTOBench (JSON) into a line file, a consist and parameters. What "
-    "a file does not say is filled by rules, which are printed and stand at the top of each file."
+    "Turn tracks and trains of TTOBench (JSON), infrastructure and rolling stock of OSRD "
+    "(RailJSON) and effort curves (CSV) into a line file, a consist and parameters. What a file "
+    "does not say is filled by rules, which are printed and stand at the top of each file."
 )
 EPILOG: Final = "exit codes: 0 the files are written; 2 wrong usage or a bad file; nothing written"
 PARAMS: Final = "florence4"
@@ -31,7 +35,16 @@ def parser() -> argparse.ArgumentParser:
     """The command line of `vobc import`."""
     top = CommandParser(prog=PROG, description=DESCRIPTION, epilog=EPILOG)
     top.add_argument(
-        "files", nargs="+", metavar="FILE", help="tracks, and at most one train that runs on them"
+        "files",
+        nargs="+",
+        metavar="FILE",
+        help="tracks, at most one train that runs on them, and at most one effort curve of it: a "
+        "CSV file with speed_kmh or speed_mps, and effort_kn or effort_n",
+    )
+    top.add_argument(
+        "--stops",
+        metavar="NAME,NAME",
+        help="operational points of RailJSON in running order; default: all, if no track branches",
     )
     top.add_argument(
         "--params",
@@ -47,7 +60,7 @@ def main(argv: Sequence[str]) -> int:
     """Write the files and print the rules, or print what is wrong with the first bad file."""
     options = parser().parse_args(argv)
     try:
-        written, hint = files_of(options.files, options.params)
+        written, hint = files_of(options.files, options.params, options.stops)
         folder = Path(options.out)
         _check_free(folder, written, options.force)
     except SettingsError as error:
@@ -71,10 +84,10 @@ def file_text(table: dict[str, Any], notes: Sequence[str]) -> str:
 
 
 def files_of(
-    names: Sequence[str], params: str | None
+    names: Sequence[str], params: str | None, stops: str | None = None
 ) -> tuple[dict[str, tuple[dict[str, Any], tuple[str, ...]]], str]:
     """Table and rules of each file to write, and the command to try next. Raises SettingsError."""
-    lines, trains = _surveyed(names)
+    lines, trains = _surveyed(names, stops)
     written: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {}
     used, words = params or PARAMS, ""
     if trains:
@@ -101,8 +114,11 @@ def files_of(
     return written, f"{run}vobc run --lockstep --line {line_name}{words}{params_words}"
 
 
-def _surveyed(names: Sequence[str]) -> tuple[list[SurveyedLine], list[SurveyedTrain]]:
-    read = [read_file(read_json(Path(name))) for name in names]
+def _surveyed(
+    names: Sequence[str], stops: str | None
+) -> tuple[list[SurveyedLine], list[SurveyedTrain]]:
+    curves = [Path(name) for name in names if name.lower().endswith(".csv")]
+    read = [_read(Path(name), stops) for name in names if Path(name) not in curves]
     lines = [each for each in read if isinstance(each, SurveyedLine)]
     trains = [each for each in read if isinstance(each, SurveyedTrain)]
     if len(trains) > 1:
@@ -110,7 +126,24 @@ def _surveyed(names: Sequence[str]) -> tuple[list[SurveyedLine], list[SurveyedTr
             f"{trains[1].source}: a second train, after {trains[0].source}; platforms are laid "
             "out for one; import the other into another folder"
         )
-    return lines, trains
+    if curves and (not trains or len(curves) > 1):
+        raise SettingsError(
+            f"{curves[-1]}: an effort curve belongs to one train; give the file of the train, and "
+            "one curve"
+        )
+    return lines, [with_effort(train, curves[0]) if curves else train for train in trains]
+
+
+def _read(path: Path, stops: str | None) -> SurveyedLine | SurveyedTrain:
+    """Read a file of any known format. Raises SettingsError."""
+    file = read_json(path)
+    if file.has("track_sections"):
+        return read_infra(file, [name.strip() for name in stops.split(",")] if stops else [])
+    if stops is not None and file.has("stops"):
+        raise SettingsError(
+            f"--stops {stops}: not with {file.source}, which lists its stops; leave it out"
+        )
+    return read_rolling_stock(file) if file.has("effort_curves") else read_file(file)
 
 
 def _add(

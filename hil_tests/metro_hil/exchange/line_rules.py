@@ -174,5 +174,5 @@ def _notes(line: SurveyedLine, train: FittedTrain, capped: bool) -> list[str]:
         )
     if line.bends:
         notes.append("curves: a transition has its mean curvature as radius")
-    notes += [f"left out: {text}" for text in line.ignored]
+    notes += [*line.filled, *(f"left out: {text}" for text in line.ignored)]
     return notes

@@ -56,6 +56,8 @@ class SurveyedLine:
     bends: tuple[CurvedStretch, ...] = ()
     ignored: tuple[str, ...] = ()
     """Sentences about parts of the file that the importer does not use."""
+    filled: tuple[str, ...] = ()
+    """Sentences about what the importer itself filled or converted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +87,7 @@ class SurveyedTrain:
     emergency_kept_ratio: float | None = None
     """Share of it that the train's builder guarantees on dry rail."""
     ignored: tuple[str, ...] = ()
+    filled: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +160,13 @@ class Element:
             names = ", ".join(allowed)
             raise self.error(f"unit {self.value!r} is unknown here; convert the values to {names}")
         return UNITS[str(self.value)]
+
+
+def file_name(text: str) -> str:
+    """The text with an underscore for each character that a file's name should not have."""
+    return "".join(
+        each if (each.isascii() and each.isalnum()) or each in "_-" else "_" for each in text
+    )
 
 
 def read_json(path: Path) -> Element:

@@ -180,5 +180,5 @@ def _notes(train: SurveyedTrain, lengths_m: list[float]) -> list[str]:
     else:
         notes.append("emergency brake: the least deceleration of the file; the delays are shipped")
     notes.append("odometry and protection: declared bounds are the shipped ones")
-    notes += [f"left out: {text}" for text in train.ignored]
+    notes += [*train.filled, *(f"left out: {text}" for text in train.ignored)]
     return notes

@@ -244,8 +244,8 @@ def read_file(file: Element) -> SurveyedLine | SurveyedTrain:
             "run_s of the stations"
         )
     raise SettingsError(
-        f"{file.source}: has neither 'stops' (a track of TTOBench) nor 'mass' (a train); "
-        "give a file of tracks/ or trains/"
+        f"{file.source}: has neither 'stops' (a track of TTOBench) nor 'mass' (a train) nor "
+        "'track_sections' (RailJSON); give a file of one of these formats"
     )
 
 
