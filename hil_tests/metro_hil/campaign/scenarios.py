@@ -1,6 +1,6 @@
 """Finds a shipped scenario by its own name and makes a campaign of it alone."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -39,7 +39,9 @@ def shipped_scenarios() -> tuple[Named, ...]:
     )
 
 
-def read_named(name_or_path: str, seed: int | None = None) -> Campaign:
+def read_named(
+    name_or_path: str, seed: int | None = None, added: Sequence[Mapping[str, Any]] = ()
+) -> Campaign:
     """A campaign by name or path, or a campaign of the one shipped scenario with this name.
 
     The own name of a scenario with `each` means all of its values.
@@ -47,6 +49,7 @@ def read_named(name_or_path: str, seed: int | None = None) -> Campaign:
     Args:
         seed: replaces all seeds. In a campaign it keeps only the scenarios that have this seed, or
             all of them if none has.
+        added: tables of further scenarios, which inherit what stands above the campaign's own.
 
     Raises:
         CampaignError: with every problem of the file.
@@ -54,10 +57,14 @@ def read_named(name_or_path: str, seed: int | None = None) -> Campaign:
     """
     campaigns = settings.shipped_names(PACKAGE)
     if name_or_path in campaigns or name_or_path.endswith(".toml") or "/" in name_or_path:
-        if seed is None:
+        if seed is None and not added:
             return read_campaign(name_or_path)
         path = settings.find(name_or_path, PACKAGE)
-        table = _with_seed(dict(settings.parse(path)), seed)
+        table = dict(settings.parse(path))
+        if added:
+            table["scenario"] = [*table.get("scenario", ()), *added]
+        if seed is not None:
+            table = _with_seed(table, seed)
         return define(table, source=str(path), folder=path.parent, name=path.stem).campaign
     holders = [
         campaign

@@ -35,6 +35,7 @@ NAMES: Final[Mapping[str, str]] = {
     "run_time_s": "duration of the run",
     "punctuality_worst_s": "greatest difference from the planned running time to a station",
     "over_fastest_worst_ratio": "greatest excess of a running time over the shortest possible one",
+    "over_fastest_total_ratio": "excess of all running times over the shortest possible ones",
     "front_end_m": "chainage of the front at the end",
     "notch_changes_max_count": "most changes of the brake command's level before one stop",
     "notch_changes_mean_count": "mean number of changes of that level before a stop",
@@ -129,6 +130,7 @@ def motion_measures(
             (run_s / least_s - 1.0 for run_s, least_s in _against(measured, fastest_run_s)),
             default=None,
         ),
+        "over_fastest_total_ratio": _total_ratio(_against(measured, fastest_run_s)),
         "front_end_m": float(front_m[-1]) if len(front_m) else None,
         "emergency_count": float(_risings(emergency)),
         **_emergency_measures(truth),
@@ -151,6 +153,13 @@ def _against(
         for stop in stops
         if stop.run_time_s is not None and stop.station in reference_s
     ]
+
+
+def _total_ratio(pairs: Sequence[tuple[float, float]]) -> float | None:
+    """Excess of the sum of running times over the sum of their references; None without any."""
+    if not pairs:
+        return None
+    return math.fsum(run_s for run_s, _ in pairs) / math.fsum(least_s for _, least_s in pairs) - 1.0
 
 
 def _emergency_measures(truth: Columns) -> dict[str, float | None]:

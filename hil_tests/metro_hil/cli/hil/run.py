@@ -1,7 +1,7 @@
 """`hil run`: runs all cases of a campaign."""
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from metro_hil.cli.hil.working import (
     add_work_options,
@@ -13,6 +13,8 @@ from metro_hil.cli.hil.working import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from metro_hil.engine.folder import CampaignPlan
 
 LINE_WORDS = """\
@@ -22,6 +24,7 @@ in virtual time. It has options of its own, such as --trains 8, --for 60, --kill
 """
 BENCHES = ("lockstep", "processes", "hardware")
 GREEN = "green-cbtc"
+BOARD = "lines"
 AUTO = "auto"
 PRESENCES = (AUTO, "ours", "elsewhere")
 
@@ -49,6 +52,14 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "--seed", type=number(0), metavar="N", help="use only this seed, instead of the scenario's"
     )
     parser.add_argument("--limit", type=number(1), metavar="N", help="only the first N cases")
+    parser.add_argument(
+        "--with",
+        dest="folders",
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="for `hil run lines`: also the lines and the train that `vobc import` wrote there",
+    )
     parser.add_argument(
         "--complete",
         action="store_true",
@@ -121,7 +132,8 @@ def plan_of(options: argparse.Namespace) -> "CampaignPlan":
     from metro_hil.model.case import WireNames, subset_text
 
     foreign = None if options.plant in PRESENCES else read_plant(options.plant)
-    campaign = read_named(options.campaign, options.seed)
+    added = _added_lines(options.campaign, options.folders)
+    campaign = read_named(options.campaign, options.seed, added)
     refuse_unknown_layout(options.campaign, campaign.layout)
     cases = choose(
         plan_cases(campaign),
@@ -140,7 +152,7 @@ def plan_of(options: argparse.Namespace) -> "CampaignPlan":
         ),
     )
     check_on(options.on, [case.bench.value for case in cases])
-    whole = campaign if options.seed is None else read_named(options.campaign)
+    whole = campaign if options.seed is None else read_named(options.campaign, added=added)
     planned = sum(scenario.case_count for scenario in whole.scenarios)
     if options.complete and len(cases) < planned:
         raise UsageError(
@@ -157,3 +169,13 @@ def plan_of(options: argparse.Namespace) -> "CampaignPlan":
         files=campaign.files,
         options=kept_options(options),
     )
+
+
+def _added_lines(campaign: str, folders: "Sequence[str]") -> "list[dict[str, Any]]":
+    """Scenarios of the folders of imported lines. Raises SettingsError or UsageError."""
+    from metro_hil.campaign.imported import imported_scenarios
+    from metro_hil.engine.errors import UsageError
+
+    if folders and campaign != BOARD:
+        raise UsageError(f"--with {folders[0]}: only for `hil run {BOARD}`, not for {campaign}")
+    return [scenario for folder in folders for scenario in imported_scenarios(folder)]

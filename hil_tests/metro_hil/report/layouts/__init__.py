@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 from metro_hil.model.case import Case, CaseResult
 from metro_hil.report.layouts.florence import florence_tables
 from metro_hil.report.layouts.hefei import hefei_tables
+from metro_hil.report.layouts.lines import lines_tables
 from metro_hil.report.layouts.tables import LayoutFigure, LayoutTable, print_layout
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class Layout:
 LAYOUTS: Final[Mapping[str, Layout]] = {
     "florence": Layout(florence_tables, _florence_figures, _florence_logs),
     "hefei": Layout(hefei_tables, _hefei_figures, _hefei_logs),
+    "lines": Layout(lines_tables),
 }
 """Layouts by the name in a campaign's file."""
 
