@@ -197,14 +197,12 @@ class LineView:
         None if the wayside did not send the grant of the present term.
         """
         command, state = self.commands.get(area), self.state
-        for lease in () if state is None else state.leases:
-            if command is None or (lease.area, lease.granted_term) != (
-                area,
-                command.heartbeat.term,
-            ):
-                continue
-            why = WHY[lease.reason].format(before=lease.before)
-            return (state.stamp_ns - lease.since_ns) / NS_PER_S, why
+        if command is None or state is None:
+            return None
+        for lease in state.leases:
+            if (lease.area, lease.granted_term) == (area, command.heartbeat.term):
+                why = WHY[lease.reason].format(before=lease.before)
+                return (state.stamp_ns - lease.since_ns) / NS_PER_S, why
         return None
 
     def _area_words(self, area: int, now_ns: int) -> str:

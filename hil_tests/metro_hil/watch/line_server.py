@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal, Protocol
 
 import msgspec
-from websockets.asyncio.server import ServerConnection
 
-from canlog.live.server import Item, TokenServer, Viewer, serve_viewer
+from canlog.live.server import Connection, Item, TokenServer, Viewer, serve_viewer
 from canlog.views.serving import LOOPBACK, PAGE
 from firmware_py.ports import RadioMessage
 from metro_hil.model.run_options import EXIT_OK, LINE_VERBS
@@ -164,7 +163,7 @@ class LineServer(TokenServer):
         self._events.append(event)
         self._news.append(event)
 
-    async def stream(self, connection: ServerConnection) -> None:
+    async def stream(self, connection: Connection) -> None:
         past = {"events": [*self._events], "samples": [*self._samples]}
         viewer = Viewer([_text({**self._head, **self._state(), **past})])
         self._viewers.add(viewer)

@@ -33,6 +33,8 @@ PLAIN: Final = "text/plain; charset=utf-8"
 ANY: Final = ("0.0.0.0", "::")  # noqa: S104
 
 Item = str | bytes
+Connection = ServerConnection
+"""Connection of one viewer, for servers outside of this package."""
 
 
 class Viewer:
