@@ -20,7 +20,7 @@ from can_dbc.dbc_file import (
     signals_of,
     table_of,
 )
-from can_dbc.messages import Message, Signal
+from can_dbc.messages import DbcSignal, Message
 
 TRAILER_BYTES: Final = 3
 MAX_BYTES: Final = 8
@@ -139,7 +139,7 @@ def payload_bytes(message: Message) -> int:
     return message.length - (TRAILER_BYTES if guarded else 0)
 
 
-def layout(kind: type[Any], signal: Signal, minimum: float, maximum: float) -> FieldLayout:
+def layout(kind: type[Any], signal: DbcSignal, minimum: float, maximum: float) -> FieldLayout:
     """Return the layout of a field of this kind, with its range of values."""
     return FieldLayout(
         name=signal.name,
@@ -156,11 +156,11 @@ def layout(kind: type[Any], signal: Signal, minimum: float, maximum: float) -> F
     )
 
 
-def _raw(value: float, signal: Signal) -> int:
+def _raw(value: float, signal: DbcSignal) -> int:
     return round((value - signal.offset) / signal.scale)
 
 
-def _physical_range(signal: Signal) -> tuple[float, float]:
+def _physical_range(signal: DbcSignal) -> tuple[float, float]:
     assert signal.minimum is not None
     assert signal.maximum is not None
     return float(signal.minimum), float(signal.maximum)
@@ -213,7 +213,7 @@ def _trailer_faults(message: Message) -> Iterator[str]:
             yield f"{name}: must lie in the last three bytes, unscaled: {wanted}"
 
 
-def _is_plain(signal: Signal) -> bool:
+def _is_plain(signal: DbcSignal) -> bool:
     return not signal.is_signed and signal.scale == 1 and signal.offset == 0
 
 
@@ -229,7 +229,7 @@ def _name_faults(kind: type[Frame], message: Message) -> Iterator[str]:
 
 
 def _signal_faults(
-    kind: type[Frame], name: str, annotation: type[Any], signal: Signal, *, guarded: bool
+    kind: type[Frame], name: str, annotation: type[Any], signal: DbcSignal, *, guarded: bool
 ) -> Iterator[str]:
     field = f"{kind.__name__}.{name}"
     if annotation is float:
@@ -253,7 +253,7 @@ def _signal_faults(
         yield f"{field} is {annotation!r}; use float, int, bool or an enumeration"
 
 
-def _unit_faults(field: str, name: str, signal: Signal) -> Iterator[str]:
+def _unit_faults(field: str, name: str, signal: DbcSignal) -> Iterator[str]:
     suffix = name.rsplit("_", 1)[-1]
     if suffix not in UNITS:
         yield f"{field} is a float whose name ends in no known unit; name it ..._mps, ..._m"
@@ -266,7 +266,7 @@ def _unit_faults(field: str, name: str, signal: Signal) -> Iterator[str]:
         yield f"has a value table but {field} is a float; use an enumeration or drop the table"
 
 
-def _whole_faults(field: str, signal: Signal) -> Iterator[str]:
+def _whole_faults(field: str, signal: DbcSignal) -> Iterator[str]:
     if signal.scale != 1 or signal.offset != int(signal.offset):
         yield (
             f"scaling ({signal.scale},{signal.offset}) is no count but {field} is an int;"
@@ -278,7 +278,7 @@ def _whole_faults(field: str, signal: Signal) -> Iterator[str]:
         yield f"has a value table but {field} is an int; use an enumeration or drop the table"
 
 
-def _range_faults(signal: Signal) -> Iterator[str]:
+def _range_faults(signal: DbcSignal) -> Iterator[str]:
     if signal.minimum is None or signal.maximum is None or signal.minimum >= signal.maximum:
         yield "has no range; give [minimum|maximum] with minimum below maximum"
         return
@@ -291,7 +291,7 @@ def _range_faults(signal: Signal) -> Iterator[str]:
             yield f"range end {value} does not fit {signal.length} bits; narrow it or add bits"
 
 
-def _table_faults(field: str, wanted: Mapping[int, str], signal: Signal) -> Iterator[str]:
+def _table_faults(field: str, wanted: Mapping[int, str], signal: DbcSignal) -> Iterator[str]:
     if signal.is_signed or signal.scale != 1 or signal.offset != 0 or signal.unit:
         yield f"{field} is a choice; its signal must be unsigned, (1,0) and without a unit"
     low, high = raw_limits(signal)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from can_dbc import parsed_files
+from can_dbc.messages import DbcSignal as DbcSignal
 from can_dbc.messages import Message as Message
-from can_dbc.messages import Signal as Signal
 
 COUNTER_NAME: Final = "alive_counter"
 CRC_NAME: Final = "crc16"
@@ -159,18 +159,18 @@ def timeout_ms(message: Message) -> int:
     return number(message, "TimeoutMs") or TIMEOUT_PERIODS * period_ms(message)
 
 
-def signals_of(message: Message) -> dict[str, Signal]:
+def signals_of(message: Message) -> dict[str, DbcSignal]:
     """Signals of a message by name."""
     return {signal.name: signal for signal in message.signals}
 
 
-def raw_limits(signal: Signal) -> tuple[int, int]:
+def raw_limits(signal: DbcSignal) -> tuple[int, int]:
     """Least and greatest raw value of a signal's bits."""
     if signal.is_signed:
         return -(1 << signal.length - 1), (1 << signal.length - 1) - 1
     return 0, (1 << signal.length) - 1
 
 
-def table_of(signal: Signal) -> dict[int, str]:
+def table_of(signal: DbcSignal) -> dict[int, str]:
     """Raw values and their names."""
     return {**(signal.choices or {})}

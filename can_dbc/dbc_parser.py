@@ -7,7 +7,7 @@ import cantools.database
 from cantools.database.can import Message as ParsedMessage
 from cantools.database.can import Signal as ParsedSignal
 
-from can_dbc.messages import Message, Signal
+from can_dbc.messages import DbcSignal, Message
 
 
 class ParseError(Exception):
@@ -51,9 +51,9 @@ def _message(found: ParsedMessage) -> Message:
     )
 
 
-def _signal(found: ParsedSignal) -> Signal:
+def _signal(found: ParsedSignal) -> DbcSignal:
     choices = {int(raw): str(name) for raw, name in (found.choices or {}).items()}
-    return Signal(
+    return DbcSignal(
         name=found.name,
         start=found.start,
         length=found.length,

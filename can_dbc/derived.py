@@ -16,9 +16,9 @@ from can_dbc.dbc_file import (
     CRC_NAME,
     TWIN_SUFFIX,
     DbcFile,
+    DbcSignal,
     Message,
     MessageProtection,
-    Signal,
     raw_limits,
     signals_of,
     table_of,
@@ -90,7 +90,7 @@ def _bound(file: DbcFile, message: Message) -> Binding:
     return bound
 
 
-def _kind(message: Message, signal: Signal, *, guarded: bool) -> type[Any]:
+def _kind(message: Message, signal: DbcSignal, *, guarded: bool) -> type[Any]:
     """Return bool, int or float, or an enumeration where the table names every value in range."""
     table = table_of(signal)
     plain = not signal.is_signed and signal.scale == 1 and signal.offset == 0 and not signal.unit
@@ -108,7 +108,7 @@ def _kind(message: Message, signal: Signal, *, guarded: bool) -> type[Any]:
     return int if whole else float
 
 
-def _range(signal: Signal) -> tuple[float, float]:
+def _range(signal: DbcSignal) -> tuple[float, float]:
     """Return the range of a signal; that of its bits without one, and never beyond them."""
     low, high = (raw * signal.scale + signal.offset for raw in raw_limits(signal))
     least, most = signal.minimum, signal.maximum
@@ -117,5 +117,5 @@ def _range(signal: Signal) -> tuple[float, float]:
     return max(float(least), low), min(float(most), high)
 
 
-def _layout(kind: type[Any], signal: Signal) -> agreement.FieldLayout:
+def _layout(kind: type[Any], signal: DbcSignal) -> agreement.FieldLayout:
     return agreement.layout(kind, signal, *_range(signal))

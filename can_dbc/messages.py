@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 
-class Signal(NamedTuple):
+class DbcSignal(NamedTuple):
     """A signal with the bits and the scaling of its DBC file."""
 
     name: str
@@ -41,5 +41,5 @@ class Message(NamedTuple):
     comment: str | None
     attributes: Mapping[str, object]
     """Values of its DBC attributes, by name."""
-    signals: Sequence[Signal]
+    signals: Sequence[DbcSignal]
     """Sorted by their first bit."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any, Final
 
-from can_dbc.messages import Message, Signal
+from can_dbc.messages import DbcSignal, Message
 
 NAME: Final = "parsed.json"
 
@@ -43,8 +43,8 @@ def _message(values: Sequence[Any]) -> Message:
     return Message._make([*values[:-1], [_signal(each) for each in values[-1]]])
 
 
-def _signal(values: Sequence[Any]) -> Signal:
-    found = Signal._make(values)
+def _signal(values: Sequence[Any]) -> DbcSignal:
+    found = DbcSignal._make(values)
     # The keys of JSON objects are text, so the file has pairs.
     return found._replace(choices=dict(found.choices)) if found.choices else found
 

@@ -13,7 +13,7 @@ from can_dbc.dbc_file import (
     signals_of,
     table_of,
 )
-from can_dbc.messages import Message, Signal
+from can_dbc.messages import DbcSignal, Message
 
 
 def mismatches(file: DbcFile, message: Message) -> Iterator[str]:
@@ -69,7 +69,7 @@ def _twin_signal_faults(message: Message, twin: Message) -> Iterator[str]:
                 yield f"{twin.name}: {name}: {fact} is {found[fact]}; the twin needs {value}"
 
 
-def _facts(signal: Signal) -> dict[str, object]:
+def _facts(signal: DbcSignal) -> dict[str, object]:
     return {
         "start bit": signal.start,
         "length": signal.length,
@@ -83,7 +83,7 @@ def _facts(signal: Signal) -> dict[str, object]:
     }
 
 
-def _inverted(signal: Signal) -> dict[str, object]:
+def _inverted(signal: DbcSignal) -> dict[str, object]:
     """Return the properties of a signal with complemented bits and the same values."""
     facts = _facts(signal)
     if signal.name in (COUNTER_NAME, CRC_NAME):

@@ -32,8 +32,8 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("_Four.emergency", "_Four.permitted", "_Four.service", "_Four.warning"),
         # The unit of the signal that the layout describes.
         *("FieldLayout.maximum", "FieldLayout.minimum", "FieldLayout.offset", "FieldLayout.scale"),
-        *("Signal.maximum", "Signal.minimum", "Signal.offset", "Signal.raw_initial"),
-        "Signal.scale",
+        *("DbcSignal.maximum", "DbcSignal.minimum", "DbcSignal.offset", "DbcSignal.raw_initial"),
+        "DbcSignal.scale",
         *("FieldMatch.offset", "FieldMatch.scale"),
         *("SignalSpec.maximum", "SignalSpec.minimum", "SignalSpec.offset", "SignalSpec.scale"),
         # A correlation, and a share of the variance: pure numbers.

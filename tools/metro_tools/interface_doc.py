@@ -10,7 +10,7 @@ from can_dbc import binding, dbc_file
 from can_dbc.binding import Binding, MessageProtection
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import TWIN_WITHIN_NS, Encoder
-from can_dbc.dbc_file import Message, Signal
+from can_dbc.dbc_file import DbcSignal, Message
 from can_dbc.nodes import Node
 from can_dbc.trailer import CRC_START, MAX_STEP
 from metro_tools.generated_doc import markdown_table, write_or_check
@@ -242,13 +242,13 @@ def _signals(bound: Binding) -> str:
     return markdown_table(heads, rows)
 
 
-def _bits(signal: Signal) -> str:
+def _bits(signal: DbcSignal) -> str:
     last = signal.start + signal.length - 1
     place = str(signal.start) if signal.length == 1 else f"{signal.start}–{last}"
     return f"{place} signed" if signal.is_signed else place
 
 
-def _scaling(signal: Signal) -> str:
+def _scaling(signal: DbcSignal) -> str:
     text = "raw" if signal.scale == 1 else f"raw × {_number(signal.scale)}"
     if not signal.offset:
         return text
@@ -259,7 +259,7 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.15g}".replace("-", "−")
 
 
-def _values(signal: Signal) -> str:
+def _values(signal: DbcSignal) -> str:
     return ", ".join(f"{raw} {name}" for raw, name in sorted(dbc_file.table_of(signal).items()))
 
 
