@@ -42,14 +42,15 @@ help: ## show this list
 
 setup: $(READY_TO_TEST) ## create .venv with all dependencies for development
 
-WATCH ?= $(if $(findstring --trains,$(RUN_ARGS)),,--watch)
+WATCH ?= $(if $(filter --trains --and-back,$(RUN_ARGS)),,--watch)
 
 run: $(READY_TO_RUN) ## bring up a bus and run from one station to the next; RUN_ARGS="--from I --to II"
-	@# With the trap the run ends by itself on Ctrl-C, and its bus is removed afterwards.
+	@# With the trap the run ends by itself on Ctrl-C, and its bus is removed afterwards. Without standard
+	@# input the page ends with the run; `vobc watch` shows it again.
 	@trap : INT TERM HUP; \
 	$(BIN)/vcan status vcan0 >/dev/null 2>&1; was_up=$$?; \
 	$(BIN)/vcan up vcan0 || exit; \
-	$(BIN)/vobc run $(WATCH) $(RUN_ARGS); status=$$?; \
+	$(BIN)/vobc run $(WATCH) $(RUN_ARGS) </dev/null; status=$$?; \
 	[ $$was_up = 0 ] || $(BIN)/vcan down vcan0; \
 	exit $$status
 
