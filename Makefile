@@ -186,6 +186,7 @@ format: $(READY_TO_TEST) ## format and fix the code with ruff
 compiled: $(READY_TO_TEST) ## compile controller, train and simulator now and not in the background of a run
 	$(BIN)/python -m metro_tools.compiled --part train --wait
 	$(BIN)/python -m metro_tools.compiled --part simulator --wait
+	$(BIN)/python -m hil_tests.simulator_copy
 
 clean: ## remove caches and build results; runs/ and .venv stay
 	rm -rf build dist site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

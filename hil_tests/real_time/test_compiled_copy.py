@@ -1,4 +1,7 @@
-"""The compiled copies in the cache run the same train and the same line with identical bytes."""
+"""The compiled copy in the cache runs the same train with identical bytes.
+
+`make compiled` compares the copy of the line simulator (`hil_tests.simulator_copy`).
+"""
 
 import json
 import os
@@ -62,25 +65,14 @@ def results(library: Path | None, *command: str | Path) -> dict[str, object]:
     return found
 
 
-def built(part: Part) -> Path:
-    """The copy that users get, from the cache or built now."""
-    assert build(part, wait=True) == 0
-    library = ready_copy(part)
-    assert library is not None
-    return library
-
-
 @pytest.fixture(scope="module")
 def copy(c_compiler: str) -> Path:
-    """The copy for runs of trains."""
+    """The copy that users get, from the cache or built now."""
     assert c_compiler
-    return built(Part.TRAIN)
-
-
-@pytest.fixture(scope="module")
-def simulator(copy: Path) -> Path:
-    """The copy for `hil simulate`."""
-    return built(Part.SIMULATOR)
+    assert build(Part.TRAIN, wait=True) == 0
+    library = ready_copy()
+    assert library is not None
+    return library
 
 
 def test_every_module_of_the_copy_can_be_imported(copy: Path) -> None:
@@ -145,20 +137,3 @@ def test_grouped_cases_with_faults_give_the_same_results_compiled(copy: Path) ->
     assert [msgspec.structs.replace(one, host=Host()) for one in grouped] == [
         msgspec.structs.replace(one, host=Host()) for one in alone
     ]
-
-
-def test_line_simulator_seeds_give_the_same_results_in_compiled_workers(
-    simulator: Path, tmp_path: Path
-) -> None:
-    seeds = ["simulate", "--seeds", "7..9", "--minutes", "0.2", "--workers"]
-    journal = ("--journal", tmp_path / "compiled.jsonl")
-    results(simulator, "metro_hil.cli.hil", *seeds, "2", *journal, "--json")
-    journal = ("--journal", tmp_path / "plain.jsonl")
-    results(None, "metro_hil.cli.hil", *seeds, "1", *journal, "--json")
-
-    compiled, plain = (
-        [json.loads(line) for line in (tmp_path / name).read_text().splitlines()]
-        for name in ("compiled.jsonl", "plain.jsonl")
-    )
-    assert [each["seed"] for each in plain] == [7, 8, 9]
-    assert [each["digest"] for each in compiled] == [each["digest"] for each in plain]

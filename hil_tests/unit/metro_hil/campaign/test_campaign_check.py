@@ -157,6 +157,6 @@ def test_check_of_a_missing_campaign_is_one_line(
 ) -> None:
     assert hil("florenc") == 2
     assert capsys.readouterr().err == (
-        "hil: florenc: no campaign and no scenario; nearest: florence, florence-ideal; "
-        "`hil scenarios` lists all\n"
+        "hil: florenc: no campaign and no scenario; nearest: florence, lines-florence, "
+        "florence-ideal; `hil scenarios` lists all\n"
     )
