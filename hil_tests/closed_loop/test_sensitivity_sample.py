@@ -1,4 +1,4 @@
-"""`hil sensitivity`: a twentieth of the mutants, sampled by the commit, and mutants made by hand."""
+"""`hil sensitivity`: a sample of the mutants, drawn by the commit, and mutants made by hand."""
 
 import json
 import subprocess
