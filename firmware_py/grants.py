@@ -12,7 +12,7 @@ in `ready` for the binary form of the messages after it (`firmware_py.binary_gra
 """
 
 from collections.abc import Iterable
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import msgspec
 
@@ -85,9 +85,11 @@ class Yield(msgspec.Struct, frozen=True, tag="yield"):
 OfBench = Hello | Grant | Stop
 OfController = Ready | Refuse | Yield
 
+M = TypeVar("M")
+
 _encoder: Final = msgspec.json.Encoder()
-_of_bench: Final = msgspec.json.Decoder(OfBench)
-_of_controller: Final = msgspec.json.Decoder(OfController)
+_of_bench: Final[msgspec.json.Decoder[OfBench]] = msgspec.json.Decoder(OfBench)
+_of_controller: Final[msgspec.json.Decoder[OfController]] = msgspec.json.Decoder(OfController)
 
 
 class GrantProtocolError(Exception):
@@ -160,19 +162,21 @@ def encode(message: OfBench | OfController) -> bytes:
 
 
 def read_bench(line: bytes) -> OfBench:
-    try:
-        message: OfBench = _of_bench.decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise GrantProtocolError(f"{_shown(line)}: {error}") from error
-    return message
+    """Read a line of the bench. Raises GrantProtocolError."""
+    return decoded(_of_bench, line)
 
 
 def read_controller(line: bytes) -> OfController:
+    """Read a line of the controller. Raises GrantProtocolError."""
+    return decoded(_of_controller, line)
+
+
+def decoded(decoder: msgspec.json.Decoder[M], line: bytes) -> M:
+    """Decode a line of this or a related protocol. Raises GrantProtocolError, which shows it."""
     try:
-        message: OfController = _of_controller.decode(line)
+        return decoder.decode(line)
     except (msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise GrantProtocolError(f"{_shown(line)}: {error}") from error
-    return message
 
 
 def grant(

@@ -11,10 +11,9 @@ from typing import Any, Final
 
 import msgspec
 
-from firmware_py.grants import GrantProtocolError
+from firmware_py.grants import decoded
 
 VERSION: Final = 1
-SHOWN_CHARACTERS: Final = 60
 
 
 class PlantHello(msgspec.Struct, frozen=True, tag="hello"):
@@ -66,8 +65,8 @@ OfBench = PlantHello | PlantGrant | PlantStop
 OfPlant = PlantReady | PlantRefuse | PlantYield
 
 _encoder: Final = msgspec.json.Encoder()
-_of_plant: Final = msgspec.json.Decoder(OfPlant)
-_of_bench: Final = msgspec.json.Decoder(OfBench)
+_of_plant: Final[msgspec.json.Decoder[OfPlant]] = msgspec.json.Decoder(OfPlant)
+_of_bench: Final[msgspec.json.Decoder[OfBench]] = msgspec.json.Decoder(OfBench)
 
 
 def encode(message: OfBench | OfPlant) -> bytes:
@@ -76,22 +75,9 @@ def encode(message: OfBench | OfPlant) -> bytes:
 
 def read_plant(line: bytes) -> OfPlant:
     """Read a line of the program. Raises GrantProtocolError."""
-    try:
-        message: OfPlant = _of_plant.decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise GrantProtocolError(f"{_shown(line)}: {error}") from error
-    return message
+    return decoded(_of_plant, line)
 
 
 def read_bench(line: bytes) -> OfBench:
     """Read a line of the bench. Raises GrantProtocolError."""
-    try:
-        message: OfBench = _of_bench.decode(line)
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise GrantProtocolError(f"{_shown(line)}: {error}") from error
-    return message
-
-
-def _shown(line: bytes) -> str:
-    text = line.decode("utf-8", "replace").strip()
-    return repr(text if len(text) <= SHOWN_CHARACTERS else f"{text[: SHOWN_CHARACTERS - 3]}...")
+    return decoded(_of_bench, line)
