@@ -1,10 +1,8 @@
 """The live page in a real browser: it decodes what comes, pauses, forgets, becomes the report."""
 
-import asyncio
 import json
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +19,7 @@ from canlog.reader import Log
 from canlog.views.page_text import html_page
 from canlog.views.place import LineFacts
 from canlog.views.traces import trace_names, trace_of
+from hil_tests.serving_rig import served
 from hil_tests.unit.canlog import canlog_rig as rig
 from metro_hil.cli.vobc import main as vobc
 from metro_tools.browser import Browser, BrowserError
@@ -43,25 +42,6 @@ class Script:
         self.waiting.clear()
 
 
-@contextmanager
-def running(server: LiveServer) -> Iterator[str]:
-    runner = asyncio.Runner()
-    loop = runner.get_loop()
-    task = loop.create_task(server.run())
-
-    def serve() -> None:
-        with runner, suppress(asyncio.CancelledError):
-            loop.run_until_complete(task)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield server.address
-    finally:
-        loop.call_soon_threadsafe(task.cancel)
-        thread.join()
-
-
 def pieces(frames: Frames, size: int) -> list[News]:
     return [News(frames[at : at + size]) for at in range(0, len(frames), size)]
 
@@ -80,7 +60,7 @@ def test_the_live_page_decodes_pauses_and_forgets(browser: Browser) -> None:
     text = html_page(head | {"messages": history.heads, "eventsOnBus": False})
     server = LiveServer(feed, history, lambda: text, now_ns=lambda: 0)
     log = Log(Path("made_up.log"), frames, bus)
-    with running(server) as address:
+    with served(server) as address:
         feed.waiting += pieces(frames[: FRAMES // 2], 500)
         browser.open(address)
         browser.wait(f"{DRAWN} === {FRAMES // 2}")
@@ -122,7 +102,7 @@ def test_a_run_becomes_its_report_at_the_same_address(
     for name in ("run.toml", "events.jsonl"):
         (grows / name).write_bytes((whole / name).read_bytes())
     (grows / "bus.log").write_text("".join(lines[:-100]))
-    with running(serve_folder(grows, host="127.0.0.1", port=0)) as address:
+    with served(serve_folder(grows, host="127.0.0.1", port=0)) as address:
         for width in (320, 1600):
             shown_at(width, address)
             browser.wait(f"{DRAWN} === {len(lines) - 100}")

@@ -3,9 +3,7 @@
 import asyncio
 import json
 import struct
-import threading
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 from urllib.error import HTTPError, URLError
@@ -26,6 +24,7 @@ from canlog.live.page import serve_folder
 from canlog.live.server import QUEUE_MESSAGES, LiveServer, Viewer
 from canlog.live.stream import History
 from firmware_py.ports import CanFrame, LinkCounters
+from hil_tests import serving_rig
 from hil_tests.unit.canlog import canlog_rig as rig
 
 S: Final = 1_000_000_000
@@ -260,19 +259,8 @@ def hands() -> PressedKeys:
 def served(run: Path, hands: PressedKeys) -> Iterator[LiveServer]:
     (run / "bus.log").write_text(line(0.0))
     server = serve_folder(run, hands=hands, host="127.0.0.1", port=0)
-    runner = asyncio.Runner()
-    loop = runner.get_loop()
-    task = loop.create_task(server.run())
-
-    def serve() -> None:
-        with runner, suppress(asyncio.CancelledError):
-            loop.run_until_complete(task)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    yield server
-    loop.call_soon_threadsafe(task.cancel)
-    thread.join()
+    with serving_rig.served(server):
+        yield server
 
 
 def test_a_page_of_the_server_gets_the_stream_and_others_get_nothing(served: LiveServer) -> None:

@@ -1,11 +1,8 @@
 """`hil serve`: campaigns of a folder as they grow, fail and break; and its page in a browser."""
 
-import asyncio
 import json
 import os
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +10,7 @@ import msgspec
 import pytest
 
 from canlog.damage import LogError
+from hil_tests.serving_rig import served
 from metro_hil.cli.hil import main as hil
 from metro_hil.engine.folder import CampaignFolder, CampaignPlan, make_folder
 from metro_hil.engine.journal import JournalLine, encode_line
@@ -149,25 +147,6 @@ def test_the_cases_of_a_campaign_tell_where_they_failed(
     assert (bad["monitor"], bad["at_s"]) == ("stops within 10 cm", told.monitors[0].at_s)
 
 
-@contextmanager
-def running(server: CampaignServer) -> Iterator[str]:
-    runner = asyncio.Runner()
-    loop = runner.get_loop()
-    task = loop.create_task(server.run())
-
-    def serve() -> None:
-        with runner, suppress(asyncio.CancelledError):
-            loop.run_until_complete(task)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield server.address
-    finally:
-        loop.call_soon_threadsafe(task.cancel)
-        thread.join()
-
-
 def test_only_campaigns_and_cases_of_the_list_are_served(
     tmp_path: Path, campaign: Callable[..., Any]
 ) -> None:
@@ -200,7 +179,7 @@ def test_the_page_shows_history_failures_and_differences(
     recorded(tmp_path / "b", made, CASES, finished=True)
     bad = [each.case_id for each in made.results if each.verdict.value == "fail"]
 
-    with running(CampaignServer(tmp_path, now_ns=lambda: 0)) as address:
+    with served(CampaignServer(tmp_path, now_ns=lambda: 0)) as address:
         browser.open(address)
         browser.wait("document.querySelectorAll('#rows tbody tr').length === 2")
         states = browser.run("[...document.querySelectorAll('.state')].map(e => e.textContent)")

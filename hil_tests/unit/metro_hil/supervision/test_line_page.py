@@ -3,9 +3,8 @@
 import asyncio
 import dataclasses
 import json
-import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any, get_args, get_type_hints
 
 import pytest
@@ -15,6 +14,7 @@ from websockets.typing import Origin
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import load_line
+from hil_tests.serving_rig import served
 from hil_tests.unit.metro_hil.supervision.test_line_supervision import (
     BEAT,
     LOOP,
@@ -152,21 +152,8 @@ def running(*messages: T2tMessage, commands: bool) -> Iterator[str]:
         *(LineView(LOOP), OneLine(*messages), StillClock(), head_of(load_line("loop"), LOOP)),
         command_line=["--line", "loop"] if commands else None,
     )
-    runner = asyncio.Runner()
-    loop = runner.get_loop()
-    task = loop.create_task(server.run())
-
-    def serve() -> None:
-        with runner, suppress(asyncio.CancelledError):
-            loop.run_until_complete(task)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield server.address
-    finally:
-        loop.call_soon_threadsafe(task.cancel)
-        thread.join()
+    with served(server) as address:
+        yield address
 
 
 def viewer(address: str) -> ClientConnection:
