@@ -21,7 +21,7 @@ from metro_hil.model.native_copy import (
     worker_environment,
 )
 from metro_tools import compiled
-from metro_tools.compiled import MODULES, QUICK, CompileError, build, hot_modules, units
+from metro_tools.compiled import KEPT, MODULES, QUICK, CompileError, build, hot_modules, units
 
 
 @pytest.fixture
@@ -192,19 +192,21 @@ def test_a_failed_build_is_not_tried_again_before_the_sources_change(
 
 
 def test_parts_of_killed_builds_and_unused_copies_are_removed(sources: Path) -> None:
-    build(Part.TRAIN, wait=False)
-    old = ready_copy()
-    assert old is not None
     (native_copy.copies_folder() / ".part.killed" / "lib").mkdir(parents=True)
-    os.utime(old, (1.0, 1.0))
-    (sources / "one.py").write_text("ONE = 4\n")
+    built: list[Path] = []
+    for number in range(KEPT + 3):
+        (sources / "one.py").write_text(f"ONE = {number}\n")
+        build(Part.TRAIN, wait=False)
+        library = ready_copy()
+        assert library is not None
+        built.append(library.parent)
+        # The first one is in use, the others were entered years ago, one after the other.
+        if number > 0:
+            os.utime(library, (float(number), float(number)))
 
-    build(Part.TRAIN, wait=False)
-
-    left = [path for path in native_copy.copies_folder().iterdir() if path.is_dir()]
-    new = ready_copy()
-    assert new is not None
-    assert left == [new.parent]
+    left = {path for path in native_copy.copies_folder().iterdir() if path.is_dir()}
+    # Of the years-old copies before the last build, the one in use and the newest stay.
+    assert left == {built[0], *built[-KEPT:]}
 
 
 def test_a_run_becomes_the_same_program_in_the_copy(
