@@ -7,7 +7,7 @@ from zenoh_config.t2t import LeaseAnswer, T2tMessage
 
 
 class Grants(Protocol):
-    """An arbiter, or what others know of it."""
+    """The terms that an arbiter has granted: its own state, or what another program knows of it."""
 
     def has_granted(self, message: T2tMessage) -> bool:
         """Tell whether the message's term was granted to its sender."""

@@ -123,7 +123,7 @@ def _unwound(
     before: Mapping[PathState, PathState | None],
     cost_of: Mapping[PathState, float],
 ) -> tuple[list[PathPiece], list[float]]:
-    """The pieces and the chainages of the stops, from the states that lead to the last one."""
+    """Trace the path back from its last state; return its pieces and the places of its stops."""
     states = [last]
     while (parent := before[states[-1]]) is not None:
         states.append(parent)

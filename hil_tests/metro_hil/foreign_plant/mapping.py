@@ -1,4 +1,4 @@
-"""The mapping file of an FMU: which of its variables are truth, inputs and signals of frames."""
+"""The mapping file of an FMU: the variables for truth signals, inputs and signals of frames."""
 
 import re
 from collections.abc import Collection, Mapping

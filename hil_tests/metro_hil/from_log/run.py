@@ -42,7 +42,7 @@ class FittedRide:
 
 @dataclass(frozen=True, slots=True)
 class Resimulated:
-    """The scenario's ride beside the recorded one."""
+    """The simulated ride, to be compared with the recorded one."""
 
     case: Case
     result: CaseResult
