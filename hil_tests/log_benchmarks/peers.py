@@ -45,6 +45,14 @@ def hilspy_channel(path: Path, dbc: Path, most: int) -> int:
     return frames
 
 
+def without_compression(path: Path) -> Path:
+    """Write the same MF4 file without compression beside it."""
+    plain = path.with_name(f"{path.stem}_plain.mf4")
+    with asammdf.MDF(str(path)) as file:
+        file.save(str(plain), overwrite=True, compression=0)
+    return plain
+
+
 def asammdf_extract(path: Path, dbc: Path, most: int) -> int:
     """Convert the whole file whatever `most` is, because asammdf cannot stop earlier."""
     del most
