@@ -4,6 +4,7 @@ tests."""
 import gc
 import os
 import shutil
+import signal
 import sysconfig
 from collections.abc import Iterator
 from pathlib import Path
@@ -154,9 +155,18 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     return (yield)
 
 
+def heed_ctrl_c() -> None:
+    """Stop ignoring SIGINT. A script ignores it in what it starts in the background, and every
+    program that a test starts would inherit that.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Refuse to run without asserts, because the tests and the programs' own checks consist of
     them. Start the build of the compiled copy if the caller wants it, before the workers."""
+    heed_ctrl_c()
     if not __debug__:
         raise pytest.UsageError(
             "the tests will not run under `python -O`: it removes their asserts"

@@ -3,16 +3,17 @@
 import ast
 import functools
 import re
+import signal
 import subprocess
 import tomllib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
 import pytest
 
-from hil_tests.conftest import COMPUTING, ON_ITS_OWN, REALTIME, is_realtime
+from hil_tests.conftest import COMPUTING, ON_ITS_OWN, REALTIME, heed_ctrl_c, is_realtime
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 MODULE_LINES_MAX: Final = 500
@@ -195,3 +196,24 @@ def test_tests_by_the_real_clock_are_told_from_those_that_compute(checkout: Path
     assert {
         path.stem for path in folder.glob("test_*.py") if is_realtime(path)
     } == names - COMPUTING
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (signal.SIG_IGN, signal.default_int_handler),
+        (signal.default_int_handler, signal.default_int_handler),
+        (signal.SIG_DFL, signal.SIG_DFL),
+    ],
+    ids=["in the background of a script", "in the foreground", "by default"],
+)
+def test_tests_in_the_background_of_a_script_heed_ctrl_c(
+    before: Callable[..., object] | signal.Handlers, after: Callable[..., object] | signal.Handlers
+) -> None:
+    kept = signal.signal(signal.SIGINT, before)
+    try:
+        heed_ctrl_c()
+
+        assert signal.getsignal(signal.SIGINT) is after
+    finally:
+        signal.signal(signal.SIGINT, kept)
