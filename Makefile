@@ -34,7 +34,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types types-of-packages types-of-tests layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity clean distclean
+.PHONY: help setup run test check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
@@ -77,13 +77,8 @@ format-check: $(READY_TO_TEST)
 lint: $(READY_TO_TEST)
 	$(BIN)/ruff check .
 
-types: types-of-packages types-of-tests
-
-types-of-packages: $(READY_TO_TEST)
+types: $(READY_TO_TEST)
 	$(BIN)/mypy
-
-types-of-tests: $(READY_TO_TEST)
-	$(BIN)/mypy --config-file hil_tests/mypy.ini
 
 prose: $(READY_TO_TEST) ## find words that docs/design/development.md excludes
 	$(BIN)/python -m metro_tools.prose
