@@ -16,6 +16,7 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 from hil_tests.guest_rig import Guest
+from metro_hil.model.gc_tuning import collect_rarely
 from metro_hil.model.native_copy import prepare
 from metro_tools.browser import NAMES, Browser, browser_path
 
@@ -41,6 +42,8 @@ COMPUTING: Final = frozenset(
 """Test modules that start processes but do not wait for a real clock."""
 ON_ITS_OWN: Final = frozenset({"test_documents"})
 """Runs commands by the real clock for minutes, beside the other tests by the clock."""
+ENERGY: Final = frozenset({"test_green_command", "test_green_line", "test_power_network"})
+"""Test modules that let numba compile the same functions. One worker compiles them once."""
 REALTIME: Final = "real_time"
 """Folder of the tests with processes, and what the scheduler calls those that wait for a clock."""
 NICE: Final = os.getpriority(os.PRIO_PROCESS, 0)
@@ -120,14 +123,17 @@ def is_realtime(path: Path) -> bool:
 
 class ByFile(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types
     """Assigns each file to one worker, and all tests that depend on the real clock to the same one.
+    The tests of energy share a worker, too.
 
-    These run one after the other for any number of workers. (xdist's own marks have no effect under
-    pytest 9.)
+    Tests by the clock run one after the other for any number of workers. (xdist's own marks have no
+    effect under pytest 9.)
     """
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.split("::", 1)[0]
         path = Path(file)
+        if path.stem in ENERGY:
+            return "energy"
         return REALTIME if is_realtime(path) and path.stem not in ON_ITS_OWN else file
 
 
@@ -167,6 +173,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Refuse to run without asserts, because the tests and the programs' own checks consist of
     them. Start the build of the compiled copy if the caller wants it, before the workers."""
     heed_ctrl_c()
+    # Looking for cycles in the objects of a run takes a tenth of its time and finds few.
+    collect_rarely()
     if not __debug__:
         raise pytest.UsageError(
             "the tests will not run under `python -O`: it removes their asserts"
