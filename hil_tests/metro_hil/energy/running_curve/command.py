@@ -34,7 +34,7 @@ from metro_hil.energy.running_curve.optimum import NotSolvedError
 from metro_hil.energy.running_curve.trace import trace
 from metro_hil.energy.running_curve.track import level_track, track_between
 from metro_hil.energy.running_curve.train import RunningTrain, load_train
-from metro_hil.model.run_folder import RunFolderError, make_run_folder
+from metro_hil.model.run_folder import RunFolderError, discard_unused, make_run_folder
 from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 
 DESCRIPTION: Final = (
@@ -99,27 +99,30 @@ def _design(options: argparse.Namespace) -> int:
     line, train = load_line(options.line), load_train(options.train)
     first, last, track = track_between(line, train, options.start, options.end)
     coarse = track_between(line, train, first, last, cell_m=OPTIMUM_CELL_M)[2]
-    found = answer(
-        DesignRequest(
-            Hop(train, track),
-            coarse,
-            time_s=options.time,
-            weight_factor=options.eta,
-            use_ratio=options.receptive,
-            optimal=options.optimal,
-            literal=options.literal,
-        )
+    asked = DesignRequest(
+        Hop(train, track),
+        coarse,
+        time_s=options.time,
+        weight_factor=options.eta,
+        use_ratio=options.receptive,
+        optimal=options.optimal,
+        literal=options.literal,
     )
+    folder = make_run_folder(options.out, WallClock().epoch_ns(), f"curve_{first}-{last}")
+    try:
+        found = answer(asked)
+    except (SettingsError, NotSolvedError):
+        discard_unused(folder)
+        raise
     console = Console(stderr=options.json)
     title = f"{line.name}: {first} to {last}, {track.length_m:g} m in {options.time:g} s"
     _show(console, title, found)
     if options.train == "seed002":
         _show_table_one(console, train)
-    folder = make_run_folder(options.out, WallClock().epoch_ns(), f"curve_{first}-{last}").path
-    picture = folder / "curve.png"
+    picture = folder.path / "curve.png"
     _draw(picture, title, found)
     told = json.dumps({"line": line.name, "from": first, "to": last, **as_document(found)})
-    write_whole(folder / "results.json", told + "\n")
+    write_whole(folder.path / "results.json", told + "\n")
     console.print(f"picture: {picture}", highlight=False, soft_wrap=True)
     if options.json:
         print(told)
