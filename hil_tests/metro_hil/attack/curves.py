@@ -6,7 +6,7 @@ is in the interval.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,6 +23,7 @@ TOLERANCE_MPS: Final = 1e-5
 """Rounding of a curve and of the motion over a kilometre of short sections."""
 TOLERANCE_M: Final = 1e-4
 NAMES: Final = ("permitted", "warning", "service", "emergency")
+HALVED_TO_MPS: Final = 1e-6
 FRONTS_RATIO: Final = (1.0, 0.0, 0.5)
 """Tried fronts, as shares of the interval from its low end."""
 
@@ -53,9 +54,10 @@ def attack_curve(seed: int) -> CurveFinding:
     front, end_m = attacked.front_m, attacked.authority_end_m
     ceiling = ceilings.at(front, end_m, attacked.restrictions)
     check = EnergyCheck(atp, attacked.line, train_length_m=attacked.length_m, cycle_s=CYCLE_S)
-    beyond_mps = ceiling.emergency_mps + 0.99 * atp.replica_band_mps
-    # What one computation lets pass, the other has to brake, or it is safe.
-    unseen = not check.exceeded(front, beyond_mps, end_m, attacked.restrictions)
+    passed_mps = _passed_mps(
+        lambda mps: not check.exceeded(front, mps, end_m, attacked.restrictions),
+        ceiling.emergency_mps + atp.replica_band_mps,
+    )
     limits_mps = [
         ceiling.permitted_mps,
         ceiling.warning_mps,
@@ -63,9 +65,26 @@ def attack_curve(seed: int) -> CurveFinding:
         ceiling.emergency_mps,
     ]
     problem = next(judge.problems(limits_mps), "")
-    if not problem and unseen:
-        problem = judge.second_alone(beyond_mps)
+    if not problem and passed_mps is not None:
+        problem = judge.second_alone(passed_mps)
     return CurveFinding(seed, problem and f"{problem}; {attacked.text()}", limits_mps[3] > 0.0)
+
+
+def _passed_mps(passes: Callable[[float], bool], most_mps: float) -> float | None:
+    """The greatest speed up to `most_mps` that the second computation lets pass; None: not even 0.
+
+    It has no limit of its own to ask for, so its limit is found by halving.
+    """
+    if passes(most_mps):
+        return most_mps
+    low_mps, high_mps = 0.0, most_mps
+    while high_mps - low_mps > HALVED_TO_MPS:
+        middle_mps = 0.5 * (low_mps + high_mps)
+        if passes(middle_mps):
+            low_mps = middle_mps
+        else:
+            high_mps = middle_mps
+    return low_mps if passes(low_mps) else None
 
 
 class _Judge:
@@ -104,15 +123,15 @@ class _Judge:
                     yield f"{name} limit {limit_mps:.4f} m/s: {text}"
 
     def second_alone(self, speed_mps: float) -> str:
-        """A speed over the emergency limit that the energy check alone would let pass."""
+        """How the greatest speed that the energy check alone lets pass is unsafe."""
         text = next(self._unsafe(speed_mps, self._atp.emergency_margin_mps, 0.0), "")
         return text and f"energy check alone at {speed_mps:.4f} m/s: {text}"
 
     def _unsafe(self, speed_mps: float, margin_mps: float, lead_s: float) -> Iterator[str]:
         """How the worst motion from this speed breaks a limit or the authority."""
         interval, end_m = self._attacked.front_m, self._attacked.authority_end_m
-        for ratio in FRONTS_RATIO:
-            front_m = interval.low + ratio * (interval.high - interval.low)
+        width_m = interval.high - interval.low
+        for front_m in dict.fromkeys(interval.low + ratio * width_m for ratio in FRONTS_RATIO):
             rear_m = front_m - self._attacked.length_m
             for start_m, to_m, limit_mps in self._limits:
                 if start_m <= front_m and rear_m < to_m and speed_mps > limit_mps + margin_mps:

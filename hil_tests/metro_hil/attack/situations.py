@@ -1,5 +1,6 @@
 """Situations by chance: a line, a train on it, its authority and its temporary restrictions."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,6 +21,15 @@ LINE_M: Final = 1200.0
 LIMITS_MPS: Final = (1.0, 33.0)
 WIDTHS_M: Final = (0.0, 40.0)
 """Narrowest and widest interval of the front."""
+POINTS_ONE_IN: Final = 4
+"""One situation in so many has an interval of width 0.
+
+Protection rounds a width up to whole steps. What it adds would hide a length that is too short.
+"""
+REARS_ONE_IN: Final = 4
+"""In one situation in so many the rear is about to leave the lowest limit under the train."""
+REAR_M: Final = 1.0
+"""Greatest distance of such a rear from the end of the limit."""
 RESTRICTIONS_MAX: Final = 4
 ENDS_M: Final = (-5.0, 1500.0)
 """Least and greatest distance from the foremost front to the end of authority."""
@@ -57,17 +67,37 @@ def situation(seed: int) -> AttackSituation:
     start_m = float(chance.uniform(*STARTS_M))
     line = _line(chance, start_m)
     high_m = start_m + float(chance.uniform(0.0, LINE_M))
-    low_m = high_m - _logarithmic(chance, *WIDTHS_M)
+    is_point = chance.integers(0, POINTS_ONE_IN) == 0
+    low_m = high_m if is_point else high_m - _logarithmic(chance, *WIDTHS_M)
+    lengths_m = _lengths_to_leave_m(line, high_m, low_m)
+    if lengths_m and chance.integers(0, REARS_ONE_IN) == 0:
+        length_m = lengths_m[int(chance.integers(0, len(lengths_m)))]
+        length_m += float(chance.uniform(0.0, REAR_M))
+    else:
+        length_m = _logarithmic(chance, *LENGTHS_M)
     return AttackSituation(
         config=config,
         line=line,
-        length_m=_logarithmic(chance, *LENGTHS_M),
+        length_m=length_m,
         front_m=Interval(low_m, 0.5 * (low_m + high_m), high_m),
         authority_end_m=high_m + _logarithmic(chance, *ENDS_M),
         restrictions=tuple(
             _restriction(chance, high_m) for _ in range(int(chance.integers(0, RESTRICTIONS_MAX)))
         ),
     )
+
+
+def _lengths_to_leave_m(line: LineMap, high_m: float, low_m: float) -> list[float]:
+    """Lengths whose rear is at the end of a limit that is lower than all limits ahead of it."""
+    lengths_m, least_mps = [], math.inf
+    for section in reversed(line.speed_sections):
+        if section.start_m > high_m or section.limit_mps >= least_mps:
+            continue
+        least_mps = section.limit_mps
+        length_m = low_m - section.end_m
+        if LENGTHS_M[0] <= length_m <= LENGTHS_M[1] - REAR_M:
+            lengths_m.append(length_m)
+    return lengths_m
 
 
 def _line(chance: np.random.Generator, start_m: float) -> LineMap:
