@@ -53,7 +53,6 @@ from vobc.vocabulary import (
 from vobc.wire import (
     RECEIVED_IDS,
     SOURCE_IDS,
-    SOURCE_KINDS,
     TACHO_SAMPLES_MAX,
     TAGS_MAX,
     Evidence,
@@ -247,7 +246,7 @@ def test_a_damaged_frame_is_counted_and_changes_nothing() -> None:
     assert inbox.image(20 * MS, dt_s=0.05, overruns=0).tacho is None
 
 
-@pytest.mark.parametrize("source", [*SOURCE_KINDS])
+@pytest.mark.parametrize("source", [*SAMPLES])
 def test_the_evidence_of_a_frame_is_its_bytes(source: Source) -> None:
     inbox, encoder = Inbox(link()), Encoder()
     sent = [frames(encoder, SAMPLES[source], number * 20 * MS) for number in range(2)]
