@@ -9,6 +9,7 @@ from can_dbc.doors import ALL_CARS, cars_text
 from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
+from vobc.arbitration import most_accel_mps2
 from vobc.cli.host import EXIT_OK, EXIT_USAGE
 from vobc.config import load_config
 from vobc.plausible import cars_at, check_plausible, least_rollback_m
@@ -52,6 +53,13 @@ def main(argv: Sequence[str]) -> int:
         f"  rollback: protection keeps it within {line.rollback_m:g} m; on the steepest climb, "
         f"{climb_permille:g} ‰, the brake needs {least_rollback_m(config, line):.2f} m of that"
     )
+    empty_mps2 = most_accel_mps2(0.0, train=config.train, load_kg=0.0)
+    if empty_mps2 > config.atp.runaway_mps2:
+        print(
+            f"  traction: its full force gives the empty train {empty_mps2:.2f} m/s², "
+            f"atp.runaway_mps2 is {config.atp.runaway_mps2:g}; the vehicle must limit traction by "
+            "the load, or declare more"
+        )
     for station in line.stations:
         cars = cars_at(config, station)
         doors = "the whole train" if cars == ALL_CARS else cars_text(cars)

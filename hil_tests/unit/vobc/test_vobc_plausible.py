@@ -199,7 +199,20 @@ def test_the_command_says_what_it_judged(capsys: pytest.CaptureFixture[str]) -> 
     out = capsys.readouterr().out
     assert "parameters hefei6 fit line florence" in out
     assert "rollback: protection keeps it within 2 m; on the steepest climb, 30 ‰" in out
+    assert "gives the empty train 1.54 m/s², atp.runaway_mps2 is 1;" in out
     assert "doors at III: cars 1 to 4" in out
+
+
+def test_the_command_is_content_with_a_runaway_that_covers_an_empty_train(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (resources.files("vobc.params") / "nanakuma4.toml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace("runaway_mps2 = 1.0", "runaway_mps2 = 1.11"), encoding="utf-8")
+
+    assert main(["check", "--params", str(path)]) == 0
+
+    assert "runaway" not in capsys.readouterr().out
 
 
 def test_the_command_names_every_contradiction(
