@@ -100,7 +100,10 @@ class Life(RuleBasedStateMachine):
         }.get(verdict.mode, math.inf)
         assert verdict.ceiling.permitted_mps <= flat + 1e-9
         raised = verdict.ceiling.permitted_mps > before.ceiling.permitted_mps
-        if verdict.mode is not before.mode and raised and train.speed_mps != 0.0:
+        # A train that is held may also change its mode while it is pushed away from the end of
+        # its authority, which raises the ceiling.
+        may_move = verdict.supervision in MOVING_STATES
+        if may_move and verdict.mode is not before.mode and raised and train.speed_mps != 0.0:
             assert train.localised
             assert train.image.authority is not None
             assert train.image.authority_age_s < AGED_S
