@@ -149,10 +149,12 @@ def of_grants(line: str) -> tuple[str, ...]:
 
 
 def of_supervision(line: str) -> tuple[str, ...]:
-    """Subscriptions of a display: masters, positions, reasons of waiting trains, and commands."""
+    """Subscriptions of a display: masters, positions, authorities, reasons of waiting trains, and
+    commands.
+    """
     return (
         *_keys(line, (Heartbeat, TrainReport, ObjectStatus, LineState), TO_ALL),
-        *_keys(line, (Admission,), "*"),
+        *_keys(line, (Admission, AreaAuthority), "*"),
         *_keys(line, (RemovalAnswer,), str(SUPERVISION)),
         statuses(line),
     )

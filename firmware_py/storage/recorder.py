@@ -213,5 +213,8 @@ class RadioLog:
         stamp_s = (stamp_ns - self._start_ns) / NS_PER_S
         self._log.row(f"{stamp_s:.6f}", direction, key, payload.hex().upper())
 
+    def flush(self) -> None:
+        self._log.flush()
+
     def close(self) -> None:
         self._log.close()

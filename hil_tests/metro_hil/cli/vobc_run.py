@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from typing import NamedTuple
 
 from rich.console import Console
@@ -10,7 +11,6 @@ from rich.console import Console
 from canlog.run_names import mark_latest
 from firmware_py.buses import BusError
 from firmware_py.clock.clock import WallClock
-from firmware_py.interrupts import Interrupts
 from firmware_py.output import working
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
@@ -172,7 +172,7 @@ def _drive(
         printed = options.json and legs is None
         code = _finish(options, journey, results, folder, ending, logs, console, printed=printed)
         if page is not None and ending.exit_reason != INTERRUPTED:
-            _stay(page, console)
+            page.stay(partial(console.print, highlight=False, soft_wrap=True))
     return code
 
 
@@ -182,19 +182,10 @@ def _watched(
     """Start the page of the run if the user wants it; it ends with `stack`."""
     if not options.watch:
         return None
-    page = stack.enter_context(WatchPage(folder.path, desk=options.desk == BROWSER))
+    may = ["desk"] if options.desk == BROWSER else []
+    page = stack.enter_context(WatchPage(folder.path, *may))
     console.print(page.line, highlight=False, soft_wrap=True)
     return page
-
-
-def _stay(page: WatchPage, console: Console) -> None:
-    """Keep the page of a finished run until Ctrl-C; without a terminal no person could give it."""
-    if not (page.serves and console.is_terminal and sys.stdin.isatty()):
-        return
-    console.print(f"{page.line} has the report now; Ctrl-C ends", highlight=False, soft_wrap=True)
-    interrupts = Interrupts()
-    with interrupts.caught():
-        page.stay(interrupts)
 
 
 def _finish(

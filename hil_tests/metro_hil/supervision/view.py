@@ -1,5 +1,6 @@
 """What supervision of a line has received, and its texts."""
 
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Final, NamedTuple
 
@@ -13,6 +14,7 @@ from zenoh_config.t2t import (
     NO_TRAIN,
     Admission,
     AdmissionState,
+    AreaAuthority,
     Heartbeat,
     ObjectStatus,
     Phase,
@@ -22,6 +24,7 @@ from zenoh_config.t2t import (
 from zenoh_config.t2t_supervision import LeaseReason, LineState, RemovalAnswer, TrainDecree
 
 NS_PER_S: Final = 1e9
+NS_PER_MS: Final = 1e6
 SILENT_S: Final = 1.0
 SLOW_SILENT_S: Final = 2.0
 """The same for the wayside, its objects and the status of a train, which send less often."""
@@ -40,6 +43,10 @@ WAITS: Final = {
 }
 """Reasons why a train is not on a roster yet."""
 BLANK: Final = "--"
+LATENCY_NS: Final = 60_000_000_000
+"""Period whose greatest latency is displayed."""
+REPORTS_MAX: Final = 1024
+"""Most reports that wait for an authority; one train sends ten a second."""
 NO_WAY: Final = "it has no authority to its border yet"
 
 
@@ -52,6 +59,13 @@ class Command(NamedTuple):
     """Instant of the first heartbeat of this term."""
     before: int
     """Previous master; 0 if none was received."""
+
+
+class Latency(NamedTuple):
+    """Time from the receipt of a train's report to that of the authority that answers it."""
+
+    at_ns: int
+    duration_ms: float
 
 
 class LineView:
@@ -70,6 +84,8 @@ class LineView:
         """Last reason for waiting from a master and its instant, by train and area."""
         self.removals: dict[int, tuple[RemovalAnswer, int]] = {}
         """Last answer to a removal from a master and its instant, by area."""
+        self.latencies: dict[int, deque[Latency]] = {}
+        """Latencies of the last minute, by train; a master sends itself no authority."""
         self.refused = 0
         """Number of messages that were damaged, under another key, or with a wrong sender."""
         self.tokens: Callable[[], Collection[str]] | None = None
@@ -78,6 +94,8 @@ class LineView:
         self._status_ns: dict[int, int] = {}
         self._object_ns: dict[int, int] = {}
         self._state_ns = 0
+        self._reported: dict[tuple[int, int], int] = {}
+        """Instant of receipt of the newest reports, by train and sending instant."""
 
     @property
     def complete(self) -> bool:
@@ -112,6 +130,11 @@ class LineView:
                 self._on_heartbeat(heard, now_ns)
             elif isinstance(heard, TrainReport):
                 self._on_report(heard, now_ns)
+                self._reported[heard.source, heard.stamp_ns] = message.stamp_ns
+                if len(self._reported) > REPORTS_MAX:
+                    del self._reported[next(iter(self._reported))]
+            elif isinstance(heard, AreaAuthority):
+                self._on_authority(heard, message.stamp_ns)
             elif isinstance(heard, ObjectStatus):
                 self.objects[heard.number], self._object_ns[heard.number] = heard, now_ns
             elif isinstance(heard, LineState):
@@ -136,6 +159,15 @@ class LineView:
         owner = self.areas.area_at(report.front_min_m).number
         if known is None or report.area == owner or known[0].area != owner:
             self.reports[report.source] = (report, now_ns)
+
+    def _on_authority(self, authority: AreaAuthority, at_ns: int) -> None:
+        reported_ns = self._reported.pop((authority.destination, authority.echo_ns), None)
+        if reported_ns is None:
+            return
+        known = self.latencies.setdefault(authority.destination, deque())
+        known.append(Latency(at_ns, (at_ns - reported_ns) / NS_PER_MS))
+        while known[0].at_ns < at_ns - LATENCY_NS:
+            known.popleft()
 
     # The state of the line as text.
 

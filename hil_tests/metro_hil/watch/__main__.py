@@ -1,4 +1,8 @@
-"""`python -m metro_hil.watch FOLDER PID [desk]`: the page of a run until the process PID ends."""
+"""`python -m metro_hil.watch FOLDER PID [desk|commands]`: the page of a run, for its command.
+
+It ends with the process PID. `desk` gives the page the desk of the train, `commands` the commands
+of supervision.
+"""
 
 import asyncio
 import sys
@@ -8,20 +12,27 @@ from pathlib import Path
 from canlog.damage import LogError
 from canlog.live.options import can_show
 from canlog.live.page import serve_folder
+from canlog.live.server import TokenServer
 from canlog.views.serving import LOOPBACK
 from firmware_py.assertions import require_assertions
 from firmware_py.clock.realtime import die_with_parent
 from metro_hil.watch.desk_keys import DeskKeys
+from metro_hil.watch.line_folder import is_line_run, serve_line_folder
 
 
 def main() -> int:
     """Print the address first; the run waits for that line."""
     require_assertions("vobc")
-    folder, parent, *desk = sys.argv[1:]
+    path, parent, *may = sys.argv[1:]
+    folder = Path(path)
     die_with_parent(int(parent))
     try:
-        hands = DeskKeys(Path(folder)) if desk else None
-        server = serve_folder(Path(folder), hands=hands, host=LOOPBACK, port=0)
+        server: TokenServer
+        if is_line_run(folder):
+            server = serve_line_folder(folder, host=LOOPBACK, commands="commands" in may)
+        else:
+            hands = DeskKeys(folder) if "desk" in may else None
+            server = serve_folder(folder, hands=hands, host=LOOPBACK, port=0)
     except LogError as error:
         print(f"page: none: {error}", flush=True)
         return 1

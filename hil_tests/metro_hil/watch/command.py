@@ -12,10 +12,11 @@ from canlog.damage import LogError
 from canlog.database import own_bus
 from canlog.live.options import add_serving, can_show, warn_of
 from canlog.live.page import serve_bus, serve_folder
-from canlog.live.server import LiveServer
+from canlog.live.server import TokenServer
 from canlog.run_names import choose_run
 from firmware_py.command_line import CommandParser
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
+from metro_hil.watch.line_folder import is_line_run, serve_line_folder
 
 BUSES: Final = ("socketcan:", "embedded:")
 
@@ -25,8 +26,8 @@ def parser() -> argparse.ArgumentParser:
     top = CommandParser(
         prog="vobc watch",
         description="Show a run in a browser: the driver's view, the line, signals, frames and "
-        "events. While the run goes on the page follows it; afterwards it is the report. Ctrl-C "
-        "ends the server, never the run.",
+        "events; of a run of several trains, their line. While the run goes on the page follows "
+        "it; afterwards it is the report. Ctrl-C ends the server, never the run.",
     )
     top.add_argument(
         "run",
@@ -55,11 +56,13 @@ def main(argv: Sequence[str]) -> int:
     return EXIT_OK
 
 
-def _server(given: argparse.Namespace) -> LiveServer:
+def _server(given: argparse.Namespace) -> TokenServer:
     """Raises LogError."""
     if given.run is not None and given.run.startswith(BUSES):
         return serve_bus(
             given.run, own_bus(), events_on_bus=True, host=given.listen, port=given.port
         )
     folder: Path = choose_run(given.run, "vobc watch")
+    if is_line_run(folder):
+        return serve_line_folder(folder, host=given.listen, port=given.port)
     return serve_folder(folder, host=given.listen, port=given.port)

@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -21,15 +23,14 @@ class WatchPage:
     A page that cannot be served never fails the run.
     """
 
-    def __init__(self, folder: Path, *, desk: bool = False) -> None:
+    def __init__(self, folder: Path, *may: str) -> None:
         """Start the process. Raises OSError if its log cannot be written.
 
         Args:
-            desk: the page has the desk of the train.
+            may: what viewers may do: `desk` for a train, `commands` for a line.
         """
         log = folder / LOG
-        command = [sys.executable, "-m", "metro_hil.watch", str(folder), str(os.getpid())]
-        command += ["desk"] if desk else []
+        command = [sys.executable, "-m", "metro_hil.watch", str(folder), str(os.getpid()), *may]
         with log.open("ab") as errors:
             # It has its own session, so that Ctrl-C reaches only the run, which ends the page last.
             self._process = subprocess.Popen(
@@ -50,13 +51,19 @@ class WatchPage:
     def serves(self) -> bool:
         return self._process.poll() is None
 
-    def stay(self, interrupts: Interrupts) -> None:
-        """Serve the report until the user interrupts or the process ends."""
-        while self.serves and not interrupts.asked:
-            try:
-                self._process.wait(0.2)
-            except subprocess.TimeoutExpired:
-                continue
+    def stay(self, say: Callable[[str], object]) -> None:
+        """Serve the report until Ctrl-C or the end of the process.
+
+        Without a terminal no person could give the Ctrl-C, so it returns at once.
+        """
+        if not (self.serves and sys.stdout.isatty() and sys.stdin.isatty()):
+            return
+        say(f"{self.line} has the report now; Ctrl-C ends")
+        interrupts = Interrupts()
+        with interrupts.caught():
+            while self.serves and not interrupts.asked:
+                with suppress(subprocess.TimeoutExpired):
+                    self._process.wait(0.2)
 
     def __enter__(self) -> Self:
         return self

@@ -26,10 +26,11 @@ def serve(options: argparse.Namespace, view: LineView, port: ZenohRadio, clock: 
     """Serve the page of a line until the user interrupts."""
     # A plain `vobc line` needs no web server, which takes a while to import.
     from metro_hil.watch.line_server import LineServer
+    from metro_hil.watch.line_source import RadioSource
 
     try:
         server = LineServer(
-            *(view, port, clock, head_of(load_line(options.line), view.areas)),
+            *(view, RadioSource(port, clock), head_of(load_line(options.line), view.areas)),
             command_line=_options_of(options) if options.commands else None,
             listen=options.listen,
             port_number=options.port,

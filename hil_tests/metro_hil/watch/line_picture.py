@@ -51,6 +51,10 @@ class TrainPicture(msgspec.Struct, frozen=True):
     age_s: float
     """Age of the report."""
     silence: str
+    latency_ms: float | None
+    """Time from the newest answered report to the authority; None for a train that gets none."""
+    latency_max_ms: float | None
+    """The greatest latency of the last minute."""
     protection: str
     """State of ATP and its cause; empty while it is nominal or not received."""
     emergency: bool
@@ -126,6 +130,7 @@ def _area(view: LineView, area: int, now_ns: int) -> AreaPicture:
 
 def _train(view: LineView, report: TrainReport, at_ns: int, now_ns: int) -> TrainPicture:
     status = view.status(report.source, now_ns)
+    late_ms = [each.duration_ms for each in view.latencies.get(report.source, ())]
     return TrainPicture(
         train=report.source,
         localised=report.localised,
@@ -138,6 +143,8 @@ def _train(view: LineView, report: TrainReport, at_ns: int, now_ns: int) -> Trai
         term=report.term,
         age_s=(now_ns - at_ns) / NS_PER_S,
         silence=silence_words(at_ns, now_ns),
+        latency_ms=late_ms[-1] if late_ms else None,
+        latency_max_ms=max(late_ms, default=None),
         protection="" if status is None else protection_words(status),
         emergency=status is not None and status.supervision == Supervision.EMERGENCY,
         what=view.state_words(report, now_ns),

@@ -4,21 +4,21 @@ import asyncio
 import sys
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 import msgspec
 
 from canlog.live.server import Connection, Item, TokenServer, Viewer, serve_viewer
 from canlog.views.serving import LOOPBACK, PAGE
-from firmware_py.ports import RadioMessage
 from metro_hil.model.run_options import EXIT_OK, LINE_VERBS
 from metro_hil.supervision.view import LineView
 from metro_hil.watch.bench_page import bench_page
 from metro_hil.watch.line_picture import LinePicture, changes, picture_of
+from metro_hil.watch.line_source import FolderSource, LineSource
 
 VERSION: Final = 1
-TICKS: Final = 2
-"""Ticks of the server between two states that the viewers get: ten states a second."""
+LOOK_NS: Final = 90_000_000
+"""Least time between two states that the viewers get: ten a second, at twenty ticks."""
 SAMPLE_NS: Final = 1_000_000_000
 SAMPLES_MAX: Final = 1800
 """Points of the time-distance graph that a new viewer gets: half an hour, one a second."""
@@ -64,32 +64,16 @@ class PageCommand(msgspec.Struct, forbid_unknown_fields=True):
         return [*words, *back]
 
 
-class LinePort(Protocol):
-    """What the page needs of a radio session."""
-
-    @property
-    def connected(self) -> bool: ...
-
-    def receive(self, now_ns: int) -> Sequence[RadioMessage]: ...
-
-
-class LineClock(Protocol):
-    def now_ns(self) -> int: ...
-
-    def epoch_ns(self) -> int: ...
-
-
 class LineServer(TokenServer):
-    """Receives the radio of a line, and shows it to all viewers.
+    """Receives the radio of a line or reads its log, and shows the line to all viewers.
 
-    It has no way to send on that session. A command runs as a process of the command line.
+    It has no way to send on a session. A command runs as a process of the command line.
     """
 
     def __init__(
         self,
         view: LineView,
-        port: LinePort,
-        clock: LineClock,
+        source: LineSource,
         head: Mapping[str, Any],
         *,
         command_line: Sequence[str] | None = None,
@@ -103,18 +87,20 @@ class LineServer(TokenServer):
             command_line: options of the line for each command; None for a page that only shows.
         """
         super().__init__(host=listen, port=port_number)
-        self._view, self._radio, self._clock = view, port, clock
+        self._view, self._source = view, source
         self._command_line = command_line
         self._head = {
             **head,
             "kind": "snapshot",
             "version": VERSION,
             "commands": {} if command_line is None else COMMANDS,
+            "of_run": isinstance(source, FolderSource),
         }
         self._viewers: set[Viewer] = set()
-        self._ticks = 0
-        self._picture: LinePicture = picture_of(view, clock.now_ns(), connected=port.connected)
-        self._sampled_ns = 0
+        self._now_ns = self._looked_ns = self._sampled_ns = 0
+        self._picture: LinePicture = picture_of(view, 0, connected=source.connected)
+        self._told = ("", "", "")
+        self._new_samples: list[list[Any]] = []
         self._samples: deque[list[Any]] = deque(maxlen=SAMPLES_MAX)
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS_MAX)
         self._news: list[dict[str, Any]] = []
@@ -129,37 +115,63 @@ class LineServer(TokenServer):
         return (PAGE, self._page) if path == "" else None
 
     def tick(self) -> None:
-        now_ns = self._clock.now_ns()
-        self._view.on_message(self._radio.receive(now_ns), now_ns)
-        self._ticks += 1
-        if self._ticks % TICKS == 0:
-            self._look(now_ns)
+        looked = False
+        for now_ns, messages, notes in self._source.steps():
+            self._now_ns = now_ns
+            self._view.on_message(messages, now_ns)
+            for text in notes:
+                self._note("run", text)
+            if now_ns - self._looked_ns >= LOOK_NS:
+                self._look(now_ns)
+                looked = True
+        if looked or self._news or self._told != self._short():
+            self._offer()
 
     def _look(self, now_ns: int) -> None:
-        """Find the events since the last state, and offer both to all viewers."""
-        before = self._picture
-        self._picture = picture_of(self._view, now_ns, connected=self._radio.connected)
+        """Find the events since the last state."""
+        before, self._looked_ns = self._picture, now_ns
+        self._picture = picture_of(self._view, now_ns, connected=self._source.connected)
+        latest = [each["text"] for each in self._news]
         for text in changes(before, self._picture):
-            self._note("line", text)
-        told: dict[str, Any] = {"kind": "news", **self._state(), "events": self._news}
+            # The event log of a run has some of them, too.
+            if text not in latest:
+                self._note("line", text)
         if now_ns - self._sampled_ns >= SAMPLE_NS:
             self._sampled_ns = now_ns
             places = [[t.train, t.front_max_m] for t in self._picture.trains if _has_place(t)]
-            self._samples.append([self._epoch_s(), places])
-            told["samples"] = [self._samples[-1]]
-        self._news = []
+            self._samples.append([self._shown_s(), places])
+            self._new_samples.append(self._samples[-1])
+
+    def _offer(self) -> None:
+        """Offer the state and what is new to all viewers."""
+        told = {"kind": "news", **self._state(), "events": self._news}
+        if self._new_samples:
+            told["samples"] = self._new_samples
+        self._told = self._short()
+        self._news, self._new_samples = [], []
         text = _text(told)
         for viewer in self._viewers:
             viewer.offer([text])
 
     def _state(self) -> dict[str, Any]:
-        return {"now": self._epoch_s(), "state": self._picture, "busy": self._busy}
+        return {
+            "now": self._shown_s(),
+            "state": self._picture,
+            "busy": self._busy,
+            "remark": self._source.remark,
+            "ended": self._source.results.text,
+            "results": self._source.results.trains,
+        }
 
-    def _epoch_s(self) -> float:
-        return self._clock.epoch_ns() / 1e9
+    def _short(self) -> tuple[str, str, str]:
+        """Return what may change while the line itself stands still."""
+        return self._busy, self._source.remark, self._source.results.text
+
+    def _shown_s(self) -> float:
+        return self._source.shown_s(self._now_ns)
 
     def _note(self, kind: str, text: str) -> None:
-        event = {"at": self._epoch_s(), "kind": kind, "text": text}
+        event = {"at": self._shown_s(), "kind": kind, "text": text}
         self._events.append(event)
         self._news.append(event)
 

@@ -48,8 +48,8 @@ class FolderFeed:
 
     def __init__(self, folder: Path, bus: Bus) -> None:
         self._folder = folder
-        self._log = _Tail(folder / BUS_LOG)
-        self._events = _Tail(folder / EVENTS)
+        self._log = Tail(folder / BUS_LOG)
+        self._events = Tail(folder / EVENTS)
         keys = [spec.key for spec in bus.by_key.values() if spec.senders == (CONTROLLER,)]
         self._controller_keys = np.array(keys, np.uint32)
         self._channels: list[str] = []
@@ -108,7 +108,7 @@ class FolderFeed:
         return ""
 
 
-class _Tail:
+class Tail:
     """A text file that another process extends by blocks of lines; it may not exist yet."""
 
     def __init__(self, path: Path) -> None:

@@ -72,6 +72,14 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     )
     add_insecure(parser)
     parser.add_argument("--out", metavar="FOLDER", help="default: a new one below runs/")
+    parser.add_argument(
+        "--watch", action="store_true", help="show the line in a browser while it runs"
+    )
+    parser.add_argument(
+        "--commands",
+        action="store_true",
+        help="with --watch: let the page send commands of supervision, each after a confirmation",
+    )
     group = parser.add_argument_group("what goes wrong")
     for strike, words in HELP.items():
         of_train = strike is Strike.RESTART_TRAIN
@@ -93,6 +101,7 @@ def run(options: argparse.Namespace) -> int:
     from firmware_py.clock.clock import WallClock
     from metro_hil.cli.hil.line_settings import config_of, settings_of
     from metro_hil.model.run_folder import discard_unused, make_run_folder, write_config
+    from metro_hil.watch.companion import WatchPage
 
     settings = settings_of(options)
     if settings.networks is not None and not options.apart:
@@ -106,7 +115,14 @@ def run(options: argparse.Namespace) -> int:
     except BaseException:
         discard_unused(folder)
         raise
-    return _run(line, settings, folder)
+    if not options.watch:
+        return _run(line, settings, folder)
+    with WatchPage(folder.path, *(["commands"] if options.commands else [])) as page:
+        print(page.line, flush=True)
+        code = _run(line, settings, folder)
+        if code != EXIT_INTERRUPTED:
+            page.stay(print)
+    return code
 
 
 def _line(options: argparse.Namespace, settings: "Settings", folder: Path) -> "Line":

@@ -86,6 +86,16 @@ def _refuse_places(options: argparse.Namespace, networks: OwnNetworks | None) ->
         (lockstep and secure is not None, f"--secure {secure}: --bench lockstep has no network"),
         (apart and radio is not None, "--line-radio does not go with networks of their own"),
         (apart and secure is not None, "--secure does not go with networks of their own"),
+        (
+            apart and options.watch,
+            "--watch does not go with networks of their own; `vobc watch` shows the run from "
+            "another terminal",
+        ),
+        (options.commands and not options.watch, "--commands is for the page; add --watch"),
+        (
+            lockstep and options.commands,
+            "--commands: --bench lockstep has no radio that takes them",
+        ),
     ):
         if refused:
             raise UsageError(words)

@@ -35,6 +35,8 @@ class LineRunFiles:
         for each in messages:
             self._zero_ns = each.stamp_ns if self._zero_ns is None else self._zero_ns
             self._log.message(each.stamp_ns, SerialDirection.RX, each.key, each.payload)
+        # A page may follow the log.
+        self._log.flush()
 
     def second_of(self, at_ns: int) -> float:
         return 0.0 if self._zero_ns is None else (at_ns - self._zero_ns) / NS_PER_S

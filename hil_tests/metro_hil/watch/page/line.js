@@ -9,7 +9,8 @@ let socket = null;
 
 const element = (name, text = "", kind = "") => { const made = document.createElement(name); made.textContent = text; if (kind) made.className = kind; return made; };
 const safe = text => String(text).replace(/[&<>"]/g, sign => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[sign]);
-const clockText = at => new Date(at * 1000).toLocaleTimeString([], { hour12: false });
+const clockText = at => page.head.of_run ? `${Math.floor(at / 60)}:${String(Math.floor(at % 60)).padStart(2, "0")}` : new Date(at * 1000).toLocaleTimeString([], { hour12: false });
+const millis = value => value === null ? "–" : value.toFixed(0);
 const colour = train => `c${train % 6}`;
 
 function connect() {
@@ -25,7 +26,7 @@ function connect() {
 
 function take(told) {
   if (told.kind === "snapshot") { Object.assign(page, { head: told, samples: [], events: [], terms: new Map(), changed: new Map() }); begin(); }
-  page.state = told.state; page.now = told.now; page.busy = told.busy;
+  Object.assign(page, { state: told.state, now: told.now, busy: told.busy, remark: told.remark, ended: told.ended });
   page.samples.push(...told.samples ?? []); page.samples.splice(0, page.samples.length - SAMPLES_MOST);
   const fresh = told.events ?? [];
   page.events.push(...fresh); page.events.splice(0, page.events.length - EVENTS_MOST);
@@ -33,7 +34,7 @@ function take(told) {
     if (page.terms.has(area.area) && page.terms.get(area.area) !== area.term) page.changed.set(area.area, performance.now());
     page.terms.set(area.area, area.term);
   }
-  summary(); areas(); track(); trains();
+  summary(); areas(); track(); trains(); results(told.results ?? []);
   if (told.samples || told.kind === "snapshot") graph();
   if (fresh.length || told.kind === "snapshot") events();
   if (told.kind === "news") for (const each of fresh) if (each.kind !== "line") { $("answer").textContent = each.text; $("answer").className = each.kind; }
@@ -47,6 +48,7 @@ function begin() {
   document.title = `Line ${head.line}`; $("line").textContent = head.line;
   const verbs = Object.keys(head.commands);
   $("commanding").hidden = !verbs.length;
+  if (head.of_run) $("minutes").value = "30";
   if ($("verb").options.length !== verbs.length) $("verb").replaceChildren(...verbs.map(verb => element("option", verb)));
   $("area").replaceChildren(...head.areas.map(([number]) => element("option", number)));
   if (verbs.length) fields();
@@ -54,9 +56,10 @@ function begin() {
 
 function summary() {
   const { state } = page, silent = state.trains.filter(train => train.silence).length;
-  const wrong = state.connected ? state.track.wayside : "There is no session with the line: is its wayside up? The page goes on when it is back.";
+  const lost = state.connected ? "" : "There is no session with the line: is its wayside up? The page goes on when it is back.";
+  const wrong = page.remark || lost || (page.ended ? "" : state.track.wayside);
   const orders = [...state.track.restrictions.map(([a, b, limit]) => `at most ${limit.toFixed(0)} km/h from ${a} to ${b} m`), ...state.track.closed.map(([a, b]) => `closed from ${a} to ${b} m`)];
-  const words = [`${state.trains.length} trains${silent ? `, ${silent} silent` : ""}`, clockText(page.now), ...orders, ...(wrong ? [wrong] : []), page.head.commands.hold ? "commands allowed" : "read-only"];
+  const words = [`${state.trains.length} train${state.trains.length === 1 ? "" : "s"}${silent ? `, ${silent} silent` : ""}`, clockText(page.now), ...orders, ...[wrong, page.ended].filter(Boolean), page.ended ? "report" : page.head.commands.hold ? "commands allowed" : "read-only"];
   $("told").textContent = words.join(" · "); $("told").className = wrong || silent ? "loud" : "";
 }
 
@@ -126,7 +129,7 @@ function trains() {
     const row = element("tr"), silent = Boolean(train.silence), hidden = silent || !train.localised;
     row.classList.toggle("silent", silent);
     const end = hidden || train.authority_m === null ? null : train.authority_m;
-    const cells = [hidden ? "–" : train.front_max_m.toFixed(1), silent ? "–" : train.speed_kmh.toFixed(1), end === null ? "–" : end.toFixed(1), end === null ? "–" : (end - train.front_max_m).toFixed(0), train.area, train.term, train.age_s.toFixed(2)];
+    const cells = [hidden ? "–" : train.front_max_m.toFixed(1), silent ? "–" : train.speed_kmh.toFixed(1), end === null ? "–" : end.toFixed(1), end === null ? "–" : (end - train.front_max_m).toFixed(0), train.area, train.term, train.age_s.toFixed(2), silent ? "–" : millis(train.latency_ms), millis(train.latency_max_ms)];
     row.append(element("td", `T${train.train}`), ...cells.map(text => element("td", text, "n")));
     row.append(element("td", silent ? `${train.silence}, last at ${train.front_max_m.toFixed(1)} m` : train.what, train.emergency ? "loud" : ""));
     return row;
@@ -140,8 +143,21 @@ function trains() {
   }
 }
 
+// What the run measured, once it has ended.
+function results(measured) {
+  $("measured").hidden = !measured.length;
+  $("results").tBodies[0].replaceChildren(...measured.map(train => {
+    const row = element("tr"), struck = train.struck ? "struck by a fault" : "none";
+    const cells = [train.least_gap_m === null ? "–" : train.least_gap_m.toFixed(1), millis(train.latency_p50_ms), millis(train.latency_p99_ms), millis(train.oldest_ms), train.service_brakes];
+    row.append(element("td", `T${train.train}`), ...cells.map(text => element("td", text, "n")));
+    row.append(element("td", train.emergencies.map(each => each.cause).join(", ") || struck));
+    row.append(element("td", train.stops.map(stop => `${stop.station} ${stop.error_m < 0 ? "" : "+"}${stop.error_m.toFixed(2)} m`).join(", ")));
+    return row;
+  }));
+}
+
 function graph() {
-  const { head, samples } = page, span = 60 * $("minutes").value, width = Math.max(240, $("graph").clientWidth), height = 380, left = 34, foot = 20;
+  const { head, samples } = page, most = 60 * $("minutes").value, span = head.of_run ? Math.min(most, Math.max(30, page.now)) : most, width = Math.max(240, $("graph").clientWidth), height = 380, left = 34, foot = 20;
   const end = page.now, begin = end - span, [low, high] = head.span;
   const x = at => left + (at - begin) / span * (width - left - 26), y = at => (height - foot) * (1 - (at - low) / (high - low)) + 4;
   const parts = [];
@@ -152,7 +168,7 @@ function graph() {
   }
   for (const [, a] of head.areas.slice(1)) parts.push(`<line class="axis" stroke-dasharray="2 4" x1="${left}" x2="${width}" y1="${y(a)}" y2="${y(a)}"><title>border of areas</title></line>`);
   const step = span / (width < 500 ? 2 : 5);
-  for (let at = Math.ceil(begin / step) * step; at <= end; at += step) parts.push(`<line class="grid" x1="${x(at)}" x2="${x(at)}" y1="4" y2="${height - foot + 4}"/><text class="tick" text-anchor="middle" x="${Math.min(Math.max(x(at), left + 22), width - 24)}" y="${height - 1}">${clockText(at)}</text>`);
+  for (let at = Math.ceil((head.of_run ? Math.max(0, begin) : begin) / step) * step; at <= end; at += step) parts.push(`<line class="grid" x1="${x(at)}" x2="${x(at)}" y1="4" y2="${height - foot + 4}"/><text class="tick" text-anchor="middle" x="${Math.min(Math.max(x(at), left + 22), width - 24)}" y="${height - 1}">${clockText(at)}</text>`);
   const paths = new Map();
   for (const [at, places] of samples) {
     if (at < begin) continue;

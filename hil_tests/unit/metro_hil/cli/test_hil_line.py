@@ -2,12 +2,19 @@
 
 import json
 import tomllib
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from firmware_py.clock.clock import WallClock
 from metro_hil.cli.hil import main, parser
 from metro_hil.cli.hil.line_settings import radio_words, settings_of
+from metro_hil.watch.command import main as watch
+from metro_hil.watch.companion import WatchPage
+from metro_hil.watch.line_folder import serve_line_folder
+from metro_hil.watch.line_source import FolderSource
 from zenoh_config.timers import TIMER_SETS
 
 FLORENCE = ["--line", "florence", "--trains", "2", "--bench", "lockstep"]
@@ -84,6 +91,63 @@ def test_a_radio_in_a_separate_network_is_reported_as_unreachable() -> None:
     assert "tcp/" not in said
 
 
+def test_a_watched_run_has_its_page_from_its_first_message_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = tmp_path / "run"
+    shown: list[list[dict[str, Any]]] = []
+
+    class Page(WatchPage):
+        def __init__(self, folder: Path, *may: str) -> None:
+            assert (folder / "line.log").stat().st_size < 100
+            assert not may
+            self.line = "page: here"
+
+        def stay(self, say: object) -> None:
+            source = FolderSource(run, WallClock(), real_time=False)
+            shown.append([step._asdict() for _ in range(2) for step in source.steps()])
+            assert source.results.text == "The run has ended: passed, duration over"
+
+        def __exit__(self, *_: object) -> None:
+            assert shown
+
+    monkeypatch.setattr("metro_hil.watch.companion.WatchPage", Page)
+    assert main(["line", *FLORENCE, "--for", "2.5", "--out", str(run), "--watch"]) == 0
+
+    notes = [text for step in shown[0] for text in step["notes"]]
+    printed = capsys.readouterr().out
+    assert printed.startswith("page: here\n")
+    assert notes
+    assert all(f"s  {text}" in printed for text in notes)
+    assert sum(len(step["messages"]) for step in shown[0]) > 100
+    with closing(serve_line_folder(run, host="127.0.0.1", commands=True)) as server:
+        assert server.address.startswith("http://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("bench = 1", "run.toml: Expected `str`, got `int` - at `$.bench`; another version"),
+        ("bench = ", "run.toml: Invalid value"),
+        (
+            'bench = "lockstep"\n[options]\nline = "hefei"\n[line]',
+            "run.toml: line hefei is not divided into areas",
+        ),
+    ],
+)
+def test_a_damaged_folder_of_a_run_is_refused_in_one_line(
+    tmp_path: Path, text: str, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "line.log").touch()
+    (tmp_path / "run.toml").write_text(text)
+
+    assert watch([str(tmp_path), "--no-browser"]) == 2
+
+    told = capsys.readouterr().err
+    assert complaint in told
+    assert len(told.splitlines()) == 1
+
+
 def test_a_stopped_master_goes_on_as_a_member(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -134,6 +198,9 @@ def test_the_restart_of_a_killed_wayside_is_reported(
         ),
         (["--kill-master-at", "100", "--for", "10"], "--kill-master-at 100: the run ends before"),
         (["--restart-train-at", "T1@9", "--for", "9"], "T1@9: the run ends before, by --for 9"),
+        (["--watch", "--networks"], "--watch does not go with networks of their own; `vobc watch`"),
+        (["--commands"], "--commands is for the page; add --watch"),
+        (["--watch", "--commands", "--bench", "lockstep"], "--commands: --bench lockstep has no"),
     ],
 )
 def test_inconsistent_options_are_refused_in_one_line(

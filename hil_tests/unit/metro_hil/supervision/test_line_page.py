@@ -5,6 +5,7 @@ import dataclasses
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import pytest
@@ -28,9 +29,10 @@ from metro_hil.supervision.command import parser
 from metro_hil.supervision.view import LineView
 from metro_hil.watch.line_picture import changes, head_of, picture_of
 from metro_hil.watch.line_server import COMMANDS, LineServer, PageCommand
+from metro_hil.watch.line_source import FolderSource, RadioSource
 from metro_tools.browser import Browser
 from zenoh_config.messages import WAYSIDE, SpeedRestriction
-from zenoh_config.t2t import BROADCAST, Phase, T2tMessage
+from zenoh_config.t2t import BROADCAST, AreaAuthority, Phase, T2tMessage
 from zenoh_config.t2t_supervision import DecreeAnswer, LeaseNote, LeaseReason, LineState
 
 STATE = LineState(
@@ -123,33 +125,37 @@ def test_the_command_line_takes_every_command_of_the_page(end: bool) -> None:
 
 
 class OneLine:
-    """A session that received some messages once."""
+    """A session that receives the same messages again and again."""
 
     connected = True
 
     def __init__(self, *messages: T2tMessage) -> None:
-        self.waiting = [said(each) for each in messages]
+        self.messages = [said(each) for each in messages]
 
     def receive(self, now_ns: int) -> Sequence[RadioMessage]:
-        found, self.waiting = self.waiting, []
-        return found
+        return self.messages
 
 
-class StillClock:
-    """A clock that stands, so that nothing that was received grows old."""
+class SteppingClock:
+    """A clock that goes on by the time between two states whenever it is read."""
+
+    def __init__(self) -> None:
+        self.at_ns = 10_000 * MS
 
     def now_ns(self) -> int:
-        return 10_000 * MS
+        self.at_ns += 100 * MS
+        return self.at_ns
 
     def epoch_ns(self) -> int:
-        return 1_800_000_000_000 * MS
+        return self.now_ns() + 1_800_000_000_000 * MS
 
 
 @contextmanager
 def running(*messages: T2tMessage, commands: bool) -> Iterator[str]:
     """Serve the page of a line, and yield its address."""
     server = LineServer(
-        *(LineView(LOOP), OneLine(*messages), StillClock(), head_of(load_line("loop"), LOOP)),
+        *(LineView(LOOP), RadioSource(OneLine(*messages), SteppingClock())),
+        head_of(load_line("loop"), LOOP),
         command_line=["--line", "loop"] if commands else None,
     )
     with served(server) as address:
@@ -174,7 +180,8 @@ def test_a_viewer_gets_the_line_and_then_its_events() -> None:
     with running(BEAT, REPORT, commands=False) as address:
         with viewer(address) as stream:
             head = json.loads(stream.recv(timeout=20))
-            first = event_of(stream, "line")
+            if not head["events"]:
+                event_of(stream, "line")
         with viewer(address) as late:
             past = json.loads(late.recv(timeout=20))
         with pytest.raises(InvalidStatus):
@@ -183,9 +190,90 @@ def test_a_viewer_gets_the_line_and_then_its_events() -> None:
     assert (head["kind"], head["version"], head["line"]) == ("snapshot", 1, "loop")
     assert head["areas"][0] == [1, -120.0, 2800.0]
     assert head["commands"] == {}
-    assert first == "area 1: train 3 commands, term 7"
-    assert [each["text"] for each in past["events"]][:2] == [first, "train 3 is received"]
+    first = [each["text"] for each in past["events"]]
+    assert first == ["area 1: train 3 commands, term 7", "train 3 is received"]
     assert past["samples"][0][1] == [[3, 1000.0]]
+
+
+def test_the_latency_is_the_time_from_report_to_authority() -> None:
+    answer = AreaAuthority(
+        *(5, 3, 1, 7, 1, 1, 0),
+        to_boot=1,
+        echo_ns=REPORT.stamp_ns,
+        end_m=1500.0,
+        rear_m=900.0,
+        behind=0,
+        rank=0,
+        restrictions=(),
+    )
+    shown = view(REPORT)
+    for at_ms in (70, 90):
+        shown.on_message([said(answer)._replace(stamp_ns=at_ms * MS)], at_ms * MS)
+    train = picture_of(shown, 100 * MS, connected=True).trains[0]
+
+    assert (train.latency_ms, train.latency_max_ms) == (70.0, 70.0)
+    assert picture_of(view(REPORT), 0, connected=True).trains[0].latency_ms is None
+
+
+class WallOf:
+    """A clock of the machine on which a run goes on."""
+
+    def __init__(self, folder: Path) -> None:
+        self.log, self.at_ns = folder / "line.log", 0
+
+    def now_ns(self) -> int:
+        return self.at_ns
+
+    def epoch_ns(self) -> int:
+        return self.log.stat().st_mtime_ns + self.at_ns
+
+
+def line_log(folder: Path, *stamps_s: float) -> None:
+    topic, payload = said(BEAT).key, said(BEAT).payload.hex()
+    rows = [f"{at_s:.6f},rx,{topic},{payload}\n" for at_s in stamps_s]
+    with (folder / "line.log").open("a") as log:
+        log.writelines(rows)
+
+
+def test_a_run_is_read_in_steps_with_its_events_at_their_time(tmp_path: Path) -> None:
+    (tmp_path / "line.log").write_text("t_s,direction,key,payload\n")
+    line_log(tmp_path, 5.0, 5.05, 5.3)
+    (tmp_path / "story.txt").write_text(
+        "    0.02 s  first\n    0.30 s  second\n    9.00 s  third\n"
+    )
+    clock = WallOf(tmp_path)
+    source = FolderSource(tmp_path, clock, real_time=True)
+
+    first = [
+        (source.shown_s(step.now_ns), len(step.messages), step.notes) for step in source.steps()
+    ]
+    clock.at_ns = 2_000 * MS
+    second = [(source.shown_s(step.now_ns), step.notes) for step in source.steps()]
+    clock.at_ns = 11_000 * MS
+    assert list(source.steps())[-1].messages == ()
+
+    assert first == [(0.05, 2, ["first"]), (0.3, 1, ["second"])]
+    assert second == [(2.3, ["third"])]
+    assert source.remark.startswith("The run wrote nothing for 10 s and left no results.json")
+    assert source.results.text == ""
+
+
+def test_a_run_that_ended_no_longer_ages_and_names_damage(tmp_path: Path) -> None:
+    line_log(tmp_path, 5.0)
+    with (tmp_path / "line.log").open("a") as log:
+        log.write("5.1,rx,m/loop,no hex\n")
+    told = {"verdict": "failed", "exit_reason": "duration over", "complaints": ["too near"]}
+    (tmp_path / "results.json").write_text(json.dumps({**told, "trains": [{"train": 1}]}))
+    clock = WallOf(tmp_path)
+    source = FolderSource(tmp_path, clock, real_time=True)
+    for at_s in (0, 60):
+        clock.at_ns = at_s * 1_000 * MS
+        steps = list(source.steps())
+
+    assert source.results.text == "The run has ended: failed, duration over; too near"
+    assert source.results.trains == [{"train": 1}]
+    assert "line.log: 1 damaged lines are left out" in source.remark
+    assert source.shown_s(steps[-1].now_ns) == 0.0
 
 
 def test_a_command_runs_by_the_command_line_and_its_outcome_is_an_event() -> None:
