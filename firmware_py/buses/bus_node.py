@@ -1,7 +1,7 @@
 """A node of a bus in virtual time with error confinement: its mailboxes, counters and state."""
 
 from dataclasses import dataclass, field
-from heapq import heappush
+from heapq import heappop, heappush
 from typing import NamedTuple
 
 from firmware_py.buses.confinement import (
@@ -26,7 +26,7 @@ class BusNode:
     """Frames in the mailboxes as a heap, the lowest identifier first."""
     errors: ErrorCounters = field(default_factory=ErrorCounters)
     state: ErrorState = ErrorState.ACTIVE
-    """Last reported state; `errors.state` is newer while the state changes."""
+    """Last state of which there is an event; `present_state` is newer while the state changes."""
     ready_ns: int = 0
     """Earliest instant at which the node may start a frame."""
     cut_ns: int = -1
@@ -37,6 +37,8 @@ class BusNode:
     """Length of the frame that the cut-off node repeats."""
     babble_gap_ns: int = -1
     """Gap between the end of a babbled frame and the next; -1 for a node that does not babble."""
+    reported: ErrorState = ErrorState.ACTIVE
+    """State that the node itself reports; the worse of this and that of `errors` holds."""
     restarting: bool = False
     sequences: int = 0
     """Number of sequences of eleven recessive bits since the restart."""
@@ -45,11 +47,24 @@ class BusNode:
 
     @property
     def there(self) -> bool:
-        return not self.errors.off and self.cut_ns < 0
+        return not self.errors.off and self.cut_ns < 0 and self.reported is not ErrorState.OFF
+
+    @property
+    def present_state(self) -> ErrorState:
+        """The error state that holds now."""
+        own = self.errors.state
+        if own is ErrorState.ACTIVE or self.reported is ErrorState.OFF:
+            return self.reported
+        return own
 
     def push(self, offer: Offer) -> None:
         heappush(self.offers, offer)
         self.port._waiting += 1
+
+    def pop(self) -> Offer:
+        """Take the frame that is sent next."""
+        self.port._waiting -= 1
+        return heappop(self.offers)
 
     def drop_all(self) -> int:
         """Empty the mailboxes and return the number of dropped frames."""

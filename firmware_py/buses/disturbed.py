@@ -11,7 +11,6 @@ passive.
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from heapq import heappop
 from typing import Final, Protocol
 
 from firmware_py.buses import confinement
@@ -221,9 +220,8 @@ class DisturbedWire:
             ),
             key=lambda node: node.offers[0][:3],
         )
-        offer = heappop(node.offers)
-        can_id, name, _, bits, data, port = offer
-        port._waiting -= 1
+        offer = node.pop()
+        can_id, name, _, bits, data, _ = offer
         passing = Passing(offer, node, start_ns, 0, bits)
         present = self._nodes_present()
         if len(present) < 2:
@@ -383,7 +381,7 @@ class DisturbedWire:
         return self._node(self._bus._ports[name])
 
     def _enter_state(self, node: BusNode, at_ns: int) -> None:
-        state = node.errors.state
+        state = node.present_state
         if state is not node.state:
             node.state = state
             if len(self.events) < EVENTS_MAX:

@@ -22,7 +22,8 @@ from metro_hil.fmi_export.descriptions import ABOUT, manifest, terminals
 from metro_hil.fmi_export.export import write_fmu
 from metro_hil.foreign_plant.fmu import Fmu, FmuError
 from metro_hil.foreign_plant.ls_bus import transmit
-from metro_hil.foreign_plant.terminal_node import TerminalNode, members_of
+from metro_hil.foreign_plant.plant_terminal import PlantTerminal
+from metro_hil.foreign_plant.terminal_node import members_of
 from metro_hil.model.case import Case, PlantSpec, Setup
 from metro_hil.model.case_setup import parts_of
 from metro_hil.run.lockstep import Lockstep, Taps
@@ -67,7 +68,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, c_compiler: str) -> Path:
     return made
 
 
-Start = Callable[[Path], TerminalNode]
+Start = Callable[[Path], PlantTerminal]
 
 
 @pytest.fixture
@@ -76,12 +77,12 @@ def start(c_compiler: str) -> Iterator[Start]:
     assert c_compiler
     running: list[Fmu] = []
 
-    def node_of(path: Path) -> TerminalNode:
+    def node_of(path: Path) -> PlantTerminal:
         fmu = Fmu(path, events=True)
         running.append(fmu)
         fmu.start(0.0)
         also = ("Serial.Tx_Data", "Radio.Tx_Data")
-        node = TerminalNode(fmu, members_of(fmu, "CAN", "test"), also)
+        node = PlantTerminal(fmu, members_of(fmu, "CAN", "test"), also)
         node.begin(0)
         return node
 
@@ -195,12 +196,12 @@ def test_a_program_behind_the_fmu_sends_and_receives_at_its_wakeups(
     node = start(echo(tmp_path, "echo"))
 
     node.advance(10_000_000, [])
-    assert (node.frames, node.texts) == ([], [])
+    assert (node.frames, node.all_texts) == ([], [])
     node.advance(40_000_000, [(15_000_000, 0x10, b"\x01"), (30_000_000, 0x11, b"")])
 
     first = [(7, b""), (0x123, b"\x00\xff")]
     assert node.frames == [*first, (0x11, b"\x01"), *first, (0x12, b"")]
-    serial, radio, *_ = node.texts
+    serial, radio, *_ = node.all_texts
     assert bytes.fromhex(serial.decode().strip('"')) == b'[[15000000, 16, "01"]]'
     assert radio == b'["a/b", "01"]'
 
@@ -218,7 +219,7 @@ def test_an_operation_that_is_none_gives_a_format_error_at_the_next_tick(
         b"\x11\x00\x00\x00\x11\x00\x00\x00" + bytes(9),
     ]
     for count, operation in enumerate(wrong, 1):
-        node.receive(operation)
+        node.go(node.now_ns, operation)
         node.advance(count * 20_000_000, [])
 
         assert node.refused == count

@@ -49,7 +49,7 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         *("Cell.margins", "Sought.margins", "Sought.value"),
         *("ExpectedFailure.margin_max", "ExpectedFailure.margin_min"),
         *("_Linear.constant", "_Linear.factors"),
-        "PlantGrant.inputs",
+        *("PlantGrant.inputs", "NodeHello.parameters", "NodeKeys.parameters"),
         # The unit of the setting that the key names.
         *("TunedParameter.high", "TunedParameter.low", "Tuned.after", "Tuned.before"),
         *("FittedKey.first", "FittedKey.high", "FittedKey.low", "FittedKey.trial"),

@@ -121,11 +121,12 @@ class Fmu:
         self._call("exitInitializationMode")
         self._started = True
 
-    def step(self, from_s: float, step_s: float) -> None:
-        """Advance it. Raises FmuError."""
+    def step(self, from_s: float, step_s: float) -> bool:
+        """Advance it; return whether it asks for event mode. Raises FmuError."""
         done = self._call("doStep", currentCommunicationPoint=from_s, communicationStepSize=step_s)
         if self._major == 3 and done[1]:
             raise FmuError(f"doStep at {from_s:g} s: the FMU ends the simulation")
+        return self._major == 3 and bool(done[0])
 
     @property
     def folder(self) -> Path:

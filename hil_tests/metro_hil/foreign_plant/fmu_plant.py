@@ -13,7 +13,8 @@ from can_dbc.nodes import Node
 from firmware_py.settings import SettingsError
 from metro_hil.foreign_plant.fmu import Fmu, FmuError
 from metro_hil.foreign_plant.mapping import PlantMapping, Values, read_keys, read_mapping
-from metro_hil.foreign_plant.terminal_node import TerminalNode, members_of
+from metro_hil.foreign_plant.plant_terminal import PlantTerminal
+from metro_hil.foreign_plant.terminal_node import members_of
 from plant_emulator.wire import GRID_MS, PLANT_NODES, ROUND_MS, timetable
 
 NS_PER_S: Final = 1_000_000_000
@@ -34,7 +35,7 @@ class FmuPlant:
         self._start = _start_values(told)
         keys = read_keys(path)
         self._fmu = Fmu(path.parent / keys.fmu, events=bool(keys.terminal))
-        self._node: TerminalNode | None = None
+        self._node: PlantTerminal | None = None
         self.first: tuple[list[tuple[int, str]], list[str]] = ([], [])
         """Frames and serial bytes that its nodes send at the start."""
         try:
@@ -50,7 +51,7 @@ class FmuPlant:
             if mapping.terminal:
                 members = members_of(self._fmu, mapping.terminal, str(path))
                 also = (mapping.serial,) if mapping.serial else ()
-                self._node = TerminalNode(self._fmu, members, also)
+                self._node = PlantTerminal(self._fmu, members, also)
                 self._node.begin(self._now_ns)
                 self.first = _outputs(self._node)
         except BaseException:
@@ -154,10 +155,10 @@ class FmuPlant:
         self._fmu.close()
 
 
-def _outputs(node: TerminalNode) -> tuple[list[tuple[int, str]], list[str]]:
+def _outputs(node: PlantTerminal) -> tuple[list[tuple[int, str]], list[str]]:
     """Frames and serial bytes of a node as the messages have them. Raises FmuError."""
     serial: list[str] = []
-    for text in node.texts:
+    for text in node.all_texts:
         try:
             serial += msgspec.json.decode(b"[" + text + b"]", type=list[str])
         except msgspec.MsgspecError as error:

@@ -1,4 +1,4 @@
-"""An FMU with a network terminal of FMI-LS-BUS 1.0: its clocks, and the frames at them."""
+"""An FMU with a network terminal of FMI-LS-BUS 1.0: its clocks, and the operations at them."""
 
 import ctypes
 from collections.abc import Mapping, Sequence
@@ -8,34 +8,34 @@ from xml.etree import ElementTree
 
 from firmware_py.settings import SettingsError, nearest
 from metro_hil.foreign_plant.fmu import Fmu, FmuError
-from metro_hil.foreign_plant.ls_bus import (
-    CAN_TRANSMIT,
-    FORMAT_ERROR,
-    LsBusError,
-    frame_of,
-    operations,
-    transmit,
-)
 
 NS_PER_S: Final = 1_000_000_000
 TERMINALS: Final = "terminalsAndIcons/terminalsAndIcons.xml"
 KIND: Final = "org.fmi-ls-bus.network-terminal"
 MEMBERS: Final = ("Rx_Data", "Rx_Clock", "Tx_Data", "Tx_Clock")
+NOTIFICATIONS: Final = "BusNotifications"
+"""End of the name of the parameter that lets a node wait for Confirm and the like."""
 CHANGED: Final = 2
 """Qualifier of an interval that is new."""
 EVENTS_MAX: Final = 1000
 """Number of ticks at one instant after which the FMU counts as hanging."""
+FAR_NS: Final = 1 << 62
+"""Instant that no run reaches; longer intervals count as this one."""
 
-Arrival = tuple[int, int, bytes]
-"""Instant of a frame's end, identifier, data."""
+
+def terminal_of(fmu: Fmu, terminal: str, source: str) -> str:
+    """Return the terminal, or the only one of the FMU if it is empty. Raises SettingsError."""
+    found = _terminals(fmu, source)
+    if not terminal and len(found) == 1:
+        return next(iter(found))
+    if not terminal:
+        raise SettingsError(f"{source}: terminal: missing; the FMU has {', '.join(found)}")
+    return terminal
 
 
 def members_of(fmu: Fmu, terminal: str, source: str) -> Mapping[str, str]:
     """Return the variable of each member of a network terminal. Raises SettingsError."""
-    path = fmu.folder / TERMINALS
-    found = _terminals(path) if path.is_file() else {}
-    if not found:
-        raise SettingsError(f"{source}: terminal: the FMU has no network terminal of FMI-LS-BUS")
+    found = _terminals(fmu, source)
     if terminal not in found:
         hint = nearest(terminal, list(found), "terminal")
         raise SettingsError(f"{source}: terminal: {terminal!r}: {hint}")
@@ -46,7 +46,15 @@ def members_of(fmu: Fmu, terminal: str, source: str) -> Mapping[str, str]:
     return members
 
 
-def _terminals(path: Path) -> dict[str, dict[str, str]]:
+def _terminals(fmu: Fmu, source: str) -> dict[str, dict[str, str]]:
+    path = fmu.folder / TERMINALS
+    found = _read_terminals(path) if path.is_file() else {}
+    if not found:
+        raise SettingsError(f"{source}: terminal: the FMU has no network terminal of FMI-LS-BUS")
+    return found
+
+
+def _read_terminals(path: Path) -> dict[str, dict[str, str]]:
     try:
         root = ElementTree.parse(path).getroot()  # noqa: S314 - no entity is resolved
     except ElementTree.ParseError as error:
@@ -61,99 +69,116 @@ def _terminals(path: Path) -> dict[str, dict[str, str]]:
     }
 
 
+def notify(fmu: Fmu) -> bool:
+    """Let the node wait for Confirm, Arbitration Lost and Bus Error; return whether it can."""
+    names = [name for name in fmu.variables if name.endswith(NOTIFICATIONS)]
+    for name in names:
+        structural = fmu.variables[name].causality == "structuralParameter"
+        if structural:
+            fmu.call("enterConfigurationMode")
+        fmu.set(name, 1.0)
+        if structural:
+            fmu.call("exitConfigurationMode")
+    return bool(names)
+
+
 class TerminalNode:
     """Steps an FMU from event to event.
 
-    Its transmit clock must be a countdown clock. The FMU receives each frame at the instant at
-    which it ended on the bus.
+    Its transmit clock is a countdown clock, or a triggered output. A triggered clock ticks without
+    notice, so that FMU advances by steps of at most `step_ns`.
     """
 
-    def __init__(self, fmu: Fmu, members: Mapping[str, str], also: Sequence[str] = ()) -> None:
+    def __init__(
+        self, fmu: Fmu, members: Mapping[str, str], also: Sequence[str] = (), step_ns: int = FAR_NS
+    ) -> None:
         """Args:
         also: further binary outputs that are read at each tick.
+        step_ns: greatest step of a node whose transmit clock is an output.
         """
         self._fmu = fmu
         self._rx, self._rx_clock, self._tx, self._tx_clock = (
             fmu.reference(members[name]) for name in MEMBERS
         )
+        self._triggered = fmu.variables[members["Tx_Clock"]].causality == "output"
+        self._step_ns = step_ns
         self._also = [fmu.reference(name) for name in also]
-        self._now_ns = 0
-        self._due_ns: int | None = None
-        self.frames: list[tuple[int, bytes]] = []
-        """Frames that the node sent in the last call."""
+        self._interval = (
+            (ctypes.c_uint32 * 1)(self._tx_clock),
+            (ctypes.c_uint64 * 1)(),
+            (ctypes.c_uint64 * 1)(),
+            (ctypes.c_int * 1)(),
+        )
+        self.now_ns = 0
+        self.due_ns = FAR_NS
+        """Instant of the next tick, to which the FMU must advance without a step beyond it."""
+        self.sent = b""
+        """Operations that the node sent in the last call."""
         self.texts: list[bytes] = []
         """Contents of the further outputs in the last call."""
-        self.refused = 0
-        """Number of operations that the node refused with Format Error."""
 
     def begin(self, now_ns: int) -> None:
         """Handle the events at the start; the FMU has just left its initialisation."""
-        self._now_ns = now_ns
-        self.frames, self.texts = [], []
-        self._read_interval()
+        self.now_ns = now_ns
+        self.sent, self.texts = b"", []
+        self._plan()
         self._events(b"")
-        self._fmu.call("enterStepMode")
 
-    def receive(self, content: bytes) -> None:
-        """Let the node receive these bytes at the present instant. Raises FmuError."""
-        self._fmu.call("enterEventMode")
-        self._events(content)
-        self._fmu.call("enterStepMode")
-
-    def advance(self, until_ns: int, arrivals: Sequence[Arrival]) -> None:
-        """Step to `until_ns` with all events on the way. Raises FmuError."""
-        self.frames, self.texts = [], []
-        waiting = list(arrivals)
-        while True:
-            at_ns = until_ns if not waiting else min(until_ns, max(self._now_ns, waiting[0][0]))
-            if self._due_ns is not None:
-                at_ns = min(at_ns, self._due_ns)
-            if at_ns > self._now_ns:
-                self._fmu.step(self._now_ns / NS_PER_S, (at_ns - self._now_ns) / NS_PER_S)
-                self._now_ns = at_ns
-            received = b""
-            while waiting and waiting[0][0] <= at_ns:
-                _, can_id, data = waiting.pop(0)
-                received += transmit(can_id, data)
-            if received or self._due_ns == at_ns:
-                self.receive(received)
-            if at_ns >= until_ns and not waiting:
-                return
+    def go(self, at_ns: int, received: bytes = b"") -> None:
+        """Advance to `at_ns`, at most `due_ns`, and hand over operations. Raises FmuError."""
+        self.sent, self.texts = b"", []
+        event = bool(received)
+        if at_ns > self.now_ns:
+            event |= self._fmu.step(self.now_ns / NS_PER_S, (at_ns - self.now_ns) / NS_PER_S)
+            self.now_ns = at_ns
+        if self._triggered:
+            self._plan()
+        if event or (not self._triggered and self.due_ns <= at_ns):
+            self._fmu.call("enterEventMode")
+            self._events(received)
 
     def _events(self, received: bytes) -> None:
-        """Handle all events of the present instant, in event mode."""
+        """Handle all events of the present instant, in event mode, and leave it."""
         for _ in range(EVENTS_MAX):
             if received:
                 self._fmu.call("setClock", [self._rx_clock], [True])
                 self._fmu.call("setBinary", [self._rx], [received])
-            ticks = self._due_ns is not None and self._due_ns <= self._now_ns
+            ticks = self._ticks()
             if ticks:
-                self._fmu.call("setClock", [self._tx_clock], [True])
                 sent, *texts = self._fmu.call("getBinary", [self._tx, *self._also])
-                self._take(sent or b"")
+                self.sent += sent or b""
                 self.texts += [text or b"" for text in texts]
-                self._due_ns = None
-            self._fmu.call("updateDiscreteStates")
-            self._read_interval()
+            again, ends, *_ = self._fmu.call("updateDiscreteStates")
+            if ends:
+                raise FmuError(f"ends the simulation at {self.now_ns / NS_PER_S:g} s")
             received = b""
-            if self._due_ns is None or self._due_ns > self._now_ns:
+            if not self._triggered:
+                self._plan()
+                again |= self.due_ns <= self.now_ns
+            elif ticks:
+                again = True
+            if not again:
+                self._fmu.call("enterStepMode")
                 return
-        raise FmuError(f"hangs: {EVENTS_MAX} ticks of its clock at {self._now_ns / NS_PER_S:g} s")
+        raise FmuError(f"hangs: {EVENTS_MAX} ticks of its clock at {self.now_ns / NS_PER_S:g} s")
 
-    def _read_interval(self) -> None:
-        references = (ctypes.c_uint32 * 1)(self._tx_clock)
-        counter, resolution = (ctypes.c_uint64 * 1)(), (ctypes.c_uint64 * 1)()
-        qualifier = (ctypes.c_int * 1)()
-        self._fmu.call("getIntervalFraction", references, counter, resolution, qualifier)
+    def _ticks(self) -> bool:
+        """Return whether the transmit clock ticks now."""
+        if self._triggered:
+            return bool(self._fmu.call("getClock", [self._tx_clock])[0])
+        if self.due_ns > self.now_ns:
+            return False
+        self._fmu.call("setClock", [self._tx_clock], [True])
+        self.due_ns = FAR_NS
+        return True
+
+    def _plan(self) -> None:
+        """Find out when the clock ticks next."""
+        if self._triggered:
+            self.due_ns = (self.now_ns // self._step_ns + 1) * self._step_ns
+            return
+        _, counter, resolution, qualifier = self._interval
+        self._fmu.call("getIntervalFraction", *self._interval)
         if qualifier[0] == CHANGED and resolution[0] > 0:
-            self._due_ns = self._now_ns + counter[0] * NS_PER_S // resolution[0]
-
-    def _take(self, sent: bytes) -> None:
-        try:
-            for operation in operations(sent):
-                if operation.code == CAN_TRANSMIT:
-                    self.frames.append(frame_of(operation))
-                elif operation.code == FORMAT_ERROR:
-                    self.refused += 1
-        except LsBusError as error:
-            raise FmuError(f"LS-BUS: {error}") from error
+            due_ns = self.now_ns + counter[0] * NS_PER_S // resolution[0]
+            self.due_ns = min(FAR_NS, due_ns)

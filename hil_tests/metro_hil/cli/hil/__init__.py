@@ -40,6 +40,7 @@ VERBS: Final = {
     "requirements": "show each requirement with its scenarios, tests and last results",
     "laws": "show how each control law came out",
     "export": "write the train or the controller as an FMU with CAN",
+    "bus": "run FMUs with CAN as the nodes of a bus",
     "line": "run several trains that command themselves; the same as `hil run line`",
     "simulate": "simulate trains that command themselves, in virtual time, under random faults",
 }
