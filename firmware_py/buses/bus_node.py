@@ -22,6 +22,8 @@ class BusNode:
 
     port: VirtualPort
     sequence_ns: int
+    waiting: dict["BusNode", None]
+    """All nodes of the bus that have frames in their mailboxes."""
     offers: list[Offer] = field(default_factory=list)
     """Frames in the mailboxes as a heap, the lowest identifier first."""
     errors: ErrorCounters = field(default_factory=ErrorCounters)
@@ -59,17 +61,22 @@ class BusNode:
 
     def push(self, offer: Offer) -> None:
         heappush(self.offers, offer)
+        self.waiting[self] = None
         self.port._waiting += 1
 
     def pop(self) -> Offer:
         """Take the frame that is sent next."""
         self.port._waiting -= 1
-        return heappop(self.offers)
+        offer = heappop(self.offers)
+        if not self.offers:
+            del self.waiting[self]
+        return offer
 
     def drop_all(self) -> int:
         """Empty the mailboxes and return the number of dropped frames."""
         count = len(self.offers)
         self.offers.clear()
+        self.waiting.pop(self, None)
         self.port._waiting -= count
         return count
 

@@ -21,6 +21,8 @@ from firmware_py.buses.timing import INTERMISSION_BITS, frame_bits
 from firmware_py.ports import CanFrame
 
 EVENTS_MAX: Final = 1000
+TABLE_BITS: Final = 256
+"""Number of durations that are computed beforehand; no frame is longer."""
 NS_PER_S: Final = 1_000_000_000
 
 
@@ -60,6 +62,8 @@ class DisturbedWire:
         self.events_left_out = 0
         self._bus, self._on_error, self._acting = bus, on_error, acting or {}
         self._nodes: dict[str, BusNode] = {}
+        self._bits_ns = [NS_PER_S * bits // bus.bit_rate for bits in range(TABLE_BITS)]
+        self._waiting: dict[BusNode, None] = {}
         self._free_ns = 0
         self._passing: Passing | None = None
         self._mending: list[BusNode] = []
@@ -208,18 +212,24 @@ class DisturbedWire:
     # Transmission of one frame.
 
     def _next_start_ns(self) -> int | None:
-        ready = [node.ready_ns for node in self._nodes.values() if node.offers and node.there]
-        return max(self._free_ns, min(ready)) if ready else None
+        start_ns: int | None = None
+        for node in self._waiting:
+            if node.there:
+                if node.ready_ns <= self._free_ns:
+                    return self._free_ns
+                if start_ns is None or node.ready_ns < start_ns:
+                    start_ns = node.ready_ns
+        return start_ns
 
     def _begin(self, start_ns: int) -> None:
-        node = min(
-            (
-                node
-                for node in self._nodes.values()
-                if node.offers and node.ready_ns <= start_ns and node.there
-            ),
-            key=lambda node: node.offers[0][:3],
-        )
+        node: BusNode | None = None
+        for each in self._waiting:
+            if each.ready_ns > start_ns or not each.there:
+                continue
+            # The order of offers is by identifier, node and number within the node.
+            if node is None or each.offers[0][:3] < node.offers[0][:3]:
+                node = each
+        assert node is not None
         offer = node.pop()
         can_id, name, _, bits, data, _ = offer
         passing = Passing(offer, node, start_ns, 0, bits)
@@ -233,9 +243,10 @@ class DisturbedWire:
                 passing.destroyed = True
                 passing.bits = self._destroyed_bits(wire_frame(can_id, data), bit, node)
         self._occupy(passing)
-        for each in tuple(self._restarting):
-            self._look_for_recovery(each, start_ns)
-            each.pass_frame(start_ns, self._free_ns)
+        if self._restarting:
+            for each in tuple(self._restarting):
+                self._look_for_recovery(each, start_ns)
+                each.pass_frame(start_ns, self._free_ns)
         self._passing = passing
 
     def _destroyed_bits(self, frame: WireFrame, bit: int, sender: BusNode) -> int:
@@ -257,8 +268,9 @@ class DisturbedWire:
         else:
             can_id, _, _, bits, data, port = passing.offer
             self._bus._end(CanFrame(passing.end_ns, can_id, data), port, bits)
-            node.errors.sent()
-            self._enter_state(node, passing.end_ns)
+            if node.errors.tec:
+                node.errors.sent()
+                self._enter_state(node, passing.end_ns)
             if self._blemished:
                 self._heal(node, passing.end_ns)
             if node.babble_gap_ns >= 0:
@@ -271,10 +283,11 @@ class DisturbedWire:
         if not passing.destroyed:
             wait_ns = max(wait_ns, node.babble_gap_ns)
         node.ready_ns = max(node.ready_ns, self._free_ns + wait_ns)
-        for mended in self._mending:
-            mended.cut_ns = -1
-            self._admit(mended)
-        self._mending.clear()
+        if self._mending:
+            for mended in self._mending:
+                mended.cut_ns = -1
+                self._admit(mended)
+            self._mending.clear()
 
     def _heal(self, sender: BusNode, end_ns: int) -> None:
         """Count a good frame for all nodes that received it."""
@@ -373,7 +386,7 @@ class DisturbedWire:
         node = self._nodes.get(port.name)
         if node is None:
             node = self._nodes[port.name] = BusNode(
-                port, self._ns(confinement.RECOVERY_SEQUENCE_BITS)
+                port, self._ns(confinement.RECOVERY_SEQUENCE_BITS), self._waiting
             )
         return node
 
@@ -390,4 +403,4 @@ class DisturbedWire:
                 self.events_left_out += 1
 
     def _ns(self, bits: int) -> int:
-        return NS_PER_S * bits // self._bus.bit_rate
+        return self._bits_ns[bits] if bits < TABLE_BITS else NS_PER_S * bits // self._bus.bit_rate

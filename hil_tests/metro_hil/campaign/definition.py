@@ -133,6 +133,7 @@ class Body:
             kind=keys.kind.value,
             command=keys.command,
             mapping=keys.mapping,
+            nodes=keys.nodes,
             lease_s=keys.lease_s,
         )
 

@@ -164,6 +164,7 @@ class PlantKind(Enum):
     SHIPPED = "shipped"
     COMMAND = "command"
     FMU = "fmu"
+    NODES = "nodes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,12 +172,14 @@ class PlantKeys:
     kind: PlantKind = PlantKind.SHIPPED
     command: str = ""
     mapping: str = ""
+    nodes: str = ""
     lease_s: float = PlantSpec().lease_s
 
     def __post_init__(self) -> None:
         in_range(self, "lease_s", *LEASE_RANGE_S)
-        for name, owner in (("command", PlantKind.COMMAND), ("mapping", PlantKind.FMU)):
-            needs_owner(self, name, owner)
+        needs_owner(self, "command", PlantKind.COMMAND)
+        needs_owner(self, "mapping", PlantKind.FMU)
+        needs_owner(self, "nodes", PlantKind.NODES)
 
 
 @dataclass(frozen=True, slots=True)

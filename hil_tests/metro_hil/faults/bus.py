@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from firmware_py.buses.confinement import CRC_BITS, ErrorCounters
-from firmware_py.buses.disturbed import DisturbedWire
+from firmware_py.buses.disturbed import DisturbedWire, Disturber
 from firmware_py.buses.inproc import VirtualBus, VirtualPort
 from firmware_py.ports import CanFrame, CanPort, LinkCounters
 from metro_hil.faults.frames import FrameFaults
@@ -84,14 +84,33 @@ class FaultyPort:
         self._port.close()
 
 
+class SharedWire(DisturbedWire):
+    """A wire that destroys frames of its own choice, and others as `next_disturber` says."""
+
+    next_disturber: Disturber | None = None
+
+    def struck_bit(self, start_ns: int, can_id: int, data: bytes, sender: str) -> int | None:
+        """Return the bit that is destroyed in a starting frame; see `Disturber`."""
+        if self.next_disturber is None:
+            return None
+        return self.next_disturber.struck_bit(start_ns, can_id, data, sender)
+
+
 class BusFaults:
     """Applies each bus fault where it acts; takes over the bus when the first fault needs it."""
 
-    def __init__(self, bus: VirtualBus, vobc: FaultyPort, seed: int) -> None:
+    def __init__(
+        self, bus: VirtualBus, vobc: FaultyPort, seed: int, wire: SharedWire | None = None
+    ) -> None:
+        """Args:
+        wire: what already carries the frames of the bus.
+        """
         self.vobc = vobc
         self._bus = bus
         self._acting = ActingFaults(FaultPlace.BUS, seed)
-        self._wire: DisturbedWire | None = None
+        self._wire: DisturbedWire | None = wire
+        if wire is not None:
+            wire.disturber, wire.next_disturber = wire, self
         self._babblers: dict[int, VirtualPort] = {}
         self._frames_before: dict[int, int] = {}
         """Frames on the bus at the start of an active cut or babbling node, by index of the

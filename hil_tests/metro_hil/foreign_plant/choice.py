@@ -2,15 +2,28 @@
 
 import os
 import sys
-from typing import Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
 
+from can_dbc.nodes import Node
+from firmware_py.buses.inproc import VirtualBus
 from firmware_py.ports import CanPort
+from firmware_py.settings import SettingsError
 from metro_hil.external_controller import ControllerProgram, ControllerStartError, program_of
-from metro_hil.foreign_plant.plant import ForeignPlant, PlantStartError
+from metro_hil.foreign_plant.node_wire import NodeWire
+from metro_hil.foreign_plant.nodes_file import read_nodes
+from metro_hil.foreign_plant.plant import ForeignPlant, PlantDiedError, PlantStartError
 from metro_hil.model.case import ControllerSpec, PlantSpec
 from plant_emulator.consist import Consist
 from plant_emulator.world import STEP_NS, STEP_S, TrainScenario
 from vobc.process.commission import plain
+
+NODES: Final = "nodes"
+"""Kind of a plant that is the shipped one with LS-BUS nodes beside it."""
+PLANT_PORT: Final = "PLANT"
+"""Name of the port at which a foreign plant receives the controller's frames."""
+BENCH_PORTS: Final = (PLANT_PORT, "STRANGER", "BABBLER")
 
 
 def read_plant(text: str) -> PlantSpec:
@@ -20,7 +33,32 @@ def read_plant(text: str) -> PlantSpec:
         return PlantSpec(kind=kind, command=rest)
     if kind == "fmu" and rest:
         return PlantSpec(kind=kind, mapping=rest)
-    raise PlantStartError(f"--plant {text}: `command:WORDS` or `fmu:MAPPING` is needed")
+    if kind == NODES and rest:
+        return PlantSpec(kind=kind, nodes=rest)
+    raise PlantStartError(
+        f"--plant {text}: `command:WORDS`, `fmu:MAPPING` or `nodes:FILE` is needed"
+    )
+
+
+def start_nodes(spec: PlantSpec, bus: VirtualBus, acting: Mapping[int, str]) -> NodeWire:
+    """Start LS-BUS nodes on the bus of a train. Raises SettingsError or PlantStartError.
+
+    Args:
+        acting: see `DisturbedWire`.
+    """
+    nodes = read_nodes(Path(spec.nodes))
+    for name in nodes.hellos:
+        if name in Node.__members__ or name in BENCH_PORTS:
+            raise SettingsError(
+                f"{spec.nodes}: node name {name!r} is one of the bench; choose another"
+            )
+    processes = nodes.start(spec.lease_s)
+    try:
+        return NodeWire(bus, processes, nodes.errors, nodes.filters, acting)
+    except PlantDiedError as error:
+        for each in processes:
+            each.close()
+        raise PlantStartError(str(error)) from error
 
 
 def start_plant(spec: PlantSpec, scenario: TrainScenario, port: CanPort) -> ForeignPlant:

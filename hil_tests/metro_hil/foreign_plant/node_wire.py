@@ -14,9 +14,9 @@ from typing import Final, Protocol
 
 from firmware_py.buses.bus_node import BusNode, Passing
 from firmware_py.buses.confinement import ErrorState
-from firmware_py.buses.disturbed import DisturbedWire, Disturber
 from firmware_py.buses.inproc import VirtualBus
 from firmware_py.buses.timing import frame_bits
+from metro_hil.faults.bus import SharedWire
 from metro_hil.foreign_plant import ls_bus
 from metro_hil.foreign_plant.ls_bus import BusErrorCode, BusOperation, LsBusError, NodeStatus
 from metro_hil.foreign_plant.terminal_node import FAR_NS
@@ -116,7 +116,7 @@ class WireNode:
         return self.state.there and (self._receives is None or can_id in self._receives)
 
 
-class NodeWire(DisturbedWire):
+class NodeWire(SharedWire):
     """Carries the frames of a bus with LS-BUS nodes."""
 
     def __init__(
@@ -133,11 +133,12 @@ class NodeWire(DisturbedWire):
             filters: identifiers that a node receives, by its name; without an entry, all.
             acting: see `DisturbedWire`.
         """
-        super().__init__(bus, self, acting=acting)
-        self.next_disturber: Disturber | None = None
-        """Decides about frames that `errors` spare."""
+        super().__init__(bus, self if errors else None, acting=acting)
         self._errors = errors
         self._retired = False
+        self._discarding = False
+        """Whether any node wants frames discarded that lose arbitration."""
+        self._last_ns = 0
         self._due_ns = FAR_NS
         self._mail: dict[str, bytes] = defaultdict(bytes)
         self.nodes: dict[str, WireNode] = {}
@@ -156,30 +157,32 @@ class NodeWire(DisturbedWire):
         for each in self._errors:
             if each.node == sender and each.from_ns <= start_ns < each.until_ns:
                 return 8 * len(data)
-        if self.next_disturber is None:
-            return None
-        return self.next_disturber.struck_bit(start_ns, can_id, data, sender)
+        return super().struck_bit(start_ns, can_id, data, sender)
 
     def advance(self, now_ns: int) -> None:
         while True:
             passing = self._passing
-            end_ns = FAR_NS if passing is None else passing.end_ns
-            start_ns = self._next_start_ns() if passing is None else None
-            start_ns = FAR_NS if start_ns is None else start_ns
-            at_ns = min(end_ns, start_ns, self._due_ns)
-            if at_ns > now_ns:
-                return
-            if passing is not None and end_ns == at_ns:
-                self._passing = None
-                self._finish(passing)
-                self._deliver(at_ns)
-            elif self._due_ns == at_ns:
-                self._deliver(at_ns)
-            elif at_ns < now_ns:
-                self._begin(at_ns)
-                self._deliver(at_ns)
+            if passing is not None:
+                if passing.end_ns <= self._due_ns:
+                    if passing.end_ns > now_ns:
+                        return
+                    self._passing = None
+                    self._finish(passing)
+                    if self._mail or self._due_ns == passing.end_ns:
+                        self._deliver(passing.end_ns)
+                    continue
             else:
+                start_ns = self._next_start_ns()
+                if start_ns is not None and start_ns < self._due_ns:
+                    if start_ns >= now_ns:
+                        return
+                    self._begin(start_ns)
+                    if self._mail:
+                        self._deliver(start_ns)
+                    continue
+            if self._due_ns > now_ns:
                 return
+            self._deliver(self._due_ns)
 
     def retire(self) -> None:
         """Let no node act from now on; the frames in their mailboxes still leave."""
@@ -188,16 +191,29 @@ class NodeWire(DisturbedWire):
         self._mail.clear()
         self._stack.close()
 
+    def story(self) -> list[tuple[int, str]]:
+        """Changes of error state by instant, and what happened at each node at the last one."""
+        told = [(each.at_ns, f"{each.node} is {each.state.value}") for each in self.events]
+        for name, node in self.nodes.items():
+            tally = node.tally()
+            said = f"node {name}: sent {tally.transmitted}, confirmed {tally.confirmed}"
+            rare = tally.others()
+            told.append((self._last_ns, f"{said}, {rare}" if rare else said))
+        return told
+
     # Hooks of the transmission of one frame.
 
     def _begin(self, start_ns: int) -> None:
-        for each in tuple(self._restarting):
-            self._look_for_recovery(each, start_ns)
-        contenders = [
-            node
-            for node in self._nodes.values()
-            if node.offers and node.ready_ns <= start_ns and node.there
-        ]
+        if self._restarting:
+            for each in tuple(self._restarting):
+                self._look_for_recovery(each, start_ns)
+        if self._discarding and len(self._waiting) > 1:
+            self._discard(start_ns)
+        super()._begin(start_ns)
+
+    def _discard(self, start_ns: int) -> None:
+        """Discard the frames that lose arbitration at this start, of nodes that want it so."""
+        contenders = [node for node in self._waiting if node.ready_ns <= start_ns and node.there]
         winner = min(contenders, key=lambda node: node.offers[0][:3])
         for state in contenders:
             node = self.nodes.get(state.port.name)
@@ -205,7 +221,6 @@ class NodeWire(DisturbedWire):
                 can_id = state.pop()[0]
                 node.counts.lost += 1
                 self._post(node, ls_bus.arbitration_lost(can_id), notice=True)
-        super()._begin(start_ns)
 
     def _finish(self, passing: Passing) -> None:
         super()._finish(passing)
@@ -219,14 +234,13 @@ class NodeWire(DisturbedWire):
                     self._post(node, error, notice=True)
             self._look_at_sender(passing)
             return
-        frame = ls_bus.transmit(can_id, data)
         for node in self.nodes.values():
             if node.state is passing.node:
                 node.counts.confirmed += 1
                 self._post(node, ls_bus.confirm(can_id), notice=True)
             elif node.hears(can_id):
                 node.counts.received += 1
-                self._post(node, frame)
+                self._post(node, ls_bus.transmit(can_id, data))
 
     def _look_at_sender(self, passing: Passing) -> None:
         """Let a node that has just gone bus off start its recovery."""
@@ -262,6 +276,7 @@ class NodeWire(DisturbedWire):
             )
 
     def _visit(self, node: WireNode, at_ns: int, received: bytes) -> None:
+        self._last_ns = at_ns
         window, visits = at_ns // WINDOW_NS, 1
         if node.window[0] == window:
             visits += node.window[1]
@@ -270,8 +285,13 @@ class NodeWire(DisturbedWire):
                 at_ns, f"floods the bus: over {VISITS_MAX} events within a millisecond"
             )
         node.window = window, visits
-        node.process.go(at_ns, received)
-        self._take(node, at_ns)
+        try:
+            node.process.go(at_ns, received)
+            self._take(node, at_ns)
+        except Exception:
+            # The bus may still be asked to advance, when the other devices stop.
+            self.retire()
+            raise
 
     def _take(self, node: WireNode, at_ns: int) -> None:
         """Do what the operations of a node say."""
@@ -300,6 +320,7 @@ class NodeWire(DisturbedWire):
             kind, value = ls_bus.configuration_of(operation)
             if kind == ls_bus.LOST_BEHAVIOUR:
                 node.discards = value == ls_bus.DISCARD
+                self._discarding = any(each.discards for each in self.nodes.values())
             elif kind == ls_bus.BIT_RATE and value != self._bus.bit_rate:
                 raise node.process.died_error(
                     at_ns, f"has another bit rate: {value} bit/s, the bus {self._bus.bit_rate}"

@@ -99,11 +99,14 @@ class PlantSpec(msgspec.Struct, frozen=True, kw_only=True):
     """The plant that answers the controller."""
 
     kind: str = "shipped"
-    """`shipped`, `command` (any program) or `fmu` (a co-simulation FMU)."""
+    """`shipped`, `command` (any program), `fmu` (a co-simulation FMU) or `nodes` (the shipped plant
+    and LS-BUS nodes beside it)."""
     command: str = ""
     """Command line of the program, run without a shell."""
     mapping: str = ""
     """Path of the FMU's mapping file."""
+    nodes: str = ""
+    """Path of the file of LS-BUS nodes."""
     lease_s: float = 5.0
     """Wall time that the program may take for each answer; beyond it, it counts as hanging."""
 
@@ -342,9 +345,9 @@ def fault_text(fault: FaultResult) -> str:
 
 def plant_text(plant: PlantSpec) -> str:
     """Text such as `with plant command ./train`; empty for the shipped plant."""
-    return (
-        "" if plant == PlantSpec() else f"with plant {plant.kind} {plant.command or plant.mapping}"
-    )
+    if plant == PlantSpec():
+        return ""
+    return f"with plant {plant.kind} {plant.command or plant.mapping or plant.nodes}"
 
 
 def subset_text(chosen: int, planned: int) -> str:

@@ -474,10 +474,10 @@ def _number(text: str, low: float, high: float, what: str) -> float:
 
 def _plant(text: str) -> str:
     kind, _, rest = text.partition(":")
-    if text in PLANTS or (kind in ("command", "fmu") and rest):
+    if text in PLANTS or (kind in ("command", "fmu", "nodes") and rest):
         return text
     raise argparse.ArgumentTypeError(
-        f"{text!r} is none of auto, none, command:WORDS and fmu:MAPPING"
+        f"{text!r} is none of auto, none, command:WORDS, fmu:MAPPING and nodes:FILE"
     )
 
 

@@ -18,11 +18,18 @@ from firmware_py.storage.recorder import CandumpWriter, LineLog, RadioLog, Seria
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.tag_reader.recorded_line import RecordedLine
 from metro_hil.external_controller.choice import SHIPPED, ControllerSide
-from metro_hil.faults.bus import BusFaults, FaultyPort
+from metro_hil.faults.bus import COMMANDED, BusFaults, FaultyPort
 from metro_hil.faults.frames import FrameFaults
 from metro_hil.faults.process import BenchDevice, ControllerProcess
 from metro_hil.foreign_plant.checks import received_ids
-from metro_hil.foreign_plant.choice import read_plant, start_plant
+from metro_hil.foreign_plant.choice import (
+    NODES,
+    PLANT_PORT,
+    read_plant,
+    start_nodes,
+    start_plant,
+)
+from metro_hil.foreign_plant.node_wire import NodeWire
 from metro_hil.foreign_plant.plant import ForeignPlant
 from metro_hil.model.case import ControllerSpec, PlantSpec
 from metro_hil.model.end_condition import ARRIVED, DURATION, INTERRUPTED, ArrivalWatch, Ending
@@ -45,8 +52,6 @@ from zenoh_config import keys
 
 BIT_RATE = 250_000
 BUS_NAME = "vcan0"
-PLANT_PORT = "PLANT"
-"""Name of the port at which a foreign plant receives the controller's frames."""
 SHIPPED_PLANT = PlantSpec()
 LIMIT_S = 4.0 * 3600.0
 """Longest run, s; a train that has not arrived by then never will."""
@@ -112,6 +117,8 @@ class Lockstep:
         self.clock = LockstepClock()
         self._stack, self._logs = ExitStack(), list[_Log]()
         self.bus = self._open_bus(self._candump(folder, "bus.log"), taps.frame)
+        self.nodes: NodeWire | None = None
+        """LS-BUS nodes on the bus."""
         self.foreign = self._foreign_plant(plant, scenario)
         radio, (controller_end, reader_end) = InprocRadio(), inproc_line()
         self.plant = PlantDevice(
@@ -154,10 +161,14 @@ class Lockstep:
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
 
     def _foreign_plant(self, plant: PlantSpec, scenario: TrainScenario) -> ForeignPlant | None:
-        """Start the program; if that fails, all logs are closed."""
+        """Start the program or the nodes; if that fails, all logs are closed."""
         if plant.kind == SHIPPED_PLANT.kind:
             return None
         try:
+            if plant.kind == NODES:
+                self.nodes = start_nodes(plant, self.bus, COMMANDED)
+                self._stack.callback(self.nodes.retire)
+                return None
             port = self.bus.port(PLANT_PORT, received_ids())
             foreign = self._stack.enter_context(closing(start_plant(plant, scenario, port)))
         except BaseException:
@@ -187,7 +198,7 @@ class Lockstep:
         if not faulty:
             return port
         between = FaultyPort(port, FrameFaults(seed))
-        self._bus_faults = BusFaults(self.bus, between, seed)
+        self._bus_faults = BusFaults(self.bus, between, seed, self.nodes)
         self._on_fault(FaultPlace.BUS, self._bus_faults.change)
         self._executives.append(Executive([Task("bus faults", BUS_FAULT_MS, between.poll)], 0))
         return between
@@ -239,7 +250,10 @@ class Lockstep:
 
     def bus_story(self) -> Sequence[tuple[int, str]]:
         """Times and texts of what the bus faults did."""
-        return () if self._bus_faults is None else self._bus_faults.story()
+        faults = [] if self._bus_faults is None else self._bus_faults.story()
+        nodes = [] if self.nodes is None else self.nodes.story()
+        # A change of error state is in both stories.
+        return sorted({*faults, *nodes}) if nodes else faults
 
     @property
     def touched(self) -> Counter[int]:
@@ -267,6 +281,8 @@ class Lockstep:
             if self.foreign is not None:
                 self.foreign.stop(now_ns)
                 self.plant.pass_on(self.foreign, now_ns)
+            if self.nodes is not None:
+                self.nodes.retire()
             self.bus.advance(now_ns + NS_PER_S)
         finally:
             self._stack.close()

@@ -30,7 +30,7 @@ def test_a_command_and_a_mapping_file_are_plants() -> None:
 
 @pytest.mark.parametrize("text", ["command:", "fmu:", "ours:x", "train.toml", ""])
 def test_any_other_text_is_refused(text: str) -> None:
-    with pytest.raises(PlantStartError, match="`command:WORDS` or `fmu:MAPPING` is needed"):
+    with pytest.raises(PlantStartError, match="`fmu:MAPPING` or `nodes:FILE` is needed"):
         read_plant(text)
 
 
