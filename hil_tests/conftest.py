@@ -5,6 +5,7 @@ import gc
 import os
 import shutil
 import signal
+import subprocess
 import sysconfig
 from collections.abc import Iterator
 from pathlib import Path
@@ -107,6 +108,16 @@ def rust_compiler() -> str:
 def cpp_compiler() -> str:
     """The C++ compiler. Without it a test is skipped, also in CI."""
     return optional_program("c++")
+
+
+@pytest.fixture(scope="session")
+def firmware_tools() -> None:
+    """Compiler and emulator of a Cortex-M. Without them a test is skipped, also in CI."""
+    optional_program("qemu-system-arm")
+    gcc = optional_program("arm-none-eabi-gcc")
+    found = subprocess.run([gcc, "-print-file-name=libc.a"], capture_output=True, check=True)
+    if b"/" not in found.stdout:
+        pytest.skip(f"{OPTIONAL}there is no newlib for {gcc}")
 
 
 def optional_program(name: str) -> str:

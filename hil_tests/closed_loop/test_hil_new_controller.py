@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,6 +18,9 @@ from metro_hil.cli.hil.new_controller import LANGUAGES
 from metro_hil.external_controller.project import project_files
 from metro_hil.model.case import CaseResult, ControllerSpec, Verdict
 from metro_hil.run.dispatch import run_case
+
+SOME_S = 12.0
+"""Simulated time in which the controller leaves the station, s."""
 
 pytestmark = pytest.mark.usefixtures("c_compiler")
 
@@ -51,29 +55,65 @@ def test_the_controller_in_c_passes(program: Path) -> None:
     assert result.verdict is Verdict.PASS, result.reason
 
 
-def test_the_controllers_in_c_and_python_send_the_same_frames(
-    program: Path, tmp_path: Path
-) -> None:
+@pytest.fixture(scope="module")
+def frames(program: Path) -> str:
+    """Hash of the frames of the first seconds with the controller in C, on its way."""
+    result = smoke(shlex.quote(str(program)), SOME_S)
+
+    assert result.sim_s == SOME_S
+    return result.chain
+
+
+def test_the_controllers_in_c_and_python_send_the_same_frames(frames: str, tmp_path: Path) -> None:
     assert main(["new-controller", str(tmp_path / "mine"), "--lang", "python"]) == 0
 
-    result = smoke(shlex.quote(str(program)), duration_s=12.0)
-    python = smoke(shlex.join((sys.executable, str(tmp_path / "mine/main.py"))), duration_s=12.0)
+    python = smoke(shlex.join((sys.executable, str(tmp_path / "mine/main.py"))), SOME_S)
 
-    assert result.sim_s == 12.0
-    assert python.chain == result.chain
+    assert python.chain == frames
 
 
 def test_the_controllers_in_c_and_rust_send_the_same_frames(
-    program: Path, tmp_path: Path, rust_compiler: str
+    frames: str, tmp_path: Path, rust_compiler: str
 ) -> None:
     assert main(["new-controller", str(tmp_path / "mine"), "--lang", "rust"]) == 0
     source, built = tmp_path / "mine/src/main.rs", tmp_path / "mine/mine"
     flags = ["--edition", "2021", "-D", "warnings"]
     subprocess.run([rust_compiler, *flags, source, "-o", built], check=True)
 
-    result = smoke(shlex.quote(str(program)), duration_s=12.0)
+    assert smoke(shlex.quote(str(built)), SOME_S).chain == frames
 
-    assert smoke(shlex.quote(str(built)), duration_s=12.0).chain == result.chain
+
+@pytest.mark.parametrize("tool", ["arm-none-eabi-gcc", "qemu-system-arm"])
+def test_firmware_says_which_tool_is_missing(tool: str, tmp_path: Path) -> None:
+    assert main(["new-controller", str(tmp_path / "mine"), "--target", "cortex-m"]) == 0
+    (tmp_path / "tools").mkdir()
+    for name in ("make", "sh", "dirname"):
+        (tmp_path / "tools" / name).symlink_to(str(shutil.which(name)))
+    words = ["make", "-C", "mine"] if tool.endswith("gcc") else ["sh", "mine/board.sh"]
+
+    done = subprocess.run(
+        words,
+        cwd=tmp_path,
+        env={"PATH": str(tmp_path / "tools")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert done.returncode in (2, 127)
+    assert tool in done.stderr
+
+
+def test_the_controller_as_firmware_sends_the_same_frames(
+    frames: str, tmp_path: Path, firmware_tools: None
+) -> None:
+    assert main(["new-controller", str(tmp_path / "mine"), "--target", "cortex-m"]) == 0
+    strict = "CFLAGS=-O1 -Wconversion -Werror"
+    subprocess.run(["make", "-s", "-C", tmp_path / "mine", strict], check=True)
+
+    firmware = smoke(shlex.quote(str(tmp_path / "mine/mine")), SOME_S)
+
+    assert firmware.chain == frames
 
 
 def test_the_same_text_is_cpp_without_a_warning(tmp_path: Path, cpp_compiler: str) -> None:
@@ -96,17 +136,22 @@ def test_a_program_without_a_bench_says_who_starts_it(program: Path) -> None:
     assert "hil run smoke --controller" in done.stderr
 
 
-@pytest.mark.parametrize("lang", LANGUAGES)
-def test_no_mark_of_a_template_is_left(lang: str) -> None:
-    for path, text in project_files("mine", lang).items():
+@pytest.mark.parametrize(
+    ("lang", "target"), [*((lang, "host") for lang in LANGUAGES), ("c", "cortex-m")]
+)
+def test_no_mark_of_a_template_is_left(lang: str, target: str) -> None:
+    for path, text in project_files("mine", lang, target).items():
         assert not re.search(r"@\w+@", text), path
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["new-controller", str(tmp_path)]) == 2
     assert main(["new-controller", str(tmp_path / "9lives")]) == 2
+    board = ["--target", "cortex-m", "--lang", "rust"]
+    assert main(["new-controller", str(tmp_path / "mine"), *board]) == 2
 
-    exists, name = capsys.readouterr().err.splitlines()
+    exists, name, lang = capsys.readouterr().err.splitlines()
     assert exists == f"hil: {tmp_path}: exists; name a new folder"
     assert "'9lives' is no name of a program" in name
+    assert lang == "hil: --target cortex-m: needs --lang c, not rust"
     assert not list(tmp_path.iterdir())

@@ -32,14 +32,21 @@ COMPILED: Final[Mapping[str, Language]] = {
     "c": Language("C", "c", "CC"),
     "cpp": Language("C++", "cpp", "CXX"),
 }
+HOST: Final = "host"
+CORTEX_M: Final = "cortex-m"
+BOARD_FILES: Final = ("Makefile", "board.c", "board.ld", "board.sh")
+"""Files of a project in C that runs on a Cortex-M without an operating system."""
+BOARD_TOOLS: Final = """
+      - run: sudo apt-get update
+      - run: sudo apt-get install -y gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"""
 PYTHON: Final = "python"
 PYTHON_FILES: Final = ("controller.py", "main.py", "radio.py", "tags.py")
 RUST: Final = "rust"
 RUST_FILES: Final = ("controller.rs", "lockstep.rs", "main.rs", "radio.rs", "tags.rs")
 
 
-def project_files(name: str, lang: str) -> dict[str, str]:
-    """The text of each file of a project by its path."""
+def project_files(name: str, lang: str, target: str = HOST) -> dict[str, str]:
+    """The text of each file of a project by its path. Only projects in C have other targets."""
     files = {to: _template(source) for source, to in COMMON.items()}
     bound = c_source.shipped_bindings()
     if lang == PYTHON:
@@ -55,6 +62,11 @@ def project_files(name: str, lang: str) -> dict[str, str]:
     else:
         files |= _c_templates(COMPILED[lang].suffix)
         words, wire = _c_words(name, COMPILED[lang]), c_source.wire_files(bound)
+    words["tools"] = ""
+    if target == CORTEX_M:
+        files |= {file: _template(f"cortex_m/{file}") for file in BOARD_FILES}
+        files["README.md"] += _template("cortex_m/README.md")
+        words["tools"] = BOARD_TOOLS
     return {**{path: _filled(text, words) for path, text in files.items()}, **wire}
 
 

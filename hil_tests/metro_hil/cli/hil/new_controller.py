@@ -9,6 +9,7 @@ from metro_hil.model.run_options import EXIT_OK
 
 NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 LANGUAGES: Final = ("c", "cpp", "python", "rust")
+TARGETS: Final = ("host", "cortex-m")
 
 
 def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -22,6 +23,13 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     parser.add_argument("folder", metavar="FOLDER", help="new folder; its name is the program's")
     parser.add_argument(
         "--lang", choices=LANGUAGES, default="c", help="language of the project; default: c"
+    )
+    parser.add_argument(
+        "--target",
+        choices=TARGETS,
+        default="host",
+        help="where the program runs: on this machine, or as firmware on a Cortex-M3 that QEMU "
+        "emulates (with --lang c); default: host",
     )
     parser.set_defaults(run=run)
 
@@ -38,9 +46,11 @@ def run(options: argparse.Namespace) -> int:
             f"{options.folder}: {name!r} is no name of a program; use letters, digits, _ and -, "
             "and begin with a letter"
         )
+    if options.target != "host" and options.lang != "c":
+        raise UsageError(f"--target {options.target}: needs --lang c, not {options.lang}")
     if folder.exists():
         raise UsageError(f"{options.folder}: exists; name a new folder")
-    files = project_files(name, options.lang)
+    files = project_files(name, options.lang, options.target)
     for path, text in files.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_text(text, encoding="utf-8")
