@@ -50,6 +50,10 @@ INPUTS: Final = ("drive_n", "motor_brake_n", "trailer_brake_n", "gradient_permil
 effort, brake forces of motor cars and of trailers, and the mean gradient under the train."""
 
 
+class ForeignPartsError(Exception):
+    """The program ended, hung or broke the protocol during a run; the text says when and how."""
+
+
 class ForeignParts(Protocol):
     """A program that emulates parts of the train in place of the bench."""
 
@@ -77,6 +81,10 @@ class ForeignParts(Protocol):
 
     def take_serial(self) -> list[bytes]:
         """Return the bytes that its tag reader sends after the last step."""
+        ...
+
+    def stop(self) -> None:
+        """Let it send its last output and end."""
         ...
 
 

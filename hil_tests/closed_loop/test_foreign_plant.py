@@ -1,12 +1,17 @@
 """A train in another program, in virtual time: same physics, same bytes, and never a hang."""
 
+import json
 import shlex
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Final
 
 import pytest
 
+from firmware_py.ports import CanFrame, LinkCounters
+from metro_hil.external_controller import ControllerProgram
+from metro_hil.foreign_plant.plant import ForeignPlant
 from metro_hil.model.case import Case, CaseResult, PlantSpec, Setup, Verdict
 from metro_hil.run.case import run_alone
 
@@ -68,6 +73,37 @@ for line in sys.stdin:
                 answer["now_ns"] -= 10_000_000
     print(json.dumps(answer), flush=True)
 """
+
+STILL: Final = """\
+import json, sys
+with open(sys.argv[1], "w") as heard:
+    for line in sys.stdin:
+        heard.write(line)
+        message = json.loads(line)
+        answer = {"type": "ready", "version": 1, "provides": ["motion"]}
+        if message["type"] != "hello":
+            truth = {"front_m": 3000.0, "speed_mps": 0.0, "accel_mps2": 0.0}
+            answer = {"type": "yield", "now_ns": message["now_ns"], "truth": truth}
+        print(json.dumps(answer), flush=True)
+"""
+"""A train that stands, and writes down what it receives."""
+
+
+class Given:
+    """Hands over frames that ended at given instants."""
+
+    def __init__(self, stamps_ns: list[int]) -> None:
+        self._stamps_ns = stamps_ns
+        self.counters = LinkCounters()
+
+    def send(self, now_ns: int, can_id: int, data: bytes) -> None:
+        raise AssertionError("a foreign plant only receives here")
+
+    def close(self) -> None: ...
+
+    def receive(self, now_ns: int) -> list[CanFrame]:
+        taken, self._stamps_ns = self._stamps_ns, []
+        return [CanFrame(stamp_ns, 0x101, b"\x01") for stamp_ns in taken]
 
 
 def ride(plant: PlantSpec, duration_s: float = 8.0) -> CaseResult:
@@ -131,3 +167,23 @@ def test_a_program_that_cannot_be_started_blocks_the_case() -> None:
 
     assert result.verdict is Verdict.BLOCKED
     assert result.reason.startswith("plant: /nowhere/train: cannot be started")
+
+
+def test_the_program_counts_its_own_steps_when_the_plant_is_late(tmp_path: Path) -> None:
+    """In real time the plant's clock begins anywhere, and gives up steps after a long delay."""
+    script, heard = tmp_path / "still.py", tmp_path / "heard"
+    script.write_text(STILL)
+    begin_ns = 7_000_000_003
+    told = {"start_ns": 0, "front_m": 3000.0}
+    program = ControllerProgram((sys.executable, str(script), str(heard)), {})
+    port = Given([begin_ns + 4_000_000, begin_ns + 13_000_000])
+
+    with closing(ForeignPlant(program, told, port=port, lease_s=20.0)) as plant:
+        for late_ns in (0, 30_000_000, 5_000_000_000):
+            plant.step(begin_ns + 10_000_000 + late_ns, {})
+        plant.stop()
+
+    messages = [json.loads(line) for line in heard.read_text().splitlines()]
+    assert [each["now_ns"] // 1_000_000 for each in messages[1:]] == [10, 20, 30, 30]
+    # The second frame ended after the step that received it.
+    assert messages[1]["frames"] == [[4_000_000, 0x101, "01"], [10_000_000, 0x101, "01"]]

@@ -4,7 +4,7 @@ import argparse
 import json
 import sys
 import traceback
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
@@ -15,7 +15,7 @@ from can_dbc.nodes import Node
 from firmware_py import rendezvous
 from firmware_py.arguments import of_file
 from firmware_py.buses import BusError, open_can, parse_spec
-from firmware_py.clock.clock import WallClock
+from firmware_py.clock.clock import Clock, WallClock
 from firmware_py.clock.executive import Executive, Task, run
 from firmware_py.clock.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.interrupts import Interrupts
@@ -35,9 +35,10 @@ from plant_emulator.cli.options import AUTO, ELSEWHERE
 from plant_emulator.cli.words import TrainNotices, say, summarise
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.faults.fault_file import load_faults
-from plant_emulator.faults.fitting import check_fitting
+from plant_emulator.faults.fitting import check_fitting, check_provided
 from plant_emulator.faults.kinds import BENCH_PLACES
 from plant_emulator.faults.plan import FaultPlan
+from plant_emulator.foreign import ForeignParts, ForeignPartsError
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
 from plant_emulator.train_config import PACKAGE, load_train
 from plant_emulator.wire import COMMAND_IDS
@@ -51,8 +52,11 @@ EXIT_ENVIRONMENT: Final = 3
 NS_PER_S: Final = 1_000_000_000
 GARBAGE_MS: Final = 10_000.0
 
+StartForeign = Callable[[TrainScenario, str, Clock, ExitStack], ForeignParts]
+"""Starts the program that emulates parts of the train on a bus; the stack ends it."""
 
-def serve(options: argparse.Namespace) -> int:
+
+def serve(options: argparse.Namespace, start_foreign: StartForeign | None = None) -> int:
     """Run the verb. User errors give one line, never a traceback."""
     try:
         if options.verb == "consists":
@@ -81,11 +85,11 @@ def serve(options: argparse.Namespace) -> int:
         )
         faults = () if options.faults is None else load_faults(options.faults)
         check_fitting(faults, scenario.train, str(options.faults))
-        return _serve(options, scenario, faults)
+        return _serve(options, scenario, faults, start_foreign)
     except SettingsError as error:
         _complain(error)
         return EXIT_USAGE
-    except (BusError, RadioError, SerialError) as error:
+    except (BusError, RadioError, SerialError, ForeignPartsError) as error:
         _complain(error)
         return EXIT_ENVIRONMENT
     except OSError as error:
@@ -117,7 +121,10 @@ def _list_consists() -> int:
 
 
 def _serve(
-    options: argparse.Namespace, scenario: TrainScenario, faults: Sequence[FaultPlan]
+    options: argparse.Namespace,
+    scenario: TrainScenario,
+    faults: Sequence[FaultPlan],
+    start_foreign: StartForeign | None,
 ) -> int:
     if options.parent is not None:
         die_with_parent(options.parent)
@@ -133,7 +140,7 @@ def _serve(
         if out is not None:
             truth = LineLog(out / "truth.csv", TRUTH_COLUMNS)
             stack.callback(truth.close)
-        plant = _device(options, scenario, faults, feed, truth, clock, stack)
+        plant = _device(options, scenario, faults, feed, truth, clock, stack, start_foreign)
         executives = [plant.executive]
         if options.line_radio is not None:
             executives.append(feed_of(options, scenario.line.name, plant.world, clock, stack))
@@ -152,6 +159,9 @@ def _serve(
 
         run(executives, clock, until)
         plant.stop(clock.now_ns())
+        if (foreign := plant.world.foreign) is not None:
+            foreign.stop()
+            plant.pass_on(foreign, clock.now_ns())
         words.say_end()
     if out is not None and truth is not None:
         summary = {**summarise(plant, feed), "lost_log_lines": truth.lost_lines}
@@ -170,12 +180,17 @@ def _device(
     truth: LineLog | None,
     clock: WallClock,
     stack: ExitStack,
+    start_foreign: StartForeign | None,
 ) -> PlantDevice:
     """Open all ports and print what the plant serves. The stack closes the ports."""
     spec = chosen_bus(options.bus)
     refuse_second_plant(spec, clock, desk_elsewhere=scenario.desk_elsewhere)
     can = open_can(spec, clock=clock, node="PLANT", accept_ids=_wanted_ids(scenario))
     stack.callback(can.close)
+    foreign = None
+    if start_foreign is not None:
+        foreign = start_foreign(scenario, spec, clock, stack)
+        check_provided(faults, foreign)
     say(
         f"{scenario.train.name} at {scenario.start.name} on {scenario.line.name}, seed "
         f"{scenario.seed}, authority to {scenario.destination.name}"
@@ -201,6 +216,7 @@ def _device(
         epoch_offset_ns=clock.epoch_offset_ns,
         faults=faults,
         observer=None if feed is None else feed.truth,
+        foreign=foreign,
     )
     if feed is not None:
         plant.schedule.listen(feed.change)

@@ -27,11 +27,13 @@ from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
 from firmware_py.storage.recorder import CandumpWriter
+from metro_hil.foreign_plant.choice import read_plant
+from metro_hil.model.case import PlantSpec, plant_text
 from metro_hil.model.end_condition import INTERRUPTED, Ending
 from metro_hil.model.mission import Journey
 from metro_hil.model.run_folder import DESK_KEYS, DESK_RECORDING, RunFolder
 from metro_hil.model.run_options import BROWSER, EXTERNAL, RunOptions
-from metro_hil.model.subprocesses import Child, ChildError
+from metro_hil.model.subprocesses import Child, ChildError, plant_module
 from metro_hil.realtime.bus_watch import BusWatch
 from metro_hil.realtime.commands import again
 from metro_hil.realtime.line_hints import LineHints
@@ -70,6 +72,7 @@ class RealtimeRun:
         """
         self._options, self._journey, self._folder = options, journey, folder
         self._check_train = check_train
+        self._plant = read_plant(options.plant)
         self._clock = WallClock()
         self._interrupts = Interrupts()
         self._picture = BusPicture(BIT_RATE)
@@ -162,8 +165,9 @@ class RealtimeRun:
             raise BusError(
                 f"{spec}: another VOBC is sending on this bus; two cannot drive one train"
             )
-        foreign = options.plant == "none" or not is_virtual(spec) or bool(heard)
-        if foreign:
+        if self._plant != PlantSpec():
+            self._refuse_plant_on(spec, heard)
+        if options.plant == "none" or not is_virtual(spec) or heard:
             self._display.say(self._plant_text(spec, heard))
             tags = str(folder / "tags") if options.tags == "auto" else options.tags
             radio = options.radio
@@ -174,14 +178,31 @@ class RealtimeRun:
         radio = options.radio
         if radio == "auto" and options.train is None:
             radio = pick_endpoint()
-        self._display.say("plant: none answered within a second; starting the plant emulator")
-        child = Child(
-            "plant", "plant_emulator", self._plant_arguments(spec, radio), self._log("plant")
+        words = plant_text(self._plant)
+        self._display.say(
+            f"plant: none answered within a second; starting the plant emulator {words}".rstrip()
         )
+        module, *first = plant_module(self._plant)
+        arguments = [*first, *self._plant_arguments(spec, radio)]
+        child = Child("plant", module, arguments, self._log("plant"))
         self._adopt(stack, child)
         self._await_plant(tap, child, spec)
         tags = str(folder / "tags") if options.tags == "auto" else options.tags
         return tags, radio, True
+
+    def _refuse_plant_on(self, spec: str, heard: set[Node]) -> None:
+        """Raise BusError if a plant of the user's own cannot be started on this bus."""
+        if heard:
+            names = ", ".join(sorted(node.name for node in heard))
+            raise BusError(
+                f"--plant {self._options.plant}: {names} already send on {spec}; end that train "
+                "first, or leave out --plant"
+            )
+        if not is_virtual(spec):
+            raise BusError(
+                f"--plant {self._options.plant}: {spec} is a physical bus, on which no train is "
+                "emulated; choose a virtual one"
+            )
 
     def _plant_text(self, spec: str, heard: set[Node]) -> str:
         if heard:
@@ -207,7 +228,7 @@ class RealtimeRun:
         until_ns = self._clock.now_ns() + int(PLANT_START_S * NS_PER_S)
         while not self._interrupts.asked:
             if child.ended:
-                raise ChildError(f"the plant emulator ended at its start:\n{child.last_words()}")
+                raise ChildError(f"the plant emulator did not start: {child.failure_words()}")
             if self._listen(tap, 0.1) - {Node.VOBC}:
                 return
             if self._clock.now_ns() > until_ns:

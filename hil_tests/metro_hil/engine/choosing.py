@@ -40,8 +40,6 @@ def choose(
     if controller is not None:
         changes["controller"] = read_controller(controller)
     if plant is not None:
-        if any(case.bench is not BenchKind.LOCKSTEP for case in chosen) or bench not in LOCKSTEP:
-            raise UsageError("--plant: a plant of your own needs the bench lockstep")
         changes["plant"] = plant
     if wires is not None and wires != WireNames():
         if all(case.bench is BenchKind.LOCKSTEP for case in chosen) and bench in LOCKSTEP:

@@ -15,6 +15,7 @@ from metro_hil.foreign_plant.node_wire import NodeWire
 from metro_hil.foreign_plant.nodes_file import read_nodes
 from metro_hil.foreign_plant.plant import ForeignPlant, PlantDiedError, PlantStartError
 from metro_hil.model.case import ControllerSpec, PlantSpec
+from metro_hil.model.run_options import PLANTS
 from plant_emulator.consist import Consist
 from plant_emulator.world import STEP_NS, STEP_S, TrainScenario
 from vobc.process.commission import plain
@@ -28,6 +29,8 @@ BENCH_PORTS: Final = (PLANT_PORT, "STRANGER", "BABBLER")
 
 def read_plant(text: str) -> PlantSpec:
     """Parse the value of `--plant`. Raises PlantStartError."""
+    if text in PLANTS:
+        return PlantSpec()
     kind, _, rest = text.partition(":")
     if kind == "command" and rest:
         return PlantSpec(kind=kind, command=rest)

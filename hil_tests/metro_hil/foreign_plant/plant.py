@@ -13,7 +13,6 @@ from metro_hil.external_controller.link import END_S, ControllerLink, LinkDownEr
 from metro_hil.foreign_plant.checks import LoadCheck, TruthCheck, read_frames, read_hex, read_parts
 from metro_hil.foreign_plant.messages import (
     VERSION,
-    OfBench,
     OfPlant,
     PlantGrant,
     PlantHello,
@@ -24,6 +23,8 @@ from metro_hil.foreign_plant.messages import (
     encode,
     read_plant,
 )
+from plant_emulator.foreign import ForeignPartsError
+from plant_emulator.world import STEP_NS
 
 SERIAL_BYTES_MAX: Final = 1024
 """Maximum length of the tag reader's output in one step; the line carries about 12 bytes in it."""
@@ -33,7 +34,7 @@ class PlantStartError(SettingsError):
     """The case cannot run with this plant; the text says why."""
 
 
-class PlantDiedError(Exception):
+class PlantDiedError(ForeignPartsError):
     """The plant ended, hung or broke the protocol during a run; the text says when and how."""
 
 
@@ -59,6 +60,8 @@ class ForeignPlant:
         self._frames: list[tuple[Node, int, bytes]] = []
         self._serial: list[bytes] = []
         self._died = False
+        self._now_ns: int = told["start_ns"]
+        """Time of the program. In real time it stands while the plant gives up steps."""
         self._load = LoadCheck()
         try:
             self._link = ControllerLink(program, lease_s=lease_s)
@@ -113,30 +116,32 @@ class ForeignPlant:
 
     def step(self, end_ns: int, inputs: Mapping[str, float]) -> Mapping[str, float]:
         """Advance the program to `end_ns` and return its truth. Raises PlantDiedError."""
+        self._now_ns = now_ns = self._now_ns + STEP_NS
         frames = [
-            (frame.stamp_ns, frame.can_id, frame.data.hex())
+            # In real time a step that is made up for may receive what ended after it.
+            (min(now_ns, now_ns - end_ns + frame.stamp_ns), frame.can_id, frame.data.hex())
             for frame in self._port.receive(end_ns)
             if not (frame.extended or frame.remote or frame.error)
         ]
-        answer = self._exchange(end_ns, PlantGrant(end_ns, dict(inputs), frames))
+        answer = self._exchange(PlantGrant(now_ns, dict(inputs), frames))
         try:
             return self._check.checked(answer.truth)
         except GrantProtocolError as error:
-            raise self._died_error(end_ns, f"broke the protocol: {error}") from error
+            raise self._died_error(f"broke the protocol: {error}") from error
 
-    def _exchange(self, now_ns: int, message: OfBench) -> PlantYield:
+    def _exchange(self, message: PlantGrant | PlantStop) -> PlantYield:
         try:
             answer = self._answer(self._link.exchange_bytes(encode(message)))
             if not isinstance(answer, PlantYield):
                 raise LinkDownError("broke the protocol: answers with no yield")
-            if answer.now_ns != now_ns:
+            if answer.now_ns != message.now_ns:
                 at_s = answer.now_ns / NS_PER_S
                 raise LinkDownError(f"broke the protocol: answers the message of {at_s:.3f} s")
             self._take(answer)
         except LinkDownError as error:
-            raise self._died_error(now_ns, str(error)) from error
+            raise self._died_error(str(error)) from error
         except GrantProtocolError as error:
-            raise self._died_error(now_ns, f"broke the protocol: {error}") from error
+            raise self._died_error(f"broke the protocol: {error}") from error
         return answer
 
     def _take(self, answer: PlantReady | PlantYield) -> None:
@@ -154,11 +159,11 @@ class ForeignPlant:
             raise GrantProtocolError(f"serial: over {SERIAL_BYTES_MAX} bytes in one yield")
         return pieces
 
-    def _died_error(self, now_ns: int, words: str) -> PlantDiedError:
+    def _died_error(self, words: str) -> PlantDiedError:
         self._died = True
         self._link.close()
         did, _, how = words.partition(": ")
-        return PlantDiedError(f"plant {did} at t={now_ns / NS_PER_S:.3f} s: {how}")
+        return PlantDiedError(f"plant {did} at t={self._now_ns / NS_PER_S:.3f} s: {how}")
 
     def take_frames(self) -> list[tuple[Node, int, bytes]]:
         taken, self._frames = self._frames, []
@@ -168,10 +173,10 @@ class ForeignPlant:
         taken, self._serial = self._serial, []
         return taken
 
-    def stop(self, now_ns: int) -> None:
+    def stop(self) -> None:
         """Let the program send its last output and end. Raises PlantDiedError."""
         if not self._died:
-            self._exchange(now_ns, PlantStop(now_ns))
+            self._exchange(PlantStop(self._now_ns))
             self._link.close(END_S)
 
     def close(self) -> None:

@@ -260,8 +260,7 @@ def _add_wires(run: argparse.ArgumentParser) -> None:
         default="auto",
         metavar="PLANT",
         help="auto: start the plant emulator when no plant answers on a virtual bus; none: wait; "
-        "with --lockstep command:WORDS or fmu:MAPPING, a program or FMU that emulates parts of the "
-        "train",
+        "command:WORDS or fmu:MAPPING: a program or FMU that emulates parts of the train",
     )
     group.add_argument(
         "--tags", default="auto", metavar="DEVICE", help="tag reader, such as /dev/ttyUSB0"
@@ -361,8 +360,8 @@ def _of_line(options: RunOptions) -> RunOptions:
 def wires_problem(options: RunOptions) -> str:
     """Error text if a wire does not fit --lockstep or its absence; else empty."""
     foreign = options.plant not in PLANTS
-    if foreign and (not options.lockstep or options.trains is not None):
-        return "--plant: a plant of your own needs --lockstep, and a single train"
+    if foreign and options.trains is not None:
+        return "--plant: a plant of your own needs a single train, so leave out --trains"
     wires = {
         "--bus": options.bus,
         "--plant": "auto" if foreign else options.plant,

@@ -8,6 +8,10 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import msgspec
+
+from metro_hil.model.case import PlantSpec
+
 TAIL_LINES = 12
 END_TIMEOUT_S = 5.0
 
@@ -24,6 +28,13 @@ def with_own_python(environment: Mapping[str, str]) -> dict[str, str]:
     """
     folder = str(Path(sys.executable).parent)
     return {**environment, "PATH": os.pathsep.join([folder, environment.get("PATH", os.defpath)])}
+
+
+def plant_module(plant: PlantSpec) -> tuple[str, ...]:
+    """The module that serves a plant in real time, with its first arguments."""
+    if plant.kind == PlantSpec().kind:
+        return ("plant_emulator",)
+    return "metro_hil.foreign_plant.realtime", msgspec.json.encode(plant).decode()
 
 
 class Process:
@@ -76,6 +87,11 @@ class Process:
         if code < 0:
             return f"by {signal.Signals(-code).name}"
         return f"exit code {code}"
+
+    def failure_words(self) -> str:
+        """How the process ended; after a failure with the last line of its output."""
+        lines = self.last_words().splitlines() if (self.returncode or 0) > 0 else []
+        return ": ".join([self.end_words(), *lines[-1:]])
 
     def last_words(self) -> str:
         """The last lines of its output; empty if there was none."""

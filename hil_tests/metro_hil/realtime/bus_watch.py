@@ -98,7 +98,7 @@ class BusWatch:
                 # A restarted controller needs seconds until its first frame.
                 self._controller_heard = False
             elif ended:
-                reason = f"the {ended[0].name} ended by itself ({ended[0].end_words()})"
+                reason = f"the {ended[0].name} ended by itself: {ended[0].failure_words()}"
             elif self._controller_heard and not self._silence.check(now_ns):
                 reason = f"the controller fell silent for {SILENT_NS / NS_PER_S:.0f} s"
             elif self._arrived(arrival, now_ns):

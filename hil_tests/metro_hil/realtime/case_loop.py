@@ -148,7 +148,7 @@ class Conduct:
                 if may_fail and plant.returncode == ENVIRONMENT_EXIT:
                     self._stage.cast.end(plant)
                     return False
-                raise Blocked(f"the plant emulator did not start: {plant.last_words()}")
+                raise Blocked(f"the plant emulator did not start: {plant.failure_words()}")
             if controller is not None and controller.ended_by is not None and not self._killed:
                 raise Blocked(f"the controller did not start: {controller.end_words()}")
             if self._clock.now_ns() > until_ns:
@@ -260,10 +260,7 @@ class Conduct:
         stage = self._stage
         for process in (self._plant, stage.gateway):
             if process is not None and process.ended:
-                raise Blocked(
-                    f"the {process.name} ended by itself ({process.end_words()}): "
-                    f"{process.last_words()}"
-                )
+                raise Blocked(f"the {process.name} ended by itself: {process.failure_words()}")
         for tap in (stage.controller_tap, stage.train_tap):
             if not tap.alive:
                 raise Blocked("the bus is gone: its hub ended, or its interface went down")

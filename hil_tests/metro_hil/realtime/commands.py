@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from metro_hil.model.case import Case, ControllerSpec
-from metro_hil.model.subprocesses import with_own_python
+from metro_hil.model.subprocesses import plant_module, with_own_python
 from metro_hil.realtime.wires import Blocked, RealtimeWires
 
 HOST: Final = "metro_hil.external_controller.realtime"
@@ -164,7 +164,7 @@ def plant_words(
 ) -> list[str]:
     """Return the command that starts the emulated train."""
     setup = case.setup
-    words = [sys.executable, "-m", "plant_emulator", "run", "--bus", bus, "--line", line]
+    words = [sys.executable, "-m", *plant_module(case.plant), "run", "--bus", bus, "--line", line]
     words += ["--consist", consist, "--seed", str(case.seed), "--desk", setup.desk_mode]
     if setup.driver is not None:
         words += ["--driver", setup.driver]

@@ -15,7 +15,7 @@ from firmware_py.clock.clock import Clock
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
 from firmware_py.storage.nvram import Nvram
 from metro_hil.external_controller.choice import memory_of
-from metro_hil.model.case import BenchKind, Case
+from metro_hil.model.case import BenchKind, Case, PlantSpec, plant_text
 from metro_hil.model.case_setup import CaseParts, Files
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.subprocesses import Process
@@ -144,6 +144,8 @@ def _parts(
             f"tags: {wires.tags}: the bench starts both train and controller, so there is no line "
             "between them; leave it out"
         )
+    if case.plant != PlantSpec() and not parts.plant:
+        raise Blocked(f"{plant_text(case.plant)}: a train is on {segments.train} already")
     if (
         case.bench is BenchKind.HARDWARE
         and not parts.controller

@@ -279,7 +279,7 @@ class Lockstep:
         try:
             self.plant.stop(now_ns)
             if self.foreign is not None:
-                self.foreign.stop(now_ns)
+                self.foreign.stop()
                 self.plant.pass_on(self.foreign, now_ns)
             if self.nodes is not None:
                 self.nodes.retire()
@@ -437,7 +437,7 @@ def run_lockstep(
     """
     wall = WallClock()
     scenario = scenario or scenario_of(options)
-    plant = PlantSpec() if options.plant == "auto" else read_plant(options.plant)
+    plant = read_plant(options.plant)
     bench = Lockstep(config_of(options), scenario, journey, folder, plant=plant)
     began_ns = wall.now_ns()
     interrupts = Interrupts()

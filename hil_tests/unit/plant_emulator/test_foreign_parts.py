@@ -46,6 +46,9 @@ class Given:
         taken, self.serial = self.serial, []
         return taken
 
+    def stop(self) -> None:
+        self.stopped = True
+
 
 class Ran:
     """A second of the plant with a foreign program."""

@@ -94,9 +94,9 @@ def _add_wires(parser: argparse.ArgumentParser) -> None:
         "--plant",
         default=AUTO,
         metavar="PLANT",
-        help="who provides the plant: ours or elsewhere, in real time; or in virtual time "
-        "command:WORDS or fmu:MAPPING, a program or FMU that emulates parts of the train, or "
-        "nodes:FILE, LS-BUS nodes on the bus of the train",
+        help="who provides the plant: ours or elsewhere, in real time; or on every bench "
+        "command:WORDS or fmu:MAPPING, a program or FMU that emulates parts of the train; or in "
+        "virtual time nodes:FILE, LS-BUS nodes on the bus of the train",
     )
     group.add_argument(
         "--vobc",

@@ -6,11 +6,11 @@ import pytest
 
 from metro_hil.campaign import CampaignError, plan_cases, read_campaign
 from metro_hil.engine.choosing import choose
-from metro_hil.engine.errors import UsageError
 from metro_hil.foreign_plant.choice import read_plant, table_of
 from metro_hil.foreign_plant.plant import PlantStartError
 from metro_hil.model.case import BenchKind, Case, PlantSpec, Setup, plant_text
 from metro_hil.model.run_options import parse
+from metro_hil.model.subprocesses import plant_module
 from plant_emulator.world import plan_scenario
 
 PROGRAM = PlantSpec(kind="command", command="./train -v")
@@ -41,18 +41,19 @@ def test_the_chosen_plant_replaces_that_of_every_case() -> None:
     assert choose([case()])[0].plant == PlantSpec()
 
 
-def test_a_plant_of_ones_own_needs_virtual_time() -> None:
-    with pytest.raises(UsageError, match="needs the bench lockstep"):
-        choose([case(BenchKind.PROCESSES)], plant=PROGRAM)
-    with pytest.raises(UsageError, match="needs the bench lockstep"):
-        choose([case()], bench="processes", plant=PROGRAM)
+def test_a_plant_of_ones_own_runs_on_every_bench() -> None:
+    (virtual,) = choose([case()], plant=PROGRAM)
+    (real,) = choose([case()], bench="processes", plant=PROGRAM)
+
+    assert (virtual.plant, real.plant) == (PROGRAM, PROGRAM)
+    assert plant_module(PlantSpec()) == ("plant_emulator",)
+    assert plant_module(PROGRAM)[0] == "metro_hil.foreign_plant.realtime"
 
 
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
         (["--plant", "comand:x", "--lockstep"], "none of auto, none, command:WORDS"),
-        (["--plant", "command:x"], "needs --lockstep"),
         (["--plant", "none", "--lockstep"], "not with --lockstep"),
         (["--plant", "fmu:x", "--lockstep", "--trains", "2"], "a single train"),
     ],
