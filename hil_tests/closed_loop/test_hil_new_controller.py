@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Final
 
 import msgspec
 import pytest
@@ -16,11 +17,12 @@ from metro_hil.campaign.read import read_campaign
 from metro_hil.cli.hil import main
 from metro_hil.cli.hil.new_controller import LANGUAGES
 from metro_hil.external_controller.project import project_files
-from metro_hil.model.case import CaseResult, ControllerSpec, Verdict
+from metro_hil.model.case import CaseResult, ConfigTable, ControllerSpec, Verdict
 from metro_hil.run.dispatch import run_case
 
-SOME_S = 12.0
+SOME_S = 9.0
 """Simulated time in which the controller leaves the station, s."""
+LATE: Final[ConfigTable] = {"kind": "frame_delay", "delay_s": 0.06, "jitter_s": 0.04}
 
 pytestmark = pytest.mark.usefixtures("c_compiler")
 
@@ -39,11 +41,13 @@ def program(tmp_path_factory: pytest.TempPathFactory, c_compiler: str) -> Path:
     return made(tmp_path_factory.mktemp("kit") / "mine-c", "c")
 
 
-def smoke(command: str, duration_s: float = 180.0) -> CaseResult:
+def smoke(command: str, *faults: ConfigTable, duration_s: float = 180.0) -> CaseResult:
     """Run the first case of the campaign smoke with this program."""
     case = plan_cases(read_campaign("smoke"))[0]
     case = msgspec.structs.replace(
-        case, setup=msgspec.structs.replace(case.setup, duration_s=duration_s)
+        case,
+        faults=faults,
+        setup=msgspec.structs.replace(case.setup, duration_s=duration_s),
     )
     spec = ControllerSpec(kind="command", command=command)
     return run_case(msgspec.structs.replace(case, controller=spec))
@@ -55,10 +59,25 @@ def test_the_controller_in_c_passes(program: Path) -> None:
     assert result.verdict is Verdict.PASS, result.reason
 
 
+def start(*command: str | Path) -> CaseResult:
+    """Run the first seconds, in which frames are late for some time."""
+    late = {**LATE, "start_s": 5.0, "duration_s": 2.0}
+    return smoke(shlex.join(map(str, command)), late, duration_s=SOME_S)
+
+
+def test_the_reported_place_contains_the_true_one_when_frames_are_late(program: Path) -> None:
+    late = {**LATE, "when": "front_m > 3150"}
+    result = smoke(shlex.quote(str(program)), late, duration_s=26.0)
+
+    judged = {each.name: each for each in result.monitors}
+    assert judged["inv-13-position-interval"].verdict is Verdict.PASS
+    assert [fault.began for fault in result.faults] == [True]
+
+
 @pytest.fixture(scope="module")
 def frames(program: Path) -> str:
-    """Hash of the frames of the first seconds with the controller in C, on its way."""
-    result = smoke(shlex.quote(str(program)), SOME_S)
+    """Hash of the frames of the first seconds with the controller in C, with late frames."""
+    result = start(program)
 
     assert result.sim_s == SOME_S
     return result.chain
@@ -67,9 +86,7 @@ def frames(program: Path) -> str:
 def test_the_controllers_in_c_and_python_send_the_same_frames(frames: str, tmp_path: Path) -> None:
     assert main(["new-controller", str(tmp_path / "mine"), "--lang", "python"]) == 0
 
-    python = smoke(shlex.join((sys.executable, str(tmp_path / "mine/main.py"))), SOME_S)
-
-    assert python.chain == frames
+    assert start(sys.executable, tmp_path / "mine/main.py").chain == frames
 
 
 def test_the_controllers_in_c_and_rust_send_the_same_frames(
@@ -80,7 +97,7 @@ def test_the_controllers_in_c_and_rust_send_the_same_frames(
     flags = ["--edition", "2021", "-D", "warnings"]
     subprocess.run([rust_compiler, *flags, source, "-o", built], check=True)
 
-    assert smoke(shlex.quote(str(built)), SOME_S).chain == frames
+    assert start(built).chain == frames
 
 
 @pytest.mark.parametrize("tool", ["arm-none-eabi-gcc", "qemu-system-arm"])
@@ -111,9 +128,7 @@ def test_the_controller_as_firmware_sends_the_same_frames(
     strict = "CFLAGS=-O1 -Wconversion -Werror"
     subprocess.run(["make", "-s", "-C", tmp_path / "mine", strict], check=True)
 
-    firmware = smoke(shlex.quote(str(tmp_path / "mine/mine")), SOME_S)
-
-    assert firmware.chain == frames
+    assert start(tmp_path / "mine/mine").chain == frames
 
 
 def test_the_same_text_is_cpp_without_a_warning(tmp_path: Path, cpp_compiler: str) -> None:

@@ -18,6 +18,8 @@
 #define ORDERS_NS INT64_C(5000000000)
 #define TRACKING_PER_S 8.0   /* Bandwidth of the speed filter. */
 #define TACHO_S 0.02
+#define STAMP_NS INT64_C(1000200)    /* A step of the odometer's stamp, by its slowest clock. */
+#define SILENT_NS INT64_C(200000000) /* The stamp measures gaps up to this. */
 #define STILL_SAMPLES 25U
 #define DELAY_S 0.4          /* From a demand to the brake, about. */
 #define WINDOW_M 0.3         /* Doors open within this distance of the stopping point. */
@@ -50,9 +52,22 @@ static int32_t steps_between(uint16_t first, uint16_t last)
     return (int32_t)((last - first + 0x18000) & 0xFFFF) - 0x8000;
 }
 
-static void take_tacho(struct controller *self)
+/* A late TACHO is an old sample. The one that came fastest shows how the odometer's clock goes. */
+static void take_stamp(struct controller *self, int64_t at_ns)
+{
+    const uint8_t stamp_ms = (uint8_t)self->in.tacho.stamp_ms;
+    const uint8_t since_ms = (uint8_t)(stamp_ms - self->stamp_ms);
+    const bool measured = self->counted && ((at_ns - self->tacho_ns) < SILENT_NS);
+    const int64_t sampled_ns = self->sampled_ns + ((int64_t)since_ms * STAMP_NS);
+    self->sampled_ns = (measured && (sampled_ns < at_ns)) ? sampled_ns : at_ns;
+    self->stamp_ms = stamp_ms;
+    self->tacho_ns = at_ns;
+}
+
+static void take_tacho(struct controller *self, int64_t at_ns)
 {
     const uint16_t pulses = (uint16_t)self->in.tacho.pulses_a;
+    take_stamp(self, at_ns);
     if (self->counted) {
         const int32_t step = steps_between(self->pulses, pulses);
         const double moved_m = (double)step * self->settings.m_per_pulse;
@@ -88,16 +103,15 @@ static void take_tag(struct controller *self, const struct tags_telegram *telegr
             self->since_tag_m = past_m;
             self->front_m = tag->position_m + self->settings.antenna_m +
                             (past_m * self->scale_ratio);
-            self->bound_m = TAG_BOUND_M + (past_m * BOUND_RATIO);
+            self->bound_m = TAG_BOUND_M + (fabs(past_m) * BOUND_RATIO);
         }
     }
 }
 
-/* Distance that the train may have run since the newest TACHO. */
+/* Distance that the train may have run since the newest sample. */
 static double lag_m(const struct controller *self, int64_t now_ns)
 {
-    const struct wire_receiver *tacho = &self->in.tacho_state;
-    const double age_s = tacho->received ? ((double)(now_ns - tacho->received_ns) / 1e9) : 0.0;
+    const double age_s = self->counted ? ((double)(now_ns - self->sampled_ns) / 1e9) : 0.0;
     return fabs(self->speed_mps) * age_s;
 }
 
@@ -396,7 +410,7 @@ void controller_take_frame(struct controller *self, const struct wire_frame *fra
     case WIRE_ID_TACHO:
         verdict = wire_receive_TACHO(&in->tacho_state, frame, at_ns, &in->tacho);
         if (verdict == WIRE_ACCEPTED) {
-            take_tacho(self);
+            take_tacho(self, at_ns);
         }
         break;
     case WIRE_ID_BRAKE_STATUS:

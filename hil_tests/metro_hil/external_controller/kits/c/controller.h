@@ -86,7 +86,10 @@ struct controller {
 
     /* Odometry */
     bool counted;        /* A first TACHO was received. */
-    uint16_t pulses;     /* Counter of that TACHO. */
+    uint16_t pulses;     /* Counter of the newest TACHO. */
+    uint8_t stamp_ms;    /* Its stamp. */
+    int64_t tacho_ns;    /* Instant at which it was received. */
+    int64_t sampled_ns;  /* Instant at which the odometer read its counter. */
     double front_m;
     double bound_m;      /* The front is within front_m plus and minus this. */
     double lag_m;        /* The front may be this much ahead, as the newest TACHO is old. */

@@ -25,6 +25,10 @@ const SPEED_REACH_MPS: f64 = 0.5;
 /// Bandwidth of the speed filter.
 const TRACKING_PER_S: f64 = 8.0;
 const TACHO_S: f64 = 0.02;
+/// A step of the odometer's stamp, by its slowest clock.
+const STAMP_NS: i64 = 1_000_200;
+/// The stamp measures gaps up to this.
+const SILENT_NS: i64 = 200_000_000;
 const STILL_SAMPLES: u32 = 25;
 const DELAY_S: f64 = 0.4;
 const WINDOW_M: f64 = 0.3;
@@ -89,6 +93,11 @@ pub struct Controller {
     parser: TagParser,
     cycles: u64,
     pulses: Option<u16>,
+    /// Stamp of the newest TACHO, and the instant at which it was received.
+    stamp_ms: u8,
+    tacho_ns: i64,
+    /// Instant at which the odometer read its newest counter.
+    sampled_ns: i64,
     front_m: f64,
     /// The front is within front_m plus and minus this.
     bound_m: f64,
@@ -140,6 +149,9 @@ impl Controller {
             parser: TagParser::default(),
             cycles: 0,
             pulses: None,
+            stamp_ms: 0,
+            tacho_ns: 0,
+            sampled_ns: 0,
             front_m: settings.start_m,
             bound_m: settings.start_bound_m,
             lag_m: 0.0,
@@ -169,6 +181,7 @@ impl Controller {
         let verdict = if frame.id == TACHO::MESSAGE.id {
             let verdict = inputs.tacho.receive(frame, at_ns);
             if verdict == Verdict::Accepted {
+                self.take_stamp(at_ns);
                 self.take_tacho();
             }
             verdict
@@ -186,6 +199,19 @@ impl Controller {
             return; // This controller needs no other frame.
         };
         self.rejected += u32::from(verdict != Verdict::Accepted);
+    }
+
+    /// A late TACHO is an old sample. The one that came fastest shows how the odometer's clock goes.
+    fn take_stamp(&mut self, at_ns: i64) {
+        let stamp_ms = self.inputs.tacho.values.stamp_ms as u8;
+        let mut sampled_ns = at_ns;
+        if self.pulses.is_some() && at_ns - self.tacho_ns < SILENT_NS {
+            let since_ms = stamp_ms.wrapping_sub(self.stamp_ms);
+            sampled_ns = at_ns.min(self.sampled_ns + i64::from(since_ms) * STAMP_NS);
+        }
+        self.sampled_ns = sampled_ns;
+        self.stamp_ms = stamp_ms;
+        self.tacho_ns = at_ns;
     }
 
     fn take_tacho(&mut self) {
@@ -223,7 +249,7 @@ impl Controller {
             self.last_tag_m = Some(*place_m);
             self.since_tag_m = past_m;
             self.front_m = place_m + self.settings.antenna_m + past_m * self.scale_ratio;
-            self.bound_m = TAG_BOUND_M + past_m * BOUND_RATIO;
+            self.bound_m = TAG_BOUND_M + past_m.abs() * BOUND_RATIO;
         }
     }
 
@@ -489,7 +515,8 @@ impl Controller {
 
     /// Decide, once a cycle. Return the frames to send now.
     pub fn cycle(&mut self, now_ns: i64) -> Vec<CanFrame> {
-        let age_s = self.inputs.tacho.received_ns.map_or(0.0, |at| (now_ns - at) as f64 / 1e9);
+        let age_ns = self.pulses.map_or(0, |_| now_ns - self.sampled_ns);
+        let age_s = age_ns as f64 / 1e9;
         self.lag_m = self.speed_mps.abs() * age_s;
         let fresh = self.supervise(now_ns);
         self.operate(fresh);
