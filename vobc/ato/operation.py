@@ -50,6 +50,10 @@ JOG_SPREAD_M: Final = 0.15
 HELP_WAITS_S: Final = 30.0
 """Time without progress after which the train calls for help. It stands at or off a stop without
 opening doors, or does not move under way."""
+HOLD_SOONER_MPS: Final = 0.012
+"""Excess over the usual speed at which the holding brake is applied while traction still pulls."""
+PULL_PATIENCE_S: Final = 1.0
+"""Greatest time for which traction waits for the holding brake after an uphill stop."""
 JOG_MOVED_MPS: Final = 0.05
 JOG_PATIENCE_S: Final = 12.0
 """Time after which a jog that has not moved the train ends. It counts as an attempt."""
@@ -82,6 +86,7 @@ class Ato:
         self._asked_open_s = 0.0
         self._hold = True
         self._held_s = 0.0
+        self._pull_s = 0.0
         self._released_s = config.station.release_s
         self._doors_wanted = False
         self._dt_s = 0.0
@@ -384,9 +389,16 @@ class Ato:
         speed_mps = self._strategy.speed_mps
         if self.phase in (AtoPhase.JOGGING, AtoPhase.CREEPING):
             speed_mps = abs(inputs.speed_mps)
-        slow = speed_mps <= work.hold_speed_mps + uphill_mps2 * work.hold_lead_s
-        if slow and drive.accel_mps2 <= 0.0:
+        early_mps = HOLD_SOONER_MPS if drive.pulls else uphill_mps2 * work.hold_lead_s
+        slow = speed_mps <= work.hold_speed_mps + early_mps
+        if slow and (drive.accel_mps2 <= 0.0 or drive.pulls):
             self._hold = True
+
+    def _pulls_into_hold(self, inputs: AtoInput, drive: Drive) -> bool:
+        """Traction at the end of an uphill stop stays until the holding brake is applied."""
+        waits = drive.pulls and not inputs.holding_applied
+        self._pull_s = self._pull_s + inputs.dt_s if waits else 0.0
+        return waits and self._pull_s < PULL_PATIENCE_S
 
     def _shape(self, inputs: AtoInput, drive: Drive) -> float:
         wanted_mps2 = drive.accel_mps2
@@ -394,7 +406,9 @@ class Ato:
         sets_off = self.phase in SETTING_OFF and wanted_mps2 >= 0.0
         if self._hold and not (sets_off or self.phase is AtoPhase.DEPARTING):
             wanted_mps2 = min(wanted_mps2, 0.0)
-            if not (inputs.holding_applied and inputs.standstill):
+            if self._pulls_into_hold(inputs, drive):
+                wanted_mps2 = self._sent_mps2
+            elif not (inputs.holding_applied and inputs.standstill):
                 wanted_mps2 = -self._config.station.hold_decel_mps2
         # A traction notch that dwells would delay the start of braking.
         coming_off = drive.braking and self._sent_mps2 >= 0.0

@@ -26,6 +26,8 @@ class Drive:
     reference_mps: float
     braking: bool
     """The train brakes towards the target, with nothing else before the stop."""
+    pulls: bool = False
+    """Uphill gravity brakes, and traction leads the train into its stop."""
 
 
 class Strategy(Protocol):

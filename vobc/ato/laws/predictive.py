@@ -48,6 +48,17 @@ KEPT_ON_S: Final = 3.0
 """A brake application that ends this shortly before the stop is held until the stop."""
 RELEASE_LAGS: Final = 2.0
 """Number of lags after the longest dead time until a brake released by another source is off."""
+BRAKE_AGAIN_MPS2: Final = 0.12
+"""Deceleration that is lacking at the end of an uphill stop, from which the brake is applied again.
+"""
+PULL_CORRECTION_RATIO: Final = 4.0
+"""Gain of the correction by traction. It acts sooner than the brake, so it may correct later."""
+PULL_LEAD_S: Final = 0.05
+"""Time by which traction leads its lag, for the cycle that passes before it acts."""
+PULL_GENTLY_MPS: Final = 0.3
+MOST_GENTLE_SHARE: Final = 1.1
+"""Speed below which a late train no longer decelerates more than this, relative to the curve. A
+stronger end would be felt as a jolt, and gains a centimetre or two."""
 LOOK_AHEAD_RATIO: Final = 1.3
 """Range of the search for lower limits, relative to the braking distance."""
 
@@ -71,6 +82,7 @@ class Predictive:
         "_peak_mps",
         "_pid",
         "_planned_for",
+        "_pulls",
         "_rail",
         "_rejoin_m",
         "_release_s",
@@ -101,6 +113,8 @@ class Predictive:
         self._peak_mps = 0.0
         self._rejoin_m = REJOIN_M
         self._braking = False
+        self._pulls = False
+        """Gravity alone brakes at the end of an uphill stop, and traction takes from it."""
         self._slowing_to = -1
         self._front = SmoothFront()
         self._ceiling = CeilingOutlook()
@@ -142,7 +156,7 @@ class Predictive:
         self.speed_mps = 0.0
 
     def set_off(self, inputs: vocabulary.AtoInput, demand_mps2: float) -> None:
-        self._braking = False
+        self._braking = self._pulls = False
         self._slowing_to = -1
         self._planned_for = None
         self._model.meet(inputs.speed_mps)
@@ -161,6 +175,8 @@ class Predictive:
         self._plan(self._front.front_m, target, limit_mps)
         ahead = self._model.ahead_of_brake(self._front.front_m, self._gravity_mps2)
         ceiling_mps = self._ceiling.in_mps(self._model.dead_time_s)
+        if self._pulls and self._braking:
+            return self._pull_to_stop(ahead, target)
         self._note_stop_braking(ahead, target_m)
         slowing = self._note_slowing(ahead, self._front.front_m)
         if not self._braking and slowing is None:
@@ -173,7 +189,10 @@ class Predictive:
         over_mps = ahead.speed_mps - ceiling_mps
         if over_mps > 0.0:
             decel_mps2 += OVER_CEILING_PER_S * over_mps
-        demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead)
+        demand_mps2 = self._brake_demand_mps2(decel_mps2, ahead, target)
+        if demand_mps2 == 0.0 and not self._pulls:
+            self._model.renew_disturbance()
+        self._pulls = demand_mps2 == 0.0
         # The ramp starts from the demand last sent, so that the brake comes on as gently as
         # planned.
         onset_mps2 = self._config.braking.onset_jerk_mps3 * inputs.dt_s
@@ -316,10 +335,9 @@ class Predictive:
         """
         point = curve.at_speed(ahead.speed_mps)
         left_m = end_m - ahead.front_m - self._gap_m(curve, ahead, end_m)
-        spare_m = left_m - point.distance_m
-        room_m = max(LEAST_SPEED_MPS, ahead.speed_mps) * max(LEAST_TIME_TO_GO_S, point.time_to_go_s)
-        share_ratio = 1.0 - self._config.braking.correction_ratio * spare_m / room_m
-        share_ratio = min(MOST_SHARE, max(LEAST_SHARE, share_ratio))
+        share_ratio = self._share_ratio(
+            point, ahead, left_m, gain=self._config.braking.correction_ratio, most_ratio=MOST_SHARE
+        )
         led_mps2 = point.decel_mps2 - self._model.build_up_s(ahead.speed_mps) * point.ease_mps3
         decel_mps2 = max(0.0, led_mps2) * share_ratio
         if curve.end_mps == 0.0 and ahead.speed_mps > STEADY_FROM_MPS:
@@ -328,6 +346,20 @@ class Predictive:
             steady_mps2 = ahead.speed_mps**2 / (2.0 * max(LEAST_LEFT_M, left_m))
             decel_mps2 = max(decel_mps2, steady_mps2)
         return decel_mps2
+
+    @staticmethod
+    def _share_ratio(
+        point: profile.CurvePoint,
+        ahead: PredictedState,
+        left_m: float,
+        *,
+        gain: float,
+        most_ratio: float,
+    ) -> float:
+        """Deceleration that corrects the distance to spare, relative to the curve's."""
+        room_m = max(LEAST_SPEED_MPS, ahead.speed_mps) * max(LEAST_TIME_TO_GO_S, point.time_to_go_s)
+        share_ratio = 1.0 - gain * (left_m - point.distance_m) / room_m
+        return min(most_ratio, max(LEAST_SHARE, share_ratio))
 
     def _gap_m(
         self, curve: profile.ReferenceBrakingCurve, ahead: PredictedState, end_m: float
@@ -344,14 +376,51 @@ class Predictive:
             return 0.0
         return self._model.gap_m(ahead.speed_mps, brake_mps2) * brake_mps2 / decel_mps2
 
-    def _brake_demand_mps2(self, decel_mps2: float, ahead: PredictedState) -> float:
-        """Brake demand after gradient and resistance. The brake is never released."""
-        config, model = self._config, self._model
+    def _brake_demand_mps2(self, decel_mps2: float, ahead: PredictedState, target: Target) -> float:
+        """Brake demand after gradient and resistance.
+
+        The brake is never released, except uphill before a stop where gravity alone is enough.
+        """
+        asked_mps2 = decel_mps2 - self._rolling_mps2(ahead)
+        asked_mps2 /= 1.0 + self._model.gain_at(ahead.speed_mps)
+        return -max(self._least_brake_mps2(ahead, target), asked_mps2)
+
+    def _rolling_mps2(self, ahead: PredictedState) -> float:
+        """Deceleration of the train there without traction and brake."""
+        config = self._config
         gravity_mps2 = gradient.decel_at_mps2(config, self._line, ahead.front_m)
         gravity_mps2 += gradient.resistance_mps2(config, ahead.speed_mps)
-        asked_mps2 = decel_mps2 - (gravity_mps2 - model.disturbance_mps2)
-        asked_mps2 /= 1.0 + model.gain_at(ahead.speed_mps)
-        return -max(config.braking.least_decel_mps2, asked_mps2)
+        return gravity_mps2 - self._model.disturbance_mps2
+
+    def _least_brake_mps2(self, ahead: PredictedState, target: Target) -> float:
+        """Least brake demand. Uphill it is less, once gravity alone brakes like the curve."""
+        least_mps2 = self._config.braking.least_decel_mps2
+        if self._by_notches or not (self._braking and target.at_station):
+            return least_mps2
+        if self._curve.at_speed(ahead.speed_mps).decel_mps2 > self._rolling_mps2(ahead):
+            return least_mps2
+        gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, ahead.front_m)
+        return max(0.0, least_mps2 - max(0.0, gravity_mps2))
+
+    def _pull_to_stop(self, ahead: PredictedState, target: Target) -> Drive:
+        """Drive the end of an uphill stop by traction, which answers sooner than the brake."""
+        lacking_mps2 = self._follow_mps2(self._curve, ahead, target.at_m)
+        self._pulls = lacking_mps2 - self._rolling_mps2(ahead) < BRAKE_AGAIN_MPS2
+        near, left_mps2 = self._model.ahead_of_traction(self._front.front_m, self._gravity_mps2)
+        point = self._curve.at_speed(near.speed_mps)
+        share_ratio = self._share_ratio(
+            point,
+            near,
+            target.at_m - near.front_m,
+            gain=PULL_CORRECTION_RATIO,
+            most_ratio=MOST_SHARE if near.speed_mps > PULL_GENTLY_MPS else MOST_GENTLE_SHARE,
+        )
+        build_up_s = self._config.traction.lag_s + PULL_LEAD_S
+        decel_mps2 = max(0.0, point.decel_mps2 - build_up_s * point.ease_mps3) * share_ratio
+        demand_mps2 = self._rolling_mps2(near) + left_mps2 - decel_mps2
+        demand_mps2 = min(self._config.limits.accel_mps2, max(0.0, demand_mps2))
+        reference_mps = self._reference_mps(self._front.front_m, target.at_m, None)
+        return Drive(demand_mps2, reference_mps, braking=True, pulls=True)
 
     # Cruising.
 

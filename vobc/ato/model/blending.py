@@ -107,6 +107,9 @@ class Handover:
         self.under_way = True
         self._bank.begin(motion)
 
+    def renew_disturbance(self) -> None:
+        self._bank.renew_disturbance()
+
     def _agree(self) -> None:
         bank = self._bank
         self.air_s = bank.mean(self._belief.air_delays_s)

@@ -34,6 +34,11 @@ class ModelBank:
         for each in self._filters:
             each.copy(motion)
 
+    def renew_disturbance(self) -> None:
+        """Let every filter learn the disturbance quickly again."""
+        for each in self._filters:
+            each.renew_disturbance()
+
     def costs(self, most: float) -> list[float]:
         """Excess cost of each hypothesis over the best one, at most `most`.
 

@@ -96,6 +96,11 @@ class MotionFilter:
         self._dd, self._dg, self._dh = other._dd, other._dg, other._dh
         self._gg, self._gh, self._hh = other._gg, other._gh, other._hh
 
+    def renew_disturbance(self) -> None:
+        """Learn the disturbance quickly again, because the brake no longer hides it."""
+        self._vd = self._dg = self._dh = 0.0
+        self._dd = DISTURBANCE_SIGMA_MPS2**2
+
     def renew_gain(self) -> None:
         """Begin a new application. The estimates of a faulty brake are discarded."""
         if abs(self.gain_ratio) >= GAIN_REFUSED_RATIO:

@@ -168,6 +168,12 @@ class TrainModel:
         """Reset the motion of a standing train. Demands under way stay."""
         self.meet(0.0)
 
+    def renew_disturbance(self) -> None:
+        """The brake is released for the end of a stop: learn quickly what else acts."""
+        self._motion.renew_disturbance()
+        self._bank.renew_disturbance()
+        self._handover.renew_disturbance()
+
     def meet(self, speed_mps: float) -> None:
         """Accept the measured speed, for example when taking over a moving train."""
         self._motion.start(speed_mps)
@@ -355,24 +361,59 @@ class TrainModel:
 
         Traction is assumed to be off.
         """
-        dt_s = self._dt_s
-        keep_ratio = math.exp(-dt_s / self.lag_s)
-        unit_mps2, asked_mps2 = self.brake_mps2, max(0.0, -self._demand_mps2)
-        units_mps2: list[float] = []
         horizon_s = self.dead_time_s
-        for step in range(math.ceil((horizon_s + self._handover.air_s) / dt_s) + 1):
-            age_s = self._found_s - (step + 1) * dt_s
-            mean_mps2 = asked_mps2
-            if age_s >= 0.0:
-                mean_mps2 = self._brake.mean(self._brake.tap(age_s))
-            mean_mps2 += self._remains.after(step * dt_s)
-            after_mps2 = mean_mps2 + (unit_mps2 - mean_mps2) * keep_ratio
-            units_mps2.append((unit_mps2 + after_mps2) / 2.0)
-            unit_mps2 = after_mps2
+        cycles = math.ceil((horizon_s + self._handover.air_s) / self._dt_s) + 1
+        units_mps2 = self._units_mps2(cycles)
         travel_m, speed_mps = self._handover.walk(
             self._motion, units_mps2, steady_mps2=steady_mps2, reach_s=horizon_s
         )
         return PredictedState(front_m + travel_m, speed_mps)
+
+    def _units_mps2(self, cycles: int) -> list[float]:
+        """Mean output of the brake unit in each coming cycle. The present demand stays."""
+        dt_s = self._dt_s
+        keep_ratio = math.exp(-dt_s / self.lag_s)
+        unit_mps2, asked_mps2 = self.brake_mps2, max(0.0, -self._demand_mps2)
+        units_mps2: list[float] = []
+        for cycle in range(cycles):
+            age_s = self._found_s - (cycle + 1) * dt_s
+            mean_mps2 = asked_mps2
+            if age_s >= 0.0:
+                mean_mps2 = self._brake.mean(self._brake.tap(age_s))
+            mean_mps2 += self._remains.after(cycle * dt_s)
+            after_mps2 = mean_mps2 + (unit_mps2 - mean_mps2) * keep_ratio
+            units_mps2.append((unit_mps2 + after_mps2) / 2.0)
+            unit_mps2 = after_mps2
+        return units_mps2
+
+    def ahead_of_traction(
+        self, front_m: float, gravity_mps2: float
+    ) -> tuple[PredictedState, float]:
+        """Predicted state when a traction demand given now begins to act.
+
+        The second result is the deceleration by the brake that is left when that demand has built
+        up.
+        """
+        belief, dt_s = self._traction_belief, self._dt_s
+        horizon_s = belief.dead_time_s
+        steady_mps2 = self.disturbance_mps2 - gravity_mps2
+        gained_mps, travel_m = self._traction_response(horizon_s)
+        speed_mps = self.speed_mps + gained_mps + steady_mps2 * horizon_s
+        travel_m += (self.speed_mps + steady_mps2 * horizon_s / 2.0) * horizon_s
+        left_mps2 = 0.0
+        if self._active:
+            gain = 1.0 + self.gain_at(self.speed_mps)
+            cycles = max(1, math.ceil((horizon_s + belief.lag_s) / dt_s))
+            units_mps2 = self._units_mps2(cycles)
+            left_mps2 = gain * units_mps2[-1]
+            for cycle, unit_mps2 in enumerate(units_mps2):
+                left_s = horizon_s - cycle * dt_s
+                if left_s <= 0.0:
+                    break
+                share_s = min(dt_s, left_s)
+                speed_mps -= gain * unit_mps2 * share_s
+                travel_m -= gain * unit_mps2 * share_s * (left_s - share_s / 2.0)
+        return PredictedState(front_m + travel_m, max(0.0, speed_mps)), left_mps2
 
     def ahead_of_traction_mps(self, gravity_mps2: float) -> float:
         """Speed when a traction demand given now begins to act. The brake is assumed to stay."""

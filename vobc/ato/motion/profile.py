@@ -126,12 +126,15 @@ def curve_to_stop(
 ) -> ReferenceBrakingCurve:
     """Braking curve to a stop.
 
-    Uphill the last step is larger, so that the brake can ease as on the level.
+    Uphill traction carries the train through the last metres, so the last step is that of level
+    track. Notches of traction are too coarse for this: the last step then is larger by the
+    gradient.
     """
     shape = late_shape(config.braking) if late_friction else config.braking
     steady_mps2 = steady_decel_mps2(config, line, at_m, gain_ratio)
-    uphill_mps2 = max(0.0, gradient.decel_at_mps2(config, line, at_m))
-    final_mps2 = shape.final_decel_mps2 + uphill_mps2
+    final_mps2 = shape.final_decel_mps2
+    if config.output.stage == "notches":
+        final_mps2 += max(0.0, gradient.decel_at_mps2(config, line, at_m))
     return stopping_curve(shape, steady_mps2=steady_mps2, final_mps2=final_mps2)
 
 
