@@ -13,6 +13,7 @@ EXPLORE_ARGS ?=
 BREAK_ARGS ?=
 PYTHON ?=
 DOCUMENTS ?=
+WHEEL_ARGS ?=
 
 # Container images often disable bytecode. Without it each of the hundreds of programs that the tests
 # start would compile all of its sources.
@@ -23,6 +24,7 @@ BIN := $(VENV)/bin
 READY_TO_RUN := $(VENV)/.ready-to-run
 READY_TO_TEST := $(VENV)/.ready-to-test
 READY_TO_SITE := $(VENV)/.ready-to-site
+READY_FOR_WHEELS := $(VENV)/.ready-for-wheels
 # A relative name: the variables below split at blanks, which the path of a checkout may contain.
 CONSTRAINTS := constraints.txt
 # Only environment variables pass the constraints to pip's own build environment: the first up to pip
@@ -34,7 +36,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity clean distclean
+.PHONY: help setup run test check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity wheels clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
@@ -183,6 +185,10 @@ compiled: $(READY_TO_TEST) ## compile controller, train and simulator now and no
 	$(BIN)/python -m metro_tools.compiled --part simulator --wait
 	$(BIN)/python -m hil_tests.simulator_copy
 
+wheels: $(READY_FOR_WHEELS) ## build compiled wheels for Linux on x86-64 and arm64 in dist/, and try the one for this machine; WHEEL_ARGS=...
+	$(BIN)/python -m metro_tools.wheels $(WHEEL_ARGS)
+	$(BIN)/python -m hil_tests.wheel_trial "$$(ls -t dist/*_$$(uname -m).whl | head -1)"
+
 clean: ## remove caches and build results; runs/ and .venv stay
 	rm -rf build dist site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +
@@ -199,6 +205,11 @@ $(READY_TO_TEST): pyproject.toml $(CONSTRAINTS) | $(BIN)/python
 	@echo "setting up $(VENV) for development (once; may take a minute)"
 	@$(PIP) -e '.[dev]'
 	@touch $(READY_TO_RUN) $@
+
+$(READY_FOR_WHEELS): pyproject.toml $(CONSTRAINTS) $(READY_TO_TEST)
+	@echo "setting up $(VENV) for building wheels (once; downloads a C compiler of 100 MB)"
+	@$(PIP) -e '.[dev,wheels]'
+	@touch $@
 
 # The library that draws charts is no Python package; its tarball is checked against a pinned hash.
 $(READY_TO_SITE): pyproject.toml $(CONSTRAINTS) $(READY_TO_TEST)

@@ -14,7 +14,6 @@ import os
 import shutil
 import subprocess
 import sys
-import sysconfig
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -22,8 +21,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from firmware_py.assertions import require_assertions
-from firmware_py.native.build import compiler
+from firmware_py.native.build import Target, compiler, here
 from metro_hil.model.native_copy import (
+    LIBRARY,
     Part,
     build_lock,
     copies_folder,
@@ -197,10 +197,10 @@ takes 0.3 GB of memory."""
 UNTYPED: Final = "--ignore-missing-imports"
 """Option for mypy: libraries without types are not an error."""
 GENERATE: Final = """\
-import json, os, sys
+import json, sys
 from mypyc.build import mypycify
-with open(os.devnull, "w") as sys.stdout:
-    made = mypycify({modules!r}, opt_level="1", debug_level="0", multi_file=True)
+sys.stdout = sys.stderr
+made = mypycify({modules!r}, opt_level="1", debug_level="0", multi_file=True)
 found = [[each.name, each.sources, each.include_dirs] for each in made]
 print(json.dumps(found), file=sys.__stdout__)
 """
@@ -274,21 +274,28 @@ def build(part: Part, *, wait: bool) -> int:
         copies = copies_folder()
         remove_unused(copies)
         with tempfile.TemporaryDirectory(dir=copies, prefix=PART) as place:
-            library = Path(place) / "lib"
-            skip = shutil.ignore_patterns("__pycache__", "*.so")
-            for name, folder in folders.items():
-                shutil.copytree(folder, library / name, ignore=skip)
-            key = sources_key({name: library / name for name in folders}, part)
+            library = Path(place) / LIBRARY
+            key = sources_key(copy_sources(folders, library), part)
+            command = compiler()
+            assert command is not None, "programs ask for the tools before they start a build"
             try:
-                compile_into(library, part)
+                compile_into(library, part, here(command))
             except CompileError as error:
                 failure_file(key).write_text(f"{error}\n", encoding="utf-8")
                 raise
             # Else each program would compile the other modules again where it may not write.
             compileall.compile_dir(library, quiet=2, stripdir=place, prependdir=copies / key)
             (copies / key).mkdir(exist_ok=True)
-            library.rename(copies / key / "lib")
+            library.rename(copies / key / LIBRARY)
     return 0
+
+
+def copy_sources(folders: Mapping[str, Path], library: Path) -> dict[str, Path]:
+    """Copy packages into a folder, and return the folder of each."""
+    skip = shutil.ignore_patterns("__pycache__", "*.so")
+    for name, folder in folders.items():
+        shutil.copytree(folder, library / name, ignore=skip)
+    return {name: library / name for name in folders}
 
 
 def remove_unused(copies: Path) -> None:
@@ -298,14 +305,14 @@ def remove_unused(copies: Path) -> None:
     now_s = (copies / "lock").stat().st_mtime
     for path in copies.glob(f"{PART}*"):
         shutil.rmtree(path, ignore_errors=True)
-    entered_s = {path.parent: path.stat().st_mtime for path in copies.glob("*/lib")}
+    entered_s = {path.parent: path.stat().st_mtime for path in copies.glob(f"*/{LIBRARY}")}
     for path in sorted(entered_s, key=lambda each: -entered_s[each])[KEPT:]:
         if now_s - entered_s[path] > UNUSED_S:
             shutil.rmtree(path, ignore_errors=True)
 
 
-def compile_into(library: Path, part: Part) -> None:
-    """Compile the hot modules of the copy."""
+def compile_into(library: Path, part: Part, target: Target) -> None:
+    """Compile the hot modules of the copy. Raises CompileError."""
     folders = {path.name: path for path in library.iterdir()}
     modules = hot_modules(folders, MODULES[part])
     sources = {name: (library / name).read_bytes() for name in modules}
@@ -325,7 +332,7 @@ def compile_into(library: Path, part: Part) -> None:
     for name, source in sources.items():
         (library / name).write_bytes(source)
     quick = {name.removesuffix(".py") for name in hot_modules(folders, QUICK)}
-    _compile(library, made, quick)
+    _compile(library, made, quick, target)
     shutil.rmtree(library / "build")
 
 
@@ -353,10 +360,9 @@ def _reason(program: str, words: str) -> str:
     return "\n".join([f"{program} failed:", *faults[-8:]])
 
 
-def _compile(library: Path, made: Generated, quick: set[str]) -> None:
+def _compile(library: Path, made: Generated, quick: set[str], target: Target) -> None:
     """Compile the C code on all cores, and link one library for all modules."""
     folder = library / "build"
-    suffix = sysconfig.get_config_var("EXT_SUFFIX") or ".so"
     commands: list[list[str]] = []
     for level, sources in units(made.sources, quick):
         unit = folder / f"unit{len(commands)}.c"
@@ -367,19 +373,24 @@ def _compile(library: Path, made: Generated, quick: set[str]) -> None:
         file = folder / f"start{number}.c"
         text = [START_ONE.format(**start_words(made.library, name)) for name in modules]
         file.write_text(START + "".join(text), encoding="utf-8")
-        shared = library / f"{made.library}_{number}{suffix}"
+        shared = library / f"{made.library}_{number}{target.suffix}"
         commands.append(["-O1", "-shared", str(file), "-o", str(shared)])
         starts.append((shared, modules))
-    includes = [sysconfig.get_path("include"), *made.includes, str(folder)]
+    includes = [target.headers, *made.includes, str(folder)]
     flags = [*FLAGS, *(f"-I{path}" for path in includes)]
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        for _ in pool.map(lambda words: _run_compiler(library, [*flags, *words]), commands):
+        for _ in pool.map(
+            lambda words: _run_compiler(library, [*target.command, *flags, *words]), commands
+        ):
             pass
     objects = [words[-1] for words in commands if "-shared" not in words]
-    _run_compiler(library, ["-shared", *objects, "-o", f"{made.library}{suffix}", "-lm"])
+    _run_compiler(
+        library,
+        [*target.command, "-shared", *objects, "-o", f"{made.library}{target.suffix}", "-lm"],
+    )
     for shared, modules in starts:
         for name in modules:
-            place = library / (name.replace(".", "/") + suffix)
+            place = library / (name.replace(".", "/") + target.suffix)
             place.symlink_to(os.path.relpath(shared, place.parent))
 
 
@@ -429,11 +440,9 @@ def start_words(library: str, name: str) -> dict[str, str]:
     }
 
 
-def _run_compiler(library: Path, words: Sequence[str]) -> None:
-    command = compiler()
-    assert command is not None, "programs ask for the tools before they start a build"
+def _run_compiler(library: Path, command: Sequence[str]) -> None:
     done = subprocess.run(  # noqa: S603 - a compiler and generated sources
-        [*command, *words], cwd=library, capture_output=True, text=True, check=False
+        command, cwd=library, capture_output=True, text=True, check=False
     )
     if done.returncode != 0:
         raise CompileError(_reason(command[0], done.stderr))

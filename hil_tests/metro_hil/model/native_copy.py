@@ -12,7 +12,6 @@ import fcntl
 import hashlib
 import importlib.util
 import os
-import platform
 import subprocess
 import sys
 import sysconfig
@@ -21,7 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from firmware_py.native.build import cache_folder, compiler
+from firmware_py.native.build import Target, cache_folder, compiler, here, shipped_folder
 
 SWITCH: Final = "VOBC_NATIVE"
 PACKAGES: Final = (
@@ -30,7 +29,9 @@ PACKAGES: Final = (
 )
 BUILT: Final = (".so", ".pyc")
 FOLDER: Final = "copies"
-FORMAT: Final = b"2"
+LIBRARY: Final = "lib"
+"""Folder of the packages in a copy."""
+FORMAT: Final = b"3"
 """Changes when the same sources are compiled in another way."""
 EXIT_USAGE: Final = 2
 ENTER: Final = "import sys; from metro_hil.cli.entry import {name}; sys.exit({name}())"
@@ -81,11 +82,14 @@ def copies_folder() -> Path:
     return folder
 
 
-def sources_key(folders: Mapping[str, Path], part: Part) -> str:
-    """Return the name of the copy for these sources, this part of them, and this Python."""
+def sources_key(folders: Mapping[str, Path], part: Part, target: Target | None = None) -> str:
+    """Return the name of the copy for these sources, this part of them, and this Python.
+
+    Extension modules fit every Python of the same minor version, so its other numbers do not count.
+    """
+    target = target or here()
     digest = hashlib.sha256(FORMAT + part.value.encode())
-    python = (sys.version, sysconfig.get_config_var("EXT_SUFFIX"), platform.machine())
-    digest.update(repr(python).encode())
+    digest.update(repr((sys.implementation.cache_tag, target.suffix, target.machine)).encode())
     for name, folder in sorted(folders.items()):
         for path in _files(folder):
             digest.update(f"{name}/{path.relative_to(folder)}\0".encode())
@@ -101,8 +105,12 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def ready_copy(part: Part = Part.TRAIN) -> Path | None:
     """Return the packages of the copy that fits the sources; None until it is built."""
+    key = sources_key(package_folders(), part)
+    shipped = shipped_folder()
+    if shipped is not None and (shipped / FOLDER / key / LIBRARY).is_dir():
+        return shipped / FOLDER / key / LIBRARY
     try:
-        library = copies_folder() / sources_key(package_folders(), part) / "lib"
+        library = copies_folder() / key / LIBRARY
         if not library.is_dir():
             return None
         os.utime(library)

@@ -363,8 +363,8 @@ class ProtocolNodes:
         self.track: TrueTrack | None = None
         self.true_ns: Callable[[], int] = lambda: 0
         self.move: Callable[[list[tuple[int, bool]]], None] = lambda moved: None
-        self.answered: Callable[[int, Sequence[Any], Sequence[QueuedMessage]], None] = lambda *_: (
-            None
+        self.answered: Callable[[int, Sequence[Any], Sequence[QueuedMessage]], None] = (
+            lambda area, read, answers: None
         )
         """Receives what an arbiter read and what it sends in answer."""
         self.arbiters: dict[int, Arbiter] | None = None

@@ -37,6 +37,19 @@ def test_a_library_is_built_once_for_each_content(calls: Path) -> None:
     assert [path.name for path in first.parent.iterdir() if path.is_dir()] == []
 
 
+def test_a_compiled_wheel_brings_its_libraries(
+    calls: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shipped = calls.parent / "metro_native"
+    (shipped / "libraries").mkdir(parents=True)
+    monkeypatch.setattr(build, "shipped_folder", lambda: shipped)
+    name = build.library_name("tiny", SOURCES, build.FLAGS, ".so", build.here().machine)
+    (shipped / "libraries" / name).write_text("shipped\n")
+
+    assert build.library("tiny", SOURCES).read_text() == "shipped\n"
+    assert build.library("tiny", {"tiny.c": b"int other;\n"}).read_text() == "built\n"
+
+
 def test_a_failing_compiler_is_named_with_its_first_error(calls: Path) -> None:
     compiler = calls.parent / "tools" / "cc"
     compiler.write_text("#!/bin/sh\necho 'tiny.c:1: error: no such type' >&2; exit 1\n")

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from firmware_py.native.build import Target, here
 from metro_hil.cli.vobc import main
 from metro_hil.model import native_copy
 from metro_hil.model.native_copy import (
@@ -42,7 +43,7 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def marked(library: Path, part: Part) -> None:
+def marked(library: Path, part: Part, target: Target) -> None:
     (library / "metro_hil" / "one.so").write_text(part.value)
 
 
@@ -86,6 +87,29 @@ def test_the_copy_has_the_same_key_as_its_sources(sources: Path) -> None:
 
     assert library is not None
     assert library.parent.name == sources_key({"metro_hil": library / "metro_hil"}, Part.TRAIN)
+
+
+def test_a_compiled_wheel_brings_the_copy_and_needs_no_cache(
+    sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(native_copy, "shipped_folder", lambda: tmp_path / "shipped")
+    key = sources_key({"metro_hil": sources}, Part.TRAIN)
+    shipped = tmp_path / "shipped" / "copies" / key / "lib"
+    shipped.mkdir(parents=True)
+    monkeypatch.setattr(native_copy, "missing_tools", lambda: "no C compiler")
+
+    assert native_copy.prepare("vobc") == shipped
+    assert not (tmp_path / "cache").exists()
+    (sources / "one.py").write_text("ONE = 2\n")
+    assert native_copy.prepare("vobc") is None
+
+
+def test_the_key_holds_for_one_machine_and_one_minor_version_of_python(sources: Path) -> None:
+    folders = {"metro_hil": sources}
+    arm = here()._replace(machine="aarch64")
+
+    assert sources_key(folders, Part.TRAIN, here()) == sources_key(folders, Part.TRAIN)
+    assert sources_key(folders, Part.TRAIN, arm) != sources_key(folders, Part.TRAIN)
 
 
 def test_the_first_run_starts_one_build_and_says_so_once(
@@ -151,11 +175,11 @@ def test_of_two_builds_at_once_one_compiles_and_the_waiting_one_finds_its_copy(
     calls: list[Part] = []
     begun, go_on = threading.Event(), threading.Event()
 
-    def slow(library: Path, part: Part) -> None:
+    def slow(library: Path, part: Part, target: Target) -> None:
         calls.append(part)
         begun.set()
         assert go_on.wait(30.0)
-        marked(library, part)
+        marked(library, part, target)
 
     monkeypatch.setattr(compiled, "compile_into", slow)
     first = threading.Thread(target=build, args=(Part.TRAIN,), kwargs={"wait": False})
@@ -176,7 +200,7 @@ def test_of_two_builds_at_once_one_compiles_and_the_waiting_one_finds_its_copy(
 def test_a_failed_build_is_not_tried_again_before_the_sources_change(
     sources: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def failing(library: Path, part: Part) -> None:
+    def failing(library: Path, part: Part, target: Target) -> None:
         raise CompileError("mypyc failed")
 
     found = started(monkeypatch)
@@ -302,7 +326,7 @@ def test_a_failed_step_of_the_build_names_the_program_and_its_error(
 ) -> None:
     (tmp_path / "bad.c").write_text("int x = ;\n")
     with pytest.raises(CompileError, match=r"(?s)failed:.*bad.c:1.*error"):
-        compiled._run_compiler(tmp_path, ["-c", "bad.c", "-o", "bad.o"])
+        compiled._run_compiler(tmp_path, [c_compiler, "-c", "bad.c", "-o", "bad.o"])
 
     monkeypatch.setattr(compiled, "GENERATE", "raise SystemExit({modules!r})")
     with pytest.raises(CompileError, match=r"mypyc failed:\n\['vobc/one.py'\]"):
