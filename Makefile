@@ -2,6 +2,7 @@
 
 RUN_ARGS ?= --line florence --from II --to III
 PYTEST_ARGS ?=
+QUICK_ARGS ?=
 # Two workers mostly wait for real clocks, so their number is two more than the processors.
 PYTEST_WORKERS ?= 4
 BENCH_ARGS ?=
@@ -36,7 +37,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity wheels clean distclean
+.PHONY: help setup run test test-quick check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity wheels clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
@@ -58,6 +59,9 @@ run: $(READY_TO_RUN) ## bring up a bus and run from one station to the next; RUN
 
 test: $(READY_TO_TEST) ## run all tests; PYTEST_ARGS="-k name"
 	VOBC_NATIVE=$${VOBC_NATIVE:-on} $(BIN)/python -m pytest -n $(PYTEST_WORKERS) $(PYTEST_ARGS)
+
+test-quick: $(READY_TO_TEST) ## run for a minute the tests that your changes can affect; QUICK_ARGS="--since HEAD~1"
+	@$(BIN)/python -m metro_tools.quick_tests $(QUICK_ARGS) -- $(PYTEST_ARGS)
 
 test-kernels: $(READY_TO_TEST) ## run the guest's tests on each of its three kernels; PYTEST_ARGS="-k name"
 	@for kernel in stock newer qemu; do \

@@ -2,11 +2,13 @@
 tests."""
 
 import gc
+import math
 import os
 import shutil
 import signal
 import subprocess
 import sysconfig
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -20,6 +22,7 @@ from hil_tests.guest_rig import Guest
 from metro_hil.model.gc_tuning import collect_rarely
 from metro_hil.model.native_copy import prepare
 from metro_tools.browser import NAMES, Browser, browser_path
+from metro_tools.quick_tests import seconds_of_files
 
 os.environ.setdefault("VOBC_NATIVE", "wire")
 
@@ -43,6 +46,10 @@ COMPUTING: Final = frozenset(
 """Test modules that start processes but do not wait for a real clock."""
 ON_ITS_OWN: Final = frozenset({"test_documents"})
 """Runs commands by the real clock for minutes, beside the other tests by the clock."""
+USES_COPY: Final = frozenset({"test_compiled_copy", "test_documents"})
+"""Test modules that are faster, or wait less, when the compiled copy is ready."""
+AFTER_COPY_S: Final = 40.0
+"""These modules begin after all files that take longer, s. By then the copy is ready."""
 ENERGY: Final = frozenset({"test_green_command", "test_green_line", "test_power_network"})
 """Test modules that let numba compile the same functions. One worker compiles them once."""
 REALTIME: Final = "real_time"
@@ -141,18 +148,34 @@ class ByFile(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of
     """
 
     def _split_scope(self, nodeid: str) -> str:
-        file = nodeid.split("::", 1)[0]
-        path = Path(file)
-        if path.stem in ENERGY:
-            return "energy"
-        return REALTIME if is_realtime(path) and path.stem not in ON_ITS_OWN else file
+        return scope_of(nodeid.split("::", 1)[0])
+
+
+def scope_of(file: str) -> str:
+    """Return what all tests of one worker's share have in common: their file or their kind."""
+    path = Path(file)
+    if path.stem in ENERGY:
+        return "energy"
+    return REALTIME if is_realtime(path) and path.stem not in ON_ITS_OWN else file
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFile:
-    # Keep the order of the folders: files with few but long tests come first, not last.
+    # Keep the order of the collection, which begins with the longest files.
     config.option.loadscopereorder = False
     return ByFile(config, log)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin the longest files first, so that the workers end at about the same time."""
+    known_s = seconds_of_files(ROOT)
+    scopes = {file: scope_of(file) for file in {item.nodeid.split("::", 1)[0] for item in items}}
+    took_s: defaultdict[str, float] = defaultdict(float)
+    for file, scope in scopes.items():
+        late = Path(file).stem in USES_COPY
+        took_s[scope] += min(known_s.get(file, 0.0), AFTER_COPY_S if late else math.inf)
+    items.sort(key=lambda item: -took_s[scopes[item.nodeid.split("::", 1)[0]]])
 
 
 @pytest.hookimpl(trylast=True)
