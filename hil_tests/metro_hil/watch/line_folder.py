@@ -7,6 +7,7 @@ from typing import Any, Final
 import msgspec
 
 from canlog.damage import LogError
+from canlog.views.place import doubts_of
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
@@ -61,7 +62,11 @@ def serve_line_folder(
         raise LogError(f"{folder / CONFIG}: {error}") from error
     return LineServer(
         LineView(areas, key),
-        FolderSource(folder, clock, real_time=config.bench == PROCESSES),
+        FolderSource(
+            *(folder, clock),
+            real_time=config.bench == PROCESSES,
+            doubt=" ".join(doubts_of(folder)),
+        ),
         head_of(line, areas),
         command_line=_command_line(config) if commands else None,
         listen=host,

@@ -104,11 +104,13 @@ class FolderSource:
 
     connected = True
 
-    def __init__(self, folder: Path, clock: LineClock, *, real_time: bool) -> None:
+    def __init__(self, folder: Path, clock: LineClock, *, real_time: bool, doubt: str = "") -> None:
         """Args:
         real_time: whether messages that do not come grow old by the clock, as a silent train's do.
+        doubt: why a finished run may be shown differently from what it was.
         """
-        self._folder, self._clock, self._real_time = folder, clock, real_time
+        self._folder, self._clock = folder, clock
+        self._real_time, self._doubt = real_time, doubt
         self._log, self._story = Tail(folder / LINE_LOG), Tail(folder / STORY)
         self._waiting: deque[RadioMessage] = deque()
         self._notes: deque[tuple[float, str]] = deque()
@@ -182,9 +184,10 @@ class FolderSource:
     def _remark(self) -> str:
         """Return what is wrong with the files; empty if nothing is."""
         if self._damaged:
-            return f"{self._log.path}: {self._damaged} damaged lines are left out."
+            lines = f"{self._log.path}: {self._damaged} damaged lines are left out."
+            return f"{lines} {self._doubt}".rstrip()
         if self.results.text:
-            return ""
+            return self._doubt
         if self._log.gone:
             return f"{self._log.path} is gone; the page shows what it had read."
         last_ns = self._log.changed_ns()

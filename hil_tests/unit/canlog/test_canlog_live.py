@@ -4,6 +4,7 @@ import asyncio
 import json
 import struct
 from collections.abc import Iterator, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 from urllib.error import HTTPError, URLError
@@ -23,6 +24,7 @@ from canlog.live.feeds import BusFeed, FolderFeed, News
 from canlog.live.page import serve_folder
 from canlog.live.server import QUEUE_MESSAGES, LiveServer, Viewer
 from canlog.live.stream import History
+from canlog.views.place import doubts_of
 from firmware_py.ports import CanFrame, LinkCounters
 from hil_tests import serving_rig
 from hil_tests.unit.canlog import canlog_rig as rig
@@ -373,3 +375,24 @@ def test_a_watched_run_prints_its_page_and_ends_it_without_a_terminal(
     address = said.splitlines()[0].removeprefix("page: ")
     with pytest.raises(URLError, match="refused"):
         urlopen(address)  # noqa: S310
+
+
+@pytest.mark.parametrize(
+    ("text", "doubt"),
+    [
+        (None, None),
+        ("[versions]\nmetro-vobc-bench = '{version}'", None),
+        ("[versions]\nmetro-vobc-bench = '0.1.0'", "Version 0.1.0 wrote this run, and this is"),
+        ("[versions]\n", "run.toml does not say which version wrote this run."),
+        ("[versions", "run.toml cannot be read, so line and train are unknown: Expected"),
+    ],
+)
+def test_a_run_of_another_version_is_shown_with_a_warning(
+    tmp_path: Path, text: str | None, doubt: str | None
+) -> None:
+    if text is not None:
+        (tmp_path / "run.toml").write_text(text.format(version=version("metro-vobc-bench")))
+
+    found = doubts_of(tmp_path)
+
+    assert [each.startswith(str(doubt)) for each in found] == [True] * (doubt is not None)

@@ -14,7 +14,7 @@ from canlog.views.extremes import kept
 from canlog.views.facts import message_head, statistics, verdict_codes, verdict_names
 from canlog.views.happenings import event_head, happenings
 from canlog.views.packed import NOT_DATA, KeyGroup, Ordered, PackedBytes, add_frames, ordered
-from canlog.views.place import journey_of
+from canlog.views.place import doubts_of, journey_of
 from canlog.views.span import date_text, zero_of
 from canlog.views.traces import SignalTrace, find_names, trace_names, trace_of
 
@@ -55,7 +55,7 @@ def page_data(log: Log, title: str, words: Sequence[str], *, with_frames: bool) 
         "panels": panels,
         "messages": _messages(log, in_order.groups, activity),
         "events": [event_head(each, zero_ns) for each in happenings(log)],
-        "warnings": [str(each) for each in log.warnings],
+        "warnings": [*map(str, log.warnings), *(doubts_of(log.run.folder) if log.run else ())],
         "inOrder": in_order.order is None,
         "stats": statistics(log),
         "verdicts": verdict_names(),

@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,6 +33,7 @@ CURVES: Final = (
 )
 """Role of each curve, and its possible traces; the first available one is taken."""
 RUN_CONFIG: Final = "run.toml"
+PACKAGE: Final = "metro-vobc-bench"
 
 
 Pieces = tuple[tuple[float, float, float], ...]
@@ -149,6 +151,26 @@ def _authority(log: Log, known: set[str]) -> SignalTrace | None:
         if there.any():
             return SignalTrace("authority", "m", ahead.at_ns[there], end_m[there])
     return None
+
+
+def doubts_of(folder: Path) -> list[str]:
+    """Return why a page may show a run differently from what it was; none if all is well."""
+    path = folder / RUN_CONFIG
+    try:
+        told = tomllib.loads(path.read_text(encoding="utf-8"))
+        wrote, reads = str(told["versions"][PACKAGE]), metadata.version(PACKAGE)
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError) as error:
+        return [f"{path.name} cannot be read, so line and train are unknown: {error}"]
+    except (KeyError, TypeError, metadata.PackageNotFoundError):
+        return [f"{path.name} does not say which version wrote this run."]
+    if wrote == reads:
+        return []
+    return [
+        f"Version {wrote} wrote this run, and this is version {reads}: messages that changed since"
+        " then are not decoded as they were sent."
+    ]
 
 
 def line_of(folder: Path) -> LineFacts:
