@@ -119,8 +119,8 @@ class LineServer(TokenServer):
         for now_ns, messages, notes in self._source.steps():
             self._now_ns = now_ns
             self._view.on_message(messages, now_ns)
-            for text in notes:
-                self._note("run", text)
+            for at_s, text in notes:
+                self._note("run", text, at_s)
             if now_ns - self._looked_ns >= LOOK_NS:
                 self._look(now_ns)
                 looked = True
@@ -170,8 +170,9 @@ class LineServer(TokenServer):
     def _shown_s(self) -> float:
         return self._source.shown_s(self._now_ns)
 
-    def _note(self, kind: str, text: str) -> None:
-        event = {"at": self._shown_s(), "kind": kind, "text": text}
+    def _note(self, kind: str, text: str, at_s: float | None = None) -> None:
+        """Add an event that happened now or at an instant of the past."""
+        event = {"at": self._shown_s() if at_s is None else at_s, "kind": kind, "text": text}
         self._events.append(event)
         self._news.append(event)
 

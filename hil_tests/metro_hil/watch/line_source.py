@@ -24,8 +24,8 @@ class Step(NamedTuple):
 
     now_ns: int
     messages: Sequence[RadioMessage] = ()
-    notes: Sequence[str] = ()
-    """Lines of the event log of a run."""
+    notes: Sequence[tuple[float, str]] = ()
+    """Lines of the event log of a run, with their seconds."""
 
 
 class Results(NamedTuple):
@@ -175,10 +175,10 @@ class FolderSource:
             self._now_ns = max(self._now_ns, self._last_ns + passed_ns)
         return Step(self._now_ns, (), self._due(float("inf")))
 
-    def _due(self, until_s: float) -> list[str]:
+    def _due(self, until_s: float) -> list[tuple[float, str]]:
         found = []
         while self._notes and self._notes[0][0] <= until_s:
-            found.append(self._notes.popleft()[1])
+            found.append(self._notes.popleft())
         return found
 
     def _remark(self) -> str:

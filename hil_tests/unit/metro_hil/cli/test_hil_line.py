@@ -114,7 +114,7 @@ def test_a_watched_run_has_its_page_from_its_first_message_on(
     monkeypatch.setattr("metro_hil.watch.companion.WatchPage", Page)
     assert main(["line", *FLORENCE, "--for", "2.5", "--out", str(run), "--watch"]) == 0
 
-    notes = [text for step in shown[0] for text in step["notes"]]
+    notes = [text for step in shown[0] for _, text in step["notes"]]
     printed = capsys.readouterr().out
     assert printed.startswith("page: here\n")
     assert notes

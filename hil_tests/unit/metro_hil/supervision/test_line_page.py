@@ -5,6 +5,7 @@ import dataclasses
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -27,6 +28,7 @@ from hil_tests.unit.metro_hil.supervision.test_line_supervision import (
 from metro_hil.cli.vobc import main as vobc
 from metro_hil.supervision.command import parser
 from metro_hil.supervision.view import LineView
+from metro_hil.watch.line_folder import serve_line_folder
 from metro_hil.watch.line_picture import changes, head_of, picture_of
 from metro_hil.watch.line_server import COMMANDS, LineServer, PageCommand
 from metro_hil.watch.line_source import FolderSource, RadioSource
@@ -252,8 +254,8 @@ def test_a_run_is_read_in_steps_with_its_events_at_their_time(tmp_path: Path) ->
     clock.at_ns = 11_000 * MS
     assert list(source.steps())[-1].messages == ()
 
-    assert first == [(0.05, 2, ["first"]), (0.3, 1, ["second"])]
-    assert second == [(2.3, ["third"])]
+    assert first == [(0.05, 2, [(0.02, "first")]), (0.3, 1, [(0.3, "second")])]
+    assert second == [(2.3, [(9.0, "third")])]
     assert source.remark.startswith("The run wrote nothing for 10 s and left no results.json")
     assert source.results.text == ""
 
@@ -357,4 +359,35 @@ def test_a_browser_shows_the_line_and_asks_before_it_sends(browser: Browser) -> 
     assert bars == 2
     assert asked == "vobc switch-master --area 1 --to T5"
     assert [json.loads(text) for text in sent] == [{"verb": "switch-master", "area": 1, "train": 5}]
+    assert not browser.log
+
+
+def test_a_browser_shows_the_report_of_a_run(browser: Browser, tmp_path: Path) -> None:
+    line_log(tmp_path, 5.0, 70.0)
+    (tmp_path / "run.toml").write_text(
+        'bench = "lockstep"\n[options]\nline = "loop"\n[line]\n'
+        f'[versions]\nmetro-vobc-bench = "{version("metro-vobc-bench")}"\n'
+    )
+    (tmp_path / "story.txt").write_text("   61.00 s  the controller of train 2 dies\n")
+    measured = {"least_gap_m": 7.5, "latency_p50_ms": 15.0, "latency_p99_ms": None}
+    brakes = {"oldest_ms": 585.0, "service_brakes": 1, "struck": True, "emergencies": []}
+    stops = [{"station": "S7", "error_m": -0.02}]
+    train = {"train": 2, **measured, **brakes, "stops": stops}
+    told = {"verdict": "passed", "exit_reason": "duration over", "trains": [train]}
+    (tmp_path / "results.json").write_text(json.dumps(told))
+    with served(serve_line_folder(tmp_path, host="127.0.0.1")) as address:
+        browser.open(address)
+        browser.wait("document.querySelector('#results tbody tr')")
+        width = sized(browser, 320)
+        summary, results = browser.text("#told"), browser.text("#results tbody tr")
+        events = browser.text("#events")
+        sized(browser, 1440)
+
+    assert width == 320
+    assert summary == "0 trains · 1:05 · The run has ended: passed, duration over · report"
+    assert results.split("\t")[1:] == [
+        *("7.5", "15", "–", "585", "1"),
+        *("struck by a fault", "S7 -0.02 m"),
+    ]
+    assert "1:01the controller of train 2 dies" in events
     assert not browser.log
