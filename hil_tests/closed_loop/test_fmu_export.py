@@ -13,6 +13,7 @@ from lxml import etree
 
 from can_dbc.brake import BrakeCommand
 from can_dbc.codec import Encoder
+from firmware_py.buses.confinement import RECOVERY_BITS
 from firmware_py.clock.clock import LockstepClock
 from firmware_py.clock.executive import run
 from firmware_py.handed_ports import HandedPorts
@@ -20,10 +21,11 @@ from metro_hil.cli.hil import main
 from metro_hil.external_controller.choice import memory_of
 from metro_hil.fmi_export.descriptions import ABOUT, manifest, terminals
 from metro_hil.fmi_export.export import write_fmu
+from metro_hil.foreign_plant import ls_bus
 from metro_hil.foreign_plant.fmu import Fmu, FmuError
-from metro_hil.foreign_plant.ls_bus import transmit
+from metro_hil.foreign_plant.ls_bus import BusErrorCode
 from metro_hil.foreign_plant.plant_terminal import PlantTerminal
-from metro_hil.foreign_plant.terminal_node import members_of
+from metro_hil.foreign_plant.terminal_node import TerminalNode, members_of, notify
 from metro_hil.model.case import Case, PlantSpec, Setup
 from metro_hil.model.case_setup import parts_of
 from metro_hil.run.lockstep import Lockstep, Taps
@@ -31,6 +33,9 @@ from vobc.process import Commission
 
 SCHEMA: Final = Path(fmpy.__file__).parent / "schema" / "fmi3"
 SETUP: Final = Setup(start="II", end="III")
+MS: Final = 1_000_000
+CONFIGURED: Final = bytes.fromhex("400000000d0000000190d00300400000000a0000000401")
+STATUS: Final = {number: b"\x41\0\0\0\x09\0\0\0" + bytes([number]) for number in (1, 2, 3)}
 ECHO: Final = """\
 import json, sys
 how = sys.argv[1]
@@ -206,24 +211,80 @@ def test_a_program_behind_the_fmu_sends_and_receives_at_its_wakeups(
     assert radio == b'["a/b", "01"]'
 
 
-def test_an_operation_that_is_none_gives_a_format_error_at_the_next_tick(
+def test_an_operation_that_is_none_gives_a_format_error_at_once(
     tmp_path: Path, start: Start
 ) -> None:
     node = start(echo(tmp_path, "echo"))
     wrong = [
         b"\x10\x00\x00\x00",
         b"\x10\x00\x00\x00\x00\x00\x00\x00",
-        transmit(0x10, b"\x01")[:-1],
-        transmit(0x800, b""),
+        ls_bus.transmit(0x10, b"\x01")[:-1],
+        ls_bus.transmit(0x800, b""),
         b"\x99\x00\x00\x00\x08\x00\x00\x00",
         b"\x11\x00\x00\x00\x11\x00\x00\x00" + bytes(9),
+        ls_bus.confirm(1)[:8],
     ]
-    for count, operation in enumerate(wrong, 1):
+    for operation in wrong:
         node.go(node.now_ns, operation)
-        node.advance(count * 20_000_000, [])
 
-        assert node.refused == count
-        assert node.frames == [(7, b""), (0x123, b"\x00\xff")]
+        assert node.sent == ls_bus.format_error(operation)
+    assert node.due_ns == 20 * MS
+
+
+def test_a_node_ignores_what_is_for_the_bus_or_wakes_nodes(tmp_path: Path, start: Start) -> None:
+    node = start(echo(tmp_path, "echo"))
+
+    node.go(0, ls_bus.wakeup() + STATUS[3] + CONFIGURED + ls_bus.arbitration_lost(7))
+
+    assert node.sent == b""
+
+
+def test_the_node_configures_the_bus_at_the_start(tmp_path: Path, start: Start) -> None:
+    assert start(echo(tmp_path, "echo")).sent == CONFIGURED
+
+
+def test_the_node_counts_errors_reports_its_state_and_recovers(tmp_path: Path) -> None:
+    fmu = Fmu(echo(tmp_path, "echo"), events=True)
+    try:
+        members = members_of(fmu, "CAN", "test")
+        assert notify(fmu, members)
+        fmu.start(0.0)
+        node = TerminalNode(fmu, members)
+        node.begin(0)
+        own, other = (ls_bus.bus_error(7, BusErrorCode.BIT, sender=own) for own in (True, False))
+        unacknowledged = ls_bus.bus_error(7, BusErrorCode.ACKNOWLEDGE, sender=True)
+
+        told = {}
+        for count, operation in enumerate(
+            (
+                *(*[other] * 128, ls_bus.transmit(8, b"")),
+                *(*[own] * 16, *[unacknowledged] * 9, ls_bus.confirm(7), *[own] * 17),
+            ),
+            1,
+        ):
+            node.go(MS, operation)
+            if node.sent:
+                told[count] = node.sent
+        # A passive node does not count a missing acknowledgement.
+        assert told == {
+            128: STATUS[2],
+            129: STATUS[1],
+            145: STATUS[2],
+            155: STATUS[1],
+            156: STATUS[2],
+            172: STATUS[3],
+        }
+        off_ns = MS + RECOVERY_BITS * 4000
+        assert node.due_ns == off_ns
+        node.go(MS, ls_bus.transmit(8, b""))
+        node.go(off_ns)
+        assert node.sent == STATUS[1]
+        node.go(20 * MS)
+        frames = [ls_bus.frame_of(each) for each in ls_bus.operations(node.sent)]
+        # The frame of identifier 8 came while the node was bus off; one came before.
+        assert frames == [(7, b""), (0x123, b"\x00\xff"), (9, b"")]
+    finally:
+        fmu.close()
 
 
 def test_a_program_that_ends_or_refuses_is_an_error_of_the_fmu(

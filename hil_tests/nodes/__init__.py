@@ -33,7 +33,7 @@ DESCRIPTION: Final = """\
     <Binary name="CAN.Tx_Data" valueReference="3" causality="output" variability="discrete"
       clocks="4"/>
     <Clock name="CAN.Tx_Clock" valueReference="4" {clock}/>
-    <Boolean name="org.fmi_standard.fmi_ls_bus.Can_BusNotifications" valueReference="5"
+    <Boolean name="CAN.BusNotifications" valueReference="5"
       causality="parameter" variability="fixed" start="false"/>
     {parameters}
   </ModelVariables>

@@ -54,6 +54,8 @@ def model_description(name: str, token: str, truth: Sequence[str], tool: str) ->
         f"{_output('Radio.Tx_Data', 6, text)}"
         f"{_input('Serial.Rx_Data', 7, text)}"
         f"{_input('Radio.Rx_Data', 8, text)}"
+        '    <Boolean name="CAN.BusNotifications" valueReference="9" causality="parameter" '
+        'variability="fixed" start="false"/>\n'
         f"{signals}"
         f"  </ModelVariables>\n  <ModelStructure>\n{known}{first}  </ModelStructure>\n"
         "</fmiModelDescription>\n"
@@ -75,7 +77,7 @@ def _output(name: str, reference: int, kind: str) -> str:
 
 
 def terminals() -> str:
-    """The network terminal of LS-BUS."""
+    """The network terminal of LS-BUS, with the terminal of its configuration."""
     members = "".join(
         f'      <TerminalMemberVariable variableName="CAN.{name}" memberName="{name}" '
         'variableKind="signal"/>\n'
@@ -85,6 +87,10 @@ def terminals() -> str:
         f'{HEAD}<fmiTerminalsAndIcons fmiVersion="3.0">\n  <Terminals>\n'
         '    <Terminal name="CAN" terminalKind="org.fmi-ls-bus.network-terminal" '
         f'matchingRule="org.fmi-ls-bus.transceiver">\n{members}'
+        '      <Terminal name="Configuration" matchingRule="bus" '
+        'terminalKind="org.fmi-ls-bus.network-terminal.configuration">\n'
+        '        <TerminalMemberVariable variableName="CAN.BusNotifications" '
+        'memberName="BusNotifications" variableKind="signal"/>\n      </Terminal>\n'
         "    </Terminal>\n  </Terminals>\n</fmiTerminalsAndIcons>\n"
     )
 

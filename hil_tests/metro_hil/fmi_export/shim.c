@@ -3,7 +3,8 @@
    The program speaks the lockstep protocol on standard input and output: hello, grant, yield, stop.
    resources/command.txt has its words, one a line, and resources/hello.json the line of hello. The
    clock CAN.Tx_Clock counts down to the next wake-up that the program asks for. A tick of it sends
-   one grant; what the program yields is the content of the outputs at the same instant. */
+   one grant; what the program yields is the content of the outputs at the same instant. Operations
+   of the node itself, such as its error state, leave at a tick of their own. */
 
 #define _POSIX_C_SOURCE 200809L
 
@@ -31,11 +32,16 @@ extern char **environ;
 
 enum { OK = 0, ERROR = 3 };
 enum { UNKNOWN = 0, UNCHANGED = 1, CHANGED = 2 };
-enum { CAN_RX = 1, CAN_RX_CLOCK, CAN_TX, CAN_TX_CLOCK, SERIAL_TX, RADIO_TX, SERIAL_RX, RADIO_RX, TRUTH = 100 };
-enum { FORMAT_ERROR = 0x01, CAN_TRANSMIT = 0x10, CONFIRM = 0x20, LOST = 0x30, BUS_ERROR = 0x31, HEAD = 8 };
+enum { CAN_RX = 1, CAN_RX_CLOCK, CAN_TX, CAN_TX_CLOCK, SERIAL_TX, RADIO_TX, SERIAL_RX, RADIO_RX, NOTIFICATIONS, TRUTH = 100 };
+enum { FORMAT_ERROR = 0x01, CAN_TRANSMIT = 0x10, CONFIRM = 0x20, LOST = 0x30, BUS_ERROR = 0x31,
+       CONFIGURATION = 0x40, STATUS = 0x41, WAKEUP = 0x42, HEAD = 8 };
+enum { SET_BIT_RATE = 1, SET_LOST = 4, BUFFER = 1, NOT_ACKNOWLEDGED = 5, FIRST_TO_SEE = 1 };
+enum { ERROR_ACTIVE = 1, ERROR_PASSIVE = 2, BUS_OFF = 3, PASSIVE_FROM = 128, OFF_FROM = 256 };
+enum { BIT_RATE = 250000, RECOVERY_BITS = 128 * 11 };
 enum { TRUTH_MAX = 64, WORDS_MAX = 64, START_MS = 30000, LEASE_MS = 5000, END_MS = 1000 };
 #define LINE_MAX_BYTES (1u << 20)
 #define NS_PER_S 1000000000LL
+#define NEVER_NS INT64_MAX
 
 typedef struct {
     char *bytes;
@@ -53,7 +59,9 @@ typedef struct {
     int64_t now_ns, next_ns;
     int ticked, interval;   /* Tx_Clock ticked and is not answered; what is known of its interval. */
     Text frames, serial, radio;             /* Inputs of the next grant, as items of JSON lists. */
-    Text errors;                            /* Format errors that leave with the next tick. */
+    Text notices;                           /* Operations of the node itself. */
+    int notified, tec, rec, status;         /* Error counters and the state that was reported. */
+    int64_t back_ns;                        /* End of the recovery from bus off; NEVER_NS: none. */
     Text can_tx, serial_tx, radio_tx;       /* Outputs at this instant. */
     Text answer;
     double truth[TRUTH_MAX];
@@ -274,6 +282,10 @@ static int take_frames(Shim *shim) {
             if (sscanf(text, "%2x", &byte) != 1) break;
             data[length++] = (uint8_t)byte;
         }
+        if (shim->status == BUS_OFF && *text == '"' && id <= 0x7FF) {
+            at = text;
+            continue;
+        }
         if (*text != '"' || id > 0x7FF || !transmit(&shim->can_tx, (uint32_t)id, data, length)) {
             drop(&items);
             return refuse(shim, "a frame of the program is no CAN frame");
@@ -290,10 +302,57 @@ static int format_error(Shim *shim, const uint8_t *operation, size_t length) {
     put_number(head, FORMAT_ERROR, 4);
     put_number(head + 4, (uint32_t)(10 + length), 4);
     put_number(head + 8, (uint32_t)length, 2);
-    return put(&shim->errors, head, sizeof head) && put(&shim->errors, operation, length);
+    return put(&shim->notices, head, sizeof head) && put(&shim->notices, operation, length);
+}
+
+/* Say something to the bus that takes a few bytes. */
+static int say(Shim *shim, uint32_t code, const void *content, size_t length) {
+    uint8_t head[HEAD];
+    put_number(head, code, 4);
+    put_number(head + 4, (uint32_t)(HEAD + length), 4);
+    return put(&shim->notices, head, sizeof head) && put(&shim->notices, content, length);
+}
+
+static int configure(Shim *shim) {
+    uint8_t rate[5] = {SET_BIT_RATE}, lost[2] = {SET_LOST, BUFFER};
+    put_number(rate + 1, BIT_RATE, 4);
+    return say(shim, CONFIGURATION, rate, sizeof rate) && say(shim, CONFIGURATION, lost, sizeof lost);
+}
+
+/* Report the error state if it has changed. */
+static int report(Shim *shim) {
+    int status = shim->tec >= OFF_FROM                                  ? BUS_OFF
+                 : shim->tec >= PASSIVE_FROM || shim->rec >= PASSIVE_FROM ? ERROR_PASSIVE
+                                                                          : ERROR_ACTIVE;
+    if (status == shim->status) return 1;
+    uint8_t content = (uint8_t)(shim->status = status);
+    if (status == BUS_OFF) shim->back_ns = shim->now_ns + RECOVERY_BITS * NS_PER_S / BIT_RATE;
+    return say(shim, STATUS, &content, 1);
+}
+
+/* Count a good frame. */
+static void count_frame(Shim *shim, int own) {
+    if (!shim->notified || shim->status == BUS_OFF) return;
+    if (own) shim->tec -= shim->tec > 0;
+    else shim->rec = shim->rec >= PASSIVE_FROM ? PASSIVE_FROM - 1 : shim->rec - (shim->rec > 0);
+}
+
+/* Count a destroyed frame. A passive sender does not count a missing acknowledgement. */
+static void count_error(Shim *shim, const uint8_t *operation) {
+    int code = operation[12], first = operation[13] == FIRST_TO_SEE, own = operation[14];
+    if (!shim->notified || shim->status == BUS_OFF) return;
+    if (own && !(code == NOT_ACKNOWLEDGED && shim->status != ERROR_ACTIVE)) shim->tec += 8;
+    if (!own) shim->rec += first ? 8 : 1;
+    if (shim->rec > 255) shim->rec = 255;
+}
+
+static int64_t due_ns(const Shim *shim) {
+    int64_t next_ns = shim->next_ns < shim->back_ns ? shim->next_ns : shim->back_ns;
+    return shim->notices.length > 0 ? shim->now_ns : next_ns;
 }
 
 static int receive(Shim *shim, const uint8_t *bytes, size_t length) {
+    shim->interval = CHANGED;
     for (size_t at = 0; at < length;) {
         size_t rest = length - at;
         const uint8_t *operation = bytes + at;
@@ -303,7 +362,9 @@ static int receive(Shim *shim, const uint8_t *bytes, size_t length) {
             return format_error(shim, operation, rest) ? OK : refuse(shim, "out of memory");
         }
         int good = 1;
-        if (code == CAN_TRANSMIT && size >= 16 && size == 16 + number(operation + 14, 2) &&
+        if (code == CAN_TRANSMIT && shim->status == BUS_OFF) {
+            /* A node that is bus off receives nothing. */
+        } else if (code == CAN_TRANSMIT && size >= 16 && size == 16 + number(operation + 14, 2) &&
             size <= 24 && operation[12] == 0 && operation[13] == 0 && number(operation + 8, 4) <= 0x7FF) {
             good = print(&shim->frames, "%s[%lld,%u,\"", shim->frames.length ? "," : "",
                          (long long)shim->now_ns, (unsigned)number(operation + 8, 4));
@@ -311,9 +372,17 @@ static int receive(Shim *shim, const uint8_t *bytes, size_t length) {
                 good = good && print(&shim->frames, "%02x", operation[index]);
             }
             good = good && print(&shim->frames, "\"]");
-        } else if (code != CONFIRM && code != LOST && code != BUS_ERROR && code != FORMAT_ERROR) {
+            count_frame(shim, 0);
+        } else if (code == CONFIRM && size == 12) {
+            count_frame(shim, 1);
+        } else if (code == BUS_ERROR && size == 15) {
+            count_error(shim, operation);
+        } else if (code != LOST && code != FORMAT_ERROR && code != CONFIGURATION && code != STATUS &&
+                   code != WAKEUP) {
+            /* The bus keeps frames that lose arbitration. The program never sleeps. */
             good = format_error(shim, operation, size);
         }
+        good = good && report(shim);
         if (!good) return refuse(shim, "out of memory");
         at += size;
     }
@@ -334,7 +403,6 @@ static int take_truth(Shim *shim) {
 /* One grant, and what the program yields. */
 static int run_program(Shim *shim) {
     Text line = {0};
-    shim->ticked = 0;
     int good = print(&line, "{\"type\":\"grant\",\"now_ns\":%lld", (long long)shim->now_ns);
     struct {
         const char *name;
@@ -350,11 +418,25 @@ static int run_program(Shim *shim) {
     drop(&line);
     if (status != OK) return status;
     if (!is_type(shim, "yield")) return refuse(shim, "the program answers with no yield");
-    if (!put(&shim->can_tx, shim->errors.bytes, shim->errors.length)) return refuse(shim, "out of memory");
-    clear(&shim->errors);
     if (take_wakeup(shim) != OK || take_frames(shim) != OK || take_truth(shim) != OK) return ERROR;
     if (copy_items(shim, "serial", &shim->serial_tx) != OK) return ERROR;
     return copy_items(shim, "radio", &shim->radio_tx);
+}
+
+/* What is due at a tick of the clock. */
+static int tick(Shim *shim) {
+    int good = 1;
+    shim->ticked = 0;
+    shim->interval = CHANGED;
+    if (shim->now_ns >= shim->back_ns) {
+        shim->tec = shim->rec = 0;
+        shim->back_ns = NEVER_NS;
+        good = report(shim);
+    }
+    good = good && put(&shim->can_tx, shim->notices.bytes, shim->notices.length);
+    clear(&shim->notices);
+    if (!good) return refuse(shim, "out of memory");
+    return shim->now_ns >= shim->next_ns ? run_program(shim) : OK;
 }
 
 /* The functions of FMI 3.0. */
@@ -365,7 +447,7 @@ void fmi3FreeInstance(void *instance) {
     Shim *shim = instance;
     if (shim == NULL) return;
     end_program(shim);
-    Text *texts[] = {&shim->frames, &shim->serial, &shim->radio, &shim->errors, &shim->can_tx,
+    Text *texts[] = {&shim->frames, &shim->serial, &shim->radio, &shim->notices, &shim->can_tx,
                      &shim->serial_tx, &shim->radio_tx, &shim->answer};
     for (int index = 0; index < 8; index++) drop(texts[index]);
     free(shim->resources);
@@ -415,7 +497,9 @@ int fmi3EnterInitializationMode(void *instance, _Bool tolerant, double tolerance
         return refuse(shim, "the program refuses: %.400s", reason ? reason : "");
     }
     if (!is_type(shim, "ready")) return refuse(shim, "the program answers hello with no ready");
-    return take_wakeup(shim);
+    shim->status = ERROR_ACTIVE;
+    shim->back_ns = NEVER_NS;
+    return configure(shim) ? take_wakeup(shim) : refuse(shim, "out of memory");
 }
 
 int fmi3ExitInitializationMode(void *instance) { return OK; }
@@ -436,11 +520,11 @@ int fmi3Terminate(void *instance) {
 int fmi3Reset(void *instance) {
     Shim *shim = instance;
     end_program(shim);
-    Text *texts[] = {&shim->frames, &shim->serial, &shim->radio, &shim->errors,
+    Text *texts[] = {&shim->frames, &shim->serial, &shim->radio, &shim->notices,
                      &shim->can_tx, &shim->serial_tx, &shim->radio_tx};
     for (int index = 0; index < 7; index++) clear(texts[index]);
     shim->now_ns = shim->next_ns = 0;
-    shim->ticked = shim->interval = 0;
+    shim->ticked = shim->interval = shim->tec = shim->rec = shim->notified = 0;
     return OK;
 }
 
@@ -457,7 +541,7 @@ int fmi3GetIntervalFraction(void *instance, const uint32_t *references, size_t c
     Shim *shim = instance;
     for (size_t index = 0; index < count; index++) {
         if (references[index] != CAN_TX_CLOCK) return ERROR;
-        counters[index] = (uint64_t)(shim->next_ns - shim->now_ns);
+        counters[index] = (uint64_t)(due_ns(shim) - shim->now_ns);
         resolutions[index] = NS_PER_S;
         qualifiers[index] = shim->interval;
         if (shim->interval == CHANGED) shim->interval = UNCHANGED;
@@ -472,6 +556,15 @@ int fmi3GetIntervalDecimal(void *instance, const uint32_t *references, size_t co
         if (fmi3GetIntervalFraction(instance, references + index, 1, &counter, &resolution,
                                     qualifiers + index) != OK) return ERROR;
         intervals[index] = (double)counter / (double)resolution;
+    }
+    return OK;
+}
+
+int fmi3SetBoolean(void *instance, const uint32_t *references, size_t count, const _Bool *values,
+                   size_t total) {
+    for (size_t index = 0; index < count; index++) {
+        if (references[index] != NOTIFICATIONS) return ERROR;
+        ((Shim *)instance)->notified = values[index];
     }
     return OK;
 }
@@ -496,7 +589,7 @@ int fmi3SetBinary(void *instance, const uint32_t *references, size_t count, cons
 int fmi3GetBinary(void *instance, const uint32_t *references, size_t count, size_t *sizes,
                   const uint8_t **values, size_t total) {
     Shim *shim = instance;
-    if (shim->ticked && run_program(shim) != OK) return ERROR;
+    if (shim->ticked && tick(shim) != OK) return ERROR;
     for (size_t index = 0; index < count; index++) {
         Text *text = references[index] == CAN_TX      ? &shim->can_tx
                      : references[index] == SERIAL_TX ? &shim->serial_tx
@@ -512,7 +605,7 @@ int fmi3GetBinary(void *instance, const uint32_t *references, size_t count, size
 int fmi3GetFloat64(void *instance, const uint32_t *references, size_t count, double *values,
                    size_t total) {
     Shim *shim = instance;
-    if (shim->ticked && run_program(shim) != OK) return ERROR;
+    if (shim->ticked && tick(shim) != OK) return ERROR;
     for (size_t index = 0; index < count; index++) {
         uint32_t place = references[index] - TRUTH;
         if (references[index] == 0) values[index] = (double)shim->now_ns / 1e9;
@@ -525,7 +618,7 @@ int fmi3GetFloat64(void *instance, const uint32_t *references, size_t count, dou
 int fmi3UpdateDiscreteStates(void *instance, _Bool *again, _Bool *ends, _Bool *nominals,
                              _Bool *states, _Bool *known, double *next_s) {
     Shim *shim = instance;
-    if (shim->ticked && run_program(shim) != OK) return ERROR;
+    if (shim->ticked && tick(shim) != OK) return ERROR;
     clear(&shim->can_tx);
     clear(&shim->serial_tx);
     clear(&shim->radio_tx);
@@ -537,9 +630,9 @@ int fmi3DoStep(void *instance, double from_s, double step_s, _Bool no_set, _Bool
                _Bool *early, double *last_s) {
     Shim *shim = instance;
     int64_t now_ns = llround((from_s + step_s) * 1e9);
-    if (now_ns > shim->next_ns) {
-        return refuse(shim, "the step to %lld ns passes the wake-up at %lld ns", (long long)now_ns,
-                      (long long)shim->next_ns);
+    if (now_ns > due_ns(shim)) {
+        return refuse(shim, "the step to %lld ns passes the tick at %lld ns", (long long)now_ns,
+                      (long long)due_ns(shim));
     }
     shim->now_ns = now_ns;
     *event = *ends = *early = 0;
@@ -561,7 +654,7 @@ NOT_THERE(GetNumberOfContinuousStates) NOT_THERE(GetNumberOfEventIndicators)
 NOT_THERE(GetNumberOfVariableDependencies) NOT_THERE(GetOutputDerivatives)
 NOT_THERE(GetShiftDecimal) NOT_THERE(GetShiftFraction) NOT_THERE(GetString) NOT_THERE(GetUInt16)
 NOT_THERE(GetUInt32) NOT_THERE(GetUInt64) NOT_THERE(GetUInt8) NOT_THERE(GetVariableDependencies)
-NOT_THERE(SerializeFMUState) NOT_THERE(SerializedFMUStateSize) NOT_THERE(SetBoolean)
+NOT_THERE(SerializeFMUState) NOT_THERE(SerializedFMUStateSize) 
 NOT_THERE(SetContinuousStates) NOT_THERE(SetFMUState) NOT_THERE(SetFloat32)
 NOT_THERE(SetFloat64) NOT_THERE(SetInt16) NOT_THERE(SetInt32) NOT_THERE(SetInt64)
 NOT_THERE(SetInt8) NOT_THERE(SetIntervalDecimal) NOT_THERE(SetIntervalFraction)

@@ -73,7 +73,7 @@ def _started(fmu: Fmu, hello: NodeHello) -> tuple[TerminalNode, bool]:
             raise SettingsError(f"{where}: no variable of the FMU; {hint}")
         fmu.check(name, where)
         fmu.set(name, value)
-    notified = notify(fmu)
+    notified = notify(fmu, members)
     fmu.start(0.0)
     node = TerminalNode(fmu, members, step_ns=hello.step_ns)
     node.begin(0)

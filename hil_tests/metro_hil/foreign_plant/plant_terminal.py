@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from metro_hil.foreign_plant.fmu import FmuError
 from metro_hil.foreign_plant.ls_bus import (
     CAN_TRANSMIT,
-    FORMAT_ERROR,
     LsBusError,
     frame_of,
     operations,
@@ -27,8 +26,6 @@ class PlantTerminal(TerminalNode):
     """Frames that the FMU sent in the last call."""
     all_texts: list[bytes]
     """Contents of the further outputs in the last call."""
-    refused = 0
-    """Number of operations that the FMU refused with Format Error."""
 
     def begin(self, now_ns: int) -> None:
         super().begin(now_ns)
@@ -57,7 +54,5 @@ class PlantTerminal(TerminalNode):
             for operation in operations(self.sent):
                 if operation.code == CAN_TRANSMIT:
                     self.frames.append(frame_of(operation))
-                elif operation.code == FORMAT_ERROR:
-                    self.refused += 1
         except LsBusError as error:
             raise FmuError(f"LS-BUS: {error}") from error

@@ -14,7 +14,7 @@ TERMINALS: Final = "terminalsAndIcons/terminalsAndIcons.xml"
 KIND: Final = "org.fmi-ls-bus.network-terminal"
 MEMBERS: Final = ("Rx_Data", "Rx_Clock", "Tx_Data", "Tx_Clock")
 NOTIFICATIONS: Final = "BusNotifications"
-"""End of the name of the parameter that lets a node wait for Confirm and the like."""
+"""Name of the member whose parameter lets a node wait for Confirm and the like."""
 CHANGED: Final = 2
 """Qualifier of an interval that is new."""
 EVENTS_MAX: Final = 1000
@@ -69,9 +69,11 @@ def _read_terminals(path: Path) -> dict[str, dict[str, str]]:
     }
 
 
-def notify(fmu: Fmu) -> bool:
+def notify(fmu: Fmu, members: Mapping[str, str]) -> bool:
     """Let the node wait for Confirm, Arbitration Lost and Bus Error; return whether it can."""
-    names = [name for name in fmu.variables if name.endswith(NOTIFICATIONS)]
+    member = members.get(NOTIFICATIONS)
+    # Nodes of the standard's drafts have the parameter outside of the terminal.
+    names = [name for name in fmu.variables if name == member or name.endswith(NOTIFICATIONS)]
     for name in names:
         structural = fmu.variables[name].causality == "structuralParameter"
         if structural:
