@@ -107,11 +107,12 @@ class DisturbedWire:
     def offer(self, now_ns: int, offer: Offer) -> bool:
         can_id, name, _, bits, data, port = offer
         node = self._node(port)
-        self._look_for_recovery(node, now_ns)
+        if node.restarting:
+            self._look_for_recovery(node, now_ns)
         if node.cut_ns >= 0 and node not in self._mending:
             node.begin_tries(now_ns, bits)
             return False
-        if node.errors.off or port._waiting >= MAILBOX_FRAMES:
+        if node.present_state is ErrorState.OFF or port._waiting >= MAILBOX_FRAMES:
             return False
         if not node.offers:
             node.ready_ns = max(node.ready_ns, now_ns)
@@ -214,11 +215,9 @@ class DisturbedWire:
     def _next_start_ns(self) -> int | None:
         start_ns: int | None = None
         for node in self._waiting:
-            if node.there:
-                if node.ready_ns <= self._free_ns:
-                    return self._free_ns
-                if start_ns is None or node.ready_ns < start_ns:
-                    start_ns = node.ready_ns
+            ready_ns = max(node.ready_ns, self._free_ns)
+            if (start_ns is None or ready_ns < start_ns) and node.there:
+                start_ns = ready_ns
         return start_ns
 
     def _begin(self, start_ns: int) -> None:

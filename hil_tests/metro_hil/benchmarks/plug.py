@@ -1,4 +1,4 @@
-"""Measures controllers of one's own: time to the first hop, speed in lockstep, cost of a frame."""
+"""Measures controllers and FMUs of one's own: time to the first hop, speed, cost of a frame."""
 
 import os
 import statistics
@@ -15,6 +15,7 @@ from firmware_py.native.build import compiler
 from metro_hil.benchmarks.bench import Figure, run_measures
 from metro_hil.engine.journal import read_journal
 from metro_hil.external_controller.project import project_files
+from metro_hil.fmi_export.export import write_fmu
 from metro_hil.model.native_copy import SWITCH, Native
 
 PROJECT: Final = "mine"
@@ -23,6 +24,7 @@ SPEED_BAR: Final = 150.0
 SHARE_BAR_RATIO: Final = 0.9
 FRAME_BAR_NS: Final = 150.0
 FRAMES: Final = 5_000_000
+NODE_BAR_RATIO: Final = 0.5
 ROUNDS: Final = 5
 PROGRAM: Final = (
     *(sys.executable, "-c"),
@@ -72,6 +74,29 @@ int main(int count, char **words)
 }
 """
 """Sends and receives a protected frame with three numbers; prints the nanoseconds for both."""
+NODE_PROGRAM: Final = """
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+int main(void)
+{
+    static char line[1 << 20];
+    while (fgets(line, sizeof line, stdin)) {
+        const char *now = strstr(line, "\\"now_ns\\":");
+        long long now_ns = now ? atoll(now + 9) : 0;
+        if (strstr(line, "\\"hello\\""))
+            printf("{\\"type\\":\\"ready\\",\\"version\\":1,\\"next_wakeup_ns\\":100000000}\\n");
+        else
+            printf("{\\"type\\":\\"yield\\",\\"now_ns\\":%lld,\\"next_wakeup_ns\\":%lld,"
+                   "\\"frames\\":[[1952,\\"00\\"]]}\\n", now_ns, now_ns + 100000000);
+        fflush(stdout);
+    }
+    return 0;
+}
+"""
+"""Sends a frame every 100 ms by the lockstep protocol."""
+NODE_FILE: Final = '[[node]]\nfmu = "sender.fmu"\nreceives = [0x101]\n'
 
 
 def time_to_first_hop() -> list[Figure]:
@@ -121,6 +146,37 @@ def speed_in_lockstep() -> list[Figure]:
             share_ratio >= SHARE_BAR_RATIO,
         ),
     ]
+
+
+def speed_of_fmus() -> list[Figure]:
+    """Measure processor time of hops: with an LS-BUS node on the bus, and with the train as FMU."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        (folder / "hop.toml").write_text(HOP, encoding="utf-8")
+        (folder / "sender.c").write_text(NODE_PROGRAM, encoding="utf-8")
+        _compile(folder, ["sender.c"], "sender")
+        write_fmu(folder / "sender.fmu", "sender", (str(folder / "sender"),), {})
+        (folder / "bus.toml").write_text(NODE_FILE, encoding="utf-8")
+        _hil(scratch, Native.WAIT, "export", "train", "--from", "II", "--to", "III")
+        plants = {"alone": "auto", "node": "nodes:bus.toml", "train": "fmu:train.toml"}
+        found: dict[str, list[float]] = {name: [] for name in plants}
+        for turn in range(ROUNDS):
+            for name, plant in plants.items():
+                found[name] += _factors(scratch, f"{name}{turn}", "--plant", plant)
+    alone = statistics.median(found["alone"])
+    rows = {
+        "node": "with an LS-BUS node on the bus of the train",
+        "train": "with the train as an FMU",
+    }
+    figures = [
+        Figure("shipped controller and train, one hop", f"{alone:.0f} × real time", "", None)
+    ]
+    for name, text in rows.items():
+        factor = statistics.median(found[name])
+        share = f"{factor:.0f} × real time, {factor / alone * 100.0:.0f} % of it"
+        bar = f"≥ {NODE_BAR_RATIO * 100.0:.0f} %"
+        figures.append(Figure(text, share, bar, factor >= NODE_BAR_RATIO * alone))
+    return figures
 
 
 def cost_of_a_frame() -> list[Figure]:
@@ -197,6 +253,7 @@ MEASURES: Final = {
     "start": time_to_first_hop,
     "lockstep": speed_in_lockstep,
     "frame": cost_of_a_frame,
+    "fmus": speed_of_fmus,
 }
 
 
