@@ -71,6 +71,8 @@ class ControllerLink:
         self._lease_s, self._start_s = lease_s, start_s
         self._clock = WallClock()
         self._received = bytearray()
+        self._wait_s = -1.0
+        """Present limit of the socket's calls, s."""
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115
         self._process: subprocess.Popen[bytes] | None = None
         self._socket: socket.socket | None = None
@@ -151,7 +153,7 @@ class ControllerLink:
         assert self._socket is not None
         until_ns = self._clock.now_ns() + round(lease_s * NS_PER_S)
         try:
-            self._socket.settimeout(lease_s)
+            self._wait_for_at_most(lease_s)
             self._socket.sendall(message)
             return self._answer(until_ns)
         except TimeoutError:
@@ -165,10 +167,11 @@ class ControllerLink:
         assert self._socket is not None
         received = self._received
         while not (end := self.form.end(received)):
-            left_ns = until_ns - self._clock.now_ns()
-            if left_ns <= 0:
-                raise TimeoutError
-            self._socket.settimeout(left_ns / NS_PER_S)
+            if received:
+                left_ns = until_ns - self._clock.now_ns()
+                if left_ns <= 0:
+                    raise TimeoutError
+                self._wait_for_at_most(left_ns / NS_PER_S)
             piece = self._socket.recv(READ_BYTES)
             if not piece:
                 raise LinkDownError(f"died: {self._end_words()}")
@@ -178,6 +181,13 @@ class ControllerLink:
         if received:
             raise LinkDownError("broke the protocol: it sends without being asked")
         return message
+
+    def _wait_for_at_most(self, wait_s: float) -> None:
+        """Limit each call of the socket; equal limits in a row cost nothing."""
+        assert self._socket is not None
+        if wait_s != self._wait_s:
+            self._wait_s = wait_s
+            self._socket.settimeout(wait_s)
 
     def _end_words(self) -> str:
         """How the process ended, with the end of its standard error."""
