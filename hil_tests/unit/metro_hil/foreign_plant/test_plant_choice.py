@@ -6,6 +6,7 @@ import pytest
 
 from metro_hil.campaign import CampaignError, plan_cases, read_campaign
 from metro_hil.engine.choosing import choose
+from metro_hil.engine.errors import UsageError
 from metro_hil.foreign_plant.choice import read_plant, table_of
 from metro_hil.foreign_plant.plant import PlantStartError
 from metro_hil.model.case import BenchKind, Case, PlantSpec, Setup, plant_text
@@ -50,10 +51,19 @@ def test_a_plant_of_ones_own_runs_on_every_bench() -> None:
     assert plant_module(PROGRAM)[0] == "metro_hil.foreign_plant.realtime"
 
 
+def test_nodes_run_in_virtual_time_only() -> None:
+    nodes = read_plant("nodes:bus.toml")
+
+    assert choose([case()], plant=nodes)[0].plant == nodes
+    with pytest.raises(UsageError, match="--plant nodes: needs the bench lockstep"):
+        choose([case()], bench="processes", plant=nodes)
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
         (["--plant", "comand:x", "--lockstep"], "none of auto, none, command:WORDS"),
+        (["--plant", "nodes:x"], "--plant nodes: needs --lockstep"),
         (["--plant", "none", "--lockstep"], "not with --lockstep"),
         (["--plant", "fmu:x", "--lockstep", "--trains", "2"], "a single train"),
     ],
