@@ -21,9 +21,10 @@ from can_dbc.tags import TagReaderHealth
 from can_dbc.traction import TractionCommand, TractionStatus
 from firmware_py.clock.executive import Executive, Task
 from firmware_py.ports import RadioPort, SerialPort
-from plant_emulator.desk.attendant import attendant
+from plant_emulator.desk.attendant import Attendant, attendant
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.desk.display import DeskDisplay
+from plant_emulator.faults.by_hand import FaultsByHand
 from plant_emulator.faults.declared_train import SensorRestart
 from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
@@ -119,6 +120,8 @@ class PlantDevice:
         observer: Observer | None = None,
         reports: bool = False,
         foreign: ForeignParts | None = None,
+        desk: Attendant | None = None,
+        by_hand: FaultsByHand | None = None,
     ) -> None:
         """Args:
         open_port: called once for each node. In lockstep it returns a separate port for every node;
@@ -128,11 +131,13 @@ class PlantDevice:
         observer: receives the truth before the first step and after each step.
         reports: faults that are planned later may depend on what the controller reports.
         foreign: program that emulates parts of the train; it sends the frames of its nodes.
+        desk: operator of the desk; None: that of the scenario.
+        by_hand: what a person does to the faults while the train runs.
         epoch_offset_ns: difference between nanoseconds since 1970 and the plant's clock.
         """
         self.scenario = scenario
         self.world = world_of(scenario, start_ns, foreign)
-        self._attendant = attendant(
+        self._attendant = desk or attendant(
             scenario.driver,
             scenario.desk_recording,
             mode=scenario.desk_mode,
@@ -164,7 +169,8 @@ class PlantDevice:
         """Tells which faults are active, if there are faults or an observer."""
         self._serial_faults: SerialFaults | None = None
         self._radio_faults: RadioFaults | None = None
-        self._stage = self._staged(observer) if faults or observer is not None else None
+        staged = faults or observer is not None or by_hand is not None
+        self._stage = self._staged(observer, by_hand) if staged else None
         self.executive = Executive([Task("step", GRID_MS, self.step)], start_ns)
         self._write_truth()
 
@@ -183,13 +189,14 @@ class PlantDevice:
             **dict.fromkeys(DISPLAYED, self._take_report),
         }
 
-    def _staged(self, observer: Observer | None) -> FaultStage:
+    def _staged(self, observer: Observer | None, by_hand: FaultsByHand | None) -> FaultStage:
         stage = FaultStage(
             self.world,
             self.schedule,
             start_ns=self._start_ns,
             observer=observer,
             railway=self.railway,
+            by_hand=by_hand,
         )
         self.schedule.listen(self._change_wires)
         return stage
@@ -285,6 +292,17 @@ class PlantDevice:
             if not active:
                 self.world.tachos.restart(now_ns)
                 self.wire.restart(Node.ODO)
+
+    @property
+    def pending(self) -> bool:
+        """Whether a fault or the recording of the desk will change something by time alone."""
+        recording = self.scenario.desk_recording
+        if (
+            recording is not None
+            and self.world.now_ns - self._start_ns < recording.end_s * NS_PER_S
+        ):
+            return True
+        return self.schedule.pending
 
     @property
     def touched(self) -> Counter[int]:

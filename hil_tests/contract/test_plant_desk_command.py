@@ -19,9 +19,10 @@ from can_dbc.vobc import VobcMotion
 from firmware_py.buses.embedded import start_hub
 from firmware_py.buses.inproc import InprocBus
 from firmware_py.radio.inproc_radio import InprocRadio
+from firmware_py.storage.growing_file import GrowingFile
 from firmware_py.tag_reader.inproc_line import inproc_line
 from plant_emulator.cli import main
-from plant_emulator.cli.desk_command import DeskNode, GrowingKeys
+from plant_emulator.cli.desk_command import DeskNode
 from plant_emulator.desk.recording import load_recording
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.process import PlantDevice
@@ -239,7 +240,7 @@ def test_keys_come_from_a_file_that_grows(tmp_path: Path) -> None:
         who=None,
         mode=CabMode.MANUAL,
         terminal=None,
-        keys=GrowingKeys(path),
+        pressed=GrowingFile(path).lines,
         record=None,
         start_ns=0,
     )

@@ -41,7 +41,8 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         # A number of processes.
         "HostSample.runnable_mean",
         # Named like its option or key, `--odometer-error 0.05`.
-        *("RunOptions.odometer_error", "Setup.odometer_error", "TrainKeys.odometer_error"),
+        *("RunOptions.odometer_error", "RecordedOptions.odometer_error"),
+        *("Setup.odometer_error", "TrainKeys.odometer_error"),
         # The unit of the factor, monitor or expression.
         *("PhaseKeys.base", "RangeKeys.high", "RangeKeys.low", "RangeKeys.step"),
         *("NumberRange.high", "NumberRange.low", "Expression.value_of", "MonitorResult.margin"),

@@ -27,16 +27,18 @@ from firmware_py.storage.recorder import LineLog, loss_text
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.tag_reader.serial_line import SerialError
 from plant_emulator.cli.bus_choice import chosen_bus
+from plant_emulator.cli.by_hand import TrainByHand, open_by_hand
 from plant_emulator.cli.desk_command import attend
 from plant_emulator.cli.feed_sender import FeedSender
 from plant_emulator.cli.line_wayside import feed_of, serve_line
+from plant_emulator.cli.names import DESK
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
 from plant_emulator.cli.options import AUTO, ELSEWHERE
 from plant_emulator.cli.words import TrainNotices, say, summarise
 from plant_emulator.desk.display import KINDS as DISPLAYED
 from plant_emulator.faults.fault_file import load_faults
 from plant_emulator.faults.fitting import check_fitting, check_provided
-from plant_emulator.faults.kinds import BENCH_PLACES
+from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.foreign import ForeignParts, ForeignPartsError
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
@@ -206,21 +208,47 @@ def _device(
     def shared_port(node: Node, ids: Collection[int]) -> CanPort:
         return can
 
+    start_ns = clock.now_ns()
+    by_hand = _by_hand(options, scenario, start_ns, stack)
     plant = PlantDevice(
         scenario,
         open_port=shared_port,
         tags=tags,
         radio=radio,
         truth=truth,
-        start_ns=clock.now_ns(),
+        start_ns=start_ns,
         epoch_offset_ns=clock.epoch_offset_ns,
         faults=faults,
         observer=None if feed is None else feed.truth,
         foreign=foreign,
+        desk=by_hand.desk,
+        by_hand=by_hand.faults,
     )
     if feed is not None:
         plant.schedule.listen(feed.change)
     return plant
+
+
+def _by_hand(
+    options: argparse.Namespace, scenario: TrainScenario, start_ns: int, stack: ExitStack
+) -> TrainByHand:
+    """Open the files of --by-hand. Raises SettingsError."""
+    if not options.by_hand:
+        return TrainByHand()
+    if options.out is None:
+        raise SettingsError("--by-hand: needs --out, the folder of its files")
+    operated = scenario.desk_elsewhere or scenario.driver or scenario.desk_recording
+    if DESK in options.by_hand and operated:
+        raise SettingsError("--by-hand desk: another operates the desk; leave one of them out")
+    return open_by_hand(
+        Path(options.out),
+        tuple(options.by_hand),
+        stack,
+        mode=scenario.desk_mode,
+        start_ns=start_ns,
+        train=scenario.train,
+        places=frozenset(FaultPlace) - BENCH_PLACES,
+    )
 
 
 def _say_what_is_told(faults: Sequence[FaultPlan], feed: FeedSender | None) -> None:

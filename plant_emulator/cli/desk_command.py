@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Final, Protocol, TextIO
+from typing import Final, TextIO
 
 from can_dbc.binding import can_id
 from can_dbc.cab import CabMode, Desk
@@ -21,6 +21,7 @@ from firmware_py.clock.realtime import die_with_parent
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.settings import SettingsError
+from firmware_py.storage.growing_file import GrowingFile
 from plant_emulator.cli.bus_choice import chosen_bus
 from plant_emulator.cli.terminal import TerminalArea, open_terminal
 from plant_emulator.desk.attendant import Attendant, attendant
@@ -41,7 +42,7 @@ def attend(options: argparse.Namespace) -> int:
     """Run the command. Raises SettingsError, BusError or OSError."""
     mode = CabMode[options.mode.upper()]
     recording = None if options.play is None else load_recording(options.play)
-    keys = None if options.keys is None else GrowingKeys(Path(options.keys))
+    keys = None if options.keys is None else GrowingFile(Path(options.keys))
     by_hand = recording is None and options.driver is None and keys is None
     if by_hand and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise OSError("plant desk needs a terminal, or --play FILE, --driver NAME or --keys FILE")
@@ -61,12 +62,13 @@ def attend(options: argparse.Namespace) -> int:
         stack.callback(can.close)
         start_ns = clock.now_ns()
         terminal = stack.enter_context(open_terminal()) if by_hand else None
+        pressed: Callable[[], Iterable[str]] | None = None if keys is None else keys.lines
         desk = DeskNode(
             can,
             who=attendant(options.driver, recording, mode=mode, start_ns=start_ns),
             mode=mode,
             terminal=terminal,
-            keys=keys if terminal is None else terminal,
+            pressed=pressed if terminal is None else terminal.pressed,
             record=_record(options.record, stack),
             start_ns=start_ns,
         )
@@ -109,32 +111,6 @@ def _record(name: str | None, stack: ExitStack) -> TextIO | None:
     return record
 
 
-class PressedKeys(Protocol):
-    """Where the keys come from."""
-
-    def pressed(self) -> Iterable[str]:
-        """Return the names of the keys that were pressed since the last call."""
-        ...
-
-
-class GrowingKeys:
-    """Names of keys that another program appends to a file, one a line."""
-
-    def __init__(self, path: Path) -> None:
-        """Open the file, which is made if it is missing. Raises OSError."""
-        path.touch()
-        self._file = path.open("rb")
-        self._rest = b""
-
-    def pressed(self) -> Iterable[str]:
-        text = self._rest + self._file.read()
-        *whole, self._rest = text.split(b"\n")
-        return [line.decode(errors="replace").strip() for line in whole]
-
-    def close(self) -> None:
-        self._file.close()
-
-
 class DeskNode:
     """The desk node on the bus. Run `executive`, and call `stop` at the end."""
 
@@ -145,17 +121,18 @@ class DeskNode:
         who: Attendant | None,
         mode: CabMode,
         terminal: TerminalArea | None,
-        keys: PressedKeys | None,
+        pressed: Callable[[], Iterable[str]] | None,
         record: TextIO | None,
         start_ns: int,
     ) -> None:
         """Args:
         who: recording or driver model; None: the keys.
+        pressed: returns the names of the keys that were pressed since the last call.
         terminal: shows the desk.
         record: file that receives a line for each change.
         """
         self._can, self._driver, self._terminal, self._record = can, who, terminal, record
-        self._keys = keys
+        self._pressed = pressed
         self._start_ns = start_ns
         self._decoder, self._encoder = Decoder(SCREEN_KINDS), Encoder()
         self._hands = Hands(unattended(mode))
@@ -199,8 +176,8 @@ class DeskNode:
     def _desk(self, now_ns: int) -> Desk:
         if self._driver is not None:
             return self._driver(self.display, now_ns)
-        if self._keys is not None:
-            for key in self._keys.pressed():
+        if self._pressed is not None:
+            for key in self._pressed():
                 self._hands = press(self._hands, key, now_ns)
         return self._hands.at(now_ns)
 

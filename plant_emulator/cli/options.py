@@ -5,6 +5,7 @@ from typing import Final
 
 from firmware_py.command_line import CommandParser
 from plant_emulator.cli.names import (
+    BY_HAND,
     DRIVERS,
     LAST_TRAIN,
     LINE_ENDPOINT,
@@ -264,6 +265,15 @@ def _add_faults(group: argparse._ArgumentGroup) -> None:
         "--faults",
         metavar="FILE",
         help="scenario file; its [[fault]] tables are applied, the rest is ignored",
+    )
+    group.add_argument(
+        "--by-hand",
+        nargs="+",
+        choices=BY_HAND,
+        default=(),
+        metavar="WHAT",
+        help="desk, faults or both: take keys and acts from files that grow in the folder --out, "
+        "and record them there; see docs/guide/watch.md",
     )
     group.add_argument(
         "--truth-feed",

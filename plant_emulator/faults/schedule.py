@@ -25,6 +25,15 @@ class Schedule:
         assert not self.active
         self._timers = [_Timer(plan) for plan in plans]
 
+    def add(self, plan: FaultPlan) -> None:
+        """Plan one more fault; its index is the number of faults before it."""
+        assert plan.index == len(self._timers)
+        self._timers.append(_Timer(plan))
+
+    def end(self, index: int, end_s: float) -> None:
+        """Let a fault end at an instant, as if its window ended there."""
+        self._timers[index].end(end_s)
+
     def listen(self, listener: Listener) -> None:
         self._listeners.append(listener)
 
@@ -65,7 +74,7 @@ class Schedule:
 
 
 class _Timer:
-    __slots__ = ("_end_s", "_ends", "_starts", "active", "begun", "done", "plan")
+    __slots__ = ("_end_s", "_ends", "_last_s", "_starts", "active", "begun", "done", "plan")
 
     def __init__(self, plan: FaultPlan) -> None:
         self.plan = plan
@@ -74,7 +83,11 @@ class _Timer:
         self.done = False
         self._starts = plan.window.begins()
         self._ends = plan.window.ends()
+        end_s = plan.window.end_s
+        self._last_s = LATEST_S if end_s is None else end_s
+        """End of the window."""
         self._end_s = LATEST_S
+        """End of the present action."""
 
     @property
     def pending(self) -> bool:
@@ -85,17 +98,20 @@ class _Timer:
     def wants(self, truth: Truth) -> bool:
         if self.active:
             return truth.t_s < self._end_s and not _holds(self._ends, truth, by_default=False)
-        window = self.plan.window
-        if truth.t_s < window.start_s or (window.end_s is not None and truth.t_s >= window.end_s):
+        if truth.t_s < self.plan.window.start_s or truth.t_s >= self._last_s:
             return False
         return _holds(self._starts, truth, by_default=True)
+
+    def end(self, end_s: float) -> None:
+        self._last_s = end_s
+        self._end_s = min(self._end_s, end_s)
 
     def change(self, active: bool, t_s: float) -> None:
         window = self.plan.window
         self.active = active
         if active:
             self.begun += 1
-            self._end_s = LATEST_S if window.end_s is None else window.end_s
+            self._end_s = self._last_s
             if window.duration_s is not None:
                 self._end_s = min(self._end_s, t_s + window.duration_s)
         else:

@@ -5,6 +5,7 @@ observer.
 from collections import Counter
 from collections.abc import Callable
 
+from plant_emulator.faults.by_hand import FaultsByHand
 from plant_emulator.faults.effects import Counting, Effect
 from plant_emulator.faults.effects_actuator import ActuatorEffects
 from plant_emulator.faults.effects_alarms import AlarmEffects
@@ -30,10 +31,10 @@ time."""
 class FaultStage:
     """Evaluates the faults once before the plant's first step and after each step.
 
-    The order is: read the truth; let the schedule end and begin faults in the order of the
-    scenario, which notifies first the effects, then the other listeners; step the active effects in
-    the order of the scenario; notify the observer. Frames and telegrams of that instant leave
-    afterwards. The train then moves on under the active faults.
+    The order is: read the truth; apply what a person did; let the schedule end and begin faults in
+    the order of the scenario, which notifies first the effects, then the other listeners; step the
+    active effects in the order of the scenario; notify the observer. Frames and telegrams of that
+    instant leave afterwards. The train then moves on under the active faults.
     """
 
     def __init__(
@@ -44,7 +45,11 @@ class FaultStage:
         start_ns: int,
         observer: Observer | None,
         railway: Railway,
+        by_hand: FaultsByHand | None = None,
     ) -> None:
+        """Args:
+        by_hand: what a person does to the faults while the train runs.
+        """
         self.truth = Truth()
         self.began = False
         """Whether `look` has been called before."""
@@ -52,7 +57,7 @@ class FaultStage:
         self._start_m = world.front_m
         self._railway_changes = -1
         """Counter of wayside news up to which the truth is current."""
-        self._start_ns, self._observer = start_ns, observer
+        self._start_ns, self._observer, self._by_hand = start_ns, observer, by_hand
         self._effects: dict[int, Effect] = {}
         """Effects of all faults that have begun so far, by the fault's index."""
         self._acting: list[tuple[int, Effect]] = []
@@ -82,6 +87,8 @@ class FaultStage:
         truth.read(self._world, self._start_ns, authority_end_m)
         for index, touch in self._touches.items():
             self._touched[index] += touch()
+        if self._by_hand is not None:
+            self._by_hand.step(truth.t_s, self._schedule)
         self._schedule.step(truth, now_ns)
         if self._acting:
             self._acting = [

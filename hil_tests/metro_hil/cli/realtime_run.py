@@ -26,18 +26,20 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import CanPort
 from firmware_py.radio.zenoh_radio import DEFAULT_ENDPOINT, pick_endpoint
+from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import CandumpWriter
 from metro_hil.foreign_plant.choice import read_plant
 from metro_hil.model.case import PlantSpec, plant_text
 from metro_hil.model.end_condition import INTERRUPTED, Ending
 from metro_hil.model.mission import Journey
-from metro_hil.model.run_folder import DESK_KEYS, DESK_RECORDING, RunFolder
+from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.run_options import BROWSER, EXTERNAL, RunOptions
 from metro_hil.model.subprocesses import Child, ChildError, plant_module
 from metro_hil.realtime.bus_watch import BusWatch
 from metro_hil.realtime.commands import again
 from metro_hil.realtime.line_hints import LineHints
 from metro_hil.realtime.live_display import BusPicture, Hints, LiveDisplay, no_hints
+from plant_emulator.cli.by_hand import DESK_KEYS, DESK_RECORDING
 from zenoh_config.sessions import LINE_ENDPOINT
 
 BIT_RATE = 250_000
@@ -110,7 +112,7 @@ class RealtimeRun:
             )
             if self._interrupts.asked:
                 return watch.ending(INTERRUPTED, truth_known=False)
-            if self._options.desk == BROWSER:
+            if self._options.desk == BROWSER and not emulated:
                 self._start_desk(stack, spec)
             wires = ["--bus", spec, "--tags", tags, "--radio", radio]
             self._start_controller(stack, wires)
@@ -168,6 +170,11 @@ class RealtimeRun:
         if self._plant != PlantSpec():
             self._refuse_plant_on(spec, heard)
         if options.plant == "none" or not is_virtual(spec) or heard:
+            if options.allow_faults:
+                raise SettingsError(
+                    f"--allow-faults: this run does not emulate the train on {spec}; leave it out, "
+                    "or choose a bus without a train"
+                )
             self._display.say(self._plant_text(spec, heard))
             tags = str(folder / "tags") if options.tags == "auto" else options.tags
             radio = options.radio
@@ -247,7 +254,9 @@ class RealtimeRun:
             arguments += ["--load-ratio", str(options.load_ratio)]
         if options.odometer_error is not None:
             arguments += ["--odometer-error", str(options.odometer_error)]
-        arguments += ["--desk", EXTERNAL if options.desk == BROWSER else options.desk]
+        arguments += ["--desk", "manual" if options.desk == BROWSER else options.desk]
+        if options.by_hand:
+            arguments += ["--by-hand", *options.by_hand]
         if options.driver is not None:
             arguments += ["--driver", options.driver]
         if options.desk_recording is not None:

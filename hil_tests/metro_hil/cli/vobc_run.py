@@ -35,7 +35,6 @@ from metro_hil.model.run_folder import (
     write_config,
 )
 from metro_hil.model.run_options import (
-    BROWSER,
     EXIT_ENVIRONMENT,
     EXIT_FAILED,
     EXIT_INTERRUPTED,
@@ -182,8 +181,7 @@ def _watched(
     """Start the page of the run if the user wants it; it ends with `stack`."""
     if not options.watch:
         return None
-    may = ["desk"] if options.desk == BROWSER else []
-    page = stack.enter_context(WatchPage(folder.path, *may))
+    page = stack.enter_context(WatchPage(folder.path, *options.by_hand))
     console.print(page.line, highlight=False, soft_wrap=True)
     return page
 

@@ -68,9 +68,9 @@ def write_scenario(
     """Write the scenario with the files that it needs. Raises OSError."""
     last_s = ride.duration_ns / 1e9
     train: dict[str, Any] = {
-        "line": _copied(folder, "line", files.line),
-        "consist": _copied(folder, "consist", files.consist),
-        "params": _copied(folder, "params", files.params),
+        "line": copied(folder, "line", files.line),
+        "consist": copied(folder, "consist", files.consist),
+        "params": copied(folder, "params", files.params),
         "start": stations.start.name,
         "end": stations.stops[-1].name,
         "odometer_error": odometer_error_ratio,
@@ -94,7 +94,7 @@ def write_scenario(
     return path
 
 
-def _copied(folder: Path, what: str, name: str) -> str:
+def copied(folder: Path, what: str, name: str) -> str:
     """The name of a shipped file, or that of a copy in the folder."""
     base, route = split_route(name) if what == "line" else (name, None)
     if not is_path(base):

@@ -28,5 +28,8 @@ LAWS: Final = LawNames(
 STAGES: Final = ("continuous", "notches", "current_loop")
 DRIVERS: Final = ("obedient", "reckless", "late")
 TIMERS: Final = ("A", "B", "C")
+DESK: Final = "desk"
+FAULTS: Final = "faults"
+"""What a viewer of the page of a run may act on."""
 LAST_TRAIN: Final = 64_999
 LINE_ENDPOINT: Final = "tcp/127.0.0.1:7448"

@@ -14,10 +14,6 @@ import tomli_w
 from firmware_py.arguments import DISK_FAULTS
 from firmware_py.storage.whole_file import write_whole
 
-DESK_KEYS = "desk.keys"
-"""Keys that viewers pressed on the page of a run."""
-DESK_RECORDING = "run.desk"
-"""Recording of the desk of a run that was driven on its page."""
 PACKAGES = ("metro-vobc-bench", "python-can", "cantools", "numpy", "pyserial", "eclipse-zenoh")
 
 

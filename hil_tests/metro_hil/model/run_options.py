@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from firmware_py.command_line import CommandParser
 from firmware_py.trackdb.circuit import split_route
 from firmware_py.trackdb.one_track import DIRECTIONS
-from metro_hil.model.known_names import DRIVERS, LAWS, LINE_ENDPOINT, STAGES
+from metro_hil.model.known_names import DESK, DRIVERS, FAULTS, LAWS, LINE_ENDPOINT, STAGES
 from metro_hil.model.line_options import DEFAULT_ARBITERS, DEFAULT_TIMERS
 from metro_hil.model.line_options import add_options as add_t2t_options
 from metro_hil.model.line_options import train_number as train_number
@@ -17,9 +17,9 @@ DESCRIPTION = "The on-board controller of a metro train, on a bench or on a bus.
 EXTERNAL = "external"
 BROWSER = "browser"
 """Mode of the desk whose keys come from the page of the run."""
-ELSEWHERE = (EXTERNAL, BROWSER, "none")
+ELSEWHERE = (EXTERNAL, "none")
 PLANTS = ("auto", "none")
-DESKS = ("auto", "manual", "off", *ELSEWHERE)
+DESKS = ("auto", "manual", "off", BROWSER, *ELSEWHERE)
 
 LINE_DEFAULTS = {"line": "changping", "consist": "typeB4", "params": "typeB4"}
 """Defaults with --trains."""
@@ -128,6 +128,8 @@ class RunOptions:
     arbiters: int | None = None
     watch: bool = False
     """Whether to serve a page of the run while it goes on."""
+    allow_faults: bool = False
+    """Whether viewers of the page may start and stop faults."""
     memory: str | None = None
     """Folder of the controller's memory with --train; None: the run folder."""
     and_back: str | None = None
@@ -135,6 +137,12 @@ class RunOptions:
     the other direction, None for a run one way."""
     plot: bool | None = None
     """Whether a plot is drawn; None: unless --json is given."""
+
+    @property
+    def by_hand(self) -> tuple[str, ...]:
+        """What a viewer of the page may do while the train runs: desk, faults or both."""
+        allowed = {DESK: self.desk == BROWSER, FAULTS: self.allow_faults}
+        return tuple(name for name, given in allowed.items() if given)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -306,6 +314,12 @@ def _add_rest(run: argparse.ArgumentParser) -> None:
         help="serve a page that shows the run in a browser, and print its address",
     )
     group.add_argument(
+        "--allow-faults",
+        action="store_true",
+        help="let a viewer of that page start, change and stop faults; with --lockstep, virtual "
+        "time then goes no faster than real time",
+    )
+    group.add_argument(
         "--plot",
         action=argparse.BooleanOptionalAction,
         help="draw the run; default: yes, with --json no",
@@ -333,11 +347,12 @@ def parse(argv: Sequence[str]) -> RunOptions:
         if several:
             top.error("--direction: not with --trains, where the line's traffic file decides it")
         chosen["line"] = f"{chosen['line']}:{direction}"
-    chosen["watch"] = chosen["watch"] or chosen["desk"] == BROWSER
+    chosen["watch"] = chosen["watch"] or chosen["allow_faults"] or chosen["desk"] == BROWSER
     options = RunOptions(**chosen)
     problem = (
         wires_problem(options)
         or desk_problem(options)
+        or by_hand_problem(options)
         or line_problem(options)
         or trains_problem(options)
         or and_back_problem(options)
@@ -419,13 +434,30 @@ def and_back_problem(options: RunOptions) -> str:
 
 def desk_problem(options: RunOptions) -> str:
     """Error text if the desk's options contradict each other; else empty."""
-    if options.desk in (EXTERNAL, BROWSER) and options.lockstep:
-        return f"--desk {options.desk}: a person cannot drive in virtual time; leave out --lockstep"
+    if options.desk == EXTERNAL and options.lockstep:
+        return (
+            "--desk external: `plant desk` cannot drive in virtual time; leave out --lockstep, or "
+            "drive with --desk browser"
+        )
     if options.driver and options.desk_recording:
         return "--desk-recording: not together with --driver"
-    if (options.driver or options.desk_recording) and options.desk in ELSEWHERE:
+    if (options.driver or options.desk_recording) and options.desk in (BROWSER, *ELSEWHERE):
         asked = "--driver" if options.driver else "--desk-recording"
-        return f"{asked}: the plant has no desk with --desk {options.desk}"
+        why = "a viewer drives" if options.desk == BROWSER else "the plant has no desk"
+        return f"{asked}: {why} with --desk {options.desk}"
+    return ""
+
+
+def by_hand_problem(options: RunOptions) -> str:
+    """Error text if a person at the page cannot act on this run; else empty."""
+    if options.allow_faults and options.trains is not None:
+        return (
+            "--allow-faults: not with --trains, where each train has a page of its own afterwards"
+        )
+    if options.allow_faults and options.plant != "auto":
+        return "--allow-faults: only with the train of the bench; leave out --plant"
+    if options.desk == BROWSER and options.lockstep and options.plant != "auto":
+        return "--desk browser: with --lockstep only at the desk of the bench; leave out --plant"
     return ""
 
 

@@ -15,6 +15,7 @@ from metro_hil.model.case import (
 )
 
 DEAD: Final = "the controller ended by itself"
+NEVER_MOVED: Final = "the train never moved"
 MOVED_MIN_M: Final = 1.0
 """Minimum movement of the train, m; with less, a run shows nothing about driving."""
 EXERCISED: Final = (Verdict.PASS, Verdict.FAIL)
@@ -57,7 +58,7 @@ def judge(case: Case, shown: RunEvidence) -> Judgement:
     if not shown.violated:
         lacking += [f"never began: {', '.join(blocked)}"] if blocked else []
         lacking += [f"not judged by: {', '.join(unmeasured)}"] if unmeasured else []
-        lacking += ["the train never moved"] if idle else []
+        lacking += [NEVER_MOVED] if idle else []
         lacking += vacuous
     failed = [each for each in shown.monitors if each.verdict is Verdict.FAIL]
     reason = "; ".join(lacking)

@@ -89,6 +89,8 @@ class Conduct:
         self._state = ""
         self.ended_by: signal.Signals | int | None = None
         """Signal or exit code of a controller that ended by itself."""
+        recording = made.scenario.desk_recording
+        self._desk_until_s = 0.0 if recording is None else recording.end_s
         self._schedule = Schedule(made.faults)
         self._schedule.listen(self._changed_by_time)
 
@@ -294,7 +296,7 @@ class Conduct:
             duration_s=self._case.setup.duration_s,
             violated=self._case.stop_at_violation and self._monitors.violated is not None,
             killed_for_good=self._lost,
-            pending=self.faults.pending,
+            pending=self.faults.pending or self._run_s(now_ns) < self._desk_until_s,
             truth_known=self._stage.parts.plant,
         )
 

@@ -277,7 +277,7 @@ class CaseRun:
         elif (
             self._still_s is not None
             and now_ns / NS_PER_S - self._still_s > self._patience_s
-            and not self.bench.plant.schedule.pending
+            and not self.bench.plant.pending
         ):
             self._reason = STUCK
         return self._reason != ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from can_dbc.nodes import Node
 from firmware_py.buses.inproc import VirtualBus, open_bus
-from firmware_py.clock.clock import LockstepClock, WallClock
+from firmware_py.clock.clock import Clock, LockstepClock, WallClock
 from firmware_py.clock.executive import Executive, Task, run
 from firmware_py.interrupts import Interrupts, never
 from firmware_py.ports import CanFrame, CanPort, RadioPort, SerialPort
@@ -37,14 +37,15 @@ from metro_hil.model.gc_tuning import rarely_collected
 from metro_hil.model.mission import Journey
 from metro_hil.model.native import use_native
 from metro_hil.model.run_folder import RunFolder
-from metro_hil.model.run_options import ELSEWHERE, RunOptions
+from metro_hil.model.run_options import BROWSER, ELSEWHERE, RunOptions
 from metro_hil.run.radio_tap import TappedRadio
+from plant_emulator.cli.by_hand import TrainByHand, open_by_hand
 from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice, TruthLog
 from plant_emulator.truth import Truth
 from plant_emulator.wayside.railway import subscriptions
-from plant_emulator.world import TrainScenario, plan_scenario
+from plant_emulator.world import STEP_NS, TrainScenario, plan_scenario
 from vobc.config import VobcConfig, load_config
 from vobc.process import CYCLE_COLUMNS, EventLines
 from vobc.wire import RECEIVED_IDS
@@ -60,6 +61,11 @@ STANDS_S = 900.0
 STUCK = f"stands for good: not moved for {STANDS_S / 60.0:.0f} min"
 TIME_UP = f"not arrived within {LIMIT_S / 3600.0:.0f} h"
 WATCH_MS = 500.0
+FLUSH_NS = 50_000_000
+"""Time between two updates of the page."""
+CATCH_UP_NS = 250_000_000
+"""Lag behind real time beyond which virtual time does not catch up."""
+NOT_BY_HAND = TrainByHand()
 BUS_FAULT_MS = 1.0
 NS_PER_S = 1_000_000_000
 
@@ -100,6 +106,7 @@ class Lockstep:
         taps: Taps = UNTAPPED,
         controller: ControllerSpec = SHIPPED,
         plant: PlantSpec = SHIPPED_PLANT,
+        by_hand: TrainByHand = NOT_BY_HAND,
     ) -> None:
         """Without a folder, nothing is logged.
 
@@ -112,6 +119,7 @@ class Lockstep:
             taps: observers of the run.
             controller: the controller under test.
             plant: the plant, or the program that emulates parts of it.
+        by_hand: what a person does to the train while it runs.
         """
         use_native()
         self.clock = LockstepClock()
@@ -132,21 +140,14 @@ class Lockstep:
             observer=taps.truth,
             reports=reports,
             foreign=self.foreign,
+            desk=by_hand.desk,
+            by_hand=by_hand.faults,
         )
         self._bus_faults: BusFaults | None = None
         self._executives = [self.plant.executive]
-        self._side = ControllerSide(
-            controller,
-            config,
-            journey,
-            clock=self.clock,
-            cycle_log=self._log(folder, "cycles.csv", CYCLE_COLUMNS),
-            port_log=self._port_log(folder),
-            said=taps.said,
-            event_log=self._event_log(folder),
-        )
+        self._side = self._controller_side(controller, config, journey, folder, taps)
         self._stack.callback(self._side.close)
-        places = {*places, *(plan.kind.place for plan in faults)}
+        places = {*places, *by_hand.fault_places, *(plan.kind.place for plan in faults)}
         topics = _topics_of(journey.line.name, config.address)
         accepted = RECEIVED_IDS if controller.kind == SHIPPED.kind else None
         self.vobc = self._connected(
@@ -159,6 +160,25 @@ class Lockstep:
         self.arrived, self._moved_ns = False, 0
         """Whether the train has stood with open doors at its last station for a while."""
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
+
+    def _controller_side(
+        self,
+        controller: ControllerSpec,
+        config: VobcConfig,
+        journey: Journey,
+        folder: RunFolder | None,
+        taps: Taps,
+    ) -> ControllerSide:
+        return ControllerSide(
+            controller,
+            config,
+            journey,
+            clock=self.clock,
+            cycle_log=self._log(folder, "cycles.csv", CYCLE_COLUMNS),
+            port_log=self._port_log(folder),
+            said=taps.said,
+            event_log=self._event_log(folder),
+        )
 
     def _foreign_plant(self, plant: PlantSpec, scenario: TrainScenario) -> ForeignPlant | None:
         """Start the program or the nodes; if that fails, all logs are closed."""
@@ -210,25 +230,41 @@ class Lockstep:
 
         self.plant.schedule.listen(listener)
 
-    def run(self, duration_s: float | None = None, interrupted: Callable[[], bool] = never) -> str:
+    def run(
+        self,
+        duration_s: float | None = None,
+        interrupted: Callable[[], bool] = never,
+        pace: Callable[[int], None] | None = None,
+    ) -> str:
         """Run until the train arrives, is stuck, or time is over; a given duration disables the
         check for a stuck train.
 
         Args:
             interrupted: whether the user has asked to end the run.
+            pace: called before each step of the plant, with its instant. The run then ends only at
+                such an instant, and a train may stand for as long as the person at the page likes.
         """
         limit_s = LIMIT_S if duration_s is None else min(duration_s, LIMIT_S)
         end_ns = self.clock.now_ns() + int(limit_s * NS_PER_S)
-        stands_s = LIMIT_S if duration_s is not None else STANDS_S
-        self.run_until(
-            lambda now_ns: (
-                now_ns >= end_ns
-                or self.arrived
-                or self._stood_s(now_ns) >= stands_s
-                or interrupted()
-            )
-        )
-        if interrupted():
+        stands_s = LIMIT_S if duration_s is not None or pace is not None else STANDS_S
+
+        paced_ns, asked = -1, False
+
+        def over(now_ns: int) -> bool:
+            nonlocal paced_ns, asked
+            if pace is None:
+                asked = interrupted()
+            elif now_ns % STEP_NS:
+                return False
+            elif now_ns > paced_ns:
+                paced_ns = now_ns
+                pace(now_ns)
+                # Later releases of this instant would leave the step incomplete.
+                asked = interrupted()
+            return now_ns >= end_ns or self.arrived or self._stood_s(now_ns) >= stands_s or asked
+
+        self.run_until(over)
+        if asked:
             return INTERRUPTED
         if self.arrived:
             return ARRIVED
@@ -286,6 +322,12 @@ class Lockstep:
             self.bus.advance(now_ns + NS_PER_S)
         finally:
             self._stack.close()
+
+    def flush(self) -> None:
+        """Pass everything that the page of a run shows to the operating system."""
+        for log in self._logs:
+            if isinstance(log, CandumpWriter | EventLines):
+                log.flush()
 
     @property
     def lost_log_lines(self) -> int:
@@ -407,17 +449,60 @@ def scenario_of(options: RunOptions) -> TrainScenario:
         end=options.end,
         load_ratio=options.load_ratio,
         odometer_error_ratio=options.odometer_error,
-        desk_mode="auto" if options.desk in ELSEWHERE else options.desk,
+        desk_mode=_desk_mode(options.desk),
         driver=options.driver,
         desk_recording=options.desk_recording,
         desk_elsewhere=options.desk in ELSEWHERE,
     )
 
 
+def _desk_mode(desk: str) -> str:
+    """Return the mode of the desk at the start."""
+    if desk == BROWSER:
+        return "manual"
+    return "auto" if desk in ELSEWHERE else desk
+
+
 def config_of(options: RunOptions) -> VobcConfig:
     """The controller's side of a run. Raises SettingsError."""
     return load_config(
         options.params, cycle_ms=options.cycle_ms, law=options.ato, stage=options.output
+    )
+
+
+class RealPace:
+    """Holds virtual time back to real time, so that a person at the page can act."""
+
+    def __init__(self, wall: Clock, flush: Callable[[], None]) -> None:
+        self._wall, self._flush = wall, flush
+        self._zero_ns = wall.now_ns()
+        """Instant of the wall clock at which virtual time was 0."""
+        self._flushed_ns = 0
+
+    def __call__(self, now_ns: int) -> None:
+        wall_ns = self._wall.now_ns() - self._zero_ns
+        if wall_ns - now_ns > CATCH_UP_NS:
+            # The program was stopped for a while; virtual time goes on from here.
+            self._zero_ns += wall_ns - now_ns
+        if now_ns - self._flushed_ns >= FLUSH_NS:
+            self._flushed_ns = now_ns
+            self._flush()
+        self._wall.wait_until(self._zero_ns + now_ns)
+
+
+def _by_hand(
+    options: RunOptions, folder: RunFolder | None, scenario: TrainScenario, stack: ExitStack
+) -> TrainByHand:
+    if not options.by_hand or folder is None:
+        return NOT_BY_HAND
+    return open_by_hand(
+        folder.path,
+        options.by_hand,
+        stack,
+        mode=scenario.desk_mode,
+        start_ns=0,
+        train=scenario.train,
+        places=frozenset(FaultPlace),
     )
 
 
@@ -428,26 +513,33 @@ def run_lockstep(
     *,
     scenario: TrainScenario | None = None,
     ended: Callable[[Lockstep], None] | None = None,
+    pace: Callable[[int], None] | None = None,
 ) -> Ending:
     """Run a train from start to end and return how the run ended.
 
     Args:
         scenario: the plant's side; default: that of the options.
         ended: receives the bench at the end of the run, before its devices stop.
+        pace: holds a run by hand back at each step; default: to real time.
     """
     wall = WallClock()
     scenario = scenario or scenario_of(options)
     plant = read_plant(options.plant)
-    bench = Lockstep(config_of(options), scenario, journey, folder, plant=plant)
+    stack = ExitStack()
+    by_hand = _by_hand(options, folder, scenario, stack)
+    bench = Lockstep(config_of(options), scenario, journey, folder, plant=plant, by_hand=by_hand)
     began_ns = wall.now_ns()
     interrupts = Interrupts()
+    if by_hand is not NOT_BY_HAND:
+        pace = pace or RealPace(wall, bench.flush)
     try:
         with interrupts.caught():
-            reason = bench.run(options.duration_s, lambda: interrupts.asked)
+            reason = bench.run(options.duration_s, lambda: interrupts.asked, pace)
         if ended is not None:
             ended(bench)
     finally:
         bench.close()
+        stack.close()
     elapsed_ns = max(1, wall.now_ns() - began_ns)
     statistics, virtual_ns = bench.bus.statistics(), bench.clock.now_ns()
     return Ending(

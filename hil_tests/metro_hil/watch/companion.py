@@ -27,7 +27,7 @@ class WatchPage:
         """Start the process. Raises OSError if its log cannot be written.
 
         Args:
-            may: what viewers may do: `desk` for a train, `commands` for a line.
+            may: what viewers may do: `desk` and `faults` for a train, `commands` for a line.
         """
         log = folder / LOG
         command = [sys.executable, "-m", "metro_hil.watch", str(folder), str(os.getpid()), *may]

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from metro_hil.model.run_folder import DESK_KEYS
+from plant_emulator.cli.by_hand import DESK_KEYS
 from plant_emulator.desk.hands import KEYS
 
 LET_GO = "space"

@@ -3,7 +3,8 @@
 import asyncio
 import json
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -317,6 +318,72 @@ def test_one_viewer_has_the_desk_and_others_look_on(served: LiveServer, hands: P
     assert (before, told_late, after, taken) == (("you", "another"), "another", "", "you")
     assert hands.pressed[:2] == ["up", "let go"]
     assert "e" not in hands.pressed
+
+
+class NotedActs:
+    """Faults that note the acts, and refuse those without a name."""
+
+    catalogue = ({"title": "Bus", "kinds": []},)
+
+    def __init__(self) -> None:
+        self.acts: list[object] = []
+        self.began: list[dict[str, object]] | None = []
+
+    def act(self, message: Mapping[str, object]) -> str:
+        if "fault" not in message:
+            return "no name"
+        self.acts.append(message["fault"])
+        return ""
+
+    def news(self) -> list[dict[str, object]] | None:
+        began, self.began = self.began, None
+        return began
+
+    def close(self) -> None:
+        self.acts.append("closed")
+
+
+def test_one_viewer_acts_on_faults_and_a_run_without_them_refuses(
+    run: Path, served: LiveServer
+) -> None:
+    faults, act = NotedActs(), {"kind": "fault", "act": "start", "fault": "brake_weak"}
+
+    def next_of(socket: ClientConnection, *kinds: str) -> dict[str, object]:
+        while True:
+            message = socket.recv(timeout=10)
+            told = json.loads(message) if isinstance(message, str) else {}
+            if told.get("kind") in kinds:
+                return dict(told)
+
+    @contextmanager
+    def viewer(server: LiveServer) -> Iterator[ClientConnection]:
+        origin = Origin(server.address.rsplit("/", 2)[0])
+        with connect(server.address.replace("http", "ws") + "stream", origin=origin) as socket:
+            yield socket
+
+    with viewer(served) as socket:
+        socket.send(json.dumps(act))
+        without = next_of(socket, "refused")["why"]
+    allowed = serve_folder(run, faults=faults, host="127.0.0.1", port=0)
+    with serving_rig.served(allowed), viewer(allowed) as first, viewer(allowed) as second:
+        first.send(json.dumps(act))
+        untaken = next_of(first, "refused")["why"]
+        for message in ({"kind": "take"}, act, {"kind": "fault", "act": "start"}):
+            first.send(json.dumps(message))
+        bad = next_of(first, "refused")["why"]
+        second.send(json.dumps({"kind": "take"}))
+        second.send(json.dumps(act))
+        other = next_of(second, "refused")["why"]
+        faults.began = [{"kind": "brake_weak", "start_s": 1.5}]
+        seen = next_of(second, "faults")["began"], next_of(first, "faults")["began"]
+        with viewer(allowed) as late:
+            seen_late = next_of(late, "faults")["began"]
+
+    assert "--allow-faults" in str(without)
+    assert untaken == other == "Take the faults first; one viewer at a time acts."
+    assert bad == "no name"
+    assert faults.acts == ["brake_weak", "closed"]
+    assert seen[0] == seen[1] == seen_late == [{"kind": "brake_weak", "start_s": 1.5}]
 
 
 def refused(address: str, **headers: str) -> int:

@@ -8,7 +8,7 @@ from typing import Any, Final
 from canlog.damage import LogError
 from canlog.database import Bus, load_bus
 from canlog.live.feeds import BusFeed, FolderFeed
-from canlog.live.server import DeskControl, LiveServer
+from canlog.live.server import DeskControl, FaultControl, LiveServer
 from canlog.live.stream import VERSION, History
 from canlog.reader import read
 from canlog.run import BUS_LOG, bus_log_of
@@ -35,12 +35,18 @@ PLACE: Final = "VOBC_POSITION.front_m"
 
 
 def serve_folder(
-    folder: Path, *, hands: DeskControl | None = None, host: str, port: int
+    folder: Path,
+    *,
+    hands: DeskControl | None = None,
+    faults: FaultControl | None = None,
+    host: str,
+    port: int,
 ) -> LiveServer:
     """Return the server of a run: live while it goes on, then its report.
 
     Args:
         hands: the desk of the train, if viewers may use it.
+        faults: the faults of the run, if viewers may start and stop them.
 
     Raises:
         LogError: if the folder is no run, or the port is taken.
@@ -54,6 +60,8 @@ def serve_folder(
     head = live_head(bus, title, line_of(folder)) | {"messages": history.heads}
     if hands is not None:
         head["desk"] = hands.keys
+    if faults is not None:
+        head["faults"] = faults.catalogue
     report = _Report(folder, title)
     feed = FolderFeed(folder, bus)
 
@@ -61,7 +69,9 @@ def serve_folder(
         return report.text(history.remark) if history.ended else html_page(head)
 
     now_ns = WallClock().epoch_ns
-    return LiveServer(feed, history, page, now_ns=now_ns, hands=hands, host=host, port=port)
+    return LiveServer(
+        feed, history, page, now_ns=now_ns, hands=hands, faults=faults, host=host, port=port
+    )
 
 
 def serve_bus(

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from http import HTTPStatus
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 from urllib.parse import parse_qsl, urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
@@ -172,6 +172,25 @@ class DeskControl(Protocol):
     def close(self) -> None: ...
 
 
+class FaultControl(Protocol):
+    """Faults that one viewer at a time may start, change and stop."""
+
+    @property
+    def catalogue(self) -> Sequence[Mapping[str, Any]]:
+        """The faults by place, for the page."""
+        ...
+
+    def act(self, message: Mapping[str, Any]) -> str:
+        """Do what a viewer wants; return why it is impossible, or an empty text."""
+        ...
+
+    def news(self) -> Sequence[Mapping[str, Any]] | None:
+        """Return all faults that began, if there is something new; else None."""
+        ...
+
+    def close(self) -> None: ...
+
+
 class LiveServer(TokenServer):
     """The live page, and its stream."""
 
@@ -183,6 +202,7 @@ class LiveServer(TokenServer):
         *,
         now_ns: Callable[[], int],
         hands: DeskControl | None = None,
+        faults: FaultControl | None = None,
         host: str = LOOPBACK,
         port: int = 0,
     ) -> None:
@@ -191,13 +211,16 @@ class LiveServer(TokenServer):
         Args:
             page: returns the page as HTML; called for each viewer, in a thread.
             now_ns: reads the wall clock, in nanoseconds since 1970.
-            hands: the desk that viewers may use; None for a page that only shows.
+            hands: the desk that viewers may use; None for a page without a desk.
+            faults: the faults on which viewers may act; None if they may not.
         """
         super().__init__(host=host, port=port)
         self._feed, self._history, self._page, self._now_ns = feed, history, page, now_ns
-        self._hands = hands
+        self._hands, self._faults = hands, faults
+        self._began: Sequence[Mapping[str, Any]] = ()
+        """Faults that began so far."""
         self._holder: Viewer | None = None
-        """The viewer who has the desk."""
+        """The viewer who has the desk and the faults."""
         self._viewers: set[Viewer] = set()
 
     def answer(self, path: str, query: Mapping[str, str]) -> tuple[str, bytes] | None:
@@ -208,20 +231,26 @@ class LiveServer(TokenServer):
         if self._history.ended:
             return
         items = self._history.take(self._feed.poll(self._now_ns()))
+        if self._faults is not None and (began := self._faults.news()) is not None:
+            self._began = began
+            items.append(_faults_text(began))
         if items:
             for viewer in self._viewers:
                 viewer.offer(items)
 
     def close(self) -> None:
         self._feed.close()
-        if self._hands is not None:
-            self._hands.close()
+        for control in (self._hands, self._faults):
+            if control is not None:
+                control.close()
 
     async def stream(self, connection: ServerConnection) -> None:
         viewer = Viewer(self._history.snapshot())
         self._viewers.add(viewer)
         if self._holder is not None:
             viewer.offer([json.dumps({"kind": "desk", "holder": "another"})])
+        if self._began:
+            viewer.offer([_faults_text(self._began)])
         try:
             await serve_viewer(connection, viewer, lambda message: self._hear(viewer, message))
         finally:
@@ -229,33 +258,55 @@ class LiveServer(TokenServer):
             self._drop(viewer)
 
     def _hear(self, viewer: Viewer, message: Item) -> None:
-        """Take a key of the viewer who has the desk; anything else is dropped."""
-        if self._hands is None or self._history.ended:
+        """Do what the viewer who has the desk and the faults wants; drop anything else."""
+        if self._history.ended:
             return
         try:
             told = json.loads(message)
             kind, key = told.get("kind"), told.get("key")
         except (ValueError, AttributeError):
             return
-        if kind == "take" and self._holder in (None, viewer):
+        if kind == "fault":
+            if why := self._act_on_fault(viewer, told):
+                viewer.offer([json.dumps({"kind": "refused", "why": why})])
+        elif self._hands is None and self._faults is None:
+            return
+        elif kind == "take" and self._holder in (None, viewer):
             self._holder = viewer
             self._tell_holder()
         elif kind == "leave":
             self._drop(viewer)
-        elif kind == "key" and viewer is self._holder and key in dict(self._hands.keys):
+        elif kind == "key" and viewer is self._holder:
+            self._press(key)
+
+    def _press(self, key: Any) -> None:
+        if self._hands is not None and key in dict(self._hands.keys):
             self._hands.press(key)
 
+    def _act_on_fault(self, viewer: Viewer, told: Mapping[str, Any]) -> str:
+        """Return why the act is refused; empty if the bench takes it."""
+        if self._faults is None:
+            return "This run takes no faults by hand; start it with --allow-faults."
+        if viewer is not self._holder:
+            return "Take the faults first; one viewer at a time acts."
+        return self._faults.act(told)
+
     def _drop(self, viewer: Viewer) -> None:
-        """Free the desk if this viewer has it."""
-        if viewer is self._holder and self._hands is not None:
+        """Free desk and faults if this viewer has them; faults that act go on."""
+        if viewer is self._holder:
             self._holder = None
-            self._hands.let_go()
+            if self._hands is not None:
+                self._hands.let_go()
             self._tell_holder()
 
     def _tell_holder(self) -> None:
         for each in self._viewers:
             who = "you" if each is self._holder else "another" if self._holder else ""
             each.offer([json.dumps({"kind": "desk", "holder": who})])
+
+
+def _faults_text(began: Sequence[Mapping[str, Any]]) -> str:
+    return json.dumps({"kind": "faults", "began": began})
 
 
 async def serve_viewer(

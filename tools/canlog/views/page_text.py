@@ -22,6 +22,7 @@ SCRIPTS: Final = (
     "picker.js",
     "drive.js",
     "live.js",
+    "faults.js",
     "app.js",
 )
 """Scripts in the order in which they stand in the page; they share one scope."""

@@ -27,6 +27,7 @@ VERBS: Final = {
     "serve": "show all campaigns of a folder in a browser, with their history",
     "report": "write the reports of a campaign again",
     "from-log": "make a scenario of a recorded ride, and compare the simulation with the record",
+    "from-run": "make a scenario of a run that a person acted on, and replay it",
     "replay": "feed a recorded run to a controller again and compare its outputs",
     "verify": "run a sample of a campaign again and require the same bytes",
     "sensitivity": (
@@ -50,8 +51,8 @@ Each is a module of this package with `add` and `run`; its name has _ for -. Onl
 verb is imported."""
 WORKING: Final = frozenset(
     {
-        *("attack", "run", "resume", "rerun", "from-log", "replay", "verify", "search", "line"),
-        "simulate",
+        *("attack", "run", "resume", "rerun", "from-log", "from-run", "replay", "verify"),
+        *("search", "line", "simulate"),
     }
 )
 """Verbs that leave results. They continue when standard output is closed."""

@@ -107,6 +107,7 @@ def test_the_names_of_the_command_line_are_the_real_ones() -> None:
     assert known_names.STAGES == STAGES
     assert list(known_names.DRIVERS) == list(DRIVERS)
     assert list(known_names.TIMERS) == sorted(timers.TIMER_SETS)
+    assert (known_names.DESK, known_names.FAULTS) == names.BY_HAND
     assert known_names.LAST_TRAIN == t2t.LAST_TRAIN
     assert known_names.LINE_ENDPOINT == sessions.LINE_ENDPOINT
 

@@ -36,7 +36,7 @@ from zenoh_config.sessions import LINE_ENDPOINT
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--lockstep", "--desk", "external"], "a person cannot drive in virtual time"),
+        (["--lockstep", "--desk", "external"], "`plant desk` cannot drive in virtual time"),
         (["--lockstep", "--bus", "nosuch"], "--bus: not with --lockstep"),
         (["--lockstep", "--plant", "none"], "--plant: not with --lockstep"),
         (["--lockstep", "--tags", "/dev/ttyUSB0"], "--tags: not with --lockstep"),
@@ -49,6 +49,11 @@ from zenoh_config.sessions import LINE_ENDPOINT
         ),
         (["--driver", "asleep"], "invalid choice"),
         (["--desk", "crew"], "invalid choice"),
+        (["--lockstep", "--allow-faults", "--plant", "command:x"], "leave out --plant"),
+        (["--allow-faults", "--plant", "none"], "--allow-faults: only with the train of the bench"),
+        (["--lockstep", "--desk", "browser", "--plant", "command:x"], "--desk browser: with"),
+        (["--lockstep", "--allow-faults", "--trains", "2"], "--allow-faults: not with --trains"),
+        (["--desk", "browser", "--driver", "late"], "--driver: a viewer drives"),
         (["--line-peer"], "--line-peer: needs --train"),
         (["--train", "T1", "--line-peer", "--secure", "s"], "--line-peer: not with --secure"),
         (["--line-radio", "tcp/127.0.0.1:7448"], "--line-radio: needs --train"),

@@ -4,7 +4,7 @@ const KEYS = [
   ["← →", "cursor to the frame before or after; with Shift ten frames"], ["[ ]", "to the event before or after"],
   ["+ −", "zoom in or out about the cursor"], ["a d", "pan"], ["0", "whole log"], ["Backspace", "back to the span before"],
   ["Home End", "to the first or last frame"], ["Enter", "pin the cursor where it is"], ["Esc", "let the cursor go"], ["f", "filter the frames"], ["s", "add a signal"],
-  ["1 2 3 4", "frames, events, messages, bits"], ["Space", "pause or resume a live page"], ["j", "show or hide speed over distance"], ["t", "light or dark"], ["g", "go to an instant"], ["?", "this list"],
+  ["1 2 3 4 5", "frames, events, messages, bits, faults"], ["Space", "pause or resume a live page"], ["j", "show or hide speed over distance"], ["t", "light or dark"], ["g", "go to an instant"], ["?", "this list"],
 ];
 const POINTER = [
   ["wheel", "zoom"], ["Shift+wheel, drag", "pan"], ["Shift+drag", "zoom to a span"], ["click", "pin the cursor; the way to the pointer is shown then"],
@@ -161,7 +161,7 @@ function listen() {
 function onKey(event) {
   if (live.on && deskKey(event)) return;
   if (event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.target.closest("input, dialog")) { if (event.key === "Escape" && event.target.id === "filter") { event.preventDefault(); event.target.blur(); } return; }
+  if (event.target.closest("input, select, summary, dialog")) { if (event.key === "Escape" && event.target.id === "filter") { event.preventDefault(); event.target.blur(); } return; }
   const about = view.cursor ?? (view.from + view.to) / 2, many = event.shiftKey ? 10 : 1;
   const actions = {
     ArrowLeft: () => table_.step(-many), ArrowRight: () => table_.step(many), ArrowUp: () => table_.step(-many), ArrowDown: () => table_.step(many),
@@ -170,7 +170,7 @@ function onKey(event) {
     0: wholeSpan, Backspace: backSpan, Home: () => goTo(view.first), End: () => goTo(view.last),
     "[": () => nextEvent(-1), "]": () => nextEvent(1), Enter: () => setCursor(about, true), Escape: unpin,
     f: () => { showTab("frames"); $("filter").focus(); }, s: openPicker, t: toggleTheme, "?": showHelp,
-    1: () => showTab("frames"), 2: () => showTab("events"), 3: () => showTab("stats"), 4: () => showTab("bits"),
+    1: () => showTab("frames"), 2: () => showTab("events"), 3: () => showTab("stats"), 4: () => showTab("bits"), 5: () => { if (view.head.faults) showTab("faults"); },
     " ": () => { if (live.on) toggleFollow(); },
     j: () => { if (journey) { $("journey").hidden = !$("journey").hidden; drawAll(); } },
     g: () => { const text = prompt("Go to which second?"); if (text !== null && text.trim() && !Number.isNaN(Number(text))) goTo(Number(text) * NS); },

@@ -119,7 +119,7 @@ function statsRow(told, columns) {
 
 function showTab(name) {
   for (const button of document.querySelectorAll("#dock [data-tab]")) button.setAttribute("aria-selected", button.dataset.tab === name);
-  for (const each of ["frames", "events", "stats", "bits"]) document.getElementById(`tab-${each}`).hidden = each !== name;
+  for (const each of ["frames", "events", "stats", "bits", "faults"]) document.getElementById(`tab-${each}`).hidden = each !== name;
   document.getElementById("filter").hidden = document.getElementById("filter-note").hidden = name !== "frames";
   if (name === "frames") table_.follow().then(() => table_.draw());
   if (name === "events") followEvents();

@@ -99,7 +99,7 @@ class LiveSource extends LocalSource {
   passing(terms, message, number) { return this.groups[number] ? super.passing(terms, message, number) : false; }
 }
 
-const live = { most: LIVE_FRAMES, on: false, following: true, ended: false, span: LIVE_SPAN, socket: null, remark: "", tries: 0, waiting: false, slow: 0, holder: "" };
+const live = { most: LIVE_FRAMES, on: false, following: true, ended: false, span: LIVE_SPAN, socket: null, remark: "", tries: 0, waiting: false, slow: 0, holder: "", controls: "" };
 
 function startLive() {
   live.on = true;
@@ -107,7 +107,8 @@ function startLive() {
   $("follow").hidden = false;
   $("follow").onclick = toggleFollow;
   showLive();
-  if (view.head.desk) startDesk();
+  if (view.head.desk || view.head.faults) startDesk();
+  if (view.head.faults) startFaults();
   if (!("WebSocket" in globalThis)) { say("This browser has no WebSocket, so it cannot follow a run; `canlog report` writes the page as a file."); return; }
   connect();
 }
@@ -128,6 +129,8 @@ function connect() {
 
 function heard(told) {
   if (told.kind === "desk") { live.holder = told.holder; showDesk(); return; }
+  if (told.kind === "faults") { showBegun(told.began); return; }
+  if (told.kind === "refused") { $("fault-refused").textContent = told.why; return; }
   if (told.kind === "lost") { say(`This browser was too slow: ${told.messages} updates are missing here. The log of the run has them.`); return; }
   if (told.kind === "snapshot") {
     if (told.version !== view.head.live) { live.ended = true; live.socket.close(); say("The bench has another version than this page: load the page again."); return; }
@@ -221,13 +224,14 @@ function showLive() {
 }
 function say(text) { live.remark = text; $("warnings").hidden = !text; $("warnings").textContent = text; }
 
-// The desk of the train: one viewer at a time has it, others look on. The lever goes to 0 when the page closes.
+// Desk and faults of the train: one viewer at a time has them, others look on. The lever goes to 0 when the page closes.
 const DESK_KEYS = { ArrowUp: "up", ArrowDown: "down", ArrowLeft: "left", ArrowRight: "right", " ": "space" };
 const DESK_SIGNS = { up: "↑", down: "↓", left: "←", right: "→", space: "Space" };
 function startDesk() {
   $("desk").hidden = false;
+  live.controls = [["desk", "the desk"], ["faults", "the faults"]].filter(([name]) => view.head[name]).map(([, text]) => text).join(" and ");
   $("take").onclick = () => tellDesk({ kind: live.holder === "you" ? "leave" : "take" });
-  $("keys-of-desk").replaceChildren(...view.head.desk.map(([key, text]) => {
+  $("keys-of-desk").replaceChildren(...(view.head.desk ?? []).map(([key, text]) => {
     const button = document.createElement("button"), sign = document.createElement("kbd");
     sign.textContent = DESK_SIGNS[key] ?? key;
     button.append(sign, ` ${text}`); button.dataset.key = key;
@@ -238,16 +242,18 @@ function startDesk() {
 }
 function tellDesk(told) { if (live.socket?.readyState === 1) live.socket.send(JSON.stringify(told)); }
 function showDesk() {
-  if (!view.head.desk) return;
-  const mine = live.holder === "you", other = live.holder === "another";
+  if (!live.controls) return;
+  const { controls } = live, mine = live.holder === "you", other = live.holder === "another", Controls = controls[0].toUpperCase() + controls.slice(1);
   $("take").disabled = other || live.ended;
-  $("take").textContent = mine ? "Leave the desk" : "Take the desk";
-  $("holder").textContent = live.ended ? "" : mine ? "You have the desk; its keys go to the train." : other ? "Another viewer has the desk; this page looks on." : "The desk is free.";
+  $("take").textContent = `${mine ? "Leave" : "Take"} ${controls}`;
+  const keys = view.head.desk ? "; the keys of the desk go to the train" : "";
+  $("holder").textContent = live.ended ? "" : mine ? `You have ${controls}${keys}.` : other ? `Another viewer has ${controls}; this page looks on.` : `${Controls} ${controls.endsWith("desk") ? "is" : "are"} free.`;
   for (const button of $("keys-of-desk").children) button.disabled = !mine;
+  allowFaults(mine);
 }
 // Whether the desk takes a key of the keyboard.
 function deskKey(event) {
-  if (live.holder !== "you" || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, dialog, button")) return false;
+  if (!view.head.desk || live.holder !== "you" || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, summary, dialog, button")) return false;
   const key = DESK_KEYS[event.key] ?? event.key;
   if (!view.head.desk.some(([name]) => name === key)) return false;
   tellDesk({ kind: "key", key });
