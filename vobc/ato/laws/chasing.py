@@ -1,10 +1,12 @@
 """Control by chasing time ([Wu 2022]): the gentlest notch that still reaches the curve in time.
 
-State and reference are predicted over the brake's dead time and lag. Each notch brakes by its level
-and the gradient. The law takes a notch by the time in which it closes the gap to the curve. Two
+State and reference are predicted over the brake's dead time and lag. While the train brakes, a bank
+of hypotheses identifies the dead time and the gain of the brake. Each notch brakes by its level and
+the gradient. The law takes a notch by the time in which it closes the gap to the curve. Two
 additions of the paper can be switched off: early braking, and a small brake through blending.
 """
 
+from dataclasses import replace
 from typing import Final
 
 from firmware_py.trackdb import LineMap
@@ -15,7 +17,8 @@ from vobc.ato.laws.law import Drive, Target
 from vobc.ato.laws.notch_choice import NotchTarget
 from vobc.ato.laws.notch_ending import StopEnding, chase_from_mps, last_notch_mps2
 from vobc.ato.model.ceiling_forecast import CeilingOutlook, SmoothFront
-from vobc.ato.model.predictor import MeanInputLag, Pipeline, PredictedState
+from vobc.ato.model.predictor import PredictedState
+from vobc.ato.model.train_model import TrainModel
 from vobc.ato.motion import gradient, profile, trapezoid
 from vobc.ato.motion.step_curve import StepCurve
 from vobc.ato.settings.ato import AtoConfig, within_notches
@@ -31,18 +34,12 @@ LOOK_AHEAD_RATIO: Final = 1.3
 JOIN_MAX_S: Final = 2.5
 """Greatest time that a notch taken early is held before the normal rule applies."""
 AT_TARGET_MPS: Final = 0.1
-SPEED_PULL_RATIO: Final = 0.2
-SPEED_JUMP_MPS: Final = 0.3
-"""Speed error from which the measured speed is accepted at once, because another source brakes."""
 
 Curve = profile.ReferenceBrakingCurve | StepCurve
 
 
 class Chasing:
     __slots__ = (
-        "_brake",
-        "_brake_lag",
-        "_brake_tap",
         "_ceiling",
         "_chase",
         "_config",
@@ -55,14 +52,12 @@ class Chasing:
         "_joining_s",
         "_limits",
         "_line",
+        "_model",
         "_planned_for",
-        "_pull_lag",
         "_rejoin_m",
         "_since_s",
         "_slowing_to",
         "_stopping",
-        "_traction",
-        "_traction_tap",
         "notch_mps2",
         "speed_mps",
         "state",
@@ -70,17 +65,11 @@ class Chasing:
 
     def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
         config = within_notches(config)
-        scheme, traction = config.chasing, config.traction
+        scheme = config.chasing
         self._config = config
         self._line = line
         self._dt_s = dt_s
-        longest_s = scheme.dead_time_s + scheme.lag_s + scheme.air_delay_s
-        self._brake = Pipeline(dt_s, longest_s + dt_s)
-        self._traction = Pipeline(dt_s, traction.dead_time_s + traction.lag_s + dt_s)
-        self._brake_tap = self._brake.tap(scheme.dead_time_s)
-        self._traction_tap = self._traction.tap(traction.dead_time_s)
-        self._brake_lag = MeanInputLag(scheme.lag_s, dt_s)
-        self._pull_lag = MeanInputLag(traction.lag_s, dt_s)
+        self._model = self._make_model(config, dt_s)
         self._limits = profile.SpeedLimits(config, line)
         self._curve: Curve = StepCurve((scheme.decel_mps2,), ())
         self._ending = StopEnding(config)
@@ -100,12 +89,31 @@ class Chasing:
         """The present notch as a demand. The demand reaches it at the jerk limit."""
         self.speed_mps = 0.0
 
+    @staticmethod
+    def _make_model(config: AtoConfig, dt_s: float) -> TrainModel:
+        scheme, brake = config.chasing, config.brake
+        expected_s = min(max(scheme.dead_time_s, brake.dead_times_s[0]), brake.dead_times_s[-1])
+        # Late friction has settings of its own in this law.
+        brake = replace(
+            brake, expected_dead_time_s=expected_s, lag_s=scheme.lag_s, air_delays_s=(0.0,)
+        )
+        return TrainModel(brake, config.traction, dt_s, weak_ratio=config.braking.weak_ratio)
+
+    @property
+    def brake_dead_time_s(self) -> float:
+        """Dead time identified in the present application, or the expected one before."""
+        return self._model.dead_time_s
+
     def observe(self, inputs: vocabulary.AtoInput, cycles: int) -> None:
         self._gravity_mps2 = gradient.decel_on_mps2(self._config, inputs.gradient_permille)
-        for _ in range(cycles):
-            self._brake.push(max(0.0, -self._demand_mps2))
-            self._traction.push(max(0.0, self._demand_mps2))
-            self._move(inputs.speed_mps)
+        ours = inputs.enabled and not inputs.protection_brakes
+        self._model.step(
+            inputs.speed_mps,
+            self._gravity_mps2 + self._config.chasing.rolling_mps2,
+            cycles,
+            ours=ours,
+        )
+        self.speed_mps = self._model.speed_mps
         dt_s = self._dt_s * cycles
         self._since_s += dt_s
         self._joining_s = max(0.0, self._joining_s - dt_s)
@@ -114,20 +122,12 @@ class Chasing:
         )
         self._ceiling.step(inputs.ceiling_mps, dt_s)
 
-    def _move(self, measured_mps: float) -> None:
-        """One cycle under the demands that act by now, corrected towards the measurement."""
-        pull_mps2 = self._pull_lag.step(self._traction.mean(self._traction_tap))
-        brake_mps2 = self._brake_lag.step(self._brake.mean(self._brake_tap))
-        steady_mps2 = self._gravity_mps2 + self._config.chasing.rolling_mps2
-        expected_mps = self.speed_mps + (pull_mps2 - brake_mps2 - steady_mps2) * self._dt_s
-        error_mps = measured_mps - expected_mps
-        share_ratio = SPEED_PULL_RATIO if abs(error_mps) < SPEED_JUMP_MPS else 1.0
-        self.speed_mps = max(0.0, expected_mps + share_ratio * error_mps)
-
     def rest(self) -> None:
+        self._model.rest()
         self.speed_mps = 0.0
 
     def set_off(self, inputs: vocabulary.AtoInput, demand_mps2: float) -> None:
+        self._model.meet(inputs.speed_mps)
         self.state = ChasingState.BRAKE if demand_mps2 < 0.0 else ChasingState.COAST
         self._stopping = False
         self._slowing_to = -1
@@ -138,6 +138,7 @@ class Chasing:
 
     def issued(self, demand_mps2: float) -> None:
         self._demand_mps2 = demand_mps2
+        self._model.issue(demand_mps2)
 
     def drive(self, inputs: vocabulary.AtoInput, target: Target) -> Drive:
         self._plan(target)
@@ -165,23 +166,19 @@ class Chasing:
         """S_cur and v_cur when a brake demand given now acts (equation 3).
 
         The paper has S + v * t - b * t**2 / 2 with b the mean of the demands under way. Here the
-        integrals are exact. The present traction is assumed to stay.
+        integrals are exact, and the gain of the brake is the identified one.
         """
-        scheme, traction = self._config.chasing, self._config.traction
-        horizon_s = scheme.dead_time_s + scheme.lag_s
+        scheme = self._config.chasing
+        later_s = scheme.lag_s
         if self._stopping and self.speed_mps <= scheme.blending_begin_mps:
-            horizon_s += scheme.air_delay_s
-        pull_s = min(horizon_s, traction.dead_time_s + traction.lag_s)
-        braked_mps, braked_m = self._brake.window(horizon_s)
-        pulled_mps, pulled_m = self._traction.window(pull_s)
-        held_mps2, rest_s = max(0.0, self._demand_mps2), horizon_s - pull_s
-        pulled_m += pulled_mps * rest_s + held_mps2 * rest_s * rest_s / 2.0
-        pulled_mps += held_mps2 * rest_s
-        steady_mps2 = self._gravity_mps2 + scheme.rolling_mps2
-        speed_mps = self.speed_mps + pulled_mps - braked_mps - steady_mps2 * horizon_s
-        travel_m = (self.speed_mps - steady_mps2 * horizon_s / 2.0) * horizon_s
-        front_m = self._front.front_m + travel_m + pulled_m - braked_m
-        return PredictedState(front_m, max(0.0, speed_mps))
+            later_s += scheme.air_delay_s
+        gravity_mps2 = self._gravity_mps2 + scheme.rolling_mps2
+        return self._model.ahead_of_brake(self._front.front_m, gravity_mps2, later_s=later_s)
+
+    @property
+    def _brake_ratio(self) -> float:
+        """Identified deceleration by the brake, relative to the demand."""
+        return 1.0 + self._model.gain_ratio
 
     def _plan(self, target: Target) -> None:
         if target == self._planned_for:
@@ -226,7 +223,7 @@ class Chasing:
     def _free(self, ahead: PredictedState) -> NotchTarget:
         """The highest speed within limits and ceiling, as a reference of its own."""
         scheme = self._config.chasing
-        horizon_s = scheme.dead_time_s + scheme.lag_s
+        horizon_s = self._model.dead_time_s + scheme.lag_s
         ceiling_mps = self._ceiling.in_mps(horizon_s)
         fall_mps2 = max(0.0, ceiling_mps - self._ceiling.in_mps(horizon_s + 1.0))
         limit_mps = self._limits.under_train_mps(self._front.front_m)
@@ -325,7 +322,7 @@ class Chasing:
 
     def _resistance_mps2(self, front_m: float) -> float:
         gravity_mps2 = gradient.decel_at_mps2(self._config, self._line, front_m)
-        return gravity_mps2 + self._config.chasing.rolling_mps2
+        return gravity_mps2 + self._config.chasing.rolling_mps2 - self._model.disturbance_mps2
 
     def _begin_braking(self, aim: NotchTarget, ahead: PredictedState) -> None:
         """Before the curve, take the notch nearest to its deceleration. It builds up meanwhile."""
@@ -333,6 +330,7 @@ class Chasing:
             return
         wanted_mps2 = aim.decel_mps2 - self._resistance_mps2(ahead.front_m)
         levels_mps2 = self._config.output.brake_levels_mps2
+        wanted_mps2 /= self._brake_ratio
         level_mps2 = min(levels_mps2, key=lambda one_mps2: abs(one_mps2 - wanted_mps2))
         self._take(-level_mps2)
         self._joining_s = JOIN_MAX_S
@@ -352,6 +350,8 @@ class Chasing:
                 measured_mps=inputs.speed_mps,
                 now_mps2=self.notch_mps2,
                 rested=rested,
+                brake_ratio=self._brake_ratio,
+                drift_mps2=self._model.disturbance_mps2,
             )
             if notch_mps2 is not None:
                 self._take(notch_mps2)
@@ -373,7 +373,9 @@ class Chasing:
 
     def _pick(self, aim: NotchTarget, levels_mps2: list[float], resistance_mps2: float) -> float:
         scheme, now_mps2 = self._config.chasing, self.notch_mps2
-        return notch_choice.picked(scheme, aim, now_mps2, levels_mps2, resistance_mps2)
+        return notch_choice.picked(
+            scheme, aim, now_mps2, levels_mps2, resistance_mps2, self._brake_ratio
+        )
 
     def _pull(self, inputs: vocabulary.AtoInput, free: NotchTarget) -> None:
         """Traction and cruising: the same rule towards a constant speed, without the brake."""
@@ -390,6 +392,7 @@ class Chasing:
         ]
         levels_mps2.append(0.0)
         resistance_mps2 = self._gravity_mps2 + config.chasing.rolling_mps2
+        resistance_mps2 -= self._model.disturbance_mps2
         self._take(self._pick(free, levels_mps2, resistance_mps2))
 
     def _reference_mps(

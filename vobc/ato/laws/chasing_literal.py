@@ -1,6 +1,7 @@
 """Control by chasing time as printed in [Wu 2022]. It is unstable and kept to show that."""
 
 from dataclasses import replace
+from typing import Final
 
 from firmware_py.trackdb import LineMap
 from vobc import vocabulary
@@ -9,7 +10,11 @@ from vobc.ato.laws.chasing import Chasing
 from vobc.ato.laws.law import Target
 from vobc.ato.laws.notch_choice import NotchTarget
 from vobc.ato.model.predictor import PredictedState
+from vobc.ato.model.train_model import TrainModel
 from vobc.ato.settings.ato import AtoConfig
+
+LONGEST_S: Final = 3.0
+"""Longest dead time that the model of the brake takes."""
 
 
 class ChasingLiteral(Chasing):
@@ -26,6 +31,20 @@ class ChasingLiteral(Chasing):
     def __init__(self, config: AtoConfig, line: LineMap, dt_s: float) -> None:
         bare = replace(config.chasing, early_transition=False, small_brake=False)
         super().__init__(replace(config, chasing=bare), line, dt_s)
+
+    @staticmethod
+    def _make_model(config: AtoConfig, dt_s: float) -> TrainModel:
+        """The brake as it is assumed: nothing is identified."""
+        scheme = config.chasing
+        assumed_s = min(scheme.dead_time_s, LONGEST_S)
+        brake = replace(
+            config.brake,
+            dead_times_s=(assumed_s,),
+            expected_dead_time_s=assumed_s,
+            lag_s=scheme.lag_s,
+            air_delays_s=(0.0,),
+        )
+        return TrainModel(brake, config.traction, dt_s, weak_ratio=0.0)
 
     def _brake_on(
         self, inputs: vocabulary.AtoInput, ahead: PredictedState, target: Target, aim: NotchTarget

@@ -26,6 +26,7 @@ def picked(
     now_mps2: float,
     levels_mps2: Sequence[float],
     resistance_mps2: float,
+    brake_ratio: float = 1.0,
 ) -> float:
     """Demand of the notch to take.
 
@@ -33,12 +34,13 @@ def picked(
         now_mps2: demand of the present notch.
         levels_mps2: demands to choose from, from the strongest traction to the strongest brake.
         resistance_mps2: deceleration by gradient and rolling.
+        brake_ratio: deceleration by the brake, relative to the demand.
     """
-    if keeps(scheme, aim, now_mps2, levels_mps2, resistance_mps2):
+    if keeps(scheme, aim, now_mps2, levels_mps2, resistance_mps2, brake_ratio):
         return now_mps2
     index = catch_time.gentlest(
         aim.error_mps,
-        [resistance_mps2 - level_mps2 for level_mps2 in levels_mps2],
+        [decel_mps2(level_mps2, resistance_mps2, brake_ratio) for level_mps2 in levels_mps2],
         reference_mps2=aim.decel_mps2,
         within_s=aim.run_s,
         guard_mps2=scheme.guard_mps2,
@@ -54,6 +56,7 @@ def keeps(
     now_mps2: float,
     levels_mps2: Sequence[float],
     resistance_mps2: float,
+    brake_ratio: float = 1.0,
 ) -> bool:
     """Whether the present notch still reaches the reference in time, and the error is small."""
     if now_mps2 not in levels_mps2 or abs(aim.error_mps) >= scheme.keep_band_mps:
@@ -63,11 +66,16 @@ def keeps(
         return now_mps2 < 0.0 or not aim.to_stop
     time_s = catch_time.catch_s(
         aim.error_mps,
-        resistance_mps2 - now_mps2,
+        decel_mps2(now_mps2, resistance_mps2, brake_ratio),
         reference_mps2=aim.decel_mps2,
         guard_mps2=scheme.guard_mps2,
     )
     return time_s <= aim.run_s
+
+
+def decel_mps2(level_mps2: float, resistance_mps2: float, brake_ratio: float) -> float:
+    """Deceleration of the train with this demand."""
+    return resistance_mps2 - level_mps2 * (brake_ratio if level_mps2 < 0.0 else 1.0)
 
 
 def quiet_mps(scheme: ChasingScheme, aim: NotchTarget) -> float:

@@ -2,6 +2,7 @@
 stop.
 """
 
+from bisect import bisect_left
 from typing import Final
 
 from vobc.ato.model.predictor import PredictedState
@@ -12,6 +13,8 @@ from vobc.ato.settings.chasing import ChasingScheme
 LAST_SOONER_RATIO: Final = 2.0
 LAST_LATER_RATIO: Final = 0.5
 """Bounds of the speed at which the last notch is taken, relative to its planned speed."""
+SAME_MPS2: Final = 1e-9
+"""Difference up to which two decelerations belong to the same notch."""
 LEAST_ROOM_M: Final = 0.02
 ROLL_RATIO: Final = 0.6
 """Share of the last notch below which the train rolls without brake."""
@@ -59,15 +62,22 @@ class StopEnding:
         "_holding",
         "_last_m",
         "_last_mps2",
+        "_last_notch_mps2",
         "_lasting",
+        "_levels_mps2",
+        "_plan_mps2",
         "_resistance_mps2",
     )
 
     def __init__(self, config: AtoConfig) -> None:
         self._config = config
         self._curve = StepCurve((config.chasing.decel_mps2,), ())
-        self._resistance_mps2 = 0.0
-        self._last_mps2 = config.output.brake_levels_mps2[0]
+        self._plan_mps2 = self._resistance_mps2 = 0.0
+        """Deceleration without brake: by gradient and rolling, and with what was identified."""
+        self._levels_mps2 = config.output.brake_levels_mps2
+        """Deceleration by each notch."""
+        self._last_notch_mps2 = self._last_mps2 = config.output.brake_levels_mps2[0]
+        """The last notch, and the deceleration by it."""
         self._last_m = 0.0
         self.reset()
 
@@ -80,8 +90,8 @@ class StopEnding:
         """Prepare a new stop on this gradient."""
         scheme = self._config.chasing
         self._curve = curve
-        self._resistance_mps2 = gravity_mps2 + scheme.rolling_mps2
-        self._last_mps2 = last_notch_mps2(self._config, gravity_mps2)
+        self._plan_mps2 = self._resistance_mps2 = gravity_mps2 + scheme.rolling_mps2
+        self._last_notch_mps2 = last_notch_mps2(self._config, gravity_mps2)
         self._last_m = curve.at_speed(scheme.last_speed_mps).distance_m
         self.reset()
 
@@ -93,6 +103,8 @@ class StopEnding:
         measured_mps: float,
         now_mps2: float,
         rested: bool,
+        brake_ratio: float,
+        drift_mps2: float,
     ) -> float | None:
         """Demand of the notch to take, negative. None: the curve is still followed.
 
@@ -101,8 +113,19 @@ class StopEnding:
             measured_mps: present speed.
             now_mps2: demand of the present notch.
             rested: the dwell time of the notch is over.
+            brake_ratio: deceleration by the brake, relative to the demand.
+            drift_mps2: acceleration that neither brake nor gradient explain.
         """
-        wanted_mps2 = self._wanted_mps2(ahead, distance_m, measured_mps, now_mps2, rested=rested)
+        notches_mps2 = self._config.output.brake_levels_mps2
+        self._levels_mps2 = tuple(notch_mps2 * brake_ratio for notch_mps2 in notches_mps2)
+        self._last_mps2 = self._last_notch_mps2 * brake_ratio
+        self._resistance_mps2 = self._plan_mps2 - drift_mps2
+        wanted_mps2 = self._wanted_mps2(
+            ahead, distance_m, measured_mps, now_mps2 * brake_ratio, rested=rested
+        )
+        if wanted_mps2 is not None and wanted_mps2 < 0.0:
+            index = bisect_left(self._levels_mps2, -wanted_mps2 - SAME_MPS2)
+            wanted_mps2 = -notches_mps2[min(index, len(notches_mps2) - 1)]
         scheme = self._config.chasing
         if wanted_mps2 is None or not scheme.small_brake:
             return wanted_mps2
@@ -173,7 +196,7 @@ class StopEnding:
             return now_mps2
         # The notch may still grow in blending, but a train that is too slow after it cannot be
         # corrected. Therefore the choice is slightly too small.
-        levels_mps2 = self._config.output.brake_levels_mps2
+        levels_mps2 = self._levels_mps2
         fitting = [level for level in levels_mps2 if level >= wanted_mps2 - SMALL_SPARE_MPS2]
         return fitting[0] if fitting else levels_mps2[-1]
 
@@ -213,7 +236,7 @@ class StopEnding:
             needed_mps2 = min(needed_mps2, max(most_mps2, self._last_mps2))
         # A released brake answers with a new delay. Only a train that is much too slow rolls
         # without brake.
-        levels_mps2 = self._config.output.brake_levels_mps2
+        levels_mps2 = self._levels_mps2
         if not self._lasting and needed_mps2 < ROLL_RATIO * self._last_mps2:
             return 0.0
         needed_mps2 = min(max(needed_mps2, self._last_mps2), now_mps2 + STEP_UP_MPS2)

@@ -338,12 +338,17 @@ class TrainModel:
         self.brake_mps2 = bank.mean(self._output)
         self.on_its_way_mps2 = bank.mean(self._arrived)
 
-    def ahead_of_brake(self, front_m: float, gravity_mps2: float) -> PredictedState:
+    def ahead_of_brake(
+        self, front_m: float, gravity_mps2: float, *, later_s: float = 0.0
+    ) -> PredictedState:
         """Predicted state when a brake demand given now begins to act.
 
-        The present traction demand is assumed to last until then.
+        The present demand is assumed to last until then.
+
+        Args:
+            later_s: time after that for which the state is predicted.
         """
-        horizon_s = self.dead_time_s
+        horizon_s = self.dead_time_s + later_s
         steady_mps2 = self.disturbance_mps2 - gravity_mps2
         if self._active and self._handover.late:
             return self._ahead_of_friction(front_m, steady_mps2)
@@ -437,7 +442,9 @@ class TrainModel:
         if rest_s <= 0.0:
             return single, double
         then_mps2 = self.on_its_way_mps2
-        later, later_double = settling(rest_s, lag_s=self.lag_s, output_now=then_mps2, asked=0.0)
+        later, later_double = settling(
+            rest_s, lag_s=self.lag_s, output_now=then_mps2, asked=max(0.0, -self._demand_mps2)
+        )
         return single + later, double + single * rest_s + later_double
 
     def _traction_response(self, horizon_s: float) -> tuple[float, float]:

@@ -15,8 +15,7 @@ class ChasingScheme:
     """Hold one small notch through electro-pneumatic blending. If off, one curve leads to the stop.
     """
     dead_time_s: float = 0.75
-    """Time from the decision to the first brake effort. It is fixed, because this law identifies
-    nothing."""
+    """Time from the decision to the first brake effort, until an application has shown its own."""
     lag_s: float = 0.35
     """Time constant of the brake's build-up after that. The law predicts over both together."""
     air_delay_s: float = 0.0
