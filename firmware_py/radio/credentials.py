@@ -19,6 +19,8 @@ class Credentials:
     """Session settings for zenoh in JSON5."""
     key_hex: str
     """Key of the safety codes, in hexadecimal."""
+    files: tuple[Path, ...] = ()
+    """Certificate and private key, which may be renewed while the program runs."""
 
 
 def load_credentials(
@@ -44,8 +46,10 @@ def load_credentials(
     except Exception as error:  # The library raises various exceptions for a damaged signature.
         raise SettingsError(f"{path}: not issued by {folder / 'ca.pem'}; {ADVICE}") from error
     _check_role(path, own, listens=listens)
-    _text(folder / f"{name}.key")
-    return Credentials(_text(folder / f"{name}.json5"), _text(folder / "line.key").strip())
+    key = folder / f"{name}.key"
+    _text(key)
+    settings, key_hex = _text(folder / f"{name}.json5"), _text(folder / "line.key").strip()
+    return Credentials(settings, key_hex, (path, key))
 
 
 def _check_role(path: Path, own: "x509.Certificate", *, listens: bool) -> None:

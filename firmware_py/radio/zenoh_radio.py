@@ -10,6 +10,7 @@ import socket
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Collection, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
@@ -42,6 +43,8 @@ PUBLISHERS: Final = 256
 TOKENS_MAX: Final = 4096
 """Maximum number of other sessions' tokens that are remembered."""
 RETRY_S: Final = 0.1
+RENEWAL_S: Final = 1.0
+"""Period in which the files of certificate and key are looked at."""
 CLOSE_S: Final = 3.0
 """Time to wait for the connecting thread; longer than one attempt to connect (train.json5)."""
 
@@ -79,7 +82,8 @@ def open_radio(
     A train's radio returns at once too, connected or not. It keeps trying to connect in the
     background, also after a loss of the wayside. It raises RadioError only for an invalid endpoint.
     If more than `inbox_messages` wait, the oldest are dropped and counted. With credentials the
-    session uses TLS, whatever scheme the endpoint names.
+    session uses TLS, whatever scheme the endpoint names. When certificate and key are renewed, a
+    train's radio opens a session with the new ones before it closes the old session.
 
     Args:
         token: key by which sessions that watch tokens see that this session is alive.
@@ -97,6 +101,7 @@ def open_radio(
         *(role, endpoint, settings, subscriptions, clock, inbox_messages),
         token=token,
         watched_tokens=watched_tokens,
+        files=() if secure is None else secure.files,
     )
 
 
@@ -151,6 +156,22 @@ def pick_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
+class _Opened:
+    """An open session with what is declared on it."""
+
+    def __init__(self, session: "zenoh.Session") -> None:
+        self.session = session
+        self.publishers: OrderedDict[str, zenoh.Publisher] = OrderedDict()
+        self.subscribers: dict[str, zenoh.Subscriber[None]] = {}
+        """Declared subscribers, by key expression."""
+        self.declared: list[object] = []
+        """The token and the subscriber to other tokens; zenoh undeclares them when they are
+        garbage-collected."""
+
+    def close(self) -> None:
+        self.session.close()  # type: ignore[no-untyped-call]
+
+
 class ZenohRadio:
     """A radio session; close it, or leave its `with`, when done. Counters count messages."""
 
@@ -165,26 +186,23 @@ class ZenohRadio:
         *,
         token: str | None = None,
         watched_tokens: str | None = None,
+        files: Sequence[Path] = (),
     ) -> None:
         # Imported here because lockstep runs do not use zenoh and should not wait for its import.
         import zenoh
 
         self.counters = LinkCounters()
+        self.renewals = 0
+        """Number of sessions opened with renewed certificate and key."""
         self.endpoint = endpoint
         self._zenoh = zenoh
         self._config = zenoh.Config.from_json5(settings)
         self._wanted = {wanted: zenoh.KeyExpr(wanted) for wanted in subscriptions}
-        self._subscribers: dict[str, zenoh.Subscriber[None]] = {}
-        """Declared subscribers of the session, by key expression."""
-        self._token, self._watched_tokens = token, watched_tokens
-        self._declared: list[object] = []
-        """The token and the subscriber to other tokens; zenoh undeclares them when they are
-        garbage-collected."""
+        self._token, self._watched_tokens, self._files = token, watched_tokens, files
         self._present: set[str] = set()
         self._tuning = threading.Lock()
         self._clock, self._inbox_messages = clock, inbox_messages
-        self._session: zenoh.Session | None = None
-        self._publishers: OrderedDict[str, zenoh.Publisher] = OrderedDict()
+        self._opened: _Opened | None = None
         self._inbox: deque[RadioMessage] = deque()
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -204,10 +222,10 @@ class ZenohRadio:
 
         Takes about 20 µs.
         """
-        session = self._session
-        if session is None:
+        opened = self._opened
+        if opened is None:
             return False
-        return bool(session.info.transports())
+        return bool(opened.session.info.transports())
 
     @property
     def present(self) -> frozenset[str]:
@@ -216,12 +234,12 @@ class ZenohRadio:
             return frozenset(self._present)
 
     def send(self, now_ns: int, key: str, payload: bytes) -> None:
-        session = self._session
-        if session is None:
+        opened = self._opened
+        if opened is None:
             self.counters.dropped_out += 1
             return
         try:
-            self._publisher(session, key).put(payload)
+            self._publisher(opened, key).put(payload)
         except self._zenoh.ZError:
             self.counters.errors += 1
             self.counters.dropped_out += 1
@@ -245,9 +263,9 @@ class ZenohRadio:
         expression = self._zenoh.KeyExpr
         with self._tuning:
             self._wanted = {wanted: expression(wanted) for wanted in subscriptions}
-            if self._session is not None:
+            if self._opened is not None:
                 try:
-                    self._tune(self._session)
+                    self._tune(self._opened)
                 except self._zenoh.ZError:
                     self.counters.errors += 1
 
@@ -256,13 +274,10 @@ class ZenohRadio:
         self._closing.set()
         if self._connector is not None:
             self._connector.join(CLOSE_S)
-        session, self._session = self._session, None
-        self._publishers.clear()
-        self._subscribers.clear()
-        self._declared.clear()
-        if session is not None:
+        opened, self._opened = self._opened, None
+        if opened is not None:
             with contextlib.suppress(self._zenoh.ZError):
-                session.close()  # type: ignore[no-untyped-call]
+                opened.close()
 
     def __enter__(self) -> Self:
         return self
@@ -282,50 +297,73 @@ class ZenohRadio:
             raise RadioError(f"{self.endpoint}: {_reason(str(error))}") from error
 
     def _connect(self) -> None:
-        """Try until one session is open. After that zenoh itself reconnects it."""
+        """Try until a session is open, and again when certificate and key are renewed.
+
+        Zenoh itself connects an open session again after a loss.
+        """
+        used = None
         while not self._closing.is_set():
-            try:
-                self._begin()
-            except self._zenoh.ZError:
-                self.counters.errors += 1
-                self._closing.wait(RETRY_S)
-                continue
-            return
+            found = self._versions()
+            wait_s = RENEWAL_S
+            if found != used:
+                try:
+                    self._begin()
+                except self._zenoh.ZError:
+                    self.counters.errors += 1
+                    wait_s = RETRY_S
+                else:
+                    used = found
+                    if not self._files:
+                        return
+            self._closing.wait(wait_s)
+
+    def _versions(self) -> list[tuple[int, int]]:
+        """Return what changes when one of the files is written again."""
+        found = []
+        for path in self._files:
+            with contextlib.suppress(OSError):
+                state = path.stat()
+                found.append((state.st_mtime_ns, state.st_ino))
+        return found
 
     def _begin(self) -> None:
-        session = self._zenoh.open(self._config)
+        """Open a session, and close the one before it."""
+        opened = _Opened(self._zenoh.open(self._config))
         with self._tuning:
             try:
-                self._tune(session)
-                self._declare(session)
+                self._tune(opened)
+                self._declare(opened)
             except self._zenoh.ZError:
                 # Closing the session removes what was declared; the next session declares it again.
-                self._subscribers.clear()
-                self._declared.clear()
-                session.close()  # type: ignore[no-untyped-call]
+                opened.close()
                 raise
-            self._session = session
+            before, self._opened = self._opened, opened
+        if before is not None:
+            self.renewals += 1
+            with contextlib.suppress(self._zenoh.ZError):
+                before.close()
 
-    def _tune(self, session: "zenoh.Session") -> None:
+    def _tune(self, opened: _Opened) -> None:
         """Declare the wanted subscriptions on the session and remove all others."""
-        zenoh, subscribers = self._zenoh, self._subscribers
+        zenoh, subscribers = self._zenoh, opened.subscribers
         for wanted in [each for each in self._wanted if each not in subscribers]:
             # zenoh's own thread calls it. With a Python thread in between, a program that ends
             # without closing would hang.
             take = zenoh.handlers.Callback(self._take, indirect=False)
-            subscribers[wanted] = session.declare_subscriber(
+            subscribers[wanted] = opened.session.declare_subscriber(
                 self._wanted[wanted], take, allowed_origin=zenoh.Locality.REMOTE
             )
         for left in [each for each in subscribers if each not in self._wanted]:
             subscribers.pop(left).undeclare()  # type: ignore[no-untyped-call]
 
-    def _declare(self, session: "zenoh.Session") -> None:
+    def _declare(self, opened: _Opened) -> None:
+        liveliness = opened.session.liveliness()
         if self._token is not None:
-            self._declared.append(session.liveliness().declare_token(self._token))
+            opened.declared.append(liveliness.declare_token(self._token))
         if self._watched_tokens is not None:
             see = self._zenoh.handlers.Callback(self._see, indirect=False)
-            self._declared.append(
-                session.liveliness().declare_subscriber(self._watched_tokens, see, history=True)
+            opened.declared.append(
+                liveliness.declare_subscriber(self._watched_tokens, see, history=True)
             )
 
     def _see(self, sample: "zenoh.Sample") -> None:
@@ -346,22 +384,22 @@ class ZenohRadio:
                 self.counters.dropped_in += 1
             self._inbox.append(message)
 
-    def _publisher(self, session: "zenoh.Session", key: str) -> "zenoh.Publisher":
-        publisher = self._publishers.get(key)
+    def _publisher(self, opened: _Opened, key: str) -> "zenoh.Publisher":
+        publisher = opened.publishers.get(key)
         if publisher is None:
             import zenoh
 
             # DROP, because a hanging receiver must never delay the others.
-            publisher = session.declare_publisher(
+            publisher = opened.session.declare_publisher(
                 key,
                 express=True,
                 priority=zenoh.Priority.REAL_TIME,
                 congestion_control=zenoh.CongestionControl.DROP,
                 reliability=zenoh.Reliability.BEST_EFFORT,
             )
-            self._publishers[key] = publisher
-            if len(self._publishers) > PUBLISHERS:
-                _, oldest = self._publishers.popitem(last=False)
+            opened.publishers[key] = publisher
+            if len(opened.publishers) > PUBLISHERS:
+                _, oldest = opened.publishers.popitem(last=False)
                 oldest.undeclare()  # type: ignore[no-untyped-call]
         return publisher
 

@@ -208,6 +208,29 @@ def test_a_train_does_not_connect_to_a_router_with_the_certificate_of_another_tr
         assert not train.connected
 
 
+def test_a_train_goes_on_with_renewed_keys_without_a_gap(line: Line) -> None:
+    first = line.train(1)
+    of_one = RosterAck(1, 65_001, 1, 7, 1, 1, 0, 3)
+    heard(first, line.wayside, of_one)
+
+    assert vobc(["demo-ca", str(line.folder), "--renew", "T1", "--days", "2"]) == 0
+    numbers: list[int] = []
+    sent = 0
+
+    def renewed() -> bool:
+        nonlocal sent
+        sent += 1
+        first.send(CLOCK.now_ns(), t2t_keys.key_of("loop", of_one), sent.to_bytes(4, "big"))
+        received = line.wayside.receive(CLOCK.now_ns())
+        numbers.extend(int.from_bytes(each.payload, "big") for each in received)
+        return first.renewals == 1 and sent in numbers
+
+    assert until(renewed)
+    assert set(numbers) >= set(range(numbers[0], sent))
+    assert first.counters.dropped_out == 0
+    heard(line.wayside, first, ACK_TO_1)
+
+
 def test_each_line_has_its_own_safety_code_key(line: Line) -> None:
     key = safety_key(line.credentials("T1").key_hex)
     refused = unpack(pack(TO_1, BENCH_KEY), key)

@@ -133,7 +133,12 @@ def _change(options: argparse.Namespace, line: str, epoch_s: int) -> int:
     for name in options.add:
         print(f"{name}: added; the wayside admits it from its next start on")
     for name in options.renew:
-        print(f"{name}: renewed for {options.days:g} days; it counts from its next start on")
+        taken = (
+            "it counts from its next start on"
+            if name == WAYSIDE_NAME
+            else "a running program takes it within seconds"
+        )
+        print(f"{name}: renewed for {options.days:g} days; {taken}")
     return EXIT_OK
 
 
