@@ -70,7 +70,7 @@ class Says:
     """Stands for the controller: it decides what the test sets, and keeps its images."""
 
     rejected_tags = 4
-    verdict = None
+    verdict = "of protection"
 
     def __init__(self) -> None:
         self.output: CycleOutput = DRIVING
@@ -260,6 +260,7 @@ def test_the_refused_inputs_are_counted_by_their_wire() -> None:
 
     bench.cycle()
 
+    assert bench.device.verdict == "of protection"
     assert bench.device.refused == {
         "frames": 1, "telegrams": 2, "radio": 3, "tags": 4, "overflow": 0
     }  # fmt: skip

@@ -302,8 +302,9 @@ def test_a_commission_comes_back_from_its_table(commission: Commission) -> None:
 
 
 def test_without_a_grid_the_tasks_start_with_the_controller() -> None:
-    free = replace(COMMISSION, grid_ns=None)
+    free = Commission(CONFIG, LINE, MISSION, COMMISSION.nvram, 5)
 
+    assert (free.start, free.forgotten) == (None, False)
     assert free.table()["grid_ns"] == 5
     assert read_commission(free.table(), "ports.log") == replace(free, grid_ns=5)
 
@@ -343,6 +344,14 @@ def test_keys_of_a_later_version_are_left_out_and_named() -> None:
         "params.atp.timeouts.tea_s",
         "params.train.doors",
     ]
+
+
+def test_a_part_that_is_no_table_is_refused_also_where_keys_may_be_left_out() -> None:
+    table = COMMISSION.table()
+    table["params"]["train"] = 5
+
+    with pytest.raises(SettingsError, match=r"ports\.log: params\.train"):
+        read_commission(table, "ports.log", [])
 
 
 def test_plain_values_are_those_of_json() -> None:
