@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -226,6 +227,19 @@ class Browser:
 
     def text(self, selector: str) -> str:
         return str(self.run(f"document.querySelector({json.dumps(selector)}).innerText"))
+
+    def memory_mb(self) -> float:
+        """Return the resident memory of all processes of the browser in megabytes."""
+        parents = {}
+        for path in Path("/proc").glob("[0-9]*/stat"):
+            with suppress(OSError):
+                parents[int(path.parent.name)] = int(path.read_text().rpartition(")")[2].split()[1])
+        found, pages = [self._process.pid], 0
+        for pid in found:
+            found += [child for child, parent in parents.items() if parent == pid]
+            with suppress(OSError):
+                pages += int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
     def screenshot(self, path: Path) -> None:
         got = self.call("Page.captureScreenshot", format="png")

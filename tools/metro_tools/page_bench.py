@@ -21,8 +21,11 @@ from canlog.views.traces import default_words
 from firmware_py.assertions import require_assertions
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_tools.browser import Browser, browser_path
+from metro_tools.live_bench import PARTS
 from metro_tools.live_bench import report as report_live
 
+LOGS: Final = "logs"
+"""The part that measures the page of a log; all others are in `live_bench`."""
 ROUNDS: Final = 3
 MANY: Final = 1_000_000
 MANY_ID: Final = 0x385
@@ -49,21 +52,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "run", nargs="?", type=Path, help="folder of a run; default: run a whole line first"
     )
+    parser.add_argument("--only", nargs="+", choices=(LOGS, *PARTS), metavar="PART", default=None)
+    parser.add_argument(
+        "--minutes", type=float, default=1.0, help="duration of the live run; default: %(default)g"
+    )
     given = parser.parse_args(argv)
     if browser_path() is None:
         print("page_bench: no browser is installed", file=sys.stderr)
         return 2
-    with tempfile.TemporaryDirectory() as folder:
+    parts = given.only or (LOGS, *PARTS)
+    if LOGS in parts:
         try:
-            run = given.run or _whole_line(Path(folder) / "line")
-            log = read(run)
+            _logs(given.run)
         except LogError as error:
             print(f"page_bench: {error}", file=sys.stderr)
             return 2
-        _report(run, log, Path(folder) / "run.html", read_again=True)
-        _report(run, _many(), Path(folder) / "many.html", read_again=False)
-    report_live()
+    report_live(parts, given.minutes)
     return 0
+
+
+def _logs(given: Path | None) -> None:
+    """Print the figures of the page of a log. Raises LogError."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = given or _whole_line(Path(folder) / "line")
+        _report(run, read(run), Path(folder) / "run.html", read_again=True)
+        _report(run, _many(), Path(folder) / "many.html", read_again=False)
 
 
 def _whole_line(folder: Path) -> Path:
