@@ -47,8 +47,11 @@ class DisturbedWire:
         disturber: Disturber | None = None,
         on_error: Callable[[CanFrame, str], None] | None = None,
         acting: Mapping[int, str] | None = None,
+        *,
+        at_once: bool = True,
     ) -> None:
         """Args:
+        at_once: take the bus over now, and not by a later call of `take_over`.
         on_error: called at the end of every error frame, with the frame in the layout of Linux and
             the name of the destroyed frame's sender.
         acting: by identifier, the node that acts on a frame, if a port with a filter receives it
@@ -73,9 +76,11 @@ class DisturbedWire:
         self._ports_seen = 0
         self._blemished = False
         """Whether any receive error counter may be above zero."""
-        self._take_over()
+        if at_once:
+            self.take_over()
 
-    def _take_over(self) -> None:
+    def take_over(self) -> None:
+        """Carry the frames from now on."""
         self._free_ns, offers, on_wire = self._bus.hand_over(self)
         for offer in offers:
             self._node(offer[5]).push(offer)

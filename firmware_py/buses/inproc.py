@@ -86,6 +86,13 @@ class VirtualBus(Protocol):
 
     def advance(self, now_ns: int) -> None: ...
 
+    due_ns: int
+    """Instant at which the pacer acts."""
+
+    def pace(self, pacer: "Pacer | None") -> None: ...
+
+    def pause(self, at_ns: int) -> None: ...
+
     def hand_over(self, carrier: "FrameCarrier") -> Handover: ...
 
     def _end(self, frame: CanFrame, sender: VirtualPort, bits: int) -> None: ...
@@ -123,6 +130,18 @@ class FrameCarrier(Protocol):
         ...
 
 
+class Pacer(Protocol):
+    """Acts within the bus's own time, between the frames of a bus without errors."""
+
+    def advance(self, now_ns: int) -> None:
+        """Act at all instants up to this one; `bus.advance` carries the frames meanwhile."""
+        ...
+
+    def ended(self, frame: CanFrame, sender: str) -> None:
+        """Take a completed frame. `bus.pause` lets `advance` act before the next one starts."""
+        ...
+
+
 class InprocBus:
     """One bus segment, shared by all devices of one process."""
 
@@ -135,10 +154,14 @@ class InprocBus:
         "_log",
         "_offers",
         "_on_wire",
+        "_paced",
+        "_pacer",
+        "_paused",
         "_ports",
         "_record",
         "_start_ns",
         "bit_rate",
+        "due_ns",
         "name",
     )
 
@@ -159,6 +182,10 @@ class InprocBus:
         self.bit_rate = bit_rate
         self._record, self._log = record, log
         self._carrier: FrameCarrier | None = None
+        self._pacer: Pacer | None = None
+        self._paced = self._paused = False
+        """Whether the pacer is acting; whether it asked to act before the next frame."""
+        self.due_ns = 0
         self._ports: dict[str, InprocPort] = {}
         self._offers: list[_OwnOffer] = []
         self._start_ns = 0
@@ -195,6 +222,21 @@ class InprocBus:
         """Start all frames that start before `now_ns`, and deliver those that have ended by
         then.
         """
+        if self._pacer is None or self._paced:
+            self._carry_on(now_ns)
+            return
+        self._paced = True
+        try:
+            acts = now_ns >= self.due_ns
+            if not acts:
+                self._carry_on(now_ns)
+            if acts or self._paused:
+                self._pacer.advance(now_ns)
+        finally:
+            self._paced = False
+
+    def _carry_on(self, now_ns: int) -> None:
+        self._paused = False
         assert now_ns >= self._latest_ns, "time ran backwards"
         self._latest_ns = now_ns
         if self._carrier is not None:
@@ -208,7 +250,7 @@ class InprocBus:
             self._end(*on_wire)
         offers = self._offers
         durations_ns = self._duration_ns
-        while offers and self._start_ns < now_ns:
+        while offers and self._start_ns < now_ns and not self._paused:
             can_id, _, _, bits, data, sender = heappop(offers)
             end_ns = self._start_ns + durations_ns[bits - INTERMISSION_BITS]
             self._start_ns += durations_ns[bits]
@@ -218,6 +260,15 @@ class InprocBus:
                 self._on_wire = (frame, sender, bits)
                 return
             self._end(frame, sender, bits)
+
+    def pace(self, pacer: Pacer | None) -> None:
+        """Let a pacer act from now on."""
+        self._pacer = pacer
+
+    def pause(self, at_ns: int) -> None:
+        """Start no frame until the next call of `advance`; the bus's time goes on from here."""
+        self._latest_ns = at_ns
+        self._paused = True
 
     def hand_over(self, carrier: FrameCarrier) -> Handover:
         """Let a carrier transmit from now on, and return what it takes over."""
@@ -252,10 +303,14 @@ class InprocBus:
                 inbox.append(frame)
             else:
                 port.counters.dropped_in += 1
+        if self._pacer is not None:
+            self._pacer.ended(frame, sender.name)
 
     def _offer(self, now_ns: int, can_id: int, data: bytes, sender: "InprocPort") -> None:
         bits = frame_bits(can_id, data)
         offers = self._offers
+        if self._pacer is not None and not self._paced:
+            self.advance(now_ns)
         if self._carrier is not None:
             self._carry(now_ns, (can_id, sender.name, 0, bits, data, sender))
             return

@@ -39,11 +39,12 @@ struct offer {
 
 typedef struct bus {
     PyObject_HEAD
-    PyObject *name, *record, *log, *carrier, *ports;
+    PyObject *name, *record, *log, *carrier, *pacer, *ports;
     struct offer *heap;
     Py_ssize_t count, room;
     long long bit_rate, start_ns, latest_ns, frames, busy_bits;
-    bool on_wire;
+    long long due_ns; /* Instant at which the pacer acts. */
+    bool on_wire, pacing, paused;
     struct offer passing; /* The frame on the wire, which ends at `end_ns`. */
     long long end_ns;
     long long duration_ns[LONGEST_FRAME_BITS + 1];
@@ -176,7 +177,13 @@ static int end_frame(Bus *bus, PyObject *frame, Port *sender, int bits)
             return -1;
         Py_DECREF(done);
     }
-    return deliver(sender, frame, id);
+    if (deliver(sender, frame, id) < 0)
+        return -1;
+    if (bus->pacer == Py_None)
+        return 0;
+    PyObject *done = PyObject_CallMethod(bus->pacer, "ended", "OO", frame, sender->name);
+    Py_XDECREF(done);
+    return done ? 0 : -1;
 }
 
 static PyObject *frame_of(long long end_ns, unsigned id, PyObject *data)
@@ -216,8 +223,31 @@ static int set_latest(Bus *bus, long long now_ns)
     return 0;
 }
 
+static int carry_on(Bus *bus, long long now_ns);
+
 static int advance(Bus *bus, long long now_ns)
 {
+    if (bus->pacer == Py_None || bus->pacing)
+        return carry_on(bus, now_ns);
+    bool acts = now_ns >= bus->due_ns;
+    int failed = 0;
+    bus->pacing = true;
+    if (!acts)
+        failed = carry_on(bus, now_ns);
+    if (!failed && (acts || bus->paused)) {
+        PyObject *pacer = Py_NewRef(bus->pacer);
+        PyObject *done = PyObject_CallMethod(pacer, "advance", "L", now_ns);
+        failed = done ? 0 : -1;
+        Py_XDECREF(done);
+        Py_DECREF(pacer);
+    }
+    bus->pacing = false;
+    return failed;
+}
+
+static int carry_on(Bus *bus, long long now_ns)
+{
+    bus->paused = false;
     if (set_latest(bus, now_ns) < 0)
         return -1;
     if (bus->carrier != Py_None) {
@@ -232,7 +262,7 @@ static int advance(Bus *bus, long long now_ns)
         if (end_offer(bus, bus->passing, bus->end_ns) < 0)
             return -1;
     }
-    while (bus->count && bus->start_ns < now_ns) {
+    while (bus->count && bus->start_ns < now_ns && !bus->paused) {
         struct offer offer = pop(bus);
         long long end_ns = bus->start_ns + bus->duration_ns[offer.bits - INTERMISSION_BITS];
         bus->start_ns += bus->duration_ns[offer.bits];
@@ -267,6 +297,8 @@ static int carry(Bus *bus, long long now_ns, struct offer offer)
 static int offer_frame(Bus *bus, long long now_ns, struct offer offer)
 {
     Port *sender = offer.sender;
+    if (bus->pacer != Py_None && !bus->pacing && advance(bus, now_ns) < 0)
+        return -1;
     if (bus->carrier != Py_None)
         return carry(bus, now_ns, offer);
     /* Frames that start before this offer do not arbitrate against it. */
@@ -517,6 +549,7 @@ static PyObject *bus_new(PyTypeObject *type, PyObject *args, PyObject *named)
     self->record = Py_NewRef(record);
     self->log = Py_NewRef(log);
     self->carrier = Py_NewRef(Py_None);
+    self->pacer = Py_NewRef(Py_None);
     self->bit_rate = bit_rate;
     for (int bits = 0; bits <= LONGEST_FRAME_BITS; bits++)
         self->duration_ns[bits] = NS_PER_S * bits / bit_rate;
@@ -582,6 +615,19 @@ static PyObject *bus_advance(Bus *self, PyObject *now)
     Py_RETURN_NONE;
 }
 
+static PyObject *bus_pace(Bus *self, PyObject *pacer)
+{
+    Py_XSETREF(self->pacer, Py_NewRef(pacer));
+    Py_RETURN_NONE;
+}
+
+static PyObject *bus_pause(Bus *self, PyObject *at)
+{
+    self->latest_ns = PyLong_AsLongLong(at);
+    self->paused = true;
+    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+}
+
 static PyObject *bus_end(Bus *self, PyObject *args)
 {
     PyObject *frame;
@@ -643,6 +689,7 @@ static int bus_traverse(PyObject *object, visitproc visit, void *arg)
     Py_VISIT(self->record);
     Py_VISIT(self->log);
     Py_VISIT(self->carrier);
+    Py_VISIT(self->pacer);
     Py_VISIT(self->ports);
     for (Py_ssize_t at = 0; at < self->count; at++)
         Py_VISIT(self->heap[at].sender);
@@ -663,6 +710,7 @@ static int bus_clear(PyObject *object)
     Py_CLEAR(self->record);
     Py_CLEAR(self->log);
     Py_CLEAR(self->carrier);
+    Py_CLEAR(self->pacer);
     Py_CLEAR(self->ports);
     return 0;
 }
@@ -682,6 +730,8 @@ static PyMethodDef bus_methods[] = {
     {"statistics", (PyCFunction)bus_statistics, METH_NOARGS, NULL},
     {"advance", (PyCFunction)bus_advance, METH_O, NULL},
     {"hand_over", (PyCFunction)bus_hand_over, METH_O, NULL},
+    {"pace", (PyCFunction)bus_pace, METH_O, NULL},
+    {"pause", (PyCFunction)bus_pause, METH_O, NULL},
     {"_end", (PyCFunction)bus_end, METH_VARARGS, NULL},
     {"_forget_routes", (PyCFunction)bus_forget_routes, METH_NOARGS, NULL},
     {NULL},
@@ -690,6 +740,7 @@ static PyMethodDef bus_methods[] = {
 static PyMemberDef bus_members[] = {
     {"name", T_OBJECT_EX, offsetof(Bus, name), READONLY},
     {"bit_rate", T_LONGLONG, offsetof(Bus, bit_rate), READONLY},
+    {"due_ns", T_LONGLONG, offsetof(Bus, due_ns)},
     {"_ports", T_OBJECT_EX, offsetof(Bus, ports), READONLY},
     {"_bits", T_LONGLONG, offsetof(Bus, busy_bits)},
     {NULL},

@@ -89,6 +89,10 @@ class SharedWire(DisturbedWire):
 
     next_disturber: Disturber | None = None
 
+    def disturb(self, disturber: Disturber) -> None:
+        """Let this one decide about the frames that this wire spares."""
+        self.disturber, self.next_disturber = self, disturber
+
     def struck_bit(self, start_ns: int, can_id: int, data: bytes, sender: str) -> int | None:
         """Return the bit that is destroyed in a starting frame; see `Disturber`."""
         if self.next_disturber is None:
@@ -110,7 +114,7 @@ class BusFaults:
         self._acting = ActingFaults(FaultPlace.BUS, seed)
         self._wire: DisturbedWire | None = wire
         if wire is not None:
-            wire.disturber, wire.next_disturber = wire, self
+            wire.disturb(self)
         self._babblers: dict[int, VirtualPort] = {}
         self._frames_before: dict[int, int] = {}
         """Frames on the bus at the start of an active cut or babbling node, by index of the

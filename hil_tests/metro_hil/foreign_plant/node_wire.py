@@ -4,6 +4,9 @@ The nodes are part of the bus's own time. Before any frame starts, every node ha
 instant, and each operation reaches a node at its exact instant: a frame and its confirmation at the
 end of the frame, a lost arbitration at its start, a wakeup at once. So the result depends neither
 on the instants at which other devices look at the bus nor on the speed of the nodes' processes.
+
+Without errors the bus itself carries the frames, which is faster, and `NodeWire` is its pacer. It
+takes the bus over for good when frames are destroyed or discarded, or a node reports a state.
 """
 
 from collections import defaultdict
@@ -14,8 +17,10 @@ from typing import Final, Protocol
 
 from firmware_py.buses.bus_node import BusNode, Passing
 from firmware_py.buses.confinement import ErrorState
+from firmware_py.buses.disturbed import Disturber
 from firmware_py.buses.inproc import VirtualBus
 from firmware_py.buses.timing import frame_bits
+from firmware_py.ports import CanFrame
 from metro_hil.faults.bus import SharedWire
 from metro_hil.foreign_plant import ls_bus
 from metro_hil.foreign_plant.ls_bus import BusErrorCode, BusOperation, LsBusError, NodeStatus
@@ -117,7 +122,7 @@ class WireNode:
 
 
 class NodeWire(SharedWire):
-    """Carries the frames of a bus with LS-BUS nodes."""
+    """A bus with LS-BUS nodes."""
 
     def __init__(
         self,
@@ -133,7 +138,9 @@ class NodeWire(SharedWire):
             filters: identifiers that a node receives, by its name; without an entry, all.
             acting: see `DisturbedWire`.
         """
-        super().__init__(bus, self if errors else None, acting=acting)
+        super().__init__(bus, self if errors else None, acting=acting, at_once=False)
+        self._calm = True
+        """Whether the bus itself carries the frames."""
         self._errors = errors
         self._retired = False
         self._discarding = False
@@ -141,12 +148,17 @@ class NodeWire(SharedWire):
         self._last_ns = 0
         self._due_ns = FAR_NS
         self._mail: dict[str, bytes] = defaultdict(bytes)
+        self._mail_ns = 0
         self.nodes: dict[str, WireNode] = {}
         for process in sorted(processes, key=lambda each: each.name):
             # The node takes its frames from this class, so its port stores none.
             state = self._node(bus.port(process.name, ()))
             self.nodes[process.name] = WireNode(process, state, (filters or {}).get(process.name))
         self._stack = ExitStack()
+        bus.pace(self)
+        if errors or (len(self.nodes) < 2 and acting is None):
+            # A node that is alone gets no acknowledgement.
+            self._leave_calm()
         for node in self.nodes.values():
             self._stack.callback(node.process.close)
             self._take(node, 0)
@@ -159,7 +171,40 @@ class NodeWire(SharedWire):
                 return 8 * len(data)
         return super().struck_bit(start_ns, can_id, data, sender)
 
+    def disturb(self, disturber: Disturber) -> None:
+        super().disturb(disturber)
+        self._leave_calm()
+
+    def _leave_calm(self) -> None:
+        """Carry the frames from now on, because there may be errors."""
+        if self._calm:
+            self._calm = False
+            self._bus.pace(None)
+            self.take_over()
+
+    def ended(self, frame: CanFrame, sender: str) -> None:
+        """See `Pacer`."""
+        self._tell(frame[1], frame[2], sender)
+        if self._mail:
+            self._mail_ns = frame[0]
+            self._bus.pause(frame[0])
+
+    def _pace(self, now_ns: int) -> None:
+        while self._calm:
+            if self._mail:
+                self._deliver(self._mail_ns)
+                continue
+            self._bus.advance(min(now_ns, self._due_ns))
+            if not self._mail:
+                if self._due_ns > now_ns:
+                    return
+                self._deliver(self._due_ns)
+
     def advance(self, now_ns: int) -> None:
+        if self._calm:
+            self._pace(now_ns)
+            if self._calm:
+                return
         while True:
             passing = self._passing
             if passing is not None:
@@ -187,7 +232,7 @@ class NodeWire(SharedWire):
     def retire(self) -> None:
         """Let no node act from now on; the frames in their mailboxes still leave."""
         self._retired = True
-        self._due_ns = FAR_NS
+        self._due_ns = self._bus.due_ns = FAR_NS
         self._mail.clear()
         self._stack.close()
 
@@ -224,7 +269,7 @@ class NodeWire(SharedWire):
 
     def _finish(self, passing: Passing) -> None:
         super()._finish(passing)
-        can_id, _, _, _, data, _ = passing.offer
+        can_id, _, _, _, data, port = passing.offer
         if passing.destroyed:
             code = BusErrorCode.BIT if passing.acknowledged else BusErrorCode.ACKNOWLEDGE
             for node in self.nodes.values():
@@ -234,8 +279,12 @@ class NodeWire(SharedWire):
                     self._post(node, error, notice=True)
             self._look_at_sender(passing)
             return
-        for node in self.nodes.values():
-            if node.state is passing.node:
+        self._tell(can_id, data, port.name)
+
+    def _tell(self, can_id: int, data: bytes, sender: str) -> None:
+        """Let the nodes know of a completed frame."""
+        for name, node in self.nodes.items():
+            if name == sender:
                 node.counts.confirmed += 1
                 self._post(node, ls_bus.confirm(can_id), notice=True)
             elif node.hears(can_id):
@@ -271,7 +320,7 @@ class NodeWire(SharedWire):
             if not visited:
                 break
         if not self._retired:
-            self._due_ns = min(
+            self._due_ns = self._bus.due_ns = min(
                 (each.process.due_ns for each in self.nodes.values()), default=FAR_NS
             )
 
@@ -313,6 +362,9 @@ class NodeWire(SharedWire):
             can_id, data = ls_bus.frame_of(operation)
             port = node.state.port
             node.counts.transmitted += 1
+            if self._calm:
+                port.send(at_ns, can_id, data)
+                return
             bits = frame_bits(can_id, data)
             if not self.offer(at_ns, (can_id, port.name, 0, bits, data, port)):
                 port.counters.dropped_out += 1
@@ -320,6 +372,8 @@ class NodeWire(SharedWire):
             kind, value = ls_bus.configuration_of(operation)
             if kind == ls_bus.LOST_BEHAVIOUR:
                 node.discards = value == ls_bus.DISCARD
+                if node.discards:
+                    self._leave_calm()
                 self._discarding = any(each.discards for each in self.nodes.values())
             elif kind == ls_bus.BIT_RATE and value != self._bus.bit_rate:
                 raise node.process.died_error(
@@ -341,6 +395,8 @@ class NodeWire(SharedWire):
     def _report(self, node: WireNode, at_ns: int, reported: ErrorState) -> None:
         """Take the error state that a node reports."""
         state = node.state
+        if reported is not ErrorState.ACTIVE:
+            self._leave_calm()
         self._look_for_recovery(state, at_ns)
         if reported is ErrorState.OFF and not state.errors.off:
             node.counts.off += 1

@@ -304,3 +304,40 @@ def test_frames_of_nodes_are_those_of_native_ports(
     other.advance(1000 * MS)
 
     assert record == native
+
+
+@settings(max_examples=30)
+@given(
+    Offers,
+    st.lists(st.integers(1, 20 * MS), max_size=6),
+    st.sampled_from([b"", ls_bus.transmit(0x7, b"\x01"), ls_bus.transmit(0x700, b"")]),
+)
+def test_the_bus_carries_frames_as_the_wire_with_errors_does(
+    offers: list[tuple[int, str, int, bytes]], looks: list[int], answer: bytes
+) -> None:
+    """Without errors the bus itself carries the frames; the nodes see no difference."""
+
+    def run(errors: Iterable[NodeErrors]) -> tuple[Record, list[list[tuple[int, bytes]]]]:
+        nodes = {name: Played(name, notified=name != "b") for name in ("a", "b")}
+        for step, name, can_id, data in offers:
+            plan = nodes.get(name, nodes["a"]).plan
+            at_ns = step * 100_000
+            plan[at_ns] = plan.get(at_ns, b"") + ls_bus.transmit(can_id, data)
+        for node in nodes.values():
+            node.due_ns = min(node.plan, default=FAR_NS)
+        nodes["b"].answer = answer
+        record: Record = []
+
+        def note(frame: CanFrame, sender: str) -> None:
+            record.append((frame.stamp_ns, frame.can_id, frame.data, sender))
+
+        bus = open_bus("bus", RATE, record=note)
+        NodeWire(bus, list(nodes.values()), tuple(errors))
+        native = bus.port("native", None)
+        for look_ns in sorted(looks):
+            native.receive(look_ns)
+            native.send(look_ns, 0x30, b"\x02")
+        native.receive(20 * MS)
+        return record, [node.heard for node in nodes.values()]
+
+    assert run([]) == run([NodeErrors("a", FAR_NS - 1, FAR_NS)])
