@@ -16,7 +16,7 @@ from metro_hil.model.mission import plan_journey
 from metro_hil.model.run_folder import RunFolder, write_config
 from metro_hil.model.run_options import parse
 from metro_hil.run.dispatch import run_case
-from metro_hil.run.lockstep import run_lockstep, scenario_of
+from metro_hil.run.lockstep import RealPace, run_lockstep, scenario_of
 from plant_emulator.cli.by_hand import DESK_KEYS, FAULT_ACTS, FAULT_RECORD
 
 ACTS: Final[dict[float, tuple[str, object]]] = {
@@ -134,3 +134,42 @@ def test_a_run_without_acts_is_refused(
     assert hil(["from-run", str(run)]) == 2
 
     assert f"{run}: no acts by hand; a run with --allow-faults" in capsys.readouterr().err
+
+
+class StoppedWall:
+    """A wall clock that only waiting moves."""
+
+    epoch_offset_ns = 0
+
+    def __init__(self) -> None:
+        self.instant_ns = 5_000_000_000
+
+    def now_ns(self) -> int:
+        return self.instant_ns
+
+    def epoch_ns(self) -> int:
+        return self.instant_ns
+
+    def wait_until(self, instant_ns: int) -> None:
+        self.instant_ns = max(self.instant_ns, instant_ns)
+
+
+def test_virtual_time_keeps_to_real_time_and_makes_up_no_long_stop() -> None:
+    wall, flushed = StoppedWall(), list[int]()
+    pace = RealPace(wall, lambda: flushed.append(wall.instant_ns))
+    for step in range(10):
+        pace(step * 10_000_000)
+    in_step = wall.instant_ns
+    wall.instant_ns += 100_000_000
+    pace(100_000_000)
+    late = wall.instant_ns
+    wall.instant_ns += 3_000_000_000
+    pace(110_000_000)
+    stopped = wall.instant_ns
+    pace(120_000_000)
+
+    assert in_step == 5_090_000_000
+    assert late == 5_190_000_000, "a short delay is made up"
+    assert stopped == 8_190_000_000
+    assert wall.instant_ns == 8_200_000_000
+    assert len(flushed) == 2

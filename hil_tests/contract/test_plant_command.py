@@ -81,6 +81,9 @@ def test_the_shipped_trains_are_listed(capsys: pytest.CaptureFixture[str]) -> No
         (["--bus", "embedded:nobody0"], 3, "nobody0"),
         (["--bus", "smokesignal:a"], 3, "unknown kind"),
         (["--faults", "nowhere.toml"], 2, "nowhere.toml: no such file"),
+        (["--by-hand", "faults"], 2, "--by-hand: needs --out"),
+        (["--by-hand", "desk", "--out", "x", "--driver", "late"], 2, "another operates the desk"),
+        (["--by-hand", "desk", "--out", "x", "--desk", "none"], 2, "another operates the desk"),
         (["--bus", SPEC, "--truth-feed", 200 * "x"], 2, "--truth-feed x"),
     ],
 )
@@ -114,6 +117,7 @@ def test_without_any_bus_the_message_tells_how_to_create_one(
         ["--duration", "-3"],
         ["--desk", "asleep"],
         ["--priority", "100"],
+        ["--by-hand", "hands"],
     ],
 )
 def test_wrong_usage_is_refused_before_anything_is_opened(

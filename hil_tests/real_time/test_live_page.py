@@ -22,7 +22,9 @@ from canlog.views.traces import trace_names, trace_of
 from hil_tests.serving_rig import served
 from hil_tests.unit.canlog import canlog_rig as rig
 from metro_hil.cli.vobc import main as vobc
+from metro_hil.watch.fault_acts import open_fault_acts
 from metro_tools.browser import Browser, BrowserError
+from plant_emulator.cli.by_hand import FAULT_ACTS, FAULT_RECORD
 
 FRAMES: Final = 2_000
 DRAWN: Final = "Number(document.documentElement.dataset.drawn)"
@@ -156,3 +158,53 @@ def test_a_bus_without_the_project_s_messages_has_no_driver_s_view() -> None:
 
     assert known is not None
     assert live_head(rig.bus(), "can0", LineFacts())["journey"] is None
+
+
+def test_a_viewer_starts_sets_and_stops_faults_by_keyboard(
+    browser: Browser, tmp_path: Path, shown_at: Callable[[int, str], None]
+) -> None:
+    (tmp_path / "run.toml").write_text('[options]\nconsist = "florence4"\nlockstep = false\n')
+    (tmp_path / "bus.log").write_text("(0000000001.000000) vcan0 0A0#0102\n")
+    record, acts = tmp_path / FAULT_RECORD, tmp_path / FAULT_ACTS
+    server = serve_folder(tmp_path, faults=open_fault_acts(tmp_path), host="127.0.0.1", port=0)
+    entry = "[...document.querySelectorAll('#fault-kinds details')].find(each => !each.hidden)"
+    with served(server) as address:
+        for width in (320, 1600):
+            shown_at(width, address)
+            browser.wait("!document.getElementById('tab-faults').hidden")
+            assert browser.run("document.documentElement.scrollWidth") == width
+        assert "frame_drop" in browser.text("#fault-kinds")
+        assert "Not in real time" in browser.run(f"{entry}.textContent")
+        browser.key("1")
+        assert browser.run("document.getElementById('tab-faults').hidden")
+        browser.key("5")
+        browser.run("document.getElementById('take').click()")
+        browser.wait("canlog.live.holder === 'you'")
+        browser.run("document.getElementById('fault-search').focus()")
+        browser.type("brake gives share")
+        browser.run(f"{entry}.querySelector('summary').focus()")
+        browser.key("Enter")
+        browser.wait(f"{entry}.open")
+        assert "gain_ratio" in browser.run(f"{entry}.textContent")
+        browser.run(f"{entry}.querySelector('input').focus()")
+        browser.run("document.activeElement.select()")
+        browser.type("0.3")
+        browser.key("Enter")
+        browser.wait("canlog.live.socket.bufferedAmount === 0")
+        record.write_text('fault = [{ kind = "brake_weak", start_s = 1.5, gain_ratio = 0.3 }]')
+        browser.wait("document.getElementById('faults-count').textContent === '1 active'")
+        assert "since 1.50 s" in browser.text("#faults-begun")
+        browser.run("document.querySelector('#faults-begun .stop').focus()")
+        browser.key("Enter")
+        browser.wait("canlog.live.socket.bufferedAmount === 0")
+        record.write_text(
+            'fault = [{ kind = "brake_weak", start_s = 1.5, end_s = 2.0, gain_ratio = 0.3 }]'
+        )
+        browser.wait("document.getElementById('faults-count').textContent === ''")
+
+        assert "from 1.50 s to 2.00 s" in browser.text("#faults-begun")
+        assert not browser.log
+    assert [json.loads(line) for line in acts.read_text().splitlines()] == [
+        {"start": {"kind": "brake_weak", "gain_ratio": 0.3}},
+        {"stop": 0},
+    ]

@@ -71,6 +71,7 @@ def serve(options: argparse.Namespace, start_foreign: StartForeign | None = None
             return _serve_trains(options)
         if options.supply is not None:
             raise SettingsError("--supply: only with --trains; a single train has its own source")
+        _check_by_hand(options)
         elsewhere = options.desk in ELSEWHERE
         scenario = plan_scenario(
             line=options.line or "florence",
@@ -229,17 +230,21 @@ def _device(
     return plant
 
 
+def _check_by_hand(options: argparse.Namespace) -> None:
+    """Raise SettingsError if --by-hand does not fit the other options."""
+    if options.by_hand and options.out is None:
+        raise SettingsError("--by-hand: needs --out, the folder of its files")
+    operated = options.desk in ELSEWHERE or options.driver or options.desk_recording
+    if DESK in options.by_hand and operated:
+        raise SettingsError("--by-hand desk: another operates the desk; leave one of them out")
+
+
 def _by_hand(
     options: argparse.Namespace, scenario: TrainScenario, start_ns: int, stack: ExitStack
 ) -> TrainByHand:
-    """Open the files of --by-hand. Raises SettingsError."""
+    """Open the files of --by-hand. Raises OSError."""
     if not options.by_hand:
         return TrainByHand()
-    if options.out is None:
-        raise SettingsError("--by-hand: needs --out, the folder of its files")
-    operated = scenario.desk_elsewhere or scenario.driver or scenario.desk_recording
-    if DESK in options.by_hand and operated:
-        raise SettingsError("--by-hand desk: another operates the desk; leave one of them out")
     return open_by_hand(
         Path(options.out),
         tuple(options.by_hand),

@@ -200,6 +200,8 @@ def _finish(
     """Report the run, and return the exit code. `printed`: also as JSON on standard output."""
     try:
         report(folder, journey, results, logs, console, plot=_wants_plot(options))
+        if options.by_hand:
+            console.print("`hil from-run` makes a scenario of what a person did", highlight=False)
     finally:
         if printed:
             print(results.to_json())
