@@ -239,9 +239,16 @@ class LineBench:
         for train in self.trains.values():
             world = train.plant.world
             step_m = (world.length_m - 2.0 * AXLE_INSET_M) / (AXLES - 1)
-            for n in range(AXLES):
-                at_m = world.front_m - AXLE_INSET_M - n * step_m
-                for section in self.areas.sections:
+            places_m = [world.front_m - AXLE_INSET_M - n * step_m for n in range(AXLES)]
+            first_m, last_m = places_m[0], places_m[-1]
+            # A line has hundreds of sections, and a train stands in few of them.
+            below = [
+                section
+                for section in self.areas.sections
+                if section.start_m <= first_m and last_m < section.end_m
+            ]
+            for at_m in places_m:
+                for section in below:
                     if section.start_m <= at_m < section.end_m:
                         axles[section.number] = axles.get(section.number, 0) + 1
             rear_m = world.front_m - world.length_m
