@@ -20,7 +20,7 @@ from xdist.scheduler import LoadScopeScheduling
 
 from hil_tests.guest_rig import Guest
 from metro_hil.model.gc_tuning import collect_rarely
-from metro_hil.model.native_copy import prepare
+from metro_hil.model.native_copy import SWITCH, Native, native_choice, prepare
 from metro_tools.browser import NAMES, Browser, browser_path
 from metro_tools.quick_tests import seconds_of_files
 
@@ -215,6 +215,9 @@ def pytest_configure(config: pytest.Config) -> None:
         )
     if not hasattr(config, "workerinput"):
         prepare("make test")
+        if native_choice() is Native.ON:
+            # A test that changes a copy of the sources, or simulates, would compile for minutes.
+            os.environ[SWITCH] = Native.READY.value
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

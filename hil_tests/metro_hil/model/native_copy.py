@@ -3,8 +3,8 @@
 The copy gives the same bytes, faster. It belongs to one state of the sources: any change of a file
 asks for another copy. There is one for runs of trains and one for the line simulator. One
 background process builds it; until it is ready, programs run the sources. VOBC_NATIVE chooses: `on`
-(default) builds in the background, `wait` waits for the build, `wire` uses C for codec, bus and
-logs only, and `off` runs Python alone.
+(default) builds in the background, `wait` waits for the build, `ready` never builds but uses what
+was built, `wire` uses C for codec, bus and logs only, and `off` runs Python alone.
 """
 
 import enum
@@ -49,6 +49,7 @@ class Native(enum.Enum):
 
     OFF = "off"
     WIRE = "wire"
+    READY = "ready"
     ON = "on"
     WAIT = "wait"
 
@@ -162,7 +163,7 @@ def prepare(program: str, *, part: Part = Part.TRAIN, choice: Native | None = No
     if choice in (Native.OFF, Native.WIRE):
         return None
     library = ready_copy(part)
-    if library is not None or missing_tools():
+    if library is not None or choice is Native.READY or missing_tools():
         return library
     name = "simulator" if part is Part.SIMULATOR else "controller"
     try:
@@ -235,6 +236,8 @@ def controller_text() -> str:
         return f"Python ({SWITCH}={choice.value})"
     if ready_copy() is not None:
         return "compiled"
+    if choice is Native.READY:
+        return f"Python, not compiled ({SWITCH}={choice.value})"
     if lack := missing_tools():
         return f"Python ({lack})"
     try:

@@ -143,6 +143,22 @@ def test_the_user_can_refuse(
     assert capsys.readouterr().err == ""
 
 
+def test_the_user_can_refuse_builds_and_still_use_what_was_built(
+    sources: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = started(monkeypatch)
+    monkeypatch.setenv(native_copy.SWITCH, "ready")
+
+    assert prepare("vobc") is None
+    assert native_copy.controller_text() == "Python, not compiled (VOBC_NATIVE=ready)"
+    build(Part.TRAIN, wait=False)
+
+    assert prepare("vobc") == ready_copy() is not None
+    assert native_copy.controller_text() == "compiled"
+    assert found == []
+    assert capsys.readouterr().err == ""
+
+
 def test_a_wrong_choice_is_a_usage_error_that_lists_the_choices(
     sources: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,7 +169,7 @@ def test_a_wrong_choice_is_a_usage_error_that_lists_the_choices(
 
     assert ended.value.code == 2
     words = capsys.readouterr().err
-    assert words == "VOBC_NATIVE=yes: no such choice; use one of off, wire, on, wait\n"
+    assert words == "VOBC_NATIVE=yes: no such choice; use one of off, wire, ready, on, wait\n"
 
 
 def test_waiting_uses_the_copy_at_once(sources: Path, monkeypatch: pytest.MonkeyPatch) -> None:
