@@ -346,11 +346,14 @@ def test_keys_of_a_later_version_are_left_out_and_named() -> None:
     ]
 
 
-def test_a_part_that_is_no_table_is_refused_also_where_keys_may_be_left_out() -> None:
+@pytest.mark.parametrize(("key", "value"), [("train", 5), ("cycle_ms", {"a": 1})])
+def test_a_part_of_a_wrong_kind_is_refused_also_where_keys_may_be_left_out(
+    key: str, value: object
+) -> None:
     table = COMMISSION.table()
-    table["params"]["train"] = 5
+    table["params"][key] = value
 
-    with pytest.raises(SettingsError, match=r"ports\.log: params\.train"):
+    with pytest.raises(SettingsError, match=rf"ports\.log: params\.{key}"):
         read_commission(table, "ports.log", [])
 
 
