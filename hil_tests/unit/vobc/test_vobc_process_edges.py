@@ -244,6 +244,9 @@ def test_the_event_log_is_written_when_1024_lines_wait_and_when_it_closes(tmp_pa
     assert [json.loads(line)["number"] for line in text] == list(range(1025))
     assert "Straße" in text[0]
     assert log.lost_lines == 0
+    log.event({"number": 1025})
+    log.flush()
+    assert log.lost_lines == 1, "after the end nothing is written"
     with pytest.raises(ValueError, match="Out of range float"):
         log.event({"number": math.nan})
 

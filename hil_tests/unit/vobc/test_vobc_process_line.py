@@ -235,6 +235,7 @@ def own(motion: Motion | None, *, out_of_service: bool = False) -> Any:
 def test_a_train_without_a_place_says_only_its_axles(motion: Motion | None) -> None:
     assert own(motion) == (False, *([0.0] * 5), False, 0.0, 0.0, 16, False)
     assert own(motion, out_of_service=True).out_of_service
+    assert Commanded().command.out_of_service is False
 
 
 def test_a_moving_train_says_how_far_it_can_get_by_either_brake() -> None:
