@@ -115,7 +115,8 @@ def test_each_start_knows_its_place_as_well_as_its_proof_allows() -> None:
     assert remembered_start(CONFIG, LINE, other) is None
     nominal = pytest.approx(math.pi * CONFIG.train.wheel_diameter_m / 256)
     assert unknown_start(CONFIG, LINE, other).m_per_pulse == nominal
-    assert remembered_start(CONFIG, LINE, replace(stood, front_m=None)) is None
+    for gone in (replace(stood, front_m=None), replace(stood, standing=False)):
+        assert remembered_start(CONFIG, LINE, gone) is None
 
 
 ROW = {
@@ -198,13 +199,13 @@ def test_an_event_in_the_log_has_its_number_its_time_and_its_sources() -> None:
     queue.tell(2 * S, [Event(EventKind.OVERRUN, "late")])
 
     queue.tell(
-        4 * S + 1234, [Event(EventKind.TAG_ACCEPTED, "tag", (Source.TAG, Source.CLOCK), 204)]
+        2001 * S + 1234, [Event(EventKind.TAG_ACCEPTED, "tag", (Source.TAG, Source.CLOCK), 204)]
     )
 
     assert queue.told == 2
     assert [each["number"] for each in log.entries] == [1, 2]
     assert log.entries[1] == {
-        "t_s": 3.000001, "number": 2, "kind": "TAG_ACCEPTED", "words": "tag", "value": 204,
+        "t_s": 2000.000001, "number": 2, "kind": "TAG_ACCEPTED", "words": "tag", "value": 204,
         "sources": [
             {"source": "tag telegram", "id": 205, "payload": "0aff", "heard_s": 2.0},
             {"source": "clock"},
