@@ -48,10 +48,17 @@ def choose(
                 "real time; add --bench processes or --bench hardware"
             )
         changes["wires"] = wires
-    return tuple(
+    cases = [
         msgspec.structs.replace(case, index=index, **changes)
         for index, case in enumerate(chosen[:limit])
-    )
+    ]
+    for case in cases:
+        if case.plant.nodes and case.bench is not BenchKind.LOCKSTEP:
+            raise UsageError(
+                f"--plant nodes: needs the bench lockstep; case {case.id} runs on "
+                f"{case.bench.value}"
+            )
+    return tuple(cases)
 
 
 def _matches(case: Case, pattern: str) -> bool:

@@ -377,6 +377,8 @@ def wires_problem(options: RunOptions) -> str:
     foreign = options.plant not in PLANTS
     if foreign and options.trains is not None:
         return "--plant: a plant of your own needs a single train, so leave out --trains"
+    if options.plant.startswith("nodes:") and not options.lockstep:
+        return "--plant nodes: needs --lockstep, because the nodes act in virtual time"
     wires = {
         "--bus": options.bus,
         "--plant": "auto" if foreign else options.plant,
