@@ -91,6 +91,7 @@ def test_a_node_that_counts_its_errors_agrees_with_the_bus(fmus: dict[str, Path]
         ("TICKER", "hangs: 1000 ticks of its clock at 0.01 s"),
         ("TALKER", "floods the bus: 85000 bytes at one instant"),
         ("QUITTER", "ends the simulation at 0.01 s"),
+        ("LAGGARD", "doStep at 0 s: the FMU returns early, which is not allowed"),
     ],
 )
 def test_the_host_ends_a_bad_node_with_one_line(

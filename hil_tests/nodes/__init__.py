@@ -11,7 +11,7 @@ from metro_hil.fmi_export.export import binaries_folder
 SOURCE: Final = Path(__file__).with_name("node.c")
 KINDS: Final = (
     *("SENDER", "ECHO", "CONFINED", "STUBBORN", "WAKER", "SLEEPER", "GARBLER", "BURSTER"),
-    *("TICKER", "CREEPER", "TALKER", "HANGER", "CRASHER", "QUITTER"),
+    *("TICKER", "CREEPER", "TALKER", "HANGER", "CRASHER", "QUITTER", "LAGGARD"),
 )
 """Kinds of nodes by their number; see `node.c`."""
 PARAMETERS: Final = ("kind", "identifier", "period_us", "bit_rate", "discard")

@@ -22,6 +22,7 @@ enum kind {
     HANGER,    /* never returns from a step */
     CRASHER,   /* ends its process */
     QUITTER,   /* ends the simulation */
+    LAGGARD,   /* returns early from a step */
 };
 enum { TRANSMIT = 0x10, CONFIRM = 0x20, LOST = 0x30, BUS_ERROR = 0x31, CONFIGURE = 0x40, STATUS = 0x41, WAKEUP = 0x42 };
 enum { ACTIVE = 1, PASSIVE = 2, OFF = 3, RECOVERY_BITS = 1408 };
@@ -100,7 +101,7 @@ static void act(Node *node) {
     else if (node->kind == CREEPER) node->next_ns = node->now_ns + 100;
     else if (node->kind == TICKER) node->next_ns = node->now_ns;
     else if (node->kind == CRASHER) abort();
-    else if (node->kind != ECHO && node->kind != SLEEPER && node->kind != QUITTER && node->status != OFF) {
+    else if (node->kind != ECHO && node->kind != SLEEPER && node->kind != QUITTER && node->kind != LAGGARD && node->status != OFF) {
         int frames = node->kind == BURSTER ? 300 : node->kind == TALKER ? 5000 : 1;
         node->count++;
         while (frames-- > 0) send_frame(node, (uint32_t)node->identifier, &node->count, 1);
@@ -244,7 +245,8 @@ int fmi3DoStep(void *instance, double from_s, double step_s, _Bool no_set, _Bool
     if (node->triggered) act(node);
     node->active = node->length > 0;
     *event = node->triggered && node->active;
-    *ends = *early = 0;
+    *ends = 0;
+    *early = node->kind == LAGGARD;
     *last_s = from_s + step_s;
     return OK;
 }

@@ -126,6 +126,8 @@ class Fmu:
         done = self._call("doStep", currentCommunicationPoint=from_s, communicationStepSize=step_s)
         if self._major == 3 and done[1]:
             raise FmuError(f"doStep at {from_s:g} s: the FMU ends the simulation")
+        if self._major == 3 and done[2]:
+            raise FmuError(f"doStep at {from_s:g} s: the FMU returns early, which is not allowed")
         return self._major == 3 and bool(done[0])
 
     @property
