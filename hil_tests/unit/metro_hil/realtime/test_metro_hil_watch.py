@@ -137,7 +137,7 @@ class EndedChild:
     name: str
     ended: bool = True
 
-    def end_words(self) -> str:
+    def failure_words(self) -> str:
         return "by SIGKILL"
 
 
@@ -146,7 +146,7 @@ def test_the_end_of_a_program_that_is_not_started_again_ends_the_run(tmp_path: P
 
     reason, at_s = Bench(tmp_path, STATUS).run(unattended=False, children=children)  # type: ignore[arg-type]
 
-    assert reason == "the plant ended by itself (by SIGKILL)"
+    assert reason == "the plant ended by itself: by SIGKILL"
     assert at_s < 1.0
 
 
