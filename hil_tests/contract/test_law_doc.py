@@ -64,6 +64,8 @@ FIGURES = {
             "within_ratio": 0.988,
             "within_low_ratio": 0.935,
             "run_s": 95.04,
+            "bound_m": 0.0712,
+            "over_ratio": 0.083,
             "comfort": {"commanded_accel_max_mps2": 0.79, "felt_jerk_2hz_mps3": 0.67},
         },
     }
@@ -133,7 +135,7 @@ def test_the_page_shows_the_kept_figures() -> None:
 
     for words in (
         "Brake delay of 1 s (`hil run table-8-made_up`) | 84, 1 missed | 1.23 [1.10–1.40] | -4.6 |",
-        "| 98.8 % [93.5 %] | 95.0 | 0.79, – | –, –, 0.67 |",
+        "| 7.1 | 98.8 % [93.5 %] | 95.0 | 8.3 | 0.79, – | –, –, 0.67 | – |",
     ):
         assert words in row
     assert "None is stored yet" in page()

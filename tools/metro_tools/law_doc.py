@@ -56,10 +56,13 @@ HEADS: Final = (
     "stops",
     "mean, cm [95 %]",
     "worst, cm",
+    "bound, cm",
     "within 10 cm [at least]",
     "run, s",
+    "over the shortest, %",
     "asked: m/s², m/s³",
     "felt: m/s², m/s³ over 1 s, m/s³ at 2 Hz",
+    "EN 12299",
 )
 ASKED: Final = ("commanded_accel_max_mps2", "commanded_jerk_max_mps3")
 FELT: Final = ("felt_accel_max_mps2", "felt_jerk_1s_mps3", "felt_jerk_2hz_mps3")
@@ -260,7 +263,10 @@ def _figures(results: Mapping[str, Any]) -> Iterator[str]:
     yield (
         "From campaigns on the bench with all frames. Means of |stop error| with their bootstrap\n"
         "interval over seeds, shares with their lower bound by Clopper–Pearson, 95 % each;\n"
-        "comfort is the greatest of all runs, felt in the worst car.\n"
+        "comfort is the greatest of all runs, felt in the worst car. *bound*: mean half width of\n"
+        "the controller's position interval at the stops. *over the shortest*: running time over\n"
+        "the shortest that speed limits, 0.8 m/s² and 0.6 m/s³ allow. *EN 12299*: index of the\n"
+        "mean comfort, by longitudinal motion alone.\n"
     )
     yield _table(HEADS, [_figure_row(name, each) for name, each in results.items()])
 
@@ -280,10 +286,13 @@ def _figure_row(name: str, each: Mapping[str, Any]) -> tuple[str, ...]:
         stops,
         mean,
         _centimetres(of["worst_m"], "{:+.1f}"),
+        _centimetres(of.get("bound_m"), "{:.1f}"),
         share,
         _number(of["run_s"], 1),
+        _number(None if of.get("over_ratio") is None else of["over_ratio"] * 100.0, 1),
         ", ".join(_number(of["comfort"].get(key), 2) for key in ASKED),
         ", ".join(_number(of["comfort"].get(key), 2) for key in FELT),
+        _number(of["comfort"].get("en12299_index_ratio"), 2),
     )
 
 

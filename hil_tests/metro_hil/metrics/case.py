@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -17,6 +18,7 @@ from plant_emulator.process import TRUTH_COLUMNS
 NAMES: Final[Mapping[str, str]] = {
     "stop_error_worst_m": "greatest distance from the stopping point at a first standstill",
     "stop_error_mean_m": "mean distance from the stopping point at first standstills",
+    "stop_bound_worst_m": "greatest bound of the position error that the controller has at a stop",
     "doors_error_worst_m": "greatest distance from the stopping point when doors opened",
     "doors_delay_worst_s": "greatest time from the first standstill to the opening of the doors",
     "jogs_count": "movements between the first standstill at a stop and the opening of the doors",
@@ -28,6 +30,7 @@ NAMES: Final[Mapping[str, str]] = {
     "felt_accel_max_mps2": "greatest acceleration of any car, low-passed at 2 Hz, no emergencies",
     "felt_jerk_1s_mps3": "greatest change of a car's low-passed acceleration over 1 s",
     "felt_jerk_2hz_mps3": "greatest slope of a car's low-passed acceleration, jolts included",
+    "en12299_index_ratio": "mean comfort index of EN 12299, longitudinal, of the worst car",
     "commanded_accel_max_mps2": "greatest acceleration that ATO commanded, in either direction",
     "commanded_jerk_max_mps3": "greatest change of the command between two control cycles",
     "speed_max_mps": "greatest speed",
@@ -51,13 +54,16 @@ NAMES: Final[Mapping[str, str]] = {
     "rejected_frames_count": "frames that the train's nodes rejected",
     "bus_load_ratio": "share of time that the bus was occupied",
 }
-"""Measures of every case with their meaning. Each station of the timetable adds three:
+"""Measures of every case with their meaning. Each station of the timetable adds four:
 `stop_<name>_error_m` at the first standstill and `doors_<name>_error_m` when the doors opened, both
-positive beyond the stopping point, and `stop_<name>_run_s`, from leaving the previous stop to the
-first standstill."""
+positive beyond the stopping point; `stop_<name>_bound_m`, half of the controller's position
+interval at that standstill; and `stop_<name>_run_s`, from leaving the previous stop to the first
+standstill."""
 
 
 NO_PLAN: Final[Mapping[str, float]] = {}
+Bounds = Sequence[tuple[float, float]]
+"""Instants in s, rising, each with half the width of the controller's position interval in m."""
 
 
 class MemoryLog:
@@ -80,6 +86,7 @@ def measure_names(stations: Sequence[Station]) -> tuple[str, ...]:
         for station in stations
         for name in (
             f"stop_{station.name}_error_m",
+            f"stop_{station.name}_bound_m",
             f"stop_{station.name}_run_s",
             f"doors_{station.name}_error_m",
         )
@@ -92,22 +99,26 @@ def motion_measures(
     stops: Sequence[Station],
     planned_run_s: Mapping[str, float] = NO_PLAN,
     fastest_run_s: Mapping[str, float] = NO_PLAN,
+    bounds: Bounds = (),
 ) -> dict[str, float | None]:
     """Measures from the truth log alone: stops, motion, emergencies, punctuality.
 
     Args:
         planned_run_s, fastest_run_s: running time to each station by timetable, and the shortest
             possible one.
+        bounds: the controller's bound of its position over time.
     """
     measured = measure_stops(truth, stops)
     ride = measure_ride(truth)
     front_m = truth.numbers("front_m")
     emergency = truth.flags("emergency")
     errors_m = [abs(stop.error_m) for stop in measured if stop.error_m is not None]
+    bounds_m = [_bound_m(bounds, stop) for stop in measured]
     doors_m = [abs(stop.doors_error_m) for stop in measured if stop.doors_error_m is not None]
     measures: dict[str, float | None] = {
         "stop_error_worst_m": max(errors_m, default=None),
         "stop_error_mean_m": math.fsum(errors_m) / len(errors_m) if errors_m else None,
+        "stop_bound_worst_m": max((m for m in bounds_m if m is not None), default=None),
         "doors_error_worst_m": max(doors_m, default=None),
         "doors_delay_worst_s": max(
             (stop.doors_delay_s for stop in measured if stop.doors_delay_s is not None),
@@ -137,11 +148,20 @@ def motion_measures(
         "rollback_m": float(np.max(np.maximum.accumulate(front_m) - front_m, initial=0.0)),
         "door_open_speed_max_mps": _door_open_speed_mps(truth),
     }
-    for stop in measured:
+    for stop, bound_m in zip(measured, bounds_m, strict=True):
         measures[f"stop_{stop.station}_error_m"] = stop.error_m
+        measures[f"stop_{stop.station}_bound_m"] = bound_m
         measures[f"stop_{stop.station}_run_s"] = stop.run_time_s
         measures[f"doors_{stop.station}_error_m"] = stop.doors_error_m
     return measures
+
+
+def _bound_m(bounds: Bounds, stop: StationStop) -> float | None:
+    """The last bound up to the first standstill; None without any."""
+    if stop.arrived_s is None:
+        return None
+    index = bisect_right(bounds, (stop.arrived_s, math.inf))
+    return bounds[index - 1][1] if index else None
 
 
 def _against(

@@ -3,9 +3,10 @@
 The felt acceleration is that of the car's floor along the track, low-passed at 2 Hz. Up to 2 Hz a
 standing person feels horizontal motion in full (weighting Wd of ISO 2631-1); faster vibration does
 not make a person lose balance. Only service braking counts, because an emergency brake is not meant
-to be comfortable.
+to be comfortable. The mean comfort of EN 12299 stands beside it, from the same accelerations.
 """
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Final
 
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from can_dbc.nodes import Direction
 from can_dbc.vobc import AtoPhase, Supervision
-from metro_hil.metrics.run import low_pass
+from metro_hil.metrics.run import convolved, low_pass
 from metro_hil.model.log_columns import Columns, Numbers
 from plant_emulator.train_config import TrainConfig
 from vobc.vocabulary import CycleOutput
@@ -23,6 +24,17 @@ SETTLED_S: Final = 2.0
 """Time after an emergency brake during which its jolt remains in filter and couplers, s."""
 JERK_WINDOW_S: Final = 1.0
 ROWS_MIN: Final = 8
+WINDOW_S: Final = 5.0
+"""Length of the windows of EN 12299 over which the weighted acceleration is averaged, s."""
+INDEX_FACTOR: Final = 6.0
+"""Factor of the mean comfort index of EN 12299 on an acceleration in m/s²."""
+WEIGHTING_S: Final = 8.0
+"""Time after which the impulse response of the weighting has decayed, s."""
+HIGH_PASS_HZ: Final = 0.4
+TRANSITION_HZ: Final = 2.0
+TRANSITION_Q: Final = 0.63
+"""Corner frequencies and resonance of the weighting Wd for horizontal motion (EN 12299, annex C).
+Its low-pass at 100 Hz lies far beyond the log."""
 DRIVEN: Final = (AtoPhase.RUNNING, AtoPhase.APPROACHING, AtoPhase.STOPPING)
 FREE: Final = (Supervision.NOMINAL, Supervision.WARNING)
 DRIVEN_WORDS: Final = tuple(phase.name.lower() for phase in DRIVEN)
@@ -40,6 +52,9 @@ class Comfort:
     """Greatest change of a car's felt acceleration over one second."""
     felt_jerk_2hz_mps3: float | None = None
     """Greatest slope of a car's felt acceleration, including the final jolt at standstill."""
+    en12299_index_ratio: float | None = None
+    """Mean comfort index of EN 12299 by the longitudinal motion of the worst car. Under 1.5 is very
+    comfortable, under 2.5 comfortable."""
     commanded_accel_max_mps2: float | None = None
     """Greatest commanded acceleration: tractive effort over the true train's inertia, less the
     service brake demand."""
@@ -121,14 +136,20 @@ def commanded(
 
 
 def felt_worst(truth: Columns) -> dict[str, float | None]:
-    """The three felt measures by name; None for a log without the cars' speeds."""
-    names = ("felt_accel_max_mps2", "felt_jerk_1s_mps3", "felt_jerk_2hz_mps3")
-    signals = felt_signals(truth)
-    if signals is None:
+    """The felt measures by name; None for a log without the cars' speeds."""
+    names = (
+        "felt_accel_max_mps2",
+        "felt_jerk_1s_mps3",
+        "felt_jerk_2hz_mps3",
+        "en12299_index_ratio",
+    )
+    motion = _car_accels(truth)
+    if motion is None:
         return dict.fromkeys(names)
-    time_s, accel_mps2 = signals
+    time_s, raw_mps2 = motion
     counts = ~_emergency(truth, time_s)
     step_s = float(time_s[1] - time_s[0])
+    accel_mps2 = low_pass(raw_mps2, step_s)
     span = max(1, round(JERK_WINDOW_S / step_s))
     # Samples without an emergency in the whole second that they end.
     emergencies = np.concatenate(([0], np.cumsum(~counts)))
@@ -139,16 +160,84 @@ def felt_worst(truth: Columns) -> dict[str, float | None]:
         _most(np.abs(accel_mps2), counts),
         _most(over_mps3, free),
         _most(slope_mps3, counts[1:] & counts[:-1]),
+        _mean_comfort(raw_mps2, counts, step_s),
     )
     return dict(zip(names, worst, strict=True))
+
+
+def _mean_comfort(raw_mps2: Numbers, counts: Flags, step_s: float) -> float | None:
+    """Index N_MV of EN 12299 with the longitudinal axis alone, of the worst car.
+
+    It is six times the 95th percentile of the weighted root mean square over windows of 5 s.
+    Windows in which the train stands, or with an emergency brake, do not count.
+    """
+    span = round(WINDOW_S / step_s)
+    windows = len(raw_mps2) // span
+    if windows == 0:
+        return None
+    weighted = convolved(raw_mps2, _weighting(step_s))[: windows * span]
+    shape = (windows, span, raw_mps2.shape[1])
+    moves = np.any(raw_mps2[: windows * span].reshape(shape) != 0.0, axis=(1, 2))
+    known = moves & np.all(counts[: windows * span].reshape(windows, span), axis=1)
+    if not np.any(known):
+        return None
+    rms_mps2 = np.sqrt(np.mean(weighted.reshape(shape) ** 2, axis=1))[known]
+    return INDEX_FACTOR * float(np.max(np.percentile(rms_mps2, 95.0, axis=0)))
+
+
+def _weighting(step_s: float) -> list[float]:
+    """Impulse response of the weighting Wd of EN 12299, by the bilinear transform."""
+    high, turn = (math.tan(math.pi * hz * step_s) for hz in (HIGH_PASS_HZ, TRANSITION_HZ))
+    sections = (
+        ((1.0, 0.0, 0.0), (1.0, math.sqrt(2.0) * high, high * high)),
+        ((0.0, turn, turn * turn), (1.0, turn / TRANSITION_Q, turn * turn)),
+    )
+    response = [1.0, *[0.0] * (max(2, math.ceil(WEIGHTING_S / step_s)) - 1)]
+    for above, below in sections:
+        response = _section(response, above, below)
+    return response
+
+
+def _section(
+    samples: list[float], above: tuple[float, ...], below: tuple[float, ...]
+) -> list[float]:
+    """Second-order section. Both polynomials are in s over 2 / step, highest power first."""
+    b0, b1, b2 = _bilinear(*above)
+    a0, a1, a2 = _bilinear(*below)
+    out: list[float] = []
+    x1 = x2 = y1 = y2 = 0.0
+    for x0 in samples:
+        y0 = (b0 * x0 + b1 * x1 + b2 * x2 - a1 * y1 - a2 * y2) / a0
+        out.append(y0)
+        x1, x2, y1, y2 = x0, x1, y0, y1
+    return out
+
+
+def _bilinear(square: float, linear: float, constant: float) -> tuple[float, float, float]:
+    return (
+        square + linear + constant,
+        2.0 * (constant - square),
+        square - linear + constant,
+    )
 
 
 def felt_signals(truth: Columns) -> tuple[Numbers, Numbers] | None:
     """Times, shape (n,), and felt acceleration of each car, shape (n, n_cars).
 
+    None for a log that is too short or lacks the speeds.
+    """
+    motion = _car_accels(truth)
+    if motion is None:
+        return None
+    time_s, raw_mps2 = motion
+    return time_s, low_pass(raw_mps2, float(time_s[1] - time_s[0]))
+
+
+def _car_accels(truth: Columns) -> tuple[Numbers, Numbers] | None:
+    """Times and acceleration of each car, as for `felt_signals` but without the low-pass.
+
     It is computed from the cars' speeds, so that no change between two rows is lost. An
-    acceleration belongs to the middle of its step. None for a log that is too short or lacks the
-    speeds.
+    acceleration belongs to the middle of its step.
     """
     if len(truth) < ROWS_MIN or not truth.has("car_speeds_mps"):
         return None
@@ -158,8 +247,7 @@ def felt_signals(truth: Columns) -> tuple[Numbers, Numbers] | None:
     if len(grid_s) * step_s <= JERK_WINDOW_S + 2.0 * step_s:
         return None
     grid_mps = np.stack([np.interp(grid_s, log_s, one) for one in speeds_mps.T], axis=1)
-    accel_mps2 = low_pass(np.diff(grid_mps, axis=0) / step_s, step_s)
-    return grid_s[:-1] + 0.5 * step_s, accel_mps2
+    return grid_s[:-1] + 0.5 * step_s, np.diff(grid_mps, axis=0) / step_s
 
 
 def _emergency(truth: Columns, time_s: Numbers) -> Flags:

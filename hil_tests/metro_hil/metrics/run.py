@@ -1,6 +1,7 @@
 """Measures of one run, from the plant's truth log and the controller's cycle log."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +72,11 @@ def low_pass(samples: Numbers, step_s: float) -> Numbers:
     Args:
         samples: shape (n,), or (n, k) for k signals; before the first sample its value is assumed.
     """
-    response = _impulse_response(step_s, max(2, math.ceil(RESPONSE_S / step_s)))
+    return convolved(samples, _impulse_response(step_s, max(2, math.ceil(RESPONSE_S / step_s))))
+
+
+def convolved(samples: Numbers, response: Sequence[float]) -> Numbers:
+    """Output of the filter with this impulse response, summed in a fixed order."""
     before = np.repeat(samples[:1], len(response) - 1, axis=0)
     padded = np.concatenate((before, samples))
     out = np.zeros_like(samples)

@@ -15,6 +15,8 @@ from vobc.config import load_config
 LAW: Final = "ato.strategy"
 DEFAULT_LAW: Final = "predictive"
 STOP_ERROR: Final = re.compile(r"stop_.+_error_m")
+STOP_BOUND: Final = re.compile(r"stop_.+_bound_m")
+OVER_FASTEST: Final = re.compile("over_fastest_total_ratio")
 RUN: Final = re.compile("run_time_s")
 TOLERANCE_M: Final = 0.10
 """Stopping tolerance of [Allotta 2013], table 1."""
@@ -25,7 +27,7 @@ COMFORT: Final = (
     "felt_jerk_1s_mps3",
     "felt_jerk_2hz_mps3",
 )
-ALSO: Final = ("jerk_max_mps3", "notch_changes_max_count")
+ALSO: Final = ("jerk_max_mps3", "notch_changes_max_count", "en12299_index_ratio")
 """Measures whose greatest values documents publish besides comfort."""
 PROBE: Final = re.compile("|".join((STOP_ERROR.pattern, RUN.pattern, *COMFORT, *ALSO)))
 """Measures that a repeated case gives digit by digit, as long as published figures hold."""
@@ -61,6 +63,11 @@ class LawFigures(msgspec.Struct, frozen=True, kw_only=True):
     """Mean duration of a run, including dwells and jogs."""
     comfort: dict[str, float | None]
     """Greatest value over all cases, by measure."""
+    bound_m: float | None = None
+    """Mean over the stops of the bound that the controller has of its position error there."""
+    over_ratio: float | None = None
+    """Mean excess of the running times over the shortest possible ones, see
+    `metrics.fastest_run`."""
     load_means_m: dict[str, float] = {}
     """Mean of |stop error| by load, where the loads of the cases differ."""
 
@@ -122,7 +129,8 @@ def figures_of(pairs: Pairs) -> LawFigures:
     seeds = len({case.seed for case, result in pairs if result is not None})
     # Stops of one seed say little more than one stop, so they count as one.
     share = pass_share(seeds * within // len(stops), seeds) if stops else None
-    runs_s = _measured(pairs, RUN)
+    runs_s, bounds_m = _measured(pairs, RUN), _measured(pairs, STOP_BOUND)
+    over = _measured(pairs, OVER_FASTEST)
     return LawFigures(
         cases=len(pairs),
         lacking=sum(result is None for _, result in pairs),
@@ -139,6 +147,8 @@ def figures_of(pairs: Pairs) -> LawFigures:
             name: max(_measured(pairs, re.compile(name)), default=None)
             for name in (*COMFORT, *ALSO)
         },
+        bound_m=sum(bounds_m) / len(bounds_m) if bounds_m else None,
+        over_ratio=sum(over) / len(over) if over else None,
         load_means_m=_load_means_m(pairs),
     )
 

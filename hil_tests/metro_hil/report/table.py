@@ -108,6 +108,8 @@ def _comfort(comfort: Comfort) -> list[tuple[str, str]]:
     words = [f"{value:.2f} {unit}" for value, unit in felt if value is not None]
     if words:
         rows.append(("felt in the worst car", ", ".join(words)))
+    if comfort.en12299_index_ratio is not None:
+        rows.append(("EN 12299, longitudinal", f"{comfort.en12299_index_ratio:.2f}"))
     return rows
 
 

@@ -113,6 +113,7 @@ class CaseRun:
         self._rows = MemoryLog()
         self._commands = CommandLog(inertia_of(parts.scenario.train))
         self._notches = NotchLog()
+        self._bounds: list[tuple[float, float]] = []
         own_port, input_age_s = hearing_of(parts.faults, places)
         later = bool(places)
         places |= {plan.kind.place for plan in parts.faults}
@@ -183,6 +184,9 @@ class CaseRun:
         if output is not self._output:
             self._output = output
             self._commands.output(truth.t_s, output)
+            if output.motion is not None:
+                front = output.motion.front_m
+                self._bounds.append((truth.t_s, (front.high - front.low) / 2.0))
             self._note_state(truth.t_s, output)
         if self._branch is not None and not self._branched and self._branch(truth):
             self._branched = True
@@ -361,7 +365,9 @@ class CaseRun:
         bench, parts = self.bench, self.parts
         truth = self._rows.columns()
         journey, fastest_s = parts.journey, journey_fastest_s(parts.journey, parts.config.ato)
-        measures = motion_measures(truth, journey.stops, journey.planned_run_s, fastest_s)
+        measures = motion_measures(
+            truth, journey.stops, journey.planned_run_s, fastest_s, self._bounds
+        )
         measures |= self._notches.measures(truth)
         power, elapsed_ns = bench.plant.world.power, bench.clock.now_ns()
         if self.case.controller.kind == ControllerSpec().kind:

@@ -80,7 +80,10 @@ def _print(found: "Results") -> None:
     from rich.table import Table
 
     console = Console(highlight=False, markup=False)
-    columns = ("scenario", "stops", "missed", "mean |cm|", "worst cm", "in 10 cm %", "run s")
+    columns = (
+        *("scenario", "stops", "missed", "mean |cm|", "worst cm", "bound cm", "in 10 cm %"),
+        *("run s", "over shortest %"),
+    )
     for law, scenarios in found.items():
         table = Table(title=law, title_justify="left", title_style="bold", box=None)
         for number, column in enumerate(columns):
@@ -93,8 +96,10 @@ def _print(found: "Results") -> None:
                 str(figures.missed),
                 _scaled(figures.mean_m, 100.0, 2),
                 _scaled(figures.worst_m, 100.0, 2),
+                _scaled(figures.bound_m, 100.0, 1),
                 _scaled(figures.within_ratio, 100.0, 1),
                 _scaled(figures.run_s, 1.0, 1),
+                _scaled(figures.over_ratio, 100.0, 1),
             )
         console.print(table)
         console.print()

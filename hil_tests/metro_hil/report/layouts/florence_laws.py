@@ -84,7 +84,9 @@ def _column(pairs: Pairs) -> dict[str, str]:
     said["worst, cm"] = _number(figures.worst_m, "+.1f", CM_PER_M)
     said["within 10 cm"] = _percent(figures.within_ratio)
     said["at least, 95 %"] = _percent(figures.within_low_ratio)
+    said["bound, cm"] = _number(figures.bound_m, ".1f", CM_PER_M)
     said["whole line, s"] = _number(figures.run_s, ".1f")
+    said["over the shortest run"] = _percent(figures.over_ratio)
     said.update(zip(COMFORT_ROWS, _comfort(figures), strict=True))
     return said
 

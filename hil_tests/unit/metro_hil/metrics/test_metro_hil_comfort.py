@@ -197,3 +197,25 @@ def test_the_cycle_log_agrees_with_the_commands() -> None:
     assert comfort.commanded_accel_max_mps2 == pytest.approx(0.02)
     assert comfort.commanded_jerk_max_mps3 == pytest.approx(0.03 / STEP_S)
     assert comfort.felt_accel_max_mps2 is None
+
+
+@pytest.mark.parametrize(
+    ("frequency_hz", "weight"), [(0.2, 0.24), (0.4, 0.72), (1.0, 1.01), (2.0, 0.89)]
+)
+def test_the_index_of_en_12299_weighs_each_frequency_as_the_standard_does(
+    frequency_hz: float, weight: float
+) -> None:
+    """A sine of 0.3 m/s² with the weights Wd of ISO 2631-1, table 3."""
+    felt = felt_worst(log_of(sine(0.3, frequency_hz)))
+
+    assert felt["en12299_index_ratio"] == pytest.approx(6.0 * weight * 0.3 / np.sqrt(2.0), rel=0.06)
+
+
+def test_no_index_counts_windows_at_rest_or_in_an_emergency() -> None:
+    swing = sine(0.3, 1.0)
+    still = np.where(np.arange(len(swing)) < len(swing) // 2, swing, 0.0)
+    always = np.ones(len(swing) + 1, dtype=bool)
+
+    assert felt_worst(log_of(0.0 * swing))["en12299_index_ratio"] is None
+    assert felt_worst(log_of(swing, emergency=always))["en12299_index_ratio"] is None
+    assert felt_worst(log_of(still))["en12299_index_ratio"] == pytest.approx(1.27, rel=0.1)
