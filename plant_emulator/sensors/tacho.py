@@ -8,7 +8,7 @@ from typing import Final
 from can_dbc.nodes import Direction
 from can_dbc.odometer import Tacho
 from plant_emulator.noise import Generators, NoiseSource
-from plant_emulator.train_config import NOMINAL_WHEEL_M, PULSES_PER_TURN, SensorConfig
+from plant_emulator.train_config import NOMINAL_WHEEL_M, SensorConfig
 
 COUNTER_PERIOD: Final = 1 << 16
 COUNTER_B_PERIOD: Final = 1 << 10
@@ -103,6 +103,7 @@ class Tachos:
         "_directions",
         "_forgotten",
         "_last_pulse_ns",
+        "_pulses_per_turn",
         "_started_ns",
         "_step_s",
         "axles",
@@ -125,7 +126,8 @@ class Tachos:
         self.error = config.odometer_error_ratio.draw(generators.of(NoiseSource.ODOMETER_SCALE))
         """Scale error: counted distance = true distance * (1 + error) for a wheel of nominal
         diameter."""
-        nominal = PULSES_PER_TURN / (pi * NOMINAL_WHEEL_M) * (1.0 + self.error)
+        self._pulses_per_turn = config.pulses_per_turn
+        nominal = config.pulses_per_turn / (pi * NOMINAL_WHEEL_M) * (1.0 + self.error)
         self._cars = tuple(min(tacho.car, cars) - 1 for tacho in config.tachos)
         self.axles = tuple(
             Wheelset(nominal * NOMINAL_WHEEL_M / tacho.wheel_diameter_m, front_m)
@@ -153,7 +155,7 @@ class Tachos:
         """Distance by counter A since the start, for a wheel of nominal diameter."""
         axle = self.axles[0]
         pulses = self._forgotten + axle.count(axle.rolled_m)
-        return pulses * pi * NOMINAL_WHEEL_M / PULSES_PER_TURN
+        return pulses * pi * NOMINAL_WHEEL_M / self._pulses_per_turn
 
     def restart(self, now_ns: int) -> None:
         """A fault: the unit has restarted; counters and clock begin at 0."""

@@ -40,8 +40,11 @@ class SensorConfig:
     """Error of the time stamp at the antenna's centre."""
     tag_latency_s: Spread
     """Delay from the antenna's centre to the first byte on the line."""
+    pulses_per_turn: int = PULSES_PER_TURN
+    """Resolution of both tachos. The controller assumes `train.pulses_per_turn`."""
 
     def __post_init__(self) -> None:
+        check(self, "pulses_per_turn", 16, 1024)
         check_spread(self, "odometer_error_ratio", -0.2, 0.2)
         check_spread(self, "doppler_error_ratio", -0.2, 0.2)
         check(self, "doppler_sigma_mps", 0.0, 10.0)

@@ -118,6 +118,22 @@ def test_only_the_slipping_axle_counts_slip() -> None:
     assert off_by(frame.pulses_b, 10.0 / PULSE_M) <= 1.0
 
 
+@pytest.mark.parametrize("pulses_per_turn", [16, 100, 1024])
+def test_the_resolution_of_the_tachos_is_that_of_the_consist(pulses_per_turn: int) -> None:
+    run = AxleRun(replace(IDEAL, pulses_per_turn=pulses_per_turn))
+    turn_m = math.pi * 0.860
+    run.move(3.0 * turn_m)
+
+    assert run.tachos.frame(STEP_NS).pulses_a == 3 * pulses_per_turn
+    assert run.tachos.counted_m == pytest.approx(3.0 * turn_m)
+
+
+@pytest.mark.parametrize("pulses_per_turn", [15, 1025])
+def test_a_resolution_out_of_range_is_refused(pulses_per_turn: int) -> None:
+    with pytest.raises(ValueError, match=f"pulses_per_turn {pulses_per_turn}"):
+        replace(IDEAL, pulses_per_turn=pulses_per_turn)
+
+
 def test_the_direction_follows_the_last_pulses_and_is_neutral_without_any() -> None:
     ride = AxleRun()
     ride.move(0.1)
