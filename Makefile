@@ -37,7 +37,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-quick check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity wheels clean distclean
+.PHONY: help setup run test test-quick check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-stops bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity wheels clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
@@ -128,6 +128,9 @@ bench-logs: $(READY_TO_TEST) ## compare canlog with similar tools on a log of 2 
 
 bench-energy: compiled ## measure running curves, DC network, green line and seven whole trains; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks.energy $(BENCH_ARGS)
+
+bench-stops: compiled ## measure stops over the envelope of trains and lines, law by law; BENCH_ARGS="gain --seeds 4"
+	$(BIN)/python -m metro_hil.benchmarks.stops $(BENCH_ARGS)
 
 bench-plug: $(READY_TO_TEST) ## measure controllers of your own: time to the first hop, speed in lockstep, cost of a frame, FMUs; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks.plug $(BENCH_ARGS)
