@@ -11,6 +11,7 @@ SENSITIVITY_ARGS ?=
 FUZZ_ARGS ?=
 SIMULATE_ARGS ?= --hours 10000 --workers 2 --journal runs/simulate.jsonl
 EXPLORE_ARGS ?=
+MODEL_ARGS ?=
 BREAK_ARGS ?=
 PYTHON ?=
 DOCUMENTS ?=
@@ -37,7 +38,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-quick check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-stops bench-plug bench-t2t bench-simulator simulate explore compiled docs site format examples figures test-kernels break sensitivity wheels clean distclean
+.PHONY: help setup run test test-quick check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-stops bench-plug bench-t2t bench-simulator simulate explore model compiled docs site format examples figures test-kernels break sensitivity wheels clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
@@ -152,6 +153,10 @@ break: $(READY_TO_TEST) ## check that random kills and full disks do not change 
 
 explore: $(READY_TO_TEST) ## check every schedule of two trains and their arbiters with one or two faults; EXPLORE_ARGS=...
 	$(BIN)/python -m metro_hil.simulation.model_check $(EXPLORE_ARGS)
+
+model: $(READY_TO_TEST) ## check the TLA+ model of trains that command themselves, and without each guard; MODEL_ARGS=...
+	@# Needs Java and TLC, which docs/design/t2t_model.md says how to get.
+	$(BIN)/python -m metro_hil.formal.model_runs $(MODEL_ARGS)
 
 bench-simulator: compiled ## measure simulator, failover and headway in virtual time; BENCH_ARGS=...
 	PYTHONSAFEPATH=1 PYTHONPATH=$$($(BIN)/python -m metro_tools.compiled --part simulator --wait) \
