@@ -12,6 +12,9 @@ from metro_hil.line.headway import LOOK_S, approach
 from metro_hil.line.train_group import LineBench
 
 INTERVAL_S = 74.1
+RUN_UP_M = 800.0
+"""Distance from the first stop, where ATO learns its brake, to the station, m. The trains reach
+their speed in 300 m."""
 LEFT_S = 45.0
 """Time after which the train behind has certainly finished braking, s."""
 KILLED_AT_M = (260.0, 220.0)
@@ -45,7 +48,7 @@ def after_the_kill(bench: LineBench) -> Ending:
 
 def endings() -> Iterator[Ending]:
     """Both trains approach once. At each distance a copy of this process goes on with a kill."""
-    with approach(2, INTERVAL_S) as (bench, stop_m):
+    with approach(2, INTERVAL_S, RUN_UP_M) as (bench, stop_m):
         follower = bench.trains[max(bench.trains)]
         for at_m in KILLED_AT_M:
             while follower.plant.world.front_m < stop_m - at_m:

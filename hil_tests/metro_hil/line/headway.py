@@ -122,10 +122,16 @@ def _starts_m(trains: int, interval_s: float) -> list[float]:
 
 
 @contextmanager
-def approach(trains: int, interval_s: float) -> Iterator[tuple[LineBench, float]]:
-    """Yield the bench before its run, foremost train first, and the station's stopping point."""
+def approach(
+    trains: int, interval_s: float, run_up_m: float = RUN_UP_M
+) -> Iterator[tuple[LineBench, float]]:
+    """Yield the bench before its run, foremost train first, and the station's stopping point.
+
+    Args:
+        run_up_m: distance from the first stop to the station.
+    """
     starts_m = _starts_m(trains, interval_s)
-    stop_m = starts_m[0] + WARM_M + RUN_UP_M
+    stop_m = starts_m[0] + WARM_M + run_up_m
     track = _Track(starts_m, stop_m, stop_m + RUN_OUT_M)
     edge_m = track.end_m + EDGE_M
     joints_m = [*(at_m for at_m in _steps(0.0, edge_m, SECTION_M) if at_m < edge_m), edge_m]
