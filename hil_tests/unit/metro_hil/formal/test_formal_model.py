@@ -5,8 +5,8 @@ import importlib.util
 from pathlib import Path
 
 import pytest
-from conftest import OPTIONAL, optional_program
 
+from hil_tests.conftest import OPTIONAL, optional_program
 from metro_hil.formal import model_runs
 from metro_hil.formal.conformance import JUDGED, UNSEEN
 from metro_hil.formal.model_runs import (
