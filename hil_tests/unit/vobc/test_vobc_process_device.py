@@ -29,6 +29,7 @@ from can_dbc.vobc import (
 )
 from firmware_py.handed_ports import HandedPorts
 from firmware_py.ports import CanFrame, RadioMessage, SerialChunk
+from firmware_py.settings import SettingsError
 from firmware_py.storage.nvram import Nvram, NvramRecord
 from firmware_py.trackdb import load_line
 from hil_tests.unit.vobc.test_vobc_wire import DRIVING, MOTION, orders
@@ -148,7 +149,8 @@ def decoded(bench: Bench, kind: type[Frame]) -> Any:
 
 @pytest.mark.parametrize(
     ("cycle_ms", "doors", "motion", "target", "status"),
-    [(50.0, "101010", "101010", "100010", "111111"), (100.0, "111", "111", "101", "111"),
+    [(50.0, "101010", "101010", "100010", "111111"), (40.0, "101010", "101010", "100001", "111111"),
+     (100.0, "111", "111", "101", "111"),
      (200.0, "111", "111", "111", "111"), (25.0, "100010", "100010", "100000", "101010")],
 )  # fmt: skip
 def test_each_frame_comes_in_the_first_cycle_and_then_in_its_period(
@@ -413,11 +415,18 @@ def test_a_train_that_moves_or_is_in_an_emergency_has_no_stored_place(moving: Cy
 
 def test_a_train_that_never_moved_stores_nothing_and_keeps_what_it_had() -> None:
     bench = Bench()
-    for output in (SAFE_OUTPUT, STANDING, replace(DRIVING, motion=None), STANDING):
+    for output in (STANDING, SAFE_OUTPUT, STANDING, replace(DRIVING, motion=None), STANDING):
         bench.controller.output = output
         bench.cycle()
 
     assert bench.nvram.record == NvramRecord(boot_count=41)
+
+
+def test_parameters_that_contradict_each_other_start_no_device() -> None:
+    wide = replace(CONFIG, odometry=replace(CONFIG.odometry, tag_bound_m=0.4))
+
+    with pytest.raises(SettingsError, match=r"tag_bound_m: 0\.4 is not less"):
+        Bench(wide)
 
 
 PATH = OtherPath(0.0, 5000.0, lambda at_m: 5000.0 - at_m)
