@@ -214,10 +214,11 @@ def test_a_slow_controller_repeats_its_commands_between_its_cycles_and_not_after
     bench = Bench(replace(CONFIG, cycle_ms=100.0))
     bench.device.repeat_vital(START_NS)
     assert bench.sent() == []
+    began_ns = bench.now_ns = START_NS + 1000 * MS
     bench.cycle()
 
     def repeats(after_ms: float) -> bool:
-        bench.device.repeat_vital(START_NS + round(after_ms * MS))
+        bench.device.repeat_vital(began_ns + round(after_ms * MS))
         return BrakeCommand in bench.sent()
 
     assert [repeats(ms) for ms in (24.9, 25, 49.9, 50)] == [False, True, False, True]
