@@ -42,6 +42,7 @@ from vobc.vocabulary import (
     SAFE_OUTPUT,
     CycleInput,
     CycleOutput,
+    Event,
     OdometryRecord,
     PlaceProof,
 )
@@ -499,6 +500,7 @@ class Command:
 
 def test_other_trains_are_heard_before_the_cycle_and_answered_after_it() -> None:
     command = Command()
+    command.refusals.note(0, "too old", "from the line", 3)
     bench = Bench(command=command)
     bench.ports.radio.inbox = [RadioMessage(START_NS, "key", pack(orders()))]
 
@@ -508,6 +510,11 @@ def test_other_trains_are_heard_before_the_cycle_and_answered_after_it() -> None
 
     assert command.calls == ["apply", "hold_on", "send", "beat", "silence 1"]
     assert bench.device.waits_for_line == "silent"
+    refused = bench.lines.words(EventKind.RADIO_REFUSED)
+    assert refused[-1] == "3 messages on the radio refused: too old, from the line"
+    command.event = Event(EventKind.INPUT_LOST, "the line is silent")
+    bench.device.life_sign(START_NS)
+    assert bench.lines.entries[-1]["words"] == "the line is silent"
     bench.ports.radio.sent.clear()
     bench.device.report_position(START_NS)
     assert [type(unpack(each)) for _, each in bench.ports.radio.sent] == [TrainStatus]
