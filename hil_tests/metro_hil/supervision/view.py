@@ -61,7 +61,7 @@ class Command(NamedTuple):
     """Previous master; 0 if none was received."""
 
 
-class Latency(NamedTuple):
+class AnswerLatency(NamedTuple):
     """Time from the receipt of a train's report to that of the authority that answers it."""
 
     at_ns: int
@@ -84,7 +84,7 @@ class LineView:
         """Last reason for waiting from a master and its instant, by train and area."""
         self.removals: dict[int, tuple[RemovalAnswer, int]] = {}
         """Last answer to a removal from a master and its instant, by area."""
-        self.latencies: dict[int, deque[Latency]] = {}
+        self.latencies: dict[int, deque[AnswerLatency]] = {}
         """Latencies of the last minute, by train; a master sends itself no authority."""
         self.refused = 0
         """Number of messages that were damaged, under another key, or with a wrong sender."""
@@ -165,7 +165,7 @@ class LineView:
         if reported_ns is None:
             return
         known = self.latencies.setdefault(authority.destination, deque())
-        known.append(Latency(at_ns, (at_ns - reported_ns) / NS_PER_MS))
+        known.append(AnswerLatency(at_ns, (at_ns - reported_ns) / NS_PER_MS))
         while known[0].at_ns < at_ns - LATENCY_NS:
             known.popleft()
 
