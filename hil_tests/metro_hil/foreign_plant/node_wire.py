@@ -19,7 +19,7 @@ from firmware_py.buses.bus_node import BusNode, Passing
 from firmware_py.buses.confinement import ErrorState
 from firmware_py.buses.disturbed import Disturber
 from firmware_py.buses.inproc import VirtualBus
-from firmware_py.buses.timing import frame_bits
+from firmware_py.buses.timing import MAX_STANDARD_ID, frame_bits
 from firmware_py.ports import CanFrame
 from metro_hil.faults.bus import SharedWire
 from metro_hil.foreign_plant import ls_bus
@@ -155,6 +155,7 @@ class NodeWire(SharedWire):
             state = self._node(bus.port(process.name, ()))
             self.nodes[process.name] = WireNode(process, state, (filters or {}).get(process.name))
         self._stack = ExitStack()
+        self._heard_ids = _heard_ids(processes, filters or {})
         bus.pace(self)
         if errors or (len(self.nodes) < 2 and acting is None):
             # A node that is alone gets no acknowledgement.
@@ -184,6 +185,8 @@ class NodeWire(SharedWire):
 
     def ended(self, frame: CanFrame, sender: str) -> None:
         """See `Pacer`."""
+        if frame[1] not in self._heard_ids and sender not in self.nodes:
+            return
         self._tell(frame[1], frame[2], sender)
         if self._mail:
             self._mail_ns = frame[0]
@@ -408,3 +411,12 @@ class NodeWire(SharedWire):
         state.reported = reported
         self._admit(state)
         self._enter_state(state, at_ns)
+
+
+def _heard_ids(
+    processes: Sequence[NodeLink], filters: Mapping[str, frozenset[int]]
+) -> frozenset[int]:
+    """Identifiers that at least one node receives."""
+    if any(each.name not in filters for each in processes):
+        return frozenset(range(MAX_STANDARD_ID + 1))
+    return frozenset().union(*filters.values())
