@@ -267,6 +267,7 @@ def make_results(
         lost_log_lines=ending.lost_log_lines,
         steal_s=ending.steal_s,
         realtime=ending.realtime,
+        nodes=ending.nodes,
     )
 
 

@@ -61,6 +61,11 @@ class NodeCounts:
     off: int = 0
     """Times that the node went bus off."""
 
+    def __str__(self) -> str:
+        said = f"sent {self.transmitted}, confirmed {self.confirmed}, received {self.received}"
+        rare = self.others()
+        return f"{said}, {rare}" if rare else said
+
     def others(self) -> str:
         """The counts that are rarely above zero, as text; empty if all are zero."""
         texts = {
@@ -242,12 +247,11 @@ class NodeWire(SharedWire):
     def story(self) -> list[tuple[int, str]]:
         """Changes of error state by instant, and what happened at each node at the last one."""
         told = [(each.at_ns, f"{each.node} is {each.state.value}") for each in self.events]
-        for name, node in self.nodes.items():
-            tally = node.tally()
-            said = f"node {name}: sent {tally.transmitted}, confirmed {tally.confirmed}"
-            rare = tally.others()
-            told.append((self._last_ns, f"{said}, {rare}" if rare else said))
-        return told
+        return told + [(self._last_ns, f"node {text}") for text in self.tallies()]
+
+    def tallies(self) -> tuple[str, ...]:
+        """What happened at each node."""
+        return tuple(f"{name}: {node.tally()}" for name, node in self.nodes.items())
 
     # Hooks of the transmission of one frame.
 

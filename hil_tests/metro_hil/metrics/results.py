@@ -39,6 +39,8 @@ class RunResults:
     steal_s: float | None = None
     realtime: Sequence[str] = ()
     """Lines about scheduling, memory lock and the like, as the host granted them."""
+    nodes: Sequence[str] = ()
+    """What happened at each LS-BUS node."""
 
     def to_json(self) -> str:
         """One JSON object; the keys for scripts come first, the others after them."""
@@ -64,6 +66,7 @@ class RunResults:
                     "supervision_events": [asdict(event) for event in self.events],
                     "steal_s": self.steal_s,
                     "realtime": list(self.realtime),
+                    **({"nodes": list(self.nodes)} if self.nodes else {}),
                 }
             ),
             indent=2,

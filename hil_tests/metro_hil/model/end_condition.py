@@ -39,6 +39,8 @@ class Ending:
     """Number of frames that the tap missed."""
     lost_log_lines: int = 0
     """Number of log lines that the disk refused."""
+    nodes: Sequence[str] = ()
+    """What happened at each LS-BUS node."""
 
 
 @dataclass(slots=True)

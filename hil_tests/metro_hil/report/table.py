@@ -135,6 +135,7 @@ def _rhythm(results: RunResults) -> list[tuple[str, str]]:
         if results.steal_s is not None:
             rows.append(("stolen by the host", f"{results.steal_s:.2f} s of processor time"))
         rows += [("real-time measure", text) for text in results.realtime]
+    rows += [("LS-BUS node", text) for text in results.nodes]
     rows.append(("cycles", f"{cycles.cycles}, {cycles.slips} slipped"))
     return rows
 

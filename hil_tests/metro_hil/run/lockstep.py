@@ -550,4 +550,5 @@ def run_lockstep(
         rejected_frames=dict(bench.plant.wire.refusals),
         real_time_factor=virtual_ns / elapsed_ns,
         lost_log_lines=bench.lost_log_lines,
+        nodes=() if bench.nodes is None else bench.nodes.tallies(),
     )
