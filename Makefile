@@ -133,7 +133,7 @@ bench-energy: compiled ## measure running curves, DC network, green line and sev
 bench-stops: compiled ## measure stops over the envelope of trains and lines, law by law; BENCH_ARGS="gain --seeds 4"
 	$(BIN)/python -m metro_hil.benchmarks.stops $(BENCH_ARGS)
 
-bench-plug: $(READY_TO_TEST) ## measure controllers of your own: time to the first hop, speed in lockstep, cost of a frame, FMUs; BENCH_ARGS=...
+bench-plug: $(READY_TO_TEST) ## measure controllers and plants of your own: time to the first hop, speed in lockstep, cost of a frame, FMUs; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks.plug $(BENCH_ARGS)
 
 bench-t2t: $(READY_TO_TEST) ## measure the takeover after masters are killed or stopped, over real zenoh; BENCH_ARGS="--trains N --timers B"

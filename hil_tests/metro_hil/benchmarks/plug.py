@@ -1,6 +1,7 @@
-"""Measures controllers and FMUs of one's own: time to the first hop, speed, cost of a frame."""
+"""Measures controllers, plants and FMUs of one's own: time to a hop, speed, cost of a frame."""
 
 import os
+import shutil
 import statistics
 import subprocess
 import sys
@@ -14,11 +15,12 @@ from firmware_py.clock.clock import NS_PER_S, WallClock
 from firmware_py.native.build import compiler
 from metro_hil.benchmarks.bench import Figure, run_measures
 from metro_hil.engine.journal import read_journal
-from metro_hil.external_controller.project import project_files
+from metro_hil.external_controller.project import HOST, project_files
 from metro_hil.fmi_export.export import write_fmu
 from metro_hil.model.native_copy import SWITCH, Native
 
 PROJECT: Final = "mine"
+PLANT: Final = Path(__file__).parents[3] / "docs/examples/plant/point_mass.py"
 START_BAR_S: Final = 60.0
 SPEED_BAR: Final = 150.0
 SHARE_BAR_RATIO: Final = 0.9
@@ -186,6 +188,42 @@ def speed_of_fmus() -> list[Figure]:
     return figures
 
 
+def speed_as_firmware() -> list[Figure]:
+    """Measure processor time of hops with the controller in C on an emulated Cortex-M3."""
+    name = "controller in C as firmware on an emulated Cortex-M3, one hop"
+    for tool in ("arm-none-eabi-gcc", "qemu-system-arm"):
+        if shutil.which(tool) is None:
+            return [Figure(name, f"not measured: there is no {tool}", "", None)]
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = _written(Path(scratch), "c", "cortex-m")
+        subprocess.run(["make", "-s", "-C", folder], check=True)
+        (Path(scratch) / "hop.toml").write_text(HOP, encoding="utf-8")
+        factors = _factors(
+            scratch,
+            "out",
+            *("--limit", "2", "--controller", f"command:{folder / PROJECT}"),
+            native=Native.WIRE,
+        )
+    return [Figure(name, f"{statistics.median(factors):.1f} × real time", "", None)]
+
+
+def speed_of_a_plant() -> list[Figure]:
+    """Measure processor time of hops with the shipped train, and with the documented plant."""
+    with tempfile.TemporaryDirectory() as scratch:
+        (Path(scratch) / "hop.toml").write_text(HOP, encoding="utf-8")
+        plants = {"shipped train": "auto", "plant in Python": f"command:{sys.executable} {PLANT}"}
+        factors = {
+            name: statistics.median(
+                _factors(scratch, name, "--limit", "3", "--plant", plant, native=Native.WIRE)
+            )
+            for name, plant in plants.items()
+        }
+    return [
+        Figure(f"{name}, one hop", f"{factor:.0f} × real time", "", None)
+        for name, factor in factors.items()
+    ]
+
+
 def cost_of_a_frame() -> list[Figure]:
     """Measure sending and receiving a protected frame in the generated C."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -211,12 +249,17 @@ def cost_of_a_frame() -> list[Figure]:
     ]
 
 
-def _built(folder: Path) -> Path:
-    files = project_files(PROJECT, "c")
-    for name, text in files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(text, encoding="utf-8")
-    _compile(folder, [name for name in files if name.endswith(".c")], PROJECT)
+def _written(folder: Path, lang: str, target: str = HOST) -> Path:
+    """Write a project and return its folder."""
+    for name, text in project_files(PROJECT, lang, target).items():
+        (folder / PROJECT / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / PROJECT / name).write_text(text, encoding="utf-8")
+    return folder / PROJECT
+
+
+def _built(scratch: Path) -> Path:
+    folder = _written(scratch, "c")
+    _compile(folder, [path.name for path in folder.glob("*.c")], PROJECT)
     return folder / PROJECT
 
 
@@ -261,6 +304,8 @@ MEASURES: Final = {
     "lockstep": speed_in_lockstep,
     "frame": cost_of_a_frame,
     "fmus": speed_of_fmus,
+    "firmware": speed_as_firmware,
+    "plant": speed_of_a_plant,
 }
 
 
