@@ -203,6 +203,11 @@ def test_a_viewer_starts_sets_and_stops_faults_by_keyboard(
         browser.wait("document.getElementById('faults-count').textContent === ''")
 
         assert "from 1.50 s to 2.00 s" in browser.text("#faults-begun")
+        told = browser.run("JSON.stringify(canlog.view.head.events.map(e => [e.t / 1e9, e.words]))")
+        assert json.loads(told) == [
+            [1.5, "brake_weak begins by hand"],
+            [2.0, "brake_weak ends by hand"],
+        ]
         assert not browser.log
     assert [json.loads(line) for line in acts.read_text().splitlines()] == [
         {"start": {"kind": "brake_weak", "gain_ratio": 0.3}},

@@ -1,6 +1,6 @@
 // The faults of a run that takes them by hand: the catalogue, and those that began.
 
-const faults = { byName: new Map() };
+const faults = { byName: new Map(), told: new Set() };
 
 function startFaults() {
   document.querySelector('[data-tab="faults"]').hidden = false;
@@ -97,9 +97,22 @@ function showBegun(began) {
     const fresh = begunEntry(fault, index, ended);
     if (entry) entry.replaceWith(fresh); else list.append(fresh);
   });
+  noteActs(began);
   const acting = began.filter(fault => fault.end_s === undefined).length;
   $("faults-count").textContent = acting ? `${acting} active` : "";
   allowFaults(live.holder === "you");
+}
+
+// Adds begin and end of each fault to the events, so that plots and list show them.
+function noteActs(began) {
+  const note = (index, kind, t_s, what) => {
+    const key = `${index} ${what}`;
+    if (t_s === undefined || faults.told.has(key)) return;
+    faults.told.add(key);
+    view.head.events.push({ t: t_s * NS, kind: "FAULT", words: `${kind} ${what} by hand`, weight: 1, basis: [] });
+  };
+  began.forEach((fault, index) => { note(index, fault.kind, fault.start_s, "begins"); note(index, fault.kind, fault.end_s, "ends"); });
+  view.head.events.sort((a, b) => a.t - b.t);
 }
 
 function begunEntry(fault, index, ended) {

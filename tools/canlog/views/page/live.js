@@ -134,7 +134,7 @@ function heard(told) {
   if (told.kind === "lost") { say(`This browser was too slow: ${told.messages} updates are missing here. The log of the run has them.`); return; }
   if (told.kind === "snapshot") {
     if (told.version !== view.head.live) { live.ended = true; live.socket.close(); say("The bench has another version than this page: load the page again."); return; }
-    view.head.messages = []; view.head.events = [];
+    view.head.messages = []; view.head.events = []; faults.told.clear();
     view.source = new LiveSource(view.head);
     live.eventRow = 0;
     journey?.empty();
