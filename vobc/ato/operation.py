@@ -407,7 +407,7 @@ class Ato:
         if self._hold and not (sets_off or self.phase is AtoPhase.DEPARTING):
             wanted_mps2 = min(wanted_mps2, 0.0)
             if self._pulls_into_hold(inputs, drive):
-                wanted_mps2 = self._sent_mps2
+                wanted_mps2 = drive.accel_mps2
             elif not (inputs.holding_applied and inputs.standstill):
                 wanted_mps2 = -self._config.station.hold_decel_mps2
         # A traction notch that dwells would delay the start of braking.

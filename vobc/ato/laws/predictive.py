@@ -55,7 +55,9 @@ PULL_CORRECTION_RATIO: Final = 4.0
 """Gain of the correction by traction. It acts sooner than the brake, so it may correct later."""
 PULL_LEAD_S: Final = 0.05
 """Time by which traction leads its lag, for the cycle that passes before it acts."""
-PULL_GENTLY_MPS: Final = 0.3
+PULL_REST_MPS: Final = 0.03
+"""Speed from which the deceleration goes to zero with the speed."""
+PULL_GENTLY_MPS: Final = 0.25
 MOST_GENTLE_SHARE: Final = 1.1
 """Speed below which a late train no longer decelerates more than this, relative to the curve. A
 stronger end would be felt as a jolt, and gains a centimetre or two."""
@@ -417,6 +419,8 @@ class Predictive:
         )
         build_up_s = self._config.traction.lag_s + PULL_LEAD_S
         decel_mps2 = max(0.0, point.decel_mps2 - build_up_s * point.ease_mps3) * share_ratio
+        # At rest, traction holds the train against gravity until the holding brake does.
+        decel_mps2 *= min(1.0, near.speed_mps / PULL_REST_MPS)
         demand_mps2 = self._rolling_mps2(near) + left_mps2 - decel_mps2
         demand_mps2 = min(self._config.limits.accel_mps2, max(0.0, demand_mps2))
         reference_mps = self._reference_mps(self._front.front_m, target.at_m, None)
