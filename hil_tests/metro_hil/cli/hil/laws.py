@@ -82,7 +82,7 @@ def _print(found: "Results") -> None:
     console = Console(highlight=False, markup=False)
     columns = (
         *("scenario", "stops", "missed", "mean |cm|", "worst cm", "bound cm", "in 10 cm %"),
-        *("run s", "over shortest %"),
+        *("run s", "over %"),
     )
     for law, scenarios in found.items():
         table = Table(title=law, title_justify="left", title_style="bold", box=None)
@@ -103,6 +103,7 @@ def _print(found: "Results") -> None:
             )
         console.print(table)
         console.print()
+    console.print("over: running time over the shortest possible", style="dim")
     console.print("`hil laws --json` has all figures, with their confidence intervals", style="dim")
 
 
