@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +13,8 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.command_line import CommandParser
 from firmware_py.radio.credentials import load_credentials
 from firmware_py.settings import SettingsError
-from firmware_py.trackdb.areas import AreaMap, load_areas
+from firmware_py.storage.recorder import SerialDirection
+from firmware_py.trackdb.areas import load_areas
 from metro_hil.formal.conformance import Conformance
 from metro_hil.simulation.batch import cpu_ns
 from metro_hil.simulation.generate import Draw, draw
@@ -23,6 +25,7 @@ from metro_hil.simulation.run import Phases, run_seed
 from metro_hil.simulation.wire import RealCodec
 from metro_hil.supervision.radio_log import find_log, read_log
 from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.messages import Refused
 from zenoh_config.secured import SUPERVISION_NAME
 from zenoh_config.t2t import T2tMessage
 
@@ -30,6 +33,8 @@ EXIT_OK: Final = 0
 EXIT_DEVIATES: Final = 1
 EXIT_USAGE: Final = 2
 EXIT_NO_EVIDENCE: Final = 3
+HEAD_LINES: Final = 2000
+"""Number of lines of a log in which a train that recorded it has sent something."""
 SHOWN: Final = 5
 """Greatest number of deviations that are printed for one run."""
 COMMAND: Final = ("granted_by_majority", "roster_kept", "lease_runs")
@@ -62,12 +67,33 @@ def simulated(seed: int, drawn: Draw, phases: Phases) -> tuple[Conformance, str]
     return conformance, result.what
 
 
-def logged(path: Path, areas: AreaMap | None, key: bytes) -> Conformance:
-    """Judge the messages of a log. Raises SettingsError for a log that cannot be read."""
-    conformance = Conformance(areas)
-    for entry in read_log(find_log(path), key):
-        conformance.take(entry.heard)
+def logged(path: Path, line: str | None, key: bytes) -> Conformance:
+    """Judge the messages of a log. Raises SettingsError for a log or line that cannot be read.
+
+    Without a line, its name is that in the keys of the messages.
+    """
+    log, conformance, refused = find_log(path), None, 0
+    if _is_of_one_train(log):
+        raise SettingsError(f"{log}: it holds the messages of one train; name the log of the line")
+    for entry in read_log(log, key):
+        refused += isinstance(entry.heard, Refused)
+        if isinstance(entry.heard, T2tMessage):
+            if conformance is None:
+                conformance = Conformance(load_areas(line or entry.chunks[1]))
+            conformance.take(entry.heard)
+    conformance = conformance or Conformance()
+    conformance.refused = refused
     return conformance
+
+
+def _is_of_one_train(log: Path) -> bool:
+    """Whether a train recorded the log: then some messages are its own, which it sent."""
+    try:
+        with log.open(encoding="utf-8") as file:
+            return any(f",{SerialDirection.TX.value}," in line for line in islice(file, HEAD_LINES))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not text"
+        raise SettingsError(f"{log}: cannot be read: {reason}") from error
 
 
 def report(name: str, judged: Conformance) -> int:
@@ -81,7 +107,8 @@ def report(name: str, judged: Conformance) -> int:
             print(f"  {guard}: {what}")
         return EXIT_DEVIATES
     if unseen:
-        print(f"{head}: no evidence: {unseen[0]} was never judged")
+        refused = f"; {judged.refused} messages could not be read" if judged.refused else ""
+        print(f"{head}: no evidence: {unseen[0]} was never judged{refused}")
         return EXIT_NO_EVIDENCE
     print(f"{head}: the model allows each")
     return EXIT_OK
@@ -99,13 +126,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _runs(options: argparse.Namespace) -> Iterator[tuple[str, Conformance]]:
     if options.seeds is None:
-        areas = None if options.line is None else load_areas(options.line)
         key = BENCH_KEY
         if options.secure is not None:
             secure = load_credentials(options.secure, SUPERVISION_NAME, WallClock().epoch_ns())
             key = safety_key(secure.key_hex)
         path = choose_run(options.log, "vobc")
-        yield str(path), logged(path, areas, key)
+        yield str(path), logged(path, options.line, key)
         return
     for seed in options.seeds:
         judged, what = simulated(seed, draw(seed, None), Phases(options.minutes * 60.0))
@@ -137,7 +163,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("log", nargs="?", type=Path, metavar="RUN|FILE", help="default: last run")
-    parser.add_argument("--line", metavar="NAME|FILE", help="line of the log, to judge places, too")
+    parser.add_argument("--line", metavar="NAME|FILE", help="of the log; default: as its keys say")
     parser.add_argument("--secure", type=Path, metavar="FOLDER", help="of a secured line")
     parser.add_argument("--seeds", type=_seeds, metavar="A..B", help="play these seeds instead")
     parser.add_argument("--minutes", type=_minutes, default=1.0, help="of faults, for each seed")

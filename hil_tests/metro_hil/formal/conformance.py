@@ -35,6 +35,7 @@ from zenoh_config.t2t import (
     RosterAck,
     RosterCommit,
     RosterEntry,
+    TrackStatus,
     TrainReport,
 )
 from zenoh_config.timers import NS_PER_MS, TIMERS_A
@@ -128,7 +129,10 @@ class Conformance:
         self.looked = Counter[str]()
         """Number of times that each guard was judged."""
         self.messages = 0
+        self.refused = 0
+        """Number of messages of the log that could not be read."""
         self._ends_m = {} if areas is None else {each.number: each.end_m for each in areas.areas}
+        self._sections = {} if areas is None else {each.number: each for each in areas.sections}
         self._sites = {} if areas is None else {each.number: each for each in areas.objects}
         self._terms: dict[tuple[int, int], TermRecord] = {}
         self._arbiters: dict[tuple[int, int], ArbiterRecord] = {}
@@ -150,6 +154,7 @@ class Conformance:
             AreaAuthority: self._on_authority,
             ObjectClaim: self._on_claim,
             ObjectStatus: self._on_status,
+            TrackStatus: self._on_track,
         }
 
     def take(self, message: Any) -> None:
@@ -334,6 +339,18 @@ class Conformance:
         known_m = self._rears_m.get((train, area), rear_m)
         self._rears_m[train, area] = max(known_m, rear_m)
 
+    def _on_track(self, message: TrackStatus) -> None:
+        """Advance trains, perhaps silent ones, whose sections are clear behind them."""
+        sections = [
+            self._sections[e.section] for e in message.sections if e.section in self._sections
+        ]
+        occupied = {each.section for each in message.sections if each.occupied}
+        for (train, area), rear_m in self._rears_m.items():
+            beyond = [each for each in sections if each.end_m > rear_m]
+            if area == message.area and beyond:
+                there = [each.start_m for each in beyond if each.number in occupied]
+                self._saw_rear(train, area, there[0] if there else beyond[-1].end_m)
+
     def _on_authority(self, message: AreaAuthority) -> None:
         self._owns(message)
         term, said = self._term(message), _said(message)
@@ -346,7 +363,7 @@ class Conformance:
         names = _names(term.commits[max(kept)]) if kept else []
         told = f"{said} to train {message.destination}: stored roster {names}"
         self._judge("roster_kept", message.destination in names, told)
-        if message.behind != NO_TRAIN:
+        if message.behind != NO_TRAIN and self._ends_m:
             rear_m = self._rears_m.get((message.behind, message.area), float("-inf"))
             told = f"{said} to {message.end_m:.2f} m: train {message.behind} is at {rear_m:.2f} m"
             self._judge("ends_behind_rear", message.end_m <= rear_m + TOUCH_M, told)

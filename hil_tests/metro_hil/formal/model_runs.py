@@ -105,7 +105,7 @@ RUNS: Final = {
         warm="{}",
     ),
     "arbiter": Bounds(
-        "the same, and one arbiter restarts or forgets",
+        "the same, and one arbiter restarts, and one forgets",
         arbiters=3,
         candidates="<<{}, {2, 3}>>",
         terms="<<1, 2>>",
@@ -113,7 +113,7 @@ RUNS: Final = {
         warm="{}",
     ),
     "candidate": Bounds(
-        "the same, and one train restarts or forgets",
+        "the same, and one train restarts, and one forgets",
         arbiters=3,
         candidates="<<{}, {2, 3}>>",
         terms="<<1, 2>>",
@@ -148,7 +148,7 @@ RUNS: Final = {
         "as `object`, and a train restarts or forgets",
         candidates="<<{}, {2}>>",
         terms="<<1, 2>>",
-        air="<<0, 1>>",
+        air="<<1, 1>>",
         claims=1,
         faults=("train restarts", "train forgets"),
     ),

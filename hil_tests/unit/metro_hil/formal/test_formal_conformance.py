@@ -174,6 +174,17 @@ def test_a_log_without_a_master_proves_nothing(
     assert "no evidence: granted_by_majority was never judged" in capsys.readouterr().out
 
 
+def test_the_log_of_one_train_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = RadioLog(tmp_path / "line.log")
+    log.message(0, SerialDirection.TX, "m/loop/w/1/hb/1/all", b"")
+    log.close()
+
+    assert check_runs.main([str(tmp_path)]) == 2
+    assert "it holds the messages of one train" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
