@@ -5,8 +5,8 @@ Theory
 Each message is the visible part of one action of `line.tla`: a granted `LeaseAnswer` is `Grant`, a
 `RosterAck` is `Keep`, and so on (`JUDGED`). The check follows the state of the model as far as
 messages show it: who holds which term at which arbiter, which roster a majority stored, what each
-train reports. A message whose action the model does not allow in this state is a `Deviation`, with
-the name of the guard as in the model and in the code.
+train reports. A message whose action the model does not allow in this state is a `ModelDeviation`,
+with the name of the guard as in the model and in the code.
 
 The check needs every message of a line from its start on, in the order of sending. What a receiver
 knew when it acted does not show. Where a guard depends on that, the check asks whether *any*
@@ -71,7 +71,7 @@ UNSEEN: Final = {
 """Guards of the model that messages cannot contradict, with the reason."""
 
 
-class Deviation(NamedTuple):
+class ModelDeviation(NamedTuple):
     guard: str
     """Guard or invariant of the model that the message contradicts."""
     what: str
@@ -125,7 +125,7 @@ class Conformance:
 
     def __init__(self, areas: AreaMap | None = None) -> None:
         """Without the areas of the line no guard that rests on places of the track is judged."""
-        self.deviations: list[Deviation] = []
+        self.deviations: list[ModelDeviation] = []
         self.looked = Counter[str]()
         """Number of times that each guard was judged."""
         self.messages = 0
@@ -167,7 +167,7 @@ class Conformance:
     def _judge(self, guard: str, holds: bool, what: str) -> None:
         self.looked[guard] += 1
         if not holds:
-            self.deviations.append(Deviation(guard, what))
+            self.deviations.append(ModelDeviation(guard, what))
 
     def _term(self, message: Any) -> TermRecord:
         return self._terms.setdefault((message.area, message.term), TermRecord())
