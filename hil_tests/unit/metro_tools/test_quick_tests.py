@@ -170,3 +170,7 @@ def test_a_missing_report_is_one_line(
 
     assert quick_tests.main(["--learn", "none.xml"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_without_a_table_no_time_is_known(tmp_path: Path) -> None:
+    assert seconds_of_files(tmp_path) == {}
