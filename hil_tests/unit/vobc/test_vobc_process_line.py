@@ -306,15 +306,31 @@ def test_a_beat_answers_only_what_is_due_and_writes_down_each_time() -> None:
     assert rig.core.given == [(), (AUTHORITY,)]
 
 
-def test_refusals_of_the_line_are_noted_by_reason_and_as_they_come() -> None:
+def test_cycle_and_beat_take_what_the_port_received_and_tune_it() -> None:
     rig = Commanded()
-    for total in (2, 2, 5):
+    rig.say(AUTHORITY)
+    rig.command.apply(MS, FAST)
+    rig.core.listens = frozenset({5})
+    rig.command.send(MS)
+    assert rig.radio.subscriptions == t2t_keys.of_train(NAME, OWN, [5])
+
+    rig.say(AUTHORITY)
+    rig.command.beat(2 * MS, FAST)
+    rig.radio.step(3 * MS, None, apply=True)  # type: ignore[arg-type]
+
+    assert rig.core.given == [(AUTHORITY,), (AUTHORITY,)]
+
+
+def test_refusals_of_the_line_are_noted_by_reason_and_as_they_come() -> None:
+    rig, noted = Commanded(), []
+    for second, total in enumerate((1, 1, 4)):
         rig.core.refusals["too old"] = total
         rig.command.beat(10 * MS, FAST)
+        found = rig.command.refusals.due(second * 1000 * MS)
+        noted.append([(each.count, each.detail) for each in found])
 
-    assert rig.command.refusals.totals == {(0, "too old"): 5}
-    (refusal,) = rig.command.refusals.due(0)
-    assert (refusal.count, refusal.detail) == (5, "from the line")
+    assert noted == [[(1, "from the line")], [], [(3, "from the line")]]
+    assert rig.command.refusals.totals == {(0, "too old"): 4}
 
 
 def test_the_link_gets_the_authority_held_with_its_restrictions() -> None:
@@ -346,8 +362,15 @@ def test_silence_and_slow_arbiters_are_seen_on_the_port_and_on_the_centre() -> N
     for now_s, from_centre, words in ((4, 1, False), (8, 1, False), (9, 1, True), (10, 2, False)):
         rig.command.silence(now_s * 1000 * MS, from_centre)
         assert bool(rig.command.silence_words) is words
+    lost = rig.command.silence(15_000 * MS, 2)
+    assert lost is not None
+    assert lost.words == rig.command.silence_words
+    rig.say(AUTHORITY)
+    rig.command.beat(16_000 * MS, FAST)
+    assert rig.command.silence(16_000 * MS, 3) is not None, "one more of each"
+    assert rig.command.silence_words == ""
     rig.core.round_trip_ms = 101.0
-    event = rig.command.silence(11_000 * MS, 3)
+    event = rig.command.silence(17_000 * MS, 4)
 
     assert event is not None
     assert rig.command.silence_words == event.words == silence.slow
