@@ -112,6 +112,21 @@ def rust_compiler() -> str:
 
 
 @pytest.fixture(scope="session")
+def ls_bus_sources() -> tuple[Path, Path]:
+    """Folders of the public LS-BUS examples and of the standard's headers. Without them a test is
+    skipped, also in CI; docs/reference/ls_bus.md says where they come from.
+    """
+    names = ("LS_BUS_EXAMPLES", "LS_BUS_HEADERS")
+    examples, headers = (Path(os.environ.get(name, "")) for name in names)
+    if (
+        not (examples / "can-node-triggered-output").is_dir()
+        or not (headers / "fmi3LsBus.h").is_file()
+    ):
+        pytest.skip(f"{OPTIONAL}{' and '.join(names)} name no sources of the public demo nodes")
+    return examples, headers
+
+
+@pytest.fixture(scope="session")
 def cpp_compiler() -> str:
     """The C++ compiler. Without it a test is skipped, also in CI."""
     return optional_program("c++")

@@ -1,6 +1,5 @@
 """FMUs with CAN by FMI-LS-BUS as nodes: small ones of ours, and the public demo nodes."""
 
-import os
 import subprocess
 import zipfile
 from io import BytesIO
@@ -11,7 +10,6 @@ import fmpy
 import pytest
 
 from firmware_py.clock.executive import Executive, Task
-from hil_tests.conftest import OPTIONAL
 from hil_tests.nodes import KINDS, make_nodes
 from metro_hil.cli.hil import main
 from metro_hil.fmi_export.export import binaries_folder
@@ -26,10 +24,6 @@ from metro_hil.run.case import run_alone
 from metro_hil.run.lockstep import Lockstep, Taps
 
 MS: Final = 1_000_000
-DEMOS: Final = "LS_BUS_EXAMPLES"
-"""Environment variable with the folder of the public examples."""
-HEADERS: Final = "LS_BUS_HEADERS"
-"""Environment variable with the folder of the standard's headers."""
 DEMO: Final = "can-node-triggered-output"
 
 
@@ -175,15 +169,14 @@ def test_a_mistake_in_a_file_of_nodes_gives_one_line(
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory, c_compiler: str) -> Path:
+def demo(
+    tmp_path_factory: pytest.TempPathFactory, c_compiler: str, ls_bus_sources: tuple[Path, Path]
+) -> Path:
     """The public demo node, built from its sources; docs/reference/ls_bus.md says where from."""
-    folders = [Path(os.environ.get(name, "")) for name in (DEMOS, HEADERS)]
-    if not (folders[0] / DEMO).is_dir() or not (folders[1] / "fmi3LsBus.h").is_file():
-        pytest.skip(f"{OPTIONAL}{DEMOS} and {HEADERS} name no sources of the public demo nodes")
-    source, made = folders[0] / DEMO, tmp_path_factory.mktemp("demo")
+    source, made = ls_bus_sources[0] / DEMO, tmp_path_factory.mktemp("demo")
     name, (place, suffix) = "DemoCanNodeTriggeredOutput", binaries_folder()
     flags = ["-std=gnu99", "-w", "-fPIC", "-shared", "-D_strdup=strdup"]
-    flags += ["-DFMI3_OVERRIDE_FUNCTION_PREFIX", f"-I{folders[1]}"]
+    flags += ["-DFMI3_OVERRIDE_FUNCTION_PREFIX", f"-I{ls_bus_sources[1]}"]
     flags += [f"-I{Path(fmpy.__file__).parent / 'c-code'}"]
     sources = sorted(map(str, (source / "src").glob("*.c")))
     subprocess.run([c_compiler, *flags, *sources, "-o", str(made / name)], check=True)
