@@ -48,10 +48,10 @@ Fresh == [ok |-> TRUE, boot |-> 1, seen |-> <<0, 0>>, tried |-> <<0, 0>>, auth |
 Unlet == [term |-> 0, holder |-> 0, successor |-> 0, over |-> 0, busy |-> FALSE,
           rterm |-> 0, rversion |-> 0, list |-> <<>>]
 Order == [i \in 1 .. Cardinality(Trains) |-> Max(Trains) + 1 - i]
-\* Where an area is warm, the run begins with a master: the last train of area 1, the foremost train of area 2.
-First(a) == IF a = 1 THEN Min(Trains) ELSE Max(Trains)
+\* Where an area is warm, the run begins with a master: the foremost train, or the last one if no train may follow it.
+First(a) == IF Candidates[a] = {} THEN Min(Trains) ELSE Max(Trains)
 Begun(a) == IF a \in Warm THEN 1 ELSE 0
-List(a) == IF a = 1 THEN Order ELSE IF 2 \in Warm THEN <<First(2)>> ELSE <<>>
+List(a) == IF a = 1 THEN Order ELSE IF 2 \in Warm THEN <<Max(Trains)>> ELSE <<>>
 Lease(a) == [Unlet EXCEPT !.term = Begun(a), !.rterm = Begun(a), !.rversion = Begun(a), !.list = List(a),
                           !.holder = IF a \in Warm THEN First(a) ELSE 0, !.busy = a \in Warm]
 Master(a) == [Nothing EXCEPT !.state = "master", !.term = 1, !.runs = TRUE, !.votes = Arbiters, !.version = 1,

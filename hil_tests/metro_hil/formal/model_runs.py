@@ -145,9 +145,7 @@ RUNS: Final = {
         claims=1,
     ),
     "restart": SearchBounds(
-        "as `object`, and a train restarts",
-        candidates="<<{}, {2}>>",
-        terms="<<1, 2>>",
+        "the master stays in command, and a train restarts",
         air="<<1, 1>>",
         claims=2,
         faults=("train restarts",),
