@@ -37,7 +37,7 @@ class BuildError(Exception):
     """A library cannot be built; the text gives the reason."""
 
 
-class Target(NamedTuple):
+class CompileTarget(NamedTuple):
     """A compiler, and the machine and Python for which it compiles.
 
     Attributes:
@@ -53,10 +53,10 @@ class Target(NamedTuple):
     headers: str
 
 
-def here(command: tuple[str, ...] = ()) -> Target:
+def here(command: tuple[str, ...] = ()) -> CompileTarget:
     """Return this machine and this Python."""
     suffix = sysconfig.get_config_var("EXT_SUFFIX") or ".so"
-    return Target(command, platform.machine(), suffix, sysconfig.get_path("include"))
+    return CompileTarget(command, platform.machine(), suffix, sysconfig.get_path("include"))
 
 
 def shipped_folder() -> Path | None:

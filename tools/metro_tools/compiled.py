@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from firmware_py.assertions import require_assertions
-from firmware_py.native.build import Target, compiler, here
+from firmware_py.native.build import CompileTarget, compiler, here
 from metro_hil.model.native_copy import (
     LIBRARY,
     Part,
@@ -311,7 +311,7 @@ def remove_unused(copies: Path) -> None:
             shutil.rmtree(path, ignore_errors=True)
 
 
-def compile_into(library: Path, part: Part, target: Target) -> None:
+def compile_into(library: Path, part: Part, target: CompileTarget) -> None:
     """Compile the hot modules of the copy. Raises CompileError."""
     folders = {path.name: path for path in library.iterdir()}
     modules = hot_modules(folders, MODULES[part])
@@ -360,7 +360,7 @@ def _reason(program: str, words: str) -> str:
     return "\n".join([f"{program} failed:", *faults[-8:]])
 
 
-def _compile(library: Path, made: Generated, quick: set[str], target: Target) -> None:
+def _compile(library: Path, made: Generated, quick: set[str], target: CompileTarget) -> None:
     """Compile the C code on all cores, and link one library for all modules."""
     folder = library / "build"
     commands: list[list[str]] = []

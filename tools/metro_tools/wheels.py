@@ -26,7 +26,7 @@ from firmware_py.native.build import (
     SHIPPED,
     ZIG,
     BuildError,
-    Target,
+    CompileTarget,
     compile_library,
     library_name,
 )
@@ -76,11 +76,11 @@ def c_libraries() -> list[CLibrary]:
     ]
 
 
-def target_of(machine: str, headers: Path) -> Target:
+def target_of(machine: str, headers: Path) -> CompileTarget:
     """Return the compiler for Linux on this machine, with these headers of Python."""
     command = (sys.executable, "-m", ZIG, "cc", "-target", f"{machine}-linux-gnu.{_glibc('.')}")
     tag = sys.implementation.cache_tag
-    return Target(command, machine, f".{tag}-{machine}-linux-gnu.so", str(headers))
+    return CompileTarget(command, machine, f".{tag}-{machine}-linux-gnu.so", str(headers))
 
 
 def _glibc(between: str) -> str:
@@ -130,7 +130,7 @@ def _copy_headers(folder: Path) -> Path:
     return folder
 
 
-def _add_native(folder: Path, target: Target, scratch: Path) -> None:
+def _add_native(folder: Path, target: CompileTarget, scratch: Path) -> None:
     """Add `metro_native` to an unpacked wheel."""
     native = folder / SHIPPED
     libraries = native / LIBRARIES

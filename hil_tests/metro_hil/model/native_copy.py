@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from firmware_py.native.build import Target, cache_folder, compiler, here, shipped_folder
+from firmware_py.native.build import CompileTarget, cache_folder, compiler, here, shipped_folder
 
 SWITCH: Final = "VOBC_NATIVE"
 PACKAGES: Final = (
@@ -83,7 +83,9 @@ def copies_folder() -> Path:
     return folder
 
 
-def sources_key(folders: Mapping[str, Path], part: Part, target: Target | None = None) -> str:
+def sources_key(
+    folders: Mapping[str, Path], part: Part, target: CompileTarget | None = None
+) -> str:
     """Return the name of the copy for these sources, this part of them, and this Python.
 
     Extension modules fit every Python of the same minor version, so its other numbers do not count.

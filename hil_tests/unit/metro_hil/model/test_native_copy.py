@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from firmware_py.native.build import Target, here
+from firmware_py.native.build import CompileTarget, here
 from metro_hil.cli.vobc import main
 from metro_hil.model import native_copy
 from metro_hil.model.native_copy import (
@@ -43,7 +43,7 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def marked(library: Path, part: Part, target: Target) -> None:
+def marked(library: Path, part: Part, target: CompileTarget) -> None:
     (library / "metro_hil" / "one.so").write_text(part.value)
 
 
@@ -191,7 +191,7 @@ def test_of_two_builds_at_once_one_compiles_and_the_waiting_one_finds_its_copy(
     calls: list[Part] = []
     begun, go_on = threading.Event(), threading.Event()
 
-    def slow(library: Path, part: Part, target: Target) -> None:
+    def slow(library: Path, part: Part, target: CompileTarget) -> None:
         calls.append(part)
         begun.set()
         assert go_on.wait(30.0)
@@ -216,7 +216,7 @@ def test_of_two_builds_at_once_one_compiles_and_the_waiting_one_finds_its_copy(
 def test_a_failed_build_is_not_tried_again_before_the_sources_change(
     sources: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def failing(library: Path, part: Part, target: Target) -> None:
+    def failing(library: Path, part: Part, target: CompileTarget) -> None:
         raise CompileError("mypyc failed")
 
     found = started(monkeypatch)
