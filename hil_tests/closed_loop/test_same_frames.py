@@ -1,8 +1,8 @@
 """The frames of the shipped lines and of `hil run smoke` are those that were recorded.
 
 A change of names, rooms or texts leaves all hashes as they are. A commit that changes what the
-controller or the train sends records them again and says why. Last: the controller sends
-its limits, its intervention and its most restrictive target.
+controller or the train sends records them again and says why. Last: the law `chasing`, which
+drives on hefei, identifies its brake.
 """
 
 from typing import Any, Final
@@ -21,7 +21,7 @@ RUN_S: Final = 120.0
 MOVES: Final = {"name": "moves", "stl": "eventually(speed_mps > 5)", "unit": "m/s"}
 LINES: Final = {
     "florence": "8edbae94d93130eeb09e1a268a0ebe54acae7c250af024abb8ce75a961669a2c",
-    "hefei": "1bbae0635a6a0028b27be88042d0407a25498beafeb2066c423b1aeea4319d87",
+    "hefei": "f4e346e0b874fbeee966aab37147d87de8a77c05d681105b9338a72e8ee72bbb",
     "changping": "77ea8c5bffbc88bf881981ad8dbed753d969d152a7c064accebeac99d6926e13",
     "nanakuma": "dd2e0b3ddf9f315fbc8ce8ac17ac7ee208e35b3dbcc65e1e38b194ef7dc2a473",
     "loop": "d60ccca53a9e6f756dac0eaf0241d980f4bda1240f14f51272a711aa09b1d767",
