@@ -1,0 +1,1 @@
+"""A TLA+ model of trains that command themselves; it is searched, and runs are checked."""
