@@ -235,12 +235,13 @@ def test_a_recording_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFi
 def test_keys_come_from_a_file_that_grows(tmp_path: Path) -> None:
     bus, path = InprocBus("vcan0", 250_000), tmp_path / "desk.keys"
     ear, decoder = bus.port("EAR", {can_id(Desk)}), Decoder([Desk])
+    pressed = GrowingFile(path)
     desk = DeskNode(
         bus.port("DESK", ()),
         who=None,
         mode=CabMode.MANUAL,
         terminal=None,
-        pressed=GrowingFile(path).lines,
+        pressed=pressed.lines,
         record=None,
         start_ns=0,
     )
@@ -255,5 +256,6 @@ def test_keys_come_from_a_file_that_grows(tmp_path: Path) -> None:
             assert isinstance(heard, Desk)
             seen.append((heard.lever_percent, heard.mode))
 
+    pressed.close()
     manual = CabMode.MANUAL
     assert seen == [(0.0, manual), (10.0, manual), (30.0, manual), (30.0, CabMode.AUTO)]
