@@ -101,9 +101,18 @@ def located(source: str, text: str) -> Iterator[None]:
     try:
         yield
     except SettingsError as error:
-        lines = key_lines(text)
+        # The parser itself names the line of text that is not TOML.
+        lines = key_lines(text) if _is_toml(text) else {}
         error.args = tuple(_with_line(str(each), source, lines) for each in error.args)
         raise
+
+
+def _is_toml(text: str) -> bool:
+    try:
+        tables_of(text, "")
+    except SettingsError:
+        return False
+    return True
 
 
 def _with_line(message: str, source: str, lines: Mapping[str, int]) -> str:

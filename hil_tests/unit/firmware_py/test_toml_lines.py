@@ -130,3 +130,12 @@ def test_a_line_file_is_refused_with_the_line_of_its_mistake(tmp_path: Path) -> 
 
     number = shipped.count("\n") + 3
     assert str(caught.value).startswith(f"{path}:{number}: stations[")
+
+
+def test_text_that_is_not_toml_keeps_its_message() -> None:
+    text = "[train\nname = 1\n= 2\n"
+    with (
+        pytest.raises(SettingsError, match=r"^a\.toml: not TOML: .*line 1"),
+        located("a.toml", text),
+    ):
+        settings.tables_of(text, "a.toml")
