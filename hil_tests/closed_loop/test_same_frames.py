@@ -21,7 +21,7 @@ RUN_S: Final = 120.0
 MOVES: Final = {"name": "moves", "stl": "eventually(speed_mps > 5)", "unit": "m/s"}
 LINES: Final = {
     "florence": "8edbae94d93130eeb09e1a268a0ebe54acae7c250af024abb8ce75a961669a2c",
-    "hefei": "f4e346e0b874fbeee966aab37147d87de8a77c05d681105b9338a72e8ee72bbb",
+    "hefei": "e77dd38e34584f1c9e1f0d25b9a827e619b4210e41c7d8104f7d86a2ed3c21be",
     "changping": "77ea8c5bffbc88bf881981ad8dbed753d969d152a7c064accebeac99d6926e13",
     "nanakuma": "dd2e0b3ddf9f315fbc8ce8ac17ac7ee208e35b3dbcc65e1e38b194ef7dc2a473",
     "loop": "d60ccca53a9e6f756dac0eaf0241d980f4bda1240f14f51272a711aa09b1d767",

@@ -1,9 +1,10 @@
 """Control by chasing time ([Wu 2022]): the gentlest notch that still reaches the curve in time.
 
 State and reference are predicted over the brake's dead time and lag. While the train brakes, a bank
-of hypotheses identifies the dead time and the gain of the brake. Each notch brakes by its level and
-the gradient. The law takes a notch by the time in which it closes the gap to the curve. Two
-additions of the paper can be switched off: early braking, and a small brake through blending.
+of hypotheses identifies the dead time and the gain of the brake, but not below blending if friction
+is late there. Each notch brakes by its level and the gradient. The law takes a notch by the time in
+which it closes the gap to the curve. Two additions of the paper can be switched off: early braking,
+and a small brake through blending.
 """
 
 from dataclasses import replace
@@ -106,10 +107,13 @@ class Chasing:
 
     def observe(self, inputs: vocabulary.AtoInput, cycles: int) -> None:
         self._gravity_mps2 = gradient.decel_on_mps2(self._config, inputs.gradient_permille)
-        ours = inputs.enabled and not inputs.protection_brakes
+        scheme = self._config.chasing
+        # Friction that is late at the handover from the motors would pass for a weak brake.
+        handover = scheme.air_delay_s > 0.0 and inputs.speed_mps <= scheme.blending_begin_mps
+        ours = inputs.enabled and not inputs.protection_brakes and not handover
         self._model.step(
             inputs.speed_mps,
-            self._gravity_mps2 + self._config.chasing.rolling_mps2,
+            self._gravity_mps2 + scheme.rolling_mps2,
             cycles,
             ours=ours,
         )
