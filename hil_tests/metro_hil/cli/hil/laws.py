@@ -81,11 +81,13 @@ def _print(found: "Results") -> None:
 
     console = Console(highlight=False, markup=False)
     columns = (
-        *("scenario", "stops", "missed", "mean |cm|", "worst cm", "bound cm", "in 10 cm %"),
+        *("scenario", "stops", "missed", "mean", "worst", "bound", "in 10"),
         *("run s", "over %"),
     )
     for law, scenarios in found.items():
-        table = Table(title=law, title_justify="left", title_style="bold", box=None)
+        table = Table(
+            title=law, title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0)
+        )
         for number, column in enumerate(columns):
             table.add_column(column, justify="right" if number else "left", overflow="fold")
         for name, each in scenarios.items():
@@ -103,6 +105,10 @@ def _print(found: "Results") -> None:
             )
         console.print(table)
         console.print()
+    console.print(
+        "mean, worst, bound: errors of stops and their bound, cm; in 10: % within 10 cm",
+        style="dim",
+    )
     console.print("over: running time over the shortest possible", style="dim")
     console.print("`hil laws --json` has all figures, with their confidence intervals", style="dim")
 

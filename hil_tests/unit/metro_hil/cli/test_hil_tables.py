@@ -26,7 +26,7 @@ def test_laws_have_a_row_for_each_scenario_of_the_json(
     for law, scenarios in found.items():
         assert [law] in rows
         for name, each in scenarios.items():
-            (row,) = [row for row in rows if row[:1] == [name] and len(row) == 7]
+            (row,) = [row for row in rows if row[:1] == [name] and len(row) == 9]
             assert int(row[1]) == each["figures"]["stops"]
             assert float(row[3]) == pytest.approx(100.0 * each["figures"]["mean_m"], abs=0.006)
 
