@@ -38,7 +38,7 @@ PIP := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS) PIP_DIS
 PROTECTION_TESTS = hil_tests/unit/vobc/atp hil_tests/unit/vobc/test_vobc_config.py
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test test-quick check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-stops bench-plug bench-t2t bench-simulator simulate explore model compiled docs site format examples figures test-kernels break sensitivity wheels clean distclean
+.PHONY: help setup run test test-quick check collected format-check lint types layers prose mutate fuzz coverage bench bench-hil bench-atp bench-logs bench-page bench-energy bench-stops bench-plug bench-t2t bench-scaling bench-simulator simulate explore model compiled docs site format examples figures test-kernels break sensitivity wheels clean distclean
 
 help: ## show this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS='	' read -r name text; do \
@@ -126,6 +126,9 @@ bench-atp: $(READY_TO_TEST) ## measure the cost of protection in each cycle, and
 
 bench-logs: $(READY_TO_TEST) ## compare canlog with similar tools on a log of 2 M frames
 	$(BIN)/python -m hil_tests.log_benchmarks $(BENCH_ARGS)
+
+bench-scaling: compiled ## measure how processor time grows with trains, frames, cores and length of run; BENCH_ARGS=...
+	$(BIN)/python -m hil_tests.scaling_bench $(BENCH_ARGS)
 
 bench-energy: compiled ## measure running curves, DC network, green line and seven whole trains; BENCH_ARGS=...
 	$(BIN)/python -m metro_hil.benchmarks.energy $(BENCH_ARGS)
