@@ -23,6 +23,7 @@ from rich.table import Table
 
 from firmware_py.clock.clock import WallClock
 from hil_tests.log_benchmarks.traffic import write_logs
+from metro_hil.benchmarks.campaigns import HOPS
 from metro_hil.model.native_copy import SWITCH, Native, Part, ready_copy, worker_environment
 
 EXPONENT_BAR: Final = 1.1
@@ -42,12 +43,6 @@ CANLOG: Final = "import sys; from canlog.entry import canlog; sys.exit(canlog())
 LONG_LINE: Final = (
     f"from metro_hil.simulation.long_line import play; play({{areas}}, {AREA_TRAINS}, seconds=4.0)"
 )
-HOPS: Final = """\
-seeds = {count}
-[train]
-start = "II"
-end = "III"
-"""
 
 
 class Series(NamedTuple):

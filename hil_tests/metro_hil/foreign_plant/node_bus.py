@@ -19,7 +19,7 @@ from metro_hil.foreign_plant.nodes_file import BusNodes
 
 BUS_NAME: Final = "can0"
 BIT_RATE: Final = 250_000
-"""Bit rate of a bus whose nodes say none, bit/s: that of the train bus."""
+"""Bit rate of a bus whose nodes configure none, bit/s: that of the train bus."""
 BIT_RATE_MAX: Final = 1_000_000
 """Highest bit rate of classic CAN, bit/s."""
 CHUNK_NS: Final = 100_000_000

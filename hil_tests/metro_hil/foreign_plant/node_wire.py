@@ -53,7 +53,7 @@ class NodeCounts:
     dropped: int = 0
     """Frames that found full mailboxes, or a node that is bus off."""
     malformed: int = 0
-    """Operations that are none, or none for the bus; each is answered with Format Error."""
+    """Operations that are damaged or unknown to a bus, which answers with Format Error."""
     complaints: int = 0
     """Operations that the node itself refused with Format Error."""
     early: int = 0
@@ -121,7 +121,7 @@ class WireNode:
         """Return the counts up to now."""
         return replace(self.counts, dropped=self.state.port.counters.dropped_out)
 
-    def hears(self, can_id: int) -> bool:
+    def receives(self, can_id: int) -> bool:
         """Return whether the node receives this frame of another node."""
         return self.state.there and (self._receives is None or can_id in self._receives)
 
@@ -160,7 +160,7 @@ class NodeWire(SharedWire):
             state = self._node(bus.port(process.name, ()))
             self.nodes[process.name] = WireNode(process, state, (filters or {}).get(process.name))
         self._stack = ExitStack()
-        self._heard_ids = _heard_ids(processes, filters or {})
+        self._received_ids = _received_ids(processes, filters or {})
         bus.pace(self)
         if errors or (len(self.nodes) < 2 and acting is None):
             # A node that is alone gets no acknowledgement.
@@ -190,7 +190,7 @@ class NodeWire(SharedWire):
 
     def ended(self, frame: CanFrame, sender: str) -> None:
         """See `Pacer`."""
-        if frame[1] not in self._heard_ids and sender not in self.nodes:
+        if frame[1] not in self._received_ids and sender not in self.nodes:
             return
         self._tell(frame[1], frame[2], sender)
         if self._mail:
@@ -245,12 +245,12 @@ class NodeWire(SharedWire):
         self._stack.close()
 
     def story(self) -> list[tuple[int, str]]:
-        """Changes of error state by instant, and what happened at each node at the last one."""
+        """Return changes of error state with their instants, and last the counts of each node."""
         told = [(each.at_ns, f"{each.node} is {each.state.value}") for each in self.events]
         return told + [(self._last_ns, f"node {text}") for text in self.tallies()]
 
     def tallies(self) -> tuple[str, ...]:
-        """What happened at each node."""
+        """Return the counts of each node as text."""
         return tuple(f"{name}: {node.tally()}" for name, node in self.nodes.items())
 
     # Hooks of the transmission of one frame.
@@ -294,7 +294,7 @@ class NodeWire(SharedWire):
             if name == sender:
                 node.counts.confirmed += 1
                 self._post(node, ls_bus.confirm(can_id), notice=True)
-            elif node.hears(can_id):
+            elif node.receives(can_id):
                 node.counts.received += 1
                 self._post(node, ls_bus.transmit(can_id, data))
 
@@ -417,7 +417,7 @@ class NodeWire(SharedWire):
         self._enter_state(state, at_ns)
 
 
-def _heard_ids(
+def _received_ids(
     processes: Sequence[NodeLink], filters: Mapping[str, frozenset[int]]
 ) -> frozenset[int]:
     """Identifiers that at least one node receives."""
