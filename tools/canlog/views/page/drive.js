@@ -102,10 +102,10 @@ class Drive {
   bar(context, now, height) {
     const top = 18, bottom = height - 6, at = metres => bottom - (bottom - top) * Math.min(1, Math.max(0, Math.log(metres / BAR_M[0]) / Math.log(BAR_M[1] / BAR_M[0])));
     context.font = FONT; context.textBaseline = "middle"; context.textAlign = "right"; context.fillStyle = context.strokeStyle = colors.quiet; context.lineWidth = 1;
-    for (const metres of [1, 10, 100, 1000]) { const y = Math.round(at(metres)) + 0.5; context.beginPath(); context.moveTo(28, y); context.lineTo(42, y); context.stroke(); context.fillText(String(metres), 26, y); }
+    for (const metres of [1, 10, 100, 1000]) { const y = Math.round(at(metres)) + 0.5; context.beginPath(); context.moveTo(34, y); context.lineTo(48, y); context.stroke(); context.fillText(String(metres), 32, y); }
     const stop = now.stop <= FAR_STOP_M ? now.stop : now.target ? now.targetIn : NaN;
     if (!Number.isFinite(stop) || stop > FAR_STOP_M) return;
-    context.fillStyle = colors.accent; context.fillRect(32, at(Math.max(BAR_M[0], stop)), 8, bottom - at(Math.max(BAR_M[0], stop)));
+    context.fillStyle = colors.accent; context.fillRect(38, at(Math.max(BAR_M[0], stop)), 8, bottom - at(Math.max(BAR_M[0], stop)));
   }
 
   words(now) {
