@@ -26,6 +26,9 @@ def types_of(kind: type[Any]) -> dict[str, type[Any]]:
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
+TYPES: dict[type[Any], dict[str, type[Any]]] = {kind: types_of(kind) for kind in KINDS}
+
+
 def values_for(kind: type[Any], name: str, annotation: type[Any]) -> st.SearchStrategy[Any]:
     """Values of one field: mostly in its range, sometimes any value of its type."""
     signal = message_of(kind).get_signal_by_name(name)
@@ -55,14 +58,17 @@ def decoded(message: Message, data: bytes, *, names: bool = True) -> dict[str, A
 
 def frames_of(kind: type[Any]) -> st.SearchStrategy[Any]:
     return st.builds(
-        kind, **{name: values_for(kind, name, each) for name, each in types_of(kind).items()}
+        kind, **{name: values_for(kind, name, each) for name, each in TYPES[kind].items()}
     )
+
+
+FRAMES: dict[type[Any], st.SearchStrategy[Any]] = {kind: frames_of(kind) for kind in KINDS}
 
 
 def wire_values(kind: type[Any], frame: Any) -> dict[str, Any]:
     """The values that cantools needs to encode the frame: saturated, with choices as raw values."""
     wire: dict[str, Any] = {}
-    for name, annotation in types_of(kind).items():
+    for name, annotation in TYPES[kind].items():
         signal = message_of(kind).get_signal_by_name(name)
         value = getattr(frame, name)
         if annotation is bool:
@@ -85,7 +91,7 @@ def with_trailer(message: Message, values: dict[str, Any], data: bytes) -> dict[
 @settings(max_examples=50)
 @given(data=st.data())
 def test_cantools_encodes_the_same_bits(kind: type[Any], data: st.DataObject) -> None:
-    frame = data.draw(frames_of(kind))
+    frame = data.draw(FRAMES[kind])
     message = message_of(kind)
 
     can_id, payload = Encoder().encode(frame)[0]
@@ -101,14 +107,14 @@ def test_cantools_and_the_decoder_read_the_same_values(
     kind: type[Any], data: st.DataObject
 ) -> None:
     message = message_of(kind)
-    sent = Encoder().encode(data.draw(frames_of(kind)))
+    sent = Encoder().encode(data.draw(FRAMES[kind]))
     decoder = Decoder([kind])
 
     read = [decoder.decode(can_id, payload, 0) for can_id, payload in sent][-1]
 
     assert type(read) is kind
     theirs = decoded(message, sent[0][1])
-    for name, annotation in types_of(kind).items():
+    for name, annotation in TYPES[kind].items():
         value = getattr(read, name)
         assert type(value) is annotation
         if annotation is bool:
@@ -125,7 +131,7 @@ def test_cantools_and_the_decoder_read_the_same_values(
 def test_a_decoded_frame_is_encoded_into_its_original_bits(
     kind: type[Any], data: st.DataObject
 ) -> None:
-    sent = Encoder().encode(data.draw(frames_of(kind)))
+    sent = Encoder().encode(data.draw(FRAMES[kind]))
     decoder = Decoder([kind])
     read = [decoder.decode(can_id, payload, 0) for can_id, payload in sent][-1]
     assert not isinstance(read, Rejected)
@@ -143,13 +149,13 @@ def test_the_twin_is_inverted_and_shows_the_same_values(
     """The payload bits of the twin are inverted, and cantools still decodes the same values."""
     twin = shipped_database().get_message_by_name(binding.message(kind).name + "_INV")
 
-    (_, first), (twin_id, second) = Encoder().encode(data.draw(frames_of(kind)))
+    (_, first), (twin_id, second) = Encoder().encode(data.draw(FRAMES[kind]))
 
     assert twin_id == twin.frame_id == binding.can_id(kind) + 1
     assert bytes(0xFF - byte for byte in first[:-3]) == second[:-3]
     assert first[-3] == second[-3]
     ours, theirs = decoded(message_of(kind), first), decoded(twin, second)
-    for name in types_of(kind):
+    for name in TYPES[kind]:
         if isinstance(ours[name], int | float):
             assert theirs[name] == pytest.approx(ours[name], abs=1e-9)
         else:
@@ -162,7 +168,7 @@ def test_the_twin_is_inverted_and_shows_the_same_values(
 def test_counter_and_crc_are_those_of_an_independent_calculation(
     kind: type[Any], data: st.DataObject, repeats: int
 ) -> None:
-    frame = data.draw(frames_of(kind))
+    frame = data.draw(FRAMES[kind])
     encoder = Encoder()
 
     for _ in range(repeats):
@@ -176,7 +182,7 @@ def test_counter_and_crc_are_those_of_an_independent_calculation(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_infinity_is_sent_as_the_end_of_the_range(kind: type[Any]) -> None:
-    for name, annotation in types_of(kind).items():
+    for name, annotation in TYPES[kind].items():
         if annotation is float:
             signal = message_of(kind).get_signal_by_name(name)
             for value, end in ((math.inf, signal.maximum), (-math.inf, signal.minimum)):
@@ -191,7 +197,7 @@ def test_infinity_is_sent_as_the_end_of_the_range(kind: type[Any]) -> None:
 def some_frame(kind: type[Any]) -> Any:
     """A frame of zeros, false and the first member of every enumeration."""
     return kind(*(next(iter(each)) if issubclass(each, enum.Enum) else each(0)
-                  for each in types_of(kind).values()))  # fmt: skip
+                  for each in TYPES[kind].values()))  # fmt: skip
 
 
 @given(
@@ -259,7 +265,7 @@ def test_any_payload_with_a_good_trailer_is_a_frame_or_an_invalid_value(
 
 
 def all_valid(kind: type[Any], found: dict[str, Any]) -> bool:
-    for name, annotation in types_of(kind).items():
+    for name, annotation in TYPES[kind].items():
         low, high = limits(message_of(kind).get_signal_by_name(name))
         if annotation is bool or issubclass(annotation, enum.Flag):
             continue
