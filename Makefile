@@ -71,12 +71,13 @@ test-kernels: $(READY_TO_TEST) ## run the guest's tests on each of its three ker
 	done
 
 check: format-check lint ## run all checks of continuous integration
-	@# Two at a time. `collected` compiles the bytecode of the test files once for all workers.
-	@$(MAKE) --no-print-directory --output-sync --jobs 2 types layers prose collected
+	@# Two at a time. `collected` compiles the bytecode of the test files once for all workers, and starts
+	@# to build the compiled copy.
+	@$(MAKE) --no-print-directory --output-sync --jobs 2 collected types layers prose
 	@$(MAKE) --no-print-directory test
 
 collected: $(READY_TO_TEST)
-	@$(BIN)/python -m pytest --collect-only --quiet >/dev/null 2>&1 || true # The test run reports errors.
+	@VOBC_NATIVE=$${VOBC_NATIVE:-on} $(BIN)/python -m pytest --collect-only --quiet >/dev/null 2>&1 || true # The test run reports errors.
 
 format-check: $(READY_TO_TEST)
 	$(BIN)/ruff format --check .

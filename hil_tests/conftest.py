@@ -19,6 +19,7 @@ from hypothesis import HealthCheck, settings
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
+from hil_tests.compiled_files import ON_COPY, CompiledFiles
 from hil_tests.guest_rig import Guest
 from metro_hil.model.gc_tuning import collect_rarely
 from metro_hil.model.native_copy import SWITCH, Native, native_choice, prepare
@@ -47,7 +48,7 @@ COMPUTING: Final = frozenset(
 """Test modules that start processes but do not wait for a real clock."""
 ON_ITS_OWN: Final = frozenset({"test_documents"})
 """Runs commands by the real clock for minutes, beside the other tests by the clock."""
-USES_COPY: Final = frozenset({"test_compiled_copy", "test_documents"})
+USES_COPY: Final = ON_COPY | {"test_compiled_copy", "test_documents"}
 """Test modules that are faster, or wait less, when the compiled copy is ready."""
 AFTER_COPY_S: Final = 40.0
 """These modules begin after all files that take longer, s. By then the copy is ready."""
@@ -55,7 +56,8 @@ ENERGY: Final = frozenset({"test_green_command", "test_green_line", "test_power_
 """Test modules that let numba compile the same functions. One worker compiles them once."""
 REALTIME: Final = "real_time"
 """Folder of the tests with processes, and what the scheduler calls those that wait for a clock."""
-NICE: Final = os.getpriority(os.PRIO_PROCESS, 0)
+NICE: Final = int(os.environ.setdefault("HIL_TESTS_NICE", str(os.getpriority(os.PRIO_PROCESS, 0))))
+"""Priority of the whole run; a test file in a process of its own has the same."""
 COMPUTING_NICE: Final = 15
 BESIDE_NICE: Final = 5
 
@@ -237,6 +239,7 @@ def pytest_configure(config: pytest.Config) -> None:
         raise pytest.UsageError(
             "the tests will not run under `python -O`: it removes their asserts"
         )
+    config.pluginmanager.register(CompiledFiles(config))
     if not hasattr(config, "workerinput"):
         prepare("make test")
         if native_choice() is Native.ON:

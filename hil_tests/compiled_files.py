@@ -1,0 +1,131 @@
+"""Runs test files on the compiled copy, in a process of their own, once the copy is ready.
+
+These files compute for seconds and replace nothing inside compiled modules. Until the copy is
+ready, and with VOBC_NATIVE=wire or off, they run in the process of their worker, in plain Python.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, TextIO
+
+import pytest
+
+from metro_hil.model.native_copy import (
+    SWITCH,
+    Native,
+    native_choice,
+    ready_copy,
+    worker_environment,
+)
+
+ON_COPY: Final = frozenset(
+    {
+        "test_ato_stops",
+        "test_behind_another_train",
+        "test_closed_loop_florence",
+        "test_drivers",
+        "test_explain_closed_loop",
+        "test_faults_closed_loop",
+        "test_faults_leave_no_trace",
+        "test_hil_acceptance",
+        "test_monitors_closed_loop",
+        "test_output_stages",
+        "test_protection_modes",
+        "test_protection_properties",
+        "test_protection_stations",
+        "test_published_figures",
+        "test_replay_of_cases",
+    }
+)
+"""Names of these files. Unit tests of protection and odometry, the recorded frames and the
+comparisons of runs stay with the sources."""
+Reports = Mapping[str, Sequence[pytest.TestReport]]
+
+
+def usable_copy() -> Path | None:
+    """Return the packages of the copy if the user wants it and it is ready."""
+    return None if native_choice() in (Native.OFF, Native.WIRE) else ready_copy()
+
+
+class CompiledFiles:
+    """The part in the worker: hands a file on, and reports its tests as if they had run here."""
+
+    def __init__(
+        self,
+        config: pytest.Config,
+        files: frozenset[str] = ON_COPY,
+        copy: Callable[[], Path | None] = usable_copy,
+    ) -> None:
+        self._config = config
+        self._files = files
+        self._copy = copy
+        self._reports: dict[Path, Reports | None] = {}
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> bool | None:
+        if item.path.stem not in self._files:
+            return None
+        if item.path not in self._reports:
+            copy = self._copy()
+            names = [each.nodeid for each in item.session.items if each.path == item.path]
+            self._reports[item.path] = None if copy is None else self._run(copy, names)
+        reports = self._reports[item.path]
+        if reports is None:
+            return None
+        item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+        for report in reports[item.nodeid]:
+            item.ihook.pytest_runtest_logreport(report=report)
+        item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+        return True
+
+    def _run(self, copy: Path, names: Sequence[str]) -> Reports:
+        """Run these tests on the copy. A test without a report has failed."""
+        with tempfile.NamedTemporaryFile("r", encoding="utf-8") as file:
+            done = subprocess.run(
+                [sys.executable, "-m", __name__, file.name, *names],
+                cwd=self._config.rootpath,
+                env=worker_environment({**os.environ, SWITCH: Native.WIRE.value}, copy),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                check=False,
+            )
+            found: dict[str, list[pytest.TestReport]] = {name: [] for name in names}
+            for line in file:
+                report = self._config.hook.pytest_report_from_serializable(
+                    config=self._config, data=json.loads(line)
+                )
+                found[report.nodeid].append(report)
+        for name, reports in found.items():
+            if not any(each.when == "teardown" for each in reports):
+                where = (name.partition("::")[0], None, name)
+                reports.append(pytest.TestReport(name, where, {}, "failed", done.stdout, "call"))
+        return found
+
+
+class ReportWriter:
+    """The part in the process on the copy: writes each report as a line of JSON."""
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+
+    def pytest_configure(self, config: pytest.Config) -> None:
+        self._config = config
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        data: Mapping[str, Any] = self._config.hook.pytest_report_to_serializable(
+            config=self._config, report=report
+        )
+        print(json.dumps(data), file=self._file, flush=True)
+
+
+if __name__ == "__main__":
+    with Path(sys.argv[1]).open("w", encoding="utf-8") as opened:
+        words = ["-p", "no:cacheprovider", "-p", "no:xdist", *sys.argv[2:]]
+        sys.exit(pytest.main(words, plugins=[ReportWriter(opened)]))

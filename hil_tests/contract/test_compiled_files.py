@@ -1,0 +1,73 @@
+"""Test files that run on the compiled copy: their reports are those of a run in place."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from hil_tests.compiled_files import ON_COPY, CompiledFiles
+
+SAMPLE = """\
+import os
+from only_in_the_copy import NUMBER
+
+def test_good():
+    assert NUMBER == 7
+
+def test_bad():
+    assert NUMBER == 8
+
+def test_dies():
+    os._exit(0)
+"""
+
+
+def test_the_named_files_exist(checkout: Path) -> None:
+    names = [path.stem for path in (checkout / "hil_tests").rglob("test_*.py")]
+
+    assert [names.count(name) for name in ON_COPY] == [1] * len(ON_COPY)
+
+
+def ran(request: pytest.FixtureRequest, folder: Path, copy: Path | None) -> Any:
+    """Outcomes and texts of the sample's tests, and whether they were run on the copy."""
+    path = folder / "test_sample.py"
+    path.write_text(SAMPLE, encoding="utf-8")
+    found: dict[str, list[pytest.TestReport]] = {}
+    hook = SimpleNamespace(
+        pytest_runtest_logstart=lambda nodeid, location: found.setdefault(nodeid, []),
+        pytest_runtest_logreport=lambda report: found[report.nodeid].append(report),
+        pytest_runtest_logfinish=lambda nodeid, location: None,
+    )
+    session = SimpleNamespace(items=[])
+    for name in ("good", "bad", "dies"):
+        item = {"nodeid": f"test_sample.py::test_{name}", "location": ("test_sample.py", 0, name)}
+        session.items.append(SimpleNamespace(path=path, session=session, ihook=hook, **item))
+    config: Any = SimpleNamespace(rootpath=folder, hook=request.config.hook)
+    files = CompiledFiles(config, frozenset({"test_sample"}), lambda: copy)
+    taken = [files.pytest_runtest_protocol(item) for item in session.items]
+    return taken, found
+
+
+def test_each_test_on_the_copy_is_reported_and_one_without_a_report_fails(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    (copy / "only_in_the_copy.py").write_text("NUMBER = 7\n", encoding="utf-8")
+
+    taken, found = ran(request, tmp_path, copy)
+
+    outcomes = {
+        name.partition("::test_")[2]: [each.outcome for each in reports if each.when == "call"]
+        for name, reports in found.items()
+    }
+    assert taken == [True] * 3
+    assert outcomes == {"good": ["passed"], "bad": ["failed"], "dies": ["failed"]}
+    assert "assert 7 == 8" in found["test_sample.py::test_bad"][1].longreprtext
+
+
+def test_without_a_copy_the_worker_runs_the_tests_itself(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    assert ran(request, tmp_path, None) == ([None] * 3, {})
