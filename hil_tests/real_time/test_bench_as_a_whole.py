@@ -12,7 +12,7 @@ from metro_hil.campaign import plan_cases, read_campaign
 from metro_hil.cli.hil import main
 from metro_hil.engine.folder import find_folder
 from metro_hil.engine.journal import read_journal
-from metro_hil.model.case import as_expected
+from metro_hil.model.case import Case, as_expected
 from metro_hil.replay import replay_run
 from metro_hil.run.dispatch import run_case
 
@@ -157,9 +157,18 @@ def test_a_test_file_in_any_folder_gets_the_bench_and_runs_the_same_cases(
     assert result.chain == (here / "chain").read_text()
 
 
+@pytest.fixture(scope="module")
+def faults() -> dict[str, Case]:
+    """The first case of each scenario of the campaign `faults`."""
+    cases = plan_cases(read_campaign("faults"))
+    return {case.scenario: case for case in reversed(cases)}
+
+
 @pytest.mark.parametrize("scenario", SAMPLE)
-def test_a_shipped_fault_has_the_verdict_that_its_campaign_expects(scenario: str) -> None:
-    (case,) = (case for case in plan_cases(read_campaign("faults")) if case.scenario == scenario)
+def test_a_shipped_fault_has_the_verdict_that_its_campaign_expects(
+    scenario: str, faults: dict[str, Case]
+) -> None:
+    case = faults[scenario]
 
     result = run_case(case)
 
