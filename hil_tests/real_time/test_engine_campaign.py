@@ -277,15 +277,51 @@ def test_cases_waiting_at_a_dying_worker_come_back_without_blame(
         hanging_crew.wait(0.1)
     os.kill(hanging_crew.pids[0], signal.SIGKILL)
 
-    outcomes: list[Outcome] = []
-    clock = WallClock()
-    end_ns = clock.now_ns() + round(WAIT_S * NS_PER_S)
-    while len(outcomes) < 2 and clock.now_ns() < end_ns:
-        outcomes += hanging_crew.wait(0.1)
-
+    outcomes = outcomes_of(hanging_crew, 2)
     assert [type(one) for one in outcomes] == [WorkerLost, WorkerLost]
     assert [one.begun for one in outcomes if isinstance(one, WorkerLost)] == [1, 0]
     assert hanging_crew.busy == 0
+
+
+def test_workers_that_die_with_their_fork_server_are_replaced(hanging_crew: LocalPool) -> None:
+    from metro_hil.engine.worker_pool import CaseFinished, WorkerLost
+
+    cases = asking(trial_cases(2), 0, hang=True)
+    hanging_crew.hand(Batch(1, cases[:1]))
+    while not hanging_crew.ready:
+        hanging_crew.wait(0.1)
+    assert hanging_crew.server_pid is not None
+    os.kill(hanging_crew.server_pid, signal.SIGKILL)
+
+    assert [type(one) for one in outcomes_of(hanging_crew, 1)] == [WorkerLost]
+
+    hanging_crew.hand(Batch(2, cases[1:]))
+    (outcome,) = outcomes_of(hanging_crew, 1)
+    assert isinstance(outcome, CaseFinished)
+    assert outcome.result.case_id == cases[1].id
+
+
+def outcomes_of(crew: LocalPool, count: int) -> list[Outcome]:
+    outcomes: list[Outcome] = []
+    clock = WallClock()
+    end_ns = clock.now_ns() + round(WAIT_S * NS_PER_S)
+    while len(outcomes) < count and clock.now_ns() < end_ns:
+        outcomes += crew.wait(0.1)
+    return outcomes
+
+
+def test_a_pool_imports_its_runner_once(tmp_path: Path) -> None:
+    imports = tmp_path / "imports"
+    (tmp_path / "modules" / "engine_rig_counted.py").write_text(
+        "from metro_hil.engine.trial_runner import run_case\n"
+        f"with open({str(imports)!r}, 'a') as file:\n    file.write('imported\\n')\n"
+    )
+    folder = folder_of(trial_cases(12, work_s=0.02), tmp_path)
+
+    end = work(folder, lambda: LocalPool(3, {}, runner="engine_rig_counted:run_case"))
+
+    assert len({result.host.worker for result in end.results}) == 3
+    assert imports.read_text() == "imported\n"
 
 
 def test_a_journal_in_use_is_not_touched(tmp_path: Path) -> None:

@@ -1,10 +1,11 @@
-"""Worker processes on this machine: feeds and watches them, replaces those that die or hang."""
+"""Worker processes on this machine: feeds and watches them, replaces those that die or hang.
+
+A fork server imports everything once and forks them.
+"""
 
 import os
 import selectors
 import signal
-import subprocess
-import sys
 import tempfile
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ import msgspec
 
 from firmware_py.clock.clock import NS_PER_S, WallClock
 from metro_hil.engine.errors import EngineError
+from metro_hil.engine.fork_server import ForkServer
 from metro_hil.engine.messages import (
     CaseBatch,
     Done,
@@ -40,7 +42,6 @@ TOO_LATE: Final = "no result within"
 START_FAILURES_MAX: Final = 3
 READ_BYTES: Final = 1 << 18
 LAST_LINES: Final = 6
-END_S: Final = 2.0
 ONE_THREAD: Final = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
 )
@@ -74,25 +75,15 @@ class _Entry:
 class Worker:
     """One worker process, with its pipes and its batches."""
 
-    def __init__(
-        self, hello: WorkerHello, environment: Mapping[str, str], nice: int, now_ns: int
-    ) -> None:
+    def __init__(self, hello: WorkerHello, server: ForkServer, now_ns: int) -> None:
         self.stderr = tempfile.TemporaryFile()  # noqa: SIM115
-        # The worker has its own session: Ctrl-C reaches the master only.
-        self.process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "metro_hil.engine.worker"),
-                *("--parent", str(os.getpid()), "--nice", str(nice)),
-            ],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self.stderr,
-            start_new_session=True,
-            env=environment,
-        )
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.input, self.output = self.process.stdin, self.process.stdout
+        theirs, mine = os.pipe()
+        self.input = os.fdopen(mine, "wb", buffering=0)
+        mine, output = os.pipe()
+        self.output = os.fdopen(mine, "rb", buffering=0)
+        self.process = server.fork((theirs, output, self.stderr.fileno()))
+        os.close(theirs)
+        os.close(output)
         os.set_blocking(self.input.fileno(), False)
         os.set_blocking(self.output.fileno(), False)
         self.received, self.unsent = bytearray(), bytearray()
@@ -125,7 +116,7 @@ class Worker:
         return " | ".join(line.strip() for line in text.strip().splitlines()[-LAST_LINES:])
 
     def end_words(self) -> str:
-        code = self.process.wait()
+        code = self.process.end()
         words = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         said = self.last_words()
         return f"the worker ended with {words}" + (f": {said}" if said else "")
@@ -173,6 +164,7 @@ class LocalPool:
         )
         self._clock = WallClock()
         self._crew: list[Worker] = []
+        self._server: ForkServer | None = None
         self._selector = selectors.DefaultSelector()
         self._start_failures = 0
         self._stopping = False
@@ -187,7 +179,12 @@ class LocalPool:
 
     @property
     def pids(self) -> list[int]:
-        return [worker.process.pid for worker in self._crew]
+        return [worker.process.known_pid() for worker in self._crew]
+
+    @property
+    def server_pid(self) -> int | None:
+        """Process id of the fork server; None before the first batch."""
+        return None if self._server is None else self._server.process.pid
 
     @property
     def ready(self) -> int:
@@ -213,14 +210,22 @@ class LocalPool:
 
     def _start(self) -> Worker:
         try:
-            now_ns = self._clock.now_ns()
-            worker = Worker(self._hello, self._environment, self._nice, now_ns)
+            worker = Worker(self._hello, self._running_server(), self._clock.now_ns())
         except OSError as error:
             raise EngineError(f"no worker process can be started: {error.strerror}") from error
         self._crew.append(worker)
         self._selector.register(worker.output, selectors.EVENT_READ, worker)
         self._watch(worker)
         return worker
+
+    def _running_server(self) -> ForkServer:
+        """The fork server; another one if it has ended, and its workers with it."""
+        if self._server is not None and not self._server.runs:
+            self._server.close()
+            self._server = None
+        if self._server is None:
+            self._server = ForkServer(self._hello.runner, self._environment, self._nice)
+        return self._server
 
     def _watch(self, worker: Worker) -> None:
         """Wait for room in a worker's pipe only while data is unsent."""
@@ -259,7 +264,6 @@ class LocalPool:
             self._replace(worker, f"the worker sent an unreadable message: {error}", outcomes)
             return
         if not data:
-            worker.process.kill()
             self._replace(worker, worker.end_words(), outcomes)
         elif self._stopping and len(worker.entries) < before:
             self._give_back(worker, outcomes)
@@ -337,12 +341,10 @@ class LocalPool:
             elif worker.input in self._selector.get_map():
                 self._selector.unregister(worker.input)
             worker.input.close()
+        if self._server is not None:
+            self._server.close()
+            self._server = None
         for worker in self._crew:
-            try:
-                worker.process.wait(END_S)
-            except subprocess.TimeoutExpired:
-                worker.process.kill()
-                worker.process.wait()
             worker.release()
         self._crew.clear()
         self._selector.close()
