@@ -8,6 +8,7 @@ to be comfortable. The mean comfort of EN 12299 stands beside it, from the same 
 
 import math
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy.typing as npt
 
 from can_dbc.nodes import Direction
 from can_dbc.vobc import AtoPhase, Supervision
-from metro_hil.metrics.run import convolved, low_pass
+from metro_hil.metrics.run import STEPS_MAX, convolved, low_pass
 from metro_hil.model.log_columns import Columns, Numbers
 from plant_emulator.train_config import TrainConfig
 from vobc.vocabulary import CycleOutput
@@ -185,7 +186,8 @@ def _mean_comfort(raw_mps2: Numbers, counts: Flags, step_s: float) -> float | No
     return INDEX_FACTOR * float(np.max(np.percentile(rms_mps2, 95.0, axis=0)))
 
 
-def _weighting(step_s: float) -> list[float]:
+@lru_cache(maxsize=STEPS_MAX)
+def _weighting(step_s: float) -> tuple[float, ...]:
     """Impulse response of the weighting Wd of EN 12299, by the bilinear transform."""
     high, turn = (math.tan(math.pi * hz * step_s) for hz in (HIGH_PASS_HZ, TRANSITION_HZ))
     sections = (
@@ -195,7 +197,7 @@ def _weighting(step_s: float) -> list[float]:
     response = [1.0, *[0.0] * (max(2, math.ceil(WEIGHTING_S / step_s)) - 1)]
     for above, below in sections:
         response = _section(response, above, below)
-    return response
+    return tuple(response)
 
 
 def _section(

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,6 +15,8 @@ noise."""
 RESPONSE_S = 2.5
 """Time after which an impulse response has decayed, s."""
 ROWS_MIN = 8
+STEPS_MAX = 16
+"""Number of step lengths whose impulse response is cached. Logs differ little in theirs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +88,8 @@ def convolved(samples: Numbers, response: Sequence[float]) -> Numbers:
     return out
 
 
-def _impulse_response(step_s: float, count: int) -> list[float]:
+@lru_cache(maxsize=STEPS_MAX)
+def _impulse_response(step_s: float, count: int) -> tuple[float, ...]:
     warped = math.tan(math.pi * CUT_OFF_HZ * step_s)
     scale = 1.0 / (1.0 + math.sqrt(2.0) * warped + warped**2)
     b0 = warped**2 * scale
@@ -98,7 +102,7 @@ def _impulse_response(step_s: float, count: int) -> list[float]:
         y0 = b0 * (x0 + 2.0 * x1 + x2) - a1 * y1 - a2 * y2
         x2, x1, y2, y1 = x1, x0, y1, y0
         out.append(y0)
-    return out
+    return tuple(out)
 
 
 def measure_cycles(cycles: Columns) -> Cycles:
