@@ -14,7 +14,7 @@ from vobc.odometry import OdometryConfig
 from vobc.vocabulary import Mission, TrainBelief
 
 SHIPPED = "vobc.params"
-CYCLE_MS_MIN = 20.0
+CYCLE_MS_MIN = 5.0
 CYCLE_MS_MAX = 200.0
 NOTHING: Final[Mapping[str, Any]] = {}
 RANGES: Final[Mapping[str, tuple[float, float]]] = {

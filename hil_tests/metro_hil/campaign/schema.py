@@ -108,7 +108,7 @@ class TrainKeys:
     def __post_init__(self) -> None:
         in_range(self, "load_ratio", 0.0, 1.0)
         in_range(self, "odometer_error", -0.2, 0.2)
-        in_range(self, "cycle_ms", 20.0, 200.0)
+        in_range(self, "cycle_ms", 5.0, 200.0)
         in_range(self, "duration_s", 0.1, DURATION_MAX_S)
         if self.driver is not None and self.driver not in DRIVERS:
             raise ValueError(f"driver {self.driver!r}: {nearest(self.driver, list(DRIVERS))}")

@@ -299,7 +299,7 @@ def _add_rest(run: argparse.ArgumentParser) -> None:
         type=_cycle_ms,
         default=50.0,
         metavar="MS",
-        help="control cycle, 20 to 200; default: 50",
+        help="control cycle, 5 to 200; default: 50",
     )
     group.add_argument(
         "--priority",
@@ -527,7 +527,7 @@ def _seconds(text: str) -> float:
 
 
 def _cycle_ms(text: str) -> float:
-    return _number(text, 20.0, 200.0, "within 20..200 ms")
+    return _number(text, 5.0, 200.0, "within 5..200 ms")
 
 
 def _whole(text: str, low: int, high: int) -> int:

@@ -32,8 +32,8 @@ def test_the_margins_are_the_published_ones() -> None:
 
 def test_the_cycle_time_can_be_set() -> None:
     assert load_config("florence4", cycle_ms=100.0).cycle_ms == 100.0
-    with pytest.raises(SettingsError, match=r"--cycle-ms: cycle_ms 10\.0 is not in 20\.\.200"):
-        load_config("florence4", cycle_ms=10.0)
+    with pytest.raises(SettingsError, match=r"--cycle-ms: cycle_ms 4\.0 is not in 5\.\.200"):
+        load_config("florence4", cycle_ms=4.0)
 
 
 def shipped_text() -> str:
@@ -68,7 +68,7 @@ def shipped_text() -> str:
         ),
         ("jog_attempts = 3", "jog_attempts = -1", r"jog_attempts -1 is not in 0\.\.10"),
         ("scale_error_low_ratio = -0.01", "scale_error_low_ratio = 0.01", r"enclose 0"),
-        ("cycle_ms = 50.0", "cycle_ms = 5.0", r"cycle_ms 5\.0 is not in 20\.\.200"),
+        ("cycle_ms = 50.0", "cycle_ms = 4.0", r"cycle_ms 4\.0 is not in 5\.\.200"),
         ("report_ms = 200.0", "report_ms = 0.0", r"report_ms 0\.0 is not in 50\.\.2000"),
     ],
 )

@@ -242,6 +242,10 @@ def test_from_the_first_cycle_the_train_is_braked_until_it_may_move() -> None:
             },
         ),
         (
+            5.0,
+            {BrakeCommand: 600, DoorCommand: 30, VobcStatus: 60, VobcMotion: 30, VobcTarget: 15},
+        ),
+        (
             20.0,
             {BrakeCommand: 150, DoorCommand: 30, VobcStatus: 75, VobcMotion: 30, VobcTarget: 15},
         ),
