@@ -10,10 +10,11 @@ if TYPE_CHECKING:
 
 def _vobc() -> "Callable[[], int]":
     asks = {"-h", "--help"} & {*sys.argv}
-    if sys.argv[1:2] == ["run"] and "--lockstep" in sys.argv and not asks:
+    if sys.argv[1:2] == ["run"] and not asks:
         from metro_hil.model.native_copy import enter
 
-        enter("vobc")
+        # A build in the background would disturb a run in real time.
+        enter("vobc", builds="--lockstep" in sys.argv)
     from metro_hil.cli.vobc import main
 
     return main

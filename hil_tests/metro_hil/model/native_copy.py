@@ -219,9 +219,16 @@ def _start(part: Part) -> None:
     )
 
 
-def enter(program: str, part: Part = Part.TRAIN) -> None:
-    """Go on in the copy if it is ready: this process becomes the same program there."""
-    library = prepare(program, part=part)
+def enter(program: str, part: Part = Part.TRAIN, *, builds: bool = True) -> None:
+    """Go on in the copy if it is ready: this process becomes the same program there.
+
+    Args:
+        builds: a copy that is missing may be built now.
+    """
+    choice = native_choice()
+    if not builds and choice in (Native.ON, Native.WAIT):
+        choice = Native.READY
+    library = prepare(program, part=part, choice=choice)
     if library is None:
         return
     os.execve(  # noqa: S606 - our own interpreter and program

@@ -267,6 +267,24 @@ def test_a_run_becomes_the_same_program_in_the_copy(
     assert environment[native_copy.SWITCH] == Native.WIRE.value
 
 
+@pytest.mark.parametrize("choice", ["on", "wait", "ready", "wire", "off"])
+def test_a_run_in_real_time_enters_a_ready_copy_and_never_builds_one(
+    choice: str, sources: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(native_copy.SWITCH, choice)
+    entered: list[list[str]] = []
+    monkeypatch.setattr(os, "execve", lambda path, words, env: entered.append(words))
+    begun = started(monkeypatch)
+
+    native_copy.enter("vobc", builds=False)
+    assert begun == entered == []
+
+    build(Part.TRAIN, wait=False)
+    native_copy.enter("vobc", builds=False)
+    assert len(entered) == (0 if choice in ("wire", "off") else 1)
+    assert begun == []
+
+
 def test_without_a_cache_runs_use_the_sources(
     sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
