@@ -24,6 +24,8 @@ TERM_STEP_MAX: Final = 10_000
 A line does not use as many terms while a train is away. A train that was away for longer asks an
 arbiter, whose answer confirms the present term.
 """
+ARBITERS_MAX: Final = 5
+"""Maximum number of arbiters of a line."""
 ROSTER_MAX: Final = 128
 """Maximum number of trains in one area."""
 SECTIONS_MAX: Final = 256
@@ -92,6 +94,15 @@ class RosterEntry(NamedTuple):
     """Supervision has ordered the train to stop; the next master holds it, too."""
 
 
+class SignedGrant(NamedTuple):
+    """The signature of an arbiter under its grant of the message's term to the holder."""
+
+    arbiter: int
+    end_ns: int
+    """End of the lease by the holder's clock."""
+    signature: bytes
+
+
 @dataclass(frozen=True, slots=True)
 class LeaseAnswer(T2tMessage):
     """An arbiter answers a train.
@@ -110,6 +121,8 @@ class LeaseAnswer(T2tMessage):
     roster_version: int
     roster: tuple[RosterEntry, ...]
     """Roster as last committed here, foremost train first, in track order."""
+    grants: tuple[SignedGrant, ...] = ()
+    """In a grant on a secured line: the arbiter's signature, which proves the term to trains."""
 
 
 class Phase(enum.IntEnum):
@@ -130,6 +143,8 @@ class Heartbeat(T2tMessage):
     phase: Phase
     standby: int
     roster_version: int
+    grants: tuple[SignedGrant, ...] = ()
+    """On a secured line: grants of a majority of arbiters, which prove the term."""
 
 
 @dataclass(frozen=True, slots=True)

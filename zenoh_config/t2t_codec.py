@@ -13,10 +13,12 @@ import msgspec
 from zenoh_config.messages import MAX_ADDRESS, RESTRICTIONS_MAX, SpeedRestriction
 from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_NUMBER, MAX_SPEED_MPS, MAX_STAMP_NS
 from zenoh_config.t2t import (
+    ARBITERS_MAX,
     ROSTER_MAX,
     SECTIONS_MAX,
     TERM_MAX,
     AreaAuthority,
+    SignedGrant,
     T2tMessage,
     TrainReport,
 )
@@ -28,6 +30,8 @@ AXLES_MAX: Final = 1000
 LEASES_MAX: Final = 56
 SILENT_MAX: Final = 64
 """Maximum numbers of leases and silent trains that fit into one message beside its other fields."""
+SIGNATURE_BYTES: Final = 64
+"""Greatest length of a signature. Ed25519 has 64 bytes."""
 TYPE_NUMBERS: Final = {kind: FIRST_TYPE + at for at, kind in enumerate(T2T_TYPES)}
 HEADER_FIELDS: Final = ("source", "destination", "sequence", "stamp_ns")
 """Fields of every message that are in the header of the envelope and not in the body."""
@@ -40,9 +44,11 @@ _LENGTHS: Final = {
     "trains": ROSTER_MAX,
     "leases": LEASES_MAX,
     "silent": SILENT_MAX,
+    "grants": ARBITERS_MAX,
 }
 _ADDRESSES: Final = (
     *("source", "destination", "successor", "holder", "standby", "train", "behind", "before"),
+    "arbiter",
 )
 _MOST: Final = {
     **dict.fromkeys(_ADDRESSES, MAX_ADDRESS),
@@ -95,9 +101,9 @@ class _List:
         entry: Any = typing.get_args(hint)[0]
         self.name = name
         self.most = _LENGTHS[name]
-        self.bounds = (
-            () if entry is SpeedRestriction else tuple([_bounds(each) for each in entry._fields])
-        )
+        names = () if entry is SpeedRestriction else entry._fields
+        # A signature is the last field of its entry. It has a length instead of a range.
+        self.bounds = tuple([_bounds(each) for each in names if each != "signature"])
 
 
 def _bounds(name: str) -> Bounds:
@@ -189,6 +195,9 @@ def _list_problem(known: _List, values: Any) -> str:
             problem = _restriction_problem(each)
         else:
             problem = _number_problem(known.bounds, each)
+        if not problem and isinstance(each, SignedGrant):
+            length = len(each.signature)
+            problem = "" if length <= SIGNATURE_BYTES else f"signature of {length} bytes"
         if problem:
             return f"{known.name}: {problem}"
     return ""

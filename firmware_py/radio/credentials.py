@@ -1,5 +1,6 @@
 """Credentials of a program on a secured line: certificate, safety-code key, session settings."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -8,6 +9,7 @@ from firmware_py.settings import SettingsError
 
 if TYPE_CHECKING:
     from cryptography import x509
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 NS_PER_S: Final = 1_000_000_000
 ADVICE: Final = "make new ones with `vobc demo-ca`"
@@ -50,6 +52,46 @@ def load_credentials(
     _text(key)
     settings, key_hex = _text(folder / f"{name}.json5"), _text(folder / "line.key").strip()
     return Credentials(settings, key_hex, (path, key))
+
+
+def load_arbiter_keys(folder: Path | str, arbiters: int) -> dict[int, bytes]:
+    """Load the public keys by which trains check the grants of arbiters 1 to `arbiters`.
+
+    Raises SettingsError that names the file.
+    """
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+    from cryptography.hazmat.primitives.serialization import load_pem_public_key
+
+    found = {}
+    for number in range(1, arbiters + 1):
+        path = Path(folder) / f"arbiter{number}.pub"
+        key = _ed25519(path, load_pem_public_key)
+        if not isinstance(key, Ed25519PublicKey):
+            raise SettingsError(f"{path}: no public Ed25519 key; {ADVICE}")
+        found[number] = key.public_bytes_raw()
+    return found
+
+
+def load_arbiter_signing_keys(folder: Path | str, arbiters: int) -> dict[int, "Ed25519PrivateKey"]:
+    """Load the private keys with which arbiters 1 to `arbiters` sign. Raises SettingsError."""
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+    found = {}
+    for number in range(1, arbiters + 1):
+        path = Path(folder) / f"arbiter{number}.key"
+        key = _ed25519(path, lambda pem: load_pem_private_key(pem, None))
+        if not isinstance(key, Ed25519PrivateKey):
+            raise SettingsError(f"{path}: no private Ed25519 key; {ADVICE}")
+        found[number] = key
+    return found
+
+
+def _ed25519(path: Path, load: Callable[[bytes], object]) -> object:
+    try:
+        return load(_text(path).encode())
+    except (ValueError, TypeError):
+        return None
 
 
 def _check_role(path: Path, own: "x509.Certificate", *, listens: bool) -> None:

@@ -10,7 +10,12 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from firmware_py.clock.clock import WallClock
-from firmware_py.radio.credentials import Credentials, load_credentials
+from firmware_py.radio.credentials import (
+    Credentials,
+    load_arbiter_keys,
+    load_arbiter_signing_keys,
+    load_credentials,
+)
 from firmware_py.radio.zenoh_radio import SessionRole, ZenohRadio, open_radio, pick_endpoint
 from firmware_py.settings import SettingsError
 from metro_hil.cli.vobc import main as vobc
@@ -20,6 +25,7 @@ from zenoh_config.codec import BENCH_KEY, pack, safety_key, unpack
 from zenoh_config.messages import Refused, RefusedReason
 from zenoh_config.secured import wayside_settings
 from zenoh_config.t2t import AreaAuthority, RosterAck, T2tMessage
+from zenoh_config.term_grants import GrantCheck, GrantSigner, TermGrant
 
 NS_PER_S = 1_000_000_000
 PATIENCE_S = 8.0
@@ -266,6 +272,24 @@ def test_invalid_credentials_are_reported_by_file(
 
     with pytest.raises(SettingsError, match=re.escape(complaint)):
         load_credentials(tmp_path, "T1", CLOCK.epoch_ns())
+
+
+def test_the_keys_of_arbiters_belong_to_each_other_and_invalid_ones_are_reported(
+    tmp_path: Path,
+) -> None:
+    make(tmp_path, line="loop", trains=1, days=1.0, hosts=["localhost"], epoch_s=NOW_S)
+    check = GrantCheck(load_arbiter_keys(tmp_path, 5))
+
+    for number, key in load_arbiter_signing_keys(tmp_path, 5).items():
+        signed = GrantSigner(key).signed(area=1, term=2, holder=3, arbiter=number, end_ns=4)
+        assert check.holds(TermGrant(1, 2, 3, number, 4), signed.signature)
+
+    (tmp_path / "arbiter1.pub").write_text("x")
+    (tmp_path / "arbiter2.key").unlink()
+    with pytest.raises(SettingsError, match=r"arbiter1.pub: no public Ed25519 key; make new"):
+        load_arbiter_keys(tmp_path, 3)
+    with pytest.raises(SettingsError, match=r"arbiter2.key: cannot be read: No such file"):
+        load_arbiter_signing_keys(tmp_path, 3)
 
 
 def test_a_certificate_of_another_role_is_refused(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from firmware_py.clock.executive import Executive, Task, run
 from firmware_py.clock.realtime import collect_garbage, die_with_parent, enter_realtime
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import RadioPort
-from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.credentials import load_arbiter_signing_keys, load_credentials
 from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.storage.checked_store import CheckedStore
@@ -31,6 +31,7 @@ from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import WAYSIDE_NAME, train_name
 from zenoh_config.sessions import check_secured
 from zenoh_config.t2t import FIRST_ARBITER
+from zenoh_config.term_grants import GrantSigner
 from zenoh_config.timers import TIMER_SETS
 
 ALL: Final = "all"
@@ -137,6 +138,7 @@ class _Line:
             database=database_version(line),
             arbiters=every,
             serves_track=serves_track,
+            signers=_signers(options),
         )
         self._centre = centre
         self._detection = Detection(areas)
@@ -185,6 +187,17 @@ class _Line:
         for who in self._wayside.failed[self._failed :]:
             say(f"{who} is silent from now on: its memory cannot be written")
         self._failed = len(self._wayside.failed)
+
+
+def _signers(options: argparse.Namespace) -> dict[int, GrantSigner] | None:
+    """Return what signs the grants of each arbiter; None on a line that is not secured.
+
+    Raises SettingsError.
+    """
+    if options.secure is None:
+        return None
+    keys = load_arbiter_signing_keys(options.secure, options.arbiters)
+    return {FIRST_ARBITER + number - 1: GrantSigner(key) for number, key in keys.items()}
 
 
 class RefusalNotes:

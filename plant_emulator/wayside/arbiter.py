@@ -18,9 +18,11 @@ from zenoh_config.t2t import (
     ObjectClaim,
     RosterAck,
     RosterCommit,
+    SignedGrant,
     T2tMessage,
 )
 from zenoh_config.t2t_supervision import RemovalAnswer
+from zenoh_config.term_grants import GrantSigner
 from zenoh_config.timers import LineTimers
 
 
@@ -97,6 +99,7 @@ class Arbiter:
         start_ns: int,
         guards: ArbiterGuards | None = None,
         arbiters: int = 1,
+        signer: GrantSigner | None = None,
     ) -> None:
         """Start from the stored `memory`.
 
@@ -105,6 +108,7 @@ class Arbiter:
 
         Args:
             arbiters: number of arbiters of the line, including this one.
+            signer: signs its grants; None on a line that is not secured.
         """
         stored = memory or ArbiterMemory()
         self.memory = replace(stored, boot=stored.boot + 1)
@@ -112,7 +116,7 @@ class Arbiter:
         """Refusals by reason."""
         self._forgotten = memory is None
         self._timers, self._address, self._arbiters = timers, address, arbiters
-        self._guards = guards or ArbiterGuards()
+        self._guards, self._signer = guards or ArbiterGuards(), signer
         self._free_ns = start_ns + timers.arbiter_lease_ns * self._guards.waits_after_start
         """Earliest instant for granting an area for which no request was granted since the
         start."""
@@ -174,8 +178,21 @@ class Arbiter:
         if not granted or request.kind is not LeaseKind.ACQUIRE:
             kept = (0, 0, ())
         wait_ns = 0 if granted else max(0, self.expiry_ns(request.area) - now_ns)
+        grants = (self._signed(request),) if granted and self._signer is not None else ()
         return LeaseAnswer(
-            *head, granted, request.nonce, request.stamp_ns, lease.holder, wait_ns, *kept
+            *(*head, granted, request.nonce, request.stamp_ns, lease.holder, wait_ns),
+            *(*kept, grants),
+        )
+
+    def _signed(self, request: LeaseRequest) -> SignedGrant:
+        """Sign the grant of this request, up to the end that its holder may rely on."""
+        assert self._signer is not None
+        return self._signer.signed(
+            area=request.area,
+            term=request.term,
+            holder=request.source,
+            arbiter=self._address,
+            end_ns=request.stamp_ns + self._timers.holder_lease_ns - request.less_ns,
         )
 
     def _grants(self, request: LeaseRequest, now_ns: int) -> bool:

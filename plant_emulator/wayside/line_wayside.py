@@ -19,6 +19,7 @@ from zenoh_config.codec import BENCH_KEY, pack, unpack
 from zenoh_config.messages import WAYSIDE, Refused, TrainStatus
 from zenoh_config.t2t import LeaseAnswer, T2tMessage
 from zenoh_config.t2t_supervision import Decree
+from zenoh_config.term_grants import GrantSigner
 from zenoh_config.timers import LineTimers
 
 
@@ -65,12 +66,14 @@ class LineWayside:
         database: int | None = None,
         arbiters: Collection[int] | None = None,
         serves_track: bool = True,
+        signers: Mapping[int, GrantSigner] | None = None,
     ) -> None:
         """Args:
         arbiters: addresses of all arbiters of the line; None: those of `disks`. Of those that this
             program does not serve it knows the grants by their answers on the radio.
         serves_track: this program serves objects, axle counters and centre.
         database: version of the track database; messages of another one are refused.
+        signers: sign the grants, by the arbiter's address; None on a line that is not secured.
         boot: number of starts of this wayside; it must increase with every start.
         centre: stores the commands of supervision; without it they are ignored.
         """
@@ -87,6 +90,7 @@ class LineWayside:
                 memory=memory,
                 start_ns=start_ns,
                 arbiters=len(disks.arbiters) + len(others),
+                signer=None if signers is None else signers[address],
             )
             for address, memory in disks.arbiters.items()
         }

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.clock.clock import WallClock
-from firmware_py.radio.credentials import Credentials, load_credentials
+from firmware_py.radio.credentials import Credentials, load_arbiter_keys, load_credentials
 from firmware_py.radio.recorded_radio import LaterRecordedRadio
 from firmware_py.radio.zenoh_radio import SessionRole, ZenohRadio, open_peer, open_radio
 from firmware_py.settings import SettingsError
@@ -28,6 +28,7 @@ from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import train_name
 from zenoh_config.sessions import check_secured
 from zenoh_config.t2t import FIRST_ARBITER, LAST_TRAIN
+from zenoh_config.term_grants import GrantCheck
 from zenoh_config.timers import TIMER_SETS
 
 AXLES: Final = 16
@@ -160,7 +161,11 @@ def open_line(
         memory = TrainMemory(boot=clock.epoch_ns() // NS_PER_S if path is None else 0)
     arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + options.arbiters))
     core = TrainCore(
-        T2tConfig(timers=TIMER_SETS[options.line_timers], arbiters=arbiters),
+        T2tConfig(
+            timers=TIMER_SETS[options.line_timers],
+            arbiters=arbiters,
+            grants=None if secure is None else _grant_check(options),
+        ),
         areas,
         address=config.address,
         memory=memory,
@@ -181,6 +186,12 @@ def open_line(
         write_down=recorded.write_down,
         silence=silence,
     )
+
+
+def _grant_check(options: argparse.Namespace) -> GrantCheck:
+    """Checks the grants of arbiters on a secured line. Raises SettingsError."""
+    keys = load_arbiter_keys(options.secure, options.arbiters)
+    return GrantCheck({FIRST_ARBITER + number - 1: key for number, key in keys.items()})
 
 
 def _port(

@@ -51,7 +51,7 @@ class AreaParticipant:
     ) -> None:
         self.role = Role.OUTSIDE
         self.member = AreaMember(
-            config.timers, guards.member, boot=speaker.boot, memory=memory, now_ns=now_ns
+            config, guards.member, boot=speaker.boot, memory=memory, now_ns=now_ns
         )
         self.stored = memory
         """Memory of this area as last handed out for storage."""
@@ -59,7 +59,7 @@ class AreaParticipant:
         self.master: Master | None = None
         self.area = line.area(area)
         self.refused: list[str] = []
-        """Reasons of refused authorities in this step."""
+        """Reasons of refused authorities and terms in this step."""
         self._ready = FOR_NONE
         """Term and nonce of the planned switch for which this train is ready."""
         self._config, self._guards, self._line, self._speaker = config, guards, line, speaker
@@ -96,6 +96,9 @@ class AreaParticipant:
         if accepted and heartbeat.phase is Phase.ISSUING:
             # One that is still fencing, as this train itself may be, may yet lose its lease.
             self._failures = 0
+        secured = self._config.grants is not None
+        if not accepted and secured and heartbeat.term > self.member.memory.seen_term:
+            self.refused.append("term not proven")
         return []
 
     def _on_authority(self, authority: AreaAuthority, now_ns: int) -> list[T2tMessage]:
@@ -115,7 +118,7 @@ class AreaParticipant:
         return self._on_switch(step, now_ns)
 
     def _on_report(self, report: TrainReport, now_ns: int) -> list[T2tMessage]:
-        self._fenced |= report.term > self.lease.term and self.member.in_reach(report.term)
+        self._fenced |= report.term > self.lease.term and self.member.believes_reported(report.term)
         if self.role is Role.STANDBY and report.localised:
             record = self._table.of(report.source, rear_m=report.rear_min_m, now_ns=now_ns)
             record.on_message(report, now_ns, term=report.term, jog_m=self._config.jog_m)

@@ -56,8 +56,8 @@ def term_not_old(fence: Fence) -> bool:
 
 
 def owner_of_term(fence: Fence) -> bool:
-    """Each term has one owner. The first sender under a new term is its owner, because a majority
-    grants a term only once.
+    """Each term has one owner, because a majority grants a term only once. The first accepted
+    sender under a new term is its owner.
     """
     return fence.term != fence.seen_term or fence.source == fence.owner
 
@@ -76,6 +76,22 @@ def term_in_reach(step: TermStep) -> bool:
     have come.
     """
     return step.term <= step.confirmed_term + TERM_STEP_MAX
+
+
+class TermProof(NamedTuple):
+    """Grants that a message shows for a term that is new to the train."""
+
+    valid: int
+    """Number of arbiters whose signed grant of this term to the sender is valid and has not
+    ended."""
+    needed: int
+    """Majority of the arbiters. 0 on a line without signed grants, where no term is proven."""
+
+
+def term_proven(proof: TermProof) -> bool:
+    """On a secured line, a heartbeat proves a new term by the signed grants of a majority of
+    arbiters."""
+    return proof.valid >= proof.needed
 
 
 class TrainAhead(NamedTuple):
@@ -122,6 +138,7 @@ class MemberGuards:
     term_not_old: Callable[[Fence], bool] = term_not_old
     owner_of_term: Callable[[Fence], bool] = owner_of_term
     term_in_reach: Callable[[TermStep], bool] = term_in_reach
+    term_proven: Callable[[TermProof], bool] = term_proven
     latent_authority_m: Callable[[Latency], float] = latent_authority_m
     """A formula. A test replaces it by a wrong one instead of removing it."""
     behind_train_ahead_m: Callable[[TrainAhead], float] = behind_train_ahead_m

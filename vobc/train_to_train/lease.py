@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from vobc.train_to_train.guards import Attempt, Granted, LeaseClock, LeaseGuards, Terms, Votes
 from vobc.train_to_train.vocabulary import T2tConfig
-from zenoh_config.t2t import NO_TRAIN, LeaseAnswer, LeaseKind, RosterEntry
+from zenoh_config.t2t import NO_TRAIN, LeaseAnswer, LeaseKind, RosterEntry, SignedGrant
 from zenoh_config.timers import NS_PER_MS
 
 ATTEMPT_NS: Final = 100 * NS_PER_MS
@@ -76,6 +76,8 @@ class Lease:
         has ended. 0: no lease blocks it."""
         self.beaten = False
         """An arbiter has acknowledged a higher term, so no majority will renew this one."""
+        self._signed: dict[int, SignedGrant] = {}
+        """By arbiter, its newest signed grant of this term. Empty on a line without signatures."""
         self._nonce = 0
         self._asked: dict[int, PendingRequest] = {}
         """Open requests by nonce."""
@@ -101,6 +103,7 @@ class Lease:
         self.adopted, self.successor, self.beaten = NOTHING_KEPT, NO_TRAIN, False
         self.wait_until_ns = 0
         self._asked, self._refusers, self._answered = {}, set(), False
+        self._signed = {}
         self._asked_ns = now_ns
         self.until_ns = 0
         self._confirmed_ns = 0
@@ -179,12 +182,19 @@ class Lease:
         if asked is None:
             asked = self._asked.setdefault(answer.nonce, PendingRequest(answer.echo_ns, 0, set()))
         asked.voters.add(answer.source)
+        for grant in answer.grants[:1]:
+            self._signed[answer.source] = max(grant, self._signed.get(answer.source, grant))
         self._refusers.discard(answer.source)
         kept = Kept(answer.roster_term, answer.roster_version, answer.roster)
         newer = (kept.term, kept.version) > (self.adopted.term, self.adopted.version)
         if self.state is LeaseState.ASKED and newer:
             self.adopted = kept
         self._judge(answer.nonce, now_ns)
+
+    def proof(self) -> tuple[SignedGrant, ...]:
+        """The signed grants of a majority that end last, by which trains believe the term."""
+        latest = sorted(self._signed.values(), key=lambda grant: (-grant.end_ns, grant.arbiter))
+        return tuple(latest[: self._config.majority])
 
     def owner_of(self, term: int) -> int:
         """The train to which a majority granted the term, by their answers. 0: unknown."""

@@ -237,7 +237,8 @@ class Master:
         phase = Phase.FENCING if self.roster.kept is None else Phase.ISSUING
         sent: list[T2tMessage] = [
             Heartbeat(
-                *self._head(now_ns, BROADCAST), phase, self.succession.standby, self.roster.version
+                *self._head(now_ns, BROADCAST),
+                *(phase, self.succession.standby, self.roster.version, self._lease.proof()),
             )
         ]
         if self.roster.pending:

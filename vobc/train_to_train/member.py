@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 
-from vobc.train_to_train.guards import Fence, Latency, MemberGuards, Offer, TermStep
-from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain
+from vobc.train_to_train.guards import Fence, Latency, MemberGuards, Offer, TermProof, TermStep
+from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain, T2tConfig
 from zenoh_config.t2t import NO_TRAIN, AreaAuthority, Heartbeat, T2tMessage
-from zenoh_config.timers import NS_PER_MS, LineTimers
+from zenoh_config.term_grants import TermGrant
+from zenoh_config.timers import NS_PER_MS
 
 RANK_OF_A_STRANGER: int = 4
 """Candidacy rank of a train that is not on the roster. The members of the roster apply before it.
@@ -17,14 +18,14 @@ class AreaMember:
 
     def __init__(
         self,
-        timers: LineTimers,
+        config: T2tConfig,
         guards: MemberGuards,
         *,
         boot: int,
         memory: AreaMemory,
         now_ns: int,
     ) -> None:
-        self._timers, self._guards = timers, guards
+        self._config, self._timers, self._guards = config, config.timers, guards
         self._boot = boot
         self.memory = memory
         """Memory of the area. The caller stores it whenever it changes."""
@@ -45,6 +46,9 @@ class AreaMember:
         self.rank = RANK_OF_A_STRANGER
         self.new_promise = False
         """A new term was received, and the train must acknowledge it at once."""
+        self._unproven: set[int] = set()
+        """Senders that showed an invalid grant in this step. Their next ones wait for the next
+        step, because a check takes long."""
 
     def fences(self, message: T2tMessage) -> bool:
         """Whether the term of the message allows to process it. A new term is remembered."""
@@ -55,10 +59,39 @@ class AreaMember:
         if not self.in_reach(message.term):
             return False
         if message.term > memory.seen_term:
+            if not self._guards.term_proven(self._proof(message)):
+                return False
             self.memory = memory._replace(seen_term=message.term, owner=message.source)
             self.new_promise = True
             self.beat_ns = 0
         return True
+
+    def _proof(self, message: T2tMessage) -> TermProof:
+        """Check the signed grants that a heartbeat shows, up to the first invalid one.
+
+        Other messages prove no term. Heartbeats are frequent, so trains learn it from the next one.
+        """
+        check = self._config.grants
+        if check is None:
+            return TermProof(0, 0)
+        needed, valid = self._config.majority, set[int]()
+        if isinstance(message, Heartbeat) and message.source not in self._unproven:
+            for each in message.grants[:needed]:
+                head = (message.area, message.term, message.source, each.arbiter, each.end_ns)
+                counts = each.arbiter in self._config.arbiters and message.stamp_ns < each.end_ns
+                if not (counts and check.holds(TermGrant(*head), each.signature)):
+                    self._unproven.add(message.source)
+                    break
+                valid.add(each.arbiter)
+        return TermProof(len(valid), needed)
+
+    def believes_reported(self, term: int) -> bool:
+        """Whether a higher term in a train's report may be true.
+
+        A report proves no term. Where terms are proven, a master learns a higher one from the
+        arbiters, which do not renew its lease.
+        """
+        return self._config.grants is None and self.in_reach(term)
 
     def in_reach(self, term: int) -> bool:
         """Whether the term may be that of a master, by what the arbiters have confirmed."""
@@ -111,6 +144,7 @@ class AreaMember:
 
         Called once a step, after all messages of the step.
         """
+        self._unproven.clear()
         if own.standstill and not self.is_young(now_ns):
             self.held = None
         if not own.localised:

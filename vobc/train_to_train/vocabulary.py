@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 from zenoh_config.messages import SpeedRestriction
 from zenoh_config.t2t import NO_TRAIN, T2tMessage
+from zenoh_config.term_grants import GrantCheck
 from zenoh_config.timers import TIMERS_A, LineTimers
 
 NO_TERM: Final = 0
@@ -33,6 +34,9 @@ class T2tConfig:
     overhang_m: float = 4.0
     """Greatest distance from the last axle to the coupler behind it. No axle counter detects this
     part."""
+    grants: GrantCheck | None = None
+    """Checks the signed grants of the arbiters on a secured line. None: a train believes the first
+    sender of a term until an arbiter's answer shows another owner."""
     switch_ms: int = 1000
     """Least time after which the master gives up a planned switch that has not completed."""
 

@@ -1,5 +1,6 @@
 """Generates the line, trains, arbiters and timers of a seed; faults come from other modules."""
 
+import hashlib
 import itertools
 import math
 import random
@@ -22,6 +23,7 @@ from metro_hil.simulation.true_train import Build
 from metro_hil.simulation.world import Setting
 from vobc.train_to_train.guards import MemberGuards, TrainAhead, TrainGuards
 from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.term_grants import GrantCheck, signer_from_seed
 from zenoh_config.timers import TIMER_SETS, TIMERS_A, TIMERS_B
 
 AREA_M: Final = 2000.0
@@ -264,8 +266,19 @@ def _distant(seed: int, drawn: Draw) -> Draw:
 def _with_insider(seed: int, drawn: Draw) -> Draw:
     rng = random.Random(seed ^ 0x1251DE)
     line = replace(drawn.cast.line, objects=())
-    cast = replace(drawn.cast, line=line)
+    cast = with_signed_grants(replace(drawn.cast, line=line))
     return replace(drawn, cast=cast, insider=rng.choice(cast.trains))
+
+
+def with_signed_grants(cast: LineParticipants) -> LineParticipants:
+    """Let arbiters sign their grants, and trains obey no term without them."""
+    made = {
+        each: signer_from_seed(hashlib.sha256(f"arbiter {each}".encode()).digest())
+        for each in cast.config.arbiters
+    }
+    check = GrantCheck({each: public for each, (_, public) in made.items()})
+    signers = {each: signer for each, (signer, _) in made.items()}
+    return replace(cast, config=replace(cast.config, grants=check), signers=signers)
 
 
 def _draw_even(seed: int) -> Draw:

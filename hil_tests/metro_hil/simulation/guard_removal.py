@@ -99,6 +99,7 @@ NOTICED: Final[Mapping[str, str]] = {
     "member.term_not_old": "late-authority-takeover",
     "member.owner_of_term": "unacceptable",
     "member.term_in_reach": "last-term",
+    "member.term_proven": "false-term",
     "member.behind_train_ahead_m": "false-master",
     "member.latent_authority_m": "shortened-at-speed",
     "lease.granted_by_majority": "two-candidates",

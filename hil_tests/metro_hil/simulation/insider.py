@@ -13,10 +13,19 @@ from typing import Any, Final, NamedTuple
 from metro_hil.simulation.depot import SEEN_NS, seen_gone, take_off
 from metro_hil.simulation.line_world import LineWorld
 from metro_hil.simulation.node import SimulatedNode
+from metro_hil.simulation.protocol_nodes import TrainNode
+from metro_hil.simulation.train_node import TrainNodeController
 from vobc.train_to_train.vocabulary import TrainMemory
 from zenoh_config.messages import SpeedRestriction
-from zenoh_config.t2t import BROADCAST, TERM_MAX, TERM_STEP_MAX, T2tMessage, TrainReport
-from zenoh_config.t2t_codec import problem_of_t2t
+from zenoh_config.t2t import (
+    BROADCAST,
+    TERM_MAX,
+    TERM_STEP_MAX,
+    SignedGrant,
+    T2tMessage,
+    TrainReport,
+)
+from zenoh_config.t2t_codec import SIGNATURE_BYTES, problem_of_t2t
 from zenoh_config.t2t_types import T2T_TYPES
 
 NS_PER_S: Final = 1_000_000_000
@@ -46,6 +55,8 @@ class Knowledge(NamedTuple):
     trains: Sequence[int]
     places_m: Sequence[float]
     """Places of interest on the line."""
+    grants: Sequence[SignedGrant] = ()
+    """Grants that true masters show."""
 
 
 def forged(
@@ -70,6 +81,8 @@ def _value(name: str, hint: Any, rng: random.Random, knows: Knowledge) -> Any:
         return tuple([_entry(entry, rng, knows) for _ in range(rng.choice(LENGTHS))])
     if hint is bool:
         return rng.random() < 0.5
+    if hint is bytes:
+        return rng.randbytes(SIGNATURE_BYTES)
     if issubclass(hint, enum.IntEnum):
         return rng.choice(list(hint))
     if hint is float:
@@ -94,6 +107,8 @@ def _entry(entry: Any, rng: random.Random, knows: Knowledge) -> Any:
     if entry is SpeedRestriction:
         start_m, end_m = sorted([rng.choice(knows.places_m), rng.choice(knows.places_m)])
         return SpeedRestriction(start_m, end_m, rng.choice((0.1, 10.0, 200.0)))
+    if entry is SignedGrant and knows.grants and rng.random() < 0.7:
+        return rng.choice(knows.grants)
     hints = typing.get_type_hints(entry)
     return entry(**{name: _value(name, hints[name], rng, knows) for name in entry._fields})
 
@@ -193,4 +208,17 @@ class Insider:
             node.clock.local_ns(net.now_ns),
             tuple(trains),
             [*places_m, *[each + 300.0 for each in places_m], line_end_m, line_end_m - 20.0],
+            self._shown_grants(),
         )
+
+    def _shown_grants(self) -> list[SignedGrant]:
+        """Return the grants in the newest heartbeats of all masters."""
+        found: list[SignedGrant] = []
+        for node in self.world.net.nodes.values():
+            machine = node.machine
+            protocol = machine.protocol if isinstance(machine, TrainNodeController) else None
+            if isinstance(protocol, TrainNode):
+                for area in self.world.drawn.cast.line.areas:
+                    desk = protocol.core.desk(area.number)
+                    found += () if desk is None else desk.lease.proof()
+        return found

@@ -35,8 +35,7 @@ class LineWorld(SimulatedLine):
         crew = ProtocolNodes(drawn.cast, seed)
         if drawn.insider:
             crew.arbiters = {}
-            forgeable = frozenset({"19", "29"})
-            crew.rules = replace(crew.rules, unjudged=forgeable, hostile=drawn.insider)
+            crew.rules = replace(crew.rules, hostile=drawn.insider)
         super().__init__(seed, drawn.setting, crew, codec=codec, tell=tell)
         self.t2t = crew
         self.track = TrueTrack(drawn.cast.line, tuple(self.trains.values()))

@@ -39,6 +39,7 @@ from zenoh_config.t2t import (
     TrainReport,
 )
 from zenoh_config.t2t_supervision import RemovalAnswer, RemovalState
+from zenoh_config.term_grants import GrantSigner
 
 NS_PER_MS: Final = 1_000_000
 FOLLOWING: Final = frozenset((Role.OUTSIDE, Role.APPLICANT, Role.MEMBER))
@@ -68,6 +69,8 @@ class LineParticipants:
     config: T2tConfig
     trains: tuple[int, ...]
     guards: Guards = SAFE
+    signers: Mapping[int, GrantSigner] | None = None
+    """Signs the grants on a secured line, by the arbiter's address."""
 
 
 WaysideDisk = tuple[int, tuple[tuple[int, ObjectMemory], ...]]
@@ -221,6 +224,7 @@ class ArbiterNode:
             start_ns=now_ns,
             guards=cast.guards.arbiter,
             arbiters=len(cast.config.arbiters),
+            signer=None if cast.signers is None else cast.signers[node.address],
         )
         self._keep: ArbiterMemory | None = node.disk
         self._routes = routes

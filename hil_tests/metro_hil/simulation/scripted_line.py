@@ -5,7 +5,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from firmware_py.trackdb.areas import AreaMap
-from metro_hil.simulation.generate import FIRST_ARBITER, SECTION_PIECES, Draw, line_of_areas
+from metro_hil.simulation.generate import (
+    FIRST_ARBITER,
+    SECTION_PIECES,
+    Draw,
+    line_of_areas,
+    with_signed_grants,
+)
 from metro_hil.simulation.line_world import LineWorld
 from metro_hil.simulation.orders import TrainOrder
 from metro_hil.simulation.protocol_nodes import SAFE, Guards, LineParticipants, TrainNode
@@ -43,6 +49,8 @@ class Plot:
     seed: int = 1
     speed_max_mps: float = 60.0 / 3.6
     length_m: float = 80.0
+    signed: bool = False
+    """Whether arbiters sign their grants, as on a secured line."""
 
 
 @dataclass(slots=True)
@@ -64,6 +72,8 @@ class ScriptedLine:
         arbiters = tuple(range(FIRST_ARBITER, FIRST_ARBITER + plot.arbiters))
         config = T2tConfig(timers=plot.timers, arbiters=arbiters)
         cast = LineParticipants(line, config, tuple(plot.fronts_m), plot.guards)
+        if plot.signed:
+            cast = with_signed_grants(cast)
         setting = Setting(
             plot.fronts_m,
             plot.stops_m,

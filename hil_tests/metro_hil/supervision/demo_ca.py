@@ -12,7 +12,7 @@ from typing import Final, Self
 import numpy as np
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from firmware_py.clock.clock import WallClock
@@ -29,7 +29,7 @@ from zenoh_config.secured import (
     train_name,
     wayside_settings,
 )
-from zenoh_config.t2t import ROSTER_MAX
+from zenoh_config.t2t import ARBITERS_MAX, ROSTER_MAX
 
 AUTHORITY: Final = "demonstration authority"
 EARLIER_S: Final = 300
@@ -76,7 +76,7 @@ def main(words: Sequence[str]) -> int:
 def make(
     folder: Path, *, line: str, trains: int, days: float, hosts: Sequence[str], epoch_s: int
 ) -> None:
-    """Write certificates, keys, session settings and the key of safety codes.
+    """Write certificates, keys, session settings, and the keys of arbiters and safety codes.
 
     Raises OSError, and SettingsError for a folder that is not empty.
     """
@@ -95,6 +95,8 @@ def make(
     for name in (WAYSIDE_NAME, SUPERVISION_NAME, *names):
         authority.issue(folder, name, hosts, span_s)
     _write_settings(folder, line, names)
+    for number in range(1, ARBITERS_MAX + 1):
+        _write_arbiter(folder, number)
     _write_private(folder / "line.key", (secrets.token_hex(KEY_BYTES) + "\n").encode())
     pem = authority.certificate.public_bytes(serialization.Encoding.PEM)
     (folder / "ca.pem").write_bytes(pem)
@@ -197,6 +199,16 @@ class DemoAuthority:
         write_whole(folder / f"{name}.pem", pem)
 
 
+def _write_arbiter(folder: Path, number: int) -> None:
+    """Write the key with which an arbiter signs its grants, and the public key for the trains."""
+    key = ed25519.Ed25519PrivateKey.generate()
+    _write_key(folder / f"arbiter{number}.key", key)
+    public = key.public_key().public_bytes(
+        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
+    )
+    (folder / f"arbiter{number}.pub").write_bytes(public)
+
+
 def _hosts_of(path: Path) -> list[str]:
     """Return the hosts in the wayside's certificate. Raises SettingsError."""
     try:
@@ -236,7 +248,7 @@ def _host(text: str) -> x509.GeneralName:
         return x509.DNSName(text)
 
 
-def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
+def _write_key(path: Path, key: ec.EllipticCurvePrivateKey | ed25519.Ed25519PrivateKey) -> None:
     coded = key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,

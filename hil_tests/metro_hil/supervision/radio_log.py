@@ -157,6 +157,8 @@ def _value(value: Any) -> str:
         return value.name.lower()
     if isinstance(value, float):
         return f"{value:.2f}"
+    if isinstance(value, bytes):
+        return value.hex()
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         return "(" + " ".join([_value(each) for each in value]) + ")"
     if isinstance(value, tuple):

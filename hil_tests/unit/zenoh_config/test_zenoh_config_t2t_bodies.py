@@ -32,6 +32,7 @@ from zenoh_config.t2t import (
     RosterCommit,
     RosterEntry,
     SectionState,
+    SignedGrant,
     StandbySync,
     SwitchKind,
     SwitchStep,
@@ -72,14 +73,18 @@ REPORT = TrainReport(
     False, 12, 4930,
 )  # fmt: skip
 AUTHORITY = AreaAuthority(*HEAD, 5, 4900, 800.5, 15.5, 3, 6, (SLOW, SHUT))
+SIGNED = SignedGrant(9, 17, b"by arbiter 9")
 EXAMPLES: list[tuple[int, T2tMessage, list[object]]] = [
     (16, LeaseRequest(*HEAD, LeaseKind.RENEW, 5, 11, 12, 3, 120), [2, 5, 11, 12, 3, 120]),
     (
         17,
-        LeaseAnswer(*HEAD, True, 5, 4990, 6, 13, 14, 15, (RosterEntry(9, 410.5, True, 8, False),)),
-        [True, 5, 4990, 6, 13, 14, 15, [[9, 410.5, True, 8, False]]],
+        LeaseAnswer(
+            *(*HEAD, True, 5, 4990, 6, 13, 14, 15, (RosterEntry(9, 410.5, True, 8, False),)),
+            (SIGNED,),
+        ),
+        [True, 5, 4990, 6, 13, 14, 15, [[9, 410.5, True, 8, False]], [[9, 17, b"by arbiter 9"]]],
     ),
-    (18, Heartbeat(*HEAD, Phase.ISSUING, 4, 3), [2, 4, 3]),
+    (18, Heartbeat(*HEAD, Phase.ISSUING, 4, 3, (SIGNED,)), [2, 4, 3, [[9, 17, b"by arbiter 9"]]]),
     (
         19,
         REPORT,
@@ -148,7 +153,7 @@ TRIED = [ALONE.get(type(message), message) for _, message, _ in EXAMPLES]
 ADDRESSES = frozenset(
     (
         *("source", "destination", "successor", "holder", "standby", "train", "behind"),
-        *("before", "waits_for"),
+        *("before", "waits_for", "arbiter"),
     )
 )
 
@@ -229,6 +234,7 @@ WRONG: dict[type, list[object]] = {
     bool: [0, 1, 1.0, "true", None, []],
     int: [True, 3.0, 3.5, "3", b"3", None, [3]],
     float: [True, "3", b"3", None, [3.0]],
+    bytes: [True, 3, 3.5, None, [3]],
     list: [None, 3, "", {}, [3], [[]], [["3"]], [[None, None, None, None, None]]],
 }
 
@@ -347,7 +353,7 @@ LISTS = [
 ]
 MOST_ENTRIES = {
     "roster": 128, "entries": 128, "trains": 128, "leases": 56, "sections": 256, "silent": 64,
-    "restrictions": 8, "closed": 8,
+    "restrictions": 8, "closed": 8, "grants": 5,
 }  # fmt: skip
 lists = pytest.mark.parametrize(("message", "name"), LISTS, ids=told_of(LISTS))
 
@@ -367,6 +373,7 @@ ENTRIES = [
     for message, name in LISTS
     if not isinstance(getattr(message, name)[0], SpeedRestriction)
     for place in getattr(message, name)[0]._fields
+    if place != "signature"
 ]
 
 
@@ -395,6 +402,12 @@ def test_a_field_of_an_entry_is_checked_like_a_field_of_a_message(
     for each in beyond:
         words = problem_with(message, name, (good, good._replace(**{place: each})))
         assert words.startswith(f"{name}: {place} {each} is not in ")
+
+
+def test_a_signature_has_at_most_the_length_of_one() -> None:
+    for length, words in ((0, ""), (64, ""), (65, "grants: signature of 65 bytes")):
+        grant = SIGNED._replace(signature=bytes(length))
+        assert problem_of_t2t(Heartbeat(*HEAD, Phase.ISSUING, 4, 3, (grant,))) == words
 
 
 STRETCHES = [
@@ -567,10 +580,12 @@ def test_an_invalid_message_is_not_sent_and_named(message: T2tMessage, words: st
 @pytest.mark.parametrize(
     ("number", "body"),
     [
-        (18, [256, 7, 2, 2, 4, 3]),
-        (18, [1, 2**48, 2, 2, 4, 3]),
-        (18, [1, 7, -1, 2, 4, 3]),
-        (18, [1, 7, 2, 2, 65_536, 3]),
+        (18, [256, 7, 2, 2, 4, 3, []]),
+        (18, [1, 2**48, 2, 2, 4, 3, []]),
+        (18, [1, 7, -1, 2, 4, 3, []]),
+        (18, [1, 7, 2, 2, 65_536, 3, []]),
+        (18, [1, 7, 2, 2, 4, 3, [[65_536, 17, b"x"]]]),
+        (18, [1, 7, 2, 2, 4, 3, [[9, 17, bytes(65)]]]),
         (20, [1, 7, 2, 5, 2**63, 800.5, 15.5, 3, 6, []]),
         (20, [1, 7, 2, 5, 4900, 800.5, 800.6, 3, 6, []]),
         (20, [1, 7, 2, 5, 4900, 800.5, 15.5, 3, 6, [[1.0, 2.0, 0.0]]]),
@@ -589,8 +604,8 @@ def test_an_envelope_with_a_correct_code_and_an_invalid_body_is_refused(
 @pytest.mark.parametrize(
     ("number", "body"),
     [
-        (18, [1, 7, 2, 0, 4, 3]),
-        (18, [1, 7, 2, 3, 4, 3]),
+        (18, [1, 7, 2, 0, 4, 3, []]),
+        (18, [1, 7, 2, 3, 4, 3, []]),
         (16, [1, 7, 2, 4, 5, 11, 12]),
         (32, [1, 7, 2, 5, 98, 8, [], [], [], [], []]),
         (32, [1, 7, 2, 5, 98, 7, [], [[1, 3, 7, 9, 5, 4000]], [], [], []]),
@@ -602,6 +617,7 @@ def test_an_undefined_enumeration_value_is_refused(number: int, body: list[objec
 
 WIDE_HEAD = (65_099, 65_535, 255, MAX_TERM, MAX_NUMBER, MAX_NUMBER, MAX_STAMP_NS)
 WIDE_ENTRY = RosterEntry(64_999, 123_456.789, True, MAX_NUMBER, True)
+WIDE_GRANT = SignedGrant(65_099, MAX_STAMP_NS, bytes(64))
 EIGHT = 8 * (SpeedRestriction(-123_456.789, 123_456.789, 12.3),)
 
 
@@ -610,7 +626,7 @@ EIGHT = 8 * (SpeedRestriction(-123_456.789, 123_456.789, 12.3),)
     [
         LeaseAnswer(
             *(*WIDE_HEAD, True, MAX_NUMBER, MAX_STAMP_NS, 64_999, MAX_STAMP_NS),
-            *(MAX_TERM, MAX_NUMBER, 128 * (WIDE_ENTRY,)),
+            *(MAX_TERM, MAX_NUMBER, 128 * (WIDE_ENTRY,), (WIDE_GRANT,)),
         ),
         RosterCommit(*WIDE_HEAD, MAX_NUMBER, 128 * (WIDE_ENTRY,)),
         StandbySync(

@@ -51,6 +51,38 @@ def false_master(make: Make) -> None:
         scene.net.deliver(1, AreaAuthority(*head, node.disk.boot, stamp_ns, 1900.0, 0.0, 0, 1, ()))
 
 
+def false_term(make: Make) -> None:
+    """On a secured line it claims a new term, and shows the grants of the true master or none.
+
+    The trains keep their term, and the true master commands on without a gap.
+    """
+    fronts_m = convoy(3)
+    plot = Plot(fronts_m, stops_m=tuple(fronts_m.values()), dwell_s=1000.0, arbiters=3, signed=True)
+    scene = make(plot)
+    scene.settle()
+    before = [scene.term(train) for train in (1, 2)]
+    scene.net.kill(INSIDER, why="is replaced by a hostile controller")
+    protocol = scene.protocol(scene.master() or INSIDER)
+    desk = None if protocol is None else protocol.core.desk(1)
+    assert desk is not None
+    shown = desk.lease.proof()
+    scene.expect(f"the true master shows a majority: {len(shown)}", len(shown) == 2)
+    for number in range(1, 40):
+        scene.run(0.1)
+        for train in (1, 2):
+            head = _head(scene, BROADCAST, before[0] + 1, number)
+            grants = shown[: number % 3]
+            scene.net.deliver(train, Heartbeat(*head, Phase.ISSUING, 0, 1, grants))
+    scene.run(0.1)
+    now = [scene.term(train) for train in (1, 2)]
+    scene.expect(f"terms were {before} and are {now}", now == before)
+    for train in (1, 2):
+        protocol = scene.protocol(train)
+        count = 0 if protocol is None else protocol.core.refusals["term not proven"]
+        scene.expect(f"train {train} refused {count} terms", count == 39)
+    scene.commanded(within_s=0.5)
+
+
 def last_term(make: Make) -> None:
     """It claims the last term of all, to trains and to the arbiter. Then the others go on."""
     scene = _line(make)
@@ -73,5 +105,6 @@ def last_term(make: Make) -> None:
 
 INSIDER_LURES: Final[tuple[DirectedScenario, ...]] = (
     DirectedScenario("false-master", 0, "a hostile train grants what is not free", false_master),
+    DirectedScenario("false-term", 0, "a hostile train shows an unproven term", false_term),
     DirectedScenario("last-term", 0, "a hostile train claims the last term", last_term),
 )

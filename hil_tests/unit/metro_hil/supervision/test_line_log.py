@@ -52,7 +52,8 @@ def test_every_message_is_a_line_with_sender_content_and_receiver(
     assert len(lines) == 7
     assert lines[0] == (
         "    0.000000  T1 > all  area 1 term 7 #1.1  "
-        "Heartbeat: phase issuing, standby 2, roster_version 1"
+        "Heartbeat: phase issuing, standby 2, roster_version 1, "
+        "grants []"
     )
     assert "T1 > T2  area 1 term 7" in lines[1]
     assert "end_m 900.50" in lines[1]

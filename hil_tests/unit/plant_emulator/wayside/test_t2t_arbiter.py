@@ -1,5 +1,7 @@
 """The arbiter: one holder for each area at a time, under terms that only grow, across restarts."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,6 +18,7 @@ from plant_emulator.wayside.arbiter import (
 )
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, LeaseMemory
 from vobc.train_to_train.vocabulary import T2tConfig
+from zenoh_config.codec import pack
 from zenoh_config.messages import RefusedReason
 from zenoh_config.t2t import (
     BROADCAST,
@@ -30,6 +33,7 @@ from zenoh_config.t2t import (
     RosterEntry,
     T2tMessage,
 )
+from zenoh_config.term_grants import GrantCheck, TermGrant, signer_from_seed
 from zenoh_config.timers import TIMERS_A, TIMERS_B, LineTimers
 
 MS = 1_000_000
@@ -644,3 +648,25 @@ def test_objects_and_track_receive_only_the_train_to_which_an_arbiter_granted_th
 
     assert heard == ([beat, request] if passes else [request])
     assert of_masters([], [beat]) == []
+
+
+@pytest.mark.parametrize("stamp_ns", [0, 7 * MS, 2**63 - 1])
+def test_a_grant_is_signed_with_the_end_that_its_holder_may_rely_on(stamp_ns: int) -> None:
+    signer, public = signer_from_seed(bytes(32))
+    desk, check = ArbiterRig(), GrantCheck({ADDRESS: public})
+    arbiter = Arbiter(
+        TIMERS_A, address=ADDRESS, memory=ArbiterMemory(), start_ns=-(10**9), signer=signer
+    )
+    request = replace(desk.request(7, 3, less_ms=50), stamp_ns=stamp_ns)
+
+    (answer,) = arbiter.step(0, (request,)).out
+    (refusal,) = arbiter.step(1, (desk.request(8, 4),)).out
+
+    assert isinstance(answer, LeaseAnswer)
+    assert isinstance(refusal, LeaseAnswer)
+    (grant,) = answer.grants
+    end_ns = min(stamp_ns + TIMERS_A.holder_lease_ns - 50 * MS, 2**63 - 1)
+    assert grant.end_ns == end_ns
+    assert check.holds(TermGrant(1, 3, 7, ADDRESS, end_ns), grant.signature)
+    assert refusal.grants == ()
+    assert pack(answer)

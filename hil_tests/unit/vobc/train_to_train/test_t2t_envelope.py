@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from vobc.train_to_train.guards import MemberGuards
 from vobc.train_to_train.member import AreaMember
 from vobc.train_to_train.reception import SOURCES_MAX, Reception
-from vobc.train_to_train.vocabulary import AreaMemory
+from vobc.train_to_train.vocabulary import AreaMemory, T2tConfig
 from zenoh_config.codec import (
     BENCH_KEY,
     CODE_BYTES,
@@ -69,7 +69,6 @@ from zenoh_config.t2t_supervision import (
     TrainDecree,
 )
 from zenoh_config.t2t_types import T2T_TYPES
-from zenoh_config.timers import TIMERS_A
 
 MS = 1_000_000
 OWN, PEER, ARBITER = 4, 9, 65_001
@@ -128,7 +127,9 @@ heard = pytest.mark.parametrize("message", TO_TRAINS, ids=lambda m: type(m).__na
 
 
 def member() -> AreaMember:
-    return AreaMember(TIMERS_A, MemberGuards(), boot=1, memory=AreaMemory(1, 7, PEER, 0), now_ns=0)
+    return AreaMember(
+        T2tConfig(), MemberGuards(), boot=1, memory=AreaMemory(1, 7, PEER, 0), now_ns=0
+    )
 
 
 def refusal(payload: bytes) -> RefusedReason:

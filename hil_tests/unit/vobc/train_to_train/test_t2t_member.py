@@ -1,15 +1,17 @@
 """A member of one area: the terms it obeys, the authorities it takes, the farthest point it may
 reach."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from vobc.train_to_train.guards import MemberGuards
 from vobc.train_to_train.member import AreaMember
-from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain
-from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, Phase
-from zenoh_config.timers import TIMERS_A
+from vobc.train_to_train.vocabulary import AreaMemory, OwnTrain, T2tConfig
+from zenoh_config.t2t import BROADCAST, AreaAuthority, Heartbeat, Phase, SignedGrant
+from zenoh_config.term_grants import GrantCheck, signer_from_seed
 
 MS = 1_000_000
 BOOT = 6
@@ -21,7 +23,7 @@ OLD_NS = 1_000_000_000
 
 def member(*, seen_term: int = 4, owner: int = MASTER, now_ns: int = 0) -> AreaMember:
     memory = AreaMemory(1, seen_term, owner, tried_term=2)
-    return AreaMember(TIMERS_A, MemberGuards(), boot=BOOT, memory=memory, now_ns=now_ns)
+    return AreaMember(T2tConfig(), MemberGuards(), boot=BOOT, memory=memory, now_ns=now_ns)
 
 
 def heartbeat(
@@ -366,3 +368,96 @@ def test_the_farthest_point_covers_front_held_end_and_the_stopping_place_of_form
         assert each.latent_m >= max(front_m, held_m, min(before_m, front_m + stops_m))
         assert each.latent_m <= max(front_m, held_m, front_m + stops_m)
         before_m = each.latent_m
+
+
+# Terms on a secured line.
+
+ARBITERS = (65_001, 65_002, 65_003)
+SIGNERS = {each: signer_from_seed(bytes([each % 256]) * 32) for each in ARBITERS}
+CHECK = GrantCheck({each: public for each, (_, public) in SIGNERS.items()})
+SECURED = T2tConfig(arbiters=ARBITERS, grants=CHECK)
+
+
+def secured_member() -> AreaMember:
+    return AreaMember(SECURED, MemberGuards(), boot=BOOT, memory=AreaMemory(1, 4, MASTER), now_ns=0)
+
+
+def signed(arbiter: int, *, by: int | None = None, **other: int) -> SignedGrant:
+    """The grant of term 5 to RIVAL, or of something else, signed by this arbiter or another one."""
+    signer, _ = SIGNERS[by or arbiter]
+    what = {"area": 1, "term": 5, "holder": RIVAL, "arbiter": arbiter, "end_ns": 300, **other}
+    return signer.signed(**what)
+
+
+def shown(*grants: SignedGrant, stamp_ns: int = 0) -> Heartbeat:
+    return replace(heartbeat(5, RIVAL, stamp_ns=stamp_ns), grants=grants)
+
+
+FIRST, SECOND, THIRD = (signed(each) for each in ARBITERS)
+
+
+@pytest.mark.parametrize("grants", [(FIRST, SECOND), (THIRD, FIRST), (FIRST, SECOND, THIRD)])
+def test_a_majority_of_signed_grants_proves_a_term(grants: tuple[SignedGrant, ...]) -> None:
+    each = secured_member()
+
+    assert each.on_heartbeat(shown(*grants), 1)
+    assert each.memory == AreaMemory(1, 5, RIVAL)
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        (),
+        (FIRST,),
+        (signed(65_002, area=2),),
+        (signed(65_002, term=6),),
+        (signed(65_002, holder=MASTER),),
+        (signed(65_002, by=65_001),),
+        (signed(65_002, end_ns=10),),
+        (SECOND._replace(end_ns=301),),
+        (SECOND._replace(arbiter=65_003),),
+        (SECOND._replace(arbiter=65_004),),
+        (SECOND._replace(signature=b""),),
+        (SECOND._replace(signature=SECOND.signature[:-1] + b"x"),),
+    ],
+)
+def test_less_than_a_majority_of_valid_grants_proves_nothing(
+    second: tuple[SignedGrant, ...],
+) -> None:
+    each = secured_member()
+
+    assert not each.on_heartbeat(shown(FIRST, *second, stamp_ns=10), 1)
+    assert not each.on_heartbeat(shown(*second, FIRST, stamp_ns=10), 1)
+    assert each.memory == AreaMemory(1, 4, MASTER)
+    assert not each.new_promise
+
+
+def test_a_grant_counts_until_its_end_by_the_clock_of_the_holder() -> None:
+    assert secured_member().fences(shown(FIRST, SECOND, stamp_ns=299))
+    assert not secured_member().fences(shown(FIRST, SECOND, stamp_ns=300))
+
+
+def test_only_a_heartbeat_proves_a_term_and_then_every_message_of_it_counts() -> None:
+    each = secured_member()
+    first = authority(term=5, source=RIVAL)
+
+    assert each.takes(first, 1) == "old term"
+    assert each.on_heartbeat(shown(FIRST, SECOND), 2)
+    assert each.takes(first, 3) == ""
+    # The term is known now. Its heartbeats need no proof any more, and other senders have none.
+    assert each.on_heartbeat(shown(), 4)
+    assert not each.on_heartbeat(replace(shown(FIRST, SECOND), source=MASTER), 5)
+
+
+def test_a_sender_of_an_invalid_grant_is_checked_once_in_a_step() -> None:
+    each = secured_member()
+
+    assert not each.fences(shown(FIRST, FIRST._replace(end_ns=301)))
+    assert not each.fences(shown(FIRST, SECOND))
+    each.settle(1, own())
+    assert each.fences(shown(FIRST, SECOND))
+
+
+def test_no_report_unseats_a_master_whose_term_is_proven() -> None:
+    assert member().believes_reported(5)
+    assert not secured_member().believes_reported(5)
