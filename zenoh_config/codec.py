@@ -30,12 +30,14 @@ from zenoh_config.t2t import T2tMessage
 from zenoh_config.t2t_codec import TYPE_NUMBERS, knows, opened, packed_body, problem_of_t2t
 
 VERSION: Final = 3
+VERSION_BITS: Final = 4
+"""Bits of the version in the first byte. The upper ones hold the identifier of the key."""
 TYPE_POSITION_REPORT: Final = 1
 TYPE_MOVEMENT_AUTHORITY: Final = 2
 TYPE_TRAIN_STATUS: Final = 3
 TYPE_TRAIN_ORDERS: Final = 4
 HEADER: Final = struct.Struct(">BBHHIQ")
-"""Version, type, source, destination, sequence, stamp in ns of the sender's clock."""
+"""Version and key, type, source, destination, sequence, stamp in ns of the sender's clock."""
 DATABASE_BYTES: Final = 8
 """Length of the sender's track database version, which follows the header."""
 BODY_AT: Final = HEADER.size + DATABASE_BYTES
@@ -50,13 +52,19 @@ BENCH_KEY: Final = b"metro bench, public key of no use"
 """Public default key. On a bench it detects accidents, not attackers; a network that others can
 reach needs a key of its own."""
 
+KEY_NUMBERS: Final = 16
+"""Number of key identifiers. They share the first byte with the version: the identifier is in its
+upper four bits. Key 0 gives the envelopes of a line that never changed its key."""
+KEYS_MAX: Final = 2
+"""Maximum number of keys that a program accepts at a time: those before and after a change."""
+
 AnyMessage = Message | T2tMessage
 
 _encode: Final = msgspec.msgpack.Encoder().encode
 
 
 def safety_key(text: str) -> bytes:
-    """Parse a key from a configuration, in hexadecimal. Raises ValueError with the reason."""
+    """Parse one key, in hexadecimal. Raises ValueError with the reason."""
     try:
         key = bytes.fromhex(text)
     except ValueError as error:
@@ -66,22 +74,72 @@ def safety_key(text: str) -> bytes:
     return key
 
 
+class LineKeys:
+    """Keys of a line's safety codes: one to send with, and one more to accept during a change.
+
+    Every envelope names the identifier of its key. Another thread may call `take`; a message is
+    sealed or opened with the keys from before it or after it.
+    """
+
+    def __init__(self, text: str) -> None:
+        """Take the text of a key file. Raises ValueError with the reason."""
+        self.text = ""
+        self.sending = (0, b"")
+        """Identifier and key with which messages are sent."""
+        self.accepted: Mapping[int, bytes] = {}
+        """Keys of received messages by identifier."""
+        self.take(text)
+
+    def take(self, text: str) -> None:
+        """Replace the keys. Raises ValueError with the reason, and then changes nothing."""
+        keys = parsed_keys(text)
+        self.accepted = dict(keys)
+        self.sending, self.text = keys[0], text
+
+
+SafetyKey = bytes | LineKeys
+"""A key that stays, with identifier 0, or the keys of a line."""
+
+
+def parsed_keys(text: str) -> list[tuple[int, bytes]]:
+    """Return identifiers and keys of a key file. The first one is to send with.
+
+    A line of the file is a key in hexadecimal, after its identifier unless that is 0. Raises
+    ValueError with the reason.
+    """
+    found: list[tuple[int, bytes]] = []
+    for line in text.split("\n"):
+        words = line.split()
+        if not words:
+            continue
+        number = words[0] if len(words) > 1 else "0"
+        if not (number.isascii() and number.isdecimal()) or int(number) >= KEY_NUMBERS:
+            raise ValueError(f"key identifier {number!r} is not in 0..{KEY_NUMBERS - 1}")
+        found.append((int(number), safety_key("".join(words[1:] or words))))
+    if not 0 < len(found) <= KEYS_MAX or len(dict(found)) < len(found):
+        raise ValueError(f"{len(found)} keys; 1 or 2 with different identifiers are needed")
+    return found
+
+
 def pack(
-    message: AnyMessage, key: bytes = BENCH_KEY, *, database: int | None = NO_DATABASE
+    message: AnyMessage, key: SafetyKey = BENCH_KEY, *, database: int | None = NO_DATABASE
 ) -> bytes:
     """Return the message in its envelope. Raises ValueError that names the invalid field.
 
     Args:
         database: version of the sender's track database, by which the message gives places.
     """
-    assert len(key) >= MIN_KEY_BYTES
+    number, secret = (0, key) if isinstance(key, bytes) else key.sending
+    assert len(secret) >= MIN_KEY_BYTES
     problem = _problem(message)
     if problem:
         raise ValueError(f"{type(message).__name__}: {problem}")
     packed = _sealed(message)
     version = (database or NO_DATABASE).to_bytes(DATABASE_BYTES, "big")
     sealed = packed[: HEADER.size] + version + packed[HEADER.size :]
-    return sealed + _code(sealed, key)
+    if number:
+        sealed = bytes((number << VERSION_BITS | VERSION,)) + sealed[1:]
+    return sealed + _code(sealed, secret)
 
 
 def _problem(message: AnyMessage) -> str:
@@ -101,7 +159,7 @@ def _sealed(message: AnyMessage) -> bytes:
 
 
 def unpack(
-    payload: bytes, key: bytes = BENCH_KEY, *, database: int | None = None
+    payload: bytes, key: SafetyKey = BENCH_KEY, *, database: int | None = None
 ) -> AnyMessage | Refused:
     """Return the message if every byte is as its sender sent it; otherwise the refusal.
 
@@ -115,14 +173,26 @@ def unpack(
         return Refused(RefusedReason.TOO_SHORT, f"{len(payload)} bytes")
     if len(payload) > MAX_BYTES:
         return Refused(RefusedReason.TOO_LONG, f"{len(payload)} bytes")
+    number = payload[0] >> VERSION_BITS
+    secret = _secret(number, key)
+    if secret is None:
+        return Refused(RefusedReason.WRONG_CODE, f"sealed with key {number}, which is unknown here")
     sealed = payload[:-CODE_BYTES]
-    if not hmac.compare_digest(_code(sealed, key), payload[-CODE_BYTES:]):
+    if not hmac.compare_digest(_code(sealed, secret), payload[-CODE_BYTES:]):
         return Refused(RefusedReason.WRONG_CODE, "altered, or sealed with another key")
     return _opened(sealed, database)
 
 
+def _secret(number: int, key: SafetyKey) -> bytes | None:
+    """Return the key with this identifier. None: there is none."""
+    if isinstance(key, bytes):
+        return key if number == 0 else None
+    return key.accepted.get(number)
+
+
 def _opened(sealed: bytes, database: int | None) -> AnyMessage | Refused:
-    version, kind, source, destination, sequence, stamp_ns = HEADER.unpack_from(sealed)
+    first, kind, source, destination, sequence, stamp_ns = HEADER.unpack_from(sealed)
+    version = first % (1 << VERSION_BITS)
     if version != VERSION:
         return Refused(RefusedReason.UNKNOWN_VERSION, f"version {version}, known is {VERSION}")
     theirs = int.from_bytes(sealed[HEADER.size : BODY_AT], "big")

@@ -19,10 +19,12 @@ ADVICE: Final = "make new ones with `vobc demo-ca`"
 class Credentials:
     settings: str
     """Session settings for zenoh in JSON5."""
-    key_hex: str
-    """Key of the safety codes, in hexadecimal."""
+    line_keys: str
+    """Keys of the safety codes, as in the file `line.key`."""
     files: tuple[Path, ...] = ()
     """Certificate and private key, which may be renewed while the program runs."""
+    key_path: Path | None = None
+    """The file with the keys of the safety codes, which may change while the program runs."""
 
 
 def load_credentials(
@@ -50,8 +52,8 @@ def load_credentials(
     _check_role(path, own, listens=listens)
     key = folder / f"{name}.key"
     _text(key)
-    settings, key_hex = _text(folder / f"{name}.json5"), _text(folder / "line.key").strip()
-    return Credentials(settings, key_hex, (path, key))
+    settings, line_key = _text(folder / f"{name}.json5"), folder / "line.key"
+    return Credentials(settings, _text(line_key), (path, key), line_key)
 
 
 def load_arbiter_keys(folder: Path | str, arbiters: int) -> dict[int, bytes]:

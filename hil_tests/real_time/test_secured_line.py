@@ -16,12 +16,13 @@ from firmware_py.radio.credentials import (
     load_arbiter_signing_keys,
     load_credentials,
 )
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import SessionRole, ZenohRadio, open_radio, pick_endpoint
 from firmware_py.settings import SettingsError
 from metro_hil.cli.vobc import main as vobc
 from metro_hil.supervision.demo_ca import make
 from zenoh_config import t2t_keys
-from zenoh_config.codec import BENCH_KEY, pack, safety_key, unpack
+from zenoh_config.codec import BENCH_KEY, LineKeys, pack, unpack
 from zenoh_config.messages import Refused, RefusedReason
 from zenoh_config.secured import wayside_settings
 from zenoh_config.t2t import AreaAuthority, RosterAck, T2tMessage
@@ -78,7 +79,7 @@ def impatient(credentials: Credentials) -> Credentials:
     """Settings with which a refused attempt to connect ends after half a second."""
     assert "timeout_ms: 4000" in credentials.settings
     short = credentials.settings.replace("timeout_ms: 4000", "timeout_ms: 500")
-    return Credentials(short, credentials.key_hex)
+    return Credentials(short, credentials.line_keys)
 
 
 def errors_of(radio: ZenohRadio) -> Callable[[], bool]:
@@ -177,7 +178,7 @@ def test_a_client_without_a_certificate_of_the_line_gets_no_session(
     # The client even has the line's authority certificate, so it is the wayside that refuses it.
     forged = impatient(
         Credentials(
-            stranger.settings.replace((other / "ca.pem").as_posix(), authority), stranger.key_hex
+            stranger.settings.replace((other / "ca.pem").as_posix(), authority), stranger.line_keys
         )
     )
     plain = line.radio(SessionRole.TRAIN, ("m/**",), None)
@@ -202,7 +203,7 @@ def test_a_train_does_not_connect_to_a_router_with_the_certificate_of_another_tr
     wayside = load_credentials(folder, "wayside", CLOCK.epoch_ns(), listens=True)
     posed = Credentials(
         wayside.settings.replace("/wayside.pem", "/T2.pem").replace("/wayside.key", "/T2.key"),
-        wayside.key_hex,
+        wayside.line_keys,
     )
     own = impatient(load_credentials(folder, "T1", CLOCK.epoch_ns()))
 
@@ -238,7 +239,7 @@ def test_a_train_goes_on_with_renewed_keys_without_a_gap(line: Line) -> None:
 
 
 def test_each_line_has_its_own_safety_code_key(line: Line) -> None:
-    key = safety_key(line.credentials("T1").key_hex)
+    key = LineKeys(line.credentials("T1").line_keys)
     refused = unpack(pack(TO_1, BENCH_KEY), key)
 
     assert isinstance(refused, Refused)
@@ -356,6 +357,41 @@ def test_a_change_of_certificates_that_cannot_be_made_changes_nothing(
 
     assert capsys.readouterr().err.startswith(f"vobc: {complaint}")
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_the_key_of_safety_codes_changes_in_three_steps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "ca"
+    make(folder, line="loop", trains=1, days=1.0, hosts=["localhost"], epoch_s=NOW_S)
+    keys = LineKeys(load_credentials(folder, "T1", CLOCK.epoch_ns()).line_keys)
+    before = keys.sending
+    seen = []
+
+    for step in ("add", "use", "drop"):
+        assert vobc(["demo-ca", str(folder), "--line-key", step]) == 0
+        keys.take((folder / "line.key").read_text())
+        seen.append((keys.sending[0], sorted(keys.accepted)))
+
+    assert seen == [(0, [0, 1]), (1, [0, 1]), (1, [1])]
+    assert keys.sending[1] != before[1]
+    assert ((folder / "line.key").stat().st_mode & 0o777) == 0o600
+    assert "line.key: key 1 is sent with, key 0 is refused" in capsys.readouterr().out
+    for step, words in (("use", "there is only one key"), ("add --add T9", "not with --add")):
+        assert vobc(["demo-ca", str(folder), "--line-key", *step.split()]) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_a_running_program_follows_the_key_file(tmp_path: Path) -> None:
+    path = tmp_path / "line.key"
+    path.write_text("00" * 16)
+    keys = line_keys(Credentials("", path.read_text(), (), path), look_s=0.02)
+    assert isinstance(keys, LineKeys)
+
+    for text in ("1 xy", "1 " + "11" * 16):
+        path.write_text(text)
+
+    assert until(lambda: keys.sending == (1, b"\x11" * 16))
 
 
 def test_a_folder_without_an_authority_cannot_renew(

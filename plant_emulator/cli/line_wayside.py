@@ -14,6 +14,7 @@ from firmware_py.clock.realtime import collect_garbage, die_with_parent, enter_r
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import RadioPort
 from firmware_py.radio.credentials import load_arbiter_signing_keys, load_credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.storage.checked_store import CheckedStore
@@ -27,7 +28,6 @@ from plant_emulator.wayside.line_centre import LineCentre
 from plant_emulator.wayside.line_wayside import Disks, LineWayside, WaysideTruth
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
 from plant_emulator.world import World
-from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import WAYSIDE_NAME, train_name
 from zenoh_config.sessions import check_secured
 from zenoh_config.t2t import FIRST_ARBITER
@@ -107,10 +107,10 @@ class _Line:
             for site in areas.objects
             if serves_track
         }
-        boot, key, secure = clock.epoch_ns() // NS_PER_S, BENCH_KEY, None
+        boot, secure = clock.epoch_ns() // NS_PER_S, None
         if options.secure is not None:
             secure = load_credentials(options.secure, WAYSIDE_NAME, clock.epoch_ns(), listens=True)
-            key = safety_key(secure.key_hex)
+        key = line_keys(secure)
         decrees_path = folder and folder / "decrees" if serves_track else None
         decrees = CheckedStore(decrees_path, CentreMemory)
         line = load_line(options.line)

@@ -14,7 +14,7 @@ from firmware_py.trackdb import LineMap, Station
 from firmware_py.trackdb.version import database_version
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from zenoh_config import keys
-from zenoh_config.codec import BENCH_KEY, pack, unpack
+from zenoh_config.codec import BENCH_KEY, SafetyKey, pack, unpack
 from zenoh_config.messages import (
     RESTRICTIONS_MAX,
     Refused,
@@ -63,7 +63,7 @@ class Centre:
         doors: PlatformDoors,
         *,
         first_sequence: int = 0,
-        key: bytes = BENCH_KEY,
+        key: SafetyKey = BENCH_KEY,
     ) -> None:
         """`first_sequence`: first sequence number of its orders; it must exceed those of all
         earlier centres.

@@ -18,7 +18,7 @@ from plant_emulator.wayside.centre import NORMAL, Centre
 from plant_emulator.wayside.order_gate import OrderGate
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from plant_emulator.wayside.t2t_vocabulary import CentreMemory, LeaseMemory, WaysideStepped
-from zenoh_config.codec import BENCH_KEY
+from zenoh_config.codec import BENCH_KEY, SafetyKey
 from zenoh_config.messages import (
     RESTRICTIONS_MAX,
     WAYSIDE,
@@ -72,7 +72,7 @@ class LineCentre:
         boot: int,
         memory: CentreMemory | None = None,
         first_sequence: int = 0,
-        key: bytes = BENCH_KEY,
+        key: SafetyKey = BENCH_KEY,
     ) -> None:
         """Args:
         first_sequence: first sequence number of orders; above all that were sent before this start.

@@ -15,7 +15,7 @@ from plant_emulator.wayside.line_object import LineObject
 from plant_emulator.wayside.t2t_vocabulary import ArbiterMemory, CentreMemory, ObjectMemory
 from plant_emulator.wayside.track import WaysideTrack
 from zenoh_config import t2t_keys
-from zenoh_config.codec import BENCH_KEY, pack, unpack
+from zenoh_config.codec import BENCH_KEY, SafetyKey, pack, unpack
 from zenoh_config.messages import WAYSIDE, Refused, TrainStatus
 from zenoh_config.t2t import LeaseAnswer, T2tMessage
 from zenoh_config.t2t_supervision import Decree
@@ -62,7 +62,7 @@ class LineWayside:
         boot: int,
         start_ns: int,
         centre: LineCentre | None = None,
-        key: bytes = BENCH_KEY,
+        key: SafetyKey = BENCH_KEY,
         database: int | None = None,
         arbiters: Collection[int] | None = None,
         serves_track: bool = True,

@@ -8,6 +8,7 @@ from typing import Final
 
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.credentials import Credentials, load_arbiter_keys, load_credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.recorded_radio import LaterRecordedRadio
 from firmware_py.radio.zenoh_radio import SessionRole, ZenohRadio, open_peer, open_radio
 from firmware_py.settings import SettingsError
@@ -24,7 +25,6 @@ from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import T2tConfig, TrainMemory
 from vobc.wire.line_radio import LineRadio
 from zenoh_config import t2t_keys
-from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import train_name
 from zenoh_config.sessions import check_secured
 from zenoh_config.t2t import FIRST_ARBITER, LAST_TRAIN
@@ -171,7 +171,7 @@ def open_line(
         memory=memory,
         start_ns=clock.now_ns(),
     )
-    key = BENCH_KEY if secure is None else safety_key(secure.key_hex)
+    key = line_keys(secure)
     radio = LineRadio(core, line.name, store.put, key=key, database=database_version(line))
     port = _port(options, radio, t2t_keys.token_of(line.name, config.address), clock, secure)
     silence = LineSilence(options.line_radio)

@@ -8,7 +8,7 @@ from firmware_py.ports import RadioMessage, TunableRadioPort
 from vobc.train_to_train.train import TrainCore
 from vobc.train_to_train.vocabulary import HeldAuthority, OwnTrain, Role, TrainMemory, TrainState
 from zenoh_config import t2t_keys
-from zenoh_config.codec import BENCH_KEY, pack, unpack
+from zenoh_config.codec import BENCH_KEY, SafetyKey, pack, unpack
 from zenoh_config.messages import Refused
 from zenoh_config.t2t import AreaAuthority, T2tMessage
 
@@ -31,7 +31,7 @@ class LineRadio:
         line_name: str,
         store: Store,
         *,
-        key: bytes = BENCH_KEY,
+        key: SafetyKey = BENCH_KEY,
         database: int | None = None,
     ) -> None:
         """`database` is the version of the track database; messages of another one are refused."""

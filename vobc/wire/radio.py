@@ -18,7 +18,7 @@ from vobc.vocabulary import (
 from vobc.wire.evidence import Evidence
 from vobc.wire.refusals import Refusals
 from zenoh_config import keys
-from zenoh_config.codec import BENCH_KEY, pack, unpack
+from zenoh_config.codec import BENCH_KEY, SafetyKey, pack, unpack
 from zenoh_config.messages import (
     MovementAuthority,
     PositionReport,
@@ -49,7 +49,7 @@ class RadioLink:
         database: int,
         parameters: int,
         seen_term: int = 0,
-        key: bytes = BENCH_KEY,
+        key: SafetyKey = BENCH_KEY,
     ) -> None:
         """Args:
         database: version of the track database; messages of another one are refused.

@@ -12,6 +12,7 @@ from canlog.run_names import choose_run
 from firmware_py.clock.clock import WallClock
 from firmware_py.command_line import CommandParser
 from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import SerialDirection
 from firmware_py.trackdb.areas import load_areas
@@ -24,7 +25,7 @@ from metro_hil.simulation.railway_events import RailwayEvents
 from metro_hil.simulation.run import Phases, run_seed
 from metro_hil.simulation.wire import RealCodec
 from metro_hil.supervision.radio_log import find_log, read_log
-from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.codec import SafetyKey
 from zenoh_config.messages import Refused
 from zenoh_config.secured import SUPERVISION_NAME
 from zenoh_config.t2t import T2tMessage
@@ -67,7 +68,7 @@ def simulated(seed: int, drawn: Draw, phases: Phases) -> tuple[Conformance, str]
     return conformance, result.what
 
 
-def logged(path: Path, line: str | None, key: bytes) -> Conformance:
+def logged(path: Path, line: str | None, key: SafetyKey) -> Conformance:
     """Judge the messages of a log. Raises SettingsError for a log or line that cannot be read.
 
     Without a line, its name is that in the keys of the messages.
@@ -126,12 +127,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _runs(options: argparse.Namespace) -> Iterator[tuple[str, Conformance]]:
     if options.seeds is None:
-        key = BENCH_KEY
+        secure = None
         if options.secure is not None:
             secure = load_credentials(options.secure, SUPERVISION_NAME, WallClock().epoch_ns())
-            key = safety_key(secure.key_hex)
         path = choose_run(options.log, "vobc")
-        yield str(path), logged(path, options.line, key)
+        yield str(path), logged(path, options.line, line_keys(secure))
         return
     for seed in options.seeds:
         judged, what = simulated(seed, draw(seed, None), Phases(options.minutes * 60.0))

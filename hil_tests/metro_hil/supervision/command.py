@@ -10,6 +10,7 @@ from canlog.views.serving import LOOPBACK
 from firmware_py.clock.clock import WallClock
 from firmware_py.command_line import CommandParser
 from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import RadioError, SessionRole, ZenohRadio, open_radio
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
@@ -28,7 +29,6 @@ from metro_hil.supervision.access import refuse_insecure
 from metro_hil.supervision.console import SupervisionConsole
 from metro_hil.supervision.view import KMH, LineView
 from zenoh_config import t2t_keys
-from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import SUPERVISION_NAME
 from zenoh_config.sessions import LINE_ENDPOINT
 from zenoh_config.soundness import MAX_CHAINAGE_M, MAX_SPEED_MPS
@@ -78,10 +78,10 @@ def main(words: Sequence[str], page: WebPage | None = None) -> int:
 
 def _supervise(options: argparse.Namespace, areas: AreaMap, page: WebPage | None) -> int:
     _check(options, areas)
-    clock, key, secure = WallClock(), BENCH_KEY, None
+    clock, secure = WallClock(), None
     if options.secure is not None:
         secure = load_credentials(options.secure, SUPERVISION_NAME, clock.epoch_ns())
-        key = safety_key(secure.key_hex)
+    key = line_keys(secure)
     view = LineView(areas, key)
     topics = t2t_keys.of_supervision(areas.name)
     with open_radio(

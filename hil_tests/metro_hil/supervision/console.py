@@ -18,7 +18,7 @@ from metro_hil.supervision.view import (
     stretch_words,
 )
 from zenoh_config import t2t_keys
-from zenoh_config.codec import BENCH_KEY, pack
+from zenoh_config.codec import BENCH_KEY, SafetyKey, pack
 from zenoh_config.messages import WAYSIDE, SpeedRestriction
 from zenoh_config.t2t import NO_TRAIN, SUPERVISION, LineOrder, OrderKind, T2tMessage
 from zenoh_config.t2t_supervision import (
@@ -62,7 +62,7 @@ class SupervisionConsole:
         clock: WallClock,
         view: LineView,
         port: RadioPort,
-        key: bytes = BENCH_KEY,
+        key: SafetyKey = BENCH_KEY,
         database: int | None = None,
     ) -> None:
         """`database` is the version of the track database by which commands give places."""

@@ -1,6 +1,7 @@
 """`vobc demo-ca`: a certificate authority for demonstrations, with all files of a secured line."""
 
 import argparse
+import enum
 import ipaddress
 import re
 import secrets
@@ -18,9 +19,10 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from firmware_py.clock.clock import WallClock
 from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
-from firmware_py.storage.whole_file import write_whole
+from firmware_py.storage.whole_file import whole_file, write_whole
 from firmware_py.trackdb.areas import load_areas
 from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
+from zenoh_config.codec import KEY_NUMBERS, parsed_keys
 from zenoh_config.keys import line_chunk
 from zenoh_config.secured import (
     SUPERVISION_NAME,
@@ -46,12 +48,22 @@ NAME: Final = re.compile(rf"{LABEL}(?:\.{LABEL})*")
 NS_PER_S: Final = 1_000_000_000
 
 
+class KeyStep(enum.StrEnum):
+    """Steps of a change of the key of safety codes, in their order."""
+
+    ADD = "add"
+    USE = "use"
+    DROP = "drop"
+
+
 def main(words: Sequence[str]) -> int:
     """Run the command; exit code 2 for invalid options, 3 for a folder that cannot be written."""
     options = parser().parse_args(words)
     line, hosts = load_areas(options.line).name, (*HOSTS, *options.host)
     epoch_s = WallClock().epoch_ns() // NS_PER_S
     try:
+        if options.line_key is not None:
+            return _change_line_key(options)
         if options.add or options.renew:
             return _change(options, line, epoch_s)
         make(
@@ -97,7 +109,7 @@ def make(
     _write_settings(folder, line, names)
     for number in range(1, ARBITERS_MAX + 1):
         _write_arbiter(folder, number)
-    _write_private(folder / "line.key", (secrets.token_hex(KEY_BYTES) + "\n").encode())
+    _write_line_keys(folder, [(0, secrets.token_bytes(KEY_BYTES))])
     pem = authority.certificate.public_bytes(serialization.Encoding.PEM)
     (folder / "ca.pem").write_bytes(pem)
 
@@ -142,6 +154,47 @@ def _change(options: argparse.Namespace, line: str, epoch_s: int) -> int:
         )
         print(f"{name}: renewed for {options.days:g} days; {taken}")
     return EXIT_OK
+
+
+def _change_line_key(options: argparse.Namespace) -> int:
+    """Take one step of the change of the safety codes' key. Raises SettingsError and OSError."""
+    if options.add or options.renew or options.trains is not None:
+        raise SettingsError("--line-key: not with --add, --renew or --trains")
+    folder, step = options.folder.resolve(), KeyStep(options.line_key)
+    path = folder / "line.key"
+    try:
+        keys = parsed_keys(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        words = f"{path}: {error.strerror}; was it made by `vobc demo-ca`?"
+        raise SettingsError(words) from error
+    except ValueError as error:
+        raise SettingsError(f"{path}: {error}") from error
+    if (step is KeyStep.ADD) is (len(keys) > 1):
+        two = "there are two keys already; `use` the second or `drop` it"
+        words = two if len(keys) > 1 else "there is only one key; `add` another one first"
+        raise SettingsError(f"--line-key {step}: {path}: {words}")
+    first = keys[0][0]
+    if step is KeyStep.ADD:
+        number = (first + 1) % KEY_NUMBERS
+        keys.append((number, secrets.token_bytes(KEY_BYTES)))
+        done, then = f"key {number} is accepted, key {first} is sent with", KeyStep.USE
+    elif step is KeyStep.USE:
+        keys.reverse()
+        done, then = f"key {keys[0][0]} is sent with, key {first} is accepted", KeyStep.DROP
+    else:
+        done, then = f"key {first} is sent with, key {keys.pop()[0]} is refused", None
+    _write_line_keys(folder, keys)
+    print(f"line.key: {done}; running programs take it within seconds")
+    if then is not None:
+        print(f"next: --line-key {then}, when every host of the line has this file")
+    return EXIT_OK
+
+
+def _write_line_keys(folder: Path, keys: Sequence[tuple[int, bytes]]) -> None:
+    """Write the keys of safety codes; the first one is to send with."""
+    lines = [f"{number} {key.hex()}" if number else key.hex() for number, key in keys]
+    with whole_file(folder / "line.key") as part:
+        _write_private(part, ("\n".join(lines) + "\n").encode())
 
 
 def _write_settings(folder: Path, line: str, trains: Sequence[str]) -> None:
@@ -269,7 +322,7 @@ def parser() -> argparse.ArgumentParser:
         "folder",
         type=Path,
         metavar="FOLDER",
-        help="a new folder, or that of a line with --add or --renew",
+        help="a new folder, or that of a line with --add, --renew or --line-key",
     )
     top.add_argument("--line", default="loop", metavar="NAME|FILE", help="default: loop")
     top.add_argument("--trains", type=_trains, metavar="N", help=f"default: {TRAINS}")
@@ -286,6 +339,12 @@ def parser() -> argparse.ArgumentParser:
         default=[],
         metavar="NAME",
         help="make a new key and certificate, such as for T3, wayside or supervision; likewise",
+    )
+    top.add_argument(
+        "--line-key",
+        choices=[each.value for each in KeyStep],
+        help="change the key of safety codes while the line runs: add a new key that all accept, "
+        "use it to send, drop the key before it",
     )
     top.add_argument("--days", type=_days, default=30.0, help="validity in days; default: 30")
     top.add_argument(

@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 
 from firmware_py.settings import SettingsError
 from plant_emulator.wayside.detection import LAYOUT, Place
-from zenoh_config.codec import unpack
+from zenoh_config.codec import SafetyKey, unpack
 from zenoh_config.messages import WAYSIDE, Message, Refused
 from zenoh_config.t2t import (
     BROADCAST,
@@ -92,7 +92,7 @@ def find_log(path: Path) -> Path:
     raise SettingsError(f"{path}: it contains neither {LINE_LOG} nor {RADIO_LOG}")
 
 
-def read_log(path: Path, key: bytes) -> Iterator[RadioEntry]:
+def read_log(path: Path, key: SafetyKey) -> Iterator[RadioEntry]:
     """Yield every message, also damaged ones. Raises SettingsError naming file and line."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -111,7 +111,7 @@ def read_log(path: Path, key: bytes) -> Iterator[RadioEntry]:
         raise SettingsError(f"{path}: cannot be read: {reason}") from error
 
 
-def entry_of(at_s: float, topic: str, payload: bytes, key: bytes) -> RadioEntry:
+def entry_of(at_s: float, topic: str, payload: bytes, key: SafetyKey) -> RadioEntry:
     chunks = topic.split("/")
     heard: Heard
     if len(chunks) == 4 and chunks[2] == "x" and len(payload) == LAYOUT.size:

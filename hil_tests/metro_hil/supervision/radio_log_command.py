@@ -12,6 +12,7 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.command_line import CommandParser
 from firmware_py.interrupts import Interrupts
 from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import RadioError
 from firmware_py.settings import SettingsError
 from metro_hil.model.line_options import add_insecure
@@ -28,7 +29,7 @@ from metro_hil.supervision.radio_log import (
 )
 from metro_hil.supervision.radio_log_filter import RadioLogSelection
 from metro_hil.supervision.radio_log_live import LiveLine
-from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.codec import SafetyKey
 from zenoh_config.secured import SUPERVISION_NAME
 from zenoh_config.sessions import LINE_ENDPOINT
 from zenoh_config.t2t import BROADCAST, SUPERVISION
@@ -58,10 +59,10 @@ def _run(options: argparse.Namespace) -> int:
     _check_options(options)
     if options.live:
         refuse_insecure(options)
-    key = BENCH_KEY
+    secure = None
     if options.secure is not None:
         secure = load_credentials(options.secure, SUPERVISION_NAME, WallClock().epoch_ns())
-        key = safety_key(secure.key_hex)
+    key = line_keys(secure)
     sieve = RadioLogSelection(_choice(options))
     if not options.live:
         path = find_log(choose_run(options.log, "vobc"))
@@ -72,7 +73,7 @@ def _run(options: argparse.Namespace) -> int:
     return _listen(options, sieve, key)
 
 
-def _listen(options: argparse.Namespace, sieve: RadioLogSelection, key: bytes) -> int:
+def _listen(options: argparse.Namespace, sieve: RadioLogSelection, key: SafetyKey) -> int:
     """Report until Ctrl-C or the end of --for, with figures of what was received by then."""
     interrupts = Interrupts()
     live = LiveLine(options.line, options.line_radio, options.secure, key)

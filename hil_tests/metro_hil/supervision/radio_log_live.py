@@ -11,6 +11,7 @@ from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.trackdb.areas import load_areas
 from metro_hil.supervision.radio_log import NS_PER_S, RadioEntry, entry_of
 from zenoh_config import t2t_keys
+from zenoh_config.codec import SafetyKey
 from zenoh_config.secured import SUPERVISION_NAME
 
 POLL_NS: Final = 50_000_000
@@ -22,7 +23,7 @@ PATIENCE_S: Final = 2.0
 class LiveLine:
     """Yields the messages that the radio carries from now on."""
 
-    def __init__(self, line: str, endpoint: str, secure: Path | None, key: bytes) -> None:
+    def __init__(self, line: str, endpoint: str, secure: Path | None, key: SafetyKey) -> None:
         self._line, self._endpoint, self._secure, self._key = line, endpoint, secure, key
         self.reached = False
         """Whether there was a session."""

@@ -8,7 +8,7 @@ from can_dbc.vobc import Cause, OperatingMode, Supervision
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb.areas import AreaMap
 from zenoh_config import keys, t2t_keys
-from zenoh_config.codec import BENCH_KEY, unpack
+from zenoh_config.codec import BENCH_KEY, SafetyKey, unpack
 from zenoh_config.messages import SpeedRestriction, TrainStatus
 from zenoh_config.t2t import (
     NO_TRAIN,
@@ -71,7 +71,7 @@ class AnswerLatency(NamedTuple):
 class LineView:
     """The newest message of each kind."""
 
-    def __init__(self, areas: AreaMap, key: bytes = BENCH_KEY) -> None:
+    def __init__(self, areas: AreaMap, key: SafetyKey = BENCH_KEY) -> None:
         self.areas = areas
         self.commands: dict[int, Command] = {}
         self.reports: dict[int, tuple[TrainReport, int]] = {}

@@ -10,6 +10,7 @@ from canlog.damage import LogError
 from canlog.views.place import doubts_of
 from firmware_py.clock.clock import WallClock
 from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
@@ -17,7 +18,7 @@ from metro_hil.supervision.view import LineView
 from metro_hil.watch.line_picture import head_of
 from metro_hil.watch.line_server import LineServer
 from metro_hil.watch.line_source import LINE_LOG, FolderSource
-from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.codec import SafetyKey
 from zenoh_config.secured import SUPERVISION_NAME
 
 CONFIG: Final = "run.toml"
@@ -84,11 +85,11 @@ def _config(path: Path) -> _Config:
         raise LogError(f"{path}: {error}; another version may have written it") from error
 
 
-def _key(secure: str | None, epoch_ns: int) -> bytes:
+def _key(secure: str | None, epoch_ns: int) -> SafetyKey:
     """Return the key of the line's messages. Raises SettingsError."""
     if secure is None:
-        return BENCH_KEY
-    return safety_key(load_credentials(Path(secure), SUPERVISION_NAME, epoch_ns).key_hex)
+        return line_keys(None)
+    return line_keys(load_credentials(Path(secure), SUPERVISION_NAME, epoch_ns))
 
 
 def _command_line(config: _Config) -> list[str]:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from zenoh_config.codec import BENCH_KEY, pack, safety_key, unpack
+from zenoh_config.codec import BENCH_KEY, LineKeys, pack, safety_key, unpack
 from zenoh_config.messages import (
     Message,
     MovementAuthority,
@@ -137,7 +137,7 @@ def test_many_keys_in_turn_are_never_confused() -> None:
 # The checks come in this order: version, type, fields.
 
 
-@pytest.mark.parametrize("version", [0, 1, 2, 4, 255])
+@pytest.mark.parametrize("version", [0, 1, 2, 4, 15])
 def test_an_envelope_of_another_version_is_checked_no_further(version: int) -> None:
     payload = headed(b"\xc1", version=version, kind=200)
 
@@ -319,3 +319,70 @@ def test_a_gate_with_an_address_accepts_only_messages_for_that_address(
 
     assert gate.check(replace(report, destination=5)) is None
     assert gate.check(report) == Refused(RefusedReason.WRONG_DESTINATION, "for 0, this is 5")
+
+
+# Keys that change while programs run.
+
+OLD, NEW = b"o" * 16, b"n" * 16
+STEPS = [
+    f"{OLD.hex()}\n",
+    f"{OLD.hex()}\n1 {NEW.hex()}\n",
+    f"1 {NEW.hex()}\n{OLD.hex()}\n",
+    f"1 {NEW.hex()}\n",
+]
+"""Texts of a key file: before a change, a key added, the new one used, the old one dropped."""
+
+
+def test_no_message_is_lost_while_one_program_is_a_step_ahead_of_the_other() -> None:
+    first, second = LineKeys(STEPS[0]), LineKeys(STEPS[0])
+
+    for text in STEPS[1:]:
+        first.take(text)
+        for sender, receiver in ((first, second), (second, first)):
+            assert unpack(pack(AUTHORITY, sender), receiver) == AUTHORITY
+        second.take(text)
+    assert first.sending == (1, NEW)
+
+
+def test_a_program_that_missed_the_change_gives_the_number_of_the_key() -> None:
+    sealed = pack(AUTHORITY, LineKeys(STEPS[3]))
+
+    assert sealed[0] == 1 << 4 | 3
+    for known in (LineKeys(STEPS[0]), OLD, NEW):
+        words = "sealed with key 1, which is unknown here"
+        assert unpack(sealed, known) == Refused(RefusedReason.WRONG_CODE, words)
+
+
+def test_key_0_is_sealed_as_before_keys_had_numbers() -> None:
+    assert pack(AUTHORITY, LineKeys(STEPS[1])) == pack(AUTHORITY, OLD)
+
+
+def test_the_number_of_a_key_is_under_the_safety_code() -> None:
+    twice = LineKeys(f"1 {OLD.hex()}\n2 {OLD.hex()}\n")
+    sealed = bytearray(pack(AUTHORITY, twice))
+    sealed[0] = 2 << 4 | 3
+
+    result = unpack(bytes(sealed), twice)
+    assert isinstance(result, Refused)
+    assert result.reason is RefusedReason.WRONG_CODE
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "0 keys; 1 or 2 with different identifiers are needed"),
+        (STEPS[1] + f"2 {NEW.hex()}", "3 keys; 1 or 2 with different"),
+        (f"{OLD.hex()}\n0 {NEW.hex()}", "2 keys; 1 or 2 with different"),
+        (f"16 {OLD.hex()}", "key identifier '16' is not in 0..15"),
+        (f"x {OLD.hex()}", "key identifier 'x' is not in 0..15"),
+        ("1 abcd", "safety key: 2 bytes, at least 16 are needed"),
+        ("1 xy", "safety key: not hexadecimal"),
+    ],
+)
+def test_an_invalid_key_file_changes_nothing(text: str, words: str) -> None:
+    keys = LineKeys(STEPS[1])
+
+    with pytest.raises(ValueError, match=words):
+        keys.take(text)
+    assert (keys.sending, keys.text) == ((0, OLD), STEPS[1])
+    assert keys.accepted == {0: OLD, 1: NEW}

@@ -15,7 +15,7 @@ from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import Area, AreaMap
 from plant_emulator.wayside.detection import LAYOUT, Place, subscription
 from zenoh_config import keys, t2t_keys
-from zenoh_config.codec import BENCH_KEY, unpack
+from zenoh_config.codec import BENCH_KEY, SafetyKey, unpack
 from zenoh_config.messages import TrainStatus
 from zenoh_config.t2t import AreaAuthority, Heartbeat, T2tMessage, TrainReport
 
@@ -120,7 +120,7 @@ class LineEvents:
         line: LineMap,
         areas: AreaMap,
         say: Callable[[int, str], None],
-        key: bytes = BENCH_KEY,
+        key: SafetyKey = BENCH_KEY,
     ) -> None:
         self.trains: dict[int, TrainEvents] = {}
         self.areas: dict[int, AreaEvents] = {}

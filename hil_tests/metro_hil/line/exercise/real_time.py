@@ -12,6 +12,7 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.ports import RadioPort
 from firmware_py.radio.credentials import load_credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import SessionRole, open_radio
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.areas import AreaMap
@@ -25,7 +26,6 @@ from metro_hil.line.network.options import OwnNetworks
 from metro_hil.line.network.topology import Topology
 from metro_hil.model.subprocesses import ChildError
 from zenoh_config import t2t_keys
-from zenoh_config.codec import BENCH_KEY, safety_key
 from zenoh_config.secured import SUPERVISION_NAME
 from zenoh_config.t2t import NO_TRAIN
 
@@ -75,12 +75,12 @@ class RealLine:
         self._settings, self._folder = settings, folder
         self._clock = WallClock()
         self._start_ns = self._clock.now_ns()
-        self._secure, key = None, BENCH_KEY
+        self._secure = None
         if settings.secure is not None:
             self._secure = load_credentials(
                 settings.secure, SUPERVISION_NAME, self._clock.epoch_ns()
             )
-            key = safety_key(self._secure.key_hex)
+        key = line_keys(self._secure)
         self.record = LineRunFiles(folder, say)
         self._tell = self.record.tell
         self.story = LineEvents(settings.line, settings.areas, self._tell, key)

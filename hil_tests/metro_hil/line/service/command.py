@@ -15,6 +15,7 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.command_line import CommandParser, suggestion
 from firmware_py.interrupts import Interrupts
 from firmware_py.radio.credentials import Credentials, load_credentials
+from firmware_py.radio.line_keys import line_keys
 from firmware_py.radio.zenoh_radio import RadioError, SessionRole, open_radio
 from firmware_py.settings import SettingsError, is_path
 from firmware_py.storage.whole_file import write_whole
@@ -36,7 +37,7 @@ from metro_hil.supervision.access import refuse_insecure
 from metro_hil.supervision.console import SupervisionConsole
 from metro_hil.supervision.view import LineView
 from zenoh_config import t2t_keys
-from zenoh_config.codec import BENCH_KEY, safety_key
+from zenoh_config.codec import SafetyKey
 from zenoh_config.secured import SUPERVISION_NAME, WAYSIDE_NAME, train_name
 from zenoh_config.sessions import LINE_ENDPOINT
 from zenoh_config.timers import TIMER_SETS
@@ -244,11 +245,11 @@ class _Start:
             _say(f"area {area}: train {command.heartbeat.source} commands")
         return True
 
-    def _credentials(self) -> tuple[Credentials | None, bytes]:
+    def _credentials(self) -> tuple[Credentials | None, SafetyKey]:
         if self._setup.secure is None:
-            return None, BENCH_KEY
+            return None, line_keys(None)
         secure = load_credentials(self._setup.secure, SUPERVISION_NAME, self._clock.epoch_ns())
-        return secure, safety_key(secure.key_hex)
+        return secure, line_keys(secure)
 
     def _wait(self, done: Callable[[], bool], files: Sequence[ProgramFiles]) -> bool:
         """Wait. Raises ServiceError if one of the programs ends, or nothing comes in time."""
