@@ -428,11 +428,26 @@ def test_an_authority_is_void_after_twice_the_age_at_which_trains_refuse_it(
 # How far trains must have come, judged by the authorities of others.
 
 
+def falls_silent(known: Conclusions, train: int) -> None:
+    known.records[train].received_at_ns = NOW_NS - SILENT_NS - 1
+
+
+def test_no_authority_contradicts_a_train_that_reports_its_own_place() -> None:
+    """A hostile master sends train 2 beyond train 1, which would then wait for ever."""
+    known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=950.0))
+    known.records[1].received_at_ns = NOW_NS - SILENT_NS
+
+    known.take_proofs(order_of(1, 2), NOW_NS)
+
+    assert known.records[1].rear_m == 900.0
+
+
 @pytest.mark.parametrize(("held_end_m", "rear_m"), [(892.0, 900.0), (893.0, 900.0), (950.0, 957.0)])
 def test_a_granted_authority_proves_how_far_the_train_ahead_had_come(
     held_end_m: float, rear_m: float
 ) -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=held_end_m))
+    falls_silent(known, 1)
 
     known.take_proofs(order_of(1, 2), NOW_NS)
 
@@ -441,6 +456,8 @@ def test_a_granted_authority_proves_how_far_the_train_ahead_had_come(
 
 def test_each_train_proves_only_where_the_next_one_ahead_is() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0), report(3, 300.0, held_end_m=600.0))
+    falls_silent(known, 1)
+    known.records[2].lost = True
 
     known.take_proofs(order_of(1, 2, 3), NOW_NS)
 
@@ -449,6 +466,7 @@ def test_each_train_proves_only_where_the_next_one_ahead_is() -> None:
 
 def test_the_authority_of_a_train_that_may_obey_another_master_proves_nothing() -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=950.0, term=4))
+    falls_silent(known, 1)
 
     known.take_proofs(order_of(1, 2), NOW_NS)
 
@@ -462,6 +480,7 @@ def test_the_authority_of_a_lost_train_under_the_next_master_proves_nothing() ->
         report(2, 500.0, held_end_m=950.0),
         replace(gone_over, localised=False, echo_ns=0),
     )
+    falls_silent(known, 1)
 
     known.take_proofs(order_of(1, 2), NOW_NS)
 
@@ -473,6 +492,7 @@ def test_an_old_authority_proves_nothing_about_a_train_moved_since(
     age_ns: int, rear_m: float
 ) -> None:
     known = conclusions(report(1, 900.0), report(2, 500.0, held_end_m=950.0))
+    falls_silent(known, 1)
 
     known.take_proofs(order_of(1, 2), NOW_NS + age_ns)
 
