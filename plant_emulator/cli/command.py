@@ -71,6 +71,8 @@ def serve(options: argparse.Namespace, start_foreign: StartForeign | None = None
             return _serve_trains(options)
         if options.supply is not None:
             raise SettingsError("--supply: only with --trains; a single train has its own source")
+        if options.traffic is not None:
+            raise SettingsError("--traffic: only with --trains")
         _check_by_hand(options)
         elsewhere = options.desk in ELSEWHERE
         scenario = plan_scenario(
@@ -110,7 +112,7 @@ def _serve_trains(options: argparse.Namespace) -> int:
     # Import the network only for several trains, because it may load a compiler.
     from plant_emulator.cli.line_command import serve_trains
 
-    options.line = options.line or "changping"
+    options.line = options.line or ("changping" if options.traffic is None else None)
     if options.desk != "auto":
         raise SettingsError("--desk: is for one train; not with --trains")
     return serve_trains(options)

@@ -22,13 +22,13 @@ from firmware_py.ports import CanPort, RadioPort, SerialPort
 from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import LineLog
 from firmware_py.storage.whole_file import write_whole
-from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb import LineMap
 from plant_emulator.cli.openers import open_tags, open_wayside, refuse_second_plant
 from plant_emulator.cli.options import AUTO
 from plant_emulator.cli.words import TrainNotices, say, summarise
-from plant_emulator.power.supplies import SUPPLIES
+from plant_emulator.power.supplies import Supply
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice
-from plant_emulator.traffic.config import TrafficConfig, traffic_of
+from plant_emulator.traffic.config import TrafficConfig, plan_traffic
 from plant_emulator.traffic.coupling import INTERVAL_NS, Coupling
 from plant_emulator.traffic.member import TrafficMember, leader_rear_m, scenarios_of
 from plant_emulator.traffic.timetable import Start, lap_timetable, starts
@@ -59,6 +59,7 @@ ALONE: Final = {
 class _Plan:
     traffic: TrafficConfig
     line: LineMap
+    supply: Supply
     starts: tuple[Start, ...]
     scenarios: tuple[TrainScenario, ...]
     buses: tuple[str, ...]
@@ -102,8 +103,7 @@ def _plan(options: argparse.Namespace) -> _Plan:
         raise SettingsError(
             "--tags, --radio: each of several trains has its own; not with --trains"
         )
-    traffic = traffic_of(options.line)
-    line = load_line(traffic.line)
+    traffic, line, supply = plan_traffic(options.line, options.traffic, options.supply)
     placed = starts(traffic, line, options.trains)
     pattern = BUSES if options.bus == AUTO else options.bus
     if NUMBER not in pattern:
@@ -113,6 +113,7 @@ def _plan(options: argparse.Namespace) -> _Plan:
         )
     scenarios = scenarios_of(
         traffic,
+        line,
         placed,
         consist=options.consist,
         seed=options.seed,
@@ -120,7 +121,7 @@ def _plan(options: argparse.Namespace) -> _Plan:
         odometer_error_ratio=options.odometer_error,
     )
     buses = tuple(pattern.replace(NUMBER, str(start.train)) for start in placed)
-    return _Plan(traffic, line, placed, scenarios, buses)
+    return _Plan(traffic, line, supply, placed, scenarios, buses)
 
 
 class _Wires(NamedTuple):
@@ -138,7 +139,7 @@ class _Line:
     ) -> None:
         self._plan, self._stack, self._clock = plan, stack, clock
         self._out = None if options.out is None else Path(options.out)
-        supply = SUPPLIES[options.supply or plan.traffic.supply]
+        supply = plan.supply
         self._coupling = Coupling(plan.traffic, supply)
         self._began = False
         say(
@@ -146,11 +147,11 @@ class _Line:
             f"{options.seed}; they leave once each has a controller:"
         )
         wires = [self._wires(index) for index in range(len(plan.starts))]
-        consist = options.consist or plan.traffic.consist
+        params = plan.traffic.params or options.consist or plan.traffic.consist
         for bus, start in zip(plan.buses, plan.starts, strict=True):
             say(
-                f"  vobc run --bus {bus} --line {plan.line.name} --from "
-                f'"{start.station.name}" --params {consist} --ato green'
+                f"  vobc run --bus {bus} --line {plan.traffic.line} --from "
+                f'"{start.station.name}" --params {params} --ato green'
             )
         start_ns = clock.now_ns()
         self.plants = [

@@ -90,7 +90,10 @@ def _add_trains(group: argparse._ArgumentGroup) -> None:
         "on the network of the line, whose timetable gives their places",
     )
     group.add_argument(
-        "--supply", choices=("strong", "weak"), help="network; default: that of the line"
+        "--supply", metavar="NAME|FILE", help="network: strong, weak; default: that of the line"
+    )
+    group.add_argument(
+        "--traffic", metavar="NAME|FILE", help="trains, headway, dwells; default: that of the line"
     )
 
 

@@ -1,15 +1,17 @@
 """Currents and voltages of a DC network that is a tree, solved by Newton's method.
 
 Each node has a higher number than its parent. A root has parent -1, so several trees can be solved
-at once. Each node may have a source (a substation's rectifier) and a load (a train).
+at once. Each node may have a source (a substation or a storage) and a load (a train).
 
     sum of branch currents out of the node = source(V) - load(V)
 
-The rectifier I = (d + sqrt(d² + e²)) / 2R, d = V0 - V, has no kink and accepts no current. A small
-load of the substation's own takes the current that remains far above V0. A train takes constant
-power, and less under a low voltage. The higher the voltage, the more of the regenerated power goes
-into the train's own resistor. Newton's matrix has the tree's structure, so elimination from the
-leaves is exact and takes a few operations a node.
+A source gives I = (d + sqrt(d² + e²)) / 2R, d = V0 - V, as a rectifier does. This has no kink and
+accepts no current. An inverter or a storage takes current above a voltage of its own by the same
+formula. A bound on either current is approached smoothly. A small load of the source's own takes
+the current that remains far above V0. A train takes constant power, and less under a low voltage.
+The higher the voltage, the more of the regenerated power goes into the train's own resistor.
+Newton's matrix has the tree's structure, so elimination from the leaves is exact and takes a few
+operations a node.
 
 Vectors are lists, which is fast enough to solve one line of trains instant by instant. The copy of
 this module that numba compiles (`compiled.jitted`) takes arrays instead.
@@ -24,6 +26,13 @@ Rows = list[list[float]]
 
 NO_EFFORT, FULL_EFFORT, CHOPS_FROM, CHOPS_ALL, SMOOTH, FLOOR, CEILING = range(7)
 """Indices into `limits`; all limits are in V."""
+GIVES_BELOW, GIVES_OHM, GIVES_MAX, TAKES_ABOVE, TAKES_OHM, TAKES_MAX = range(6)
+"""Rows of `sources`: voltage in V, resistance in ohm and greatest current in A of giving and of
+taking. A resistance of 0 is a node that never gives, or never takes. A bound of infinity is none.
+"""
+SOURCE_ROWS: Final = 6
+LEAST_A: Final = 1.0e-3
+"""Least bound of a current; it keeps the bounded formula finite."""
 IDLE_S: Final = 0.005
 """Conductance of each substation's own load; it takes about 4 A."""
 TOLERANCE_A: Final = 1.0e-4
@@ -115,18 +124,57 @@ def chopped_share(voltage_v: float, limits: Numbers) -> tuple[float, float]:
     return at * at, 2.0 * at / span
 
 
+def smooth_a(excess_v: float, ohm: float, most_a: float, limits: Numbers) -> tuple[float, float]:
+    """Return the current that a positive excess of voltage drives, and its slope."""
+    root = math.sqrt(excess_v * excess_v + limits[SMOOTH] * limits[SMOOTH])
+    current = (excess_v + root) / (2.0 * ohm)
+    slope = (1.0 + excess_v / root) / (2.0 * ohm)
+    if most_a == math.inf:
+        return current, slope
+    part = current / max(LEAST_A, most_a)
+    square = 1.0 + part * part
+    return current / math.sqrt(square), slope / (square * math.sqrt(square))
+
+
+def given_a(voltage_v: float, node: int, sources: Rows, limits: Numbers) -> float:
+    """Return the current that the node's rectifier or storage gives."""
+    ohm = sources[GIVES_OHM][node]
+    if ohm <= 0.0:
+        return 0.0
+    lack_v = sources[GIVES_BELOW][node] - voltage_v
+    current, _ = smooth_a(lack_v, ohm, sources[GIVES_MAX][node], limits)
+    return current
+
+
+def taken_a(voltage_v: float, node: int, sources: Rows, limits: Numbers) -> float:
+    """Return the current that the node's inverter or storage takes."""
+    ohm = sources[TAKES_OHM][node]
+    if ohm <= 0.0:
+        return 0.0
+    excess_v = voltage_v - sources[TAKES_ABOVE][node]
+    current, _ = smooth_a(excess_v, ohm, sources[TAKES_MAX][node], limits)
+    return current
+
+
 def source_current(
-    voltage_v: float, no_load_v: float, ohm: float, limits: Numbers
+    voltage_v: float, node: int, sources: Rows, limits: Numbers
 ) -> tuple[float, float]:
-    """Return the current of a rectifier minus the substation's own load, and its slope over the
+    """Return the current of a source, minus what it takes and its own load, and its slope over the
     voltage.
     """
+    ohm = sources[GIVES_OHM][node]
     if ohm <= 0.0:
         return 0.0, 0.0
-    lack = no_load_v - voltage_v
-    root = math.sqrt(lack * lack + limits[SMOOTH] * limits[SMOOTH])
-    current = (lack + root) / (2.0 * ohm) - IDLE_S * voltage_v
-    return current, -(1.0 + lack / root) / (2.0 * ohm) - IDLE_S
+    lack_v = sources[GIVES_BELOW][node] - voltage_v
+    current, slope = smooth_a(lack_v, ohm, sources[GIVES_MAX][node], limits)
+    current, slope = current - IDLE_S * voltage_v, -slope - IDLE_S
+    if sources[TAKES_OHM][node] > 0.0:
+        excess_v = voltage_v - sources[TAKES_ABOVE][node]
+        taken, taken_slope = smooth_a(
+            excess_v, sources[TAKES_OHM][node], sources[TAKES_MAX][node], limits
+        )
+        current, slope = current - taken, slope - taken_slope
+    return current, slope
 
 
 def load_power(
@@ -153,11 +201,10 @@ def residuals(
     n: int,
 ) -> float:
     """Write the missing current at each node into `out` (n,) and return the greatest, in A."""
-    no_load_v, ohms = sources[0], sources[1]
     wants_w, gives_w, auxiliary_w = loads[0], loads[1], loads[2]
     for i in range(n):
         v = volts[i]
-        gained, _ = source_current(v, no_load_v[i], ohms[i], limits)
+        gained, _ = source_current(v, i, sources, limits)
         power, _ = load_power(
             v, share * wants_w[i], share * gives_w[i], share * auxiliary_w[i], limits
         )
@@ -186,11 +233,10 @@ def newton_step(
     n: int,
 ) -> None:
     """Replace the residuals in `out` by the voltage changes that would remove them."""
-    no_load_v, ohms = sources[0], sources[1]
     wants_w, gives_w, auxiliary_w = loads[0], loads[1], loads[2]
     for i in range(n):
         v = volts[i]
-        _, gain = source_current(v, no_load_v[i], ohms[i], limits)
+        _, gain = source_current(v, i, sources, limits)
         power, slope = load_power(
             v, share * wants_w[i], share * gives_w[i], share * auxiliary_w[i], limits
         )
@@ -266,7 +312,7 @@ def solve(
     loads.
 
     Args:
-        sources: (2, n): no-load voltage, and resistance, 0 at nodes without a substation.
+        sources: (SOURCE_ROWS, n), see above.
         loads: (3, n): traction wanted, regeneration offered, auxiliaries.
         work: (4, n), scratch space.
     """

@@ -2,7 +2,8 @@
 
 Sections meet at named joints and form one tree or several. A section with substations at both ends
 is fed bilaterally, one with a substation at one end unilaterally. A joint without a substation only
-connects sections. Each train is a node of its own on its section.
+connects sections. A substation may have an inverter that returns power to the grid. A storage takes
+the place of a substation at a joint. Each train is a node of its own on its section.
 """
 
 import math
@@ -13,15 +14,70 @@ from typing import Final, NamedTuple
 from plant_emulator.power import flow
 
 M_PER_KM: Final = 1000.0
+J_PER_KWH: Final = 3.6e6
+END_M: Final = 50.0
+"""Distance beyond the end of a section up to which that section still feeds a train."""
+CEILING_MAX_V: Final = 2000.0
+"""Greatest voltage that the frame LINE_SUPPLY carries."""
+FIRST_INTERVAL_S: Final = 1.0
+"""Interval for which storages are bounded before the first one is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inverter:
+    """Returns power from the line to the grid."""
+
+    from_v: float
+    """Voltage from which it takes current."""
+    ohm: float
+    """Rise of the voltage with each ampere that it takes."""
+    power_max_w: float
+
+    def __post_init__(self) -> None:
+        _check_positive(self, "from_v", "ohm", "power_max_w")
 
 
 @dataclass(frozen=True, slots=True)
 class Substation:
-    """A rectifier substation, which accepts no current."""
+    """A substation. Without an inverter it accepts no current."""
 
     joint: str
     no_load_v: float
     source_ohm: float
+    inverter: Inverter | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Storage:
+    """Stores energy that the line has left, and gives it back at low voltage."""
+
+    joint: str
+    gives_below_v: float
+    takes_above_v: float
+    ohm: float
+    """Change of the voltage with each ampere, in both directions."""
+    power_max_w: float
+    capacity_kwh: float
+    charge_ratio: float = 0.5
+    """Energy at the start as a share of the capacity."""
+    efficiency_ratio: float = 0.95
+    """Efficiency of charging, and again of discharging."""
+
+    def __post_init__(self) -> None:
+        _check_positive(self, "gives_below_v", "ohm", "power_max_w", "capacity_kwh")
+        if not self.gives_below_v < self.takes_above_v < math.inf:
+            raise ValueError(f"takes_above_v {self.takes_above_v} is not above gives_below_v")
+        if not 0.0 <= self.charge_ratio <= 1.0:
+            raise ValueError(f"charge_ratio {self.charge_ratio} is not within 0..1")
+        if not 0.0 < self.efficiency_ratio <= 1.0:
+            raise ValueError(f"efficiency_ratio {self.efficiency_ratio} is not within 0..1")
+
+
+def _check_positive(part: object, *names: str) -> None:
+    for name in names:
+        value = getattr(part, name)
+        if not 0.0 < value < math.inf:
+            raise ValueError(f"{name} {value} is not positive")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +110,8 @@ class Voltages:
             raise ValueError("not 0 < floor_v <= no_effort_v < full_effort_v")
         if not self.full_effort_v < self.chops_from_v < self.chops_all_v <= self.ceiling_v:
             raise ValueError("not full_effort_v < chops_from_v < chops_all_v <= ceiling_v")
+        if self.ceiling_v > CEILING_MAX_V:
+            raise ValueError(f"ceiling_v {self.ceiling_v} is above {CEILING_MAX_V:g}")
         if not self.smooth_v > 0.0:
             raise ValueError(f"smooth_v {self.smooth_v} is not positive")
 
@@ -93,17 +151,24 @@ class Balance:
     """Power balance of one solved instant: sources = rectifiers + stations + lines + trains."""
 
     sources_w: float
-    """Power at the no-load voltage, behind the rectifiers' resistance."""
+    """Power from the grid at the no-load voltage, behind the rectifiers' resistance, less the power
+    that inverters return."""
     rectifiers_w: float
+    """Loss in the resistances of rectifiers, inverters and storages."""
     stations_w: float
     """Power of the substations' own loads."""
     lines_w: float
     trains_w: float
     """Net power of all trains, including what they feed back."""
+    returned_w: float
+    """Power that inverters return to the grid."""
+    storages_w: float
+    """Power out of all storages, behind their resistance; negative while they charge."""
 
     @property
     def error_w(self) -> float:
-        return self.sources_w - self.rectifiers_w - self.stations_w - self.lines_w - self.trains_w
+        became_w = self.rectifiers_w + self.stations_w + self.lines_w + self.trains_w
+        return self.sources_w + self.storages_w - became_w
 
 
 class NetworkError(ValueError):
@@ -121,10 +186,13 @@ class Network:
         sections: Sequence[Section],
         substations: Sequence[Substation],
         voltages: Voltages | None = None,
+        storages: Sequence[Storage] = (),
     ) -> None:
         self.voltages = voltages or Voltages()
         self.sections = tuple(sections)
         self.substations = tuple(substations)
+        self.storages = tuple(storages)
+        self.charges_j = [s.charge_ratio * s.capacity_kwh * J_PER_KWH for s in self.storages]
         self.joints = _joints(self.sections)
         self.order, self.roots, self.turned = _tree(self.sections, self.joints)
         self.joints_of = [
@@ -136,10 +204,15 @@ class Network:
             for s, turned in zip(self.sections, self.turned, strict=True)
         ]
         self.ohms_per_m = [s.ohm_per_km / M_PER_KM for s in self.sections]
-        self.sources = [[0.0] * len(self.joints), [0.0] * len(self.joints)]
-        """No-load voltage and resistance of each joint's substation."""
+        self.sources = _rows(flow.SOURCE_ROWS, len(self.joints))
+        """Substation or storage of each joint, see `flow`."""
         for substation in self.substations:
             self._add(substation)
+        for storage in self.storages:
+            self._add_storage(storage)
+        if not self.substations:
+            raise NetworkError("no substation")
+        self._bound_storages(FIRST_INTERVAL_S)
         self.limits = self.voltages.listed()
         self.unconverged = 0
         self.solved = 0
@@ -148,27 +221,114 @@ class Network:
 
     def _add(self, substation: Substation) -> None:
         where = f"substation {substation.joint}"
-        if substation.joint not in self.joints:
-            raise NetworkError(f"{where}: no section begins or ends at it")
         if not 0.0 < substation.source_ohm < math.inf:
             raise NetworkError(f"{where}: source_ohm {substation.source_ohm} is not positive")
-        if not self.voltages.full_effort_v < substation.no_load_v < self.voltages.ceiling_v:
+        self._check_voltage(where, "no_load_v", substation.no_load_v)
+        inverter = substation.inverter
+        if inverter is None:
+            taking = (0.0, 0.0, 0.0)
+        else:
+            self._check_voltage(where, "inverter.from_v", inverter.from_v)
+            if inverter.from_v <= substation.no_load_v:
+                raise NetworkError(
+                    f"{where}: inverter.from_v {inverter.from_v} is not above no_load_v; power "
+                    "would circulate"
+                )
+            taking = (inverter.from_v, inverter.ohm, inverter.power_max_w / inverter.from_v)
+        self._place(where, substation.joint, substation.no_load_v, substation.source_ohm, *taking)
+
+    def _add_storage(self, storage: Storage) -> None:
+        where = f"storage {storage.joint}"
+        self._check_voltage(where, "gives_below_v", storage.gives_below_v)
+        self._check_voltage(where, "takes_above_v", storage.takes_above_v)
+        taking = (storage.takes_above_v, storage.ohm, 0.0)
+        self._place(where, storage.joint, storage.gives_below_v, storage.ohm, *taking)
+
+    def _check_voltage(self, where: str, key: str, value_v: float) -> None:
+        low_v, high_v = self.voltages.full_effort_v, self.voltages.ceiling_v
+        if not low_v < value_v < high_v:
             raise NetworkError(
-                f"{where}: no_load_v {substation.no_load_v} is not a working voltage"
+                f"{where}: {key} {value_v} is not a working voltage; it must be above "
+                f"full_effort_v ({low_v:g}) and below ceiling_v ({high_v:g})"
             )
-        index = self.joints.index(substation.joint)
-        if self.sources[1][index] > 0.0:
+
+    def _place(
+        self,
+        where: str,
+        joint: str,
+        gives_v: float,
+        gives_ohm: float,
+        takes_v: float,
+        takes_ohm: float,
+        takes_max_a: float,
+    ) -> None:
+        if joint not in self.joints:
+            raise NetworkError(f"{where}: no section begins or ends at it")
+        index = self.joints.index(joint)
+        if self.sources[flow.GIVES_OHM][index] > 0.0:
             raise NetworkError(f"{where}: is defined twice")
-        self.sources[0][index] = substation.no_load_v
-        self.sources[1][index] = substation.source_ohm
+        column = (gives_v, gives_ohm, math.inf, takes_v, takes_ohm, takes_max_a)
+        for row, value in zip(self.sources, column, strict=True):
+            row[index] = value
+
+    def _bound_storages(self, interval_s: float) -> None:
+        """Bound the currents so that no storage runs empty or over within the interval."""
+        for storage, charge_j in zip(self.storages, self.charges_j, strict=True):
+            index = self.joints.index(storage.joint)
+            room_j = storage.capacity_kwh * J_PER_KWH - charge_j
+            gives_w = min(storage.power_max_w, charge_j * storage.efficiency_ratio / interval_s)
+            takes_w = min(storage.power_max_w, room_j / storage.efficiency_ratio / interval_s)
+            self.sources[flow.GIVES_MAX][index] = gives_w / storage.gives_below_v
+            self.sources[flow.TAKES_MAX][index] = takes_w / storage.takes_above_v
+
+    def advance(self, interval_s: float) -> None:
+        """Charge and discharge the storages for an interval at the last solution's powers."""
+        for number, storage in enumerate(self.storages):
+            given_w, taken_w = self._storage_w(storage)
+            charge_j = self.charges_j[number] + interval_s * (
+                taken_w * storage.efficiency_ratio - given_w / storage.efficiency_ratio
+            )
+            self.charges_j[number] = min(max(charge_j, 0.0), storage.capacity_kwh * J_PER_KWH)
+        self._bound_storages(interval_s)
+
+    def _storage_w(self, storage: Storage) -> tuple[float, float]:
+        """Return the powers that a storage gives and takes, behind its resistance."""
+        index = self.joints.index(storage.joint)
+        voltage_v = self._warm.get(storage.joint, storage.gives_below_v)
+        given_a = flow.given_a(voltage_v, index, self.sources, self.limits)
+        taken_a = flow.taken_a(voltage_v, index, self.sources, self.limits)
+        return storage.gives_below_v * given_a, storage.takes_above_v * taken_a
+
+    def delivered_w(self) -> tuple[float, ...]:
+        """Return the power of each substation from the grid at the last solution; negative while
+        its inverter returns power.
+        """
+        found = []
+        for station in self.substations:
+            index = self.joints.index(station.joint)
+            voltage_v = self._warm.get(station.joint, station.no_load_v)
+            given_a = flow.given_a(voltage_v, index, self.sources, self.limits)
+            taken_a = flow.taken_a(voltage_v, index, self.sources, self.limits)
+            returned_w = 0.0 if station.inverter is None else station.inverter.from_v * taken_a
+            found.append(station.no_load_v * given_a - returned_w)
+        return tuple(found)
 
     def section_of(self, at_m: float) -> int:
-        """Return the first section that contains this chainage; raises NetworkError."""
+        """Return the first section that contains this chainage. Raises NetworkError.
+
+        A train up to END_M outside of all sections belongs to the nearest one.
+        """
         for index, section in enumerate(self.sections):
             low_m, high_m = sorted((section.begin_m, section.end_m))
             if low_m <= at_m <= high_m:
                 return index
-        raise NetworkError(f"no section at {at_m:g} m")
+        outside_m = [
+            max(min(each.begin_m, each.end_m) - at_m, at_m - max(each.begin_m, each.end_m))
+            for each in self.sections
+        ]
+        if min(outside_m) > END_M:
+            raise NetworkError(f"no section at {at_m:g} m")
+        return outside_m.index(min(outside_m))
 
     def solve(self, trains: Sequence[Load]) -> tuple[list[Fed], Balance]:
         """Solve one instant and return the results in the order of the given trains."""
@@ -191,10 +351,10 @@ class Network:
             [0] * len(trains),
         )
         assert n == nodes
-        sources, loads = _rows(2, nodes), _rows(3, nodes)
-        for joint, node in enumerate(of_joint):
-            sources[0][node] = self.sources[0][joint]
-            sources[1][node] = self.sources[1][joint]
+        sources, loads = _rows(flow.SOURCE_ROWS, nodes), _rows(3, nodes)
+        for here, everywhere in zip(self.sources, sources, strict=True):
+            for joint, node in enumerate(of_joint):
+                everywhere[node] = here[joint]
         for node, load in zip(of_train, trains, strict=True):
             loads[0][node] = load.wants_w
             loads[1][node] = load.gives_w
@@ -250,25 +410,30 @@ class Network:
         volts: list[float],
         fed: Sequence[Fed],
     ) -> Balance:
-        sources_w = rectifiers_w = stations_w = lines_w = 0.0
+        given_w = taken_w = rectifiers_w = stations_w = lines_w = 0.0
         for node, voltage_v in enumerate(volts):
             if parent[node] >= 0:
                 fall_v = voltage_v - volts[parent[node]]
                 lines_w += siemens[node] * fall_v * fall_v
-            no_load_v, ohm = sources[0][node], sources[1][node]
-            if ohm <= 0.0:
+            if sources[flow.GIVES_OHM][node] <= 0.0:
                 continue
-            fed_a, _ = flow.source_current(voltage_v, no_load_v, ohm, self.limits)
-            current_a = fed_a + flow.IDLE_S * voltage_v
-            sources_w += no_load_v * current_a
-            rectifiers_w += (no_load_v - voltage_v) * current_a
+            current_a = flow.given_a(voltage_v, node, sources, self.limits)
+            taken_a = flow.taken_a(voltage_v, node, sources, self.limits)
+            gives_v, takes_v = sources[flow.GIVES_BELOW][node], sources[flow.TAKES_ABOVE][node]
+            given_w += gives_v * current_a
+            taken_w += takes_v * taken_a
+            rectifiers_w += (gives_v - voltage_v) * current_a + (voltage_v - takes_v) * taken_a
             stations_w += flow.IDLE_S * voltage_v * voltage_v
+        stored = [self._storage_w(storage) for storage in self.storages]
+        out_w, in_w = sum([given for given, _ in stored]), sum([taken for _, taken in stored])
         return Balance(
-            sources_w=sources_w,
+            sources_w=given_w - out_w - (taken_w - in_w),
             rectifiers_w=rectifiers_w,
             stations_w=stations_w,
             lines_w=lines_w,
             trains_w=sum([train.voltage_v * train.current_a for train in fed]),
+            returned_w=taken_w - in_w,
+            storages_w=out_w - in_w,
         )
 
 

@@ -1,37 +1,43 @@
-"""The traction supply of the Changping section, in a variant with a strong and one with a weak
-network.
-"""
+"""Traction supplies, one TOML file each: substations, storages, feeder sections and voltages."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
-from plant_emulator.power.network import Network, Section, Substation, Voltages
+from firmware_py import settings
+from plant_emulator.power.network import Network, Section, Storage, Substation, Voltages
 
-SUBSTATIONS_M: Final = (0.0, 1900.0, 3799.0, 5824.0, 7788.0)
+PACKAGE: Final = "plant_emulator.power"
 
 
 @dataclass(frozen=True, slots=True)
 class Supply:
+    """The supply of one line. Raises ValueError when its parts form no network."""
+
     name: str
-    no_load_v: float
-    source_ohm: float
-    ohm_per_km: float
-    voltages: Voltages
+    substations: tuple[Substation, ...]
+    sections: tuple[Section, ...]
+    voltages: Voltages = field(default_factory=Voltages)
+    storages: tuple[Storage, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.network()
 
     def network(self) -> Network:
-        names = [f"S{at_m:.0f}" for at_m in SUBSTATIONS_M]
-        sections = [
-            Section(near, far, near_m, far_m, self.ohm_per_km)
-            for near, far, near_m, far_m in zip(
-                names, names[1:], SUBSTATIONS_M, SUBSTATIONS_M[1:], strict=False
-            )
-        ]
-        stations = [Substation(name, self.no_load_v, self.source_ohm) for name in names]
-        return Network(sections, stations, self.voltages)
+        """Return a network without load; raises NetworkError."""
+        return Network(self.sections, self.substations, self.voltages, self.storages)
+
+    @property
+    def no_load_v(self) -> float:
+        """Highest no-load voltage of the substations."""
+        return max(station.no_load_v for station in self.substations)
 
 
-STRONG: Final = Supply(
-    "strong", 836.0, 0.015, 0.020, Voltages(chops_from_v=880.0, chops_all_v=900.0)
-)
-WEAK: Final = Supply("weak", 850.0, 0.015, 0.030, Voltages(chops_from_v=860.0, chops_all_v=870.0))
-SUPPLIES: Final = {supply.name: supply for supply in (STRONG, WEAK)}
+def load_supply(name: str) -> Supply:
+    """Load a supply by path or by the name of a shipped file. Raises SettingsError."""
+    return settings.load(Supply, name, PACKAGE)
+
+
+def shipped_supplies() -> dict[str, Supply]:
+    """Return the shipped supplies by name, in order of their no-load voltage."""
+    found = [load_supply(name) for name in settings.shipped_names(PACKAGE)]
+    return {supply.name: supply for supply in sorted(found, key=lambda each: each.no_load_v)}

@@ -18,6 +18,8 @@ INTERVAL_S: Final = INTERVAL_NS / 1e9
 REAR_STEP_M: Final = 25.0
 """Step in which followers receive the leader's rear. A step bounds the number of authority changes
 on board."""
+CLEAR_M: Final = 1.0e6
+"""Rear of the train ahead of the foremost one on an open line: beyond every line."""
 
 
 class IntervalReport(NamedTuple):
@@ -50,13 +52,17 @@ class Books:
     def __init__(self) -> None:
         self.sources_j = self.rectifiers_j = self.stations_j = self.lines_j = self.trains_j = 0.0
         self.regenerated_j = self.resistor_j = self.traction_j = self.auxiliary_j = 0.0
+        self.returned_j = self.storages_j = 0.0
+        """Energies that inverters returned to the grid, and that storages gave less what they took.
+        """
         self.lowest_v, self.highest_v = 1.0e9, 0.0
 
     @property
     def closure_ratio(self) -> float:
-        """Energy of the sources minus all consumption, divided by the energy of the sources."""
+        """Energy of the sources minus all consumption, divided by the energy from the grid."""
         became_j = self.rectifiers_j + self.stations_j + self.lines_j + self.trains_j
-        return (self.sources_j - became_j) / max(1.0, self.sources_j)
+        given_j = self.sources_j + self.storages_j
+        return (given_j - became_j) / max(1.0, self.sources_j + self.returned_j)
 
 
 class Coupling:
@@ -82,7 +88,8 @@ class Coupling:
         ]
         fed, balance = self.network.solve(loads)
         self._book(loads, balance)
-        self.substations_w = self._delivered_w()
+        self.substations_w = self.network.delivered_w()
+        self.network.advance(INTERVAL_S)
         limits, found = self.network.limits, []
         for train, each in enumerate(fed):
             effort, _ = flow.effort_share(each.voltage_v, limits)
@@ -102,9 +109,11 @@ class Coupling:
     def _leader_rear_m(self, train: int, said: Sequence[IntervalReport]) -> float:
         """Return the rear of the train ahead.
 
-        The foremost train follows the last, which is a lap behind in chainage.
+        On a circuit the foremost train follows the last, which is a lap behind in chainage.
         """
         behind_m = said[train - 1].rear_m + (self._config.lap_m if train == 0 else 0.0)
+        if train == 0 and not self._config.circular:
+            return CLEAR_M
         return math.floor(behind_m / REAR_STEP_M) * REAR_STEP_M
 
     def _book(self, loads: Sequence[Load], balance: Balance) -> None:
@@ -114,16 +123,6 @@ class Coupling:
         books.stations_j += balance.stations_w * INTERVAL_S
         books.lines_j += balance.lines_w * INTERVAL_S
         books.trains_j += balance.trains_w * INTERVAL_S
+        books.returned_j += balance.returned_w * INTERVAL_S
+        books.storages_j += balance.storages_w * INTERVAL_S
         books.auxiliary_j += sum(load.auxiliary_w for load in loads) * INTERVAL_S
-
-    def _delivered_w(self) -> tuple[float, ...]:
-        network = self.network
-        volts = network.joint_voltages_v()
-        given = []
-        for station in network.substations:
-            volt = volts.get(station.joint, station.no_load_v)
-            fed_a, _ = flow.source_current(
-                volt, station.no_load_v, station.source_ohm, network.limits
-            )
-            given.append(station.no_load_v * (fed_a + flow.IDLE_S * volt))
-        return tuple(given)

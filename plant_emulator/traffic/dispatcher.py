@@ -78,7 +78,7 @@ class Dispatcher:
         station = self._line.stations[self._index]
         self.runs.append(StationRun(station.name, station.run_s, self._left_s, now_s, error_m))
         self._stands = True
-        lap, place = divmod(self._index, self._config.stations_a_lap)
+        lap, place = divmod(self._index, len(self._timetable.leaves_s))
         if self._timetable.at_once[place]:
             self._leaves_s = now_s
         elif self._timetable.fixed[place]:

@@ -5,10 +5,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final, Protocol
 
+from firmware_py.trackdb import LineMap
 from plant_emulator.noise import Generators, NoiseSource, Uniform
 from plant_emulator.power.box import Due
 from plant_emulator.traffic.config import TrafficConfig
-from plant_emulator.traffic.coupling import INTERVAL_S, CouplingAnswer, IntervalReport
+from plant_emulator.traffic.coupling import CLEAR_M, INTERVAL_S, CouplingAnswer, IntervalReport
 from plant_emulator.traffic.dispatcher import Dispatcher
 from plant_emulator.traffic.timetable import LapTimetable, Start
 from plant_emulator.wayside.railway import Railway
@@ -118,14 +119,17 @@ def leader_rear_m(
     config: TrafficConfig, placed: Sequence[Start], index: int, length_m: float
 ) -> float:
     """Return the same for the train ahead, in this train's chainage; the foremost follows the
-    last.
+    last on a circuit.
     """
+    if index == 0 and not config.circular:
+        return CLEAR_M
     front_m = placed[index - 1].station.stop_m + (config.lap_m if index == 0 else 0.0)
     return first_rear_m(front_m, length_m)
 
 
 def scenarios_of(
     config: TrafficConfig,
+    line: LineMap,
     placed: Sequence[Start],
     *,
     consist: str | None,
@@ -133,9 +137,14 @@ def scenarios_of(
     load_ratio: float | None = None,
     odometer_error_ratio: float | None = None,
 ) -> tuple[TrainScenario, ...]:
-    """Return the scenario of each train, each with its own seed. Raises SettingsError."""
-    return tuple(
-        plan_scenario(
+    """Return the scenario of each train, each with its own seed. Raises SettingsError.
+
+    Args:
+        line: the line with the running times of the traffic.
+    """
+    found = []
+    for start in placed:
+        scenario = plan_scenario(
             line=config.line,
             consist=consist or config.consist,
             seed=seed * SEEDS + start.train,
@@ -143,8 +152,9 @@ def scenarios_of(
             load_ratio=load_ratio,
             odometer_error_ratio=odometer_error_ratio,
         )
-        for start in placed
-    )
+        timed = line.for_train(scenario.train.length_m)
+        found.append(replace(scenario, line=timed) if config.runs_s else scenario)
+    return tuple(found)
 
 
 def _dwells_s(config: TrafficConfig, seed: int) -> Iterator[float]:

@@ -28,7 +28,10 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class LapTimetable:
-    """Departure times by station of a lap, in s after leaving the first; the lap takes `lap_s`."""
+    """Departure times by station of a lap, in s after leaving the first; the lap takes `lap_s`.
+
+    On an open line the lap is the whole line.
+    """
 
     leaves_s: tuple[float, ...]
     fixed: tuple[bool, ...]
@@ -42,7 +45,13 @@ def lap_timetable(config: TrafficConfig, line: LineMap) -> LapTimetable:
 
     Raises SettingsError if a lap takes longer than its trains times the headway.
     """
-    lap = line.stations[: config.stations_a_lap]
+    lap = line.stations[: config.stations_a_lap] if config.circular else line.stations
+    for station in lap[1:]:
+        if not station.run_s > 0.0:
+            raise SettingsError(
+                f"traffic {config.name}: runs_s: {station.name} is missing, and the line gives "
+                "no run_s for it"
+            )
     leaves_s, fixed, at_once = [0.0], [True], [False]
     arrival_s = 0.0
     for station in lap[1:]:
@@ -56,7 +65,7 @@ def lap_timetable(config: TrafficConfig, line: LineMap) -> LapTimetable:
         at_once.append(terminal)
     lap_s = config.trains * config.headway_s
     ends_s = arrival_s + config.turnback_s
-    if ends_s > lap_s + 1e-6:
+    if config.circular and ends_s > lap_s + 1e-6:
         raise SettingsError(
             f"traffic {config.name}: a lap takes {ends_s:g} s, {config.trains} trains every "
             f"{config.headway_s:g} s leave {lap_s:g} s"
@@ -70,7 +79,7 @@ def starts(config: TrafficConfig, line: LineMap, trains: int) -> tuple[Start, ..
     Raises SettingsError for more trains than the timetable has, or for two at one platform.
     """
     if not 1 <= trains <= config.trains:
-        raise SettingsError(f"--trains {trains}: on {config.line} there are 1 to {config.trains}")
+        raise SettingsError(f"--trains {trains}: on {line.name} there are 1 to {config.trains}")
     timetable = lap_timetable(config, line)
     placed = []
     for train in range(1, trains + 1):

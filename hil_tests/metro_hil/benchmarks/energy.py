@@ -13,7 +13,7 @@ import numpy as np
 
 from firmware_py.clock.clock import WallClock
 from metro_hil.benchmarks.bench import Figure, run_measures
-from metro_hil.energy.line.model import SUPPLIES, TRADITIONAL, LineTrain, Timetable
+from metro_hil.energy.line.model import TRADITIONAL, LineTrain, Timetable, shipped_supplies
 from metro_hil.energy.line.simulate import dwells_of, simulate
 from metro_hil.energy.line.table_four import TableFour, table_four
 from metro_hil.energy.running_curve import table_one
@@ -126,7 +126,7 @@ def network() -> list[Figure]:
     """Simulate a day of seven trains: solutions, energy balance, step size, speed."""
     train, timetable = LineTrain(), Timetable()
     figures = []
-    for supply in SUPPLIES.values():
+    for supply in shipped_supplies().values():
         dwells = dwells_of(1, DAY_LAPS + 2)
         day = simulate(train, supply, timetable, TRADITIONAL, dwells, laps=DAY_LAPS)
         coarse, fine = (
@@ -156,7 +156,7 @@ def network() -> list[Figure]:
             ),
         ]
     dwells = dwells_of(2, 12)
-    supply = SUPPLIES["strong"]
+    supply = shipped_supplies()["strong"]
     taken_s = seconds(lambda: simulate(train, supply, timetable, TRADITIONAL, dwells, laps=9))
     hour_s = taken_s / (10.0 * 1260.0 / 3600.0)
     return [
@@ -173,7 +173,7 @@ def network() -> list[Figure]:
 def saving() -> list[Figure]:
     """Measure the saving of the law of [Lin] and of the synchronised timetable."""
     figures = []
-    for supply in SUPPLIES.values():
+    for supply in shipped_supplies().values():
         table = table_four(supply, seeds=SEEDS)
         figures += _of_table(table)
     return figures

@@ -22,7 +22,7 @@ PLANTS = ("auto", "none")
 DESKS = ("auto", "manual", "off", BROWSER, *ELSEWHERE)
 
 LINE_DEFAULTS = {"line": "changping", "consist": "typeB4", "params": "typeB4"}
-"""Defaults with --trains."""
+"""Defaults with --trains and without --traffic; a traffic file has its own."""
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -110,6 +110,7 @@ class RunOptions:
     trains: int | None = None
     """Number of trains on the line in lockstep; None for a single train without network."""
     supply: str | None = None
+    traffic: str | None = None
     """Supply network of the line that feeds the trains."""
     logs: bool = True
     """Whether each of several trains writes logs."""
@@ -286,7 +287,12 @@ def _add_line(run: argparse.ArgumentParser) -> None:
         metavar="N",
         help="number of trains, each on its own bus, on one supply network",
     )
-    group.add_argument("--supply", choices=("strong", "weak"), help="default: the line's")
+    group.add_argument(
+        "--traffic", metavar="NAME|FILE", help="headway, dwells, places; default: the line's"
+    )
+    group.add_argument(
+        "--supply", metavar="NAME|FILE", help="network: strong, weak; default: the traffic's"
+    )
     group.add_argument(
         "--no-logs", dest="logs", action="store_false", help="no folder for each train: faster"
     )
@@ -340,7 +346,8 @@ def parse(argv: Sequence[str]) -> RunOptions:
     direction = chosen.pop("direction")
     several = chosen["trains"] is not None
     for name, alone in (("line", "florence"), ("consist", "florence4"), ("params", "florence4")):
-        chosen[name] = chosen[name] or (LINE_DEFAULTS[name] if several else alone)
+        of_line = LINE_DEFAULTS[name] if chosen["traffic"] is None else ""
+        chosen[name] = chosen[name] or (of_line if several else alone)
     if direction is not None:
         if split_route(chosen["line"])[1] is not None:
             top.error(f"--direction: --line {chosen['line']} names one already; leave one out")
@@ -394,7 +401,11 @@ def wires_problem(options: RunOptions) -> str:
 def trains_problem(options: RunOptions) -> str:
     """Error text if an option does not fit --trains, or needs it; else empty."""
     if options.trains is None:
-        alone = {"--supply": options.supply is not None, "--no-logs": not options.logs}
+        alone = {
+            "--supply": options.supply is not None,
+            "--traffic": options.traffic is not None,
+            "--no-logs": not options.logs,
+        }
         asked = [name for name, given in alone.items() if given]
         return f"{asked[0]}: only with --trains" if asked else ""
     if options.watch:

@@ -2,17 +2,20 @@
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
-from plant_emulator.power.supplies import STRONG
-from plant_emulator.traffic.config import load_traffic, traffic_of
+from plant_emulator.power.supplies import load_supply
+from plant_emulator.traffic.config import load_traffic, plan_traffic, traffic_of
 from plant_emulator.traffic.coupling import INTERVAL_S, Coupling, IntervalReport
 from plant_emulator.traffic.dispatcher import LEAD_S, Dispatcher
+from plant_emulator.traffic.member import leader_rear_m
 from plant_emulator.traffic.timetable import lap_timetable, starts
 
+STRONG = load_supply("strong")
 TRAFFIC = load_traffic("changping")
 LINE = load_line("changping")
 TIMETABLE = lap_timetable(TRAFFIC, LINE)
@@ -53,9 +56,7 @@ def test_other_numbers_of_trains_are_refused(trains: int) -> None:
 
 
 def test_a_line_without_traffic_is_refused_by_name() -> None:
-    with pytest.raises(
-        SettingsError, match="florence has no traffic file; lines with one: changping"
-    ):
+    with pytest.raises(SettingsError, match=r"florence has no traffic file; .*: changping"):
         traffic_of("florence")
 
 
@@ -142,3 +143,64 @@ def test_a_braking_train_feeds_an_accelerating_one_nearby() -> None:
         assert books.trains_j == pytest.approx(trains_j, rel=1e-6)
         assert abs(books.closure_ratio) < 1e-6
         assert sum(coupling.substations_w) * INTERVAL_S == pytest.approx(books.sources_j)
+
+
+def open_line(folder: Path, traffic: str = "", supply: str = "") -> str:
+    """Write traffic of an open line, with these changes, and return its path."""
+    (folder / "supply.toml").write_text(
+        'name = "s"\n[[substations]]\njoint = "A"\nno_load_v = 836.0\nsource_ohm = 0.015\n'
+        '[[sections]]\nbegin = "A"\nend = "B"\nbegin_m = 0.0\nend_m = 12000.0\n'
+        f"ohm_per_km = 0.02\n{supply}",
+        encoding="utf-8",
+    )
+    path = folder / "traffic.toml"
+    path.write_text(
+        'name = "t"\nline = "nanakuma"\nconsist = "nanakuma4"\nsupply = "supply.toml"\n'
+        f"trains = 3\nheadway_s = 240.0\ndwell_s = 30.0\ndwell_spread_s = 5.0\n{traffic}",
+        encoding="utf-8",
+    )
+    return str(path)
+
+
+def test_an_open_line_has_its_own_times_and_nothing_ahead_of_the_first_train(
+    tmp_path: Path,
+) -> None:
+    config, line, supply = plan_traffic(
+        None, open_line(tmp_path, "[runs_s]\nJiromaru = 99.0\n"), None
+    )
+    placed = starts(config, line, 2)
+
+    assert lap_timetable(config, line).leaves_s[1] == 99.0 + 30.0
+    assert placed[0].index > placed[1].index == 0
+    assert leader_rear_m(config, placed, 0, 66.0) > line.end_m
+    answers = Coupling(config, supply).answers([said(4000.0), said(1000.0)])
+    assert answers[0].leader_rear_m > line.end_m
+    assert answers[1].leader_rear_m == 3900.0
+
+
+@pytest.mark.parametrize(
+    ("traffic", "supply", "complaint"),
+    [
+        ("[runs_s]\nJiromaro = 9.0\n", "", "traffic t: runs_s: Jiromaro: .*Jiromaru"),
+        (
+            "[runs_s]\nJiromaru = 0.0\n",
+            "",
+            r"traffic\.toml:9: runs_s: Jiromaru 0\.0 is not",
+        ),
+        ("turnback_s = 9.0\n", "", "traffic.toml: stations_a_lap, terminals and turnback_s are"),
+        ("lap_m = 900.0\n", "", r"traffic\.toml: turnback_s 0\.0 is not positive"),
+        ("headway = 9.0\n", "", r"traffic\.toml:9: headway: unknown key"),
+        ("", "[voltages]\nceiling_v = 2500.0\n", r"ceiling_v 2500\.0 is above 2000"),
+        ("", '[[substations]]\njoint = "C"\nno_load_v = 800.0\nsource_ohm = 1.0\n', "C: no sec"),
+    ],
+)
+def test_a_mistake_in_traffic_or_supply_is_named_with_its_file(
+    traffic: str, supply: str, complaint: str, tmp_path: Path
+) -> None:
+    with pytest.raises(SettingsError, match=complaint):
+        plan_traffic(None, open_line(tmp_path, traffic, supply), None)
+
+
+def test_a_supply_that_does_not_reach_along_the_line_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="supply strong: sections: no section at 78"):
+        plan_traffic("nanakuma", open_line(tmp_path), "strong")

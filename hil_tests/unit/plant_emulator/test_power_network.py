@@ -1,5 +1,6 @@
 """The DC network against other solution methods and against physical laws."""
 
+import dataclasses
 import math
 import subprocess
 import sys
@@ -10,10 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant_emulator.power.network import (
+    Inverter,
     Load,
     Network,
     NetworkError,
     Section,
+    Storage,
     Substation,
     Voltages,
 )
@@ -170,6 +173,88 @@ def test_without_a_consumer_all_regenerated_power_goes_into_the_resistor() -> No
     assert fed[0].voltage_v > VOLTAGES.chops_from_v
     # The remaining current is the leakage of the smooth rectifier knee.
     assert balance.sources_w < 2.0e5
+
+
+INVERTER = Inverter(from_v=850.0, ohm=0.02, power_max_w=1.0e6)
+STORAGE = Storage("B", 800.0, 845.0, 0.02, power_max_w=1.0e6, capacity_kwh=1.0)
+
+
+def with_storage(storage: Storage = STORAGE, inverter: Inverter | None = None) -> Network:
+    sections = [Section("A", "B", 0.0, 4000.0, 0.02)]
+    return Network(sections, [Substation("A", 836.0, 0.015, inverter)], storages=[storage])
+
+
+def test_an_inverter_returns_what_resistors_would_take_up_to_its_power() -> None:
+    sections = [Section("A", "B", 0.0, 1000.0, 0.02)]
+    train = [Load(500.0, 0.0, 5.0e5, 0.0)]
+    without, _ = Network(sections, [Substation("A", 836.0, 0.015)]).solve(train)
+    reversible = Network(sections, [Substation("A", 836.0, 0.015, INVERTER)])
+
+    fed, balance = reversible.solve(train)
+
+    assert without[0].resistor_w > 4.5e5
+    assert fed[0].resistor_w < 1.0
+    assert 4.0e5 < balance.returned_w < 5.0e5
+    assert reversible.delivered_w()[0] == pytest.approx(balance.sources_w)
+    _, most = reversible.solve([Load(500.0, 0.0, 4.0e6, 0.0)])
+    assert 8.0e5 < most.returned_w <= 1.0e6
+
+
+@settings(max_examples=40, deadline=None)
+@given(trains=st.lists(loads, max_size=5), charge_ratio=st.floats(0.0, 1.0))
+def test_power_is_conserved_with_inverter_and_storage(
+    trains: list[Load], charge_ratio: float
+) -> None:
+    storage = dataclasses.replace(STORAGE, charge_ratio=charge_ratio)
+    network = with_storage(storage, INVERTER)
+
+    _, balance = network.solve([load._replace(at_m=load.at_m / 2.0) for load in trains])
+
+    assert network.unconverged == 0
+    assert abs(balance.error_w) <= 1.0
+    assert abs(balance.storages_w) <= storage.power_max_w + 1.0
+    assert 0.0 <= balance.returned_w <= INVERTER.power_max_w
+
+
+@pytest.mark.parametrize(
+    ("load", "end_kwh"), [(Load(3900.0, 2e6, 0.0, 0.0), 0.0), (Load(3900.0, 0.0, 2e6, 0.0), 1.0)]
+)
+def test_a_storage_gives_all_it_holds_or_fills_up_and_then_rests(
+    load: Load, end_kwh: float
+) -> None:
+    network = with_storage()
+    given_j = 0.0
+    for _ in range(40):
+        _, balance = network.solve([load])
+        given_j += balance.storages_w * 0.5
+        network.advance(0.5)
+        assert 0.0 <= network.charges_j[0] <= 3.6e6
+
+    assert network.charges_j[0] == pytest.approx(end_kwh * 3.6e6, abs=2e4)
+    # Half of the capacity went in or out, with the loss of one direction.
+    lost_ratio = 0.95 if end_kwh == 0.0 else -1.0 / 0.95
+    assert given_j == pytest.approx(1.8e6 * lost_ratio, rel=0.02)
+    assert abs(balance.storages_w) < 2e4
+
+
+@pytest.mark.parametrize(
+    ("inverter", "storages", "complaint"),
+    [
+        (Inverter(830.0, 0.02, 1e6), [], r"substation A: inverter\.from_v 830\.0 is not above"),
+        (None, [dataclasses.replace(STORAGE, joint="C")], "storage C: no section"),
+        (None, [dataclasses.replace(STORAGE, joint="A")], "storage A: is defined twice"),
+        (None, [dataclasses.replace(STORAGE, gives_below_v=90.0)], r"gives_below_v 90\.0 is not"),
+    ],
+)
+def test_a_wrong_inverter_or_storage_is_refused_by_name(
+    inverter: Inverter | None, storages: list[Storage], complaint: str
+) -> None:
+    with pytest.raises(NetworkError, match=complaint):
+        Network(
+            [Section("A", "B", 0.0, 1.0, 0.02)],
+            [Substation("A", 836.0, 0.02, inverter)],
+            storages=storages,
+        )
 
 
 @pytest.mark.parametrize(

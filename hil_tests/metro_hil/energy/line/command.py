@@ -12,7 +12,7 @@ from rich.table import Table
 from firmware_py.clock.clock import WallClock
 from firmware_py.storage.whole_file import write_whole
 from metro_hil.energy.line import table_four
-from metro_hil.energy.line.model import SUPPLIES, LineTrain, Supply, Timetable
+from metro_hil.energy.line.model import LineTrain, Supply, Timetable, shipped_supplies
 from metro_hil.energy.line.simulate import LapResults, simulate
 from metro_hil.energy.line.table_four import PRINTED, TableFour, TableFourRow, share_at_least
 from metro_hil.engine.errors import UsageError
@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
     seeds = seeds if options.limit is None else seeds[: options.limit]
     document: dict[str, Any] = {"seeds": list(seeds)}
     _show_arithmetic(console)
-    for supply in SUPPLIES.values():
+    for supply in shipped_supplies().values():
         try:
             with console.status(f"{supply.name} network") as status:
                 table = table_four.table_four(
@@ -82,8 +82,9 @@ def _show(console: Console, table: TableFour) -> None:
     supply = table.supply
     console.rule(f"{supply.name} network")
     console.print(
-        f"{supply.no_load_v:g} V, {supply.source_ohm * 1e3:g} mΩ, "
-        f"{supply.ohm_per_km * 1e3:g} mΩ/km, resistors from {supply.voltages.chops_from_v:g} V; "
+        f"{supply.no_load_v:g} V, {supply.substations[0].source_ohm * 1e3:g} mΩ, "
+        f"{supply.sections[0].ohm_per_km * 1e3:g} mΩ/km, "
+        f"resistors from {supply.voltages.chops_from_v:g} V; "
         f"a lap of 21 min, dwell 20 to 40 s, {len(table.seeds)} seeds",
         highlight=False,
     )
@@ -92,7 +93,8 @@ def _show(console: Console, table: TableFour) -> None:
     pairs = list(zip(rows, PRINTED, strict=True))
     timing = (f"{_on_time(row):.1%} / {paper.timing_ratio:.0%}" for row, paper in pairs)
     shown.add_row("timing rate", *timing)
-    shown.add_row("precise parking", *(f"{_parking(row)} / 99.99%" for row, _ in pairs))
+    shown.add_row("precise parking", *(f"{_parking(row):.2%} / 99.99%" for row in rows))
+    shown.add_row("worst stop", *(f"{_worst_stop(row)} cm" for row in rows))
     shown.add_row(
         "overall, kWh",
         *(
@@ -114,7 +116,7 @@ def _show(console: Console, table: TableFour) -> None:
             for row, paper in pairs
         ),
     )
-    shown.add_row("comfort", *(f"≤ {LineTrain().jerk_mps3} m/s³ / good" for _ in pairs))
+    shown.add_row("comfort: greatest jerk", *(f"{_jerk(row)} m/s³ / good" for row in rows))
     console.print(shown)
     _show_all(console, table)
 
@@ -151,10 +153,16 @@ def _on_time(row: TableFourRow) -> float:
     return row.mean(lambda outcome: outcome.on_time_ratio)
 
 
-def _parking(row: TableFourRow) -> str:
-    good = all(outcome.parking_m <= 0.3 for outcome in row.outcomes)
-    worst_m = max(outcome.parking_m for outcome in row.outcomes)
-    return "100%" if good else f"worst {worst_m:.2f} m"
+def _parking(row: TableFourRow) -> float:
+    return row.mean(lambda outcome: outcome.parked_ratio)
+
+
+def _worst_stop(row: TableFourRow) -> str:
+    return f"{100.0 * max(outcome.parking_m for outcome in row.outcomes):.1f}"
+
+
+def _jerk(row: TableFourRow) -> str:
+    return f"{max(outcome.jerk_mps3 for outcome in row.outcomes):.2f}"
 
 
 def _draw(page: Any, table: TableFour) -> None:
@@ -184,6 +192,9 @@ def as_document(table: TableFour) -> dict[str, Any]:
                 "overall_kwh": row.mean(lambda outcome: outcome.overall_kwh),
                 "actual_kwh": row.mean(lambda outcome: outcome.actual_kwh),
                 "use_ratio": row.mean(lambda outcome: outcome.use_ratio),
+                "parked_ratio": _parking(row),
+                "parking_m": max(outcome.parking_m for outcome in row.outcomes),
+                "jerk_mps3": max(outcome.jerk_mps3 for outcome in row.outcomes),
                 "change_ratio": row.change.mean_ratio,
                 "change_half_ratio": row.change.half_ratio,
             }

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from firmware_py.storage.whole_file import whole_file
-from metro_hil.energy.line.model import LAP_S, STOPS_M, SUBSTATIONS_M, TRAINS
+from metro_hil.energy.line.model import LAP_S, STOPS_M, TRAINS
 from metro_hil.energy.line.simulate import LineSeries
 from metro_hil.energy.line.table_four import TableFour
 
@@ -38,7 +38,7 @@ def draw(path: Path, table: TableFour, before: LineSeries, after: LineSeries) ->
             part = slice(first, last)
             _diagram(rows[0][column], name, record, part)
             _voltages(rows[1][column], record, part)
-            _substations(rows[2][column], record, part)
+            _substations(rows[2][column], table.supply.network().joints, record, part)
         for one, other in rows[:3]:
             # Both sides share their scales, for comparison.
             other.sharey(one)
@@ -66,10 +66,10 @@ def _voltages(axes: Axes, record: LineSeries, part: slice) -> None:
     axes.set_ylabel("voltage at the train in V")
 
 
-def _substations(axes: Axes, record: LineSeries, part: slice) -> None:
+def _substations(axes: Axes, joints: Sequence[str], record: LineSeries, part: slice) -> None:
     time_s = record.time_s[part] - LAP_S
     given_kw = record.given_w[part] / KW
-    axes.stackplot(time_s, given_kw.T, labels=[f"{at / KW:.1f} km" for at in SUBSTATIONS_M])
+    axes.stackplot(time_s, given_kw.T, labels=joints)
     axes.set_ylabel("substations in kW")
     axes.set_xlabel("time in s")
     axes.margins(y=0.15)

@@ -13,8 +13,8 @@ from plant_emulator.power.compiled import jitted, kernel
 from vobc.ato.laws import green_speeds as plain_law
 
 # State of a train.
-LEG, WAY, SPEED, EFFORT, LEAVES, DUE, BRAKES, VOLTAGE, LAP, STANDS, COASTS = range(11)
-STATE: Final = 11
+LEG, WAY, SPEED, EFFORT, LEAVES, DUE, BRAKES, VOLTAGE, LAP, STANDS, COASTS, ACCEL = range(12)
+STATE: Final = 12
 # Train.
 (
     MASS,
@@ -57,14 +57,20 @@ ALPHA, BETA, HORIZON, CONSTANT_V, STANDARD_V, SIGN, LITERAL_TIME, HOLD_COAST = r
     HIGHEST_V,
     EARLY_S,
     WORST_M,
-) = range(21)
-BOOKS: Final = 21
+    PARKED,
+    WORST_JERK,
+) = range(23)
+BOOKS: Final = 23
 
 GAIN_PER_S: Final = 0.6
 COAST_BAND_MPS2: Final = 0.03
 STOPPED_MPS: Final = 0.08
 STOPPED_M: Final = 0.02
 ON_TIME_S: Final = 2.0
+PARKED_M: Final = 0.3
+"""Stopping error up to which a stop counts as precise parking, as in [Lin]."""
+JERK_FROM_MPS: Final = 1.0
+"""Speed from which the jerk counts. Below it, the standstill itself would hide all others."""
 FEED_FACTOR: Final = 4.0
 ARM_OHM: Final = 0.04
 """Resistance of 2 km with 0.02 ohm/km; a train does not know the true values."""
@@ -204,6 +210,10 @@ def move(
     middle = 0.5 * (speed + after)
     state[WAY] += middle * part * step_s
     state[SPEED] = after
+    accel = (after - speed) / step_s
+    if counts > 0.0 and speed > JERK_FROM_MPS and after > JERK_FROM_MPS:
+        books[WORST_JERK] = max(books[WORST_JERK], abs(accel - state[ACCEL]) / step_s)
+    state[ACCEL] = accel
     books[DRAG] += counts * drag * middle * part * step_s
     books[KINETIC] += counts * 0.5 * mass * (after * after - speed * speed)
 
@@ -243,8 +253,10 @@ def work_at_station(
         books[WORST_S] = max(books[WORST_S], abs(late_s))
         books[EARLY_S] = max(books[EARLY_S], -late_s)
         books[WORST_M] = max(books[WORST_M], abs(left_m))
+        if abs(left_m) <= PARKED_M:
+            books[PARKED] += 1.0
         log[leg] += late_s
-    state[STANDS], state[SPEED], state[EFFORT] = 1.0, 0.0, 0.0
+    state[STANDS], state[SPEED], state[EFFORT], state[ACCEL] = 1.0, 0.0, 0.0, 0.0
     lap = int(state[LAP])
     if leg == 2:
         planned_s = train * timetable[0] + lap * timetable[2] + timetable[1]

@@ -51,12 +51,14 @@ def book_network(
     """Account the output of substations and the losses; `powers` (n,) are the substations'."""
     for i in range(n):
         powers[i] = 0.0
-        if sources[1, i] > 0.0:
-            fed, _ = flow.source_current(volts[i], sources[0, i], sources[1, i], limits)
-            current = fed + flow.IDLE_S * volts[i]
-            powers[i] = sources[0, i] * current
+        if sources[flow.GIVES_OHM, i] > 0.0:
+            current = flow.given_a(volts[i], i, sources, limits)
+            taken = flow.taken_a(volts[i], i, sources, limits)
+            gives_v, takes_v = sources[flow.GIVES_BELOW, i], sources[flow.TAKES_ABOVE, i]
+            powers[i] = gives_v * current - takes_v * taken
             books[SOURCES] += step_s * powers[i]
-            books[RECTIFIERS] += step_s * (sources[0, i] - volts[i]) * current
+            loss = (gives_v - volts[i]) * current + (volts[i] - takes_v) * taken
+            books[RECTIFIERS] += step_s * loss
             books[STATIONS] += step_s * flow.IDLE_S * volts[i] * volts[i]
         if parent[i] >= 0:
             fall = volts[i] - volts[parent[i]]
@@ -110,11 +112,11 @@ def set_nodes(states: Any, net: Any, room: Any) -> int:
         *(of_joint, sorted_trains),
     )
     for i in range(n):
-        sources[0, i], sources[1, i] = 0.0, 0.0
+        sources[:, i] = 0.0
         loads[0, i], loads[1, i], loads[2, i] = 0.0, 0.0, 0.0
     for j in range(len(of_joint)):
         k = of_joint[j]
-        sources[0, k], sources[1, k] = joint_sources[0, j], joint_sources[1, j]
+        sources[:, k] = joint_sources[:, j]
         volts[k] = joint_volts[j]
     for i in range(len(states)):
         volts[of_train[i]] = states[i, VOLTAGE]

@@ -6,9 +6,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_emulator.power.supplies import SUBSTATIONS_M as SUBSTATIONS_M
-from plant_emulator.power.supplies import SUPPLIES as SUPPLIES
+from firmware_py.settings import SettingsError
 from plant_emulator.power.supplies import Supply as Supply
+from plant_emulator.power.supplies import load_supply
+from plant_emulator.power.supplies import shipped_supplies as shipped_supplies
 
 Numbers = NDArray[np.float64]
 TRAINS: Final = 7
@@ -85,6 +86,34 @@ class Law:
                 *(float(self.literal_time), float(self.hold_and_coast)),
             ]
         )
+
+
+def line_supply(name: str) -> Supply:
+    """Load a supply that the simulated line can use. Raises SettingsError.
+
+    Its sections follow one another along the line, and nothing in it has a memory.
+    """
+    supply = load_supply(name)
+    if supply.storages:
+        raise SettingsError(f"{name}: storages: the simulated line has none; use vobc run --trains")
+    at_m = supply.sections[0].begin_m
+    for section in supply.sections:
+        if section.begin_m != at_m or section.end_m <= at_m:
+            raise SettingsError(
+                f"{name}: sections: {section.begin}-{section.end} does not begin at {at_m:g} m, "
+                "where the one before ends"
+            )
+        at_m = section.end_m
+    if supply.sections[0].begin_m > STOPS_M[0] or at_m < STOPS_M[-1]:
+        raise SettingsError(
+            f"{name}: sections: do not reach from {STOPS_M[0]:g} to {STOPS_M[-1]:g} m"
+        )
+    return supply
+
+
+def edges_m(supply: Supply) -> list[float]:
+    """Return the ends of the sections of a supply that `line_supply` accepted."""
+    return [supply.sections[0].begin_m, *(section.end_m for section in supply.sections)]
 
 
 TRADITIONAL: Final = Law("traditional")

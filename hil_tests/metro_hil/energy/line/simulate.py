@@ -14,7 +14,6 @@ from metro_hil.energy.line.model import (
     LAP_S,
     LEGS,
     STOPS_M,
-    SUBSTATIONS_M,
     TRAINS,
     TURNBACK_MIN_S,
     Law,
@@ -22,7 +21,9 @@ from metro_hil.energy.line.model import (
     Numbers,
     Supply,
     Timetable,
+    edges_m,
 )
+from plant_emulator.power import flow
 
 STEP_S = 0.2
 J_PER_KWH = 3.6e6
@@ -102,6 +103,16 @@ class LapResults:
         return float(self.books[kernel.WORST_M])
 
     @property
+    def parked_ratio(self) -> float:
+        """Share of the stops with an error of at most 0.3 m."""
+        return float(self.books[kernel.PARKED] / max(1.0, self.books[kernel.RUNS]))
+
+    @property
+    def jerk_mps3(self) -> float:
+        """Greatest change of acceleration over time, from 1 m/s on."""
+        return float(self.books[kernel.WORST_JERK])
+
+    @property
     def unconverged(self) -> int:
         return int(self.books[kernel.UNCONVERGED])
 
@@ -143,7 +154,7 @@ def simulate(
     books, late = np.zeros(kernel.BOOKS), np.zeros(LEGS)
     books[kernel.LOWEST_V] = supply.no_load_v
     record = np.zeros((rows, TRAINS, loop.RECORDED))
-    given = np.zeros((rows, len(SUBSTATIONS_M)))
+    given = np.zeros((rows, len(supply.network().joints)))
     loop.run_line(
         np.array([step_s, float(steps), float(warm), float(every)]),
         _states(supply),
@@ -180,7 +191,7 @@ def first_minutes(supply: Supply, *, step_s: float = 0.5, steps: int = 500) -> N
         (_timetable(timetable), dwells_of(1, 2), legs_of(timetable)),
         _net(supply),
         _room(supply),
-        (books, np.zeros(LEGS), nothing, np.zeros((1, len(SUBSTATIONS_M)))),
+        (books, np.zeros(LEGS), nothing, np.zeros((1, len(supply.network().joints)))),
     )
     return books
 
@@ -232,18 +243,19 @@ def _net(supply: Supply) -> tuple[Any, ...]:
         np.array(network.ohms_per_m),
         np.array(network.sources),
         np.array(network.limits),
-        np.array(SUBSTATIONS_M),
+        np.array(edges_m(supply)),
         np.array(network.roots),
     )
 
 
 def _room(supply: Supply) -> tuple[Any, ...]:
-    nodes, joints = TRAINS + len(SUBSTATIONS_M), len(SUBSTATIONS_M)
-    whole = np.int64
+    joints = len(supply.network().joints)
+    nodes = TRAINS + joints
+    whole, sources = np.int64, np.zeros((flow.SOURCE_ROWS, nodes))
     return (
         *(np.zeros(nodes, dtype=whole), np.zeros(nodes), np.zeros(TRAINS, dtype=whole)),
         *(np.zeros(joints, dtype=whole), np.zeros(TRAINS, dtype=whole)),
-        *(np.zeros(TRAINS, dtype=whole), np.zeros(TRAINS), np.zeros((2, nodes))),
+        *(np.zeros(TRAINS, dtype=whole), np.zeros(TRAINS), sources),
         *(np.zeros((3, nodes)), np.zeros(nodes), np.zeros((4, nodes))),
         *(np.full(joints, supply.no_load_v), np.zeros(nodes), np.zeros((TRAINS, 5))),
     )

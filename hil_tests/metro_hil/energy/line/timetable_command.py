@@ -13,7 +13,13 @@ from rich.table import Table
 from firmware_py.command_line import CommandParser
 from firmware_py.settings import SettingsError
 from metro_hil.energy.line.command import write_timetable
-from metro_hil.energy.line.model import HOLD_AND_COAST, SUPPLIES, TRADITIONAL, LineTrain, Timetable
+from metro_hil.energy.line.model import (
+    HOLD_AND_COAST,
+    TRADITIONAL,
+    LineTrain,
+    Timetable,
+    line_supply,
+)
 from metro_hil.energy.line.simulate import dwells_of, simulate
 from metro_hil.energy.line.synchronise import TimetableSearch
 from metro_hil.energy.line.table_four import paired
@@ -35,7 +41,7 @@ def parser() -> argparse.ArgumentParser:
         "--line", default="changping", metavar="NAME", help="only changping; default: changping"
     )
     top.add_argument(
-        "--supply", choices=sorted(SUPPLIES), default="strong", help="network; default: strong"
+        "--supply", default="strong", metavar="NAME|FILE", help="strong (default), weak or a file"
     )
     top.add_argument(
         "--budget", type=_whole, default=150, metavar="N", help="number of tries; default: 150"
@@ -65,7 +71,7 @@ def _find(options: argparse.Namespace) -> int:
     if out is not None and not out.parent.is_dir():
         raise SettingsError(f"--out {out}: there is no folder {out.parent}")
     console = Console(stderr=options.json)
-    train, supply, base = LineTrain(), SUPPLIES[options.supply], Timetable()
+    train, supply, base = LineTrain(), line_supply(options.supply), Timetable()
     search = TimetableSearch(train, supply, base, seed=options.seed, budget=options.budget)
     with console.status("searching") as status:
         found = search.run(

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from firmware_py.storage.whole_file import whole_file
 from metro_hil.line.virtual.coordinator import LineRecord
 from metro_hil.line.virtual.member import LinePlan
-from plant_emulator.power.supplies import SUBSTATIONS_M
 
 INK, QUIET, USED, BURNT = "#1f2933", "#7b8794", "#2f9e44", "#c0242b"
 KW: Final = 1000.0
@@ -38,7 +37,7 @@ def draw(path: Path, plan: LinePlan, record: LineRecord, law: str) -> None:
         rows = figure.subplots(5, 1, height_ratios=(3.0, 2.0, 2.0, 1.4, 1.4))
         _diagram(rows[0], plan, record, time_s)
         _voltages(rows[1], plan, record, time_s)
-        _substations(rows[2], record, time_s)
+        _substations(rows[2], plan, record, time_s)
         _regeneration(rows[3], record)
         _lateness(rows[4], record)
         for axes in rows[:3]:
@@ -53,7 +52,8 @@ def _diagram(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) ->
     for index, start in enumerate(plan.starts):
         places = [plan.traffic.place_m(row.said[index].front_m) / KW for row in record.rows]
         axes.plot(time_s, places, linewidth=1.0, label=f"train {start.train}")
-    for station in plan.line.stations[: plan.traffic.stations_a_lap // 2]:
+    stations = plan.line.stations
+    for station in stations[: plan.traffic.stations_a_lap // 2 or len(stations)]:
         axes.axhline(station.stop_m / KW, color=QUIET, linewidth=0.4)
         axes.annotate(
             station.name,
@@ -79,10 +79,15 @@ def _voltages(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) -
     )
 
 
-def _substations(axes: Axes, record: LineRecord, time_s: Numbers) -> None:
+def _substations(axes: Axes, plan: LinePlan, record: LineRecord, time_s: Numbers) -> None:
     given_kw = np.array([row.substations_w for row in record.rows]) / KW
-    labels = [f"{at_m / KW:.1f} km" for at_m in SUBSTATIONS_M]
-    axes.stackplot(time_s, given_kw.T, labels=labels)
+    labels = [station.joint for station in plan.supply.substations]
+    if float(np.min(given_kw, initial=0.0)) >= 0.0:
+        axes.stackplot(time_s, given_kw.T, labels=labels)
+    else:
+        # An inverter returns power, and a stack has no negative parts.
+        for label, power_kw in zip(labels, given_kw.T, strict=True):
+            axes.plot(time_s, power_kw, linewidth=0.8, label=label)
     axes.set_ylabel("substations in kW")
     axes.set_xlabel("time in s")
     axes.margins(y=0.15)

@@ -4,14 +4,13 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from can_dbc.vobc import Supervision
-from firmware_py.settings import SettingsError
-from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb import LineMap
 from metro_hil.model.frame_hash import FrameHash
 from metro_hil.model.mission import Journey, check_reference
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.run.lockstep import Lockstep, Taps
-from plant_emulator.power.supplies import SUPPLIES, Supply
-from plant_emulator.traffic.config import TrafficConfig, traffic_of
+from plant_emulator.power.supplies import Supply
+from plant_emulator.traffic.config import TrafficConfig, plan_traffic
 from plant_emulator.traffic.coupling import INTERVAL_NS, CouplingAnswer, IntervalReport
 from plant_emulator.traffic.dispatcher import StationRun
 from plant_emulator.traffic.member import TrafficMember, leader_rear_m, scenarios_of
@@ -44,32 +43,32 @@ def plan_line(
     seed: int,
     law: str | None = None,
     supply: str | None = None,
+    traffic: str | None = None,
     cycle_ms: float | None = None,
     stage: str | None = None,
     load_ratio: float | None = None,
     odometer_error_ratio: float | None = None,
 ) -> LinePlan:
     """Plan a line; None takes the value of the line's traffic. Raises SettingsError."""
-    traffic = traffic_of(line)
-    track = load_line(traffic.line)
-    if supply is not None and supply not in SUPPLIES:
-        raise SettingsError(f"--supply {supply}: choose one of {', '.join(sorted(SUPPLIES))}")
-    placed = starts(traffic, track, trains)
+    plan, track, network = plan_traffic(line, traffic, supply)
+    placed = starts(plan, track, trains)
     scenarios = scenarios_of(
-        traffic,
+        plan,
+        track,
         placed,
         consist=consist,
         seed=seed,
         load_ratio=load_ratio,
         odometer_error_ratio=odometer_error_ratio,
     )
-    config = load_config(params or traffic.consist, cycle_ms=cycle_ms, law=law, stage=stage)
+    config = load_config(
+        params or plan.params or plan.consist, cycle_ms=cycle_ms, law=law, stage=stage
+    )
     track = track.for_train(config.train.length_m)
     check_plausible(config, track)
     check_reference(config, scenarios[0].train)
-    timetable = lap_timetable(traffic, track)
-    network = SUPPLIES[supply or traffic.supply]
-    return LinePlan(traffic, timetable, track, network, placed, scenarios, config, seed)
+    timetable = lap_timetable(plan, track)
+    return LinePlan(plan, timetable, track, network, placed, scenarios, config, seed)
 
 
 class VirtualTrainReport(NamedTuple):

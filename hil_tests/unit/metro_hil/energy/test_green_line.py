@@ -21,10 +21,11 @@ from metro_hil.energy.line.regimes import LegRuns, least_traction
 from metro_hil.energy.line.simulate import LapResults, dwells_of, first_minutes, simulate
 from metro_hil.energy.line.synchronise import TimetableSearch
 from metro_hil.energy.line.table_four import PRINTED, paired, share_at_least
-from plant_emulator.power.supplies import STRONG, WEAK
+from plant_emulator.power.supplies import load_supply
 from vobc.ato.laws import green_speeds
 
 TRAIN = LineTrain()
+STRONG, WEAK = load_supply("strong"), load_supply("weak")
 
 
 def lap(law: Law = TRADITIONAL, seed: int = 1, step_s: float = 0.2, supply=STRONG) -> LapResults:  # type: ignore[no-untyped-def]
@@ -110,7 +111,7 @@ from metro_hil.energy.line import simulate
 from plant_emulator.power import supplies
 from plant_emulator.power.compiled import COMPILED
 assert not COMPILED
-print(' '.join(repr(float(book)) for book in simulate.first_minutes(supplies.WEAK)))
+print(' '.join(repr(float(book)) for book in simulate.first_minutes(supplies.load_supply('weak'))))
 """
 
 
