@@ -11,6 +11,7 @@ import tomli_w
 from firmware_py.settings import SettingsError, find, shipped_names
 from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
+from plant_emulator.power.supplies import load_supply
 from plant_emulator.traffic.config import load_traffic
 from plant_emulator.train_config import load_train
 from vobc.config import load_config
@@ -20,6 +21,7 @@ READERS: Final[dict[str, Callable[[str], object]]] = {
     "firmware_py.trackdb": load_line,
     "firmware_py.trackdb.division": load_areas,
     "plant_emulator.consists": load_train,
+    "plant_emulator.power": load_supply,
     "plant_emulator.traffic": load_traffic,
     "vobc.params": load_config,
 }

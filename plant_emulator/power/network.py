@@ -29,12 +29,12 @@ class Inverter:
 
     from_v: float
     """Voltage from which it takes current."""
-    ohm: float
+    source_ohm: float
     """Rise of the voltage with each ampere that it takes."""
     power_max_w: float
 
     def __post_init__(self) -> None:
-        _check_positive(self, "from_v", "ohm", "power_max_w")
+        _check_positive(self, "from_v", "source_ohm", "power_max_w")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Storage:
     joint: str
     gives_below_v: float
     takes_above_v: float
-    ohm: float
+    source_ohm: float
     """Change of the voltage with each ampere, in both directions."""
     power_max_w: float
     capacity_kwh: float
@@ -64,7 +64,7 @@ class Storage:
     """Efficiency of charging, and again of discharging."""
 
     def __post_init__(self) -> None:
-        _check_positive(self, "gives_below_v", "ohm", "power_max_w", "capacity_kwh")
+        _check_positive(self, "gives_below_v", "source_ohm", "power_max_w", "capacity_kwh")
         if not self.gives_below_v < self.takes_above_v < math.inf:
             raise ValueError(f"takes_above_v {self.takes_above_v} is not above gives_below_v")
         if not 0.0 <= self.charge_ratio <= 1.0:
@@ -234,15 +234,15 @@ class Network:
                     f"{where}: inverter.from_v {inverter.from_v} is not above no_load_v; power "
                     "would circulate"
                 )
-            taking = (inverter.from_v, inverter.ohm, inverter.power_max_w / inverter.from_v)
+            taking = (inverter.from_v, inverter.source_ohm, inverter.power_max_w / inverter.from_v)
         self._place(where, substation.joint, substation.no_load_v, substation.source_ohm, *taking)
 
     def _add_storage(self, storage: Storage) -> None:
         where = f"storage {storage.joint}"
         self._check_voltage(where, "gives_below_v", storage.gives_below_v)
         self._check_voltage(where, "takes_above_v", storage.takes_above_v)
-        taking = (storage.takes_above_v, storage.ohm, 0.0)
-        self._place(where, storage.joint, storage.gives_below_v, storage.ohm, *taking)
+        taking = (storage.takes_above_v, storage.source_ohm, 0.0)
+        self._place(where, storage.joint, storage.gives_below_v, storage.source_ohm, *taking)
 
     def _check_voltage(self, where: str, key: str, value_v: float) -> None:
         low_v, high_v = self.voltages.full_effort_v, self.voltages.ceiling_v

@@ -175,7 +175,7 @@ def test_without_a_consumer_all_regenerated_power_goes_into_the_resistor() -> No
     assert balance.sources_w < 2.0e5
 
 
-INVERTER = Inverter(from_v=850.0, ohm=0.02, power_max_w=1.0e6)
+INVERTER = Inverter(from_v=850.0, source_ohm=0.02, power_max_w=1.0e6)
 STORAGE = Storage("B", 800.0, 845.0, 0.02, power_max_w=1.0e6, capacity_kwh=1.0)
 
 

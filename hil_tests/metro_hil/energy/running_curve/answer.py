@@ -6,7 +6,14 @@ from typing import Any, Final
 import numpy as np
 
 from metro_hil.energy.running_curve import table_one
-from metro_hil.energy.running_curve.design import Design, Hop, RunningCurve, design, whole_net
+from metro_hil.energy.running_curve.design import (
+    Design,
+    Hop,
+    InfeasibleError,
+    RunningCurve,
+    design,
+    whole_net,
+)
 from metro_hil.energy.running_curve.literal import (
     Literal,
     literal_design,
@@ -67,7 +74,8 @@ def answer(asked: DesignRequest) -> DesignAnswer:
     designed = design(asked.hop, asked.time_s, asked.weight_factor)
     optimum = above_ratio = None
     if asked.optimal:
-        begin = trace(train, asked.coarse, designed.curve).square_m2_per_s2
+        run = trace(train, track, designed.curve)
+        begin = np.interp(asked.coarse.at_m, run.at_m, run.square_m2_per_s2)
         time_s = max(asked.time_s, designed.curve.time_s)
         optimum = optimise(train, asked.coarse, time_s, asked.use_ratio, begin)
         above_j = designed.curve.total_j(asked.use_ratio) - optimum.cost_j
@@ -111,9 +119,15 @@ def net_of(asked: DesignRequest) -> Net:
 
 
 def reference_curves(asked: DesignRequest) -> tuple[RunningCurve, RunningCurve]:
-    """Return the curves <I> and <II>: with the greatest weight and with none."""
-    conventional = design(asked.hop, asked.time_s, CONVENTIONAL_WEIGHT).curve
-    return conventional, design(asked.hop, asked.time_s, 0.0).curve
+    """Return the curves <I> and <II>: with the greatest weight and with none.
+
+    A long hop has no run with the greatest weight that takes so much time; then both are <II>.
+    """
+    economical = design(asked.hop, asked.time_s, 0.0).curve
+    try:
+        return design(asked.hop, asked.time_s, CONVENTIONAL_WEIGHT).curve, economical
+    except InfeasibleError:
+        return economical, economical
 
 
 def as_document(found: DesignAnswer) -> dict[str, Any]:
@@ -127,6 +141,8 @@ def as_document(found: DesignAnswer) -> dict[str, Any]:
         "length_m": asked.track.length_m,
         "curve": {
             **asdict(curve),
+            **({} if asked.track.thrift is None else {"notch_off_mps": None, "hold_m": None}),
+            "greatest_mps": float(np.max(found.run.speed_mps)),
             "power_per_motor_w": curve.power_w / asked.train.motors,
             "acceleration_kwh": curve.acceleration_j / J_PER_KWH,
             "regenerated_kwh": curve.regenerated_j / J_PER_KWH,

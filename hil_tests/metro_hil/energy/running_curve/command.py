@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -30,6 +31,7 @@ from metro_hil.energy.running_curve.answer import (
 )
 from metro_hil.energy.running_curve.design import Hop
 from metro_hil.energy.running_curve.literal import x_that_the_table_implies_s
+from metro_hil.energy.running_curve.net import with_thrift
 from metro_hil.energy.running_curve.optimum import NotSolvedError
 from metro_hil.energy.running_curve.trace import trace
 from metro_hil.energy.running_curve.track import level_track, track_between
@@ -40,7 +42,7 @@ from metro_hil.model.run_options import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 DESCRIPTION: Final = (
     "Design the power-limited running curve of one hop after Ninh, Watanabe and Koseki: search the "
     "whole net of times and energies, choose notch-off speed, power limit and braking point for "
-    "the running time, and draw the paper's figures 4, 5, 7 and 10."
+    "the running time, and draw the paper's figures 4 to 7 and 10."
 )
 EPILOG: Final = (
     "exit codes: 0 done; 1 --optimal found no run that passes its checks; 2 wrong usage, "
@@ -62,7 +64,10 @@ def parser() -> argparse.ArgumentParser:
         "--eta", type=_weight, default=5.0, metavar="N", help="weight of the peak power; default: 5"
     )
     top.add_argument(
-        "--train", default="seed002", metavar="NAME|FILE", help="seed002 (default) or nanakuma4"
+        "--train",
+        default="seed002",
+        metavar="NAME|FILE",
+        help="seed002 (default), nanakuma4, or a consist",
     )
     top.add_argument("--optimal", action="store_true", help="compare with the optimal control")
     top.add_argument(
@@ -100,7 +105,7 @@ def _design(options: argparse.Namespace) -> int:
     first, last, track = track_between(line, train, options.start, options.end)
     coarse = track_between(line, train, first, last, cell_m=OPTIMUM_CELL_M)[2]
     asked = DesignRequest(
-        Hop(train, track),
+        Hop(train, with_thrift(train, track, options.receptive)),
         coarse,
         time_s=options.time,
         weight_factor=options.eta,
@@ -136,9 +141,7 @@ def _show(console: Console, title: str, found: DesignAnswer) -> None:
     table.add_row(
         "x, of T0..T", f"{choice.x_s:.2f} s, of {choice.fastest_s:.2f}..{asked.time_s:g} s"
     )
-    notch = f"{curve.notch_off_mps:.2f} m/s ({curve.notch_off_mps * KMH_PER_MPS:.1f} km/h)"
-    held = f", held for {curve.hold_m:.0f} m" if curve.hold_m > 0.0 else ""
-    table.add_row("notch-off speed", notch + held)
+    table.add_row(*_speed_row(found))
     motor_kw = curve.power_w / asked.train.motors / 1000.0
     table.add_row(
         "power limit of the brake", f"{motor_kw:.2f} kW a motor, {curve.power_w / 1e3:.0f} kW"
@@ -158,6 +161,18 @@ def _show(console: Console, title: str, found: DesignAnswer) -> None:
     _add_optimum(table, found)
     _add_literal(table, found)
     console.print(table)
+
+
+def _speed_row(found: DesignAnswer) -> tuple[str, str]:
+    asked, curve = found.asked, found.designed.curve
+    if asked.track.thrift is not None:
+        top_mps = float(np.max(found.run.speed_mps))
+        coasts_m = int(np.sum(found.run.power_w == 0.0)) * asked.track.cell_m
+        text = f"{top_mps:.2f} m/s ({top_mps * KMH_PER_MPS:.1f} km/h)"
+        return "greatest speed", f"{text}, coasts for {coasts_m:.0f} m of the way"
+    notch = f"{curve.notch_off_mps:.2f} m/s ({curve.notch_off_mps * KMH_PER_MPS:.1f} km/h)"
+    held = f", held for {curve.hold_m:.0f} m" if curve.hold_m > 0.0 else ""
+    return "notch-off speed", notch + held
 
 
 def _add_optimum(table: Table, found: DesignAnswer) -> None:

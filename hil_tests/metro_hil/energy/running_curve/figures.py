@@ -1,4 +1,4 @@
-"""The page of figures: figures 4, 5, 7 and 10 of [Ninh] for this hop and this train."""
+"""The page of figures: figures 4 to 7 and 10 of [Ninh] for this hop and this train."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,14 +57,15 @@ class Page:
 def draw(path: Path, page: Page) -> None:
     """Draw the page and write it as a PNG."""
     with mpl.rc_context({"font.size": 9, "axes.edgecolor": QUIET, "text.color": INK}):
-        figure = Figure(figsize=(14.0, 10.0), dpi=100, layout="constrained")
+        figure = Figure(figsize=(14.0, 14.0), dpi=100, layout="constrained")
         FigureCanvasAgg(figure)
         figure.suptitle(page.title)
-        (net, run), (choice, weights) = figure.subplots(2, 2)
-        _net(net, page)
-        _run(run, page)
-        _choice(choice, page)
-        _weights(weights, page)
+        axes = figure.subplot_mosaic([["net", "run"], ["parts", "choice"], ["weights", "weights"]])
+        _net(axes["net"], page)
+        _run(axes["run"], page)
+        _parts(axes["parts"], page)
+        _choice(axes["choice"], page)
+        _weights(axes["weights"], page)
         with whole_file(path) as part:
             figure.savefig(part)
 
@@ -96,7 +97,7 @@ def _net(axes: Axes, page: Page) -> None:
 
 def _run(axes: Axes, page: Page) -> None:
     power, time = axes.twinx(), axes.twinx()
-    time.spines["right"].set_position(("axes", 1.12))
+    time.spines["right"].set_position(("axes", 1.17))
     for name, colour, run in page.traces:
         axes.plot(run.at_m, run.speed_mps, color=colour, label=name)
         power.plot(run.at_m, run.power_w / KW, color=colour, linewidth=0.7, linestyle="--")
@@ -109,6 +110,26 @@ def _run(axes: Axes, page: Page) -> None:
     time.set_ylabel("time in s (dotted)")
     axes.set_title("runs over the way (figure 5)", fontsize=9)
     axes.legend(fontsize=8, loc="lower center")
+
+
+def _parts(axes: Axes, page: Page) -> None:
+    """Draw acceleration and regenerated energy by themselves, and totals by the used share."""
+    net, time_s = page.net, page.designed.time_s
+    times_s = net.time_s[:, -1]
+    shown = np.flatnonzero(np.abs(times_s - time_s) <= WINDOW_S)
+    shown = shown[np.argsort(times_s[shown], kind="stable")]
+    gained_mj = net.acceleration_j[shown, -1] / J_PER_MJ
+    returned_mj = net.regenerated_j[shown, -1] / J_PER_MJ
+    axes.plot(times_s[shown], gained_mj, color=CONVENTIONAL, label="E_acc")
+    axes.plot(times_s[shown], returned_mj, color=ECONOMICAL, label="E_reg")
+    for share, style in ((1.0, "-"), (0.7, "--"), (0.5, ":")):
+        total_mj = gained_mj - share * returned_mj
+        axes.plot(times_s[shown], total_mj, style, color=DESIGNED, label=f"total, {share:.0%} used")
+    axes.axvline(time_s, color=INK, linewidth=0.8, linestyle=":")
+    axes.set_xlabel("running time in s")
+    axes.set_ylabel("energy of runs with the full brake, in MJ")
+    axes.set_title("acceleration and regenerated energy (figure 6)", fontsize=9)
+    axes.legend(fontsize=8)
 
 
 def _choice(axes: Axes, page: Page) -> None:

@@ -6,12 +6,19 @@ not on the notch-off speed. So each half is integrated once over the way, and al
 where they cross. Each pair gives a whole run with its time and energies.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from metro_hil.energy.running_curve.thrift import (
+    PRICES,
+    Thrift,
+    forces_n,
+    lowered,
+    thrift,
+)
 from metro_hil.energy.running_curve.track import HopTrack
 from metro_hil.energy.running_curve.train import Numbers, RunningTrain
 
@@ -79,13 +86,19 @@ class Net:
 def departures(
     train: RunningTrain, track: HopTrack, notch_off_mps: Numbers, hold_m: Numbers
 ) -> Departures:
-    """Drive with full traction under all limits to the notch-off speed, hold it, then coast."""
+    """Drive with full traction under all limits to the notch-off speed, hold it, then coast.
+
+    On a track with a lower limit ahead the runs are those of `thrift`, which coast before each.
+    There notch-off speed and distance of holding only number them, from the slowest on.
+    """
+    if track.thrift is not None:
+        return _thrifty_departures(train, track, track.thrift, notch_off_mps, hold_m)
     cells, n, step_m = track.cells, len(notch_off_mps), track.cell_m
     shape = (cells + 1, n)
     square, time_s = np.zeros(shape), np.zeros(shape)
     traction_j, regained_j = np.zeros(shape), np.zeros(shape)
     run = _Forward(train, notch_off_mps**2, hold_m, step_m)
-    ceiling_square = _slowed_ceiling(train, track)
+    ceiling_square = slowed_ceiling(train, track)
     for i in range(cells):
         at = square[i]
         ends, work_j, split_m, middle = run.cell(i, at, track.grade_n[i], ceiling_square[i + 1])
@@ -96,6 +109,41 @@ def departures(
     late = np.arange(1, cells + 1)[:, None] * step_m > START_UP_M
     stalled = np.logical_or.accumulate((square[1:] < STALL_MPS**2) & late, axis=0)
     time_s[1:] = np.where(stalled, np.inf, time_s[1:])
+    return Departures(notch_off_mps, hold_m, square, time_s, traction_j, regained_j)
+
+
+def _thrifty_departures(
+    train: RunningTrain, track: HopTrack, best: Thrift, notch_off_mps: Numbers, hold_m: Numbers
+) -> Departures:
+    cells, n, step_m = track.cells, len(notch_off_mps), track.cell_m
+    shape = (cells + 1, n)
+    square, time_s = np.zeros(shape), np.zeros(shape)
+    traction_j, regained_j = np.zeros(shape), np.zeros(shape)
+    gain = 2.0 * step_m / train.mass_kg
+    number = track.number_of(notch_off_mps, hold_m) * (PRICES - 1)
+    lower = np.minimum(number.astype(np.intp), PRICES - 2)
+    change_m = (number - lower) * track.length_m
+    ceiling_square = slowed_ceiling(train, track)
+    # Beyond the point from which the full brake stops the train, each run coasts.
+    stopping, columns = stopping_square(train, track), np.arange(n)
+    for i in range(cells):
+        at = square[i]
+        share = np.clip(change_m / step_m - i, 0.0, 1.0)
+        coasting_n, pull_n, keep_n = forces_n(train, at, track.grade_n[i], step_m)
+        efforts_n, speed_mps = np.stack([pull_n, keep_n, np.zeros(n)]), np.sqrt(at)
+        effort_n = share * efforts_n[best.at(i, lower + 1, speed_mps), columns]
+        effort_n += (1.0 - share) * efforts_n[best.at(i, lower, speed_mps), columns]
+        effort_n = np.where(at >= stopping[i], np.minimum(effort_n, 0.0), effort_n)
+        ends = np.maximum(at + gain * (effort_n - coasting_n), 0.0)
+        capped = ends > ceiling_square[i + 1]
+        keeping_n = (ceiling_square[i + 1] - at) / gain + coasting_n
+        work_j = np.where(capped, keeping_n, effort_n) * step_m
+        ends = np.minimum(ends, ceiling_square[i + 1])
+        square[i + 1] = ends
+        traction_j[i + 1] = traction_j[i] + np.maximum(work_j, 0.0)
+        regained_j[i + 1] = regained_j[i] - np.minimum(work_j, 0.0)
+        with np.errstate(divide="ignore"):
+            time_s[i + 1] = time_s[i] + 2.0 * step_m / (np.sqrt(at) + np.sqrt(ends))
     return Departures(notch_off_mps, hold_m, square, time_s, traction_j, regained_j)
 
 
@@ -165,7 +213,7 @@ def _cell_s(
     return total
 
 
-def _slowed_ceiling(train: RunningTrain, track: HopTrack) -> Numbers:
+def slowed_ceiling(train: RunningTrain, track: HopTrack) -> Numbers:
     """Return the squared ceiling, including the braking distance before each lower limit."""
     square = track.ceiling_mps**2
     gain = 2.0 * track.cell_m / train.mass_kg
@@ -197,6 +245,21 @@ def arrivals(train: RunningTrain, track: HopTrack, power_w: Numbers) -> Arrivals
         with np.errstate(divide="ignore"):
             time_s[i] = time_s[i + 1] + 2.0 * step_m / (np.sqrt(square[i]) + np.sqrt(at))
     return Arrivals(power_w, square, time_s, regained_j)
+
+
+def stopping_square(train: RunningTrain, track: HopTrack) -> Numbers:
+    """Return the square of the speed from which the full brake stops the train at the end."""
+    full = arrivals(train, track, np.array([train.brake_power_w]))
+    found: Numbers = full.square_m2_per_s2[:, 0]
+    return found
+
+
+def with_thrift(train: RunningTrain, track: HopTrack, use_ratio: float) -> HopTrack:
+    """Add the best regimes to a track with a lower limit ahead; leave others as they are."""
+    if not lowered(track.ceiling_mps):
+        return track
+    ceiling = np.minimum(slowed_ceiling(train, track), stopping_square(train, track))
+    return replace(track, thrift=thrift(train, track.cell_m, track.grade_n, ceiling, use_ratio))
 
 
 def join(train: RunningTrain, track: HopTrack, first: Departures, second: Arrivals) -> Net:

@@ -8,11 +8,16 @@ import numpy as np
 
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
+from metro_hil.energy.running_curve.thrift import Thrift
 from metro_hil.energy.running_curve.train import GRAVITY_MPS2, Numbers, RunningTrain
 
 CELL_M: Final = 1.0
 CELLS_MIN: Final = 20
-LENGTH_MAX_M: Final = 20000.0
+CELLS_MAX: Final = 2000
+"""Number of cells that a hop has at most; long hops have longer cells."""
+LOWERED_CELL_M: Final = 2.5
+"""Length of a cell on a hop with a lower limit ahead, where more runs are compared."""
+LENGTH_MAX_M: Final = 100000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +30,18 @@ class HopTrack:
     """Force of the gradient against the train by cell, positive uphill, (cells,)."""
     ceiling_mps: Numbers
     """Limit for the whole train by node, including the train's own maximum speed, (cells + 1,)."""
+    thrift: Thrift | None = None
+    """Best regimes of a track with a lower limit ahead."""
 
     @property
     def cell_m(self) -> float:
         return self.length_m / self.cells
+
+    def number_of(self, notch_off_mps: Numbers, hold_m: Numbers) -> Numbers:
+        """Return the number of a run between 0, the slowest, and 1; see `net.departures`."""
+        top_mps = float(np.max(self.ceiling_mps))
+        number: Numbers = (notch_off_mps / top_mps + hold_m / self.length_m) / 2.0
+        return np.minimum(number, 1.0)
 
     @property
     def at_m(self) -> Numbers:
@@ -48,7 +61,7 @@ def track_between(
     start: str | None,
     end: str | None,
     *,
-    cell_m: float = CELL_M,
+    cell_m: float | None = None,
 ) -> tuple[str, str, HopTrack]:
     """Return the track from one station to another, whatever lies between.
 
@@ -72,11 +85,19 @@ def track_between(
         raise SettingsError(
             f"{names[first]}-{names[last]}: {length_m:g} m is over {LENGTH_MAX_M:g} m"
         )
-    cells = max(CELLS_MIN, math.ceil(length_m / cell_m))
+    limits_mps = [
+        section.limit_mps
+        for section in line.speed_sections
+        if section.start_m < end_m and section.end_m > begin_m - train.length_m
+    ]
+    if cell_m is None:
+        several = len({min(train.speed_max_mps, limit_mps) for limit_mps in limits_mps}) > 1
+        cell_m = LOWERED_CELL_M if several else CELL_M
+    cells = min(CELLS_MAX, max(CELLS_MIN, math.ceil(length_m / cell_m)))
     at_m = np.linspace(begin_m, end_m, cells + 1)
     grade_n = np.array(
         [
-            train.mass_kg
+            train.weight_kg
             * GRAVITY_MPS2
             * line.mean_gradient_permille(front_m - train.length_m, front_m)
             / 1000.0

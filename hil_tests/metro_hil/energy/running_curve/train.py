@@ -2,15 +2,23 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py import settings
+from plant_emulator.train_config import TrainConfig
+from plant_emulator.train_config import load_train as load_consist
 
 SHIPPED: Final = "metro_hil.energy.running_curve.trains"
+CONSISTS: Final = "plant_emulator.consists"
 GRAVITY_MPS2: Final = 9.81
+MOTORS_A_CAR: Final = 4
+"""Motors of each car of a consist that has motors; consist files do not give their number."""
+SPEED_MAX_MPS: Final = 100.0
+"""Greatest speed of a consist, beyond all limits of lines."""
 
 Numbers = NDArray[np.float64]
 
@@ -41,6 +49,9 @@ class RunningTrain:
     resistance_n_per_mps: float
     resistance_n_per_mps2: float
     length_m: float = 66.0
+    rotating_ratio: float = 0.0
+    """Rotating masses as a share of the weight, on which gradients do not act. 0: the whole of
+    `mass_kg` counts as weight."""
 
     def __post_init__(self) -> None:
         for name in (
@@ -53,10 +64,16 @@ class RunningTrain:
         for name in ("traction_efficiency_ratio", "regeneration_efficiency_ratio"):
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise ValueError(f"{name} {getattr(self, name)} is not within 0..1")
-        for name in (*("resistance_n", "resistance_n_per_mps", "resistance_n_per_mps2"),):
+        for name in (
+            *("resistance_n", "resistance_n_per_mps", "resistance_n_per_mps2", "rotating_ratio"),
+        ):
             value = getattr(self, name)
             if not 0.0 <= value < math.inf:
                 raise ValueError(f"{name} {value} is negative")
+
+    @property
+    def weight_kg(self) -> float:
+        return self.mass_kg / (1.0 + self.rotating_ratio)
 
     def resistance_at_n(self, speed_mps: Numbers) -> Numbers:
         return self.resistance_n + speed_mps * (
@@ -74,5 +91,51 @@ class RunningTrain:
 
 
 def load_train(name: str) -> RunningTrain:
-    """Load a train by path or by the name of a shipped file. Raises SettingsError."""
-    return settings.load(RunningTrain, name, SHIPPED)
+    """Load a train by path or by the name of a shipped file. Raises SettingsError.
+
+    It may also be a consist, such as `vobc import` writes.
+    """
+    if settings.is_path(name):
+        consist = "cars" in settings.parse(Path(name))
+    else:
+        shipped, consists = settings.shipped_names(SHIPPED), settings.shipped_names(CONSISTS)
+        if name not in (*shipped, *consists):
+            hint = settings.nearest(name, sorted({*shipped, *consists}), "train")
+            raise settings.SettingsError(f"{name}: {hint}")
+        consist = name not in shipped
+    return of_consist(load_consist(name)) if consist else settings.load(RunningTrain, name, SHIPPED)
+
+
+def of_consist(consist: TrainConfig) -> RunningTrain:
+    """Return the train of a consist, with its load.
+
+    The line sets its greatest speed. The electric brake works down to the standstill.
+    """
+    traction, service = consist.traction, consist.brake.service
+    electric, resistance = service.electric, consist.resistance
+    rotating_ratio = consist.rotating_mass_percent / 100.0
+    mass_kg = consist.mass_kg * (1.0 + rotating_ratio)
+    weight_kn = consist.mass_kg * GRAVITY_MPS2 / 1000.0
+    service_n = mass_kg * service.max_decel_mps2
+    try:
+        return RunningTrain(
+            name=consist.name,
+            description=consist.description or consist.name,
+            mass_kg=mass_kg,
+            motors=MOTORS_A_CAR * sum(car.motor for car in consist.cars),
+            traction_force_n=traction.rated_force_n * traction.effort_ratio,
+            traction_power_w=traction.max_power_w * traction.effort_ratio,
+            traction_efficiency_ratio=traction.efficiency_ratio,
+            brake_force_n=min(service_n, electric.max_force_n),
+            brake_power_w=electric.max_power_w,
+            regeneration_efficiency_ratio=electric.efficiency_ratio,
+            service_force_n=service_n,
+            speed_max_mps=SPEED_MAX_MPS,
+            resistance_n=resistance.a_n_per_kn * weight_kn,
+            resistance_n_per_mps=resistance.b_n_per_kn_per_mps * weight_kn,
+            resistance_n_per_mps2=resistance.c_n_per_kn_per_mps2 * weight_kn,
+            length_m=consist.length_m,
+            rotating_ratio=rotating_ratio,
+        )
+    except ValueError as error:
+        raise settings.SettingsError(f"consist {consist.name}: {error}") from error

@@ -9,14 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from firmware_py.settings import SettingsError
 from metro_hil.energy.running_curve import steps, table_one
 from metro_hil.energy.running_curve.design import Hop, InfeasibleError, curve_of, design, with_time
 from metro_hil.energy.running_curve.literal import literal_design, x_that_the_table_implies_s
-from metro_hil.energy.running_curve.net import arrivals, departures, join
+from metro_hil.energy.running_curve.net import arrivals, departures, join, with_thrift
 from metro_hil.energy.running_curve.optimum import LATE_MAX_S, NotSolvedError, check, optimise
 from metro_hil.energy.running_curve.trace import trace
 from metro_hil.energy.running_curve.track import HopTrack, level_track
 from metro_hil.energy.running_curve.train import RunningTrain, load_train
+from plant_emulator.train_config import load_train as load_consist
 
 TRAIN = load_train("seed002")
 LEVEL = level_track(TRAIN, 1000.0)
@@ -33,7 +35,21 @@ def hilly_track(train: RunningTrain) -> HopTrack:
     return dataclasses.replace(level, grade_n=train.mass_kg * 9.81 * permille / 1000.0)
 
 
+def limited_track(train: RunningTrain) -> HopTrack:
+    """A hilly track with three lower limits, each after a higher one."""
+    level = level_track(train, 1800.0, cell_m=10.0)
+    at_m = level.at_m
+    slow = np.where((at_m > 500.0) & (at_m < 700.0), 11.0, 19.4)
+    slow = np.where((at_m > 1000.0) & (at_m < 1200.0), 14.0, slow)
+    slow = np.where(at_m > 1600.0, 9.0, slow)
+    permille = np.where(at_m[1:] < 400.0, 10.0, np.where(at_m[1:] > 1100.0, -8.0, 0.0))
+    grade_n = train.mass_kg * 9.81 * permille / 1000.0
+    return dataclasses.replace(level, ceiling_mps=slow, grade_n=grade_n)
+
+
 TRACKS = {"level": LEVEL, "hilly": hilly_track(TRAIN)}
+LIMITED = with_thrift(TRAIN, limited_track(TRAIN), 1.0)
+LIMITED_HOP = Hop(TRAIN, LIMITED)
 
 
 @pytest.mark.parametrize("compiled", [False, True])
@@ -289,6 +305,67 @@ def test_no_designed_run_is_better_than_the_optimum(use_ratio: float, weight: fl
     )
 
     assert best.cost_j <= curve.total_j(use_ratio) * 1.002
+
+
+def test_before_every_lower_limit_the_train_coasts_within_a_hundredth_of_the_optimum() -> None:
+    time_s = 1.06 * float(np.min(LIMITED_HOP.net.time_s))
+    curve = design(LIMITED_HOP, time_s, 0.0).curve
+    run = trace(TRAIN, LIMITED, curve)
+
+    best = optimise(TRAIN, limited_track(TRAIN), time_s, 1.0, run.square_m2_per_s2)
+
+    assert curve.time_s == pytest.approx(time_s, abs=0.01)
+    assert curve.total_j(1.0) <= 1.01 * best.cost_j
+    assert np.all(run.speed_mps <= LIMITED.ceiling_mps + 1e-9)
+    for begin_m in (500.0, 1000.0):
+        before = (LIMITED.at_m > begin_m - 60.0) & (LIMITED.at_m < begin_m - 20.0)
+        assert np.all(run.power_w[before] <= 0.0)
+
+
+@settings(max_examples=4, deadline=None)
+@given(number=st.floats(0.0, 1.0), power_ratio=st.floats(0.5, 1.0))
+def test_a_run_past_lower_limits_keeps_the_energy_balance(
+    number: float, power_ratio: float
+) -> None:
+    notch_mps, hold_m = min(1.0, 2.0 * number) * 19.4, max(0.0, 2.0 * number - 1.0) * 1800.0
+    curve = curve_of(TRAIN, LIMITED, notch_mps, hold_m, power_ratio * TRAIN.brake_power_w)
+    run = trace(TRAIN, LIMITED, curve)
+
+    middle_mps = np.sqrt((run.speed_mps[1:] ** 2 + run.speed_mps[:-1] ** 2) / 2.0)
+    drag_n = TRAIN.resistance_at_n(middle_mps) + LIMITED.grade_n
+    lost_j = float(np.sum(drag_n)) * LIMITED.cell_m
+    gained_j = curve.acceleration_j * TRAIN.traction_efficiency_ratio
+    regained_j = curve.regenerated_j / TRAIN.regeneration_efficiency_ratio
+    assert gained_j - regained_j - lost_j == pytest.approx(0.0, abs=0.005 * gained_j)
+
+
+def test_a_higher_price_of_time_is_faster_and_costs_more() -> None:
+    net = LIMITED_HOP.net
+    order = np.argsort(net.notch_off_mps + net.hold_m, kind="stable")
+    times_s, costs_j = net.time_s[order, 0], net.total_j(1.0)[order, 0]
+
+    assert np.all(np.diff(times_s) < 0.3)
+    assert times_s[-1] == pytest.approx(np.min(times_s), abs=0.1)
+    assert costs_j[-1] > 1.1 * costs_j[len(costs_j) // 2]
+
+
+def test_a_consist_is_a_train_of_the_same_weight_and_resistance() -> None:
+    train, consist = load_train("hefei6"), load_consist("hefei6")
+    speed_mps = np.array([20.0])
+
+    assert train.weight_kg == pytest.approx(consist.mass_kg)
+    assert train.mass_kg == pytest.approx(
+        consist.mass_kg * (1.0 + consist.rotating_mass_percent / 100.0)
+    )
+    resistance = consist.resistance
+    per_kn = resistance.a_n_per_kn + 20.0 * (
+        resistance.b_n_per_kn_per_mps + 20.0 * resistance.c_n_per_kn_per_mps2
+    )
+    assert train.resistance_at_n(speed_mps)[0] == pytest.approx(per_kn * consist.mass_kg * 9.81e-3)
+    # The name of a running train wins over that of a consist.
+    assert load_train("nanakuma4").rotating_ratio == 0.0
+    with pytest.raises(SettingsError, match="hefei7: nearest valid train: hefei6"):
+        load_train("hefei7")
 
 
 def test_an_impossible_running_time_is_refused_with_the_shortest_possible_one() -> None:
