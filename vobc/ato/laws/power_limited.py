@@ -5,6 +5,9 @@ coasting it adapts the power limit to the remaining time. A late train brakes wi
 that of the motors. A train that is still late omits the gentle brake. Then the predictive law
 brakes it on its curve, which friction shares, as at the end of every stop. An even later train does
 not coast either. Limits, ceiling and the stop itself are those of the predictive law.
+
+Where a lower limit lies ahead, the plan is a speed to hold and the place from which to coast. Each
+second the law moves that place so that the train arrives in time.
 """
 
 import math
@@ -29,6 +32,8 @@ VERY_LATE_S: Final = 3.0
 """Delay from which the train does not coast. Friction makes up for two or three seconds of it."""
 NEAR_MPS: Final = 0.2
 """Tolerance of the notch-off speed. The last part of an acceleration is slow."""
+REGAIN_M: Final = 100.0
+"""Distance to the place from which to coast above which a coasting train gains speed again."""
 HOLDING_MPS2: Final = 0.1
 """Deceleration of the predictive law above which a coasting train slows for a limit or the ceiling.
 """
@@ -138,9 +143,19 @@ class PowerLimitedRun(OverPredictive):
         speed_mps = self.speed_mps
         pulls_mps2 = max(0.0, self._demand_mps2)
         after_mps = speed_mps + pulls_mps2**2 / (2.0 * self._config.limits.jerk_mps3)
-        if self.stage is RunStage.GAINING and after_mps >= self.plan.notch_off_mps - NEAR_MPS:
+        coast_from_m = self.plan.coast_from_m
+        if self.stage is RunStage.GAINING and (
+            after_mps >= self.plan.notch_off_mps - NEAR_MPS
+            if coast_from_m is None
+            else inputs.front_m >= coast_from_m
+        ):
             self.stage = RunStage.COASTING
-        if self.stage is RunStage.COASTING and inputs.now_ns >= self._look_again_ns:
+        looks = coast_from_m is not None or self.stage is RunStage.COASTING
+        if (
+            looks
+            and self.stage in (RunStage.GAINING, RunStage.COASTING)
+            and inputs.now_ns >= self._look_again_ns
+        ):
             self._look_again_ns = inputs.now_ns + round(
                 self._config.power_limited.look_s * NS_PER_S
             )
@@ -158,6 +173,11 @@ class PowerLimitedRun(OverPredictive):
         assert self.plan is not None
         assert target.due_ns is not None
         left_s = (target.due_ns - inputs.now_ns) / NS_PER_S
+        if self.plan.coast_from_m is not None and (
+            self.stage is RunStage.GAINING or self._planner.lowered(inputs.front_m)
+        ):
+            self._look_past_limits(inputs.front_m, left_s, target.at_m)
+            return
         power_w = self._planner.limit_w(inputs.front_m, self.speed_mps, left_s)
         late_s = self._planner.coasted_s(inputs.front_m, self.speed_mps, power_w) - left_s
         self._late = late_s > LATE_S
@@ -167,6 +187,22 @@ class PowerLimitedRun(OverPredictive):
             return
         self.plan = self.plan._replace(power_w=power_w)
         self._brake = self._planner.brake(self._planned_w)
+
+    def _look_past_limits(self, front_m: float, left_s: float, at_m: float) -> None:
+        """Move the place from which to coast, and gain speed again if it is far ahead."""
+        assert self._planner is not None
+        assert self.plan is not None
+        held_mps = self.plan.notch_off_mps
+        place_m = self._planner.coast_from_m(front_m, self.speed_mps, left_s, held_mps)
+        if place_m is None:
+            held_mps = self._top_mps(front_m, at_m)
+            place_m = self._planner.coast_from_m(front_m, self.speed_mps, left_s, held_mps)
+        self.plan = self.plan._replace(
+            notch_off_mps=held_mps, coast_from_m=at_m if place_m is None else place_m
+        )
+        self._drives.most_mps = held_mps
+        if place_m is None or place_m > front_m + REGAIN_M:
+            self.stage = RunStage.GAINING
 
     def _limited_mps2(self, inputs: AtoInput, target: Target) -> float:
         """Brake effort: at most the power limit, less if the train would stop short."""

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from firmware_py.trackdb import LineMap
+from vobc.ato.laws.limited_way import LimitedWay, lowered
 from vobc.ato.motion import gradient, trapezoid
 from vobc.ato.motion.profile import ReferenceBrakingCurve
 from vobc.ato.settings.ato import AtoConfig
@@ -82,12 +83,15 @@ class PowerPlan(NamedTuple):
     power_w: float
     time_s: float
     """Time from planning to standstill."""
+    coast_from_m: float | None = None
+    """Past lower limits the train holds the notch-off speed up to this place. None: it coasts from
+    that speed on."""
 
 
 class PowerPlanner:
     """Plans to one stop. `mass_kg` includes rotating masses."""
 
-    __slots__ = ("_config", "_grains", "_line", "_mass_kg", "_resist_mps2", "_stop_m")
+    __slots__ = ("_config", "_curve", "_grains", "_line", "_mass_kg", "_resist_mps2", "_stop_m")
 
     def __init__(
         self,
@@ -100,6 +104,7 @@ class PowerPlanner:
     ) -> None:
         settings = config.power_limited
         self._config = config
+        self._curve = curve
         self._line = line
         self._stop_m = stop_m
         rotating_ratio = config.rotating_mass_percent / 100.0
@@ -136,9 +141,12 @@ class PowerPlanner:
     def plan(self, front_m: float, speed_mps: float, left_s: float, top_mps: float) -> PowerPlan:
         """Equation (1) on complete runs: x by the weight, then the power limit by the time.
 
-        Without enough time the result is `top_mps` with full power.
+        Without enough time the result is `top_mps` with full power. Past lower limits the weight
+        does not count: the brake into the stop has its full power.
         """
         settings = self._config.power_limited
+        if self.lowered(front_m):
+            return self._plan_past_limits(front_m, speed_mps, left_s, top_mps)
         full = self.brake(settings.brake_power_w)
         low_mps = max(speed_mps, min(settings.slowest_mps, top_mps))
         choices = [low_mps + (top_mps - low_mps) * share / CHOICES for share in range(CHOICES + 1)]
@@ -159,6 +167,40 @@ class PowerPlanner:
             if best.time_s > left_s - TOLERANCE_S:
                 break
         return best or PowerPlan(top_mps, settings.brake_power_w, fastest_s)
+
+    def lowered(self, front_m: float) -> bool:
+        """Return whether a lower limit lies between this place and the stop."""
+        return lowered(self._config, self._line, front_m, self._stop_m)
+
+    def _plan_past_limits(
+        self, front_m: float, speed_mps: float, left_s: float, top_mps: float
+    ) -> PowerPlan:
+        settings = self._config.power_limited
+        way = self._way(front_m)
+        low_mps = max(speed_mps, min(settings.slowest_mps, top_mps))
+        best = way.plan(speed_mps, left_s, low_mps=low_mps, top_mps=top_mps)
+        if best is None:
+            fastest = way.run(speed_mps, top_mps, self._stop_m)
+            return PowerPlan(top_mps, settings.brake_power_w, fastest.time_s, self._stop_m)
+        return PowerPlan(best.held_mps, settings.brake_power_w, best.time_s, best.coast_from_m)
+
+    def coast_from_m(
+        self, front_m: float, speed_mps: float, left_s: float, held_mps: float
+    ) -> float | None:
+        """Place from which to coast so that the run lasts `left_s`; None: it is late anyway."""
+        found = self._way(front_m).in_time(speed_mps, held_mps, left_s)
+        return None if found is None else found.coast_from_m
+
+    def _way(self, front_m: float) -> LimitedWay:
+        return LimitedWay(
+            self._config,
+            self._line,
+            front_m,
+            self._stop_m,
+            self._curve,
+            drag_mps2=self._resist_mps2,
+            mass_kg=self._mass_kg,
+        )
 
     def limit_w(self, front_m: float, speed_mps: float, left_s: float) -> float:
         """Power limit with which a train that coasts from here arrives just in time."""

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.trackdb import load_line
+from firmware_py.trackdb import SpeedSection, load_line
 from hil_tests.unit.vobc.ato import ato_rig
 from hil_tests.unit.vobc.ato.ato_rig import line_with
 from vobc.ato import Ato, AtoConfig
+from vobc.ato.laws.limited_way import LimitedWay, lowered
 from vobc.ato.laws.power_limited import PowerLimitedRun, RunStage
 from vobc.ato.laws.power_plan import PowerPlanner
 from vobc.ato.motion import profile
@@ -175,3 +176,77 @@ def test_a_late_train_raises_its_power_limit_and_then_brakes_normally() -> None:
     free, _, _ = ride(None, CONFIG)
     assert stop.leg_s == pytest.approx(free.leg_s, abs=4.0)
     assert abs(stop.error_m) <= 0.10
+
+
+FLAT = (SpeedSection(LINE.start_m, LINE.end_m, 19.4),)
+SLOW_LINE = dataclasses.replace(
+    LINE,
+    speed_sections=(
+        SpeedSection(LINE.start_m, 3900.0, 19.4),
+        SpeedSection(3900.0, 4100.0, 12.0),
+        SpeedSection(4100.0, LINE.end_m, 19.4),
+    ),
+)
+
+
+def limited_planner() -> PowerPlanner:
+    curve = profile.curve_to_stop(CONFIG, SLOW_LINE, 4500.0)
+    return PowerPlanner(CONFIG, SLOW_LINE, 4500.0, curve, load_kg=LOAD_KG)
+
+
+def limited_way() -> LimitedWay:
+    curve = profile.curve_to_stop(CONFIG, SLOW_LINE, 4500.0)
+    return LimitedWay(
+        CONFIG, SLOW_LINE, 3500.0, 4500.0, curve, drag_mps2=(0.02, 0.0004, 8e-5), mass_kg=1.6e5
+    )
+
+
+@pytest.mark.parametrize(
+    ("front_m", "stop_m", "lower"),
+    [
+        (3500.0, 4500.0, True),
+        (3899.0, 4500.0, True),
+        (3901.0, 4500.0, False),
+        (4150.0, 4500.0, False),
+        (3500.0, 3850.0, False),
+    ],
+)
+def test_a_limit_is_lower_only_after_a_higher_one(
+    front_m: float, stop_m: float, lower: bool
+) -> None:
+    assert lowered(CONFIG, SLOW_LINE, front_m, stop_m) is lower
+    assert not lowered(CONFIG, dataclasses.replace(LINE, speed_sections=FLAT), front_m, stop_m)
+
+
+@settings(max_examples=20, deadline=None)
+@given(left_s=st.floats(100.0, 150.0))
+def test_a_plan_past_a_lower_limit_takes_its_time_with_the_least_energy(left_s: float) -> None:
+    way = limited_way()
+    best = way.plan(0.0, left_s, low_mps=8.0, top_mps=18.9)
+
+    assert best is not None
+    # Where a train that coasts a little sooner would stall, the plan is early.
+    assert left_s - 2.0 < best.time_s <= left_s
+    for held_mps in (10.0, 13.0, 17.0, 18.9):
+        other = way.in_time(0.0, held_mps, left_s)
+        if other is not None:
+            assert best.energy_m2_per_s2 <= other.energy_m2_per_s2 * 1.03
+
+
+@settings(max_examples=20, deadline=None)
+@given(held_mps=st.floats(9.0, 18.9), places_m=st.tuples(*(st.floats(3550.0, 4500.0),) * 2))
+def test_coasting_later_is_never_slower_and_never_cheaper(
+    held_mps: float, places_m: tuple[float, float]
+) -> None:
+    soon, late = (limited_way().run(0.0, held_mps, place_m) for place_m in sorted(places_m))
+
+    assert late.time_s <= soon.time_s + 1e-9
+    assert late.energy_m2_per_s2 >= soon.energy_m2_per_s2 - 1e-9
+
+
+def test_without_enough_time_past_a_lower_limit_the_plan_is_the_fastest_run() -> None:
+    plan = limited_planner().plan(3500.0, 0.0, 30.0, 18.9)
+
+    assert plan.time_s > 60.0
+    assert (plan.notch_off_mps, plan.coast_from_m) == (18.9, 4500.0)
+    assert limited_planner().coast_from_m(3500.0, 0.0, 30.0, 18.9) is None
