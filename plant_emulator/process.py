@@ -148,6 +148,7 @@ class PlantDevice:
         self.wire = Wire(open_port, DISPLAYED if scenario.driver else REPORTS if reports else ())
         self._absent = _absent_nodes(scenario, foreign)
         self.railway = Railway(scenario.wayside_line or scenario.line, scenario.destination)
+        self.railway.zone.departs_ns = start_ns + round(scenario.layover_s * NS_PER_S)
         self._platform_doors = self.railway.doors
         self._tags, self._radio, self._truth = tags, radio, truth
         self._start_ns, self._epoch_offset_ns = start_ns, epoch_offset_ns

@@ -58,6 +58,8 @@ class TrainScenario:
     """The desk is a separate node, so this plant sends no desk frames."""
     wayside_line: LineMap | None = None
     """Map of the wayside if its survey is wrong; None: the true line."""
+    layover_s: float = 0.0
+    """Time at the start for which the wayside keeps the train there."""
     turned: "TurnedTrain | None" = None
     """State of the train after a run before this one; None: a new one at its starting point."""
 

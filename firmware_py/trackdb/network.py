@@ -11,6 +11,7 @@ from firmware_py.trackdb.sites import (
     PlatformSide,
     StoppingPoint,
     TagKind,
+    check_siding,
 )
 
 
@@ -67,6 +68,7 @@ class PlatformEdge:
     def __post_init__(self) -> None:
         if not self.start_m < self.end_m:
             raise ValueError(f"end_m {self.end_m} is not beyond start_m {self.start_m}")
+        check_siding(self.side, self.dwell_s)
         for name in ("stop_up_m", "stop_down_m"):
             stop_m = getattr(self, name)
             if stop_m is not None and not self.start_m <= stop_m <= self.end_m:

@@ -26,7 +26,7 @@ from firmware_py.trackdb.network import (
     TrackTag,
 )
 from firmware_py.trackdb.paths import Path, make_path
-from firmware_py.trackdb.sites import Station, TagKind, TagSite
+from firmware_py.trackdb.sites import PlatformSide, Station, TagKind, TagSite
 
 TRACK: Final = "main"
 DOWN_TAGS: Final = 1_000_000_000
@@ -71,7 +71,7 @@ def _edges(stations: Sequence[Station]) -> Iterator[PlatformEdge]:
             side=station.side,
             stop_up_m=station.stop_m,
             stop_down_m=_down_m(station, station.stop_m),
-            dwell_s=station.dwell_s or (0.0 if index else stations[-1].dwell_s),
+            dwell_s=_dwell_s(station, 0.0 if index else stations[-1].dwell_s),
             platform_doors=station.platform_doors,
             run_up_s=station.run_s,
             run_down_s=0.0 if after is None else after.run_s,
@@ -80,6 +80,13 @@ def _edges(stations: Sequence[Station]) -> Iterator[PlatformEdge]:
                 replace(each, stop_m=_down_m(station, each.stop_m)) for each in station.short_stops
             ),
         )
+
+
+def _dwell_s(station: Station, otherwise_s: float) -> float:
+    """The dwell time of a station with a platform, or another one if it has none."""
+    if station.side is PlatformSide.NONE:
+        return 0.0
+    return station.dwell_s or otherwise_s
 
 
 def _down_m(station: Station, stop_m: float) -> float:

@@ -25,6 +25,7 @@ OTHER_SIDE: Final = {
     PlatformSide.LEFT: PlatformSide.RIGHT,
     PlatformSide.RIGHT: PlatformSide.LEFT,
     PlatformSide.BOTH: PlatformSide.BOTH,
+    PlatformSide.NONE: PlatformSide.NONE,
 }
 
 

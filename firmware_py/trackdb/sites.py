@@ -15,15 +15,23 @@ class PlatformSide(enum.Enum):
     RIGHT = "right"
     BOTH = "both"
     """The track lies between two platforms, or between two edges of one."""
+    NONE = "none"
+    """There is no platform: trains stop in a siding, with their doors shut."""
 
     @property
     def left(self) -> bool:
         """Whether there is a platform on the left."""
-        return self is not PlatformSide.RIGHT
+        return self in (PlatformSide.LEFT, PlatformSide.BOTH)
 
     @property
     def right(self) -> bool:
-        return self is not PlatformSide.LEFT
+        return self in (PlatformSide.RIGHT, PlatformSide.BOTH)
+
+
+def check_siding(side: PlatformSide, dwell_s: float) -> None:
+    """Raise ValueError for a dwell time where no doors can open."""
+    if side is PlatformSide.NONE and dwell_s > 0.0:
+        raise ValueError(f"dwell_s {dwell_s:g} must be 0 where side is none: no doors open there")
 
 
 class TagKind(enum.Enum):
@@ -75,6 +83,7 @@ class Station:
                 raise ValueError(f"station {self.name}: stop_m {stop_m} is not along its platform")
         if not self.dwell_s >= 0.0:
             raise ValueError(f"station {self.name}: dwell_s {self.dwell_s} is negative")
+        check_siding(self.side, self.dwell_s)
         if not self.run_s >= 0.0:
             raise ValueError(f"station {self.name}: run_s {self.run_s} is negative")
 

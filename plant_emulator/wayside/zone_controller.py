@@ -63,6 +63,8 @@ class ZoneController:
         self._concerned: dict[tuple[int, float], bool] = {}
         """By train and signal, whether the train was in front of the signal when it was first
         checked."""
+        self.departs_ns = 0
+        """Until then, the authority of every train ends at its front."""
         self._withdrawn = False
         self._withdrawn_m: dict[int, float] = {}
         """By train, the farthest place of its front when its authority was withdrawn."""
@@ -93,7 +95,7 @@ class ZoneController:
             return None
         self.answered += 1
         self._sequence += 1
-        end_m = self._end_m(report) + self.shift_m
+        end_m = self._end_m(report, now_ns) + self.shift_m
         rear_m = self._rear_m(report, end_m)
         farthest_m = self.farthest_end_m
         self.farthest_end_m = end_m if farthest_m is None else max(farthest_m, end_m)
@@ -114,7 +116,7 @@ class ZoneController:
         key = keys.authority(self._line_name, WAYSIDE, report.train)
         return key, pack(authority, database=self.database)
 
-    def _end_m(self, report: PositionReport) -> float:
+    def _end_m(self, report: PositionReport, now_ns: int) -> float:
         """Return the end of authority.
 
         A signal does not affect a train that passed it before it showed stop.
@@ -124,7 +126,7 @@ class ZoneController:
             if self._concerned.setdefault((report.train, stop_m), report.front_min_m < stop_m):
                 end_m = min(end_m, stop_m)
                 break
-        if self._withdrawn:
+        if self._withdrawn or now_ns < self.departs_ns:
             end_m = min(end_m, self._withdrawn_m.setdefault(report.train, report.front_max_m))
         return end_m
 

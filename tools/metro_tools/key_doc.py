@@ -21,6 +21,7 @@ from firmware_py.trackdb import load_line
 from firmware_py.trackdb.areas import load_areas
 from firmware_py.trackdb.circuit import load_network
 from metro_hil.campaign import schema
+from metro_hil.model.service import Service, Trip
 from metro_tools.generated_doc import EXIT_OK, EXIT_OUTDATED, markdown_table
 from metro_tools.law_doc import docstrings, unit_of
 from plant_emulator.train_config import load_train
@@ -85,6 +86,14 @@ def files() -> Iterator[KeyFile]:
         "`--line FILE:ROUTE` takes it; `[train] line` of a campaign does, too.",
         "florence",
         load_network("florence"),
+    )
+    yield KeyFile(
+        "service",
+        "Keys of a service file",
+        "A service is one TOML file: the trips that one train makes one after the other.\n"
+        "`vobc run --service FILE` takes it.",
+        "florence",
+        Service("florence", (Trip("up"), Trip("down"))),
     )
     yield KeyFile(
         "areas",

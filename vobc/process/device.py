@@ -167,7 +167,7 @@ class VobcDevice:
         return self._controller.verdict
 
     def hand_over(self, path: OtherPath) -> OdometryRecord:
-        """Place for the controller of the other cab, as protection lets it go over."""
+        """Place for the controller of the other path, as protection lets it go over."""
         motion = self.output.motion
         return hand_over(
             self._controller.record(),

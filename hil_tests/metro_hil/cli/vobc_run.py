@@ -17,7 +17,6 @@ from firmware_py.settings import SettingsError
 from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap
-from firmware_py.trackdb.circuit import load_path
 from metro_hil.cli.realtime_run import RealtimeRun
 from metro_hil.foreign_plant.plant import PlantDiedError
 from metro_hil.metrics.comfort import comfort_of, inertia_of
@@ -43,10 +42,18 @@ from metro_hil.model.run_options import (
     RunOptions,
     parse,
 )
+from metro_hil.model.service import PlannedTrip
 from metro_hil.model.subprocesses import ChildError
 from metro_hil.report.table import print_results
 from metro_hil.run.lockstep import Lockstep, config_of, run_lockstep, scenario_of
-from metro_hil.run.turnback import Departure, both_ways, change_ends, check_turn
+from metro_hil.run.turnback import (
+    Departure,
+    go_on,
+    options_of,
+    timed_journey,
+    timed_scenario,
+    trips_of,
+)
 from metro_hil.watch.companion import WatchPage
 from plant_emulator.world import TrainScenario
 from vobc.plausible import check_plausible
@@ -91,34 +98,46 @@ def _run(options: RunOptions, console: Console) -> int:
         from metro_hil.line.virtual import command as line_run
 
         return line_run.run(options, console)
-    if options.and_back is not None:
+    if options.and_back is not None or options.service is not None:
         legs: list[RunResults] = []
         try:
-            return _drive_both_ways(options, legs, console)
+            return _drive_trips(options, legs, console)
         finally:
             if options.json and legs:
                 print(f'{{"legs": [{", ".join(each.to_json() for each in legs)}]}}')
     return _drive(options, plan_journey(options), scenario_of(options), console)
 
 
-def _drive_both_ways(options: RunOptions, legs: list[RunResults], console: Console) -> int:
-    """Drive out, change ends at the terminal, and drive back. A failed run out ends both."""
-    out, back = both_ways(options)
-    journey_back, scenario_back = plan_journey(back), scenario_of(back)
-    check_plausible(config_of(back), journey_back.line)
+def _drive_trips(options: RunOptions, legs: list[RunResults], console: Console) -> int:
+    """Drive the trips of a service, or out and back. A trip that fails ends them all."""
+    trips = trips_of(options)
+    chosen = options_of(options, trips)
+    plans = [
+        (timed_journey(trip, plan_journey(each)), timed_scenario(trip, scenario_of(each)))
+        for trip, each in zip(trips, chosen, strict=True)
+    ]
+    for each, (journey, _) in zip(chosen, plans, strict=True):
+        check_plausible(config_of(each), journey.line)
     departures: list[Departure] = []
-    came, leaves = load_path(out.line), load_path(back.line)
-    check_turn(came, leaves, str(back.start))
+    for number, (journey, scenario) in enumerate(plans):
+        if departures:
+            journey, scenario = departures[-1].journey(journey), departures[-1].scenario(scenario)
+        ended = partial(_leave, departures, trips[number : number + 2])
+        code = _drive(chosen[number], journey, scenario, console, legs=legs, ended=ended)
+        if code != EXIT_OK:
+            break
+    errors_m = [abs(each.error_m) for leg in legs for each in leg.stops if each.error_m is not None]
+    worst = f", worst stop error {100.0 * max(errors_m):.1f} cm" if errors_m else ""
+    done = len(legs) - (code != EXIT_OK)
+    console.print(f"{done} of {len(plans)} trips arrived{worst}", highlight=False)
+    return code
 
-    def turn(bench: Lockstep) -> None:
-        departures.append(change_ends(bench, came, leaves))
 
-    code = _drive(out, plan_journey(out), scenario_of(out), console, legs=legs, ended=turn)
-    if code != EXIT_OK:
-        return code
-    (departure,) = departures
-    journey, scenario = departure.journey(journey_back), departure.scenario(scenario_back)
-    return _drive(back, journey, scenario, console, legs=legs)
+def _leave(departures: list[Departure], trips: Sequence[PlannedTrip], bench: Lockstep) -> None:
+    """Put the train on the path of the next trip, if there is one."""
+    if len(trips) > 1:
+        cab_b = bool(departures) and departures[-1].cab_b
+        departures.append(go_on(bench, *trips, cab_b=cab_b))
 
 
 def _drive(

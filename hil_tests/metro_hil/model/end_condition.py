@@ -48,10 +48,13 @@ class ArrivalWatch:
     """Detects that the train has stood with open doors at its last station for a while."""
 
     stop_m: float
+    doors: bool = True
+    """False for a siding, where the doors stay shut."""
     _since_ns: int | None = None
 
     def arrived(self, now_ns: int, phase: AtoPhase, front_m: float) -> bool:
-        there = phase is AtoPhase.DOORS_OPEN and abs(front_m - self.stop_m) <= NEAR_M
+        at_rest = AtoPhase.DOORS_OPEN if self.doors else AtoPhase.STOPPED
+        there = phase is at_rest and abs(front_m - self.stop_m) <= NEAR_M
         if not there:
             self._since_ns = None
             return False

@@ -1,7 +1,7 @@
 """The options of `vobc run`."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from firmware_py.command_line import CommandParser
@@ -136,6 +136,8 @@ class RunOptions:
     and_back: str | None = None
     """Route by which the train drives back after it changed ends at the last station; empty for
     the other direction, None for a run one way."""
+    service: str | None = None
+    """File of a service, whose trips the train makes one after the other."""
     plot: bool | None = None
     """Whether a plot is drawn; None: unless --json is given."""
 
@@ -189,6 +191,11 @@ def _add_journey(run: argparse.ArgumentParser) -> None:
         metavar="ROUTE",
         help="at the last station, change ends and drive back, with --lockstep; on a network by "
         "this route",
+    )
+    group.add_argument(
+        "--service",
+        metavar="FILE",
+        help="make the trips of this service one after the other, with --lockstep",
     )
     group.add_argument(
         "--consist",
@@ -343,6 +350,9 @@ def parse(argv: Sequence[str]) -> RunOptions:
     top = parser()
     chosen = vars(top.parse_args(argv))
     del chosen["verb"]
+    problem = service_problem(chosen)
+    if problem:
+        top.error(problem)
     direction = chosen.pop("direction")
     several = chosen["trains"] is not None
     for name, alone in (("line", "florence"), ("consist", "florence4"), ("params", "florence4")):
@@ -362,7 +372,7 @@ def parse(argv: Sequence[str]) -> RunOptions:
         or by_hand_problem(options)
         or line_problem(options)
         or trains_problem(options)
-        or and_back_problem(options)
+        or trips_problem(options)
     )
     if problem:
         top.error(problem)
@@ -428,20 +438,36 @@ def trains_problem(options: RunOptions) -> str:
     )
 
 
-def and_back_problem(options: RunOptions) -> str:
-    """Error text if an option does not fit --and-back; else empty."""
-    if options.and_back is None:
+def service_problem(chosen: Mapping[str, object]) -> str:
+    """Error text if an option says what the file of --service says; else empty."""
+    if chosen["service"] is None:
         return ""
+    given = {
+        "--line": chosen["line"] is not None,
+        "--from": chosen["start"] is not None,
+        "--to": chosen["end"] is not None,
+        "--direction": chosen["direction"] is not None,
+        "--and-back": chosen["and_back"] is not None,
+    }
+    asked = [name for name, is_given in given.items() if is_given]
+    return f"{asked[0]}: not with --service, whose file decides it" if asked else ""
+
+
+def trips_problem(options: RunOptions) -> str:
+    """Error text if an option does not fit a run of several trips; else empty."""
+    if options.and_back is None and options.service is None:
+        return ""
+    name = "--and-back" if options.service is None else "--service"
     if not options.lockstep:
-        return "--and-back: with --lockstep only; in real time start one run for each direction"
+        return f"{name}: with --lockstep only; in real time start one run for each direction"
     if options.trains is not None:
-        return "--and-back: not with --trains, where the line's traffic file decides it"
+        return f"{name}: not with --trains, where the line's traffic file decides it"
     if options.watch:
-        return "--and-back: not with --watch; `vobc watch` shows the run that goes on"
+        return f"{name}: not with --watch; `vobc watch` shows the run that goes on"
     if options.plant != "auto":
-        return "--and-back: with the emulated train only, because it must be turned round"
+        return f"{name}: with the emulated train only, because it must be turned round"
     if options.duration_s is not None:
-        return "--and-back: not with --duration, because the train must arrive to change ends"
+        return f"{name}: not with --duration, because the train must arrive to go on"
     return ""
 
 

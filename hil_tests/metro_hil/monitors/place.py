@@ -8,8 +8,13 @@ from typing import Final
 from firmware_py.trackdb import LineMap, PlatformSide
 
 GRAVITY_MPS2: Final = 9.81
-SIDES: Final = {PlatformSide.LEFT: 1.0, PlatformSide.RIGHT: -1.0, PlatformSide.BOTH: 0.0}
-"""Platform sides as numbers."""
+SIDES: Final = {
+    PlatformSide.LEFT: 1.0,
+    PlatformSide.RIGHT: -1.0,
+    PlatformSide.BOTH: 0.0,
+    PlatformSide.NONE: math.nan,
+}
+"""Platform sides as numbers. The one of a siding is on neither side of any other."""
 HEIGHT_POINTS: Final = 5
 """Number of points along the train for the mean height of its mass."""
 ROUNDS: Final = 8
@@ -88,7 +93,8 @@ class LinePlaces:
         return front_m - self._stops_m[bisect_right(self._stop_edges_m, front_m)]
 
     def side(self, front_m: float) -> float:
-        """Return the platform side of the nearest station: 1 is left, -1 is right, 0 is both."""
+        """Return the platform side of the nearest station: 1 is left, -1 is right, 0 is both,
+        NaN is none."""
         return self._sides[bisect_right(self._stop_edges_m, front_m)]
 
     def room_m(self, front_m: float, at_m: float, until_m: float) -> float:

@@ -110,7 +110,8 @@ class DoorWatch:
         if room_m < self.platform.least:
             self.platform.see(room_m, now_ns)
         platform = self._place.side(truth.front_m)
-        self.side.said(not ((left and platform < 0.0) or (right and platform > 0.0)), now_ns)
+        wrong = (left and not platform >= 0.0) or (right and not platform <= 0.0)
+        self.side.said(not wrong, now_ns)
         self.holding.said(truth.holding > 0.0 or truth.emergency > 0.0, now_ns)
 
     def _room_m(self, truth: Truth) -> float:

@@ -17,6 +17,7 @@ from firmware_py.storage.port_log import PORTS_LOG, PortLog
 from firmware_py.storage.recorder import CandumpWriter, LineLog, RadioLog, SerialLog
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.tag_reader.recorded_line import RecordedLine
+from firmware_py.trackdb import PlatformSide
 from metro_hil.external_controller.choice import SHIPPED, ControllerSide
 from metro_hil.faults.bus import COMMANDED, BusFaults, FaultyPort
 from metro_hil.faults.frames import FrameFaults
@@ -156,7 +157,9 @@ class Lockstep:
             self._recorded_radio(radio.port("train", topics), folder, taps.radio),
             faulty=FaultPlace.PROCESS in places,
         )
-        self._arrival = ArrivalWatch(journey.end.stop_m)
+        self._arrival = ArrivalWatch(
+            journey.end.stop_m, doors=journey.end.side is not PlatformSide.NONE
+        )
         self.arrived, self._moved_ns = False, 0
         """Whether the train has stood with open doors at its last station for a while."""
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))

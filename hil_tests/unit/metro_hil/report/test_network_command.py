@@ -8,11 +8,11 @@ import pytest
 
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import load_line
-from firmware_py.trackdb.circuit import load_network, load_path
+from firmware_py.trackdb.circuit import load_network
 from metro_hil.model.run_options import parse
 from metro_hil.report.network_command import main
 from metro_hil.report.network_diagram import network_svg
-from metro_hil.run.turnback import both_ways, check_turn
+from metro_hil.run.turnback import trips_of
 
 JUNCTION: Final = Path(__file__).resolve().parents[4] / "docs/examples/line/junction.toml"
 SVG: Final = "{http://www.w3.org/2000/svg}"
@@ -115,11 +115,10 @@ def test_a_network_needs_one_of_its_routes(route: str, problem: str) -> None:
 def test_a_train_turns_only_onto_a_route_that_leaves_over_its_track() -> None:
     words = ["run", "--lockstep", "--line", f"{JUNCTION}:out", "--and-back"]
 
-    out, back = both_ways(parse([*words, "back"]))
-    check_turn(load_path(out.line), load_path(back.line), "Pier")
+    _, back = trips_of(parse([*words, "back"]))
 
     assert (back.start, back.end) == ("Pier", "Mill")
-    with pytest.raises(SettingsError, match="does not leave Lock over track east down"):
-        check_turn(load_path(out.line), load_path(back.line), "Lock")
+    with pytest.raises(SettingsError, match="does not leave Lock over track east, where"):
+        trips_of(parse([*words, "back", "--to", "Lock"]))
     with pytest.raises(SettingsError, match="name the route back"):
-        both_ways(parse(words))
+        trips_of(parse(words))

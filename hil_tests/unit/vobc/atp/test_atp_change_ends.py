@@ -83,3 +83,20 @@ def test_ends_changed_twice_give_the_place_again_and_a_wider_interval() -> None:
 
     assert twice.front_m == pytest.approx(4500.0)
     assert twice.bound_m == pytest.approx(0.1 + 2.0 * LENGTH_ERROR_M)
+
+
+@given(front_m=st.floats(0.0, 4600.0), bound_m=st.floats(0.0, 14.0))
+def test_a_train_that_leads_on_with_its_cab_keeps_front_and_interval(
+    front_m: float, bound_m: float
+) -> None:
+    new = hand_over(
+        record(front_m, bound_m),
+        OtherPath(START_M, END_M, lambda at_m: at_m - 1000.0, turns=False),
+        train_length_m=LENGTH_M,
+        standstill=True,
+        emergency=False,
+        width_m_max=WIDTH_M,
+    )
+
+    assert (new.front_m, new.bound_m) == (front_m - 1000.0, bound_m)
+    assert new.proof is PlaceProof.REMEMBERED
