@@ -91,7 +91,7 @@ def files() -> Iterator[KeyFile]:
         "service",
         "Keys of a service file",
         "A service is one TOML file: the trips that one train makes one after the other.\n"
-        "`vobc run --service FILE` takes it.",
+        "`vobc run --service FILE` takes it; `[train] service` of a campaign does, too.",
         "florence",
         Service("florence", (Trip("up"), Trip("down"))),
     )

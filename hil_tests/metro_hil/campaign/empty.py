@@ -7,6 +7,7 @@ from firmware_py.trackdb import load_line
 from metro_hil.campaign.plan import ScenarioPlan
 from metro_hil.model.case import MonitorResult, Verdict
 from metro_hil.model.case_setup import file_name
+from metro_hil.model.service import service_of
 from metro_hil.model.verdict import judges
 from metro_hil.monitors import MonitorKind, MonitorPlan, read_monitors
 from metro_hil.monitors.constant import Range, refuse_constant
@@ -56,6 +57,8 @@ def _answers(monitors: Sequence[MonitorPlan]) -> list[MonitorResult]:
 def _ranges(plan: ScenarioPlan, paths: Mapping[str, Path]) -> tuple[tuple[str, Range], ...]:
     """Ranges of time and place in which the train of any point may be."""
     lines = [load_line(file_name(name, paths)) for name in _lines(plan)]
+    trips = [trip for point in plan.points for trip in service_of(point.setup, paths)]
+    lines += [trip.path.line for trip in trips]
     place = (
         min(line.start_m for line in lines) - OVERRUN_M,
         max(line.end_m for line in lines) + OVERRUN_M,

@@ -104,6 +104,7 @@ class TrainKeys:
     desk_recording: str | None = None
     wakes_up: bool = False
     memory_line: str | None = None
+    service: str | None = None
 
     def __post_init__(self) -> None:
         in_range(self, "load_ratio", 0.0, 1.0)
@@ -118,6 +119,11 @@ class TrainKeys:
             )
         if self.memory_line is not None and not self.wakes_up:
             raise ValueError(f"memory_line {self.memory_line!r} needs wakes_up = true")
+        if self.service is not None:
+            given = [name for name in ("start", "end") if getattr(self, name) is not None]
+            given += ["wakes_up"] if self.wakes_up else []
+            if given:
+                raise ValueError(f"{given[0]} is decided by service {self.service!r}; leave it out")
 
 
 TRAIN: Final = (*TrainKeys.__dataclass_fields__, *OVERRIDES)

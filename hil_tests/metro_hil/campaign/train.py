@@ -8,6 +8,7 @@ import msgspec
 from firmware_py import settings
 from firmware_py.settings import SettingsError, nearest, override
 from firmware_py.trackdb import LineMap
+from firmware_py.trackdb.circuit import split_route, with_route
 from metro_hil.campaign.problems import Findings, attempt, salvage
 from metro_hil.campaign.schema import OVERRIDES, TRAIN, TimetableKeys, TrainKeys
 from metro_hil.campaign.sources import Sources
@@ -27,6 +28,8 @@ def read_setup(raw: Mapping[str, Any], sources: Sources, findings: Findings) -> 
     given = _given(train, timetable, findings)
     given |= {name: dict(train[name]) for name in OVERRIDES if name in train}
     setup = Setup(**given)
+    if setup.service is not None:
+        return _read_service(setup, train, timetable, sources, findings)
     line = _named(sources.line, "line", setup.line, findings)
     consist = _named(sources.train, "consist", setup.consist, findings)
     params = _named(sources.params, "params", setup.params, findings)
@@ -50,6 +53,39 @@ def read_setup(raw: Mapping[str, Any], sources: Sources, findings: Findings) -> 
     if len(findings.found) > before:
         return None
     return msgspec.structs.replace(setup, line=line[0], consist=consist[0], params=params[0])
+
+
+def _read_service(
+    setup: Setup,
+    train: Mapping[str, Any],
+    timetable: Mapping[str, Any],
+    sources: Sources,
+    findings: Findings,
+) -> Setup | None:
+    """The setup of a case with a service: each trip fits the train and its parameters."""
+    before = len(findings.found)
+    assert setup.service is not None
+    if timetable:
+        findings.add("timetable", "is decided by train.service; leave it out")
+    try:
+        written = str(train["line"] if "line" in train else sources.line_of_service(setup.service))
+        if split_route(written)[1] is not None:
+            raise SettingsError(f"line {written!r} names a route; each trip names its own")
+        name, trips = sources.service(setup.service, written)
+    except (SettingsError, ValueError) as error:
+        findings.add("train.service", str(error))
+        return None
+    reads: list[Setup] = []
+    for trip in trips:
+        _, route = split_route(trip.line)
+        alone = {**train, "line": with_route(written, route), "start": trip.start, "end": trip.end}
+        del alone["service"]
+        table = {"dwell_s": dict(trip.dwell_s)}
+        read = read_setup({"train": alone, "timetable": table}, sources, findings)
+        if read is None or len(findings.found) > before:
+            return None
+        reads.append(read)
+    return msgspec.structs.replace(reads[0], service=name, start=None, end=None, dwell_s={})
 
 
 def _given(

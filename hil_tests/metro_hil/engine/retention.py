@@ -133,11 +133,11 @@ def _repeated(kept: RunFolder) -> CaseResult | None:
 
 
 def _digests(path: Path) -> dict[str, str]:
-    """SHA-256 of every file in a folder, by file name."""
+    """SHA-256 of every file in a folder and below it, by its path there."""
     digests = {}
-    for each in sorted(path.iterdir()):
+    for each in sorted(each for each in path.rglob("*") if each.is_file()):
         with each.open("rb") as file:
-            digests[each.name] = hashlib.file_digest(file, "sha256").hexdigest()
+            digests[str(each.relative_to(path))] = hashlib.file_digest(file, "sha256").hexdigest()
     return digests
 
 

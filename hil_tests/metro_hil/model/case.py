@@ -75,6 +75,8 @@ class Setup(msgspec.Struct, frozen=True, kw_only=True):
     run_s: dict[str, float] = {}
     """Planned running times to stations from the one before, s; for others the line's file
     applies."""
+    service: str | None = None
+    """Service whose trips the train makes; a file of the user. `line` is that of the first trip."""
     real: ConfigTable = {}
     """Overrides of the consist's file by dotted key, such as `brake.service.gain_ratio.low`."""
     believed: ConfigTable = {}

@@ -35,6 +35,11 @@ class CaseParts:
 def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
     """Build the parts. Raises SettingsError for values that do not fit together."""
     setup = case.setup
+    if setup.service is not None:
+        raise SettingsError(
+            f"{case.id}: train.service: needs the lockstep bench and the shipped controller and "
+            "train, without [branch]"
+        )
     line = line_of(setup, files)
     mission = mission_of(setup, line)
     config = config_of(setup, files)

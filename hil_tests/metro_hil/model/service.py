@@ -1,6 +1,6 @@
 """Services: trips of one train over routes of a network or directions of a line."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
 from typing import Final
@@ -10,6 +10,8 @@ from firmware_py.settings import SettingsError, check_ranges, nearest
 from firmware_py.trackdb import LineMap
 from firmware_py.trackdb.circuit import load_network, load_path, split_route, with_route
 from firmware_py.trackdb.paths import Path
+from metro_hil.model.case import Setup
+from metro_hil.model.case_setup import Files, file_name
 from vobc.config import plan_mission
 from vobc.vocabulary import Mission
 
@@ -88,13 +90,25 @@ class PlannedTrip:
         return plan_mission(line, self.start, self.end, self.stops)
 
 
-def load_service(name: str) -> tuple[PlannedTrip, ...]:
-    """Read a service file and plan its trips. Raises SettingsError."""
+def load_service(name: str, line: str | None = None) -> tuple[PlannedTrip, ...]:
+    """Read a service file and plan its trips. Raises SettingsError.
+
+    Args:
+        line: network or line that replaces that of the file.
+    """
     path = FilePath(name)
     text = settings.text_of(path)
     with settings.located(name, text):
         service = settings.build(Service, settings.tables_of(text, name), name)
-        return plan_trips(service, line_beside(service, path), name)
+        return plan_trips(service, line or line_beside(service, path), name)
+
+
+def service_of(setup: Setup, files: Files) -> tuple[PlannedTrip, ...]:
+    """The trips of a case; none for a case without a service. Raises SettingsError."""
+    if setup.service is None:
+        return ()
+    base, _ = split_route(file_name(setup.line, files))
+    return load_service(file_name(setup.service, files), base)
 
 
 def line_of_service(name: str) -> str:
@@ -177,9 +191,3 @@ def _check_track(before: PlannedTrip, after: PlannedTrip, where: str) -> None:
             f"{where}.route: {after.path.line.name} does not leave {before.end} over track "
             f"{place.track}, where the train stands; choose a route that does"
         )
-
-
-def trips_text(trips: tuple[PlannedTrip, ...]) -> Iterator[str]:
-    """One line for each trip."""
-    for number, trip in enumerate(trips, 1):
-        yield f"trip {number}: {trip.path.line.name}, {trip.start} to {trip.end}"

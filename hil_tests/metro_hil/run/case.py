@@ -70,7 +70,7 @@ def run_alone(
     try:
         run = CaseRun(case, parts_of(case, files), folder)
     except SettingsError as error:
-        return _blocked(case, error)
+        return blocked(case, error)
     try:
         try:
             if run.bench.foreign is not None:
@@ -82,13 +82,14 @@ def run_alone(
         finally:
             run.close()
     except (PlantDiedError, SettingsError) as error:
-        return _blocked(case, error)
+        return blocked(case, error)
     if lost := run.bench.lost_log_lines:
         raise RecorderError(loss_text(lost))
     return run.result(began_ns)
 
 
-def _blocked(case: Case, error: Exception) -> CaseResult:
+def blocked(case: Case, error: Exception) -> CaseResult:
+    """The result of a case that cannot run."""
     return CaseResult(case_id=case.id, index=case.index, verdict=Verdict.BLOCKED, reason=str(error))
 
 
@@ -159,9 +160,8 @@ class CaseRun:
         self._stepping_ns = 0
         self._reason = ""
         self._died = ""
-        self._patience_s = STUCK_S + max(
-            (station.dwell_s for station in parts.journey.stops), default=0.0
-        )
+        dwells_s = [station.dwell_s for station in parts.journey.stops]
+        self._patience_s = STUCK_S + parts.scenario.layover_s + max(dwells_s, default=0.0)
         self.bench.plant.schedule.listen(self._fault_changed)
 
     def _frame(self, stamp_ns: int, can_id: int, data: bytes) -> None:
@@ -257,6 +257,16 @@ class CaseRun:
         self._reason = DIED
         self._note(self.bench.clock.now_ns() / NS_PER_S, self._died)
         self.bench.without_controller()
+
+    @property
+    def reason(self) -> str:
+        """How the run ended; empty while it goes on."""
+        return self._reason
+
+    @property
+    def moved_m(self) -> float:
+        """Greatest distance of the train from its start."""
+        return self._moved_m
 
     @property
     def died(self) -> str:

@@ -7,6 +7,7 @@ from metro_hil.model.case_setup import NO_FILES, Files
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.run import branch
 from metro_hil.run.case import run_alone
+from metro_hil.run.service_case import run_service, runs_service
 
 
 def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = None) -> CaseResult:
@@ -16,6 +17,8 @@ def run_case(case: Case, *, files: Files = NO_FILES, folder: RunFolder | None = 
         files: paths of the user's files, by the name by which cases refer to them.
         folder: folder for all logs. Without it, a case in virtual time writes nothing to disk.
     """
+    if case.bench is BenchKind.LOCKSTEP and runs_service(case):
+        return run_service(case, files=files, folder=folder)
     if case.bench is BenchKind.LOCKSTEP:
         return run_alone(case, files=files, folder=folder)
     from metro_hil.realtime import run_realtime_case
