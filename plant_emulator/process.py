@@ -34,6 +34,7 @@ from plant_emulator.faults.serial_faults import SerialFaults
 from plant_emulator.faults.stage import FaultStage, Observer
 from plant_emulator.foreign import ForeignParts
 from plant_emulator.truth import REPORTS
+from plant_emulator.wayside.interlocking import Interlocking
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.wayside.zone_controller import ZoneController
 from plant_emulator.wire import (
@@ -45,7 +46,7 @@ from plant_emulator.wire import (
     Wire,
     timetable,
 )
-from plant_emulator.world import STEP_NS, TrainScenario, world_of
+from plant_emulator.world import STEP_NS, TrainScenario, World, world_of
 
 TRUTH_COLUMNS: Final = (
     "t_s",
@@ -147,8 +148,12 @@ class PlantDevice:
         reports = reports or any(plan.window.reads_controller for plan in faults)
         self.wire = Wire(open_port, DISPLAYED if scenario.driver else REPORTS if reports else ())
         self._absent = _absent_nodes(scenario, foreign)
-        self.railway = Railway(scenario.wayside_line or scenario.line, scenario.destination)
-        self.railway.zone.departs_ns = start_ns + round(scenario.layover_s * NS_PER_S)
+        self.railway = Railway(
+            scenario.wayside_line or scenario.line,
+            scenario.destination,
+            _interlocking(scenario, self.world),
+        )
+        self.railway.keep_until(start_ns + round(scenario.layover_s * NS_PER_S))
         self._platform_doors = self.railway.doors
         self._tags, self._radio, self._truth = tags, radio, truth
         self._start_ns, self._epoch_offset_ns = start_ns, epoch_offset_ns
@@ -260,6 +265,8 @@ class PlantDevice:
                 self._tags.send(now_ns, telegram)
         if self._steps % SLOW_STEPS == 0:
             self._report_silence(now_ns)
+            front_m = world.front_m
+            self.railway.observe(now_ns, front_m=front_m, rear_m=front_m - world.length_m)
             self._answer_radio(now_ns)
 
     def pass_on(self, foreign: ForeignParts, now_ns: int) -> None:
@@ -434,6 +441,20 @@ class PlantDevice:
             if node not in self._absent:
                 self.wire.send(now_ns, node, HEARTBEATS[node](NodeState.STOPPED))
         self._write_truth()
+
+
+def _interlocking(scenario: TrainScenario, world: World) -> Interlocking | None:
+    """The interlocking of a network with switches."""
+    if scenario.tracks is None:
+        return None
+    network, path = scenario.tracks
+    return Interlocking(
+        network,
+        path,
+        to_m=scenario.destination.stop_m,
+        front_m=world.front_m,
+        rear_m=world.front_m - world.length_m,
+    )
 
 
 def _absent_nodes(scenario: TrainScenario, foreign: ForeignParts | None) -> frozenset[Node]:

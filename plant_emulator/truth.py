@@ -13,6 +13,7 @@ from plant_emulator.world import World
 from zenoh_config.messages import SpeedRestriction
 
 NS_PER_S: Final = 1_000_000_000
+NO_SWITCH_M: Final = 1.0e6
 PASSED_M: Final = 20.0
 """Distance behind a stopping point beyond which the next stop becomes the target, m."""
 SIGNALS: Final[tuple[str, ...]] = (
@@ -56,6 +57,7 @@ SIGNALS: Final[tuple[str, ...]] = (
     "temporary_limit_mps",
     "to_stop_m",
     "traction_cut",
+    "unlocked_switch_m",
     "voltage_v",
 )
 """Signals that conditions and monitors can use, in the order of a packed sample."""
@@ -149,6 +151,9 @@ class Truth:
         it is negative."""
         self.traction_cut = 1.0
         """1 while the traction contactor is open."""
+        self.unlocked_switch_m = NO_SWITCH_M
+        """Chainage of the first switch ahead or below the train that is not locked in the end
+        position that its path needs; 1000 km without one."""
         self.supervision = self.ato_phase = self.mode = 0.0
         self._world: World | None = None
         # Values that depend on the place alone are cached for a range [low, high) of the front.

@@ -15,6 +15,9 @@ from can_dbc.nodes import Node
 from can_dbc.traction import TractionCommand
 from firmware_py.settings import SettingsError, nearest, override
 from firmware_py.trackdb import LineMap, Station, load_line
+from firmware_py.trackdb.circuit import load_switched
+from firmware_py.trackdb.network import TrackNetwork
+from firmware_py.trackdb.paths import Path
 from plant_emulator.actuators.adhesion import WheelGroup
 from plant_emulator.actuators.brake import BrakeUnit
 from plant_emulator.actuators.doors import DoorUnit
@@ -58,10 +61,17 @@ class TrainScenario:
     """The desk is a separate node, so this plant sends no desk frames."""
     wayside_line: LineMap | None = None
     """Map of the wayside if its survey is wrong; None: the true line."""
+    tracks: tuple[TrackNetwork, Path] | None = None
+    """The network with the train's path, if it has switches."""
     layover_s: float = 0.0
     """Time at the start for which the wayside keeps the train there."""
     turned: "TurnedTrain | None" = None
     """State of the train after a run before this one; None: a new one at its starting point."""
+
+    @property
+    def network(self) -> TrackNetwork | None:
+        """The network, if it has switches."""
+        return None if self.tracks is None else self.tracks[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +148,7 @@ def plan_scenario(
         driver=None if driver is None else check_driver(driver),
         desk_recording=None if desk_recording is None else load_recording(desk_recording),
         desk_elsewhere=desk_elsewhere,
+        tracks=load_switched(line),
     )
 
 

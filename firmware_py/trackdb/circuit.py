@@ -58,6 +58,16 @@ def load_network(name: str) -> TrackNetwork:
     return _network(settings.text_of(path), str(path))
 
 
+def load_switched(name: str) -> tuple[TrackNetwork, Path] | None:
+    """The network and the path of a route over it; None without a switch in the file."""
+    base, _ = split_route(name)
+    path = settings.find(base, "firmware_py.trackdb")
+    if not _is_network(settings.text_of(path), str(path)):
+        return None
+    network = load_network(base)
+    return (network, load_path(name)) if network.switches else None
+
+
 def split_route(name: str) -> tuple[str, str | None]:
     """The file or shipped name, and the route behind the last colon, if there is one."""
     base, colon, route = name.rpartition(":")

@@ -46,6 +46,8 @@ def test_a_correct_run_violates_no_monitor(
         "inv-12-restricted-speed",
         "inv-15-refused-tag",
         "inv-16-missed-tags",
+        "inv-23-switch-brake",
+        "inv-23-switch-locked",
         "inv-24-authority-age",
         "inv-36-overrun",
     }

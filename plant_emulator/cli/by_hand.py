@@ -8,6 +8,7 @@ from typing import Final
 
 from can_dbc.cab import CabMode
 from firmware_py.storage.growing_file import GrowingFile
+from firmware_py.trackdb.network import TrackNetwork
 from plant_emulator.cli.names import DESK, FAULTS
 from plant_emulator.desk.attendant import Attendant
 from plant_emulator.desk.by_keys import keyed
@@ -48,6 +49,7 @@ def open_by_hand(
     start_ns: int,
     train: TrainConfig,
     places: frozenset[FaultPlace],
+    network: TrackNetwork | None = None,
 ) -> TrainByHand:
     """Open the files of a folder; the stack closes them. Raises OSError.
 
@@ -55,6 +57,7 @@ def open_by_hand(
         allowed: members of BY_HAND.
         mode: mode of the desk before the first key.
         places: places where this bench applies faults.
+        network: with its switches; None for a line without one.
     """
     desk, faults = None, None
     if DESK in allowed:
@@ -66,7 +69,7 @@ def open_by_hand(
         acts = _growing(folder / FAULT_ACTS, stack)
         write = _replacing(folder / FAULT_RECORD)
         write(record_text(()))
-        faults = FaultsByHand(acts.lines, write, train, places)
+        faults = FaultsByHand(acts.lines, write, train, places, network)
     return TrainByHand(desk, faults)
 
 

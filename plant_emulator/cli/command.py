@@ -89,7 +89,7 @@ def serve(options: argparse.Namespace, start_foreign: StartForeign | None = None
             desk_elsewhere=elsewhere,
         )
         faults = () if options.faults is None else load_faults(options.faults)
-        check_fitting(faults, scenario.train, str(options.faults))
+        check_fitting(faults, scenario.train, str(options.faults), scenario.network)
         return _serve(options, scenario, faults, start_foreign)
     except SettingsError as error:
         _complain(error)
@@ -255,6 +255,7 @@ def _by_hand(
         start_ns=start_ns,
         train=scenario.train,
         places=frozenset(FaultPlace) - BENCH_PLACES,
+        network=scenario.network,
     )
 
 

@@ -118,6 +118,41 @@ class WrongMap:
         check_range(self, "shift_m", -1.0e5, 1.0e5)
 
 
+@fault("switch_lost", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class SwitchLost:
+    """The detection of a switch reports no end position; the switch itself does not move."""
+
+    switch: str = "W1"
+
+
+@fault("switch_stray", FaultPlace.WAYSIDE, Hazard.OVERRUN)
+@dataclass(frozen=True, slots=True)
+class SwitchStray:
+    """A switch moves to its other end position although it is locked, and back at the end."""
+
+    switch: str = "W1"
+
+
+@fault("switch_stuck", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class SwitchStuck:
+    """A switch does not move, so it may lie wrong for the route of the train."""
+
+    switch: str = "W1"
+
+
+@fault("route_set", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class RouteSet:
+    """The signaller sets a route by hand once nothing conflicts, and cancels it at the end.
+
+    The interlocking refuses the train every route that conflicts with it meanwhile.
+    """
+
+    route: str = "back"
+
+
 @fault("rear_unprotected", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class RearUnprotected:

@@ -1,6 +1,6 @@
 """Effects of the wayside on a train: orders, signals, platform doors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,8 +20,12 @@ from plant_emulator.faults.declared_wayside import (
     RemoteEmergency,
     RemoteRelease,
     RestrictedOrder,
+    RouteSet,
     SignalStop,
     Sleep,
+    SwitchLost,
+    SwitchStray,
+    SwitchStuck,
     TemporaryRestriction,
     WrongMap,
     WrongSideAuthorised,
@@ -63,6 +67,9 @@ class WaysideEffects:
         def shift(found: Sequence[float]) -> None:
             zone.shift_m = sum(found, 0.0)
 
+        self._machines = {} if railway.interlocking is None else railway.interlocking.machines
+        self._switches: dict[tuple[str, str], SharedSetting[bool]] = {}
+        self._routes = SharedSetting[str](_signaller(railway))
         self._shifted = SharedSetting[float](shift)
         self._orders = SharedSetting[Change](self._order)
         self._signals = SharedSetting[float](zone.show_stop)
@@ -87,12 +94,29 @@ class WaysideEffects:
         assert setting is not None, f"{plan.kind.name} has no effect"
         return SettingFault(plan.index, setting)
 
+    def _switch(self, name: str, fault: str) -> SharedSetting[bool]:
+        """The setting of one fault of a switch, which several faults may share."""
+        machine = self._machines[name]
+
+        def turn(found: Sequence[bool]) -> None:
+            setattr(machine, fault, bool(found))
+
+        return self._switches.setdefault((name, fault), SharedSetting[bool](turn))
+
     def _setting(self, parameters: Any) -> tuple[SharedSetting[Any], Any] | None:
         match parameters:
             case SignalStop(position_m=position_m):
                 return self._signals, position_m
             case AuthorityWithdrawn():
                 return self._withdrawn, True
+            case SwitchLost(switch=switch):
+                return self._switch(switch, "lost"), True
+            case SwitchStray(switch=switch):
+                return self._switch(switch, "strays"), True
+            case SwitchStuck(switch=switch):
+                return self._switch(switch, "stuck"), True
+            case RouteSet(route=route):
+                return self._routes, route
             case WrongMap(shift_m=shift_m):
                 return self._shifted, shift_m
             case RearUnprotected():
@@ -107,6 +131,11 @@ class WaysideEffects:
                 return self._obstructed, True
         change = _change(parameters)
         return None if change is None else (self._orders, change)
+
+
+def _signaller(railway: Railway) -> Callable[[Sequence[str]], None]:
+    interlocking = railway.interlocking
+    return (lambda found: None) if interlocking is None else interlocking.set_by_hand
 
 
 def _change(parameters: Any) -> Change | None:

@@ -4,14 +4,17 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from can_dbc.nodes import Node
-from firmware_py.settings import SettingsError
+from firmware_py.settings import SettingsError, nearest
+from firmware_py.trackdb.network import TrackNetwork
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
+from plant_emulator.faults.declared_wayside import RouteSet, SwitchLost, SwitchStray, SwitchStuck
 from plant_emulator.faults.kinds import FaultPlace, Kind
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.foreign import ForeignParts
 from plant_emulator.train_config import TrainConfig
 
 EFFORT: Final = (Node.TCU, Node.BCU)
+SWITCH_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck)
 NODES_OF_PLACE: Final[Mapping[FaultPlace, tuple[Node, ...]]] = {
     FaultPlace.ACTUATOR: EFFORT,
     FaultPlace.SENSOR: (Node.ODO,),
@@ -34,16 +37,40 @@ NODES_OF_KIND: Final[Mapping[str, tuple[Node, ...]]] = {
 """Kinds that act in other nodes than the other faults of their place."""
 
 
-def check_fitting(faults: Iterable[FaultPlan], train: TrainConfig, source: str) -> None:
-    """Raise SettingsError for a fault that would have no effect because the train lacks the
+def check_fitting(
+    faults: Iterable[FaultPlan],
+    train: TrainConfig,
+    source: str,
+    network: TrackNetwork | None = None,
+) -> None:
+    """Raise SettingsError for a fault that would have no effect because train or track lacks the
     part.
+
+    Args:
+        network: with its switches; None for a line without one.
     """
     for plan in faults:
+        if isinstance(plan.parameters, (*SWITCH_FAULTS, RouteSet)):
+            _check_network(plan, source, network)
         if isinstance(plan.parameters, LOOP_FAULTS) and not train.loop.connected:
             raise SettingsError(
                 f"{source}: fault[{plan.index}].kind: {plan.kind.name}: the train {train.name} has "
                 "no current loops; choose one with loops, or set loop.connected of the real train"
             )
+
+
+def _check_network(plan: FaultPlan, source: str, network: TrackNetwork | None) -> None:
+    key = "route" if isinstance(plan.parameters, RouteSet) else "switch"
+    value = getattr(plan.parameters, key)
+    where = f"{source}: fault[{plan.index}].{key}: {value!r}"
+    if network is None:
+        raise SettingsError(
+            f"{where}: the line has no switch; run the train over a route of a network with one"
+        )
+    known = network.routes if key == "route" else network.switches
+    names = [each.name for each in known]
+    if value not in names:
+        raise SettingsError(f"{where}: {nearest(value, names, key)}")
 
 
 def nodes_of(kind: Kind) -> tuple[Node, ...]:

@@ -19,7 +19,7 @@ from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.faults.touches import Touch, touch_of
-from plant_emulator.truth import Truth
+from plant_emulator.truth import NO_SWITCH_M, Truth
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import World
 
@@ -85,6 +85,8 @@ class FaultStage:
             self._railway_changes = told
             truth.hear(self._railway, self._start_m)
         truth.read(self._world, self._start_ns, authority_end_m)
+        if self._railway.interlocking is not None:
+            truth.unlocked_switch_m = min(self._railway.interlocking.unlocked_m, NO_SWITCH_M)
         for index, touch in self._touches.items():
             self._touched[index] += touch()
         if self._by_hand is not None:

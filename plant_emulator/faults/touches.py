@@ -50,7 +50,11 @@ from plant_emulator.faults.declared_wayside import (
     PlatformDoorObstacle,
     PlatformDoorsUnlocked,
     RearUnprotected,
+    RouteSet,
     SignalStop,
+    SwitchLost,
+    SwitchStray,
+    SwitchStuck,
     WrongMap,
     WrongSideAuthorised,
 )
@@ -217,8 +221,26 @@ def _of_doors(parameters: Any, world: World) -> Touch:
     raise AssertionError(f"{type(parameters).__name__} is not a fault of the doors")
 
 
+def _of_switches(parameters: Any, railway: Railway) -> Touch | None:
+    interlocking = railway.interlocking
+    assert interlocking is not None
+    machines = interlocking.machines
+    match parameters:
+        case SwitchLost():
+            return _always
+        case SwitchStray(switch=switch):
+            return lambda: machines[switch].detected is not machines[switch].aim
+        case SwitchStuck(switch=switch):
+            return lambda: machines[switch].detected is not machines[switch].aim
+        case RouteSet(route=route):
+            return lambda: interlocking.is_set(route)
+    return None
+
+
 def _of_wayside(parameters: Any, railway: Railway) -> Touch:
     zone, centre, doors = railway.zone, railway.centre, railway.doors
+    if railway.interlocking is not None and (touch := _of_switches(parameters, railway)):
+        return touch
     match parameters:
         case SignalStop(position_m=position_m):
             return lambda: zone.latest is not None and zone.latest.end_m == position_m

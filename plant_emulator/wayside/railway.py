@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import LineMap, Station
 from plant_emulator.wayside.centre import Centre
+from plant_emulator.wayside.interlocking import Interlocking
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from plant_emulator.wayside.zone_controller import ZoneController
 from zenoh_config import keys
@@ -18,10 +19,18 @@ def subscriptions(line_name: str) -> tuple[str, ...]:
 class Railway:
     """Passes each message to its receiver."""
 
-    def __init__(self, line: LineMap, destination: Station) -> None:
+    def __init__(
+        self, line: LineMap, destination: Station, interlocking: Interlocking | None = None
+    ) -> None:
+        """Args:
+        interlocking: of a network with switches.
+        """
         self.doors = PlatformDoors(line)
         self.zone = ZoneController(line, destination)
         self.centre = Centre(line, self.doors)
+        self.interlocking = interlocking
+        if interlocking is not None:
+            self.zone.limit_m = interlocking.limit_m
         self._answers_sent = 0
         self._statuses = keys.statuses(line.name)
 
@@ -29,6 +38,18 @@ class Railway:
     def told(self) -> int:
         """Counter that increases when an answer was sent or platform doors changed."""
         return self._answers_sent + self.doors.changes
+
+    def keep_until(self, departs_ns: int) -> None:
+        """Keep the train at its start until then."""
+        self.zone.departs_ns = departs_ns
+        if self.interlocking is not None:
+            self.interlocking.departs_ns = departs_ns
+
+    def observe(self, now_ns: int, *, front_m: float, rear_m: float) -> None:
+        """Set and release routes for the train at this place."""
+        if self.interlocking is not None:
+            self.interlocking.step(now_ns, front_m=front_m, rear_m=rear_m)
+            self.zone.limit_m = self.interlocking.limit_m
 
     def answers(self, heard: Iterable[RadioMessage], now_ns: int) -> list[tuple[str, bytes]]:
         """Return key and payload of all answers to the received messages."""

@@ -46,7 +46,7 @@ def parts_of(case: Case, files: Files = NO_FILES) -> CaseParts:
     check_plausible(config, line)
     scenario = scenario_of(setup, mission, _first_seed(case), files)
     faults = read_faults(case.faults, case.id)
-    check_fitting(faults, scenario.train, case.id)
+    check_fitting(faults, scenario.train, case.id, scenario.network)
     return CaseParts(
         journey=Journey(line, mission, setup.wakes_up, _memory_line(setup, files)),
         scenario=scenario,

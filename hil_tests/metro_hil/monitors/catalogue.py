@@ -254,8 +254,26 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
             (20, "The accepted term of a train never falls."),
             (21, "Authorities of two trains never overlap."),
             (22, "An authority ends behind the train ahead."),
-            (23, "No authority leads over an unlocked switch."),
         )
+    ),
+    _watched(
+        23,
+        "switch-locked",
+        "m",
+        "No authority leads over a switch that is not locked as the path needs it.",
+        "Place of the first switch on the path that is not locked and detected in the end position "
+        "that the path needs, less the end of each authority that the wayside sent 0.2 s or more "
+        "after that. Judged in networks with switches. Radio messages are observed in virtual time "
+        "only.",
+    ),
+    _watched(
+        23,
+        "switch-brake",
+        "s",
+        "A train whose authority falls behind its front for a switch brakes.",
+        "0.3 s and two cycles less the time for which a moving train is beyond the end of its "
+        "newest authority without a demand for the emergency brake. Judged while a switch ahead or "
+        "below is not locked and the train is not on sight.",
     ),
     _watched(
         24,

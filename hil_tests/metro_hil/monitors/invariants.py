@@ -16,7 +16,8 @@ from metro_hil.monitors.watch_doors import DoorWatch
 from metro_hil.monitors.watch_modes import ModeWatch
 from metro_hil.monitors.watch_motion import MotionWatch
 from metro_hil.monitors.watch_restrictions import RestrictionWatch
-from plant_emulator.truth import Truth
+from metro_hil.monitors.watch_switches import SwitchWatch
+from plant_emulator.truth import NO_SWITCH_M, Truth
 from zenoh_config.codec import unpack
 from zenoh_config.messages import MovementAuthority, TrainOrders
 
@@ -38,6 +39,8 @@ class Invariants:
         "_restrictions",
         "_silence",
         "_spoken",
+        "_switched",
+        "_switches",
         "_wanted",
         "alarm",
         "gauges",
@@ -80,6 +83,11 @@ class Invariants:
             wake_up=gauge["inv-18-wake-up"],
         )
         self._authority = AuthorityWatch(context, aged=gauge["inv-24-authority-age"])
+        self._switches = SwitchWatch(
+            context,
+            locked=gauge["inv-23-switch-locked"],
+            brakes=gauge["inv-23-switch-brake"],
+        )
         self._restrictions = RestrictionWatch(context, place, kept=gauge["inv-04-restriction"])
         self._emergency = EmergencyWatch(
             context,
@@ -99,7 +107,7 @@ class Invariants:
         )
         self._claims, self._demand = self._listeners(context)
         self._doors = self._door_watch(context, place)
-        self._moving = self._wanted = self._doors_busy = False
+        self._moving = self._wanted = self._doors_busy = self._switched = False
 
     def _listeners(self, context: Context) -> tuple[ClaimWatch, DemandWatch]:
         gauge = self.gauges
@@ -141,12 +149,17 @@ class Invariants:
         message = unpack(payload)
         if isinstance(message, MovementAuthority):
             self._authority.heard(message)
+            if self._switched:
+                self._switches.heard(message)
         elif isinstance(message, TrainOrders):
             self._restrictions.heard(message)
 
     def sample(self, truth: Truth, now_ns: int) -> None:
         """Take one step of the plant; the caller resets `news` of the frames."""
         spoken = self._spoken
+        if self._switched or truth.unlocked_switch_m < NO_SWITCH_M:
+            self._switched = True
+            self._switches.sample(truth, now_ns, spoken)
         wanted = truth.emergency > 0.0
         if wanted is not self._wanted:
             self._wanted = wanted

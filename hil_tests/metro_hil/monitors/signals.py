@@ -6,7 +6,7 @@ from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.place import LinePlaces
 from metro_hil.monitors.vocabulary import SIGNALS, Origin
 from metro_hil.monitors.watch_motion import MotionWatch
-from plant_emulator.truth import Truth
+from plant_emulator.truth import NO_SWITCH_M, Truth
 
 S_PER_NS = 1.0e-9
 BUS_NAMES = frozenset(signal.name for signal in SIGNALS if signal.origin is Origin.BUS)
@@ -137,6 +137,7 @@ class Signals:
         "traction_cut",
         "traction_permitted",
         "uncertainty_m",
+        "unlocked_switch_m",
         "voltage_v",
         "work_us",
     )
@@ -180,6 +181,7 @@ class Signals:
         self.authority_end_m = 0.0
         self.to_stop_m = 0.0
         self.traction_cut = 0.0
+        self.unlocked_switch_m = NO_SWITCH_M
         self.claimed_front_m = 0.0
         self.uncertainty_m = 0.0
         self.position_age_s = 0.0
@@ -278,6 +280,7 @@ class Signals:
         self.to_stop_m = truth.to_stop_m
         self.civil_limit_mps = truth.civil_limit_mps
         self.traction_cut = truth.traction_cut
+        self.unlocked_switch_m = truth.unlocked_switch_m
         if self._needs_wayside:
             self._fill_wayside(truth)
         if self._needs_bus:

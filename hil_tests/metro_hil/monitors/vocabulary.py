@@ -56,6 +56,7 @@ _TRUTH: Final = (
     ("authority_end_m", "m", "farthest end of all authorities given; the start before the first"),
     ("civil_limit_mps", "m/s", "lowest limit of the line under the whole train"),
     ("traction_cut", BOOLEAN, "the contactor has cut traction"),
+    ("unlocked_switch_m", "m", "first switch ahead that is not locked; 1000 km without one"),
     ("to_stop_m", "m", "distance to the next stopping point; negative up to 20 m beyond it"),
     ("authority_now_m", "m", "end of the newest authority; the start before the first"),
     ("authority_rear_m", "m", "position to which the newest authority lets the rear move back"),

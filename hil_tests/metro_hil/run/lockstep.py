@@ -506,6 +506,7 @@ def _by_hand(
         start_ns=0,
         train=scenario.train,
         places=frozenset(FaultPlace),
+        network=scenario.network,
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py.settings import SettingsError, parse
+from firmware_py.trackdb.circuit import load_switched
 from plant_emulator.cli.by_hand import FAULT_ACTS, FAULT_RECORD
 from plant_emulator.faults.by_hand import ActError, plan_by_hand
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
@@ -30,6 +31,8 @@ class FaultActs:
         """Open the file of the acts. Raises OSError or SettingsError."""
         options = parse(folder / "run.toml").get("options", {})
         self._train = load_train(options["consist"])
+        tracks = load_switched(options["line"]) if "line" in options else None
+        self._network = None if tracks is None else tracks[0]
         in_real_time = BENCH_PLACES if not options["lockstep"] else frozenset[FaultPlace]()
         self._places = frozenset(FaultPlace) - in_real_time
         self._record = folder / FAULT_RECORD
@@ -68,7 +71,7 @@ class FaultActs:
             raise ActError("values: no table")
         if act == "start":
             table = {"kind": message.get("fault"), **values}
-            plan_by_hand(table, 0, self._train, self._places)
+            plan_by_hand(table, 0, self._train, self._places, self._network)
             return {"start": table}
         index = message.get("index")
         if not isinstance(index, int) or not 0 <= index < len(self._tables):
@@ -77,7 +80,7 @@ class FaultActs:
             return {"stop": index}
         if act == "set":
             table = {"kind": self._tables[index]["kind"], **values}
-            plan_by_hand(table, index, self._train, self._places)
+            plan_by_hand(table, index, self._train, self._places, self._network)
             return {"set": index, "values": values}
         raise ActError(f"{act!r}: an act is start, set or stop")
 

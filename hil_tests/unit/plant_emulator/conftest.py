@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import pytest
@@ -13,10 +14,14 @@ from can_dbc.nodes import Direction
 from can_dbc.traction import TractionCommand
 from firmware_py.settings import override
 from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb.circuit import load_network
+from firmware_py.trackdb.network import Running
+from firmware_py.trackdb.paths import make_path
 from plant_emulator.faults.plan import read_faults
 from plant_emulator.faults.schedule import Schedule
 from plant_emulator.faults.stage import FaultStage
 from plant_emulator.train_config import TrainConfig, load_train
+from plant_emulator.wayside.interlocking import Interlocking
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.world import STEP_S, World
 
@@ -51,6 +56,14 @@ LOOPED: Final = override(
 )
 LEVEL: Final[LineMap] = replace(load_line("florence"), gradients=(), curves=())
 START_M: Final = 2000.0
+JUNCTION: Final = Path(__file__).resolve().parents[3] / "docs/examples/line/junction.toml"
+
+
+def interlocking() -> Interlocking:
+    """Switches and routes for faults, none of them on the train's path."""
+    network = load_network(str(JUNCTION))
+    path = make_path(network, "alone", [("east", Running.UP)])
+    return Interlocking(network, path, to_m=0.0, front_m=0.0, rear_m=-70.0)
 
 
 class Train:
@@ -75,7 +88,7 @@ class Train:
         self.world = World(train, LEVEL, seed=seed, front_m=front_m)
         if released:
             self._warm_up(speed_mps)
-        self.railway = Railway(LEVEL, LEVEL.stations[-1])
+        self.railway = Railway(LEVEL, LEVEL.stations[-1], interlocking())
         self.schedule = Schedule(read_faults(faults, "scenario"))
         self.stage = FaultStage(
             self.world,

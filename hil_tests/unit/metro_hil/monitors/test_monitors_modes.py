@@ -347,15 +347,52 @@ def test_a_train_that_was_moved_asleep_knows_its_place_after_two_tags(
     assert rig.margin("inv-18-wake-up") == margin
 
 
+# 23: switches on the path.
+
+
+@pytest.mark.parametrize(("end_m", "margin_m"), [(480.0, 20.0), (500.5, -0.5)])
+def test_an_authority_ends_before_a_switch_that_is_not_locked(
+    rig: Rig, end_m: float, margin_m: float
+) -> None:
+    rig.step(30, unlocked_switch_m=500.0)
+    hear_authority(rig, 0.2, end_m=end_m, sent_s=0.25)
+
+    assert rig.margin("inv-23-switch-locked") == pytest.approx(margin_m)
+
+
+def test_an_authority_that_was_sent_before_the_switch_failed_is_not_judged(rig: Rig) -> None:
+    rig.step(30)
+    rig.step(1, unlocked_switch_m=500.0)
+    hear_authority(rig, 0.2, end_m=2000.0, sent_s=0.25)
+
+    assert rig.result("inv-23-switch-locked").verdict is Verdict.VACUOUS
+
+
+@pytest.mark.parametrize(("steps", "brakes"), [(42, True), (44, False)])
+def test_a_train_beyond_its_authority_brakes_before_a_switch(
+    rig: Rig, steps: int, brakes: bool
+) -> None:
+    """It may take 0.3 s, two cycles of 50 ms and 0.02 s."""
+    say_mode(rig, OperatingMode.AUTHORISED)
+    rig.step(30, unlocked_switch_m=1500.0, front_m=1000.0, speed_mps=10.0)
+    hear_authority(rig, 0.2, end_m=900.0, sent_s=0.25)
+    rig.step(steps, unlocked_switch_m=1500.0, front_m=1000.0, speed_mps=10.0)
+
+    assert (rig.result("inv-23-switch-brake").verdict is Verdict.PASS) is brakes
+    rig.emergency(True)
+    rig.step(100)
+    assert rig.margin("inv-23-switch-brake") == pytest.approx(0.43 - steps / 100.0)
+
+
 # 24: ageing authorities.
 
 
-def hear_authority(rig: Rig, echo_s: float) -> None:
+def hear_authority(rig: Rig, echo_s: float, *, end_m: float = 2000.0, sent_s: float = 0.0) -> None:
     rig.monitors.radio(
         pack(
             MovementAuthority(
-                train=1, boot=1, term=1, sequence=1,
-                echo_stamp_ns=round(echo_s * NS_PER_S), end_m=2000.0,
+                train=1, boot=1, term=1, sequence=1, stamp_ns=round(sent_s * NS_PER_S),
+                echo_stamp_ns=round(echo_s * NS_PER_S), end_m=end_m,
             )
         )
     )  # fmt: skip

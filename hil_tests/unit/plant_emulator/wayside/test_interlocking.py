@@ -1,0 +1,212 @@
+"""The interlocking: routes of one train and of the signaller never use a switch at one time."""
+
+from pathlib import Path
+from typing import Final
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.trackdb.circuit import load_network, load_path
+from plant_emulator.wayside.interlocking import (
+    CLEAR_M,
+    MOVE_S,
+    SIGNAL_M,
+    Interlocking,
+    Lie,
+    sections_of,
+)
+
+EXAMPLES: Final = Path(__file__).resolve().parents[4] / "docs/examples/line"
+FERRY: Final = f"{EXAMPLES}/ferry.toml"
+JUNCTION: Final = f"{EXAMPLES}/junction.toml"
+NS: Final = 1_000_000_000
+LENGTH_M: Final = 68.6
+CROSSOVER: Final = """
+name = "crossover"
+buffer_stops = ["a.start", "c.end", "b.start", "d.end"]
+tracks = [TRACKS]
+switches = [
+    { name = "W1", tip = "a.end", left = "c.start", right = "x.start" },
+    { name = "W2", tip = "d.start", left = "b.end", right = "x.end" },
+]
+routes = [
+    { name = "main", legs = ["a up", "c up"] },
+    { name = "side", legs = ["b up", "d up"] },
+    { name = "over", legs = ["a up", "x up", "d up"] },
+]
+"""
+
+
+def crossover(folder: Path) -> str:
+    tracks = ",\n    ".join(
+        f'{{ name = "{name}", start_m = 0.0, end_m = {end_m}, limits = [{{ start_m = 0.0, '
+        f'end_m = {end_m}, limit_mps = 10.0 }}], platforms = [{{ station = "{name}", '
+        f"start_m = 0.0, end_m = {end_m}, stop_up_m = {end_m - 30.0}, dwell_s = 5.0 }}] }}"
+        for name, end_m in (("a", 300.0), ("b", 300.0), ("c", 300.0), ("d", 300.0), ("x", 60.0))
+    )
+    path = folder / "crossover.toml"
+    path.write_text(CROSSOVER.replace("TRACKS", tracks), encoding="utf-8")
+    return str(path)
+
+
+class Bench:
+    """An interlocking with a train, stepped by tenths of a second."""
+
+    def __init__(self, line: str, *, to_m: float, front_m: float) -> None:
+        network, path = load_network(line.rpartition(":")[0]), load_path(line)
+        self.now_ns = 0
+        self.front_m = front_m
+        self.inner = Interlocking(
+            network, path, to_m=to_m, front_m=front_m, rear_m=front_m - LENGTH_M
+        )
+
+    def run(self, duration_s: float, front_m: float | None = None) -> None:
+        self.front_m = self.front_m if front_m is None else front_m
+        for _ in range(round(duration_s * 10)):
+            self.now_ns += NS // 10
+            rear_m = self.front_m - LENGTH_M
+            self.inner.step(self.now_ns, front_m=self.front_m, rear_m=rear_m)
+
+    @property
+    def limit_m(self) -> float:
+        return self.inner.limit_m
+
+
+def test_a_path_has_a_signal_before_each_switch() -> None:
+    network, path = load_network(FERRY), load_path(f"{FERRY}:out")
+
+    first, second = sections_of(network, path)
+
+    # Mill ends at 100 m, and 700 m of the east track follow.
+    assert (first.signal_m, second.signal_m) == (100.0 - SIGNAL_M, 800.0 - SIGNAL_M)
+    assert [(each.switch, each.lie) for each in first.crossings] == [("W1", Lie.RIGHT)]
+    assert [(each.switch, each.lie) for each in second.crossings] == [("W2", Lie.LEFT)]
+    assert [leg.track.name for leg in first.tracks] == ["east"]
+
+
+def test_the_authority_follows_the_route_once_the_switch_has_moved() -> None:
+    bench = Bench(f"{FERRY}:out", to_m=700.0, front_m=0.0)
+    assert bench.limit_m == 80.0
+
+    bench.run(MOVE_S - 0.1)
+    assert bench.limit_m == 80.0
+    bench.run(0.3)
+    # The trip ends at Pier, so the route over the switch behind it is not requested.
+    assert bench.limit_m == 780.0
+    assert bench.inner.unlocked_m == 800.0
+
+
+def test_until_the_departure_no_route_is_set() -> None:
+    bench = Bench(f"{FERRY}:out", to_m=700.0, front_m=0.0)
+    bench.inner.departs_ns = 20 * NS
+
+    bench.run(19.9)
+    assert bench.limit_m == 80.0
+    bench.run(MOVE_S + 0.3)
+    assert bench.limit_m == 780.0
+
+
+@pytest.mark.parametrize("fault", ["lost", "strays"])
+@pytest.mark.parametrize(("front_m", "concerned"), [(50.0, True), (165.0, True), (179.0, False)])
+def test_a_switch_that_fails_takes_the_authority_until_the_rear_is_clear(
+    front_m: float, concerned: bool, fault: str
+) -> None:
+    """W1 is at 100 m: with the front at 178.6 m, the rear of 68.6 m is clear of it by 10 m."""
+    bench = Bench(f"{FERRY}:out", to_m=700.0, front_m=0.0)
+    bench.run(10.0)
+    bench.run(1.0, front_m)
+
+    setattr(bench.inner.machines["W1"], fault, True)
+    bench.run(0.1)
+
+    assert bench.limit_m == (80.0 if concerned else 780.0)
+    assert bench.inner.unlocked_m == (100.0 if concerned else 800.0)
+    setattr(bench.inner.machines["W1"], fault, False)
+    bench.run(MOVE_S + 0.2)
+    assert bench.limit_m == 780.0
+
+
+def test_a_stuck_switch_that_lies_wrong_keeps_the_train_before_its_signal() -> None:
+    bench = Bench(f"{FERRY}:out", to_m=700.0, front_m=0.0)
+    bench.inner.machines["W1"].stuck = True
+
+    bench.run(30.0)
+    assert bench.limit_m == 80.0
+    bench.inner.machines["W1"].stuck = False
+    bench.run(MOVE_S + 0.2)
+    assert bench.limit_m == 780.0
+
+
+def test_a_conflicting_route_of_the_signaller_is_refused_until_the_train_is_clear() -> None:
+    bench = Bench(f"{JUNCTION}:out", to_m=1145.0, front_m=0.0)
+    bench.run(10.0)
+
+    bench.inner.set_by_hand(["back"])
+    bench.run(1.0, 900.0 + CLEAR_M + LENGTH_M - 1.0)
+    assert not bench.inner.is_set("back")
+    assert bench.inner.refusals > 0
+    bench.run(1.0, 900.0 + CLEAR_M + LENGTH_M + 1.0)
+    assert bench.inner.is_set("back")
+    assert bench.inner.machines["W1"].aim is Lie.LEFT
+
+
+def test_a_route_set_by_hand_goes_first_and_keeps_the_train_waiting() -> None:
+    bench = Bench(f"{JUNCTION}:out", to_m=1145.0, front_m=0.0)
+    bench.inner.set_by_hand(["back"])
+
+    bench.run(10.0)
+    assert bench.limit_m == 900.0 - SIGNAL_M
+    bench.inner.set_by_hand([])
+    bench.run(MOVE_S + 0.3)
+    assert bench.limit_m > 1145.0
+
+
+def test_flank_protection_turns_the_far_switch_of_a_crossover_away(tmp_path: Path) -> None:
+    """Straight routes on both tracks go together; one over the crossover excludes both."""
+    name = crossover(tmp_path)
+    bench = Bench(f"{name}:main", to_m=570.0, front_m=100.0)
+    bench.inner.machines["W2"].place(Lie.RIGHT)
+    bench.run(10.0)
+    assert bench.inner.machines["W2"].detected is Lie.LEFT
+
+    bench.inner.set_by_hand(["side", "over"])
+    bench.run(10.0)
+    assert bench.inner.is_set("side")
+    assert not bench.inner.is_set("over")
+
+
+def test_a_route_over_a_crossover_has_one_signal_for_both_switches(tmp_path: Path) -> None:
+    name = crossover(tmp_path)
+
+    (section,) = sections_of(load_network(name), load_path(f"{name}:over"))
+
+    assert section.signal_m == 300.0 - SIGNAL_M
+    assert [(each.switch, each.lie) for each in section.crossings] == [
+        ("W1", Lie.RIGHT),
+        ("W2", Lie.RIGHT),
+    ]
+
+
+@settings(max_examples=10, deadline=None)
+@given(data=st.data())
+def test_no_switch_moves_below_the_train_or_under_two_routes(data: st.DataObject) -> None:
+    """The signaller sets and cancels at random while the train runs up to its limit."""
+    line = f"{FERRY}:{data.draw(st.sampled_from(['out', 'back']))}"
+    crossings = [
+        each
+        for section in sections_of(load_network(FERRY), load_path(line))
+        for each in section.crossings
+    ]
+    start_m = load_path(line).line.stations[0].stop_m
+    bench = Bench(line, to_m=1600.0, front_m=start_m)
+    for _ in range(40):
+        bench.inner.set_by_hand(data.draw(st.lists(st.sampled_from(["out", "back"]), max_size=2)))
+        step_m = data.draw(st.sampled_from([0.0, 5.0, 30.0, 90.0]))
+        reach_m = max(bench.front_m, min(bench.limit_m, load_path(line).line.end_m))
+        bench.run(0.5, min(bench.front_m + step_m, reach_m))
+
+        for each in crossings:
+            if bench.front_m - LENGTH_M < each.at_m < bench.front_m:
+                assert bench.inner.machines[each.switch].detected is each.lie
+        assert not (bench.inner.is_set("out") and bench.inner.is_set("back"))
