@@ -14,7 +14,8 @@ from plant_emulator.foreign import ForeignParts
 from plant_emulator.train_config import TrainConfig
 
 EFFORT: Final = (Node.TCU, Node.BCU)
-SWITCH_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck)
+TRACK_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck, RouteSet)
+"""Faults that need a network with switches."""
 NODES_OF_PLACE: Final[Mapping[FaultPlace, tuple[Node, ...]]] = {
     FaultPlace.ACTUATOR: EFFORT,
     FaultPlace.SENSOR: (Node.ODO,),
@@ -50,7 +51,7 @@ def check_fitting(
         network: with its switches; None for a line without one.
     """
     for plan in faults:
-        if isinstance(plan.parameters, (*SWITCH_FAULTS, RouteSet)):
+        if isinstance(plan.parameters, TRACK_FAULTS):
             _check_network(plan, source, network)
         if isinstance(plan.parameters, LOOP_FAULTS) and not train.loop.connected:
             raise SettingsError(

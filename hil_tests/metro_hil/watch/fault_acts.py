@@ -14,6 +14,7 @@ from plant_emulator.cli.by_hand import FAULT_ACTS, FAULT_RECORD
 from plant_emulator.faults.by_hand import ActError, plan_by_hand
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
 from plant_emulator.faults.described import PLACE_TITLES, Described, FaultParameter, all_described
+from plant_emulator.faults.fitting import TRACK_FAULTS
 from plant_emulator.faults.kinds import BENCH_PLACES, CATALOGUE, FaultPlace, Kind
 from plant_emulator.train_config import TrainConfig, load_train
 
@@ -22,6 +23,7 @@ NOT_IN_REAL_TIME: Final = (
     "use --lockstep, or `hil run --bench processes`."
 )
 NO_LOOPS: Final = "This train has no current loops."
+NO_SWITCHES: Final = "This line has no switches; run the train over a route of a network."
 
 
 class FaultActs:
@@ -47,7 +49,7 @@ class FaultActs:
             {
                 "title": title,
                 "kinds": [
-                    _kind_head(each, self._train, self._places)
+                    _kind_head(each, self._train, self._places, switches=self._network is not None)
                     for each in all_described()
                     if each.place is place
                 ],
@@ -110,7 +112,7 @@ def open_fault_acts(folder: Path) -> FaultActs:
 
 
 def _kind_head(
-    described: Described, train: TrainConfig, places: frozenset[FaultPlace]
+    described: Described, train: TrainConfig, places: frozenset[FaultPlace], *, switches: bool
 ) -> Mapping[str, Any]:
     kind = CATALOGUE[described.name]
     missing = ""
@@ -118,6 +120,8 @@ def _kind_head(
         missing = NOT_IN_REAL_TIME
     elif issubclass(kind.parameters, LOOP_FAULTS) and not train.loop.connected:
         missing = NO_LOOPS
+    elif issubclass(kind.parameters, TRACK_FAULTS) and not switches:
+        missing = NO_SWITCHES
     return {
         "name": described.name,
         "story": described.story,
