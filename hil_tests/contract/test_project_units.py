@@ -58,6 +58,7 @@ UNIT_IS_ELSEWHERE: Final = frozenset(
         # The unit of the plotted or compared signal of a log.
         *("Allowed.physical", "SignalDifference.allowed", "SignalDifference.most"),
         "SignalTrace.choices",
+        "TrackRange.value",
     }
 )
 

@@ -14,6 +14,7 @@ from metro_hil.model.run_options import LINE_VERBS, SERVICE_VERBS, SHIPPED_VERBS
 VERBS: Final = {
     "check": "vobc.cli.check",
     "device": "vobc.cli.command",
+    "export": "metro_hil.exchange.export_command",
     "import": "metro_hil.exchange.import_command",
     "host": "metro_hil.external_controller.realtime",
     "network": "metro_hil.report.network_command",

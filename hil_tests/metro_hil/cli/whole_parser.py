@@ -8,7 +8,7 @@ import argparse
 from metro_hil.cli import shipped_files
 from metro_hil.energy.line import timetable_command
 from metro_hil.energy.running_curve import command as design_curve_command
-from metro_hil.exchange import import_command
+from metro_hil.exchange import export_command, import_command
 from metro_hil.external_controller import realtime
 from metro_hil.line.service import command as service_command
 from metro_hil.model import run_options
@@ -36,6 +36,7 @@ def whole_parser() -> argparse.ArgumentParser:
     verbs["check"] = check.parser()
     verbs["device"] = device_options.parser()
     verbs["network"] = network_command.parser()
+    verbs["export"] = export_command.parser()
     verbs["import"] = import_command.parser()
     verbs["host"] = realtime.parser()
     verbs["explain"] = explain_command.parser()

@@ -3,32 +3,53 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import tomli_w
 
 from firmware_py.command_line import CommandParser
-from firmware_py.settings import SettingsError
+from firmware_py.settings import SettingsError, text_of
 from firmware_py.storage.whole_file import write_whole
 from metro_hil.exchange.effort_curve import with_effort
 from metro_hil.exchange.line_rules import FittedTrain, complete_line
+from metro_hil.exchange.network_rules import complete_network
 from metro_hil.exchange.railjson_line import read_infra
 from metro_hil.exchange.railjson_train import read_rolling_stock
-from metro_hil.exchange.survey import SurveyedLine, SurveyedTrain, read_json
+from metro_hil.exchange.railml_network import check_version, read_infrastructure
+from metro_hil.exchange.railml_train import no_infrastructure_nor_stock
+from metro_hil.exchange.railml_train import read_rolling_stock as read_formation
+from metro_hil.exchange.survey import Element, SurveyedLine, SurveyedTrain, read_json
+from metro_hil.exchange.surveyed_network import SurveyedNetwork, branches, line_along
 from metro_hil.exchange.train_rules import complete_train, fitted
 from metro_hil.exchange.ttobench import read_file
+from metro_hil.exchange.xml_node import XmlNode, is_xml, read_xml
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
 from vobc.config import load_config
 
 PROG: Final = "vobc import"
 DESCRIPTION: Final = (
-    "Turn tracks and trains of TTOBench (JSON), infrastructure and rolling stock of OSRD "
-    "(RailJSON) and effort curves (CSV) into a line file, a consist and parameters. What a file "
-    "does not say is filled by rules, which are printed and stand at the top of each file."
+    "Turn tracks and trains of TTOBench (JSON), infrastructure and rolling stock of railML 3 (XML) "
+    "and of OSRD (RailJSON), and effort curves (CSV) into a line or network file, a consist and "
+    "parameters. What a file does not say is filled by rules, which are printed and stand at the "
+    "top of each file."
 )
 EPILOG: Final = "exit codes: 0 the files are written; 2 wrong usage or a bad file; nothing written"
 PARAMS: Final = "florence4"
+
+
+@dataclass(frozen=True, slots=True)
+class ImportChoices:
+    """What the user chooses from a file."""
+
+    stops: tuple[str, ...] | None = None
+    """Stations in running order; None: all of a single track, or the whole network."""
+    formation: str | None = None
+    """Name of the train in a file of several; None: the only one."""
+
+
+Surveyed = SurveyedLine | SurveyedNetwork | SurveyedTrain
 
 
 def parser() -> argparse.ArgumentParser:
@@ -44,8 +65,10 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument(
         "--stops",
         metavar="NAME,NAME",
-        help="operational points of RailJSON in running order; default: all, if no track branches",
+        help="stations of RailJSON or railML in running order; default: all, or the whole network "
+        "if a track branches",
     )
+    top.add_argument("--formation", metavar="NAME", help="train of a railML file that has several")
     top.add_argument(
         "--params",
         metavar="NAME|FILE",
@@ -60,7 +83,11 @@ def main(argv: Sequence[str]) -> int:
     """Write the files and print the rules, or print what is wrong with the first bad file."""
     options = parser().parse_args(argv)
     try:
-        written, hint = files_of(options.files, options.params, options.stops)
+        stops = None
+        if options.stops is not None:
+            stops = tuple(name.strip() for name in options.stops.split(","))
+        chosen = ImportChoices(stops, options.formation)
+        written, hint = files_of(options.files, options.params, chosen)
         folder = Path(options.out)
         _check_free(folder, written, options.force)
     except SettingsError as error:
@@ -84,10 +111,10 @@ def file_text(table: dict[str, Any], notes: Sequence[str]) -> str:
 
 
 def files_of(
-    names: Sequence[str], params: str | None, stops: str | None = None
+    names: Sequence[str], params: str | None, options: ImportChoices
 ) -> tuple[dict[str, tuple[dict[str, Any], tuple[str, ...]]], str]:
     """Table and rules of each file to write, and the command to try next. Raises SettingsError."""
-    lines, trains = _surveyed(names, stops)
+    lines, trains = _surveyed(names, options)
     written: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {}
     used, words = params or PARAMS, ""
     if trains:
@@ -105,21 +132,32 @@ def files_of(
     else:
         config = load_config(used)
         train = FittedTrain(config.name, config.train.length_m, config.train.antenna_offset_m)
+    routes: list[str] = []
     for line in lines:
-        done = complete_line(line, train)
+        if isinstance(line, SurveyedNetwork):
+            done = complete_network(line, train)
+            routes += [f":{route['name']}" for route in done.table["routes"]]
+        else:
+            done = complete_line(line, train)
         _add(written, f"{line.name}.toml", done.table, done.notes)
     line_name = f"{{folder}}{lines[0].name}.toml" if lines else "florence"
     params_words = f" --params {used}" if used != PARAMS else ""
+    if lines and isinstance(lines[0], SurveyedNetwork):
+        check = f"vobc network check {line_name}{params_words}"
+        run = f"{check}; vobc run --lockstep --line {line_name}{''.join(routes[:1])}"
+        return written, f"{run}{words}{params_words}" if routes else check
     run = f"vobc check --line {line_name}{params_words}; "
     return written, f"{run}vobc run --lockstep --line {line_name}{words}{params_words}"
 
 
 def _surveyed(
-    names: Sequence[str], stops: str | None
-) -> tuple[list[SurveyedLine], list[SurveyedTrain]]:
+    names: Sequence[str], options: ImportChoices
+) -> tuple[list[SurveyedLine | SurveyedNetwork], list[SurveyedTrain]]:
     curves = [Path(name) for name in names if name.lower().endswith(".csv")]
-    read = [_read(Path(name), stops) for name in names if Path(name) not in curves]
-    lines = [each for each in read if isinstance(each, SurveyedLine)]
+    read = [
+        each for name in names if Path(name) not in curves for each in _read(Path(name), options)
+    ]
+    lines = [each for each in read if not isinstance(each, SurveyedTrain)]
     trains = [each for each in read if isinstance(each, SurveyedTrain)]
     if len(trains) > 1:
         raise SettingsError(
@@ -134,14 +172,41 @@ def _surveyed(
     return lines, [with_effort(train, curves[0]) if curves else train for train in trains]
 
 
-def _read(path: Path, stops: str | None) -> SurveyedLine | SurveyedTrain:
+def _read(path: Path, options: ImportChoices) -> list[Surveyed]:
     """Read a file of any known format. Raises SettingsError."""
-    file = read_json(path)
+    if is_xml(text_of(path)):
+        return _read_railml(read_xml(path), options)
+    return [_read_json(read_json(path), options)]
+
+
+def _read_railml(root: XmlNode, options: ImportChoices) -> list[Surveyed]:
+    """The tracks and the train of a railML file."""
+    check_version(root)
+    found: list[Surveyed] = []
+    if root.first("infrastructure", "topology") is not None:
+        found.append(_tracks(read_infrastructure(root), options))
+    if root.first("rollingstock", "formations") is not None:
+        found.append(read_formation(root, options.formation))
+    if not found:
+        raise no_infrastructure_nor_stock(root)
+    return found
+
+
+def _tracks(network: SurveyedNetwork, options: ImportChoices) -> SurveyedLine | SurveyedNetwork:
+    """The line through the named stops, or the whole network if it branches."""
+    if options.stops is None and branches(network):
+        return network
+    return line_along(network, options.stops or ())
+
+
+def _read_json(file: Element, options: ImportChoices) -> Surveyed:
+    stops = options.stops
     if file.has("track_sections"):
-        return read_infra(file, [name.strip() for name in stops.split(",")] if stops else [])
+        return _tracks(read_infra(file), options)
     if stops is not None and file.has("stops"):
         raise SettingsError(
-            f"--stops {stops}: not with {file.source}, which lists its stops; leave it out"
+            f"--stops {','.join(stops)}: not with {file.source}, which lists its stops; leave it "
+            "out"
         )
     return read_rolling_stock(file) if file.has("effort_curves") else read_file(file)
 

@@ -49,17 +49,20 @@ class Completed:
 
 def complete_line(line: SurveyedLine, train: FittedTrain) -> Completed:
     """The line as the table of a line file. Raises SettingsError if the line cannot be run."""
-    _check_hops(line, train)
-    first_m, last_m = line.stops[0][1], line.stops[-1][1]
-    start_m = first_m - train.length_m - PLATFORM_SPARE_M - BEFORE_M
-    end_m = last_m + BEYOND_M
+    if "tags" not in line.given:
+        _check_hops(line, train)
+    stations = [
+        _station(name, stop_m, train) | line.given.get("stations", {}).get(name, {})
+        for name, stop_m in line.stops
+    ]
+    start_m, end_m = _extent_m(line, stations)
+    surveyed_m = "start_m" in line.given
+    first_m, last_m = (start_m, end_m) if surveyed_m else (line.stops[0][1], line.stops[-1][1])
     limits, capped = _capped(line.limits, train.speed_mps_max)
     table: dict[str, Any] = {
         "name": line.name,
         "description": f"Imported from {line.source.rsplit('/', maxsplit=1)[-1]}",
-        "start_m": start_m,
-        "end_m": end_m,
-        "stations": [_station(name, stop_m, train) for name, stop_m in line.stops],
+        "stations": stations,
         "speed_sections": [
             {"start_m": begin_m, "end_m": finish_m, "limit_mps": limit_mps}
             for begin_m, finish_m, limit_mps in _sections(limits, start_m, end_m)
@@ -73,10 +76,22 @@ def complete_line(line: SurveyedLine, train: FittedTrain) -> Completed:
             {"start_m": bend.start_m, "end_m": bend.end_m, "radius_m": bend.radius_m}
             for bend in line.bends
         ],
-        "tags": _tags([stop_m for _, stop_m in line.stops], train.antenna_m, line),
     }
+    table |= {key: value for key, value in line.given.items() if key != "stations"}
+    if "tags" not in table:
+        table["tags"] = _tags([stop_m for _, stop_m in line.stops], train.antenna_m, line)
+    table |= {"start_m": start_m, "end_m": end_m}
     build(LineMap, table, line.source)
     return Completed(table, tuple(_notes(line, train, capped)))
+
+
+def _extent_m(line: SurveyedLine, stations: Sequence[dict[str, Any]]) -> tuple[float, float]:
+    """Both ends of the line: those of the file, or further out where the rules need more track."""
+    start_m = min(stations[0]["platform_start_m"], stations[0]["stop_m"])
+    end_m = max(stations[-1]["platform_end_m"], stations[-1]["stop_m"])
+    if "start_m" in line.given:
+        return min(line.given["start_m"], start_m), max(line.given["end_m"], end_m)
+    return start_m - BEFORE_M, line.stops[-1][1] + BEYOND_M
 
 
 def _check_hops(line: SurveyedLine, train: FittedTrain) -> None:
@@ -157,16 +172,28 @@ def _tags(stops_m: Sequence[float], antenna_m: float, line: SurveyedLine) -> lis
 
 
 def _notes(line: SurveyedLine, train: FittedTrain, capped: bool) -> list[str]:
+    stations = line.given.get("stations", {})
+    laid_out = [name for name, _ in line.stops if "platform_end_m" not in stations.get(name, {})]
     notes = [
-        f"stations: named in running order, {line.stops[0][0]} to {line.stops[-1][0]}; doors open "
-        f"for {DWELL_S:g} s on the right; no platform doors",
-        f"platforms: each reaches {PLATFORM_SPARE_M:g} m beyond both ends of a standing train of "
-        f"{train.length_m:g} m ({train.name})",
-        f"tags: a balise at least every {BALISES_M:g} m; t1, t2 and t3 52, 12 and 3.5 m before "
-        f"each stopping point, and `stop` under the antenna, {train.antenna_m:g} m before it",
-        f"track: {BEFORE_M:g} m behind the first platform and {BEYOND_M:g} m beyond the last "
-        "stopping point, level, with the nearest limit",
+        f"stations: in running order, {line.stops[0][0]} to {line.stops[-1][0]}; where the file "
+        f"does not say, doors open for {DWELL_S:g} s on the right, and there are no platform doors",
     ]
+    if laid_out:
+        names = "each" if len(laid_out) == len(line.stops) else ", ".join(laid_out)
+        notes.append(
+            f"platforms: {names} reaches {PLATFORM_SPARE_M:g} m beyond both ends of a standing "
+            f"train of {train.length_m:g} m ({train.name})"
+        )
+    if "tags" not in line.given:
+        notes.append(
+            f"tags: a balise at least every {BALISES_M:g} m; t1, t2 and t3 52, 12 and 3.5 m before "
+            f"each stopping point, and `stop` under the antenna, {train.antenna_m:g} m before it"
+        )
+    if "start_m" not in line.given:
+        notes.append(
+            f"track: {BEFORE_M:g} m behind the first platform and {BEYOND_M:g} m beyond the last "
+            "stopping point, level, with the nearest limit"
+        )
     if capped and train.speed_mps_max is not None:
         notes.append(
             f"speed_sections: limits above {3.6 * train.speed_mps_max:g} km/h lowered to it, the "

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -54,6 +54,8 @@ class SurveyedLine:
     gradients: tuple[tuple[float, float], ...] = ()
     """Chainage, m, and gradient from there on, ‰; positive climbs."""
     bends: tuple[CurvedStretch, ...] = ()
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """What the file says in keys of line files; `stations` has those of each station by name."""
     ignored: tuple[str, ...] = ()
     """Sentences about parts of the file that the importer does not use."""
     filled: tuple[str, ...] = ()

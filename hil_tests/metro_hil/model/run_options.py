@@ -33,7 +33,8 @@ EXIT_INTERRUPTED = 130
 OTHER_VERBS = {
     "check": "judge line, train and parameters together, without a run",
     "device": "run the bare controller on a bus, for a plant or a real train",
-    "import": "turn a line or train of TTOBench (JSON) into files of this project",
+    "export": "write a line as railML 3 or TTOBench",
+    "import": "turn a line, network or train of another format into files of this project",
     "host": "run a controller of your own, in any language, in real time on a bus",
     "network": "check, show or draw the tracks of a network or a line",
     "explain": "show what the controller of a run decided, why, and from which frames",

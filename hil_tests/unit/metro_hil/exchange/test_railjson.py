@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb.circuit import load_network
 from metro_hil.exchange.effort_curve import effort_curve
 from metro_hil.exchange.import_command import main
 from metro_hil.exchange.railjson_line import read_infra
-from metro_hil.exchange.railjson_path import PlaceOnTrack, TrackGraph, shortest_path
 from metro_hil.exchange.survey import Element
+from metro_hil.exchange.surveyed_network import line_along
+from metro_hil.exchange.track_graph import PlaceOnTrack, TrackGraph, shortest_path
 from plant_emulator.train_config import load_train
 from vobc.config import load_config
 from vobc.plausible import implausible
@@ -122,7 +124,7 @@ def infra_line(change: Callable[[dict[str, Any]], object] | None = None, *stops:
     table = copy.deepcopy(INFRA)
     if change is not None:
         change(table)
-    return read_infra(Element("net.json", "", table), stops)
+    return line_along(read_infra(Element("net.json", "", table)), stops)
 
 
 def imported(folder: Path, *arguments: str, **files: Any) -> int:
@@ -215,6 +217,21 @@ def test_line_and_train_of_osrd_fit_each_other(tmp_path: Path) -> None:
     assert train.traction.rated_force_n == pytest.approx(99_000.0)
     text = (tmp_path / "out" / "Metro_2.toml").read_text(encoding="utf-8")
     assert "power, 1100 kW; at most 10 % above the curve, at 72 km/h (mode 750V)" in text
+
+
+def test_tracks_that_branch_become_a_network(tmp_path: Path) -> None:
+    assert imported(tmp_path, net_json=INFRA) == 0
+
+    network = load_network(str(tmp_path / "out" / "net.toml"))
+    (switch,) = network.switches
+    assert (switch.tip, switch.left, switch.right) == ("T2.start", "T3.start", "T4.start")
+    assert [(join.a, join.b) for join in network.joins] == [("T1.end", "T2.end")]
+    assert network.buffer_stops == ("T1.start", "T3.end", "T4.end")
+    limits = [(each.direction.value, each.limit_mps) for each in network.track("T2").limits]
+    assert ("down", 10.0) in limits
+    assert ("up", 5.0) in limits
+    line = load_line(f"{tmp_path / 'out' / 'net.toml'}:T1-T4")
+    assert [station.name for station in line.stations] == ["West", "Middle", "East", "Depot"]
 
 
 def test_resistance_is_that_of_each_kilogram_from_version_3_4_on(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import heapq
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 
@@ -38,6 +38,29 @@ class PathPiece:
     to_m: float
     chainage_m: float
     """Chainage of the path at `from_m`."""
+
+    @property
+    def run_m(self) -> float:
+        """How far the path runs on the section."""
+        return self.to_m - self.from_m
+
+    def moved(self, shift_m: float) -> "PathPiece":
+        """The piece with other chainages."""
+        return replace(self, chainage_m=self.chainage_m + shift_m)
+
+    def extended(self, to_begin: bool, to_end: bool) -> "PathPiece":
+        """The piece up to one or both ends of its section."""
+        back_m = self.from_m if to_begin else 0.0
+        return replace(
+            self,
+            from_m=self.from_m - back_m,
+            chainage_m=self.chainage_m - back_m,
+            to_m=self.length_m if to_end else self.to_m,
+        )
+
+    def at_m(self, position_m: float) -> float:
+        """Chainage of a position on the section."""
+        return self.offset_m(position_m) + self.chainage_m - self.from_m
 
     def offset_m(self, position_m: float) -> float:
         """The offset of a position on the section."""
