@@ -53,6 +53,12 @@ def _hefei_logs(cases: Sequence[Case]) -> list[str]:
     return wanted_cases(cases)
 
 
+def _lines_maps(folder: Path, cases: Sequence[Case]) -> list[LayoutFigure]:
+    from metro_hil.report.layouts.lines_maps import draw_maps
+
+    return draw_maps(folder, cases)
+
+
 @dataclass(frozen=True, slots=True)
 class Layout:
     """Functions that make a campaign's tables and figures."""
@@ -68,7 +74,7 @@ class Layout:
 LAYOUTS: Final[Mapping[str, Layout]] = {
     "florence": Layout(florence_tables, _florence_figures, _florence_logs),
     "hefei": Layout(hefei_tables, _hefei_figures, _hefei_logs),
-    "lines": Layout(lines_tables),
+    "lines": Layout(lines_tables, _lines_maps),
 }
 """Layouts by the name in a campaign's file."""
 

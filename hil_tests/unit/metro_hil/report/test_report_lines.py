@@ -8,8 +8,10 @@ from firmware_py.settings import SettingsError
 from metro_hil.campaign.imported import imported_scenarios
 from metro_hil.campaign.scenarios import read_named
 from metro_hil.cli.hil import main
+from metro_hil.engine.folder import CampaignPlan, make_folder
 from metro_hil.model.case import Case, CaseResult, MonitorResult, Setup, Verdict
 from metro_hil.report.layouts.lines import MARGIN, lines_tables
+from metro_hil.report.layouts.lines_maps import draw_maps
 
 TRAIN = {"Train.toml": "[brake]\n", "Train_params.toml": "[atp]\n"}
 
@@ -113,3 +115,21 @@ def test_folders_are_for_the_board_alone(
     assert "only for `hil run lines`, not for smoke" in capsys.readouterr().err
     assert main(["run", "lines", "--with", str(tmp_path / "none")]) == 2
     assert "none: is not a folder" in capsys.readouterr().err
+
+
+def test_each_line_has_a_map_even_one_whose_file_the_campaign_keeps(tmp_path: Path) -> None:
+    kept = "name = 'kept'\nstart_m = 0\nend_m = 900\nspeed_sections = [{start_m = 0, end_m = 900, "
+    kept += "limit_mps = 10}]\nstations = [{name = 'A', stop_m = 100, platform_start_m = 10, "
+    kept += "platform_end_m = 110}]\n"
+    cases = [case(0, "florence"), case(1, "florence"), case(2, "Far.toml")]
+    plan = CampaignPlan(name="board", cases=cases, files={"Far.toml": kept}, options={})
+    folder = make_folder(plan, str(tmp_path / "board"))
+
+    figures = draw_maps(folder.path, cases)
+
+    assert [figure.caption for figure in figures] == [
+        "florence: 5 stations on 4.5 km",
+        "kept: 1 stations on 0.0 km",
+    ]
+    for figure in figures:
+        assert figure.path.read_bytes().startswith(b"\x89PNG")
