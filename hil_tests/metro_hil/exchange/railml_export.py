@@ -15,6 +15,7 @@ TRACK: Final = "ne_track"
 SYSTEM: Final = "lps_line"
 KMH_PER_MPS: Final = Decimal("3.6")
 LANGUAGE: Final = "en"
+SHORT_DECIMALS: Final = 9
 
 
 def railml_text(line: LineMap) -> str:
@@ -45,6 +46,13 @@ def decimal_text(number: float | Decimal) -> str:
     """A number as xs:decimal, which has no exponent, with all its digits."""
     text = format(number if isinstance(number, Decimal) else Decimal(repr(float(number))), "f")
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def kmh(speed_mps: float) -> Decimal:
+    """A speed in km/h, with as few digits as give the same m/s again."""
+    exact = Decimal(repr(speed_mps)) * KMH_PER_MPS
+    short = round(exact, SHORT_DECIMALS)
+    return short if float(short / KMH_PER_MPS) == speed_mps else exact
 
 
 def _common(root: Element, line: LineMap) -> None:
@@ -247,8 +255,7 @@ def _platforms(parent: Element, line: LineMap) -> None:
 def _speeds(parent: Element, line: LineMap) -> None:
     group = SubElement(parent, "speeds")
     for number, section in enumerate(line.speed_sections, start=1):
-        kmh = Decimal(repr(section.limit_mps)) * KMH_PER_MPS
-        keys = {"id": f"sps{number}", "maxSpeed": decimal_text(kmh)}
+        keys = {"id": f"sps{number}", "maxSpeed": decimal_text(kmh(section.limit_mps))}
         _range(SubElement(group, "speedSection", keys), line, section.start_m, section.end_m)
 
 

@@ -61,7 +61,7 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         gradients=_curves(root, places, "gradientCurves", "gradientCurve", "gradient"),
         radii=_curves(root, places, "horizontalCurves", "horizontalCurve", "radius"),
         tags=_tags(root, places),
-        switches=_switches(root, relations, links),
+        switches=_switches(root, relations),
         origins_m=_origins_m(places),
         filled=(*stations.filled, *_shared(places), *_open_ends(root, places, links)),
         ignored=_ignored(root),
@@ -133,11 +133,13 @@ def _links(relations: Mapping[str, tuple[End, End, XmlNode]]) -> dict[End, list[
 
 
 def _switches(
-    root: XmlNode,
-    relations: Mapping[str, tuple[End, End, XmlNode]],
-    links: Mapping[End, Sequence[End]],
+    root: XmlNode, relations: Mapping[str, tuple[End, End, XmlNode]]
 ) -> list[SurveyedSwitch] | None:
     """The simple switches of the topology; None if some junction is no simple switch."""
+    meets: dict[End, list[End]] = {}
+    for one, other, _ in relations.values():
+        meets.setdefault(one, []).append(other)
+        meets.setdefault(other, []).append(one)
     sides: dict[str, tuple[str, str]] = {}
     for node in root.all(*FUNCTIONAL, "switchesIS", "switchIS"):
         for side in ("left", "right"):
@@ -147,10 +149,10 @@ def _switches(
                 sides[ref] = (file_name(node.name()), side)
     pairs = {frozenset(each[:2]): name for name, each in relations.items()}
     found = []
-    for tip, legs in links.items():
+    for tip, legs in meets.items():
         if len(legs) < 2:
             continue
-        simple = all(tuple(links.get(leg, ())) == (tip,) for leg in legs)
+        simple = all(meets[leg] == [tip] for leg in legs)
         if len(legs) != 2 or not simple:
             return None
         known = [sides.get(pairs[frozenset((tip, leg))], ("", "")) for leg in legs]

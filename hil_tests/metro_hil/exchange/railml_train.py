@@ -4,9 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-import numpy as np
-from scipy.optimize import nnls
-
 from firmware_py.settings import SettingsError, nearest
 from metro_hil.exchange.effort_curve import EFFORT, effort_curve
 from metro_hil.exchange.survey import SurveyedTrain, file_name
@@ -205,6 +202,10 @@ def _resistance(
     points = _points(table)
     if len(points) < 3:
         raise table.error(f"{len(points)} values; the resistance needs three or more")
+    # Loaded here, so that an import of other files does not wait for these libraries.
+    import numpy as np
+    from scipy.optimize import nnls
+
     speeds = np.array([at for at, _ in points])
     forces = np.array([force for _, force in points])
     matrix = np.stack([np.ones_like(speeds), speeds, speeds**2], axis=1)

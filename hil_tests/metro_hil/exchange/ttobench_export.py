@@ -7,10 +7,10 @@ from decimal import Decimal
 from typing import Any, Final
 
 from firmware_py.trackdb import LineMap
+from metro_hil.exchange.railml_export import kmh
 from metro_hil.exchange.survey import file_name
 from metro_hil.exchange.ttobench import STRAIGHT
 
-KMH_PER_MPS: Final = Decimal("3.6")
 LIBRARY: Final = "TTOBench v1.5"
 LOST: Final = (
     "names of stations: they become S0, S1, …",
@@ -36,10 +36,7 @@ def ttobench_text(line: LineMap) -> str:
         },
         "speed limits": {
             "units": {"position": "m", "velocity": "km/h"},
-            "values": [
-                [at, float(Decimal(repr(value)) * KMH_PER_MPS)]
-                for at, value in _changes(limits, zero, end_m, 0.0)
-            ],
+            "values": [[at, float(kmh(value))] for at, value in _changes(limits, zero, end_m, 0.0)],
         },
         "gradients": {
             "units": {"position": "m", "slope": "permil"},

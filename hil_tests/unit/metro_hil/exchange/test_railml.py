@@ -161,6 +161,17 @@ def test_tracks_that_branch_become_a_network_with_routes(tmp_path: Path) -> None
         assert implausible(config, load_line(f"{tmp_path / 'net.toml'}:{route.name}")) == []
 
 
+def test_a_track_for_one_direction_has_a_route_in_that_direction(tmp_path: Path) -> None:
+    one_way = 'id="wm" positionOnA="1" positionOnB="1" navigability='
+    path = written(tmp_path, (f'{one_way}"Both"', f'{one_way}"AB"'))
+
+    assert main([str(path), "--out", str(tmp_path)]) == 0
+
+    network = load_network(str(tmp_path / "net.toml"))
+    assert len(network.switches) == 1
+    assert [route.legs for route in network.routes] == [("w up", "m down")]
+
+
 def test_the_train_is_the_formation(tmp_path: Path) -> None:
     imported(tmp_path, "--stops", "West,East")
     train = load_train(str(tmp_path / "out" / "Two.toml"))
