@@ -187,7 +187,7 @@ class Invariants:
         if spoken.news:
             self._emergency.news(truth, now_ns, spoken)
             self._claims.news(truth, now_ns, spoken)
-            self._demand.news(now_ns, spoken, truth.gradient_permille)
+            self._demand.news(truth, now_ns, spoken)
             self._modes.news(truth, now_ns, spoken)
         if wanted:
             self._emergency.sample(truth, now_ns, spoken)

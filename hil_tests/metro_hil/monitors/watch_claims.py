@@ -7,7 +7,6 @@ from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcPosition
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
-from metro_hil.monitors.place import GRAVITY_MPS2
 from metro_hil.monitors.watch_modes import JOG
 from plant_emulator.truth import Truth
 
@@ -235,7 +234,6 @@ class DemandWatch:
     __slots__ = (
         "_accel_mps2",
         "_cycle_ns",
-        "_gravity_mps2",
         "_inertia_kg",
         "_judged",
         "_lateness_ns",
@@ -255,7 +253,6 @@ class DemandWatch:
         train = context.train
         rotating_ratio = train.rotating_mass_percent / 100.0
         self._inertia_kg = train.mass_kg * (1.0 + rotating_ratio)
-        self._gravity_mps2 = GRAVITY_MPS2 / (1.0 + rotating_ratio)
         self._limit_mps2 = context.service_accel_mps2
         self._limit_mps3 = context.service_jerk_mps3
         self._cycle_ns = round(context.cycle_s * NS_PER_S)
@@ -269,7 +266,7 @@ class DemandWatch:
         self._accel_mps2 = 0.0
         self._judged = False
 
-    def news(self, now_ns: int, spoken: Spoken, gradient_permille: float) -> None:
+    def news(self, truth: Truth, now_ns: int, spoken: Spoken) -> None:
         before_ns = self._traction_ns
         if spoken.traction_ns == before_ns:
             return
@@ -298,7 +295,9 @@ class DemandWatch:
             and spoken.emergency_commanded == spoken.holding_commanded == 0.0
         )
         if judged:
-            margin_mps2 = self._room_mps2(accel_mps2, gradient_permille)
+            # The demand of a weak brake or on falling track may exceed what the train gives.
+            braked_mps2 = min(-accel_mps2, -truth.accel_mps2)
+            margin_mps2 = self._limit_mps2 - max(accel_mps2, braked_mps2)
             if margin_mps2 < self.accel.least:
                 self.accel.see(margin_mps2, now_ns)
             if self._judged:
@@ -311,11 +310,6 @@ class DemandWatch:
         self._accel_mps2, self._judged = accel_mps2, judged
         if self._lateness_ns:
             self._follow_ramp(accel_mps2, spoken.traction_ns, now_ns)
-
-    def _room_mps2(self, accel_mps2: float, gradient_permille: float) -> float:
-        """Distance to the limit. On falling track the brake may also hold the gradient."""
-        falling_mps2 = -min(0.0, gradient_permille) / 1000.0 * self._gravity_mps2
-        return self._limit_mps2 - max(accel_mps2, -accel_mps2 - falling_mps2)
 
     def _check_jerk(self, change_mps2: float, step_ns: int, now_ns: int) -> None:
         step_s = (step_ns + self._lateness_ns) / NS_PER_S

@@ -28,6 +28,8 @@ class Drive:
     """The train brakes towards the target, with nothing else before the stop."""
     pulls: bool = False
     """Uphill gravity brakes, and traction leads the train into its stop."""
+    weak_mps2: float = 0.0
+    """Additional brake demand that a weak brake needs to reach the comfort limit."""
 
 
 class Strategy(Protocol):

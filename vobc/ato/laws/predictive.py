@@ -201,7 +201,17 @@ class Predictive:
         demand_mps2 = max(demand_mps2, self._onset_from_mps2() - onset_mps2)
         self._wanted_mps2 = demand_mps2
         reference_mps = self._reference_mps(self._front.front_m, target_m, slowing)
-        return Drive(demand_mps2, reference_mps, self._braking)
+        return Drive(demand_mps2, reference_mps, self._braking, weak_mps2=self._weak_mps2())
+
+    def _weak_mps2(self) -> float:
+        """Brake demand beyond the comfort limit that a weak brake needs to reach this limit.
+
+        On a slippery rail a higher demand would only let the wheels slide.
+        """
+        if self._rail.slippery:
+            return 0.0
+        gain_ratio = min(0.0, self._model.most_gain_ratio)
+        return self._config.limits.accel_mps2 * (1.0 / (1.0 + gain_ratio) - 1.0)
 
     def _onset_from_mps2(self) -> float:
         """Start of the ramp.

@@ -88,6 +88,11 @@ class MotionFilter:
         """Two standard deviations below the estimated gain."""
         return self.gain_ratio - 2.0 * math.sqrt(max(self._gg, GAIN_RENEWED_RATIO**2))
 
+    @property
+    def most_gain_ratio(self) -> float:
+        """Two standard deviations above the estimated gain."""
+        return self.gain_ratio + 2.0 * math.sqrt(max(self._gg, GAIN_RENEWED_RATIO**2))
+
     def copy(self, other: "MotionFilter") -> None:
         """Continue from the state of another filter."""
         self.speed_mps, self.disturbance_mps2 = other.speed_mps, other.disturbance_mps2

@@ -31,6 +31,8 @@ FILTER_ORDER: Final = 3.0
 FILTER_TIME_RATIO: Final = 8.0 / 3.0
 """A second-order filter with all three poles at w underestimates a speed of constant jerk J by 3 J
 / w². The error builds up within about 8 / (3 w)."""
+CLEAR_MPS2: Final = 0.3
+"""Brake from which the dead time of its application is clear."""
 TRACTION_INSTANT_S: Final = 0.15
 """Uncertainty of the traction delay."""
 FULL_MPS2: Final = 0.8
@@ -45,7 +47,7 @@ class TrainModel:
 
     __slots__ = (
         *("_active", "_active_s", "_arrived", "_bank", "_brake", "_brake_belief", "_demand_mps2"),
-        *("_dt_s", "_found_s", "_handover", "_keep_ratios", "_lags_s", "_late_s", "_motion"),
+        *("_dt_s", "_expected_s", "_found_s", "_longest_s", "_handover", "_keep_ratios", "_lags_s", "_late_s", "_motion"),
         *("_no_costs", "_ours", "_output", "_quiet_cycles", "_remains", "_settle_cycles"),
         *("_taps", "_traction", "_traction_belief", "_traction_late", "_traction_now"),
         *("_traction_tap", "_trail", "_trail_ratio", "brake_mps2", "lag_s", "on_its_way_mps2"),
@@ -99,7 +101,11 @@ class TrainModel:
         """Estimated deceleration of the demands that have arrived, without the gain."""
         self.on_its_way_mps2 = 0.0
         """Value of it when all demands under way have arrived."""
-        self._found_s = brake.expected_dead_time_s
+        self._expected_s = max(brake.expected_dead_time_s, brake.first_dead_time_s)
+        """Dead time assumed for the next application."""
+        self._longest_s = brake.expected_dead_time_s
+        """Longest dead time of an application so far."""
+        self._found_s = self._expected_s
         """Dead time of the present application, or of the last one while it still acts."""
         self.lag_s = brake.lag_s
 
@@ -112,7 +118,7 @@ class TrainModel:
         """Dead time of a demand given now. After a release the next application has another one."""
         if not self._quiet_cycles:
             return self._found_s
-        return max(self._found_s, self._brake_belief.expected_dead_time_s)
+        return max(self._found_s, self._expected_s)
 
     @property
     def speed_mps(self) -> float:
@@ -140,6 +146,11 @@ class TrainModel:
     def least_gain_ratio(self) -> float:
         """Lower bound of the gain, in all likelihood."""
         return self._motion.least_gain_ratio
+
+    @property
+    def most_gain_ratio(self) -> float:
+        """Upper bound of the gain, in all likelihood."""
+        return self._motion.most_gain_ratio
 
     @property
     def friction_may_be_late(self) -> bool:
@@ -300,7 +311,7 @@ class TrainModel:
                 self._trail = [0.0] * len(self._output)
                 self._remains.clear()
                 self._handover.end()
-                self._found_s = self._brake_belief.expected_dead_time_s
+                self._found_s = self._expected_s
                 self.lag_s = self._brake_belief.lag_s
 
     def _begin_again(self) -> None:
@@ -336,6 +347,8 @@ class TrainModel:
         self._found_s = bank.mean(belief.dead_times_s)
         self.lag_s = bank.mean(self._lags_s)
         self.brake_mps2 = bank.mean(self._output)
+        if self._active_s > DECIDED_S and self.brake_mps2 > CLEAR_MPS2:
+            self._expected_s = self._longest_s = max(self._longest_s, self._found_s)
         self.on_its_way_mps2 = bank.mean(self._arrived)
 
     def ahead_of_brake(

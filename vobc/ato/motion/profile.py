@@ -181,7 +181,8 @@ def steady_decel_mps2(
     from the speed limit there.
 
     Args:
-        gain_ratio: least relative deviation of the brake gain. None: unknown.
+        gain_ratio: least relative deviation of the brake gain. The law then raises the demand of a
+            weak brake beyond the comfort limit. None: unknown, and the demand keeps the limit.
     """
     shape = config.braking
     top_mps = line.limit_mps(at_m - 1.0)
@@ -190,11 +191,18 @@ def steady_decel_mps2(
     falling_mps2 = -gradient.decel_on_mps2(config, worst_permille)
     weak_ratio = shape.weak_ratio if gain_ratio is None else gain_ratio
     limits, weak_ratio = config.limits, min(0.0, weak_ratio)
-    # What the brake may add on falling track is planned for a still weaker one. There a train that
-    # needs more than the limit would not stop.
+    if gain_ratio is None:
+        demand_most_mps2 = limits.brake_most_mps2(falling_mps2)
+    else:
+        demand_most_mps2 = limits.brake_demand_max_mps2
+    # A demand beyond the comfort limit is planned for a still weaker brake. A train that needs more
+    # than the greatest demand would not stop.
     most_mps2 = max(
         limits.accel_mps2 * (1.0 + weak_ratio),
-        limits.brake_most_mps2(falling_mps2) * (1.0 + STEEP_WEAK_FACTOR * weak_ratio),
+        min(
+            limits.accel_mps2 + falling_mps2,
+            demand_most_mps2 * (1.0 + STEEP_WEAK_FACTOR * weak_ratio),
+        ),
     )
     room_mps2 = most_mps2 - shape.reserve_mps2 - falling_mps2
     return max(LEAST_DECEL_MPS2, min(shape.decel_mps2, room_mps2))

@@ -16,7 +16,8 @@ class Shaper:
         """The demand nearest to the wanted one that the limits permit after `dt_s`.
 
         Args:
-            falling_mps2: acceleration by a falling gradient, which the brake also holds.
+            falling_mps2: acceleration by a falling gradient, and what a weak brake lacks. The brake
+                demand also holds this.
         """
         reach_mps2 = self._jerk_mps3 * dt_s
         most_mps2 = self._limits.brake_most_mps2(falling_mps2)

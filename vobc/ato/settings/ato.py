@@ -12,7 +12,7 @@ from vobc.ato.settings.pid import PidGains, PidScheme, PrintedScheme
 from vobc.ato.settings.power_limited import PowerLimited
 from vobc.ato.settings.timing import Timing
 
-MAX_DEAD_TIMES: Final = 20
+MAX_DEAD_TIMES: Final = 24
 """Greatest number of brake-delay hypotheses. It bounds the computing time of a cycle."""
 WEAK_RATIO: Final = -0.16
 """Default of `Braking.weak_ratio`: two standard deviations of the gains of usual brakes."""
@@ -49,12 +49,17 @@ class BrakeBelief:
     dead_times_s: tuple[float, ...] = (
         *(0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75),
         *(0.85, 0.95, 1.05, 1.15, 1.25, 1.35, 1.45, 1.55, 1.7, 1.85),
+        *(2.1, 2.4, 2.7, 3.0),
     )
     """Hypotheses, in rising order, of the time from sending a demand to the first brake effort. The
     last ones stand for a late brake that also builds up slowly."""
     expected_dead_time_s: float = 1.1
-    """Dead time assumed until an application has shown its own. Too long a value only starts the
-    braking early. Too short a value needs extra braking later, which a weak brake may not have."""
+    """Least dead time assumed until an application has shown its own. Too long a value only starts
+    the braking early. Too short a value needs extra braking later, which a weak brake may not have.
+    """
+    first_dead_time_s: float = 1.85
+    """Dead time assumed before the first braking. Later the longest one so far is assumed, or
+    `expected_dead_time_s` if that is longer."""
     lag_s: float = 0.35
     """Time constant of the build-up after the dead time. An error in it is identified as dead time.
     A brake that acts sooner than this is assumed to build up as quickly."""
@@ -91,6 +96,8 @@ class BrakeBelief:
             raise ValueError("dead_times_s are not within 0..3 s")
         if not self.dead_times_s[0] <= self.expected_dead_time_s <= self.dead_times_s[-1]:
             raise ValueError("expected_dead_time_s is not within dead_times_s")
+        if not 0.0 <= self.first_dead_time_s <= 3.0:
+            raise ValueError(f"first_dead_time_s {self.first_dead_time_s} is not within 0..3 s")
         if not 0.0 <= self.fade_end_mps < self.fade_begin_mps:
             raise ValueError("not 0 <= fade_end_mps < fade_begin_mps")
         if not 1 <= len(self.air_delays_s) <= MAX_DEAD_TIMES:
