@@ -96,7 +96,11 @@ class Chasing:
         expected_s = min(max(scheme.dead_time_s, brake.dead_times_s[0]), brake.dead_times_s[-1])
         # Late friction has settings of its own in this law.
         brake = replace(
-            brake, expected_dead_time_s=expected_s, lag_s=scheme.lag_s, air_delays_s=(0.0,)
+            brake,
+            expected_dead_time_s=expected_s,
+            first_dead_time_s=expected_s,
+            lag_s=scheme.lag_s,
+            air_delays_s=(0.0,),
         )
         return TrainModel(brake, config.traction, dt_s, weak_ratio=config.braking.weak_ratio)
 

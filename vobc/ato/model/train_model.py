@@ -31,6 +31,9 @@ FILTER_ORDER: Final = 3.0
 FILTER_TIME_RATIO: Final = 8.0 / 3.0
 """A second-order filter with all three poles at w underestimates a speed of constant jerk J by 3 J
 / w². The error builds up within about 8 / (3 w)."""
+UNUSUAL_S: Final = 1.9
+UNUSUAL_COST: Final = 8.0
+"""Cost, before anything is measured, of a dead time that is longer than this."""
 CLEAR_MPS2: Final = 0.3
 """Brake from which the dead time of its application is clear."""
 TRACTION_INSTANT_S: Final = 0.15
@@ -47,8 +50,18 @@ class TrainModel:
 
     __slots__ = (
         *("_active", "_active_s", "_arrived", "_bank", "_brake", "_brake_belief", "_demand_mps2"),
-        *("_dt_s", "_expected_s", "_found_s", "_longest_s", "_handover", "_keep_ratios", "_lags_s", "_late_s", "_motion"),
-        *("_no_costs", "_ours", "_output", "_quiet_cycles", "_remains", "_settle_cycles"),
+        *(
+            "_dt_s",
+            "_expected_s",
+            "_found_s",
+            "_longest_s",
+            "_handover",
+            "_keep_ratios",
+            "_lags_s",
+            "_late_s",
+            "_motion",
+        ),
+        *("_prior_costs", "_ours", "_output", "_quiet_cycles", "_remains", "_settle_cycles"),
         *("_taps", "_traction", "_traction_belief", "_traction_late", "_traction_now"),
         *("_traction_tap", "_trail", "_trail_ratio", "brake_mps2", "lag_s", "on_its_way_mps2"),
     )
@@ -82,7 +95,9 @@ class TrainModel:
         self._motion = MotionFilter(dt_s, -weak_ratio / 2.0)
         """Weighted mean of the hypotheses, and the only filter while the brake is off."""
         self._bank = ModelBank(count, dt_s)
-        self._no_costs = (0.0,) * count
+        self._prior_costs = tuple(
+            UNUSUAL_COST if each_s > UNUSUAL_S else 0.0 for each_s in brake.dead_times_s
+        )
         self._handover = Handover(brake, dt_s)
         self._output = [0.0] * count
         self._arrived = [0.0] * count
@@ -101,7 +116,8 @@ class TrainModel:
         """Estimated deceleration of the demands that have arrived, without the gain."""
         self.on_its_way_mps2 = 0.0
         """Value of it when all demands under way have arrived."""
-        self._expected_s = max(brake.expected_dead_time_s, brake.first_dead_time_s)
+        first_s = min(brake.first_dead_time_s, brake.dead_times_s[-1])
+        self._expected_s = max(brake.expected_dead_time_s, first_s)
         """Dead time assumed for the next application."""
         self._longest_s = brake.expected_dead_time_s
         """Longest dead time of an application so far."""
@@ -326,7 +342,7 @@ class TrainModel:
                 mean_mps2 = self._remains.after(cycle * self._dt_s)
                 then_mps2 = mean_mps2 + (then_mps2 - mean_mps2) * self._keep_ratios[index]
             self._arrived[index] = then_mps2
-        self._bank.know(self._no_costs)
+        self._bank.know(self._prior_costs)
         self._start_hypotheses()
 
     def _start_hypotheses(self) -> None:
@@ -339,7 +355,7 @@ class TrainModel:
                 self._output[index] = self.brake_mps2
                 self._arrived[index] = self.on_its_way_mps2
                 self._trail[index] = self.brake_mps2
-        self._bank.know(self._no_costs)
+        self._bank.know(self._prior_costs)
         self._bank.begin(self._motion)
 
     def _agree(self) -> None:

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from firmware_py.trackdb import LineMap, SpeedSection, Station, load_line
 from vobc.ato.motion import profile, trapezoid
-from vobc.ato.settings.ato import AtoConfig, Braking
+from vobc.ato.settings.ato import AtoConfig, Braking, Limits
 
 FINE_S = 1e-3
 
@@ -220,7 +221,11 @@ def test_a_stop_on_a_falling_gradient_is_planned_within_the_demand() -> None:
     # A brake with a gain of 0.75 still gives what is planned before the gain is known.
     assert planned(1890.0, None) == pytest.approx(0.744 - 0.02 - 9.81 * 0.03 / 1.08, abs=1e-6)
     assert planned(1890.0, None) < 0.75 - 9.81 * 0.03 / 1.08
-    # A brake with a gain of 0.85 gives 0.68 of the demanded 0.8 m/s².
-    assert planned(1500.0, -0.15) == pytest.approx(0.68 - 0.02, abs=1e-6)
+    # A brake with a gain of 0.76 still gives 0.76 m/s² with the greatest demand, so one that is
+    # measured as 0.85 is planned with that.
+    assert planned(1500.0, -0.15) == pytest.approx(0.76 - 0.02, abs=1e-6)
+    # Without a greater demand it would give 0.68 of 0.8 m/s².
+    level = replace(AtoConfig(), limits=Limits(brake_demand_max_mps2=0.8))
+    assert profile.steady_decel_mps2(level, line, 1500.0, -0.15) == pytest.approx(0.68 - 0.02)
     assert planned(1500.0, 0.1) == Braking().decel_mps2
     assert planned(1500.0, None) == pytest.approx(0.8 * 0.84 - 0.02, abs=1e-6)
