@@ -198,6 +198,7 @@ class Controller:
             stop_now=verdict.stop_now,
             keep_doors_open=verdict.keep_doors_open,
             jog_permitted=verdict.jog_permitted,
+            jog_to_tag=verdict.jog_to_tag,
             jog_back_m=verdict.jog_back_m,
             creep=verdict.creep,
             protection_brakes=verdict.service_brake,

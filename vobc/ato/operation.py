@@ -42,6 +42,9 @@ slightly past the stopping point."""
 JOG_PAST_M: Final = 0.05
 """Target of a jog forwards, as distance past the stopping point. There the antenna reaches the
 stop's tag."""
+JOG_TO_TAG_M: Final = 0.15
+"""Target of a jog to a tag, as distance past the stopping point or past the present place. The tag
+was not read, so the estimate of the place is too far ahead."""
 JOG_BACK_PAST_M: Final = 0.12
 """Target of a jog back, as distance short of the stopping point. The antenna must pass the tag
 again; otherwise the place stays too uncertain for doors after a slide in emergency braking."""
@@ -273,7 +276,7 @@ class Ato:
             return False
         if self._jogs >= work.jog_attempts or not self._seen.resting:
             return False
-        if to_stop_m < -FINEST_JOG_BACK_M:
+        if to_stop_m < -FINEST_JOG_BACK_M and not inputs.jog_to_tag:
             back_m = -to_stop_m + JOG_BACK_PAST_M + JOG_SPREAD_M
             return -to_stop_m <= work.jog_reach_m and back_m <= inputs.jog_back_m
         reachable = inputs.authority_end_m >= inputs.front_m + max(0.0, to_stop_m)
@@ -344,8 +347,9 @@ class Ato:
             self._jog_s, self._jog_moved = 0.0, False
             stop = self.next_stop
             past_m = 0.0 if stop is None else inputs.front_m - stop.stop_m
-            self._reverse = past_m > FINEST_JOG_BACK_M
-            beyond_m = JOG_BACK_PAST_M if self._reverse else JOG_PAST_M + max(0.0, past_m)
+            self._reverse = past_m > FINEST_JOG_BACK_M and not inputs.jog_to_tag
+            ahead_m = JOG_TO_TAG_M if inputs.jog_to_tag else JOG_PAST_M
+            beyond_m = JOG_BACK_PAST_M if self._reverse else ahead_m + max(0.0, past_m)
             spare_m = self._config.station.jog_reach_m - JOG_SPREAD_M - abs(past_m)
             self._jog_past_m = min(beyond_m, max(0.0, spare_m))
             self._slow.begin(0.0)

@@ -1,6 +1,7 @@
 """Correction of a missed stop by jogs: their number, distance and speed."""
 
 import enum
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -16,8 +17,8 @@ FINEST_M: Final = 0.1
 window even then, a jog does not help."""
 
 TAG_AHEAD_M: Final = 0.05
-"""Estimated distance past the stopping point up to which the stop's tag may still be ahead. Tag
-places and position are inaccurate by centimetres."""
+"""Distance past a tag at which its telegram is sure to have been sent, and past the stopping point
+up to which a jog forwards needs no protection of the rear."""
 
 
 class JogState(enum.Enum):
@@ -48,6 +49,9 @@ class JogFacts:
     and without protection."""
     attempts: int
     """Jogs begun so far."""
+    tag_m: float = math.inf
+    """Distance of the front past the stopping point when the antenna reaches the next tag that was
+    not read yet. Infinity: none is known."""
 
     @property
     def aligned(self) -> bool:
@@ -57,6 +61,16 @@ class JogFacts:
     @property
     def half_width_m(self) -> float:
         return max(self.high_m - self.best_m, self.best_m - self.low_m)
+
+    @property
+    def fits(self) -> bool:
+        """The interval would fit the window at the stopping point."""
+        return self.half_width_m + FINEST_M <= self.limits.door_window_m
+
+    @property
+    def tag_ahead(self) -> bool:
+        """A tag may be ahead that was not read yet, and the train can read it inside the window."""
+        return self.low_m <= self.tag_m <= self.limits.door_window_m - TAG_AHEAD_M
 
 
 Guard = Callable[[JogFacts], bool]
@@ -73,14 +87,12 @@ def stands_aligned(inputs: JogFacts) -> bool:
 def stands_off(inputs: JogFacts) -> bool:
     """The train stands within reach of a jog that would help.
 
-    A jog helps if the interval would fit the window. It also helps if the stop's tag is still
-    ahead, as that narrows the interval, or if the front is beyond the window.
+    A jog helps if the interval would fit the window. It also helps if a tag may be ahead that was
+    not read yet, as that narrows the interval, or if the front is beyond the window.
     """
     if not inputs.standstill or inputs.aligned or out_of_reach(inputs):
         return False
-    window_m = inputs.limits.door_window_m
-    fits = inputs.half_width_m + FINEST_M <= window_m
-    return fits or inputs.best_m <= TAG_AHEAD_M or inputs.best_m > window_m
+    return inputs.fits or inputs.tag_ahead or abs(inputs.best_m) > inputs.limits.door_window_m
 
 
 def stands_off_for_the_last_time(inputs: JogFacts) -> bool:
@@ -172,6 +184,8 @@ def back_m(inputs: JogFacts) -> float:
 class JogVerdict:
     permitted: bool = False
     """Permitted by the rules of the stop. Other rules decide whether the train may move at all."""
+    to_tag: bool = False
+    """The interval is too wide for the window, and a tag ahead would narrow it."""
     back_m: float = 0.0
     attempts: int = 0
     emergency: Cause = Cause.NONE
@@ -189,6 +203,8 @@ class JogGuard:
         self.attempts = 0
         self._stop_m: float | None = None
         self._began_m = 0.0
+        self._to_tag = False
+        """The present jog goes forwards to a tag."""
 
     def heads_for(self, stop_m: float | None) -> bool:
         """Whether the train heads for a stop. A new stop resets the attempts.
@@ -217,8 +233,12 @@ class JogGuard:
             emergency = Cause.JOG_EXCEEDED
         at_work = self.state in (JogState.READY, JogState.UNDER_WAY)
         room_m = back_m(inputs)
+        if self.state is not JogState.UNDER_WAY:
+            self._to_tag = self.state is JogState.READY and inputs.tag_ahead and not inputs.fits
+        forwards = self._began_m <= TAG_AHEAD_M or self._to_tag
         return JogVerdict(
-            permitted=at_work and (self._began_m <= TAG_AHEAD_M or room_m >= inputs.best_m),
+            permitted=at_work and (forwards or room_m >= inputs.best_m),
+            to_tag=self._to_tag,
             back_m=room_m if at_work else 0.0,
             attempts=self.attempts,
             emergency=emergency,

@@ -399,6 +399,7 @@ class Protection:
             doors_withheld=station.withheld,
             reverse_permitted=back_m > 0.0,
             jog_permitted=jogs,
+            jog_to_tag=station.jog_to_tag,
             jog_back_m=back_m,
             jog_attempts=station.jog_attempts,
             stop_now=station.stop_now,

@@ -49,6 +49,8 @@ class StationVerdict:
     jog_back_m: float
     """Distance that a jog may go back. 0: not permitted."""
     jog_permitted: bool
+    jog_to_tag: bool
+    """A permitted jog helps by reading a tag ahead."""
     alarm_raised: bool
     door_bypass: bool
     jog_attempts: int
@@ -250,6 +252,7 @@ class StationGuard:
             speed_high_mps=max(motion.speed_mps.high, -motion.speed_mps.low),
             back_room_m=back_room_m,
             attempts=self._jogs.attempts,
+            tag_m=motion.next_tag_m - stop_m,
         )
         return self._jogs.step(facts, standing=motion.standing)
 
@@ -277,6 +280,7 @@ def _verdict(found: _Found) -> StationVerdict:
         keep_doors_open=any(answer.stay for answer in answers),
         jog_back_m=jog.back_m if found.jog_free else 0.0,
         jog_permitted=jog.permitted and found.jog_free,
+        jog_to_tag=jog.to_tag,
         alarm_raised=heard.obstacle or found.alarm or jog.used_up or jog.out_of_reach,
         door_bypass=heard.door_bypass and not (heard.doors_locked and heard.platform_doors_locked),
         jog_attempts=jog.attempts,

@@ -49,6 +49,7 @@ class ProtectionVerdict:
     reverse_permitted: bool = False
     """Traction may act backwards, for a jog."""
     jog_permitted: bool = False
+    jog_to_tag: bool = False
     jog_back_m: float = 0.0
     """Distance back from the present place that the train may jog."""
     jog_attempts: int = 0

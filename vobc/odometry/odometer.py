@@ -57,7 +57,7 @@ from vobc.odometry.config import OdometryConfig
 from vobc.odometry.contacts import Travelled
 from vobc.odometry.ground import Gradients, GroundSpeed, believable_mps
 from vobc.odometry.localisation import Localisation
-from vobc.odometry.pulses import PulseCounter
+from vobc.odometry.pulses import LeadBounds, PulseCounter
 from vobc.odometry.references import LocatedTag, References
 from vobc.odometry.sampling import OwnTime
 from vobc.odometry.scale import Waypoint
@@ -119,6 +119,11 @@ class Odometry:
         self._axles_differ = False
         """In this cycle one axle fell behind the other. One tacho may be broken."""
         self._differed_s = -math.inf
+        self._only_axles = False
+        """The present slip is nothing but a difference between the axles."""
+        self._lead = LeadBounds()
+        self._rolled_s = -math.inf
+        """Last instant at which either axle gave a pulse."""
         self._usable = False
         self._slow = False
         self._rejected = 0
@@ -186,7 +191,7 @@ class Odometry:
         if dt_s <= 0.0:
             return
         self._sampled_s = stamp_s
-        was_on_b = pulses.on_b
+        was_on_b, lead = pulses.on_b, pulses.lead
         step = pulses.step(tacho, dt_s)
         self._usable = step is not None and not pulses.contradicted
         if step is None:
@@ -198,6 +203,8 @@ class Odometry:
         if pulses.on_b != was_on_b:
             where.forget_scale()
         track.add(stamp_s, pulses.count)
+        if step != 0 or pulses.lead != lead:
+            self._rolled_s = stamp_s
         if pulses.axles_differ:
             self._axles_differ = True
             where.scale.forget_anchor()
@@ -251,6 +258,8 @@ class Odometry:
         felt_mps2 = imu.accel_mps2 if imu is not None and imu.healthy else None
         ground.feel(felt_mps2, self._gradients)
         ground.step(dt_s, radar_mps, inputs.doppler_age_s, wheels.low, wheels.high)
+        if ground.seen:
+            self._lead.begin(self._pulses.lead)
         least_m, most_m = ground.moved_low_m, ground.moved_high_m
         if self._wheels_bear_witness(inputs, wheels):
             least_m, most_m = self._by_gripping_wheels(least_m, most_m, wheels)
@@ -279,29 +288,47 @@ class Odometry:
     def _wheels_bear_witness(self, inputs: CycleInput, wheels: Interval) -> bool:
         """Whether the wheels tell the speed over ground, which no radar sees now.
 
-        Wheels that may be slipping say nothing about the ground.
+        Wheels that may be slipping say nothing about the ground, except if only one of two axles
+        does: then the other one tells it.
         """
         gripping = not self._slip and not self._axles_differ
-        if not gripping or self._ground.seen or not self._wheels_agree(wheels):
+        if not gripping and not self._one_axle_slips():
+            return False
+        if self._ground.seen or not self._wheels_agree(wheels):
             return False
         fresh = inputs.tacho_age_s <= self._config.silence_s and self._usable
         return fresh and not self._sets_off(inputs)
 
+    def _one_axle_slips(self) -> bool:
+        """Whether slip shows only as a difference between two axles that both count pulses."""
+        return self._only_axles and self._pulses.paired and not self._wheels_out
+
     def _by_gripping_wheels(
         self, least_m: float, most_m: float, wheels: Interval
     ) -> tuple[float, float]:
-        """Distance over ground in this cycle, narrowed by wheels that grip."""
+        """Distance over ground in this cycle, narrowed by wheels that grip.
+
+        If the axles differ, one of them grips. The distance then covers both.
+        """
         config, ground, track = self._config, self._ground, self._track
         gentle = abs(track.accel_pulses_per_s2) * self._where.m_per_pulse <= config.gentle_mps2
         slip_ratio = config.gentle_slip_ratio if gentle else config.unseen_slip_ratio
         slack_mps = slip_ratio * abs(wheels.best)
-        if track.still_s >= config.standing_s:
+        apart = self._slip or self._axles_differ
+        still_s = min(track.still_s, track.stamp_s - self._rolled_s if apart else math.inf)
+        if still_s >= config.standing_s:
             least_m = most_m = 0.0
             ground.begin(-REST_MPS, REST_MPS)
         elif abs(wheels.best) <= config.doppler_blind_mps:
             dt_s = self._time.dt_s
             least_m = (wheels.best - slack_mps) * dt_s
             most_m = (wheels.best + slack_mps) * dt_s
+        elif apart:
+            return least_m, most_m
+        if apart:
+            back, ahead = self._lead.widen(self._pulses.lead)
+            most_m_per_pulse = (1.0 + slip_ratio) * self._where.scale.declared_m[1]
+            return least_m - back * most_m_per_pulse, most_m + ahead * most_m_per_pulse
         if ground.high_mps - ground.low_mps > 2.0 * (UNSURE_MPS + slack_mps):
             ground.begin(
                 max(ground.low_mps, wheels.low - slack_mps),
@@ -336,8 +363,9 @@ class Odometry:
         jumped = self._track.jumped(self._jump_pulses_per_s2, config.stamp_jitter_s)
         if jumped and now_s - self._differed_s > KIN_S:
             self._jumped_s = now_s
-        apart = self._axles_differ or self._pulses.contradicted
-        if apart or not self._wheels_agree(wheels):
+        against = self._pulses.contradicted or not self._wheels_agree(wheels)
+        if against or self._axles_differ:
+            self._only_axles = not against and (self._only_axles or not self._slip)
             if not self._slip:
                 where.at_m += self._ahead_m(now_s, wheels.best)
             self._slip = True
@@ -430,7 +458,11 @@ class Odometry:
         ground = self._ground
         if not ground.begun:
             return _ordered(wheels.low, wheels.best, wheels.high)
-        best = ground.best_mps if self._slip else wheels.best
+        best = wheels.best
+        if self._slip:
+            # If a second axle turns almost alike, the wheels show changes sooner than the ground.
+            nearest_mps = min(max(best, ground.low_mps), ground.high_mps)
+            best = nearest_mps if self._one_axle_slips() else ground.best_mps
         if self._wheels_out:
             return _ordered(ground.low_mps, best, ground.high_mps)
         return _ordered(min(wheels.low, ground.low_mps), best, max(wheels.high, ground.high_mps))
@@ -480,6 +512,7 @@ class Odometry:
             lost_cause=refer.lost_cause,
             wheel_diameter_m=where.m_per_pulse * self._train.pulses_per_turn / math.pi,
             pulses_m=self._pulses_m,
+            next_tag_m=refer.next_tag_m + self._antenna_m,
         )
 
 

@@ -28,6 +28,28 @@ def signed_difference(later: int, earlier: int, wrap: int = WRAP_A) -> int:
     return (later - earlier + wrap // 2) % wrap - wrap // 2
 
 
+class LeadBounds:
+    """Extremes of the lead of axle B over axle A since the radar last saw the ground."""
+
+    __slots__ = ("_high", "_low")
+
+    def __init__(self) -> None:
+        self._low = self._high = 0
+
+    def begin(self, lead: int) -> None:
+        """Restart from the present lead, because the radar sees the ground."""
+        self._low = self._high = lead
+
+    def widen(self, lead: int) -> tuple[int, int]:
+        """Pulses by which the lead has left its extremes, downwards and upwards. The extremes then
+        include it.
+        """
+        back, ahead = max(0, self._low - lead), max(0, lead - self._high)
+        self._low -= back
+        self._high += ahead
+        return back, ahead
+
+
 class PulseCounter:
     """Counts by tacho A, whose count the tags latch. It uses tacho B while A is implausible."""
 
@@ -41,7 +63,9 @@ class PulseCounter:
         "contradicted",
         "count",
         "jumps",
+        "lead",
         "on_b",
+        "paired",
     )
 
     def __init__(self, max_pulses_per_s: float) -> None:
@@ -59,6 +83,10 @@ class PulseCounter:
         """In the last sample one axle fell behind the other: one of them slips or slides."""
         self.contradicted = False
         """The sign of the pulses contradicts the direction that tacho A reports."""
+        self.paired = False
+        """Both axles were plausible in the last sample."""
+        self.lead = 0
+        """Pulses by which axle B has moved further than axle A, over all paired samples."""
 
     def since_latched(self, pulses: int) -> int | None:
         """Pulses of tacho A since it showed `pulses`. None: tacho A is not trusted now."""
@@ -79,11 +107,14 @@ class PulseCounter:
         self._watch_stuck(step_a, step_b)
         good_a = tacho.healthy_a and possible_a and self._still_a < STUCK_PULSES
         good_b = tacho.healthy_b and possible_b and self._still_b < STUCK_PULSES
+        self.paired = good_a and good_b
         if not (good_a or good_b):
             return None
         self.on_b = not good_a
         self.contradicted = good_a and _against(step_a, tacho.direction)
-        self.axles_differ = good_a and good_b and self._left_behind(step_a, step_b)
+        self.axles_differ = self.paired and self._left_behind(step_a, step_b)
+        if self.paired:
+            self.lead += signed_difference(step_b, step_a, WRAP_B)
         step = step_a if good_a else step_b
         self.count += step
         return step

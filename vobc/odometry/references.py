@@ -106,6 +106,12 @@ class References:
         """Expect only tags beyond this place."""
         self._next = sum(1 for tag in self._tags if tag.position_m <= antenna_high_m)
 
+    @property
+    def next_tag_m(self) -> float:
+        """Chainage of the next tag that was neither read nor certainly passed. Infinity: none."""
+        tags = self._tags
+        return tags[self._next].position_m if self._next < len(tags) else math.inf
+
     def lose(self, cause: str) -> None:
         """Mark the place as lost. Only two references restore it."""
         if not self.lost_cause or self.waiting:

@@ -1,6 +1,7 @@
 """Place and motion of the train, and its speed limits."""
 
 import enum
+import math
 from dataclasses import dataclass
 
 from can_dbc.vobc import TargetKind
@@ -67,6 +68,9 @@ class Motion:
     """Last calibrated value."""
     pulses_m: float = 0.0
     """Distance by pulses alone since the start, signed, also during slip."""
+    next_tag_m: float = math.inf
+    """Chainage of the front when the antenna reaches the next tag that was not read yet. Infinity:
+    there is none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,6 +45,9 @@ class AtoInput:
     """At a platform: open the doors, and leave them open."""
     jog_permitted: bool = False
     """Protection permits a jog now. It may go backwards if `jog_back_m` is positive."""
+    jog_to_tag: bool = False
+    """A permitted jog goes forwards, wherever the front is, to read a tag that narrows the position
+    interval."""
     jog_back_m: float = 0.0
     """Distance that the train may move back. Its rear is protected that far."""
     creep: bool = False

@@ -146,6 +146,7 @@ class Rig:
         self.orders: dict[str, bool] = {}
         """Further fields of the ATO input, such as `skip_next=True`."""
         self.jog_permitted = True
+        self.jog_to_tag = False
         self.jog_back_m = 0.0
         # Localisation: position = anchor + counted * scale. Each has its own standard deviation.
         self.anchor_m, self.anchor_count_m = start_m, 0.0
@@ -294,6 +295,7 @@ class Rig:
             door_enabled=self.door_permission and standstill and self.held,
             holding_applied=self.held,
             jog_permitted=self.jog_permitted,
+            jog_to_tag=self.jog_to_tag,
             jog_back_m=self.jog_back_m,
             **self.orders,
         )

@@ -85,6 +85,18 @@ def test_a_short_forward_jog_corrects_a_stop_whose_tag_may_be_just_ahead(
     assert not any(demand.reverse for demand in rig.trace.demands)
 
 
+@pytest.mark.parametrize("off_m", [0.0, 0.12])
+def test_a_jog_to_a_tag_goes_forwards_by_enough_to_read_it(off_m: float) -> None:
+    """The estimate of the place may be too far ahead by a decimetre."""
+    rig = rig_at(3500.0 + off_m)
+    rig.door_permission, rig.jog_to_tag = False, True
+    rig.run(lambda rig: rig.front_m > 3500.0 + off_m + 0.05 and rig.held, limit_s=60.0)
+
+    assert 0.05 < rig.front_m - 3500.0 - off_m <= 0.2
+    assert attempts(rig) == 1
+    assert not any(demand.reverse for demand in rig.trace.demands)
+
+
 @pytest.mark.parametrize(("off_m", "back_m", "goes"), [(0.09, 0.0, True), (0.11, 0.0, False)])
 def test_a_train_a_tenth_of_a_metre_past_the_stop_moves_no_further_forward(
     off_m: float, back_m: float, goes: bool

@@ -179,15 +179,33 @@ def test_no_jog_makes_an_interval_narrower() -> None:
     assert not GuardRig().stands(0.25, half_m=1.0).jog_permitted
 
 
+@pytest.mark.parametrize("off_m", [-0.04, 0.0, 0.06, 0.29])
 @pytest.mark.parametrize(
-    ("off_m", "permitted"), [(-0.04, True), (0.0, True), (0.04, True), (0.06, False)]
+    ("tag_off_m", "permitted"), [(0.0, True), (0.25, True), (0.26, False), (math.inf, False)]
 )
 @pytest.mark.parametrize("seen", [SEEN, replace(SEEN, authority=Authority(1560.0, 1, 1))])
-def test_a_little_past_the_stop_its_tag_may_still_be_ahead(
-    seen: CycleInput, off_m: float, permitted: bool
+def test_a_tag_ahead_in_the_window_justifies_a_jog_forwards(
+    seen: CycleInput, tag_off_m: float, off_m: float, permitted: bool
 ) -> None:
     """The interval is too wide for doors, and this jog needs no free track behind the train."""
-    assert GuardRig(seen).stands(off_m, half_m=0.31).jog_permitted is permitted
+    at = replace(motion(off_m, 0.0, half_m=0.31, rests=True), next_tag_m=STOP_M + tag_off_m)
+    verdict = GuardRig(seen).step(at)
+
+    assert verdict.jog_permitted is permitted
+    assert verdict.jog_to_tag is permitted
+
+
+def test_a_jog_to_a_tag_stays_permitted_under_way_and_ends_with_the_permission_to_move() -> None:
+    bench = GuardRig(replace(SEEN, authority=Authority(1560.0, 1, 1)))
+    at = replace(motion(0.1, 0.0, half_m=0.35, rests=True), next_tag_m=STOP_M)
+    bench.step(at)
+    moving = replace(motion(0.25, 0.2, half_m=0.35, rests=False), next_tag_m=STOP_M)
+
+    assert bench.step(moving).jog_to_tag
+    read = replace(motion(0.25, 0.1, half_m=0.1, rests=False), next_tag_m=math.inf)
+    assert bench.step(read).jog_permitted
+    bench.emergency = True
+    assert not bench.step(read).jog_permitted
 
 
 @pytest.mark.parametrize(("rear_off_m", "permitted"), [(0.56, False), (0.54, True)])

@@ -94,17 +94,44 @@ def test_no_jog_begins_beyond_its_greatest_distance(best_m: float, far: bool) ->
     [
         (math.nextafter(0.25, 1.0), True),
         (0.25, False),
-        (math.nextafter(TAG_AHEAD_M, 1.0), False),
-        (TAG_AHEAD_M, True),
-        (0.0, True),
-        (-0.25, True),
+        (0.0, False),
+        (-0.25, False),
         (math.nextafter(-0.25, -1.0), True),
     ],
 )
-def test_a_wide_interval_justifies_a_jog_from_outside_the_window_or_to_the_stop_tag(
+def test_a_wide_interval_justifies_a_jog_from_outside_the_window(
     best_m: float, worth: bool
 ) -> None:
     assert stands_off(off(best_m, half_m=0.5)) is worth
+
+
+@pytest.mark.parametrize(
+    ("tag_m", "worth"),
+    [
+        (-0.5, False),
+        (-0.375, True),
+        (0.0, True),
+        (0.25 - TAG_AHEAD_M, True),
+        (math.nextafter(0.25 - TAG_AHEAD_M, 1.0), False),
+        (math.inf, False),
+    ],
+)
+def test_a_wide_interval_justifies_a_jog_to_a_tag_that_the_train_may_not_have_passed(
+    tag_m: float, worth: bool
+) -> None:
+    wide = off(0.125, half_m=0.5, tag_m=tag_m)
+
+    assert wide.tag_ahead is worth
+    assert stands_off(wide) is worth
+    assert stands_wide(wide) is not worth
+
+
+def test_a_jog_goes_to_a_tag_only_if_the_interval_does_not_fit_without_it() -> None:
+    for half_m, to_tag in ((0.5, True), (0.15, False)):
+        guard = JogGuard()
+        guard.heads_for(STOP_M)
+        verdict = guard.step(off(0.125, half_m=half_m, tag_m=0.0), standing=True)
+        assert (verdict.permitted, verdict.to_tag) == (True, to_tag)
 
 
 @pytest.mark.parametrize(
@@ -334,7 +361,7 @@ def test_a_jog_back_is_permitted_if_its_whole_distance_is_protected(
 def test_a_jog_forward_never_needs_room_behind() -> None:
     guard = JogGuard()
     guard.heads_for(STOP_M)
-    wide = off(TAG_AHEAD_M, half_m=0.5, back_room_m=-math.inf)
+    wide = off(0.125, half_m=0.5, back_room_m=-math.inf, tag_m=0.0)
 
     at_rest = guard.step(wide, standing=True)
     assert (at_rest.permitted, at_rest.back_m) == (True, 0.0)

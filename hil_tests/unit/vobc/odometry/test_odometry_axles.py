@@ -10,7 +10,7 @@ from can_dbc.nodes import Direction
 from can_dbc.odometer import Tacho
 from hil_tests.unit.vobc.odometry import odometry_rig as rig
 from hil_tests.unit.vobc.odometry.odometry_rig import Errors, Rig
-from vobc.odometry.pulses import PulseCounter
+from vobc.odometry.pulses import LeadBounds, PulseCounter
 
 
 def no_radar(time_s: float, speed_mps: float) -> None:
@@ -111,3 +111,82 @@ def test_a_clock_set_back_at_standstill_does_not_hide_the_start() -> None:
     assert standing[-1].motion.standstill
     assert_true(standing + going)
     assert not going[-1].motion.standstill
+
+
+# A stop with one sliding axle.
+
+TAG_M = rig.TAGS[0].position_m + rig.ANTENNA_M
+
+
+def stops_past_a_tag(errors: Errors) -> list[rig.Moment]:
+    """Run at 4 m/s and brake to a stop about a metre past the first tag."""
+    made = Rig(errors, front_m=TAG_M - 25.0, believed_m=TAG_M - 25.0)
+
+    def accel(time_s: float, mps: float) -> float:
+        way_m = TAG_M - 1.4 - made.front_m
+        if mps > 0.0 and way_m < mps * mps / (2.0 * 0.4):
+            return -0.4
+        return 1.0 if mps < 4.0 and made.front_m < TAG_M - 15.0 else 0.0
+
+    return made.run(24.0, accel)
+
+
+@settings(max_examples=4, deadline=None)
+@given(
+    st.integers(0, 1 << 20), st.floats(-0.29, 0.29), st.floats(-0.05, 0.05),
+    st.floats(-0.0099, 0.0499), st.floats(3.0, 9.0), st.sampled_from([1, 2]),
+)  # fmt: skip
+def test_axles_that_slip_differently_down_to_the_stop_never_break_the_bounds(
+    seed: int, share: float, other: float, scale: float, from_s: float, axle: int
+) -> None:
+    """The oracle is the motion of the train; the second axle may slip a little, too."""
+    slips = ((from_s, 99.0, share, axle), (from_s + 1.0, 99.0, other, 3 - axle))
+
+    assert_true(stops_past_a_tag(Errors(seed=seed, scale_ratio=scale, slips=slips)))
+
+
+@pytest.mark.parametrize("axle", [1, 2])
+@pytest.mark.parametrize("share", [-0.02, -0.05])
+def test_one_sliding_axle_leaves_the_place_narrow_enough_for_doors(axle: int, share: float) -> None:
+    slips = ((3.0, 99.0, share, axle),)
+    history = stops_past_a_tag(Errors(seed=3, scale_ratio=0.02, slips=slips))
+
+    assert_true(history)
+    assert any(moment.motion.slip for moment in history)
+    last = history[-1]
+    assert last.speed_mps == 0.0
+    assert last.motion.standstill
+    assert last.motion.front_m.high - last.motion.front_m.low < 0.5
+
+
+def test_a_locked_wheel_does_not_prove_that_the_train_stands() -> None:
+    """Axle A locks at 0.6 m/s; axle B shows that the train runs on."""
+    made = Rig(Errors(seed=4, slips=((8.0, 99.0, -1.0, 1),)))
+
+    def accel(time_s: float, mps: float) -> float:
+        return 0.3 if mps < 0.6 else 0.0
+
+    history = made.run(9.0, accel)
+
+    assert_true(history)
+    assert not any(moment.motion.standstill for moment in history if moment.time_s > 7.0)
+
+
+def test_the_lead_of_an_axle_counts_every_pulse_and_its_extremes_only_grow() -> None:
+    pulses, bounds = PulseCounter(4000.0), LeadBounds()
+    told = []
+    for a, b in ((0, 1020), (10, 1030), (20, 1050), (40, 1060), (60, 1065)):
+        pulses.step(Tacho(a, b % 1024, Direction.FORWARD, True, True, 0.0), 0.02)
+        told.append((pulses.lead, *bounds.widen(pulses.lead)))
+
+    assert told == [(0, 0, 0), (0, 0, 0), (10, 0, 10), (0, 0, 0), (-15, 15, 0)]
+    bounds.begin(-15)
+    assert bounds.widen(-15) == (0, 0)
+
+
+def test_an_axle_without_plausible_pulses_leads_nothing() -> None:
+    pulses = PulseCounter(4000.0)
+    for a, b, healthy in ((0, 0, True), (10, 10, True), (20, 10, False), (30, 10, False)):
+        pulses.step(Tacho(a, b, Direction.FORWARD, True, healthy, 0.0), 0.02)
+        assert pulses.paired is (healthy and a > 0)
+        assert pulses.lead == 0

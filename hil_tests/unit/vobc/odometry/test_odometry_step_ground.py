@@ -253,12 +253,53 @@ def test_wheels_that_turn_against_their_direction_are_no_evidence() -> None:
     assert going().moved(8, 8, way=Direction.REVERSE) == CARRIED_M
 
 
-def test_axles_that_disagree_do_not_count_while_they_slip() -> None:
+@pytest.mark.parametrize(("lead", "back_m", "ahead_m"), [(10, 0.0, 0.10), (-6, 0.06, 0.0)])
+def test_axles_that_disagree_bound_the_ground_together_where_the_radar_is_blind(
+    lead: int, back_m: float, ahead_m: float
+) -> None:
+    """Tacho B leads by so many pulses of 1 cm, and either axle may slip by 8 %."""
     made = going()
-    assert made.moved(8, 8, steps_b=(8, 18)) == CARRIED_M
+    assert made.moved(8, 8, steps_b=(8, 8 + lead)) == CARRIED_M
     assert made.odometry._slip
     made.over_ground(3.9, 4.1)
-    assert made.moved(8, 8) == CARRIED_M
+    most_m_per_pulse = made.where.scale.declared_m[1] / 0.01
+    low_m, high_m = made.moved(8, 8)
+    assert low_m == pytest.approx(0.16 * 0.92 - back_m * 1.08 * most_m_per_pulse, abs=1e-6)
+    assert high_m == pytest.approx(0.16 * 1.08 + ahead_m * 1.08 * most_m_per_pulse, abs=1e-6)
+    assert made.moved(8, 8) == pytest.approx((0.16 * 0.92, 0.16 * 1.08), abs=1e-6)
+
+
+@pytest.mark.parametrize("why", ["fast", "against the ground", "direction", "one axle", "jump"])
+def test_axles_that_disagree_are_no_evidence_where_more_is_wrong(why: str) -> None:
+    made = going(doppler_blind_mps=1.0 if why == "fast" else 5.0)
+    heard: dict[str, Any] = {}
+    made.cycle(8, 8, steps_b=(8, 18))
+    if why == "against the ground":
+        made.over_ground(5.9, 6.1)
+        made.cycle(8, 8)
+    elif why == "direction":
+        made.cycle(8, 8, way=Direction.REVERSE)
+    elif why == "one axle":
+        heard["healthy"] = (True, False)
+    elif why == "jump":
+        made.odometry._wheels_out = True
+    made.over_ground(3.9, 4.1)
+
+    assert made.moved(8, 8, **heard) == CARRIED_M
+
+
+def test_while_axles_differ_the_train_stands_only_if_both_do() -> None:
+    made = going(step=0)
+    made.cycles(8, 0, 0, steps_b=(1, 1))
+    assert made.odometry._slip
+    assert made.moved(0, 0, steps_b=(0, 1))[1] > 0.0
+    for _ in range(12):
+        made.over_ground(-0.2, 0.2)
+        made.cycle(0, 0)
+        assert speeds(made) == near(-0.26, 0.26)
+    assert made.odometry._slip
+    made.cycle(0, 0)
+    assert speeds(made) == (-0.02, 0.02)
 
 
 def test_wheels_that_disagree_with_the_ground_are_no_evidence_of_it() -> None:
