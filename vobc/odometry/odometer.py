@@ -119,8 +119,8 @@ class Odometry:
         self._axles_differ = False
         """In this cycle one axle fell behind the other. One tacho may be broken."""
         self._differed_s = -math.inf
-        self._only_axles = False
-        """The present slip is nothing but a difference between the axles."""
+        self._against_s = -math.inf
+        """Last instant at which the wheels contradicted the ground, or their direction."""
         self._lead = LeadBounds()
         self._rolled_s = -math.inf
         """Last instant at which either axle gave a pulse."""
@@ -300,8 +300,12 @@ class Odometry:
         return fresh and not self._sets_off(inputs)
 
     def _one_axle_slips(self) -> bool:
-        """Whether slip shows only as a difference between two axles that both count pulses."""
-        return self._only_axles and self._pulses.paired and not self._wheels_out
+        """Whether slip shows only as a difference between two axles of a train that brakes or
+        stands, and both count pulses.
+        """
+        agrees = self._time.now_s - self._against_s >= self._config.slip_hold_s
+        brakes = self._track.accel_pulses_per_s2 <= 0.0
+        return agrees and brakes and self._pulses.paired and not self._wheels_out
 
     def _by_gripping_wheels(
         self, least_m: float, most_m: float, wheels: Interval
@@ -364,8 +368,9 @@ class Odometry:
         if jumped and now_s - self._differed_s > KIN_S:
             self._jumped_s = now_s
         against = self._pulses.contradicted or not self._wheels_agree(wheels)
+        if against:
+            self._against_s = now_s
         if against or self._axles_differ:
-            self._only_axles = not against and (self._only_axles or not self._slip)
             if not self._slip:
                 where.at_m += self._ahead_m(now_s, wheels.best)
             self._slip = True

@@ -33,7 +33,7 @@ WINDOW_M: Final = 0.30
 LINES: Final = "campaign/shipped/lines"
 HEAD: Final = (
     *("row", "law", "stops", "mean cm", "worst cm", "bound cm", "in 30 cm %"),
-    *("jogs", "emergencies", "not arrived", "over the shortest %"),
+    *("jogs", "emergencies", "doors shut", "stranded", "over the shortest %"),
 )
 
 
@@ -116,7 +116,6 @@ def cells(row: str, law: str, pairs: Sequence[tuple[Case, CaseResult | None]]) -
     results = [result for _, result in pairs if result is not None]
     errors_m = [error_m for result in results for error_m in stops_m(result)]
     within = sum(error_m is not None and abs(error_m) <= WINDOW_M for error_m in errors_m)
-    arrived = _sum(results, "arrived_count")
     return (
         row,
         law,
@@ -127,7 +126,8 @@ def cells(row: str, law: str, pairs: Sequence[tuple[Case, CaseResult | None]]) -
         f"{within / len(errors_m) * PERCENT:.0f}" if errors_m else "–",
         f"{_sum(results, 'jogs_count'):.0f}",
         f"{_sum(results, 'emergency_count'):.0f}",
-        f"{len(pairs) - arrived:.0f}",
+        f"{_sum(results, 'doors_shut_count'):.0f}",
+        f"{_sum(results, 'stranded_count'):.0f}",
         _scaled(figures.over_ratio, PERCENT, ".1f"),
     )
 

@@ -24,6 +24,8 @@ NAMES: Final[Mapping[str, str]] = {
     "jogs_count": "movements between the first standstill at a stop and the opening of the doors",
     "stops_made_count": "stations near whose stopping point the train stood",
     "stops_missed_count": "stations of its timetable near which the train never stood",
+    "doors_shut_count": "stops with a dwell time at which no door opened",
+    "stranded_count": "1 if the train stood for the last minute short of its last stop, else 0",
     "arrived_count": "1 if the train stood with open doors at its last station, else 0",
     "accel_max_mps2": "greatest acceleration of the whole train either way, low-passed at 2 Hz",
     "jerk_max_mps3": "greatest slope of the whole train's low-passed acceleration",
@@ -61,6 +63,9 @@ interval at that standstill; and `stop_<name>_run_s`, from leaving the previous 
 standstill."""
 
 
+STRANDED_S: Final = 60.0
+"""Standing time at the end of a run after which a train counts as stranded. It exceeds every dwell
+time, and the 30 s after which a train calls for help."""
 NO_PLAN: Final[Mapping[str, float]] = {}
 Bounds = Sequence[tuple[float, float]]
 """Instants in s, rising, each with half the width of the controller's position interval in m."""
@@ -127,6 +132,10 @@ def motion_measures(
         "jogs_count": float(sum(stop.jogs for stop in measured)),
         "stops_made_count": float(len(errors_m)),
         "stops_missed_count": float(len(measured) - len(errors_m)),
+        "doors_shut_count": float(
+            sum(_stays_shut(*pair) for pair in zip(stops, measured, strict=True))
+        ),
+        "stranded_count": float(_stranded(truth, stops, measured)),
         "accel_max_mps2": ride.max_accel_mps2,
         "jerk_max_mps3": ride.max_jerk_mps3,
         **felt_worst(truth),
@@ -162,6 +171,24 @@ def _bound_m(bounds: Bounds, stop: StationStop) -> float | None:
         return None
     index = bisect_right(bounds, (stop.arrived_s, math.inf))
     return bounds[index - 1][1] if index else None
+
+
+def _stays_shut(station: Station, stop: StationStop) -> bool:
+    """The train stood at a station with a dwell time, and no door opened."""
+    return station.dwell_s > 0.0 and stop.error_m is not None and stop.doors_delay_s is None
+
+
+def _stranded(truth: Columns, stations: Sequence[Station], stops: Sequence[StationStop]) -> bool:
+    """The train stands for good before it has made its last stop and opened the doors there."""
+    if not stops:
+        return False
+    last = stops[-1]
+    if last.error_m is not None and not _stays_shut(stations[-1], last):
+        return False
+    time_s = truth.numbers("t_s")
+    moves = np.flatnonzero(truth.numbers("speed_mps") != 0.0)
+    stood_s = float(time_s[-1] - time_s[moves[-1] if len(moves) else 0]) if len(time_s) else 0.0
+    return stood_s >= STRANDED_S
 
 
 def _against(

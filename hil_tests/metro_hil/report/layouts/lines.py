@@ -44,6 +44,14 @@ def _worst(measure: str, factor: float = 1.0, form: str = ".1f") -> Callable[...
     return text
 
 
+def _total(measure: str) -> Callable[..., str]:
+    def text(results: Sequence[CaseResult]) -> str:
+        found = [value for r in results if (value := r.measures.get(measure)) is not None]
+        return f"{math.fsum(found):.0f}" if found else UNKNOWN
+
+    return text
+
+
 def _stops(results: Sequence[CaseResult]) -> str:
     """Stops made of all stops; a result without either measured nothing."""
     made = [r.measures.get("stops_made_count") for r in results]
@@ -100,6 +108,8 @@ def _per_km(results: Sequence[CaseResult]) -> str:
 
 COLUMNS: Final[tuple[tuple[str, Callable[..., str]], ...]] = (
     ("stops", _stops),
+    ("doors\nshut", _total("doors_shut_count")),
+    ("stranded", _total("stranded_count")),
     ("error\nmean, cm", _worst("stop_error_mean_m", CM_PER_M)),
     ("error\nworst, cm", _worst("stop_error_worst_m", CM_PER_M)),
     ("jerk\nm/s³", _worst("jerk_max_mps3", form=".2f")),
@@ -109,6 +119,7 @@ COLUMNS: Final[tuple[tuple[str, Callable[..., str]], ...]] = (
     ("energy\nkWh/km", _per_km),
 )
 REMARKS: Final = (
+    "doors shut: stops with a dwell time at which no door opened; stranded: trains left standing.",
     "stops: made of all; error: distance from the stopping point at the first standstill.",
     "jerk: greatest, of the whole train, low-passed at 2 Hz.",
     "shortest: between stops under the limits of speed, acceleration and jerk, without resistance.",

@@ -43,7 +43,8 @@ def test_jogs_emergencies_and_missed_stops_are_counted(tmp_path: Path) -> None:
             "stop_III_error_m": error_m,
             "jogs_count": 2.0,
             "emergency_count": 1.0,
-            "arrived_count": float(number),
+            "doors_shut_count": float(number),
+            "stranded_count": 2.0 * number,
         }
         result = CaseResult(
             case_id=case.id, index=number, verdict=Verdict.PASS, measures=dict(measures)
@@ -53,7 +54,7 @@ def test_jogs_emergencies_and_missed_stops_are_counted(tmp_path: Path) -> None:
     row = cells("as assumed", "pid", pairs)
 
     assert row[:5] == ("as assumed", "pid", "2/2", "27.0", "-50.0")
-    assert row[6:10] == ("50", "4", "2", "1")
+    assert row[6:11] == ("50", "4", "2", "1", "2")
 
 
 def test_an_unknown_row_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

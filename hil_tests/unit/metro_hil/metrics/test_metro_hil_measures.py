@@ -1,18 +1,21 @@
 """Measures of a run, against motions with a known answer."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from firmware_py.trackdb import Station
+from metro_hil.metrics.case import motion_measures
 from metro_hil.metrics.run import measure_cycles, measure_ride, supervision_events
 from metro_hil.metrics.stops import measure_stops
 from metro_hil.model.log_columns import Columns, RunLogError, read_columns
 
 STEP_S = 0.05
 STATION = Station("A", stop_m=100.0, platform_start_m=20.0, platform_end_m=105.0)
+TRUTH_MOTION = ("t_s", "front_m", "speed_mps")
 BEYOND = Station("B", stop_m=900.0, platform_start_m=820.0, platform_end_m=905.0)
 
 
@@ -255,3 +258,48 @@ def test_a_missing_column_is_reported_with_the_existing_ones(tmp_path: Path) -> 
 
     with pytest.raises(RunLogError, match="no column front_m; it has t_s, speed_mps"):
         read_columns(log).numbers("front_m")
+
+
+# Doors that stay shut, and trains that stay.
+
+
+def stood(*, off_m: float, seconds: float, opens: bool) -> dict[str, float | None]:
+    """Measures of a train that runs to the station and stands there that long."""
+    speeds_mps = trapezoid(0.5, 5.0, 100) + [0.0] * round(seconds / STEP_S - 40)
+    way_m = float(motion(speeds_mps).numbers("front_m")[-1])
+    moved = motion(speeds_mps, start_m=100.0 + off_m - way_m)
+    doors = ["LOCKED"] * len(speeds_mps)
+    if opens:
+        doors[-20:] = ["OPEN"] * 20
+    columns = {name: [repr(float(x)) for x in moved.numbers(name)] for name in TRUTH_MOTION}
+    rest = {"emergency": ["0"] * len(speeds_mps), "door_left": [d.lower() for d in doors]}
+    truth = Columns("test", {**columns, **rest}, 0)
+    return motion_measures(truth, [replace(STATION, dwell_s=30.0)])
+
+
+@pytest.mark.parametrize(
+    ("off_m", "seconds", "opens", "shut", "stranded"),
+    [
+        (0.1, 90.0, True, 0.0, 0.0),
+        (0.1, 90.0, False, 1.0, 1.0),
+        (0.1, 50.0, False, 1.0, 0.0),
+        (-80.0, 90.0, False, 0.0, 1.0),
+    ],
+)
+def test_doors_that_stay_shut_and_trains_that_stay_are_counted(
+    off_m: float, seconds: float, opens: bool, shut: float, stranded: float
+) -> None:
+    measures = stood(off_m=off_m, seconds=seconds, opens=opens)
+
+    assert (measures["doors_shut_count"], measures["stranded_count"]) == (shut, stranded)
+
+
+def test_a_stop_without_dwell_time_needs_no_doors() -> None:
+    speeds_mps = trapezoid(0.5, 5.0, 100) + [0.0] * 1400
+    way_m = float(motion(speeds_mps).numbers("front_m")[-1])
+    moved = motion(speeds_mps, start_m=100.0 - way_m)
+    columns = {name: [repr(float(x)) for x in moved.numbers(name)] for name in TRUTH_MOTION}
+    truth = Columns("test", {**columns, "emergency": ["0"] * len(speeds_mps)}, 0)
+    measures = motion_measures(truth, [replace(STATION, dwell_s=0.0)])
+
+    assert (measures["doors_shut_count"], measures["stranded_count"]) == (0.0, 0.0)

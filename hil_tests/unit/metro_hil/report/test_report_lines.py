@@ -53,6 +53,8 @@ def test_a_row_joins_the_runs_of_a_line_and_a_train() -> None:
         stops_missed_count=1.0,
         stop_error_worst_m=0.03,
         stop_A_run_s=80.0,
+        doors_shut_count=1.0,
+        stranded_count=0.0,
         stop_B_run_s=None,
         over_fastest_total_ratio=None,
     )
@@ -60,8 +62,8 @@ def test_a_row_joins_the_runs_of_a_line_and_a_train() -> None:
     (table,) = lines_tables([(one, ran), (two, missed), (three, None)])
 
     assert [[cell.text for cell in row] for row in table.rows] == [
-        ["Far", "Train", "7/8", "1.0", "3.0", "0.50", "90", "10.0", "1.8", "5.0"],
-        ["near", "Train", *["–"] * 8],
+        ["Far", "Train", "7/8", "1", "0", "1.0", "3.0", "0.50", "90", "10.0", "1.8", "5.0"],
+        ["near", "Train", *["–"] * 10],
     ]
 
 
