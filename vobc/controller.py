@@ -18,6 +18,7 @@ from vobc.vocabulary import (
     AtoInput,
     CycleInput,
     CycleOutput,
+    Interval,
     Mission,
     Motion,
     OdometryRecord,
@@ -31,6 +32,9 @@ the next stop."""
 KEPT: Final = ~int(Inhibit.DOORS | Inhibit.PLATFORM_DOORS | Inhibit.AUTHORITY)
 """Inhibits that keep doors open. Doors close only for departure, so door locks and authority must
 not keep them open for ever."""
+COVERED_MPS: Final = 1.2
+"""Distance of the greatest possible speed from the likeliest one that the margins of operation
+cover. It is larger only without a radar."""
 SUPPLY_AGE_MAX_S: Final = 0.5
 """Greatest age of a voltage: five periods of the high-voltage box."""
 
@@ -179,7 +183,7 @@ class Controller:
             gradient_permille=self._line.mean_gradient_permille(
                 front_m - self._train.length_m, front_m
             ),
-            ceiling_mps=verdict.ceiling.permitted_mps,
+            ceiling_mps=verdict.ceiling.permitted_mps - _vague_mps(motion.speed_mps),
             authority_end_m=(
                 front_m if authority is None else min(authority.end_m, self._line.end_m)
             ),
@@ -239,3 +243,9 @@ def _line_voltage_v(inputs: CycleInput) -> float | None:
     if supply is None or not supply.breaker_closed or inputs.supply_age_s > SUPPLY_AGE_MAX_S:
         return None
     return supply.line_voltage_v
+
+
+def _vague_mps(speed_mps: Interval) -> float:
+    """Part of the speed's uncertainty that the margins of operation do not cover."""
+    ahead_mps = speed_mps.high - speed_mps.best
+    return max(0.0, min(ahead_mps, 2.0 * (ahead_mps - COVERED_MPS)))

@@ -32,6 +32,7 @@ def context_of(case: Case, made: CaseParts) -> Context:
         line=made.journey.line,
         train=made.scenario.train,
         cycle_s=case.setup.cycle_ms / MS_PER_S,
+        localisation_limit_m=made.config.odometry.localisation_limit_m,
         # Either the controller or the train that it is compared with is late.
         slack_s=FRAME_WAIT_S + max(LATE_S, PLANT_LATE_S) + gateway_s,
         input_age_s=faults_s + PLANT_LATE_S + gateway_s,

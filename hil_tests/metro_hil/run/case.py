@@ -125,6 +125,7 @@ class CaseRun:
                 train=parts.scenario.train,
                 cycle_s=case.setup.cycle_ms / MS_PER_S,
                 input_age_s=input_age_s,
+                localisation_limit_m=parts.config.odometry.localisation_limit_m,
             ),
             own_port=own_port,
         )

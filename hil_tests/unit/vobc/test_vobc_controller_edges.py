@@ -352,3 +352,19 @@ def test_the_line_voltage_counts_while_it_is_fresh_and_the_breaker_closed(
     seen = Between().seen(replace(INPUTS, supply=supply, supply_age_s=age_s))
 
     assert seen.line_voltage_v == volts
+
+
+@pytest.mark.parametrize(
+    ("ahead_mps", "less_mps"), [(0.5, 0.0), (1.2, 0.0), (1.5, 0.6), (2.4, 2.4), (4.0, 4.0)]
+)
+def test_operation_stays_below_the_ceiling_by_what_its_speed_may_be_higher(
+    ahead_mps: float, less_mps: float
+) -> None:
+    """Up to 1.2 m/s the margins of operation cover; from 2.4 m/s on all of it counts."""
+    between = Between()
+    usual_mps = between.seen().ceiling_mps
+    speed_mps = Interval(8.0, 10.0, 10.0 + ahead_mps)
+    between.odometry.said = replace(MOTION, speed_mps=speed_mps)
+
+    assert between.seen().ceiling_mps == pytest.approx(usual_mps - less_mps)
+    assert between.seen(jog_to_tag=True).jog_to_tag
