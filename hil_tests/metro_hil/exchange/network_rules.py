@@ -20,9 +20,11 @@ from metro_hil.exchange.line_rules import (
 from metro_hil.exchange.survey import file_name
 from metro_hil.exchange.surveyed_network import (
     DEFAULT_LIMIT_MPS,
+    STOP_BEFORE_BUFFER_M,
     STOP_BEFORE_END_M,
     SurveyedNetwork,
     TrackRange,
+    stop_before,
 )
 from metro_hil.exchange.track_graph import PlaceOnTrack, shortest_path
 
@@ -89,14 +91,8 @@ def _end(names: Mapping[str, str], end: tuple[str, bool]) -> str:
 
 
 def _buffer_stops(network: SurveyedNetwork, names: Mapping[str, str]) -> list[str]:
-    links = network.graph.links
-    linked = {*links, *(end for ends in links.values() for end in ends)}
-    return [
-        _end(names, (track, at_end))
-        for track in names
-        for at_end in (False, True)
-        if (track, at_end) not in linked
-    ]
+    ends = [(track, at_end) for track in names for at_end in (False, True)]
+    return [_end(names, end) for end in ends if _is_buffer(network, end)]
 
 
 def _joins(network: SurveyedNetwork, names: Mapping[str, str]) -> list[dict[str, str]]:
@@ -120,11 +116,11 @@ def _track(
     numbers: "itertools.count[int]",
 ) -> dict[str, Any]:
     start_m = (network.origins_m or {}).get(track, 0.0)
-    end_m = start_m + network.graph.lengths_m[track]
+    end_m = round(start_m + network.graph.lengths_m[track], PLACES)
     platforms = _platforms(network, track, train)
     table: dict[str, Any] = {
         "name": names[track],
-        "start_m": start_m,
+        "start_m": round(start_m, PLACES),
         "end_m": end_m,
         "limits": _limits(network, track, train),
         "platforms": platforms,
@@ -157,37 +153,44 @@ def _platforms(network: SurveyedNetwork, track: str, train: FittedTrain) -> list
     found = []
     for platform in network.platforms:
         if platform.track == track:
-            edge = _edge(platform.station, platform.begin_m, platform.end_m, network)
+            edge = _edge(network, track, platform.station, platform.begin_m, platform.end_m)
             found.append(edge if platform.side is None else edge | {"side": platform.side})
     known = {edge["station"] for edge in found}
+    half_m = train.length_m / 2.0 + PLATFORM_SPARE_M
     for station, places in network.stops.items():
         for place in places:
             if place.track == track and station not in known:
                 known.add(station)
-                half_m = train.length_m / 2.0 + PLATFORM_SPARE_M
-                begin_m, end_m = (
-                    max(0.0, place.position_m - half_m),
-                    min(length_m, place.position_m + half_m),
-                )
+                begin_m = max(0.0, place.position_m - half_m)
+                end_m = min(length_m, place.position_m + half_m)
                 if begin_m < end_m:
-                    found.append(_edge(station, begin_m, end_m, network))
+                    found.append(_edge(network, track, station, begin_m, end_m))
     return found
 
 
-def _edge(station: str, begin_m: float, end_m: float, network: SurveyedNetwork) -> dict[str, Any]:
-    keys = network.station_keys.get(station, {})
-    middle_m = (begin_m + end_m) / 2.0
+def _edge(
+    network: SurveyedNetwork, track: str, station: str, begin_m: float, end_m: float
+) -> dict[str, Any]:
+    """A platform with a stopping point for each direction, clear of buffer stops."""
+    length_m, keys = network.graph.lengths_m[track], network.station_keys.get(station, {})
+    ahead_m = length_m if _is_buffer(network, (track, True)) else math.inf
+    behind_m = 0.0 if _is_buffer(network, (track, False)) else -math.inf
     edge: dict[str, Any] = {
         "station": station,
         "start_m": begin_m,
         "end_m": end_m,
-        "stop_up_m": max(end_m - STOP_BEFORE_END_M, middle_m),
-        "stop_down_m": min(begin_m + STOP_BEFORE_END_M, middle_m),
+        "stop_up_m": stop_before(begin_m, end_m, ahead_m),
+        "stop_down_m": -stop_before(-end_m, -begin_m, -behind_m),
         "dwell_s": keys.get("dwell_s", DWELL_S),
     }
     if keys.get("platform_doors"):
         edge["platform_doors"] = True
     return edge
+
+
+def _is_buffer(network: SurveyedNetwork, end: tuple[str, bool]) -> bool:
+    links = network.graph.links
+    return end not in links and all(end not in others for others in links.values())
 
 
 def _limits(network: SurveyedNetwork, track: str, train: FittedTrain) -> list[dict[str, Any]]:
@@ -313,7 +316,8 @@ def _notes(network: SurveyedNetwork, train: FittedTrain, table: Mapping[str, Any
         f"platforms: those of the file, or else {PLATFORM_SPARE_M:g} m beyond both ends of a "
         f"standing train of {train.length_m:g} m ({train.name}); doors on the right where the file "
         f"names no side, open for {DWELL_S:g} s",
-        f"stopping points: {STOP_BEFORE_END_M:g} m before a platform's end, in both directions",
+        f"stopping points: {STOP_BEFORE_END_M:g} m before a platform's end, in both directions, "
+        f"and at least {STOP_BEFORE_BUFFER_M:g} m before a buffer stop",
         f"tags: a balise at least every {BALISES_M:g} m of each track; t1, t2, t3 and `stop` "
         "before each stopping point, as far as they lie on its track",
         f"limits: {DEFAULT_LIMIT_MPS * 3.6:g} km/h where no speed section applies",

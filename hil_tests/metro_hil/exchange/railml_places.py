@@ -16,6 +16,7 @@ UNITS: Final[Mapping[str, float]] = {
 }
 """Metres for each unit of a linear positioning system, in small letters."""
 COLLECTIONS: Final = ("elementCollectionUnordered", "elementCollectionOrdered")
+MILLIMETRES: Final = 3
 TOLERANCE_M: Final = 1.0
 """A place may lie this far beyond an end of its netElement; rounded files have such places."""
 DIRECTIONS: Final = {"both": None, "normal": True, "reverse": False, None: None}
@@ -87,6 +88,11 @@ class RailmlPlaces:
                         begin_m, end_m = self._range_m(part, track)
                         if begin_m < end_m:
                             yield track, begin_m, end_m, DIRECTIONS[direction], part
+
+    def has_ends(self, part: XmlNode) -> bool:
+        """Whether a range says where on its netElement it lies."""
+        named = any(part.text(f"{kind}Begin") for kind in ("pos", "intrinsicCoord"))
+        return named or part.first("linearCoordinateBegin") is not None
 
     def _range_m(self, part: XmlNode, track: str) -> tuple[float, float]:
         ends_m = [
@@ -260,7 +266,7 @@ def _add_lengths_of_tracks(
         weights = drawn if min(drawn) > 0.0 else [1.0] * len(unknown)
         if rest_m > 0.0:
             for name, weight in zip(unknown, weights, strict=True):
-                lengths_m[name] = rest_m * weight / sum(weights)
+                lengths_m[name] = round(rest_m * weight / sum(weights), MILLIMETRES)
         if len(unknown) > 1:
             shared += unknown
     return shared

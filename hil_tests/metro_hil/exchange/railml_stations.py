@@ -6,7 +6,11 @@ from typing import Any, Final
 
 from metro_hil.exchange.railml_own import own_keys
 from metro_hil.exchange.railml_places import RailmlPlaces
-from metro_hil.exchange.surveyed_network import SurveyedPlatform
+from metro_hil.exchange.surveyed_network import (
+    STOP_BEFORE_BUFFER_M,
+    STOP_BEFORE_END_M,
+    SurveyedPlatform,
+)
 from metro_hil.exchange.track_graph import PlaceOnTrack
 from metro_hil.exchange.xml_node import XmlNode
 
@@ -56,7 +60,8 @@ def read_stations(root: XmlNode, places: RailmlPlaces) -> Stations:
     with_platform = {platform.station for platform in stations.platforms} - stations.exact
     if with_platform:
         stations.filled = (
-            "stopping points: 5 m before the end of a platform whose file gives none",
+            f"stopping points: {STOP_BEFORE_END_M:g} m before the end of a platform whose file "
+            f"gives none, and at least {STOP_BEFORE_BUFFER_M:g} m before the end of the track",
         )
     return stations
 
@@ -109,7 +114,9 @@ def _add_platforms(
             if (station, track) in taken and node.tag == "platform":
                 continue  # the platform of edges that are already there
             taken.add((station, track))
-            stations.platforms.append(SurveyedPlatform(station, track, begin_m, end_m, _side(part)))
+            if places.has_ends(part):
+                platform = SurveyedPlatform(station, track, begin_m, end_m, _side(part))
+                stations.platforms.append(platform)
             stations.places.setdefault(station, []).append(
                 PlaceOnTrack(track, (begin_m + end_m) / 2.0)
             )

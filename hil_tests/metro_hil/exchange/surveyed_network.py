@@ -14,6 +14,8 @@ DEFAULT_LIMIT_MPS: Final = 80.0 / 3.6
 """Civil limit where no speed section applies; common on metros."""
 STOP_BEFORE_END_M: Final = 5.0
 """A train stops this far before the end of a platform whose file gives no stopping point."""
+STOP_BEFORE_BUFFER_M: Final = 25.0
+"""A train stops at least this far before a buffer stop, so that protection lets it come there."""
 PLACES: Final = 6
 """Decimals of a chainage, m: finer than any survey, coarser than the rounding of sums."""
 OTHER_SIDE: Final = {"left": "right", "right": "left", "both": "both"}
@@ -171,7 +173,7 @@ def _line(
     for name, path_m in zip(names, path_stops_m, strict=True):
         keys = _platform_keys(network, name, pieces, path_m + shift_m)
         exact = name in network.exact_stops or "platform_end_m" not in keys
-        stop_m = path_m + shift_m if exact else _stop_m(keys)
+        stop_m = path_m + shift_m if exact else _stop_m(keys, end_m)
         stations[name] = {**keys, **network.station_keys.get(name, {})}
         stops_m.append(_m(stop_m))
     given: dict[str, Any] = {"stations": stations, **network.line_keys}
@@ -207,10 +209,16 @@ def _m(at_m: float) -> float:
     return round(at_m, PLACES) + 0.0
 
 
-def _stop_m(keys: Mapping[str, Any]) -> float:
+def _stop_m(keys: Mapping[str, Any], track_end_m: float) -> float:
     """The stopping point of a platform: before its end, but never before its middle."""
     start_m, end_m = float(keys["platform_start_m"]), float(keys["platform_end_m"])
-    return max(end_m - STOP_BEFORE_END_M, (start_m + end_m) / 2.0)
+    return stop_before(start_m, end_m, track_end_m)
+
+
+def stop_before(start_m: float, end_m: float, track_end_m: float) -> float:
+    """The stopping point at a platform, with regard to the end of the track ahead."""
+    last_m = min(end_m - STOP_BEFORE_END_M, track_end_m - STOP_BEFORE_BUFFER_M)
+    return max(last_m, (start_m + end_m) / 2.0)
 
 
 def _platform_keys(

@@ -186,6 +186,32 @@ def test_the_train_is_the_formation(tmp_path: Path) -> None:
     assert train.resistance.b_n_per_kn_per_mps == pytest.approx(0.0, abs=1e-6)
 
 
+def test_a_train_stops_clear_of_the_end_of_the_track(tmp_path: Path) -> None:
+    path = written(tmp_path, ('measure="2.5"', 'measure="2.6"'))
+
+    line = line_along(read_infrastructure(read_xml(path)), ("West", "East"))
+    assert main([str(path), "--out", str(tmp_path)]) == 0
+
+    # The platform reaches the end of the path, 2400 m.
+    assert line.stops[-1] == ("East", 2375.0)
+    (edge,) = load_network(str(tmp_path / "net.toml")).track("m").platforms
+    # The chainage of m falls along it, so the network counts from its begin.
+    assert (edge.start_m, edge.stop_down_m, edge.stop_up_m) == (0.0, 25.0, 295.0)
+
+
+def test_a_platform_without_ends_is_laid_out_by_rule(tmp_path: Path) -> None:
+    before, _, rest = TRACKS.partition("<linearCoordinateBegin")
+    after = rest.partition('measure="2.3"/>')[2]
+    path = tmp_path / "net.railml"
+    path.write_text(before + after, encoding="utf-8")
+
+    assert main([str(path), "--stops", "West,East", "--out", str(tmp_path)]) == 0
+
+    east = load_line(str(tmp_path / "net.toml")).stations[-1]
+    # The middle of m is 800 m behind the end of w; the train is 40 m long.
+    assert (east.stop_m, east.platform_start_m, east.platform_end_m) == (1600.0, 1555.0, 1605.0)
+
+
 def test_every_filled_gap_is_listed(tmp_path: Path) -> None:
     imported(tmp_path, "--stops", "West,East")
     text = (tmp_path / "out" / "net.toml").read_text(encoding="utf-8")
