@@ -9,6 +9,7 @@ from firmware_py.settings import SettingsError
 
 PARTS: Final[Mapping[str, str]] = {
     "line": "stations",
+    "network": "tracks",
     "consist": "brake",
     "params": "atp",
 }
@@ -16,16 +17,21 @@ PARTS: Final[Mapping[str, str]] = {
 
 
 def imported_scenarios(folder: str) -> list[dict[str, Any]]:
-    """One scenario for each line of the folder, with its train, or with the default one.
+    """One scenario for each line and each route of the folder, with its train or the default one.
 
     Raises:
         SettingsError: there is no line, or it is unclear which train belongs to the lines.
     """
     found = _sorted_files(Path(folder))
-    if not found["line"]:
+    ways = [(path.stem, str(path.resolve())) for path in found["line"]]
+    for path in found["network"]:
+        for route in settings.parse(path).get("routes", []):
+            name = str(route.get("name", ""))
+            ways.append((f"{path.stem}-{name}", f"{path.resolve()}:{name}"))
+    if not ways:
         raise SettingsError(
-            f"--with {folder}: holds no line file (*.toml with 'stations'); name the folder that "
-            "`vobc import --out` wrote"
+            f"--with {folder}: holds no line file (*.toml with 'stations') and no network with "
+            "routes; name the folder that `vobc import --out` wrote"
         )
     train: dict[str, str] = {}
     for kind in ("consist", "params"):
@@ -46,11 +52,11 @@ def imported_scenarios(folder: str) -> list[dict[str, Any]]:
     suffix = f"-{found['consist'][0].stem}" if train else ""
     return [
         {
-            "name": f"{line.stem}{suffix}",
-            "title": f"Imported line {line.stem}",
-            "train": {"line": str(line.resolve()), **train},
+            "name": f"{name}{suffix}",
+            "title": f"Imported line {name}",
+            "train": {"line": line, **train},
         }
-        for line in found["line"]
+        for name, line in ways
     ]
 
 

@@ -23,7 +23,8 @@ def lines_tables(pairs: Sequence[Pair]) -> list[LayoutTable]:
     head = ("line", "train", *(name for name, _ in COLUMNS))
     of: dict[tuple[str, str], list[CaseResult | None]] = {}
     for case, result in pairs:
-        pair = (case.setup.line.removesuffix(".toml"), case.setup.consist.removesuffix(".toml"))
+        line = case.setup.line.removesuffix(".toml").replace(".toml:", ":")
+        pair = (line, case.setup.consist.removesuffix(".toml"))
         of.setdefault(pair, []).append(result)
     rows = [
         tuple(

@@ -78,6 +78,17 @@ def test_lines_of_a_folder_run_with_its_train(tmp_path: Path) -> None:
     assert {each["train"]["params"] for each in scenarios} == {str(tmp_path / "Train_params.toml")}
 
 
+def test_each_route_of_an_imported_network_runs(tmp_path: Path) -> None:
+    routes = "tracks = []\nroutes = [{name = 'a-b', legs = []}, {name = 'b-a', legs = []}]\n"
+    for name, text in {**TRAIN, "Net.toml": routes}.items():
+        (tmp_path / name).write_text(text)
+
+    scenarios = imported_scenarios(str(tmp_path))
+
+    assert [each["name"] for each in scenarios] == ["Net-a-b-Train", "Net-b-a-Train"]
+    assert scenarios[0]["train"]["line"] == f"{tmp_path / 'Net.toml'}:a-b"
+
+
 def test_added_scenarios_inherit_the_monitors_of_the_board() -> None:
     added = [{"name": "again", "train": {"line": "florence", "end": "II"}}]
 
