@@ -174,3 +174,32 @@ def test_mistakes_of_an_export_are_named(
     assert "give --force to replace it" in capsys.readouterr().err
     assert export_command.main(["florenze", "--as", "railml"]) == 2
     assert "florenze" in capsys.readouterr().err
+
+
+# The order in which the schemas of railML 3.2 have these elements.
+GROUPS: Final = ("balises", "bufferStops", "lines", "operationalPoints", "platforms")
+MORE_GROUPS: Final = ("platformEdges", "speeds", "stoppingPlaces", "tracks")
+REFERENCES: Final = ("ref", "netElementRef", "positioningSystemRef", "belongsToPlatform")
+PARTS: Final = ("name", "isValid", "linearLocation", "spotLocation", "designator")
+
+
+@settings(max_examples=10, deadline=None)
+@given(lines())
+def test_elements_have_the_order_of_the_schemas_and_ids_are_unique(line: LineMap) -> None:
+    root = ElementTree.fromstring(railml_text(line))  # noqa: S314 - our own text
+    tags = {node: node.tag.rpartition("}")[2] for node in root.iter()}
+    functional = next(node for node, tag in tags.items() if tag == "functionalInfrastructure")
+
+    order = [*GROUPS, *MORE_GROUPS]
+    found = [tags[group] for group in functional]
+    assert found == [name for name in order if name in found]
+    for group in functional:
+        for entity in group:
+            heads = [tags[part] for part in entity]
+            common = [name for name in heads if name in PARTS]
+            assert common == sorted(common, key=PARTS.index)
+            assert heads[: len(common)] == common
+    ids = [node.get("id") for node in root.iter() if node.get("id") is not None]
+    assert len(set(ids)) == len(ids)
+    references = {value for node in root.iter() for key, value in node.items() if key in REFERENCES}
+    assert references <= {*ids}
