@@ -159,6 +159,10 @@ def _surveyed(
     ]
     lines = [each for each in read if not isinstance(each, SurveyedTrain)]
     trains = [each for each in read if isinstance(each, SurveyedTrain)]
+    if options.formation is not None and not trains:
+        raise SettingsError(
+            f"--formation {options.formation}: no file has rolling stock; leave it out"
+        )
     if len(trains) > 1:
         raise SettingsError(
             f"{trains[1].source}: a second train, after {trains[0].source}; platforms are laid "

@@ -64,7 +64,7 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         switches=_switches(root, relations),
         origins_m=_origins_m(places),
         filled=(*stations.filled, *_shared(places), *_open_ends(root, places, links)),
-        ignored=_ignored(root),
+        ignored=(*stations.left_out, *_ignored(root)),
     )
 
 

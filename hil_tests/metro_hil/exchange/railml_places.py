@@ -122,12 +122,23 @@ class RailmlPlaces:
                 measure_m = measured.number("measure", self.unit(measured, system))
                 if measure_m is None:
                     raise measured.error("has no 'measure'; write the chainage")
-                return mileage.position_m(measure_m, self.lengths_m[track])
+                at_m = mileage.position_m(measure_m, self.lengths_m[track])
+                if whole and not self._is_on(at_m, track):
+                    raise measured.error(
+                        f"measure {measured.text('measure')!r} is not on netElement {track!r}, "
+                        f"from {mileage.begin_m:g} m to {mileage.end_m:g} m; correct it"
+                    )
+                return at_m
         if not whole:
             return None
         position_m = node.number(pos)
         if position_m is None:
             position_m = node.number(intrinsic, self.lengths_m[track])
+        if position_m is not None and not self._is_on(position_m, track):
+            raise node.error(
+                f"{pos} {position_m:g} m is not on netElement {track!r}, which is "
+                f"{self.lengths_m[track]:g} m long; correct it"
+            )
         return position_m
 
     def unit(self, node: XmlNode, system: str) -> float:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from firmware_py.settings import SettingsError
 from metro_hil.exchange.railml_own import own_keys
 from metro_hil.exchange.railml_places import RailmlPlaces
 from metro_hil.exchange.surveyed_network import (
@@ -27,6 +28,8 @@ class Stations:
     keys: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     exact: frozenset[str] = frozenset()
     filled: tuple[str, ...] = ()
+    left_out: list[str] = field(default_factory=list)
+    """Sentences about platforms whose place is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +107,12 @@ def _add_platforms(
 ) -> None:
     taken: set[tuple[str, str]] = set()
     for node in _edges(root):
-        ranges = list(places.ranges(node))
+        try:
+            ranges = list(places.ranges(node))
+        except SettingsError as error:
+            # Other platforms may be right, and a path may not pass this one.
+            stations.left_out.append(str(error).removeprefix(f"{node.source}: "))
+            continue
         if not ranges:
             continue
         names = [node.text(key) for key in ("id", "belongsToPlatform", "belongsToParent")]

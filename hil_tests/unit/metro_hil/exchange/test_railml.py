@@ -199,6 +199,18 @@ def test_a_train_stops_clear_of_the_end_of_the_track(tmp_path: Path) -> None:
     assert (edge.start_m, edge.stop_down_m, edge.stop_up_m) == (0.0, 25.0, 295.0)
 
 
+def test_a_platform_off_its_track_is_left_out_and_listed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, ('measure="2.3"', 'measure="0.3"'))
+
+    assert main([str(path), "--out", str(tmp_path)]) == 0
+
+    assert "left out: linearLocation 'pl'" in (text := capsys.readouterr().out)
+    assert "measure '0.3' is not on netElement 'm', from 2600 m to 1000 m" in text
+    assert load_network(str(tmp_path / "net.toml")).track("m").platforms == ()
+
+
 def test_a_platform_without_ends_is_laid_out_by_rule(tmp_path: Path) -> None:
     before, _, rest = TRACKS.partition("<linearCoordinateBegin")
     after = rest.partition('measure="2.3"/>')[2]
@@ -254,6 +266,10 @@ def test_every_filled_gap_is_listed(tmp_path: Path) -> None:
             ('id="bl" netElementRef="w"', 'id="bl" netElementRef="x"'),
             "spotLocation 'bl': netElementRef: there is no netElement 'x'",
         ),
+        (
+            ('posEnd="1600"', 'posEnd="1700"'),
+            "posEnd 1700 m is not on netElement 'm', which is 1600",
+        ),
         (('maxSpeed="36"', 'maxSpeed="-36"'), "speedSection 'v2': maxSpeed: '-36' is not positive"),
         (('lateralSide="left"', 'lateralSide="port"'), "lateralSide: 'port' is none of left"),
         (('version="3.2"', 'version="2.4"'), "railML: version '2.4' is not 3.x; convert"),
@@ -305,5 +321,7 @@ def test_one_of_several_formations_is_chosen(
 
     assert main([str(path), "--out", str(tmp_path)]) == 2
     assert "2 formations; choose one with --formation: Two, One" in capsys.readouterr().err
+    assert main([str(path), "--formation", "Tow", "--out", str(tmp_path)]) == 2
+    assert "has no formation 'Tow'; nearest valid formation: Two" in capsys.readouterr().err
     assert main([str(path), "--formation", "One", "--out", str(tmp_path)]) == 0
     assert load_train(str(tmp_path / "One.toml")).mass_kg == 45_000.0
