@@ -170,7 +170,8 @@ class TrainReport(T2tMessage):
     """Farthest place of the front under any outstanding authority of this area, in force or not,
     and under any braking from one that the train gave up."""
     held_end_m: float
-    """End of the authority of this area that the train holds; without one, its front."""
+    """End of the authority of this area that the train holds, but not beyond the rear of the train
+    that it receives ahead. Without an authority it is the train's front."""
     easy_m: float
     """The train can still stop before this place with the service brake."""
     held_term: int

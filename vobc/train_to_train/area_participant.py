@@ -410,7 +410,7 @@ class AreaParticipant:
             speed_mps=own.speed_mps,
             standstill=own.standstill,
             latent_m=latent_m,
-            held_end_m=own.front_max_m if member.held is None else member.held.end_m,
+            held_end_m=member.held_end_m(own.front_max_m),
             easy_m=own.easy_m,
             held_term=member.newest[0],
             held_sequence=max(member.newest[1], 0),

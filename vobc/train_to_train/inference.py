@@ -177,8 +177,7 @@ class Conclusions:
         )
 
     def take_proofs(self, order: Sequence[RosterEntry], now_ns: int) -> None:
-        """Advance the known rear of each silent train ahead by the authority of the train behind
-        it.
+        """Advance the known rear of each train ahead by the authority of the train behind it.
 
         An authority proves how far the train ahead had come. An old report proves nothing, because
         the train ahead may have been moved since. A train that reports its own place needs no
@@ -193,7 +192,7 @@ class Conclusions:
                 proven_m = record.rear_ahead_m(self._config.behind_rear_m)
                 ahead.rear_m = max(ahead.rear_m, proven_m)
             ahead = record
-            placed = not record.lost and self.is_alive(record.received_at_ns, now_ns)
+            placed = self.is_placed(record, now_ns)
 
     def advance_silent(self, now_ns: int, track: TrackView) -> None:
         """Advance the rear of silent trains as the sections behind them clear."""

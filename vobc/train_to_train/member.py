@@ -1,5 +1,6 @@
 """A train as member of one area: the terms it knows, its authority and how far it may still run."""
 
+import math
 from collections.abc import Callable
 
 from vobc.train_to_train.guards import Fence, Latency, MemberGuards, Offer, TermProof, TermStep
@@ -46,6 +47,7 @@ class AreaMember:
         self.rank = RANK_OF_A_STRANGER
         self.new_promise = False
         """A new term was received, and the train must acknowledge it at once."""
+        self._limit_m = math.inf
         self._unproven: set[int] = set()
         """Senders that showed an invalid grant in this step. Their next ones wait for the next
         step, because a check takes long."""
@@ -139,11 +141,15 @@ class AreaMember:
         self.master_heard_ns = now_ns
         return ""
 
-    def settle(self, now_ns: int, own: OwnTrain) -> None:
+    def settle(self, now_ns: int, own: OwnTrain, *, limit_m: float = math.inf) -> None:
         """Discard an expired authority and update how far the train may still run.
 
         Called once a step, after all messages of the step.
+
+        Args:
+            limit_m: farthest end of any authority, by what the train itself receives.
         """
+        self._limit_m = limit_m
         self._unproven.clear()
         if own.standstill and not self.is_young(now_ns):
             self.held = None
@@ -158,6 +164,12 @@ class AreaMember:
         self.latent_m = self._guards.latent_authority_m(
             Latency(before_m, end_m, max(own.reach_m, own.front_max_m), own.front_max_m)
         )
+
+    def held_end_m(self, front_max_m: float) -> float:
+        """End of the held authority as far as the train uses it. Without one: its front."""
+        if self.held is None:
+            return front_max_m
+        return min(self.held.end_m, max(self._limit_m, front_max_m))
 
     def is_young(self, now_ns: int) -> bool:
         """Whether the train holds an authority that has not expired."""

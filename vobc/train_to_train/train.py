@@ -147,8 +147,9 @@ class TrainCore:
             return self._takes_no_part(now_ns)
         if self.memory.out_of_service:
             own = own._replace(out_of_service=True)
+        limit_m = self._limit_m(now_ns, own)
         for desk in self._desks.values():
-            desk.member.settle(now_ns, own)
+            desk.member.settle(now_ns, own, limit_m=limit_m)
         for number, desk in self._desks.items():
             concerned = number in areas
             relation = self._relation(desk.area, now_ns)
@@ -159,8 +160,8 @@ class TrainCore:
             if desk.refused:
                 self.refusals.update(desk.refused)
                 desk.refused.clear()
-            desk.member.settle(now_ns, own)
-        return self._stepped(now_ns, own, sent)
+            desk.member.settle(now_ns, own, limit_m=limit_m)
+        return self._stepped(now_ns, own, sent, limit_m)
 
     def _listen(self, now_ns: int) -> None:
         """Update the areas in which the train listens.
@@ -328,11 +329,10 @@ class TrainCore:
         before_m = known_m - self._config.behind_axle_m
         return result._replace(end_m=min(result.end_m, max(before_m, own.front_max_m)))
 
-    def _behind_train_ahead(self, held: HeldAuthority, now_ns: int, own: OwnTrain) -> HeldAuthority:
-        """End the authority behind the nearest train received ahead, whatever masters grant."""
+    def _limit_m(self, now_ns: int, own: OwnTrain) -> float:
+        """Farthest end of an authority, whatever masters grant: behind the nearest train ahead."""
         ahead = TrainAhead(self._ahead.rear_m(now_ns, own), self._config.behind_rear_m)
-        limit_m = max(self._guards.member.behind_train_ahead_m(ahead), own.front_max_m)
-        return held if held.end_m <= limit_m else held._replace(end_m=limit_m)
+        return max(self._guards.member.behind_train_ahead_m(ahead), own.front_max_m)
 
     def _back_m(self, area: Area) -> float:
         """Hindmost place for a jog. The rear must not cross a border, even if it rolls back from
@@ -364,7 +364,9 @@ class TrainCore:
         self._due_ns = now_ns + IDLE_NS
         return Stepped(None, None, ())
 
-    def _stepped(self, now_ns: int, own: OwnTrain, sent: list[T2tMessage]) -> Stepped:
+    def _stepped(
+        self, now_ns: int, own: OwnTrain, sent: list[T2tMessage], limit_m: float
+    ) -> Stepped:
         memory, due_ns = self.memory, now_ns + IDLE_NS
         roles: list[tuple[int, Role]] = []
         within = 0
@@ -381,8 +383,8 @@ class TrainCore:
         self.memory, self._stored = memory, True
         self._due_ns = due_ns
         authority = self._authority(now_ns, own) if own.localised else None
-        if authority is not None:
-            authority = self._behind_train_ahead(authority, now_ns, own)
+        if authority is not None and authority.end_m > limit_m:
+            authority = authority._replace(end_m=limit_m)
         age_max_ns = self._config.timers.authority_ms * NS_PER_MS
         young = authority is not None and now_ns - authority.echo_ns <= age_max_ns
         return Stepped(

@@ -1,6 +1,7 @@
 """A member of one area: the terms it obeys, the authorities it takes, the farthest point it may
 reach."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -368,6 +369,20 @@ def test_the_farthest_point_covers_front_held_end_and_the_stopping_place_of_form
         assert each.latent_m >= max(front_m, held_m, min(before_m, front_m + stops_m))
         assert each.latent_m <= max(front_m, held_m, front_m + stops_m)
         before_m = each.latent_m
+
+
+@pytest.mark.parametrize(
+    ("limit_m", "end_m"), [(math.inf, 900.0), (901.0, 900.0), (700.0, 700.0), (400.0, 500.0)]
+)
+def test_it_reports_its_authority_as_far_as_it_uses_it(limit_m: float, end_m: float) -> None:
+    each = member()
+    assert each.held_end_m(500.0) == 500.0
+    assert each.takes(authority(900.0), 0) == ""
+
+    each.settle(1, own(500.0), limit_m=limit_m)
+
+    assert each.held_end_m(500.0) == end_m
+    assert each.latent_m == 900.0
 
 
 # Terms on a secured line.
