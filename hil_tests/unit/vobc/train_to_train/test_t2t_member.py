@@ -5,7 +5,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vobc.train_to_train.guards import MemberGuards
@@ -445,6 +445,20 @@ def test_less_than_a_majority_of_valid_grants_proves_nothing(
     assert not each.on_heartbeat(shown(*second, FIRST, stamp_ns=10), 1)
     assert each.memory == AreaMemory(1, 4, MASTER)
     assert not each.new_promise
+
+
+@given(st.lists(st.tuples(st.sampled_from(ARBITERS), st.booleans()), max_size=5))
+@settings(max_examples=40)
+def test_no_term_is_obeyed_without_valid_grants_of_two_different_arbiters(
+    drawn: list[tuple[int, bool]],
+) -> None:
+    each = secured_member()
+    grants = [signed(arbiter) if good else signed(arbiter, term=6) for arbiter, good in drawn]
+
+    obeyed = each.fences(shown(*grants))
+
+    assert obeyed is (len({arbiter for arbiter, good in drawn[:2] if good}) == 2)
+    assert each.memory == (AreaMemory(1, 5, RIVAL) if obeyed else AreaMemory(1, 4, MASTER))
 
 
 def test_a_grant_counts_until_its_end_by_the_clock_of_the_holder() -> None:
