@@ -241,6 +241,8 @@ class World:
             traction_efficiency_ratio=train.traction.efficiency_ratio,
             electric_efficiency_ratio=train.brake.service.electric.efficiency_ratio,
         )
+        electric = train.brake.service.electric
+        self._mapped = not (train.traction.efficiency is None and electric.efficiency is None)
         self.loops: Loops | None = None
         """The analogue loops; None if traction and service brake take their reference from the
         bus."""
@@ -460,9 +462,24 @@ class World:
         self.brake_n = motor_n + trailer_n
         self.consist.load(drive_n, motor_n, trailer_n)
 
+    def _convert_by_maps(self, electric_n: float) -> None:
+        """Set the efficiencies for this speed and these forces."""
+        traction, electric = self.train.traction, self.train.brake.service.electric
+        speed_mps = abs(self.speed_mps)
+        pulls, brakes = traction.efficiency_ratio, electric.efficiency_ratio
+        if traction.efficiency is not None:
+            load_ratio = abs(self.drive_n) / traction.rated_force_n
+            pulls = traction.efficiency.at(speed_mps, load_ratio)
+        if electric.efficiency is not None:
+            load_ratio = electric_n / max(1.0, electric.max_force_n)
+            brakes = electric.efficiency.at(speed_mps, load_ratio)
+        self.power.convert(pulls, brakes)
+
     def _book_energy(self, moved_m: float) -> None:
         power = self.power
         electric_n = min(self.brake.electric_n, self.brake_n)
+        if self._mapped:
+            self._convert_by_maps(electric_n)
         power.step(self.drive_n * moved_m, electric_n * abs(moved_m))
         self.traction.feed(power.effort_ratio)
 

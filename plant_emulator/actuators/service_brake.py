@@ -4,7 +4,7 @@ from typing import Final
 
 from plant_emulator.actuators.response import NS_PER_S, DeadTime, DelayLine, Lag
 from plant_emulator.noise import Generators, NoiseSource, Uniform
-from plant_emulator.train_config import DeadTimeKind, ServiceBrakeConfig
+from plant_emulator.train_config import DeadTimeKind, ServiceBrakeConfig, effort_n
 
 OFF_MPS2: Final = 0.01
 """Deceleration up to which a brake counts as released."""
@@ -177,6 +177,8 @@ class ServiceBrake:
         if total_n == 0.0 or limit_w == 0.0 or speed_mps <= config.fade_end_mps:
             return 0.0
         most_n, most_w = config.max_force_n, min(config.max_power_w, limit_w)
+        if config.effort:
+            most_n, most_w = effort_n(config.effort, speed_mps), limit_w
         if most_n * speed_mps > most_w:
             most_n = most_w / speed_mps
         if speed_mps < config.fade_begin_mps:

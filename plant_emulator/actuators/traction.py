@@ -5,7 +5,7 @@ from typing import Final
 from can_dbc.nodes import Direction
 from can_dbc.traction import TractionCommand, TractionStatus
 from plant_emulator.actuators.response import NS_PER_S, CommandWatch, DeadTime, Hold, Lag
-from plant_emulator.train_config import TractionConfig
+from plant_emulator.train_config import TractionConfig, effort_n
 
 SAFE_COMMAND: Final = TractionCommand(
     force_n=0.0, direction=Direction.NEUTRAL, traction_permitted=False
@@ -220,6 +220,9 @@ class TractionUnit:
         if self._runaway_n is not None:
             return self._runaway_n * self._voltage_ratio
         config = self._config
+        if config.effort:
+            most_n = effort_n(config.effort, speed_mps) * self.effort_ratio
+            return max(-most_n, min(most_n, asked_n))
         most_n = config.rated_force_n * self.effort_ratio
         power_w = config.max_power_w * self.effort_ratio
         if most_n * speed_mps > power_w:

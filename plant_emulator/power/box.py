@@ -219,6 +219,10 @@ class HighVoltageBox:
         if self.heat_j > 0.0:
             self._cool()
 
+    def convert(self, traction_ratio: float, electric_ratio: float) -> None:
+        """Take these efficiencies of traction and electric brake from now on."""
+        self._traction_ratio, self._electric_ratio = traction_ratio, electric_ratio
+
     # The methods below serve a train on a line's network.
 
     def join(self) -> None:

@@ -24,6 +24,7 @@ from plant_emulator.train_config.sensors import (
     SensorConfig,
     TachoConfig,
 )
+from plant_emulator.train_config.tables import EfficiencyMap, EffortPoint, effort_n
 from plant_emulator.train_config.train import (
     PACKAGE,
     CarConfig,
@@ -44,6 +45,8 @@ __all__ = [
     "DeadTimeKind",
     "DoorConfig",
     "UniformSource",
+    "EfficiencyMap",
+    "EffortPoint",
     "ElectricBrakeConfig",
     "EmergencyBrakeConfig",
     "HoldingBrakeConfig",
@@ -64,5 +67,6 @@ __all__ = [
     "TrainConfig",
     "load_train",
     "seen_from_other_cab",
+    "effort_n",
     "with_overrides",
 ]

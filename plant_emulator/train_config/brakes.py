@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from plant_emulator.train_config.ranges import Spread, check, check_spread
+from plant_emulator.train_config.tables import EfficiencyMap, EffortPoint, check_effort
 
 
 class DeadTimeKind(Enum):
@@ -29,8 +30,13 @@ class ElectricBrakeConfig:
     """Speed below which the electric brake gives no force."""
     efficiency_ratio: float
     """Share of the electric brake's power at the rail that reaches the line."""
+    effort: tuple[EffortPoint, ...] = ()
+    """Greatest force over speed. It replaces greatest force and power, but not the fading."""
+    efficiency: EfficiencyMap | None = None
+    """Efficiency by speed and load. It replaces `efficiency_ratio`."""
 
     def __post_init__(self) -> None:
+        check_effort(self.effort)
         check(self, "share_ratio", 0.0, 1.0)
         check(self, "max_force_n", 0.0, 1.0e7)
         check(self, "max_power_w", 0.0, 1.0e8)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from plant_emulator.train_config.ranges import check
+from plant_emulator.train_config.tables import EfficiencyMap, EffortPoint, check_effort
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +20,13 @@ class TractionConfig:
     cut_s: float
     """Time from losing the permission to the open contactor; at most 0.30 s."""
     efficiency_ratio: float
+    effort: tuple[EffortPoint, ...] = ()
+    """Greatest force over speed. It replaces rated force and power, which then only scale loads."""
+    efficiency: EfficiencyMap | None = None
+    """Efficiency by speed and load. It replaces `efficiency_ratio`."""
 
     def __post_init__(self) -> None:
+        check_effort(self.effort)
         check(self, "rated_force_n", 1.0, 1.0e7)
         check(self, "max_power_w", 1.0, 1.0e8)
         check(self, "effort_ratio", 0.0, 1.0)

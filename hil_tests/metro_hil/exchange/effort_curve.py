@@ -76,9 +76,10 @@ def with_effort(train: SurveyedTrain, path: Path) -> SurveyedTrain:
         train,
         force_n=curve.force_n,
         power_w=curve.power_w,
+        effort_points=tuple(points),
         filled=(
             *(note for note in train.filled if not note.startswith(EFFORT)),
-            f"{curve.note} ({path.name})",
+            f"{curve.note} ({path.name}); so the parameters, while the train follows the curve",
         ),
     )
 

@@ -94,6 +94,13 @@ def _consist(train: SurveyedTrain, lengths_m: list[float]) -> dict[str, Any]:
     traction["rated_force_n"] = force_n
     traction["max_power_w"] = train.power_w
     traction["slew_n_per_s"] = SLEW_PER_S * force_n
+    if train.effort_points:
+        (first_mps, first_n), *_ = train.effort_points
+        standing = [] if first_mps == 0.0 else [(0.0, first_n)]
+        traction["effort"] = [
+            {"speed_mps": speed_mps, "force_n": effort_n}
+            for speed_mps, effort_n in (*standing, *train.effort_points)
+        ]
     if train.traction_efficiency_ratio is not None:
         traction["efficiency_ratio"] = train.traction_efficiency_ratio
     service["max_decel_mps2"] = _service_mps2(train)

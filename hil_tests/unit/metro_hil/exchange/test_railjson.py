@@ -256,6 +256,8 @@ def test_a_csv_file_replaces_the_effort_of_the_train(tmp_path: Path) -> None:
     traction = load_train(str(tmp_path / "out" / "Metro_2.toml")).traction
     assert traction.rated_force_n == pytest.approx(80_000.0)
     assert traction.max_power_w == pytest.approx(800_000.0)
+    points = [(point.speed_mps, point.force_n) for point in traction.effort]
+    assert points == [(0.0, 80e3), (pytest.approx(10.0), 80e3), (pytest.approx(20.0), 40e3)]
 
 
 @given(
