@@ -180,8 +180,8 @@ def _write_line(path: Path, chance: np.random.Generator, train: str) -> tuple[fl
     start_m = begin_m + length_m + 20.0
     stop_m = start_m + float(round(chance.uniform(*HOP_M)))
     end_m = stop_m + 300.0
-    limits = _pieces(chance, begin_m, end_m, LIMITS_MPS)
-    gradients = _pieces(chance, begin_m, end_m, (-1.0, 1.0))
+    limits = pieces(chance, begin_m, end_m, LIMITS_MPS)
+    gradients = pieces(chance, begin_m, end_m, (-1.0, 1.0))
     for steepest_permille in STEEPEST_PERMILLE:
         document = {
             "name": path.stem,
@@ -246,7 +246,7 @@ def _tags(start_m: float, stop_m: float) -> list[Table]:
     return tags
 
 
-def _pieces(
+def pieces(
     chance: np.random.Generator, begin_m: float, end_m: float, values: tuple[float, float]
 ) -> list[tuple[float, float, float]]:
     """Sections from end to end, with lengths of one order of magnitude."""

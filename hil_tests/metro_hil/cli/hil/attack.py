@@ -34,7 +34,8 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
         "situations by chance: limits and gradients that change every metre to every 200 m, up "
         "to 60 per mille, trains of 1 to 400 m. The judge shares no code with protection. Then "
         "run pairs and triples of faults at conditions, each on a line by chance, under all "
-        "invariants. Situation or run K of a seed S is the first one of the seed S + K.",
+        "invariants; with --networks also services over networks by chance, with faults of their "
+        "switches. Situation, run or network K of a seed S is the first one of the seed S + K.",
     )
     parser.add_argument(
         "--curves",
@@ -44,6 +45,13 @@ def add(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     )
     parser.add_argument(
         "--runs", type=number(0), default=RUNS, metavar="N", help=f"number of runs; default: {RUNS}"
+    )
+    parser.add_argument(
+        "--networks",
+        type=number(0),
+        default=0,
+        metavar="N",
+        help="number of networks, each with a service; default: 0",
     )
     parser.add_argument(
         "--seed", type=number(0), default=1, metavar="S", help="the first seed; default: 1"
@@ -78,10 +86,18 @@ def run(options: argparse.Namespace) -> int:
         )
     if options.controller is not None:
         read_controller(options.controller)
-    if not options.curves and not options.runs:
+    if not options.curves and not options.runs and not options.networks:
         raise UsageError("--curves 0 --runs 0: nothing to try; raise one of them")
+    if options.networks and options.runs:
+        raise UsageError(
+            f"--networks {options.networks}: makes a campaign of its own; add --runs 0"
+        )
+    if options.networks and foreign:
+        raise UsageError(
+            f"--networks {options.networks}: needs the shipped controller, which changes ends"
+        )
     code = _attack_curves(options) if options.curves else EXIT_OK
-    if options.runs and not (code and options.fail_fast):
+    if (options.runs or options.networks) and not (code and options.fail_fast):
         code = max(code, _attack_runs(options))
     return code
 
@@ -91,13 +107,17 @@ def _attack_runs(options: argparse.Namespace) -> int:
     import tempfile
     from pathlib import Path
 
+    from metro_hil.attack.networks import write_networks
     from metro_hil.attack.runs import write_attack
     from metro_hil.campaign import plan_cases, read_campaign
     from metro_hil.engine.choosing import choose
     from metro_hil.engine.folder import CampaignPlan, make_folder
 
+    write, count = (
+        (write_networks, options.networks) if options.networks else (write_attack, options.runs)
+    )
     with tempfile.TemporaryDirectory() as folder:
-        campaign = read_campaign(str(write_attack(Path(folder), options.seed, options.runs)))
+        campaign = read_campaign(str(write(Path(folder), options.seed, count)))
     cases = choose(plan_cases(campaign), controller=options.controller)
     check_on(options.on, [case.bench.value for case in cases])
     plan = CampaignPlan(
