@@ -153,6 +153,17 @@ class RouteSet:
     route: str = "back"
 
 
+@fault("track_closed", FaultPlace.WAYSIDE, Hazard.LOST_SERVICE)
+@dataclass(frozen=True, slots=True)
+class TrackClosed:
+    """The signaller closes a track for work: no route leads into it until the end.
+
+    A train on the track is not affected.
+    """
+
+    track: str = "stem"
+
+
 @fault("rear_unprotected", FaultPlace.WAYSIDE, Hazard.UNWANTED_MOTION)
 @dataclass(frozen=True, slots=True)
 class RearUnprotected:

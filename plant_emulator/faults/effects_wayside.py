@@ -27,6 +27,7 @@ from plant_emulator.faults.declared_wayside import (
     SwitchStray,
     SwitchStuck,
     TemporaryRestriction,
+    TrackClosed,
     WrongMap,
     WrongSideAuthorised,
 )
@@ -70,6 +71,7 @@ class WaysideEffects:
         self._machines = {} if railway.interlocking is None else railway.interlocking.machines
         self._switches: dict[tuple[str, str], SharedSetting[bool]] = {}
         self._routes = SharedSetting[str](_signaller(railway))
+        self._closed = SharedSetting[str](_closes(railway))
         self._shifted = SharedSetting[float](shift)
         self._orders = SharedSetting[Change](self._order)
         self._signals = SharedSetting[float](zone.show_stop)
@@ -117,6 +119,8 @@ class WaysideEffects:
                 return self._switch(switch, "stuck"), True
             case RouteSet(route=route):
                 return self._routes, route
+            case TrackClosed(track=track):
+                return self._closed, track
             case WrongMap(shift_m=shift_m):
                 return self._shifted, shift_m
             case RearUnprotected():
@@ -136,6 +140,16 @@ class WaysideEffects:
 def _signaller(railway: Railway) -> Callable[[Sequence[str]], None]:
     interlocking = railway.interlocking
     return (lambda found: None) if interlocking is None else interlocking.set_by_hand
+
+
+def _closes(railway: Railway) -> Callable[[Sequence[str]], None]:
+    interlocking = railway.interlocking
+
+    def close(found: Sequence[str]) -> None:
+        if interlocking is not None:
+            interlocking.closed = frozenset(found)
+
+    return close
 
 
 def _change(parameters: Any) -> Change | None:

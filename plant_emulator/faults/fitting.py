@@ -7,14 +7,20 @@ from can_dbc.nodes import Node
 from firmware_py.settings import SettingsError, nearest
 from firmware_py.trackdb.network import TrackNetwork
 from plant_emulator.faults.declared_loops import LOOP_FAULTS
-from plant_emulator.faults.declared_wayside import RouteSet, SwitchLost, SwitchStray, SwitchStuck
+from plant_emulator.faults.declared_wayside import (
+    RouteSet,
+    SwitchLost,
+    SwitchStray,
+    SwitchStuck,
+    TrackClosed,
+)
 from plant_emulator.faults.kinds import FaultPlace, Kind
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.foreign import ForeignParts
 from plant_emulator.train_config import TrainConfig
 
 EFFORT: Final = (Node.TCU, Node.BCU)
-TRACK_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck, RouteSet)
+TRACK_FAULTS: Final = (SwitchLost, SwitchStray, SwitchStuck, RouteSet, TrackClosed)
 """Faults that need a network with switches."""
 NODES_OF_PLACE: Final[Mapping[FaultPlace, tuple[Node, ...]]] = {
     FaultPlace.ACTUATOR: EFFORT,
@@ -61,15 +67,20 @@ def check_fitting(
 
 
 def _check_network(plan: FaultPlan, source: str, network: TrackNetwork | None) -> None:
-    key = "route" if isinstance(plan.parameters, RouteSet) else "switch"
+    kinds = {RouteSet: "route", TrackClosed: "track"}
+    key = kinds.get(type(plan.parameters), "switch")
     value = getattr(plan.parameters, key)
     where = f"{source}: fault[{plan.index}].{key}: {value!r}"
     if network is None:
         raise SettingsError(
             f"{where}: the line has no switch; run the train over a route of a network with one"
         )
-    known = network.routes if key == "route" else network.switches
-    names = [each.name for each in known]
+    known = {
+        "route": [route.name for route in network.routes],
+        "track": [track.name for track in network.tracks],
+        "switch": [switch.name for switch in network.switches],
+    }
+    names = known[key]
     if value not in names:
         raise SettingsError(f"{where}: {nearest(value, names, key)}")
 

@@ -55,6 +55,7 @@ from plant_emulator.faults.declared_wayside import (
     SwitchLost,
     SwitchStray,
     SwitchStuck,
+    TrackClosed,
     WrongMap,
     WrongSideAuthorised,
 )
@@ -234,6 +235,8 @@ def _of_switches(parameters: Any, railway: Railway) -> Touch | None:
             return lambda: machines[switch].detected is not machines[switch].aim
         case RouteSet(route=route):
             return lambda: interlocking.is_set(route)
+        case TrackClosed(track=track):
+            return lambda: interlocking.needs(track)
     return None
 
 

@@ -201,6 +201,8 @@ class Interlocking:
         self._to_m, self._front_m, self._rear_m = to_m, front_m, rear_m
         self._held: dict[str, list[_Held]] = {}
         self._by_hand: tuple[str, ...] = ()
+        self.closed: frozenset[str] = frozenset()
+        """Tracks that are closed for work: no route leads into them."""
         self.refusals = 0
         """Number of requests that were refused."""
         for crossing in self._crossings():
@@ -217,6 +219,15 @@ class Interlocking:
     def is_set(self, route: str) -> bool:
         """Whether the signaller's route is locked."""
         return route in self._held
+
+    def needs(self, track: str) -> bool:
+        """Whether a route ahead of the train leads into a track."""
+        return any(
+            leg.track.name == track
+            for section in self._ahead
+            if section.crossings[0].at_m < self._to_m and not self._is_behind(section)
+            for leg in section.tracks
+        )
 
     def step(self, now_ns: int, *, front_m: float, rear_m: float) -> None:
         """Release what the train has left, request what it needs, and move switches."""
@@ -263,8 +274,10 @@ class Interlocking:
 
     def _is_proven(self, section: Section) -> bool:
         held = self._own(section)
-        return held is not None and all(
-            self.machines[switch].detected is lie for switch, lie, _ in held.switches
+        return (
+            held is not None
+            and self.closed.isdisjoint(held.tracks)
+            and all(self.machines[switch].detected is lie for switch, lie, _ in held.switches)
         )
 
     def _request_ahead(self) -> None:
@@ -291,6 +304,8 @@ class Interlocking:
 
     def _is_free(self, holder: str, section: Section) -> bool:
         tracks = {leg.track.name for leg in section.tracks}
+        if not tracks.isdisjoint(self.closed):
+            return False
         if holder != TRAIN and not tracks.isdisjoint(self._occupied()):
             return False
         others = [held for name, routes in self._held.items() if name != holder for held in routes]

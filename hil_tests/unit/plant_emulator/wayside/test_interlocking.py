@@ -162,6 +162,22 @@ def test_a_route_set_by_hand_goes_first_and_keeps_the_train_waiting() -> None:
     assert bench.limit_m > 1145.0
 
 
+def test_a_closed_track_keeps_the_train_out_and_does_not_stop_one_that_is_in_it() -> None:
+    bench = Bench(f"{FERRY}:out", to_m=700.0, front_m=0.0)
+    bench.inner.closed = frozenset({"east"})
+    bench.run(10.0)
+    assert bench.limit_m == 80.0
+    bench.inner.closed = frozenset()
+    bench.run(MOVE_S + 0.3)
+    assert bench.limit_m == 780.0
+
+    bench.inner.closed = frozenset({"east"})
+    bench.run(0.1, 70.0)
+    assert bench.limit_m == 80.0
+    bench.run(0.1, 100.0 + CLEAR_M + LENGTH_M + 1.0)
+    assert bench.limit_m == 780.0
+
+
 def test_flank_protection_turns_the_far_switch_of_a_crossover_away(tmp_path: Path) -> None:
     """Straight routes on both tracks go together; one over the crossover excludes both."""
     name = crossover(tmp_path)
