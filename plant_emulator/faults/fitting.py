@@ -82,7 +82,7 @@ def _check_network(plan: FaultPlan, source: str, network: TrackNetwork | None) -
     }
     names = known[key]
     if value not in names:
-        raise SettingsError(f"{where}: {nearest(value, names, key)}")
+        raise SettingsError(f"{where}: no such {key}; {nearest(value, names, 'name')}")
 
 
 def nodes_of(kind: Kind) -> tuple[Node, ...]:

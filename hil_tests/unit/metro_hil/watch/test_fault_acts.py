@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pytest
 
@@ -12,10 +12,12 @@ from plant_emulator.cli.by_hand import FAULT_ACTS, FAULT_RECORD
 from plant_emulator.faults.described import UNITS
 from plant_emulator.faults.kinds import BENCH_PLACES, CATALOGUE
 
+JUNCTION: Final = Path(__file__).resolve().parents[4] / "docs/examples/line/junction.toml"
 
-def acts_of(folder: Path, *, lockstep: bool) -> FaultActs:
+
+def acts_of(folder: Path, *, lockstep: bool, line: str = "florence") -> FaultActs:
     text = f'[options]\nconsist = "florence4"\nlockstep = {str(lockstep).lower()}\n'
-    (folder / "run.toml").write_text(text)
+    (folder / "run.toml").write_text(f'{text}line = "{line}"\n')
     return open_fault_acts(folder)
 
 
@@ -65,6 +67,21 @@ def test_the_page_says_what_this_run_cannot_have(tmp_path: Path, lockstep: bool)
         "loop_offset",
         "loop_short",
     }
+
+
+def test_a_person_sets_routes_and_fails_switches_of_a_network_alone(
+    acts: FaultActs, tmp_path: Path
+) -> None:
+    wanted = {"act": "start", "fault": "route_set", "values": {"route": "back"}}
+    assert "no switch" in acts.act(wanted)
+    assert "no switches" in kinds_of(acts)["switch_stray"]["missing"]
+
+    network = acts_of(tmp_path, lockstep=True, line=f"{JUNCTION}:out")
+
+    assert network.act(wanted) == ""
+    assert kinds_of(network)["switch_stray"]["missing"] == ""
+    wrong = {"act": "start", "fault": "switch_lost", "values": {"switch": "W9"}}
+    assert "switch: 'W9': no such switch; valid names: W1" in network.act(wrong)
 
 
 def test_acts_reach_the_plant_with_the_number_of_the_record(
