@@ -148,12 +148,7 @@ class PlantDevice:
         reports = reports or any(plan.window.reads_controller for plan in faults)
         self.wire = Wire(open_port, DISPLAYED if scenario.driver else REPORTS if reports else ())
         self._absent = _absent_nodes(scenario, foreign)
-        self.railway = Railway(
-            scenario.wayside_line or scenario.line,
-            scenario.destination,
-            _interlocking(scenario, self.world),
-        )
-        self.railway.keep_until(start_ns + round(scenario.layover_s * NS_PER_S))
+        self.railway = _railway(scenario, self.world, start_ns)
         self._platform_doors = self.railway.doors
         self._tags, self._radio, self._truth = tags, radio, truth
         self._start_ns, self._epoch_offset_ns = start_ns, epoch_offset_ns
@@ -443,18 +438,21 @@ class PlantDevice:
         self._write_truth()
 
 
-def _interlocking(scenario: TrainScenario, world: World) -> Interlocking | None:
-    """The interlocking of a network with switches."""
-    if scenario.tracks is None:
-        return None
-    network, path = scenario.tracks
-    return Interlocking(
-        network,
-        path,
-        to_m=scenario.destination.stop_m,
-        front_m=world.front_m,
-        rear_m=world.front_m - world.length_m,
-    )
+def _railway(scenario: TrainScenario, world: World, start_ns: int) -> Railway:
+    """The rest of the railway, with an interlocking if the network has switches."""
+    interlocking = None
+    if scenario.tracks is not None:
+        network, path = scenario.tracks
+        interlocking = Interlocking(
+            network,
+            path,
+            to_m=scenario.destination.stop_m,
+            front_m=world.front_m,
+            rear_m=world.front_m - world.length_m,
+        )
+    railway = Railway(scenario.wayside_line or scenario.line, scenario.destination, interlocking)
+    railway.keep_until(start_ns + round(scenario.layover_s * NS_PER_S))
+    return railway
 
 
 def _absent_nodes(scenario: TrainScenario, foreign: ForeignParts | None) -> frozenset[Node]:
