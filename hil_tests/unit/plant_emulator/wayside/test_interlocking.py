@@ -11,7 +11,6 @@ from firmware_py.trackdb.circuit import load_network, load_path
 from plant_emulator.wayside.interlocking import (
     CLEAR_M,
     MOVE_S,
-    SIGNAL_M,
     Interlocking,
     Lie,
     sections_of,
@@ -38,12 +37,18 @@ routes = [
 """
 
 
-def crossover(folder: Path) -> str:
+def crossover(folder: Path, length_m: float = 60.0, main_m: float = 300.0) -> str:
     tracks = ",\n    ".join(
         f'{{ name = "{name}", start_m = 0.0, end_m = {end_m}, limits = [{{ start_m = 0.0, '
         f'end_m = {end_m}, limit_mps = 10.0 }}], platforms = [{{ station = "{name}", '
         f"start_m = 0.0, end_m = {end_m}, stop_up_m = {end_m - 30.0}, dwell_s = 5.0 }}] }}"
-        for name, end_m in (("a", 300.0), ("b", 300.0), ("c", 300.0), ("d", 300.0), ("x", 60.0))
+        for name, end_m in (
+            ("a", main_m),
+            ("b", 300.0),
+            ("c", 300.0),
+            ("d", 300.0),
+            ("x", length_m),
+        )
     )
     path = folder / "crossover.toml"
     path.write_text(CROSSOVER.replace("TRACKS", tracks), encoding="utf-8")
@@ -79,7 +84,7 @@ def test_a_path_has_a_signal_before_each_switch() -> None:
     first, second = sections_of(network, path)
 
     # Mill ends at 100 m, and 700 m of the east track follow.
-    assert (first.signal_m, second.signal_m) == (100.0 - SIGNAL_M, 800.0 - SIGNAL_M)
+    assert (first.signal_m, second.signal_m) == (80.0, 780.0)
     assert [(each.switch, each.lie) for each in first.crossings] == [("W1", Lie.RIGHT)]
     assert [(each.switch, each.lie) for each in second.crossings] == [("W2", Lie.LEFT)]
     assert [leg.track.name for leg in first.tracks] == ["east"]
@@ -89,9 +94,10 @@ def test_the_authority_follows_the_route_once_the_switch_has_moved() -> None:
     bench = Bench(f"{FERRY}:out", to_m=700.0, front_m=0.0)
     assert bench.limit_m == 80.0
 
-    bench.run(MOVE_S - 0.1)
+    # It begins to move with the first step, at 0.1 s, and takes 4 s.
+    bench.run(4.0)
     assert bench.limit_m == 80.0
-    bench.run(0.3)
+    bench.run(0.1)
     # The trip ends at Pier, so the route over the switch behind it is not requested.
     assert bench.limit_m == 780.0
     assert bench.inner.unlocked_m == 800.0
@@ -108,7 +114,7 @@ def test_until_the_departure_no_route_is_set() -> None:
 
 
 @pytest.mark.parametrize("fault", ["lost", "strays"])
-@pytest.mark.parametrize(("front_m", "concerned"), [(50.0, True), (165.0, True), (179.0, False)])
+@pytest.mark.parametrize(("front_m", "concerned"), [(50.0, True), (178.5, True), (178.7, False)])
 def test_a_switch_that_fails_takes_the_authority_until_the_rear_is_clear(
     front_m: float, concerned: bool, fault: str
 ) -> None:
@@ -156,7 +162,7 @@ def test_a_route_set_by_hand_goes_first_and_keeps_the_train_waiting() -> None:
     bench.inner.set_by_hand(["back"])
 
     bench.run(10.0)
-    assert bench.limit_m == 900.0 - SIGNAL_M
+    assert bench.limit_m == 880.0
     bench.inner.set_by_hand([])
     bench.run(MOVE_S + 0.3)
     assert bench.limit_m > 1145.0
@@ -197,11 +203,70 @@ def test_a_route_over_a_crossover_has_one_signal_for_both_switches(tmp_path: Pat
 
     (section,) = sections_of(load_network(name), load_path(f"{name}:over"))
 
-    assert section.signal_m == 300.0 - SIGNAL_M
+    assert section.signal_m == 280.0
     assert [(each.switch, each.lie) for each in section.crossings] == [
         ("W1", Lie.RIGHT),
         ("W2", Lie.RIGHT),
     ]
+
+
+@pytest.mark.parametrize(("length_m", "signals"), [(99.9, 1), (100.0, 2)])
+def test_a_track_of_100_m_between_switches_has_a_signal(
+    tmp_path: Path, length_m: float, signals: int
+) -> None:
+    name = crossover(tmp_path, length_m)
+
+    sections = sections_of(load_network(name), load_path(f"{name}:over"))
+
+    assert len(sections) == signals
+    flank = sections_of(load_network(name), load_path(f"{name}:main"))[0].flank
+    # The signal of a longer track shows stop instead.
+    assert flank == ((("W2", Lie.LEFT),) if signals == 1 else ())
+
+
+@pytest.mark.parametrize(("front_m", "asked"), [(79.9, False), (80.0, True)])
+def test_the_route_is_requested_1200_m_before_its_signal(
+    tmp_path: Path, front_m: float, asked: bool
+) -> None:
+    """The first track ends at 1300 m, so its signal is at 1280 m."""
+    name = crossover(tmp_path, main_m=1300.0)
+    bench = Bench(f"{name}:over", to_m=1600.0, front_m=front_m)
+
+    bench.run(10.0)
+
+    assert (bench.inner.machines["W1"].detected is Lie.RIGHT) is asked
+
+
+def test_a_route_of_the_train_over_a_switch_behind_its_last_stop_is_not_requested() -> None:
+    for to_m, limit_m in ((800.0, 780.0), (801.0, float("inf"))):
+        bench = Bench(f"{FERRY}:out", to_m=to_m, front_m=0.0)
+        bench.run(10.0)
+        assert bench.limit_m == limit_m
+
+
+def test_each_track_and_switch_is_released_behind_the_train(tmp_path: Path) -> None:
+    """W1 is at 300 m and W2 at 360 m; the train of 68.6 m stands beyond the first alone."""
+    name = crossover(tmp_path)
+    bench = Bench(f"{name}:over", to_m=600.0, front_m=100.0)
+    bench.run(10.0)
+    bench.inner.set_by_hand(["main"])
+
+    bench.run(1.0, 378.5)
+    assert not bench.inner.is_set("main")
+    bench.run(1.0, 378.7)
+    # W1 is free, but W2 below the train must lie away from the straight route.
+    assert not bench.inner.is_set("main")
+    bench.run(1.0, 438.7)
+    assert bench.inner.is_set("main")
+
+
+def test_a_switch_below_the_train_lies_right_from_the_start(tmp_path: Path) -> None:
+    bench = Bench(f"{crossover(tmp_path)}:over", to_m=600.0, front_m=320.0)
+
+    assert bench.inner.machines["W1"].detected is Lie.RIGHT
+    bench.run(4.2)
+    assert bench.limit_m == float("inf")
+    assert bench.inner.unlocked_m == float("inf")
 
 
 @settings(max_examples=10, deadline=None)
