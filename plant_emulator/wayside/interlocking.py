@@ -151,10 +151,6 @@ class SwitchMachine:
         """The end position that the detection proves; None while it proves none."""
         return None if self.lost else self._lie
 
-    @property
-    def moves(self) -> bool:
-        return self._lie is None
-
     def place(self, lie: Lie) -> None:
         """Put the switch into an end position at once, before the start of a run."""
         self.aim = self._goes_to = self._lie = lie

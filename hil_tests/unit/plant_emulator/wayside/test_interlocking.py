@@ -38,17 +38,14 @@ routes = [
 
 
 def crossover(folder: Path, length_m: float = 60.0, main_m: float = 300.0) -> str:
+    ends_m = dict.fromkeys("bcd", (0.0, 300.0)) | {"a": (0.0, main_m)}
+    # Its own chainage does not begin at 0.
+    ends_m["x"] = (500.0, 500.0 + length_m)
     tracks = ",\n    ".join(
-        f'{{ name = "{name}", start_m = 0.0, end_m = {end_m}, limits = [{{ start_m = 0.0, '
-        f'end_m = {end_m}, limit_mps = 10.0 }}], platforms = [{{ station = "{name}", '
-        f"start_m = 0.0, end_m = {end_m}, stop_up_m = {end_m - 30.0}, dwell_s = 5.0 }}] }}"
-        for name, end_m in (
-            ("a", main_m),
-            ("b", 300.0),
-            ("c", 300.0),
-            ("d", 300.0),
-            ("x", length_m),
-        )
+        f'{{ name = "{name}", start_m = {start_m}, end_m = {end_m}, limits = [{{ start_m = '
+        f"{start_m}, end_m = {end_m}, limit_mps = 10.0 }}], platforms = [{{ station = "
+        f'"{name}", start_m = {start_m}, end_m = {end_m}, stop_up_m = {end_m - 30.0} }}] }}'
+        for name, (start_m, end_m) in ends_m.items()
     )
     path = folder / "crossover.toml"
     path.write_text(CROSSOVER.replace("TRACKS", tracks), encoding="utf-8")
@@ -180,8 +177,12 @@ def test_a_closed_track_keeps_the_train_out_and_does_not_stop_one_that_is_in_it(
     bench.inner.closed = frozenset({"east"})
     bench.run(0.1, 70.0)
     assert bench.limit_m == 80.0
+    assert bench.inner.needs("east")
     bench.run(0.1, 100.0 + CLEAR_M + LENGTH_M + 1.0)
     assert bench.limit_m == 780.0
+    assert not bench.inner.needs("east")
+    # The trip ends at Pier, before the tail.
+    assert not bench.inner.needs("tail")
 
 
 def test_flank_protection_turns_the_far_switch_of_a_crossover_away(tmp_path: Path) -> None:
@@ -196,6 +197,42 @@ def test_flank_protection_turns_the_far_switch_of_a_crossover_away(tmp_path: Pat
     bench.run(10.0)
     assert bench.inner.is_set("side")
     assert not bench.inner.is_set("over")
+
+
+def test_flank_protection_knows_both_legs(tmp_path: Path) -> None:
+    text = Path(crossover(tmp_path)).read_text(encoding="utf-8")
+    swapped = text.replace('left = "b.end", right = "x.end"', 'left = "x.end", right = "b.end"')
+    (tmp_path / "crossover.toml").write_text(swapped, encoding="utf-8")
+    network = load_network(str(tmp_path / "crossover.toml"))
+
+    flanks = [
+        sections_of(network, load_path(f"{tmp_path}/crossover.toml:{name}"))[0].flank
+        for name in ("main", "side", "over")
+    ]
+
+    assert flanks == [(("W2", Lie.RIGHT),), (("W1", Lie.LEFT),), ()]
+
+
+def test_tracks_that_are_joined_behind_a_switch_belong_to_its_route(tmp_path: Path) -> None:
+    text = Path(crossover(tmp_path)).read_text(encoding="utf-8")
+    joined = text.replace('"c.end", "b.start", "d.end"', '"b.start"').replace(
+        "switches = [", 'joins = [{ a = "c.end", b = "d.end" }]\nswitches = ['
+    )
+    joined = joined.replace('["a up", "c up"]', '["a up", "c up", "d down"]')
+    joined = joined.replace('"b up", "d up"', '"b up", "d up", "c down"')
+    joined = joined.replace('["a up", "x up", "d up"]', '["a up", "x up", "d up", "c down"]')
+    (tmp_path / "crossover.toml").write_text(joined, encoding="utf-8")
+    name = str(tmp_path / "crossover.toml")
+    network = load_network(name)
+
+    tracks = {
+        route: [
+            leg.track.name for leg in sections_of(network, load_path(f"{name}:{route}"))[0].tracks
+        ]
+        for route in ("main", "side", "over")
+    }
+
+    assert tracks == {"main": ["c", "d"], "side": ["d", "c"], "over": ["x", "d", "c"]}
 
 
 def test_a_route_over_a_crossover_has_one_signal_for_both_switches(tmp_path: Path) -> None:
