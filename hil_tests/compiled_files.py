@@ -26,6 +26,7 @@ from metro_hil.model.native_copy import (
 ON_COPY: Final = frozenset(
     {
         "test_ato_stops",
+        "test_bench_as_a_whole",
         "test_behind_another_train",
         "test_closed_loop_florence",
         "test_drivers",
