@@ -112,16 +112,18 @@ def told_by_any(measures: dict[str, float | None]) -> dict[str, float | None]:
     }
 
 
+@pytest.fixture(scope="module")
+def shipped() -> CaseResult:
+    return result_of(monitor=[ARRIVES])
+
+
 @pytest.mark.parametrize("controller", OURS, ids=("checkout", "standard input", "socket"))
 def test_the_shipped_controller_as_a_process_runs_the_same_case(
-    controller: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    controller: dict[str, Any], shipped: CaseResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
 
-    ours, shipped = (
-        result_of(controller=controller, monitor=[ARRIVES]),
-        result_of(monitor=[ARRIVES]),
-    )
+    ours = result_of(controller=controller, monitor=[ARRIVES])
 
     assert ours.verdict is Verdict.PASS, ours.reason
     assert ours.chain == shipped.chain
