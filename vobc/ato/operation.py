@@ -164,6 +164,8 @@ class Ato:
         late = not self._jog_moved and self._jog_s > JOG_PATIENCE_S
         if stop is None or late or not inputs.jog_permitted:
             self._slow.end()
+        if inputs.accepted_tag_ids and not self._reverse:
+            self._jog_past_m = min(self._jog_past_m, JOG_PAST_M)
         to_stop_m = 0.0 if stop is None else stop.stop_m - inputs.front_m
         distance_m = -to_stop_m if self._reverse else to_stop_m
         return self._slow.jog(inputs, distance_m + self._jog_past_m, reverse=self._reverse)
