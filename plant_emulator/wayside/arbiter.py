@@ -75,17 +75,20 @@ class ArbiterGuards:
     still be valid."""
 
 
-def of_masters(arbiters: Iterable[Grants], heard: Iterable[T2tMessage]) -> list[T2tMessage]:
-    """Leave out messages of masters under a term that no arbiter has granted to their sender.
+def of_masters(
+    arbiters: Iterable[Grants], heard: Iterable[T2tMessage], *, majority: int
+) -> list[T2tMessage]:
+    """Leave out messages of masters under a term that no majority granted to their sender.
 
-    Objects and track status obey terms, and the highest one for good.
+    Objects and track status obey terms, and the first owner of a term for good. A single arbiter
+    may have granted the same term to another candidate, which lost.
     """
     known = list(arbiters)
     return [
         each
         for each in heard
         if not isinstance(each, Heartbeat | ObjectClaim | RemovalAnswer)
-        or any(arbiter.has_granted(each) for arbiter in known)
+        or sum(arbiter.has_granted(each) for arbiter in known) >= majority
     ]
 
 

@@ -145,7 +145,11 @@ class LineWayside:
             return self._sealed(out)
         others = [each for each in heard if each.destination not in self.arbiters]
         # A wayside without arbiters cannot tell who commands.
-        to_wayside = tuple(of_masters(self._granting, others) if self._granting else others)
+        majority = len(self._granting) // 2 + 1
+        if self._granting:
+            to_wayside = tuple(of_masters(self._granting, others, majority=majority))
+        else:
+            to_wayside = tuple(others)
         if len(others) > len(to_wayside):
             known = {id(each) for each in to_wayside}
             for each in others:

@@ -279,7 +279,8 @@ class WaysideNode:
 
     def step(self, now_ns: int, heard: Sequence[Any]) -> NodeStep:
         if self._crew.arbiters is not None:
-            heard = of_masters(self._crew.arbiters.values(), heard)
+            majority = self._crew.cast.config.majority
+            heard = of_masters(self._crew.arbiters.values(), heard, majority=majority)
         out, moved, due_ns = self._step_objects(now_ns, heard)
         # Lock an object before storing that it is locked; free it only after storing that.
         self._crew.move([each for each in moved if each[1]])

@@ -644,10 +644,20 @@ def test_objects_and_track_receive_only_the_train_to_which_an_arbiter_granted_th
     beat = Heartbeat(train, 65_535, 1, term, 1, 1, 0, Phase.ISSUING, 0, 1)
     request = desk.request(3, 9)
 
-    heard = of_masters([ArbiterRig().arbiter, desk.arbiter], [beat, request])
+    heard = of_masters([ArbiterRig().arbiter, desk.arbiter], [beat, request], majority=1)
 
     assert heard == ([beat, request] if passes else [request])
-    assert of_masters([], [beat]) == []
+    assert of_masters([], [beat], majority=1) == []
+
+
+def test_a_candidate_that_one_arbiter_of_three_granted_the_term_commands_nothing() -> None:
+    """The other two granted the same term to train 2."""
+    desks = [ArbiterRig(), ArbiterRig(), ArbiterRig()]
+    for desk, train in zip(desks, (3, 2, 2), strict=True):
+        assert desk.ask(train, 4).granted
+    beats = [Heartbeat(train, BROADCAST, 1, 4, 1, 1, 0, Phase.ISSUING, 0, 1) for train in (3, 2)]
+
+    assert of_masters([each.arbiter for each in desks], beats, majority=2) == beats[1:]
 
 
 @pytest.mark.parametrize("stamp_ns", [0, 7 * MS, 2**63 - 1])
