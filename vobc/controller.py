@@ -35,6 +35,10 @@ not keep them open for ever."""
 COVERED_MPS: Final = 1.2
 """Distance of the greatest possible speed from the likeliest one that the margins of operation
 cover. It is larger only without a radar."""
+VAGUE_RATIO: Final = 1.5
+"""Reduction of the ceiling relative to the uncertainty, which grows while the train brakes."""
+VAGUE_SLOPE: Final = 4.0
+"""Growth of the reduction from `COVERED_MPS` on. It keeps the ceiling free of steps."""
 SUPPLY_AGE_MAX_S: Final = 0.5
 """Greatest age of a voltage: five periods of the high-voltage box."""
 
@@ -246,6 +250,6 @@ def _line_voltage_v(inputs: CycleInput) -> float | None:
 
 
 def _vague_mps(speed_mps: Interval) -> float:
-    """Part of the speed's uncertainty that the margins of operation do not cover."""
+    """Reduction of the ceiling for an uncertain speed, beyond what the margins cover."""
     ahead_mps = speed_mps.high - speed_mps.best
-    return max(0.0, min(ahead_mps, 2.0 * (ahead_mps - COVERED_MPS)))
+    return max(0.0, min(VAGUE_RATIO * ahead_mps, VAGUE_SLOPE * (ahead_mps - COVERED_MPS)))

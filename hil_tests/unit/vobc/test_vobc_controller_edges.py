@@ -355,12 +355,12 @@ def test_the_line_voltage_counts_while_it_is_fresh_and_the_breaker_closed(
 
 
 @pytest.mark.parametrize(
-    ("ahead_mps", "less_mps"), [(0.5, 0.0), (1.2, 0.0), (1.5, 0.6), (2.4, 2.4), (4.0, 4.0)]
+    ("ahead_mps", "less_mps"), [(0.5, 0.0), (1.2, 0.0), (1.5, 1.2), (1.92, 2.88), (4.0, 6.0)]
 )
 def test_operation_stays_below_the_ceiling_by_what_its_speed_may_be_higher(
     ahead_mps: float, less_mps: float
 ) -> None:
-    """Up to 1.2 m/s the margins of operation cover; from 2.4 m/s on all of it counts."""
+    """The margins of operation cover up to 1.2 m/s; from 1.92 m/s on it counts 1.5 times."""
     between = Between()
     usual_mps = between.seen().ceiling_mps
     speed_mps = Interval(8.0, 10.0, 10.0 + ahead_mps)
