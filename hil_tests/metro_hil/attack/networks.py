@@ -28,7 +28,9 @@ COLUMNS: Final = (2, 7)
 """Range of the number of columns: places along the network, each with one or two tracks."""
 TRIPS: Final = (2, 4)
 STEEPEST_PERMILLE: Final = (30.0, 15.0, 0.0)
-TRIP_S: Final = 240.0
+TRIP_S: Final = 60.0
+LEG_S: Final = 75.0
+"""Time for each track of a route, s. A trip with its stops usually takes less."""
 EDGE_M: Final = 60.0
 """Least length of a track beyond both ends of its platform."""
 SPARE_M: Final = (0.0, 250.0)
@@ -108,7 +110,7 @@ def _scenario(folder: Path, seed: int) -> Table:
             "consist": train,
             "params": train,
             "load_ratio": round(float(chance.uniform(0.0, 1.0)), 3),
-            "duration_s": TRIP_S * len(trips),
+            "duration_s": sum(TRIP_S + LEG_S * len(legs) for legs in routes),
         },
         "fault": [_fault(plan, len(routes)) for _ in range(int(chance.integers(0, 3)))],
     }
