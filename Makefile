@@ -46,7 +46,7 @@ help: ## show this list
 
 setup: $(READY_TO_TEST) ## create .venv with all dependencies for development
 
-WATCH ?= $(if $(filter --trains --and-back,$(RUN_ARGS)),,--watch)
+WATCH ?= $(if $(filter --trains --and-back --service,$(RUN_ARGS)),,--watch)
 
 run: $(READY_TO_RUN) ## bring up a bus and run from one station to the next; RUN_ARGS="--from I --to II"
 	@# With the trap the run ends by itself on Ctrl-C, and its bus is removed afterwards. Without standard
