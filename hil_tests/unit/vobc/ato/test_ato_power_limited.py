@@ -218,7 +218,7 @@ def test_a_limit_is_lower_only_after_a_higher_one(
     assert not lowered(CONFIG, dataclasses.replace(LINE, speed_sections=FLAT), front_m, stop_m)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(left_s=st.floats(100.0, 150.0))
 def test_a_plan_past_a_lower_limit_takes_its_time_with_the_least_energy(left_s: float) -> None:
     way = limited_way()
@@ -233,7 +233,7 @@ def test_a_plan_past_a_lower_limit_takes_its_time_with_the_least_energy(left_s: 
             assert best.energy_m2_per_s2 <= other.energy_m2_per_s2 * 1.03
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(held_mps=st.floats(9.0, 18.9), places_m=st.tuples(*(st.floats(3550.0, 4500.0),) * 2))
 def test_coasting_later_is_never_slower_and_never_cheaper(
     held_mps: float, places_m: tuple[float, float]
