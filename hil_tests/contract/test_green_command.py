@@ -49,7 +49,7 @@ def test_options_without_meaning_for_the_campaign_are_refused(
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["--line", "florence"], "--line florence: only changping has a known supply"),
+        (["--line", "florence"], "--train: is missing; florence needs a train or --traffic"),
         (["--out", "there.toml"], "--out there.toml: exists already"),
         (["--out", "nowhere/x.toml"], "--out nowhere/x.toml: there is no folder nowhere"),
     ],

@@ -203,7 +203,8 @@ def test_the_tables_alone_decode_the_example_messages(
     assert (
         payload[-16:] == hmac.new(bytes.fromhex(key), payload[:-16], hashlib.sha256).digest()[:16]
     )
-    assert (header["version"], header["type"]) == (codec.VERSION, code)
+    key_id, version = divmod(int(header["version and key"]), 16)
+    assert (version, key_id, header["type"]) == (codec.VERSION, 0, code)
     assert f"{code} {kind}" in next(row[3] for row in rows(RADIO, "Envelope") if row[2] == "type")
     assert (header["source"], header["destination"]) == (
         int(example[sender]),
@@ -243,7 +244,7 @@ def test_the_radio_document_has_the_keys_endpoint_and_limits() -> None:
     ]
     assert f"`{DEFAULT_ENDPOINT}`" in RADIO
     assert f"over {codec.MAX_BYTES} bytes" in RADIO
-    assert f"| 0 | 1 | version | {codec.VERSION} |" in RADIO
+    assert f"| 0 | 1 | version and key | {codec.VERSION} in the lower four bits;" in RADIO
     assert f"at most {RESTRICTIONS_MAX}, each" in RADIO
     assert f"newest {INBOX_MESSAGES} messages" in RADIO
     assert INBOX_MESSAGES == ZENOH_INBOX_MESSAGES

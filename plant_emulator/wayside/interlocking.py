@@ -44,7 +44,7 @@ class Lie(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Crossing:
+class SwitchOnPath:
     """A switch on a path, with the end position that the path needs."""
 
     switch: str
@@ -53,11 +53,11 @@ class Crossing:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class RouteSection:
     """The route from one signal of a path to the next."""
 
     signal_m: float
-    crossings: tuple[Crossing, ...]
+    crossings: tuple[SwitchOnPath, ...]
     tracks: tuple[Leg, ...]
     """Tracks behind the first switch, up to the next signal."""
     flank: tuple[tuple[str, Lie], ...]
@@ -70,9 +70,9 @@ class Section:
         return used + tuple((switch, lie, False) for switch, lie in self.flank)
 
 
-def sections_of(network: TrackNetwork, path: Path) -> tuple[Section, ...]:
+def sections_of(network: TrackNetwork, path: Path) -> tuple[RouteSection, ...]:
     """The routes along a path, in running order."""
-    groups: list[tuple[float, list[Crossing], list[Leg]]] = []
+    groups: list[tuple[float, list[SwitchOnPath], list[Leg]]] = []
     for leg, ahead in itertools.pairwise(path.legs):
         crossing = _crossing(network, leg, ahead)
         if crossing is None:
@@ -84,7 +84,7 @@ def sections_of(network: TrackNetwork, path: Path) -> tuple[Section, ...]:
         else:
             groups.append((leg.to_m - SIGNAL_M, [crossing], [ahead]))
     return tuple(
-        Section(
+        RouteSection(
             signal_m,
             tuple(crossings),
             tuple(legs),
@@ -98,18 +98,18 @@ def _is_short(leg: Leg) -> bool:
     return leg.to_m - leg.from_m < SHORT_M
 
 
-def _crossing(network: TrackNetwork, leg: Leg, ahead: Leg) -> Crossing | None:
+def _crossing(network: TrackNetwork, leg: Leg, ahead: Leg) -> SwitchOnPath | None:
     """The switch between two legs of a path; None for a plain join."""
     leaves = f"{leg.track.name}.{'end' if leg.running is Running.UP else 'start'}"
     enters = f"{ahead.track.name}.{'start' if ahead.running is Running.UP else 'end'}"
     for switch in network.switches:
         for lie, end in ((Lie.LEFT, switch.left), (Lie.RIGHT, switch.right)):
             if {leaves, enters} == {switch.tip, end}:
-                return Crossing(switch.name, lie, leg.to_m)
+                return SwitchOnPath(switch.name, lie, leg.to_m)
     return None
 
 
-def _flank(network: TrackNetwork, crossing: Crossing) -> Iterator[tuple[str, Lie]]:
+def _flank(network: TrackNetwork, crossing: SwitchOnPath) -> Iterator[tuple[str, Lie]]:
     """The switch at the far end of a short track beside a crossing, turned away from it.
 
     A longer track has a signal, which shows stop because its route needs the same switch.
@@ -168,7 +168,7 @@ class SwitchMachine:
 class _Held:
     """A route that is locked for a holder."""
 
-    section: Section
+    section: RouteSection
     switches: list[tuple[str, Lie, bool]] = field(default_factory=list)
     tracks: set[str] = field(default_factory=set)
 
@@ -259,16 +259,16 @@ class Interlocking:
                     return crossing.at_m
         return inf
 
-    def _crossings(self) -> Iterator[Crossing]:
+    def _crossings(self) -> Iterator[SwitchOnPath]:
         return (crossing for section in self._ahead for crossing in section.crossings)
 
-    def _own(self, section: Section) -> _Held | None:
+    def _own(self, section: RouteSection) -> _Held | None:
         return next((each for each in self._held.get(TRAIN, ()) if each.section is section), None)
 
-    def _is_behind(self, section: Section) -> bool:
+    def _is_behind(self, section: RouteSection) -> bool:
         return self._rear_m > section.crossings[-1].at_m + CLEAR_M
 
-    def _is_proven(self, section: Section) -> bool:
+    def _is_proven(self, section: RouteSection) -> bool:
         held = self._own(section)
         return (
             held is not None
@@ -286,7 +286,7 @@ class Interlocking:
             if not self._request(TRAIN, (section,)):
                 return
 
-    def _request(self, holder: str, sections: Sequence[Section]) -> bool:
+    def _request(self, holder: str, sections: Sequence[RouteSection]) -> bool:
         """Lock all sections for a holder, or none."""
         if not all(self._is_free(holder, section) for section in sections):
             self.refusals += 1
@@ -298,15 +298,19 @@ class Interlocking:
                 self.machines[switch].aim = lie
         return True
 
-    def _is_free(self, holder: str, section: Section) -> bool:
+    def _is_free(self, holder: str, section: RouteSection) -> bool:
+        return self._tracks_are_free(holder, section) and self._switches_are_free(holder, section)
+
+    def _tracks_are_free(self, holder: str, section: RouteSection) -> bool:
         tracks = {leg.track.name for leg in section.tracks}
         if not tracks.isdisjoint(self.closed):
             return False
         if holder != TRAIN and not tracks.isdisjoint(self._occupied()):
             return False
         others = [held for name, routes in self._held.items() if name != holder for held in routes]
-        if any(not tracks.isdisjoint(held.tracks) for held in others):
-            return False
+        return all(tracks.isdisjoint(held.tracks) for held in others)
+
+    def _switches_are_free(self, holder: str, section: RouteSection) -> bool:
         below = self._below_train()
         for switch, lie, used in section.locks:
             if switch in below and ((used and holder != TRAIN) or below[switch] is not lie):

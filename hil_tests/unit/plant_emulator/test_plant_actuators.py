@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -481,7 +482,7 @@ def test_without_motors_friction_gives_all_of_the_brake() -> None:
 
 
 class TractionStand:
-    def __init__(self, **changes: float) -> None:
+    def __init__(self, **changes: Any) -> None:
         self.config = replace(TRAIN.traction, **changes)
         self.unit = TractionUnit(self.config, step_s=STEP_S, timeout_ns=VITAL_TIMEOUT_NS)
         self.now_ns = 0

@@ -287,7 +287,8 @@ def test_doors_are_open_where_a_side_with_a_platform_is(
     side: PlatformSide, *, left: bool, right: bool
 ) -> None:
     """The nearest station counts, whether before or behind the front."""
-    here = replace(LINE.stations[1], side=side)
+    dwell_s = 0.0 if side is PlatformSide.NONE else LINE.stations[1].dwell_s
+    here = replace(LINE.stations[1], side=side, dwell_s=dwell_s)
     line = replace(LINE, stations=(LINE.stations[0], here, *LINE.stations[2:]))
     shut, opened = DoorState.LOCKED, DoorState.OPEN
     doors = DoorStatus(False, opened if left else shut, opened if right else shut, True)
