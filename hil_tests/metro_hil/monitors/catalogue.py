@@ -434,11 +434,11 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         39,
         "accel",
         "m/s²",
-        "ATO demands an acceleration of at most 0.8 m/s². It demands more brake only where the "
-        "train still decelerates by at most that.",
+        "ATO demands an acceleration of at most 0.8 m/s². It demands more brake only to hold a "
+        "falling gradient, or where the train still decelerates by at most that.",
         "0.85 m/s² less the commanded acceleration: force over the true inertia less service "
-        "deceleration, which counts by at most the true deceleration. Judged in the same states as "
-        "the jerk.",
+        "deceleration. This counts without what gravity adds on falling track, and by at most the "
+        "true deceleration. Judged in the same states as the jerk.",
     ),
     _not(40, "A train with clear track ahead gets an authority in the end.", NO_ENTRY),
 )

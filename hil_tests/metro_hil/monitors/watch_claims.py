@@ -7,6 +7,7 @@ from can_dbc.vobc import AtoPhase, Missing, Supervision, VobcPosition
 from metro_hil.monitors.context import Context
 from metro_hil.monitors.description import Spoken
 from metro_hil.monitors.gauge import Gauge
+from metro_hil.monitors.place import GRAVITY_MPS2
 from metro_hil.monitors.watch_modes import JOG
 from plant_emulator.truth import Truth
 
@@ -234,6 +235,7 @@ class DemandWatch:
     __slots__ = (
         "_accel_mps2",
         "_cycle_ns",
+        "_gravity_mps2",
         "_inertia_kg",
         "_judged",
         "_lateness_ns",
@@ -253,6 +255,7 @@ class DemandWatch:
         train = context.train
         rotating_ratio = train.rotating_mass_percent / 100.0
         self._inertia_kg = train.mass_kg * (1.0 + rotating_ratio)
+        self._gravity_mps2 = GRAVITY_MPS2 / (1.0 + rotating_ratio)
         self._limit_mps2 = context.service_accel_mps2
         self._limit_mps3 = context.service_jerk_mps3
         self._cycle_ns = round(context.cycle_s * NS_PER_S)
@@ -295,8 +298,9 @@ class DemandWatch:
             and spoken.emergency_commanded == spoken.holding_commanded == 0.0
         )
         if judged:
-            # The demand of a weak brake or on falling track may exceed what the train gives.
-            braked_mps2 = min(-accel_mps2, -truth.accel_mps2)
+            # On falling track and with a weak brake the demand may exceed what the train gives.
+            falling_mps2 = -min(0.0, truth.gradient_permille) / 1000.0 * self._gravity_mps2
+            braked_mps2 = min(-accel_mps2 - falling_mps2, -truth.accel_mps2)
             margin_mps2 = self._limit_mps2 - max(accel_mps2, braked_mps2)
             if margin_mps2 < self.accel.least:
                 self.accel.see(margin_mps2, now_ns)

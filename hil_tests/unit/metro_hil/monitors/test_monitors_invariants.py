@@ -737,6 +737,21 @@ def test_the_demand_stays_within_the_comfort_limit(rig: Rig) -> None:
     assert rig.margin("inv-39-accel") == pytest.approx(-0.002, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("gradient_permille", "margin_mps2"),
+    [(30.0, -0.1), (0.0, -0.1), (-30.0, 0.85 - 0.95 + 0.03 * 9.81 / 1.08)],
+)
+def test_on_falling_track_the_brake_may_also_hold_the_gradient(
+    rig: Rig, gradient_permille: float, margin_mps2: float
+) -> None:
+    rig.truth.gradient_permille, rig.truth.accel_mps2 = gradient_permille, -1.0
+
+    rig.say(BrakeCommand, service_decel_mps2=0.95)
+    rig.step(10)
+
+    assert rig.margin("inv-39-accel") == pytest.approx(min(0.85, margin_mps2), abs=1e-6)
+
+
 @pytest.mark.parametrize("decel_mps2", [0.0, 0.7, 0.86])
 def test_more_brake_is_in_order_while_the_train_keeps_the_comfort_limit(
     rig: Rig, decel_mps2: float
