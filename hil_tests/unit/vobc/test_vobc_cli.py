@@ -224,7 +224,7 @@ def test_every_error_is_one_line_and_an_exit_code(
 @pytest.mark.parametrize(
     "words",
     [
-        ["--cycle-ms", "10"],
+        ["--cycle-ms", "4"],
         ["--cycle-ms", "fast"],
         ["--cycle-ms", "nan"],
         ["--priority", "100"],

@@ -1,5 +1,6 @@
 """Line, train and parameters judged together: every relation at both sides of its limit."""
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import resources
@@ -30,11 +31,18 @@ def sloped(permille: float, **changes: Any) -> LineMap:
     return replace(LINE, gradients=(GradientSection(1000.0, 2000.0, permille),), **changes)
 
 
+def lines_in(path: Path) -> list[str]:
+    """Names of the line in a file, or of all routes of a network."""
+    routes = tomllib.loads(path.read_text(encoding="utf-8")).get("routes", [])
+    return [f"{path}:{route['name']}" for route in routes] or [str(path)]
+
+
 @pytest.mark.parametrize("params", [*shipped_names("vobc.params"), "shuttle2"])
 def test_what_ships_is_plausible_on_every_line_that_ships(params: str) -> None:
     path = str(EXAMPLES / "train" / "shuttle2_params.toml") if params == "shuttle2" else params
     config = load_config(path)
-    paths = [str(EXAMPLES / "line" / "harbour.toml"), *map(str, sorted(LINES.glob("*.toml")))]
+    files = [EXAMPLES / "line" / "harbour.toml", *sorted(LINES.glob("*.toml"))]
+    paths = [name for path in files for name in lines_in(path)]
 
     for name in (*shipped_names("firmware_py.trackdb"), *paths):
         assert implausible(config, load_line(name).for_train(config.train.length_m)) == []

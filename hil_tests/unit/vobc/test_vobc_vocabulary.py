@@ -90,6 +90,7 @@ FILLED: dict[str, Any] = {
     "CycleOutput.intervention": Intervention.EMERGENCY_BRAKE,
     "CycleOutput.reason": ReasonCode.CONTROLLER_ENDS,
     "CycleOutput.door_cars": ALL_CARS,
+    "Motion.next_tag_m": math.inf,
     "OdometryRecord.proof": PlaceProof.SET_UP,
 }
 """Defaults that say something. An age is infinite."""

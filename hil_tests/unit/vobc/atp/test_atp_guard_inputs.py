@@ -59,6 +59,7 @@ def test_the_default_verdict_permits_nothing() -> None:
         "door_cars": ALL_CARS,
         "reverse_permitted": False,
         "jog_permitted": False,
+        "jog_to_tag": False,
         "jog_back_m": 0.0,
         "jog_attempts": 0,
         "stop_now": False,
