@@ -297,13 +297,18 @@ def test_ctrl_c_gives_exit_code_130_a_hint_to_resume_and_loses_nothing() -> None
 def test_workers_end_with_a_killed_master() -> None:
     begun_campaign(trial_cases(300, work_s=0.05))
     process = master("resume", "--workers", "2", "--json")
-    until(lambda: len(children_of(process.pid)) == 2)
-    workers = children_of(process.pid)
+    until(lambda: len(workers_of(process.pid)) == 2)
+    workers = workers_of(process.pid)
 
     process.kill()
     process.communicate(timeout=GIVE_UP_S)
 
     until(lambda: not any(_alive(pid) for pid in workers))
+
+
+def workers_of(master_pid: int) -> list[int]:
+    """Processes that the fork server of a campaign has forked."""
+    return [pid for server in children_of(master_pid) for pid in children_of(server)]
 
 
 def _alive(pid: int) -> bool:

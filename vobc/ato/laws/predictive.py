@@ -32,6 +32,8 @@ MOST_SHARE: Final = 2.5
 STEADY_FROM_MPS: Final = 0.1
 LEAST_LEFT_M: Final = 0.02
 """Bounds of speed and distance below which a correction would only be felt."""
+FAULTY_GAIN_RATIO: Final = -0.28
+"""Gain below which the brake is faulty and not weak. Estimates end at -0.3."""
 SLOW_MPS: Final = 1.0
 """Approximate speed at which motors hand over to friction."""
 REJOIN_M: Final = 1.0
@@ -74,6 +76,7 @@ class Predictive:
         "_curve",
         "_demand_mps2",
         "_dt_s",
+        "_faulty",
         "_front",
         "_governor",
         "_gravity_mps2",
@@ -108,6 +111,8 @@ class Predictive:
         self._limits = self._manner.limits
         self._demand_mps2 = 0.0
         self._by_notches = config.output.stage == "notches"
+        self._faulty = False
+        """The brake gave next to nothing since the departure."""
         self._wanted_mps2: float | None = None
         """Brake demand of the cycle before. None: the train did not brake."""
         self._curve = profile.curve_to_stop(config, line, line.end_m)
@@ -158,7 +163,7 @@ class Predictive:
         self.speed_mps = 0.0
 
     def set_off(self, inputs: vocabulary.AtoInput, demand_mps2: float) -> None:
-        self._braking = self._pulls = False
+        self._braking = self._pulls = self._faulty = False
         self._slowing_to = -1
         self._planned_for = None
         self._model.meet(inputs.speed_mps)
@@ -206,9 +211,11 @@ class Predictive:
     def _weak_mps2(self) -> float:
         """Brake demand beyond the comfort limit that a weak brake needs to reach this limit.
 
-        On a slippery rail a higher demand would only let the wheels slide.
+        On a slippery rail a higher demand would only let the wheels slide. A brake that gives next
+        to nothing is faulty, and may come back at any time before the next departure.
         """
-        if self._rail.slippery:
+        self._faulty = self._faulty or self._model.gain_ratio < FAULTY_GAIN_RATIO
+        if self._rail.slippery or self._faulty:
             return 0.0
         gain_ratio = min(0.0, self._model.most_gain_ratio)
         return self._config.limits.accel_mps2 * (1.0 / (1.0 + gain_ratio) - 1.0)
