@@ -68,7 +68,9 @@ class CompiledFiles:
         self._reports: dict[Path, Reports | None] = {}
 
     @pytest.hookimpl(tryfirst=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> bool | None:
+    def pytest_runtest_protocol(
+        self, item: pytest.Item, nextitem: pytest.Item | None
+    ) -> bool | None:
         if item.path.stem not in self._files:
             return None
         if item.path not in self._reports:
@@ -81,6 +83,8 @@ class CompiledFiles:
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
         for report in reports[item.nodeid]:
             item.ihook.pytest_runtest_logreport(report=report)
+        # The test before left standing what this test would share with it.
+        item.ihook.pytest_runtest_teardown(item=item, nextitem=nextitem)
         item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
 

@@ -30,13 +30,16 @@ def test_the_named_files_exist(checkout: Path) -> None:
 
 
 def ran(request: pytest.FixtureRequest, folder: Path, copy: Path | None) -> Any:
-    """Outcomes and texts of the sample's tests, and whether they were run on the copy."""
+    """Outcomes and texts of the sample's tests, whether they were run on the copy, and the item
+    after each one that was."""
     path = folder / "test_sample.py"
     path.write_text(SAMPLE, encoding="utf-8")
     found: dict[str, list[pytest.TestReport]] = {}
+    followers: list[Any] = []
     hook = SimpleNamespace(
         pytest_runtest_logstart=lambda nodeid, location: found.setdefault(nodeid, []),
         pytest_runtest_logreport=lambda report: found[report.nodeid].append(report),
+        pytest_runtest_teardown=lambda item, nextitem: followers.append(nextitem),
         pytest_runtest_logfinish=lambda nodeid, location: None,
     )
     session = SimpleNamespace(items=[])
@@ -45,8 +48,12 @@ def ran(request: pytest.FixtureRequest, folder: Path, copy: Path | None) -> Any:
         session.items.append(SimpleNamespace(path=path, session=session, ihook=hook, **item))
     config: Any = SimpleNamespace(rootpath=folder, hook=request.config.hook)
     files = CompiledFiles(config, frozenset({"test_sample"}), lambda: copy)
-    taken = [files.pytest_runtest_protocol(item) for item in session.items]
-    return taken, found
+    items = session.items
+    taken = [
+        files.pytest_runtest_protocol(item, following)
+        for item, following in zip(items, [*items[1:], None], strict=True)
+    ]
+    return taken, found, [each and each.nodeid for each in followers]
 
 
 def test_each_test_on_the_copy_is_reported_and_one_without_a_report_fails(
@@ -56,7 +63,7 @@ def test_each_test_on_the_copy_is_reported_and_one_without_a_report_fails(
     copy.mkdir()
     (copy / "only_in_the_copy.py").write_text("NUMBER = 7\n", encoding="utf-8")
 
-    taken, found = ran(request, tmp_path, copy)
+    taken, found, _ = ran(request, tmp_path, copy)
 
     outcomes = {
         name.partition("::test_")[2]: [each.outcome for each in reports if each.when == "call"]
@@ -70,4 +77,12 @@ def test_each_test_on_the_copy_is_reported_and_one_without_a_report_fails(
 def test_without_a_copy_the_worker_runs_the_tests_itself(
     request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
-    assert ran(request, tmp_path, None) == ([None] * 3, {})
+    assert ran(request, tmp_path, None) == ([None] * 3, {}, [])
+
+
+def test_what_the_test_before_left_standing_is_torn_down_for_the_next_one(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    _, _, followers = ran(request, tmp_path, tmp_path)
+
+    assert followers == ["test_sample.py::test_bad", "test_sample.py::test_dies", None]
