@@ -1,5 +1,6 @@
 """The command `plant`: its refusals, and a plant as its own process on the embedded bus."""
 
+import contextlib
 import csv
 import json
 import os
@@ -177,7 +178,10 @@ def test_impossible_faults_are_reported_with_file_and_key(
 
 @pytest.mark.usefixtures("hub")
 def test_the_feed_gets_the_truth_of_every_step_and_all_faults(tmp_path: Path) -> None:
-    """The feed uses instants of the machine's clock; the plant only reports faults of the bus."""
+    """The feed uses instants of the machine's clock; the plant only reports faults of the bus.
+
+    A listener that reads too late loses samples, and the plant counts them.
+    """
     scenario, path = tmp_path / "faults.toml", tmp_path / "feed"
     scenario.write_text(
         '[[fault]]\nkind = "passenger_alarm"\nstart_s = 0.2\nduration_s = 0.1\n'
@@ -189,16 +193,16 @@ def test_the_feed_gets_the_truth_of_every_step_and_all_faults(tmp_path: Path) ->
     before_ns = WallClock().now_ns()
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind(str(path))
-        listener.settimeout(WAIT_S)
+        listener.settimeout(0.1)
         plant = serving(
             *("--faults", scenario, "--truth-feed", path, "--out", out, "--duration", "0.5")
         )
-        reached_s = 0.0
-        while reached_s < 0.4:
-            message = read_message(listener.recv(4096))
-            heard.append(message)
-            if isinstance(message, TruthSample):
-                reached_s = message.truth.t_s
+        ended = False
+        while not ended:
+            ended = plant.poll() is not None
+            with contextlib.suppress(TimeoutError):
+                while True:
+                    heard.append(read_message(listener.recv(4096)))
         said, errors = plant.communicate(timeout=WAIT_S)
     samples = [each for each in heard if isinstance(each, TruthSample)]
     changes = [(each.index, each.active) for each in heard if isinstance(each, FaultChange)]
@@ -206,15 +210,16 @@ def test_the_feed_gets_the_truth_of_every_step_and_all_faults(tmp_path: Path) ->
     summary = json.loads((out / "plant.json").read_text(encoding="utf-8"))
 
     assert errors == ""
-    assert steps_s == [round(0.01 * step, 6) for step in range(len(steps_s))]
-    assert {each.now_ns - samples[0].now_ns for each in samples} == {
-        10_000_000 * step for step in range(len(steps_s))
-    }
+    assert len(heard) == summary["feed_sent"]
+    assert steps_s == sorted(set(steps_s))
+    assert round(100 * steps_s[-1]) + 1 - len(steps_s) <= summary["feed_lost"]
+    assert [each.now_ns - 10_000_000 * round(100 * each.truth.t_s) for each in samples] == [
+        samples[0].now_ns
+    ] * len(samples)
     assert before_ns < samples[0].now_ns < WallClock().now_ns()
     assert changes == [(1, True), (0, True), (0, False)]
     assert "fault 0, passenger_alarm, begins" in said
     assert summary["faults_never_began"] == ["2 wheel_slip"]
-    assert summary["feed_sent"] + summary["feed_lost"] >= len(heard)
 
 
 @pytest.mark.usefixtures("hub")
