@@ -132,13 +132,21 @@ def plan_trips(service: Service, line: str, source: str) -> tuple[PlannedTrip, .
         line: name of the network or line, which replaces that of the service.
         source: name of the file in messages.
     """
+    first = _round(service, line, source, None)
+    if service.round_trips == 1:
+        return first
+    return first + _round(service, line, source, first[-1]) * (service.round_trips - 1)
+
+
+def _round(
+    service: Service, line: str, source: str, last: PlannedTrip | None
+) -> tuple[PlannedTrip, ...]:
+    """Plan one round trip. `last` is the last trip of the round trip before, if there is one."""
     planned: list[PlannedTrip] = []
-    for turn in range(service.round_trips):
-        for index, trip in enumerate(service.trips):
-            before = planned[-1] if planned else None
-            where = f"{source}: trips[{index}]"
-            again = turn > 0 and index == 0
-            planned.append(_planned(trip, line, before, where, again=again))
+    for index, trip in enumerate(service.trips):
+        before = planned[-1] if planned else last
+        again = last is not None and index == 0
+        planned.append(_planned(trip, line, before, f"{source}: trips[{index}]", again=again))
     return tuple(planned)
 
 
