@@ -17,8 +17,10 @@ FINEST_M: Final = 0.1
 window even then, a jog does not help."""
 
 TAG_AHEAD_M: Final = 0.05
-"""Distance past a tag at which its telegram is sure to have been sent, and past the stopping point
-up to which a jog forwards needs no protection of the rear."""
+"""Estimated distance past the stopping point up to which a jog forwards needs no protection of the
+rear, because the stop's tag may still be ahead."""
+TAG_READ_M: Final = 0.05
+"""Distance past a tag from which the antenna has surely read it."""
 
 
 class JogState(enum.Enum):
@@ -70,7 +72,7 @@ class JogFacts:
     @property
     def tag_ahead(self) -> bool:
         """A tag may be ahead that was not read yet, and the train can read it inside the window."""
-        return self.low_m <= self.tag_m <= self.limits.door_window_m - TAG_AHEAD_M
+        return self.low_m <= self.tag_m <= self.limits.door_window_m - TAG_READ_M
 
 
 Guard = Callable[[JogFacts], bool]

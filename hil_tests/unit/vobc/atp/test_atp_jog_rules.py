@@ -38,7 +38,7 @@ LIMITS: Final = replace(
 MOVED_M: Final = 0.1
 """Least distance that counts as a movement, m; stated independently of the source."""
 FINEST_M: Final = 0.1
-TAG_AHEAD_M: Final = 0.05
+TAG_READ_M: Final = 0.05
 
 
 def off(best_m: float, half_m: float = 0.0, **changes: Any) -> JogFacts:
@@ -111,8 +111,8 @@ def test_a_wide_interval_justifies_a_jog_from_outside_the_window(
         (-0.5, False),
         (-0.375, True),
         (0.0, True),
-        (0.25 - TAG_AHEAD_M, True),
-        (math.nextafter(0.25 - TAG_AHEAD_M, 1.0), False),
+        (0.25 - TAG_READ_M, True),
+        (math.nextafter(0.25 - TAG_READ_M, 1.0), False),
         (math.inf, False),
     ],
 )
