@@ -424,10 +424,10 @@ class Ato:
         picked_mps2 = self._stage.pick(wanted_mps2, dt_s, firm=firm)
         # A larger demand would become effective later without jerk limit, as soon as the motors can
         # give it.
-        falling_mps2 = -gradient.decel_on_mps2(self._config, inputs.gradient_permille)
         demand_mps2 = min(picked_mps2, inputs.traction_mps2)
-        falling_mps2 = max(0.0, falling_mps2) + drive.weak_mps2
-        accel_mps2 = self._shaper.step(demand_mps2, dt_s, falling_mps2=falling_mps2)
+        falling_mps2 = -gradient.decel_on_mps2(self._config, inputs.gradient_permille)
+        lost_mps2 = max(0.0, falling_mps2) + drive.weak_mps2
+        accel_mps2 = self._shaper.step(demand_mps2, dt_s, lost_mps2=lost_mps2)
         unready = self._hold and self.phase not in DRIVING | SETTING_OFF
         if accel_mps2 > 0.0 and (unready or (not inputs.doors_locked and not self._seen.under_way)):
             accel_mps2 = self._shaper.drop_traction()

@@ -29,7 +29,7 @@ class Drive:
     pulls: bool = False
     """Uphill gravity brakes, and traction leads the train into its stop."""
     weak_mps2: float = 0.0
-    """Additional brake demand that a weak brake needs to reach the comfort limit."""
+    """Brake demand beyond the comfort limit with which a weak brake still reaches that limit."""
 
 
 class Strategy(Protocol):

@@ -33,7 +33,8 @@ STEADY_FROM_MPS: Final = 0.1
 LEAST_LEFT_M: Final = 0.02
 """Bounds of speed and distance below which a correction would only be felt."""
 FAULTY_GAIN_RATIO: Final = -0.28
-"""Gain below which the brake is faulty and not weak. Estimates end at -0.3."""
+"""Estimated gain below which the brake counts as faulty and not as weak. The estimate ends at -0.3.
+"""
 SLOW_MPS: Final = 1.0
 """Approximate speed at which motors hand over to friction."""
 REJOIN_M: Final = 1.0
@@ -112,7 +113,7 @@ class Predictive:
         self._demand_mps2 = 0.0
         self._by_notches = config.output.stage == "notches"
         self._faulty = False
-        """The brake gave next to nothing since the departure."""
+        """Since the departure the brake was found faulty."""
         self._wanted_mps2: float | None = None
         """Brake demand of the cycle before. None: the train did not brake."""
         self._curve = profile.curve_to_stop(config, line, line.end_m)
@@ -152,6 +153,7 @@ class Predictive:
         ours = inputs.enabled and released
         self._rail.observe(inputs.now_ns, inputs.speed_mps, slips=inputs.slips and ours)
         self._model.step(inputs.speed_mps, self._gravity_mps2, cycles, ours=ours)
+        self._faulty = self._faulty or self._model.gain_ratio < FAULTY_GAIN_RATIO
         before_mps, self.speed_mps = self.speed_mps, self._model.speed_mps
         dt_s = self._dt_s * cycles
         moved_m = (before_mps + self.speed_mps) / 2.0 * dt_s
@@ -211,10 +213,9 @@ class Predictive:
     def _weak_mps2(self) -> float:
         """Brake demand beyond the comfort limit that a weak brake needs to reach this limit.
 
-        On a slippery rail a higher demand would only let the wheels slide. A brake that gives next
-        to nothing is faulty, and may come back at any time before the next departure.
+        On a slippery rail a higher demand would only let the wheels slide. A brake that gave next
+        to nothing is faulty. It may act again at any time, and then strongly.
         """
-        self._faulty = self._faulty or self._model.gain_ratio < FAULTY_GAIN_RATIO
         if self._rail.slippery or self._faulty:
             return 0.0
         gain_ratio = min(0.0, self._model.most_gain_ratio)

@@ -33,9 +33,9 @@ FILTER_TIME_RATIO: Final = 8.0 / 3.0
 / w². The error builds up within about 8 / (3 w)."""
 UNUSUAL_S: Final = 1.9
 UNUSUAL_COST: Final = 8.0
-"""Cost, before anything is measured, of a dead time that is longer than this."""
+"""Cost that a hypothesis of a longer dead time than this starts with."""
 CLEAR_MPS2: Final = 0.3
-"""Brake from which the dead time of its application is clear."""
+"""Estimated deceleration by the brake from which its dead time is known."""
 TRACTION_INSTANT_S: Final = 0.15
 """Uncertainty of the traction delay."""
 FULL_MPS2: Final = 0.8
@@ -50,18 +50,9 @@ class TrainModel:
 
     __slots__ = (
         *("_active", "_active_s", "_arrived", "_bank", "_brake", "_brake_belief", "_demand_mps2"),
-        *(
-            "_dt_s",
-            "_expected_s",
-            "_found_s",
-            "_longest_s",
-            "_handover",
-            "_keep_ratios",
-            "_lags_s",
-            "_late_s",
-            "_motion",
-        ),
-        *("_prior_costs", "_ours", "_output", "_quiet_cycles", "_remains", "_settle_cycles"),
+        *("_dt_s", "_expected_s", "_found_s", "_handover", "_keep_ratios", "_lags_s", "_late_s"),
+        *("_longest_s", "_motion", "_ours", "_output", "_prior_costs", "_quiet_cycles"),
+        *("_remains", "_settle_cycles"),
         *("_taps", "_traction", "_traction_belief", "_traction_late", "_traction_now"),
         *("_traction_tap", "_trail", "_trail_ratio", "brake_mps2", "lag_s", "on_its_way_mps2"),
     )
@@ -118,7 +109,7 @@ class TrainModel:
         """Value of it when all demands under way have arrived."""
         first_s = min(brake.first_dead_time_s, brake.dead_times_s[-1])
         self._expected_s = max(brake.expected_dead_time_s, first_s)
-        """Dead time assumed for the next application."""
+        """Dead time with which the next application is planned."""
         self._longest_s = brake.expected_dead_time_s
         """Longest dead time of an application so far."""
         self._found_s = self._expected_s

@@ -35,12 +35,12 @@ class Limits:
             brake_demand_max_mps2=self.brake_demand_max_mps2,
         )
 
-    def brake_most_mps2(self, falling_mps2: float) -> float:
-        """Greatest brake demand where gravity accelerates the train by this much.
+    def brake_most_mps2(self, lost_mps2: float) -> float:
+        """Greatest brake demand where gravity and a weak brake take away this much of it.
 
         The train itself never decelerates by more than `accel_mps2`.
         """
-        wanted_mps2 = self.accel_mps2 + max(0.0, falling_mps2)
+        wanted_mps2 = self.accel_mps2 + max(0.0, lost_mps2)
         return max(self.accel_mps2, min(self.brake_demand_max_mps2, wanted_mps2))
 
 
@@ -54,12 +54,12 @@ class BrakeBelief:
     """Hypotheses, in rising order, of the time from sending a demand to the first brake effort. The
     last ones stand for a late brake that also builds up slowly."""
     expected_dead_time_s: float = 1.1
-    """Least dead time assumed until an application has shown its own. Too long a value only starts
-    the braking early. Too short a value needs extra braking later, which a weak brake may not have.
-    """
+    """Least dead time with which ATO plans a brake application before it has measured the real one.
+    A value that is too long only starts the braking early. One that is too short needs more brake
+    later, which a weak brake may not give."""
     first_dead_time_s: float = 1.85
-    """Dead time assumed before the first braking. Later the longest one so far is assumed, or
-    `expected_dead_time_s` if that is longer."""
+    """Dead time with which ATO plans its first brake application. It plans later ones with the
+    longest dead time that it has measured, and with `expected_dead_time_s` at least."""
     lag_s: float = 0.35
     """Time constant of the build-up after the dead time. An error in it is identified as dead time.
     A brake that acts sooner than this is assumed to build up as quickly."""

@@ -76,24 +76,24 @@ def test_a_demand_within_the_limits_is_met_exactly() -> None:
 
 
 @pytest.mark.parametrize(
-    ("falling_mps2", "most_mps2"), [(-0.3, 0.8), (0.0, 0.8), (0.1, 0.9), (0.2, 1.0), (0.5, 1.0)]
+    ("lost_mps2", "most_mps2"), [(-0.3, 0.8), (0.0, 0.8), (0.1, 0.9), (0.2, 1.0), (0.5, 1.0)]
 )
 def test_the_brake_demand_may_also_hold_a_falling_gradient_up_to_its_maximum(
-    falling_mps2: float, most_mps2: float
+    lost_mps2: float, most_mps2: float
 ) -> None:
     shaper = Shaper(Limits())
 
     for _ in range(60):
-        shaper.step(-5.0, 0.05, falling_mps2=falling_mps2)
+        shaper.step(-5.0, 0.05, lost_mps2=lost_mps2)
 
     assert shaper.demand_mps2 == pytest.approx(-most_mps2)
-    assert Limits().brake_most_mps2(falling_mps2) == pytest.approx(most_mps2)
+    assert Limits().brake_most_mps2(lost_mps2) == pytest.approx(most_mps2)
 
 
 def test_the_brake_demand_falls_at_the_jerk_limit_where_the_gradient_ends() -> None:
     shaper = Shaper(Limits())
     for _ in range(60):
-        shaper.step(-5.0, 0.05, falling_mps2=0.2)
+        shaper.step(-5.0, 0.05, lost_mps2=0.2)
 
     assert shaper.step(-5.0, 0.05) == pytest.approx(-1.0 + 0.6 * 0.05)
 
