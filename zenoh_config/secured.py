@@ -7,15 +7,24 @@ from typing import Final
 
 from zenoh_config.keys import line_chunk
 from zenoh_config.sessions import DEFAULT_ENDPOINT
+from zenoh_config.t2t import ARBITERS_MAX, FIRST_ARBITER
 
 ENDPOINT: Final = "tls/127.0.0.1:7448"
 """Endpoint in secure.json5 and in all settings generated from it."""
 WAYSIDE_NAME: Final = "wayside"
+TRACK_NAME: Final = "track"
 SUPERVISION_NAME: Final = "supervision"
-"""Names in the certificates; a train's name is T1, T2, ..."""
+"""Names in the certificates. A train's name is T1, T2, ..., that of an arbiter arbiter1, ..."""
+CLIENT_NAMES: Final = (
+    SUPERVISION_NAME,
+    TRACK_NAME,
+    *[f"arbiter{number}" for number in range(1, ARBITERS_MAX + 1)],
+)
+"""Names of the programs that connect to the wayside and are no trains."""
 _FOLDER: Final = '"secure/'
-_EACH: Final = re.compile(
-    r" *// begin of each train\n(?P<one>.*?) *// end of each train\n", re.DOTALL
+_EACH_TRAIN, _EACH_ARBITER = (
+    re.compile(rf" *// begin of each {kind}\n(?P<one>.*?) *// end of each {kind}\n", re.DOTALL)
+    for kind in ("train", "arbiter")
 )
 
 
@@ -27,14 +36,15 @@ def wayside_settings(folder: str, line: str, trains: Iterable[int]) -> str:
     """Return secure.json5 for certificates in `folder`, for the given trains of a line."""
     text = _shipped("secure")
     assert text.count(ENDPOINT) == 1
-    assert len(_EACH.findall(text)) == 3
+    assert len(_EACH_TRAIN.findall(text)) == len(_EACH_ARBITER.findall(text)) == 3
     numbers = sorted(trains)
-    text = _EACH.sub(lambda found: _for_each(found["one"], numbers), text)
+    text = _EACH_TRAIN.sub(lambda found: _for_each(found["one"], numbers), text)
+    text = _EACH_ARBITER.sub(lambda found: _for_each_arbiter(found["one"]), text)
     return text.replace(_FOLDER, f'"{folder}/').replace('"m/loop/', f'"m/{line_chunk(line)}/')
 
 
 def client_settings(folder: str, name: str) -> str:
-    """Return train.json5 with the identity of a train or of supervision."""
+    """Return train.json5 with the identity of a program that connects to the wayside."""
     text = _shipped("train")
     link = "    link: {\n"
     assert text.count(link) == 1
@@ -67,6 +77,14 @@ def _for_each(one: str, trains: Iterable[int]) -> str:
         text = one.replace("T1", train_name(train)).replace("/w/1/", f"/w/{train}/")
         said.append(text.replace('/x/1"', f'/x/{train}"').replace('/*/1"', f'/*/{train}"'))
     return "".join(said)
+
+
+def _for_each_arbiter(one: str) -> str:
+    first = str(FIRST_ARBITER)
+    return "".join(
+        one.replace("arbiter1", f"arbiter{number}").replace(first, str(FIRST_ARBITER + number - 1))
+        for number in range(1, ARBITERS_MAX + 1)
+    )
 
 
 def _shipped(stem: str) -> str:

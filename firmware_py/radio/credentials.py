@@ -1,6 +1,6 @@
 """Credentials of a program on a secured line: certificate, safety-code key, session settings."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -37,7 +37,7 @@ def load_credentials(
     another name, role or authority. A session would only fail without giving the reason.
 
     Args:
-        listens: the program is the wayside, to which the others connect.
+        listens: the program is the wayside's router, to which the others connect.
     """
     folder = Path(folder)
     authority = _certificate(folder / "ca.pem", epoch_ns)
@@ -66,7 +66,7 @@ def load_arbiter_keys(folder: Path | str, arbiters: int) -> dict[int, bytes]:
 
     found = {}
     for number in range(1, arbiters + 1):
-        path = Path(folder) / f"arbiter{number}.pub"
+        path = Path(folder) / f"grants{number}.pub"
         key = _ed25519(path, load_pem_public_key)
         if not isinstance(key, Ed25519PublicKey):
             raise SettingsError(f"{path}: no public Ed25519 key; {ADVICE}")
@@ -74,14 +74,16 @@ def load_arbiter_keys(folder: Path | str, arbiters: int) -> dict[int, bytes]:
     return found
 
 
-def load_arbiter_signing_keys(folder: Path | str, arbiters: int) -> dict[int, "Ed25519PrivateKey"]:
-    """Load the private keys with which arbiters 1 to `arbiters` sign. Raises SettingsError."""
+def load_arbiter_signing_keys(
+    folder: Path | str, arbiters: Iterable[int]
+) -> dict[int, "Ed25519PrivateKey"]:
+    """Load the private keys with which the arbiters of these numbers sign. Raises SettingsError."""
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
     found = {}
-    for number in range(1, arbiters + 1):
-        path = Path(folder) / f"arbiter{number}.key"
+    for number in arbiters:
+        path = Path(folder) / f"grants{number}.key"
         key = _ed25519(path, lambda pem: load_pem_private_key(pem, None))
         if not isinstance(key, Ed25519PrivateKey):
             raise SettingsError(f"{path}: no private Ed25519 key; {ADVICE}")
@@ -107,7 +109,7 @@ def _check_role(path: Path, own: "x509.Certificate", *, listens: bool) -> None:
         usages = set()
     listening, connecting = ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH
     if usages != {listening if listens else connecting}:
-        role = "the wayside alone" if listens else "trains and supervision alone"
+        role = "the wayside alone" if listens else "programs that connect to the wayside"
         raise SettingsError(f"{path}: it is not for the role of {role}; {ADVICE}")
 
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,7 @@ from zenoh_config import t2t_keys
 from zenoh_config.codec import BENCH_KEY, LineKeys, pack, unpack
 from zenoh_config.messages import Refused, RefusedReason
 from zenoh_config.secured import wayside_settings
-from zenoh_config.t2t import AreaAuthority, RosterAck, T2tMessage
+from zenoh_config.t2t import AreaAuthority, LeaseKind, LeaseRequest, RosterAck, T2tMessage
 from zenoh_config.term_grants import GrantCheck, GrantSigner, TermGrant
 
 NS_PER_S = 1_000_000_000
@@ -34,6 +35,7 @@ CLOCK = WallClock()
 NOW_S = CLOCK.epoch_ns() // NS_PER_S
 TO_1 = AreaAuthority(2, 1, 1, 7, 1, 1, 0, 1, 0, 900.0, 80.0, 0, 1, ())
 ACK_TO_1 = RosterAck(65_001, 1, 1, 7, 1, 1, 0, 3)
+REQUEST = LeaseRequest(1, 65_001, 1, 7, 1, 1, 0, LeaseKind.ACQUIRE, 5, 0)
 TO_2 = RosterAck(65_001, 2, 1, 7, 1, 1, 0, 3)
 
 
@@ -136,6 +138,31 @@ def test_messages_of_a_train_under_another_name_are_dropped(line: Line) -> None:
     keys = heard(second, line.wayside, TO_1, as_one)
 
     assert keys == {t2t_keys.key_of("loop", TO_1)}
+
+
+@pytest.mark.parametrize(
+    ("name", "address", "other"),
+    [("arbiter1", 65_001, 0), ("arbiter2", 65_002, 1), ("track", 0, 65_001)],
+)
+def test_each_program_of_the_wayside_sends_under_its_own_address_only(
+    line: Line, name: str, address: int, other: int
+) -> None:
+    sender = line.radio(SessionRole.TRAIN, (), line.credentials(name))
+    first, own = line.train(1), replace(ACK_TO_1, source=address)
+
+    keys = heard(sender, first, own, replace(ACK_TO_1, source=other))
+
+    assert keys == {t2t_keys.key_of("loop", own)}
+
+
+def test_an_arbiter_receives_no_request_to_another_one(line: Line) -> None:
+    topics = (*t2t_keys.of_arbiter("loop", 65_001), *t2t_keys.of_arbiter("loop", 65_002))
+    arbiter = line.radio(SessionRole.TRAIN, topics, line.credentials("arbiter1"))
+    first = line.train(1)
+
+    keys = heard(first, arbiter, REQUEST, replace(REQUEST, destination=65_002))
+
+    assert keys == {t2t_keys.key_of("loop", REQUEST)}
 
 
 def test_only_supervision_sees_sessions_and_only_under_their_true_names(
@@ -281,16 +308,16 @@ def test_the_keys_of_arbiters_belong_to_each_other_and_invalid_ones_are_reported
     make(tmp_path, line="loop", trains=1, days=1.0, hosts=["localhost"], epoch_s=NOW_S)
     check = GrantCheck(load_arbiter_keys(tmp_path, 5))
 
-    for number, key in load_arbiter_signing_keys(tmp_path, 5).items():
+    for number, key in load_arbiter_signing_keys(tmp_path, range(1, 6)).items():
         signed = GrantSigner(key).signed(area=1, term=2, holder=3, arbiter=number, end_ns=4)
         assert check.holds(TermGrant(1, 2, 3, number, 4), signed.signature)
 
-    (tmp_path / "arbiter1.pub").write_text("x")
-    (tmp_path / "arbiter2.key").unlink()
-    with pytest.raises(SettingsError, match=r"arbiter1.pub: no public Ed25519 key; make new"):
+    (tmp_path / "grants1.pub").write_text("x")
+    (tmp_path / "grants2.key").unlink()
+    with pytest.raises(SettingsError, match=r"grants1.pub: no public Ed25519 key; make new"):
         load_arbiter_keys(tmp_path, 3)
-    with pytest.raises(SettingsError, match=r"arbiter2.key: cannot be read: No such file"):
-        load_arbiter_signing_keys(tmp_path, 3)
+    with pytest.raises(SettingsError, match=r"grants2.key: cannot be read: No such file"):
+        load_arbiter_signing_keys(tmp_path, [1, 2])
 
 
 def test_a_certificate_of_another_role_is_refused(tmp_path: Path) -> None:
@@ -298,7 +325,7 @@ def test_a_certificate_of_another_role_is_refused(tmp_path: Path) -> None:
 
     with pytest.raises(SettingsError, match=r"T1.pem: it is not for the role of the wayside alone"):
         load_credentials(tmp_path, "T1", CLOCK.epoch_ns(), listens=True)
-    with pytest.raises(SettingsError, match=r"wayside.pem: it is not for the role of trains and"):
+    with pytest.raises(SettingsError, match=r"wayside.pem: it is not for the role of programs"):
         load_credentials(tmp_path, "wayside", CLOCK.epoch_ns())
 
 

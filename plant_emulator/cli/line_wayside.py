@@ -3,7 +3,7 @@ themselves.
 """
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, TypeVar
@@ -108,8 +108,10 @@ class _Line:
             if serves_track
         }
         boot, secure = clock.epoch_ns() // NS_PER_S, None
+        listens = part in (ALL, ROUTER)
         if options.secure is not None:
-            secure = load_credentials(options.secure, WAYSIDE_NAME, clock.epoch_ns(), listens=True)
+            name = WAYSIDE_NAME if listens else part
+            secure = load_credentials(options.secure, name, clock.epoch_ns(), listens=listens)
         key = line_keys(secure)
         decrees_path = folder and folder / "decrees" if serves_track else None
         decrees = CheckedStore(decrees_path, CentreMemory)
@@ -138,14 +140,14 @@ class _Line:
             database=database_version(line),
             arbiters=every,
             serves_track=serves_track,
-            signers=_signers(options),
+            signers=_signers(options, arbiters),
         )
         self._centre = centre
         self._detection = Detection(areas)
         counters = (subscription(areas.name),) if serves_track else ()
         topics = () if part == ROUTER else (*self._wayside.subscriptions, *counters)
         self._port = open_radio(
-            SessionRole.WAYSIDE if part in (ALL, ROUTER) else SessionRole.TRAIN,
+            SessionRole.WAYSIDE if listens else SessionRole.TRAIN,
             options.line_radio,
             topics,
             clock,
@@ -189,14 +191,15 @@ class _Line:
         self._failed = len(self._wayside.failed)
 
 
-def _signers(options: argparse.Namespace) -> dict[int, GrantSigner] | None:
-    """Return what signs the grants of each arbiter; None on a line that is not secured.
+def _signers(options: argparse.Namespace, arbiters: Iterable[int]) -> dict[int, GrantSigner] | None:
+    """Return what signs the grants of each served arbiter; None on a line that is not secured.
 
     Raises SettingsError.
     """
     if options.secure is None:
         return None
-    keys = load_arbiter_signing_keys(options.secure, options.arbiters)
+    numbers = [address - FIRST_ARBITER + 1 for address in arbiters]
+    keys = load_arbiter_signing_keys(options.secure, numbers)
     return {FIRST_ARBITER + number - 1: GrantSigner(key) for number, key in keys.items()}
 
 
@@ -249,14 +252,10 @@ def _found(store: CheckedStore[M], fresh: M) -> M | None:
 
 
 def _check_part(options: argparse.Namespace) -> None:
-    """Raise SettingsError for a part that the line does not have, or that cannot be secured."""
+    """Raise SettingsError for a part that the line does not have."""
     part = options.part
     if part.startswith(ARBITER) and int(part.removeprefix(ARBITER)) > options.arbiters:
         raise SettingsError(f"--part {part}: the line has --arbiters {options.arbiters}")
-    if part != ALL and options.secure is not None:
-        raise SettingsError(
-            f"--part {part}: not with --secure, because only the whole wayside has a certificate"
-        )
 
 
 def _check_secured(options: argparse.Namespace) -> None:

@@ -25,7 +25,7 @@ from metro_hil.model.run_options import EXIT_ENVIRONMENT, EXIT_OK, EXIT_USAGE
 from zenoh_config.codec import KEY_NUMBERS, parsed_keys
 from zenoh_config.keys import line_chunk
 from zenoh_config.secured import (
-    SUPERVISION_NAME,
+    CLIENT_NAMES,
     WAYSIDE_NAME,
     client_settings,
     train_name,
@@ -79,7 +79,7 @@ def main(words: Sequence[str]) -> int:
     except OSError as error:
         return _complain(f"{options.folder}: {error.strerror}", EXIT_ENVIRONMENT)
     trains = options.trains or TRAINS
-    print(f"{options.folder}: for {WAYSIDE_NAME}, {SUPERVISION_NAME} and {trains} trains,")
+    print(f"{options.folder}: for the wayside's programs, supervision and {trains} trains,")
     print(f"{options.days:g} days; for demonstrations only: the authority's key lies beside it")
     print(f"plant wayside --line {options.line} --secure {options.folder}")
     return EXIT_OK
@@ -104,7 +104,7 @@ def make(
     span_s = (epoch_s - EARLIER_S, epoch_s + round(days * DAY_S))
     _write_key(folder / "ca.key", authority.key)
     names = [train_name(n + 1) for n in range(trains)]
-    for name in (WAYSIDE_NAME, SUPERVISION_NAME, *names):
+    for name in (WAYSIDE_NAME, *CLIENT_NAMES, *names):
         authority.issue(folder, name, hosts, span_s)
     _write_settings(folder, line, names)
     for number in range(1, ARBITERS_MAX + 1):
@@ -142,7 +142,7 @@ def _change(options: argparse.Namespace, line: str, epoch_s: int) -> int:
     for name in (*options.add, *options.renew):
         authority.issue(folder, name, hosts, span_s)
     if options.add:
-        trains = known - {WAYSIDE_NAME, SUPERVISION_NAME}
+        trains = known - {WAYSIDE_NAME, *CLIENT_NAMES}
         _write_settings(folder, line, sorted({*trains, *options.add}))
     for name in options.add:
         print(f"{name}: added; the wayside admits it from its next start on")
@@ -201,7 +201,7 @@ def _write_settings(folder: Path, line: str, trains: Sequence[str]) -> None:
     """Write the session settings of all programs; those of the wayside name every train."""
     numbers = [int(name.removeprefix("T")) for name in trains]
     texts = {WAYSIDE_NAME: wayside_settings(str(folder), line, numbers)}
-    for name in (SUPERVISION_NAME, *trains):
+    for name in (*CLIENT_NAMES, *trains):
         texts[name] = client_settings(str(folder), name)
     for name, text in texts.items():
         write_whole(folder / f"{name}.json5", text)
@@ -255,11 +255,11 @@ class DemoAuthority:
 def _write_arbiter(folder: Path, number: int) -> None:
     """Write the key with which an arbiter signs its grants, and the public key for the trains."""
     key = ed25519.Ed25519PrivateKey.generate()
-    _write_key(folder / f"arbiter{number}.key", key)
+    _write_key(folder / f"grants{number}.key", key)
     public = key.public_key().public_bytes(
         serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
     )
-    (folder / f"arbiter{number}.pub").write_bytes(public)
+    (folder / f"grants{number}.pub").write_bytes(public)
 
 
 def _hosts_of(path: Path) -> list[str]:
@@ -338,7 +338,7 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="NAME",
-        help="make a new key and certificate, such as for T3, wayside or supervision; likewise",
+        help="make a new key and certificate, such as for T3, wayside or arbiter2; likewise",
     )
     top.add_argument(
         "--line-key",

@@ -22,7 +22,7 @@ from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap, load_line
 from firmware_py.trackdb.areas import load_areas
 from metro_hil.line.exercise.plan import ways_of
-from metro_hil.line.service.plan import BUS, LineSetup, LineUp, chosen, programs_of
+from metro_hil.line.service.plan import BUS, LineSetup, LineUp, chosen, programs_of, wayside_parts
 from metro_hil.line.service.programs import ProgramFiles, end_all
 from metro_hil.model.line_options import add_insecure, train_number
 from metro_hil.model.run_folder import RunFolder, RunFolderError, make_run_folder, write_config
@@ -186,7 +186,8 @@ def _setup(options: argparse.Namespace, line: LineMap) -> LineSetup:
     if options.secure is not None:
         secure = str(options.secure.resolve())
         trains = [train_name(n + 1) for n in range(options.trains)]
-        for name in (WAYSIDE_NAME, SUPERVISION_NAME, *trains):
+        _, *parts = wayside_parts(options.arbiters)
+        for name in (WAYSIDE_NAME, *parts, SUPERVISION_NAME, *trains):
             epoch_ns, listens = WallClock().epoch_ns(), name == WAYSIDE_NAME
             load_credentials(options.secure, name, epoch_ns, listens=listens)
     name = str(Path(options.line).resolve()) if is_path(options.line) else options.line

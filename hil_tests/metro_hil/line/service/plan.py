@@ -68,8 +68,8 @@ def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
     wayside = ["wayside", *common, *of_line, "--memory", str(folder / WAYSIDE)]
     wayside += ["--priority", str(before)]
     programs = [
-        LineProgram(name, "plant_emulator", [*wayside, "--part", part])
-        for name, part in _wayside_parts(setup).items()
+        LineProgram(name, "plant_emulator", [*wayside, "--part", name])
+        for name in wayside_parts(setup.arbiters)
     ]
     numbered = list(enumerate(setup.ways, start=1))
     for train, _ in numbered:
@@ -90,12 +90,9 @@ def programs_of(setup: LineSetup, folder: Path) -> list[LineProgram]:
     return programs
 
 
-def _wayside_parts(setup: LineSetup) -> dict[str, str]:
-    """Return the part of each program of the wayside; that of a secured line is one program."""
-    if setup.secure is not None:
-        return {WAYSIDE: "all"}
-    arbiters = [f"arbiter{n}" for n in range(1, setup.arbiters + 1)]
-    return {part: part for part in ("router", *arbiters, "track")}
+def wayside_parts(arbiters: int) -> list[str]:
+    """Return the part of each program of the wayside."""
+    return ["router", *[f"arbiter{n}" for n in range(1, arbiters + 1)], "track"]
 
 
 def _place(folder: Path, train: int, way: PlannedRun) -> list[str]:

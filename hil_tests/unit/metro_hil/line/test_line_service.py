@@ -49,19 +49,12 @@ def test_the_plant_of_an_attended_train_has_no_desk_of_its_own(tmp_path: Path) -
     assert ["external" in each.arguments for each in plants] == [False, True]
 
 
-def test_the_parts_of_an_open_line_are_programs_of_their_own(tmp_path: Path) -> None:
-    setup = msgspec.structs.replace(SETUP, secure=None)
-
-    names = [each.name for each in programs_of(setup, tmp_path)]
-
-    assert names[:6] == ["router", "arbiter1", "arbiter2", "arbiter3", "track", "T1/bus"]
-
-
 def test_wayside_buses_and_plants_start_before_the_controllers(tmp_path: Path) -> None:
     names = [each.name for each in programs_of(SETUP, tmp_path)]
 
     assert names == [
-        *("wayside", "T1/bus", "T2/bus", "T1/plant", "T2/plant", "T1/controller", "T2/controller")
+        *("router", "arbiter1", "arbiter2", "arbiter3", "track", "T1/bus", "T2/bus"),
+        *("T1/plant", "T2/plant", "T1/controller", "T2/controller"),
     ]
 
 
@@ -76,7 +69,7 @@ def test_the_name_of_a_train_means_its_controller(tmp_path: Path) -> None:
     programs = programs_of(SETUP, tmp_path)
 
     assert chosen(programs, "T2") is programs[-1]
-    assert chosen(programs, "T2/plant") is programs[4]
+    assert chosen(programs, "T2/plant") is programs[-3]
     assert chosen(programs, "T3") is None
 
 
