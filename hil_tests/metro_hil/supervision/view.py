@@ -76,6 +76,9 @@ class LineView:
         self.commands: dict[int, Command] = {}
         self.reports: dict[int, tuple[TrainReport, int]] = {}
         """The last report of each train to the area that it belongs to, with its instant."""
+        self._held: dict[tuple[int, int], tuple[float, int]] = {}
+        """End of the authority that a train holds, with the instant of its report, by train and
+        area."""
         self.statuses: dict[int, TrainStatus] = {}
         self.objects: dict[int, ObjectStatus] = {}
         self.state: LineState | None = None
@@ -155,6 +158,10 @@ class LineView:
             self.commands[heartbeat.area] = known._replace(heartbeat=heartbeat, heard_ns=now_ns)
 
     def _on_report(self, report: TrainReport, now_ns: int) -> None:
+        if report.member:
+            self._held[report.source, report.area] = (report.held_end_m, now_ns)
+        else:
+            self._held.pop((report.source, report.area), None)
         known = self.reports.get(report.source)
         owner = self.areas.area_at(report.front_min_m).number
         if known is None or report.area == owner or known[0].area != owner:
@@ -280,8 +287,24 @@ class LineView:
         heard_ns = now_ns if self.state is None else self._state_ns
         return silence_words(heard_ns, now_ns, SLOW_SILENT_S)
 
+    def authority_end(self, report: TrainReport) -> float | None:
+        """Return the end of the authority of a train over all areas; None if it holds none.
+
+        An authority of the next area counts while that of this one reaches the border.
+        """
+        if not report.member:
+            return None
+        end_m, at_ns = report.held_end_m, self.reports[report.source][1]
+        for area in self.areas.areas:
+            held = self._held.get((report.source, area.number))
+            fresh = held is not None and not silence_words(held[1], at_ns)
+            if held is not None and fresh and area.start_m <= end_m < held[0]:
+                end_m = held[0]
+        return end_m
+
     def _train_words(self, report: TrainReport, at_ns: int, now_ns: int) -> str:
-        end = f"{report.held_end_m:.1f}" if report.member else "–"
+        end_m = self.authority_end(report)
+        end = "–" if end_m is None else f"{end_m:.1f}"
         front = f"{report.front_max_m:.1f}" if report.localised else "lost"
         speed, what = f"{report.speed_mps * KMH:.1f}", self.state_words(report, now_ns)
         if silence := silence_words(at_ns, now_ns):

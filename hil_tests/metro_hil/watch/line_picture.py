@@ -137,7 +137,7 @@ def _train(view: LineView, report: TrainReport, at_ns: int, now_ns: int) -> Trai
         rear_min_m=report.rear_min_m,
         front_min_m=report.front_min_m,
         front_max_m=report.front_max_m,
-        authority_m=report.held_end_m if report.member else None,
+        authority_m=view.authority_end(report),
         speed_kmh=report.speed_mps * KMH,
         area=report.area,
         term=report.term,

@@ -79,6 +79,27 @@ def said(message: T2tMessage) -> RadioMessage:
     return RadioMessage(0, key_of("loop", message), pack(message))
 
 
+@pytest.mark.parametrize(
+    ("here_m", "next_m", "member", "late_ms", "end_m"),
+    [
+        (2800.0, 4000.0, True, 0, 4000.0),
+        (2799.0, 4000.0, True, 0, 2799.0),
+        (2800.0, 4000.0, False, 0, 2800.0),
+        (2800.0, 4000.0, True, 60_000, 2800.0),
+    ],
+)
+def test_the_end_of_an_authority_is_that_of_the_next_area_once_it_reaches_the_border(
+    here_m: float, next_m: float, member: bool, late_ms: int, end_m: float
+) -> None:
+    here = dataclasses.replace(REPORT, held_end_m=here_m)
+    there = dataclasses.replace(REPORT, area=2, held_end_m=next_m, member=member)
+    shown = view(there)
+    shown.on_message([said(here)], late_ms * MS)
+
+    assert shown.authority_end(here) == end_m
+    assert f" {end_m:.1f} " in shown.words(late_ms * MS)[-1]
+
+
 def test_it_shows_masters_areas_and_positions() -> None:
     places_m: dict[str, Any] = {
         "front_min_m": 400.0,
