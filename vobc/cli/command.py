@@ -60,9 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = words_of("vobc", argv)
     if words[:1] == ["grant"]:
         return grant.main(words[1:])
-    if words[:1] == ["run"]:
-        say("`python -m vobc run` is now `vobc device`; the old name works for one more release")
-    if words[:1] in (["run"], ["device"]):
+    if words[:1] == ["device"]:
         del words[0]
     options = parser(is_command=argv is None).parse_args(words)
     try:

@@ -34,14 +34,6 @@ def stood(*, standing: bool = True, front_m: float = 3000.4) -> NvramRecord:
     return identity_of(load_config("florence4"), FLORENCE).stamped(record)
 
 
-def test_the_old_name_works_with_a_notice(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "--bus", "nosuch"]) == EXIT_ENVIRONMENT
-
-    notice, error = capsys.readouterr().err.splitlines()
-    assert "`python -m vobc run` is now `vobc device`" in notice
-    assert "nosuch" in error
-
-
 @pytest.mark.parametrize("words", [["device"], []])
 def test_the_name_of_the_program_may_be_left_out(
     words: list[str], capsys: pytest.CaptureFixture[str]
