@@ -167,9 +167,8 @@ class Odometry:
             if moved_m is not None:
                 self._where.widen(moved_m)
         way = Travelled(self._where.pulses, self._over_m, self._over_blur_m)
-        self._refer.follow(
-            way, self._where.scale.declared_m[0], gap=inputs.tag_gap, slip=self._slip
-        )
+        least_m = self._where.scale.declared_m[0]
+        self._refer.follow(way, least_m, now_s, gap=inputs.tag_gap, slip=self._slip)
         accepted: tuple[int, ...] = ()
         refused: tuple[RefusedTag, ...] = ()
         for tag in inputs.tags:
@@ -413,7 +412,9 @@ class Odometry:
         rough_m = 0.0 if honest else 0.5 * (over_m[1] - over_m[0])
         front_m = site.position_m + self._antenna_m
         read_at = where.pulses - counted
-        off_m = refer.off_centre_m(site, read_at, where.scale.declared_m[1] if honest else math.inf)
+        most_m = where.scale.declared_m[1] if honest else math.inf
+        read_s = self._time.now_s - age_s - config.tag_stamp_s
+        off_m = refer.off_centre_m(site, read_at, most_m, read_s)
         bound_m = config.tag_bound_m + off_m + latch_m + where.scale.declared_m[1]
         reading = LocatedTag(
             site,

@@ -135,17 +135,25 @@ class References:
             return abs(cold.moved_m)
         return None
 
-    def follow(self, way: Travelled, least_m_per_pulse: float, *, gap: bool, slip: bool) -> None:
+    def follow(
+        self, way: Travelled, least_m_per_pulse: float, now_s: float, *, gap: bool, slip: bool
+    ) -> None:
         """Track the train's movement. A gap means that telegrams of the reader may be missing."""
-        self._contacts.move(way, least_m_per_pulse)
+        self._contacts.move(way, least_m_per_pulse, now_s)
         if slip:
             self._contacts.doubt()
         if gap:
             self._contacts.miss(way)
 
-    def off_centre_m(self, site: TagSite, pulses: int, most_m_per_pulse: float) -> float:
-        """Greatest distance between tag and antenna at the reading with this pulse count."""
-        return self._contacts.off_m(site, pulses, most_m_per_pulse)
+    def off_centre_m(
+        self, site: TagSite, pulses: int, most_m_per_pulse: float, read_s: float
+    ) -> float:
+        """Greatest distance between tag and antenna at the reading with this pulse count.
+
+        Args:
+            read_s: earliest time of the reading.
+        """
+        return self._contacts.off_m(site, pulses, most_m_per_pulse, read_s)
 
     def read(self, reading: LocatedTag, *, honest: bool) -> None:
         """Note that a tag was read, whether or not it is accepted. `honest`: the wheels did not

@@ -221,24 +221,28 @@ class Rig:
 
     def _read_tags(self, before_m: float, before: int) -> None:
         errors = self.errors
+
+        def count_at(place_m: float) -> float:
+            part = (place_m + ANTENNA_M - before_m) / (self.front_m - before_m)
+            return before + (self._count(0) - before) * part
+
         for tag_id, place_m in self.felt_m.items():
             crossed = before_m < place_m + ANTENNA_M <= self.front_m
             if crossed and tag_id not in errors.missed:
                 late_s = self.rng.uniform(-0.005, 0.005)
-                part = (place_m + ANTENNA_M - before_m) / (self.front_m - before_m)
-                pulses = before + (self._count(0) - before) * part
-                pulses += late_s * self.speed_mps / self.pulse_m
+                pulses = count_at(place_m) + late_s * self.speed_mps / self.pulse_m
                 if tag_id in errors.untold:
                     self.telegram_lost = True
                 else:
                     self._tell_tag(tag_id, math.floor(pulses))
                 if tag_id in errors.again_m:
-                    self.second_m[tag_id] = self.front_m + errors.again_m[tag_id]
+                    self.second_m[tag_id] = place_m + errors.again_m[tag_id]
                 if errors.repeat_tags:
                     errors.false_tags[self.time_s + 0.5] = tag_id
-        for tag_id in [i for i, at_m in self.second_m.items() if at_m <= self.front_m]:
-            del self.second_m[tag_id]
-            self._tell_tag(tag_id, self._count(0))
+        for tag_id, again_m in list(self.second_m.items()):
+            if again_m + ANTENNA_M <= self.front_m:
+                del self.second_m[tag_id]
+                self._tell_tag(tag_id, math.floor(count_at(again_m)))
         for at_s in [at_s for at_s in errors.false_tags if at_s <= self.time_s]:
             self._tell_tag(errors.false_tags.pop(at_s), self._count(0))
 

@@ -78,49 +78,55 @@ def test_missing_telegrams_widen_the_tags_that_the_antenna_may_have_reached() ->
     """The antenna was between 5 m and 13 m when the loss was found, and beyond 20 m later."""
     order = references()
     near, far = TagSite(91, 13.0), TagSite(92, 13.2)
-    order.follow(Travelled(0, 0.0, 0.0), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(0, 0.0, 0.0), NOMINAL_M, 0.0, gap=False, slip=False)
     order.watch(0.0, 0.0, 1.0)
-    order.follow(Travelled(5000, 20.0, 0.0), NOMINAL_M, gap=False, slip=False)
-    assert (order.off_centre_m(near, 0, NOMINAL_M), order.off_centre_m(far, 0, NOMINAL_M)) == (
+    order.follow(Travelled(5000, 20.0, 0.0), NOMINAL_M, 0.0, gap=False, slip=False)
+    assert (
+        order.off_centre_m(near, 0, NOMINAL_M, 0.1),
+        order.off_centre_m(far, 0, NOMINAL_M, 0.1),
+    ) == (
         0.0,
         0.0,
     )
 
-    order.follow(Travelled(5000, 20.0, 0.0), NOMINAL_M, gap=True, slip=False)
+    order.follow(Travelled(5000, 20.0, 0.0), NOMINAL_M, 0.0, gap=True, slip=False)
     assert (
-        order.off_centre_m(near, 0, NOMINAL_M)
-        == order.off_centre_m(far, 0, NOMINAL_M)
+        order.off_centre_m(near, 0, NOMINAL_M, 0.1)
+        == order.off_centre_m(far, 0, NOMINAL_M, 0.1)
         == CONFIG.tag_reach_m
     )
     order.watch(5.0, 0.0, 8.0)
-    assert (order.off_centre_m(near, 0, NOMINAL_M), order.off_centre_m(far, 0, NOMINAL_M)) == (
+    assert (
+        order.off_centre_m(near, 0, NOMINAL_M, 0.1),
+        order.off_centre_m(far, 0, NOMINAL_M, 0.1),
+    ) == (
         CONFIG.tag_reach_m,
         0.0,
     )
-    order.follow(Travelled(10000, 40.0, 0.0), NOMINAL_M, gap=False, slip=False)
-    assert order.off_centre_m(near, 0, NOMINAL_M) == 0.0
+    order.follow(Travelled(10000, 40.0, 0.0), NOMINAL_M, 0.0, gap=False, slip=False)
+    assert order.off_centre_m(near, 0, NOMINAL_M, 0.1) == 0.0
 
 
 def test_missing_telegrams_widen_any_tag_while_the_position_is_lost() -> None:
     order = references(PlaceProof.UNKNOWN)
-    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=True, slip=False)
+    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, 0.0, gap=True, slip=False)
     order.watch(5.0, 0.0, 8.0)
 
-    assert order.off_centre_m(TagSite(92, 500.0), 0, NOMINAL_M) == CONFIG.tag_reach_m
+    assert order.off_centre_m(TagSite(92, 500.0), 0, NOMINAL_M, 0.1) == CONFIG.tag_reach_m
 
 
 def test_a_tag_that_was_read_may_be_read_again_until_it_is_left() -> None:
     order = references()
-    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, 0.0, gap=False, slip=False)
     first = replace(reading(1, 15.0), pulses=5000, ground_m=50.0)
     order.read(first, honest=True)
-    assert order.off_centre_m(first.site, 0, NOMINAL_M) == CONFIG.tag_reach_m
-    order.follow(Travelled(6000, 60.0, 0.0), NOMINAL_M, gap=False, slip=False)
-    assert order.off_centre_m(first.site, 0, NOMINAL_M) == 0.0
+    assert order.off_centre_m(first.site, 0, NOMINAL_M, 0.1) == CONFIG.tag_reach_m
+    order.follow(Travelled(6000, 60.0, 0.0), NOMINAL_M, 0.0, gap=False, slip=False)
+    assert order.off_centre_m(first.site, 0, NOMINAL_M, 0.1) == 0.0
 
     order.read(replace(first, pulses=6000, ground_m=60.0, ground_bound_m=10.0), honest=True)
-    order.follow(Travelled(7000, 70.0, 19.5), NOMINAL_M, gap=False, slip=False)
-    assert order.off_centre_m(first.site, 0, NOMINAL_M) == CONFIG.tag_reach_m
+    order.follow(Travelled(7000, 70.0, 19.5), NOMINAL_M, 0.0, gap=False, slip=False)
+    assert order.off_centre_m(first.site, 0, NOMINAL_M, 0.1) == CONFIG.tag_reach_m
 
 
 @pytest.mark.parametrize(
@@ -132,12 +138,12 @@ def test_wheels_without_slip_measure_the_distance_to_a_repeated_reading(
     """The first reading is within 0.2 m of the tag; since then the train ran four pulses and
     perhaps one more."""
     order = references()
-    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=False)
+    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, 0.0, gap=False, slip=False)
     first = replace(reading(1, 15.0), pulses=5000, ground_m=50.0, bound_m=0.2)
     order.read(first, honest=honest)
-    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, gap=False, slip=slip)
+    order.follow(Travelled(5000, 50.0, 0.0), NOMINAL_M, 0.0, gap=False, slip=slip)
 
-    assert order.off_centre_m(first.site, 5004, 0.01) == pytest.approx(off_m)
+    assert order.off_centre_m(first.site, 5004, 0.01, 0.1) == pytest.approx(off_m)
 
 
 @pytest.mark.parametrize(("width_m", "lost"), [(LIMIT_M, False), (LIMIT_M + 0.001, True)])

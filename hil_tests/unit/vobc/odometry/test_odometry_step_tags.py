@@ -293,15 +293,36 @@ def test_a_tag_counts_as_left_by_the_least_distance_of_a_pulse(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The bound uses all declared wheels and not only the measured one."""
-    told_m: list[float] = []
-    monkeypatch.setattr(
-        References, "follow", lambda self, way, least_m, gap, slip: told_m.append(least_m)
-    )
+    told: list[tuple[float, float]] = []
+
+    def followed(self: References, _: Any, least_m: float, now_s: float, **others: Any) -> None:
+        told.append((least_m, now_s))
+
+    monkeypatch.setattr(References, "follow", followed)
     made = going(cycles=2, scale_error_low_ratio=-0.01, scale_error_high_ratio=0.03)
 
     least_m, most_m = made.where.scale.declared_m
-    assert told_m == [least_m] * 2
+    assert [each for each, _ in told] == [least_m] * 2
+    assert told[1][1] == made.odometry._time.now_s
     assert least_m < most_m
+
+
+def test_the_earliest_time_of_a_reading_allows_for_its_age_and_the_bound_of_its_stamp(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told_s: list[float] = []
+
+    def off_centre(self: References, site: Any, pulses: int, most_m: float, read_s: float) -> float:
+        told_s.append(read_s)
+        return 0.0
+
+    monkeypatch.setattr(References, "off_centre_m", off_centre)
+    made = going(**SCALE)
+    made.cycle(dt_s=0.0, tags=(read(made, since=20, age_s=0.05),))
+
+    stamp_s = made.odometry._config.tag_stamp_s
+    assert told_s == [pytest.approx(made.odometry._time.now_s - 0.05 - stamp_s)]
+    assert stamp_s > 0.0
 
 
 def test_a_reading_before_the_first_motion_is_remembered(judged: Judged) -> None:

@@ -192,6 +192,17 @@ def test_second_readings_of_tags_whose_first_telegram_may_be_lost(
     assert_narrows_at_tags_only(history)
 
 
+@pytest.mark.parametrize("seed", [2, 9, 15, 17])
+def test_a_second_reading_that_arrives_after_the_train_has_left_the_tag(seed: int) -> None:
+    """Each first telegram is lost. The loss is noticed between the readings, and the second
+    telegram arrives more than 1.1 m later."""
+    errors = Errors(seed=seed)
+    errors.again_m = {tag.tag_id: 0.49 for tag in TAGS}
+    errors.untold = frozenset(errors.again_m)
+
+    assert_true(Rig(errors).run(30.0, along([(12.0 + 0.05 * seed, 1.0), (40.0, 0.0)])))
+
+
 @pytest.mark.parametrize("mps", [0.4, 2.0, 9.0, 19.0])
 @pytest.mark.parametrize("scale_ratio", [-0.0099, 0.0499])
 def test_the_bounds_hold_when_every_tag_is_reported_at_the_end_of_its_reach(
