@@ -11,9 +11,8 @@ Result for each entry whose train reports a new incarnation (`RestartPlace`):
 
 - IN_PLACE: the entry is renewed with the new incarnation;
 - GONE: the entry ends; the train applies again where it stands;
-- BEFORE: the train is ahead of another restarted train that was ahead of it. It is registered where
-  it stands, and the other one keeps its entry;
-- UNSURE: the entry stays as an obstacle, and the train gets no authority.
+- UNSURE: the entry stays as an obstacle, and the train gets no authority. So do two restarted
+  trains that changed places, until a person removes them.
 
 The decision compares intervals. With R as the place of the entry's rear, [r, f] as the reported
 interval from least rear to greatest front, and N as any neighbour on the roster:
@@ -51,8 +50,6 @@ from typing import Final, NamedTuple
 
 from vobc.train_to_train.admission import (
     AdmissionGuardInputs,
-    Waiting,
-    admitted,
     are_known,
     is_over_border,
     is_sieved,
@@ -76,9 +73,6 @@ class RestartPlace(enum.Enum):
     GONE = "gone"
     UNSURE = "unsure"
     """The train keeps its roster entry as an obstacle and gets no authority."""
-    BEFORE = "before"
-    """The train is ahead of another restarted train that was ahead of it. The master cannot know
-    which of them was away."""
 
 
 class Neighbour(NamedTuple):
@@ -140,21 +134,18 @@ def whereabouts(
         return RestartPlace.GONE if proven else RestartPlace.UNSURE
     if evidence.recent:
         return RestartPlace.IN_PLACE
-    return _among_neighbours(former, report, proven=proven)
+    confirmed = _confirmed_by_neighbours(former, report)
+    return RestartPlace.IN_PLACE if confirmed else RestartPlace.UNSURE
 
 
-def _among_neighbours(former: Former, report: TrainReport, *, proven: bool) -> RestartPlace:
-    """Place of a train that may have been away: its neighbours have to confirm the order."""
-    unheard = not all(each.heard for each in former.behind)
+def _confirmed_by_neighbours(former: Former, report: TrainReport) -> bool:
+    """Whether the neighbours of a train that may have been away confirm the order."""
+    heard = all(each.heard for each in former.behind)
     restarted = [each for each in former.behind if each.restarted_m is not None]
-    changed = not all(each.is_behind(report.rear_min_m) for each in restarted)
+    behind = all(each.is_behind(report.rear_min_m) for each in restarted)
     # The known place of a train ahead may be old. It may have run on, or been passed.
-    passed = [each for each in former.ahead if each.told_m < report.front_max_m]
-    if changed or unheard or not all(each.is_behind(report.rear_min_m) for each in passed):
-        return RestartPlace.UNSURE
-    if not passed:
-        return RestartPlace.IN_PLACE
-    return RestartPlace.BEFORE if proven else RestartPlace.UNSURE
+    ahead = all(each.told_m >= report.front_max_m for each in former.ahead)
+    return heard and behind and ahead
 
 
 def _is_farther_back(report: TrainReport, record: TrainRecord, behind_rear_m: float) -> bool:
@@ -215,17 +206,6 @@ class RestartedTrains:
             before = [self._neighbour(each, known, now_ns) for each in settled]
             life = Former(former, behind, before)
             found = self._find(ahead, life, report, scene, recent=recent)
-            if found is RestartPlace.BEFORE:
-                # It is unknown which of the two was away. This train is registered where it stands,
-                # and the other one keeps its place.
-                rest = (*settled, *followers)
-                result = admitted(rest, report, scene, self._config, self._guards)
-                if not isinstance(result, Waiting):
-                    settled = list(result[: len(result) - len(followers)])
-                    del self._told[entry.train]
-                    known.reborn(report, received_at_ns)
-                    continue
-                found = RestartPlace.UNSURE
             if found is RestartPlace.UNSURE:
                 settled.append(entry)
                 continue

@@ -28,40 +28,10 @@ def two_restarted(*others: tuple[int, float], told_m: float) -> OneArea:
     return area
 
 
-@pytest.mark.parametrize("told_m", [694.0, 700.0, 729.0])
-def test_two_restarted_trains_that_changed_places_both_stay_on_the_roster(told_m: float) -> None:
-    """The master cannot tell which was away. Both stay on the roster in the order that they
-    report."""
+@pytest.mark.parametrize("told_m", [694.0, 700.0, 729.0, PASSED_M, 816.0])
+def test_two_restarted_trains_that_changed_places_both_keep_their_entries(told_m: float) -> None:
+    """The master cannot tell which was away. Both wait until a person removes them."""
     area = two_restarted(told_m=told_m)
-
-    order, gone = area.settles()
-
-    assert [(entry.train, entry.boot) for entry in order] == [(1, 2), (6, 1)]
-    assert gone == []
-    assert order[0].rear_m == area.known.records[1].rear_m == 820.0
-    assert area.known.records[1].report == BEYOND
-    assert [report.source for report, _ in area.newborns.told()] == [6]
-
-    area.order = order
-    order, gone = area.settles()
-
-    assert [(entry.train, entry.boot) for entry in order] == [(1, 2), (6, 2)]
-    assert gone == []
-
-
-@pytest.mark.parametrize("told_m", [729.1, PASSED_M, 816.0])
-def test_trains_that_changed_places_wait_while_one_may_reach_the_other(
-    told_m: float,
-) -> None:
-    """The front of train 6 is 84 m before its reported rear, and 7 m more stay free."""
-    area = two_restarted(told_m=told_m)
-
-    assert area.settles() == (area.order, [])
-
-
-def test_trains_that_changed_places_wait_while_axles_are_unaccounted_for() -> None:
-    area = two_restarted(told_m=700.0)
-    area.counted = (Counted(0.0, 3000.0, True, 48),)
 
     assert area.settles() == (area.order, [])
 
@@ -75,26 +45,6 @@ def test_of_trains_that_changed_places_the_recently_heard_one_is_in_its_place() 
 
     assert [(entry.train, entry.boot) for entry in order] == [(6, 1), (1, 2)]
     assert gone == []
-
-
-def test_trains_that_changed_places_wait_while_a_train_behind_is_silent() -> None:
-    """The silent train may be anywhere, even ahead of both."""
-    area = two_restarted((7, 50.0), told_m=700.0)
-    assert area.settles() == (area.order, [])
-
-    area.receives_former_report(7, age_ns=0)
-    order, _ = area.settles()
-
-    assert [entry.train for entry in order] == [1, 6, 7]
-
-
-def test_trains_that_changed_places_wait_while_a_train_between_is_silent() -> None:
-    area = OneArea((6, 700.0), (7, 600.0), (1, 500.0))
-    area.on_message(restarted(700.0, train=6))
-    area.on_message(BEYOND)
-    area.reserved_m = {6: 784.0, 7: 690.0}
-
-    assert area.settles() == (area.order, [])
 
 
 @pytest.mark.parametrize("told_m", [688.9, 200.0])
@@ -127,15 +77,13 @@ def test_a_train_need_not_wait_for_one_behind_it_that_came_back_farther_back() -
     [
         ((1084.0, 1090.0), RestartPlace.IN_PLACE),
         ((1083.9, 1090.0), RestartPlace.UNSURE),
-        ((990.0, 1000.0), RestartPlace.UNSURE),
-        ((990.0, 999.9), RestartPlace.BEFORE),
+        ((990.0, 999.9), RestartPlace.UNSURE),
     ],
 )
 def test_the_report_of_a_restarted_train_ahead_gives_its_place(
     restarted_m: tuple[float, float], found: RestartPlace
 ) -> None:
-    """The train stands from 1000 m to 1084 m. It gets another place only with an axle count as
-    proof."""
+    """The train stands from 1000 m to 1084 m."""
     former = Former(
         TrainRecord(1, 900.0, 0, boot=1),
         (),
@@ -145,8 +93,7 @@ def test_the_report_of_a_restarted_train_ahead_gives_its_place(
     def judged(evidence: RestartEvidence) -> RestartPlace:
         return whereabouts(former, report_at(1000.0), evidence, behind_rear_m=7.0)
 
-    unseen = RestartPlace.UNSURE if found is RestartPlace.BEFORE else found
-    assert judged(RestartEvidence(sieved=False, left=False, recent=False)) is unseen
+    assert judged(RestartEvidence(sieved=False, left=False, recent=False)) is found
     assert judged(RestartEvidence(sieved=True, left=False, recent=False)) is found
     assert judged(RestartEvidence(sieved=False, left=True, recent=False)) is found
     assert judged(RestartEvidence(sieved=False, left=False, recent=True)) is RestartPlace.IN_PLACE
