@@ -109,7 +109,7 @@ def test_a_line_that_is_not_divided_is_named(capsys: pytest.CaptureFixture[str])
 def test_a_peer_without_a_wayside_or_beside_rules_is_refused(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert vobc(["run", "--line", "loop", *words]) == 2
+    assert vobc(["device", "--line", "loop", *words]) == 2
 
     assert said in capsys.readouterr().err
 
