@@ -34,7 +34,7 @@ from plant_emulator.faults.serial_faults import SerialFaults
 from plant_emulator.faults.stage import FaultStage, Observer
 from plant_emulator.foreign import ForeignParts
 from plant_emulator.truth import REPORTS
-from plant_emulator.wayside.interlocking import Interlocking
+from plant_emulator.wayside.interlocking import Interlocking, SharedNetwork
 from plant_emulator.wayside.railway import Railway
 from plant_emulator.wayside.zone_controller import ZoneController
 from plant_emulator.wire import (
@@ -123,6 +123,7 @@ class PlantDevice:
         foreign: ForeignParts | None = None,
         desk: Attendant | None = None,
         by_hand: FaultsByHand | None = None,
+        shared: SharedNetwork | None = None,
     ) -> None:
         """Args:
         open_port: called once for each node. In lockstep it returns a separate port for every node;
@@ -134,6 +135,7 @@ class PlantDevice:
         foreign: program that emulates parts of the train; it sends the frames of its nodes.
         desk: operator of the desk; None: that of the scenario.
         by_hand: what a person does to the faults while the train runs.
+        shared: the network that the train shares with others; None: it is alone.
         epoch_offset_ns: difference between nanoseconds since 1970 and the plant's clock.
         """
         self.scenario = scenario
@@ -148,7 +150,7 @@ class PlantDevice:
         reports = reports or any(plan.window.reads_controller for plan in faults)
         self.wire = Wire(open_port, DISPLAYED if scenario.driver else REPORTS if reports else ())
         self._absent = _absent_nodes(scenario, foreign)
-        self.railway = _railway(scenario, self.world, start_ns)
+        self.railway = _railway(scenario, self.world, start_ns, shared)
         self._platform_doors = self.railway.doors
         self._tags, self._radio, self._truth = tags, radio, truth
         self._start_ns, self._epoch_offset_ns = start_ns, epoch_offset_ns
@@ -438,7 +440,9 @@ class PlantDevice:
         self._write_truth()
 
 
-def _railway(scenario: TrainScenario, world: World, start_ns: int) -> Railway:
+def _railway(
+    scenario: TrainScenario, world: World, start_ns: int, shared: SharedNetwork | None
+) -> Railway:
     """The rest of the railway, with an interlocking if the network has switches."""
     interlocking = None
     if scenario.tracks is not None:
@@ -449,6 +453,7 @@ def _railway(scenario: TrainScenario, world: World, start_ns: int) -> Railway:
             to_m=scenario.destination.stop_m,
             front_m=world.front_m,
             rear_m=world.front_m - world.length_m,
+            shared=shared,
         )
     railway = Railway(scenario.wayside_line or scenario.line, scenario.destination, interlocking)
     railway.keep_until(start_ns + round(scenario.layover_s * NS_PER_S))

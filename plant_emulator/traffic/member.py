@@ -13,16 +13,12 @@ from plant_emulator.traffic.coupling import CLEAR_M, INTERVAL_S, CouplingAnswer,
 from plant_emulator.traffic.dispatcher import Dispatcher
 from plant_emulator.traffic.timetable import LapTimetable, Start
 from plant_emulator.wayside.railway import Railway
+from plant_emulator.wayside.separation import REAR_M, SPACE_M
 from plant_emulator.world import TrainScenario, World, plan_scenario
 
 NS_PER_S: Final = 1_000_000_000
 SEEDS: Final = 1000
 """Distance between the seeds of two lines; it leaves room for a seed for each train."""
-SPACE_M: Final = 10.0
-"""Distance between the end of an authority and the track reserved for the train ahead, in case that
-rolls back."""
-REAR_M: Final = 12.0
-"""Length of track reserved behind a train that has not reported yet."""
 
 
 class Plant(Protocol):

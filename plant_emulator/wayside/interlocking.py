@@ -1,20 +1,22 @@
 """An interlocking: sets routes over switches, locks them, and releases them behind the train.
 
 A route leads from a signal over one switch, or over several without room for a signal between
-them, to the next signal. A signal stands before each switch on every track that leads to it. The
-module is pure: it receives time and place of the train.
+them, to the next signal. A signal stands before each switch on every track that leads to it. Trains
+follow each other over one route, but only one at a time goes into a track that ends at a buffer
+stop. The module is pure: it receives time and places of the trains.
 """
 
 import enum
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Final
 
 from firmware_py.trackdb.network import Running, TrackNetwork, TrackSwitch
 from firmware_py.trackdb.network_file import route_path
 from firmware_py.trackdb.paths import Leg, Path
+from plant_emulator.wayside.separation import REAR_M, Stretch, limit_m
 
 SIGNAL_M: Final = 20.0
 """Distance of a signal from its switch. A vehicle that stands there clears the other leg."""
@@ -26,6 +28,8 @@ CLEAR_M: Final = 10.0
 LOOK_AHEAD_M: Final = 1200.0
 """Distance before a signal at which the route behind it is requested. It exceeds the braking
 distance of every train, so that no train brakes for a signal that will clear."""
+AT_STOP_M: Final = 5.0
+"""Distance from a stop within which the train has arrived there."""
 MOVE_S: Final = 4.0
 """Time in which a switch moves from one end position to the other."""
 TRAIN: Final = "train"
@@ -62,6 +66,8 @@ class RouteSection:
     """Tracks behind the first switch, up to the next signal."""
     flank: tuple[tuple[str, Lie], ...]
     """Switches beside the route, with the end position that leads away from it."""
+    dead_end: bool
+    """Whether the last track ends at a buffer stop."""
 
     @property
     def locks(self) -> tuple[tuple[str, Lie, bool], ...]:
@@ -89,6 +95,7 @@ def sections_of(network: TrackNetwork, path: Path) -> tuple[RouteSection, ...]:
             tuple(crossings),
             tuple(legs),
             tuple(each for crossing in crossings for each in _flank(network, crossing)),
+            _far_end(legs[-1]) in network.buffer_stops,
         )
         for signal_m, crossings, legs in groups
     )
@@ -98,9 +105,13 @@ def _is_short(leg: Leg) -> bool:
     return leg.to_m - leg.from_m < SHORT_M
 
 
+def _far_end(leg: Leg) -> str:
+    return f"{leg.track.name}.{'end' if leg.running is Running.UP else 'start'}"
+
+
 def _crossing(network: TrackNetwork, leg: Leg, ahead: Leg) -> SwitchOnPath | None:
     """The switch between two legs of a path; None for a plain join."""
-    leaves = f"{leg.track.name}.{'end' if leg.running is Running.UP else 'start'}"
+    leaves = _far_end(leg)
     enters = f"{ahead.track.name}.{'start' if ahead.running is Running.UP else 'end'}"
     for switch in network.switches:
         for lie, end in ((Lie.LEFT, switch.left), (Lie.RIGHT, switch.right)):
@@ -170,21 +181,95 @@ class _Held:
 
     section: RouteSection
     switches: list[tuple[str, Lie, bool]] = field(default_factory=list)
-    tracks: set[str] = field(default_factory=set)
+    tracks: dict[str, Running] = field(default_factory=dict)
+
+
+class SignalBox:
+    """The switches of a network, and the routes that are locked for its trains and by hand."""
+
+    def __init__(self, network: TrackNetwork) -> None:
+        self.network = network
+        self.machines = {switch.name: SwitchMachine() for switch in network.switches}
+        self.trains: dict[str, Interlocking] = {}
+        """By name, each train on the network with the routes of its path."""
+        self.held: dict[str, list[_Held]] = {}
+        """Locked routes, by train or by the name of a route that is set by hand."""
+
+    def join(self, train: str, routes: "Interlocking") -> None:
+        """Take in a train, or let it leave its path for another one."""
+        if train not in self.trains:
+            for switch, lie in routes.below_train().items():
+                self.machines[switch].place(lie)
+        self.held.pop(train, None)
+        self.trains[train] = routes
+
+    def leave(self, train: str) -> None:
+        """Release everything of a train that leaves the network."""
+        self.trains.pop(train, None)
+        self.held.pop(train, None)
+
+    def has_room(self, path: Path, *, front_m: float, rear_m: float) -> bool:
+        """Whether a train can be put on the network without meeting another one or its route."""
+        body = Stretch(path, rear_m, front_m)
+        if limit_m(body, [each.stretch for each in self.trains.values()]) < front_m:
+            return False
+        ways = body.tracks()
+        for _, taken in self.taken(""):
+            if any(ways.get(track, running) is not running for track, running in taken.items()):
+                return False
+        below = _below(sections_of(self.network, path), front_m=front_m, rear_m=rear_m)
+        locked = {switch for held in self.locked() for switch, _, _ in held[1].switches}
+        return locked.isdisjoint(below)
+
+    def taken(self, holder: str) -> Iterator[tuple[str, dict[str, Running]]]:
+        """Tracks that others than the holder stand on or have a route into, by holder."""
+        for train, routes in self.trains.items():
+            if train != holder:
+                yield train, routes.occupied()
+        for name, held in self.locked():
+            if name != holder:
+                yield name, held.tracks
+
+    def locked(self) -> Iterator[tuple[str, _Held]]:
+        """All locked routes with their holders."""
+        return ((name, each) for name, routes in self.held.items() for each in routes)
+
+
+@dataclass(frozen=True, slots=True)
+class SharedNetwork:
+    """What a train needs to share a network with others."""
+
+    box: SignalBox
+    train: str = TRAIN
+    began_ns: int = 0
+    """Instant of the network at which the train's own time begins."""
+    stops_m: tuple[float, ...] = ()
+    """Where the train stops. It requests a route only after it arrived at the last stop before the
+    signal, so that other trains can use the switch until then."""
 
 
 class Interlocking:
-    """The switches of a network, and the routes over them of one train and of the signaller."""
+    """The routes of one train over the switches of a network, and those of the signaller."""
 
     def __init__(
-        self, network: TrackNetwork, path: Path, *, to_m: float, front_m: float, rear_m: float
+        self,
+        network: TrackNetwork,
+        path: Path,
+        *,
+        to_m: float,
+        front_m: float,
+        rear_m: float,
+        shared: "SharedNetwork | None" = None,
     ) -> None:
         """Args:
         path: of the train.
         to_m: last stopping point of the trip; no route over a switch beyond it is requested.
         front_m, rear_m: place of the train. A switch below it lies as the path needs it.
+        shared: with other trains; None: the train is alone.
         """
-        self.machines = {switch.name: SwitchMachine() for switch in network.switches}
+        shared = shared or SharedNetwork(SignalBox(network))
+        self.box = shared.box
+        self.machines = self.box.machines
         self.routes = {
             route.name: sections_of(network, route_path(network, route.name, network.name))
             for route in network.routes
@@ -193,28 +278,28 @@ class Interlocking:
         self.departs_ns = 0
         """Until then, the train requests no route."""
         self._ahead = sections_of(network, path)
-        self._legs = path.legs
         self._to_m, self._front_m, self._rear_m = to_m, front_m, rear_m
-        self._held: dict[str, list[_Held]] = {}
+        self._train, self._began_ns = shared.train, shared.began_ns
+        self._stops_m = shared.stops_m
         self._by_hand: tuple[str, ...] = ()
         self.closed: frozenset[str] = frozenset()
         """Tracks that are closed for work: no route leads into them."""
         self.refusals = 0
         """Number of requests that were refused."""
-        for crossing in self._crossings():
-            if rear_m - CLEAR_M < crossing.at_m < front_m:
-                self.machines[crossing.switch].place(crossing.lie)
+        self.stretch = Stretch(path, rear_m - REAR_M, front_m)
+        """What the train keeps from others: from its reserved rear to the end of its authority."""
+        self.box.join(shared.train, self)
 
     def set_by_hand(self, routes: Sequence[str]) -> None:
         """Set these routes from now on as soon as nothing conflicts, and cancel all others."""
         for name in self._by_hand:
             if name not in routes:
-                self._held.pop(name, None)
+                self.box.held.pop(name, None)
         self._by_hand = tuple(dict.fromkeys(routes))
 
     def is_set(self, route: str) -> bool:
         """Whether the signaller's route is locked."""
-        return route in self._held
+        return route in self.box.held
 
     def needs(self, track: str) -> bool:
         """Whether a route ahead of the train leads into a track."""
@@ -230,20 +315,27 @@ class Interlocking:
         self._front_m, self._rear_m = front_m, rear_m
         self._release()
         for name in self._by_hand:
-            if name not in self._held:
+            if name not in self.box.held:
                 self._request(name, self.routes[name])
         if now_ns >= self.departs_ns:
             self._request_ahead()
         for machine in self.machines.values():
-            machine.step(now_ns)
+            machine.step(now_ns + self._began_ns)
+
+    def keep(self, *, rear_m: float, end_m: float) -> None:
+        """Keep a stretch from all other trains from now on."""
+        self.stretch = replace(self.stretch, rear_m=rear_m, end_m=end_m)
 
     @property
     def limit_m(self) -> float:
-        """Signal on the train's path up to which all routes are proven; infinite without one."""
+        """Where the train's authority ends at most: the signal on its path up to which all routes
+        are proven, or before another train; infinite without one."""
+        limits_m = [limit_m(self.stretch, self._others())]
         for section in self._ahead:
             if not self._is_behind(section) and not self._is_proven(section):
-                return section.signal_m
-        return inf
+                limits_m.append(section.signal_m)
+                break
+        return min(limits_m)
 
     @property
     def unlocked_m(self) -> float:
@@ -259,11 +351,34 @@ class Interlocking:
                     return crossing.at_m
         return inf
 
-    def _crossings(self) -> Iterator[SwitchOnPath]:
-        return (crossing for section in self._ahead for crossing in section.crossings)
+    @property
+    def held(self) -> Sequence[_Held]:
+        """The routes that are locked for the train."""
+        return self.box.held.get(self._train, ())
+
+    @property
+    def first_switch_m(self) -> float:
+        """Place of the last switch of the first route on the path; infinite without one."""
+        return self._ahead[0].crossings[-1].at_m if self._ahead else inf
+
+    @property
+    def body(self) -> Stretch:
+        """The track on which the train stands."""
+        return replace(self.stretch, rear_m=self._rear_m, end_m=self._front_m)
+
+    def occupied(self) -> dict[str, Running]:
+        """Tracks on which any part of the train stands, with its direction."""
+        return self.body.tracks()
+
+    def below_train(self) -> dict[str, Lie]:
+        """Switches that the train stands on, with the end position that it needs."""
+        return _below(self._ahead, front_m=self._front_m, rear_m=self._rear_m)
+
+    def _others(self) -> list[Stretch]:
+        return [each.stretch for name, each in self.box.trains.items() if name != self._train]
 
     def _own(self, section: RouteSection) -> _Held | None:
-        return next((each for each in self._held.get(TRAIN, ()) if each.section is section), None)
+        return next((each for each in self.held if each.section is section), None)
 
     def _is_behind(self, section: RouteSection) -> bool:
         return self._rear_m > section.crossings[-1].at_m + CLEAR_M
@@ -283,8 +398,18 @@ class Interlocking:
                 continue
             if first_m >= self._to_m or section.signal_m - self._front_m > LOOK_AHEAD_M:
                 return
-            if not self._request(TRAIN, (section,)):
+            if self._stops_before(section.signal_m) or self._is_behind_another(section.signal_m):
                 return
+            if not self._request(self._train, (section,)):
+                return
+
+    def _stops_before(self, signal_m: float) -> bool:
+        return any(self._front_m + AT_STOP_M < stop_m < signal_m for stop_m in self._stops_m)
+
+    def _is_behind_another(self, signal_m: float) -> bool:
+        """Whether another train stands between this one and a signal ahead."""
+        others = [each.body for name, each in self.box.trains.items() if name != self._train]
+        return limit_m(self.body, others, space_m=0.0) < signal_m
 
     def _request(self, holder: str, sections: Sequence[RouteSection]) -> bool:
         """Lock all sections for a holder, or none."""
@@ -292,8 +417,9 @@ class Interlocking:
             self.refusals += 1
             return False
         for section in sections:
-            held = _Held(section, list(section.locks), {leg.track.name for leg in section.tracks})
-            self._held.setdefault(holder, []).append(held)
+            tracks = {leg.track.name: leg.running for leg in section.tracks}
+            held = _Held(section, list(section.locks), tracks)
+            self.box.held.setdefault(holder, []).append(held)
             for switch, lie, _ in section.locks:
                 self.machines[switch].aim = lie
         return True
@@ -302,53 +428,54 @@ class Interlocking:
         return self._tracks_are_free(holder, section) and self._switches_are_free(holder, section)
 
     def _tracks_are_free(self, holder: str, section: RouteSection) -> bool:
-        tracks = {leg.track.name for leg in section.tracks}
-        if not tracks.isdisjoint(self.closed):
+        ways = {leg.track.name: leg.running for leg in section.tracks}
+        if not ways.keys().isdisjoint(self.closed):
             return False
-        if holder != TRAIN and not tracks.isdisjoint(self._occupied()):
-            return False
-        others = [held for name, routes in self._held.items() if name != holder for held in routes]
-        return all(tracks.isdisjoint(held.tracks) for held in others)
+        for other, taken in self.box.taken(holder):
+            follows = self._are_trains(holder, other) and not section.dead_end
+            for track, running in taken.items():
+                if track in ways and not (follows and running is ways[track]):
+                    return False
+        return True
 
     def _switches_are_free(self, holder: str, section: RouteSection) -> bool:
-        below = self._below_train()
         for switch, lie, used in section.locks:
-            if switch in below and ((used and holder != TRAIN) or below[switch] is not lie):
-                return False
-            for held in self._all_held():
+            for train, other in self.box.trains.items():
+                needs = other.below_train().get(switch)
+                by_hand = used and not self._are_trains(holder, train)
+                if needs is not None and (by_hand or needs is not lie):
+                    return False
+            for name, held in self.box.locked():
+                follows = self._are_trains(holder, name)
                 for locked, locked_lie, locked_used in held.switches:
-                    shared = locked_lie is lie and not (used and locked_used)
+                    shared = locked_lie is lie and (follows or not (used and locked_used))
                     if locked == switch and not shared:
                         return False
         return True
 
-    def _all_held(self) -> Iterator[_Held]:
-        return (held for routes in self._held.values() for held in routes)
-
-    def _below_train(self) -> dict[str, Lie]:
-        """Switches that the train stands on, with the end position that it needs."""
-        return {
-            crossing.switch: crossing.lie
-            for crossing in self._crossings()
-            if self._rear_m - CLEAR_M <= crossing.at_m < self._front_m
-        }
-
-    def _occupied(self) -> set[str]:
-        """Tracks on which any part of the train stands."""
-        return {
-            leg.track.name
-            for leg in self._legs
-            if leg.from_m < self._front_m and self._rear_m < leg.to_m
-        }
+    def _are_trains(self, *holders: str) -> bool:
+        """Whether all holders are trains, and none is a route that is set by hand."""
+        return all(each in self.box.trains for each in holders)
 
     def _release(self) -> None:
         """Release switch by switch and track by track behind the train."""
         rear_m = self._rear_m
-        for held in self._held.get(TRAIN, ()):
+        for held in self.held:
             crossings = held.section.crossings
             passed = {each.switch for each in crossings if rear_m > each.at_m + CLEAR_M}
             if self._is_behind(held.section):
                 held.switches.clear()
             elif passed:
                 held.switches = [each for each in held.switches if each[0] not in passed]
-            held.tracks -= {leg.track.name for leg in held.section.tracks if rear_m > leg.to_m}
+            for leg in held.section.tracks:
+                if rear_m > leg.to_m:
+                    held.tracks.pop(leg.track.name, None)
+
+
+def _below(sections: Sequence[RouteSection], *, front_m: float, rear_m: float) -> dict[str, Lie]:
+    return {
+        crossing.switch: crossing.lie
+        for section in sections
+        for crossing in section.crossings
+        if rear_m - CLEAR_M <= crossing.at_m < front_m
+    }

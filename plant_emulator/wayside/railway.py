@@ -1,14 +1,18 @@
 """The rest of the railway: zone controller, operations centre and platform doors."""
 
 from collections.abc import Iterable
+from typing import Final
 
 from firmware_py.ports import RadioMessage
 from firmware_py.trackdb import LineMap, Station
 from plant_emulator.wayside.centre import Centre
-from plant_emulator.wayside.interlocking import Interlocking
+from plant_emulator.wayside.interlocking import MOVE_S, Interlocking
 from plant_emulator.wayside.platform_doors import PlatformDoors
 from plant_emulator.wayside.zone_controller import ZoneController
 from zenoh_config import keys
+
+ROUTE_AHEAD_NS: Final = round((MOVE_S + 1.0) * 1e9)
+"""Time before a departure at which its route is requested, so that the switch has moved then."""
 
 
 def subscriptions(line_name: str) -> tuple[str, ...]:
@@ -43,7 +47,7 @@ class Railway:
         """Keep the train at its start until then."""
         self.zone.departs_ns = departs_ns
         if self.interlocking is not None:
-            self.interlocking.departs_ns = departs_ns
+            self.interlocking.departs_ns = departs_ns - ROUTE_AHEAD_NS
 
     def observe(self, now_ns: int, *, front_m: float, rear_m: float) -> None:
         """Set and release routes for the train at this place."""
@@ -60,4 +64,11 @@ class Railway:
             if answer is not None:
                 said.append(answer)
         self._answers_sent += bool(said)
+        self._keep_apart()
         return said
+
+    def _keep_apart(self) -> None:
+        """Keep the track between reserved rear and end of authority from other trains."""
+        zone, interlocking = self.zone, self.interlocking
+        if interlocking is not None and zone.farthest_end_m is not None:
+            interlocking.keep(rear_m=zone.latest_rear_m, end_m=zone.farthest_end_m)

@@ -1,0 +1,175 @@
+"""The interlocking with several trains: they follow, wait, turn round, and never meet."""
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.trackdb.circuit import load_network, load_path
+from plant_emulator.wayside.interlocking import (
+    MOVE_S,
+    Interlocking,
+    Lie,
+    SharedNetwork,
+    SignalBox,
+)
+from plant_emulator.wayside.separation import REAR_M, apart
+
+FERRY: Final = str(Path(__file__).resolve().parents[4] / "docs/examples/line/ferry.toml")
+NETWORK: Final = load_network(FERRY)
+PATHS: Final = {name: load_path(f"{FERRY}:{name}") for name in ("out", "back")}
+STOPS: Final = {"out": ("Mill", "Siding"), "back": ("Siding", "Mill")}
+NS: Final = 1_000_000_000
+LENGTH_M: Final = 68.6
+
+
+class Train:
+    """A train of the model: it moves within its authority, and turns at the end of a trip."""
+
+    def __init__(self, box: SignalBox, name: str, route: str, front_m: float | None = None) -> None:
+        self.box, self.name = box, name
+        self.turns = 0
+        self.begin(route, front_m)
+
+    def begin(self, route: str, front_m: float | None) -> None:
+        self.route, self.path = route, PATHS[route]
+        start, end = STOPS[route]
+        line = self.path.line
+        self.front_m = line.station(start).stop_m if front_m is None else front_m
+        self.to_m = line.station(end).stop_m
+        self.inner = Interlocking(
+            NETWORK,
+            self.path,
+            to_m=self.to_m,
+            front_m=self.front_m,
+            rear_m=self.front_m - LENGTH_M,
+            shared=SharedNetwork(self.box, self.name),
+        )
+
+    def step(self, now_ns: int, by_m: float) -> None:
+        self.inner.step(now_ns, front_m=self.front_m, rear_m=self.front_m - LENGTH_M)
+        end_m = max(self.inner.stretch.end_m, min(self.inner.limit_m, self.to_m))
+        self.inner.keep(rear_m=self.front_m - LENGTH_M - REAR_M, end_m=end_m)
+        self.front_m = max(self.front_m, min(self.front_m + by_m, end_m))
+        if self.front_m == self.to_m:
+            rear = self.path.to_track(self.front_m - LENGTH_M)
+            other = "back" if self.route == "out" else "out"
+            self.turns += 1
+            self.begin(other, PATHS[other].to_path(rear))
+
+
+def run(trains: list[Train], duration_s: float, *, by_m: float = 1.0, now_ns: int = 0) -> int:
+    for _ in range(round(duration_s * 10)):
+        now_ns += NS // 10
+        for train in trains:
+            train.step(now_ns, by_m)
+    return now_ns
+
+
+def test_a_train_follows_over_the_same_route_up_to_the_rear_ahead() -> None:
+    box = SignalBox(NETWORK)
+    first = Train(box, "one", "out", 200.0)
+    run([first], 10.0, by_m=0.0)
+    second = Train(box, "two", "out", 80.0)
+    run([second], MOVE_S + 0.2, by_m=0.0)
+
+    # The route over W1 is locked for both, and the rear of the first is at 131.4 m.
+    assert {each for each, _ in box.locked()} == {"one", "two"}
+    assert second.inner.limit_m == 200.0 - LENGTH_M - REAR_M - 10.0
+
+
+def test_only_one_train_goes_into_a_dead_end() -> None:
+    box = SignalBox(NETWORK)
+    first = Train(box, "one", "out", 930.0)
+    second = Train(box, "two", "out", 600.0)
+    run([second], 10.0, by_m=0.0)
+    assert second.inner.limit_m == 780.0
+    assert second.inner.refusals > 0
+
+    now_ns = run([first], 3.0, by_m=10.0)
+    assert first.route == "back"
+    # It leaves over W2 into the west track, and the second train enters when it is clear.
+    now_ns = run([first], 10.0, by_m=0.0, now_ns=now_ns)
+    assert first.inner.machines["W2"].detected is Lie.RIGHT
+    now_ns = run([first], 40.0, now_ns=now_ns)
+    run([second], MOVE_S + 0.2, by_m=0.0, now_ns=now_ns)
+    assert second.inner.limit_m > 780.0
+
+
+def test_a_train_behind_another_one_does_not_take_its_route() -> None:
+    """The second would lock W2 for itself and stand behind the first for ever."""
+    box = SignalBox(NETWORK)
+    first = Train(box, "one", "out", 600.0)
+    second = Train(box, "two", "out", 400.0)
+
+    run([second], 1.0, by_m=0.0)
+    assert [name for name, held in box.locked() if held.section.signal_m == 780.0] == []
+    run([second, first], 1.0, by_m=0.0)
+    assert [name for name, held in box.locked() if held.section.signal_m == 780.0] == ["one"]
+
+
+def test_a_train_requests_a_route_when_it_has_arrived_at_the_stop_before() -> None:
+    box = SignalBox(NETWORK)
+    train = Train(box, "one", "out", 300.0)
+    shared = SharedNetwork(box, "one", stops_m=(700.0, train.to_m))
+    inner = Interlocking(
+        NETWORK, train.path, to_m=train.to_m, front_m=694.0, rear_m=620.0, shared=shared
+    )
+    inner.step(NS, front_m=694.9, rear_m=626.0)
+    assert not inner.held
+    inner.step(2 * NS, front_m=695.1, rear_m=626.2)
+    assert len(inner.held) == 1
+
+
+def test_there_is_room_for_a_train_only_away_from_others_and_their_routes() -> None:
+    box = SignalBox(NETWORK)
+    mill, out = PATHS["out"].line.station("Mill").stop_m, PATHS["out"]
+    assert box.has_room(out, front_m=mill, rear_m=mill - LENGTH_M)
+    train = Train(box, "one", "back", PATHS["back"].line.station("Siding").stop_m + 500.0)
+    assert box.has_room(out, front_m=mill, rear_m=mill - LENGTH_M)
+
+    # Its route leads into Mill now.
+    run([train], 5.0)
+    assert not box.has_room(out, front_m=mill, rear_m=mill - LENGTH_M)
+    box.leave("one")
+    assert box.has_room(out, front_m=mill, rear_m=mill - LENGTH_M)
+    assert not list(box.locked())
+
+
+@settings(max_examples=5, deadline=None)
+@given(
+    moves=st.lists(
+        st.lists(st.sampled_from((0.0, 4.0, 15.0)), min_size=3, max_size=3),
+        min_size=10,
+        max_size=40,
+    )
+)
+def test_no_two_trains_ever_share_track_and_all_come_through(moves: list[list[float]]) -> None:
+    box = SignalBox(NETWORK)
+    trains = [
+        Train(box, "one", "out", 700.0),
+        Train(box, "two", "out", 250.0),
+        Train(box, "three", "back", PATHS["back"].line.station("Pier").stop_m),
+    ]
+    now_ns = 0
+    for each in moves + [[15.0, 15.0, 15.0]] * 120:
+        now_ns += NS
+        for train, by_m in zip(trains, each, strict=True):
+            train.step(now_ns, by_m)
+            _check(trains)
+    assert min(train.turns for train in trains) >= 2
+
+
+def _check(trains: list[Train]) -> None:
+    for train in trains:
+        body = train.inner.body
+        permitted = replace(body, end_m=max(body.end_m, train.inner.stretch.end_m))
+        assert permitted.end_m <= max(train.inner.unlocked_m, body.end_m)
+        for other in trains:
+            assert train is other or apart(permitted, other.inner.body)
+    for one, other in itertools.combinations(trains, 2):
+        assert apart(one.inner.stretch, other.inner.stretch)
+        assert apart(one.inner.body, other.inner.body)
