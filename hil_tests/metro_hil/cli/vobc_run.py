@@ -42,7 +42,7 @@ from metro_hil.model.run_options import (
     RunOptions,
     parse,
 )
-from metro_hil.model.service import PlannedTrip
+from metro_hil.model.service import PlannedTrip, several
 from metro_hil.model.subprocesses import ChildError
 from metro_hil.report.table import print_results
 from metro_hil.run.lockstep import Lockstep, config_of, run_lockstep, scenario_of
@@ -93,6 +93,10 @@ def _complain(error: Exception | str, code: int) -> int:
 
 
 def _run(options: RunOptions, console: Console) -> int:
+    if options.service is not None and (options.trains is not None or several(options.service)):
+        from metro_hil.line.turning import command as turning_run
+
+        return turning_run.run(options, console)
     if options.trains is not None:
         # The network of several trains may need a compiler, so it is imported only here.
         from metro_hil.line.virtual import command as line_run

@@ -293,7 +293,8 @@ def _add_line(run: argparse.ArgumentParser) -> None:
         "--trains",
         type=_trains,
         metavar="N",
-        help="number of trains, each on its own bus, on one supply network",
+        help="number of trains, each on its own bus, on one supply network; with --service on one "
+        "track network",
     )
     group.add_argument(
         "--traffic", metavar="NAME|FILE", help="headway, dwells, places; default: the line's"
@@ -355,7 +356,7 @@ def parse(argv: Sequence[str]) -> RunOptions:
     if problem:
         top.error(problem)
     direction = chosen.pop("direction")
-    several = chosen["trains"] is not None
+    several = chosen["trains"] is not None and chosen["service"] is None
     for name, alone in (("line", "florence"), ("consist", "florence4"), ("params", "florence4")):
         of_line = LINE_DEFAULTS[name] if chosen["traffic"] is None else ""
         chosen[name] = chosen[name] or (of_line if several else alone)
@@ -417,8 +418,13 @@ def trains_problem(options: RunOptions) -> str:
             "--traffic": options.traffic is not None,
             "--no-logs": not options.logs,
         }
+        if options.service is not None:
+            # Its file may name several trains.
+            del alone["--no-logs"]
         asked = [name for name, given in alone.items() if given]
         return f"{asked[0]}: only with --trains" if asked else ""
+    if options.service is not None and (options.traffic or options.supply):
+        return "--traffic and --supply: not with --service; trains that turn round have no supply"
     if options.watch:
         return "--watch: not with --trains; `vobc watch` shows the folder of one of the trains"
     if not options.lockstep:
@@ -461,7 +467,7 @@ def trips_problem(options: RunOptions) -> str:
     name = "--and-back" if options.service is None else "--service"
     if not options.lockstep:
         return f"{name}: with --lockstep only; in real time start one run for each direction"
-    if options.trains is not None:
+    if options.trains is not None and options.service is None:
         return f"{name}: not with --trains, where the line's traffic file decides it"
     if options.watch:
         return f"{name}: not with --watch; `vobc watch` shows the run that goes on"

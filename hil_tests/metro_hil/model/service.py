@@ -1,4 +1,4 @@
-"""Services: trips of one train over routes of a network or directions of a line."""
+"""Services: trips of trains over routes of a network or directions of a line."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -19,6 +19,8 @@ ROUND_TRIPS_MAX: Final = 100
 LAYOVER_MAX_S: Final = 600.0
 """Longest layover, s. A train that stands for longer counts as stuck."""
 DWELL_MAX_S: Final = 600.0
+TRAINS_MAX: Final = 20
+HEADWAY_MAX_S: Final = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +49,30 @@ class Trip:
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """A service file: trips that one train makes one after the other."""
+    """A service file: trips that each of its trains makes one after the other."""
 
     line: str
     """Network or line: a shipped name, or a file beside the service file."""
     trips: tuple[Trip, ...]
     round_trips: int = 1
-    """How often the train makes all trips."""
+    """How often each train makes all trips."""
+    trains: int = 1
+    """Number of trains. Each enters the network at the start of the first trip as soon as there is
+    room, and leaves it at the end of the last."""
+    headway_s: float = 0.0
+    """Time between two departures on the first trip. With N trains, each train leaves again after
+    N times this value. 0: trains leave as soon as their routes are free."""
     description: str = ""
 
     def __post_init__(self) -> None:
-        check_ranges(self, {"round_trips": (1, ROUND_TRIPS_MAX)})
+        check_ranges(
+            self,
+            {
+                "round_trips": (1, ROUND_TRIPS_MAX),
+                "trains": (1, TRAINS_MAX),
+                "headway_s": (0.0, HEADWAY_MAX_S),
+            },
+        )
         if not self.trips:
             raise ValueError("trips: there is none; add [[trips]]")
         if split_route(self.line)[1] is not None:
@@ -90,17 +105,38 @@ class PlannedTrip:
         return plan_mission(line, self.start, self.end, self.stops)
 
 
+def read_service(name: str) -> Service:
+    """Read a service file. Raises SettingsError."""
+    text = settings.text_of(FilePath(name))
+    with settings.located(name, text):
+        return settings.build(Service, settings.tables_of(text, name), name)
+
+
+def several(name: str) -> bool:
+    """Whether a service file names several trains. Raises SettingsError."""
+    return read_service(name).trains > 1
+
+
 def load_service(name: str, line: str | None = None) -> tuple[PlannedTrip, ...]:
-    """Read a service file and plan its trips. Raises SettingsError.
+    """Read a service file and plan the trips of each train. Raises SettingsError.
 
     Args:
         line: network or line that replaces that of the file.
     """
-    path = FilePath(name)
-    text = settings.text_of(path)
-    with settings.located(name, text):
-        service = settings.build(Service, settings.tables_of(text, name), name)
+    service, path = read_service(name), FilePath(name)
+    with settings.located(name, settings.text_of(path)):
         return plan_trips(service, line or line_beside(service, path), name)
+
+
+def load_single(name: str, line: str | None = None) -> tuple[PlannedTrip, ...]:
+    """The same for a service of one train, as scenarios run it. Raises SettingsError."""
+    trains = read_service(name).trains
+    if several(name):
+        raise SettingsError(
+            f"{name}: trains {trains}: a scenario runs one train; leave trains out here, or use "
+            "`vobc run --lockstep --service`"
+        )
+    return load_service(name, line)
 
 
 def service_of(setup: Setup, files: Files) -> tuple[PlannedTrip, ...]:
@@ -108,15 +144,12 @@ def service_of(setup: Setup, files: Files) -> tuple[PlannedTrip, ...]:
     if setup.service is None:
         return ()
     base, _ = split_route(file_name(setup.line, files))
-    return load_service(file_name(setup.service, files), base)
+    return load_single(file_name(setup.service, files), base)
 
 
 def line_of_service(name: str) -> str:
     """The line that a service file names, as `load_line` takes it. Raises SettingsError."""
-    path = FilePath(name)
-    text = settings.text_of(path)
-    with settings.located(name, text):
-        return line_beside(settings.build(Service, settings.tables_of(text, name), name), path)
+    return line_beside(read_service(name), FilePath(name))
 
 
 def line_beside(service: Service, path: FilePath) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from firmware_py.trackdb.network import Track, TrackNetwork
+from metro_hil.model.network_places import ends_m
 
 WIDTH_PX: Final = 1100.0
 MARGIN_PX: Final = 90.0
@@ -18,10 +19,10 @@ STYLE: Final = (
 
 def network_svg(network: TrackNetwork) -> str:
     """The diagram as a document. Tracks keep their lengths; places where they meet are level."""
-    ends_m = _ends_m(network)
-    low_m, high_m = min(ends_m.values()), max(ends_m.values())
+    placed_m = ends_m(network)
+    low_m, high_m = min(placed_m.values()), max(placed_m.values())
     scale = (WIDTH_PX - 2.0 * MARGIN_PX) / (high_m - low_m)
-    places = {end: MARGIN_PX + (at_m - low_m) * scale for end, at_m in ends_m.items()}
+    places = {end: MARGIN_PX + (at_m - low_m) * scale for end, at_m in placed_m.items()}
     lanes = {track.name: LANE_PX * (row + 1) for row, track in enumerate(network.tracks)}
     height_px = LANE_PX * (len(network.tracks) + 1)
     parts = [
@@ -36,48 +37,6 @@ def network_svg(network: TrackNetwork) -> str:
         x_px, y_px = places[end], lanes[end.rpartition(".")[0]]
         parts.append(_line("stop", x_px, y_px - 8.0, x_px, y_px + 8.0))
     return "\n".join([*parts, "</svg>", ""])
-
-
-def _ends_m(network: TrackNetwork) -> dict[str, float]:
-    """Place of each track end in the diagram: ends that meet lie at one place, where possible."""
-    meets: dict[str, list[str]] = {}
-    pairs = [(join.a, join.b) for join in network.joins]
-    for switch in network.switches:
-        pairs += [(switch.tip, switch.left), (switch.tip, switch.right)]
-    for one, other in pairs:
-        meets.setdefault(one, []).append(other)
-        meets.setdefault(other, []).append(one)
-    placed: dict[str, float] = {}
-    for first in network.tracks:
-        if f"{first.name}.start" not in placed:
-            _place(network, first.name, first.start_m, True, meets, placed)
-    return placed
-
-
-def _place(
-    network: TrackNetwork,
-    name: str,
-    at_m: float,
-    by_start: bool,
-    meets: dict[str, list[str]],
-    placed: dict[str, float],
-    sign: float = 1.0,
-) -> None:
-    """Place a track by one of its ends, then all tracks that it leads to."""
-    waiting = [(name, at_m, by_start, sign)]
-    while waiting:
-        name, at_m, by_start, sign = waiting.pop()
-        if f"{name}.start" in placed:
-            continue
-        track = network.track(name)
-        # `sign` is the direction in the diagram from the given end to the other one.
-        far_m = at_m + sign * (track.end_m - track.start_m)
-        near_end, far_end = ("start", "end") if by_start else ("end", "start")
-        placed[f"{name}.{near_end}"], placed[f"{name}.{far_end}"] = at_m, far_m
-        for end, end_m, outward in ((near_end, at_m, -sign), (far_end, far_m, sign)):
-            for other in meets.get(f"{name}.{end}", ()):
-                other_name, _, other_end = other.rpartition(".")
-                waiting.append((other_name, end_m, other_end == "start", outward))
 
 
 def _joints(

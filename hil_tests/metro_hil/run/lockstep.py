@@ -17,7 +17,7 @@ from firmware_py.storage.port_log import PORTS_LOG, PortLog
 from firmware_py.storage.recorder import CandumpWriter, LineLog, RadioLog, SerialLog
 from firmware_py.tag_reader.inproc_line import inproc_line
 from firmware_py.tag_reader.recorded_line import RecordedLine
-from firmware_py.trackdb import PlatformSide
+from firmware_py.trackdb import PlatformSide, Station
 from metro_hil.external_controller.choice import SHIPPED, ControllerSide
 from metro_hil.faults.bus import COMMANDED, BusFaults, FaultyPort
 from metro_hil.faults.frames import FrameFaults
@@ -45,6 +45,7 @@ from plant_emulator.faults.kinds import FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.process import TRUTH_COLUMNS, PlantDevice, TruthLog
 from plant_emulator.truth import Truth
+from plant_emulator.wayside.interlocking import SharedNetwork
 from plant_emulator.wayside.railway import subscriptions
 from plant_emulator.world import STEP_NS, TrainScenario, plan_scenario
 from vobc.config import VobcConfig, load_config
@@ -108,6 +109,7 @@ class Lockstep:
         controller: ControllerSpec = SHIPPED,
         plant: PlantSpec = SHIPPED_PLANT,
         by_hand: TrainByHand = NOT_BY_HAND,
+        shared: SharedNetwork | None = None,
     ) -> None:
         """Without a folder, nothing is logged.
 
@@ -120,7 +122,8 @@ class Lockstep:
             taps: observers of the run.
             controller: the controller under test.
             plant: the plant, or the program that emulates parts of it.
-        by_hand: what a person does to the train while it runs.
+            by_hand: what a person does to the train while it runs.
+            shared: the network that the train shares with others.
         """
         use_native()
         self.clock = LockstepClock()
@@ -143,6 +146,7 @@ class Lockstep:
             foreign=self.foreign,
             desk=by_hand.desk,
             by_hand=by_hand.faults,
+            shared=shared,
         )
         self._bus_faults: BusFaults | None = None
         self._executives = [self.plant.executive]
@@ -157,9 +161,7 @@ class Lockstep:
             self._recorded_radio(radio.port("train", topics), folder, taps.radio),
             faulty=FaultPlace.PROCESS in places,
         )
-        self._arrival = ArrivalWatch(
-            journey.end.stop_m, doors=journey.end.side is not PlatformSide.NONE
-        )
+        self._arrival = _arrival_at(journey.end)
         self.arrived, self._moved_ns = False, 0
         """Whether the train has stood with open doors at its last station for a while."""
         self._executives.append(Executive([Task("watch", WATCH_MS, self._watch)], 0))
@@ -418,6 +420,10 @@ class Lockstep:
         recorded = RecordedLine(port, log)
         self._stack.callback(recorded.close)
         return recorded
+
+
+def _arrival_at(end: Station) -> ArrivalWatch:
+    return ArrivalWatch(end.stop_m, doors=end.side is not PlatformSide.NONE)
 
 
 def _topics_of(line_name: str, train: int) -> tuple[str, str]:

@@ -1,0 +1,102 @@
+"""Two whole trains on one network: they enter, wait for each other, turn round, and leave."""
+
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from metro_hil.line.turning.conductor import Conductor
+from metro_hil.line.turning.plan import plan_fleet
+from metro_hil.model.run_options import parse
+
+NETWORK: Final = """
+name = "stub"
+buffer_stops = ["yard.end", "tail.start", "exit.end"]
+routes = [
+    { name = "in", legs = ["yard down", "tail down"] },
+    { name = "out", legs = ["tail up", "exit up"] },
+]
+switches = [{ name = "W1", tip = "tail.end", left = "yard.start", right = "exit.start" }]
+
+[[tracks]]
+name = "yard"
+start_m = 0.0
+end_m = 130.0
+limits = [{ start_m = 0.0, end_m = 130.0, limit_mps = 12.0 }]
+platforms = [
+    { station = "Yard", start_m = 35.0, end_m = 125.0, side = "none", stop_down_m = 40.0 },
+]
+
+[[tracks]]
+name = "tail"
+start_m = 0.0
+end_m = 110.0
+limits = [{ start_m = 0.0, end_m = 110.0, limit_mps = 12.0 }]
+platforms = [
+    { station = "Tail", start_m = 15.0, end_m = 105.0, side = "none", STOPS_IN },
+]
+TAGS_IN
+[[tracks]]
+name = "exit"
+start_m = 0.0
+end_m = 120.0
+limits = [{ start_m = 0.0, end_m = 120.0, limit_mps = 12.0 }]
+platforms = [
+    { station = "Exit", start_m = 5.0, end_m = 105.0, side = "none", stop_up_m = 90.0 },
+]
+TAGS_OUT"""
+SERVICE: Final = """
+line = "stub.toml"
+trains = 2
+[[trips]]
+route = "in"
+[[trips]]
+route = "out"
+"""
+
+
+def tags(first_id: int, station: str, stop_m: float, direction: str) -> str:
+    sign = -1.0 if direction == "up" else 1.0
+    places = {"t1": 52.0, "t2": 12.0, "t3": 3.5, "stop": 2.0}
+    rows = sorted((stop_m + sign * by_m, kind) for kind, by_m in places.items())
+    return "\n".join(
+        f'[[tracks.tags]]\ntag_id = {number}\nposition_m = {at_m}\nkind = "{kind}"\n'
+        f'station = "{station}"\ndirection = "{direction}"\n'
+        for number, (at_m, kind) in enumerate(rows, first_id)
+    )
+
+
+def write(folder: Path, service: str = SERVICE) -> str:
+    network = NETWORK.replace("STOPS_IN", "stop_down_m = 20.0, stop_up_m = 90.0")
+    network = network.replace('side = "none"', 'side = "none", dwell_s = 0.0')
+    network = network.replace("TAGS_IN", tags(1, "Tail", 20.0, "down"))
+    network = network.replace("TAGS_OUT", tags(11, "Exit", 90.0, "up"))
+    (folder / "stub.toml").write_text(network, encoding="utf-8")
+    (folder / "service.toml").write_text(service, encoding="utf-8")
+    return str(folder / "service.toml")
+
+
+def conducted(folder: Path, *options: str) -> Conductor:
+    plan = plan_fleet(parse(["run", "--lockstep", "--service", write(folder), *options]))
+    return Conductor(plan, lambda number: None)
+
+
+def test_a_train_waits_until_the_other_has_turned(tmp_path: Path) -> None:
+    conductor = conducted(tmp_path)
+    first, second = conductor.trains
+
+    record = conductor.run(interrupted=lambda: len(first.trips) == 2 and first.moving)
+
+    assert record.exit_reason == "interrupted"
+    came, leaves = first.trips
+    assert came.stops[0].error_m == pytest.approx(0.0, abs=0.1)
+    assert leaves.turned
+    assert leaves.began_s == came.ended_s
+    # The second train entered behind the first, and ran up to the signal 20 m before the switch.
+    assert second.trips[0].began_s == pytest.approx(came.clear_s, abs=10.0)
+    (waits,) = second.trips
+    assert waits.left_s is not None
+    assert waits.entered_s is None
+    assert conductor.between.checked_count > 100
+    assert conductor.between.violations == []
+    assert first.brakes == second.brakes == []

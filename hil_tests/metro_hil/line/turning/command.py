@@ -1,0 +1,162 @@
+"""`vobc run --lockstep --service FILE --trains N`: trains that turn round on one network."""
+
+import json
+import sys
+from collections.abc import Mapping
+from math import isfinite
+from pathlib import Path
+from statistics import mean
+from typing import Any, Final
+
+from rich.console import Console
+from rich.table import Table
+
+from canlog.run_names import mark_latest
+from firmware_py.clock.clock import WallClock
+from firmware_py.interrupts import Interrupts
+from firmware_py.storage.recorder import loss_text
+from firmware_py.storage.whole_file import write_whole
+from metro_hil.line.turning.conductor import Conductor
+from metro_hil.line.turning.headway import Turnback, turnbacks
+from metro_hil.line.turning.plan import FleetPlan, plan_fleet
+from metro_hil.line.turning.train import TurningTrain
+from metro_hil.model.end_condition import ARRIVED, INTERRUPTED
+from metro_hil.model.run_folder import make_run_folder, plain, write_config
+from metro_hil.model.run_options import (
+    EXIT_ENVIRONMENT,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    RunOptions,
+)
+
+NS_PER_S: Final = 1e9
+GRAPH: Final = "graph.png"
+
+
+def run(options: RunOptions, console: Console) -> int:
+    """Run all trains and write the results. Raises SettingsError, RunFolderError."""
+    plan = plan_fleet(options)
+    clock = WallClock()
+    words = f"{plan.network.name}_{plan.trains}"
+    folder = make_run_folder(options.out, clock.epoch_ns(), words)
+    write_config(folder, {"options": options, "service": plan.service}, clock.epoch_ns())
+    mark_latest(folder.path)
+
+    def folder_of(number: int) -> Path | None:
+        return folder.path / f"train{number}" if options.logs else None
+
+    began_ns, interrupts = clock.now_ns(), Interrupts()
+    conductor = Conductor(plan, folder_of)
+    with interrupts.caught(), console.status("the first second") as status:
+        record = conductor.run(
+            told=lambda now_s: status.update(f"{now_s:.0f} s"),
+            interrupted=lambda: interrupts.asked,
+        )
+    elapsed_s = max(1, clock.now_ns() - began_ns) / NS_PER_S
+    trips = [trip for train in conductor.trains for trip in train.trips]
+    turned = turnbacks(plan, trips)
+    document = as_document(plan, conductor, turned)
+    _show(console, plan, conductor, turned, record.duration_s / elapsed_s)
+    write_whole(folder.results, json.dumps(document, indent=2) + "\n")
+    from metro_hil.line.turning import figures
+
+    figures.draw(folder.path / GRAPH, plan, record, turned)
+    console.print(f"train graph: {folder.path / GRAPH}", highlight=False, soft_wrap=True)
+    console.print(f"run folder: {folder.path}", highlight=False, soft_wrap=True)
+    if options.json:
+        print(json.dumps(document))
+    if lost := sum(train.lost_log_lines for train in conductor.trains):
+        print(f"vobc: {folder.path}: {loss_text(lost)}", file=sys.stderr)
+        return EXIT_ENVIRONMENT
+    if record.exit_reason == INTERRUPTED:
+        return EXIT_INTERRUPTED
+    braked = any(train.brakes for train in conductor.trains)
+    sound = record.exit_reason == ARRIVED and not conductor.between.violations and not braked
+    return EXIT_OK if sound else EXIT_FAILED
+
+
+def as_document(plan: FleetPlan, conductor: Conductor, turned: list[Turnback]) -> Mapping[str, Any]:
+    """Return the results for JSON, equal for equal seeds on any machine."""
+    record, between = conductor.record, conductor.between
+    return {
+        "network": plan.network.name,
+        "trains": plan.trains,
+        "headway_s": plan.service.headway_s,
+        "seed": plan.seed,
+        "exit_reason": record.exit_reason,
+        "duration_s": record.duration_s,
+        "least_gap_m": between.least_gap_m if isfinite(between.least_gap_m) else None,
+        "checked_count": between.checked_count,
+        "violations": [plain(each) for each in between.violations],
+        "protection_brakes": [plain(each) for train in conductor.trains for each in train.brakes],
+        "turnbacks": [{**plain(each), "limit_s": each.limit.total_s} for each in turned],
+        "trips": [plain(trip) for train in conductor.trains for trip in train.trips],
+    }
+
+
+def _show(
+    console: Console,
+    plan: FleetPlan,
+    conductor: Conductor,
+    turned: list[Turnback],
+    factor: float,
+) -> None:
+    table = Table("train", "trips", "worst stop", "latest departure", "brakes by protection")
+    for train in conductor.trains:
+        table.add_row(*_row(train))
+    console.print(table)
+    if turned:
+        console.print(_turnback_table(turned))
+    record, between = conductor.record, conductor.between
+    gap_m = between.least_gap_m
+    gap = f"; least gap {gap_m:.0f} m" if isfinite(gap_m) else ""
+    console.print(
+        f"{record.exit_reason} after {record.duration_s:.0f} s{gap}; "
+        f"{len(between.violations)} violations between trains; "
+        f"{factor:.0f} times real time",
+        highlight=False,
+    )
+    for each in between.violations:
+        who = " and ".join(each.trains)
+        console.print(f"at {each.at_s:.2f} s, {who}: {each.kind}", style="red", highlight=False)
+    for train in conductor.trains:
+        for brake in train.brakes:
+            words = f"at {brake.at_s:.2f} s, {train.name}: {brake.kind} brake, {brake.cause}"
+            console.print(words.replace("_", " "), style="red", highlight=False)
+
+
+def _row(train: TurningTrain) -> list[str]:
+    done = sum(trip.ended_s is not None for trip in train.trips)
+    errors_m = [
+        abs(stop.error_m) for trip in train.trips for stop in trip.stops if stop.error_m is not None
+    ]
+    late_s = [
+        trip.left_s - trip.due_s
+        for trip in train.trips
+        if trip.left_s is not None and trip.due_s is not None
+    ]
+    return [
+        str(train.number),
+        f"{done} of {len(train.trips)}",
+        f"{100.0 * max(errors_m):.1f} cm" if errors_m else "–",
+        f"{max(late_s):+.1f} s" if late_s else "–",
+        str(len(train.brakes)),
+    ]
+
+
+def _turnback_table(turned: list[Turnback]) -> Table:
+    table = Table("turnback", "turns", "headway", "least possible", "analytic limit")
+    for each in turned:
+        headway = "–"
+        if each.headways_s:
+            low_s, high_s = min(each.headways_s), max(each.headways_s)
+            headway = f"{mean(each.headways_s):.1f} s ({low_s:.1f} to {high_s:.1f})"
+        table.add_row(
+            each.limit.station,
+            str(each.turns),
+            headway,
+            f"{each.least_s:.1f} s" if each.occupied_s else "–",
+            f"{each.limit.total_s:.1f} s",
+        )
+    return table

@@ -1,0 +1,79 @@
+"""What must hold between the trains of a network at every instant. Judged by true places."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Final
+
+from plant_emulator.wayside.interlocking import Interlocking
+from plant_emulator.wayside.separation import Stretch, apart
+
+OVERLAP: Final = "two trains share a piece of track"
+INTO_TRAIN: Final = "an authority reaches over the true rear or front of another train"
+INTO_AUTHORITY: Final = "the authorities of two trains share a piece of track"
+OVER_SWITCH: Final = "an authority reaches over a switch that is not locked for the train"
+INTO_ROUTE: Final = "an authority reaches against the route of another train"
+KINDS: Final = (OVERLAP, INTO_TRAIN, INTO_AUTHORITY, OVER_SWITCH, INTO_ROUTE)
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """An invariant that does not hold, at the first instant for these trains."""
+
+    kind: str
+    at_s: float
+    trains: tuple[str, ...]
+
+
+class Between:
+    """Checks all pairs of trains."""
+
+    def __init__(self) -> None:
+        self.violations: list[Violation] = []
+        self.checked_count = 0
+        """Number of checks of a pair."""
+        self.least_gap_m = inf
+        """Least distance from a front to the next train ahead on its path."""
+        self._found: set[tuple[str, tuple[str, ...]]] = set()
+
+    def look(self, at_s: float, present: Mapping[str, tuple[Interlocking, float | None]]) -> None:
+        """Check the trains on the network, each with its routes and the end of its authority."""
+        permitted: dict[str, Stretch] = {}
+        for name, (routes, end_m) in present.items():
+            body = routes.body
+            reach_m = body.end_m if end_m is None else max(body.end_m, end_m)
+            permitted[name] = replace(body, end_m=reach_m)
+            if reach_m > max(body.end_m, routes.unlocked_m):
+                self._note(OVER_SWITCH, at_s, name)
+        for one, other in itertools.permutations(present, 2):
+            self._check(at_s, (one, other), permitted, present[one][0].body, present[other][0])
+
+    def _check(
+        self,
+        at_s: float,
+        names: tuple[str, str],
+        permitted: Mapping[str, Stretch],
+        body: Stretch,
+        ahead: Interlocking,
+    ) -> None:
+        self.checked_count += 1
+        one, other = (permitted[name] for name in names)
+        for low_m, _ in ahead.body.parts_on(body.path):
+            if body.end_m <= low_m < body.end_m + self.least_gap_m:
+                self.least_gap_m = low_m - body.end_m
+        if not apart(one, other):
+            if not apart(body, ahead.body):
+                self._note(OVERLAP, at_s, *sorted(names))
+            elif not apart(one, ahead.body):
+                self._note(INTO_TRAIN, at_s, *names)
+            elif apart(body, other):
+                self._note(INTO_AUTHORITY, at_s, *sorted(names))
+        against = {track: way.other for held in ahead.held for track, way in held.tracks.items()}
+        if any(against.get(track) is way for track, way in one.tracks().items()):
+            self._note(INTO_ROUTE, at_s, *names)
+
+    def _note(self, kind: str, at_s: float, *trains: str) -> None:
+        if (kind, trains) not in self._found:
+            self._found.add((kind, trains))
+            self.violations.append(Violation(kind, at_s, trains))

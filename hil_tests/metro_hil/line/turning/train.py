@@ -1,0 +1,219 @@
+"""One train of a service: it enters the network, makes trip after trip, and leaves."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+from can_dbc.vobc import Supervision
+from metro_hil.line.turning.plan import FleetPlan
+from metro_hil.metrics.case import MemoryLog
+from metro_hil.metrics.stops import StationStop, measure_stops
+from metro_hil.model.run_folder import RunFolder
+from metro_hil.run.lockstep import Lockstep, Taps
+from metro_hil.run.turnback import Departure, go_on
+from plant_emulator.wayside.interlocking import CLEAR_M, Interlocking, SharedNetwork, SignalBox
+from plant_emulator.world import STEP_NS
+
+NS_PER_S: Final = 1_000_000_000
+BRAKES: Final = (Supervision.SERVICE, Supervision.EMERGENCY)
+
+
+@dataclass(frozen=True, slots=True)
+class ProtectionBrake:
+    """A brake that protection applied to a moving train."""
+
+    at_s: float
+    train: int
+    kind: str
+    cause: str
+
+
+@dataclass(slots=True)
+class TripRecord:
+    """How one trip went. Times are those of the network."""
+
+    train: int
+    index: int
+    start: str
+    end: str
+    began_s: float
+    due_s: float | None
+    """Planned departure on the first trip of a round trip."""
+    turned: bool
+    """Whether the train changed ends before the trip."""
+    left_s: float | None = None
+    """First movement."""
+    entered_s: float | None = None
+    """When the train needed the route to its last stop, see `Entry`."""
+    clear_s: float | None = None
+    """When the rear was clear of the first switch."""
+    ended_s: float | None = None
+    """When the train had arrived; None: it did not."""
+    stops: list[StationStop] = field(default_factory=list)
+    frames: int = 0
+
+
+class TurningTrain:
+    """A train with its controller, plant and bus; each trip has a bench of its own."""
+
+    def __init__(
+        self, plan: FleetPlan, number: int, box: SignalBox, folder: Path | None = None
+    ) -> None:
+        """Args:
+        number: from 1.
+        folder: for the logs of all trips; None: nothing is logged.
+        """
+        self.number, self.name = number, f"train {number}"
+        self.trips: list[TripRecord] = []
+        self.brakes: list[ProtectionBrake] = []
+        self.gone = False
+        """Whether the train has made all trips."""
+        self.lost_log_lines = 0
+        self.bench: Lockstep | None = None
+        self._plan, self._box, self._folder = plan, box, folder
+        self._departure: Departure | None = None
+        self._cab_b = False
+        """Whether the train runs with the cab ahead that was behind at first."""
+        self._began_ns = 0
+        self._rows = MemoryLog()
+        self._supervision = Supervision.NO_AUTHORITY
+
+    @property
+    def place_m(self) -> float:
+        """True chainage of the front on the path of the trip."""
+        assert self.bench is not None
+        return self.bench.plant.world.front_m
+
+    @property
+    def moving(self) -> bool:
+        return self.bench is not None and self.bench.plant.world.speed_mps != 0.0
+
+    @property
+    def interlocking(self) -> Interlocking:
+        """The routes of the train. Call it for a train on the network only."""
+        assert self.bench is not None
+        found = self.bench.plant.railway.interlocking
+        assert found is not None
+        return found
+
+    @property
+    def authority_end_m(self) -> float | None:
+        """End of the newest authority of the trip; None before the first one."""
+        assert self.bench is not None
+        latest = self.bench.plant.railway.zone.latest
+        return None if latest is None else latest.end_m
+
+    def enter(self, now_ns: int) -> bool:
+        """Put the train on the network if it is due and there is room."""
+        first = self._plan.trips[0]
+        if now_ns < self._plan.due_ns(self.number, 0):
+            return False
+        assert first.scenario.tracks is not None
+        front_m, length_m = first.scenario.start.stop_m, first.scenario.train.length_m
+        if not self._box.has_room(
+            first.scenario.tracks[1], front_m=front_m, rear_m=front_m - length_m
+        ):
+            return False
+        self._begin(0, now_ns)
+        return True
+
+    def advance(self, until_ns: int) -> None:
+        """Run on to an instant of the network. A trip that ends before is followed by the next."""
+        while self.bench is not None:
+            bench, end_ns = self.bench, until_ns - self._began_ns
+
+            def over(now_ns: int, bench: Lockstep = bench, end_ns: int = end_ns) -> bool:
+                return now_ns >= end_ns or (bench.arrived and now_ns % STEP_NS == 0)
+
+            bench.run_until(over)
+            self._look(bench)
+            if not bench.arrived or bench.clock.now_ns() >= end_ns:
+                return
+            self._next(bench)
+
+    def _look(self, bench: Lockstep) -> None:
+        """Note what the train and its controller do now."""
+        now_s = (self._began_ns + bench.clock.now_ns()) / NS_PER_S
+        record, output = self.trips[-1], bench.vobc.output
+        if self.moving:
+            if record.left_s is None:
+                record.left_s = now_s
+            if output.supervision in BRAKES and output.supervision is not self._supervision:
+                kind = output.supervision.name.lower()
+                brake = ProtectionBrake(now_s, self.number, kind, output.cause)
+                self.brakes.append(brake)
+        self._supervision = output.supervision
+        entry = self._plan.trips[record.index].entry
+        if record.entered_s is None and entry is not None and self.place_m >= entry.brake_m:
+            # A train that waits there for the route has not entered yet.
+            record.entered_s = now_s if self.interlocking.limit_m > entry.signal_m else None
+        if record.clear_s is None and record.left_s is not None:
+            first_m = self.interlocking.first_switch_m
+            if self.interlocking.body.rear_m > first_m + CLEAR_M:
+                record.clear_s = now_s
+
+    def _begin(self, index: int, now_ns: int) -> None:
+        planned = self._plan.trips[index]
+        due_ns = self._plan.due_ns(self.number, index)
+        wait_s = max(planned.trip.layover_s, (due_ns - now_ns) / NS_PER_S)
+        scenario = replace(planned.scenario, seed=self._plan.seed_of(self.number), layover_s=wait_s)
+        journey, turned = planned.journey, False
+        if self._departure is not None:
+            turned = self._departure.cab_b is not self._cab_b
+            scenario = self._departure.scenario(scenario)
+            journey = self._departure.journey(journey)
+            self._cab_b = self._departure.cab_b
+        stops_m = tuple(stop.stop_m for stop in journey.stops)
+        self._began_ns, self._rows = now_ns, MemoryLog()
+        self._supervision = Supervision.NO_AUTHORITY
+        self.bench = Lockstep(
+            self._plan.config,
+            scenario,
+            journey,
+            self._trip_folder(index),
+            taps=Taps(rows=self._rows),
+            shared=SharedNetwork(self._box, self.name, now_ns, stops_m),
+        )
+        due_s = due_ns / NS_PER_S if self._plan.first_trip(index) else None
+        trip = planned.trip
+        self.trips.append(
+            TripRecord(
+                *(self.number, index, trip.start, trip.end, now_ns / NS_PER_S, due_s, turned)
+            )
+        )
+
+    def _next(self, bench: Lockstep) -> None:
+        """End a trip whose train has arrived, and begin the next one."""
+        record, index = self.trips[-1], self.trips[-1].index
+        now_ns = self._began_ns + bench.clock.now_ns()
+        record.ended_s = now_ns / NS_PER_S
+        departure: Departure | None = None
+        if index + 1 < len(self._plan.trips):
+            came, leaves = self._plan.trips[index], self._plan.trips[index + 1]
+            departure = go_on(bench, came.trip, leaves.trip, cab_b=self._cab_b)
+        self.close()
+        self._departure = departure
+        if departure is None:
+            self.gone = True
+            self._box.leave(self.name)
+        else:
+            self._begin(index + 1, now_ns)
+
+    def close(self) -> None:
+        """End the bench of the present trip, if there is one, and measure the trip."""
+        bench, self.bench = self.bench, None
+        if bench is None:
+            return
+        bench.close()
+        record = self.trips[-1]
+        record.frames = bench.bus.statistics().frames
+        stops = self._plan.trips[record.index].journey.stops
+        record.stops = measure_stops(self._rows.columns(), stops)
+        self.lost_log_lines += bench.lost_log_lines
+
+    def _trip_folder(self, index: int) -> RunFolder | None:
+        if self._folder is None:
+            return None
+        path = self._folder / f"trip-{index + 1}"
+        path.mkdir(parents=True)
+        return RunFolder(path)

@@ -1,0 +1,87 @@
+"""The plan of a service of several trains, its headway limit, and what is refused."""
+
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from firmware_py.settings import SettingsError
+from metro_hil.cli import vobc_run
+from metro_hil.line.turning.headway import headway_limit
+from metro_hil.line.turning.plan import FleetPlan, plan_fleet
+from metro_hil.model.run_options import EXIT_USAGE, parse
+from metro_hil.model.service import load_single
+
+EXAMPLES: Final = Path(__file__).resolve().parents[4] / "docs/examples/line"
+NS: Final = 1_000_000_000
+
+
+def plan(service: Path, *options: str) -> FleetPlan:
+    return plan_fleet(parse(["run", "--lockstep", "--service", str(service), *options]))
+
+
+@pytest.fixture(scope="module")
+def every_90_s() -> FleetPlan:
+    return plan(EXAMPLES / "every_90_s.toml")
+
+
+def test_trains_are_due_one_headway_after_each_other(every_90_s: FleetPlan) -> None:
+    assert every_90_s.trains == 6
+    assert [every_90_s.due_ns(train, 0) for train in (1, 2, 6)] == [0, 90 * NS, 450 * NS]
+    # Only the first trip of a round trip has a time: six trains leave 540 s.
+    assert every_90_s.due_ns(1, 1) == 0
+    assert every_90_s.due_ns(2, 2) == 630 * NS
+    assert len({every_90_s.seed_of(train) for train in range(1, 7)}) == 6
+
+
+def test_the_limit_adds_up_its_terms(every_90_s: FleetPlan) -> None:
+    came, leaves = every_90_s.trips[0], every_90_s.trips[1]
+    entry = came.entry
+    assert entry is not None
+    # North is at 1215 m, the signal at 1255 m: the train brakes for it from the middle on.
+    assert (entry.start_m, entry.signal_m, entry.brake_m) == (1215.0, 1255.0, 1235.0)
+
+    limit = headway_limit(every_90_s, came, entry, leaves)
+
+    # From North to the siding 180 m, at 11 m/s as the limit: 180/11 + 11/0.8 + 0.8/0.6, less the
+    # 20 m up to the brake. Out: 100 m up to the switch, and 78.6 m until the rear is 10 m beyond.
+    ramp_s = 11.0 / 0.8 + 0.8 / 0.6
+    assert limit.run_in_s == pytest.approx(180.0 / 11.0 + ramp_s - entry.brake_s, abs=2.5)
+    # The switch has moved before the train would brake for the signal ahead of it.
+    assert limit.wait_s == 0.0
+    terms_s = limit.run_in_s + limit.turn_s + limit.wait_s + limit.run_out_s
+    assert limit.total_s == pytest.approx(4.0 + 0.3 + terms_s)
+    assert limit.total_s < 90.0
+
+
+def test_a_line_without_switches_takes_one_train(tmp_path: Path) -> None:
+    service = tmp_path / "service.toml"
+    service.write_text('line = "florence"\n[[trips]]\nroute = "up"\n', encoding="utf-8")
+
+    with pytest.raises(SettingsError, match="trains 2: florence has no switches"):
+        plan(service, "--trains", "2")
+
+
+def test_a_scenario_refuses_a_service_of_several_trains() -> None:
+    with pytest.raises(SettingsError, match="trains 6: a scenario runs one train"):
+        load_single(str(EXAMPLES / "every_90_s.toml"))
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--trains", "21"], "--trains 21: with a service there are 1 to 20"),
+        (["--trains", "2", "--supply", "weak"], "--traffic and --supply: not with --service"),
+    ],
+)
+def test_options_that_do_not_fit(
+    words: list[str], problem: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = ["run", "--lockstep", "--service", str(EXAMPLES / "shuttle.toml")]
+    try:
+        code: object = vobc_run.main([*service, *words])
+    except SystemExit as ended:
+        code = ended.code
+
+    assert code == EXIT_USAGE
+    assert problem in capsys.readouterr().err
