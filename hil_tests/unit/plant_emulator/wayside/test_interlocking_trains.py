@@ -9,6 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.trackdb.circuit import load_network, load_path
+from firmware_py.trackdb.network import Join, Running
+from firmware_py.trackdb.paths import Path as TrackPath
+from firmware_py.trackdb.paths import make_path
 from plant_emulator.wayside.interlocking import (
     MOVE_S,
     Interlocking,
@@ -124,6 +127,65 @@ def test_a_train_requests_a_route_when_it_has_arrived_at_the_stop_before() -> No
     assert len(inner.held) == 1
 
 
+def placed(box: SignalBox, name: str, path: TrackPath, front_m: float) -> Interlocking:
+    return Interlocking(
+        box.network,
+        path,
+        to_m=path.legs[-1].to_m - 20.0,
+        front_m=front_m,
+        rear_m=front_m - LENGTH_M,
+        shared=SharedNetwork(box, name),
+    )
+
+
+def test_no_route_leads_towards_a_train_on_the_same_track() -> None:
+    box = SignalBox(NETWORK)
+    west = PATHS["back"].legs[1]
+    comes = placed(box, "one", PATHS["back"], west.from_m + 300.0)
+    way = make_path(NETWORK, "against", [("mill", Running.UP), ("west", Running.UP)])
+    against = placed(box, "two", way, 0.0)
+
+    against.step(NS, front_m=0.0, rear_m=-LENGTH_M)
+
+    assert not against.held
+    assert against.refusals == 1
+    assert comes.body.tracks() == {"west": Running.DOWN}
+
+
+def test_two_trains_that_come_together_at_a_switch_take_it_one_after_the_other() -> None:
+    """`mill` and `west` lead over W1, which lies only one way at a time."""
+    ends = tuple(end for end in NETWORK.buffer_stops if end != "mill.start")
+    beyond = replace(NETWORK.track("tail"), name="beyond", tags=())
+    open_end = replace(
+        NETWORK,
+        tracks=(*NETWORK.tracks, beyond),
+        buffer_stops=(*ends, "beyond.start"),
+        joins=(Join("mill.start", "beyond.end"),),
+    )
+    box = SignalBox(open_end)
+    one = placed(
+        box,
+        "one",
+        make_path(open_end, "one", [("west", Running.DOWN), ("mill", Running.DOWN)]),
+        400.0,
+    )
+    other = placed(
+        box,
+        "two",
+        make_path(open_end, "two", [("east", Running.DOWN), ("mill", Running.DOWN)]),
+        400.0,
+    )
+
+    for each in (one, other):
+        each.step(NS, front_m=400.0, rear_m=400.0 - LENGTH_M)
+    assert one.held
+    assert not other.held
+
+    box.leave("one")
+    other.step(2 * NS, front_m=400.0, rear_m=400.0 - LENGTH_M)
+    assert other.held
+
+
 def test_there_is_room_for_a_train_only_away_from_others_and_their_routes() -> None:
     box = SignalBox(NETWORK)
     mill, out = PATHS["out"].line.station("Mill").stop_m, PATHS["out"]
@@ -139,7 +201,36 @@ def test_there_is_room_for_a_train_only_away_from_others_and_their_routes() -> N
     assert not list(box.locked())
 
 
-@settings(max_examples=5, deadline=None)
+def test_a_train_enters_neither_on_another_one_nor_over_its_locked_switch() -> None:
+    box, out = SignalBox(NETWORK), PATHS["out"]
+    placed(box, "one", out, 300.0)
+    assert box.has_room(out, front_m=200.0, rear_m=200.0 - LENGTH_M)
+    # Less 68.6 m and 12 m, and 10 m for the end of the authority.
+    assert not box.has_room(out, front_m=210.0, rear_m=210.0 - LENGTH_M)
+
+    box = SignalBox(NETWORK)
+    locks = placed(box, "one", PATHS["back"], PATHS["back"].legs[1].from_m + 600.0)
+    locks.step(NS, front_m=locks.body.end_m, rear_m=locks.body.rear_m)
+    assert [each.switch for each in locks.held[0].section.crossings] == ["W1"]
+    # W1 is at 100 m. The rear of a train beyond it would be within 10 m.
+    east_m = 100.0 + LENGTH_M
+    assert not box.has_room(out, front_m=east_m + 9.0, rear_m=109.0)
+    assert box.has_room(out, front_m=east_m + 11.0, rear_m=111.0)
+
+
+def test_a_switch_below_a_train_does_not_move_for_a_train_behind_it() -> None:
+    box = SignalBox(NETWORK)
+    placed(box, "one", PATHS["out"], 100.0 + LENGTH_M - 5.0)
+    way = make_path(NETWORK, "west", [("mill", Running.UP), ("west", Running.UP)])
+    behind = placed(box, "two", way, 0.0)
+
+    behind.step(NS, front_m=0.0, rear_m=-LENGTH_M)
+
+    assert behind.refusals == 1
+    assert box.machines["W1"].aim is Lie.RIGHT
+
+
+@settings(max_examples=4, deadline=None)
 @given(
     moves=st.lists(
         st.lists(st.sampled_from((0.0, 4.0, 15.0)), min_size=3, max_size=3),

@@ -61,7 +61,7 @@ def test_a_stretch_over_two_tracks_counts_on_each() -> None:
 places = st.floats(-100.0, 1000.0)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     rear_m=places,
     length_m=st.floats(20.0, 200.0),
