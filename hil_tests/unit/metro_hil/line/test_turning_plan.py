@@ -1,14 +1,21 @@
 """The plan of a service of several trains, its headway limit, and what is refused."""
 
+import json
 from pathlib import Path
 from typing import Final
 
 import pytest
 
 from firmware_py.settings import SettingsError
+from firmware_py.trackdb.network import Running
+from firmware_py.trackdb.paths import TrackPlace
 from metro_hil.cli import vobc_run
-from metro_hil.line.turning.headway import headway_limit
+from metro_hil.line.turning.command import as_document
+from metro_hil.line.turning.conductor import Conductor, GraphPoint
+from metro_hil.line.turning.figures import draw
+from metro_hil.line.turning.headway import headway_limit, turnbacks
 from metro_hil.line.turning.plan import FleetPlan, plan_fleet
+from metro_hil.line.turning.train import TripRecord
 from metro_hil.model.run_options import EXIT_USAGE, parse
 from metro_hil.model.service import load_single
 
@@ -52,6 +59,37 @@ def test_the_limit_adds_up_its_terms(every_90_s: FleetPlan) -> None:
     terms_s = limit.run_in_s + limit.turn_s + limit.wait_s + limit.run_out_s
     assert limit.total_s == pytest.approx(4.0 + 0.3 + terms_s)
     assert limit.total_s < 90.0
+
+
+def test_the_headway_at_a_turnback_is_that_of_trains_that_left_its_switch(
+    every_90_s: FleetPlan, tmp_path: Path
+) -> None:
+    conductor = Conductor(every_90_s, lambda number: None)
+    for train, later_s in zip(conductor.trains, (0.0, 91.0), strict=False):
+        came = TripRecord(train.number, 0, "South siding", "North siding", later_s, later_s, False)
+        came.entered_s = later_s + 228.0
+        leaves = TripRecord(
+            train.number, 1, "North siding", "South siding", later_s + 261.0, None, True
+        )
+        leaves.clear_s = later_s + 289.0
+        train.trips += [came, leaves]
+    trips = [trip for train in conductor.trains for trip in train.trips]
+
+    (turnback,) = turnbacks(every_90_s, trips)
+
+    assert (turnback.limit.station, turnback.turns) == ("North siding", 2)
+    assert turnback.headways_s == (91.0,)
+    assert turnback.least_s == pytest.approx(61.0 + 4.3)
+    document = json.loads(json.dumps(as_document(every_90_s, conductor, [turnback])))
+    assert document["turnbacks"][0]["limit_s"] == pytest.approx(turnback.limit.total_s)
+    assert (document["least_gap_m"], document["checked_count"]) == (None, 0)
+    record = conductor.record
+    record.points += [
+        GraphPoint(float(at_s), 1, 0, TrackPlace("east", 200.0 + at_s, Running.UP))
+        for at_s in range(5)
+    ]
+    draw(tmp_path / "graph.png", every_90_s, record, [turnback])
+    assert (tmp_path / "graph.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_line_without_switches_takes_one_train(tmp_path: Path) -> None:
