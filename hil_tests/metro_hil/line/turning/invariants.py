@@ -18,7 +18,7 @@ KINDS: Final = (OVERLAP, INTO_TRAIN, INTO_AUTHORITY, OVER_SWITCH, INTO_ROUTE)
 
 
 @dataclass(frozen=True, slots=True)
-class Violation:
+class PairViolation:
     """An invariant that does not hold, at the first instant for these trains."""
 
     kind: str
@@ -30,7 +30,7 @@ class Between:
     """Checks all pairs of trains."""
 
     def __init__(self) -> None:
-        self.violations: list[Violation] = []
+        self.violations: list[PairViolation] = []
         self.checked_count = 0
         """Number of checks of a pair."""
         self.least_gap_m = inf
@@ -76,4 +76,4 @@ class Between:
     def _note(self, kind: str, at_s: float, *trains: str) -> None:
         if (kind, trains) not in self._found:
             self._found.add((kind, trains))
-            self.violations.append(Violation(kind, at_s, trains))
+            self.violations.append(PairViolation(kind, at_s, trains))
