@@ -246,6 +246,8 @@ class EventKind(enum.IntEnum):
     MEMORY_LOST = 31
     WOKEN = 32
     PUT_TO_SLEEP = 33
+    BRAKE_LATE = 34
+    BRAKE_WEAK = 35
 
 
 @frame("vobc.dbc", "VOBC_STATUS")

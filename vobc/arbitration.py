@@ -90,6 +90,7 @@ def arbitrate(
         replicas_agree=verdict.replicas_agree,
         alarm_raised=verdict.alarm_raised or demand.calls_for_help,
         door_bypass=verdict.door_bypass,
+        brake_finding=demand.brake_finding,
     )
 
 

@@ -16,7 +16,7 @@ from vobc.ato.motion.shaper import Shaper
 from vobc.ato.next_stop import StopPlan
 from vobc.ato.output import make_stage
 from vobc.ato.settings.ato import AtoConfig, within_notches
-from vobc.vocabulary import AtoDemand, AtoInput
+from vobc.vocabulary import AtoDemand, AtoInput, BrakeFinding
 
 NS_PER_S: Final = 1_000_000_000
 UNDER_WAY_MPS: Final = 0.3
@@ -92,6 +92,8 @@ class Ato:
         self._pull_s = 0.0
         self._released_s = config.station.release_s
         self._doors_wanted = False
+        self._brake_reported = False
+        """Since the departure a late or weak brake was reported."""
         self._dt_s = 0.0
         self._left: tuple[int, float] | None = None
         """Time and place of the departure from the last stop."""
@@ -187,7 +189,15 @@ class Ato:
             reverse=self._reverse and self.phase is AtoPhase.JOGGING,
             calls_for_help=self._calls_for_help(),
             stopping_at_m=None if stop is None or inputs.creep else stop.stop_m,
+            brake_finding=self._new_finding(drive),
         )
+
+    def _new_finding(self, drive: Drive) -> BrakeFinding | None:
+        """A finding about the brake, once a departure at most."""
+        if drive.brake_finding is None or self._brake_reported:
+            return None
+        self._brake_reported = True
+        return drive.brake_finding
 
     # Inputs of the guards.
 
@@ -332,6 +342,7 @@ class Ato:
         assert self._strategy is not None
         phase = self.phase
         if phase is AtoPhase.DEPARTING:
+            self._brake_reported = False
             if self._plan.served:
                 self._dwelt_s, self._jogs = 0.0, 0
             # A timetable covers the run from station to station. A train that halts in between

@@ -6,6 +6,7 @@ from typing import Final
 
 from can_dbc.doors import ALL_CARS, cars_text
 from can_dbc.vobc import EventKind, Inhibit, OperatingMode, Supervision, Withheld
+from vobc.events.brake import brake_found
 from vobc.events.causes import emergency_applied, emergency_released
 from vobc.events.inputs import (
     authority_changed,
@@ -97,13 +98,16 @@ def events_between(
         or output.replicas_agree is not before.replicas_agree
     ):
         found.extend(_alarms(before, inputs, output))
-    if inputs_before is not None:
-        _extend_by_messages(found, inputs_before, inputs)
+    if output.brake_finding is not None:
+        found.append(brake_found(output.brake_finding, output))
+    _extend_by_messages(found, inputs_before, inputs)
     return found or NOTHING
 
 
-def _extend_by_messages(found: list[Event], before: CycleInput, inputs: CycleInput) -> None:
+def _extend_by_messages(found: list[Event], before: CycleInput | None, inputs: CycleInput) -> None:
     """Add the events of received messages that changed."""
+    if before is None:
+        return
     if before.brake is None or before.traction is None:
         found.extend(units_not_ready(before, inputs))
     if inputs.authority is not before.authority:

@@ -22,7 +22,7 @@ from vobc.vocabulary.motion import (
     SupervisedTarget,
     TagRefusal,
 )
-from vobc.vocabulary.operation import AtoDemand, AtoInput
+from vobc.vocabulary.operation import AtoDemand, AtoInput, BrakeFinding
 from vobc.vocabulary.output import (
     MAX_SERVICE_DECEL_MPS2,
     SAFE_CURRENTS,
@@ -38,6 +38,7 @@ __all__ = [
     "AtoDemand",
     "AtoInput",
     "Authority",
+    "BrakeFinding",
     "Ceiling",
     "CurrentReference",
     "CycleInput",

@@ -65,6 +65,17 @@ class AtoInput:
 
 
 @dataclass(frozen=True, slots=True)
+class BrakeFinding:
+    """A brake outside of what the control law expects, as measured in the present application."""
+
+    late: bool
+    """The brake acts as late as the longest expected dead time or later. Otherwise it is weak."""
+    dead_time_s: float
+    gain_ratio: float
+    """Relative excess of the brake over the demand; negative for a weak one."""
+
+
+@dataclass(frozen=True, slots=True)
 class AtoDemand:
     """Demand of operation. Arbitration decides the output."""
 
@@ -90,3 +101,5 @@ class AtoDemand:
     doors stay disabled for long, or it should run and does not move."""
     stopping_at_m: float | None = None
     """Stopping point that the train approaches or stands at. None: there is none."""
+    brake_finding: BrakeFinding | None = None
+    """Only in the cycle that found it, once a departure at most."""

@@ -20,6 +20,7 @@ from can_dbc.vobc import (
     Withheld,
 )
 from vobc.vocabulary.motion import Ceiling, Motion
+from vobc.vocabulary.operation import BrakeFinding
 
 
 class Source(enum.Enum):
@@ -108,6 +109,8 @@ class CycleOutput:
     """Cars to which the enabled sides apply: bit 0 is the front car."""
     currents: CurrentReference | None = None
     """None for a train that takes its reference from the bus, and for the safe output."""
+    brake_finding: BrakeFinding | None = None
+    """Only in the cycle in which operation found a late or weak brake."""
 
 
 MAX_SERVICE_DECEL_MPS2: Final = 2.0

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 
+from can_dbc.vobc import EventKind
 from canlog.run_names import mark_latest
 from firmware_py.buses import BusError
 from firmware_py.clock.clock import WallClock
@@ -21,7 +22,12 @@ from metro_hil.cli.realtime_run import RealtimeRun
 from metro_hil.foreign_plant.plant import PlantDiedError
 from metro_hil.metrics.comfort import comfort_of, inertia_of
 from metro_hil.metrics.results import RunResults, sha256_of
-from metro_hil.metrics.run import measure_cycles, measure_ride, supervision_events
+from metro_hil.metrics.run import (
+    SupervisionEvent,
+    measure_cycles,
+    measure_ride,
+    supervision_events,
+)
 from metro_hil.metrics.stops import measure_stops
 from metro_hil.model.end_condition import INTERRUPTED, Ending
 from metro_hil.model.log_columns import Columns, RunLogError, read_columns
@@ -44,6 +50,7 @@ from metro_hil.model.run_options import (
 )
 from metro_hil.model.service import PlannedTrip, several
 from metro_hil.model.subprocesses import ChildError
+from metro_hil.report.explain.event_log import RunEventsError, read_story
 from metro_hil.report.table import print_results
 from metro_hil.run.lockstep import Lockstep, config_of, run_lockstep, scenario_of
 from metro_hil.run.turnback import (
@@ -279,7 +286,7 @@ def make_results(
         ride=measure_ride(motion) if motion else None,
         comfort=comfort_of(truth, cycles, inertia_kg=inertia_kg if truth else None),
         cycles=measure_cycles(cycles) if cycles else None,
-        events=supervision_events(cycles) if cycles else (),
+        events=_events(folder, cycles),
         frames=ending.frames,
         bus_load_ratio=ending.bus_load_ratio,
         frame_log_sha256=sha256_of(folder.bus_log),
@@ -292,6 +299,21 @@ def make_results(
         realtime=ending.realtime,
         nodes=ending.nodes,
     )
+
+
+def _events(folder: RunFolder, cycles: Columns | None) -> list[SupervisionEvent]:
+    """Changes of protection, and reports of a late or weak brake, in order of time."""
+    found = supervision_events(cycles) if cycles else []
+    try:
+        story = read_story(folder.path)
+    except RunEventsError:
+        return found
+    found += [
+        SupervisionEvent(event.t_s, event.kind.replace("_", " ").lower(), event.words)
+        for event in story.events
+        if event.kind in (EventKind.BRAKE_LATE.name, EventKind.BRAKE_WEAK.name)
+    ]
+    return sorted(found, key=lambda event: event.at_s)
 
 
 def _wants_plot(options: RunOptions) -> bool:

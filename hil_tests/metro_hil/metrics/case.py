@@ -52,6 +52,7 @@ NAMES: Final[Mapping[str, str]] = {
     "door_open_speed_max_mps": "greatest magnitude of speed while a door was unlocked",
     "energy_drawn_kwh": "energy drawn at the collector",
     "energy_returned_kwh": "energy returned at the collector",
+    "brake_reports_count": "reports of a late or weak brake by the controller",
     "controller_slips_count": "control cycles missed",
     "rejected_frames_count": "frames that the train's nodes rejected",
     "bus_load_ratio": "share of time that the bus was occupied",

@@ -23,6 +23,7 @@ class RunResults:
     ride: RideComfort | None
     cycles: Cycles | None
     events: Sequence[SupervisionEvent]
+    """Changes of protection, and reports of a late or weak brake, in order of time."""
     frames: int
     bus_load_ratio: float
     frame_log_sha256: str

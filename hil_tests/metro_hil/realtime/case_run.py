@@ -11,7 +11,15 @@ from firmware_py.buses import BusError
 from firmware_py.clock.clock import Clock, WallClock
 from firmware_py.settings import SettingsError
 from firmware_py.storage.errors import RecorderError
-from metro_hil.model.case import Case, CaseResult, FaultResult, Host, MonitorResult, Verdict
+from metro_hil.model.case import (
+    Case,
+    CaseEvent,
+    CaseResult,
+    FaultResult,
+    Host,
+    MonitorResult,
+    Verdict,
+)
 from metro_hil.model.case_setup import NO_FILES, CaseParts, Files, parts_of
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.verdict import Judgement, RunEvidence, judge
@@ -125,9 +133,15 @@ class _Run:
             monitors=tuple(monitors),
             faults=faults,
             measures=measures,
-            events=tuple(conduct.events),
+            events=self._all_events(),
             host=Host(steal_s=self._host.steal_s, lateness_us_p99=lateness_us_p99(self._folder)),
         )
+
+    def _all_events(self) -> tuple[CaseEvent, ...]:
+        """All recorded events, in order of time."""
+        reports = self._conduct.hearing.brake_reports.found
+        told = [CaseEvent(round(at_s, 3), text) for at_s, text in reports]
+        return tuple(sorted([*self._conduct.events, *told], key=lambda event: event.at_s))
 
     def _judged(
         self, monitors: tuple[MonitorResult, ...], faults: tuple[FaultResult, ...]

@@ -38,6 +38,7 @@ def realtime_measures(
         measures["arrived_count"] = float(run.motion.arrived)
     cycles = _read(folder, "cycles.csv")
     measures.update(_commanded(cycles, made))
+    measures["brake_reports_count"] = float(len(run.hearing.brake_reports.found))
     measures["controller_slips_count"] = _last(cycles, "slips")
     measures["rejected_frames_count"] = _refused(folder)
     elapsed_s = run.motion.t_s

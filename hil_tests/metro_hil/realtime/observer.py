@@ -12,6 +12,7 @@ from can_dbc.vobc import VobcPosition, VobcStatus
 from firmware_py.buses.timing import frame_bits
 from firmware_py.ports import CanFrame, CanPort
 from firmware_py.storage.recorder import CandumpWriter
+from metro_hil.metrics.brake_reports import BrakeReports
 from metro_hil.model.frame_hash import FrameHash
 from metro_hil.monitors.description import CONTROLLER_IDS as SAID_IDS
 from metro_hil.realtime.merge import Merge
@@ -99,6 +100,7 @@ class RunObserver:
         """
         self.train, self.controller = train, controller
         self.chain = FrameHash()
+        self.brake_reports = BrakeReports()
         self._monitors, self._cycle_id, self._on_cycle = monitors, cycle_id, on_cycle
         self._merge: Merge[CanFrame | ControllerFrame | Truth] = Merge()
         self._decoder = Decoder((VobcStatus, VobcPosition))
@@ -171,6 +173,7 @@ class RunObserver:
         elif _is_common(thing):
             self.chain.frame(run_ns, thing.can_id, thing.data)
             self._monitors.frame(run_ns, thing.can_id, thing.data)
+            self.brake_reports.frame(run_ns, thing.can_id, thing.data)
 
     def _note_controller(self, frame: CanFrame) -> None:
         if self._start_awaited:

@@ -13,6 +13,7 @@ from firmware_py.storage.errors import RecorderError
 from firmware_py.storage.recorder import loss_text
 from metro_hil.external_controller import ControllerDiedError
 from metro_hil.foreign_plant.plant import PlantDiedError
+from metro_hil.metrics.brake_reports import BrakeReports
 from metro_hil.metrics.case import MemoryLog, motion_measures
 from metro_hil.metrics.comfort import CommandLog, inertia_of
 from metro_hil.metrics.fastest_run import journey_fastest_s
@@ -114,6 +115,7 @@ class CaseRun:
         self._rows = MemoryLog()
         self._commands = CommandLog(inertia_of(parts.scenario.train))
         self._notches = NotchLog()
+        self._brake_reports = BrakeReports()
         self._bounds: list[tuple[float, float]] = []
         own_port, input_age_s = hearing_of(parts.faults, places)
         later = bool(places)
@@ -169,6 +171,7 @@ class CaseRun:
         self._chain.frame(stamp_ns, can_id, data)
         self._monitors.frame(stamp_ns, can_id, data)
         self._notches.frame(stamp_ns, can_id, data)
+        self._brake_reports.frame(stamp_ns, can_id, data)
 
     def _truth(self, truth: Truth, now_ns: int) -> None:
         self.truth = truth
@@ -369,6 +372,7 @@ class CaseRun:
     def _all_events(self) -> tuple[CaseEvent, ...]:
         """All recorded events, in order of time."""
         told = [CaseEvent(at_ns / NS_PER_S, what) for at_ns, what in self.bench.bus_story()]
+        told += [CaseEvent(*report) for report in self._brake_reports.found]
         both = sorted([*self._events, *told], key=lambda event: event.at_s)
         return tuple(both[:EVENTS_MAX])
 
@@ -391,6 +395,7 @@ class CaseRun:
         metered = foreign is None or foreign.nodes.isdisjoint({Node.TCU, Node.BCU, Node.HVB})
         measures["energy_drawn_kwh"] = power.drawn_j / J_PER_KWH if metered else None
         measures["energy_returned_kwh"] = power.returned_j / J_PER_KWH if metered else None
+        measures["brake_reports_count"] = float(len(self._brake_reports.found))
         measures["controller_slips_count"] = float(getattr(bench.vobc, "slips", 0))
         measures["rejected_frames_count"] = float(sum(bench.plant.wire.refusals.values()))
         measures["bus_load_ratio"] = bench.bus.statistics().load_ratio(max(1, elapsed_ns))

@@ -26,6 +26,7 @@ from vobc.vocabulary import (
     NEVER_S,
     SAFE_OUTPUT,
     Authority,
+    BrakeFinding,
     Ceiling,
     CycleInput,
     CycleOutput,
@@ -535,3 +536,29 @@ def test_any_two_cycles_give_encodable_events(
     assert sum(kind in OF_SUPERVISION for kind in kinds) <= 1
     if before is not None and before.supervision is not output.supervision:
         assert kinds[0] in OF_SUPERVISION, "the weightiest first"
+
+
+@pytest.mark.parametrize(
+    ("found", "kind", "number", "words"),
+    [
+        (
+            BrakeFinding(True, 3.0, -0.2),
+            EventKind.BRAKE_LATE,
+            3000,
+            "acts 3.00 s after its command",
+        ),
+        (BrakeFinding(False, 0.6, -0.2), EventKind.BRAKE_WEAK, 80, "gives 80 % of the demanded"),
+        (BrakeFinding(False, 0.6, -0.3), EventKind.BRAKE_WEAK, 70, "gives 70 % or less of"),
+    ],
+)
+def test_a_finding_about_the_brake_is_one_event(
+    found: BrakeFinding, kind: EventKind, number: int, words: str
+) -> None:
+    before = replace(SAFE_OUTPUT, motion=MOTION)
+
+    (event,) = events_between(before, SEEN, replace(before, brake_finding=found))
+    again = events_between(replace(before, brake_finding=found), SEEN, before)
+
+    assert (event.kind, event.number) == (kind, number)
+    assert words in event.words
+    assert not again

@@ -24,6 +24,8 @@ UNUSUAL: Final = frozenset(
         "ALARM_RAISED",
         "DOOR_BYPASS",
         "OVERRUN",
+        "BRAKE_LATE",
+        "BRAKE_WEAK",
         "EMERGENCY_RELEASED",
     }
 )

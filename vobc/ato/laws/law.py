@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from vobc.vocabulary import AtoInput
+from vobc.vocabulary import AtoInput, BrakeFinding
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,8 @@ class Drive:
     """Uphill gravity brakes, and traction leads the train into its stop."""
     weak_mps2: float = 0.0
     """Brake demand beyond the comfort limit with which a weak brake still reaches that limit."""
+    brake_finding: BrakeFinding | None = None
+    """Set as long as the brake acts later or weaker than the law expects."""
 
 
 class Strategy(Protocol):

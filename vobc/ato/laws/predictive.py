@@ -208,7 +208,19 @@ class Predictive:
         demand_mps2 = max(demand_mps2, self._onset_from_mps2() - onset_mps2)
         self._wanted_mps2 = demand_mps2
         reference_mps = self._reference_mps(self._front.front_m, target_m, slowing)
-        return Drive(demand_mps2, reference_mps, self._braking, weak_mps2=self._weak_mps2())
+        return Drive(
+            demand_mps2,
+            reference_mps,
+            self._braking,
+            weak_mps2=self._weak_mps2(),
+            brake_finding=self._finding(),
+        )
+
+    def _finding(self) -> vocabulary.BrakeFinding | None:
+        """Late or weak brake. On a slippery rail the wheels may slide, which makes it seem weak."""
+        if not self._braking or self._rail.slippery:
+            return None
+        return self._model.finding()
 
     def _weak_mps2(self) -> float:
         """Brake demand beyond the comfort limit that a weak brake needs to reach this limit.

@@ -22,6 +22,7 @@ from vobc.ato.model.predictor import (
     settling,
 )
 from vobc.ato.settings.ato import WEAK_RATIO, BrakeBelief, TractionBelief
+from vobc.vocabulary import BrakeFinding
 
 SETTLE_LAGS: Final = 5.0
 """Number of lags after the longest dead time until a released brake counts as off."""
@@ -36,6 +37,13 @@ UNUSUAL_COST: Final = 8.0
 """Cost that a hypothesis of a longer dead time than this starts with."""
 CLEAR_MPS2: Final = 0.3
 """Estimated deceleration by the brake from which its dead time is known."""
+FINDING_MPS: Final = 1.0
+"""Least speed for a finding about the brake. Below it the motors hand over to friction."""
+LATE_WEIGHT: Final = 0.5
+"""Weight of the longest dead time from which it is the best hypothesis."""
+WEAK_MOST_RATIO: Final = -0.13
+"""Upper bound of the gain below which a brake is weak. The bound lies 0.04 above the estimate or
+more, and estimates of usual brakes reach -0.15."""
 TRACTION_INSTANT_S: Final = 0.15
 """Uncertainty of the traction delay."""
 FULL_MPS2: Final = 0.8
@@ -158,6 +166,20 @@ class TrainModel:
     def most_gain_ratio(self) -> float:
         """Upper bound of the gain, in all likelihood."""
         return self._motion.most_gain_ratio
+
+    def finding(self) -> BrakeFinding | None:
+        """The brake if it is later or weaker than expected, once the application has shown that.
+
+        The gain that is measured under a wrong dead time means nothing, so a late brake is not
+        called weak.
+        """
+        known = self._active and self._active_s > DECIDED_S and self.brake_mps2 > CLEAR_MPS2
+        if not known or self.speed_mps < FINDING_MPS:
+            return None
+        late = self._bank.weights[-1] > LATE_WEIGHT
+        if not late and self.most_gain_ratio > WEAK_MOST_RATIO:
+            return None
+        return BrakeFinding(late, self._found_s, self.gain_ratio)
 
     @property
     def friction_may_be_late(self) -> bool:

@@ -18,6 +18,8 @@ WEIGHTS: Final[Mapping[str, int]] = {
     "DOOR_BYPASS": 7,
     "SERVICE_BRAKE": 6,
     "INPUT_LOST": 6,
+    "BRAKE_LATE": 6,
+    "BRAKE_WEAK": 6,
     "OVERRUN": 5,
     "DEPARTURE_INHIBITED": 5,
     "DOORS_WITHHELD": 4,

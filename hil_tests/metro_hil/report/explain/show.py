@@ -29,6 +29,8 @@ STYLES: Final = {
     "REPLICAS_DISAGREE": "bold red",
     "MEMORY_LOST": "bold red",
     "OVERRUN": "yellow",
+    "BRAKE_LATE": "yellow",
+    "BRAKE_WEAK": "yellow",
     "FRAME_REJECTED": "yellow",
     "RADIO_REFUSED": "yellow",
 }

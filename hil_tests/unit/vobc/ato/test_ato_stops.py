@@ -10,30 +10,41 @@ import pytest
 from can_dbc.vobc import AtoPhase
 from firmware_py.trackdb import load_line
 from hil_tests.unit.vobc.ato import ato_rig
-from hil_tests.unit.vobc.ato.ato_rig import quick_stops, run_line
+from hil_tests.unit.vobc.ato.ato_rig import Rig, quick_stops, run_line
 from vobc.ato import Ato, AtoConfig
+from vobc.vocabulary import BrakeFinding
 
 LINE = load_line("florence")
 CYCLE_S = 0.05
+
+
+def brake_findings(rig: Rig) -> list[BrakeFinding]:
+    found = [demand.brake_finding for demand in rig.trace.demands]
+    return [each for each in found if each is not None]
 
 
 @pytest.mark.parametrize("delay_s", [1.0, None], ids=["fixed", "drawn"])
 def test_every_stop_lies_within_ten_centimetres(delay_s: float | None) -> None:
     """The runs combine loads of 0, 50 and 100 % with odometer errors over the whole range, four
     stops each."""
-    errors_m = [
-        abs(stop.error_m)
+    rigs = [
+        run_line(seed=100 + index, brake_delay_s=delay_s, load_ratio=load, odometer_error=error)
         for index, (load, error) in enumerate(
             (load, error) for load in (0.0, 0.5, 1.0) for error in (-0.01, 0.02, 0.05)
         )
-        for stop in run_line(
-            seed=100 + index, brake_delay_s=delay_s, load_ratio=load, odometer_error=error
-        ).stops
     ]
+    errors_m = [abs(stop.error_m) for rig in rigs for stop in rig.stops]
 
+    assert not any(map(brake_findings, rigs)), "the brake is neither late nor weak"
     assert len(errors_m) == 36
     assert max(errors_m) <= 0.08
     assert statistics.fmean(errors_m) <= 0.03
+
+
+def test_a_weak_brake_is_reported_once_before_each_stop() -> None:
+    rig = run_line(seed=3, brake_delay_s=None, brake_gain=0.78, load_ratio=0.0)
+
+    assert [found.late for found in brake_findings(rig)] == [False] * len(rig.stops)
 
 
 def test_without_noise_the_stops_are_a_centimetre_or_better() -> None:

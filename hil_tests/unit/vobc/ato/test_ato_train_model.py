@@ -8,6 +8,7 @@ import pytest
 from vobc.ato.model.train_model import TrainModel
 from vobc.ato.settings.ato import BrakeBelief, TractionBelief
 from vobc.odometry.tracking import SpeedTrack
+from vobc.vocabulary import BrakeFinding
 
 CYCLE_S = 0.05
 STEPS = 4
@@ -147,3 +148,48 @@ def test_before_the_first_braking_the_gain_is_as_weak_as_the_parameter_says(
     model = TrainModel(BrakeBelief(), TractionBelief(), CYCLE_S, weak_ratio=weak_ratio)
 
     assert model.least_gain_ratio == pytest.approx(weak_ratio)
+
+
+def finding(dead_time_s: float, gain_ratio: float) -> BrakeFinding | None:
+    """The finding at the end of 6 s of braking with 0.6 m/s² from 14 m/s."""
+    model = TrainModel(BrakeBelief(speed_filter_rad_s=1000.0), TractionBelief(), CYCLE_S)
+    speed_mps, braked_mps2 = 14.0, 0.0
+    sent_mps2: list[float] = []
+    model.meet(speed_mps)
+    for cycle in range(round(8.0 / CYCLE_S)):
+        model.step(speed_mps, 0.0, 1)
+        demand_mps2 = min(0.6, 0.45 * cycle * CYCLE_S)
+        model.issue(-demand_mps2)
+        sent_mps2.append(demand_mps2)
+        late = cycle - round(dead_time_s / CYCLE_S)
+        acts_mps2 = (1.0 + gain_ratio) * (sent_mps2[late] if late >= 0 else 0.0)
+        braked_mps2 += (acts_mps2 - braked_mps2) * (1.0 - math.exp(-CYCLE_S / LAG_S))
+        speed_mps -= braked_mps2 * CYCLE_S
+    return model.finding()
+
+
+@pytest.mark.parametrize(
+    ("dead_time_s", "gain_ratio"), [(0.0, -0.15), (0.5, 0.15), (1.0, 0.0), (1.8, -0.15), (2.6, 0.0)]
+)
+def test_a_brake_within_the_belief_gives_no_finding(dead_time_s: float, gain_ratio: float) -> None:
+    assert finding(dead_time_s, gain_ratio) is None
+
+
+@pytest.mark.parametrize("gain_ratio", [-0.2, -0.4])
+def test_a_weak_brake_is_found_with_its_gain(gain_ratio: float) -> None:
+    found = finding(0.8, gain_ratio)
+
+    assert found is not None
+    assert not found.late
+    assert found.gain_ratio == pytest.approx(max(gain_ratio, -0.3), abs=0.02)
+
+
+@pytest.mark.parametrize("dead_time_s", [3.0, 3.4])
+def test_a_brake_at_the_last_dead_time_or_beyond_is_late_and_not_called_weak(
+    dead_time_s: float,
+) -> None:
+    found = finding(dead_time_s, 0.0)
+
+    assert found is not None
+    assert found.late
+    assert found.dead_time_s == pytest.approx(3.0, abs=0.05)
