@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from scipy.stats import beta, t
@@ -146,7 +146,14 @@ def mean_voltage_v(train: LineTrain, supply: Supply, timetable: Timetable) -> fl
     return round(float(np.mean(record.voltage_v[len(record.voltage_v) // 2 :])), 1)
 
 
-def paired(base: Sequence[LapResults], other: Sequence[LapResults]) -> Estimate:
+class Metered(Protocol):
+    """Results with an energy."""
+
+    @property
+    def actual_kwh(self) -> float: ...
+
+
+def paired(base: Sequence[Metered], other: Sequence[Metered]) -> Estimate:
     """Return the relative change of the actual energy, seed by seed, with Student's interval."""
     changes = np.array(
         [b.actual_kwh / a.actual_kwh - 1.0 for a, b in zip(base, other, strict=True)]

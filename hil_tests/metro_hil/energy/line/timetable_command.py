@@ -2,21 +2,15 @@
 
 import argparse
 import json
-import os
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import tomli_w
 from rich.console import Console
 from rich.table import Table
 
 from firmware_py.command_line import CommandParser
-from firmware_py.settings import SettingsError, is_path
-from firmware_py.storage.whole_file import write_whole
-from firmware_py.trackdb import load_line
+from firmware_py.settings import SettingsError
 from metro_hil.energy.line.command import write_timetable
 from metro_hil.energy.line.model import (
     HOLD_AND_COAST,
@@ -25,25 +19,22 @@ from metro_hil.energy.line.model import (
     Timetable,
     line_supply,
 )
+from metro_hil.energy.line.service_command import divide_trip, free_file, save_on_line
 from metro_hil.energy.line.simulate import dwells_of, simulate
 from metro_hil.energy.line.synchronise import TimetableSearch
 from metro_hil.energy.line.table_four import paired
-from metro_hil.energy.line.trip_times import HopCosts, divide, hop_costs
-from metro_hil.energy.running_curve.train import load_train
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
-from plant_emulator.traffic.config import TrafficConfig, load_traffic
 
 CHANGPING: Final = "changping"
-J_PER_KWH: Final = 3.6e6
+STRONG: Final = "strong"
 DESCRIPTION: Final = (
-    "Find a timetable for the seven trains of the Changping section in which accelerating and "
-    "braking trains meet: turnback phase, run splits, speeds to hold and points to coast from, at "
-    "unchanged trip times, headway and punctuality. Judged with dwells that the search did not "
-    "use. With another line, or with --traffic, divide the time of the trip among its hops so that "
-    "the designed runs take the least energy."
+    "Find a timetable in which accelerating and braking trains meet, at unchanged trip times and "
+    "headway, judged with dwells that the search did not use. For the seven trains of the "
+    "Changping section, on points of mass: turnback phase, run splits, speeds to hold and points "
+    "to coast from. With --traffic, for any line: running times, on designed runs and the whole "
+    "supply. With another line alone, divide the trip time among its hops so that the designed "
+    "runs take the least energy."
 )
-RESERVE: Final = 12.0
-"""Running time above the fastest one, in per cent, where a line gives no running times."""
 JUDGING_SEEDS: Final = tuple(range(101, 107))
 
 
@@ -65,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
         help="trip time above the fastest; default: the planned running times, or 12",
     )
     top.add_argument(
-        "--supply", default="strong", metavar="NAME|FILE", help="strong (default), weak or a file"
+        "--supply", metavar="NAME|FILE", help="default: that of the traffic, or strong"
     )
     top.add_argument(
         "--budget", type=_whole, default=150, metavar="N", help="number of tries; default: 150"
@@ -80,7 +71,9 @@ def main(argv: Sequence[str]) -> int:
     """Run the command; every error of the user becomes one line, never a traceback."""
     options = parser().parse_args(argv)
     try:
-        if options.traffic is not None or (options.line or CHANGPING) != CHANGPING:
+        if options.traffic is not None:
+            return save_on_line(options)
+        if (options.line or CHANGPING) != CHANGPING:
             return divide_trip(options)
         return _find(options)
     except SettingsError as error:
@@ -94,7 +87,7 @@ def _find(options: argparse.Namespace) -> int:
             raise SettingsError(f"--{name}: only with another line, or with --traffic")
     out = free_file(options.out)
     console = Console(stderr=options.json)
-    train, supply, base = LineTrain(), line_supply(options.supply), Timetable()
+    train, supply, base = LineTrain(), line_supply(options.supply or STRONG), Timetable()
     search = TimetableSearch(train, supply, base, seed=options.seed, budget=options.budget)
     with console.status("searching") as status:
         found = search.run(
@@ -126,79 +119,6 @@ def _find(options: argparse.Namespace) -> int:
         }
         print(json.dumps(document))
     return EXIT_OK
-
-
-def free_file(name: str | None) -> Path | None:
-    """Return the file to write. Raises SettingsError if it cannot be written or exists."""
-    out = None if name is None else Path(name)
-    if out is not None and out.exists():
-        raise SettingsError(f"--out {out}: exists already and is not overwritten")
-    if out is not None and not out.parent.is_dir():
-        raise SettingsError(f"--out {out}: there is no folder {out.parent}")
-    return out
-
-
-def divide_trip(options: argparse.Namespace) -> int:
-    """Divide the time of a trip over any line among its hops. Raises SettingsError."""
-    traffic = None if options.traffic is None else load_traffic(options.traffic)
-    if traffic is not None and options.line is not None:
-        traffic = replace(traffic, line=options.line)
-    line = load_line(options.line) if traffic is None else traffic.load_line()
-    name = options.train or (traffic and traffic.consist)
-    if not name:
-        raise SettingsError(f"--train: is missing; {line.name} needs a train or --traffic")
-    train, out = load_train(name), free_file(options.out)
-    lap = traffic.stations_a_lap if traffic is not None and traffic.circular else None
-    stations = line.stations[:lap]
-    console = Console(stderr=options.json)
-    hops = []
-    with console.status("computing runs") as status:
-        for index in range(len(stations) - 1):
-            status.update(f"runs to {stations[index + 1].name}")
-            hops.append(hop_costs(line, train, index, 1.0))
-    before_s = [station.run_s for station in stations[1:]]
-    if options.reserve is not None or not all(before_s):
-        ratio = 1.0 + (RESERVE if options.reserve is None else options.reserve) / 100.0
-        before_s = [ratio * hop.fastest_s for hop in hops]
-    runs_s = [round(run_s, 1) for run_s in divide(hops, sum(before_s))]
-    _show_trip(console, hops, before_s, runs_s)
-    if out is not None:
-        write_runs(out, traffic, {hop.end: run_s for hop, run_s in zip(hops, runs_s, strict=True)})
-        console.print(f"timetable: {out}", highlight=False, soft_wrap=True)
-    if options.json:
-        print(json.dumps({"line": line.name, "train": train.name, "runs_s": runs_s}))
-    return EXIT_OK
-
-
-def _show_trip(
-    console: Console, hops: Sequence[HopCosts], before_s: Sequence[float], runs_s: Sequence[float]
-) -> None:
-    table = Table(
-        "to", "fastest, s", "run before, s", "run, s", "energy before, kWh", "energy, kWh"
-    )
-    was_kwh = now_kwh = 0.0
-    for hop, was_s, run_s in zip(hops, before_s, runs_s, strict=True):
-        was, now = hop.energy_j(was_s) / J_PER_KWH, hop.energy_j(run_s) / J_PER_KWH
-        was_kwh, now_kwh = was_kwh + was, now_kwh + now
-        times = (hop.fastest_s, was_s, run_s)
-        table.add_row(hop.end, *(f"{time_s:.1f}" for time_s in times), f"{was:.2f}", f"{now:.2f}")
-    console.print(table)
-    console.print(
-        f"trip of {sum(runs_s):.1f} s: {now_kwh:.2f} kWh instead of {was_kwh:.2f} kWh, all "
-        "regenerated energy used, without auxiliaries",
-        highlight=False,
-    )
-
-
-def write_runs(out: Path, traffic: TrafficConfig | None, runs_s: dict[str, float]) -> None:
-    """Write the traffic with these running times, or only these times without traffic."""
-    document: dict[str, Any] = {}
-    if traffic is not None:
-        document = {key: value for key, value in asdict(traffic).items() if value not in (None, ())}
-        for key in ("line", "consist", "supply", "params"):
-            if is_path(document.get(key, "")):
-                document[key] = os.path.relpath(document[key], out.parent)
-    write_whole(out, tomli_w.dumps({**document, "runs_s": runs_s}))
 
 
 def _show(console: Console, base: Timetable, found: Timetable) -> None:

@@ -39,12 +39,17 @@ class HopCosts:
 
 def hop_costs(line: LineMap, train: RunningTrain, index: int, use_ratio: float) -> HopCosts:
     """Compute the hop behind the station with this index. Raises SettingsError."""
-    names = [line.stations[index].name, line.stations[index + 1].name]
+    names = line.stations[index].name, line.stations[index + 1].name
     track = track_between(line, train, *names)[2]
-    net = Hop(train, with_thrift(train, track, use_ratio)).net
+    return costs_of(*names, Hop(train, with_thrift(train, track, use_ratio)), use_ratio)
+
+
+def costs_of(start: str, end: str, hop: Hop, use_ratio: float) -> HopCosts:
+    """Return the costs of a hop whose net of runs is known."""
+    net = hop.net
     times_s, energies_j = net.time_s[:, 0], net.total_j(use_ratio)[:, 0]
     ends = np.isfinite(times_s)
-    return HopCosts(names[0], names[1], *lower_hull(times_s[ends], energies_j[ends]))
+    return HopCosts(start, end, *lower_hull(times_s[ends], energies_j[ends]))
 
 
 def lower_hull(times_s: Numbers, energies_j: Numbers) -> tuple[Numbers, Numbers]:

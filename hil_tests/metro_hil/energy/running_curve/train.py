@@ -52,6 +52,8 @@ class RunningTrain:
     rotating_ratio: float = 0.0
     """Rotating masses as a share of the weight, on which gradients do not act. 0: the whole of
     `mass_kg` counts as weight."""
+    auxiliary_w: float = 0.0
+    """Power of the auxiliaries on a line with a supply. Single running curves leave it out."""
 
     def __post_init__(self) -> None:
         for name in (
@@ -66,6 +68,7 @@ class RunningTrain:
                 raise ValueError(f"{name} {getattr(self, name)} is not within 0..1")
         for name in (
             *("resistance_n", "resistance_n_per_mps", "resistance_n_per_mps2", "rotating_ratio"),
+            "auxiliary_w",
         ):
             value = getattr(self, name)
             if not 0.0 <= value < math.inf:
@@ -136,6 +139,7 @@ def of_consist(consist: TrainConfig) -> RunningTrain:
             resistance_n_per_mps2=resistance.c_n_per_kn_per_mps2 * weight_kn,
             length_m=consist.length_m,
             rotating_ratio=rotating_ratio,
+            auxiliary_w=consist.supply.auxiliary_w,
         )
     except ValueError as error:
         raise settings.SettingsError(f"consist {consist.name}: {error}") from error

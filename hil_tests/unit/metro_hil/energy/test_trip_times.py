@@ -1,9 +1,6 @@
 """Dividing the time of a trip among its hops, against exhaustive search and by its command."""
 
-import dataclasses
 import itertools
-import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +10,6 @@ from hypothesis import strategies as st
 from firmware_py.settings import SettingsError
 from metro_hil.energy.line import timetable_command
 from metro_hil.energy.line.trip_times import HopCosts, divide, lower_hull
-from plant_emulator.traffic.config import load_traffic
 
 
 def hop(fastest_s: float, falls_j: list[float]) -> HopCosts:
@@ -67,35 +63,6 @@ def test_the_hull_is_convex_and_under_all_points(
     slopes = [float(b - a) for a, b in itertools.pairwise(np.interp(kept_s, kept_s, kept_j))]
     assert all(slope < 0.0 for slope in slopes)
     assert np.all(np.interp(times, kept_s, kept_j) <= energies + 1e-6)
-
-
-SUPPLY = 'name = "s"\n[[substations]]\njoint = "A"\nno_load_v = 836.0\nsource_ohm = 0.015\n'
-SECTION = '[[sections]]\nbegin = "A"\nend = "B"\nbegin_m = 0.0\nend_m = 9000.0\nohm_per_km = 0.02\n'
-TRAFFIC = 'name = "t"\nline = "hefei"\nconsist = "hefei6"\nsupply = "supply.toml"\ntrains = 2\n'
-TIMES = "headway_s = 240.0\ndwell_s = 30.0\ndwell_spread_s = 5.0\n"
-
-
-def test_the_command_writes_traffic_with_the_new_times(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    costs = [dataclasses.replace(hop(80.0 + n, [5.0 + n] * 9), end=f"P{n + 2}") for n in range(5)]
-    monkeypatch.setattr(timetable_command, "hop_costs", lambda line, train, n, k: costs[n])
-    (tmp_path / "supply.toml").write_text(SUPPLY + SECTION, encoding="utf-8")
-    (tmp_path / "traffic.toml").write_text(TRAFFIC + TIMES, encoding="utf-8")
-    (tmp_path / "new").mkdir()
-    out = tmp_path / "new" / "found.toml"
-    words = ["--save-energy", "--traffic", str(tmp_path / "traffic.toml"), "--reserve", "5"]
-
-    assert timetable_command.main([*words, "--out", str(out)]) == 0
-
-    assert "trip of" in capsys.readouterr().out
-    found = load_traffic(str(out))
-    assert len(found.runs_s) == 5
-    assert sum(found.runs_s.values()) == pytest.approx(1.05 * 410.0, abs=0.3)
-    assert Path(found.supply).resolve() == tmp_path / "supply.toml"
-    assert tomllib.loads(out.read_text("utf-8"))["supply"] == "../supply.toml"
-    assert timetable_command.main([*words, "--out", str(out)]) == 2
-    assert "exists already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
