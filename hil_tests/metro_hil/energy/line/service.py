@@ -119,8 +119,12 @@ class ServiceLine:
             if curve is not None and abs(curve.time_s - key[1]) <= OFF_TIME_S:
                 run = trace(self._train, hop.track, curve)
                 joule = run.power_w[1:] * np.diff(run.time_s)
-                drawn_j = np.maximum(joule, 0.0) / self._train.traction_efficiency_ratio
-                given_j = np.maximum(-joule, 0.0) * self._train.regeneration_efficiency_ratio
+                middle_mps = (run.speed_mps[1:] + run.speed_mps[:-1]) / 2.0
+                force_n = np.abs(joule) / hop.track.cell_m
+                drawn_j = np.maximum(joule, 0.0)
+                drawn_j /= self._train.traction_efficiency(middle_mps, force_n)
+                given_j = np.maximum(-joule, 0.0)
+                given_j *= self._train.regeneration_efficiency(middle_mps, force_n)
                 found = RunProfile(
                     run.time_s,
                     self.stations[index].stop_m + run.at_m,

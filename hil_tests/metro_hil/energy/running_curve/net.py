@@ -45,6 +45,10 @@ class Departures:
     """Work at the wheel."""
     regained_j: Numbers
     """Work at the wheel of the electric brake that keeps a limit on the way."""
+    drawn_work_j: Numbers
+    """Traction work that draws the same energy at the train's single efficiency."""
+    returned_work_j: Numbers
+    """Work of the electric brake that returns the same energy at the single efficiency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,7 @@ class Arrivals:
     square_m2_per_s2: Numbers
     time_s: Numbers
     regained_j: Numbers
+    returned_work_j: Numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +114,11 @@ def departures(
     late = np.arange(1, cells + 1)[:, None] * step_m > START_UP_M
     stalled = np.logical_or.accumulate((square[1:] < STALL_MPS**2) & late, axis=0)
     time_s[1:] = np.where(stalled, np.inf, time_s[1:])
-    return Departures(notch_off_mps, hold_m, square, time_s, traction_j, regained_j)
+    drawn_j = _drawn_work_j(train, step_m, square, traction_j)
+    returned_j = _returned_work_j(train, step_m, square, regained_j)
+    return Departures(
+        notch_off_mps, hold_m, square, time_s, traction_j, regained_j, drawn_j, returned_j
+    )
 
 
 def _thrifty_departures(
@@ -144,7 +153,42 @@ def _thrifty_departures(
         regained_j[i + 1] = regained_j[i] - np.minimum(work_j, 0.0)
         with np.errstate(divide="ignore"):
             time_s[i + 1] = time_s[i] + 2.0 * step_m / (np.sqrt(at) + np.sqrt(ends))
-    return Departures(notch_off_mps, hold_m, square, time_s, traction_j, regained_j)
+    drawn_j = _drawn_work_j(train, step_m, square, traction_j)
+    returned_j = _returned_work_j(train, step_m, square, regained_j)
+    return Departures(
+        notch_off_mps, hold_m, square, time_s, traction_j, regained_j, drawn_j, returned_j
+    )
+
+
+def _drawn_work_j(
+    train: RunningTrain, step_m: float, square: Numbers, traction_j: Numbers
+) -> Numbers:
+    """Weigh the traction work of each cell by its efficiency; unchanged without a map."""
+    if train.traction_map is None:
+        return traction_j
+    work_j = np.diff(traction_j, axis=0)
+    efficiency = train.traction_efficiency(_middle_mps(square), work_j / step_m)
+    return _sum_to_nodes(work_j * train.traction_efficiency_ratio / efficiency)
+
+
+def _returned_work_j(
+    train: RunningTrain, step_m: float, square: Numbers, regained_j: Numbers
+) -> Numbers:
+    """Weigh the work of the electric brake in each cell; unchanged without a map."""
+    if train.regeneration_map is None:
+        return regained_j
+    work_j = np.diff(regained_j, axis=0)
+    efficiency = train.regeneration_efficiency(_middle_mps(square), work_j / step_m)
+    return _sum_to_nodes(work_j * efficiency / train.regeneration_efficiency_ratio)
+
+
+def _middle_mps(square: Numbers) -> Numbers:
+    found: Numbers = np.sqrt((square[1:] + square[:-1]) / 2.0)
+    return found
+
+
+def _sum_to_nodes(work_j: Numbers) -> Numbers:
+    return np.concatenate([np.zeros((1, work_j.shape[1])), np.cumsum(work_j, axis=0)])
 
 
 class _Forward:
@@ -244,7 +288,9 @@ def arrivals(train: RunningTrain, track: HopTrack, power_w: Numbers) -> Arrivals
         regained_j[i] = regained_j[i + 1] + force_n * step_m
         with np.errstate(divide="ignore"):
             time_s[i] = time_s[i + 1] + 2.0 * step_m / (np.sqrt(square[i]) + np.sqrt(at))
-    return Arrivals(power_w, square, time_s, regained_j)
+    # The work counts from each node to the end, so the way is turned round.
+    returned_j = _returned_work_j(train, step_m, square[::-1], regained_j[::-1])[::-1]
+    return Arrivals(power_w, square, time_s, regained_j, returned_j)
 
 
 def stopping_square(train: RunningTrain, track: HopTrack) -> Numbers:
@@ -292,24 +338,25 @@ def _joined(
         after_s = np.where(share < 1.0, 2.0 * (1.0 - share) * step_m / (meet_mps + lower_mps), 0.0)
     braking_s = after_s + second.time_s[i + 1, column]
     time_s = first.time_s[i, row] + before_s + braking_s
-    traction_j = first.traction_j[i, row] + share * (
-        first.traction_j[i + 1, row] - first.traction_j[i, row]
+    drawn_j = first.drawn_work_j[i, row] + share * (
+        first.drawn_work_j[i + 1, row] - first.drawn_work_j[i, row]
     )
-    kept_j = first.regained_j[i, row] + share * (
-        first.regained_j[i + 1, row] - first.regained_j[i, row]
+    kept_j = first.returned_work_j[i, row] + share * (
+        first.returned_work_j[i + 1, row] - first.returned_work_j[i, row]
     )
-    regained_j = (
+    returned_j = (
         kept_j
-        + second.regained_j[i + 1, column]
-        + (1.0 - share) * (second.regained_j[i, column] - second.regained_j[i + 1, column])
+        + second.returned_work_j[i + 1, column]
+        + (1.0 - share)
+        * (second.returned_work_j[i, column] - second.returned_work_j[i + 1, column])
     )
     return Net(
         notch_off_mps=first.notch_off_mps,
         hold_m=first.hold_m,
         power_w=second.power_w,
         time_s=time_s,
-        acceleration_j=traction_j / train.traction_efficiency_ratio,
-        regenerated_j=regained_j * train.regeneration_efficiency_ratio,
+        acceleration_j=drawn_j / train.traction_efficiency_ratio,
+        regenerated_j=returned_j * train.regeneration_efficiency_ratio,
         braking_s=braking_s,
         braking_at_m=(i + share) * step_m,
         braking_from_mps=meet_mps,

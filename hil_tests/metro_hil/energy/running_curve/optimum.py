@@ -6,6 +6,7 @@ they are linearised around the last solution. A trust region grows where that im
 shrinks where it did not. Each force is free in every cell.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -31,6 +32,8 @@ CHECK_RATIO: Final = 0.02
 """Trust region of the programme that gives the costate of the answer."""
 FORCE_TOLERANCE_RATIO: Final = 0.01
 VALUE_TOLERANCE_RATIO: Final = 0.02
+SLOPE_RATIO: Final = 0.02
+"""Half width of the difference that gives the slope of an efficiency map."""
 AT_LIMIT_RATIO: Final = 0.997
 """Tolerances of the check: of forces, of the costate, and of a speed that follows a limit."""
 LEAST_MPS: Final = 0.05
@@ -149,8 +152,8 @@ def _right_values(
     full_pull = run.traction_n > train.traction_at_n(middle) - unit_n
     full_electric = run.electric_n > train.braking_at_n(middle, train.brake_power_w) - unit_n
     full_brake = run.electric_n + run.friction_n > train.service_force_n - unit_n
-    pull = 1.0 / train.traction_efficiency_ratio
-    regain = run.use_ratio * train.regeneration_efficiency_ratio
+    pull = _drawn_slopes(train, middle, run.traction_n)[0]
+    regain = run.use_ratio * _returned_slopes(train, middle, run.electric_n)[0]
     cases = [pulls, rubs, brakes]
     high = np.select(cases, [np.where(full_pull, np.inf, pull), 0.0, regain], pull)
     low = np.select(cases, [pull, 0.0, np.where(full_electric, 0.0, regain)], regain)
@@ -202,8 +205,8 @@ def _evaluated(train: RunningTrain, track: HopTrack, square: Numbers, use_ratio:
     return Optimum(
         use_ratio=use_ratio,
         time_s=time_s,
-        acceleration_j=float(np.sum(traction_n)) * step_m / train.traction_efficiency_ratio,
-        regenerated_j=float(np.sum(electric_n)) * step_m * train.regeneration_efficiency_ratio,
+        acceleration_j=_drawn_j(train, middle, traction_n, step_m),
+        regenerated_j=_returned_j(train, middle, electric_n, step_m),
         friction_j=float(np.sum(friction_n)) * step_m,
         at_m=track.at_m,
         speed_mps=speed,
@@ -213,6 +216,54 @@ def _evaluated(train: RunningTrain, track: HopTrack, square: Numbers, use_ratio:
         value_ratio=np.full(track.cells, np.nan),
         iterations=0,
     )
+
+
+def _drawn_j(train: RunningTrain, middle: Numbers, force_n: Numbers, step_m: float) -> float:
+    if train.traction_map is None:
+        return float(np.sum(force_n)) * step_m / train.traction_efficiency_ratio
+    return float(np.sum(force_n / train.traction_efficiency(middle, force_n))) * step_m
+
+
+def _returned_j(train: RunningTrain, middle: Numbers, force_n: Numbers, step_m: float) -> float:
+    if train.regeneration_map is None:
+        return float(np.sum(force_n)) * step_m * train.regeneration_efficiency_ratio
+    return float(np.sum(force_n * train.regeneration_efficiency(middle, force_n))) * step_m
+
+
+def _drawn_slopes(
+    train: RunningTrain, middle: Numbers, force_n: Numbers
+) -> tuple[Numbers | float, Numbers | float]:
+    """Slopes of the drawn energy of each metre, over the force and over the square of the speed."""
+    if train.traction_map is None:
+        return 1.0 / train.traction_efficiency_ratio, 0.0
+
+    def drawn_n(square: Numbers, at_n: Numbers) -> Numbers:
+        return at_n / train.traction_efficiency(np.sqrt(square), at_n)
+
+    return _slopes(drawn_n, middle, force_n, SLOPE_RATIO * train.traction_force_n)
+
+
+def _returned_slopes(
+    train: RunningTrain, middle: Numbers, force_n: Numbers
+) -> tuple[Numbers | float, Numbers | float]:
+    """The same of the returned energy."""
+    if train.regeneration_map is None:
+        return train.regeneration_efficiency_ratio, 0.0
+
+    def returned_n(square: Numbers, at_n: Numbers) -> Numbers:
+        return at_n * train.regeneration_efficiency(np.sqrt(square), at_n)
+
+    return _slopes(returned_n, middle, force_n, SLOPE_RATIO * train.brake_force_n)
+
+
+def _slopes(
+    of: Callable[[Numbers, Numbers], Numbers], middle: Numbers, force_n: Numbers, step_n: float
+) -> tuple[Numbers, Numbers]:
+    square = middle**2
+    low_n, high_n = np.maximum(force_n - step_n, 0.0), force_n + step_n
+    by_force = (of(square, high_n) - of(square, low_n)) / (high_n - low_n)
+    low, high = square * (1.0 - SLOPE_RATIO), square * (1.0 + SLOPE_RATIO) + LEAST_MPS**2
+    return by_force, (of(high, force_n) - of(low, force_n)) / (high - low)
 
 
 def _programme(
@@ -265,8 +316,13 @@ def _programme(
     powers.append(csr_matrix(time_row))
     cost = np.zeros(late + 1)
     joule = unit_n * step_m
-    cost[inner : inner + n] = joule / train.traction_efficiency_ratio
-    cost[inner + n : inner + 2 * n] = -use_ratio * joule * train.regeneration_efficiency_ratio
+    now = _evaluated(train, track, square, use_ratio)
+    drawn, drawn_by_square = _drawn_slopes(train, middle, now.traction_n)
+    returned, returned_by_square = _returned_slopes(train, middle, now.electric_n)
+    cost[inner : inner + n] = joule * drawn
+    cost[inner + n : inner + 2 * n] = -use_ratio * joule * returned
+    by_square = np.zeros(n) + step_m * (drawn_by_square - use_ratio * returned_by_square)
+    cost[:inner] = (by_square[1:] + by_square[:-1]) / 2.0
     cost[late] = price_j_per_s
     return _solved(
         train, track, square, trust_ratio, cost, motion - forces, right_n / unit_n, powers, limits

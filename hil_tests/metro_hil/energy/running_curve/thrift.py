@@ -89,10 +89,11 @@ def thrift(
     prices = np.append(ratios, PRICE_FASTEST_RATIO) * kinetic_j * top_mps / (cells * cell_m)
     from_square = np.minimum(grid, ceiling_square[:-1, None])
     after, work_j = _moves(train, cell_m, from_square, grade_n[:, None], ceiling_square[1:, None])
+    middle_mps, force_n = np.sqrt((from_square[:, None] + after) / 2.0), np.abs(work_j) / cell_m
     cost_j = np.where(
         work_j > 0.0,
-        work_j / train.traction_efficiency_ratio,
-        use_ratio * train.regeneration_efficiency_ratio * work_j,
+        work_j / train.traction_efficiency(middle_mps, force_n),
+        use_ratio * train.regeneration_efficiency(middle_mps, force_n) * work_j,
     )
     cost_j[:, HOLD] -= STEADY_RATIO * kinetic_j
     time_s = 2.0 * cell_m / (np.sqrt(from_square)[:, None] + np.sqrt(after) + 1e-9)

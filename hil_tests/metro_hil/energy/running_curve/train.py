@@ -1,7 +1,7 @@
 """The train for running curves: mass, force and power at the wheel, efficiencies."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py import settings
-from plant_emulator.train_config import TrainConfig
+from plant_emulator.train_config import EfficiencyMap, TrainConfig
 from plant_emulator.train_config import load_train as load_consist
 
 SHIPPED: Final = "metro_hil.energy.running_curve.trains"
@@ -54,6 +54,11 @@ class RunningTrain:
     `mass_kg` counts as weight."""
     auxiliary_w: float = 0.0
     """Power of the auxiliaries on a line with a supply. Single running curves leave it out."""
+    traction_map: EfficiencyMap | None = None
+    """Efficiency of traction by speed and share of `traction_force_n`. It replaces the single
+    value."""
+    regeneration_map: EfficiencyMap | None = None
+    """Efficiency of regeneration by speed and share of `brake_force_n`, likewise."""
 
     def __post_init__(self) -> None:
         for name in (
@@ -87,10 +92,44 @@ class RunningTrain:
         """Return the maximum effort."""
         return np.minimum(self.traction_force_n, self.traction_power_w / np.maximum(speed_mps, 0.1))
 
+    def traction_efficiency(self, speed_mps: Numbers, force_n: Numbers) -> Numbers | float:
+        """Share of the drawn power that acts at the wheels, at this speed and force."""
+        if self.traction_map is None:
+            return self.traction_efficiency_ratio
+        return interpolated(self.traction_map, speed_mps, force_n / self.traction_force_n)
+
+    def regeneration_efficiency(self, speed_mps: Numbers, force_n: Numbers) -> Numbers | float:
+        """Share of the electric brake's power at the wheels that returns to the line."""
+        if self.regeneration_map is None:
+            return self.regeneration_efficiency_ratio
+        return interpolated(self.regeneration_map, speed_mps, force_n / self.brake_force_n)
+
     def braking_at_n(self, speed_mps: Numbers, power_w: Numbers | float) -> Numbers:
         """Return the electric brake force: full force at low speed, P / v above."""
         limit_w = np.minimum(power_w, self.brake_power_w)
         return np.minimum(self.brake_force_n, limit_w / np.maximum(speed_mps, 0.1))
+
+
+def interpolated(table: EfficiencyMap, speed_mps: Numbers, load_ratio: Numbers) -> Numbers:
+    """Interpolate between the four nearest values; beyond an edge the edge holds."""
+    values = np.array(table.efficiency_ratio)
+    rows, columns = values.shape
+    row = np.interp(speed_mps, table.speed_mps, np.arange(rows))
+    column = np.interp(load_ratio, table.load_ratio, np.arange(columns))
+    up, left = row.astype(np.intp), column.astype(np.intp)
+    down, right = np.minimum(up + 1, rows - 1), np.minimum(left + 1, columns - 1)
+    above = values[up, left] + (column - left) * (values[up, right] - values[up, left])
+    below = values[down, left] + (column - left) * (values[down, right] - values[down, left])
+    found: Numbers = above + (row - up) * (below - above)
+    return found
+
+
+def _with_loads(table: EfficiencyMap | None, of_n: float, now_of_n: float) -> EfficiencyMap | None:
+    """The table with its loads as shares of another force. Without such a force it stays."""
+    if table is None or now_of_n <= 0.0:
+        return table
+    loads = tuple(load_ratio * of_n / now_of_n for load_ratio in table.load_ratio)
+    return replace(table, load_ratio=loads)
 
 
 def load_train(name: str) -> RunningTrain:
@@ -120,6 +159,7 @@ def of_consist(consist: TrainConfig) -> RunningTrain:
     mass_kg = consist.mass_kg * (1.0 + rotating_ratio)
     weight_kn = consist.mass_kg * GRAVITY_MPS2 / 1000.0
     service_n = mass_kg * service.max_decel_mps2
+    electric_n = min(service_n, electric.max_force_n)
     try:
         return RunningTrain(
             name=consist.name,
@@ -129,7 +169,7 @@ def of_consist(consist: TrainConfig) -> RunningTrain:
             traction_force_n=traction.rated_force_n * traction.effort_ratio,
             traction_power_w=traction.max_power_w * traction.effort_ratio,
             traction_efficiency_ratio=traction.efficiency_ratio,
-            brake_force_n=min(service_n, electric.max_force_n),
+            brake_force_n=electric_n,
             brake_power_w=electric.max_power_w,
             regeneration_efficiency_ratio=electric.efficiency_ratio,
             service_force_n=service_n,
@@ -140,6 +180,8 @@ def of_consist(consist: TrainConfig) -> RunningTrain:
             length_m=consist.length_m,
             rotating_ratio=rotating_ratio,
             auxiliary_w=consist.supply.auxiliary_w,
+            traction_map=_with_loads(traction.efficiency, 1.0, traction.effort_ratio),
+            regeneration_map=_with_loads(electric.efficiency, electric.max_force_n, electric_n),
         )
     except ValueError as error:
         raise settings.SettingsError(f"consist {consist.name}: {error}") from error
