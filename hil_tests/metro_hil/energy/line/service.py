@@ -15,7 +15,7 @@ import numpy as np
 
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap
-from metro_hil.energy.running_curve.design import Hop
+from metro_hil.energy.running_curve.design import TIME_TOLERANCE_S, Hop
 from metro_hil.energy.running_curve.net import with_thrift
 from metro_hil.energy.running_curve.trace import trace
 from metro_hil.energy.running_curve.track import track_between
@@ -114,7 +114,8 @@ class ServiceLine:
         key = index, round(run_s, 1)
         if key not in self._profiles:
             hop = self.hop(index)
-            curve = hop.slowest(key[1])
+            # Rounding may have made the time shorter than the fastest run.
+            curve = hop.slowest(max(key[1], float(np.min(hop.net.time_s)) + TIME_TOLERANCE_S))
             found = None
             if curve is not None and abs(curve.time_s - key[1]) <= OFF_TIME_S:
                 run = trace(self._train, hop.track, curve)

@@ -104,6 +104,16 @@ def test_the_search_keeps_trip_times_and_finds_less_energy_on_its_dwells(tmp_pat
     assert after.actual_kwh < before.actual_kwh
 
 
+def test_the_fastest_run_keeps_its_time_when_that_is_rounded(tmp_path: Path) -> None:
+    short = service(files(tmp_path))
+    fastest_s = float(short.hop(0).net.time_s.min())
+
+    run = short.profile(0, fastest_s - 0.04)
+
+    assert run is not None
+    assert run.time_s[-1] == pytest.approx(fastest_s, abs=0.3)
+
+
 def test_a_time_that_no_run_takes_is_refused_with_station_and_fastest_run(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"traffic t: runs_s: C: .* no run of 20\.0 s; its fas"):
         service(files(tmp_path)).simulate([50.0, 20.0], seed=1, step_s=1.0)
