@@ -96,6 +96,7 @@ def _headways(axes: Axes, plan: FleetPlan, turned: list[Turnback]) -> None:
         axes.axhline(plan.service.headway_s, color=INK, linewidth=0.8, linestyle=":")
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("number of the train that turns")
+    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_ylabel("headway in s")
     axes.set_title(
         "dashed: analytic limit; dotted: timetable", fontsize=7, loc="right", color=QUIET
