@@ -8,6 +8,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from firmware_py.storage.whole_file import whole_file
 from firmware_py.trackdb.network import Running, TrackNetwork
@@ -96,7 +97,7 @@ def _headways(axes: Axes, plan: FleetPlan, turned: list[Turnback]) -> None:
         axes.axhline(plan.service.headway_s, color=INK, linewidth=0.8, linestyle=":")
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("number of the train that turns")
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("headway in s")
     axes.set_title(
         "dashed: analytic limit; dotted: timetable", fontsize=7, loc="right", color=QUIET
