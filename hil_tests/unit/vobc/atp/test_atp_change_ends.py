@@ -82,7 +82,7 @@ def test_ends_changed_twice_give_the_place_again_and_a_wider_interval() -> None:
     twice = handed(once)
 
     assert twice.front_m == pytest.approx(4500.0)
-    assert twice.bound_m == pytest.approx(0.1 + 2.0 * LENGTH_ERROR_M)
+    assert twice.bound_m == pytest.approx(1.1)
 
 
 @given(front_m=st.floats(0.0, 4600.0), bound_m=st.floats(0.0, 14.0))

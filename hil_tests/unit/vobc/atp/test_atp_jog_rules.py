@@ -321,6 +321,7 @@ def test_a_train_that_has_not_stopped_yet_needs_no_jog() -> None:
     assert guard.attempts == 0
     assert JogVerdict() == JogVerdict(
         permitted=False,
+        to_tag=False,
         back_m=0.0,
         attempts=0,
         emergency=Cause.NONE,
@@ -369,6 +370,31 @@ def test_a_jog_forward_never_needs_room_behind() -> None:
     assert guard.step(under_way, standing=False).permitted
     stands = off(0.5, back_room_m=-math.inf, attempts=1)
     assert not guard.step(stands, standing=True).permitted
+
+
+def test_a_jog_goes_to_a_tag_only_from_rest_and_only_if_one_is_ahead() -> None:
+    guard = JogGuard()
+    guard.heads_for(STOP_M)
+    wide = off(0.5, half_m=0.6, back_room_m=-math.inf)
+    passing = replace(wide, standstill=False, tag_m=0.0)
+
+    assert not guard.step(passing, standing=False).to_tag
+    verdict = guard.step(wide, standing=True)
+    assert guard.state is READY
+    assert (verdict.permitted, verdict.to_tag) == (False, False)
+
+
+@pytest.mark.parametrize(("best_m", "permitted"), [(0.05, True), (0.051, False)])
+def test_up_to_5_cm_past_the_stop_a_jog_forward_needs_no_room_behind(
+    best_m: float, permitted: bool
+) -> None:
+    """The train rolls back by less than a movement before its jog begins."""
+    guard = JogGuard()
+    guard.heads_for(STOP_M)
+    guard.step(off(0.14, half_m=0.15), standing=True)
+    rolls = off(best_m, half_m=0.15, back_room_m=-math.inf, standstill=False, moved_m=best_m - 0.14)
+
+    assert guard.step(rolls, standing=False).permitted is permitted
 
 
 def test_a_jog_ends_without_a_target_stop_and_keeps_its_attempt_count() -> None:
