@@ -6,11 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from can_dbc.nodes import Direction
-from can_dbc.odometer import Tacho
 from hil_tests.unit.vobc.odometry import odometry_rig as rig
 from hil_tests.unit.vobc.odometry.odometry_rig import Errors, Rig
-from vobc.odometry.pulses import LeadBounds, PulseCounter
 
 
 def no_radar(time_s: float, speed_mps: float) -> None:
@@ -63,16 +60,6 @@ def test_one_slipping_axle_never_breaks_the_bounds_when_the_radar_falls_silent(
     errors.radar = lambda time_s, mps: None if time_s >= out_s else mps
 
     assert_true(Rig(errors).run(40.0, up_and_down))
-
-
-def test_a_wrap_of_counter_b_during_a_silence_is_no_slip() -> None:
-    """600 pulses are more than half of the 1024 that counter B can show."""
-    pulses = PulseCounter(4000.0)
-    for count in (0, 600, 1200):
-        sample = Tacho(count, count % 1024, Direction.FORWARD, True, True, 0.0)
-        pulses.step(sample, 0.3)
-
-        assert not pulses.axles_differ
 
 
 def test_a_silence_of_the_tacho_is_no_slip() -> None:
@@ -170,23 +157,3 @@ def test_a_locked_wheel_does_not_prove_that_the_train_stands() -> None:
 
     assert_true(history)
     assert not any(moment.motion.standstill for moment in history if moment.time_s > 7.0)
-
-
-def test_the_lead_of_an_axle_counts_every_pulse_and_its_extremes_only_grow() -> None:
-    pulses, bounds = PulseCounter(4000.0), LeadBounds()
-    told = []
-    for a, b in ((0, 1020), (10, 1030), (20, 1050), (40, 1060), (60, 1065)):
-        pulses.step(Tacho(a, b % 1024, Direction.FORWARD, True, True, 0.0), 0.02)
-        told.append((pulses.lead, *bounds.widen(pulses.lead)))
-
-    assert told == [(0, 0, 0), (0, 0, 0), (10, 0, 10), (0, 0, 0), (-15, 15, 0)]
-    bounds.begin(-15)
-    assert bounds.widen(-15) == (0, 0)
-
-
-def test_an_axle_without_plausible_pulses_leads_nothing() -> None:
-    pulses = PulseCounter(4000.0)
-    for a, b, healthy in ((0, 0, True), (10, 10, True), (20, 10, False), (30, 10, False)):
-        pulses.step(Tacho(a, b, Direction.FORWARD, True, healthy, 0.0), 0.02)
-        assert pulses.paired is (healthy and a > 0)
-        assert pulses.lead == 0
