@@ -23,8 +23,8 @@ def test_the_lead_of_an_axle_counts_every_pulse_and_its_extremes_only_grow() -> 
         told.append((pulses.lead, *bounds.widen(pulses.lead)))
 
     assert told == [(0, 0, 0), (0, 0, 0), (10, 0, 10), (0, 0, 0), (-15, 15, 0)]
-    bounds.begin(-15)
-    assert bounds.widen(-15) == (0, 0)
+    bounds.begin(5)
+    assert bounds.widen(7) == (0, 2)
 
 
 def test_an_axle_without_plausible_pulses_leads_nothing() -> None:
