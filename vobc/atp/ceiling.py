@@ -84,7 +84,7 @@ class CeilingMap:
         profile = self._profile(math.ceil(width_m / self._step_m))
         limit_mps = self._limit_under_mps(front_m.low - self._length_m, foremost_m, restrictions)
         least = [limit_mps + margin_mps for margin_mps in self._margins_mps]
-        kind, at_mps, at_m = TargetKind.NONE, 0.0, 0.0
+        target = None
         visible_m = foremost_m + self._horizon_m
         for start_m, target_mps in self._drops:
             if start_m > visible_m:
@@ -92,22 +92,20 @@ class CeilingMap:
             if start_m > foremost_m and self._lowers(
                 least, profile, foremost_m, start_m, target_mps, self._margins_mps
             ):
-                kind, at_mps, at_m = TargetKind.LINE_LIMIT, target_mps, start_m
+                target = SupervisedTarget(TargetKind.LINE_LIMIT, target_mps, start_m - foremost_m)
         for ahead in restrictions:
             if foremost_m < ahead.start_m <= visible_m and self._lowers(
                 least, profile, foremost_m, ahead.start_m, ahead.limit_mps, self._margins_mps
             ):
-                kind, at_mps, at_m = TargetKind.RESTRICTION, ahead.limit_mps, ahead.start_m
+                distance_m = ahead.start_m - foremost_m
+                target = SupervisedTarget(TargetKind.RESTRICTION, ahead.limit_mps, distance_m)
         if authority_end_m <= visible_m and self._lowers(
             least, profile, foremost_m, authority_end_m, 0.0, _NOTHING
         ):
-            kind, at_mps, at_m = TargetKind.END, 0.0, authority_end_m
+            target = SupervisedTarget(TargetKind.END, 0.0, to_end_m)
         emergency = least[3]
         service = min(least[2], emergency)
         warning = min(least[1], service)
-        target = None
-        if kind is not TargetKind.NONE:
-            target = SupervisedTarget(kind, at_mps, at_m - foremost_m)
         return Ceiling(min(least[0], warning), warning, service, emergency, to_end_m, target)
 
     def _limit_under_mps(

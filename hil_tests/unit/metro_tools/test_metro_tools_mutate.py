@@ -259,8 +259,16 @@ def test_every_mutant_compiles_differs_and_has_a_unique_name() -> None:
     assert len({mutant.key for mutant in mutants}) == len(mutants)
 
 
-def test_the_list_of_equivalents_can_be_read(checkout: Path) -> None:
-    assert all(entry.why.endswith(".") for entry in read_equivalents(checkout))
+def test_every_equivalent_is_a_mutant_of_the_present_source(checkout: Path) -> None:
+    entries = read_equivalents(checkout)
+    mutants = {
+        (module, mutant.function, mutant.mutation)
+        for module in {entry.module for entry in entries}
+        for mutant in mutants_of((checkout / module).read_text(encoding="utf-8"))
+    }
+
+    assert [e for e in entries if (e.module, e.function, e.mutation) not in mutants] == []
+    assert all(entry.why.endswith(".") for entry in entries)
 
 
 def test_no_module_of_protection_and_odometry_is_left_out(checkout: Path) -> None:

@@ -111,6 +111,8 @@ def test_the_target_is_the_one_that_lowers_the_permitted_speed_most() -> None:
     assert target(near, FAR_M, slow) == SupervisedTarget(TargetKind.RESTRICTION, 8.0, 2.0)
     assert target(near, 1340.0, slow) == SupervisedTarget(TargetKind.END, 0.0, 42.0)
     assert target(at(200.0), FAR_M, slow) is None, "no curve is lower than the limit here"
+    bite_m = needed_m(19.9 + MARGINS_MPS[0], target_mps=6.0 + MARGINS_MPS[0], lead_s=LEADS_S[0])
+    assert target(at(1400.0 - bite_m), FAR_M) is not None, "only the permitted speed is lower"
     assert target(at(1400.0), FAR_M) is None, "the limit under the train is no target"
     assert target(at(1342.5), 1340.0) == SupervisedTarget(TargetKind.END, 0.0, -2.5)
 
