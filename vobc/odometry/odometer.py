@@ -122,8 +122,8 @@ class Odometry:
         self._against_s = -math.inf
         """Last instant at which the wheels contradicted the ground, or their direction."""
         self._lead = LeadBounds()
-        self._rolled_s = -math.inf
-        """Last instant at which either axle gave a pulse."""
+        self._led_s = -math.inf
+        """Last instant at which one axle turned further than the other."""
         self._usable = False
         self._slow = False
         self._rejected = 0
@@ -202,8 +202,8 @@ class Odometry:
         if pulses.on_b != was_on_b:
             where.forget_scale()
         track.add(stamp_s, pulses.count)
-        if step != 0 or pulses.lead != lead:
-            self._rolled_s = stamp_s
+        if pulses.lead != lead:
+            self._led_s = stamp_s
         if pulses.axles_differ:
             self._axles_differ = True
             where.scale.forget_anchor()
@@ -276,13 +276,12 @@ class Odometry:
         """Start the ground speed from the wheels. False while it cannot be told from them."""
         config, where, ground, track = self._config, self._where, self._ground, self._track
         learns = track.heard_s < config.learn_s
-        if learns or (radar_mps is None and track.still_s < config.standing_s):
-            if track.window_full and not learns:
-                ground.begin(wheels.low, wheels.high)
+        waits = learns or (radar_mps is None and track.still_s < config.standing_s)
+        if not waits or (track.window_full and not learns):
+            ground.begin(wheels.low, wheels.high)
+        if waits:
             where.begin_ground(wheels, max(0.0, now_s - track.stamp_s))
-            return False
-        ground.begin(wheels.low, wheels.high)
-        return True
+        return not waits
 
     def _wheels_bear_witness(self, inputs: CycleInput, wheels: Interval) -> bool:
         """Whether the wheels tell the speed over ground, which no radar sees now.
@@ -291,12 +290,14 @@ class Odometry:
         does: then the other one tells it.
         """
         gripping = not self._slip and not self._axles_differ
-        if not gripping and not self._one_axle_slips():
-            return False
-        if self._ground.seen or not self._wheels_agree(wheels):
-            return False
         fresh = inputs.tacho_age_s <= self._config.silence_s and self._usable
-        return fresh and not self._sets_off(inputs)
+        return (
+            (gripping or self._one_axle_slips())
+            and not self._ground.seen
+            and self._wheels_agree(wheels)
+            and fresh
+            and not self._sets_off(inputs)
+        )
 
     def _one_axle_slips(self) -> bool:
         """Whether slip shows only as a difference between two axles of a train that brakes or
@@ -318,7 +319,8 @@ class Odometry:
         slip_ratio = config.gentle_slip_ratio if gentle else config.unseen_slip_ratio
         slack_mps = slip_ratio * abs(wheels.best)
         apart = self._slip or self._axles_differ
-        still_s = min(track.still_s, track.stamp_s - self._rolled_s if apart else math.inf)
+        # The count follows one axle. While that one stands, the lead shows whether the other turns.
+        still_s = min(track.still_s, track.stamp_s - self._led_s if apart else math.inf)
         if still_s >= config.standing_s:
             least_m = most_m = 0.0
             ground.begin(-REST_MPS, REST_MPS)

@@ -276,3 +276,21 @@ def test_the_reported_speed_covers_wheels_and_ground(low_mps: float, high_mps: f
     assert told.speed_mps.best == pytest.approx(best)
     assert best == pytest.approx(4.0, abs=0.01)
     assert not math.isinf(told.front_m.high)
+
+
+@pytest.mark.parametrize("age_s", [0.0, 0.03])
+def test_at_the_end_of_a_slip_wheels_and_ground_are_reconciled_at_the_age_of_the_sample(
+    monkeypatch: pytest.MonkeyPatch, age_s: float
+) -> None:
+    made = Desk()
+    made.cycles(60, 8, 8, radar_mps=4.0, age_s=age_s)
+    made.cycle(8, 8, steps_b=(8, 18), radar_mps=4.0, age_s=age_s)
+    made.odometry._slip_until_s = made.now_s
+    calls: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(Localisation, "reconcile", lambda _, *told: calls.append(told))
+    made.cycles(2, 8, 8, radar_mps=4.0, age_s=age_s)
+
+    ((wheels, ground, since_s),) = calls
+    assert both_ends(ground) == near(3.9, 4.1)
+    assert wheels.low < 3.9
+    assert since_s == pytest.approx(age_s)

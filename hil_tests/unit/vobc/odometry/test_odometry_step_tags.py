@@ -77,6 +77,10 @@ def test_a_tag_places_the_train_by_the_pulses_since(judged: Judged) -> None:
     assert reading.ground_bound_m == made.odometry._over_blur_m
 
 
+def test_the_front_reaches_the_next_tag_an_antenna_offset_beyond_it() -> None:
+    assert going().cycle(8, 8, radar_mps=4.0).next_tag_m == 62.0
+
+
 @pytest.mark.parametrize(
     ("rate_pulses_per_s", "ground_mps", "half_mps", "speed_mps"),
     [
@@ -495,3 +499,37 @@ def test_the_stored_position_is_the_furthest_end_of_either_interval(
     made.where.ground_low_m, made.where.ground_high_m = ground_m
 
     assert made.odometry.record().bound_m == pytest.approx(bound_m)
+
+
+@pytest.mark.parametrize(
+    ("refused", "widens", "pairs", "calls"),
+    [
+        (False, False, False, ["accept, expected"]),
+        (True, False, False, []),
+        (True, False, True, []),
+        (True, True, False, ["embrace"]),
+        (True, True, True, ["restart", "accept, unexpected"]),
+    ],
+)
+def test_a_refused_tag_widens_the_intervals_or_restarts_them_with_the_tag_before(
+    monkeypatch: pytest.MonkeyPatch, *, refused: bool, widens: bool, pairs: bool, calls: list[str]
+) -> None:
+    refusal = RefusedTag(7, TagRefusal.CONTRADICTED, 0.3) if refused else None
+    called: list[str] = []
+
+    def accept(_: References, reading: LocatedTag, windows: Windows | None) -> None:
+        called.append("accept, unexpected" if windows is None else "accept, expected")
+
+    monkeypatch.setattr(References, "judge", lambda *_, disputed: refusal)
+    monkeypatch.setattr(References, "widens", lambda *_: widens)
+    monkeypatch.setattr(References, "pairs", lambda *_: pairs)
+    monkeypatch.setattr(References, "accept", accept)
+    monkeypatch.setattr(Localisation, "embrace", lambda *_: called.append("embrace"))
+    monkeypatch.setattr(Localisation, "restart", lambda *_: called.append("restart"))
+    made = going()
+    told = made.cycle(8, 8, radar_mps=4.0, tags=(read(made, since=-10, age_s=0.015),))
+
+    assert called == calls
+    accepted = bool(calls) and calls != ["embrace"]
+    assert told.accepted_tag_ids == ((7,) if accepted else ())
+    assert told.refused_tags == (() if accepted else (refusal,))
