@@ -107,18 +107,18 @@ class AtpConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self, RANGES)
-        if not 0.0 < self.warning_margin_mps < self.service_margin_mps < self.emergency_margin_mps:
+        if not self.warning_margin_mps < self.service_margin_mps < self.emergency_margin_mps:
             raise ValueError(
-                "0 < warning_margin_mps < service_margin_mps < emergency_margin_mps does not hold"
+                "warning_margin_mps < service_margin_mps < emergency_margin_mps does not hold"
             )
         flat = (
             self.flat_warning_margin_mps,
             self.flat_service_margin_mps,
             self.flat_emergency_margin_mps,
         )
-        if not 0.0 < flat[0] < flat[1] < flat[2]:
+        if not flat[0] < flat[1] < flat[2]:
             raise ValueError(
-                "0 < flat_warning_margin_mps < flat_service_margin_mps < flat_emergency_margin_mps "
+                "flat_warning_margin_mps < flat_service_margin_mps < flat_emergency_margin_mps "
                 "does not hold"
             )
         if self.overshoot_m > self.overshoot_mended_m:

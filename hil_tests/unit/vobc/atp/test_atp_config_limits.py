@@ -84,7 +84,7 @@ def test_warning_comes_before_service_brake_and_that_before_emergency_brake(
     if fine:
         replace(CONFIG, **changes)  # type: ignore[arg-type]
     else:
-        words = rf"^0 < {names[0]} < {names[1]} < {names[2]} does not hold$"
+        words = rf"^{names[0]} < {names[1]} < {names[2]} does not hold$"
         with pytest.raises(ValueError, match=words):
             replace(CONFIG, **changes)  # type: ignore[arg-type]
 

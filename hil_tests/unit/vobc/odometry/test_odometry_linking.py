@@ -84,6 +84,15 @@ def test_a_tag_outside_widens_the_intervals_as_far_as_the_last_one_may_have_been
     assert made.widens(refused, 0.15) is widens
 
 
+def test_before_the_first_accepted_tag_one_outside_widens_nothing() -> None:
+    made = references()
+    refused = made.judge(reading(0, 20.25), WHEELS, disputed=False)
+
+    assert refused is not None
+    assert refused.reason is TagRefusal.OUTSIDE_WINDOW
+    assert not made.widens(refused, 0.1)
+
+
 def test_a_repeated_tag_widens_nothing() -> None:
     made = references()
     made.accept(reading(0, 15.0), WHEELS)

@@ -191,6 +191,18 @@ def test_a_reference_narrows_or_replaces_each_interval(
     assert ground_m(where) == near(*ground)
 
 
+def test_an_interval_as_wide_as_the_reference_stays() -> None:
+    """The bounds are exact in binary: the reference is 2.25 m wide, and 2.5 m over ground."""
+    record = OdometryRecord(START_M, BOUND_M, 0.01)
+    where = Localisation(replace(CONFIG, ground_slack_m=0.125), TRAIN, record)
+    where.low_m, where.high_m = 102.0, 104.25
+    where.ground_low_m, where.ground_high_m = 102.0, 104.5
+    where.refer(100.0, (2.5, 3.0, 4.5), (2.5, 4.5), 0.125, restarts=False)
+
+    assert wheels_m(where) == (102.0, 104.25)
+    assert ground_m(where) == (102.0, 104.5)
+
+
 def test_a_tag_that_contradicts_the_intervals_widens_both() -> None:
     """The tag places the front at 102.4 to 104.6 m by the wheels, and 102.26 to 105.74 m by the
     ground."""
