@@ -49,6 +49,7 @@ def test_wheels_and_ground_must_both_expect_a_tag(claim_m: float, off_m: float |
     if refused is not None:
         assert refused.reason is TagRefusal.CONTRADICTED
         assert refused.off_m == pytest.approx(off_m)
+        assert references().widens(refused, 0.1)
 
 
 @pytest.mark.parametrize("claim_m", [9.91, 12.0, 18.0, 20.09])
@@ -67,21 +68,23 @@ def test_between_two_windows_that_are_apart_a_tag_agrees_with_neither() -> None:
     assert (refused.reason, refused.off_m) == (TagRefusal.CONTRADICTED, pytest.approx(-3.0))
 
 
-@pytest.mark.parametrize(("off_m", "widens"), [(2.1, True), (2.2, False), (-2.1, True)])
+@pytest.mark.parametrize(("off_m", "widens"), [(2.125, True), (2.126, False), (-2.125, True)])
 def test_a_tag_outside_widens_the_intervals_as_far_as_the_last_one_may_have_been_off(
     off_m: float, *, widens: bool
 ) -> None:
-    """The last tag was accepted with 2 m to either end of its windows."""
+    """The last tag was accepted 2 m from the farther end of its windows."""
     made = references()
+    made.accept(reading(0, 15.0), Windows((14.0, 17.0), (14.0, 17.0)))
     here = Windows((13.0, 17.0), (13.0, 17.0))
-    made.accept(reading(0, 15.0), here)
     claim_m = 17.0 + off_m if off_m > 0.0 else 13.0 + off_m
 
     refused = made.judge(reading(1, claim_m), here, disputed=False)
 
     assert refused is not None
     assert refused.reason is TagRefusal.OUTSIDE_WINDOW
-    assert made.widens(refused, 0.15) is widens
+    assert made.widens(refused, 0.125) is widens
+    made.accept(reading(0, 15.0), None)
+    assert not made.widens(refused, 0.125), "a place that restarts leaves no doubt"
 
 
 def test_before_the_first_accepted_tag_one_outside_widens_nothing() -> None:
@@ -110,8 +113,8 @@ def test_two_refused_tags_confirm_each_other_at_the_distance_that_the_train_ran(
     made = references()
     apart = round((250.0 + off_m) / NOMINAL_M)
 
-    assert not made.pairs(reading(0, 15.0), NOMINAL_M, NOMINAL_M)
-    assert not made.pairs(reading(0, 15.0), NOMINAL_M, NOMINAL_M), "the same tag again"
+    assert made.pairs(reading(0, 15.0), NOMINAL_M, NOMINAL_M) is False
+    assert made.pairs(reading(0, 15.0), NOMINAL_M, NOMINAL_M) is False, "the same tag again"
     second = reading(1, 15.0, pulses=apart)
     assert made.pairs(second, NOMINAL_M, NOMINAL_M) is confirm
 
