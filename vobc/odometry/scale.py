@@ -95,10 +95,9 @@ class WheelScale:
         """Cut the bounds with the hull of two measurements. False: they contradict each other or
         the bounds.
         """
-        agree = other_m[0] <= by_tags_m[1] and by_tags_m[0] <= other_m[1]
         low_m = max(min(other_m[0], by_tags_m[0]), self.low_m)
         high_m = min(max(other_m[1], by_tags_m[1]), self.high_m)
-        if not agree or low_m > high_m:
-            return False
-        self.low_m, self.high_m = low_m, high_m
-        return True
+        agree = other_m[0] <= by_tags_m[1] and by_tags_m[0] <= other_m[1] and low_m <= high_m
+        if agree:
+            self.low_m, self.high_m = low_m, high_m
+        return agree

@@ -54,6 +54,29 @@ def test_each_pair_of_tags_measures_the_wheel_from_where_the_pair_before_ended()
     assert bounds_m(scale) == between(100.0, 10000, 0.13)
 
 
+def test_the_ground_measures_with_its_slack_and_the_bound_that_it_gained() -> None:
+    """The bound over ground grew by 0.75 m between the tags."""
+    scale = WheelScale(replace(CONFIG, ground_slack_m=0.25), NOMINAL_M)
+    scale.anchor(Waypoint(0.0, 0.05, 0, 0.0, 0.5))
+    scale.measure(Waypoint(200.0, 0.05, 20000, 200.0, 1.25))
+
+    assert bounds_m(scale) == between(200.0, 20000, 1.0)
+
+
+@pytest.mark.parametrize("over_m", [98.0, 102.0])
+def test_tags_that_contradict_the_ground_restore_the_declared_bounds(over_m: float) -> None:
+    scale = WheelScale(CONFIG, NOMINAL_M)
+    scale.anchor(Waypoint(0.0, 0.05, 0, 0.0, 0.0))
+    scale.measure(Waypoint(100.0, 0.05, 10000, over_m, 0.0))
+
+    assert bounds_m(scale) == DECLARED_M
+
+
+def test_two_measurements_that_just_touch_agree() -> None:
+    for lower, upper in (((0.0099, 0.01), (0.01, 0.0101)), ((0.01, 0.0101), (0.0099, 0.01))):
+        assert WheelScale(CONFIG, NOMINAL_M)._narrow(lower, upper) is True
+
+
 def test_a_worse_measurement_never_widens_the_bounds_of_the_wheel() -> None:
     scale = WheelScale(CONFIG, NOMINAL_M)
     scale.anchor(Waypoint(0.0, 0.05, 0, 0.0, 0.0))
