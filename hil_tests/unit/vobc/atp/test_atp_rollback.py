@@ -134,6 +134,16 @@ def test_the_steepest_climb_under_the_train_counts_and_anywhere_without_place() 
     assert guard.room_m(0.2, reaching) == guard.room_m(0.2, here)
 
 
+def test_the_fastest_speed_back_and_the_foremost_front_count() -> None:
+    """The climb begins at 1000 m."""
+    guard = watch(climb(45.0))
+    wide = replace(rolling(0.5), speed_mps=Interval(-0.5, 0.0, 0.5))
+    level, near = rolling(0.5, 990.0), rolling(0.5, 999.5)
+
+    assert guard.room_m(0.2, wide) == guard.room_m(0.2, rolling(0.5))
+    assert guard.room_m(0.2, near) == guard.room_m(0.2, rolling(0.5)) < guard.room_m(0.2, level)
+
+
 def test_a_train_that_moves_forwards_has_no_speed_back() -> None:
     guard = watch(climb(30.0))
 

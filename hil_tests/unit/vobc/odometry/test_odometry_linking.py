@@ -84,7 +84,8 @@ def test_a_tag_outside_widens_the_intervals_as_far_as_the_last_one_may_have_been
     assert refused.reason is TagRefusal.OUTSIDE_WINDOW
     assert made.widens(refused, 0.125) is widens
     made.accept(reading(0, 15.0), None)
-    assert not made.widens(refused, 0.125), "a place that restarts leaves no doubt"
+    near = replace(refused, off_m=0.2)
+    assert not made.widens(near, 0.125), "a place that restarts leaves no doubt"
 
 
 def test_before_the_first_accepted_tag_one_outside_widens_nothing() -> None:
