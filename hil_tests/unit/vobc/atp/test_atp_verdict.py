@@ -476,6 +476,17 @@ def test_a_bypass_that_began_at_rest_lasts_in_motion() -> None:
     assert verdict.traction_permitted
 
 
+def test_bypassed_doors_are_not_why_a_train_at_the_end_of_its_authority_has_no_traction() -> None:
+    train = Train()
+    train.change(doors=UNLOCKED, authority=Authority(BETWEEN_M + 0.5, 1, 1))
+    train.change(desk=replace(MANUAL, door_bypass_requested=True))
+
+    verdict = train.step(3)
+
+    assert verdict.door_bypass
+    assert verdict.reason is ReasonCode.NO_SPEED_PERMITTED
+
+
 def test_a_bypass_pressed_before_the_first_step_does_not_count_in_motion() -> None:
     train = Train()
     train.change(doors=UNLOCKED, desk=replace(MANUAL, door_bypass_requested=True))
