@@ -207,11 +207,13 @@ def test_doors_open_on_the_side_that_map_and_centre_both_name(
     assert (verdict.withheld is Withheld.NONE) is any(doors)
 
 
-def at_platform_of(length_m: float, car_lengths_m: tuple[float, ...] = ()) -> StationVerdict:
+def at_platform_of(
+    length_m: float, car_lengths_m: tuple[float, ...] = (), front_m: float = STOP_M
+) -> StationVerdict:
     """A train of another length at the stopping point, 80 m from the rear end of the platform."""
     guard = StationGuard(CONFIG, LINE, train_length_m=length_m, car_lengths_m=car_lengths_m)
     return guard.step(
-        SEEN, standing(STOP_M), gone=0, emergency=False, may_move=True, stopping_at_m=STOP_M
+        SEEN, standing(front_m), gone=0, emergency=False, may_move=True, stopping_at_m=STOP_M
     )
 
 
@@ -229,6 +231,13 @@ def test_a_longer_train_opens_the_cars_beside_the_platform_alone() -> None:
     assert verdict.doors == (False, True)
     assert verdict.door_cars == 0b001111
     assert verdict.withheld is Withheld.NONE
+
+
+def test_off_its_stopping_point_no_car_is_compared_with_the_platform() -> None:
+    verdict = at_platform_of(117.12, (19.52,) * 6, front_m=STOP_M - 1.0)
+
+    assert not any(verdict.doors)
+    assert verdict.door_cars == ALL_CARS
 
 
 def test_a_train_beside_its_platform_opens_all_doors() -> None:
