@@ -171,7 +171,7 @@ class SwitchMachine:
         if goal is not self._goes_to and not self.stuck:
             self._goes_to, self._lie = goal, None
             self._there_ns = now_ns + round(MOVE_S * NS_PER_S)
-        if self._lie is None and now_ns >= self._there_ns:
+        if now_ns >= self._there_ns:
             self._lie = self._goes_to
 
 

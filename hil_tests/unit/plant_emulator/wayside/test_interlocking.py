@@ -96,6 +96,7 @@ def test_a_path_has_a_signal_before_each_switch() -> None:
 def test_the_authority_follows_the_route_once_the_switch_has_moved() -> None:
     bench = Bench(f"{FERRY}:out", to_m=700.0, front_m=0.0)
     assert bench.limit_m == 80.0
+    assert bench.inner.first_switch_m == 100.0
 
     # It begins to move with the first step and takes 4 s.
     bench.inner.step(0, front_m=0.0, rear_m=-LENGTH_M)
