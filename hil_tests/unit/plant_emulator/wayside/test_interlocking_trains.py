@@ -218,6 +218,17 @@ def test_a_train_enters_neither_on_another_one_nor_over_its_locked_switch() -> N
     assert box.has_room(out, front_m=east_m + 11.0, rear_m=111.0)
 
 
+def test_a_train_enters_no_track_into_which_another_one_has_a_route_the_other_way() -> None:
+    box = SignalBox(NETWORK)
+    west = make_path(NETWORK, "west", [("mill", Running.UP), ("west", Running.UP)])
+    back = placed(box, "one", PATHS["back"], PATHS["back"].line.station("Siding").stop_m)
+    assert box.has_room(west, front_m=400.0, rear_m=400.0 - LENGTH_M)
+    back.step(NS, front_m=back.body.end_m, rear_m=back.body.rear_m)
+
+    assert back.held[0].tracks == {"west": Running.DOWN}
+    assert not box.has_room(west, front_m=400.0, rear_m=400.0 - LENGTH_M)
+
+
 def test_a_switch_below_a_train_does_not_move_for_a_train_behind_it() -> None:
     box = SignalBox(NETWORK)
     placed(box, "one", PATHS["out"], 100.0 + LENGTH_M - 5.0)
