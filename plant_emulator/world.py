@@ -182,6 +182,8 @@ class World:
         self.load_cell_ratio = 1.0
         """A fault: factor on the passenger mass that the load cells report."""
         self.line = line
+        self._has_neutral = bool(line.neutral_sections)
+        self._isolated = False
         self._start_m = front_m
         self.now_ns = start_ns
         resistance_error = train.resistance.error_ratio.draw(generators.of(NoiseSource.RESISTANCE))
@@ -287,6 +289,8 @@ class World:
         end_ns = start_ns + STEP_NS
         brake, consist = self.brake, self.consist
         speed_mps = consist.speed_mps
+        if self._has_neutral:
+            self._pass_neutral_sections()
         if self.loops is not None:
             self._read_loops(self.loops, start_ns)
         elif end_ns > self._unready_until_ns:
@@ -408,8 +412,21 @@ class World:
         None stands for the train's normal source.
         """
         self.power.connect(no_load_v, breaker_closed=breaker_closed)
+        self._feed_traction()
+
+    def _feed_traction(self) -> None:
         self.traction.powered = self.power.live
         self.traction.feed(self.power.effort_ratio)
+
+    def _pass_neutral_sections(self) -> None:
+        """Isolate the train while any part of it is in a neutral section."""
+        front_m = self.front_m
+        rear_m = front_m - self.length_m
+        inside = any(each.covers(rear_m, front_m) for each in self.line.neutral_sections)
+        if inside is not self._isolated:
+            self._isolated = inside
+            self.power.isolate(inside)
+            self._feed_traction()
 
     def put_desk(self, desk: Desk) -> None:
         """Set the desk as operated by hand; active desk faults override it."""

@@ -23,6 +23,7 @@ from vobc.vocabulary import (
     Motion,
     OdometryRecord,
 )
+from vobc.zones import NeutralSections
 
 ATO_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 NOT_FOR_DRIVING: Final = int(Missing.DOORS | Missing.ALARMS)
@@ -80,6 +81,7 @@ class Controller:
         self._operation = operation or Ato(
             _within_service_brake(config), line, mission.start.stop_m, mission.stops
         )
+        self._neutral = NeutralSections(config, line)
         self._manual_mps2 = 0.0
         self._weighed = False
         self._weighed_kg = config.train.full_load_kg
@@ -110,6 +112,8 @@ class Controller:
         self.verdict = verdict
         demand = self._demand(inputs, motion, verdict)
         self._stopping_at_m = demand.stopping_at_m
+        if motion is not None and self._neutral.off(motion):
+            verdict = replace(verdict, traction_permitted=False)
         output = arbitrate(
             verdict, demand, motion, inputs.desk, train=self._train, load_kg=self._weighed_kg
         )
@@ -175,6 +179,7 @@ class Controller:
         most_mps2 = most_accel_mps2(
             motion.speed_mps.best, train=self._train, load_kg=self._weighed_kg
         )
+        possible_ratio = 0.0 if self._neutral.eases(motion) else traction_ratio
         return AtoInput(
             now_ns=inputs.now_ns,
             dt_s=inputs.dt_s,
@@ -193,7 +198,7 @@ class Controller:
             ),
             load_kg=self._weighed_kg,
             traction_ratio=traction_ratio,
-            traction_mps2=traction_ratio * most_mps2,
+            traction_mps2=possible_ratio * most_mps2,
             doors_locked=verdict.doors_locked or verdict.door_bypass,
             doors_open=not verdict.doors_locked and self._platform_side_open(doors, front_m),
             door_enabled=verdict.doors.left or verdict.doors.right,

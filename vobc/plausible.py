@@ -23,6 +23,7 @@ from vobc.atp.rollback import RollbackWatch
 from vobc.config import VobcConfig
 from vobc.kinematics import GRAVITY_MPS2
 from vobc.vocabulary import Interval
+from vobc.zones import Coasting, coastings
 
 EXACT_M: Final = 0.01
 """Difference that rounding explains between the train's length and the sum of its cars."""
@@ -143,6 +144,8 @@ def _of_line(config: VobcConfig, line: LineMap) -> Iterator[str]:
     yield from _of_gradients(config, line)
     yield from _of_speeds(config, line)
     yield from _of_platforms(config, line.stations)
+    for coasting in coastings(config, line):
+        yield from _of_neutral_section(config, line.stations, coasting)
     least_m = config.atp.jog_m + config.atp.door_window_m
     for before, after in itertools.pairwise(line.stations):
         hop_m = after.stop_m - before.stop_m
@@ -181,6 +184,32 @@ def _of_gradients(config: VobcConfig, line: LineMap) -> Iterator[str]:
             f"{rolls_m:.2f} m before its emergency brake holds it, and rollback_m is "
             f"{line.rollback_m:g}; declare more if the wayside keeps it free, or a better brake"
         )
+
+
+def _of_neutral_section(
+    config: VobcConfig, stations: Sequence[Station], coasting: Coasting
+) -> Iterator[str]:
+    """Without traction the train must come through from the speed at which it enters."""
+    section, length_m = coasting.section, config.train.length_m
+    where = f"neutral_sections: {section.text}"
+    if coasting.entry_mps > coasting.limit_mps:
+        yield (
+            f"{where}: a train coasts through from {coasting.entry_mps:.1f} m/s at "
+            f"{coasting.from_m:.0f} m, and the limit there is {coasting.limit_mps:.1f} m/s; "
+            "shorten the section, or move it off the climb"
+        )
+        return
+    for station in stations:
+        if section.covers(station.stop_m - length_m, station.stop_m):
+            yield f"{where}: a train that stops at {station.name} has no power; move the section"
+        elif section.start_m - station.stop_m >= 0.0 and (
+            coasting.from_m - station.stop_m < coasting.run_up_m
+        ):
+            yield (
+                f"{where}: a train that sets off at {station.name} may not reach the "
+                f"{coasting.entry_mps:.1f} m/s at {coasting.from_m:.0f} m from which it coasts "
+                "through; move the section away from the stop"
+            )
 
 
 def _of_speeds(config: VobcConfig, line: LineMap) -> Iterator[str]:

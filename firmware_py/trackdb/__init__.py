@@ -5,6 +5,7 @@ from firmware_py.trackdb.line_map import LineMap
 from firmware_py.trackdb.sites import (
     CurveSection,
     GradientSection,
+    LineZone,
     PlatformSide,
     SpeedSection,
     Station,
@@ -17,6 +18,7 @@ __all__ = [
     "CurveSection",
     "GradientSection",
     "LineMap",
+    "LineZone",
     "PlatformSide",
     "SpeedSection",
     "Station",

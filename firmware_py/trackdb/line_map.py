@@ -13,6 +13,7 @@ from typing import Final, TypeVar
 from firmware_py.trackdb.sites import (
     CurveSection,
     GradientSection,
+    LineZone,
     SpeedSection,
     Station,
     TagSite,
@@ -49,6 +50,9 @@ class LineMap:
     rollback_m: float = 2.0
     """Greatest distance that a train may roll back. The wayside keeps that much track free behind
     each train."""
+    neutral_sections: tuple[LineZone, ...] = ()
+    """Sections without power, in which trains demand no traction: `start_m`, `end_m`, and `name` if
+    wanted. They hold in both directions."""
     # Each quantity is stored as the chainages of its changes and its values, one more than changes.
     # value[i] holds on [edge[i - 1], edge[i]), so that bisect_right(edges, at) is its index.
     _limit_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
@@ -75,6 +79,9 @@ class LineMap:
         self._check_speeds()
         self._check_sections("gradients", [(g.start_m, g.end_m) for g in self.gradients])
         self._check_sections("curves", [(c.start_m, c.end_m) for c in self.curves])
+        self._check_sections(
+            "neutral_sections", [(each.start_m, each.end_m) for each in self.neutral_sections]
+        )
         self._check_tags()
         self._index()
 

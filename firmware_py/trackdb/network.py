@@ -117,6 +117,20 @@ class TrackTag:
 
 
 @dataclass(frozen=True, slots=True)
+class TrackZone:
+    """A zone of a track, for one direction of running or for both."""
+
+    start_m: float
+    end_m: float
+    name: str = ""
+    direction: Serves = Serves.BOTH
+
+    def __post_init__(self) -> None:
+        if not self.start_m < self.end_m:
+            raise ValueError(f"end_m {self.end_m} is not beyond start_m {self.start_m}")
+
+
+@dataclass(frozen=True, slots=True)
 class Track:
     """One track between two ends, without a switch in it."""
 
@@ -129,6 +143,9 @@ class Track:
     """Positive climbs for a train that runs up."""
     curves: tuple[CurveSection, ...] = ()
     tags: tuple[TrackTag, ...] = ()
+    neutral_sections: tuple[TrackZone, ...] = ()
+    """Sections without power, in which trains demand no traction: `start_m`, `end_m`, and if wanted
+    `name` and `direction` (`up`, `down` or `both`)."""
 
     def __post_init__(self) -> None:
         if not self.name or any(each in self.name for each in " .:"):
@@ -139,6 +156,9 @@ class Track:
             self._check_limits(running)
         _check_overlap("gradients", [(each.start_m, each.end_m) for each in self.gradients])
         _check_overlap("curves", [(each.start_m, each.end_m) for each in self.curves])
+        for running in Running:
+            zones = [each for each in self.neutral_sections if each.direction.serves(running)]
+            _check_overlap("neutral_sections", [(each.start_m, each.end_m) for each in zones])
         for what, at_m in self._places():
             if not self.start_m <= at_m <= self.end_m:
                 raise ValueError(
@@ -181,6 +201,9 @@ class Track:
         for curve in self.curves:
             yield "curves: a section", curve.start_m
             yield "curves: a section", curve.end_m
+        for zone in self.neutral_sections:
+            yield "neutral_sections: a section", zone.start_m
+            yield "neutral_sections: a section", zone.end_m
         for tag in self.tags:
             yield f"tags: tag {tag.tag_id}", tag.position_m
 

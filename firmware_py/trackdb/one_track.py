@@ -5,7 +5,7 @@ A line file describes one direction. What the other direction needs, stated rule
 - A train that runs down stops as far before the end of the platform ahead as one that runs up.
 - The tags before that stopping point are as far from it as those of the other direction. A station
   without a full set takes the distances of the nearest station that has one.
-- Limits hold in both directions.
+- Limits and neutral sections hold in both directions.
 - A first station without dwell time, where trains of the file only start, takes that of the last.
 """
 
@@ -24,9 +24,10 @@ from firmware_py.trackdb.network import (
     TrackLimit,
     TrackNetwork,
     TrackTag,
+    TrackZone,
 )
 from firmware_py.trackdb.paths import Path, make_path
-from firmware_py.trackdb.sites import PlatformSide, Station, TagKind, TagSite
+from firmware_py.trackdb.sites import LineZone, PlatformSide, Station, TagKind, TagSite
 
 TRACK: Final = "main"
 DOWN_TAGS: Final = 1_000_000_000
@@ -46,6 +47,7 @@ def network_of(line: LineMap) -> TrackNetwork:
         gradients=line.gradients,
         curves=line.curves,
         tags=tuple(sorted(_tags(line), key=lambda tag: tag.position_m)),
+        neutral_sections=_zones(line.neutral_sections),
     )
     return TrackNetwork(
         name=line.name,
@@ -60,6 +62,11 @@ def network_of(line: LineMap) -> TrackNetwork:
 def one_track_path(line: LineMap, running: Running) -> Path:
     """The path over the whole line in one direction."""
     return make_path(network_of(line), f"{line.name}-{running.value}", ((TRACK, running),))
+
+
+def _zones(zones: Sequence[LineZone]) -> tuple[TrackZone, ...]:
+    """Zones of a line file hold in both directions."""
+    return tuple(TrackZone(each.start_m, each.end_m, each.name) for each in zones)
 
 
 def _edges(stations: Sequence[Station]) -> Iterator[PlatformEdge]:

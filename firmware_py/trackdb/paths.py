@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Final, TypeVar
 
 from firmware_py.trackdb.line_map import LineMap
-from firmware_py.trackdb.network import PlatformEdge, Running, Track, TrackNetwork
+from firmware_py.trackdb.network import PlatformEdge, Running, Track, TrackNetwork, TrackZone
 from firmware_py.trackdb.sites import (
     CurveSection,
     GradientSection,
+    LineZone,
     PlatformSide,
     SpeedSection,
     Station,
@@ -126,6 +127,7 @@ def _line(network: TrackNetwork, name: str, legs: Sequence[Leg]) -> LineMap:
         tags=tuple(sorted(_tags(legs), key=lambda tag: tag.position_m)),
         description=network.description,
         rollback_m=network.rollback_m,
+        neutral_sections=_zones(legs, [leg.track.neutral_sections for leg in legs]),
     )
 
 
@@ -183,6 +185,23 @@ def _gradients(leg: Leg) -> Iterator[GradientSection]:
 def _curves(leg: Leg) -> Iterator[CurveSection]:
     for curve in _in_order(leg, leg.track.curves):
         yield CurveSection(*leg.section_m(curve.start_m, curve.end_m), curve.radius_m)
+
+
+def _zones(legs: Sequence[Leg], of_legs: Sequence[Sequence[TrackZone]]) -> tuple[LineZone, ...]:
+    """The zones for trains of this path. Parts that meet where two tracks do become one."""
+    found: list[LineZone] = []
+    for leg, zones in zip(legs, of_legs, strict=True):
+        for zone in _in_order(leg, zones):
+            if not zone.direction.serves(leg.running):
+                continue
+            start_m, end_m = leg.section_m(zone.start_m, zone.end_m)
+            if found and start_m <= found[-1].end_m:
+                last = found.pop()
+                start_m, name = last.start_m, last.name or zone.name
+                found.append(LineZone(start_m, max(last.end_m, end_m), name))
+            else:
+                found.append(LineZone(start_m, end_m, zone.name))
+    return tuple(found)
 
 
 def _tags(legs: Sequence[Leg]) -> Iterator[TagSite]:

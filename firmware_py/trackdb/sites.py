@@ -150,6 +150,28 @@ class TagSite:
             raise ValueError(f"tag_id {self.tag_id} is not in 1..{TAG_ID_MAX}")
 
 
+@dataclass(frozen=True, slots=True)
+class LineZone:
+    """A stretch on which a train must not do something, from its front until its rear has left."""
+
+    start_m: float
+    end_m: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        _check_section(self.start_m, self.end_m)
+
+    def covers(self, rear_m: float, front_m: float) -> bool:
+        """Whether any part of a train between these places is inside."""
+        return rear_m < self.end_m and self.start_m < front_m
+
+    @property
+    def text(self) -> str:
+        """The name, if it has one, and both ends."""
+        ends = f"{self.start_m:g} m to {self.end_m:g} m"
+        return f"{self.name}, {ends}" if self.name else ends
+
+
 def _check_section(start_m: float, end_m: float) -> None:
     if not start_m < end_m:
         raise ValueError(f"end_m {end_m} is not beyond start_m {start_m}")

@@ -20,6 +20,9 @@ LINES_MAX: Final = 16
 NOT_VITAL: Final = frozenset({"description", "dwell_s", "run_s"})
 """Fields of a line that a timetable may change without another survey."""
 
+LEFT_OUT_EMPTY: Final = frozenset({"neutral_sections"})
+"""Fields that count only where they have a value. A line without them keeps its version."""
+
 
 @functools.lru_cache(maxsize=LINES_MAX)
 def database_version(line: LineMap) -> int:
@@ -45,6 +48,7 @@ def _plain(value: Any, left_out: frozenset[str]) -> Any:
             field.name: _plain(getattr(value, field.name), left_out)
             for field in fields
             if field.name not in left_out
+            and (field.name not in LEFT_OUT_EMPTY or getattr(value, field.name))
         }
     if isinstance(value, enum.Enum):
         return value.name

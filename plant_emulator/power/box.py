@@ -56,11 +56,13 @@ class HighVoltageBox:
         "_config",
         "_cool_ratio",
         "_electric_ratio",
+        "_isolated",
         "_no_load_v",
         "_on_network",
         "_pulled_j",
         "_rest_j",
         "_resting",
+        "_source_v",
         "_step_s",
         "_traction_ratio",
         "_wished_j",
@@ -114,6 +116,8 @@ class HighVoltageBox:
         self.electric_limit_w = inf
         """Power at the rail that the electric brake may take now; 0 forbids electric braking."""
         self._resting = False
+        self._isolated = False
+        self._source_v: float | None = None
         self._on_network = False
         self.networked = False
         """A line's network feeds the train unless a fault connects another source."""
@@ -137,6 +141,9 @@ class HighVoltageBox:
         disconnects the train from it.
         """
         config = self._config
+        self._source_v = no_load_v
+        if self._isolated:
+            no_load_v = 0.0
         self._on_network = self.networked and no_load_v is None
         self._no_load_v = config.no_load_v if no_load_v is None else no_load_v
         self.breaker_closed = breaker_closed
@@ -149,6 +156,11 @@ class HighVoltageBox:
         elif not self._on_network:
             self._load_line(self._auxiliary_w * self._step_s)
         self._limit_electric()
+
+    def isolate(self, isolated: bool) -> None:
+        """A neutral section begins or ends: inside it the line feeds and takes nothing."""
+        self._isolated = isolated
+        self.connect(self._source_v, breaker_closed=self.breaker_closed)
 
     def _limit_electric(self) -> None:
         resistor = self._config.resistor
@@ -302,7 +314,7 @@ class HighVoltageBox:
         # V * (V0 - V) / R = P. Beyond the source's greatest power the voltage stays at half of V0.
         root = no_load_v**2 - 4.0 * config.source_ohm * net_j / step_s
         self.voltage_v = 0.5 * (no_load_v + (sqrt(root) if root > 0.0 else 0.0))
-        self.current_a = net_j / step_s / self.voltage_v
+        self.current_a = net_j / step_s / self.voltage_v if self.voltage_v > 0.0 else 0.0
         if self.voltage_v < config.full_effort_v:
             span_v = config.full_effort_v - config.no_effort_v
             self.effort_ratio = max(0.0, (self.voltage_v - config.no_effort_v) / span_v)

@@ -441,5 +441,13 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "true deceleration. Judged in the same states as the jerk.",
     ),
     _not(40, "A train with clear track ahead gets an authority in the end.", NO_ENTRY),
+    _watched(
+        41,
+        "neutral-section",
+        "1",
+        "The controller demands no traction in a neutral section.",
+        "1, or -1 for a TRACTION_CMD that permits and demands effort while any part of the train "
+        "is in a neutral section of the line.",
+    ),
 )
 WATCHED: Final[tuple[Invariant, ...]] = tuple(each for each in INVARIANTS if each.watched)

@@ -17,6 +17,7 @@ from metro_hil.monitors.watch_modes import ModeWatch
 from metro_hil.monitors.watch_motion import MotionWatch
 from metro_hil.monitors.watch_restrictions import RestrictionWatch
 from metro_hil.monitors.watch_switches import SwitchWatch
+from metro_hil.monitors.watch_zones import ZoneWatch
 from plant_emulator.truth import NO_SWITCH_M, Truth
 from zenoh_config.codec import unpack
 from zenoh_config.messages import MovementAuthority, TrainOrders
@@ -42,6 +43,7 @@ class Invariants:
         "_switched",
         "_switches",
         "_wanted",
+        "_zones",
         "alarm",
         "gauges",
         "motion",
@@ -89,6 +91,7 @@ class Invariants:
             brakes=gauge["inv-23-switch-brake"],
         )
         self._restrictions = RestrictionWatch(context, place, kept=gauge["inv-04-restriction"])
+        self._zones = ZoneWatch(context, traction_off=gauge["inv-41-neutral-section"])
         self._emergency = EmergencyWatch(
             context,
             held=gauge["inv-05-emergency-held"],
@@ -189,6 +192,8 @@ class Invariants:
             self._claims.news(truth, now_ns, spoken)
             self._demand.news(truth, now_ns, spoken)
             self._modes.news(truth, now_ns, spoken)
+            if self._zones.busy:
+                self._zones.news(truth, now_ns, spoken)
         if wanted:
             self._emergency.sample(truth, now_ns, spoken)
         else:

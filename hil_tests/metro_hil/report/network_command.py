@@ -12,7 +12,7 @@ from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb.circuit import load_line, load_network, with_route
 from firmware_py.trackdb.network import TrackNetwork
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
-from metro_hil.report.network_diagram import network_svg
+from metro_hil.report.network_diagram import network_svg, zones_of
 from vobc.config import load_config
 from vobc.plausible import implausible
 
@@ -94,6 +94,10 @@ def shown(network: TrackNetwork) -> Iterator[str]:
         stations = ", ".join(edge.station for edge in track.platforms)
         at = f": {stations}" if stations else ""
         yield f"  track {track.name}, {track.start_m:g} m to {track.end_m:g} m{at}"
+        for kind, zone in zones_of(track):
+            name = f" {zone.name}" if zone.name else ""
+            ends = f"{zone.start_m:g} m to {zone.end_m:g} m"
+            yield f"    {kind}{name}, {ends}, {zone.direction.value}"
     for join in network.joins:
         yield f"  join {join.a} to {join.b}"
     for switch in network.switches:

@@ -4,7 +4,7 @@ import html
 from collections.abc import Iterator
 from typing import Final
 
-from firmware_py.trackdb.network import Track, TrackNetwork
+from firmware_py.trackdb.network import Track, TrackNetwork, TrackZone
 from metro_hil.model.network_places import ends_m
 
 WIDTH_PX: Final = 1100.0
@@ -14,6 +14,7 @@ STYLE: Final = (
     "text{font:12px sans-serif;fill:#222}.track{stroke:#222;stroke-width:4}"
     ".joint{stroke:#888;stroke-width:3;fill:none}.platform{fill:#e8a33d}"
     ".stop{stroke:#b00020;stroke-width:5}"
+    ".neutral{stroke:#2b6cb0;stroke-width:10;stroke-opacity:.5}"
 )
 
 
@@ -39,6 +40,12 @@ def network_svg(network: TrackNetwork) -> str:
     return "\n".join([*parts, "</svg>", ""])
 
 
+def zones_of(track: Track) -> Iterator[tuple[str, TrackZone]]:
+    """The zones of a track, each with its kind."""
+    for zone in track.neutral_sections:
+        yield "neutral section", zone
+
+
 def _joints(
     network: TrackNetwork, places: dict[str, float], lanes: dict[str, float]
 ) -> Iterator[str]:
@@ -57,6 +64,12 @@ def _track(track: Track, places: dict[str, float], y_px: float) -> Iterator[str]
     share = (end_px - start_px) / (track.end_m - track.start_m)
     yield _line("track", start_px, y_px, end_px, y_px)
     yield _text(min(start_px, end_px) - 60.0, y_px + 4.0, track.name)
+    for kind, zone in zones_of(track):
+        from_px, to_px = (
+            start_px + (at_m - track.start_m) * share for at_m in (zone.start_m, zone.end_m)
+        )
+        yield _line(kind.partition(" ")[0], from_px, y_px, to_px, y_px)
+        yield _text(min(from_px, to_px), y_px - 16.0, zone.name or kind)
     for edge in track.platforms:
         one_px = start_px + (edge.start_m - track.start_m) * share
         other_px = start_px + (edge.end_m - track.start_m) * share

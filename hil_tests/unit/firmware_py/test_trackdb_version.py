@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from firmware_py.settings import shipped_names
-from firmware_py.trackdb import LineMap, PlatformSide, load_line
+from firmware_py.trackdb import LineMap, LineZone, PlatformSide, load_line
 from firmware_py.trackdb.version import database_version, version_of, version_text
 
 LINE = load_line("florence")
@@ -42,6 +42,7 @@ def test_the_version_is_the_same_on_every_machine() -> None:
         resurveyed("stations", stop_m=LINE.stations[0].stop_m + 0.01),
         resurveyed("stations", side=PlatformSide.LEFT),
         resurveyed("gradients", gradient_permille=1.0),
+        replace(LINE, neutral_sections=(LineZone(100.0, 130.0),)),
     ],
 )
 def test_another_survey_has_another_version(other: LineMap) -> None:

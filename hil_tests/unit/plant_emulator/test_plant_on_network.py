@@ -127,3 +127,28 @@ def test_a_train_off_the_network_requests_no_power_and_an_open_breaker_ends_all_
     interval(power, drive_w=800_000.0)
     assert power.take_load(INTERVAL_S)[0] == (0.0, 0.0, 0.0)
     assert 880.0 < power.voltage_v < 920.0
+
+
+@pytest.mark.parametrize("on_network", [True, False])
+def test_an_isolated_train_gets_nothing_and_afterwards_what_it_had_before(on_network: bool) -> None:
+    power = box()
+    power.connect(None if on_network else 700.0, breaker_closed=True)
+    power.isolate(True)
+    # A fault of the supply changes nothing inside, and acts behind the section.
+    power.connect(None if on_network else 620.0, breaker_closed=True)
+    drawn_j = power.drawn_j
+    interval(power, brake_w=500_000.0)
+
+    assert not power.live
+    assert (power.voltage_v, power.electric_limit_w, power.effort_ratio) == (0.0, 0.0, 0.0)
+    assert power.supply().breaker_closed
+    assert power.drawn_j == drawn_j
+
+    power.isolate(False)
+    interval(power)
+
+    assert power.live
+    assert power.networked
+    wish, _ = power.take_load(INTERVAL_S)
+    assert (wish.auxiliary_w > 0.0) is on_network
+    assert on_network or 600.0 < power.voltage_v < 620.0

@@ -19,6 +19,7 @@ from firmware_py.trackdb.network import (
     TrackNetwork,
     TrackSwitch,
     TrackTag,
+    TrackZone,
 )
 from firmware_py.trackdb.one_track import DOWN_TAGS, network_of, one_track_path
 from firmware_py.trackdb.paths import OTHER_SIDE, TrackPlace, make_path
@@ -117,6 +118,28 @@ def test_the_mirrored_line_run_down_is_the_line_run_up(name: str) -> None:
         path = make_path(network, "path", (("main", running),))
         mirror = make_path(mirrored, "path", (("main", running.other),))
         assert near(path.line, mirror.line)
+
+
+def test_zones_hold_for_the_directions_that_they_name_and_join_where_tracks_meet() -> None:
+    track = replace(
+        network_of(replace(load_line("florence"), tags=())).tracks[0],
+        neutral_sections=(TrackZone(100.0, 130.0), TrackZone(900.0, 940.0, "up", Serves.UP)),
+    )
+    start_m, end_m = track.start_m, track.end_m
+    ends = (TrackZone(start_m, start_m + 9.0, direction=Serves.DOWN), TrackZone(end_m - 9.0, end_m))
+    far = replace(track, name="far", platforms=(), neutral_sections=ends[:1])
+    near_track = replace(track, neutral_sections=(*track.neutral_sections, *ends[1:]))
+    network = TrackNetwork(
+        "two", (near_track, far), (Join("main.end", "far.start"),), (), ("main.start", "far.end")
+    )
+
+    up = make_path(network, "up", (("main", Running.UP), ("far", Running.UP))).line
+    down = make_path(network, "down", (("far", Running.DOWN), ("main", Running.DOWN))).line
+
+    assert [each.start_m for each in up.neutral_sections] == [100.0, 900.0, end_m - 9.0]
+    (joint, other) = down.neutral_sections
+    assert joint.end_m - joint.start_m == pytest.approx(18.0)
+    assert other.end_m - other.start_m == pytest.approx(30.0)
 
 
 @pytest.mark.parametrize("name", SHIPPED)

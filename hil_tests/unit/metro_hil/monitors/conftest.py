@@ -22,6 +22,7 @@ from can_dbc.vobc import (
     VobcStatus,
     VobcTarget,
 )
+from firmware_py.trackdb import LineZone
 from metro_hil.model.case import MonitorResult
 from metro_hil.monitors import Context, MonitorSet, read_monitors
 from plant_emulator.truth import Truth
@@ -49,9 +50,10 @@ class Rig:
         *,
         settling_s: float = 0.0,
         lateness_s: float = 0.0,
+        **zones: Any,
     ) -> None:
         self.context = Context(
-            line=SCENARIO.line,
+            line=replace(SCENARIO.line, **zones),
             train=SCENARIO.train,
             settling_s=settling_s,
             lateness_s=lateness_s,
@@ -178,6 +180,12 @@ def rig() -> Rig:
 def settling_rig() -> Rig:
     """A rig whose train and controller do not begin at the same instant and get 2 s to settle."""
     return Rig([], "all", settling_s=2.0)
+
+
+@pytest.fixture
+def zone_rig() -> Rig:
+    """A rig on a line with a neutral section from 1050 m to 1080 m."""
+    return Rig([], "all", neutral_sections=(LineZone(1050.0, 1080.0),))
 
 
 @pytest.fixture

@@ -384,6 +384,30 @@ def test_a_train_beyond_its_authority_brakes_before_a_switch(
     assert rig.margin("inv-23-switch-brake") == pytest.approx(0.43 - steps / 100.0)
 
 
+# 41: neutral sections.
+
+
+@pytest.mark.parametrize(
+    ("front_m", "force_n", "verdict"),
+    [
+        (1000.0, 5000.0, Verdict.VACUOUS),
+        (1060.0, 0.0, Verdict.PASS),
+        (1060.0, 5000.0, Verdict.FAIL),
+        (1148.0, 5000.0, Verdict.FAIL),
+        (1149.0, 5000.0, Verdict.VACUOUS),
+    ],
+)
+def test_a_demand_for_traction_in_a_neutral_section_is_found(
+    zone_rig: Rig, front_m: float, force_n: float, verdict: Verdict
+) -> None:
+    """The train is 68.59 m long."""
+    rig = zone_rig
+    rig.say(TractionCommand, force_n=force_n)
+    rig.step(10, front_m=front_m, rear_m=front_m - 68.59)
+
+    assert rig.result("inv-41-neutral-section").verdict is verdict
+
+
 # 24: ageing authorities.
 
 
