@@ -248,6 +248,7 @@ class EventKind(enum.IntEnum):
     PUT_TO_SLEEP = 33
     BRAKE_LATE = 34
     BRAKE_WEAK = 35
+    STOPPED_IN_ZONE = 36
 
 
 @frame("vobc.dbc", "VOBC_STATUS")

@@ -23,7 +23,7 @@ from vobc.vocabulary import (
     Motion,
     OdometryRecord,
 )
-from vobc.zones import NeutralSections
+from vobc.zones import NeutralSections, ZoneHold
 
 ATO_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 NOT_FOR_DRIVING: Final = int(Missing.DOORS | Missing.ALARMS)
@@ -82,6 +82,7 @@ class Controller:
             _within_service_brake(config), line, mission.start.stop_m, mission.stops
         )
         self._neutral = NeutralSections(config, line)
+        self._hold = ZoneHold(config, line)
         self._manual_mps2 = 0.0
         self._weighed = False
         self._weighed_kg = config.train.full_load_kg
@@ -118,6 +119,8 @@ class Controller:
             verdict, demand, motion, inputs.desk, train=self._train, load_kg=self._weighed_kg
         )
         self._not_finite = output.motion is None and motion is not None
+        if motion is not None and motion.standstill and (zone := self._hold.stands_in(motion)):
+            output = replace(output, stands_in=zone)
         return self._with_currents(output)
 
     def _with_currents(self, output: CycleOutput) -> CycleOutput:
@@ -194,7 +197,9 @@ class Controller:
             ),
             ceiling_mps=verdict.ceiling.permitted_mps - _vague_mps(motion.speed_mps),
             authority_end_m=(
-                front_m if authority is None else min(authority.end_m, self._line.end_m)
+                front_m
+                if authority is None
+                else self._hold.end_m(min(authority.end_m, self._line.end_m), motion)
             ),
             load_kg=self._weighed_kg,
             traction_ratio=traction_ratio,

@@ -144,6 +144,13 @@ def _of_line(config: VobcConfig, line: LineMap) -> Iterator[str]:
     yield from _of_gradients(config, line)
     yield from _of_speeds(config, line)
     yield from _of_platforms(config, line.stations)
+    for zone in line.no_stop_zones:
+        for station in line.stations:
+            if zone.covers(station.stop_m - config.train.length_m, station.stop_m):
+                yield (
+                    f"no_stop_zones: {zone.text}: a train of {config.train.length_m:g} m that "
+                    f"stops at {station.name} stands in it; shorten the zone"
+                )
     for coasting in coastings(config, line):
         yield from _of_neutral_section(config, line.stations, coasting)
     least_m = config.atp.jog_m + config.atp.door_window_m

@@ -1,4 +1,4 @@
-"""Zones of the line: where traction is off, and from where a train can coast through."""
+"""Zones of the line: where traction is off, where a train waits, and how it coasts through."""
 
 import math
 from collections.abc import Iterator
@@ -18,6 +18,12 @@ SET_OFF_MPS2: Final = 0.5
 """Acceleration with which a train surely sets off, before gradient and resistance."""
 EASE_MARGIN_S: Final = 0.5
 """Time from the end of the demand for traction until the effort has ended, too."""
+DECIDES_S: Final = 2.0
+"""Running time that a train needs, besides its braking, to wait before a zone."""
+STANDS_MPS: Final = 0.1
+"""Speed below which a train may wait where it is."""
+FAR_M: Final = 1.0
+"""Distance beyond the margin of operation by which an authority must pass a zone."""
 
 
 class NeutralSections:
@@ -113,3 +119,93 @@ def _lost_mps2(config: VobcConfig, line: LineMap, front_m: float, speed_mps: flo
     length_m = config.train.length_m
     gradient_permille = line.mean_gradient_permille(front_m - length_m, front_m)
     return gradient.decel_on_mps2(ato, gradient_permille) + gradient.resistance_mps2(ato, speed_mps)
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """One zone or several close ones, through which the train runs without a stop."""
+
+    hold_m: float
+    """Place before which a train waits. A neutral section needs a run-up from there."""
+    start_m: float
+    end_m: float
+
+
+class ZoneHold:
+    """Ends the authority of operation before a zone until it reaches past with the whole train.
+
+    A train that can no longer stop comfortably before a zone is not held.
+    """
+
+    __slots__ = ("_decel_mps2", "_held", "_length_m", "_line", "_margin_m", "_point_m", "_waits")
+
+    def __init__(self, config: VobcConfig, line: LineMap) -> None:
+        self._line = line
+        self._length_m = config.train.length_m
+        self._margin_m = config.ato.authority.margin_m + FAR_M
+        self._decel_mps2 = config.ato.braking.decel_mps2
+        self._waits = _waits(config, line, self._length_m + self._margin_m)
+        self._held: Wait | None = None
+        self._point_m = 0.0
+
+    def end_m(self, authority_end_m: float, motion: Motion) -> float:
+        """End of the authority that operation may use."""
+        front_m, speed_mps = motion.front_m.best, motion.speed_mps.best
+        for wait in self._waits:
+            if front_m >= wait.start_m or self._passes(wait, authority_end_m):
+                continue
+            if wait is not self._held:
+                point_m = self._point(wait, front_m, speed_mps)
+                if point_m is None:
+                    continue
+                self._held, self._point_m = wait, point_m
+            return min(authority_end_m, max(self._point_m, front_m))
+        self._held = None
+        return authority_end_m
+
+    def stands_in(self, motion: Motion) -> str:
+        """The zone in which a standing train is, or an empty text."""
+        front_m = motion.front_m.best
+        for kind, zones in (
+            ("neutral section", self._line.neutral_sections),
+            ("no-stop zone", self._line.no_stop_zones),
+        ):
+            for zone in zones:
+                if zone.covers(front_m - self._length_m, front_m):
+                    return f"{kind} {zone.text}"
+        return ""
+
+    def _passes(self, wait: Wait, authority_end_m: float) -> bool:
+        """Whether a train that runs to the end of authority, or to a stop before it, is past."""
+        clear_m = wait.end_m + self._length_m
+        if authority_end_m >= clear_m + self._margin_m:
+            return True
+        return bool(self._line.stations_between(clear_m, authority_end_m))
+
+    def _point(self, wait: Wait, front_m: float, speed_mps: float) -> float | None:
+        if speed_mps < STANDS_MPS:
+            return max(wait.hold_m, front_m)
+        needs_m = speed_mps * DECIDES_S + speed_mps**2 / (2.0 * self._decel_mps2) + self._margin_m
+        points_m = (wait.hold_m, wait.start_m)
+        return next((at_m for at_m in points_m if front_m + needs_m <= at_m), None)
+
+
+def _waits(config: VobcConfig, line: LineMap, apart_m: float) -> tuple[Wait, ...]:
+    """Where trains wait. Zones without room for a train between them are one."""
+    found = [Wait(zone.start_m, zone.start_m, zone.end_m) for zone in line.no_stop_zones]
+    for coasting in coastings(config, line):
+        zone = coasting.section
+        hold_m = coasting.from_m - coasting.run_up_m
+        hold_m = hold_m if math.isfinite(hold_m) else zone.start_m
+        found.append(Wait(hold_m, zone.start_m, zone.end_m))
+    merged: list[Wait] = []
+    for wait in sorted(found, key=lambda each: each.start_m):
+        # A train may wait at a station, however close the zone behind it is.
+        stops_m = [each.stop_m for each in line.stations if each.stop_m <= wait.start_m]
+        hold_m = max([wait.hold_m, *stops_m[-1:]])
+        if merged and hold_m - apart_m < merged[-1].end_m:
+            last = merged.pop()
+            merged.append(Wait(last.hold_m, last.start_m, max(last.end_m, wait.end_m)))
+        else:
+            merged.append(Wait(hold_m, wait.start_m, wait.end_m))
+    return tuple(merged)

@@ -53,6 +53,9 @@ class LineMap:
     neutral_sections: tuple[LineZone, ...] = ()
     """Sections without power, in which trains demand no traction: `start_m`, `end_m`, and `name` if
     wanted. They hold in both directions."""
+    no_stop_zones: tuple[LineZone, ...] = ()
+    """Zones in which trains do not stop by themselves, such as tunnels: `start_m`, `end_m`, and
+    `name` if wanted. They hold in both directions."""
     # Each quantity is stored as the chainages of its changes and its values, one more than changes.
     # value[i] holds on [edge[i - 1], edge[i]), so that bisect_right(edges, at) is its index.
     _limit_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
@@ -79,9 +82,8 @@ class LineMap:
         self._check_speeds()
         self._check_sections("gradients", [(g.start_m, g.end_m) for g in self.gradients])
         self._check_sections("curves", [(c.start_m, c.end_m) for c in self.curves])
-        self._check_sections(
-            "neutral_sections", [(each.start_m, each.end_m) for each in self.neutral_sections]
-        )
+        for name in ("neutral_sections", "no_stop_zones"):
+            self._check_sections(name, [(z.start_m, z.end_m) for z in getattr(self, name)])
         self._check_tags()
         self._index()
 

@@ -146,6 +146,8 @@ class Track:
     neutral_sections: tuple[TrackZone, ...] = ()
     """Sections without power, in which trains demand no traction: `start_m`, `end_m`, and if wanted
     `name` and `direction` (`up`, `down` or `both`)."""
+    no_stop_zones: tuple[TrackZone, ...] = ()
+    """Zones in which trains do not stop by themselves, such as tunnels, with the same keys."""
 
     def __post_init__(self) -> None:
         if not self.name or any(each in self.name for each in " .:"):
@@ -157,8 +159,9 @@ class Track:
         _check_overlap("gradients", [(each.start_m, each.end_m) for each in self.gradients])
         _check_overlap("curves", [(each.start_m, each.end_m) for each in self.curves])
         for running in Running:
-            zones = [each for each in self.neutral_sections if each.direction.serves(running)]
-            _check_overlap("neutral_sections", [(each.start_m, each.end_m) for each in zones])
+            for name in ("neutral_sections", "no_stop_zones"):
+                zones = [each for each in getattr(self, name) if each.direction.serves(running)]
+                _check_overlap(name, [(each.start_m, each.end_m) for each in zones])
         for what, at_m in self._places():
             if not self.start_m <= at_m <= self.end_m:
                 raise ValueError(
@@ -201,9 +204,10 @@ class Track:
         for curve in self.curves:
             yield "curves: a section", curve.start_m
             yield "curves: a section", curve.end_m
-        for zone in self.neutral_sections:
-            yield "neutral_sections: a section", zone.start_m
-            yield "neutral_sections: a section", zone.end_m
+        for name in ("neutral_sections", "no_stop_zones"):
+            for zone in getattr(self, name):
+                yield f"{name}: a zone", zone.start_m
+                yield f"{name}: a zone", zone.end_m
         for tag in self.tags:
             yield f"tags: tag {tag.tag_id}", tag.position_m
 

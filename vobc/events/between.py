@@ -217,6 +217,9 @@ def _station(before: CycleOutput, output: CycleOutput) -> Iterator[Event]:
         yield _doors_enabled(output) if any(_enabled(output)) else _doors_withheld(output)
     elif output.doors_withheld != before.doors_withheld and _at_platform(output):
         yield _doors_withheld(output)
+    if output.stands_in and not before.stands_in:
+        words = f"the train stands in a zone in which none should stop: {output.stands_in}"
+        yield Event(EventKind.STOPPED_IN_ZONE, words + place_words(output), (Source.TACHO,))
     inhibits = output.departure_inhibits
     news = inhibits != before.departure_inhibits or (inhibits and not _stands(before))
     if not news or not _stands(output):

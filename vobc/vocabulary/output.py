@@ -107,6 +107,8 @@ class CycleOutput:
     """The train may depart although its doors are not proven locked."""
     door_cars: int = ALL_CARS
     """Cars to which the enabled sides apply: bit 0 is the front car."""
+    stands_in: str = ""
+    """Zone in which the train stands and should not. Empty: none."""
     currents: CurrentReference | None = None
     """None for a train that takes its reference from the bus, and for the safe output."""
     brake_finding: BrakeFinding | None = None

@@ -449,5 +449,13 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "1, or -1 for a TRACTION_CMD that permits and demands effort while any part of the train "
         "is in a neutral section of the line.",
     ),
+    _watched(
+        42,
+        "no-stop-zone",
+        "m",
+        "ATO enters a zone without stops only with an authority past it for the whole train.",
+        "Farthest end of all authorities, less the end of the zone and the length of the train, "
+        "when the front enters a no-stop zone or a neutral section in automatic running.",
+    ),
 )
 WATCHED: Final[tuple[Invariant, ...]] = tuple(each for each in INVARIANTS if each.watched)

@@ -91,7 +91,11 @@ class Invariants:
             brakes=gauge["inv-23-switch-brake"],
         )
         self._restrictions = RestrictionWatch(context, place, kept=gauge["inv-04-restriction"])
-        self._zones = ZoneWatch(context, traction_off=gauge["inv-41-neutral-section"])
+        self._zones = ZoneWatch(
+            context,
+            traction_off=gauge["inv-41-neutral-section"],
+            entered=gauge["inv-42-no-stop-zone"],
+        )
         self._emergency = EmergencyWatch(
             context,
             held=gauge["inv-05-emergency-held"],
@@ -174,6 +178,7 @@ class Invariants:
             self.motion.sample(truth, now_ns, spoken.mode)
             self._departure.sample(truth, now_ns, spoken)
             self._modes.sample(truth, now_ns, spoken)
+            self._zones.sample(truth, now_ns, spoken)
             self._authority.sample(truth, now_ns, spoken)
             if self._restrictions.busy:
                 self._restrictions.sample(
@@ -192,8 +197,7 @@ class Invariants:
             self._claims.news(truth, now_ns, spoken)
             self._demand.news(truth, now_ns, spoken)
             self._modes.news(truth, now_ns, spoken)
-            if self._zones.busy:
-                self._zones.news(truth, now_ns, spoken)
+            self._zones.news(truth, now_ns, spoken)
         if wanted:
             self._emergency.sample(truth, now_ns, spoken)
         else:

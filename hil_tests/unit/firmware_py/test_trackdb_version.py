@@ -43,6 +43,7 @@ def test_the_version_is_the_same_on_every_machine() -> None:
         resurveyed("stations", side=PlatformSide.LEFT),
         resurveyed("gradients", gradient_permille=1.0),
         replace(LINE, neutral_sections=(LineZone(100.0, 130.0),)),
+        replace(LINE, no_stop_zones=(LineZone(100.0, 130.0),)),
     ],
 )
 def test_another_survey_has_another_version(other: LineMap) -> None:

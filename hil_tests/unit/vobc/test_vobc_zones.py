@@ -1,4 +1,4 @@
-"""Neutral sections: where traction is off, and the speed from which a train coasts through."""
+"""Zones: where traction is off, where a train waits, and from which speed it coasts through."""
 
 from dataclasses import replace
 
@@ -6,11 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from can_dbc.vobc import EventKind
 from firmware_py.trackdb import GradientSection, LineMap, LineZone, load_line
+from hil_tests.unit.vobc.test_vobc_events import SEEN
 from vobc.config import load_config
+from vobc.events import events_between
 from vobc.plausible import implausible
-from vobc.vocabulary import Interval, Motion
-from vobc.zones import NeutralSections, coastings
+from vobc.vocabulary import SAFE_OUTPUT, Interval, Motion
+from vobc.zones import NeutralSections, ZoneHold, coastings
 
 CONFIG = load_config("florence4")
 LENGTH_M = CONFIG.train.length_m
@@ -107,3 +110,118 @@ def test_a_section_that_the_train_cannot_pass_is_refused(
     ]
 
     assert (words in found[0]) if words else not found
+
+
+TUNNEL = LineZone(2000.0, 2200.0, "tunnel")
+PAST_M = TUNNEL.end_m + LENGTH_M + CONFIG.ato.authority.margin_m + 1.0
+
+
+def with_tunnel(*stations_m: float) -> LineMap:
+    stations = tuple(
+        replace(LINE.stations[1], name=f"S{at_m:g}", stop_m=at_m, platform_start_m=at_m - 70.0,
+                platform_end_m=at_m + 5.0, short_stops=())
+        for at_m in (1500.0, *stations_m)
+    )  # fmt: skip
+    return replace(LINE, no_stop_zones=(TUNNEL,), stations=stations, tags=())
+
+
+@pytest.mark.parametrize(
+    ("authority_end_m", "front_m", "speed_mps", "end_m"),
+    [
+        (1900.0, 1800.0, 10.0, 1900.0),
+        (2100.0, 1800.0, 10.0, 2000.0),
+        (PAST_M - 0.01, 1800.0, 10.0, 2000.0),
+        (PAST_M, 1800.0, 10.0, PAST_M),
+        # It could no longer stop comfortably, or is inside already.
+        (2100.0, 1990.0, 10.0, 2100.0),
+        (2100.0, 2000.0, 0.0, 2100.0),
+        (2100.0, 1999.0, 0.0, 2000.0),
+    ],
+)
+def test_operation_waits_before_a_zone_until_the_authority_passes_it(
+    authority_end_m: float, front_m: float, speed_mps: float, end_m: float
+) -> None:
+    hold = ZoneHold(CONFIG, with_tunnel(4000.0))
+
+    assert hold.end_m(authority_end_m, at(front_m, speed_mps)) == end_m
+
+
+def test_a_stop_behind_the_zone_is_as_good_as_a_longer_authority() -> None:
+    stop_m = TUNNEL.end_m + LENGTH_M + 0.5
+    authority_m = stop_m + 0.5
+
+    assert ZoneHold(CONFIG, with_tunnel(4000.0)).end_m(authority_m, at(1800.0)) == 2000.0
+    assert ZoneHold(CONFIG, with_tunnel(stop_m)).end_m(authority_m, at(1800.0)) == authority_m
+
+
+def test_a_train_that_began_to_wait_goes_on_waiting_until_it_may_pass() -> None:
+    hold = ZoneHold(CONFIG, with_tunnel(4000.0))
+    ends_m = [
+        hold.end_m(authority_m, at(front_m, speed_mps))
+        for authority_m, front_m, speed_mps in (
+            (2100.0, 1800.0, 10.0),
+            (2100.0, 1995.0, 3.0),
+            (PAST_M, 1995.0, 1.0),
+            (2100.0, 1998.0, 10.0),
+        )
+    ]
+
+    assert ends_m == [2000.0, 2000.0, PAST_M, 2100.0]
+
+
+def test_zones_without_room_for_a_train_between_them_are_passed_together() -> None:
+    near, far = LineZone(2250.0, 2300.0), LineZone(2400.0, 2450.0)
+    line = replace(with_tunnel(4000.0), no_stop_zones=(TUNNEL, near, far))
+    hold = ZoneHold(CONFIG, line)
+
+    assert hold.end_m(PAST_M, at(1800.0)) == 2000.0
+    assert hold.end_m(PAST_M + 150.0, at(1800.0)) == 2400.0
+
+
+def test_a_train_waits_for_a_neutral_section_where_it_has_a_run_up() -> None:
+    climbs = with_gap(LineZone(2600.0, 2700.0), 20.0)
+    (coasting,) = coastings(CONFIG, climbs)
+    hold = ZoneHold(CONFIG, climbs)
+
+    waits_m = hold.end_m(2650.0, at(1800.0))
+    assert waits_m == pytest.approx(coasting.from_m - coasting.run_up_m)
+    assert 0.0 < coasting.run_up_m < 300.0
+    # Too close for the run-up, a standing train waits where it is.
+    assert hold.end_m(2650.0, at(waits_m + 20.0)) == waits_m + 20.0
+    # A moving one stops before the section.
+    assert ZoneHold(CONFIG, climbs).end_m(2650.0, at(waits_m + 1.0, 1.0)) == 2600.0
+
+
+@pytest.mark.parametrize(
+    ("front_m", "text"),
+    [
+        (2000.0, ""),
+        (2000.1, "no-stop zone tunnel, 2000 m to 2200 m"),
+        (2200.0 + LENGTH_M - 0.1, "no-stop zone tunnel, 2000 m to 2200 m"),
+        (2200.0 + LENGTH_M, ""),
+    ],
+)
+def test_a_train_that_stands_in_a_zone_knows_it(front_m: float, text: str) -> None:
+    assert ZoneHold(CONFIG, with_tunnel()).stands_in(at(front_m)) == text
+
+
+def test_a_station_in_a_no_stop_zone_is_refused() -> None:
+    inside = TUNNEL.end_m + LENGTH_M
+
+    assert not any("no_stop" in text for text in implausible(CONFIG, with_tunnel(inside)))
+    (found,) = (t for t in implausible(CONFIG, with_tunnel(inside - 0.1)) if "no_stop" in t)
+    assert f"stops at S{inside - 0.1:g} stands in it" in found
+
+
+def test_a_train_that_comes_to_stand_in_a_zone_reports_it_once() -> None:
+    before = replace(SAFE_OUTPUT, motion=at(2050.0))
+    still = replace(at(2050.0), standstill=True)
+    stands = replace(before, motion=still, stands_in="no-stop zone tunnel, 2000 m to 2200 m")
+
+    (event,) = (
+        each for each in events_between(before, SEEN, stands) if "in which none" in each.words
+    )
+    assert event.kind is EventKind.STOPPED_IN_ZONE
+    assert "no-stop zone tunnel" in event.words
+    assert not events_between(stands, SEEN, stands)
+    assert not events_between(stands, SEEN, before)

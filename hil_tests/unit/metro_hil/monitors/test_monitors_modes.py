@@ -10,6 +10,7 @@ from can_dbc.nodes import Direction
 from can_dbc.odometer import ColdMovement
 from can_dbc.traction import TractionCommand
 from can_dbc.vobc import (
+    AtoPhase,
     Cause,
     EventKind,
     Inhibit,
@@ -384,7 +385,7 @@ def test_a_train_beyond_its_authority_brakes_before_a_switch(
     assert rig.margin("inv-23-switch-brake") == pytest.approx(0.43 - steps / 100.0)
 
 
-# 41: neutral sections.
+# 41 and 42: zones.
 
 
 @pytest.mark.parametrize(
@@ -406,6 +407,26 @@ def test_a_demand_for_traction_in_a_neutral_section_is_found(
     rig.step(10, front_m=front_m, rear_m=front_m - 68.59)
 
     assert rig.result("inv-41-neutral-section").verdict is verdict
+
+
+@pytest.mark.parametrize(
+    ("end_m", "phase", "margin_m"),
+    [
+        (1150.0, AtoPhase.RUNNING, 1.41),
+        (1148.0, AtoPhase.RUNNING, -0.59),
+        (1.0, AtoPhase.OFF, None),
+    ],
+)
+def test_a_train_enters_a_zone_only_with_an_authority_past_it(
+    zone_rig: Rig, end_m: float, phase: AtoPhase, margin_m: float | None
+) -> None:
+    zone_rig.say(VobcStatus, ato_phase=phase)
+    zone_rig.step(20, front_m=1049.0, speed_mps=10.0, authority_end_m=end_m)
+
+    if margin_m is None:
+        assert zone_rig.result("inv-42-no-stop-zone").verdict is Verdict.VACUOUS
+    else:
+        assert zone_rig.margin("inv-42-no-stop-zone") == pytest.approx(margin_m)
 
 
 # 24: ageing authorities.
