@@ -131,10 +131,23 @@ def _track(
         ],
         "tags": _tags(platforms, network.graph.lengths_m[track], train, numbers),
     }
-    for key in ("limits", "platforms", "gradients", "curves", "tags"):
+    table |= _zones(network, track)
+    for key in [name for name, value in table.items() if isinstance(value, list)]:
         table[key] = [_shifted(section, start_m) for section in table[key]]
     table["platforms"].sort(key=lambda each: each["start_m"])
     return table
+
+
+def _zones(network: SurveyedNetwork, track: str) -> dict[str, list[dict[str, Any]]]:
+    """The zones of a track, each for its direction."""
+    length_m = network.graph.lengths_m[track]
+    directions = {None: {}, True: {"direction": "up"}, False: {"direction": "down"}}
+    found: dict[str, list[dict[str, Any]]] = {}
+    for zone in sorted(network.zones, key=lambda each: each.begin_m):
+        if zone.track == track and zone.begin_m < length_m:
+            keys = zone.keys(zone.begin_m, min(zone.end_m, length_m))
+            found.setdefault(zone.key, []).append(keys | directions[zone.forward])
+    return found
 
 
 def _shifted(section: Mapping[str, Any], start_m: float) -> dict[str, Any]:

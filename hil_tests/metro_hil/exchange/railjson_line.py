@@ -10,6 +10,7 @@ from metro_hil.exchange.surveyed_network import (
     FileTerms,
     SurveyedNetwork,
     SurveyedSwitch,
+    SurveyedZone,
     TrackRange,
 )
 from metro_hil.exchange.track_graph import PlaceOnTrack, TrackGraph
@@ -30,12 +31,13 @@ DIRECTIONS: Final = {"BOTH": None, "START_TO_STOP": True, "STOP_TO_START": False
 IGNORED: Final = {
     "signals": "the authority comes by radio",
     "electrifications": "the supply is that of the train",
-    "neutral_sections": "the emulated supply has none",
     "level_crossings": "the bench has none",
 }
 
 
 TERMS: Final = FileTerms("track_sections", "switches", "operational_points")
+ALONG: Final = {"START_TO_STOP": True, "STOP_TO_START": False}
+"""Directions of a neutral section, and whether they are that of the track section."""
 LEGS: Final = ("A", "B1", "B2")
 """Ports of a point switch: the tip, and the legs that count as left and right."""
 
@@ -54,6 +56,7 @@ def read_infra(file: Element) -> SurveyedNetwork:
         limits=_limits(file),
         gradients=_ranges(sections, "slopes", "gradient"),
         radii=[each for each in _ranges(sections, "curves", "radius") if each.value != 0.0],
+        zones=_neutral_sections(file, lengths_m),
         switches=switches,
         ignored=tuple(
             f"{name}: {why}" for name, why in IGNORED.items() if file.has(name) and _any(file, name)
@@ -172,6 +175,23 @@ def _limits(file: Element) -> list[TrackRange]:
                 raise directions.error(f"{directions.value!r} is none of {', '.join(DIRECTIONS)}")
             track, forward = reach.part("track").text(), DIRECTIONS[directions.value]
             found.append(TrackRange(track, *_range(reach), limit_mps, forward))
+    return found
+
+
+def _neutral_sections(file: Element, lengths_m: dict[str, float]) -> list[SurveyedZone]:
+    """The neutral sections, each for one direction of a track section."""
+    sections = file.optional("neutral_sections")
+    found = []
+    for section in sections.entries() if sections is not None else []:
+        for reach in section.part("track_ranges").entries():
+            direction = reach.part("direction")
+            if direction.value not in ALONG:
+                raise direction.error(f"{direction.value!r} is none of {', '.join(ALONG)}")
+            track = _track_of(reach, lengths_m)
+            name = file_name(section.part("id").text()) if section.has("id") else ""
+            forward = ALONG[direction.value]
+            zone = SurveyedZone("neutral_sections", track, *_range(reach), forward, name)
+            found.append(zone)
     return found
 
 

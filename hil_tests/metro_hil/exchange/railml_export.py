@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from firmware_py.trackdb import LineMap, Station
-from metro_hil.exchange.railml_own import REGISTER
+from metro_hil.exchange.railml_own import REGISTER, ZONES
 
 NAMESPACE: Final = "https://www.railml.org/schemas/3.2"
 TRACK: Final = "ne_track"
@@ -197,7 +197,18 @@ def _line(parent: Element, line: LineMap) -> None:
     node = SubElement(SubElement(parent, "lines"), "line", {"id": "line1"})
     _name(node, line.name)
     _range(node, line, line.start_m, line.end_m)
-    keys = {"name": line.name, "description": line.description, "rollback_m": line.rollback_m}
+    keys: dict[str, Any] = {
+        "name": line.name,
+        "description": line.description,
+        "rollback_m": line.rollback_m,
+    }
+    for key in ZONES:
+        if zones := getattr(line, key):
+            keys[key] = [
+                {"start_m": each.start_m, "end_m": each.end_m}
+                | ({"name": each.name} if each.name else {})
+                for each in zones
+            ]
     # Without this, the import would lay out tags by its rules.
     _own(node, keys if line.tags else keys | {"tags": []})
 

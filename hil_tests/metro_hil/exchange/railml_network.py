@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from firmware_py.settings import SettingsError
-from metro_hil.exchange.railml_own import own_keys, tag_keys
+from metro_hil.exchange.railml_own import ZONES, own_keys, tag_keys
 from metro_hil.exchange.railml_places import RailmlPlaces, read_places
 from metro_hil.exchange.railml_stations import read_stations
 from metro_hil.exchange.survey import file_name
@@ -15,6 +15,7 @@ from metro_hil.exchange.surveyed_network import (
     SurveyedNetwork,
     SurveyedSwitch,
     SurveyedTag,
+    SurveyedZone,
     TrackRange,
 )
 from metro_hil.exchange.track_graph import TrackGraph
@@ -56,7 +57,8 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         exact_stops=stations.exact,
         platforms=stations.platforms,
         station_keys=stations.keys,
-        line_keys=line_keys,
+        line_keys={key: value for key, value in line_keys.items() if key not in ZONES},
+        zones=_zones(root, places, line_keys),
         limits=_limits(root, places),
         gradients=_curves(root, places, "gradientCurves", "gradientCurve", "gradient"),
         radii=_curves(root, places, "horizontalCurves", "horizontalCurve", "radius"),
@@ -66,6 +68,31 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         filled=(*stations.filled, *_shared(places), *_open_ends(root, places, links)),
         ignored=(*stations.left_out, *_ignored(root)),
     )
+
+
+def _zones(root: XmlNode, places: RailmlPlaces, line_keys: Mapping[str, Any]) -> list[SurveyedZone]:
+    """Zones of an export of this project, whose tracks are one netElement."""
+    track = next(iter(places.lengths_m))
+    origin_m = _origins_m(places).get(track, 0.0)
+    found = []
+    for key in ZONES:
+        try:
+            found += [
+                SurveyedZone(
+                    key,
+                    track,
+                    float(zone["start_m"]) - origin_m,
+                    float(zone["end_m"]) - origin_m,
+                    name=str(zone.get("name", "")),
+                )
+                for zone in line_keys.get(key, ())
+            ]
+        except (KeyError, TypeError, ValueError, AttributeError):
+            raise root.error(
+                f"lines: line: designator: {key} is no list of zones with start_m and end_m; "
+                "export the line again"
+            ) from None
+    return found
 
 
 def _shared(places: RailmlPlaces) -> tuple[str, ...]:

@@ -8,6 +8,9 @@ from metro_hil.exchange.xml_node import XmlNode
 REGISTER: Final = "metro VOBC bench"
 """Register of designators whose entry is a JSON object with keys of line files."""
 
+ZONES: Final = ("neutral_sections", "no_stop_zones")
+"""Keys of a line whose zones lie on its only netElement, by the chainage of the line."""
+
 
 def own_keys(node: XmlNode) -> dict[str, Any]:
     """Keys that an export of this project added to an element. Raises SettingsError."""

@@ -49,6 +49,25 @@ class SurveyedPlatform:
 
 
 @dataclass(frozen=True, slots=True)
+class SurveyedZone:
+    """A neutral section or a no-stop zone on a track section."""
+
+    key: str
+    """Key of line files that has such zones."""
+    track: str
+    begin_m: float
+    end_m: float
+    forward: bool | None = None
+    """Direction of running in which it holds; None: both."""
+    name: str = ""
+
+    def keys(self, start_m: float, end_m: float) -> dict[str, Any]:
+        """The zone in a line file, between these chainages."""
+        ends: dict[str, Any] = {"start_m": start_m, "end_m": end_m}
+        return ends | ({"name": self.name} if self.name else {})
+
+
+@dataclass(frozen=True, slots=True)
 class SurveyedTag:
     """A tag of this project's line files in a track section."""
 
@@ -93,6 +112,7 @@ class SurveyedNetwork:
     radii: Sequence[TrackRange] = ()
     platforms: Sequence[SurveyedPlatform] = ()
     tags: Sequence[SurveyedTag] = ()
+    zones: Sequence[SurveyedZone] = ()
     switches: Sequence[SurveyedSwitch] | None = None
     """None: the file has junctions that are no simple switches."""
     exact_stops: frozenset[str] = frozenset()
@@ -181,6 +201,7 @@ def _line(
         given |= {"start_m": start_m, "end_m": end_m}
     if network.tags:
         given["tags"] = _tags(network, pieces)
+    given |= _zones(network, pieces)
     return SurveyedLine(
         name=network.name,
         source=network.source,
@@ -253,6 +274,30 @@ def _tags(network: SurveyedNetwork, pieces: Sequence[PathPiece]) -> list[dict[st
         if piece.track == tag.track and piece.from_m <= piece.offset_m(tag.position_m) <= piece.to_m
     ]
     return sorted(found, key=lambda tag: tag["position_m"])
+
+
+def _zones(
+    network: SurveyedNetwork, pieces: Sequence[PathPiece]
+) -> dict[str, list[dict[str, Any]]]:
+    """The zones on the path that hold in its direction. Parts that meet are one."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for zone in network.zones:
+        for piece in pieces:
+            if piece.track == zone.track and zone.forward in (None, piece.forward):
+                start_m, end_m = (_m(m) for m in piece.chainages_m(zone.begin_m, zone.end_m))
+                if start_m < end_m:
+                    found.setdefault(zone.key, []).append(zone.keys(start_m, end_m))
+    return {key: _joined(zones) for key, zones in found.items()}
+
+
+def _joined(zones: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    joined: list[dict[str, Any]] = []
+    for zone in sorted(zones, key=lambda each: (each["start_m"], each["end_m"])):
+        if joined and zone["start_m"] <= joined[-1]["end_m"]:
+            joined[-1]["end_m"] = max(joined[-1]["end_m"], zone["end_m"])
+        else:
+            joined.append(dict(zone))
+    return joined
 
 
 def _all_on_one_track(network: SurveyedNetwork) -> list[str]:

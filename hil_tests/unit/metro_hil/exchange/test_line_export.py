@@ -1,6 +1,7 @@
 """A line that is exported and imported again is the same line."""
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.settings import build
-from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb import LineMap, LineZone, load_line
 from metro_hil.exchange import export_command, import_command
 from metro_hil.exchange.line_rules import FittedTrain, complete_line
 from metro_hil.exchange.railml_export import railml_text
@@ -85,6 +86,18 @@ def lines(draw: st.DrawFn) -> LineMap:
             for number, place_m in enumerate(tags, start=1)
             for name in (draw(st.sampled_from(names)),)
         ],
+        "neutral_sections": [
+            {"start_m": a, "end_m": b}
+            for a, b in list(itertools.pairwise(cuts(draw, start_m, end_m, 4)))[1::2]
+        ],
+        "no_stop_zones": [
+            {
+                "start_m": round(start_m + 3.0, 3),
+                "end_m": round(start_m + 33.5, 3),
+                "name": "<bore>",
+            }
+            for _ in range(draw(st.integers(0, 1)))
+        ],
         "rollback_m": draw(st.sampled_from((2.0, 3.5))),
     }
     line: LineMap = build(LineMap, table, "drawn")
@@ -93,7 +106,10 @@ def lines(draw: st.DrawFn) -> LineMap:
 
 def same_everywhere(one: LineMap, other: LineMap) -> None:
     """The same places, and the same values between any two of them."""
-    for name in ("name", "description", "start_m", "end_m", "stations", "tags", "rollback_m"):
+    for name in (
+        *("name", "description", "start_m", "end_m", "stations", "tags", "rollback_m"),
+        *("neutral_sections", "no_stop_zones"),
+    ):
         assert getattr(one, name) == getattr(other, name), name
     edges_m: set[float] = set()
     for line in (one, other):
@@ -203,3 +219,16 @@ def test_elements_have_the_order_of_the_schemas_and_ids_are_unique(line: LineMap
     assert len(set(ids)) == len(ids)
     references = {value for node in root.iter() for key, value in node.items() if key in REFERENCES}
     assert references <= {*ids}
+
+
+def test_zones_of_a_file_that_was_changed_badly_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = replace(load_line("florence"), neutral_sections=(LineZone(100.0, 130.0),))
+    path = tmp_path / "line.railml"
+    text = railml_text(line)
+    assert text.count("&quot;start_m&quot;: 100.0") == 1
+    path.write_text(text.replace("&quot;start_m&quot;: 100.0", "&quot;start&quot;: 1"), "utf-8")
+
+    assert import_command.main([str(path), "--out", str(tmp_path)]) == 2
+    assert "neutral_sections is no list of zones" in capsys.readouterr().err

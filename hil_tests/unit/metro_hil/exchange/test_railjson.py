@@ -219,6 +219,36 @@ def test_line_and_train_of_osrd_fit_each_other(tmp_path: Path) -> None:
     assert "power, 1100 kW; at most 10 % above the curve, at 72 km/h (mode 750V)" in text
 
 
+def neutral(table: dict[str, Any], direction: str = "STOP_TO_START") -> None:
+    """A gap from 950 m of T1 to 80 m before the end of T2, for one direction."""
+    table["neutral_sections"] = [
+        {
+            "id": "gap",
+            "lower_pantograph": False,
+            "track_ranges": [
+                {"track": "T1", "begin": 950, "end": 1000, "direction": "START_TO_STOP"},
+                {"track": "T2", "begin": 1420, "end": 1500, "direction": direction},
+            ],
+        }
+    ]
+
+
+def test_a_neutral_section_holds_in_its_direction(tmp_path: Path) -> None:
+    there = infra_line(neutral, "West", "Middle", "East").given
+    back = infra_line(neutral, "East", "Middle", "West").given
+
+    # The path begins at 100 m of T1. Both parts meet where the tracks do.
+    assert there["neutral_sections"] == [{"start_m": 850.0, "end_m": 980.0, "name": "gap"}]
+    assert "neutral_sections" not in back
+
+    table = copy.deepcopy(INFRA)
+    neutral(table)
+    assert imported(tmp_path, net_json=table) == 0
+    network = load_network(str(tmp_path / "out" / "net.toml"))
+    (zone,) = network.track("T2").neutral_sections
+    assert (zone.start_m, zone.end_m, zone.direction.value) == (1420.0, 1500.0, "down")
+
+
 def test_tracks_that_branch_become_a_network(tmp_path: Path) -> None:
     assert imported(tmp_path, net_json=INFRA) == 0
 
@@ -310,6 +340,11 @@ def test_force_and_power_reach_the_whole_curve(efforts_n: list[float], step_mps:
             lambda t: t["track_sections"][1]["slopes"][0].update(end=0),
             ("West", "East"),
             "track_sections[1].slopes[0]: begin 0.0 is not before end 0",
+        ),
+        (
+            lambda t: neutral(t, "BOTH"),
+            ("West", "East"),
+            "neutral_sections[0].track_ranges[1].direction: 'BOTH' is none of START_TO_STOP",
         ),
     ],
 )
