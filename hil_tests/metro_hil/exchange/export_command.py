@@ -1,4 +1,4 @@
-"""`vobc export`: writes a line in a format that other tools read."""
+"""`vobc export`: writes lines and trains in formats that other tools read."""
 
 import argparse
 import sys
@@ -11,28 +11,53 @@ from firmware_py.settings import SettingsError
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap, load_line
 from metro_hil.exchange.railml_export import railml_text
+from metro_hil.exchange.train_export import (
+    LOST_BY_TTOBENCH,
+    ExportedTrain,
+    load_exported,
+    railml_train_text,
+    ttobench_train_text,
+)
 from metro_hil.exchange.ttobench_export import LOST, ttobench_text
 from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
 
 PROG: Final = "vobc export"
 DESCRIPTION: Final = (
-    "Write a line as infrastructure of railML 3.2 or as a track of TTOBench. `vobc import` reads "
-    "both back: railML gives the same line again."
+    "Write a line as infrastructure of railML 3.2 or as a track of TTOBench, or a consist as "
+    "rolling stock of railML 3.2 or as a train of TTOBench. `vobc import` reads all of them back: "
+    "railML gives the same line and the same consist again."
 )
-EPILOG: Final = "exit codes: 0 the file is written; 2 wrong usage, or the line cannot be read"
+EPILOG: Final = "exit codes: 0 the file is written; 2 wrong usage, or the file cannot be read"
+KMH_PER_MPS: Final = 3.6
+SPEED_KMH: Final = 80.0
 FORMATS: Final[Mapping[str, tuple[str, Callable[[LineMap], str], tuple[str, ...]]]] = {
     "railml": (".railml", railml_text, ()),
     "ttobench": (".json", ttobench_text, LOST),
 }
-"""Suffix of the file, its writer, and what the format has no place for."""
+"""Suffix of the file, the writer of lines, and what the format has no place for."""
+TRAINS: Final[Mapping[str, tuple[Callable[[ExportedTrain], str], tuple[str, ...]]]] = {
+    "railml": (railml_train_text, ()),
+    "ttobench": (ttobench_train_text, LOST_BY_TTOBENCH),
+}
+"""The writer of trains, and what the format has no place for."""
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of `vobc export`."""
     top = CommandParser(prog=PROG, description=DESCRIPTION, epilog=EPILOG)
-    top.add_argument("line", metavar="NAME|FILE", help="line, or FILE:ROUTE of a network")
+    top.add_argument(
+        "line", nargs="?", metavar="NAME|FILE", help="line, or FILE:ROUTE of a network"
+    )
+    top.add_argument("--consist", metavar="NAME|FILE", help="write this train instead of a line")
+    top.add_argument(
+        "--max-speed",
+        type=float,
+        default=SPEED_KMH,
+        metavar="KMH",
+        help=f"greatest speed of the train, which a consist does not have; default: {SPEED_KMH:g}",
+    )
     top.add_argument("--as", dest="form", choices=tuple(FORMATS), required=True, help="format")
-    top.add_argument("--out", metavar="FILE", help="default: the line's name in this folder")
+    top.add_argument("--out", metavar="FILE", help="default: its name in this folder")
     top.add_argument("--force", action="store_true", help="replace a file that exists")
     return top
 
@@ -40,19 +65,33 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str]) -> int:
     """Write the file, and print what the format has no place for."""
     options = parser().parse_args(argv)
-    suffix, text, lost = FORMATS[options.form]
     try:
-        line = load_line(options.line)
-        path = Path(options.out or f"{line.name}{suffix}")
+        name, text, lost = _written(options)
+        path = Path(options.out or f"{name}{FORMATS[options.form][0]}")
         if path.exists() and not options.force:
             raise SettingsError(f"{path}: exists; give --force to replace it")
     except SettingsError as error:
         print(f"{PROG}: {error}", file=sys.stderr)
         return EXIT_USAGE
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, text(line))
+    write_whole(path, text)
     print(f"wrote {path}")
     for each in lost:
         print(f"  left out: {each}")
     print(f"next: vobc import {path}")
     return EXIT_OK
+
+
+def _written(options: argparse.Namespace) -> tuple[str, str, tuple[str, ...]]:
+    """Name, text, and what the format has no place for. Raises SettingsError."""
+    if (options.line is None) == (options.consist is None):
+        raise SettingsError("name either a line, or a train with --consist")
+    if options.line is not None:
+        line = load_line(options.line)
+        _, write_line, lost = FORMATS[options.form]
+        return line.name, write_line(line), lost
+    if not 0.0 < options.max_speed <= 500.0:
+        raise SettingsError(f"--max-speed {options.max_speed:g}: is not in 0..500 km/h")
+    train = load_exported(options.consist, options.max_speed / KMH_PER_MPS)
+    write_train, lost = TRAINS[options.form]
+    return train.config.name, write_train(train), lost

@@ -2,12 +2,17 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
+from xml.etree import ElementTree
 
-from firmware_py.settings import SettingsError, nearest
+from firmware_py.settings import SettingsError, build, nearest
 from metro_hil.exchange.effort_curve import EFFORT, effort_curve
+from metro_hil.exchange.railml_own import own_keys
 from metro_hil.exchange.survey import SurveyedTrain, file_name
+from metro_hil.exchange.train_export import ExportedTrain, railml_train_text
 from metro_hil.exchange.xml_node import XmlNode
+from plant_emulator.train_config import TrainConfig
 
 KG_PER_T: Final = 1000.0
 MPS_PER_KMH: Final = 1.0 / 3.6
@@ -18,6 +23,8 @@ ROTATING_RATIO: Final = 0.1
 """Share of rotating masses; railML has none."""
 DECEL_MPS2: Final = 1.0
 """Service deceleration of a formation without brake data."""
+SAME_RATIO: Final = 1e-6
+"""Difference of two numbers that rounding explains."""
 RESISTANCE_PER_KG: Final = (0.02, 0.0, 1.3e-4)
 """Resistance of each kilogram of a formation without trainResistance: N, N/(m/s), N/(m/s)²."""
 
@@ -32,7 +39,7 @@ def read_rolling_stock(root: XmlNode, formation: str | None) -> SurveyedTrain:
     decel_mps2, brake_note = _deceleration(node)
     resistance_n, resistance_note = _resistance(node, mass_kg, speed_mps_max)
     accel = node.first("trainEngine")
-    return SurveyedTrain(
+    train = SurveyedTrain(
         name=file_name(node.name()),
         source=root.source,
         mass_kg=mass_kg,
@@ -55,6 +62,35 @@ def read_rolling_stock(root: XmlNode, formation: str | None) -> SurveyedTrain:
             *brake_note,
             *resistance_note,
         ),
+    )
+    return _with_own_keys(node, train)
+
+
+def _with_own_keys(node: XmlNode, train: SurveyedTrain) -> SurveyedTrain:
+    """The train with the consist of an export of this project.
+
+    It is left out if another program has changed elements of the train since then.
+    """
+    table = own_keys(node)
+    if not table:
+        return train
+    config = build(TrainConfig, table, f"{node.source}: {node.place}: designator")
+    again = ExportedTrain(config, {}, train.speed_mps_max)
+    root = XmlNode(node.source, ElementTree.fromstring(railml_train_text(again)))  # noqa: S314
+    pairs = zip(_numbers(read_rolling_stock(root, None)), _numbers(train), strict=True)
+    if all(math.isclose(one, other, rel_tol=SAME_RATIO) for one, other in pairs):
+        return replace(train, given=table)
+    why = "its elements were changed since the export, so the rules fill what they do not say"
+    return replace(train, ignored=(*train.ignored, f"designator of {node.place}: {why}"))
+
+
+def _numbers(train: SurveyedTrain) -> tuple[float, ...]:
+    """All that railML says about a train."""
+    return (
+        *(train.mass_kg, train.force_n, train.power_w, train.speed_mps_max),
+        *(train.friction_n, *train.resistance_n),
+        *(train.length_m or 0.0, float(train.cars or 0)),
+        *(train.accel_mps2 or 0.0, train.decel_mps2 or 0.0),
     )
 
 

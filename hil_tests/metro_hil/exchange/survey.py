@@ -88,6 +88,8 @@ class SurveyedTrain:
     """Least deceleration of the emergency brake in the table of the file."""
     emergency_kept_ratio: float | None = None
     """Share of it that the train's builder guarantees on dry rail."""
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """The consist of an export of this project. Empty: the rules make one."""
     effort_points: tuple[tuple[float, float], ...] = ()
     """Tractive effort (m/s, N) over speed. Empty: force and power determine it."""
     ignored: tuple[str, ...] = ()

@@ -34,10 +34,33 @@ def complete_train(train: SurveyedTrain) -> tuple[Completed, Completed]:
     """Consist and parameters as tables of their files. Raises SettingsError."""
     cars = train.cars or max(1, round(train.mass_kg / CAR_KG))
     lengths_m = [(train.length_m or cars * CAR_M) / cars] * cars
+    if train.given:
+        own = build(TrainConfig, train.given, train.source)
+        lengths_m = [car.length_m for car in own.cars]
+        params = _parameters(train, lengths_m)
+        _know(params, own)
+        build(VobcConfig, params, train.source)
+        note = f"consist: that of the export; the rules made parameters, from those of {BASE}"
+        left_out = tuple(f"left out: {text}" for text in train.ignored)
+        return Completed(dict(train.given), (note, *left_out)), Completed(params, ())
     consist, params = _consist(train, lengths_m), _parameters(train, lengths_m)
     build(TrainConfig, consist, train.source)
     build(VobcConfig, params, train.source)
     return Completed(consist, tuple(_notes(train, lengths_m))), Completed(params, ())
+
+
+def _know(params: dict[str, Any], own: TrainConfig) -> None:
+    """Let the parameters have what a consist says beyond the elements of the file."""
+    tacho, *_ = own.sensors.tachos
+    tare_kg = sum(car.tare_kg for car in own.cars)
+    params["train"] |= {
+        "tare_kg": tare_kg,
+        "full_load_kg": sum(car.passengers_kg for car in own.cars),
+        "rotating_mass_ratio": own.rotating_mass_percent * own.mass_kg / tare_kg / 100.0,
+        "antenna_offset_m": own.sensors.antenna_m,
+        "wheel_diameter_m": tacho.wheel_diameter_m,
+        "pulses_per_turn": own.sensors.pulses_per_turn,
+    }
 
 
 def fitted(train: SurveyedTrain, params: dict[str, Any]) -> FittedTrain:
