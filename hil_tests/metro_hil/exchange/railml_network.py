@@ -25,6 +25,8 @@ TERMS: Final = FileTerms("netElements", "netRelations", "operationalPoints")
 KMH_PER_MPS: Final = Decimal("3.6")
 FUNCTIONAL: Final = ("infrastructure", "functionalInfrastructure")
 GEOMETRY: Final = ("infrastructure", "geometry")
+TURNOUT_M: Final = 30.0
+"""Length of a switch branch whose file gives none; that of a common turnout of a metro."""
 NAVIGABLE: Final = {"both": (True, True), "ab": (True, False), "ba": (False, True)}
 """Whether a train may run from element A to B, and from B to A."""
 IGNORED: Final = {
@@ -59,7 +61,7 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         station_keys=stations.keys,
         line_keys={key: value for key, value in line_keys.items() if key not in ZONES},
         zones=_zones(root, places, line_keys),
-        limits=_limits(root, places),
+        limits=[*_limits(root, places), *_branch_limits(root, places, relations)],
         gradients=_curves(root, places, "gradientCurves", "gradientCurve", "gradient"),
         radii=_curves(root, places, "horizontalCurves", "horizontalCurve", "radius"),
         tags=_tags(root, places),
@@ -226,6 +228,61 @@ def _limits(root: XmlNode, places: RailmlPlaces) -> list[TrackRange]:
             for track, begin_m, end_m, forward, _ in places.ranges(node)
         ]
     return found
+
+
+def _branch_limits(
+    root: XmlNode, places: RailmlPlaces, relations: Mapping[str, tuple[End, End, XmlNode]]
+) -> list[TrackRange]:
+    """Limits on the legs of switches, from the switch on, for branching and for joining trains."""
+    found = []
+    for node in root.all(*FUNCTIONAL, "switchesIS", "switchIS"):
+        branches = [
+            (branch, relations[ref][:2])
+            for side in ("left", "right")
+            for branch in node.all(f"{side}Branch")
+            if (ref := branch.text("netRelationRef") or "") in relations
+        ]
+        if len(branches) != 2:
+            continue
+        common = {*branches[0][1]} & {*branches[1][1]}
+        for branch, ends in branches:
+            legs = [end for end in ends if end not in common]
+            speeds_mps = _branch_speeds_mps(branch)
+            if len(legs) == 1:
+                length_m = branch.number("length") or TURNOUT_M
+                found += _leg_limits(places, legs[0], speeds_mps, length_m)
+    return found
+
+
+def _branch_speeds_mps(branch: XmlNode) -> tuple[float | None, float | None]:
+    """Speeds of branching and of joining trains. One of them counts for both."""
+    speeds_mps = []
+    for name in ("branchingSpeed", "joiningSpeed"):
+        text, value = branch.text(name), branch.number(name)
+        if value is not None and not value > 0.0:
+            raise branch.error(f"{name}: {text!r} is not positive; write km/h")
+        speeds_mps.append(None if text is None else float(Decimal(text) / KMH_PER_MPS))
+    branching_mps, joining_mps = speeds_mps
+    return branching_mps or joining_mps, joining_mps or branching_mps
+
+
+def _leg_limits(
+    places: RailmlPlaces,
+    leg: End,
+    speeds_mps: tuple[float | None, float | None],
+    length_m: float,
+) -> list[TrackRange]:
+    track, at_end = leg
+    whole_m = places.lengths_m[track]
+    reach_m = min(abs(length_m), whole_m)
+    begin_m, end_m = (whole_m - reach_m, whole_m) if at_end else (0.0, reach_m)
+    # A branching train leaves the switch, so it runs from this end of the leg.
+    ways = (not at_end, at_end)
+    return [
+        TrackRange(track, begin_m, end_m, speed_mps, forward)
+        for speed_mps, forward in zip(speeds_mps, ways, strict=True)
+        if speed_mps is not None
+    ]
 
 
 def _curves(

@@ -8,6 +8,7 @@ import pytest
 from firmware_py.settings import SettingsError
 from firmware_py.trackdb import LineMap, PlatformSide, load_line
 from firmware_py.trackdb.circuit import load_network
+from firmware_py.trackdb.network import Running
 from metro_hil.exchange.import_command import main
 from metro_hil.exchange.railml_network import read_infrastructure
 from metro_hil.exchange.surveyed_network import line_along
@@ -159,6 +160,44 @@ def test_tracks_that_branch_become_a_network_with_routes(tmp_path: Path) -> None
     config = load_config(str(tmp_path / "Two_params.toml"))
     for route in network.routes:
         assert implausible(config, load_line(f"{tmp_path / 'net.toml'}:{route.name}")) == []
+
+
+def test_speeds_of_switch_branches_hold_from_the_switch_on(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        (
+            '<leftBranch netRelationRef="wl"/>',
+            '<leftBranch netRelationRef="wl" branchingSpeed="36" joiningSpeed="45" length="40"/>',
+        ),
+        (
+            '<rightBranch netRelationRef="wm"/>',
+            '<rightBranch netRelationRef="wm" joiningSpeed="54"/>',
+        ),
+    )
+    assert main([str(path), "--out", str(tmp_path)]) == 0
+    network = load_network(str(tmp_path / "net.toml"))
+
+    left, right = network.track("l"), network.track("m")
+    for running, kmh in ((Running.UP, 36.0), (Running.DOWN, 45.0)):
+        first, second = left.limits_for(running)
+        assert (first.start_m, first.end_m) == (0.0, 40.0)
+        assert first.limit_mps * 3.6 == pytest.approx(kmh)
+        assert second.limit_mps > first.limit_mps
+    # 54 km/h serve both directions over the 30 m of a common turnout; 18 km/h is lower there.
+    near = right.limits_for(Running.DOWN)[-1]
+    assert near.end_m - near.start_m == 30.0
+    assert near.limit_mps * 3.6 == pytest.approx(54.0)
+    assert {limit.limit_mps for limit in right.limits_for(Running.UP)} == {5.0}
+
+
+def test_a_speed_of_a_branch_that_is_not_positive_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old = '<leftBranch netRelationRef="wl"/>'
+    path = written(tmp_path, (old, '<leftBranch netRelationRef="wl" branchingSpeed="0"/>'))
+
+    assert main([str(path), "--out", str(tmp_path)]) == 2
+    assert "branchingSpeed: '0' is not positive; write km/h" in capsys.readouterr().err
 
 
 def test_a_track_for_one_direction_has_a_route_in_that_direction(tmp_path: Path) -> None:
