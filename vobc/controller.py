@@ -23,7 +23,7 @@ from vobc.vocabulary import (
     Motion,
     OdometryRecord,
 )
-from vobc.zones import NeutralSections, ZoneHold
+from vobc.zones import EvacuationHold, NeutralSections, ZoneHold
 
 ATO_STATES: Final = (Supervision.NOMINAL, Supervision.WARNING, Supervision.SERVICE)
 NOT_FOR_DRIVING: Final = int(Missing.DOORS | Missing.ALARMS)
@@ -83,6 +83,7 @@ class Controller:
         )
         self._neutral = NeutralSections(config, line)
         self._hold = ZoneHold(config, line)
+        self._evacuation = EvacuationHold(config, line)
         self._manual_mps2 = 0.0
         self._weighed = False
         self._weighed_kg = config.train.full_load_kg
@@ -166,12 +167,7 @@ class Controller:
     ) -> AtoInput:
         assert verdict.ceiling is not None
         front_m = motion.front_m.best
-        authority, brake, doors, traction = (
-            inputs.authority,
-            inputs.brake,
-            inputs.doors,
-            inputs.traction,
-        )
+        brake, doors, traction = inputs.brake, inputs.doors, inputs.traction
         enabled = (
             inputs.desk is not None
             and inputs.desk.mode is CabMode.AUTO
@@ -196,11 +192,7 @@ class Controller:
                 front_m - self._train.length_m, front_m
             ),
             ceiling_mps=verdict.ceiling.permitted_mps - _vague_mps(motion.speed_mps),
-            authority_end_m=(
-                front_m
-                if authority is None
-                else self._hold.end_m(min(authority.end_m, self._line.end_m), motion)
-            ),
+            authority_end_m=self._usable_end_m(inputs, motion),
             load_kg=self._weighed_kg,
             traction_ratio=traction_ratio,
             traction_mps2=possible_ratio * most_mps2,
@@ -225,6 +217,13 @@ class Controller:
             slips=motion.slip,
             line_voltage_v=_line_voltage_v(inputs),
         )
+
+    def _usable_end_m(self, inputs: CycleInput, motion: Motion) -> float:
+        """End of the authority that operation may use: the zones of the line may take it back."""
+        if inputs.authority is None:
+            return motion.front_m.best
+        end_m = self._hold.end_m(min(inputs.authority.end_m, self._line.end_m), motion)
+        return self._evacuation.end_m(end_m, motion, inputs.dt_s)
 
     def _weigh(self, inputs: CycleInput, motion: Motion | None) -> None:
         """Update the load. Passengers board only a standing train, so a load reported on the way is

@@ -151,6 +151,13 @@ def _of_line(config: VobcConfig, line: LineMap) -> Iterator[str]:
                     f"no_stop_zones: {zone.text}: a train of {config.train.length_m:g} m that "
                     f"stops at {station.name} stands in it; shorten the zone"
                 )
+    for stop in line.evacuation_stops:
+        for zone in (*line.neutral_sections, *line.no_stop_zones):
+            if zone.covers(stop.end_m - config.train.length_m, stop.end_m):
+                yield (
+                    f"evacuation_stops: {stop.text}: a train that stands there is in the zone "
+                    f"{zone.text}; move the stop"
+                )
     for coasting in coastings(config, line):
         yield from _of_neutral_section(config, line.stations, coasting)
     least_m = config.atp.jog_m + config.atp.door_window_m

@@ -20,6 +20,11 @@ EASE_MARGIN_S: Final = 0.5
 """Time from the end of the demand for traction until the effort has ended, too."""
 DECIDES_S: Final = 2.0
 """Running time that a train needs, besides its braking, to wait before a zone."""
+HELD_S: Final = 45.0
+"""Time without a longer authority after which a train counts as held for long. It is longer than
+the train ahead usually stands at a station."""
+GROWS_M: Final = 1.0
+"""Change of an authority that is more than a correction of the place of the train ahead."""
 STANDS_MPS: Final = 0.1
 """Speed below which a train may wait where it is."""
 FAR_M: Final = 1.0
@@ -119,6 +124,44 @@ def _lost_mps2(config: VobcConfig, line: LineMap, front_m: float, speed_mps: flo
     length_m = config.train.length_m
     gradient_permille = line.mean_gradient_permille(front_m - length_m, front_m)
     return gradient.decel_on_mps2(ato, gradient_permille) + gradient.resistance_mps2(ato, speed_mps)
+
+
+class EvacuationHold:
+    """Ends the authority of operation at an evacuation stop for a train that is held for long.
+
+    A train is held while its authority does not reach the next stop. It is held for long when that
+    authority has not grown for `HELD_S`.
+    """
+
+    __slots__ = ("_authority_m", "_decel_mps2", "_held_s", "_line", "_margin_m", "_target_m")
+
+    def __init__(self, config: VobcConfig, line: LineMap) -> None:
+        self._line = line
+        self._margin_m = config.ato.authority.margin_m
+        self._decel_mps2 = config.ato.braking.decel_mps2
+        self._authority_m = -math.inf
+        self._held_s = 0.0
+        self._target_m: float | None = None
+
+    def end_m(self, authority_end_m: float, motion: Motion, dt_s: float) -> float:
+        """End of the authority that operation may use."""
+        if not self._line.evacuation_stops:
+            return authority_end_m
+        front_m = motion.front_m.best
+        free = bool(self._line.stations_between(front_m, authority_end_m))
+        if free or abs(authority_end_m - self._authority_m) > GROWS_M:
+            self._authority_m, self._held_s, self._target_m = authority_end_m, 0.0, None
+            return authority_end_m
+        self._held_s += dt_s
+        if self._target_m is None and self._held_s >= HELD_S:
+            self._target_m = self._next_m(authority_end_m, front_m, motion.speed_mps.best)
+        return authority_end_m if self._target_m is None else min(authority_end_m, self._target_m)
+
+    def _next_m(self, authority_end_m: float, front_m: float, speed_mps: float) -> float | None:
+        """The end of authority for the next stop ahead at which the train can still stand."""
+        needs_m = speed_mps * DECIDES_S + speed_mps**2 / (2.0 * self._decel_mps2)
+        ends_m = (each.end_m + self._margin_m for each in self._line.evacuation_stops)
+        return next((m for m in ends_m if front_m + needs_m + FAR_M <= m <= authority_end_m), None)
 
 
 @dataclass(frozen=True, slots=True)

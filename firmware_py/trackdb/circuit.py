@@ -137,6 +137,7 @@ def written_out(lap: LineMap, circuit: Circuit) -> LineMap:
         curves=_shifted(lap.curves, circuit.laps, length_m),
         neutral_sections=_shifted(lap.neutral_sections, circuit.laps, length_m),
         no_stop_zones=_shifted(lap.no_stop_zones, circuit.laps, length_m),
+        evacuation_stops=_shifted(lap.evacuation_stops, circuit.laps, length_m),
         tags=tuple(_tag(tag, n, n * length_m) for n in laps for tag in lap.tags),
     )
 

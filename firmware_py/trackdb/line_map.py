@@ -17,6 +17,7 @@ from firmware_py.trackdb.sites import (
     SpeedSection,
     Station,
     TagSite,
+    check_named,
 )
 from firmware_py.trackdb.sites import TagKind as TagKind
 
@@ -56,6 +57,9 @@ class LineMap:
     no_stop_zones: tuple[LineZone, ...] = ()
     """Zones in which trains do not stop by themselves, such as tunnels: `start_m`, `end_m`, and
     `name` if wanted. They hold in both directions."""
+    evacuation_stops: tuple[LineZone, ...] = ()
+    """Places at which a train that is held for long stands, its front at the far end: `start_m`,
+    `end_m` and `name`. They serve both directions."""
     # Each quantity is stored as the chainages of its changes and its values, one more than changes.
     # value[i] holds on [edge[i - 1], edge[i]), so that bisect_right(edges, at) is its index.
     _limit_edges_m: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
@@ -82,8 +86,9 @@ class LineMap:
         self._check_speeds()
         self._check_sections("gradients", [(g.start_m, g.end_m) for g in self.gradients])
         self._check_sections("curves", [(c.start_m, c.end_m) for c in self.curves])
-        for name in ("neutral_sections", "no_stop_zones"):
+        for name in ("neutral_sections", "no_stop_zones", "evacuation_stops"):
             self._check_sections(name, [(z.start_m, z.end_m) for z in getattr(self, name)])
+        check_named((each.name, each.start_m) for each in self.evacuation_stops)
         self._check_tags()
         self._index()
 

@@ -4,6 +4,7 @@ import enum
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from firmware_py.trackdb.sites import (
     CurveSection,
@@ -11,8 +12,12 @@ from firmware_py.trackdb.sites import (
     PlatformSide,
     StoppingPoint,
     TagKind,
+    check_named,
     check_siding,
 )
+
+ZONES: Final = ("neutral_sections", "no_stop_zones", "evacuation_stops")
+"""Keys of a track that have zones."""
 
 
 class Running(enum.Enum):
@@ -148,6 +153,9 @@ class Track:
     `name` and `direction` (`up`, `down` or `both`)."""
     no_stop_zones: tuple[TrackZone, ...] = ()
     """Zones in which trains do not stop by themselves, such as tunnels, with the same keys."""
+    evacuation_stops: tuple[TrackZone, ...] = ()
+    """Places at which a train that is held for long stands, its front at the far end, with the same
+    keys; `name` is needed."""
 
     def __post_init__(self) -> None:
         if not self.name or any(each in self.name for each in " .:"):
@@ -159,9 +167,10 @@ class Track:
         _check_overlap("gradients", [(each.start_m, each.end_m) for each in self.gradients])
         _check_overlap("curves", [(each.start_m, each.end_m) for each in self.curves])
         for running in Running:
-            for name in ("neutral_sections", "no_stop_zones"):
+            for name in ZONES:
                 zones = [each for each in getattr(self, name) if each.direction.serves(running)]
                 _check_overlap(name, [(each.start_m, each.end_m) for each in zones])
+        check_named((each.name, each.start_m) for each in self.evacuation_stops)
         for what, at_m in self._places():
             if not self.start_m <= at_m <= self.end_m:
                 raise ValueError(
@@ -204,7 +213,7 @@ class Track:
         for curve in self.curves:
             yield "curves: a section", curve.start_m
             yield "curves: a section", curve.end_m
-        for name in ("neutral_sections", "no_stop_zones"):
+        for name in ZONES:
             for zone in getattr(self, name):
                 yield f"{name}: a zone", zone.start_m
                 yield f"{name}: a zone", zone.end_m

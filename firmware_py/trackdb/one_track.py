@@ -5,7 +5,7 @@ A line file describes one direction. What the other direction needs, stated rule
 - A train that runs down stops as far before the end of the platform ahead as one that runs up.
 - The tags before that stopping point are as far from it as those of the other direction. A station
   without a full set takes the distances of the nearest station that has one.
-- Limits, neutral sections and no-stop zones hold in both directions.
+- Limits, zones and evacuation stops hold in both directions.
 - A first station without dwell time, where trains of the file only start, takes that of the last.
 """
 
@@ -49,6 +49,7 @@ def network_of(line: LineMap) -> TrackNetwork:
         tags=tuple(sorted(_tags(line), key=lambda tag: tag.position_m)),
         neutral_sections=_zones(line.neutral_sections),
         no_stop_zones=_zones(line.no_stop_zones),
+        evacuation_stops=_zones(line.evacuation_stops),
     )
     return TrackNetwork(
         name=line.name,

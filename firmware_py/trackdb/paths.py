@@ -129,6 +129,7 @@ def _line(network: TrackNetwork, name: str, legs: Sequence[Leg]) -> LineMap:
         rollback_m=network.rollback_m,
         neutral_sections=_zones(legs, [leg.track.neutral_sections for leg in legs]),
         no_stop_zones=_zones(legs, [leg.track.no_stop_zones for leg in legs]),
+        evacuation_stops=_zones(legs, [leg.track.evacuation_stops for leg in legs]),
     )
 
 

@@ -2,6 +2,7 @@
 
 import enum
 import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -170,6 +171,16 @@ class LineZone:
         """The name, if it has one, and both ends."""
         ends = f"{self.start_m:g} m to {self.end_m:g} m"
         return f"{self.name}, {ends}" if self.name else ends
+
+
+def check_named(stops: Iterable[tuple[str, float]]) -> None:
+    """Raise ValueError for an evacuation stop, name and begin, whose name is empty."""
+    for name, start_m in stops:
+        if not name:
+            raise ValueError(
+                f"evacuation_stops: the one at {start_m:g} m has no name; give it one, for the "
+                "people who come there"
+            )
 
 
 def _check_section(start_m: float, end_m: float) -> None:

@@ -20,7 +20,7 @@ LINES_MAX: Final = 16
 NOT_VITAL: Final = frozenset({"description", "dwell_s", "run_s"})
 """Fields of a line that a timetable may change without another survey."""
 
-LEFT_OUT_EMPTY: Final = frozenset({"neutral_sections", "no_stop_zones"})
+LEFT_OUT_EMPTY: Final = frozenset({"neutral_sections", "no_stop_zones", "evacuation_stops"})
 """Fields that count only where they have a value. A line without them keeps its version."""
 
 

@@ -8,7 +8,7 @@ from metro_hil.exchange.xml_node import XmlNode
 REGISTER: Final = "metro VOBC bench"
 """Register of designators whose entry is a JSON object with keys of line files."""
 
-ZONES: Final = ("neutral_sections", "no_stop_zones")
+ZONES: Final = ("neutral_sections", "no_stop_zones", "evacuation_stops")
 """Keys of a line whose zones lie on its only netElement, by the chainage of the line."""
 
 

@@ -457,5 +457,15 @@ INVARIANTS: Final[tuple[Invariant, ...]] = (
         "Farthest end of all authorities, less the end of the zone and the length of the train, "
         "when the front enters a no-stop zone or a neutral section in automatic running.",
     ),
+    _watched(
+        43,
+        "evacuation-stop",
+        "m",
+        "A train that is held for long stands at an evacuation stop, if it could reach one.",
+        "5 m less the distance of the front from the far end of the nearest evacuation stop. "
+        "Judged at each standstill in automatic running with an authority that has been the same "
+        "for 47 s and does not reach the next stop. It counts if the train could still reach one "
+        "then, with 0.5 m/s² after 5 s.",
+    ),
 )
 WATCHED: Final[tuple[Invariant, ...]] = tuple(each for each in INVARIANTS if each.watched)

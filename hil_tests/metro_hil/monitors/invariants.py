@@ -95,6 +95,7 @@ class Invariants:
             context,
             traction_off=gauge["inv-41-neutral-section"],
             entered=gauge["inv-42-no-stop-zone"],
+            stands=gauge["inv-43-evacuation-stop"],
         )
         self._emergency = EmergencyWatch(
             context,
@@ -188,6 +189,7 @@ class Invariants:
                 self._emergency.without(truth, now_ns)
         elif self._moving:
             self._moving = False
+            self._zones.stopped(truth, now_ns, spoken)
             self._departure.sample(truth, now_ns, spoken)
             self._modes.sample(truth, now_ns, spoken)
         if truth.tags_read != self._claims.tags:

@@ -15,6 +15,7 @@ STYLE: Final = (
     ".joint{stroke:#888;stroke-width:3;fill:none}.platform{fill:#e8a33d}"
     ".stop{stroke:#b00020;stroke-width:5}"
     ".neutral{stroke:#2b6cb0;stroke-width:10;stroke-opacity:.5}"
+    ".evacuation{stroke:#2f855a;stroke-width:10;stroke-opacity:.5}"
     ".no-stop{stroke:#b7791f;stroke-width:10;stroke-opacity:.5}"
 )
 
@@ -47,6 +48,8 @@ def zones_of(track: Track) -> Iterator[tuple[str, TrackZone]]:
         yield "neutral section", zone
     for zone in track.no_stop_zones:
         yield "no-stop zone", zone
+    for zone in track.evacuation_stops:
+        yield "evacuation stop", zone
 
 
 def _joints(

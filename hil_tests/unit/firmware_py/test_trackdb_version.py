@@ -44,6 +44,7 @@ def test_the_version_is_the_same_on_every_machine() -> None:
         resurveyed("gradients", gradient_permille=1.0),
         replace(LINE, neutral_sections=(LineZone(100.0, 130.0),)),
         replace(LINE, no_stop_zones=(LineZone(100.0, 130.0),)),
+        replace(LINE, evacuation_stops=(LineZone(100.0, 130.0, "exit"),)),
     ],
 )
 def test_another_survey_has_another_version(other: LineMap) -> None:

@@ -1,6 +1,8 @@
 """Zones: where traction is off, where a train waits, and from which speed it coasts through."""
 
+import math
 from dataclasses import replace
+from typing import Final
 
 import pytest
 from hypothesis import given
@@ -13,7 +15,7 @@ from vobc.config import load_config
 from vobc.events import events_between
 from vobc.plausible import implausible
 from vobc.vocabulary import SAFE_OUTPUT, Interval, Motion
-from vobc.zones import NeutralSections, ZoneHold, coastings
+from vobc.zones import EvacuationHold, NeutralSections, ZoneHold, coastings
 
 CONFIG = load_config("florence4")
 LENGTH_M = CONFIG.train.length_m
@@ -225,3 +227,64 @@ def test_a_train_that_comes_to_stand_in_a_zone_reports_it_once() -> None:
     assert "no-stop zone tunnel" in event.words
     assert not events_between(stands, SEEN, stands)
     assert not events_between(stands, SEEN, before)
+
+
+EXITS: Final = (LineZone(1930.0, 2000.0, "east"), LineZone(2430.0, 2500.0, "west"))
+MARGIN_M: Final = CONFIG.ato.authority.margin_m
+
+
+def held(front_m: float, authority_m: float, seconds: float, speed_mps: float = 10.0) -> float:
+    """End that operation gets after an authority has been the same for so many seconds."""
+    hold = EvacuationHold(CONFIG, replace(with_tunnel(4000.0), evacuation_stops=EXITS))
+    end_m = math.nan
+    for _ in range(round(seconds * 2.0) + 1):
+        end_m = hold.end_m(authority_m, at(front_m, speed_mps), 0.5)
+    return end_m
+
+
+@pytest.mark.parametrize(
+    ("front_m", "authority_m", "seconds", "end_m"),
+    [
+        (1800.0, 2300.0, 44.0, 2300.0),
+        (1800.0, 2300.0, 46.0, 2000.0 + MARGIN_M),
+        # Too late for the first one; the second one is beyond the authority, or is not.
+        (1950.0, 2500.0, 46.0, 2500.0),
+        (1950.0, 2600.0, 46.0, 2500.0 + MARGIN_M),
+        # The authority reaches the next stop, at 4000 m.
+        (1800.0, 4000.0, 46.0, 4000.0),
+    ],
+)
+def test_a_train_that_is_held_for_long_stands_at_the_next_evacuation_stop(
+    front_m: float, authority_m: float, seconds: float, end_m: float
+) -> None:
+    assert held(front_m, authority_m, seconds) == end_m
+
+
+@given(front_m=st.floats(1600.0, 2600.0), speed_mps=st.floats(0.0, 20.0), ahead_m=st.floats(0, 999))
+def test_an_evacuation_stop_never_lengthens_an_authority_and_never_needs_hard_braking(
+    front_m: float, speed_mps: float, ahead_m: float
+) -> None:
+    end_m = held(front_m, front_m + ahead_m, 46.0, speed_mps)
+
+    assert end_m <= front_m + ahead_m
+    if end_m < front_m + ahead_m:
+        assert speed_mps**2 / (2.0 * (end_m - front_m)) < CONFIG.ato.braking.decel_mps2
+
+
+def test_a_train_goes_on_when_its_authority_grows() -> None:
+    hold = EvacuationHold(CONFIG, replace(with_tunnel(4000.0), evacuation_stops=EXITS))
+    for _ in range(100):
+        hold.end_m(2300.0, at(1800.0), 0.5)
+
+    assert hold.end_m(2300.9, at(1990.0), 0.5) == 2000.0 + MARGIN_M
+    assert hold.end_m(2302.0, at(1990.0), 0.5) == 2302.0
+    assert hold.end_m(2302.0, at(1990.0), 0.5) == 2302.0
+
+
+def test_an_evacuation_stop_in_a_no_stop_zone_is_refused() -> None:
+    free = LineZone(TUNNEL.end_m, TUNNEL.end_m + LENGTH_M, "exit")
+    for stop, refused in ((free, False), (replace(free, end_m=free.end_m - 0.1), True)):
+        line = replace(with_tunnel(4000.0), evacuation_stops=(stop,))
+        assert any("evacuation_stops: exit" in t for t in implausible(CONFIG, line)) is refused
+    with pytest.raises(ValueError, match="has no name"):
+        replace(LINE, evacuation_stops=(LineZone(1.0, 2.0),))

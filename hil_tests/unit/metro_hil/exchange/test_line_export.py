@@ -98,6 +98,9 @@ def lines(draw: st.DrawFn) -> LineMap:
             }
             for _ in range(draw(st.integers(0, 1)))
         ],
+        "evacuation_stops": [{"start_m": 700.5, "end_m": 770.25, "name": "exit 1"}]
+        if start_m < 700.5 and end_m > 770.25 and draw(st.booleans())
+        else [],
         "rollback_m": draw(st.sampled_from((2.0, 3.5))),
     }
     line: LineMap = build(LineMap, table, "drawn")
@@ -108,7 +111,7 @@ def same_everywhere(one: LineMap, other: LineMap) -> None:
     """The same places, and the same values between any two of them."""
     for name in (
         *("name", "description", "start_m", "end_m", "stations", "tags", "rollback_m"),
-        *("neutral_sections", "no_stop_zones"),
+        *("neutral_sections", "no_stop_zones", "evacuation_stops"),
     ):
         assert getattr(one, name) == getattr(other, name), name
     edges_m: set[float] = set()

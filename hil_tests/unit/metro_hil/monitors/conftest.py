@@ -189,6 +189,12 @@ def zone_rig() -> Rig:
 
 
 @pytest.fixture
+def exit_rig() -> Rig:
+    """A rig on a line with an evacuation stop from 1230 m to 1300 m."""
+    return Rig([], "all", evacuation_stops=(LineZone(1230.0, 1300.0, "exit"),))
+
+
+@pytest.fixture
 def late_rig() -> Rig:
     """A rig in which cycles may be late by 50 ms."""
     return Rig([], "all", lateness_s=0.05)

@@ -385,7 +385,7 @@ def test_a_train_beyond_its_authority_brakes_before_a_switch(
     assert rig.margin("inv-23-switch-brake") == pytest.approx(0.43 - steps / 100.0)
 
 
-# 41 and 42: zones.
+# 41 to 43: zones.
 
 
 @pytest.mark.parametrize(
@@ -427,6 +427,24 @@ def test_a_train_enters_a_zone_only_with_an_authority_past_it(
         assert zone_rig.result("inv-42-no-stop-zone").verdict is Verdict.VACUOUS
     else:
         assert zone_rig.margin("inv-42-no-stop-zone") == pytest.approx(margin_m)
+
+
+@pytest.mark.parametrize(
+    ("front_m", "held_s", "margin_m"),
+    [(1299.0, 48, 4.0), (1293.0, 48, -2.0), (1293.0, 46, None), (1420.0, 48, -115.0)],
+)
+def test_a_train_that_is_held_for_long_stands_at_an_evacuation_stop(
+    exit_rig: Rig, front_m: float, held_s: int, margin_m: float | None
+) -> None:
+    exit_rig.say(VobcStatus, ato_phase=AtoPhase.RUNNING)
+    exit_rig.step(held_s * 100, front_m=1000.0, speed_mps=0.001, authority_now_m=1440.0)
+    exit_rig.step(1, front_m=front_m, speed_mps=5.0)
+    exit_rig.step(2, speed_mps=0.0)
+
+    if margin_m is None:
+        assert exit_rig.result("inv-43-evacuation-stop").verdict is Verdict.VACUOUS
+    else:
+        assert exit_rig.margin("inv-43-evacuation-stop") == pytest.approx(margin_m, abs=0.1)
 
 
 # 24: ageing authorities.
