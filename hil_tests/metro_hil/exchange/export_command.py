@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Final
 
 from firmware_py.command_line import CommandParser
-from firmware_py.settings import SettingsError
+from firmware_py.settings import SettingsError, find, parse
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import LineMap, load_line
+from firmware_py.trackdb.circuit import load_network, split_route
+from firmware_py.trackdb.network_file import is_network
 from metro_hil.exchange.railml_export import railml_text
+from metro_hil.exchange.railml_network_export import ExportedNetwork, railml_network_text
 from metro_hil.exchange.train_export import (
     LOST_BY_TTOBENCH,
     ExportedTrain,
@@ -23,9 +26,10 @@ from metro_hil.model.run_options import EXIT_OK, EXIT_USAGE
 
 PROG: Final = "vobc export"
 DESCRIPTION: Final = (
-    "Write a line as infrastructure of railML 3.2 or as a track of TTOBench, or a consist as "
-    "rolling stock of railML 3.2 or as a train of TTOBench. `vobc import` reads all of them back: "
-    "railML gives the same line and the same consist again."
+    "Write a line or a network as infrastructure of railML 3.2, a line as a track of TTOBench, or "
+    "a consist as rolling stock of railML 3.2 or as a train of TTOBench. `vobc import` reads all "
+    "of them back: "
+    "railML gives the same line, network and consist again."
 )
 EPILOG: Final = "exit codes: 0 the file is written; 2 wrong usage, or the file cannot be read"
 KMH_PER_MPS: Final = 3.6
@@ -46,7 +50,10 @@ def parser() -> argparse.ArgumentParser:
     """The command line of `vobc export`."""
     top = CommandParser(prog=PROG, description=DESCRIPTION, epilog=EPILOG)
     top.add_argument(
-        "line", nargs="?", metavar="NAME|FILE", help="line, or FILE:ROUTE of a network"
+        "line",
+        nargs="?",
+        metavar="NAME|FILE",
+        help="line, network, or FILE:ROUTE for one route of it",
     )
     top.add_argument("--consist", metavar="NAME|FILE", help="write this train instead of a line")
     top.add_argument(
@@ -82,11 +89,23 @@ def main(argv: Sequence[str]) -> int:
     return EXIT_OK
 
 
+def _network(name: str) -> ExportedNetwork | None:
+    """The whole network of a file; None for a line, or for one route of a network."""
+    base, route = split_route(name)
+    table = parse(find(base, "firmware_py.trackdb"))
+    if route is not None or not is_network(table):
+        return None
+    return ExportedNetwork(load_network(base), table)
+
+
 def _written(options: argparse.Namespace) -> tuple[str, str, tuple[str, ...]]:
     """Name, text, and what the format has no place for. Raises SettingsError."""
     if (options.line is None) == (options.consist is None):
         raise SettingsError("name either a line, or a train with --consist")
     if options.line is not None:
+        exported = _network(options.line)
+        if exported is not None and options.form == "railml":
+            return exported.network.name, railml_network_text(exported), ()
         line = load_line(options.line)
         _, write_line, lost = FORMATS[options.form]
         return line.name, write_line(line), lost

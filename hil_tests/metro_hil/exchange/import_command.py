@@ -197,8 +197,8 @@ def _read_railml(root: XmlNode, options: ImportChoices) -> list[Surveyed]:
 
 
 def _tracks(network: SurveyedNetwork, options: ImportChoices) -> SurveyedLine | SurveyedNetwork:
-    """The line through the named stops, or the whole network if it branches."""
-    if options.stops is None and branches(network):
+    """The line through the named stops, or the whole network if it branches or was exported."""
+    if options.stops is None and (network.given or branches(network)):
         return network
     return line_along(network, options.stops or ())
 

@@ -37,6 +37,10 @@ PLACES: Final = 6
 
 def complete_network(network: SurveyedNetwork, train: FittedTrain) -> Completed:
     """The tracks as the table of a network file. Raises SettingsError."""
+    if network.given:
+        read_network(network.given, network.source)
+        left_out = tuple(f"left out: {text}" for text in network.ignored)
+        return Completed(dict(network.given), ("network: that of the export", *left_out))
     if network.switches is None:
         raise network.error(
             network.terms.joins,

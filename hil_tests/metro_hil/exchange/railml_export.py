@@ -14,6 +14,8 @@ NAMESPACE: Final = "https://www.railml.org/schemas/3.2"
 TRACK: Final = "ne_track"
 SYSTEM: Final = "lps_line"
 KMH_PER_MPS: Final = Decimal("3.6")
+NO_SIDE: Final = "none"
+"""Side of a siding, which railML has no word for."""
 LANGUAGE: Final = "en"
 SHORT_DECIMALS: Final = 9
 
@@ -117,7 +119,7 @@ def _position(line: LineMap, at_m: float) -> str:
 
 def _coordinate(parent: Element, tag: str, at_m: float, side: str | None = None) -> None:
     keys = {"positioningSystemRef": SYSTEM, "measure": decimal_text(at_m)}
-    SubElement(parent, tag, keys | ({"lateralSide": side} if side else {}))
+    SubElement(parent, tag, keys | ({"lateralSide": side} if side not in (None, NO_SIDE) else {}))
 
 
 def _range(
@@ -239,6 +241,8 @@ def _station_keys(station: Station) -> dict[str, Any]:
         "run_s": station.run_s,
         "platform_doors": station.platform_doors,
     }
+    if station.side.value == NO_SIDE:
+        keys["side"] = NO_SIDE
     if station.short_stops:
         keys["short_stops"] = [
             {"train_length_max_m": each.train_length_max_m, "stop_m": each.stop_m}

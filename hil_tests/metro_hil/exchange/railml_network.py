@@ -1,11 +1,15 @@
 """Reads infrastructure of railML 3."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any, Final
+from xml.etree import ElementTree
 
-from firmware_py.settings import SettingsError
+from firmware_py.settings import SettingsError, build
+from firmware_py.trackdb.network import TrackNetwork
+from metro_hil.exchange.railml_network_export import ExportedNetwork, railml_network_text
 from metro_hil.exchange.railml_own import ZONES, own_keys, tag_keys
 from metro_hil.exchange.railml_places import RailmlPlaces, read_places
 from metro_hil.exchange.railml_stations import read_stations
@@ -50,7 +54,7 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
     line_keys = next(
         (keys for node in root.all(*FUNCTIONAL, "lines", "line") if (keys := own_keys(node))), {}
     )
-    return SurveyedNetwork(
+    network = SurveyedNetwork(
         name=str(line_keys.get("name") or file_name(Path(root.source).stem)),
         source=root.source,
         terms=TERMS,
@@ -59,7 +63,9 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         exact_stops=stations.exact,
         platforms=stations.platforms,
         station_keys=stations.keys,
-        line_keys={key: value for key, value in line_keys.items() if key not in ZONES},
+        line_keys={
+            key: value for key, value in line_keys.items() if key not in (*ZONES, "network")
+        },
         zones=_zones(root, places, line_keys),
         limits=[*_limits(root, places), *_branch_limits(root, places, relations)],
         gradients=_curves(root, places, "gradientCurves", "gradientCurve", "gradient"),
@@ -69,6 +75,30 @@ def read_infrastructure(root: XmlNode) -> SurveyedNetwork:
         origins_m=_origins_m(places),
         filled=(*stations.filled, *_shared(places), *_open_ends(root, places, links)),
         ignored=(*stations.left_out, *_ignored(root)),
+    )
+    table = line_keys.get("network")
+    return _with_own_table(network, table) if isinstance(table, dict) else network
+
+
+def _with_own_table(network: SurveyedNetwork, table: dict[str, Any]) -> SurveyedNetwork:
+    """The network with the table of an export of this project.
+
+    It is left out if another program has changed elements since then.
+    """
+    own = build(TrackNetwork, table, network.source)
+    text = railml_network_text(ExportedNetwork(own, {}))
+    root = XmlNode(network.source, ElementTree.fromstring(text))  # noqa: S314 - our own text
+    if _elements(read_infrastructure(root)) == _elements(network):
+        return replace(network, name=file_name(own.name), given=table)
+    why = "elements were changed since the export, so the rules fill what they do not say"
+    return replace(network, ignored=(*network.ignored, f"designator of line: {why}"))
+
+
+def _elements(network: SurveyedNetwork) -> tuple[Any, ...]:
+    """All that the elements say about tracks."""
+    return (
+        *(network.graph, network.switches, network.origins_m, network.stops, network.platforms),
+        *(network.limits, network.gradients, network.radii, network.zones, network.tags),
     )
 
 

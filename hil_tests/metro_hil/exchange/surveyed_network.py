@@ -123,6 +123,8 @@ class SurveyedNetwork:
     """What the file says about stations in the keys of line files."""
     line_keys: Mapping[str, Any] = field(default_factory=dict)
     """What the file says about the line in the keys of line files."""
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """The table of a network file, of an export of this project. Empty: the rules make one."""
     filled: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
 

@@ -41,14 +41,15 @@ def lines(draw: st.DrawFn) -> LineMap:
     stations: list[dict[str, Any]] = []
     at_m = start_m + draw(millimetres(100.0, 200.0))
     for number in range(draw(st.integers(2, 5))):
+        side = draw(st.sampled_from(("left", "right", "both", "none")))
         stations.append(
             {
                 "name": f'Stop <{number}> & "é"',
                 "stop_m": round(at_m, 3),
                 "platform_start_m": round(at_m - draw(millimetres(1.0, 90.0)), 3),
                 "platform_end_m": round(at_m + draw(millimetres(0.0, 9.0)), 3),
-                "side": draw(st.sampled_from(("left", "right", "both"))),
-                "dwell_s": draw(st.sampled_from((0.0, 20.0, 33.3))),
+                "side": side,
+                "dwell_s": 0.0 if side == "none" else draw(st.sampled_from((0.0, 20.0, 33.3))),
                 "run_s": draw(st.sampled_from((0.0, 71.25))),
                 "platform_doors": draw(st.booleans()),
                 "short_stops": [{"train_length_max_m": 40.0, "stop_m": round(at_m - 0.5, 3)}]
