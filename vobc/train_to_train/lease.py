@@ -76,7 +76,7 @@ class Lease:
         has ended. 0: no lease blocks it."""
         self.beaten = False
         """An arbiter has acknowledged a higher term, so no majority will renew this one."""
-        self._signed: dict[int, SignedGrant] = {}
+        self._grants_by_arbiter: dict[int, SignedGrant] = {}
         """By arbiter, its newest signed grant of this term. Empty on a line without signatures."""
         self._nonce = 0
         self._asked: dict[int, PendingRequest] = {}
@@ -103,7 +103,7 @@ class Lease:
         self.adopted, self.successor, self.beaten = NOTHING_KEPT, NO_TRAIN, False
         self.wait_until_ns = 0
         self._asked, self._refusers, self._answered = {}, set(), False
-        self._signed = {}
+        self._grants_by_arbiter = {}
         self._asked_ns = now_ns
         self.until_ns = 0
         self._confirmed_ns = 0
@@ -183,7 +183,9 @@ class Lease:
             asked = self._asked.setdefault(answer.nonce, PendingRequest(answer.echo_ns, 0, set()))
         asked.voters.add(answer.source)
         for grant in answer.grants[:1]:
-            self._signed[answer.source] = max(grant, self._signed.get(answer.source, grant))
+            self._grants_by_arbiter[answer.source] = max(
+                grant, self._grants_by_arbiter.get(answer.source, grant)
+            )
         self._refusers.discard(answer.source)
         kept = Kept(answer.roster_term, answer.roster_version, answer.roster)
         newer = (kept.term, kept.version) > (self.adopted.term, self.adopted.version)
@@ -193,7 +195,9 @@ class Lease:
 
     def proof(self) -> tuple[SignedGrant, ...]:
         """The signed grants of a majority that end last, by which trains believe the term."""
-        latest = sorted(self._signed.values(), key=lambda grant: (-grant.end_ns, grant.arbiter))
+        latest = sorted(
+            self._grants_by_arbiter.values(), key=lambda grant: (-grant.end_ns, grant.arbiter)
+        )
         return tuple(latest[: self._config.majority])
 
     def owner_of(self, term: int) -> int:
