@@ -83,8 +83,9 @@ class CompiledFiles:
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
         for report in reports[item.nodeid]:
             item.ihook.pytest_runtest_logreport(report=report)
-        # The test before left standing what this test would share with it.
-        item.ihook.pytest_runtest_teardown(item=item, nextitem=nextitem)
+        # The test before left standing what this test would share with it. The hook of the teardown
+        # would expect that this test was set up here.
+        item.session._setupstate.teardown_exact(nextitem)
         item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
 

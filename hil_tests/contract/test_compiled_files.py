@@ -39,10 +39,10 @@ def ran(request: pytest.FixtureRequest, folder: Path, copy: Path | None) -> Any:
     hook = SimpleNamespace(
         pytest_runtest_logstart=lambda nodeid, location: found.setdefault(nodeid, []),
         pytest_runtest_logreport=lambda report: found[report.nodeid].append(report),
-        pytest_runtest_teardown=lambda item, nextitem: followers.append(nextitem),
         pytest_runtest_logfinish=lambda nodeid, location: None,
     )
-    session = SimpleNamespace(items=[])
+    standing = SimpleNamespace(teardown_exact=followers.append)
+    session = SimpleNamespace(items=[], _setupstate=standing)
     for name in ("good", "bad", "dies"):
         item = {"nodeid": f"test_sample.py::test_{name}", "location": ("test_sample.py", 0, name)}
         session.items.append(SimpleNamespace(path=path, session=session, ihook=hook, **item))
