@@ -50,6 +50,9 @@ def test_a_correct_run_violates_no_monitor(
         "inv-23-switch-locked",
         "inv-24-authority-age",
         "inv-36-overrun",
+        "inv-41-neutral-section",
+        "inv-42-no-stop-zone",
+        "inv-43-evacuation-stop",
     }
 
 

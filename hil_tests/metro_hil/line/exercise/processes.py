@@ -111,7 +111,7 @@ class LineProcesses:
         life = self._lives[train] = self._lives.get(train, 0) + 1
         folder, way = self._folder_of(train), self._ways[train]
         out = folder if life == 1 else folder / f"life{life}"
-        arguments = ["run", "--line", self._line, "--bus", f"embedded:{_bus(train)}"]
+        arguments = ["device", "--line", self._line, "--bus", f"embedded:{_bus(train)}"]
         arguments += ["--train", str(train), "--out", str(out)]
         arguments += ["--priority", str(self._priority)]
         arguments += ["--line-radio", self._endpoints.get(train, self._endpoint), *self._of_line]

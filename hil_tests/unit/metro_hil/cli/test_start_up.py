@@ -19,7 +19,7 @@ from zenoh_config import sessions, t2t, timers
 
 MODULES_MAX = 190
 """A bare Python has about 60 modules and argparse 30; numpy alone would add 90."""
-WORKER_MODULES_MAX = 670
+WORKER_MODULES_MAX = 680
 RUN_MODULES_MAX = 800
 ENTRIES = {"canlog": "canlog.entry", "plant": "plant_emulator.entry"}
 """Modules of the console scripts that are not in `metro_hil`."""
