@@ -15,6 +15,7 @@ from metro_hil.simulation.node import QueuedMessage
 from metro_hil.simulation.true_train import BrakeLoopGrant
 from zenoh_config.t2t import (
     FIRST_ARBITER,
+    NO_TRAIN,
     AreaAuthority,
     LeaseAnswer,
     LeaseKind,
@@ -47,6 +48,8 @@ class LeaseRules:
     margin_ns: int
     majority: int
     age_max_ns: int
+    hostile: int = NO_TRAIN
+    """A train whose authorities are not judged: it may issue anything while it commands."""
 
 
 class Readiness(NamedTuple):
@@ -147,7 +150,8 @@ class AuthorityChecks:
             message = letter.message
             kind = type(message)
             if kind is AreaAuthority:
-                self._check_issue(message, now_ns)
+                if address != self.rules.hostile:
+                    self._check_issue(message, now_ns)
             elif kind is LeaseRequest:
                 self._note_request(message)
             elif kind is RosterCommit:

@@ -49,6 +49,7 @@ class LineWorld(SimulatedLine):
             timers.margin_ms * NS_PER_MS,
             drawn.cast.config.majority,
             crew.rules.age_max_ns,
+            crew.rules.hostile,
         )
         self.net.turn_ns = drawn.turn_ms * NS_PER_MS
         self._delay_links()

@@ -1,6 +1,7 @@
 """The judge of radio messages keeps the incarnations of a train apart."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
@@ -26,9 +27,9 @@ ARBITERS = (65_001, 65_002, 65_003)
 class Line:
     """Trains that send requests, arbiters that grant at once, and the judge."""
 
-    def __init__(self) -> None:
+    def __init__(self, rules: LeaseRules = RULES) -> None:
         self.now_ns = 0
-        self.judge = AuthorityChecks(RULES, Counter())
+        self.judge = AuthorityChecks(rules, Counter())
 
     def asks(self, train: int, term: int, nonce: int, arbiters: tuple[int, ...]) -> None:
         head = (train, ARBITERS[0], train, term, 1, nonce, self.now_ns)
@@ -86,6 +87,15 @@ def test_request_numbers_restart_with_every_incarnation() -> None:
         line.asks(2, 5, nonce, ARBITERS)
         line.answers(1, 6, nonce, ARBITERS[1])
         line.issues(1, 6)
+
+
+def test_only_the_hostile_train_may_issue_to_trains_of_no_committed_roster() -> None:
+    """In seed 600061 the hostile train commanded, and committed a forged roster of its own area."""
+    line = Line(replace(RULES, hostile=1))
+    line.issues(1, 6)
+
+    with pytest.raises(ViolationError, match="train 2 issues to train 2 in area 2, which is not"):
+        line.issues(2, 6)
 
 
 def test_a_late_second_copy_does_not_affect_the_accepted_first_one() -> None:
