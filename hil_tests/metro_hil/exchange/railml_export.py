@@ -1,13 +1,14 @@
 """Writes a line as infrastructure of railML 3.2."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from firmware_py.trackdb import LineMap, Station
+from firmware_py.trackdb.sites import CurveSection, GradientSection
 from metro_hil.exchange.railml_own import REGISTER, ZONES
 
 NAMESPACE: Final = "https://www.railml.org/schemas/3.2"
@@ -18,6 +19,8 @@ NO_SIDE: Final = "none"
 """Side of a siding, which railML has no word for."""
 LANGUAGE: Final = "en"
 SHORT_DECIMALS: Final = 9
+Owner = TypeVar("Owner")
+"""A line or a track."""
 
 
 def railml_text(line: LineMap) -> str:
@@ -26,7 +29,9 @@ def railml_text(line: LineMap) -> str:
     _common(root, line)
     infrastructure = SubElement(root, "infrastructure", {"id": "is_line"})
     _topology(infrastructure, line)
-    _geometry(infrastructure, line)
+    curves = [(line, each) for each in line.curves]
+    grades = [(line, each) for each in line.gradients]
+    write_geometry(infrastructure, curves, grades, _range)
     functional = SubElement(infrastructure, "functionalInfrastructure")
     _balises(functional, line)
     _buffer_stops(functional, line)
@@ -158,21 +163,32 @@ def _spot(parent: Element, line: LineMap, at_m: float) -> None:
     _coordinate(location, "linearCoordinate", at_m)
 
 
-def _geometry(parent: Element, line: LineMap) -> None:
-    if not line.curves and not line.gradients:
+def write_geometry(
+    parent: Element,
+    curves: Sequence[tuple[Owner, CurveSection]],
+    grades: Sequence[tuple[Owner, GradientSection]],
+    place: Callable[[Element, Owner, float, float], object],
+) -> None:
+    """Write curves and gradients.
+
+    Args:
+        curves: each with its line or track, like the gradients.
+        place: writes where a curve or gradient lies, from its start to its end in m.
+    """
+    if not curves and not grades:
         return
     geometry = SubElement(parent, "geometry")
-    if line.curves:
+    if curves:
         group = SubElement(geometry, "horizontalCurves")
-        for number, curve in enumerate(line.curves, start=1):
+        for number, (owner, curve) in enumerate(curves, start=1):
             keys = {"id": f"hc{number}", "curveType": "arc", "radius": decimal_text(curve.radius_m)}
-            _range(SubElement(group, "horizontalCurve", keys), line, curve.start_m, curve.end_m)
-    if line.gradients:
+            place(SubElement(group, "horizontalCurve", keys), owner, curve.start_m, curve.end_m)
+    if grades:
         group = SubElement(geometry, "gradientCurves")
-        for number, grade in enumerate(line.gradients, start=1):
+        for number, (owner, grade) in enumerate(grades, start=1):
             permille = decimal_text(grade.gradient_permille)
             keys = {"id": f"gc{number}", "curveType": "straight", "gradient": permille}
-            _range(SubElement(group, "gradientCurve", keys), line, grade.start_m, grade.end_m)
+            place(SubElement(group, "gradientCurve", keys), owner, grade.start_m, grade.end_m)
 
 
 def _balises(parent: Element, line: LineMap) -> None:

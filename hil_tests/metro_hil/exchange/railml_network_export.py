@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from firmware_py.trackdb import PlatformSide
 from firmware_py.trackdb.network import Running, Serves, Track, TrackNetwork
-from metro_hil.exchange.railml_export import LANGUAGE, NAMESPACE, decimal_text, kmh
+from metro_hil.exchange.railml_export import LANGUAGE, NAMESPACE, decimal_text, kmh, write_geometry
 from metro_hil.exchange.railml_own import REGISTER
 from metro_hil.exchange.survey import file_name
 
@@ -36,7 +36,9 @@ def railml_network_text(exported: ExportedNetwork) -> str:
     _systems(root, network)
     infrastructure = SubElement(root, "infrastructure", {"id": "is_network"})
     _topology(infrastructure, network)
-    _geometry(infrastructure, network)
+    curves = [(track, each) for track in network.tracks for each in track.curves]
+    grades = [(track, each) for track in network.tracks for each in track.gradients]
+    write_geometry(infrastructure, curves, grades, _range)
     functional = SubElement(infrastructure, "functionalInfrastructure")
     _buffer_stops(functional, network)
     _line(functional, exported)
@@ -123,25 +125,6 @@ def _range(
         "posEnd": _difference(end_m, track.start_m),
     }
     return SubElement(location, "associatedNetElement", part)
-
-
-def _geometry(parent: Element, network: TrackNetwork) -> None:
-    curves = [(track, each) for track in network.tracks for each in track.curves]
-    grades = [(track, each) for track in network.tracks for each in track.gradients]
-    if not curves and not grades:
-        return
-    geometry = SubElement(parent, "geometry")
-    if curves:
-        group = SubElement(geometry, "horizontalCurves")
-        for number, (track, curve) in enumerate(curves, start=1):
-            keys = {"id": f"hc{number}", "curveType": "arc", "radius": decimal_text(curve.radius_m)}
-            _range(SubElement(group, "horizontalCurve", keys), track, curve.start_m, curve.end_m)
-    if grades:
-        group = SubElement(geometry, "gradientCurves")
-        for number, (track, grade) in enumerate(grades, start=1):
-            permille = decimal_text(grade.gradient_permille)
-            keys = {"id": f"gc{number}", "curveType": "straight", "gradient": permille}
-            _range(SubElement(group, "gradientCurve", keys), track, grade.start_m, grade.end_m)
 
 
 def _buffer_stops(parent: Element, network: TrackNetwork) -> None:
