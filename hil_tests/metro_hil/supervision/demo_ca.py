@@ -127,7 +127,8 @@ def _change(options: argparse.Namespace, line: str, epoch_s: int) -> int:
             raise SettingsError(f"--add {name}: {words}")
     for name in options.renew:
         if name not in known:
-            raise SettingsError(f"--renew {name}: there is no {folder / name}.pem; --add makes one")
+            hint = "--add makes that of a train, and a new folder has all others"
+            raise SettingsError(f"--renew {name}: there is no {folder / name}.pem; {hint}")
     settings = folder / f"{WAYSIDE_NAME}.json5"
     if f'"m/{line_chunk(line)}/' not in settings.read_text(encoding="utf-8"):
         raise SettingsError(f"--line {options.line}: {settings} is for another line")
