@@ -1,5 +1,6 @@
 """Monitors of a scenario and how they are read: invariants, formulas and measures."""
 
+import functools
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -132,7 +133,7 @@ def _refuse_unknown(table: Mapping[str, Any], known: Sequence[str], where: str) 
 
 def _standing(invariants: object, source: str) -> Sequence[MonitorPlan]:
     if invariants == ALL:
-        return [replace(_of_invariant(each), asked=False, own=False) for each in WATCHED]
+        return _all_standing()
     if invariants == "none":
         return []
     where = f"{source}: invariants" if source else "invariants"
@@ -145,6 +146,12 @@ def _standing(invariants: object, source: str) -> Sequence[MonitorPlan]:
         for each in _invariants(wanted, where):
             found[each.name] = _of_invariant(each)
     return list(found.values())
+
+
+@functools.cache
+def _all_standing() -> Sequence[MonitorPlan]:
+    """Thousands of cases share these values, which never change."""
+    return tuple(replace(_of_invariant(each), asked=False, own=False) for each in WATCHED)
 
 
 def _of_invariant(each: Invariant) -> MonitorPlan:
