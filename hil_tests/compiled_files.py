@@ -1,7 +1,8 @@
 """Runs test files on the compiled copy, in a process of their own, once the copy is ready.
 
-These files compute for seconds and replace nothing inside compiled modules. Until the copy is
-ready, and with VOBC_NATIVE=wire or off, they run in the process of their worker, in plain Python.
+These files compute for seconds. Their tests that replace a part of a compiled module have the mark
+`sources`, and always run in the process of their worker, in plain Python. So do all tests until the
+copy is ready, and with VOBC_NATIVE=wire or off.
 """
 
 import json
@@ -26,26 +27,55 @@ from metro_hil.model.native_copy import (
 ON_COPY: Final = frozenset(
     {
         "test_ato_stops",
-        "test_bench_as_a_whole",
         "test_behind_another_train",
+        "test_bench_as_a_whole",
+        "test_case_runs",
         "test_closed_loop_florence",
-        "test_drivers",
-        "test_explain_closed_loop",
-        "test_faults_closed_loop",
         "test_faults_leave_no_trace",
         "test_hil_acceptance",
-        "test_monitors_closed_loop",
-        "test_output_stages",
-        "test_protection_modes",
-        "test_protection_properties",
-        "test_protection_stations",
+        "test_odometry_truth",
         "test_published_figures",
         "test_replay_of_cases",
     }
 )
-"""Names of these files. Unit tests of protection and odometry, the recorded frames and the
-comparisons of runs stay with the sources."""
+"""Names of these files. Unit tests of protection and odometry and the recorded frames stay with the
+sources."""
+TOGETHER: Final = frozenset(
+    {
+        "test_ato_chasing",
+        "test_ato_orders",
+        "test_ato_power_limited",
+        "test_ato_receding",
+        "test_ato_station_work",
+        "test_ato_timing",
+        "test_drivers",
+        "test_explain_closed_loop",
+        "test_faults_closed_loop",
+        "test_from_log",
+        "test_guide_scenario",
+        "test_hil_init",
+        "test_interrupted_runs",
+        "test_line_of_trains",
+        "test_monitors_closed_loop",
+        "test_odometry_axles",
+        "test_output_stages",
+        "test_protection_modes",
+        "test_protection_properties",
+        "test_protection_stations",
+        "test_replay",
+        "test_turnback",
+    }
+)
+"""Names of shorter files that share a process, because its start takes longer than a second."""
+GROUP: Final = "on the copy"
+SOURCES: Final = "sources"
+"""Mark of tests that run on the sources."""
 Reports = Mapping[str, Sequence[pytest.TestReport]]
+
+
+def group_of(path: Path) -> str:
+    """Return what all files of one process on the copy have in common."""
+    return GROUP if path.stem in TOGETHER else path.stem
 
 
 def usable_copy() -> Path | None:
@@ -59,25 +89,27 @@ class CompiledFiles:
     def __init__(
         self,
         config: pytest.Config,
-        files: frozenset[str] = ON_COPY,
+        files: frozenset[str] = ON_COPY | TOGETHER,
         copy: Callable[[], Path | None] = usable_copy,
     ) -> None:
         self._config = config
         self._files = files
         self._copy = copy
-        self._reports: dict[Path, Reports | None] = {}
+        self._reports: dict[str, Reports | None] = {}
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_protocol(
         self, item: pytest.Item, nextitem: pytest.Item | None
     ) -> bool | None:
-        if item.path.stem not in self._files:
+        if not self._takes(item):
             return None
-        if item.path not in self._reports:
+        group = group_of(item.path)
+        if group not in self._reports:
             copy = self._copy()
-            names = [each.nodeid for each in item.session.items if each.path == item.path]
-            self._reports[item.path] = None if copy is None else self._run(copy, names)
-        reports = self._reports[item.path]
+            items = [each for each in item.session.items if group_of(each.path) == group]
+            names = [each.nodeid for each in items if self._takes(each)]
+            self._reports[group] = None if copy is None else self._run(copy, names)
+        reports = self._reports[group]
         if reports is None:
             return None
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
@@ -88,6 +120,9 @@ class CompiledFiles:
         item.session._setupstate.teardown_exact(nextitem)
         item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
+
+    def _takes(self, item: pytest.Item) -> bool:
+        return item.path.stem in self._files and item.get_closest_marker(SOURCES) is None
 
     def _run(self, copy: Path, names: Sequence[str]) -> Reports:
         """Run these tests on the copy. A test without a report has failed."""

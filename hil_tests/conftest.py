@@ -3,7 +3,6 @@ tests."""
 
 import gc
 import importlib.util
-import math
 import os
 import shutil
 import signal
@@ -19,7 +18,7 @@ from hypothesis import HealthCheck, settings
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
-from hil_tests.compiled_files import ON_COPY, CompiledFiles
+from hil_tests.compiled_files import GROUP, ON_COPY, TOGETHER, CompiledFiles
 from hil_tests.guest_rig import Guest
 from metro_hil.model.gc_tuning import collect_rarely
 from metro_hil.model.native_copy import SWITCH, Native, native_choice, prepare
@@ -48,7 +47,7 @@ COMPUTING: Final = frozenset(
 """Test modules that start processes but do not wait for a real clock."""
 ON_ITS_OWN: Final = frozenset({"test_documents"})
 """Runs commands by the real clock for minutes, beside the other tests by the clock."""
-USES_COPY: Final = ON_COPY | {"test_compiled_copy", "test_documents"}
+USES_COPY: Final = ON_COPY | TOGETHER | {"test_compiled_copy", "test_documents"}
 """Test modules that are faster, or wait less, when the compiled copy is ready."""
 AFTER_COPY_S: Final = 40.0
 """These modules begin after all files that take longer, s. By then the copy is ready."""
@@ -182,6 +181,8 @@ def scope_of(file: str) -> str:
     path = Path(file)
     if path.stem in ENERGY:
         return "energy"
+    if path.stem in TOGETHER:
+        return GROUP
     return REALTIME if is_realtime(path) and path.stem not in ON_ITS_OWN else file
 
 
@@ -199,8 +200,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     scopes = {file: scope_of(file) for file in {item.nodeid.split("::", 1)[0] for item in items}}
     took_s: defaultdict[str, float] = defaultdict(float)
     for file, scope in scopes.items():
-        late = Path(file).stem in USES_COPY
-        took_s[scope] += min(known_s.get(file, 0.0), AFTER_COPY_S if late else math.inf)
+        took_s[scope] += known_s.get(file, 0.0)
+    for file, scope in scopes.items():
+        if Path(file).stem in USES_COPY:
+            took_s[scope] = min(took_s[scope], AFTER_COPY_S)
     items.sort(key=lambda item: -took_s[scopes[item.nodeid.split("::", 1)[0]]])
 
 

@@ -161,6 +161,7 @@ def late_faults() -> list[dict[str, object]]:
     return [{"kind": kind, "start_s": 1000.0} for kind in (*kinds, *more)]
 
 
+@pytest.mark.sources
 def test_a_crashed_controller_fails_the_case_and_the_run_continues_to_standstill(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -187,6 +188,7 @@ def test_a_crashed_controller_fails_the_case_and_the_run_continues_to_standstill
     assert result.sim_s < 60.0
 
 
+@pytest.mark.sources
 def test_a_bench_error_is_no_verdict_on_the_controller(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -200,6 +202,7 @@ def test_a_bench_error_is_no_verdict_on_the_controller(
         run_case(case)
 
 
+@pytest.mark.sources
 def test_a_bench_error_inside_a_controller_call_is_no_verdict_either(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

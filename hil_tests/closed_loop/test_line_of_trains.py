@@ -48,6 +48,7 @@ def test_the_bus_reports_the_voltage_at_the_pantograph(tmp_path: Path) -> None:
     assert all(any(abs(volt - each) < 0.06 for volt in volts) for each in answered[:-1])
 
 
+@pytest.mark.sources
 def test_a_train_stops_behind_one_that_is_kept_at_its_platform() -> None:
     plan = plan_line(line="changping", trains=2, consist=None, params=None, seed=2, law="timing")
     seats = [VirtualTrain(plan, index, None) for index in range(2)]
@@ -70,6 +71,7 @@ def test_a_train_stops_behind_one_that_is_kept_at_its_platform() -> None:
     assert [report.emergencies for report in reports] == [0, 0]
 
 
+@pytest.mark.sources
 def test_a_train_whose_process_ends_is_named_with_its_exit_code(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

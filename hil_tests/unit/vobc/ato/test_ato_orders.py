@@ -505,6 +505,7 @@ def test_a_traction_notch_does_not_dwell_where_braking_must_begin(seed: int) -> 
 
 
 @pytest.mark.parametrize(("late_s", "cycles"), [(0.0, 1), (0.1, 3), (1.95, 40), (3600.0, 40)])
+@pytest.mark.sources
 def test_a_law_makes_up_for_missed_cycles_but_not_for_a_clock_that_was_set(
     late_s: float, cycles: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
