@@ -74,6 +74,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> CaseResult:
 def test_every_trip_counts_in_one_verdict(driven: CaseResult) -> None:
     assert (driven.verdict, driven.exit_reason) == (Verdict.PASS, "arrived")
     assert driven.measures["arrived_count"] == 2.0
+    assert driven.measures["ends_changed_count"] == 1.0
     # 60 m up; then cab B of the train of 68.59 m leaves from -8.59 m and stops at -70 m.
     assert driven.measures["distance_m"] == pytest.approx(60.0 + 61.41, abs=0.5)
     assert driven.measures["stop_error_worst_m"] == pytest.approx(0.0, abs=0.1)

@@ -153,6 +153,8 @@ class SwitchMachine:
         """A fault: the switch begins no movement."""
         self.strays = False
         """A fault: the switch moves to the other end position than commanded."""
+        self.moves = 0
+        """Number of movements that began."""
         self._lie: Lie | None = lie
         self._goes_to = lie
         self._there_ns = 0
@@ -170,6 +172,7 @@ class SwitchMachine:
         goal = self.aim.other if self.strays else self.aim
         if goal is not self._goes_to and not self.stuck:
             self._goes_to, self._lie = goal, None
+            self.moves += 1
             self._there_ns = now_ns + round(MOVE_S * NS_PER_S)
         if now_ns >= self._there_ns:
             self._lie = self._goes_to
@@ -285,7 +288,9 @@ class Interlocking:
         self.closed: frozenset[str] = frozenset()
         """Tracks that are closed for work: no route leads into them."""
         self.refusals = 0
-        """Number of requests that were refused."""
+        """Number of routes that had to wait because something conflicted."""
+        self._waiting: set[tuple[str, tuple[float, ...]]] = set()
+        """Refused and not set since: the holder, and the signals of the routes."""
         self.stretch = Stretch(path, rear_m - REAR_M, front_m)
         """What the train keeps from others: from its reserved rear to the end of its authority."""
         self.box.join(shared.train, self)
@@ -413,9 +418,12 @@ class Interlocking:
 
     def _request(self, holder: str, sections: Sequence[RouteSection]) -> bool:
         """Lock all sections for a holder, or none."""
+        wanted = (holder, tuple(section.signal_m for section in sections))
         if not all(self._is_free(holder, section) for section in sections):
-            self.refusals += 1
+            self.refusals += wanted not in self._waiting
+            self._waiting.add(wanted)
             return False
+        self._waiting.discard(wanted)
         for section in sections:
             tracks = {leg.track.name: leg.running for leg in section.tracks}
             held = _Held(section, list(section.locks), tracks)

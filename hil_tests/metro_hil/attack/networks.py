@@ -11,7 +11,6 @@ import tomli_w
 from firmware_py.storage.whole_file import write_whole
 from firmware_py.trackdb import load_line
 from metro_hil.attack.runs import (
-    LIMITS_MPS,
     LINES,
     ROLLBACK_M,
     STOP_TAGS,
@@ -24,18 +23,36 @@ from vobc.config import VobcConfig, load_config
 from vobc.plausible import implausible
 
 FILE: Final = "networks.toml"
-COLUMNS: Final = (2, 7)
-"""Range of the number of columns: places along the network, each with one or two tracks."""
-TRIPS: Final = (2, 4)
+COLUMNS: Final = (2, 5)
+"""Range of the number of columns with platforms: places along the network, each with one or two
+tracks."""
+THROATS: Final = (1, 2)
+"""Range of the number of columns of short tracks without platforms between two such places."""
+TRACKS_MAX: Final = 30
+SWITCHES_MAX: Final = 15
+TRIPS: Final = (2, 3)
+PLATFORMS: Final = (2, 2, 3)
+"""Numbers of platforms on a route to choose from, unless the network ends before."""
+RIGHT_RATIO: Final = 0.7
+"""Share of facing switches over which a route goes right. At first, every switch lies left."""
+BY_HAND: Final = 2
+"""Number of routes that only the signaller sets."""
 STEEPEST_PERMILLE: Final = (30.0, 15.0, 0.0)
-TRIP_S: Final = 60.0
-LEG_S: Final = 75.0
+SPEEDS_MPS: Final = (12.0, 20.0)
+"""Range of limits. A train meets faster ones rarely, because of the short tracks."""
+PIECE_M: Final = 30.0
+"""Least length of a limit or gradient. Shorter ones are left to the other attacks."""
+TRIP_S: Final = 25.0
+LEG_S: Final = 18.0
 """Time for each track of a route, s. A trip with its stops usually takes less."""
-EDGE_M: Final = 60.0
+EDGE_M: Final = 40.0
 """Least length of a track beyond both ends of its platform."""
-SPARE_M: Final = (0.0, 250.0)
+SPARE_M: Final = (0.0, 50.0)
 BALISES_M: Final = 90.0
-CROSSOVER_M: Final = 60.0
+SHORT_M: Final = (60.0, 120.0)
+"""Range of the length of a track without a platform."""
+NONE: Final = -1
+"""Column of a track without a platform."""
 
 
 @dataclass(slots=True)
@@ -43,8 +60,8 @@ class _Plan:
     """The tracks of a network, and what a train finds at their ends."""
 
     chance: np.random.Generator
-    tracks: list[tuple[str, int]] = field(default_factory=list)
-    """Names with their columns; a crossover has none, -1."""
+    tracks: dict[str, int] = field(default_factory=dict)
+    """By name, the column of a track with a platform, or `NONE`."""
     joins: list[Table] = field(default_factory=list)
     switches: list[Table] = field(default_factory=list)
     ahead: dict[str, list[str]] = field(default_factory=dict)
@@ -52,7 +69,7 @@ class _Plan:
     loop: str = ""
 
     def track(self, name: str, column: int) -> str:
-        self.tracks.append((name, column))
+        self.tracks[name] = column
         return name
 
     def join(self, one: str, other: str) -> None:
@@ -69,8 +86,20 @@ class _Plan:
         self.ahead.setdefault(one, []).append(other)
         self.ahead.setdefault(other, []).append(one)
 
+    def onward(self, leg: str) -> list[str]:
+        """The legs into which a leg of a route leads."""
+        name, running = leg.split()
+        found = self.ahead.get(f"{name}.{'end' if running == 'up' else 'start'}", [])
+        return [_leg(end) for end in found]
+
     def pick(self, items: Sequence[Any]) -> Any:
         return items[int(self.chance.integers(0, len(items)))]
+
+
+def _leg(end: str) -> str:
+    """The leg of a route that enters a track at this end."""
+    track, _, side = end.rpartition(".")
+    return f"{track} {'up' if side == 'start' else 'down'}"
 
 
 def write_networks(folder: Path, seed: int, count: int) -> Path:
@@ -94,13 +123,11 @@ def _scenario(folder: Path, seed: int) -> Table:
     train = TRAINS[int(chance.integers(0, len(TRAINS)))]
     plan = _plan(chance)
     routes = _routes(plan)
+    by_hand = [_route(plan, plan.pick(_starts(plan))) for _ in range(BY_HAND)]
     name = f"{LINES}/net{seed}.toml"
-    _write_network(folder / name, plan, routes, load_config(train))
+    _write_network(folder / name, plan, [*routes, *by_hand], load_config(train))
     service = f"{LINES}/service{seed}.toml"
-    trips = [
-        {"route": f"r{index}", "layover_s": round(float(chance.uniform(0.0, 20.0)), 1)}
-        for index in range(len(routes))
-    ]
+    trips = [_trip(plan, index, legs) for index, legs in enumerate(routes)]
     write_whole(folder / service, tomli_w.dumps({"line": f"net{seed}.toml", "trips": trips}))
     return {
         "name": f"network-{seed}",
@@ -112,29 +139,49 @@ def _scenario(folder: Path, seed: int) -> Table:
             "load_ratio": round(float(chance.uniform(0.0, 1.0)), 3),
             "duration_s": sum(TRIP_S + LEG_S * len(legs) for legs in routes),
         },
-        "fault": [_fault(plan, len(routes)) for _ in range(int(chance.integers(0, 3)))],
+        "fault": [_fault(plan, len(routes) + BY_HAND) for _ in range(int(chance.integers(0, 4)))],
     }
 
 
+def _trip(plan: _Plan, index: int, legs: Sequence[str]) -> Table:
+    """A trip that stops at every platform, or at the last one only."""
+    trip: Table = {"route": f"r{index}", "layover_s": round(plan.chance.uniform(0.0, 5.0), 1)}
+    if plan.chance.random() < 0.5:
+        trip["stops"] = [f"S{plan.tracks[legs[-1].split()[0]]}"]
+    return trip
+
+
 def _plan(chance: np.random.Generator) -> _Plan:
+    while True:
+        plan = _columns(chance)
+        if len(plan.tracks) <= TRACKS_MAX and len(plan.switches) <= SWITCHES_MAX:
+            return plan
+
+
+def _columns(chance: np.random.Generator) -> _Plan:
     """Columns from left to right. Every track runs up towards the right."""
     plan = _Plan(chance)
-    count = int(chance.integers(COLUMNS[0], COLUMNS[1] + 1))
     ends = [plan.track(f"{side}0", 0) for side in plan.pick(("s", "ew"))]
-    for column in range(1, count):
-        ends = _column(plan, ends, column)
+    number = 0
+    for _ in range(1, int(chance.integers(COLUMNS[0], COLUMNS[1] + 1))):
+        for _ in range(int(chance.integers(THROATS[0], THROATS[1] + 1))):
+            number += 1
+            ends = _column(plan, ends, number, platforms=False)
+        number += 1
+        ends = _column(plan, ends, number, platforms=True)
     if len(ends) == 2 and chance.random() < 0.5:
-        plan.loop = plan.track("loop", count)
+        plan.loop = plan.track("loop", number + 1)
         plan.join(f"{ends[0]}.end", "loop.start")
         plan.join("loop.end", f"{ends[1]}.end")
     return plan
 
 
-def _column(plan: _Plan, ends: Sequence[str], column: int) -> list[str]:
+def _column(plan: _Plan, ends: Sequence[str], number: int, *, platforms: bool) -> list[str]:
     double = plan.chance.random() < 0.6
-    new = [plan.track(f"{side}{column}", column) for side in ("ew" if double else "s")]
-    if len(ends) == len(new) == 2 and plan.chance.random() < 0.5:
-        short = plan.track(f"x{column}", -1)
+    column = number if platforms else NONE
+    new = [plan.track(f"{side}{number}", column) for side in ("ew" if double else "s")]
+    if len(ends) == len(new) == 2 and plan.chance.random() < 0.7:
+        short = plan.track(f"x{number}", NONE)
         (one, other), (one_on, other_on) = ends, new
         plan.switch(f"{one}.end", f"{one_on}.start", f"{short}.start")
         plan.switch(f"{other_on}.start", f"{other}.end", f"{short}.end")
@@ -148,26 +195,41 @@ def _column(plan: _Plan, ends: Sequence[str], column: int) -> list[str]:
     return new
 
 
+def _starts(plan: _Plan) -> list[str]:
+    """The first legs that a route may have."""
+    return [
+        f"{name} {running}"
+        for name, column in plan.tracks.items()
+        if column != NONE and name != plan.loop
+        for running in ("up", "down")
+        if plan.onward(f"{name} {running}")
+    ]
+
+
 def _routes(plan: _Plan) -> list[list[str]]:
     """Routes that lead to and fro, each from the track where the one before ends."""
-    first = plan.pick([name for name, column in plan.tracks if column == 0])
-    leg = f"{first} up"
-    routes = []
+    leg = plan.pick(_starts(plan))
+    routes: list[list[str]] = []
     for _ in range(int(plan.chance.integers(TRIPS[0], TRIPS[1] + 1))):
-        legs = [leg]
-        # The loop ends a route, as its stop is there; the next one leads on from it.
-        while len(legs) == 1 or legs[-1].split()[0] != plan.loop:
-            name, running = legs[-1].split()
-            onward = plan.ahead.get(f"{name}.{'end' if running == 'up' else 'start'}", [])
-            if not onward:
-                break
-            track, _, end = str(plan.pick(onward)).rpartition(".")
-            legs.append(f"{track} {'up' if end == 'start' else 'down'}")
-        routes.append(legs)
-        name, running = legs[-1].split()
+        routes.append(_route(plan, leg))
+        name, running = routes[-1][-1].split()
         same = name == plan.loop
         leg = f"{name} {running}" if same else f"{name} {'down' if running == 'up' else 'up'}"
     return routes
+
+
+def _route(plan: _Plan, leg: str) -> list[str]:
+    """A route over some platforms, or to the end of the network."""
+    legs, platforms = [leg], 1
+    most = plan.pick(PLATFORMS)
+    while platforms < most and (onward := plan.onward(legs[-1])):
+        legs.append(onward[-1] if plan.chance.random() < RIGHT_RATIO else onward[0])
+        name = legs[-1].split()[0]
+        platforms += plan.tracks[name] != NONE
+        # The loop ends a route, as its stop is there; the next one leads on from it.
+        if name == plan.loop:
+            break
+    return legs
 
 
 def _write_network(
@@ -177,12 +239,12 @@ def _write_network(
     numbers = iter(range(1, 100_000))
     tracks = [
         _track(plan.chance, name, column, config.train.length_m, numbers)
-        for name, column in plan.tracks
+        for name, column in plan.tracks.items()
     ]
     used = set(plan.ahead)
     buffers = [
         f"{name}.{end}"
-        for name, _ in plan.tracks
+        for name in plan.tracks
         for end in ("start", "end")
         if f"{name}.{end}" not in used
     ]
@@ -207,13 +269,15 @@ def _write_network(
 def _track(
     chance: np.random.Generator, name: str, column: int, length_m: float, numbers: Any
 ) -> Table:
-    """A track with a platform, or a short crossover without one."""
-    if column < 0:
+    """A track with a platform, or a short one without."""
+    if column == NONE:
+        end_m = float(round(chance.uniform(*SHORT_M)))
+        limit_mps = round(float(chance.uniform(*SPEEDS_MPS)), 3)
         return {
             "name": name,
             "start_m": 0.0,
-            "end_m": CROSSOVER_M,
-            "limits": [{"start_m": 0.0, "end_m": CROSSOVER_M, "limit_mps": LIMITS_MPS[0]}],
+            "end_m": end_m,
+            "limits": [{"start_m": 0.0, "end_m": end_m, "limit_mps": limit_mps}],
             "grades": [],
         }
     start_m = float(round(chance.uniform(-400.0, 1000.0)))
@@ -229,9 +293,9 @@ def _track(
         "end_m": end_m,
         "limits": [
             {"start_m": at_m, "end_m": to_m, "limit_mps": value}
-            for at_m, to_m, value in pieces(chance, start_m, end_m, LIMITS_MPS)
+            for at_m, to_m, value in pieces(chance, start_m, end_m, SPEEDS_MPS, least_m=PIECE_M)
         ],
-        "grades": pieces(chance, start_m, end_m, (-1.0, 1.0)),
+        "grades": pieces(chance, start_m, end_m, (-1.0, 1.0), least_m=PIECE_M),
         "platforms": [
             {
                 "station": station,
@@ -240,7 +304,7 @@ def _track(
                 "stop_up_m": stops_m["up"],
                 "stop_down_m": stops_m["down"],
                 "side": "none" if siding else "right",
-                "dwell_s": 0.0 if siding else 5.0,
+                "dwell_s": 0.0 if siding else 3.0,
             }
         ],
         "tags": _tags(start_m, end_m, stops_m, station, numbers),
@@ -286,12 +350,12 @@ def _fault(plan: _Plan, routes: int) -> Table:
     """A fault of a switch at a place or a time, or a route that is set by hand."""
     chance = plan.chance
     window: Table = {
-        "start_s": round(float(chance.uniform(0.0, 60.0)), 1),
-        "duration_s": round(float(np.exp(chance.uniform(np.log(1.0), np.log(60.0)))), 1),
+        "start_s": round(float(chance.uniform(0.0, 30.0)), 1),
+        "duration_s": round(float(np.exp(chance.uniform(np.log(1.0), np.log(20.0)))), 1),
     }
     if not plan.switches:
         return {"kind": "authority_withdrawn", **window}
-    if chance.random() < 0.3:
+    if chance.random() < 0.5:
         return {"kind": "route_set", "route": f"r{chance.integers(0, routes)}", **window}
     kind = plan.pick(("switch_lost", "switch_stray", "switch_stuck"))
     return {"kind": kind, "switch": plan.pick(plan.switches)["name"], **window}

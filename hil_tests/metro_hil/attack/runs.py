@@ -247,14 +247,19 @@ def _tags(start_m: float, stop_m: float) -> list[Table]:
 
 
 def pieces(
-    chance: np.random.Generator, begin_m: float, end_m: float, values: tuple[float, float]
+    chance: np.random.Generator,
+    begin_m: float,
+    end_m: float,
+    values: tuple[float, float],
+    *,
+    least_m: float = PIECES_M[0],
 ) -> list[tuple[float, float, float]]:
     """Sections from end to end, with lengths of one order of magnitude."""
-    longest_m = float(np.exp(chance.uniform(np.log(2.0), np.log(PIECES_M[1]))))
+    longest_m = float(np.exp(chance.uniform(np.log(2.0 * least_m), np.log(PIECES_M[1]))))
     found: list[tuple[float, float, float]] = []
     at_m = begin_m
     while at_m < end_m:
-        to_m = min(end_m, round(at_m + float(chance.uniform(PIECES_M[0], longest_m)), 1))
+        to_m = min(end_m, round(at_m + float(chance.uniform(least_m, longest_m)), 1))
         found.append((at_m, to_m, round(float(chance.uniform(*values)), 3)))
         at_m = to_m
     return found

@@ -55,6 +55,9 @@ NAMES: Final[Mapping[str, str]] = {
     "brake_reports_count": "reports of a late or weak brake by the controller",
     "controller_slips_count": "control cycles missed",
     "rejected_frames_count": "frames that the train's nodes rejected",
+    "switches_moved_count": "movements of switches",
+    "routes_refused_count": "routes that had to wait because something conflicted",
+    "ends_changed_count": "changes of ends of the train between trips",
     "bus_load_ratio": "share of time that the bus was occupied",
 }
 """Measures of every case with their meaning. Each station of the timetable adds four:

@@ -39,6 +39,7 @@ from plant_emulator.faults.fitting import check_provided
 from plant_emulator.faults.kinds import BENCH_PLACES, FaultPlace
 from plant_emulator.faults.plan import FaultPlan
 from plant_emulator.truth import SIGNALS, Truth
+from plant_emulator.wayside.interlocking import Interlocking
 from plant_emulator.world import STEP_NS
 from vobc.vocabulary import CycleOutput
 
@@ -399,7 +400,14 @@ class CaseRun:
         measures["controller_slips_count"] = float(getattr(bench.vobc, "slips", 0))
         measures["rejected_frames_count"] = float(sum(bench.plant.wire.refusals.values()))
         measures["bus_load_ratio"] = bench.bus.statistics().load_ratio(max(1, elapsed_ns))
-        return measures
+        return measures | _route_measures(bench.plant.railway.interlocking)
+
+
+def _route_measures(routes: Interlocking | None) -> dict[str, float | None]:
+    """Measures of an interlocking; None without switches."""
+    moved = None if routes is None else float(sum(each.moves for each in routes.machines.values()))
+    refused = None if routes is None else float(routes.refusals)
+    return {"switches_moved_count": moved, "routes_refused_count": refused}
 
 
 def hearing_of(

@@ -1,6 +1,7 @@
 """A case whose train makes the trips of a service: one run for each trip, and one verdict."""
 
 import hashlib
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -43,6 +44,8 @@ class TripResult:
     began_s: float
     """Time of the service at which the trip began."""
     moved_m: float
+    cab_b: bool
+    """Whether the train ran with the cab ahead that was behind at first."""
     result: CaseResult
 
 
@@ -68,8 +71,9 @@ def run_service(case: Case, *, files: Files, folder: RunFolder | None) -> CaseRe
             parts = _parts(single, trip, files, departure)
             run = CaseRun(single, parts, _trip_folder(folder, number))
             leaves = trips[number + 1] if number + 1 < len(trips) else None
-            departure = _drive(run, trip, leaves, departure)
-            shown.append(TripResult(took_s, run.moved_m, run.result()))
+            cab_b = departure is not None and departure.cab_b
+            departure = _drive(run, trip, leaves, cab_b=cab_b)
+            shown.append(TripResult(took_s, run.moved_m, cab_b, run.result()))
             if departure is None:
                 break
     except SettingsError as error:
@@ -113,14 +117,13 @@ def _trip_folder(folder: RunFolder | None, number: int) -> RunFolder | None:
 
 
 def _drive(
-    run: CaseRun, trip: PlannedTrip, leaves: PlannedTrip | None, before: Departure | None
+    run: CaseRun, trip: PlannedTrip, leaves: PlannedTrip | None, *, cab_b: bool
 ) -> Departure | None:
     """Drive a trip to its end. Returns how the train leaves; None if it does not go on."""
     departure: Departure | None = None
     try:
         run.to_end()
         if leaves is not None and run.reason == ARRIVED:
-            cab_b = before is not None and before.cab_b
             departure = go_on(run.bench, trip, leaves, cab_b=cab_b)
     finally:
         run.close()
@@ -152,6 +155,7 @@ def _together(case: Case, shown: Sequence[TripResult], wall_s: float) -> CaseRes
         for trip in shown
         for event in trip.result.events
     ]
+    turns = sum(one.cab_b is not other.cab_b for one, other in itertools.pairwise(shown))
     chain = hashlib.sha256("".join(each.chain for each in results).encode()).hexdigest()
     return CaseResult(
         case_id=case.id,
@@ -166,7 +170,7 @@ def _together(case: Case, shown: Sequence[TripResult], wall_s: float) -> CaseRes
         chain=chain[: len(results[0].chain)],
         monitors=monitors,
         faults=faults,
-        measures=_measures(results),
+        measures=_measures(results) | {"ends_changed_count": float(turns)},
         events=tuple(events[:EVENTS_MAX]),
         host=Host(wall_s=wall_s, stepping_s=sum(each.host.stepping_s for each in results)),
     )

@@ -29,7 +29,7 @@ def test_networks_have_switches_crossovers_sidings_and_loops_and_services_fit(
     tmp_path: Path,
 ) -> None:
     """A service that does not fit its network, train or parameters would not be planned."""
-    write_networks(tmp_path, 1, 9)
+    write_networks(tmp_path, 1, 16)
 
     networks = [load_network(str(path)) for path in (tmp_path / "lines").glob("net*.toml")]
     names = {track.name[0] for network in networks for track in network.tracks}
@@ -44,7 +44,8 @@ def test_networks_have_switches_crossovers_sidings_and_loops_and_services_fit(
     assert names == {"s", "e", "w", "x", "l"}
     assert sides == {"RIGHT", "NONE"}
     assert ways == {True, False}
-    assert max(len(network.switches) for network in networks) > 3
+    assert {route.name for network in networks for route in network.routes} > {"r0", "r1", "r4"}
+    assert max(len(network.switches) for network in networks) > 10
     assert all(len(network.tracks) <= 30 for network in networks)
     assert all(len(network.switches) <= 15 for network in networks)
 

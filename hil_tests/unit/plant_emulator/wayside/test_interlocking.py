@@ -169,8 +169,8 @@ def test_a_conflicting_route_of_the_signaller_is_refused_until_the_train_is_clea
     bench.inner.set_by_hand(["back"])
     bench.run(1.0, 900.0 + CLEAR_M + LENGTH_M - 1.0)
     assert not bench.inner.is_set("back")
-    # One in each step.
-    assert bench.inner.refusals == 10
+    assert bench.inner.refusals == 1
+    assert bench.inner.machines["W1"].moves == 1
     bench.run(1.0, 900.0 + CLEAR_M + LENGTH_M + 1.0)
     assert bench.inner.is_set("back")
     assert bench.inner.machines["W1"].aim is Lie.LEFT
