@@ -214,7 +214,7 @@ class Controller:
             protection_brakes=verdict.service_brake,
             kept_at_platform=bool(int(verdict.departure_inhibits) & KEPT),
             ahead_m=motion.front_m.high - front_m,
-            slips=motion.slip,
+            slips=motion.adhesion_lost,
             line_voltage_v=_line_voltage_v(inputs),
         )
 

@@ -118,6 +118,9 @@ class Odometry:
         """Last instant at which zero speed was not certain."""
         self._axles_differ = False
         """In this cycle one axle fell behind the other. One tacho may be broken."""
+        self._adhesion_lost = False
+        """In this cycle the axles moved further apart than couplers stretch, or the wheels
+        contradict the ground."""
         self._differed_s = -math.inf
         self._against_s = -math.inf
         """Last instant at which the wheels contradicted the ground, or their direction."""
@@ -153,7 +156,7 @@ class Odometry:
         now_s = self._time.tell(inputs.now_ns)
         samples = inputs.tacho_samples
         last = len(samples) - 1
-        self._axles_differ = False
+        self._axles_differ = self._adhesion_lost = False
         for index, sample in enumerate(samples):
             if index == last or sample.age_s - samples[index + 1].age_s >= SPACING_S:
                 self._take(sample.frame, now_s - max(0.0, sample.age_s))
@@ -207,6 +210,7 @@ class Odometry:
         if pulses.axles_differ:
             self._axles_differ = True
             where.scale.forget_anchor()
+        self._adhesion_lost = self._adhesion_lost or pulses.adhesion_lost
         if step == 0:
             return
         where.advance(step)
@@ -371,6 +375,7 @@ class Odometry:
         against = self._pulses.contradicted or not self._wheels_agree(wheels)
         if against:
             self._against_s = now_s
+            self._adhesion_lost = True
         if against or self._axles_differ:
             if not self._slip:
                 where.at_m += self._ahead_m(now_s, wheels.best)
@@ -514,6 +519,7 @@ class Odometry:
             standstill=standstill,
             localised=not refer.lost_cause,
             slip=self._slip,
+            adhesion_lost=self._adhesion_lost,
             accepted_tag_ids=accepted,
             refused_tags=refused,
             missed_tags=refer.missed,

@@ -19,6 +19,9 @@ PLAY_PULSES: Final = 2
 its last pulse determines the direction."""
 APART_PULSES: Final = 4.0
 """Difference in pulses between two axles beyond which one of them slips or slides."""
+STRETCH_PULSES: Final = 16.0
+"""Half the difference in pulses that couplers alone can make, 33 cm in all. Two axles on two cars
+of florence4 move apart and together again by 14 cm. A wheel that slips goes on turning."""
 APART_RATIO: Final = 0.01
 """Permitted difference relative to the count, because wheel diameters differ."""
 
@@ -50,15 +53,38 @@ class LeadBounds:
         return back, ahead
 
 
+class AxlePlay:
+    """Play between two axles, pulses. It follows their difference like a gear with backlash."""
+
+    __slots__ = ("_apart", "_most")
+
+    def __init__(self, most_pulses: float) -> None:
+        self._apart = 0.0
+        self._most = most_pulses
+
+    def step(self, ahead: int, rolled: int) -> bool:
+        """Whether axle A, which rolled this far, came further ahead or behind than the play.
+
+        `ahead` is by how much further it rolled than axle B.
+        """
+        apart = self._apart + ahead
+        back = APART_RATIO * abs(rolled)
+        apart = max(0.0, apart - back) if apart > 0.0 else min(0.0, apart + back)
+        self._apart = max(-self._most, min(self._most, apart))
+        return self._apart != apart
+
+
 class PulseCounter:
     """Counts by tacho A, whose count the tags latch. It uses tacho B while A is implausible."""
 
     __slots__ = (
-        "_apart",
         "_max_pulses_per_s",
         "_still_a",
         "_still_b",
+        "_stretch",
         "_tacho",
+        "_tolerance",
+        "adhesion_lost",
         "axles_differ",
         "contradicted",
         "count",
@@ -78,7 +104,9 @@ class PulseCounter:
         self.jumps = 0
         """Number of counter steps that no train can produce."""
         self.on_b = False
-        self._apart = 0.0
+        self._tolerance, self._stretch = AxlePlay(APART_PULSES), AxlePlay(STRETCH_PULSES)
+        self.adhesion_lost = False
+        """In the last sample the axles moved further apart than couplers stretch."""
         self.axles_differ = False
         """In the last sample one axle fell behind the other: one of them slips or slides."""
         self.contradicted = False
@@ -112,8 +140,12 @@ class PulseCounter:
             return None
         self.on_b = not good_a
         self.contradicted = good_a and _against(step_a, tacho.direction)
-        self.axles_differ = self.paired and self._left_behind(step_a, step_b)
+        self.axles_differ = self.adhesion_lost = False
         if self.paired:
+            # B wraps early. After a gap its step is known only modulo its counter.
+            ahead = signed_difference(step_a, step_b, WRAP_B)
+            self.axles_differ = self._tolerance.step(ahead, step_a)
+            self.adhesion_lost = self._stretch.step(ahead, step_a)
             self.lead += signed_difference(step_b, step_a, WRAP_B)
         step = step_a if good_a else step_b
         self.count += step
@@ -123,16 +155,6 @@ class PulseCounter:
         """Update how far the other axle has turned while each axle gave no pulse."""
         self._still_a = self._still_a + abs(step_b) if step_a == 0 else 0
         self._still_b = self._still_b + abs(step_a) if step_b == 0 else 0
-
-    def _left_behind(self, step_a: int, step_b: int) -> bool:
-        """Whether the axles moved further apart than two rolling axles do."""
-        # B wraps early. After a gap its step is known only modulo its counter.
-        apart = self._apart + signed_difference(step_a, step_b, WRAP_B)
-        back = APART_RATIO * abs(step_a)
-        apart = max(0.0, apart - back) if apart > 0.0 else min(0.0, apart + back)
-        far = max(-APART_PULSES, min(APART_PULSES, apart))
-        self._apart = far
-        return far != apart
 
 
 def _against(step: int, direction: Direction) -> bool:

@@ -71,6 +71,9 @@ class Motion:
     next_tag_m: float = math.inf
     """Chainage of the front when the antenna reaches the next tag that was not read yet. Infinity:
     there is none."""
+    adhesion_lost: bool = False
+    """Wheels slip or slide in this cycle. Unlike `slip` it ignores axles on two cars whose coupler
+    stretches."""
 
 
 @dataclass(frozen=True, slots=True)

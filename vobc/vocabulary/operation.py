@@ -59,7 +59,7 @@ class AtoInput:
     ahead_m: float = 0.0
     """Greatest distance of the front beyond `front_m`. Protection uses that place."""
     slips: bool = False
-    """Wheels slip or slide, or did a moment ago."""
+    """Wheels slip or slide now. A stretched coupler does not count."""
     line_voltage_v: float | None = None
     """Voltage at the pantograph. None: the high-voltage box is silent or its breaker is open."""
 

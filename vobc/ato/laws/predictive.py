@@ -151,7 +151,7 @@ class Predictive:
             self._released_s = 0.0
         released = not inputs.protection_brakes and self._released_s >= self._release_s
         ours = inputs.enabled and released
-        self._rail.observe(inputs.now_ns, inputs.speed_mps, slips=inputs.slips and ours)
+        self._rail.observe(inputs.now_ns, slips=inputs.slips and ours)
         self._model.step(inputs.speed_mps, self._gravity_mps2, cycles, ours=ours)
         self._faulty = self._faulty or self._model.gain_ratio < FAULTY_GAIN_RATIO
         before_mps, self.speed_mps = self.speed_mps, self._model.speed_mps

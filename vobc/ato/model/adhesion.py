@@ -8,8 +8,6 @@ from vobc.ato.motion import profile
 from vobc.ato.settings.ato import AtoConfig
 
 NS_PER_S: Final = 1_000_000_000
-TOLD_FROM_MPS: Final = 3.0
-"""Speed below which a slip is ignored, because a jerk between the coaches looks the same."""
 
 
 class Manner:
@@ -41,10 +39,10 @@ class AdhesionEstimate:
         self._slippery_until_ns = 0
         self.slippery = rail.from_start
 
-    def observe(self, now_ns: int, speed_mps: float, *, slips: bool) -> None:
+    def observe(self, now_ns: int, *, slips: bool) -> None:
         if self.slippery and self._slippery_until_ns == 0:
             self._slippery_until_ns = now_ns + self._memory_ns
-        if slips and speed_mps > TOLD_FROM_MPS:
+        if slips:
             self._slippery_until_ns = now_ns + self._memory_ns
         self.slippery = now_ns < self._slippery_until_ns
 

@@ -39,22 +39,14 @@ def test_a_rail_counts_as_slippery_for_the_remembered_time_only() -> None:
     rail = AdhesionEstimate(AtoConfig(slippery=SlipperyRail(memory_s=100.0)), LINE)
     assert not rail.slippery
 
-    rail.observe(10 * S, 12.0, slips=True)
+    rail.observe(10 * S, slips=True)
     assert rail.slippery
     assert rail.manner.config.braking.decel_mps2 == SlipperyRail().decel_mps2
-    rail.observe(109 * S, 12.0, slips=False)
+    rail.observe(109 * S, slips=False)
     assert rail.slippery
-    rail.observe(110 * S, 12.0, slips=False)
+    rail.observe(110 * S, slips=False)
     assert not rail.slippery
     assert rail.manner.config.braking.decel_mps2 == AtoConfig().braking.decel_mps2
-
-
-def test_a_jerk_at_departure_is_no_slip() -> None:
-    rail = AdhesionEstimate(AtoConfig(), LINE)
-
-    rail.observe(10 * S, 1.5, slips=True)
-
-    assert not rail.slippery
 
 
 SLIPPING = AtoInput(

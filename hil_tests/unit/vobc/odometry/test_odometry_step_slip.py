@@ -110,6 +110,22 @@ def test_axles_that_disagree_slip_at_once_and_until_they_agreed_for_a_second() -
     assert not any(slips[slips.index(False) :])
 
 
+def test_adhesion_is_lost_only_while_the_axles_leave_the_play_of_the_couplers() -> None:
+    made = going()
+    assert not made.cycle(8, 8, steps_b=(8, 18), radar_mps=4.0).adhesion_lost
+    assert made.cycle(8, 8, steps_b=(8, 18), radar_mps=4.0).adhesion_lost
+    told = made.cycle(8, 8, radar_mps=4.0)
+
+    assert (told.slip, told.adhesion_lost) == (True, False)
+
+
+def test_wheels_that_contradict_the_ground_have_lost_adhesion() -> None:
+    made = going()
+    told = [made.cycle(20, 20, radar_mps=4.0) for _ in range(20)]
+
+    assert any(each.slip and each.adhesion_lost for each in told)
+
+
 def test_pulses_against_their_direction_are_a_slip_though_the_axles_agree() -> None:
     made = going()
     told = made.cycle(8, 8, way=Direction.REVERSE, radar_mps=4.0)
