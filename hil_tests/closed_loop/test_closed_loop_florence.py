@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,7 @@ from metro_hil.model.run_folder import RunFolder
 from metro_hil.model.run_options import RunOptions, parse
 from metro_hil.run.dispatch import run_case
 from metro_hil.run.lockstep import Lockstep, config_of, run_lockstep, scenario_of
+from plant_emulator.faults.plan import read_faults
 
 TOLERANCE_M = 0.10
 WARNING_MPS = 3.0 / 3.6
@@ -162,6 +164,26 @@ def test_couplers_that_swing_at_the_start_let_the_train_accelerate_as_on_a_dry_r
     (judged,) = (each for each in run_case(case).monitors if each.name == "fast")
 
     assert judged.verdict is Verdict.PASS
+
+
+def test_a_long_cycle_leaves_the_stop_before_a_signal_to_operation() -> None:
+    """Protection assumes a longer runaway at 200 ms. With the margin for 50 ms it braked
+    this train twice."""
+    chosen = options(*HOP, "--cycle-ms", "200")
+    signal = read_faults([{"kind": "signal_stop", "position_m": 3030.0}], "test")
+    bench = Lockstep(config_of(chosen), scenario_of(chosen), plan_journey(chosen), faults=signal)
+    states = set()
+
+    def over(now_ns: int) -> bool:
+        if bench.plant.world.speed_mps > 0.0:
+            states.add(bench.vobc.output.supervision)
+        return now_ns > 36_000_000_000
+
+    with closing(bench):
+        bench.run_until(over)
+    assert states == {Supervision.NOMINAL}
+    assert bench.plant.world.speed_mps == 0.0
+    assert 3020.0 < bench.plant.world.front_m < 3026.0
 
 
 def test_the_same_seed_gives_the_same_bytes_in_a_fresh_process_under_load(tmp_path: Path) -> None:

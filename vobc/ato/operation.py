@@ -36,6 +36,11 @@ LEAST_CEILING_MPS: Final = 1.0
 AHEAD_STEP_M: Final = 0.1
 AHEAD_GROWS_RATIO: Final = 1.2
 """Growth of the assumed position error on the way to the stop."""
+USUAL_CYCLE_S: Final = 0.05
+CYCLE_MARGIN_MPS: Final = 11.0
+"""Growth of the margin before the end of authority with a cycle longer than the usual one.
+Protection assumes that traction runs away for two cycles more: at 1 m/s that takes 9 m for each
+second of cycle time. The rest is for odometry, which then shows the speed less often."""
 FINEST_JOG_BACK_M: Final = 0.1
 """Least distance for a jog back. A jog forwards may be shorter: it may reach a tag, even from
 slightly past the stopping point."""
@@ -95,6 +100,7 @@ class Ato:
         self._brake_reported = False
         """Since the departure a late or weak brake was reported."""
         self._dt_s = 0.0
+        self._margin_m = config.authority.margin_m
         self._left: tuple[int, float] | None = None
         """Time and place of the departure from the last stop."""
         self._strategy: Strategy | None = None
@@ -174,6 +180,7 @@ class Ato:
 
     def _begin(self, inputs: AtoInput) -> Strategy:
         self._dt_s = inputs.dt_s
+        self._margin_m += CYCLE_MARGIN_MPS * max(0.0, inputs.dt_s - USUAL_CYCLE_S)
         self._strategy = make_strategy(self._config, self._line, inputs.dt_s)
         return self._strategy
 
@@ -326,7 +333,7 @@ class Ato:
         if end_m >= stop_m:
             return Target(stop_m, True, self._due_ns())
         ahead_m = math.ceil(AHEAD_GROWS_RATIO * inputs.ahead_m / AHEAD_STEP_M) * AHEAD_STEP_M
-        return Target(end_m - self._config.authority.margin_m - ahead_m, False)
+        return Target(end_m - self._margin_m - ahead_m, False)
 
     def _due_ns(self) -> int | None:
         """Timetable arrival at the next stop."""

@@ -230,7 +230,8 @@ class AuthorityStop:
     margin_m: float = 2.2
     """Distance from the foremost front of the standing train to the end of authority. Otherwise
     protection would brake a train that may still creep. Its assumptions take 0.6 m for runaway and
-    brake build-up, and more for the least speed that odometry can distinguish from 0."""
+    brake build-up, and more for the least speed that odometry can distinguish from 0. A control
+    cycle over 50 ms adds 0.11 m for each 10 ms."""
     final_decel_mps2: float = 0.04
     creep_ease_mps3: float = 0.014
     knee_decel_mps2: float = 0.3
