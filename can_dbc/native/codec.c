@@ -211,6 +211,100 @@ done:
     return frame;
 }
 
+/* Frame classes whose objects C makes, whoever asks for one. The constructor of a frozen dataclass
+ * is Python, and sets each field through `object.__setattr__`. Power of two, never half full. */
+#define MAKERS 256
+static struct layout *makers[MAKERS];
+
+static struct layout **maker_of(const PyObject *kind)
+{
+    size_t at = ((uintptr_t)kind >> 4) % MAKERS;
+    while (makers[at] && makers[at]->kind != (const PyTypeObject *)kind)
+        at = (at + 1) % MAKERS;
+    return &makers[at];
+}
+
+/* The place of a keyword among the fields; their number if it names none. */
+static size_t field_named(const struct layout *layout, PyObject *name)
+{
+    size_t at = 0;
+    while (at < layout->message->count && layout->fields[at].name != name)
+        at++;
+    return at;
+}
+
+static PyObject *usual_call(PyObject *kind, PyObject *const *args, size_t given, PyObject *names)
+{
+    size_t count = (size_t)PyVectorcall_NARGS(given);
+    PyObject *words = names ? PyDict_New() : NULL, *made = NULL;
+    PyObject *values = PyTuple_New((Py_ssize_t)count);
+    if (values && (words || !names)) {
+        for (size_t at = 0; at < count; at++)
+            PyTuple_SET_ITEM(values, (Py_ssize_t)at, Py_NewRef(args[at]));
+        Py_ssize_t at = 0, named = names ? PyTuple_GET_SIZE(names) : 0;
+        while (at < named &&
+               PyDict_SetItem(words, PyTuple_GET_ITEM(names, at), args[count + (size_t)at]) == 0)
+            at++;
+        if (at == named)
+            made = PyType_Type.tp_call(kind, values, words);
+    }
+    Py_XDECREF(values);
+    Py_XDECREF(words);
+    return made;
+}
+
+/* A frame object with just these values. Defaults and mistakes are left to the constructor. */
+static PyObject *make_frame(PyObject *kind, PyObject *const *args, size_t given, PyObject *names)
+{
+    const struct layout *layout = *maker_of(kind);
+    size_t count = (size_t)PyVectorcall_NARGS(given);
+    size_t named = names ? (size_t)PyTuple_GET_SIZE(names) : 0;
+    if (!layout || count + named != layout->message->count)
+        return usual_call(kind, args, given, names);
+    PyObject *frame = layout->kind->tp_alloc(layout->kind, 0);
+    if (!frame)
+        return NULL;
+    for (size_t at = 0; at < count + named; at++) {
+        size_t field = at < count ? at
+                                  : field_named(layout, PyTuple_GET_ITEM(names, (Py_ssize_t)(at - count)));
+        PyObject **slot = field < layout->message->count
+                              ? (PyObject **)((char *)frame + layout->fields[field].slot)
+                              : NULL;
+        if (!slot || *slot) {
+            Py_DECREF(frame);
+            return usual_call(kind, args, given, names);
+        }
+        *slot = Py_NewRef(args[at]);
+    }
+    return frame;
+}
+
+/* Let `make_frame` make the objects of a class from now on; it stays so for the life of the process. */
+static int make_natively(const struct layout *layout)
+{
+    static int made;
+    PyTypeObject *kind = layout->kind;
+    struct layout **place = maker_of((PyObject *)kind);
+    if (*place || !layout->by_slots || kind->tp_vectorcall || made >= MAKERS / 2 ||
+        PyObject_HasAttrString((PyObject *)kind, "__post_init__"))
+        return 0;
+    struct layout *copy = PyMem_Malloc(sizeof *copy);
+    if (!copy) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    *copy = *layout;
+    Py_INCREF(kind);
+    for (size_t at = 0; at < copy->message->count; at++) {
+        Py_INCREF(copy->fields[at].name);
+        copy->fields[at].members = copy->fields[at].type = NULL;
+    }
+    *place = copy;
+    made++;
+    kind->tp_vectorcall = make_frame;
+    return 0;
+}
+
 /* A callable that gives the identifiers and data of a frame object. */
 typedef struct {
     PyObject_HEAD
@@ -322,7 +416,8 @@ static PyObject *make_sender(PyObject *module, PyObject *args)
         return NULL;
     self->call = sender_call;
     self->counter = 0xFF;
-    if (layout_init(&self->layout, id, kind, tables) < 0 || !(self->id = PyLong_FromLong(id)) ||
+    if (layout_init(&self->layout, id, kind, tables) < 0 || make_natively(&self->layout) < 0 ||
+        !(self->id = PyLong_FromLong(id)) ||
         !(self->twin_id = PyLong_FromLong(self->layout.message->twin_id))) {
         Py_DECREF(self);
         return NULL;
@@ -531,7 +626,7 @@ static PyObject *make_receivers(PyObject *module, PyObject *args)
     Reception *self = (Reception *)ReceptionType.tp_alloc(&ReceptionType, 0);
     if (!self)
         return NULL;
-    if (layout_init(&self->layout, id, kind, tables) == 0) {
+    if (layout_init(&self->layout, id, kind, tables) == 0 && make_natively(&self->layout) == 0) {
         self->state.silence_ns = silence_ns;
         self->lost = Py_NewRef(lost);
         self->refuse = Py_NewRef(refuse);

@@ -1,5 +1,6 @@
 """The wire and the logs in C do the same as their readable references in Python."""
 
+import dataclasses
 import enum
 import math
 import random
@@ -90,6 +91,41 @@ def test_damaged_traffic_gets_the_same_verdicts(kind: type[Any]) -> None:
     assert c.rejections == python.rejections
     assert c.lost == python.lost
     assert len(python.rejections) > 0
+
+
+def by_the_dataclass(kind: type[Any], *values: Any, **named: Any) -> Any:
+    """Create a frame by the constructor of its dataclass, or return the text of the mistake."""
+    try:
+        return type.__call__(kind, *values, **named)
+    except TypeError as error:
+        return str(error)
+
+
+def by_c(kind: type[Any], *values: Any, **named: Any) -> Any:
+    try:
+        return kind(*values, **named)
+    except TypeError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_c_creates_frames_as_the_dataclass_does(kind: type[Any]) -> None:
+    in_both(lambda: Encoder([kind]))
+    frame = sampled_frame(kind, random.Random(kind.__name__))
+    named = {field.name: getattr(frame, field.name) for field in dataclasses.fields(kind)}
+    values = [*named.values()]
+
+    for at in range(len(values) + 1):
+        some, others = values[:at], dict([*named.items()][at:])
+        assert by_c(kind, *some, **others) == frame
+        assert by_c(kind, *some) == by_the_dataclass(kind, *some)
+        assert by_c(kind, *some, **{"".join(others): 0}) == by_the_dataclass(
+            kind, *some, **{"".join(others): 0}
+        )
+    assert by_c(kind, *values, 0) == by_the_dataclass(kind, *values, 0)
+    assert by_c(kind, values[0], **named) == by_the_dataclass(kind, values[0], **named)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(kind(*values), next(iter(named)), 0)
 
 
 def test_the_same_bits_again_are_the_same_object_also_in_c() -> None:

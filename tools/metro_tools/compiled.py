@@ -45,12 +45,15 @@ TRAIN: Final = (
     "firmware_py/clock/executive.py",
     "firmware_py/radio/inproc_radio.py",
     "firmware_py/radio/recorded_radio.py",
+    "firmware_py/storage/lines.py",
     "firmware_py/storage/port_log.py",
     "firmware_py/storage/recorder.py",
     "firmware_py/tag_reader/inproc_line.py",
     "firmware_py/tag_reader/recorded_line.py",
     "firmware_py/tag_reader/stuffing.py",
     "firmware_py/tag_reader/telegram.py",
+    "firmware_py/trackdb/line_map.py",
+    "firmware_py/trackdb/sites.py",
     "metro_hil/line/virtual/member.py",
     "metro_hil/model/frame_hash.py",
     "metro_hil/monitors/gauge.py",
@@ -63,7 +66,7 @@ TRAIN: Final = (
     "metro_hil/run/case.py",
     "metro_hil/run/lockstep.py",
     "plant_emulator/actuators/*.py",
-    "plant_emulator/consist/motion.py",
+    "plant_emulator/consist/*.py",
     "plant_emulator/faults/schedule.py",
     "plant_emulator/noise.py",
     "plant_emulator/power/box.py",
@@ -76,7 +79,7 @@ TRAIN: Final = (
     "plant_emulator/traffic/coupling.py",
     "plant_emulator/traffic/dispatcher.py",
     "plant_emulator/traffic/member.py",
-    "plant_emulator/train_config/train.py",
+    "plant_emulator/train_config/*.py",
     "plant_emulator/truth.py",
     "plant_emulator/wayside/centre.py",
     "plant_emulator/wayside/platform_doors.py",
@@ -89,7 +92,9 @@ TRAIN: Final = (
     "vobc/ato/laws/*.py",
     "vobc/ato/model/*.py",
     "vobc/ato/motion/*.py",
+    "vobc/ato/settings/*.py",
     "vobc/atp/*.py",
+    "vobc/config.py",
     "vobc/controller.py",
     "vobc/events/*.py",
     "vobc/kinematics.py",
@@ -98,10 +103,12 @@ TRAIN: Final = (
     "vobc/process/device.py",
     "vobc/vocabulary/*.py",
     "vobc/wire/*.py",
+    "vobc/zones.py",
     "zenoh_config/codec.py",
     "zenoh_config/keys.py",
     "zenoh_config/messages.py",
     "zenoh_config/sequencing.py",
+    "zenoh_config/soundness.py",
 )
 """Modules in which runs of trains and campaigns spend their time. Codec, bus and logs are in C."""
 SIMULATOR: Final = (
@@ -144,7 +151,6 @@ QUICK: Final = (
 """Modules that the C compiler optimises. Optimising the others takes longer than it saves."""
 LEFT_OUT: Final = (
     *("/__init__.py", "sessions.py", "secured.py", "t2t_vocabulary.py"),
-    "vocabulary/received.py",
     *(f"zenoh_config/{name}.py" for name in ("bodies", "t2t_types")),
     *(
         f"simulation/{name}.py"

@@ -1,6 +1,5 @@
-"""A received value with the instant of its reception. mypyc cannot compile a generic dataclass."""
+"""A received value with the instant of its reception."""
 
-from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
 
 T = TypeVar("T")
@@ -8,14 +7,20 @@ T = TypeVar("T")
 S_PER_NS: Final = 1e-9
 
 
-@dataclass(frozen=True, slots=True)
 class Received(Generic[T]):
-    """The newest value of one source, together with the instant that its age counts from."""
+    """The newest value of one source, together with the instant that its age counts from.
 
-    value: T
-    received_at_ns: int
-    """By the train's own clock. A sample of the odometer counts from its sensor's stamp, a radio
-    message from the report that it answers, everything else from its last bit."""
+    It is no dataclass because mypyc cannot compile a generic one.
+    """
+
+    def __init__(self, value: T, received_at_ns: int) -> None:
+        """Args:
+        received_at_ns: by the train's own clock. A sample of the odometer counts from its sensor's
+            stamp, a radio message from the report that it answers, everything else from its last
+            bit.
+        """
+        self.value: Final = value
+        self.received_at_ns: Final = received_at_ns
 
     def age_s(self, now_ns: int) -> float:
         return (now_ns - self.received_at_ns) * S_PER_NS
