@@ -9,10 +9,10 @@ import numpy as np
 
 
 def arrow_column(values: Any, valid: Any = None) -> Any:
-    """Return an array of numbers or texts; numbers share the memory of the column.
+    """Return an array of numbers, flags or texts; numbers share the memory of the column.
 
     Args:
-        values: (n,) numbers, or text.
+        values: (n,) numbers, flags, or text.
         valid: (n,) which items are there; None for all.
     """
     import pyarrow as pa
@@ -24,6 +24,9 @@ def arrow_column(values: Any, valid: Any = None) -> Any:
         column = pa.py_buffer(np.ascontiguousarray(values))
         kind = pa.from_numpy_dtype(values.dtype)
         return pa.Array.from_buffers(kind, len(values), [there, column])
+    if values.dtype.kind == "b":
+        bits = pa.py_buffer(np.packbits(values, bitorder="little"))
+        return pa.Array.from_buffers(pa.bool_(), len(values), [there, bits])
     texts = [str(each).encode() for each in values.tolist()]
     ends = np.cumsum([0, *map(len, texts)]).astype(np.int32)
     content = pa.py_buffer(b"".join(texts))

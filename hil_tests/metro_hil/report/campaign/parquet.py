@@ -5,6 +5,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
+from canlog.arrow_columns import arrow_column
 from metro_hil.model.case import expected_text
 from metro_hil.report.campaign.info import CampaignInfo
 from metro_hil.report.campaign.ledger import (
@@ -22,7 +25,13 @@ if TYPE_CHECKING:
 WRITTEN_BY: Final = "metro_hil"
 Column = tuple[str, str, str, list[Any]]
 """Name, kind (`text`, `number`, `whole`, `flag`), unit, values."""
-KINDS: Final = ("text", "number", "whole", "flag")
+BLANKS: Final = {
+    "text": ("", np.object_),
+    "number": (0.0, np.float64),
+    "whole": (0, np.int64),
+    "flag": (False, np.bool_),
+}
+"""What stands in a column where a value is missing, and the numpy type of the column, by kind."""
 FIXED: Final[tuple[tuple[str, str, str, Callable[[LedgerEntry], Any]], ...]] = (
     ("case_id", "text", "", lambda e: e.case.id),
     ("index", "whole", "", lambda e: e.case.index),
@@ -56,12 +65,12 @@ def measures_table(info: CampaignInfo, ledger: Ledger) -> "pa.Table":
     """Columns: fixed ones, then `factor.*`, `monitor.*.margin|at_s|verdict`, `measure.*`."""
     import pyarrow as pa
 
-    types = {"text": pa.string(), "number": pa.float64(), "whole": pa.int64(), "flag": pa.bool_()}
     columns = [*_fixed(ledger), *_factors(ledger), *_monitors(ledger), *_measures(ledger)]
     fields, arrays = [], []
     for name, kind, unit, values in columns:
-        fields.append(pa.field(name, types[kind], metadata={"unit": unit} if unit else None))
-        arrays.append(pa.array(values, type=types[kind]))
+        array = column_of(kind, values)
+        fields.append(pa.field(name, array.type, metadata={"unit": unit} if unit else None))
+        arrays.append(array)
     about = {
         "campaign": info.name,
         "fingerprint": info.fingerprint,
@@ -70,6 +79,13 @@ def measures_table(info: CampaignInfo, ledger: Ledger) -> "pa.Table":
         "subset": info.subset,
     }
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=about))
+
+
+def column_of(kind: str, values: Sequence[Any]) -> "pa.Array":
+    """Return the values of one kind as a column; None leaves a gap."""
+    blank, numpy_kind = BLANKS[kind]
+    filled: Any = np.array([blank if value is None else value for value in values], numpy_kind)
+    return arrow_column(filled, np.array([value is not None for value in values], np.bool_))
 
 
 def _fixed(ledger: Ledger) -> list[Column]:

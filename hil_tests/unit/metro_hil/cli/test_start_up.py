@@ -39,6 +39,14 @@ UNUSED = {
     *("can", "can_dbc.dbc_parser", "vobc.train_to_train", "vobc.process.line_command"),
 }
 """Packages that a case does not use."""
+REPORTS = """
+from metro_hil.report.campaign import CampaignInfo
+from metro_hil.report.campaign.ledger import join
+from metro_hil.report.campaign.parquet import measures_table
+from metro_hil.report.estimates import pass_share
+pass_share(3, 4)
+measures_table(CampaignInfo(name="none", expected_cases=0), join([], [], expected_cases=0))
+"""
 IMPORTS = """
 import sys
 {imports}
@@ -91,15 +99,26 @@ def test_help_imports_few_modules(words: tuple[str, ...]) -> None:
 def test_a_worker_and_a_run_import_only_what_they_use(
     modules: tuple[str, ...], unused: set[str], modules_max: int
 ) -> None:
-    imports = "\n".join(f"import {name}" for name in modules)
-    program = IMPORTS.format(imports=imports, unused=unused)
+    count, found = modules_after("\n".join(f"import {name}" for name in modules), unused)
+
+    assert found == "[]"
+    assert count < modules_max
+
+
+def test_the_reports_of_a_campaign_load_neither_pandas_nor_all_of_the_statistics() -> None:
+    _, found = modules_after(REPORTS, {"pandas", "scipy.stats"})
+
+    assert found == "[]"
+
+
+def modules_after(statements: str, unused: set[str]) -> tuple[int, str]:
+    """Number of modules after these statements in a bare Python, and the unused ones among them."""
+    program = IMPORTS.format(imports=statements, unused=unused)
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-
     count, _, found = done.stdout.strip().partition(" ")
-    assert found == "[]"
-    assert int(count) < modules_max
+    return int(count), found
 
 
 def test_the_names_of_the_command_line_are_the_real_ones() -> None:

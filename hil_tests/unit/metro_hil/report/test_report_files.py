@@ -13,6 +13,7 @@ from xml.etree import ElementTree as Tree
 
 import msgspec
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from scipy import stats
@@ -28,6 +29,7 @@ from metro_hil.model.case import (
     Verdict,
 )
 from metro_hil.report.campaign import write_reports
+from metro_hil.report.campaign.parquet import column_of
 
 HOSTILE: Final = """</script><img src=x onerror=alert(1)>"'&{{ 7*7 }}|`\x01\ufffe"""
 VOID: Final = frozenset({"meta", "img", "br", "input", "hr", "link"})
@@ -432,6 +434,32 @@ def test_the_page_of_ten_thousand_cases_stays_small_and_names_what_is_left_out(
     assert failed > 100
     assert f"The first 100 of {failed}; {failed - 100} more are in" in page.decode()
     parsed(page)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        (pa.string(), ["a", None, "", "ä\0"]),
+        (pa.float64(), [None, 1.5, math.nan, -0.0]),
+        (pa.int64(), [2**63 - 1, None, -(2**63)]),
+        (pa.bool_(), [True, None, False] * 5),
+        (pa.string(), []),
+        (pa.bool_(), [None, None]),
+    ],
+)
+def test_a_column_and_its_gaps_are_those_of_pyarrow(kind: Any, values: list[Any]) -> None:
+    names = {
+        pa.string(): "text",
+        pa.float64(): "number",
+        pa.int64(): "whole",
+        pa.bool_(): "flag",
+    }
+
+    column = column_of(names[kind], values)
+
+    assert column.type == kind
+    assert str(column) == str(pa.array(values, kind))
+    column.validate(full=True)
 
 
 def test_measures_come_back_from_parquet_with_their_units(
