@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -21,7 +22,7 @@ from hil_tests.real_time.engine_rig import (
 from metro_hil.engine.errors import EngineError
 from metro_hil.engine.journal import Journal, read_journal
 from metro_hil.engine.kill_trial import RUNNER, KillTrial, plan_of
-from metro_hil.engine.local_pool import LocalPool
+from metro_hil.engine.local_pool import LocalPool, PoolServer
 from metro_hil.engine.queue import Batch
 from metro_hil.engine.run_campaign import CampaignOptions
 from metro_hil.engine.stopping import StopWish
@@ -310,17 +311,23 @@ def outcomes_of(crew: LocalPool, count: int) -> list[Outcome]:
     return outcomes
 
 
-def test_a_pool_imports_its_runner_once(tmp_path: Path) -> None:
+def test_pools_of_one_server_import_their_runner_once_and_share_no_worker(tmp_path: Path) -> None:
     imports = tmp_path / "imports"
     (tmp_path / "modules" / "engine_rig_counted.py").write_text(
         "from metro_hil.engine.trial_runner import run_case\n"
         f"with open({str(imports)!r}, 'a') as file:\n    file.write('imported\\n')\n"
     )
-    folder = folder_of(trial_cases(12, work_s=0.02), tmp_path)
+    workers: set[str] = set()
 
-    end = work(folder, lambda: LocalPool(3, {}, runner="engine_rig_counted:run_case"))
+    with closing(PoolServer("engine_rig_counted:run_case")) as server:
+        for name in ("one", "two"):
+            folder = folder_of(trial_cases(12, work_s=0.02), tmp_path / name)
+            end = work(folder, lambda: LocalPool(3, {}, server=server))
+            own = {result.host.worker for result in end.results}
+            assert len(own) == 3
+            assert not own & workers
+            workers |= own
 
-    assert len({result.host.worker for result in end.results}) == 3
     assert imports.read_text() == "imported\n"
 
 

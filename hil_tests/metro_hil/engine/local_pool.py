@@ -131,6 +131,39 @@ class Worker:
             file.close()
 
 
+class PoolServer:
+    """The fork server of one or more pools. It starts with their first worker."""
+
+    def __init__(
+        self, runner: str = RUNNER, nice: int = 0, environment: Mapping[str, str] | None = None
+    ) -> None:
+        """Args:
+        runner: `module:function`.
+        nice: added to the workers' niceness.
+        environment: environment of the workers; None for that of this process, with the
+            compiled copy if there is one.
+        """
+        self.runner, self._nice, self._environment = runner, nice, environment
+        self.started: ForkServer | None = None
+
+    def running(self) -> ForkServer:
+        """The fork server; another one if it has ended, and its workers with it."""
+        if self.started is not None and not self.started.runs:
+            self.close()
+        if self.started is None:
+            environment = self._environment or worker_environment(
+                {**ONE_THREAD, **os.environ}, prepare("hil")
+            )
+            self.started = ForkServer(self.runner, environment, self._nice)
+        return self.started
+
+    def close(self) -> None:
+        """End the server; workers that go on working are killed."""
+        if self.started is not None:
+            self.started.close()
+            self.started = None
+
+
 class LocalPool:
     """A `WorkerPool` of processes, which die with this process, however it ends."""
 
@@ -143,28 +176,27 @@ class LocalPool:
         case_timeout_s: float | None = None,
         nice: int = 0,
         environment: Mapping[str, str] | None = None,
+        server: PoolServer | None = None,
     ) -> None:
         """The processes start with the first batches.
 
         Args:
             workers: maximum number of processes; at least 1.
             files: paths, by the name by which cases refer to a file.
-            runner: `module:function`.
+            runner, nice, environment: as for `PoolServer`, for a server of this pool alone.
             case_timeout_s: wall time for each case; None for `lease_s`.
-            nice: added to the workers' niceness.
-            environment: environment of the workers; None for that of this process, with the
-                compiled copy if there is one.
+            server: forks the workers, and outlives the pool.
         """
         assert workers >= 1
         self._workers_max = workers
-        self._hello = WorkerHello(runner, {name: str(path) for name, path in files.items()})
-        self._case_timeout_s, self._nice = case_timeout_s, nice
-        self._environment = environment or worker_environment(
-            {**ONE_THREAD, **os.environ}, prepare("hil")
+        self._servers = server or PoolServer(runner, nice, environment)
+        self._ends_server = server is None
+        self._hello = WorkerHello(
+            self._servers.runner, {name: str(path) for name, path in files.items()}
         )
+        self._case_timeout_s = case_timeout_s
         self._clock = WallClock()
         self._crew: list[Worker] = []
-        self._server: ForkServer | None = None
         self._selector = selectors.DefaultSelector()
         self._start_failures = 0
         self._stopping = False
@@ -184,7 +216,8 @@ class LocalPool:
     @property
     def server_pid(self) -> int | None:
         """Process id of the fork server; None before the first batch."""
-        return None if self._server is None else self._server.process.pid
+        started = self._servers.started
+        return None if started is None else started.process.pid
 
     @property
     def ready(self) -> int:
@@ -210,22 +243,13 @@ class LocalPool:
 
     def _start(self) -> Worker:
         try:
-            worker = Worker(self._hello, self._running_server(), self._clock.now_ns())
+            worker = Worker(self._hello, self._servers.running(), self._clock.now_ns())
         except OSError as error:
             raise EngineError(f"no worker process can be started: {error.strerror}") from error
         self._crew.append(worker)
         self._selector.register(worker.output, selectors.EVENT_READ, worker)
         self._watch(worker)
         return worker
-
-    def _running_server(self) -> ForkServer:
-        """The fork server; another one if it has ended, and its workers with it."""
-        if self._server is not None and not self._server.runs:
-            self._server.close()
-            self._server = None
-        if self._server is None:
-            self._server = ForkServer(self._hello.runner, self._environment, self._nice)
-        return self._server
 
     def _watch(self, worker: Worker) -> None:
         """Wait for room in a worker's pipe only while data is unsent."""
@@ -341,9 +365,8 @@ class LocalPool:
             elif worker.input in self._selector.get_map():
                 self._selector.unregister(worker.input)
             worker.input.close()
-        if self._server is not None:
-            self._server.close()
-            self._server = None
+        if self._ends_server:
+            self._servers.close()
         for worker in self._crew:
             worker.release()
         self._crew.clear()

@@ -2,7 +2,8 @@
 
 import argparse
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 from firmware_py.arguments import of_file
@@ -165,8 +166,8 @@ def _work_on(
         always=() if options.no_report else wanted_logs(folder),
         fail_fast=options.fail_fast,
     )
-    crew, keeper = crews(folder, options, [case.bench.value for case in folder.cases()])
-    with StopWish() as stop:
+    benches = [case.bench.value for case in folder.cases()]
+    with crews(folder, options, benches) as (crew, keeper), StopWish() as stop:
         end = run_campaign(folder, crew, keeper, ProgressDisplay(console), stop, wishes)
     reports: Sequence[Path] = ()
     try:
@@ -198,27 +199,28 @@ def wanted_logs(folder: "CampaignFolder") -> Sequence[str]:
     return () if layout is None else layout.wants(folder.cases())
 
 
+@contextmanager
 def crews(
     folder: "CampaignFolder", options: argparse.Namespace, benches: Sequence[str]
-) -> tuple[Callable[[], "WorkerPool"], Callable[[], "WorkerPool"]]:
-    """Makers of two pools: one runs the cases, one repeats some on this machine to keep logs."""
-    from metro_hil.engine.local_pool import LocalPool
+) -> Iterator[tuple[Callable[[], "WorkerPool"], Callable[[], "WorkerPool"]]]:
+    """Makers of two pools: one runs the cases, one repeats some on this machine to keep logs.
+
+    One fork server forks the workers of both; it ends with the block.
+    """
+    from metro_hil.engine.local_pool import LocalPool, PoolServer
     from metro_hil.engine.worker import RUNNER
 
     check_on(options.on, benches)
     files, runner = folder.files(), options.runner or RUNNER
+    server = PoolServer(runner, options.nice)
 
     def local() -> "WorkerPool":
         return LocalPool(
             options.workers or processors(),
             files,
-            runner=runner,
             case_timeout_s=options.case_timeout,
-            nice=options.nice,
+            server=server,
         )
-
-    if options.on is None:
-        return local, local
 
     def cluster() -> "WorkerPool":
         from metro_hil.engine.dask_pool import DaskPool
@@ -226,7 +228,8 @@ def crews(
         address = options.on.removeprefix("dask://")
         return DaskPool(address, files, runner=runner, case_timeout_s=options.case_timeout)
 
-    return cluster, local
+    with closing(server):
+        yield (local if options.on is None else cluster), local
 
 
 def processors() -> int:
