@@ -16,13 +16,7 @@ from typing import Any, Final, TextIO
 
 import pytest
 
-from metro_hil.model.native_copy import (
-    SWITCH,
-    Native,
-    native_choice,
-    ready_copy,
-    worker_environment,
-)
+from metro_hil.model.native_copy import SWITCH, Native, usable_copy, worker_environment
 
 ON_COPY: Final = frozenset(
     {
@@ -76,11 +70,6 @@ Reports = Mapping[str, Sequence[pytest.TestReport]]
 def group_of(path: Path) -> str:
     """Return what all files of one process on the copy have in common."""
     return GROUP if path.stem in TOGETHER else path.stem
-
-
-def usable_copy() -> Path | None:
-    """Return the packages of the copy if the user wants it and it is ready."""
-    return None if native_choice() in (Native.OFF, Native.WIRE) else ready_copy()
 
 
 class CompiledFiles:

@@ -122,6 +122,11 @@ def ready_copy(part: Part = Part.TRAIN) -> Path | None:
     return library
 
 
+def usable_copy() -> Path | None:
+    """Return the packages of the copy of the train if the user wants it and it is ready."""
+    return None if native_choice() in (Native.OFF, Native.WIRE) else ready_copy()
+
+
 def missing_tools() -> str:
     """Return what the build needs and this installation lacks; an empty text if nothing."""
     if compiler() is None:

@@ -6,7 +6,7 @@ import pytest
 
 from metro_tools.doc_blocks.blocks import Block, BlockMark, read_blocks
 from metro_tools.doc_blocks.order import documents
-from metro_tools.doc_blocks.session import DocumentOutcome, run_document
+from metro_tools.doc_blocks.session import DocumentOutcome, environment_of, run_document
 
 
 def faults(text: str) -> list[tuple[int, str]]:
@@ -107,7 +107,9 @@ def ran(tmp_path: Path, text: str, seconds: float = 60.0) -> DocumentOutcome:
     assert wrong == []
     clone = tmp_path / "clone"
     clone.mkdir()
-    return run_document("docs/x.md", text, blocks, clone, runtime=tmp_path, block_seconds=seconds)
+    return run_document(
+        "docs/x.md", text, blocks, clone, environment_of(clone, tmp_path), block_seconds=seconds
+    )
 
 
 def test_blocks_of_a_document_share_folder_variables_and_files(tmp_path: Path) -> None:

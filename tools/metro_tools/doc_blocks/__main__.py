@@ -4,15 +4,18 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
 from firmware_py.assertions import require_assertions
 from firmware_py.clock.clock import WallClock
+from metro_hil.model.native_copy import usable_copy
 from metro_tools.doc_blocks.blocks import Block, read_blocks
-from metro_tools.doc_blocks.clone import CloneError, make_clone
+from metro_tools.doc_blocks.clone import VENV, CloneError, make_clone
 from metro_tools.doc_blocks.order import README, documents
-from metro_tools.doc_blocks.session import run_document
+from metro_tools.doc_blocks.session import environment_of, run_document
+from metro_tools.warm.programs import warm_programs
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
@@ -91,17 +94,24 @@ def _run(root: Path, names: Sequence[str]) -> int:
         runtime.mkdir(mode=0o700)
         clone = Path(scratch) / "clone"
         make_clone(root, clone)
-        for name in names:
-            text, blocks, faults = _read(root, name)
-            failures += faults
-            began_ns = clock.now_ns()
-            outcome = run_document(name, text, blocks, clone, runtime=runtime)
-            ran += outcome.ran
-            if outcome.failure is not None:
-                failures.append(str(outcome.failure))
-            if outcome.ran:
-                took_s = (clock.now_ns() - began_ns) / NS_PER_S
-                print(f"{name}: {outcome.ran} blocks, {took_s:.1f} s", flush=True)
+        environment = environment_of(clone, runtime)
+        with ExitStack() as warm:
+            for name in names:
+                text, blocks, faults = _read(root, name)
+                failures += faults
+                began_ns = clock.now_ns()
+                outcome = run_document(name, text, blocks, clone, environment)
+                ran += outcome.ran
+                if outcome.failure is not None:
+                    failures.append(str(outcome.failure))
+                if outcome.ran:
+                    took_s = (clock.now_ns() - began_ns) / NS_PER_S
+                    print(f"{name}: {outcome.ran} blocks, {took_s:.1f} s", flush=True)
+                if name == README:
+                    # The README starts each program as a reader does; the other documents fork.
+                    warm.enter_context(
+                        warm_programs(clone / VENV, environment, usable_copy(), runtime)
+                    )
     for failure in failures:
         document = failure.partition(":")[0]
         print(f"{failure}\n    {AGAIN.format(document)}", file=sys.stderr)

@@ -74,14 +74,14 @@ def run_document(
     text: str,
     blocks: Sequence[Block],
     clone: Path,
+    environment: Mapping[str, str],
     *,
-    runtime: Path,
     block_seconds: float = BLOCK_SECONDS,
 ) -> DocumentOutcome:
     """Execute the marked blocks of one document in the clone.
 
     Args:
-        runtime: folder for the sockets of embedded buses in this session; its path must be short.
+        environment: variables of the shell.
     """
     marked = [block for block in blocks if block.mark.run or block.mark.file]
     if not marked:
@@ -92,7 +92,7 @@ def run_document(
         script = _script(len(text.splitlines()), marked, place)
         (place / "script").write_text(script, encoding="utf-8")
         follow = _Follow(name, blocks, place)
-        return follow.outcome(clone, _environment(clone, runtime), block_seconds)
+        return follow.outcome(clone, environment, block_seconds)
 
 
 def _script(length: int, blocks: Sequence[Block], place: Path) -> str:
@@ -121,7 +121,12 @@ def _script(length: int, blocks: Sequence[Block], place: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _environment(clone: Path, runtime: Path) -> Mapping[str, str]:
+def environment_of(clone: Path, runtime: Path) -> Mapping[str, str]:
+    """Return the variables of a shell in the clone.
+
+    Args:
+        runtime: folder for the sockets of embedded buses in this session; its path must be short.
+    """
     kept = {name: value for name, value in os.environ.items() if name not in DROPPED}
     path = f"{clone / '.venv' / 'bin'}{os.pathsep}{kept.get('PATH', os.defpath)}"
     return kept | ENVIRONMENT | {"PATH": path, "XDG_RUNTIME_DIR": str(runtime)}
