@@ -2,6 +2,7 @@
 
 import math
 import random
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -116,6 +117,8 @@ class Rig:
         self.clocks = OdometerClocks()
         self.cold: ColdMovement | None = None
         self.felt_m = {t.tag_id: t.position_m + self.rng.uniform(-0.05, 0.05) for t in TAGS}
+        self.readings = sorted((at_m + ANTENNA_M, tag) for tag, at_m in self.felt_m.items())
+        """Position of the front at which each tag is read, and the tag."""
         self.pulse_m = NOMINAL_M / (1.0 + errors.scale_ratio)
         record = OdometryRecord(believed_m, bound_m, NOMINAL_M, proof)
         self.odometry = Odometry(CONFIG.odometry, CONFIG.train, LINE, record)
@@ -151,23 +154,28 @@ class Rig:
         if self.speed_mps > 0.0 >= after_mps:
             after_mps, self.accel_mps2 = 0.0, 0.0
         moved_m = 0.5 * (self.speed_mps + after_mps) * STEP_S
-        before_m, before = self.front_m, self._count(0)
+        before_m, before_rolled_m = self.front_m, self.rolled_m[0]
         self.speed_mps = after_mps
         self.front_m += moved_m
         for axle in (0, 1):
             self.rolled_m[axle] += moved_m * (1.0 + self._slip(axle))
         self.step_number += 1
         self.time_s = self.step_number * STEP_S
-        self._read_tags(before_m, before)
+        self._read_tags(before_m, before_rolled_m)
 
     def _slip(self, axle: int) -> float:
+        if not self.errors.slips:
+            return 0.0
         return sum(
             share for from_s, to_s, share, axles in self.errors.slips
             if from_s <= self.time_s < to_s and axles & (1 << axle)
         )  # fmt: skip
 
     def _count(self, axle: int) -> int:
-        return math.floor(self.rolled_m[axle] / self.pulse_m + self.phase[axle])
+        return self._count_after(self.rolled_m[axle], axle)
+
+    def _count_after(self, rolled_m: float, axle: int) -> int:
+        return math.floor(rolled_m / self.pulse_m + self.phase[axle])
 
     def _tacho(self) -> Tacho:
         stamp_ms = float(round(self.time_s * 1000.0) % 256)
@@ -219,16 +227,20 @@ class Rig:
                 self.samples.append((frame, at_ns))
             self.latest[type(frame)] = (frame, at_ns)
 
-    def _read_tags(self, before_m: float, before: int) -> None:
+    def _read_tags(self, before_m: float, before_rolled_m: float) -> None:
         errors = self.errors
 
         def count_at(place_m: float) -> float:
             part = (place_m + ANTENNA_M - before_m) / (self.front_m - before_m)
+            before = self._count_after(before_rolled_m, 0)
             return before + (self._count(0) - before) * part
 
-        for tag_id, place_m in self.felt_m.items():
-            crossed = before_m < place_m + ANTENNA_M <= self.front_m
-            if crossed and tag_id not in errors.missed:
+        first, last = (
+            bisect_right(self.readings, (at_m, math.inf)) for at_m in (before_m, self.front_m)
+        )
+        for _, tag_id in self.readings[first:last]:
+            place_m = self.felt_m[tag_id]
+            if tag_id not in errors.missed:
                 late_s = self.rng.uniform(-0.005, 0.005)
                 pulses = count_at(place_m) + late_s * self.speed_mps / self.pulse_m
                 if tag_id in errors.untold:
