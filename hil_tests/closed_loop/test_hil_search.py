@@ -1,6 +1,8 @@
 """`hil search` finds the same with any number of processes, and its worst cases repeat."""
 
+import io
 import json
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,38 +28,41 @@ unit = "m/s"
 """
 
 
-@pytest.fixture
-def campaign(tmp_path: Path) -> Path:
-    path = tmp_path / "slow.toml"
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("campaign") / "slow.toml"
     path.write_text(SLOW_START)
     return path
 
 
-def search(campaign: Path, out: Path, capsys: pytest.CaptureFixture[str], *words: str) -> Any:
-    said = ["search", str(campaign), "--budget", "10", "--out", str(out), "--json", *words]
-    assert main(said) == 0
-    return json.loads(capsys.readouterr().out)
+def search(campaign: Path, out: Path, *words: str) -> Any:
+    said = ["search", str(campaign), "--budget", "10", "--monitor", "top speed", "--json"]
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        assert main([*said, "--out", str(out), *words]) == 0
+    return json.loads(printed.getvalue())
+
+
+@pytest.fixture(scope="module")
+def found(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """What a search in one process finds."""
+    return search(campaign, tmp_path_factory.mktemp("found") / "out", "--workers", "1")
 
 
 def test_a_search_finds_the_same_with_any_number_of_processes(
-    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    campaign: Path, tmp_path: Path, found: Any
 ) -> None:
-    one = search(campaign, tmp_path / "one", capsys, "--workers", "1")
-    three = search(campaign, tmp_path / "three", capsys, "--workers", "3")
+    three = search(campaign, tmp_path / "three", "--workers", "3")
 
-    assert one["points"] == 10
-    assert one["worst"] == three["worst"]
-    histories = [Path(found["history"]).read_bytes() for found in (one, three)]
+    assert found["points"] == 10
+    assert found["worst"] == three["worst"]
+    histories = [Path(each["history"]).read_bytes() for each in (found, three)]
     assert histories[0] == histories[1]
     assert len(histories[0].splitlines()) == 10
-    assert one["worst"][0]["values"]["train.desk_mode"] == "auto", "with the desk off it stands"
+    assert found["worst"][0]["values"]["train.desk_mode"] == "auto", "with the desk off it stands"
 
 
-def test_the_worst_cases_repeat_with_the_same_margins(
-    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = search(campaign, tmp_path / "out", capsys, "--monitor", "top speed")
-
+def test_the_worst_cases_repeat_with_the_same_margins(found: Any) -> None:
     (first, *_) = plan_cases(read_campaign(found["campaign"]))
     (monitor,) = run_case(first).monitors
     assert monitor.margin == found["worst"][0]["margins"]["top speed"]

@@ -58,7 +58,7 @@ def test_a_covering_array_covers(sizes: list[int], strength: int) -> None:
 
 @settings(max_examples=40)
 @given(
-    st.lists(st.integers(2, 4), min_size=3, max_size=5),
+    st.lists(st.integers(2, 4), min_size=3, max_size=4),
     st.integers(0, 3),
     st.integers(0, 3),
     st.integers(0, 3),
