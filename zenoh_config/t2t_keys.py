@@ -148,6 +148,12 @@ def of_grants(line: str) -> tuple[str, ...]:
     return _keys(line, (LeaseAnswer,), "*")
 
 
+def of_departures(line: str) -> tuple[str, ...]:
+    """Subscriptions of a wayside that reports trains as gone."""
+    answers = _keys(line, (RemovalAnswer,), str(SUPERVISION))
+    return (*_keys(line, (Heartbeat,), TO_ALL), *answers)
+
+
 def of_supervision(line: str) -> tuple[str, ...]:
     """Subscriptions of a display: masters, positions, authorities, reasons of waiting trains, and
     commands.

@@ -208,7 +208,7 @@ class Division:
         return AreaMap(
             self.name,
             tuple([Area(n, a, b) for n, (a, b) in enumerate(itertools.pairwise(borders_m), 1)]),
-            _sections(borders_m, self.section_m),
+            sections_between(borders_m, self.section_m),
             self.objects,
             self.apply_m,
         )
@@ -257,8 +257,8 @@ def _division(name: str) -> AreaMap:
     return settings.load(Division, name, DIVISIONS).area_map()
 
 
-def _sections(borders_m: Sequence[float], length_m: float) -> tuple[TrackSection, ...]:
-    """Divide the areas into sections; each area begins with a new section."""
+def sections_between(borders_m: Sequence[float], length_m: float) -> tuple[TrackSection, ...]:
+    """Divide the stretches between borders into sections. Each stretch begins with a new one."""
     ends_m: list[float] = []
     for start_m, end_m in itertools.pairwise(borders_m if length_m else ()):
         before_last = max(0, math.floor((end_m - start_m - SECTION_MIN_M) / length_m + ROUNDING))

@@ -197,6 +197,9 @@ class SignalBox:
         """By name, each train on the network with the routes of its path."""
         self.held: dict[str, list[_Held]] = {}
         """Locked routes, by train or by the name of a route that is set by hand."""
+        self.claimed: dict[str, frozenset[str]] = {}
+        """Switches that are locked for the master of a path, by the path's name. They move
+        neither for trains of other paths nor by hand."""
 
     def join(self, train: str, routes: "Interlocking") -> None:
         """Take in a train, or let it leave its path for another one."""
@@ -356,6 +359,11 @@ class Interlocking:
                     return crossing.at_m
         return inf
 
+    def is_set_ahead(self, section: int) -> bool:
+        """Whether a route of the path, by its number from 0, is ahead of the train and proven."""
+        ahead = self._ahead[section]
+        return self._front_m <= ahead.signal_m and self._is_proven(ahead)
+
     @property
     def held(self) -> Sequence[_Held]:
         """The routes that are locked for the train."""
@@ -447,7 +455,11 @@ class Interlocking:
         return True
 
     def _switches_are_free(self, holder: str, section: RouteSection) -> bool:
+        own = self.stretch.path.line.name if self._are_trains(holder) else ""
+        claimed = {each for path, held in self.box.claimed.items() if path != own for each in held}
         for switch, lie, used in section.locks:
+            if switch in claimed:
+                return False
             for train, other in self.box.trains.items():
                 needs = other.below_train().get(switch)
                 by_hand = used and not self._are_trains(holder, train)

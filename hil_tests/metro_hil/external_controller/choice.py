@@ -1,7 +1,7 @@
 """Makes the controller of a run in virtual time, of any kind, and connects it to its ports."""
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from firmware_py.clock.clock import Clock
 from firmware_py.ports import CanFrame, CanPort, LinkCounters, RadioPort, SerialPort
@@ -20,6 +20,10 @@ from vobc.config import VobcConfig
 from vobc.process import CycleLog, EventLog, remembered_start, unknown_start
 from vobc.process.commission import Commission
 from vobc.process.identity import identity_of
+
+if TYPE_CHECKING:
+    # Only trains that command themselves need this module.
+    from vobc.process.line_command import LineCommand
 
 SHIPPED: Final = ControllerSpec()
 NS_PER_S: Final = 1_000_000_000
@@ -52,8 +56,10 @@ class ControllerSide:
         port_log: PortLog | None,
         said: Heard | None,
         event_log: EventLog | None = None,
+        command: "LineCommand | None" = None,
     ) -> None:
         """Args:
+        command: train-to-train control of the shipped controller.
         cycle_log: cycle log of the shipped controller, like `event_log`.
         port_log: log of everything at the controller's own ports.
         said: receives every frame of the controller at the true time of sending.
@@ -61,7 +67,7 @@ class ControllerSide:
         self._controller, self._config, self._journey = controller, config, journey
         self._clock, self._cycle_log, self._port_log = clock, cycle_log, port_log
         self._said = said
-        self._event_log = event_log
+        self._event_log, self._command = event_log, command
         self._nvram = Nvram(None, memory_of(journey, config))
         self._granted: GrantedController | None = None
 
@@ -136,6 +142,7 @@ class ControllerSide:
                 nvram=self._nvram,
                 cycle_log=self._cycle_log,
                 event_log=self._event_log,
+                command=self._command,
             )
         self.close()
         # The memory of another program is unknown to the bench, except for the number of its

@@ -115,6 +115,10 @@ class RunOptions:
     """Supply network of the line that feeds the trains."""
     logs: bool = True
     """Whether each of several trains writes logs."""
+    masters: bool = False
+    """Whether the trains of a service command themselves."""
+    kill_master_at_s: float | None = None
+    cut_master_at_s: float | None = None
     train: int | None = None
     """Number of this train among trains that command themselves."""
     line_radio: str | None = None
@@ -305,6 +309,18 @@ def _add_line(run: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--no-logs", dest="logs", action="store_false", help="no folder for each train: faster"
     )
+    group.add_argument(
+        "--masters",
+        action="store_true",
+        help="the trains of --service command themselves: masters issue all authorities",
+    )
+    for name, what in (
+        ("kill", "the controller of a master dies then; the run ends a minute later"),
+        ("cut", "the radio of a master is cut then, for 0.4 s"),
+    ):
+        group.add_argument(
+            f"--{name}-master-at", dest=f"{name}_master_at_s", type=_second, metavar="S", help=what
+        )
 
 
 def _add_rest(run: argparse.ArgumentParser) -> None:
@@ -375,6 +391,7 @@ def parse(argv: Sequence[str]) -> RunOptions:
         or line_problem(options)
         or trains_problem(options)
         or trips_problem(options)
+        or masters_problem(options)
     )
     if problem:
         top.error(problem)
@@ -475,6 +492,25 @@ def trips_problem(options: RunOptions) -> str:
         return f"{name}: with the emulated train only, because it must be turned round"
     if options.duration_s is not None:
         return f"{name}: not with --duration, because the train must arrive to go on"
+    return ""
+
+
+def masters_problem(options: RunOptions) -> str:
+    """Error text if an option does not fit trains of a service that command themselves."""
+    strikes = {
+        "--kill-master-at": options.kill_master_at_s is not None,
+        "--cut-master-at": options.cut_master_at_s is not None,
+    }
+    asked = [name for name, given in strikes.items() if given]
+    if asked and not options.masters:
+        return f"{asked[0]}: only with --masters"
+    if len(asked) > 1:
+        return f"{asked[0]} and {asked[1]}: one of them for each run"
+    if options.masters and options.service is None:
+        return (
+            "--masters: only with --service; `hil run line` runs trains that command themselves on "
+            "a line in one direction"
+        )
     return ""
 
 
@@ -590,6 +626,10 @@ def _seed(text: str) -> int:
 
 def _priority(text: str) -> int:
     return _whole(text, 0, 99)
+
+
+def _second(text: str) -> float:
+    return _number(text, 0.05, 1e6, "a second of the run, from 0.05 on")
 
 
 def _trains(text: str) -> int:

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from can_dbc.nodes import Node
 from firmware_py.buses.inproc import VirtualBus, open_bus
@@ -52,6 +53,10 @@ from vobc.config import VobcConfig, load_config
 from vobc.process import CYCLE_COLUMNS, EventLines
 from vobc.wire import RECEIVED_IDS
 from zenoh_config import keys
+
+if TYPE_CHECKING:
+    # Only trains that command themselves need this module.
+    from vobc.process.line_command import LineCommand
 
 BIT_RATE = 250_000
 BUS_NAME = "vcan0"
@@ -110,6 +115,7 @@ class Lockstep:
         plant: PlantSpec = SHIPPED_PLANT,
         by_hand: TrainByHand = NOT_BY_HAND,
         shared: SharedNetwork | None = None,
+        command: "LineCommand | None" = None,
     ) -> None:
         """Without a folder, nothing is logged.
 
@@ -119,11 +125,11 @@ class Lockstep:
             faults: planned faults; `plant.schedule.plan` may change them later.
             places: places where faults may act, now or later.
             reports: later faults may depend on what the controller reports.
-            taps: observers of the run.
             controller: the controller under test.
             plant: the plant, or the program that emulates parts of it.
             by_hand: what a person does to the train while it runs.
             shared: the network that the train shares with others.
+            command: train-to-train control. Authorities then come only from it.
         """
         use_native()
         self.clock = LockstepClock()
@@ -150,8 +156,7 @@ class Lockstep:
         )
         self._bus_faults: BusFaults | None = None
         self._executives = [self.plant.executive]
-        self._side = self._controller_side(controller, config, journey, folder, taps)
-        self._stack.callback(self._side.close)
+        self._side = self._controller_side(controller, config, journey, folder, taps, command)
         places = {*places, *by_hand.fault_places, *(plan.kind.place for plan in faults)}
         topics = _topics_of(journey.line.name, config.address)
         accepted = RECEIVED_IDS if controller.kind == SHIPPED.kind else None
@@ -173,8 +178,9 @@ class Lockstep:
         journey: Journey,
         folder: RunFolder | None,
         taps: Taps,
+        command: "LineCommand | None",
     ) -> ControllerSide:
-        return ControllerSide(
+        side = ControllerSide(
             controller,
             config,
             journey,
@@ -183,7 +189,10 @@ class Lockstep:
             port_log=self._port_log(folder),
             said=taps.said,
             event_log=self._event_log(folder),
+            command=command,
         )
+        self._stack.callback(side.close)
+        return side
 
     def _foreign_plant(self, plant: PlantSpec, scenario: TrainScenario) -> ForeignPlant | None:
         """Start the program or the nodes; if that fails, all logs are closed."""

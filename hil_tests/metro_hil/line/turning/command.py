@@ -1,4 +1,7 @@
-"""`vobc run --lockstep --service FILE --trains N`: trains that turn round on one network."""
+"""`vobc run --lockstep --service FILE --trains N`: trains that turn round on one network.
+
+With `--masters` the trains command themselves.
+"""
 
 import json
 import sys
@@ -16,8 +19,9 @@ from firmware_py.clock.clock import WallClock
 from firmware_py.interrupts import Interrupts
 from firmware_py.storage.recorder import loss_text
 from firmware_py.storage.whole_file import write_whole
-from metro_hil.line.turning.conductor import Conductor
+from metro_hil.line.turning.conductor import AFTER_KILL, Conductor
 from metro_hil.line.turning.headway import Turnback, turnbacks
+from metro_hil.line.turning.masters import Masters, StruckMaster
 from metro_hil.line.turning.plan import FleetPlan, plan_fleet
 from metro_hil.line.turning.train import TurningTrain
 from metro_hil.model.end_condition import ARRIVED, INTERRUPTED
@@ -71,9 +75,23 @@ def run(options: RunOptions, console: Console) -> int:
         return EXIT_ENVIRONMENT
     if record.exit_reason == INTERRUPTED:
         return EXIT_INTERRUPTED
+    struck = None if conductor.masters is None else conductor.masters.struck
+    if plan.strike is not None and struck is None:
+        print(
+            f"vobc: at {plan.strike.at_s:g} s and later no train commanded an area with another "
+            "train in it, so no master was struck; choose another second",
+            file=sys.stderr,
+        )
+        return EXIT_ENVIRONMENT
+    return EXIT_OK if _is_sound(conductor, struck) else EXIT_FAILED
+
+
+def _is_sound(conductor: Conductor, struck: StruckMaster | None) -> bool:
+    """Whether every train did what was planned, and nothing was violated."""
     braked = any(train.brakes for train in conductor.trains)
-    sound = record.exit_reason == ARRIVED and not conductor.between.violations and not braked
-    return EXIT_OK if sound else EXIT_FAILED
+    ended = conductor.record.exit_reason in (ARRIVED, AFTER_KILL)
+    followed = struck is None or struck.is_followed
+    return ended and followed and not conductor.between.violations and not braked
 
 
 def as_document(plan: FleetPlan, conductor: Conductor, turned: list[Turnback]) -> Mapping[str, Any]:
@@ -92,7 +110,38 @@ def as_document(plan: FleetPlan, conductor: Conductor, turned: list[Turnback]) -
         "protection_brakes": [plain(each) for train in conductor.trains for each in train.brakes],
         "turnbacks": [{**plain(each), "limit_s": each.limit.total_s} for each in turned],
         "trips": [plain(trip) for train in conductor.trains for trip in train.trips],
+        **({} if conductor.masters is None else {"masters": _of_masters(conductor.masters)}),
     }
+
+
+def _of_masters(masters: Masters) -> Mapping[str, Any]:
+    struck = masters.struck
+    result: dict[str, Any] = {"changes": [plain(each) for each in masters.changes]}
+    if struck is not None:
+        result["struck"] = {
+            "at_s": struck.at_s,
+            "train": struck.train,
+            "oldest_authority_s": struck.oldest_s,
+            "areas": [
+                {"path": path, "area": area, "takeover_s": struck.takeovers_s.get((path, area))}
+                for path, area in struck.areas
+            ],
+        }
+    return result
+
+
+def _masters_text(masters: Masters) -> str:
+    """One line about who commanded."""
+    text = f"masters: {len(masters.changes)} changes of command"
+    struck = masters.struck
+    if struck is None:
+        return text
+    times_s = list(struck.takeovers_s.values())
+    followed = f"others commanded after {max(times_s):.2f} s" if times_s else "no other commanded"
+    return (
+        f"{text}; train {struck.train} struck at {struck.at_s:g} s, {followed} in "
+        f"{len(times_s)} of {len(struck.areas)} areas; oldest authority {struck.oldest_s:.2f} s"
+    )
 
 
 def _show(
@@ -117,6 +166,8 @@ def _show(
         f"{factor:.0f} times real time",
         highlight=False,
     )
+    if conductor.masters is not None:
+        console.print(_masters_text(conductor.masters), highlight=False)
     for each in between.violations:
         who = " and ".join(each.trains)
         console.print(f"at {each.at_s:.2f} s, {who}: {each.kind}", style="red", highlight=False)

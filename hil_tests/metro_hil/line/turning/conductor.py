@@ -15,6 +15,7 @@ from firmware_py.interrupts import never
 from firmware_py.trackdb.network import TrackNetwork
 from firmware_py.trackdb.paths import TrackPlace
 from metro_hil.line.turning.invariants import Between
+from metro_hil.line.turning.masters import CUT_NS, Masters
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.line.turning.train import TurningTrain
 from metro_hil.model.end_condition import ARRIVED, INTERRUPTED
@@ -23,9 +24,14 @@ from plant_emulator.wayside.interlocking import SignalBox
 
 SLICE_NS: Final = 50_000_000
 """Time for which a train runs alone: a control cycle, and the interval of the wayside."""
+MESSAGE_NS: Final = 10_000_000
+"""The same between trains that command themselves: their messages arrive within two of them."""
 POINT_NS: Final = 1_000_000_000
 """Time between two points of the train graph."""
 NS_PER_S: Final = 1_000_000_000
+AFTER_KILL_NS: Final = 60_000_000_000
+AFTER_KILL: Final = "a minute after the master was killed"
+"""The train of a killed controller stands for good, and others wait behind it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +62,17 @@ class Conductor:
         folders: gives the folder for the logs of a train by its number, or None.
         """
         self.box = SignalBox(plan.network)
+        self.masters = _masters_of(plan, self.box)
+        """The masters of all paths; None: the wayside issues all authorities."""
         self.trains = [
-            TurningTrain(plan, number, self.box, folders(number))
+            TurningTrain(plan, number, self.box, folders(number), self.masters)
             for number in range(1, plan.trains + 1)
         ]
         self.record = FleetRecord(plan.network)
+        self._plan = plan
+        self._killed_ns: int | None = None
+        self._heals_ns: int | None = None
+        """When a cut of a master's radio ends."""
         self.between = Between()
         self._patience_s = STANDS_S + max(plan.round_s, plan.service.headway_s)
 
@@ -90,9 +102,9 @@ class Conductor:
             for train in self.trains:
                 if train.bench is None and not train.gone:
                     train.enter(now_ns)
+            self._strike(now_ns)
+            self._advance(now_ns)
             now_ns += SLICE_NS
-            for train in self.trains:
-                train.advance(now_ns)
             self._watch(now_ns)
             if any(train.moving for train in self.trains):
                 moved_ns = now_ns
@@ -100,11 +112,40 @@ class Conductor:
                 record.exit_reason = ARRIVED
             elif interrupted():
                 record.exit_reason = INTERRUPTED
+            elif self._killed_ns is not None and now_ns - self._killed_ns >= AFTER_KILL_NS:
+                record.exit_reason = AFTER_KILL
             elif now_ns - moved_ns > self._patience_s * NS_PER_S:
                 record.exit_reason = STUCK
             elif now_ns > LIMIT_S * NS_PER_S:
                 record.exit_reason = TIME_UP
         record.duration_s = now_ns / NS_PER_S
+
+    def _strike(self, now_ns: int) -> None:
+        """Strike a master when that is due, and end a cut."""
+        masters, strike = self.masters, self._plan.strike
+        if masters is None or strike is None:
+            return
+        struck = masters.struck
+        if struck is None and now_ns >= strike.at_s * NS_PER_S:
+            struck = masters.choose(now_ns)
+            if struck is not None and strike.kills:
+                self.trains[struck.train - 1].kill()
+                self._killed_ns = now_ns
+            elif struck is not None:
+                masters.cut(struck.train)
+                self._heals_ns = now_ns + CUT_NS
+        if self._heals_ns is not None and now_ns >= self._heals_ns:
+            masters.heal()
+            self._heals_ns = None
+
+    def _advance(self, now_ns: int) -> None:
+        """Run all trains for a slice. Trains under masters answer each other within it."""
+        step_ns = SLICE_NS if self.masters is None else MESSAGE_NS
+        for until_ns in range(now_ns + step_ns, now_ns + SLICE_NS + 1, step_ns):
+            for train in self.trains:
+                train.advance(until_ns)
+            if self.masters is not None:
+                self.masters.step(until_ns)
 
     def _watch(self, now_ns: int) -> None:
         present = {
@@ -122,3 +163,10 @@ class Conductor:
                 self.record.points.append(
                     GraphPoint(now_ns / NS_PER_S, train.number, train.trips[-1].index, place)
                 )
+
+
+def _masters_of(plan: FleetPlan, box: SignalBox) -> Masters | None:
+    if not plan.masters:
+        return None
+    paths = {each.trip.path.line.name: each.trip.path for each in plan.trips}
+    return Masters(plan.network, paths.values(), box)

@@ -14,6 +14,7 @@ from metro_hil.run.lockstep import config_of, scenario_of
 from metro_hil.run.turnback import options_of, timed_journey, timed_scenario, trips_of
 from plant_emulator.traffic.member import SEEDS
 from plant_emulator.wayside.interlocking import sections_of
+from plant_emulator.wayside.route_objects import check_paths
 from plant_emulator.world import TrainScenario
 from vobc.ato.settings.ato import AtoConfig
 from vobc.config import VobcConfig
@@ -48,6 +49,15 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
+class MasterStrike:
+    """A fault of a train that commands."""
+
+    at_s: float
+    kills: bool
+    """Whether its controller dies; otherwise its radio is cut for a moment."""
+
+
+@dataclass(frozen=True, slots=True)
 class FleetPlan:
     """All trains of a service. Every train makes the same trips."""
 
@@ -58,6 +68,9 @@ class FleetPlan:
     trips: tuple[TripPlan, ...]
     """The trips of all round trips."""
     seed: int
+    masters: bool = False
+    """Whether the trains command themselves."""
+    strike: "MasterStrike | None" = None
 
     @property
     def round_s(self) -> float:
@@ -109,7 +122,25 @@ def plan_fleet(options: RunOptions) -> FleetPlan:
             f"{options.service}: trains {trains}: {service.line} has no switches, so trains that "
             "turn round would meet; name a network with switches, or leave trains out"
         )
-    return FleetPlan(tracks[0], config, service, trains, tuple(trips), options.seed)
+    if options.masters:
+        check_paths([each.trip.path for each in trips], str(options.service))
+    return FleetPlan(
+        tracks[0],
+        config,
+        service,
+        trains,
+        tuple(trips),
+        options.seed,
+        options.masters,
+        _strike(options),
+    )
+
+
+def _strike(options: RunOptions) -> MasterStrike | None:
+    for at_s, kills in ((options.kill_master_at_s, True), (options.cut_master_at_s, False)):
+        if at_s is not None:
+            return MasterStrike(at_s, kills)
+    return None
 
 
 def _trip_plan(trip: PlannedTrip, chosen: RunOptions, config: VobcConfig) -> TripPlan:

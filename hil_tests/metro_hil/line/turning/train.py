@@ -5,14 +5,23 @@ from pathlib import Path
 from typing import Final
 
 from can_dbc.vobc import Supervision
+from metro_hil.line.turning.masters import Masters
 from metro_hil.line.turning.plan import FleetPlan
 from metro_hil.metrics.case import MemoryLog
 from metro_hil.metrics.stops import StationStop, measure_stops
 from metro_hil.model.run_folder import RunFolder
 from metro_hil.run.lockstep import Lockstep, Taps
 from metro_hil.run.turnback import Departure, go_on
-from plant_emulator.wayside.interlocking import CLEAR_M, Interlocking, SharedNetwork, SignalBox
+from plant_emulator.wayside.interlocking import (
+    AT_STOP_M,
+    CLEAR_M,
+    Interlocking,
+    SharedNetwork,
+    SignalBox,
+)
+from plant_emulator.wayside.separation import REAR_M
 from plant_emulator.world import STEP_NS
+from vobc.process.line_command import LineCommand
 
 NS_PER_S: Final = 1_000_000_000
 BRAKES: Final = (Supervision.SERVICE, Supervision.EMERGENCY)
@@ -57,11 +66,17 @@ class TurningTrain:
     """A train with its controller, plant and bus; each trip has a bench of its own."""
 
     def __init__(
-        self, plan: FleetPlan, number: int, box: SignalBox, folder: Path | None = None
+        self,
+        plan: FleetPlan,
+        number: int,
+        box: SignalBox,
+        folder: Path | None = None,
+        masters: Masters | None = None,
     ) -> None:
         """Args:
         number: from 1.
         folder: for the logs of all trips; None: nothing is logged.
+        masters: issue all authorities; None: the wayside does.
         """
         self.number, self.name = number, f"train {number}"
         self.trips: list[TripRecord] = []
@@ -70,7 +85,10 @@ class TurningTrain:
         """Whether the train has made all trips."""
         self.lost_log_lines = 0
         self.bench: Lockstep | None = None
-        self._plan, self._box, self._folder = plan, box, folder
+        self._plan, self._box, self._folder, self._masters = plan, box, folder, masters
+        self._command: LineCommand | None = None
+        self._departs_ns = 0
+        """Instant of the trip until which the centre holds the train."""
         self._departure: Departure | None = None
         self._cab_b = False
         """Whether the train runs with the cab ahead that was behind at first."""
@@ -100,6 +118,9 @@ class TurningTrain:
     def authority_end_m(self) -> float | None:
         """End of the newest authority of the trip; None before the first one."""
         assert self.bench is not None
+        if self._command is not None:
+            held = self._command.held
+            return None if held is None else held.end_m
         latest = self.bench.plant.railway.zone.latest
         return None if latest is None else latest.end_m
 
@@ -125,11 +146,33 @@ class TurningTrain:
             def over(now_ns: int, bench: Lockstep = bench, end_ns: int = end_ns) -> bool:
                 return now_ns >= end_ns or (bench.arrived and now_ns % STEP_NS == 0)
 
+            if self._command is not None:
+                self._be_commanded(bench, self._command)
             bench.run_until(over)
             self._look(bench)
             if not bench.arrived or bench.clock.now_ns() >= end_ns:
                 return
             self._next(bench)
+
+    def kill(self) -> None:
+        """Kill the controller. The train's units brake, and its plant goes on."""
+        assert self.bench is not None
+        self.bench.without_controller()
+        if self._masters is not None:
+            self._masters.leave(self._path_name(), self.number)
+            self._command = None
+
+    def _be_commanded(self, bench: Lockstep, command: LineCommand) -> None:
+        """Keep the stretch of a train that masters command, and let the centre hold it."""
+        now_ns, routes, centre = bench.clock.now_ns(), self.interlocking, bench.plant.railway.centre
+        hold = now_ns < self._departs_ns
+        if hold is not centre.standing.hold:
+            centre.standing = replace(centre.standing, hold=hold)
+        end_m, body = self.authority_end_m, routes.body
+        routes.keep(rear_m=body.rear_m - REAR_M, end_m=max(body.end_m, end_m or body.end_m))
+        # A master that is about to leave hands over while it still commands.
+        stop_m = self._plan.trips[self.trips[-1].index].journey.end.stop_m
+        command.out_of_service = not self.moving and abs(body.end_m - stop_m) < AT_STOP_M
 
     def _look(self, bench: Lockstep) -> None:
         """Note what the train and its controller do now."""
@@ -166,13 +209,19 @@ class TurningTrain:
         stops_m = tuple(stop.stop_m for stop in journey.stops)
         self._began_ns, self._rows = now_ns, MemoryLog()
         self._supervision = Supervision.NO_AUTHORITY
+        config = self._plan.config
+        if self._masters is not None:
+            config = self._masters.config_of(config, self.number)
+            self._command = self._masters.enter(journey.line, config, now_ns)
+            self._departs_ns = round(wait_s * NS_PER_S)
         self.bench = Lockstep(
-            self._plan.config,
+            config,
             scenario,
             journey,
             self._trip_folder(index),
             taps=Taps(rows=self._rows),
             shared=SharedNetwork(self._box, self.name, now_ns, stops_m),
+            command=self._command,
         )
         due_s = due_ns / NS_PER_S if self._plan.first_trip(index) else None
         trip = planned.trip
@@ -206,10 +255,15 @@ class TurningTrain:
             return
         bench.close()
         record = self.trips[-1]
+        if self._masters is not None:
+            self._masters.leave(self._path_name(), self.number)
         record.frames = bench.bus.statistics().frames
         stops = self._plan.trips[record.index].journey.stops
         record.stops = measure_stops(self._rows.columns(), stops)
         self.lost_log_lines += bench.lost_log_lines
+
+    def _path_name(self) -> str:
+        return self._plan.trips[self.trips[-1].index].trip.path.line.name
 
     def _trip_folder(self, index: int) -> RunFolder | None:
         if self._folder is None:

@@ -1,0 +1,271 @@
+"""Trains on a network under masters, with the real cores, wayside and interlocking.
+
+The trains are points of mass: they run up to the authority that they hold, and stop there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from firmware_py.ports import TunableRadioPort
+from firmware_py.settings import SettingsError
+from firmware_py.trackdb.circuit import load_network, load_path
+from firmware_py.trackdb.paths import Path as Way
+from metro_hil.line.turning.invariants import Between
+from metro_hil.line.turning.masters import ARBITERS, AXLES, NS_PER_S, Masters
+from plant_emulator.wayside.interlocking import AT_STOP_M, Interlocking, SharedNetwork, SignalBox
+from plant_emulator.wayside.route_objects import check_paths, divided
+from vobc.train_to_train.vocabulary import OwnTrain, T2tConfig
+from vobc.wire.line_radio import LineRadio
+
+NETWORK_FILE: Final = """
+name = "short"
+buffer_stops = ["south.start", "north.end"]
+routes = [
+    { name = "out", legs = ["south up", "east up", "north up"] },
+    { name = "back", legs = ["north down", "west down", "south down"] },
+]
+switches = [
+    { name = "W1", tip = "south.end", left = "west.start", right = "east.start" },
+    { name = "W2", tip = "north.start", left = "east.end", right = "west.end" },
+]
+"""
+TRACKS: Final = {
+    "south": ("South", "stop_up_m = 50.0\nstop_down_m = 20.0"),
+    "east": ("East", "stop_up_m = 60.0"),
+    "west": ("West", "stop_down_m = 60.0"),
+    "north": ("North", "stop_up_m = 80.0\nstop_down_m = 50.0"),
+}
+
+
+TRACK: Final = """[[tracks]]
+name = "{name}"
+start_m = 0.0
+end_m = {end_m}
+limits = [{{ start_m = 0.0, end_m = {end_m}, limit_mps = 15.0 }}]
+[[tracks.platforms]]
+station = "{station}"
+start_m = 10.0
+end_m = 90.0
+side = "none"
+dwell_s = 0.0
+{stops}
+"""
+
+
+def written(folder: Path) -> str:
+    """A network of 370 m: a siding at each end of a double track."""
+    tracks = "".join(
+        TRACK.format(
+            name=name,
+            station=station,
+            stops=stops,
+            end_m=170.0 if name in ("east", "west") else 100.0,
+        )
+        for name, (station, stops) in TRACKS.items()
+    )
+    path = folder / "short.toml"
+    path.write_text(NETWORK_FILE + tracks, encoding="utf-8")
+    return str(path)
+
+
+LENGTH_M: Final = 30.0
+UNSURE_M: Final = 1.0
+CYCLE_NS: Final = 50_000_000
+CYCLE_S: Final = 0.05
+TURN_CYCLES: Final = 10
+SPEED_MPS, ACCEL_MPS2, BRAKE_MPS2 = 14.0, 2.0, 1.5
+T2T: Final = T2tConfig(arbiters=ARBITERS)
+
+
+@dataclass
+class Puppet:
+    """A train that runs to the end of its authority, and changes ends at the end of its path."""
+
+    number: int
+    shuttle: "Shuttle"
+    due_ns: int = 0
+    trips: int = 0
+    front_m: float = 0.0
+    speed_mps: float = 0.0
+    stood_cycles: int = 0
+    brakes: int = 0
+    routes: Interlocking | None = None
+    radio: LineRadio | None = None
+    port: TunableRadioPort | None = None
+    began_ns: int = 0
+    dead: bool = False
+
+    @property
+    def way(self) -> Way:
+        return self.shuttle.ways[self.trips % 2]
+
+    @property
+    def stop_m(self) -> float:
+        return self.way.line.stations[-1].stop_m
+
+    def begin(self, now_ns: int) -> None:
+        shuttle, way = self.shuttle, self.way
+        self.front_m, self.speed_mps = way.line.stations[0].stop_m, 0.0
+        self.stood_cycles, self.began_ns = 0, now_ns
+        self.radio, self.port = shuttle.masters.paths[way.line.name].enter(self.number, T2T, now_ns)
+        self.routes = Interlocking(
+            shuttle.network,
+            way,
+            to_m=self.stop_m,
+            front_m=self.front_m,
+            rear_m=self.front_m - LENGTH_M,
+            shared=SharedNetwork(shuttle.box, f"train {self.number}", now_ns),
+        )
+
+    def end_m(self) -> float | None:
+        held = None if self.radio is None else self.radio.authority
+        return None if held is None else held.end_m
+
+    def step(self, now_ns: int) -> None:
+        if self.routes is None:
+            way = self.way
+            stop_m = way.line.stations[0].stop_m
+            if now_ns < self.due_ns or not self.shuttle.box.has_room(
+                way, front_m=stop_m, rear_m=stop_m - LENGTH_M
+            ):
+                return
+            self.begin(now_ns)
+        assert self.routes is not None
+        assert self.radio is not None
+        assert self.port is not None
+        own_ns = now_ns - self.began_ns
+        if not self.dead:
+            self.radio.takes(self.port.receive(own_ns))
+            for key, payload in self.radio.step(own_ns, self.own(), apply=True):
+                self.port.send(own_ns, key, payload)
+            self.radio.tune(self.port)
+        self.move()
+        self.routes.step(own_ns, front_m=self.front_m, rear_m=self.front_m - LENGTH_M)
+        end_m = self.end_m()
+        self.routes.keep(
+            rear_m=self.front_m - LENGTH_M - 12.0, end_m=max(self.front_m, end_m or self.front_m)
+        )
+        self.turn(now_ns)
+
+    def own(self) -> OwnTrain:
+        front_max_m, rear_m = self.front_m + UNSURE_M, self.front_m - UNSURE_M - LENGTH_M
+        reach_m = front_max_m + self.speed_mps**2 / (2.0 * 2.0)
+        easy_m = front_max_m + self.speed_mps + self.speed_mps**2 / 2.0
+        away = self.speed_mps == 0.0 and abs(self.front_m - self.stop_m) < AT_STOP_M
+        return OwnTrain(
+            *(True, self.front_m - UNSURE_M, front_max_m, rear_m, rear_m, self.speed_mps),
+            *(self.speed_mps == 0.0, reach_m, max(reach_m, easy_m), AXLES, away),
+        )
+
+    def move(self) -> None:
+        end_m = self.end_m()
+        goal_m = self.front_m if end_m is None else min(end_m - UNSURE_M - 2.0, self.stop_m)
+        left_m = max(0.0, goal_m - self.front_m)
+        wish_mps = min(SPEED_MPS, sqrt(2.0 * BRAKE_MPS2 * left_m))
+        # An authority that shrinks under a running train makes it brake harder than it planned.
+        self.brakes += self.speed_mps > 0.5 and wish_mps < self.speed_mps - 0.2
+        self.speed_mps = min(wish_mps, self.speed_mps + ACCEL_MPS2 * CYCLE_S)
+        if left_m < 0.3:
+            self.speed_mps = 0.0
+        self.front_m += self.speed_mps * CYCLE_S
+
+    def turn(self, now_ns: int) -> None:
+        if abs(self.front_m - self.stop_m) > 1.0 or self.speed_mps or self.dead:
+            return
+        self.stood_cycles += 1
+        if self.stood_cycles == TURN_CYCLES:
+            self.shuttle.masters.leave(self.way.line.name, self.number)
+            self.trips += 1
+            self.begin(now_ns)
+
+
+class Shuttle:
+    """Trains that run round and round on the short network."""
+
+    def __init__(self, file: str, dues_s: Sequence[float]) -> None:
+        self.network = load_network(file)
+        self.ways = tuple(load_path(f"{file}:{name}") for name in ("out", "back"))
+        self.box, self.between, self.now_ns = SignalBox(self.network), Between(), 0
+        self.masters = Masters(self.network, self.ways, self.box)
+        self.trains = [
+            Puppet(number, self, round(due_s * NS_PER_S))
+            for number, due_s in enumerate(dues_s, start=1)
+        ]
+
+    def run(self, duration_s: float) -> "Shuttle":
+        end_ns = self.now_ns + round(duration_s * NS_PER_S)
+        while self.now_ns < end_ns:
+            self.now_ns += CYCLE_NS
+            for train in self.trains:
+                train.step(self.now_ns)
+            self.masters.step(self.now_ns)
+            present = {
+                f"train {each.number}": (each.routes, each.end_m())
+                for each in self.trains
+                if each.routes is not None
+            }
+            self.between.look(self.now_ns / NS_PER_S, present)
+            self.check_switches()
+        return self
+
+    def check_switches(self) -> None:
+        """A switch is locked for the master of one path at most, and does not move then."""
+        owners: dict[str, str] = {}
+        for name, path in self.masters.paths.items():
+            for switch in path.claimed():
+                assert owners.setdefault(switch, name) == name, switch
+                assert self.box.machines[switch].detected is not None
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return written(tmp_path_factory.mktemp("network"))
+
+
+def test_areas_end_at_switches(file: str) -> None:
+    areas = divided(load_network(file), load_path(f"{file}:back"))
+
+    assert [(each.start_m, each.end_m) for each in areas.areas] == [
+        (0.0, 100.0),
+        (100.0, 270.0),
+        (270.0, 370.0),
+    ]
+    assert [(each.start_m, each.end_m) for each in areas.objects] == [(80.0, 100.0), (250.0, 270.0)]
+    assert {100.0, 270.0} <= {each.start_m for each in areas.sections}
+
+
+def test_two_masters_of_one_direction_are_refused(file: str) -> None:
+    path = load_path(f"{file}:out")
+    other = replace(path, line=replace(path.line, name="other"))
+
+    check_paths([path, path, load_path(f"{file}:back")], "service.toml")
+    with pytest.raises(SettingsError, match=r"^service.toml: routes short-out and other both run"):
+        check_paths([path, other], "service.toml")
+
+
+def test_trains_leave_and_enter_while_a_master_is_cut_off(file: str) -> None:
+    shuttle = Shuttle(file, (0.0, 8.0))
+    first, second = shuttle.trains
+
+    shuttle.run(14.0)
+    struck = shuttle.masters.choose(shuttle.now_ns)
+    assert struck is not None
+    shuttle.masters.cut(struck.train)
+    shuttle.run(0.4)
+    shuttle.masters.heal()
+    shuttle.run(48.0)
+
+    assert struck.is_followed
+    # The trains answer every 50 ms here, which is what the timers allow for a message one way.
+    assert struck.oldest_s < T2T.timers.authority_ms * 1e-3
+    # Each holds an authority of the path that it entered: the first one on its former path.
+    assert (first.trips, second.trips) == (2, 1)
+    assert None not in (first.end_m(), second.end_m())
+    assert shuttle.between.violations == []
+    assert shuttle.between.checked_count > 1000
+    assert first.brakes == second.brakes == 0
