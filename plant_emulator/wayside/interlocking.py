@@ -8,7 +8,7 @@ stop. The module is pure: it receives time and places of the trains.
 
 import enum
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Final
@@ -200,6 +200,8 @@ class SignalBox:
         self.claimed: dict[str, frozenset[str]] = {}
         """Switches that are locked for the master of a path, by the path's name. They move
         neither for trains of other paths nor by hand."""
+        self.entering: dict[str, Stretch] = {}
+        """By name, each train that is due to enter and has no room yet, with its place."""
 
     def join(self, train: str, routes: "Interlocking") -> None:
         """Take in a train, or let it leave its path for another one."""
@@ -207,6 +209,7 @@ class SignalBox:
             for switch, lie in routes.below_train().items():
                 self.machines[switch].place(lie)
         self.held.pop(train, None)
+        self.entering.pop(train, None)
         self.trains[train] = routes
 
     def leave(self, train: str) -> None:
@@ -226,6 +229,25 @@ class SignalBox:
         below = _below(sections_of(self.network, path), front_m=front_m, rear_m=rear_m)
         locked = {switch for held in self.locked() for switch, _, _ in held[1].switches}
         return locked.isdisjoint(below)
+
+    def wait_to_enter(self, train: str, path: Path, *, front_m: float, rear_m: float) -> None:
+        """Give a train that is due precedence over later routes into the tracks where it enters.
+
+        A train on the first path of the entering one is excepted, because it may be in its way.
+        """
+        self.entering.setdefault(train, Stretch(path, rear_m, front_m))
+
+    def kept_free(self, holder: str, tracks: Collection[str]) -> bool:
+        """Whether tracks are kept free for a train that is due to enter, and not for the holder."""
+        routes = self.trains.get(holder)
+        if routes is None:
+            return False
+        stands_on = routes.occupied().keys()
+        return any(
+            not place.tracks().keys().isdisjoint(tracks)
+            and stands_on.isdisjoint(leg.track.name for leg in place.path.legs)
+            for place in self.entering.values()
+        )
 
     def taken(self, holder: str) -> Iterator[tuple[str, dict[str, Running]]]:
         """Tracks that others than the holder stand on or have a route into, by holder."""
@@ -445,7 +467,7 @@ class Interlocking:
 
     def _tracks_are_free(self, holder: str, section: RouteSection) -> bool:
         ways = {leg.track.name: leg.running for leg in section.tracks}
-        if not ways.keys().isdisjoint(self.closed):
+        if not ways.keys().isdisjoint(self.closed) or self.box.kept_free(holder, ways):
             return False
         for other, taken in self.box.taken(holder):
             follows = self._are_trains(holder, other) and not section.dead_end

@@ -131,9 +131,9 @@ class TurningTrain:
             return False
         assert first.scenario.tracks is not None
         front_m, length_m = first.scenario.start.stop_m, first.scenario.train.length_m
-        if not self._box.has_room(
-            first.scenario.tracks[1], front_m=front_m, rear_m=front_m - length_m
-        ):
+        path, rear_m = first.scenario.tracks[1], front_m - length_m
+        if not self._box.has_room(path, front_m=front_m, rear_m=rear_m):
+            self._box.wait_to_enter(self.name, path, front_m=front_m, rear_m=rear_m)
             return False
         self._begin(0, now_ns)
         return True

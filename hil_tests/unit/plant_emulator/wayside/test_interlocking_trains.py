@@ -229,6 +229,46 @@ def test_a_train_enters_no_track_into_which_another_one_has_a_route_the_other_wa
     assert not box.has_room(west, front_m=400.0, rear_m=400.0 - LENGTH_M)
 
 
+def returned(box: SignalBox, *, enters: bool) -> bool:
+    """Whether a train that returns to Mill gets its route there before the next one enters."""
+    out, mill_m = PATHS["out"], PATHS["out"].line.station("Mill").stop_m
+    place = {"front_m": mill_m, "rear_m": mill_m - LENGTH_M}
+    leaves = Train(box, "one", "out", mill_m)
+    returns = placed(box, "two", PATHS["back"], PATHS["back"].legs[1].from_m + 600.0)
+    now_ns = 0
+    while not returns.held:
+        if enters and box.has_room(out, **place):
+            return False
+        if enters:
+            box.wait_to_enter("three", out, **place)
+        now_ns = run([leaves], 0.1, now_ns=now_ns)
+        returns.step(now_ns, front_m=returns.body.end_m, rear_m=returns.body.rear_m)
+    return True
+
+
+def test_a_train_that_is_due_enters_before_one_returns_to_its_track() -> None:
+    """Otherwise trains that return could keep it out for ever, because they need less room."""
+    assert returned(SignalBox(NETWORK), enters=False)
+
+    box = SignalBox(NETWORK)
+    assert not returned(box, enters=True)
+    Train(box, "three", "out")
+    assert not box.entering
+
+
+def test_a_train_in_the_way_of_one_that_enters_may_return_first() -> None:
+    box, out = SignalBox(NETWORK), PATHS["out"]
+    placed(box, "one", out, 400.0)
+    placed(box, "two", PATHS["back"], PATHS["back"].legs[1].from_m + 600.0)
+    box.wait_to_enter("three", out, front_m=0.0, rear_m=-LENGTH_M)
+
+    assert box.kept_free("two", {"mill"})
+    assert not box.kept_free("two", {"west"})
+    assert not box.kept_free("one", {"mill"})
+    # A route by hand goes first, as before every train.
+    assert not box.kept_free("back", {"mill"})
+
+
 def test_a_switch_below_a_train_does_not_move_for_a_train_behind_it() -> None:
     box = SignalBox(NETWORK)
     placed(box, "one", PATHS["out"], 100.0 + LENGTH_M - 5.0)
